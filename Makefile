@@ -1,0 +1,41 @@
+# SPDX-License-Identifier: Apache-2.0
+SHELL := bash
+.SHELLFLAGS := -eu -o pipefail -c
+.DEFAULT_GOAL := help
+.PHONY: help setup build demo test bench lint clean
+
+DEMO := python3 -m bev_preheat.demo
+BENCH := python3 -m bev_preheat.benchmark
+# make test TESTS="test/test_model.py -k joule"
+TESTS := test
+
+# What runs here must neither hear nor disturb the other robots of the network.
+local_only := export ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST
+environment := . scripts/env.bash
+
+help: ## this list
+	@grep -hE '^[a-z]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z]+):.*## (.*)/  make \1\t\2/' | expand -t 16
+
+setup: ## the working environment: a ROS 2 distribution is checked, else ROS 2 goes into .venv
+	@scripts/setup.bash
+
+build: setup ## both packages, if anything changed (colcon build --base-paths . msg_defs)
+	@scripts/build.bash
+
+demo: build ## a simulated drive to the fast charger
+	@$(environment); $(local_only); $(DEMO)
+
+test: build ## all tests
+	@$(environment); $(local_only); python3 -m pytest -q $(TESTS)
+
+bench: build ## speed and cost against other ways to plan
+	@scripts/setup.bash bench
+	@$(environment); $(local_only); $(BENCH)
+
+lint: setup ## pyflakes on the Python; shellcheck on the scripts, where it is installed
+	@$(environment) 2>/dev/null; python3 -m pyflakes bev_preheat test setup.py
+	@if command -v shellcheck >/dev/null; then shellcheck -x scripts/*.bash .ci/run; fi
+
+clean: ## what build and tests made; .venv stays
+	rm -rf build install log out .pytest_cache .hypothesis
+	find . -path ./.venv -prune -o -name __pycache__ -type d -print0 | xargs -0 -r rm -rf

@@ -1,0 +1,35 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+What the model's equations need beyond + - * /, for each kind of number they are written for.
+
+The equations in `model` and the formulas in `vehicle.curves` take one of these, so that they stand
+once and serve floats, arrays and (see `optimum.symbols`) CasADi expressions.
+"""
+
+from dataclasses import dataclass
+import math
+from typing import Callable
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Arithmetic:
+    """Functions of one kind of number; `root` is the square root, 0 below zero where it can be."""
+
+    root: Callable
+    log: Callable
+    maximum: Callable
+    minimum: Callable
+
+
+def _saturating_root(value):
+    return math.sqrt(value) if value > 0.0 else 0.0
+
+
+# The fast one: a negative discriminant raises ValueError, which costs nothing where it does not occur.
+FLOATS = Arithmetic(math.sqrt, math.log, max, min)
+# The same for steps in which the battery cannot deliver the power: the current stays at U_oc/(2 R).
+SATURATING_FLOATS = Arithmetic(_saturating_root, math.log, max, min)
+ARRAYS = Arithmetic(
+    lambda value: np.sqrt(np.maximum(value, 0.0)), np.log, np.maximum, np.minimum)

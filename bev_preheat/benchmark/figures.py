@@ -1,0 +1,41 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One measured figure, and how repeated timings become one."""
+
+from dataclasses import dataclass
+from statistics import median
+from time import perf_counter
+from typing import Optional
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A measured value; `bound` is what it is meant to keep to, `sense` is '<=' or '>='."""
+
+    what: str
+    value: float
+    unit: str
+    bound: Optional[float] = None
+    sense: str = '<='
+
+    @property
+    def within(self):
+        """Return whether the bound is kept; None where there is none."""
+        if self.bound is None:
+            return None
+        return self.value <= self.bound if self.sense == '<=' else self.value >= self.bound
+
+    def as_dictionary(self):
+        """Return plain values for JSON."""
+        return {'what': self.what, 'value': self.value, 'unit': self.unit,
+                'bound': self.bound, 'sense': self.sense, 'within': self.within}
+
+
+def median_time_s(function, repetitions):
+    """Return the median duration of a call [s], after one that does not count."""
+    function()
+    durations_s = []
+    for _ in range(repetitions):
+        started = perf_counter()
+        function()
+        durations_s.append(perf_counter() - started)
+    return median(durations_s)

@@ -1,0 +1,38 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What one plan costs in process, and how the cost grows with the number of segments."""
+
+import math
+
+from bev_preheat.benchmark.figures import Figure, median_time_s
+from bev_preheat.planning.planner import METHODS, plan_preheating
+from bev_preheat.planning.situation import BatteryState, Goal
+from bev_preheat.route import load_route
+from bev_preheat.vehicle import load_vehicle
+
+# The paper's trip, Table I.
+STATE = BatteryState(-7.0, 0.9)
+GOAL = Goal(25.0)
+BOUNDS_MS = {'paper': 0.3}
+SEGMENT_COUNTS = (120, 1440, 14400)
+
+
+def measure(log):
+    """Return the Figures; `log` takes a line of progress."""
+    vehicle = load_vehicle('reference')
+    route = load_route('reference', vehicle.defaults)
+    figures = []
+    for method in METHODS:
+        times_s = {}
+        for count in SEGMENT_COUNTS:
+            split = route.resampled(route.total_duration_s / count)
+            times_s[count] = median_time_s(
+                lambda split=split: plan_preheating(vehicle, split, STATE, GOAL, method),
+                repetitions=max(5, 60000 // count))
+            log(f'{method}, N = {count}: {1e3 * times_s[count]:.3f} ms')
+        figures.append(Figure(f'plan, {method}, N = {len(route)}, median',
+                              1e3 * times_s[len(route)], 'ms', BOUNDS_MS.get(method)))
+        first, last = SEGMENT_COUNTS[0], SEGMENT_COUNTS[-1]
+        exponent = math.log(times_s[last] / times_s[first]) / math.log(last / first)
+        figures.append(Figure(f'growth of {method} with N from {first} to {last}: exponent',
+                              exponent, '', 1.1))
+    return figures

@@ -1,0 +1,126 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Reads a YAML file against a JSON Schema and says in plain words what is wrong with it."""
+
+from difflib import get_close_matches
+from functools import lru_cache
+import math
+from pathlib import Path
+
+from jsonschema import Draft7Validator
+import yaml
+
+from bev_preheat.errors import InvalidInput
+
+
+def load_checked_yaml(path, schema_path):
+    """
+    Return the contents of a YAML file that obeys a schema (JSON Schema draft 7, itself YAML).
+
+    Raises InvalidInput with one problem for each key that is wrong, each naming file, key, value
+    and what is allowed.
+    """
+    path = Path(path)
+    try:
+        text = path.read_text(encoding='utf-8')
+    except (OSError, UnicodeDecodeError) as error:
+        reason = getattr(error, 'strerror', None) or 'is not UTF-8 text'
+        raise InvalidInput(f'{path}: cannot be read: {reason}') from error
+    try:
+        contents = yaml.load(text, Loader=_LoaderOfUniqueKeys)
+    except (yaml.YAMLError, ValueError) as error:
+        # ValueError: what looks like a date or a number but is none, such as 2024-13-45.
+        raise InvalidInput(f'{path}: is not YAML: {" ".join(str(error).split())}') from error
+    if not isinstance(contents, dict):
+        raise InvalidInput(f'{path}: must be a mapping of keys to values')
+    problems = list(_numbers_that_are_not_finite(contents, ''))
+    errors = sorted(_validator(schema_path).iter_errors(contents),
+                    key=lambda error: [str(part) for part in error.absolute_path])
+    problems += [sentence for error in errors for sentence in _in_words(error)]
+    if problems:
+        raise InvalidInput([f'{path}: {problem}' for problem in problems])
+    return contents
+
+
+class _LoaderOfUniqueKeys(yaml.SafeLoader):
+    """Refuses a key that stands twice in a mapping; YAML's own loader takes the last silently."""
+
+    def construct_mapping(self, node, deep=False):
+        seen = set()
+        for key_node, _ in node.value:
+            if not isinstance(key_node, yaml.ScalarNode):
+                continue
+            if key_node.value in seen:
+                raise yaml.constructor.ConstructorError(
+                    None, None, f'{key_node.value!r} stands twice', key_node.start_mark)
+            seen.add(key_node.value)
+        return super().construct_mapping(node, deep)
+
+
+@lru_cache(maxsize=None)
+def _validator(schema_path):
+    schema = yaml.safe_load(Path(schema_path).read_text(encoding='utf-8'))
+    return Draft7Validator(schema)
+
+
+def _key(parts):
+    """Where in the file: battery.power_limits.charge.values[2][0]."""
+    text = ''
+    for part in parts:
+        text += f'[{part}]' if isinstance(part, int) else f'.{part}' if text else str(part)
+    return text
+
+
+def _numbers_that_are_not_finite(value, key):
+    # A schema cannot refuse NaN: every comparison with it is false.
+    if isinstance(value, float) and not math.isfinite(value):
+        yield f'{key}: {value} is not a finite number'
+    elif isinstance(value, dict):
+        for name, item in value.items():
+            yield from _numbers_that_are_not_finite(item, f'{key}.{name}' if key else str(name))
+    elif isinstance(value, list):
+        for index, item in enumerate(value):
+            yield from _numbers_that_are_not_finite(item, f'{key}[{index}]')
+
+
+def _in_words(error):
+    key = _key(error.absolute_path) or 'the file'
+    rule, allowed, value = error.validator, error.validator_value, error.instance
+    if rule == 'additionalProperties':
+        known = list(error.schema.get('properties', {}))
+        for name in value:
+            if name not in known:
+                near = get_close_matches(str(name), known, n=1)
+                hint = f'did you mean {near[0]!r}? ' if near else ''
+                yield f'{key}: unknown key {name!r}; {hint}known keys: {", ".join(known)}'
+    elif rule == 'required':
+        missing = [name for name in allowed if name not in value]
+        # jsonschema reports each missing key by itself; the first report speaks for all.
+        if missing and repr(missing[0]) in error.message:
+            yield f'{key}: missing {", ".join(missing)}'
+    elif rule in ('minimum', 'exclusiveMinimum', 'maximum', 'exclusiveMaximum'):
+        yield f'{key}: {value} is not allowed; it must be {_range_in_words(error.schema)}'
+    elif rule == 'type':
+        wanted = ' or '.join(allowed) if isinstance(allowed, list) else allowed
+        yield f'{key}: {value!r} is not a {wanted}'
+    elif rule == 'enum':
+        near = get_close_matches(str(value), [str(item) for item in allowed], n=1)
+        hint = f'; did you mean {near[0]!r}?' if near else ''
+        yield f'{key}: {value!r} is not one of {", ".join(map(str, allowed))}{hint}'
+    elif rule in ('minItems', 'maxItems'):
+        word = 'at least' if rule == 'minItems' else 'at most'
+        yield f'{key}: has {len(value)} values; it must have {word} {allowed}'
+    elif rule in ('minProperties', 'maxProperties'):
+        word = 'at least' if rule == 'minProperties' else 'only'
+        names = ', '.join(error.schema.get('properties', {}))
+        yield f'{key}: must have {word} {allowed} of: {names}'
+    else:
+        yield f'{key}: {error.message}'
+
+
+def _range_in_words(schema):
+    parts = []
+    for rule, word in (('minimum', 'at least'), ('exclusiveMinimum', 'above'),
+                       ('maximum', 'at most'), ('exclusiveMaximum', 'below')):
+        if rule in schema:
+            parts.append(f'{word} {schema[rule]}')
+    return ' and '.join(parts)

@@ -1,0 +1,65 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`preheat optimum`: the nonlinear program's answer for this route."""
+
+import sys
+
+from rich.console import Console
+
+from bev_preheat.commands.output import add_output_arguments, plan_table, write_json
+from bev_preheat.commands.situation import add_situation_arguments, read_situation
+
+
+def add_parser(subparsers):
+    """Add the subcommand."""
+    parser = subparsers.add_parser(
+        'optimum', help='solve the nonlinear program for a route',
+        description='The optimum of problem (9) for this route, by IPOPT.')
+    add_situation_arguments(parser)
+    add_no_limits_argument(parser)
+    add_output_arguments(parser)
+    parser.set_defaults(run=run)
+
+
+def add_no_limits_argument(parser):
+    """Add `--no-power-limits`."""
+    parser.add_argument('--no-power-limits', action='store_true',
+                        help="leave out the battery's charge and discharge limits (9i)")
+
+
+def run(arguments):
+    """Solve, print, and write what was asked for; returns 0, or 1 where the solver failed."""
+    from bev_preheat.optimum.solve import SolverFailure, solve_optimum
+    situation = read_situation(arguments)
+    console = Console()
+    try:
+        with console.status('solving …'):
+            optimum = solve_optimum(situation.vehicle, situation.route, situation.state,
+                                    situation.goal, not arguments.no_power_limits)
+    except SolverFailure as error:
+        print(f'preheat: {error}', file=sys.stderr)
+        return 1
+    console.print(plan_table(
+        [optimum.plan], title=f'vehicle {situation.vehicle.name}, route {arguments.route}'))
+    for line in optimum_lines(optimum):
+        console.print(line, highlight=False, soft_wrap=True)
+    if arguments.json:
+        write_json(arguments.json, optimum.as_dictionary())
+    if arguments.plot:
+        from bev_preheat.drawing.plan_figure import draw_plans
+        draw_plans(arguments.plot, situation.vehicle, situation.route, [optimum.plan],
+                   title=f'vehicle {situation.vehicle.name}, route {arguments.route}')
+    return 0
+
+
+def optimum_lines(optimum):
+    """Return what the solver says, as lines of text."""
+    lines = [f'{optimum.plan.status.name}: {optimum.plan.explanation}',
+             f'IPOPT: {optimum.solver_status}, {optimum.iterations} iterations, '
+             f'{1e3 * optimum.solve_time_s:.0f} ms.']
+    if optimum.infeasible:
+        lines.append('Not feasible; this is the best that can be done: '
+                     f'{"; ".join(optimum.infeasible)}.')
+    elif optimum.marginal_cost_wh_per_k == optimum.marginal_cost_wh_per_k:
+        lines.append('One more kelvin on arrival would cost '
+                     f'{optimum.marginal_cost_wh_per_k:.1f} Wh.')
+    return lines

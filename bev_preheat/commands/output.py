@@ -1,0 +1,72 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the subcommands print and write: tables of plans side by side, JSON."""
+
+import json
+import math
+from pathlib import Path
+
+from rich.markup import escape
+from rich.table import Table
+
+from bev_preheat.errors import InvalidInput
+from bev_preheat.planning.explanation import duration_text
+
+# Rows of the table: heading, how to read the figure off a plan.
+ENERGY_ROWS = (
+    ('Joule heat [Wh]', 'joule'),
+    ('Drivetrain heat [Wh]', 'drivetrain_heat'),
+    ('HVCH heat [Wh]', 'hvch_heat'),
+    ('HVCH electric [Wh]', 'hvch_electric'),
+    ('Leakage [Wh]', 'leakage'),
+    ('Battery total [Wh]', 'battery_total'),
+)
+
+
+def add_output_arguments(parser):
+    """Add `--json` and `--plot`."""
+    parser.add_argument('--json', metavar='FILE', help='write the result as JSON')
+    parser.add_argument('--plot', metavar='FILE', help='draw the result (PNG, SVG, PDF)')
+
+
+def write_json(path, contents):
+    """Write JSON; NaN and infinity, which JSON does not have, become null."""
+    text = json.dumps(_without_nan(contents), indent=2, allow_nan=False)
+    try:
+        Path(path).write_text(text + '\n', encoding='utf-8')
+    except OSError as error:
+        raise InvalidInput(f'{path}: cannot be written: {error.strerror}') from error
+
+
+def _without_nan(value):
+    if isinstance(value, dict):
+        return {key: _without_nan(item) for key, item in value.items()}
+    if isinstance(value, list):
+        return [_without_nan(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def plan_table(plans, title):
+    """Return a rich Table with a column for each plan."""
+    table = Table(title=title)
+    table.add_column('')
+    for plan in plans:
+        table.add_column(plan.method, justify='right')
+    rows = [('Status', lambda plan: plan.status.name),
+            ('Heating starts after', lambda plan: _text(plan.heating_start_s)),
+            ('… before arrival', lambda plan: _text(
+                None if plan.heating_start_s is None
+                else plan.arrival_time_s - plan.heating_start_s)),
+            ('Arrival after', lambda plan: duration_text(plan.arrival_time_s)),
+            ('Arrival temp. [degC]', lambda plan: f'{plan.arrival_temperature_c:.2f}'),
+            ('Target [degC]', lambda plan: f'{plan.target_temperature_c:.2f}'),
+            ('Arrival SoC [%]', lambda plan: f'{100 * plan.arrival_soc:.2f}')]
+    for heading, field in ENERGY_ROWS:
+        rows.append((heading, lambda plan, field=field: f'{getattr(plan.energy_wh, field):.1f}'))
+    rows.append(('Planning time [ms]', lambda plan: f'{1e3 * plan.planning_time_s:.2f}'))
+    for heading, figure in rows:
+        table.add_row(escape(heading), *(figure(plan) for plan in plans))
+    return table
+
+
+def _text(seconds):
+    return 'never' if seconds is None else duration_text(seconds)

@@ -1,0 +1,37 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`preheat plan`: when would the heater start on this route, and what does it cost?"""
+
+from rich.console import Console
+
+from bev_preheat.commands.output import add_output_arguments, plan_table, write_json
+from bev_preheat.commands.situation import add_situation_arguments, read_situation
+from bev_preheat.planning.planner import DEFAULT_METHOD, METHODS, plan_preheating
+
+
+def add_parser(subparsers):
+    """Add the subcommand."""
+    parser = subparsers.add_parser(
+        'plan', help='plan the heating of a route',
+        description='When would the heater start on this route, and what does it cost?')
+    add_situation_arguments(parser)
+    parser.add_argument('--method', choices=sorted(METHODS), default=DEFAULT_METHOD,
+                        help='planning method (default: %(default)s)')
+    add_output_arguments(parser)
+    parser.set_defaults(run=run)
+
+
+def run(arguments):
+    """Plan, print, and write what was asked for; returns the exit status."""
+    situation = read_situation(arguments)
+    plan = plan_preheating(situation.vehicle, situation.route, situation.state, situation.goal,
+                           arguments.method)
+    console = Console()
+    console.print(plan_table([plan], title=f'vehicle {situation.vehicle.name}, route {arguments.route}'))
+    console.print(f'{plan.status.name}: {plan.explanation}', highlight=False, soft_wrap=True)
+    if arguments.json:
+        write_json(arguments.json, plan.as_dictionary())
+    if arguments.plot:
+        from bev_preheat.drawing.plan_figure import draw_plans
+        draw_plans(arguments.plot, situation.vehicle, situation.route, [plan],
+                   title=f'vehicle {situation.vehicle.name}, route {arguments.route}')
+    return 0

@@ -1,0 +1,135 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`preheat route`: makes a route file from a description of a trip, or from drive logs."""
+
+from dataclasses import fields, replace
+from pathlib import Path
+import shlex
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from bev_preheat.errors import InvalidInput
+from bev_preheat.route.csv_file import save_route
+from bev_preheat.route.drive_log import load_drive_logs
+from bev_preheat.route.legs import load_legs
+from bev_preheat.vehicle.loading import load_vehicle
+
+JOULES_PER_WH = 3600.0
+DEFAULT_STEP_S = 30.0
+# Digits behind the point in a route file: a micrometre a second, a milliwatt. More would only
+# show which machine made the file.
+DIGITS = 6
+POWER_DIGITS = 3
+
+
+def add_parser(subparsers):
+    """Add the subcommand to those of `preheat`."""
+    parser = subparsers.add_parser(
+        'route', help='make a route file from a description of a trip or from drive logs',
+        description='Make a route file from a description of a trip (legs of road with limits, '
+                    'slopes and stops) or from drive logs (CSV, one sample a second).')
+    source = parser.add_mutually_exclusive_group(required=True)
+    source.add_argument('--legs', metavar='NAME|FILE',
+                        help='description of a trip: a name in config/routes/legs or a YAML file')
+    source.add_argument('--log', nargs='+', metavar='FILE',
+                        help='drive logs, joined in this order; needs --vehicle')
+    parser.add_argument('--output', required=True, metavar='FILE',
+                        help='route file to write (CSV)')
+    parser.add_argument('--vehicle', metavar='NAME|FILE',
+                        help='whose auxiliary power (and, with --legs, cabin heating power) holds '
+                             'where the source says nothing')
+    parser.add_argument('--step', type=float, metavar='SECONDS',
+                        help=f'duration of a segment, with --log (default {DEFAULT_STEP_S:g})')
+    parser.add_argument('--plot', metavar='FILE',
+                        help='draw speed, power and ambient temperature (PNG, PDF, SVG)')
+    parser.set_defaults(run=run)
+
+
+def run(arguments):
+    """Make the route file, say what is in it, and return the exit status."""
+    name, route, remarks = _load(arguments)
+    route = _rounded(route)
+    comments = [f'Route {name}, made by:', f'    {_command(arguments)}', *remarks]
+    try:
+        save_route(arguments.output, route, comments)
+    except OSError as error:
+        raise InvalidInput(
+            f'{arguments.output}: cannot be written: {error.strerror}') from error
+    console = Console(soft_wrap=True, highlight=False)
+    console.print(_table(name, route))
+    for remark in remarks:
+        console.print(f'note: {remark}', markup=False)
+    console.print(f'written: {arguments.output}', markup=False)
+    if arguments.plot:
+        # matplotlib takes longer to import than a route takes to make.
+        from bev_preheat.commands.route_plot import save_plot
+        save_plot(arguments.plot, name, route)
+        console.print(f'drawn: {arguments.plot}', markup=False)
+    return 0
+
+
+def _load(arguments):
+    """Name, Route and remarks of what the arguments ask for."""
+    defaults = load_vehicle(arguments.vehicle).defaults if arguments.vehicle else None
+    if arguments.legs:
+        if arguments.step is not None:
+            raise InvalidInput('--step: only with --log; a description of legs states its own '
+                               'segment_duration_s')
+        made = load_legs(arguments.legs, defaults)
+        return made.name, made.route, made.remarks
+    if defaults is None:
+        raise InvalidInput('--log: needs --vehicle, whose auxiliary power is not propulsion')
+    step_s = DEFAULT_STEP_S if arguments.step is None else arguments.step
+    made = load_drive_logs(arguments.log, defaults, step_s)
+    return ' + '.join(Path(path).stem for path in arguments.log), made.route, made.remarks
+
+
+def _command(arguments):
+    """Command that makes this route file again."""
+    words = ['preheat', 'route']
+    for option in ('legs', 'log', 'vehicle', 'step', 'output'):
+        value = getattr(arguments, option)
+        if value is not None:
+            words += [f'--{option}', *map(str, value if isinstance(value, list) else [value])]
+    return shlex.join(words)
+
+
+def _rounded(route):
+    """Route as its file holds it."""
+    return replace(route, **{
+        field.name: np.round(getattr(route, field.name),
+                             POWER_DIGITS if field.name.endswith('_w') else DIGITS)
+        for field in fields(route)})
+
+
+def _table(name, route):
+    """Summary of a route."""
+    duration_s, power_w = route.duration_s, route.propulsion_power_w
+    total_s = route.total_duration_s
+    energy_wh = power_w * duration_s / JOULES_PER_WH
+    rms_w = np.sqrt(route.propulsion_power_rms_w**2 @ duration_s / total_s)
+    ambient_c = route.ambient_temperature_c
+    table = Table(title=f'Route {name}', show_header=False, title_justify='left')
+    table.add_column()
+    table.add_column(justify='right')
+    for what, value in (
+            ('segments', f'{len(route)}'),
+            ('duration', f'{total_s / 60.0:.1f} min'),
+            ('distance', f'{route.distance_m / 1000.0:.2f} km'),
+            ('mean speed', f'{3.6 * route.distance_m / total_s:.1f} km/h'),
+            ('propulsion power, mean', f'{power_w @ duration_s / total_s / 1000.0:.2f} kW'),
+            ('propulsion power, root mean square', f'{rms_w / 1000.0:.2f} kW'),
+            ('propulsion power, segments from', f'{power_w.min() / 1000.0:.1f} kW'),
+            ('propulsion power, segments to', f'{power_w.max() / 1000.0:.1f} kW'),
+            ('energy of driving segments', f'{energy_wh[energy_wh > 0.0].sum():.0f} Wh'),
+            ('energy of regenerating segments', f'{energy_wh[energy_wh < 0.0].sum():.0f} Wh'),
+            ('cabin heating', _energy(route.cabin_heating_power_w, duration_s)),
+            ('auxiliaries', _energy(route.auxiliary_power_w, duration_s)),
+            ('ambient temperature', f'{ambient_c.min():.1f} ... {ambient_c.max():.1f} degC')):
+        table.add_row(what, value)
+    return table
+
+
+def _energy(power_w, duration_s):
+    return f'{power_w @ duration_s / JOULES_PER_WH:.0f} Wh'

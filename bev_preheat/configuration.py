@@ -1,0 +1,44 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Finds the vehicles and routes that come with the package, by name or by file."""
+
+from difflib import get_close_matches
+from pathlib import Path
+
+from ament_index_python.packages import get_package_share_directory
+
+from bev_preheat.errors import InvalidInput
+
+# Where the sources are read in place, their own files are the ones that belong to them.
+_SOURCES = Path(__file__).resolve().parent.parent
+
+
+def configuration_folder(kind):
+    """Folder of the files of a kind (`vehicles`, `routes`) that come with the package."""
+    if (_SOURCES / 'config').is_dir():
+        return _SOURCES / 'config' / kind
+    return Path(get_package_share_directory('bev_preheat')) / 'config' / kind
+
+
+def find_configuration(kind, name_or_file, suffix):
+    """
+    Return the path of a file named on a command line or by a parameter.
+
+    A text with a slash or with the suffix is a file; anything else is the name of one that comes
+    with the package. Raises InvalidInput with the names there are.
+    """
+    text = str(name_or_file)
+    if '/' in text or text.endswith(suffix):
+        path = Path(text)
+        if not path.is_file():
+            raise InvalidInput(f'{text}: no such file')
+        return path
+    folder = configuration_folder(kind)
+    path = folder / f'{text}{suffix}'
+    if path.is_file():
+        return path
+    names = sorted(item.stem for item in folder.glob(f'*{suffix}'))
+    near = get_close_matches(text, names, n=1)
+    hint = f'; did you mean {near[0]!r}?' if near else ''
+    raise InvalidInput(
+        f'{kind[:-1]} {text!r} is unknown{hint}; there are: {", ".join(names)}; '
+        f'or give a file ending in {suffix}')

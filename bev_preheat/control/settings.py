@@ -1,0 +1,27 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What an integrator may set; the one source of the defaults."""
+
+from dataclasses import dataclass
+from typing import Optional
+
+from bev_preheat.planning.planner import DEFAULT_METHOD
+
+
+@dataclass(frozen=True)
+class Settings:
+    """
+    Settings of the planner; times in seconds.
+
+    `battery_state_timeout_s`: an older battery state is stale. `clock_tolerance_s`: how far a stamp
+    may lie in the future. `command_period_s`: the command is repeated this often.
+    `lease_s`: a command is valid this long. `planning_step_s`: routes are planned in such steps.
+    `target_temperature_c` [deg C]: target where the route names none; None: the vehicle's default.
+    """
+
+    method: str = DEFAULT_METHOD
+    target_temperature_c: Optional[float] = None
+    battery_state_timeout_s: float = 5.0
+    clock_tolerance_s: float = 1.0
+    command_period_s: float = 1.0
+    lease_s: float = 2.5
+    planning_step_s: float = 30.0

@@ -1,0 +1,220 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Keeps the last good inputs, re-plans, and says what the heater may do now.
+
+In doubt the heater is off: `Supervisor.command` gives power only where battery state and route are
+valid and fresh, nobody switched preheating off, and a plan says so. Instants are integers, in
+nanoseconds of the node's clock.
+"""
+
+from dataclasses import dataclass
+from math import isfinite
+from typing import Optional
+
+import numpy as np
+
+from bev_preheat.control.inputs import Measurement, Mission
+from bev_preheat.control.settings import Settings
+from bev_preheat.errors import InvalidInput, PlanningFailure
+from bev_preheat.planning.explanation import duration_text
+from bev_preheat.planning.plan import Plan
+from bev_preheat.planning.planner import plan_preheating
+from bev_preheat.planning.situation import Goal, check_situation
+from bev_preheat.planning.status import Status
+from bev_preheat.vehicle.description import Vehicle
+
+NS_PER_S = 1_000_000_000
+# A clock that falls back by more than this was set or restarted; stamps before it mean nothing.
+CLOCK_RESTART_S = 1.0
+
+
+@dataclass(frozen=True)
+class Command:
+    """Electrical power for the battery [W], until when it may be used, and why."""
+
+    battery_heating_power_w: float
+    valid_until_ns: int
+    reason: Status
+
+
+@dataclass(frozen=True)
+class Decision:
+    """
+    What holds until the next input: a status, its sentence, and the plan behind it, if any.
+
+    `plan_start_ns` is the instant at which the plan's time 0 lies.
+    """
+
+    status: Status
+    explanation: str
+    plan: Optional[Plan] = None
+    plan_start_ns: int = 0
+
+
+class Supervisor:
+    """
+    The planner's memory and judgement.
+
+    `accept_battery` and `accept_mission` take input and raise InvalidInput where they refuse it;
+    `replan` makes `decision`; `command` says what holds at an instant. `vehicle`, `settings` and
+    `enabled` may be set at any time; `replan` then takes them into account.
+    """
+
+    def __init__(self, vehicle: Vehicle, settings: Settings):
+        """Start with no input: NO_ROUTE."""
+        self.vehicle = vehicle
+        self.settings = settings
+        self.enabled = True
+        self.mission: Optional[Mission] = None
+        self.measurement: Optional[Measurement] = None
+        self.decision = Decision(Status.NO_ROUTE, 'No route plan has arrived yet.')
+        # By source, the latest last; each input lifts its own, a good battery state all.
+        self._refusals = {}
+        self._latest_ns = 0
+
+    # Input
+
+    def accept_battery(self, measurement, now_ns):
+        """Keep a measurement of the battery, or refuse it and keep the one before."""
+        self._notice_clock(now_ns)
+        try:
+            self._check_battery(measurement, now_ns)
+        except InvalidInput as error:
+            self.refuse('battery_state', error)
+            raise
+        self.measurement = measurement
+        # A good state shows that planning can go on, with the route before where one was refused.
+        self._refusals.clear()
+
+    def accept_mission(self, mission):
+        """Replace the route by a new one, or refuse it and keep the one before."""
+        try:
+            check_situation(self.vehicle, route=mission.route, goal=self.goal_of(mission))
+        except InvalidInput as error:
+            self.refuse('route_plan', error)
+            raise
+        self.mission = mission
+        self._refusals.pop('route_plan', None)
+
+    def refuse(self, source, error):
+        """Note that an input (`battery_state`, `route_plan`) was refused: 0 W until good comes."""
+        self._refusals.pop(source, None)
+        self._refusals[source] = Decision(Status.INVALID_INPUT, f'{source} refused: {error}')
+
+    def _notice_clock(self, now_ns):
+        if now_ns < self._latest_ns - CLOCK_RESTART_S * NS_PER_S:
+            self.measurement = None
+        self._latest_ns = now_ns
+
+    def _check_battery(self, measurement, now_ns):
+        if now_ns == 0:
+            raise InvalidInput('the clock has not started: use_sim_time is set and no /clock has '
+                               'come')
+        check_situation(self.vehicle, state=measurement.state)
+        age_s = (now_ns - measurement.stamp_ns) / NS_PER_S
+        timeout_s = self.settings.battery_state_timeout_s
+        ahead_s = self.settings.clock_tolerance_s
+        if not -ahead_s <= age_s <= timeout_s:
+            raise InvalidInput(f'header.stamp: the state is {age_s:.3f} s old; it must be '
+                               f'{-ahead_s:g} ... {timeout_s:g} s')
+        if self.measurement is not None and measurement.stamp_ns < self.measurement.stamp_ns:
+            late_s = (self.measurement.stamp_ns - measurement.stamp_ns) / NS_PER_S
+            raise InvalidInput(f'header.stamp: the state is {late_s:.3f} s older than one that '
+                               'came before it; stamps must not go back')
+
+    # Judgement
+
+    def goal_of(self, mission):
+        """Return the Goal of a mission; what it leaves open comes from settings and vehicle."""
+        for target_c in (mission.target_temperature_c, self.settings.target_temperature_c):
+            if target_c is not None:
+                break
+        else:
+            target_c = self.vehicle.defaults.target_battery_temperature_c
+        return Goal(target_c, mission.minimum_arrival_soc, mission.charging_planned)
+
+    def replan(self, now_ns):
+        """Make the decision for the inputs at hand, and return it."""
+        self.decision = self._decide(now_ns)
+        return self.decision
+
+    def _decide(self, now_ns):
+        obstacle = self._obstacle(now_ns)
+        if obstacle is not None:
+            return obstacle
+        mission, measurement = self.mission, self.measurement
+        # A stamp ahead of this clock must not put off what the plan wants now.
+        start_ns = max(min(measurement.stamp_ns, now_ns), mission.start_ns)
+        elapsed_s = (start_ns - mission.start_ns) / NS_PER_S
+        if elapsed_s >= mission.route.total_duration_s:
+            return Decision(Status.ARRIVED, 'The route has ended: arrived '
+                            f'{duration_text(elapsed_s - mission.route.total_duration_s)} ago.')
+        route = mission.route.after(elapsed_s) if elapsed_s > 0.0 else mission.route
+        try:
+            plan = plan_preheating(self.vehicle, route, measurement.state, self.goal_of(mission),
+                                   self.settings.method)
+        except InvalidInput as error:
+            return Decision(Status.INVALID_INPUT, str(error))
+        except ArithmeticError:
+            plan = None
+        if plan is None or not (isfinite(plan.arrival_temperature_c) and isfinite(plan.arrival_soc)):
+            return Decision(Status.INVALID_INPUT, 'route_plan: the battery would get so far outside '
+                            'what the model describes that nothing can be predicted.')
+        return Decision(plan.status, plan.explanation, plan, start_ns)
+
+    def _obstacle(self, now_ns):
+        """Return why the heater is off whatever a plan says; None where nothing stands against."""
+        if not self.enabled:
+            return Decision(Status.DISABLED, 'Preheating is switched off through ~/enable.')
+        if self._refusals:
+            return next(reversed(self._refusals.values()))
+        if self.mission is None:
+            return Decision(Status.NO_ROUTE, 'No valid route plan has arrived yet.')
+        if self.measurement is None:
+            return Decision(Status.NO_BATTERY_STATE, 'No valid battery state has arrived yet.')
+        age_s = (now_ns - self.measurement.stamp_ns) / NS_PER_S
+        if not (-self.settings.clock_tolerance_s <= age_s
+                < self.settings.battery_state_timeout_s):
+            return Decision(
+                Status.STALE_INPUT,
+                f'battery_state is {age_s:.1f} s old; at most '
+                f'{self.settings.battery_state_timeout_s:g} s are allowed.')
+        return None
+
+    def refresh(self, now_ns):
+        """Let time pass: where the inputs no longer carry the decision, it gives way."""
+        obstacle = self._obstacle(now_ns)
+        if obstacle is not None:
+            self.decision = obstacle
+
+    def _heater_limit_w(self, now_ns):
+        """Return what the cabin leaves of the heater [W] at an instant on the route."""
+        route, elapsed_s = self.mission.route, (now_ns - self.mission.start_ns) / NS_PER_S
+        segment = int(np.searchsorted(route.time_s[1:-1], elapsed_s, side='right'))
+        cabin_w = float(route.cabin_heating_power_w[segment])
+        return max(0.0, self.vehicle.hvch.maximum_power_w - cabin_w)
+
+    def command_off(self, now_ns, reason):
+        """Return the Command of 0 W at an instant, for a reason that lies outside."""
+        return Command(0.0, now_ns + round(self.settings.lease_s * NS_PER_S), reason)
+
+    def command(self, now_ns):
+        """Return the Command at an instant."""
+        decision = self._obstacle(now_ns) or self.decision
+        plan = decision.plan
+        if plan is None:
+            return self.command_off(now_ns, decision.status)
+        elapsed_s = (now_ns - decision.plan_start_ns) / NS_PER_S
+        if elapsed_s >= plan.arrival_time_s:
+            return self.command_off(now_ns, Status.ARRIVED)
+        # A partial step's power is computed, and may round to a little more than there is.
+        power_w = min(plan.power_at_w(elapsed_s), self._heater_limit_w(now_ns))
+        reason = decision.status
+        if power_w > 0.0 and reason is Status.WAITING:
+            reason = Status.HEATING
+        elif power_w == 0.0 and reason is Status.HEATING:
+            reason = Status.WAITING
+        lease_end_ns = now_ns + round(self.settings.lease_s * NS_PER_S)
+        stale_ns = self.measurement.stamp_ns + round(
+            self.settings.battery_state_timeout_s * NS_PER_S)
+        return Command(power_w, min(lease_end_ns, stale_ns), reason)

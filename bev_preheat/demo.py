@@ -1,0 +1,187 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+`python -m bev_preheat.demo`: a simulated drive to the fast charger, with the real planner.
+
+Starts the installed executables `vehicle_simulator` and `planner` as processes, follows what they
+say, and ends with a table and a picture. The exit status is 0 only where the battery arrived
+within ARRIVAL_TOLERANCE_K of its target.
+"""
+
+import argparse
+from contextlib import ExitStack
+import os
+from pathlib import Path
+import signal
+import sys
+import time
+
+from ament_index_python.packages import PackageNotFoundError
+from rich.console import Console
+
+from bev_preheat.demonstration.display import shown, summary_table, verdict
+from bev_preheat.demonstration.observer import observing
+from bev_preheat.demonstration.picture import draw_drive
+from bev_preheat.demonstration.processes import NodeProcess, reserved_domain_id
+from bev_preheat.errors import InvalidInput
+
+ARRIVAL_TOLERANCE_K = 1.0
+# Real time for the processes to find each other, and between two battery states [s].
+START_LIMIT_S = 30.0
+SILENCE_LIMIT_S = 15.0
+REFRESH_S = 0.2
+LOG_LINES_SHOWN = 8
+PICTURE_SUFFIXES = ('.png', '.svg', '.pdf')
+
+
+class DemoFailed(Exception):
+    """The drive could not be brought to its end; the message says why."""
+
+
+def parse_arguments(arguments):
+    """Return the parsed command line."""
+    parser = argparse.ArgumentParser(
+        prog='python -m bev_preheat.demo',
+        description='A simulated drive to the fast charger, with the real planner over ROS 2.')
+    parser.add_argument('--vehicle', default='reference', help='name or YAML file (%(default)s)')
+    parser.add_argument('--route', default='reference', help='name or CSV file (%(default)s)')
+    parser.add_argument('--temperature', type=float, default=-7.0, metavar='DEGC',
+                        help='battery temperature at the start [degC] (%(default)s)')
+    parser.add_argument('--soc', type=float, default=0.9, metavar='0..1',
+                        help='state of charge at the start (%(default)s)')
+    parser.add_argument('--target', type=float, metavar='DEGC',
+                        help="battery temperature wanted on arrival [degC] (the vehicle's own)")
+    parser.add_argument('--speed-up', type=float, default=60.0, metavar='N',
+                        help='simulated seconds in each real second, 1 ... 1000 (%(default)s)')
+    parser.add_argument('--output', type=Path, default=Path('out/demo.png'), metavar='FILE',
+                        help='the picture; the logs of the processes go beside it (%(default)s)')
+    parsed = parser.parse_args(arguments)
+    if parsed.output.suffix not in PICTURE_SUFFIXES:
+        parser.error(f'--output: {parsed.output} must end in {", ".join(PICTURE_SUFFIXES)}')
+    return parsed
+
+
+def main(arguments=None):
+    """Run the demonstration and return its exit status."""
+    parsed = parse_arguments(arguments)
+    console = Console(highlight=False)
+    # The end of the process must pass through the context managers that end the others.
+    signal.signal(signal.SIGTERM, _raise_interrupt)
+    try:
+        good, sentence = run(parsed, console)
+    except (DemoFailed, InvalidInput) as error:
+        good, sentence = False, str(error)
+    except OSError as error:
+        good, sentence = False, f'{error.filename}: {error.strerror}'
+    except PackageNotFoundError:
+        good, sentence = False, 'the package is not built; run: make build'
+    except KeyboardInterrupt:
+        console.print('demo: interrupted; vehicle_simulator and planner are ended.')
+        return 130
+    console.print(f'demo: {"good" if good else "failed"}: {sentence}', style='green' if good
+                  else 'red', markup=False, soft_wrap=True)
+    return 0 if good else 1
+
+
+def _raise_interrupt(number, frame):
+    raise KeyboardInterrupt
+
+
+def run(parsed, console):
+    """Drive, draw and sum up; return (whether it went well, a sentence)."""
+    parsed.output.parent.mkdir(parents=True, exist_ok=True)
+    with ExitStack() as stack:
+        os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
+        if 'ROS_DOMAIN_ID' not in os.environ:
+            os.environ['ROS_DOMAIN_ID'] = str(stack.enter_context(reserved_domain_id()))
+        console.print(f'Vehicle {parsed.vehicle} on route {parsed.route}, {parsed.speed_up:g} '
+                      f'times real time, ROS domain {os.environ["ROS_DOMAIN_ID"]}.',
+                      markup=False, soft_wrap=True)
+        observer = stack.enter_context(observing())
+        drive = observer.drive
+        # The vehicle comes last, when everybody is there to see it start.
+        planner = _start(stack, parsed, 'planner', _planner_parameters(parsed))
+        _wait_for_planner(observer, planner)
+        simulator = _start(stack, parsed, 'vehicle_simulator', _simulator_parameters(parsed))
+        with shown(drive, console) as show:
+            _follow(drive, (simulator, planner), show)
+        for process in (simulator, planner):
+            if process.end() != 0:
+                raise DemoFailed(_ended(process))
+    if drive.first_plan is None:
+        raise DemoFailed('the vehicle came to stand before the planner had a plan')
+    console.print(summary_table(drive))
+    good, sentence = verdict(drive, ARRIVAL_TOLERANCE_K)
+    draw_drive(parsed.output, drive, f'Vehicle {parsed.vehicle} on route {parsed.route}: arrival '
+               f'at {drive.states[-1][1]:.1f} °C, target {drive.target_c:.1f} °C')
+    console.print(f'Picture: {parsed.output}', markup=False, soft_wrap=True)
+    return good, sentence
+
+
+def _simulator_parameters(parsed):
+    parameters = {
+        'vehicle': parsed.vehicle,
+        'route': parsed.route,
+        'initial_battery_temperature': parsed.temperature,
+        'initial_soc': parsed.soc,
+        'speed_up': parsed.speed_up,
+        'wait_for_planner': 'true',
+        'exit_on_arrival': 'true',
+    }
+    if parsed.target is not None:
+        parameters['target_battery_temperature'] = parsed.target
+    return parameters
+
+
+def _planner_parameters(parsed):
+    return {'vehicle': parsed.vehicle, 'use_sim_time': 'true'}
+
+
+def _start(stack, parsed, name, parameters):
+    ros_arguments = []
+    for key, value in parameters.items():
+        ros_arguments += ['-p', f'{key}:={value}']
+    return stack.enter_context(
+        NodeProcess(name, ros_arguments, parsed.output.with_suffix(f'.{name}.log')))
+
+
+def _wait_for_planner(observer, planner):
+    limit_s = time.monotonic() + START_LIMIT_S
+    while not observer.hears_planner:
+        if planner.exit_status is not None:
+            raise DemoFailed(_ended(planner))
+        if time.monotonic() > limit_s:
+            raise DemoFailed(f'no planner within {START_LIMIT_S:g} s. {_last_lines(planner)}')
+        time.sleep(REFRESH_S)
+
+
+def _follow(drive, processes, show):
+    """Return when the vehicle stands; raise DemoFailed where that will not happen."""
+    limit_s = time.monotonic() + START_LIMIT_S
+    while not drive.is_over:
+        for process in processes:
+            if process.exit_status is not None:
+                raise DemoFailed(_ended(process))
+        now_s = time.monotonic()
+        if drive.plan is None and now_s > limit_s:
+            raise DemoFailed(f'no plan within {START_LIMIT_S:g} s. '
+                             + '\n'.join(map(_last_lines, processes)))
+        if now_s > drive.heard_at_s + SILENCE_LIMIT_S:
+            raise DemoFailed(f'no battery state for {SILENCE_LIMIT_S:g} s. '
+                             f'{_last_lines(processes[0])}')
+        show()
+        time.sleep(REFRESH_S)
+    show()
+
+
+def _ended(process):
+    return (f'{process.name} ended with exit status {process.exit_status}. '
+            f'{_last_lines(process)}')
+
+
+def _last_lines(process):
+    lines = process.output().splitlines()[-LOG_LINES_SHOWN:]
+    return '\n  '.join([f'{process.log_file} ends with:', *lines])
+
+
+if __name__ == '__main__':
+    sys.exit(main())

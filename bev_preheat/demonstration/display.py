@@ -1,0 +1,150 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Shows a drive while it lasts, and sums it up."""
+
+from contextlib import contextmanager
+import math
+
+from rich.console import Group
+from rich.live import Live
+from rich.markup import escape
+from rich.progress_bar import ProgressBar
+from rich.table import Table
+
+from bev_preheat.commands.output import ENERGY_ROWS
+from bev_preheat.nodes.convert import ENERGY_FIELDS, nanoseconds
+from bev_preheat.planning.explanation import duration_text
+from bev_preheat.planning.status import Status
+
+# Simulated time between two lines where the output is no terminal [s].
+LINE_PERIOD_S = 120.0
+
+
+@contextmanager
+def shown(drive, console):
+    """Give a function that shows the state of a `Drive`, to be called every now and then."""
+    if console.is_terminal:
+        with Live(console=console, auto_refresh=False) as live:
+            yield lambda: live.update(_picture_of_now(drive), refresh=True)
+    else:
+        yield _Lines(drive, console).show
+
+
+class _Lines:
+    """A line for each change of status, and one every couple of simulated minutes."""
+
+    def __init__(self, drive, console):
+        self._drive = drive
+        self._console = console
+        self._next_s = 0.0
+        self._status = None
+
+    def show(self):
+        drive = self._drive
+        if not (drive.states and drive.commands and drive.plan):
+            return
+        status = Status(drive.plan.status)
+        if status is self._status and drive.time_s < self._next_s:
+            return
+        if status is not self._status:
+            self._console.print(f'{duration_text(drive.time_s):>11}  {status.name}: '
+                                f'{drive.plan.explanation}', markup=False, soft_wrap=True)
+        self._status = status
+        self._next_s = (drive.time_s // LINE_PERIOD_S + 1.0) * LINE_PERIOD_S
+        figures = _figures(drive)
+        self._console.print(
+            f'{duration_text(drive.time_s):>11}  battery {figures["battery"]:>10}  '
+            f'state of charge {figures["soc"]}  heater {figures["heater"]:>6}  '
+            f'arrival at {figures["arrival"]}',
+            soft_wrap=True)
+
+
+def _figures(drive):
+    """Texts of the latest state, command and prediction."""
+    _, temperature_c, soc = drive.states[-1]
+    return {
+        'battery': f'{temperature_c:.1f} degC',
+        'soc': f'{100 * soc:.1f} %',
+        'heater': f'{drive.commands[-1][1]:.0f} W' if drive.commands else '-',
+        'arrival': f'{drive.predictions[-1][1]:.1f} degC' if drive.predictions else '-',
+    }
+
+
+def _picture_of_now(drive):
+    """What a terminal shows."""
+    if drive.route is None or not drive.states:
+        return 'Waiting for the simulated vehicle and the planner ...'
+    figures = _figures(drive)
+    grid = Table.grid(padding=(0, 2))
+    grid.add_column(style='bold')
+    grid.add_column(justify='right', min_width=10)
+    grid.add_column()
+    first_c, now_c = drive.states[0][1], drive.states[-1][1]
+    grid.add_row('Trip', duration_text(drive.time_s), _bar(drive.time_s, drive.duration_s),
+                 f'of {duration_text(drive.duration_s)}')
+    if drive.target_c > first_c:
+        grid.add_row('Battery', figures['battery'],
+                     _bar(now_c - first_c, drive.target_c - first_c),
+                     f'of {first_c:.1f} ... {drive.target_c:.1f} degC')
+    else:
+        grid.add_row('Battery', figures['battery'])
+    grid.add_row('State of charge', figures['soc'], _bar(drive.states[-1][2], 1.0))
+    grid.add_row('Heater command', figures['heater'])
+    grid.add_row('Arrival predicted', figures['arrival'])
+    if drive.plan is None:
+        return grid
+    return Group(grid, f'[bold]{Status(drive.plan.status).name}[/bold]: '
+                       f'{escape(drive.plan.explanation)}')
+
+
+def _bar(value, total):
+    return ProgressBar(total=total, completed=max(0.0, value), width=40)
+
+
+def summary_table(drive):
+    """Return a rich Table: what was planned at the start, and what happened."""
+    plan = drive.first_plan
+    table = Table(title='The drive')
+    table.add_column('')
+    table.add_column('planned at the start', justify='right')
+    table.add_column('what happened', justify='right')
+    instants_s = drive.switched_on_s
+    planned_s = ((nanoseconds(plan.heating_start) - drive.start_ns) * 1e-9
+                 if plan.heating_planned else None)
+    _, temperature_c, soc = drive.states[-1]
+    for row in (
+            ('Heating starts', _instant_text(planned_s),
+             _instant_text(instants_s[0] if instants_s else None)),
+            ('Heater switched on [times]', str(int(plan.heating_planned)), str(len(instants_s))),
+            ('No valid command [s]', '0.0', f'{drive.outcome.without_command_s:.1f}'),
+            ('Arrival temperature [degC]', f'{plan.predicted_arrival_temperature:.2f}',
+             f'{temperature_c:.2f}'),
+            ('Target [degC]', f'{plan.target_battery_temperature:.2f}',
+             f'{plan.target_battery_temperature:.2f}'),
+            ('Arrival state of charge [%]', f'{100 * plan.predicted_arrival_soc:.2f}',
+             f'{100 * soc:.2f}')):
+        table.add_row(*map(escape, row))
+    for heading, field in ENERGY_ROWS:
+        table.add_row(escape(heading), f'{getattr(plan, ENERGY_FIELDS[field]):.1f}',
+                      f'{getattr(drive.outcome.energy_wh, field):.1f}')
+    return table
+
+
+def _instant_text(instant_s):
+    return 'never' if instant_s is None else f'after {duration_text(max(0.0, instant_s))}'
+
+
+def verdict(drive, tolerance_k):
+    """Return (whether the battery arrived within `tolerance_k` of its target, a sentence)."""
+    _, temperature_c, _ = drive.states[-1]
+    if not drive.has_arrived:
+        return False, f'{drive.outcome.state} after {duration_text(drive.time_s)}: no arrival.'
+    if math.isnan(drive.target_c):
+        return False, 'the planner never had a target.'
+    error_k = temperature_c - drive.target_c
+    side = 'above' if error_k > 0.0 else 'below'
+    sentence = (f'the battery arrived at {temperature_c:.2f} degC, {abs(error_k):.2f} K {side} '
+                f'its target of {drive.target_c:.1f} degC')
+    if abs(error_k) <= tolerance_k:
+        return True, f'{sentence}.'
+    return False, (f'{sentence}; at most {tolerance_k:g} K is good. Planned at the start: '
+                   f'{drive.first_plan.explanation}')

@@ -1,0 +1,172 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Follows a simulated drive over its topics and keeps what is said."""
+
+from contextlib import contextmanager
+import math
+import threading
+import time
+
+from bev_preheat_msgs.msg import HvchCommand, PreheatPlan, RoutePlan
+from diagnostic_msgs.msg import DiagnosticArray
+import rclpy
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.qos import QoSDurabilityPolicy, QoSProfile, QoSReliabilityPolicy
+from rclpy.signals import SignalHandlerOptions
+from sensor_msgs.msg import BatteryState, Temperature
+
+from bev_preheat.nodes.convert import nanoseconds
+from bev_preheat.nodes.simulator_messages import ARRIVED, DRIVING, outcome_from_diagnostics
+from bev_preheat.planning.status import Status
+
+# Statuses of a planner that does not know yet what it is about.
+NOT_READY = (Status.NO_ROUTE, Status.NO_BATTERY_STATE)
+# Stamps are in whole nanoseconds, and segments add up with rounding.
+ROUNDING_S = 1e-3
+
+
+class Drive:
+    """
+    What was heard of a drive so far; instants are seconds after the start of the route.
+
+    `states` holds (instant, temperature [deg C], state of charge), `commands` (instant, power
+    [W]), `predictions` (instant, arrival temperature [deg C]). `route` is the RoutePlan,
+    `first_plan` the first PreheatPlan for it and `plan` the latest one; `outcome` is the latest
+    Outcome. None: not heard yet. `heard_at_s` is when the vehicle was last heard (time.monotonic).
+    """
+
+    def __init__(self):
+        """Know nothing."""
+        self.route = None
+        self.first_plan = None
+        self.plan = None
+        self.states = []
+        self.commands = []
+        self.predictions = []
+        self.outcome = None
+        self.heard_at_s = time.monotonic()
+
+    @property
+    def start_ns(self):
+        """Instant at which the route starts [ns]."""
+        return nanoseconds(self.route.header.stamp)
+
+    @property
+    def duration_s(self):
+        """How long the route takes [s]."""
+        return math.fsum(self.route.segment_duration)
+
+    @property
+    def time_s(self):
+        """How far the drive is [s]."""
+        return min(self.states[-1][0], self.duration_s) if self.states else 0.0
+
+    @property
+    def is_over(self):
+        """Whether the vehicle has come to stand, and its last battery state is here."""
+        if self.has_arrived:
+            return bool(self.states) and self.states[-1][0] >= self.duration_s - ROUNDING_S
+        return self.outcome is not None and self.outcome.state != DRIVING
+
+    @property
+    def has_arrived(self):
+        """Whether the vehicle stands at the end of the route."""
+        return self.outcome is not None and self.outcome.state == ARRIVED
+
+    @property
+    def target_c(self):
+        """Battery temperature wanted on arrival [deg C], NaN if there is none."""
+        return self.first_plan.target_battery_temperature if self.first_plan else math.nan
+
+    @property
+    def switched_on_s(self):
+        """Instants at which the command went from 0 W to more [s]."""
+        powers_w = [0.0] + [power_w for _, power_w in self.commands]
+        return [instant_s for (instant_s, power_w), before_w in zip(self.commands, powers_w)
+                if power_w > 0.0 and before_w == 0.0]
+
+
+class Observer:
+    """Fills a `Drive` from the topics of a node."""
+
+    def __init__(self, node):
+        """Subscribe."""
+        self.drive = Drive()
+        latched = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
+        lossy = QoSProfile(depth=100, reliability=QoSReliabilityPolicy.BEST_EFFORT)
+        subscribe = node.create_subscription
+        subscribe(RoutePlan, 'route_plan', self._on_route, latched)
+        subscribe(BatteryState, 'battery_state', self._on_state, lossy)
+        subscribe(DiagnosticArray, '/diagnostics', self._on_diagnostics, 100)
+        self._from_planner = [
+            subscribe(PreheatPlan, 'preheat_plan', self._on_plan, latched),
+            subscribe(HvchCommand, 'hvch_command', self._on_command, 100),
+            subscribe(Temperature, 'predicted_arrival_temperature', self._on_prediction, 100)]
+
+    @property
+    def hears_planner(self):
+        """Whether a planner is connected, so that its first plan will not be missed."""
+        return all(subscription.get_publisher_count() for subscription in self._from_planner)
+
+    def _on_route(self, message):
+        self.drive.route = message
+
+    def _instant_s(self, message):
+        """Seconds after the start of the route; None while the route is not known."""
+        if self.drive.route is None:
+            return None
+        return (nanoseconds(message.header.stamp) - self.drive.start_ns) * 1e-9
+
+    def _on_plan(self, message):
+        if message.status in NOT_READY:
+            return
+        if self.drive.first_plan is None and message.time:
+            self.drive.first_plan = message
+        self.drive.plan = message
+
+    def _on_state(self, message):
+        self.drive.heard_at_s = time.monotonic()
+        instant_s = self._instant_s(message)
+        if instant_s is not None:
+            self.drive.states.append((instant_s, message.temperature, message.percentage))
+
+    def _on_command(self, message):
+        instant_s = self._instant_s(message)
+        if instant_s is not None:
+            self.drive.commands.append((instant_s, message.battery_heating_power))
+
+    def _on_prediction(self, message):
+        instant_s = self._instant_s(message)
+        if instant_s is not None:
+            self.drive.predictions.append((instant_s, message.temperature))
+
+    def _on_diagnostics(self, message):
+        outcome = outcome_from_diagnostics(message)
+        if outcome is not None:
+            self.drive.outcome = outcome
+
+
+@contextmanager
+def observing():
+    """Give an `Observer` of the topics of this ROS domain that listens while the block lasts."""
+    # Signals are the caller's business.
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    node = rclpy.create_node('demo')
+    executor = SingleThreadedExecutor()
+    observer = Observer(node)
+    executor.add_node(node)
+    thread = threading.Thread(target=_spin, args=(executor,), daemon=True)
+    thread.start()
+    try:
+        yield observer
+    finally:
+        executor.shutdown()
+        thread.join()
+        node.destroy_node()
+        rclpy.try_shutdown()
+
+
+def _spin(executor):
+    try:
+        executor.spin()
+    except ExternalShutdownException:
+        pass

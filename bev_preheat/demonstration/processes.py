@@ -1,0 +1,120 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Runs the installed executables as processes, apart from all other ROS traffic of the machine."""
+
+from contextlib import contextmanager
+import os
+from pathlib import Path
+import random
+import socket
+import subprocess
+
+from ament_index_python.packages import get_package_prefix
+
+# Domains whose UDP ports lie below those that Linux gives out by itself; 0 is everybody's default.
+DOMAIN_IDS = range(1, 101)
+# UDP ports of a DDS domain (DDSI-RTPS 9.6.1.1): 250 from here, the first participant's at 10.
+FIRST_PORT = 7400
+PORTS_PER_DOMAIN = 250
+FIRST_PARTICIPANT_PORT = 10
+# The domain's last port belongs to its 120th participant: never used, so it serves as a mark.
+MARK_PORT = 249
+SECONDS_TO_END = 5.0
+
+
+@contextmanager
+def reserved_domain_id():
+    """
+    Give a ROS_DOMAIN_ID that nobody on this machine uses, and keep it while the block lasts.
+
+    Kept against other callers of this function, that is; a stranger may still pick the same.
+    """
+    candidates = list(DOMAIN_IDS)
+    # Not the seeded generator of the module: two test runs with one seed would fight over domains.
+    random.SystemRandom().shuffle(candidates)
+    for domain_id in candidates:
+        first_port = FIRST_PORT + PORTS_PER_DOMAIN * domain_id
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as mark:
+            if not (_is_bound(mark, first_port + MARK_PORT)
+                    and _is_free(first_port + FIRST_PARTICIPANT_PORT)):
+                continue
+            yield domain_id
+            return
+    raise RuntimeError(f'ROS domains {DOMAIN_IDS[0]} ... {DOMAIN_IDS[-1]} are all in use')
+
+
+def _is_bound(mark, port):
+    try:
+        mark.bind(('127.0.0.1', port))
+    except OSError:
+        return False
+    return True
+
+
+def _is_free(port):
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        return _is_bound(probe, port)
+
+
+class NodeProcess:
+    """
+    An installed executable of this package, running; what it says goes to a file.
+
+    It is the file that `ros2 run bev_preheat NAME` looks up. As a context manager it ends the
+    process on leaving.
+    """
+
+    def __init__(self, name, ros_arguments, log_file):
+        """
+        Start `name` with the texts of `ros_arguments` behind --ros-args.
+
+        The environment is the caller's; raises FileNotFoundError where the package is not built.
+        """
+        self.name = name
+        self.log_file = Path(log_file)
+        executable = Path(get_package_prefix('bev_preheat')) / 'lib' / 'bev_preheat' / name
+        with open(self.log_file, 'wb') as log:
+            self._process = subprocess.Popen(
+                [str(executable), '--ros-args', *ros_arguments],
+                stdin=subprocess.DEVNULL, stdout=log, stderr=subprocess.STDOUT,
+                # Plain text in the file, whatever terminal the caller has.
+                env=dict(os.environ, RCUTILS_COLORIZED_OUTPUT='0'))
+
+    def __enter__(self):
+        """Return the process."""
+        return self
+
+    def __exit__(self, *exception):
+        """End the process."""
+        self.end()
+
+    @property
+    def process_id(self):
+        """Its process id."""
+        return self._process.pid
+
+    @property
+    def exit_status(self):
+        """None while it runs; then 0 ... 255, or -N where signal N ended it."""
+        return self._process.poll()
+
+    def output(self):
+        """Return what it has said so far."""
+        return self.log_file.read_text(encoding='utf-8', errors='replace')
+
+    def send_signal(self, number):
+        """Send it a signal."""
+        self._process.send_signal(number)
+
+    def wait(self, timeout_s=SECONDS_TO_END):
+        """Return the exit status; raises subprocess.TimeoutExpired where it runs on."""
+        return self._process.wait(timeout_s)
+
+    def end(self):
+        """Ask it to end (SIGTERM), insist (SIGKILL) if it does not, and return the exit status."""
+        if self._process.poll() is None:
+            self._process.terminate()
+            try:
+                self._process.wait(SECONDS_TO_END)
+            except subprocess.TimeoutExpired:
+                self._process.kill()
+        return self._process.wait()

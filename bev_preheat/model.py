@@ -1,0 +1,93 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+The model's differential equations and their integration, once, for every kind of number.
+
+States: state of charge (0 ... 1) and battery temperature [deg C]; equations (1)-(5) and (9b)-(9d).
+The inputs of one step are constant within it and are those of `planning.trip.Trip`:
+
+    terminal_power_w   P_t: drivetrain, cabin, auxiliaries and HVCH
+    power_variance_w2  mean square minus squared mean of the propulsion power
+    heat_w             eta_hvch P_hvch_b + gamma T_amb + Q_ed: what does not depend on the state
+    leakage_w_per_k    gamma
+
+`make_rates` takes an `arithmetic.Arithmetic`, so the same lines serve plain floats (planning),
+arrays (a whole trajectory at once) and CasADi symbols (the NLP).
+"""
+
+
+def make_rates(vehicle, arithmetic):
+    """
+    Right-hand side of eqs. (9b)-(9d): `rates(soc, temperature_c, *inputs)`.
+
+    Returns (d soc/dt [1/s], dT/dt [K/s], Joule heat [W]).
+
+    The current solves U_oc I - R I^2 = P_t. Power that varies within the step adds to the Joule
+    heat R var/U_oc^2 (the variance of the current, to first order), and R var/U_oc^3 to the mean
+    current that pays for it, so that P_b = U_oc I_b = P_t + Q_Joule holds exactly; with power that
+    is constant within the step both vanish and eq. (4) remains.
+
+    Where 4 R P_t > U_oc^2 the power cannot be delivered: floats raise ValueError with
+    `arithmetic.FLOATS`; other kinds of number hold the current at U_oc/(2 R).
+    """
+    battery = vehicle.battery
+    open_circuit_voltage = battery.open_circuit_voltage.function(arithmetic)
+    resistance = battery.resistance.function(arithmetic)
+    root = arithmetic.root
+    per_capacity_as = 1.0 / battery.capacity_as
+    per_heat_capacity = 1.0 / battery.heat_capacity_j_per_k
+
+    def rates(soc, temperature_c, terminal_power_w, power_variance_w2, heat_w, leakage_w_per_k):
+        u = open_circuit_voltage(soc, temperature_c)
+        r = resistance(soc, temperature_c)
+        u2 = u * u
+        # R I, of the smaller root
+        drop_v = 0.5 * (u - root(u2 - 4.0 * r * terminal_power_w))
+        current_a = drop_v / r
+        # R var/U_oc^2
+        ripple_w = r * power_variance_w2 / u2
+        joule_w = drop_v * current_a + ripple_w
+        return (
+            -(current_a + ripple_w / u) * per_capacity_as,
+            (heat_w - leakage_w_per_k * temperature_c + joule_w) * per_heat_capacity,
+            joule_w,
+        )
+
+    return rates
+
+
+def make_runge_kutta_4(rates):
+    """
+    One step of the classical Runge-Kutta method: `step(soc, temperature_c, dt_s, *inputs)`.
+
+    Returns (soc, temperature [deg C] at the end, mean temperature [deg C], mean Joule heat [W]);
+    the means carry the method's own weights, so the step's heat balance closes to rounding.
+    """
+    def step(soc, temperature_c, dt_s, power_w, variance_w2, heat_w, leakage_w_per_k):
+        half = 0.5 * dt_s
+        s1, t1, j1 = rates(soc, temperature_c, power_w, variance_w2, heat_w, leakage_w_per_k)
+        s2, t2, j2 = rates(soc + half * s1, temperature_c + half * t1,
+                           power_w, variance_w2, heat_w, leakage_w_per_k)
+        s3, t3, j3 = rates(soc + half * s2, temperature_c + half * t2,
+                           power_w, variance_w2, heat_w, leakage_w_per_k)
+        s4, t4, j4 = rates(soc + dt_s * s3, temperature_c + dt_s * t3,
+                           power_w, variance_w2, heat_w, leakage_w_per_k)
+        sixth = dt_s / 6.0
+        return (
+            soc + sixth * (s1 + 2.0 * (s2 + s3) + s4),
+            temperature_c + sixth * (t1 + 2.0 * (t2 + t3) + t4),
+            temperature_c + sixth * (t1 + t2 + t3),
+            (j1 + 2.0 * (j2 + j3) + j4) / 6.0,
+        )
+
+    return step
+
+
+def make_euler(rates):
+    """One step of the explicit Euler method, as Algorithm 1 prints it; returns as Runge-Kutta."""
+    def step(soc, temperature_c, dt_s, power_w, variance_w2, heat_w, leakage_w_per_k):
+        soc_rate, temperature_rate, joule_w = rates(
+            soc, temperature_c, power_w, variance_w2, heat_w, leakage_w_per_k)
+        return (soc + dt_s * soc_rate, temperature_c + dt_s * temperature_rate,
+                temperature_c, joule_w)
+
+    return step

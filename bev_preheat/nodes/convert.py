@@ -1,0 +1,178 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Messages to the types of planning and back; units and shapes are checked at this door.
+
+Messages carry SI units and degrees Celsius, as the types do; only energies are in Wh.
+"""
+
+from array import array
+import math
+
+from bev_preheat_msgs.msg import HvchCommand, PreheatPlan, RoutePlan
+from builtin_interfaces.msg import Time
+import numpy as np
+from sensor_msgs.msg import Temperature
+
+from bev_preheat.control.inputs import Measurement, Mission
+from bev_preheat.control.supervisor import NS_PER_S
+from bev_preheat.errors import InvalidInput
+from bev_preheat.planning.situation import BatteryState
+from bev_preheat.route.segments import make_route
+
+# The last second that a builtin_interfaces/Time can hold.
+LATEST_S = 2**31 - 1
+# Fields of Route and what RoutePlan calls them.
+ROUTE_FIELDS = {
+    'duration_s': 'segment_duration',
+    'speed_mps': 'speed',
+    'propulsion_power_w': 'propulsion_power',
+    'propulsion_power_rms_w': 'propulsion_power_rms',
+    'ambient_temperature_c': 'ambient_temperature',
+    'cabin_heating_power_w': 'cabin_heating_power',
+    'auxiliary_power_w': 'auxiliary_power',
+}
+# Fields of Energies and what PreheatPlan calls them.
+ENERGY_FIELDS = {
+    'joule': 'joule_energy',
+    'drivetrain_heat': 'drivetrain_heat_energy',
+    'hvch_electric': 'hvch_electric_energy',
+    'hvch_heat': 'hvch_heat_energy',
+    'leakage': 'leakage_energy',
+    'battery_total': 'battery_energy',
+}
+
+
+def nanoseconds(stamp):
+    """Nanoseconds of a builtin_interfaces/Time."""
+    return stamp.sec * NS_PER_S + stamp.nanosec
+
+
+def time_message(instant_ns):
+    """Return the builtin_interfaces/Time of an instant [ns]."""
+    return Time(sec=instant_ns // NS_PER_S, nanosec=instant_ns % NS_PER_S)
+
+
+def measurement_from_message(message):
+    """Return the Measurement of a sensor_msgs/BatteryState; raise InvalidInput on unknown values."""
+    problems = [f'{field}: {value} is not a known value; it must be {allowed}'
+                for field, value, allowed in (
+                    ('temperature', message.temperature, 'in degC'),
+                    ('percentage', message.percentage, '0 ... 1'))
+                if not math.isfinite(value)]
+    if not 0.0 <= message.percentage <= 1.0 and math.isfinite(message.percentage):
+        problems.append(f'percentage: {message.percentage:g} is not allowed; it must be 0 ... 1')
+    problems += _stamp_problems(message.header.stamp)
+    if problems:
+        raise InvalidInput(problems)
+    return Measurement(BatteryState(float(message.temperature), float(message.percentage)),
+                       nanoseconds(message.header.stamp))
+
+
+def mission_from_message(message, defaults, planning_step_s):
+    """
+    Return the Mission of a RoutePlan, in steps of `planning_step_s` seconds.
+
+    `defaults` (vehicle.description.Defaults) fill the arrays that may be empty. Raises InvalidInput
+    with one problem a field.
+    """
+    problems = _stamp_problems(message.header.stamp)
+    soc, target_c = message.minimum_arrival_soc, message.target_battery_temperature
+    if not 0.0 <= soc <= 1.0:
+        problems.append(f'minimum_arrival_soc: {soc:g} is not allowed; it must be 0 ... 1')
+    if math.isinf(target_c):
+        problems.append(f'target_battery_temperature: {target_c:g} is not allowed; it must be '
+                        "finite, or NaN: the planner's own default")
+    columns = {field: np.asarray(getattr(message, name), dtype=float)
+               for field, name in ROUTE_FIELDS.items()}
+    try:
+        route = make_route(columns, defaults, ROUTE_FIELDS)
+    except InvalidInput as error:
+        problems += error.problems
+    else:
+        if message.header.stamp.sec + route.total_duration_s > LATEST_S:
+            problems.append(f'header.stamp: {message.header.stamp.sec} s is too late: the route '
+                            'would end after the last instant that a stamp can hold')
+    if problems:
+        raise InvalidInput(problems)
+    return Mission(
+        route_id=message.route_id,
+        route=route.resampled(planning_step_s),
+        start_ns=nanoseconds(message.header.stamp),
+        charging_planned=message.charging_planned,
+        target_temperature_c=None if math.isnan(target_c) else target_c,
+        minimum_arrival_soc=soc)
+
+
+def _stamp_problems(stamp):
+    if stamp.sec == 0 and stamp.nanosec == 0:
+        return ['header.stamp: is 0; it must be set']
+    return []
+
+
+def route_plan_message(mission):
+    """Return the RoutePlan of a Mission."""
+    message = RoutePlan(route_id=mission.route_id)
+    message.header.stamp = time_message(mission.start_ns)
+    for field, name in ROUTE_FIELDS.items():
+        setattr(message, name, _sequence(getattr(mission.route, field)))
+    message.charging_planned = mission.charging_planned
+    message.target_battery_temperature = (
+        math.nan if mission.target_temperature_c is None else mission.target_temperature_c)
+    message.minimum_arrival_soc = mission.minimum_arrival_soc
+    return message
+
+
+def command_message(command, now_ns):
+    """Return the HvchCommand of a Command made now."""
+    message = HvchCommand(battery_heating_power=command.battery_heating_power_w,
+                          valid_until=time_message(command.valid_until_ns),
+                          reason=int(command.reason))
+    message.header.stamp = time_message(now_ns)
+    return message
+
+
+def plan_message(decision, mission, now_ns):
+    """Return the PreheatPlan of a Decision; without a plan its figures are NaN."""
+    plan = decision.plan
+    message = PreheatPlan(route_id=mission.route_id if mission else '',
+                          status=int(decision.status), explanation=decision.explanation)
+    start_ns = decision.plan_start_ns if plan else now_ns
+    message.header.stamp = time_message(start_ns)
+    if plan is None:
+        for field in ('predicted_arrival_temperature', 'predicted_arrival_soc', 'shortfall',
+                      'target_battery_temperature', 'undeliverable_power',
+                      *ENERGY_FIELDS.values()):
+            setattr(message, field, math.nan)
+        return message
+    message.method = plan.method
+    message.heating_planned = plan.heating_start_s is not None
+    if message.heating_planned:
+        message.heating_start = time_message(start_ns + round(plan.heating_start_s * NS_PER_S))
+    message.arrival = time_message(start_ns + round(plan.arrival_time_s * NS_PER_S))
+    message.predicted_arrival_temperature = plan.arrival_temperature_c
+    message.predicted_arrival_soc = plan.arrival_soc
+    message.target_battery_temperature = plan.target_temperature_c
+    message.shortfall = plan.shortfall_k
+    message.undeliverable_power = plan.undeliverable_power_w
+    for field, name in ENERGY_FIELDS.items():
+        setattr(message, name, getattr(plan.energy_wh, field))
+    message.time = _sequence(plan.time_s)
+    message.battery_temperature = _sequence(plan.battery_temperature_c)
+    message.soc = _sequence(plan.soc)
+    message.hvch_power = _sequence(plan.hvch_battery_power_w)
+    message.planning_time = plan.planning_time_s
+    return message
+
+
+def temperature_message(plan, now_ns):
+    """Return the predicted arrival temperature; its variance is not known (0, as sensor_msgs has it)."""
+    message = Temperature(temperature=plan.arrival_temperature_c, variance=0.0)
+    message.header.stamp = time_message(now_ns)
+    return message
+
+
+def _sequence(values):
+    """Return an array as rclpy takes it without a copy of each element."""
+    sequence = array('d')
+    sequence.frombytes(np.ascontiguousarray(values, dtype=float).tobytes())
+    return sequence

@@ -1,0 +1,352 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`nlp_checker`: how far the planner's plan is from the optimum of the nonlinear program."""
+
+from collections import deque
+from functools import wraps
+import sys
+from time import monotonic
+
+from bev_preheat_msgs.msg import OptimalityReport, PreheatPlan, RoutePlan
+from diagnostic_msgs.msg import DiagnosticArray
+from rcl_interfaces.msg import SetParametersResult
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+from rclpy.qos import qos_profile_sensor_data, QoSDurabilityPolicy, QoSProfile
+from rclpy.qos_overriding_options import QoSOverridingOptions
+from sensor_msgs.msg import BatteryState
+from std_srvs.srv import Trigger
+
+from bev_preheat.control.settings import Settings
+from bev_preheat.control.supervisor import NS_PER_S, Supervisor
+from bev_preheat.errors import InvalidInput
+from bev_preheat.nodes.convert import measurement_from_message, mission_from_message
+from bev_preheat.nodes.optimality import (
+    case_of_plan, case_of_state, checker_diagnostics, report_message, report_sentence,
+    says_the_same)
+from bev_preheat.nodes.parameters import check, declare, Parameter
+from bev_preheat.nodes.process import run_node
+from bev_preheat.optimum.worker import Failure, SolverProcess
+from bev_preheat.vehicle import load_vehicle
+
+DEFAULTS = Settings()
+PARAMETERS = (
+    Parameter('vehicle', 'reference',
+              "Vehicle: a name in config/vehicles or a YAML file; the planner's own."),
+    Parameter('check_period', 60.0,
+              'By itself the plan is checked at most this often; 0: only new routes and on demand',
+              's', (0.0, 86400.0)),
+    Parameter('time_limit', 10.0, 'The solver is given up after this time', 's', (0.1, 600.0)),
+    Parameter('planning_step', DEFAULTS.planning_step_s,
+              "Routes are checked in steps of this length; the planner's own", 's', (1.0, 300.0)),
+    Parameter('battery_state_timeout', DEFAULTS.battery_state_timeout_s,
+              'A battery state older than this is not checked', 's', (0.1, 60.0)),
+    Parameter('clock_tolerance', DEFAULTS.clock_tolerance_s,
+              'A battery state may be stamped this far in the future', 's', (0.0, 10.0)),
+)
+_OWN = frozenset(parameter.name for parameter in PARAMETERS)
+
+# While something is under way, the solver's process is looked after this often, in real time.
+POLL_PERIOD_S = 0.05
+DIAGNOSTICS_PERIOD_S = 1.0
+# The planner plans in milliseconds; what has not come by then is planned again from its method.
+PLAN_WAIT_S = 1.0
+# The planner may be some battery states behind.
+STATES_KEPT = 16
+
+
+def guarded(callback):
+    """Wrap a callback: an unforeseen exception is logged and ends neither node nor check."""
+    @wraps(callback)
+    def wrapper(self, *arguments):
+        try:
+            return callback(self, *arguments)
+        except Exception as error:  # noqa: B902  whatever it is, it must not end the process
+            self.get_logger().error(f'{callback.__name__}: {type(error).__name__}: {error}',
+                                    throttle_duration_sec=5.0)
+            return arguments[-1] if arguments else None
+    return wrapper
+
+
+class NlpCheckerNode(Node):
+    """
+    Listens beside the planner, and lets a `SolverProcess` solve what the planner has planned.
+
+    A check is wanted for each new route, on demand and after `check_period`. It begins when the
+    planner's plan for a known battery state is there, or has not come for PLAN_WAIT_S. A wish for a
+    new route or on demand cancels the check that is under way.
+    """
+
+    def __init__(self):
+        """Declare the parameters and start; raises InvalidInput where one is not allowed."""
+        super().__init__('nlp_checker')
+        self._values = declare(self, PARAMETERS)
+        vehicle = load_vehicle(self._values['vehicle'])
+        # Only its memory and its checks of inputs are used: what it refuses the planner refuses.
+        self._inputs = Supervisor(vehicle, _settings(self._values))
+        self._solver = SolverProcess(vehicle)
+        self._measurements = deque(maxlen=STATES_KEPT)
+        self._route_message = self._plan = None
+        # Instants are time.monotonic(), but the last check's, which is the node's clock's.
+        self._is_wanted = self._is_urgent = False
+        self._ready_since_s = None
+        self._case = self._report = self._last_check_ns = None
+        self._problems = {}
+        self._counts = {'reports': 0, 'failures': 0, 'superseded': 0}
+
+        latched = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
+        self._report_publisher = self.create_publisher(
+            OptimalityReport, 'optimality_report', latched)
+        self._diagnostics_publisher = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
+        state_qos = QoSProfile(depth=1, reliability=qos_profile_sensor_data.reliability)
+        self.create_subscription(BatteryState, 'battery_state', self._on_battery_state, state_qos)
+        self.create_subscription(
+            RoutePlan, 'route_plan', self._on_route_plan, latched,
+            qos_overriding_options=QoSOverridingOptions.with_default_policies())
+        self.create_subscription(PreheatPlan, 'preheat_plan', self._on_preheat_plan, latched)
+        self.create_service(Trigger, '~/check', self._on_check)
+
+        self.add_on_set_parameters_callback(self._check_parameters)
+        self.add_post_set_parameters_callback(self._apply_parameters)
+        # The solver works in real time, whatever the node's clock does.
+        steady_clock = Clock(clock_type=ClockType.STEADY_TIME)
+        self._poll_timer = self.create_timer(POLL_PERIOD_S, self._on_poll, clock=steady_clock)
+        self._poll_timer.cancel()
+        self.create_timer(DIAGNOSTICS_PERIOD_S, self._on_diagnostics, clock=steady_clock)
+        self.get_logger().info(f'Checking plans for vehicle {vehicle.name}.')
+
+    # Input
+
+    @guarded
+    def _on_battery_state(self, message):
+        now_ns = self._now_ns()
+        try:
+            measurement = measurement_from_message(message)
+            self._inputs.accept_battery(measurement, now_ns)
+        except InvalidInput as error:
+            self._refuse('battery_state', error)
+            return
+        self._problems.pop('battery_state', None)
+        if self._measurements and measurement.stamp_ns < self._measurements[-1].stamp_ns:
+            # The clock was set back; what was measured before lies in another time.
+            self._measurements.clear()
+        self._measurements.append(measurement)
+        if self._is_due(now_ns):
+            self._want(is_urgent=False)
+        self._begin_if_possible()
+
+    @guarded
+    def _on_route_plan(self, message):
+        if self._route_message is not None and says_the_same(message, self._route_message):
+            return
+        before = self._inputs.mission
+        try:
+            self._accept_route(message)
+        except InvalidInput as error:
+            self._refuse('route_plan', error)
+            return
+        # Forecasts for a route that is known may come faster than the solver is.
+        self._want(is_urgent=before is None or before.route_id != message.route_id)
+        self._begin_if_possible()
+
+    def _accept_route(self, message):
+        inputs = self._inputs
+        inputs.accept_mission(mission_from_message(
+            message, inputs.vehicle.defaults, inputs.settings.planning_step_s))
+        self._route_message = message
+        self._problems.pop('route_plan', None)
+
+    @guarded
+    def _on_preheat_plan(self, message):
+        self._plan = message
+        self._begin_if_possible()
+
+    @guarded
+    def _on_check(self, request, response):
+        obstacle = self._obstacle()
+        response.success = obstacle is None
+        if response.success:
+            self._want(is_urgent=True)
+            self._begin_if_possible()
+            response.message = f'Its report comes on {self._report_publisher.topic_name}.'
+        else:
+            response.message = obstacle
+        return response
+
+    def _refuse(self, source, error):
+        self._problems[source] = f'{source} refused: {error}.'
+        self.get_logger().error(f'{source} refused: {error}', throttle_duration_sec=5.0)
+
+    # When to check
+
+    def _is_due(self, now_ns):
+        if (self._is_wanted or self._solver.is_busy or self._last_check_ns is None
+                or self._values['check_period'] == 0.0):
+            return False
+        # A clock that was set back must not put the check off.
+        elapsed_s = (now_ns - self._last_check_ns) / NS_PER_S
+        return not 0.0 <= elapsed_s < self._values['check_period']
+
+    def _want(self, is_urgent):
+        self._is_wanted = True
+        self._is_urgent = self._is_urgent or is_urgent
+
+    def _obstacle(self):
+        """Return why nothing can be checked now, as a sentence; None where it can."""
+        mission, measurement = self._inputs.mission, self._inputs.measurement
+        if mission is None:
+            return 'No valid route plan has arrived yet.'
+        if measurement is None:
+            return 'No valid battery state has arrived yet.'
+        age_s = (self._now_ns() - measurement.stamp_ns) / NS_PER_S
+        if age_s > self._values['battery_state_timeout']:
+            return f'The latest valid battery state is {age_s:.1f} s old.'
+        if case_of_state(mission, self._inputs.goal_of(mission), measurement, None) is None:
+            return 'The route has ended.'
+        return None
+
+    def _begin_if_possible(self):
+        if not self._is_wanted or (self._solver.is_busy and not self._is_urgent):
+            return
+        if self._obstacle() is not None:
+            self._ready_since_s = None
+            return
+        if self._ready_since_s is None:
+            self._ready_since_s = monotonic()
+        case = self._case_to_check()
+        if case is not None:
+            self._begin(case)
+        elif self._poll_timer.is_canceled():
+            self._poll_timer.reset()
+
+    def _case_to_check(self):
+        """Return the Case of the planner's own plan, or of the latest state if none comes."""
+        inputs, goal = self._inputs, self._inputs.goal_of(self._inputs.mission)
+        if self._plan is not None:
+            oldest_ns = self._now_ns() - round(
+                self._values['battery_state_timeout'] * NS_PER_S)
+            fresh = [measurement for measurement in self._measurements
+                     if measurement.stamp_ns >= oldest_ns]
+            case = case_of_plan(inputs.mission, goal, fresh, self._plan)
+            if case is not None:
+                return case
+        if monotonic() - self._ready_since_s < PLAN_WAIT_S:
+            return None
+        return case_of_state(inputs.mission, goal, inputs.measurement, self._plan)
+
+    def _begin(self, case):
+        if self._solver.is_busy:
+            self._counts['superseded'] += 1
+            self.get_logger().info(
+                f'Route {self._case.route_id!r}: superseded by a newer check.')
+        self._is_wanted = self._is_urgent = False
+        self._ready_since_s = None
+        self._case, self._last_check_ns = case, self._now_ns()
+        self._solver.ask(case.question, self._values['time_limit'])
+        self._poll_timer.reset()
+
+    # What comes of it
+
+    @guarded
+    def _on_poll(self):
+        self._poll_solver()
+        self._begin_if_possible()
+        if not self._solver.is_busy and self._ready_since_s is None:
+            self._poll_timer.cancel()
+
+    def _poll_solver(self):
+        was_busy, outcome = self._solver.is_busy, self._solver.poll()
+        if outcome is None:
+            return
+        if isinstance(outcome, Failure):
+            self._counts['failures'] += was_busy
+            self._problems['solver'] = f'{outcome.explanation}.'
+            self.get_logger().warning(
+                f'{outcome.explanation}; the next check is not affected.')
+        else:
+            self._problems.pop('solver', None)
+        if was_busy:
+            self._report = report_message(self._case, outcome)
+            self._report_publisher.publish(self._report)
+            self._counts['reports'] += 1
+            self.get_logger().info(report_sentence(self._report))
+
+    @guarded
+    def _on_diagnostics(self):
+        # A process that has nothing to do may end too.
+        self._poll_solver()
+        values = {
+            'state': 'solving' if self._solver.is_busy else
+                     'waiting for a plan' if self._ready_since_s is not None else 'idle',
+            'route_id': self._inputs.mission.route_id if self._inputs.mission else '',
+            'solver process': str(self._solver.process_id or 'none'),
+            **{name: str(count) for name, count in self._counts.items()}}
+        if self._report is not None:
+            values['last report'] = report_sentence(self._report)
+        self._diagnostics_publisher.publish(checker_diagnostics(
+            self.get_fully_qualified_name(), self._inputs.vehicle.name,
+            list(self._problems.values()), values, self._now_ns()))
+
+    # Parameters
+
+    def _check_parameters(self, parameters):
+        values = _own_values(parameters)
+        try:
+            check(PARAMETERS, values)
+            if 'vehicle' in values:
+                load_vehicle(values['vehicle'])
+        except InvalidInput as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        except Exception as error:  # noqa: B902  such as a vehicle file nested too deeply
+            return SetParametersResult(
+                successful=False, reason=f'cannot be checked: {type(error).__name__}: {error}')
+        return SetParametersResult(successful=True)
+
+    @guarded
+    def _apply_parameters(self, parameters):
+        values = _own_values(parameters)
+        if not values:
+            return
+        vehicle = load_vehicle(values['vehicle']) if 'vehicle' in values else None
+        self._values = {**self._values, **values}
+        self._inputs.settings = _settings(self._values)
+        if vehicle is not None:
+            self._inputs.vehicle = vehicle
+            self._solver.close()
+            self._solver = SolverProcess(self._inputs.vehicle)
+        if self._route_message is not None and not values.keys().isdisjoint(
+                ('vehicle', 'planning_step')):
+            try:
+                self._accept_route(self._route_message)
+            except InvalidInput as error:
+                self._refuse('route_plan', error)
+            else:
+                self._want(is_urgent=True)
+                self._begin_if_possible()
+
+    def _now_ns(self):
+        return self.get_clock().now().nanoseconds
+
+    def destroy_node(self):
+        """End the solver's process too."""
+        self._solver.close()
+        super().destroy_node()
+
+
+def _own_values(parameters):
+    return {parameter.name: parameter.value for parameter in parameters
+            if parameter.name in _OWN}
+
+
+def _settings(values):
+    return Settings(battery_state_timeout_s=values['battery_state_timeout'],
+                    clock_tolerance_s=values['clock_tolerance'],
+                    planning_step_s=values['planning_step'])
+
+
+def main():
+    """Run the checker until it is told to end."""
+    sys.exit(run_node(NlpCheckerNode))
+
+
+if __name__ == '__main__':
+    main()

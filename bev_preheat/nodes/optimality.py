@@ -1,0 +1,197 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+What the checker compares, and how it tells.
+
+Like is compared with like: plan and optimum start at the same instant, from the same battery state,
+on the same steps of the same route, with the same goal.
+"""
+
+from dataclasses import dataclass, replace
+import math
+from typing import Optional
+
+from bev_preheat_msgs.msg import OptimalityReport
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+import numpy as np
+
+from bev_preheat.control.supervisor import NS_PER_S
+from bev_preheat.nodes.convert import nanoseconds, time_message
+from bev_preheat.optimum.worker import Question, Solution
+from bev_preheat.planning.planner import METHODS
+
+# Two computations of the same steps differ by rounding only.
+ROUNDING_S = 1e-3
+
+
+@dataclass(frozen=True)
+class Figures:
+    """
+    What is compared; unknown: NaN.
+
+    `heating_start_ns` is None where no heating is planned.
+    """
+
+    energy_wh: float = math.nan
+    arrival_temperature_c: float = math.nan
+    heating_start_ns: Optional[int] = None
+
+
+UNKNOWN = Figures()
+
+
+@dataclass(frozen=True)
+class Case:
+    """
+    A situation to be checked; `start_ns` is the instant [ns] from which on everything counts.
+
+    `planned` are the planner's own figures. Where it has none for this very situation, the question
+    names the planner's method, and the solver's process plans as well.
+    """
+
+    route_id: str
+    start_ns: int
+    method: str
+    planned: Figures
+    question: Question
+
+
+def says_the_same(route_message, other):
+    """Whether two RoutePlan messages hold the same; a NaN is the same as a NaN."""
+    def is_same(value, other_value):
+        return value == other_value or value != value and other_value != other_value
+
+    return all(is_same(getattr(route_message, field), getattr(other, field))
+               for field in route_message.get_fields_and_field_types())
+
+
+def case_of_plan(mission, goal, measurements, plan):
+    """
+    Return the Case of a PreheatPlan; None where it is not known what it was made from.
+
+    It must be for this mission, in its steps, and start from one of the measurements.
+    """
+    if (plan.route_id != mission.route_id
+            or not 0 < len(plan.time) == len(plan.battery_temperature) == len(plan.soc)):
+        return None
+    for measurement in measurements:
+        start_ns = _start_ns(mission, measurement)
+        route = _route_ahead(mission, start_ns)
+        if (route is not None
+                and start_ns == nanoseconds(plan.header.stamp)
+                and len(plan.time) == len(route) + 1
+                and np.allclose(plan.time, route.time_s, rtol=0.0, atol=ROUNDING_S)
+                and plan.battery_temperature[0] == measurement.state.temperature_c
+                and plan.soc[0] == measurement.state.soc):
+            return Case(mission.route_id, start_ns, plan.method, _figures_of_message(plan),
+                        Question(route, measurement.state, _with_target_of(plan, mission, goal)))
+    return None
+
+
+def case_of_state(mission, goal, measurement, plan):
+    """
+    Return the Case of a measurement; None where the route has ended.
+
+    `plan` is the latest PreheatPlan or None. If it is for this route, its method is to plan again;
+    else there is nothing to compare the optimum with.
+    """
+    start_ns = _start_ns(mission, measurement)
+    route = _route_ahead(mission, start_ns)
+    if route is None:
+        return None
+    method = ''
+    if plan is not None and plan.route_id == mission.route_id:
+        method, goal = plan.method, _with_target_of(plan, mission, goal)
+    return Case(mission.route_id, start_ns, method, UNKNOWN,
+                Question(route, measurement.state, goal, method if method in METHODS else ''))
+
+
+def _start_ns(mission, measurement):
+    return max(measurement.stamp_ns, mission.start_ns)
+
+
+def _route_ahead(mission, start_ns):
+    """Return the Route from an instant [ns] on; None after its end."""
+    elapsed_s = (start_ns - mission.start_ns) / NS_PER_S
+    if elapsed_s >= mission.route.total_duration_s:
+        return None
+    return mission.route.after(elapsed_s) if elapsed_s > 0.0 else mission.route
+
+
+def _with_target_of(plan, mission, goal):
+    # Where the route names no target the planner's own parameter holds, which only its plan tells.
+    if mission.target_temperature_c is None and math.isfinite(plan.target_battery_temperature):
+        return replace(goal, target_temperature_c=plan.target_battery_temperature)
+    return goal
+
+
+def _figures_of_message(plan):
+    return Figures(plan.battery_energy, plan.predicted_arrival_temperature,
+                   nanoseconds(plan.heating_start) if plan.heating_planned else None)
+
+
+def _figures_of_plan(plan, start_ns):
+    heats = plan.heating_start_s is not None
+    return Figures(plan.energy_wh.battery_total, plan.arrival_temperature_c,
+                   start_ns + round(plan.heating_start_s * NS_PER_S) if heats else None)
+
+
+def report_message(case, outcome):
+    """Return the OptimalityReport of a Case and what became of it: a Solution or a Failure."""
+    message = OptimalityReport(route_id=case.route_id, method=case.method)
+    message.header.stamp = time_message(case.start_ns)
+    planned, optimal = case.planned, UNKNOWN
+    if isinstance(outcome, Solution):
+        message.solver_status = outcome.solver_status
+        message.optimal = outcome.is_optimal
+        message.infeasible_constraint = '; '.join(outcome.infeasible)
+        message.solve_time = outcome.solve_time_s
+        optimal = _figures_of_plan(outcome.optimal_plan, case.start_ns)
+        if outcome.method_plan is not None:
+            planned = _figures_of_plan(outcome.method_plan, case.start_ns)
+    else:
+        message.solver_status = outcome.explanation
+        message.solve_time = outcome.elapsed_s
+    message.plan_energy = planned.energy_wh
+    message.optimal_energy = optimal.energy_wh
+    message.energy_gap = planned.energy_wh - optimal.energy_wh
+    message.plan_arrival_temperature = planned.arrival_temperature_c
+    message.optimal_arrival_temperature = optimal.arrival_temperature_c
+    message.plan_heating = planned.heating_start_ns is not None
+    if message.plan_heating:
+        message.plan_heating_start = time_message(planned.heating_start_ns)
+    message.optimal_heating = optimal.heating_start_ns is not None
+    if message.optimal_heating:
+        message.optimal_heating_start = time_message(optimal.heating_start_ns)
+    return message
+
+
+def report_sentence(report):
+    """Return an OptimalityReport in one sentence."""
+    about = f'Route {report.route_id!r}: {report.solver_status}'
+    if math.isnan(report.optimal_energy):
+        return f'{about}.'
+    about += f' after {report.solve_time:.2f} s'
+    if report.infeasible_constraint:
+        about += f', {report.infeasible_constraint}'
+    if math.isnan(report.energy_gap):
+        return f'{about}; there is no plan to compare with.'
+    return (f'{about}; the plan of method {report.method} costs {report.energy_gap:+.3f} Wh more '
+            f'and arrives {report.plan_arrival_temperature - report.optimal_arrival_temperature:+.3f}'
+            ' K warmer.')
+
+
+def checker_diagnostics(node_name, vehicle_name, problems, values, now_ns):
+    """
+    Return the DiagnosticArray of the checker: WARN with its problems, a list of sentences, or OK.
+
+    `values` are its figures by name, as texts. Nothing that goes wrong here concerns the car, so
+    it is never an ERROR.
+    """
+    message = DiagnosticArray(status=[DiagnosticStatus(
+        name=f'{node_name.lstrip("/")}: optimality check',
+        hardware_id=vehicle_name,
+        level=DiagnosticStatus.WARN if problems else DiagnosticStatus.OK,
+        message=' '.join(problems) or 'Checks work.',
+        values=[KeyValue(key=key, value=value) for key, value in values.items()])])
+    message.header.stamp = time_message(now_ns)
+    return message

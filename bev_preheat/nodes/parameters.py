@@ -1,0 +1,79 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Parameters with a description, a unit and a range, declared and checked from one table."""
+
+from dataclasses import dataclass
+import math
+from typing import Any, Optional
+
+from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
+
+from bev_preheat.errors import InvalidInput
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """
+    One parameter of a node.
+
+    `limits` is (low, high) for numbers; `nan_means` says what NaN stands for where it is allowed;
+    `choices` lists the texts allowed.
+    """
+
+    name: str
+    default: Any
+    description: str
+    unit: str = ''
+    limits: Optional[tuple] = None
+    nan_means: str = ''
+    choices: tuple = ()
+    read_only: bool = False
+
+    def descriptor(self):
+        """Return what `ros2 param describe` shows."""
+        constraints = []
+        if self.nan_means:
+            constraints.append(f'{self.limits[0]:g} ... {self.limits[1]:g}, or NaN: '
+                               f'{self.nan_means}')
+        if self.choices:
+            constraints.append(f'one of {", ".join(self.choices)}')
+        ranges = []
+        # rclpy's own range check would refuse the NaN.
+        if self.limits and not self.nan_means and isinstance(self.default, float):
+            ranges = [FloatingPointRange(from_value=float(self.limits[0]),
+                                         to_value=float(self.limits[1]))]
+        return ParameterDescriptor(
+            description=f'{self.description} [{self.unit}]' if self.unit else self.description,
+            additional_constraints='; '.join(constraints),
+            floating_point_range=ranges, read_only=self.read_only)
+
+    def problem_with(self, value):
+        """Return a sentence on what is wrong with a value, None if nothing is."""
+        unit = f' {self.unit}' if self.unit else ''
+        if self.choices and value not in self.choices:
+            return f'{self.name}: {value!r} is not one of {", ".join(self.choices)}'
+        if self.limits is None or (self.nan_means and math.isnan(value)):
+            return None
+        low, high = self.limits
+        if not low <= value <= high:
+            return (f'{self.name}: {value:g}{unit} is not allowed; it must be '
+                    f'{low:g} ... {high:g}{unit}')
+        return None
+
+
+def declare(node, parameters):
+    """Declare the parameters and return their values by name; raise InvalidInput on a bad one."""
+    values = {}
+    for parameter in parameters:
+        values[parameter.name] = node.declare_parameter(
+            parameter.name, parameter.default, parameter.descriptor()).value
+    check(parameters, values)
+    return values
+
+
+def check(parameters, values):
+    """Raise InvalidInput, one problem a value, where values (a dictionary by name) are not allowed."""
+    problems = [problem for parameter in parameters
+                if parameter.name in values
+                and (problem := parameter.problem_with(values[parameter.name]))]
+    if problems:
+        raise InvalidInput(problems)

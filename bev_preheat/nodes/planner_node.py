@@ -1,0 +1,265 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`planner`: battery state and route in, heater command and predicted arrival temperature out."""
+
+from functools import wraps
+import math
+import sys
+
+from bev_preheat_msgs.msg import HvchCommand, PreheatPlan, RoutePlan
+from diagnostic_msgs.msg import DiagnosticArray
+from rcl_interfaces.msg import SetParametersResult
+from rclpy.duration import Duration
+from rclpy.node import Node
+from rclpy.qos import (
+    QoSDurabilityPolicy, QoSPolicyKind, QoSProfile, qos_profile_sensor_data)
+from rclpy.qos_overriding_options import QoSOverridingOptions
+from sensor_msgs.msg import BatteryState, Temperature
+from std_srvs.srv import SetBool
+
+from bev_preheat.control.settings import Settings
+from bev_preheat.control.supervisor import Decision, Supervisor
+from bev_preheat.errors import InvalidInput
+from bev_preheat.nodes.convert import (
+    command_message, measurement_from_message, mission_from_message, plan_message,
+    temperature_message)
+from bev_preheat.nodes.diagnostics import planner_diagnostics
+from bev_preheat.nodes.parameters import check, declare, Parameter
+from bev_preheat.nodes.process import run_node
+from bev_preheat.planning.planner import METHODS
+from bev_preheat.planning.status import Status
+from bev_preheat.vehicle import load_vehicle
+
+DEFAULTS = Settings()
+PARAMETERS = (
+    Parameter('vehicle', 'reference', 'Vehicle: a name in config/vehicles or a YAML file.'),
+    Parameter('method', DEFAULTS.method, 'Planning method.', choices=tuple(METHODS)),
+    Parameter('target_battery_temperature', math.nan,
+              'Battery temperature on arrival where the route names none', 'degC', (-40.0, 60.0),
+              nan_means="the vehicle's default"),
+    Parameter('battery_state_timeout', DEFAULTS.battery_state_timeout_s,
+              'A battery state older than this is stale', 's', (0.1, 60.0)),
+    Parameter('clock_tolerance', DEFAULTS.clock_tolerance_s,
+              'A battery state may be stamped this far in the future', 's', (0.0, 10.0)),
+    Parameter('command_period', DEFAULTS.command_period_s,
+              'The command is repeated this often', 's', (0.02, 10.0)),
+    Parameter('command_lease', DEFAULTS.lease_s,
+              'A command is valid this long; longer than command_period', 's', (0.05, 30.0)),
+    Parameter('planning_step', DEFAULTS.planning_step_s,
+              'Routes are planned in steps of this length', 's', (1.0, 300.0)),
+)
+# What ROS lets one override by default, and durability: a trip planner may not latch its route.
+ROUTE_POLICIES = (QoSPolicyKind.HISTORY, QoSPolicyKind.DEPTH, QoSPolicyKind.RELIABILITY,
+                  QoSPolicyKind.DURABILITY)
+# A subscriber that hangs must not keep the process from ending.
+LAST_WORDS_TIME = Duration(seconds=0.5)
+_OWN = frozenset(parameter.name for parameter in PARAMETERS)
+
+
+def guarded(callback):
+    """Wrap a callback: an unforeseen exception is logged, and the heater is off."""
+    @wraps(callback)
+    def wrapper(self, *arguments):
+        try:
+            return callback(self, *arguments)
+        except Exception as error:  # noqa: B902  whatever it is, it must not end the process
+            self.fail(callback.__name__, error)
+            return arguments[-1] if arguments else None
+    return wrapper
+
+
+class PlannerNode(Node):
+    """Wires topics, parameters and clock to a `control.supervisor.Supervisor`."""
+
+    def __init__(self):
+        """Declare the parameters and start; raises InvalidInput where one is not allowed."""
+        super().__init__('planner')
+        values = declare(self, PARAMETERS)
+        vehicle, settings = _take_effect(values)
+        self._supervisor = Supervisor(vehicle, settings)
+        self._route_message = None
+        self._published_status = None
+
+        latched = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
+        self._command_publisher = self.create_publisher(HvchCommand, 'hvch_command', 1)
+        self._temperature_publisher = self.create_publisher(
+            Temperature, 'predicted_arrival_temperature', 1)
+        self._plan_publisher = self.create_publisher(PreheatPlan, 'preheat_plan', latched)
+        self._diagnostics_publisher = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
+        state_qos = QoSProfile(
+            depth=1, reliability=qos_profile_sensor_data.reliability)
+        self.create_subscription(BatteryState, 'battery_state', self._on_battery_state, state_qos)
+        self.create_subscription(
+            RoutePlan, 'route_plan', self._on_route_plan, latched,
+            qos_overriding_options=QoSOverridingOptions(ROUTE_POLICIES))
+        self.create_service(SetBool, '~/enable', self._on_enable)
+
+        self.add_on_set_parameters_callback(self._check_parameters)
+        self.add_post_set_parameters_callback(self._apply_parameters)
+        self._repeat_timer = self.create_timer(settings.command_period_s, self._on_repeat)
+        # Runs out when no valid battery state has come for the timeout.
+        self._stale_timer = self.create_timer(settings.battery_state_timeout_s, self._on_repeat)
+        self.get_logger().info(
+            f'Planning for vehicle {vehicle.name} with method {settings.method}.')
+
+    # Input
+
+    @guarded
+    def _on_battery_state(self, message):
+        now_ns = self._now_ns()
+        try:
+            self._supervisor.accept_battery(measurement_from_message(message), now_ns)
+            self._stale_timer.reset()
+        except InvalidInput as error:
+            self._refuse('battery_state', error)
+        self._replan(now_ns)
+
+    @guarded
+    def _on_route_plan(self, message):
+        try:
+            self._accept_route(message)
+        except InvalidInput as error:
+            self._refuse('route_plan', error)
+        self._replan(self._now_ns())
+
+    def _accept_route(self, message):
+        supervisor = self._supervisor
+        mission = mission_from_message(
+            message, supervisor.vehicle.defaults, supervisor.settings.planning_step_s)
+        supervisor.accept_mission(mission)
+        self._route_message = message
+        self.get_logger().info(
+            f'Route {mission.route_id!r}: {mission.route.total_duration_s / 60:.1f} min, '
+            f'{mission.route.distance_m / 1000:.1f} km.')
+
+    def _refuse(self, source, error):
+        self._supervisor.refuse(source, error)
+        self.get_logger().error(f'{source} refused: {error}', throttle_duration_sec=5.0)
+
+    @guarded
+    def _on_enable(self, request, response):
+        self._supervisor.enabled = request.data
+        response.success = True
+        response.message = f'Preheating is switched {"on" if request.data else "off"}.'
+        self.get_logger().info(response.message)
+        self._replan(self._now_ns())
+        return response
+
+    # Parameters
+
+    def _check_parameters(self, parameters):
+        if not _OWN.intersection(parameter.name for parameter in parameters):
+            return SetParametersResult(successful=True)
+        try:
+            _take_effect(self._values_with(parameters))
+        except InvalidInput as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        except Exception as error:  # noqa: B902  such as a vehicle file nested too deeply
+            return SetParametersResult(
+                successful=False, reason=f'cannot be checked: {type(error).__name__}: {error}')
+        return SetParametersResult(successful=True)
+
+    @guarded
+    def _apply_parameters(self, parameters):
+        if not _OWN.intersection(parameter.name for parameter in parameters):
+            return
+        supervisor = self._supervisor
+        supervisor.vehicle, supervisor.settings = _take_effect(self._values_with(parameters))
+        for timer, period_s in ((self._repeat_timer, supervisor.settings.command_period_s),
+                                (self._stale_timer, supervisor.settings.battery_state_timeout_s)):
+            timer.timer_period_ns = round(period_s * 1e9)
+            timer.reset()
+        if self._route_message is not None:
+            try:
+                self._accept_route(self._route_message)
+            except InvalidInput as error:
+                self._refuse('route_plan', error)
+        self._replan(self._now_ns())
+
+    def _values_with(self, parameters):
+        values = {name: self.get_parameter(name).value for name in _OWN}
+        values.update((parameter.name, parameter.value) for parameter in parameters
+                      if parameter.name in _OWN)
+        return values
+
+    # Output
+
+    def _replan(self, now_ns):
+        decision = self._supervisor.replan(now_ns)
+        self._publish_command(now_ns)
+        self._publish_plan(decision, now_ns)
+
+    @guarded
+    def _on_repeat(self):
+        now_ns = self._now_ns()
+        self._supervisor.refresh(now_ns)
+        self._publish_command(now_ns)
+        decision = self._supervisor.decision
+        if decision.status is not self._published_status:
+            self._publish_plan(decision, now_ns)
+        self._publish_diagnostics(now_ns)
+
+    def _publish_diagnostics(self, now_ns):
+        self._diagnostics_publisher.publish(
+            planner_diagnostics(self.get_fully_qualified_name(), self._supervisor, now_ns))
+
+    def _publish_command(self, now_ns):
+        self._command_publisher.publish(
+            command_message(self._supervisor.command(now_ns), now_ns))
+
+    def _publish_plan(self, decision, now_ns):
+        self._plan_publisher.publish(plan_message(decision, self._supervisor.mission, now_ns))
+        if decision.plan is not None:
+            self._temperature_publisher.publish(temperature_message(decision.plan, now_ns))
+        if decision.status is not self._published_status:
+            self.get_logger().info(f'{decision.status.name}: {decision.explanation}')
+            self._published_status = decision.status
+            # At once: what lasts no longer than to the next battery state shows too.
+            self._publish_diagnostics(now_ns)
+
+    def fail(self, where, error):
+        """Switch the heater off after an exception nobody foresaw, and log it."""
+        self.get_logger().error(f'{where}: {type(error).__name__}: {error}')
+        self._supervisor.decision = Decision(
+            Status.INTERNAL_ERROR, f'Planning failed: {type(error).__name__}: {error}')
+        self._publish_off(Status.INTERNAL_ERROR)
+
+    def last_words(self):
+        """Publish 0 W before the process ends, and wait a moment until it is out."""
+        self._publish_off(Status.SHUTTING_DOWN)
+        self._command_publisher.wait_for_all_acked(LAST_WORDS_TIME)
+
+    def _publish_off(self, reason):
+        # With a lease like any other: a heater's controller may ignore what has run out already.
+        now_ns = self._now_ns()
+        self._command_publisher.publish(
+            command_message(self._supervisor.command_off(now_ns, reason), now_ns))
+
+    def _now_ns(self):
+        return self.get_clock().now().nanoseconds
+
+
+def _take_effect(values):
+    """Return (Vehicle, Settings) of parameter values; raise InvalidInput where they are not allowed."""
+    check(PARAMETERS, values)
+    if values['command_lease'] <= values['command_period']:
+        raise InvalidInput(
+            f'command_lease: {values["command_lease"]:g} s must be longer than command_period, '
+            f'{values["command_period"]:g} s, or the heater drops out between two commands')
+    target_c = values['target_battery_temperature']
+    return load_vehicle(values['vehicle']), Settings(
+        method=values['method'],
+        target_temperature_c=None if math.isnan(target_c) else target_c,
+        battery_state_timeout_s=values['battery_state_timeout'],
+        clock_tolerance_s=values['clock_tolerance'],
+        command_period_s=values['command_period'],
+        lease_s=values['command_lease'],
+        planning_step_s=values['planning_step'])
+
+
+def main():
+    """Run the planner until it is told to end."""
+    sys.exit(run_node(PlannerNode))
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,73 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The main loop that the executables share: clean start, clean end."""
+
+import os
+import signal
+import sys
+import threading
+
+import rclpy
+from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.signals import SignalHandlerOptions
+from rclpy.task import Future
+
+from bev_preheat.errors import InvalidInput
+
+END_SIGNALS = (signal.SIGINT, signal.SIGTERM)
+
+
+def run_node(make_node, arguments=None):
+    """
+    Make a node, spin it until SIGINT, SIGTERM or its own `finished` future, and end it.
+
+    The node's `last_words()`, if it has any, are called while it can still publish. Returns the
+    exit status: 0 after a clean end, 2 where parameters made a start impossible.
+    """
+    # rclpy's own handlers would take the context down before the last command is out.
+    told_to_end = _pipe_of_signals()
+    rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        try:
+            node = make_node()
+        except (InvalidInput, InvalidParameterTypeException,
+                InvalidParameterValueException) as error:
+            print(f'{sys.argv[0].rpartition("/")[2]}: error: {error}', file=sys.stderr)
+            return 2
+        finished = getattr(node, 'finished', None) or Future()
+        executor = SingleThreadedExecutor()
+        executor.add_node(node)
+        threading.Thread(target=_wait_for_signal, args=(told_to_end, finished), daemon=True).start()
+        try:
+            executor.spin_until_future_complete(finished)
+        except (KeyboardInterrupt, ExternalShutdownException):
+            pass
+        finally:
+            if rclpy.ok() and hasattr(node, 'last_words'):
+                node.last_words()
+            executor.shutdown()
+            node.destroy_node()
+        return 0
+    finally:
+        rclpy.try_shutdown()
+
+
+def _pipe_of_signals():
+    """
+    Return a file descriptor on which a byte appears for each end signal.
+
+    A handler in Python runs only when the main thread comes back to the interpreter, which may be
+    long while it waits for messages; the pipe is written at once.
+    """
+    reader, writer = os.pipe()
+    os.set_blocking(writer, False)
+    signal.set_wakeup_fd(writer)
+    for number in END_SIGNALS:
+        signal.signal(number, lambda number, frame: None)
+    return reader
+
+
+def _wait_for_signal(told_to_end, finished):
+    os.read(told_to_end, 1)
+    if not finished.done():
+        finished.set_result(None)

@@ -1,0 +1,96 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the simulated vehicle says, as messages."""
+
+from dataclasses import dataclass, fields
+import math
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from sensor_msgs.msg import BatteryState
+
+from bev_preheat.planning.simulate import Energies
+
+DIAGNOSTIC_NAME = 'vehicle_simulator: trip'
+WITHOUT_COMMAND = 'time without a valid command [s]'
+DRIVING, ARRIVED, EMPTY = 'driving', 'arrived', 'the battery is empty'
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """
+    How a trip stands: `state` is DRIVING, ARRIVED or EMPTY, the energies are those so far [Wh].
+
+    `without_command_s` is how long the vehicle drove without a valid heater command [s].
+    """
+
+    state: str
+    energy_wh: Energies
+    without_command_s: float
+
+
+def battery_state_message(plant, stamp):
+    """Return the BatteryState of a VehiclePlant; what it does not model is NaN or unknown."""
+    capacity_ah = plant.vehicle.battery.capacity_ah
+    current_a = plant.current_a
+    message = BatteryState(
+        voltage=plant.terminal_voltage_v,
+        temperature=plant.temperature_c,
+        # sensor_msgs has it negative when discharging.
+        current=-current_a,
+        charge=plant.soc * capacity_ah,
+        capacity=math.nan,
+        design_capacity=capacity_ah,
+        percentage=plant.soc,
+        power_supply_status=_supply_status(current_a),
+        power_supply_health=BatteryState.POWER_SUPPLY_HEALTH_UNKNOWN,
+        power_supply_technology=BatteryState.POWER_SUPPLY_TECHNOLOGY_UNKNOWN,
+        present=True)
+    message.header.stamp = stamp
+    return message
+
+
+def _supply_status(current_a):
+    if current_a > 0.0:
+        return BatteryState.POWER_SUPPLY_STATUS_DISCHARGING
+    if current_a < 0.0:
+        return BatteryState.POWER_SUPPLY_STATUS_CHARGING
+    return BatteryState.POWER_SUPPLY_STATUS_NOT_CHARGING
+
+
+def trip_diagnostics(plant, stamp):
+    """Return the DiagnosticArray with what really happened on the trip so far."""
+    if plant.empty_at_s is not None:
+        level, text = DiagnosticStatus.ERROR, EMPTY
+    else:
+        level = DiagnosticStatus.WARN if plant.undeliverable_power_w else DiagnosticStatus.OK
+        text = ARRIVED if plant.has_arrived else DRIVING
+    values = {
+        'time [s]': plant.time_s,
+        'battery temperature [degC]': plant.temperature_c,
+        'state of charge [1]': plant.soc,
+        WITHOUT_COMMAND: plant.without_lease_s,
+        'undeliverable power [W]': plant.undeliverable_power_w,
+        'undeliverable energy [Wh]': plant.undeliverable_energy_wh,
+        **{_energy_key(field): getattr(plant.energy_wh, field.name) for field in fields(Energies)},
+    }
+    message = DiagnosticArray(status=[DiagnosticStatus(
+        name=DIAGNOSTIC_NAME, hardware_id=plant.vehicle.name, level=level, message=text,
+        values=[KeyValue(key=key, value=f'{value:.4f}') for key, value in values.items()])])
+    message.header.stamp = stamp
+    return message
+
+
+def outcome_from_diagnostics(message):
+    """Return the Outcome in a DiagnosticArray of the simulator's; None if it is not one."""
+    for status in message.status:
+        if status.name == DIAGNOSTIC_NAME:
+            values = {item.key: item.value for item in status.values}
+            return Outcome(
+                state=status.message,
+                energy_wh=Energies(**{field.name: float(values[_energy_key(field)])
+                                      for field in fields(Energies)}),
+                without_command_s=float(values[WITHOUT_COMMAND]))
+    return None
+
+
+def _energy_key(field):
+    return f'{field.name.replace("_", " ")} energy [Wh]'

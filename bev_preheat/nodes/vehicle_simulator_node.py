@@ -1,0 +1,299 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`vehicle_simulator`: drives a route in simulated time and heats as `hvch_command` allows."""
+
+from functools import wraps
+import math
+from pathlib import Path
+import sys
+import time
+
+from bev_preheat_msgs.msg import HvchCommand, RoutePlan
+from diagnostic_msgs.msg import DiagnosticArray
+from rcl_interfaces.msg import SetParametersResult
+from rclpy.clock import Clock as NodeClock, ClockType
+from rclpy.duration import Duration
+from rclpy.node import Node
+from rclpy.qos import QoSDurabilityPolicy, QoSProfile, QoSReliabilityPolicy
+from rclpy.task import Future
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import BatteryState as BatteryStateMessage
+
+from bev_preheat.control.inputs import Mission
+from bev_preheat.errors import InvalidInput
+from bev_preheat.nodes.convert import nanoseconds, route_plan_message, time_message
+from bev_preheat.nodes.parameters import check, declare, Parameter
+from bev_preheat.nodes.process import run_node
+from bev_preheat.nodes.simulator_messages import battery_state_message, trip_diagnostics
+from bev_preheat.planning.explanation import duration_text
+from bev_preheat.planning.situation import BatteryState, check_situation, Goal
+from bev_preheat.route import load_route
+from bev_preheat.simulation.heater_lease import lease_of_command, NO_LEASE
+from bev_preheat.simulation.pace import Pace
+from bev_preheat.simulation.vehicle_plant import VehiclePlant
+from bev_preheat.vehicle import load_vehicle
+
+PARAMETERS = (
+    Parameter('vehicle', 'reference', 'Vehicle: a name in config/vehicles or a YAML file.',
+              read_only=True),
+    Parameter('route', 'reference', 'Route: a name in config/routes or a CSV file.',
+              read_only=True),
+    Parameter('initial_battery_temperature', -7.0, 'Battery temperature at the start',
+              'degC', (-60.0, 60.0), read_only=True),
+    Parameter('initial_soc', 0.9, 'State of charge at the start, 0 ... 1', '', (0.0, 1.0),
+              read_only=True),
+    Parameter('target_battery_temperature', math.nan,
+              'Battery temperature wanted on arrival, as route_plan tells it', 'degC',
+              (-60.0, 60.0), nan_means='left to the planner', read_only=True),
+    Parameter('minimum_arrival_soc', 0.0,
+              'State of charge wanted on arrival at least, as route_plan tells it, 0 ... 1', '',
+              (0.0, 1.0), read_only=True),
+    Parameter('charging_planned', True, 'Whether the route ends at a fast charger.',
+              read_only=True),
+    Parameter('start_time', 0.0, 'Simulated time at the start, since the epoch; 0: now', 's',
+              (0.0, 2.1e9), read_only=True),
+    Parameter('wait_for_planner', False,
+              'Hold the clock at the start until an hvch_command comes from a planner that has '
+              'route and battery state.', read_only=True),
+    Parameter('speed_up', 1.0, 'Simulated seconds in each real second', '', (1.0, 1000.0)),
+    Parameter('battery_state_period', 1.0,
+              'Simulated time between two battery states', 's', (0.01, 60.0)),
+    Parameter('exit_on_arrival', False,
+              'End the process some seconds after the drive has ended.'),
+)
+
+# How long listeners have to see the arrival before exit_on_arrival ends the process.
+LINGER_SIMULATED_S = 5.0
+LINGER_REAL_S = 1.0
+# While the clock is held, a battery state is repeated this often, in real time.
+HOLD_PERIOD_S = 0.2
+DIAGNOSTICS_PERIOD_S = 1.0
+# Simulated time may run slower than asked for by this share before it is worth a warning.
+TOLERATED_LOSS = 0.2
+# Reasons of commands that show that the planner has not heard everything yet.
+NOT_READY = (HvchCommand.NO_ROUTE, HvchCommand.NO_BATTERY_STATE)
+
+
+def guarded(callback):
+    """Wrap a callback: an unforeseen exception is logged and ends the simulation."""
+    @wraps(callback)
+    def wrapper(self, *arguments):
+        try:
+            return callback(self, *arguments)
+        except Exception as error:  # noqa: B902  whatever it is, it must not pass through rclpy
+            self.fail(callback.__name__, error)
+    return wrapper
+
+
+class VehicleSimulatorNode(Node):
+    """
+    A `VehiclePlant` behind topics, and the source of `/clock`.
+
+    Simulated time is what `/clock` says: it moves in ticks and stands between them. A command
+    holds from the tick before its arrival on.
+    """
+
+    def __init__(self):
+        """Declare the parameters and start; raises InvalidInput where one is not allowed."""
+        super().__init__('vehicle_simulator')
+        values = declare(self, PARAMETERS)
+        self.finished = Future()
+        self.failed = False
+        self._lease = NO_LEASE
+        self._plant, mission = _departure(values)
+        self._start_ns = mission.start_ns
+        self._pace = Pace(values['speed_up'])
+        self._is_held = values['wait_for_planner']
+        self._next_state_s = 0.0
+        self._stood_since_s = None
+
+        # As rclcpp's ClockQoS and rclpy's own subscription have it.
+        self._clock_publisher = self.create_publisher(
+            Clock, '/clock', QoSProfile(depth=1, reliability=QoSReliabilityPolicy.BEST_EFFORT))
+        self._state_publisher = self.create_publisher(BatteryStateMessage, 'battery_state', 1)
+        self._route_publisher = self.create_publisher(
+            RoutePlan, 'route_plan',
+            QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL))
+        self._diagnostics_publisher = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
+        self.create_subscription(HvchCommand, 'hvch_command', self._on_command, 1)
+        self.add_on_set_parameters_callback(self._check_parameters)
+        self.add_post_set_parameters_callback(self._apply_parameters)
+
+        self._route_publisher.publish(route_plan_message(mission))
+        # Not the node's clock: with use_sim_time that is the one made here.
+        self._steady_clock = NodeClock(clock_type=ClockType.STEADY_TIME)
+        self._tick_timer = self.create_timer(
+            self._pace.real_tick_s, self._on_tick, clock=self._steady_clock)
+        self._hold_timer = self.create_timer(
+            HOLD_PERIOD_S, self._on_hold, clock=self._steady_clock)
+        self.create_timer(
+            DIAGNOSTICS_PERIOD_S, self._on_diagnostics_due, clock=self._steady_clock)
+        self.get_logger().info(
+            f'Vehicle {self._plant.vehicle.name}, route {mission.route_id!r}: '
+            f'{duration_text(self._plant.duration_s)}, '
+            f'{self._plant.route.distance_m / 1000:.1f} km, at {self._pace.speed_up:g} times real '
+            f'time.{" Waiting for hvch_command." if self._is_held else ""}')
+
+    # Time
+
+    @guarded
+    def _on_tick(self):
+        plant = self._plant
+        if self._is_held:
+            self._clock_publisher.publish(Clock(clock=self._stamp()))
+            return
+        real_s = self._steady_clock.now().nanoseconds * 1e-9
+        plant.advance_under(self._lease, self._pace.follow(real_s))
+        # The time first: who reads a battery state looks at the clock for its age.
+        self._clock_publisher.publish(Clock(clock=self._stamp()))
+        if plant.is_standing and self._stood_since_s is None:
+            self._stand(real_s)
+        elif plant.time_s >= self._next_state_s:
+            self._publish_state()
+        if self._stood_since_s is not None:
+            self._leave_in_time(real_s)
+
+    @guarded
+    def _on_hold(self):
+        if self._is_held:
+            self._publish_state()
+        else:
+            self._hold_timer.cancel()
+
+    def _stand(self, real_s):
+        """Tell that the drive is over."""
+        plant = self._plant
+        self._stood_since_s = (real_s, plant.time_s)
+        self._publish_state()
+        self._publish_diagnostics()
+        energy = plant.energy_wh
+        figures = (
+            f'battery {plant.temperature_c:.2f} degC, state of charge {plant.soc:.4f}; energies: '
+            f'Joule heat {energy.joule:.1f}, drivetrain heat {energy.drivetrain_heat:.1f}, HVCH '
+            f'heat {energy.hvch_heat:.1f} of {energy.hvch_electric:.1f} electrical, leakage '
+            f'{energy.leakage:.1f}, battery in total {energy.battery_total:.1f} Wh')
+        if plant.has_arrived:
+            self.get_logger().info(f'Arrived after {duration_text(plant.duration_s)}: {figures}.')
+        else:
+            self.get_logger().error(
+                f'The battery is empty after {duration_text(plant.empty_at_s)}: the vehicle '
+                f'stands. {figures}.')
+        if plant.undeliverable_power_w > 0.0:
+            self.get_logger().warning(
+                f'The battery lacked up to {plant.undeliverable_power_w / 1000:.1f} kW, '
+                f'{plant.undeliverable_energy_wh:.1f} Wh in all.')
+
+    def _leave_in_time(self, real_s):
+        stood_real_s, stood_simulated_s = self._stood_since_s
+        if (self.get_parameter('exit_on_arrival').value and not self.finished.done()
+                and real_s - stood_real_s >= LINGER_REAL_S
+                and self._plant.time_s - stood_simulated_s >= LINGER_SIMULATED_S):
+            self.finished.set_result(None)
+
+    # Topics
+
+    @guarded
+    def _on_command(self, message):
+        plant = self._plant
+        if plant.is_standing:
+            return
+        until_s = (nanoseconds(message.valid_until) - self._start_ns) * 1e-9
+        try:
+            self._lease = lease_of_command(
+                message.battery_heating_power, until_s, plant.time_s,
+                plant.vehicle.hvch.maximum_power_w)
+        except InvalidInput as error:
+            self.get_logger().warning(f'hvch_command ignored: {error}', throttle_duration_sec=5.0)
+            return
+        if self._is_held and (message.battery_heating_power > 0.0
+                              or message.reason not in NOT_READY):
+            self._is_held = False
+            self.get_logger().info('The planner has a plan: the clock runs.')
+
+    def _publish_state(self):
+        self._state_publisher.publish(battery_state_message(self._plant, self._stamp()))
+        period_s = self.get_parameter('battery_state_period').value
+        missed = math.floor((self._plant.time_s - self._next_state_s) / period_s)
+        self._next_state_s += (missed + 1) * period_s
+
+    @guarded
+    def _on_diagnostics_due(self):
+        self._publish_diagnostics()
+        lost_s, self._pace.lost_s = self._pace.lost_s, 0.0
+        share = lost_s / (DIAGNOSTICS_PERIOD_S * self._pace.speed_up)
+        if share > TOLERATED_LOSS:
+            self.get_logger().warning(
+                f'Simulated time runs {100 * share:.0f} % slower than speed_up '
+                f'{self._pace.speed_up:g}: this computer is too busy.', throttle_duration_sec=10.0)
+
+    def _publish_diagnostics(self):
+        self._diagnostics_publisher.publish(trip_diagnostics(self._plant, self._stamp()))
+
+    def _stamp(self):
+        return time_message(self._start_ns + round(self._plant.time_s * 1e9))
+
+    # Parameters
+
+    def _check_parameters(self, parameters):
+        try:
+            check(PARAMETERS, {parameter.name: parameter.value for parameter in parameters})
+        except InvalidInput as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)
+
+    @guarded
+    def _apply_parameters(self, parameters):
+        values = {parameter.name: parameter.value for parameter in parameters}
+        if 'speed_up' in values:
+            self._pace.speed_up = values['speed_up']
+            self._tick_timer.timer_period_ns = round(self._pace.real_tick_s * 1e9)
+            self._tick_timer.reset()
+        if 'battery_state_period' in values:
+            self._next_state_s = self._plant.time_s
+
+    # End
+
+    def fail(self, where, error):
+        """End the simulation after an exception nobody foresaw."""
+        self.get_logger().error(f'{where}: {type(error).__name__}: {error}; the simulation ends')
+        self.failed = True
+        if not self.finished.done():
+            self.finished.set_result(None)
+
+    def last_words(self):
+        """Wait a moment until the listeners have what was told last."""
+        self._diagnostics_publisher.wait_for_all_acked(Duration(seconds=1))
+
+
+def _departure(values):
+    """Return (VehiclePlant, Mission) of parameter values; raises InvalidInput on misfits."""
+    vehicle = load_vehicle(values['vehicle'])
+    route = load_route(values['route'], vehicle.defaults)
+    state = BatteryState(values['initial_battery_temperature'], values['initial_soc'])
+    target_c = values['target_battery_temperature']
+    goal = Goal(vehicle.defaults.target_battery_temperature_c if math.isnan(target_c)
+                else target_c, values['minimum_arrival_soc'], values['charging_planned'])
+    check_situation(vehicle, route=route, state=state, goal=goal)
+    mission = Mission(
+        route_id=Path(values['route']).stem,
+        route=route,
+        start_ns=round(values['start_time'] * 1e9) or time.time_ns(),
+        charging_planned=values['charging_planned'],
+        target_temperature_c=None if math.isnan(target_c) else target_c,
+        minimum_arrival_soc=values['minimum_arrival_soc'])
+    return VehiclePlant(vehicle, route, state), mission
+
+
+def main():
+    """Run the simulated vehicle until it is told to end, or arrives with exit_on_arrival."""
+    made = []
+
+    def make_node():
+        made.append(VehicleSimulatorNode())
+        return made[0]
+
+    status = run_node(make_node)
+    sys.exit(status or int(any(node.failed for node in made)))
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,136 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+The battery's power limits (9i) and the forward run that keeps them.
+
+Limits are on P_b; here they are turned into limits on the terminal power P_t, which is what heater,
+drivetrain and friction brake add up to. They are kept at the start of each step, as in the program.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from bev_preheat.arithmetic import ARRAYS, FLOATS
+from bev_preheat.model import make_runge_kutta_4
+from bev_preheat.planning.schedule import Schedule, switched_on_s
+from bev_preheat.planning.simulate import step_of_floats
+
+# Steps are looked at closely where a limit is this near: the run on which they are chosen may be
+# warmer than the run that is made, by what the friction brake takes from the drivetrain's heat.
+COLDER_BY_K = 5.0
+# A limit counts as active where it takes more than this [W].
+ACTIVE_W = 1e-3
+
+
+def make_terminal_limits(vehicle, arithmetic):
+    """
+    Return `limits(soc, temperature_c, power_variance_w2)` -> least and most terminal power [W].
+
+    With P_b = U I + R var/U^2 at its limit, P_t = U I - R I^2. The most is at I = U/(2 R), whatever
+    the battery's own limit says.
+    """
+    battery = vehicle.battery
+    open_circuit_voltage = battery.open_circuit_voltage.function(arithmetic)
+    resistance = battery.resistance.function(arithmetic)
+    charge = battery.charge_power_limit.function(arithmetic)
+    discharge = battery.discharge_power_limit.function(arithmetic)
+    minimum = arithmetic.minimum
+
+    def limits(soc, temperature_c, power_variance_w2):
+        u = open_circuit_voltage(soc, temperature_c)
+        r = resistance(soc, temperature_c)
+        ripple_w = r * power_variance_w2 / (u * u)
+        charging_a = (charge(soc, temperature_c) - ripple_w) / u
+        discharging_a = minimum((discharge(soc, temperature_c) - ripple_w) / u, 0.5 * u / r)
+        return (u * charging_a - r * charging_a * charging_a,
+                u * discharging_a - r * discharging_a * discharging_a)
+
+    return limits
+
+
+@dataclass(frozen=True)
+class Watch:
+    """Steps in which a limit may matter, shape (N,): regeneration, or drive and heater."""
+
+    charge: np.ndarray
+    discharge: np.ndarray
+
+    @property
+    def any(self):
+        """Whether there is any such step."""
+        return bool(self.charge.any() or self.discharge.any())
+
+
+def watch_limits(trip, soc, temperature_c):
+    """Return the Watch of a trip, from a run (N + 1 values) that is not much warmer than any other."""
+    least_w, most_w = make_terminal_limits(trip.vehicle, ARRAYS)(
+        soc[:-1], temperature_c[:-1] - COLDER_BY_K, trip.power_variance_w2)
+    return Watch(
+        charge=(trip.route.propulsion_power_w < 0.0) & (trip.idle_power_w < least_w),
+        discharge=trip.idle_power_w + trip.heater_limit_w > most_w)
+
+
+def limits_hold(trip, schedule):
+    """Return whether a schedule made without regard to limits keeps them all."""
+    battery = trip.vehicle.battery
+    lowest_c, highest_c = battery.temperature_range_c
+    temperature_c = schedule.temperature_c
+    if temperature_c.max() > highest_c or temperature_c.min() < lowest_c:
+        return False
+    terminal_w = trip.idle_power_w + schedule.heater_power_w
+    least_w, most_w = make_terminal_limits(trip.vehicle, ARRAYS)(
+        schedule.soc[:-1], temperature_c[:-1], trip.power_variance_w2)
+    return bool(((terminal_w >= least_w) & (terminal_w <= most_w)).all())
+
+
+def run_within_limits(trip, state, watch, paid_power_w, take_surplus):
+    """
+    Return the Schedule of a forward run that keeps the limits.
+
+    `paid_power_w(step, temperature_c)` is the heater power [W] wanted in a step, cut where the
+    battery cannot give it or is at its highest temperature. With `take_surplus`, what the battery
+    may not take of the regeneration goes to the heater first; the friction brake takes the rest.
+    """
+    vehicle = trip.vehicle
+    step = step_of_floats(vehicle, make_runge_kutta_4, saturating=True)
+    limits = make_terminal_limits(vehicle, FLOATS)
+    highest_c = vehicle.battery.temperature_range_c[1]
+    efficiency, heat_share = vehicle.hvch.efficiency, vehicle.drivetrain.heat_share
+    soc, temperature_c = state.soc, state.temperature_c
+    socs, temperatures_c, heaters_w, brakes_w = [soc], [temperature_c], [], []
+    columns = zip(range(len(trip.route)), *(column.tolist() for column in (
+        trip.route.duration_s, trip.idle_power_w, trip.power_variance_w2, trip.idle_heat_w,
+        trip.leakage_w_per_k, trip.heater_limit_w, watch.charge, watch.discharge)))
+    propulsion_w = trip.route.propulsion_power_w.tolist()
+    for (k, duration_s, power_w, variance_w2, heat_w, leakage_w_per_k, cap_w,
+         may_overcharge, may_overdraw) in columns:
+        heater_w = paid_power_w(k, temperature_c)
+        brake_w = 0.0
+        if may_overcharge or may_overdraw:
+            least_w, most_w = limits(soc, temperature_c, variance_w2)
+            heater_w = max(0.0, min(heater_w, most_w - power_w))
+            if may_overcharge:
+                if take_surplus:
+                    heater_w = max(heater_w, min(cap_w, least_w - power_w))
+                brake_w = min(max(0.0, least_w - power_w - heater_w), -propulsion_w[k])
+        if heater_w > 0.0 and temperature_c >= highest_c:
+            heater_w = 0.0
+        soc, temperature_c, _, _ = step(
+            soc, temperature_c, duration_s, power_w + heater_w + brake_w, variance_w2,
+            heat_w + efficiency * heater_w - heat_share * brake_w, leakage_w_per_k)
+        socs.append(soc)
+        temperatures_c.append(temperature_c)
+        heaters_w.append(heater_w)
+        brakes_w.append(brake_w)
+    heater_power_w = np.array(heaters_w)
+    return Schedule(switched_on_s(trip, heater_power_w), heater_power_w, np.array(brakes_w),
+                    np.array(socs), np.array(temperatures_c), make_runge_kutta_4)
+
+
+def drive_as_planned(trip, state, heater_power_w):
+    """Return the Schedule of a forward run that keeps the limits under heater powers [W] (N,)."""
+    wanted_w = heater_power_w.tolist()
+    everywhere = np.ones(len(trip.route), dtype=bool)
+    return run_within_limits(
+        trip, state, Watch(trip.route.propulsion_power_w < 0.0, everywhere),
+        lambda k, temperature_c: wanted_w[k], take_surplus=False)

@@ -1,0 +1,111 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Method `optimal_switch`: zero, one partial step, then maximum, arriving exactly at the target.
+
+Of all such schedules the one whose forward run, with the NLP's own integrator, arrives at the
+target is the NLP's optimum wherever no limit but the heater's is active (docs/planning.md). The
+paper's crossing is the first guess, a few forward runs of the heated part do the rest.
+"""
+
+import math
+
+import numpy as np
+
+from bev_preheat.arithmetic import SATURATING_FLOATS
+from bev_preheat.model import make_rates, make_runge_kutta_4
+from bev_preheat.planning.paper import find_crossing
+from bev_preheat.planning.schedule import Schedule, maximum_from
+from bev_preheat.planning.simulate import run_forward
+
+# The target is met when the forward run arrives this close [K]; for a large pack a millionth of a
+# kelvin is 0.1 mWh.
+ARRIVAL_TOLERANCE_K = 1e-6
+# The secant needs two to four runs; the bracket makes sure that the search ends in any case.
+MOST_RUNS = 60
+
+
+def plan_optimal_switch(trip, state, goal):
+    """Return the Schedule whose forward run arrives at the target, switching on once."""
+    idle_w = np.zeros(len(trip.route))
+    idle = run_forward(
+        trip.vehicle, make_runge_kutta_4, state.soc, state.temperature_c, trip.inputs(idle_w))
+    if idle[1][-1] >= goal.target_temperature_c:
+        return Schedule(None, idle_w, idle_w, np.array(idle[0]), np.array(idle[1]), make_runge_kutta_4)
+    guess_s = find_crossing(trip, goal.target_temperature_c, idle[0][-1], idle[1])
+    return refine_switching_instant(trip, goal.target_temperature_c, idle, guess_s or 0.0)
+
+
+def refine_switching_instant(trip, target_c, idle, guess_s):
+    """
+    Return the Schedule that arrives at the target, from a first guess of the switching instant [s].
+
+    `idle` is the unheated run (soc, temperature_c) that arrives below the target. Where heating all
+    the way is not enough, the schedule heats all the way.
+    """
+    # Arrival is the warmer, the earlier the heater starts: `early_s` is too warm, `late_s` too cold.
+    early_s, late_s = 0.0, float(trip.time_s[-1])
+    instant_s = min(max(guess_s, early_s), late_s)
+    schedule = _switch_at(trip, idle, instant_s)
+    excess_k = float(schedule.temperature_c[-1]) - target_c
+    slope_k_per_s = _arrival_slope_k_per_s(trip, schedule)
+    for _ in range(MOST_RUNS):
+        if abs(excess_k) <= ARRIVAL_TOLERANCE_K or (instant_s <= 0.0 and excess_k < 0.0):
+            break
+        if excess_k > 0.0:
+            early_s = instant_s
+        else:
+            late_s = instant_s
+        next_s = instant_s - excess_k / slope_k_per_s if slope_k_per_s < 0.0 else math.nan
+        if next_s <= 0.0 and early_s == 0.0:
+            # Whether all the way is enough is not known before it has been tried.
+            next_s = 0.0
+        elif not early_s < next_s < late_s:
+            next_s = 0.5 * (early_s + late_s)
+        if next_s == instant_s:
+            break
+        schedule = _switch_at(trip, idle, next_s)
+        next_excess_k = float(schedule.temperature_c[-1]) - target_c
+        slope_k_per_s = (next_excess_k - excess_k) / (next_s - instant_s)
+        instant_s, excess_k = next_s, next_excess_k
+    return schedule
+
+
+def _switch_at(trip, idle, instant_s):
+    """Schedule with one switching instant; before it the run is the unheated one."""
+    heater_power_w = maximum_from(trip, instant_s)
+    first = _step_at(trip, instant_s)
+    soc, temperature_c = run_forward(
+        trip.vehicle, make_runge_kutta_4, idle[0][first], idle[1][first],
+        [column[first:] for column in trip.inputs(heater_power_w)])
+    return Schedule(instant_s, heater_power_w, np.zeros(len(trip.route)),
+                    np.array(idle[0][:first] + soc), np.array(idle[1][:first] + temperature_c), make_runge_kutta_4)
+
+
+def _arrival_slope_k_per_s(trip, schedule):
+    """
+    Change of the arrival temperature with the switching instant [K/s], a first estimate.
+
+    What the heater adds to the rate of change at the switching instant, less the part of it that
+    leaks until arrival, or that a warmer battery does not make as Joule heat.
+    """
+    first = _step_at(trip, schedule.heating_start_s)
+    rates = make_rates(trip.vehicle, SATURATING_FLOATS)
+    soc, temperature_c = schedule.soc.tolist(), schedule.temperature_c.tolist()
+
+    def rate(state, heated_k, step, heater_w):
+        power_w, variance_w2, heat_w, leakage_w_per_k = (
+            float(column[step]) for column in trip.inputs(heater_w)[1:])
+        return rates(soc[state], temperature_c[state] + heated_k,
+                     power_w, variance_w2, heat_w, leakage_w_per_k)[1]
+
+    full_w = trip.heater_limit_w
+    gained_k_per_s = rate(first, 0.0, first, full_w) - rate(first, 0.0, first, 0.0 * full_w)
+    middle = (first + len(trip.route)) // 2
+    damping_per_s = rate(middle, 0.0, middle, full_w) - rate(middle, 1.0, middle, full_w)
+    return -gained_k_per_s * math.exp(
+        -damping_per_s * (float(trip.time_s[-1]) - schedule.heating_start_s))
+
+
+def _step_at(trip, instant_s):
+    """Index of the step in which an instant lies."""
+    return min(int(np.searchsorted(trip.time_s, instant_s, side='right')), len(trip.route)) - 1

@@ -1,0 +1,78 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Algorithms 1 and 2 of the paper, as printed: method `paper`."""
+
+import numpy as np
+
+from bev_preheat.model import make_euler
+from bev_preheat.planning.schedule import Schedule, maximum_from
+from bev_preheat.planning.simulate import run_forward, step_of_floats
+
+# Going backward the temperature may grow without bound (leakage outweighs the heater). This far
+# above the target no forward run can meet it.
+LOST_ABOVE_TARGET_K = 100.0
+
+
+def plan_paper(trip, state, goal, terminal_soc=None):
+    """
+    Return the Schedule of the forward and the backward simulation.
+
+    Algorithm 1 runs forward without battery heating, Algorithm 2 backward from the target with all
+    the power that the cabin leaves; the heater is switched on where the two temperatures meet.
+
+    The paper asks for T_bk == T_fw at a step; here the first crossing is taken and the switching
+    instant interpolated within its step. The state of charge at the end, which the paper assumes
+    (`terminal_soc`, its soc_f), is that of the forward run where none is given. The trajectories
+    are those of a forward run under the heater power so found, not the two halves put together,
+    which would jump at the crossing.
+    """
+    idle_w = np.zeros(len(trip.route))
+    idle_soc, idle_temperature_c = run_forward(
+        trip.vehicle, make_euler, state.soc, state.temperature_c, trip.inputs(idle_w))
+    if idle_temperature_c[-1] >= goal.target_temperature_c:
+        return Schedule(None, idle_w, idle_w, np.array(idle_soc), np.array(idle_temperature_c), make_euler)
+
+    instant_s = find_crossing(trip, goal.target_temperature_c,
+                              idle_soc[-1] if terminal_soc is None else terminal_soc,
+                              idle_temperature_c)
+    if instant_s is None:
+        instant_s = 0.0
+    heater_power_w = maximum_from(trip, instant_s)
+    first = int(np.searchsorted(trip.time_s, instant_s, side='right')) - 1
+    heated_soc, heated_temperature_c = run_forward(
+        trip.vehicle, make_euler, idle_soc[first], idle_temperature_c[first],
+        [column[first:] for column in trip.inputs(heater_power_w)])
+    return Schedule(
+        instant_s, heater_power_w, idle_w,
+        np.array(idle_soc[:first] + heated_soc),
+        np.array(idle_temperature_c[:first] + heated_temperature_c), make_euler)
+
+
+def find_crossing(trip, target_c, terminal_soc, idle_temperature_c):
+    """
+    Return the instant [s] at which Algorithm 2 meets the unheated run; None if it never does.
+
+    `idle_temperature_c` (N + 1 values) is the unheated run, colder than the target at its end.
+    """
+    columns = [array.tolist() for array in trip.inputs(trip.heater_limit_w)]
+    try:
+        return _backward(step_of_floats(trip.vehicle, make_euler), trip, columns,
+                         target_c, terminal_soc, idle_temperature_c)
+    except ValueError:
+        return _backward(step_of_floats(trip.vehicle, make_euler, saturating=True), trip, columns,
+                         target_c, terminal_soc, idle_temperature_c)
+
+
+def _backward(step, trip, columns, target_c, soc, idle_temperature_c):
+    temperature_c = target_c
+    above_k = target_c - idle_temperature_c[-1]
+    steps = zip(range(len(trip.route) - 1, -1, -1), *(reversed(column) for column in columns))
+    for k, duration_s, power_w, variance_w2, heat_w, leakage_w_per_k in steps:
+        soc, temperature_c, _, _ = step(
+            soc, temperature_c, -duration_s, power_w, variance_w2, heat_w, leakage_w_per_k)
+        above_before_k, above_k = above_k, temperature_c - idle_temperature_c[k]
+        if above_k <= 0.0:
+            return float(trip.time_s[k + 1]
+                         - duration_s * above_before_k / (above_before_k - above_k))
+        if temperature_c > target_c + LOST_ABOVE_TARGET_K:
+            return None
+    return None

@@ -1,0 +1,94 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The result of planning, of the same type for every method and for the NLP."""
+
+from dataclasses import asdict, dataclass
+from typing import Optional
+
+import numpy as np
+
+from bev_preheat.planning.simulate import Energies
+from bev_preheat.planning.status import Status
+
+
+@dataclass(frozen=True)
+class Plan:
+    """
+    When to heat, and what comes of it; times in seconds after the start of the plan.
+
+    `heating_start_s` is None where the plan does not heat. `shortfall_k` says by how much the
+    target is missed, `undeliverable_power_w` how much power the battery lacks in the worst step
+    (at `undeliverable_at_s`). Shapes: `time_s`, `battery_temperature_c` and `soc` (N + 1,),
+    `hvch_battery_power_w` (N,), the mean electrical power in each step, `friction_brake_power_w`
+    (N,), what the friction brake takes because the battery may not.
+    """
+
+    status: Status
+    explanation: str
+    method: str
+    target_temperature_c: float
+    heating_start_s: Optional[float]
+    time_s: np.ndarray
+    battery_temperature_c: np.ndarray
+    soc: np.ndarray
+    hvch_battery_power_w: np.ndarray
+    friction_brake_power_w: np.ndarray
+    energy_wh: Energies
+    shortfall_k: float
+    undeliverable_power_w: float
+    undeliverable_at_s: Optional[float]
+    planning_time_s: float
+
+    @property
+    def arrival_time_s(self):
+        """Instant of arrival [s]."""
+        return float(self.time_s[-1])
+
+    @property
+    def arrival_temperature_c(self):
+        """Battery temperature on arrival [deg C]."""
+        return float(self.battery_temperature_c[-1])
+
+    @property
+    def arrival_soc(self):
+        """State of charge on arrival, 0 ... 1."""
+        return float(self.soc[-1])
+
+    def power_at_w(self, elapsed_s):
+        """
+        Return the electrical heater power [W] at an instant [s] of the plan, 0 before it starts.
+
+        In the step in which the heater is switched on, it is off before the switching instant and
+        at full power after it.
+        """
+        if self.heating_start_s is None or not (
+                self.heating_start_s <= elapsed_s < self.arrival_time_s):
+            return 0.0
+        step = int(np.searchsorted(self.time_s, elapsed_s, side='right')) - 1
+        start_s, end_s = self.time_s[step], self.time_s[step + 1]
+        power_w = float(self.hvch_battery_power_w[step])
+        if start_s < self.heating_start_s:
+            power_w *= float((end_s - start_s) / (end_s - self.heating_start_s))
+        return power_w
+
+    def as_dictionary(self):
+        """Return the plan as `preheat plan --json` writes it: plain numbers, texts and lists."""
+        return {
+            'status': self.status.name,
+            'explanation': self.explanation,
+            'method': self.method,
+            'target_temperature_c': self.target_temperature_c,
+            'heating_start_s': self.heating_start_s,
+            'arrival_time_s': self.arrival_time_s,
+            'arrival_temperature_c': self.arrival_temperature_c,
+            'arrival_soc': self.arrival_soc,
+            'shortfall_k': self.shortfall_k,
+            'undeliverable_power_w': self.undeliverable_power_w,
+            'undeliverable_at_s': self.undeliverable_at_s,
+            'energy_wh': asdict(self.energy_wh),
+            'planning_time_s': self.planning_time_s,
+            'time_s': self.time_s.tolist(),
+            'battery_temperature_c': self.battery_temperature_c.tolist(),
+            'soc': self.soc.tolist(),
+            'hvch_battery_power_w': self.hvch_battery_power_w.tolist(),
+            'friction_brake_power_w': self.friction_brake_power_w.tolist(),
+        }

@@ -1,0 +1,101 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Makes a plan: checks, runs a method, and says what comes of it."""
+
+from dataclasses import replace
+from time import perf_counter
+
+import numpy as np
+
+from bev_preheat.errors import InvalidInput, PlanningFailure
+from bev_preheat.model import make_runge_kutta_4
+from bev_preheat.planning.explanation import explain
+from bev_preheat.planning.optimal_switch import plan_optimal_switch
+from bev_preheat.planning.paper import plan_paper
+from bev_preheat.planning.plan import Plan
+from bev_preheat.planning.schedule import Schedule
+from bev_preheat.planning.situation import check_situation
+from bev_preheat.planning.simulate import keep_accounts, run_forward
+from bev_preheat.planning.status import Status
+from bev_preheat.planning.trip import make_trip
+
+METHODS = {'optimal_switch': plan_optimal_switch, 'paper': plan_paper}
+DEFAULT_METHOD = 'paper'
+
+# Missing the target by less than this is no miss: the paper's Euler steps are not better.
+SHORTFALL_TOLERANCE_K = 0.2
+# A switching instant this close is now.
+NOW_S = 1e-6
+
+
+def plan_preheating(vehicle, route, state, goal, method=DEFAULT_METHOD, **options):
+    """
+    Return the Plan for a vehicle with a battery state at the start of a route.
+
+    `method` is one of METHODS, `options` are its own. Raises InvalidInput where state, goal or
+    route are outside what the vehicle's model describes, or the method is unknown; PlanningFailure
+    where the model yields no numbers.
+    """
+    started = perf_counter()
+    if method not in METHODS:
+        raise InvalidInput(f'method: {method!r} is not one of {", ".join(METHODS)}')
+    check_situation(vehicle, route, state, goal)
+    trip = make_trip(vehicle, route)
+    try:
+        if goal.charging_planned:
+            schedule = METHODS[method](trip, state, goal, **options)
+        else:
+            schedule = plan_without_heating(trip, state)
+    except ArithmeticError as error:
+        raise PlanningFailure(f'the battery model fails on this route: {error}') from error
+    return finish_plan(trip, goal, schedule, method, started)
+
+
+def plan_without_heating(trip, state, make_integrator=make_runge_kutta_4):
+    """Return the Schedule that never heats."""
+    idle_w = np.zeros(len(trip.route))
+    soc, temperature_c = run_forward(
+        trip.vehicle, make_integrator, state.soc, state.temperature_c, trip.inputs(idle_w))
+    return Schedule(None, idle_w, idle_w, np.array(soc), np.array(temperature_c), make_integrator)
+
+
+def finish_plan(trip, goal, schedule, method, started):
+    """Return the Plan of a schedule: energies, status and sentence; `started`: perf_counter()."""
+    accounts = keep_accounts(trip, schedule)
+    if not (np.isfinite(schedule.temperature_c).all() and np.isfinite(schedule.soc).all()):
+        raise PlanningFailure('the battery model yields no finite temperatures on this route')
+    missing_w = accounts.undeliverable_power_w
+    worst = int(np.argmax(missing_w))
+    lacking_w = float(missing_w[worst])
+    plan = Plan(
+        status=Status.WAITING,
+        explanation='',
+        method=method,
+        target_temperature_c=goal.target_temperature_c,
+        heating_start_s=(schedule.heating_start_s
+                         if schedule.heater_power_w.any() else None),
+        time_s=trip.time_s,
+        battery_temperature_c=schedule.temperature_c,
+        soc=schedule.soc,
+        hvch_battery_power_w=schedule.heater_power_w,
+        friction_brake_power_w=schedule.brake_power_w,
+        energy_wh=accounts.energy_wh,
+        shortfall_k=max(0.0, goal.target_temperature_c - float(schedule.temperature_c[-1])),
+        undeliverable_power_w=lacking_w,
+        undeliverable_at_s=float(trip.time_s[worst]) if lacking_w > 0.0 else None,
+        planning_time_s=0.0)
+    status = _status(plan, goal)
+    return replace(plan, status=status, explanation=explain(status, plan),
+                   planning_time_s=perf_counter() - started)
+
+
+def _status(plan, goal):
+    if not goal.charging_planned:
+        return Status.NO_CHARGING_PLANNED
+    if plan.undeliverable_power_w > 0.0:
+        return Status.POWER_LIMITED
+    missed = plan.shortfall_k > SHORTFALL_TOLERANCE_K
+    if plan.heating_start_s is None:
+        return Status.TARGET_UNREACHABLE if missed else Status.NOT_NEEDED
+    if plan.heating_start_s > NOW_S:
+        return Status.WAITING
+    return Status.TARGET_UNREACHABLE if missed else Status.HEATING

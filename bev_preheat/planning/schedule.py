@@ -1,0 +1,55 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a planning method decides: when to heat. Everything else of a Plan follows from it."""
+
+from dataclasses import dataclass
+from typing import Callable, Optional
+
+import numpy as np
+
+
+# A heater power below this share of what the cabin leaves is rounding.
+HEATING_SHARE = 1e-4
+
+
+@dataclass(frozen=True)
+class Schedule:
+    """
+    Heater power [W] in each of the N steps, and the forward run that goes with it.
+
+    `heating_start_s` is the switching instant, None where nothing is heated; `brake_power_w` is
+    what the friction brake takes of the regeneration in each step; `soc` and `temperature_c`
+    (N + 1 values) are the run, made with `make_integrator` of `model`.
+    """
+
+    heating_start_s: Optional[float]
+    heater_power_w: np.ndarray
+    brake_power_w: np.ndarray
+    soc: np.ndarray
+    temperature_c: np.ndarray
+    make_integrator: Callable
+
+
+def maximum_from(trip, switching_instant_s):
+    """
+    Heater power [W] of each step, shape (N,): zero, one partial step, then what the cabin leaves.
+
+    The step in which the heater is switched on carries its mean over the step.
+    """
+    duration_s = trip.route.duration_s
+    share_on = np.clip((trip.time_s[1:] - switching_instant_s) / duration_s, 0.0, 1.0)
+    return share_on * trip.heater_limit_w
+
+
+def switched_on_s(trip, heater_power_w):
+    """
+    Return the first instant of heating [s] under heater powers [W] (N,); None if there is none.
+
+    A first step that is heated in part is off first, then at full power to its end.
+    """
+    limit_w = trip.heater_limit_w
+    heated = np.flatnonzero(heater_power_w > HEATING_SHARE * limit_w)
+    if not len(heated):
+        return None
+    first = heated[0]
+    share_on = min(heater_power_w[first] / limit_w[first], 1.0)
+    return float(trip.time_s[first + 1] - share_on * trip.route.duration_s[first])

@@ -1,0 +1,125 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Runs of the model over a trip, forward and backward, and the energies of a forward run."""
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from bev_preheat.arithmetic import ARRAYS, FLOATS, SATURATING_FLOATS
+from bev_preheat.model import make_rates
+
+JOULES_PER_WH = 3600.0
+
+
+@lru_cache(maxsize=64)
+def step_of_floats(vehicle, make_integrator, saturating=False):
+    """One step of the vehicle's model for floats; made once, as making it costs more than a step."""
+    return make_integrator(make_rates(vehicle, SATURATING_FLOATS if saturating else FLOATS))
+
+
+def run_forward(vehicle, make_integrator, soc, temperature_c, inputs):
+    """
+    Roll the model out over the steps of `inputs` (Trip.inputs, whole or sliced).
+
+    Returns (soc, temperature_c), lists with one element more than there are steps. A step whose
+    power cannot be delivered is driven with the most that the battery can.
+    """
+    columns = [array.tolist() for array in inputs]
+    try:
+        return _roll(step_of_floats(vehicle, make_integrator), soc, temperature_c, columns)
+    except ValueError:
+        return _roll(step_of_floats(vehicle, make_integrator, saturating=True),
+                     soc, temperature_c, columns)
+
+
+def _roll(step, soc, temperature_c, columns):
+    socs, temperatures_c = [soc], [temperature_c]
+    for duration_s, power_w, variance_w2, heat_w, leakage_w_per_k in zip(*columns):
+        soc, temperature_c, _, _ = step(
+            soc, temperature_c, duration_s, power_w, variance_w2, heat_w, leakage_w_per_k)
+        socs.append(soc)
+        temperatures_c.append(temperature_c)
+    return socs, temperatures_c
+
+
+@dataclass(frozen=True)
+class Energies:
+    """
+    Energies of a forward run [Wh]; the first four rows are those of the paper's Table II.
+
+    `leakage` is negative where heat is lost. `battery_total` is what the cells give, losses
+    included: the integral of U_oc I_b.
+    """
+
+    joule: float
+    drivetrain_heat: float
+    hvch_heat: float
+    leakage: float
+    hvch_electric: float
+    battery_total: float
+
+
+@dataclass(frozen=True)
+class Accounts:
+    """
+    What a forward run costs: its energies, and what they are made of in each of the N steps [W].
+
+    `leakage_w` is negative where heat is lost, `battery_power_w` is P_b, `undeliverable_power_w`
+    the terminal power that the battery could not give.
+    """
+
+    energy_wh: Energies
+    joule_heat_w: np.ndarray
+    leakage_w: np.ndarray
+    battery_power_w: np.ndarray
+    undeliverable_power_w: np.ndarray
+
+
+def keep_accounts(trip, schedule):
+    """
+    Return the Accounts of a Schedule's forward run.
+
+    Each term is integrated with the weights of the run's own integrator, so that the heat balance
+    and the energy balance close to rounding.
+    """
+    vehicle = trip.vehicle
+    heater_power_w, soc, temperature_c = (
+        schedule.heater_power_w, schedule.soc, schedule.temperature_c)
+    inputs = trip.inputs(heater_power_w, schedule.brake_power_w)
+    duration_s, terminal_power_w = inputs[:2]
+    hours = duration_s / JOULES_PER_WH
+    _, _, mean_temperature_c, joule_heat_w = _step_of_arrays(vehicle, schedule.make_integrator)(
+        soc[:-1], temperature_c[:-1], *inputs)
+    undeliverable_w = np.maximum(
+        terminal_power_w - deliverable_power_w(vehicle, soc[:-1], temperature_c[:-1]), 0.0)
+    drivetrain_heat_w = (trip.drivetrain_heat_w
+                         - vehicle.drivetrain.heat_share * schedule.brake_power_w)
+    leakage_w = trip.leakage_w_per_k * (trip.route.ambient_temperature_c - mean_temperature_c)
+    battery_power_w = terminal_power_w - undeliverable_w + joule_heat_w
+    hvch_electric_wh = float(hours @ heater_power_w)
+    return Accounts(
+        energy_wh=Energies(
+            joule=float(hours @ joule_heat_w),
+            drivetrain_heat=float(hours @ drivetrain_heat_w),
+            hvch_heat=vehicle.hvch.efficiency * hvch_electric_wh,
+            leakage=float(hours @ leakage_w),
+            hvch_electric=hvch_electric_wh,
+            battery_total=float(hours @ battery_power_w)),
+        joule_heat_w=joule_heat_w,
+        leakage_w=leakage_w,
+        battery_power_w=battery_power_w,
+        undeliverable_power_w=undeliverable_w)
+
+
+@lru_cache(maxsize=64)
+def _step_of_arrays(vehicle, make_integrator):
+    return make_integrator(make_rates(vehicle, ARRAYS))
+
+
+def deliverable_power_w(vehicle, soc, temperature_c):
+    """Most terminal power [W] that the circuit can give, U_oc^2/(4 R); shape of the inputs."""
+    battery = vehicle.battery
+    voltage_v = battery.open_circuit_voltage.function(ARRAYS)(soc, temperature_c)
+    resistance_ohm = battery.resistance.function(ARRAYS)(soc, temperature_c)
+    return voltage_v**2 / (4.0 * resistance_ohm)

@@ -1,0 +1,55 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a plan is made from besides vehicle and route: the battery's state and the goal."""
+
+from dataclasses import dataclass
+import math
+
+from bev_preheat.errors import InvalidInput
+
+
+@dataclass(frozen=True)
+class BatteryState:
+    """Battery temperature [deg C] and state of charge (0 ... 1), measured."""
+
+    temperature_c: float
+    soc: float
+
+
+@dataclass(frozen=True)
+class Goal:
+    """What the driver is to find on arrival."""
+
+    target_temperature_c: float
+    minimum_arrival_soc: float = 0.0
+    charging_planned: bool = True
+
+
+def check_situation(vehicle, route=None, state=None, goal=None):
+    """
+    Raise InvalidInput, one problem a quantity, where the vehicle's model does not hold.
+
+    What is None is not checked.
+    """
+    battery = vehicle.battery
+    lowest_c, highest_c = battery.temperature_range_c
+    in_battery_range = (lowest_c, highest_c, "degC, the range of the vehicle's battery")
+    share = (0.0, 1.0, '')
+    checks = []
+    if state is not None:
+        checks += [('battery temperature', state.temperature_c, in_battery_range),
+                   ('state of charge', state.soc, share)]
+    if goal is not None:
+        checks.append(('minimum arrival state of charge', goal.minimum_arrival_soc, share))
+        if goal.charging_planned:
+            checks.append(
+                ('target battery temperature', goal.target_temperature_c, in_battery_range))
+    if route is not None:
+        checks.append(('ambient temperature', float(route.ambient_temperature_c.min()), (
+            lowest_c, math.inf, "degC: the vehicle's battery is not described below that")))
+    problems = [
+        f'{name}: {value:g} is not allowed; it must be '
+        + (f'at least {low:g} {what}' if high == math.inf else
+           f'{low:g} ... {high:g} {what}').rstrip()
+        for name, value, (low, high, what) in checks if not low <= value <= high]
+    if problems:
+        raise InvalidInput(problems)

@@ -1,0 +1,67 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A route as one vehicle drives it: the inputs of each step of the model."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from bev_preheat.route.segments import Route
+from bev_preheat.vehicle.description import Vehicle
+
+# Longer steps are divided: Euler's error grows with the step, and beyond some ten minutes the
+# explicit methods lose their stability for a light pack with a strong leakage.
+LONGEST_STEP_S = 300.0
+
+
+@dataclass(frozen=True)
+class Trip:
+    """
+    The model's inputs in N steps, without battery heating; arrays of shape (N,), `time_s` (N + 1,).
+
+    `idle_power_w` is P_t without battery heating, `idle_heat_w` is gamma T_amb + Q_ed,
+    `heater_limit_w` what the cabin leaves of the HVCH (9g).
+    """
+
+    vehicle: Vehicle
+    route: Route
+    time_s: np.ndarray
+    idle_power_w: np.ndarray
+    power_variance_w2: np.ndarray
+    idle_heat_w: np.ndarray
+    drivetrain_heat_w: np.ndarray
+    leakage_w_per_k: np.ndarray
+    heater_limit_w: np.ndarray
+
+    def inputs(self, heater_power_w, brake_power_w=0.0):
+        """
+        Inputs of `model` steps under a heater and a friction brake power [W], a tuple of arrays.
+
+        In the order of a step's arguments: duration, terminal power, power variance, heat, leakage.
+        What the friction brake takes is not regenerated, so the drivetrain's heat shrinks with it.
+        """
+        vehicle = self.vehicle
+        return (self.route.duration_s,
+                self.idle_power_w + heater_power_w + brake_power_w,
+                self.power_variance_w2,
+                self.idle_heat_w + vehicle.hvch.efficiency * heater_power_w
+                - vehicle.drivetrain.heat_share * brake_power_w,
+                self.leakage_w_per_k)
+
+
+def make_trip(vehicle, route):
+    """Return the Trip of a vehicle on a route, whose long segments are divided for it."""
+    route = route.divided(LONGEST_STEP_S)
+    leakage_w_per_k = vehicle.battery.leakage.coefficient_w_per_k(route.speed_mps)
+    drivetrain_heat_w = vehicle.drivetrain.heat_to_battery_w(route.propulsion_power_w)
+    return Trip(
+        vehicle=vehicle,
+        route=route,
+        time_s=route.time_s,
+        idle_power_w=(route.propulsion_power_w + route.cabin_heating_power_w
+                      + route.auxiliary_power_w),
+        power_variance_w2=route.propulsion_power_variance_w2,
+        idle_heat_w=leakage_w_per_k * route.ambient_temperature_c + drivetrain_heat_w,
+        drivetrain_heat_w=drivetrain_heat_w,
+        leakage_w_per_k=leakage_w_per_k,
+        heater_limit_w=np.maximum(
+            vehicle.hvch.maximum_power_w - route.cabin_heating_power_w, 0.0))

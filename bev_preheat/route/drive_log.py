@@ -1,0 +1,204 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Makes a Route from drive logs: CSV files, a sample a second, a header, `#` for comments.
+
+Wanted columns: time_s, speed_mps, ambient_c (ambient temperature), cabin_heater_w (electrical
+power of the cabin heater), and the battery's terminal power, positive when discharging: either
+power_w or voltage_v and current_a. aircon_w (air conditioning) is taken where it is there; any
+other column is left alone.
+"""
+
+import csv
+from dataclasses import dataclass
+from difflib import get_close_matches
+
+import numpy as np
+
+from bev_preheat.errors import InvalidInput
+from bev_preheat.route.segments import LIMITS, Route, make_route
+
+# What a sample may hold: (low, high). The sensors of a car give nothing else, their faults do.
+POSSIBLE = {
+    'speed_mps': LIMITS['speed_mps'],
+    'voltage_v': (1.0, 1500.0),
+    'current_a': (-3000.0, 3000.0),
+    'power_w': LIMITS['propulsion_power_w'],
+    'ambient_c': LIMITS['ambient_temperature_c'],
+    'cabin_heater_w': LIMITS['cabin_heating_power_w'],
+    'aircon_w': LIMITS['auxiliary_power_w'],
+}
+OPTIONAL_COLUMNS = ('aircon_w',)
+# A sample speaks for this long at most [s]; more without a sample is a gap.
+LONGEST_INTERVAL_S = 1.5
+# Longest gap that is bridged [s], and the largest share of a log that may be bridged.
+LONGEST_GAP_S = 10.0
+MOST_BRIDGED = 0.2
+# Gaps of a log that are reported one by one.
+MOST_GAPS_NAMED = 5
+
+
+@dataclass(frozen=True)
+class LoggedRoute:
+    """The Route of one or more drive logs, and a sentence for each thing found wrong in them."""
+
+    route: Route
+    remarks: tuple
+
+
+def load_drive_logs(paths, defaults, step_s=30.0):
+    """
+    Return the LoggedRoute of drive logs, joined in the given order, in segments of `step_s`.
+
+    Propulsion power is what remains of the terminal power without cabin heater, air conditioning
+    and the constant auxiliary power of `defaults` (vehicle.description.Defaults). A sample holds
+    until the next one. Samples that are empty, NaN or impossible are left out and reported; gaps
+    up to LONGEST_GAP_S are bridged by linear interpolation and reported.
+
+    Raises InvalidInput naming file, line, column, value and what is allowed: no such column, text
+    in place of a number, time that does not rise, gaps too long or too many.
+    """
+    if not 1.0 <= step_s <= 3600.0:
+        raise InvalidInput(f'step: {step_s:g} s is not allowed; it must be 1 ... 3600 s')
+    remarks, pieces = [], []
+    for path in paths:
+        names, lines, samples = _read(path)
+        lines, samples = _possible_samples(path, names, lines, samples, remarks)
+        pieces.append(_segments(path, names, lines, samples, defaults, remarks))
+    columns = {name: np.concatenate([piece[name] for piece in pieces]) for name in pieces[0]}
+    described = ', '.join(map(str, paths))
+    try:
+        route = make_route(columns, defaults).resampled(step_s)
+    except InvalidInput as error:
+        raise InvalidInput([f'{described}: {problem}' for problem in error.problems]) from error
+    if route.propulsion_power_w @ route.duration_s < 0.0:
+        remarks.append(f'{described}: more is regenerated than driven with; is the current really '
+                       'positive when the battery is discharged?')
+    return LoggedRoute(route, tuple(remarks))
+
+
+def _read(path):
+    """Names of the columns that are used, line numbers (N,), samples (N, columns)."""
+    try:
+        with open(path, encoding='utf-8-sig', newline='') as file:
+            rows = [(number, next(csv.reader([text])))
+                    for number, line in enumerate(file, start=1)
+                    if (text := line.split('#', 1)[0].strip())]
+    except (OSError, UnicodeDecodeError) as error:
+        reason = getattr(error, 'strerror', None) or 'is not UTF-8 text'
+        raise InvalidInput(f'{path}: cannot be read: {reason}') from error
+    if len(rows) < 3:
+        raise InvalidInput(f'{path}: has {max(len(rows) - 1, 0)} samples; at least 2 are needed, '
+                           'below a header')
+    (header_line, header), rows = rows[0], rows[1:]
+    header = [name.strip() for name in header]
+    names = _wanted_columns(f'{path}, line {header_line}', header)
+    places = [header.index(name) for name in names]
+    problems, samples = [], []
+    for line, row in rows:
+        if len(row) != len(header):
+            problems.append(f'{path}, line {line}: has {len(row)} values; the header names '
+                            f'{len(header)} columns')
+            continue
+        sample = []
+        for name, place in zip(names, places):
+            text = row[place].strip()
+            try:
+                sample.append(float(text) if text else np.nan)
+            except ValueError:
+                problems.append(f'{path}, line {line}: {name}: {text!r} is not a number')
+        samples.append(sample)
+    if problems:
+        raise InvalidInput(problems)
+    return names, np.array([line for line, _ in rows]), np.array(samples)
+
+
+def _wanted_columns(where, header):
+    power = ('power_w',) if 'power_w' in header else ('voltage_v', 'current_a')
+    wanted = ('time_s', 'speed_mps', 'ambient_c', 'cabin_heater_w', *power)
+    names = wanted + tuple(name for name in OPTIONAL_COLUMNS if name in header)
+    problems = []
+    for name in wanted:
+        if name not in header:
+            near = get_close_matches(name, header, n=1)
+            hint = f'; is it {near[0]!r}?' if near else ''
+            other = ' (or power_w)' if name in ('voltage_v', 'current_a') else ''
+            problems.append(f'{where}: missing column {name}{other}{hint}')
+    problems += [f'{where}: column {name} is named twice' for name in names
+                 if header.count(name) > 1]
+    if problems:
+        raise InvalidInput(problems)
+    return names
+
+
+def _possible_samples(path, names, lines, samples, remarks):
+    """Lines and samples without those that cannot be; time must rise."""
+    time_s = samples[:, 0]
+    at = int(np.argmin(np.isfinite(time_s)))
+    if not np.isfinite(time_s[at]):
+        raise InvalidInput(f'{path}, line {lines[at]}: time_s: {time_s[at]:g} is not a time')
+    falls = np.flatnonzero(np.diff(time_s) <= 0.0)
+    if falls.size:
+        at = falls[0] + 1
+        raise InvalidInput(f'{path}, line {lines[at]}: time_s: {time_s[at]:g} does not come after '
+                           f'{time_s[at - 1]:g}, the sample before')
+    good = np.ones(len(samples), dtype=bool)
+    for name, values in zip(names[1:], samples.T[1:]):
+        low, high = POSSIBLE[name]
+        bad = ~((values >= low) & (values <= high))
+        if bad.any():
+            at, count = int(np.argmax(bad)), int(bad.sum())
+            more = f' (and {count - 1} more lines)' if count > 1 else ''
+            remarks.append(f'{path}, line {lines[at]}: {name}: {values[at]:g} is left out; '
+                           f'possible is {low:g} ... {high:g}{more}')
+            good &= ~bad
+    if good.sum() < 2:
+        raise InvalidInput(f'{path}: has {int(good.sum())} samples that are possible; at least 2 '
+                           'are needed')
+    return lines[good], samples[good]
+
+
+def _segments(path, names, lines, samples, defaults, remarks):
+    """Columns of Route, one segment a sample; gaps are bridged."""
+    logged_s = samples[:, 0]
+    time_s = _bridged(path, lines, logged_s, remarks)
+    log = dict(zip(names, samples.T))
+    power_w = log['power_w'] if 'power_w' in log else log['voltage_v'] * log['current_a']
+    auxiliary_w = log.get('aircon_w', 0.0) + np.full(len(logged_s), defaults.auxiliary_power_w)
+
+    def over_gaps(values):
+        return np.interp(time_s, logged_s, values)
+
+    # The last sample speaks for as long as samples do as a rule.
+    interval_s = min(float(np.median(np.diff(logged_s))), LONGEST_INTERVAL_S)
+    return {
+        'duration_s': np.diff(time_s, append=time_s[-1] + interval_s),
+        'speed_mps': over_gaps(log['speed_mps']),
+        'propulsion_power_w': over_gaps(power_w - log['cabin_heater_w'] - auxiliary_w),
+        'ambient_temperature_c': over_gaps(log['ambient_c']),
+        'cabin_heating_power_w': over_gaps(log['cabin_heater_w']),
+        'auxiliary_power_w': over_gaps(auxiliary_w),
+    }
+
+
+def _bridged(path, lines, time_s, remarks):
+    """Instants of the samples, with more of them, a second or so apart, in the gaps."""
+    lengths_s = np.diff(time_s)
+    gaps = np.flatnonzero(lengths_s > LONGEST_INTERVAL_S)
+    # The samples at both ends are there; what lies between is missing.
+    missing_s = float(np.sum(lengths_s[gaps] - 1.0))
+    allowed_s = MOST_BRIDGED * (time_s[-1] - time_s[0])
+    described = [f'{path}, line {lines[at + 1]}: {lengths_s[at]:g} s without a good sample, from '
+                 f'{time_s[at]:g} s to {time_s[at + 1]:g} s' for at in gaps]
+    too_long = [f'{gap}; at most {LONGEST_GAP_S:g} s are bridged'
+                for gap, at in zip(described, gaps) if lengths_s[at] > LONGEST_GAP_S]
+    if too_long:
+        raise InvalidInput(too_long)
+    if missing_s > allowed_s:
+        raise InvalidInput(f'{path}: {missing_s:g} s lack samples, in {len(gaps)} gaps; at most '
+                           f'{allowed_s:g} s, {MOST_BRIDGED:.0%} of the log, are bridged')
+    remarks += [f'{gap}, are bridged' for gap in described[:MOST_GAPS_NAMED]]
+    if len(gaps) > MOST_GAPS_NAMED:
+        remarks.append(f'{path}: {len(gaps) - MOST_GAPS_NAMED} more gaps are bridged')
+    inserted = [np.linspace(time_s[at], time_s[at + 1], int(np.ceil(lengths_s[at])) + 1)[1:-1]
+                for at in gaps]
+    return np.sort(np.concatenate([time_s, *inserted]))

@@ -1,0 +1,133 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+How fast a car drives along legs of a road: limits, stops and comfortable accelerations.
+
+The speed is laid over distance, where limits and stops stand still: the square of the speed may
+rise by 2 a ds and fall by 2 b ds over a cell of length ds. Braking in time for what lies ahead is
+then one pass from the end to the start.
+"""
+
+from dataclasses import dataclass
+from itertools import accumulate
+
+import numpy as np
+
+# Longest cell [m] over which the acceleration is constant.
+CELL_M = 2.0
+
+
+@dataclass(frozen=True)
+class Leg:
+    """
+    A stretch of road with one speed limit and one slope.
+
+    `slope` is rise over run; `stops` are spread evenly between the ends of the leg. Traffic takes
+    a random share of the speed limit away, between 0 and `traffic_slowdown`, drawn anew every
+    `traffic_length_m` and linear between. The ambient temperature is linear from start to end.
+    """
+
+    length_m: float
+    speed_limit_mps: float
+    slope: float = 0.0
+    stops: int = 0
+    stop_duration_s: float = 0.0
+    traffic_slowdown: float = 0.0
+    traffic_length_m: float = 300.0
+    ambient_at_start_c: float = 0.0
+    ambient_at_end_c: float = 0.0
+
+
+@dataclass(frozen=True)
+class Track:
+    """What the road allows, at M points along it; arrays of shape (M,)."""
+
+    distance_m: np.ndarray
+    allowed_speed_mps: np.ndarray
+    standstill_s: np.ndarray
+
+
+@dataclass(frozen=True)
+class Drive:
+    """Instants of a drive; arrays of shape (K,). Between two the acceleration is constant."""
+
+    time_s: np.ndarray
+    distance_m: np.ndarray
+    speed_mps: np.ndarray
+
+    def at(self, time_s):
+        """Return (distance [m], speed [m/s]) at instants [s]; shapes follow the input."""
+        cell = np.searchsorted(self.time_s, time_s, side='right') - 1
+        cell = np.clip(cell, 0, len(self.time_s) - 2)
+        since_s = time_s - self.time_s[cell]
+        start_mps = self.speed_mps[cell]
+        acceleration_mps2 = ((self.speed_mps[cell + 1] - start_mps)
+                             / (self.time_s[cell + 1] - self.time_s[cell]))
+        speed_mps = start_mps + acceleration_mps2 * since_s
+        return self.distance_m[cell] + 0.5 * (start_mps + speed_mps) * since_s, speed_mps
+
+
+def lay_track(legs, seed):
+    """
+    Return the Track of a sequence of Leg, which starts and ends at a standstill.
+
+    `seed` is that of the traffic's random numbers.
+    """
+    random = np.random.default_rng(seed)
+    # A point between two legs belongs to both, and the lower speed holds: each leg brings its own
+    # two ends, and the doubled points are merged below.
+    pieces = [_points(leg, start_m, random)
+              for leg, start_m in zip(legs, leg_starts_m(legs))]
+    distance_m, allowed_mps, standstill_s = (np.concatenate(column) for column in zip(*pieces))
+    first = np.flatnonzero(np.diff(distance_m, prepend=-1.0) > 0.0)
+    allowed_mps = np.minimum.reduceat(allowed_mps, first)
+    allowed_mps[[0, -1]] = 0.0
+    return Track(distance_m[first], allowed_mps, np.maximum.reduceat(standstill_s, first))
+
+
+def leg_starts_m(legs):
+    """Return where the legs start [m], and the end of the last one: a list of L + 1."""
+    return list(accumulate((leg.length_m for leg in legs), initial=0.0))
+
+
+def drive_along(track, acceleration_mps2, deceleration_mps2, pace=1.0):
+    """
+    Return the fastest Drive within what a Track allows, times `pace`, and the accelerations.
+
+    Both accelerations are magnitudes [m/s^2].
+    """
+    at_m = track.distance_m
+    squared = (pace * track.allowed_speed_mps)**2
+    rise = 2.0 * acceleration_mps2 * at_m
+    squared = np.minimum.accumulate(squared - rise) + rise
+    fall = 2.0 * deceleration_mps2 * at_m
+    squared = (np.minimum.accumulate((squared + fall)[::-1])[::-1]) - fall
+    # Rounding leaves a little on either side of 0 at a stop.
+    stops = track.allowed_speed_mps == 0.0
+    speed_mps = np.sqrt(np.where(stops, 0.0, np.maximum(squared, 0.0)))
+
+    moving_s = 2.0 * np.diff(at_m) / (speed_mps[:-1] + speed_mps[1:])
+    waited_s = np.cumsum(track.standstill_s)
+    arrival_s = np.concatenate(([0.0], np.cumsum(moving_s) + waited_s[:-1]))
+    waits = track.standstill_s > 0.0
+    departure_s = arrival_s[waits] + track.standstill_s[waits]
+    copies = 1 + waits
+    return Drive(time_s=np.sort(np.concatenate((arrival_s, departure_s)), kind='stable'),
+                 distance_m=np.repeat(at_m, copies),
+                 speed_mps=np.repeat(speed_mps, copies))
+
+
+def _points(leg, start_m, random):
+    """Distance, allowed speed and standstill at the points of one leg, its ends included."""
+    # Stops must be points, and between two of them there must be one where the car moves.
+    between_m = leg.length_m / (leg.stops + 1)
+    cells = max(2, int(np.ceil(between_m / CELL_M)))
+    along_m = np.linspace(0.0, leg.length_m, cells * (leg.stops + 1) + 1)
+    knots = int(np.ceil(leg.length_m / leg.traffic_length_m)) + 1
+    # Plain uniform numbers: the streams of other distributions may change between releases.
+    share = np.interp(along_m, leg.traffic_length_m * np.arange(knots), random.random(knots))
+    allowed_mps = leg.speed_limit_mps * (1.0 - leg.traffic_slowdown * share)
+    standstill_s = np.zeros_like(along_m)
+    at_stops = np.arange(1, leg.stops + 1) * cells
+    allowed_mps[at_stops] = 0.0
+    standstill_s[at_stops] = leg.stop_duration_s
+    return start_m + along_m, allowed_mps, standstill_s

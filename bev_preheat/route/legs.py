@@ -1,0 +1,224 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Makes a Route from a readable description of a trip: legs of road, and a car that drives them.
+
+The description is a YAML file (see legs_schema.yaml). The drive is simulated in short steps, which
+are then joined to segments that keep its energy and its mean square power.
+"""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from bev_preheat.checked_yaml import load_checked_yaml
+from bev_preheat.configuration import find_configuration
+from bev_preheat.errors import InvalidInput
+from bev_preheat.route.kinematics import Leg, drive_along, lay_track, leg_starts_m
+from bev_preheat.route.road_load import RoadVehicle, battery_power_w, wheel_power_w
+from bev_preheat.route.segments import LONGEST_ROUTE_S, Route, make_route
+
+SCHEMA = Path(__file__).with_name('legs_schema.yaml')
+
+# Longest step [s] of the simulation.
+STEP_S = 0.5
+# A rest of this share of a step at the end joins the step before.
+SLIVER = 0.05
+# How far calibration may scale speeds and powers: beyond, the description is another trip.
+PACE_RANGE = (0.7, 1.4)
+POWER_SCALE_RANGE = (0.5, 2.0)
+ELEVATION_RANGE_M = (-500.0, 9000.0)
+JOULES_PER_WH = 3600.0
+
+
+@dataclass(frozen=True)
+class LegsRoute:
+    """The Route of a description, its name, and sentences on what calibration has changed."""
+
+    route: Route
+    name: str
+    remarks: tuple
+
+
+def load_legs(name_or_file, defaults=None):
+    """
+    Return the LegsRoute of a name (a file in config/routes/legs) or of a YAML file.
+
+    `defaults` (vehicle.description.Defaults) gives the cabin's and the auxiliaries' power where
+    the description does not. Raises InvalidInput naming file, key, value and what is allowed.
+    """
+    path = find_configuration('routes/legs', name_or_file, '.yaml')
+    description = load_checked_yaml(path, SCHEMA)
+    try:
+        return _make(description, defaults)
+    except InvalidInput as error:
+        raise InvalidInput([f'{path}: {problem}' for problem in error.problems]) from error
+
+
+def _make(description, defaults):
+    remarks = []
+    legs = _legs(description, remarks)
+    _check_duration(legs)
+    vehicle = RoadVehicle(**{key: float(value)
+                             for key, value in description['road_vehicle'].items()})
+    drive = _drive(description, vehicle, legs, remarks)
+
+    segment_s = float(description.get('segment_duration_s', 30.0))
+    fine = _simulate(description, vehicle, legs, drive, segment_s, defaults)
+    route = fine.resampled(segment_s)
+    if not description.get('within_segment_variation', True):
+        route = replace(route, propulsion_power_rms_w=np.abs(route.propulsion_power_w))
+    if 'propulsion_energy_wh' in description:
+        route = _with_energy(route, **description['propulsion_energy_wh'], remarks=remarks)
+    return LegsRoute(route, description['name'], tuple(remarks))
+
+
+def _legs(description, remarks):
+    """Legs of the description, in SI units, as long as `distance_m` wants them."""
+    nodes = description['legs']
+    scale = 1.0
+    if 'distance_m' in description:
+        described_m = sum(node['length_m'] for node in nodes)
+        scale = description['distance_m'] / described_m
+        if scale != 1.0:
+            remarks.append(f'the legs, {described_m:g} m, are scaled by {scale:.4f} to '
+                           f'{description["distance_m"]:g} m')
+    problems, legs = [], []
+    for index, node in enumerate(nodes):
+        ambient_c = node.get('ambient_temperature_c', description.get('ambient_temperature_c'))
+        if ambient_c is None:
+            problems.append(f'legs[{index}]: missing ambient_temperature_c; it must stand here '
+                            'or at the top, for all legs')
+            continue
+        if node.get('stops', 0) and 'stop_duration_s' not in node:
+            problems.append(f'legs[{index}]: missing stop_duration_s, with '
+                            f'{node["stops"]} stops')
+            continue
+        start_c, end_c = ambient_c if isinstance(ambient_c, list) else (ambient_c, ambient_c)
+        legs.append(Leg(
+            length_m=scale * node['length_m'],
+            speed_limit_mps=node['speed_limit_kmh'] / 3.6,
+            slope=node.get('slope_percent', 0.0) / 100.0,
+            stops=node.get('stops', 0),
+            stop_duration_s=float(node.get('stop_duration_s', 0.0)),
+            traffic_slowdown=node.get('traffic_slowdown_percent', 0.0) / 100.0,
+            traffic_length_m=float(description.get('traffic_length_m', 300.0)),
+            ambient_at_start_c=float(start_c),
+            ambient_at_end_c=float(end_c)))
+    if problems:
+        raise InvalidInput(problems)
+    return legs
+
+
+def _check_duration(legs):
+    """Refuse trips that are far too long before they are simulated."""
+    least_s = sum(leg.length_m / leg.speed_limit_mps + leg.stops * leg.stop_duration_s
+                  for leg in legs)
+    if least_s > LONGEST_ROUTE_S:
+        raise InvalidInput(f'legs: the trip lasts at least {least_s:.0f} s; at most '
+                           f'{LONGEST_ROUTE_S:g} s are planned')
+
+
+def _drive(description, vehicle, legs, remarks):
+    """Drive of the vehicle along the legs, as long as `duration_s` wants it."""
+    track = lay_track(legs, description.get('seed', 0))
+
+    def at_pace(pace):
+        return drive_along(track, vehicle.acceleration_mps2, vehicle.deceleration_mps2, pace)
+
+    if 'duration_s' not in description:
+        return at_pace(1.0)
+    wanted_s = float(description['duration_s'])
+    slow, fast = PACE_RANGE
+    slowest_s, fastest_s = (at_pace(pace).time_s[-1] for pace in PACE_RANGE)
+    if not fastest_s <= wanted_s <= slowest_s:
+        raise InvalidInput(
+            f'duration_s: {wanted_s:g} is out of reach; with speeds scaled by {fast:g} ... '
+            f'{slow:g} the trip lasts {fastest_s:.0f} ... {slowest_s:.0f} s')
+    # Bisection: the duration falls with the pace, with kinks where accelerations take over.
+    while fast - slow > 1e-12:
+        pace = 0.5 * (slow + fast)
+        slow, fast = (pace, fast) if at_pace(pace).time_s[-1] > wanted_s else (slow, pace)
+    remarks.append(f'speeds are scaled by {fast:.4f} for a duration of {wanted_s:g} s')
+    drive = at_pace(fast)
+    # What bisection leaves is rounding.
+    return replace(drive, time_s=drive.time_s * (wanted_s / drive.time_s[-1]))
+
+
+def _simulate(description, vehicle, legs, drive, segment_s, defaults):
+    """Route in steps of about STEP_S, of which a segment holds a whole number."""
+    step_s = segment_s / np.ceil(segment_s / STEP_S)
+    end_s = drive.time_s[-1]
+    steps = max(1, int(np.ceil(end_s / step_s - SLIVER)))
+    time_s = step_s * np.arange(steps + 1)
+    time_s[-1] = end_s
+    duration_s = np.diff(time_s)
+    distance_m, speed_mps = drive.at(time_s)
+
+    starts_m = np.array(leg_starts_m(legs))
+    rise = np.array([leg.slope / np.hypot(1.0, leg.slope) for leg in legs])
+    elevations_m = description.get('start_elevation_m', 0.0) + np.concatenate(
+        ([0.0], np.cumsum(rise * np.diff(starts_m))))
+    _check_elevations(elevations_m)
+    middle_m = 0.5 * (distance_m[:-1] + distance_m[1:])
+    leg_of = np.clip(np.searchsorted(starts_m, middle_m, side='right') - 1, 0, len(legs) - 1)
+    along = (middle_m - starts_m[leg_of]) / np.diff(starts_m)[leg_of]
+    from_c = np.array([leg.ambient_at_start_c for leg in legs])[leg_of]
+    to_c = np.array([leg.ambient_at_end_c for leg in legs])[leg_of]
+    ambient_c = from_c + along * (to_c - from_c)
+
+    at_wheels_w = wheel_power_w(
+        vehicle, duration_s, distance_m, speed_mps,
+        elevation_m=np.interp(distance_m, starts_m, elevations_m),
+        slope=np.array([leg.slope for leg in legs])[leg_of],
+        ambient_temperature_c=ambient_c,
+        headwind_mps=description.get('headwind_mps', 0.0))
+    columns = {
+        'duration_s': duration_s,
+        'speed_mps': np.diff(distance_m) / duration_s,
+        'propulsion_power_w': battery_power_w(vehicle, at_wheels_w),
+        'ambient_temperature_c': ambient_c,
+    }
+    missing = []
+    for key in ('cabin_heating_power_w', 'auxiliary_power_w'):
+        if key in description:
+            columns[key] = [description[key]]
+        elif defaults is None:
+            missing.append(f'missing {key}; it must stand here or come from a vehicle')
+    if missing:
+        raise InvalidInput(missing)
+    return make_route(columns, defaults)
+
+
+def _check_elevations(elevations_m):
+    low_m, high_m = ELEVATION_RANGE_M
+    outside = np.flatnonzero((elevations_m < low_m) | (elevations_m > high_m))
+    if outside.size:
+        at = int(outside[0])
+        raise InvalidInput(f'legs[{at - 1}]: ends {elevations_m[at]:.0f} m above sea level; '
+                           f'it must be {low_m:g} ... {high_m:g}')
+
+
+def _with_energy(route, total_magnitude, net, remarks):
+    """Route with driving and regenerated powers scaled to the integrals [Wh] of |P| and of P."""
+    if abs(net) > total_magnitude:
+        raise InvalidInput(f'propulsion_energy_wh.net: {net:g} is not allowed; its magnitude must '
+                           f'be at most total_magnitude, {total_magnitude:g}')
+    power_w = route.propulsion_power_w
+    scales = np.ones(len(route))
+    for what, chosen, wanted_wh in (
+            ('driving', power_w > 0.0, 0.5 * (total_magnitude + net)),
+            ('regenerating', power_w < 0.0, 0.5 * (total_magnitude - net))):
+        energy_wh = float(np.abs(power_w[chosen]) @ route.duration_s[chosen]) / JOULES_PER_WH
+        if energy_wh == wanted_wh == 0.0:
+            continue
+        low, high = POWER_SCALE_RANGE
+        if not low * energy_wh <= wanted_wh <= high * energy_wh:
+            raise InvalidInput(
+                f'propulsion_energy_wh: wants {wanted_wh:g} Wh {what}; the segments hold '
+                f'{energy_wh:.1f} Wh, which may be scaled by {low:g} ... {high:g}')
+        scales[chosen] = wanted_wh / energy_wh
+        remarks.append(f'powers of {what} segments, {energy_wh:.1f} Wh, are scaled by '
+                       f'{wanted_wh / energy_wh:.4f} to {wanted_wh:g} Wh')
+    return replace(route, propulsion_power_w=power_w * scales,
+                   propulsion_power_rms_w=route.propulsion_power_rms_w * scales)

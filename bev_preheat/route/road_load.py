@@ -1,0 +1,73 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The power that a car needs to drive: inertia, slope, rolling and air resistance, drivetrain."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+GRAVITY_MPS2 = 9.80665
+# International standard atmosphere (ISO 2533): pressure over elevation in the troposphere.
+SEA_LEVEL_PRESSURE_PA = 101325.0
+PRESSURE_PER_M = 2.25577e-5
+PRESSURE_EXPONENT = 5.25588
+GAS_CONSTANT_OF_AIR = 287.05
+KELVIN_AT_0_C = 273.15
+
+
+@dataclass(frozen=True)
+class RoadVehicle:
+    """
+    A car as the road sees it.
+
+    `drivetrain_efficiency` holds from battery to wheel when driving and from wheel to battery
+    when braking; `maximum_regeneration_power_w` is electrical, the friction brakes do the rest.
+    The two accelerations are magnitudes, those of comfortable driving.
+    """
+
+    mass_kg: float
+    frontal_area_m2: float
+    drag_coefficient: float
+    rolling_resistance: float
+    drivetrain_efficiency: float
+    maximum_regeneration_power_w: float
+    acceleration_mps2: float
+    deceleration_mps2: float
+
+
+def air_density_kg_per_m3(ambient_temperature_c, elevation_m):
+    """Density of dry air [kg/m^3] at a temperature [deg C] and an elevation [m]."""
+    pressure_pa = SEA_LEVEL_PRESSURE_PA * (1.0 - PRESSURE_PER_M * elevation_m)**PRESSURE_EXPONENT
+    return pressure_pa / (GAS_CONSTANT_OF_AIR * (ambient_temperature_c + KELVIN_AT_0_C))
+
+
+def wheel_power_w(vehicle, duration_s, distance_m, speed_mps, elevation_m, slope,
+                  ambient_temperature_c, headwind_mps=0.0):
+    """
+    Mean power at the wheels [W] in each of N steps, shape (N,); negative where the car is braked.
+
+    `duration_s`, `slope` (rise over run) and `ambient_temperature_c` have shape (N,);
+    `distance_m`, `speed_mps` and `elevation_m` (above sea level) have shape (N + 1,): the instants
+    between the steps. Kinetic, potential and rolling energy are exact; the air resistance is that
+    of the step's mean speed.
+    """
+    driven_m = np.diff(distance_m)
+    mean_mps = driven_m / duration_s
+    kinetic_j = 0.5 * vehicle.mass_kg * np.diff(speed_mps**2)
+    weight_n = vehicle.mass_kg * GRAVITY_MPS2
+    potential_j = weight_n * np.diff(elevation_m)
+    rolling_j = vehicle.rolling_resistance * weight_n / np.hypot(1.0, slope) * driven_m
+    density = air_density_kg_per_m3(
+        ambient_temperature_c, 0.5 * (elevation_m[:-1] + elevation_m[1:]))
+    air_mps = mean_mps + headwind_mps
+    air_n = (0.5 * density * vehicle.drag_coefficient * vehicle.frontal_area_m2
+             * air_mps * np.abs(air_mps))
+    return (kinetic_j + potential_j + rolling_j + air_n * driven_m) / duration_s
+
+
+def battery_power_w(vehicle, power_at_wheels_w):
+    """Electrical power of the drivetrain [W]; negative = regeneration; shape of the input."""
+    efficiency = vehicle.drivetrain_efficiency
+    return np.where(
+        power_at_wheels_w > 0.0,
+        power_at_wheels_w / efficiency,
+        np.maximum(power_at_wheels_w * efficiency, -vehicle.maximum_regeneration_power_w))

@@ -1,0 +1,206 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+The route: segments of constant speed, power and ambient temperature, checked, sliced, resampled.
+
+Times are seconds after the start of segment 0. Segments need not be equally long.
+"""
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from bev_preheat.errors import InvalidInput
+
+# What a segment may hold: (low, high). Wide enough for a truck on a pass, narrow enough that a
+# wrong unit shows: a speed in km/h, a power in kW squared, a temperature in kelvin.
+LIMITS = {
+    'duration_s': (1e-3, 86400.0),
+    'speed_mps': (0.0, 100.0),
+    'propulsion_power_w': (-2e6, 2e6),
+    'propulsion_power_rms_w': (0.0, 2e6),
+    'ambient_temperature_c': (-60.0, 60.0),
+    'cabin_heating_power_w': (0.0, 50e3),
+    'auxiliary_power_w': (0.0, 50e3),
+}
+# Longest route [s] and most segments that are planned; more is refused.
+LONGEST_ROUTE_S = 24 * 3600.0
+MOST_SEGMENTS = 200_000
+# The root mean square may fall short of |mean| by rounding only.
+RMS_ROUNDING = 1e-6
+
+
+@dataclass(frozen=True)
+class Route:
+    """
+    N segments in driving order; each field is an array of shape (N,), float.
+
+    Powers are electrical: `propulsion_power_w` is the drivetrain's mean including its losses
+    (negative = regeneration), `propulsion_power_rms_w` its root mean square within the segment,
+    `cabin_heating_power_w` what the HVCH spends on the cabin.
+    """
+
+    duration_s: np.ndarray
+    speed_mps: np.ndarray
+    propulsion_power_w: np.ndarray
+    propulsion_power_rms_w: np.ndarray
+    ambient_temperature_c: np.ndarray
+    cabin_heating_power_w: np.ndarray
+    auxiliary_power_w: np.ndarray
+
+    def __len__(self):
+        """Return the number of segments."""
+        return len(self.duration_s)
+
+    @property
+    def time_s(self):
+        """Instants at which segments start, and the end: shape (N + 1,)."""
+        return np.concatenate(([0.0], np.cumsum(self.duration_s)))
+
+    @property
+    def total_duration_s(self):
+        """Duration of the whole route [s]."""
+        # The same sum as time_s: np.sum adds in another order and rounds differently.
+        return float(self.time_s[-1])
+
+    @property
+    def distance_m(self):
+        """Length of the whole route [m]."""
+        return float(self.duration_s @ self.speed_mps)
+
+    @property
+    def propulsion_power_variance_w2(self):
+        """Variance of the propulsion power within each segment [W^2], shape (N,)."""
+        return np.maximum(self.propulsion_power_rms_w**2 - self.propulsion_power_w**2, 0.0)
+
+    def after(self, instant_s):
+        """
+        Return the route from an instant on; a partly driven segment keeps its remainder.
+
+        `instant_s` is seconds after the start of segment 0, at least 0 and before the end.
+        """
+        if not 0.0 <= instant_s < self.total_duration_s:
+            raise ValueError(f'instant {instant_s} s is not on this route of '
+                             f'{self.total_duration_s} s')
+        ends = self.time_s[1:]
+        first = int(np.searchsorted(ends, instant_s, side='right'))
+        rest = {field.name: getattr(self, field.name)[first:] for field in fields(self)}
+        rest['duration_s'] = rest['duration_s'].copy()
+        rest['duration_s'][0] = ends[first] - instant_s
+        return Route(**rest)
+
+    def divided(self, longest_s):
+        """Return the route with segments longer than `longest_s` divided into equal parts."""
+        parts = np.ceil(self.duration_s / longest_s - 1e-9).astype(int)
+        if parts.max() <= 1:
+            return self
+        parts = np.maximum(parts, 1)
+        values = {field.name: np.repeat(getattr(self, field.name), parts)
+                  for field in fields(self)}
+        values['duration_s'] = np.repeat(self.duration_s / parts, parts)
+        return Route(**values)
+
+    def resampled(self, step_s):
+        """
+        Return the route in steps of `step_s`, the last one shorter if need be.
+
+        Energy, mean square power, distance and duration are kept; a step's mean square holds what
+        varied between the segments in it too.
+        """
+        if not 0.0 < step_s < np.inf:
+            raise ValueError(f'step {step_s} s must be above 0 and finite')
+        old = self.time_s
+        # A sliver at the end is no step of its own.
+        steps = max(1, int(np.ceil(old[-1] / step_s - 1e-9)))
+        new = np.minimum(np.arange(steps + 1) * float(step_s), old[-1])
+        new[-1] = old[-1]
+        duration_s = np.diff(new)
+
+        def mean(values):
+            integral = np.concatenate(([0.0], np.cumsum(values * self.duration_s)))
+            return np.diff(np.interp(new, old, integral)) / duration_s
+
+        power_w = mean(self.propulsion_power_w)
+        mean_square_w2 = mean(self.propulsion_power_rms_w**2)
+        return Route(
+            duration_s=duration_s,
+            speed_mps=mean(self.speed_mps),
+            propulsion_power_w=power_w,
+            propulsion_power_rms_w=np.sqrt(np.maximum(mean_square_w2, power_w**2)),
+            ambient_temperature_c=mean(self.ambient_temperature_c),
+            cabin_heating_power_w=mean(self.cabin_heating_power_w),
+            auxiliary_power_w=mean(self.auxiliary_power_w))
+
+
+def make_route(columns, defaults, names=None):
+    """
+    Check columns and return the Route they make.
+
+    `columns` maps the fields of Route to arrays of N numbers or of 1 (the same in each segment).
+    `propulsion_power_rms_w`, `cabin_heating_power_w` and `auxiliary_power_w` may be None or empty:
+    |mean| and the vehicle's `defaults` (vehicle.description.Defaults) then hold; `defaults` may be
+    None where both powers are given. `names` maps fields to what the source calls them, for the
+    messages.
+
+    Raises InvalidInput with one problem a field.
+    """
+    names = names or {}
+    arrays, problems = {}, []
+    for field, limits in LIMITS.items():
+        values = columns.get(field)
+        if values is None or len(values) == 0:
+            continue
+        array = np.asarray(values, dtype=float)
+        problem = _problem_with(array, limits)
+        if problem:
+            problems.append(f'{names.get(field, field)}{problem}')
+        arrays[field] = array
+
+    optional = ('propulsion_power_rms_w', 'cabin_heating_power_w', 'auxiliary_power_w')
+    missing = [names.get(field, field) for field in LIMITS
+               if field not in arrays and field not in optional]
+    if missing:
+        problems.append(f'missing or empty: {", ".join(missing)}')
+        raise InvalidInput(problems)
+    count = max(map(len, arrays.values()))
+    for field, array in arrays.items():
+        if len(array) not in (1, count):
+            problems.append(f'{names.get(field, field)}: has {len(array)} values; it must have 1 '
+                            f'or {count}, the length of the longest array')
+    if count > MOST_SEGMENTS:
+        problems.append(f'has {count} segments; at most {MOST_SEGMENTS} are planned')
+    if problems:
+        raise InvalidInput(problems)
+
+    arrays = {field: np.broadcast_to(array, count) for field, array in arrays.items()}
+    arrays.setdefault('propulsion_power_rms_w', np.abs(arrays['propulsion_power_w']))
+    for field in ('cabin_heating_power_w', 'auxiliary_power_w'):
+        if field not in arrays:
+            arrays[field] = np.full(count, getattr(defaults, field))
+    magnitude_w = np.abs(arrays['propulsion_power_w'])
+    short = arrays['propulsion_power_rms_w'] < magnitude_w * (1.0 - RMS_ROUNDING)
+    if short.any():
+        at = int(np.argmax(short))
+        raise InvalidInput(
+            f'{names.get("propulsion_power_rms_w", "propulsion_power_rms_w")}[{at}]: '
+            f'{arrays["propulsion_power_rms_w"][at]:g} is below the magnitude of the mean, '
+            f'{magnitude_w[at]:g}')
+    arrays['propulsion_power_rms_w'] = np.maximum(arrays['propulsion_power_rms_w'], magnitude_w)
+    route = Route(**arrays)
+    if route.total_duration_s > LONGEST_ROUTE_S:
+        raise InvalidInput(f'{names.get("duration_s", "duration_s")}: the route lasts '
+                           f'{route.total_duration_s:g} s; at most {LONGEST_ROUTE_S:g} s are '
+                           'planned')
+    return route
+
+
+def _problem_with(array, limits):
+    """What is wrong with the values of one column, to stand behind its name; None if nothing."""
+    if array.ndim != 1:
+        return f': has {array.ndim} dimensions; it must be a plain list'
+    low, high = limits
+    bad = ~((array >= low) & (array <= high))
+    if not bad.any():
+        return None
+    at, others = int(np.argmax(bad)), int(bad.sum()) - 1
+    more = f' (and {others} more)' if others else ''
+    return f'[{at}]: {array[at]:g} is not allowed; it must be {low:g} ... {high:g}{more}'

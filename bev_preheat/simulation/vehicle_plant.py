@@ -1,0 +1,171 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The simulated vehicle: drives a route, and warms its battery as it is told."""
+
+from dataclasses import fields
+from math import ceil, inf, isfinite
+
+from bev_preheat.arithmetic import SATURATING_FLOATS
+from bev_preheat.model import make_rates, make_runge_kutta_4
+from bev_preheat.planning.simulate import (
+    deliverable_power_w, Energies, JOULES_PER_WH, step_of_floats)
+from bev_preheat.planning.trip import make_trip
+from bev_preheat.route.segments import Route
+
+LONGEST_STEP_S = 1.0
+
+
+class VehiclePlant:
+    """
+    State of charge (0 ... 1) and battery temperature [deg C] of a vehicle on its way.
+
+    Integrates `model` in steps of at most LONGEST_STEP_S that end at the segments' boundaries,
+    finer than the plans that it is there to try. `time_s` counts from the start of the route. At
+    the end of the route, or with an empty battery, the vehicle stands: its time goes on, state and
+    sums stay.
+
+    `heater_power_w` is what the heater really takes for the battery now [W],
+    `undeliverable_power_w` the most that the battery has lacked so far [W], `empty_at_s` when it
+    ran empty [s], None if it did not, and `without_lease_s` how long it drove without a valid
+    command [s].
+    """
+
+    def __init__(self, vehicle, route, state):
+        """Put a vehicle at the start of a route, with the battery in `state` (a BatteryState)."""
+        self.vehicle = vehicle
+        self.route = route
+        self.time_s = 0.0
+        self.soc = state.soc
+        self.temperature_c = state.temperature_c
+        self.heater_power_w = 0.0
+        self.undeliverable_power_w = 0.0
+        self.empty_at_s = None
+        self.without_lease_s = 0.0
+        self._ends_s = route.time_s[1:].tolist()
+        self._joule_j = self._drivetrain_j = self._heater_j = self._leakage_j = 0.0
+        self._battery_j = self._undeliverable_j = 0.0
+        self._enter_segment(0)
+
+    @property
+    def duration_s(self):
+        """How long the route takes [s]."""
+        return self._ends_s[-1]
+
+    @property
+    def has_arrived(self):
+        """Whether the route has ended."""
+        return self._segment == len(self._ends_s)
+
+    @property
+    def is_standing(self):
+        """Whether the vehicle drives no further: arrived, or the battery is empty."""
+        return self.has_arrived or self.empty_at_s is not None
+
+    @property
+    def end_s(self):
+        """Instant at which the drive ends, as far as that is known [s]."""
+        return self.duration_s if self.empty_at_s is None else self.empty_at_s
+
+    def advance(self, to_s, heater_power_w):
+        """Drive on to `to_s` [s] with a heater power [W], of which the cabin may leave less."""
+        if not self.time_s <= to_s < inf:
+            raise ValueError(f'to_s: {to_s} is no finite instant from {self.time_s} on')
+        if not (isfinite(heater_power_w) and heater_power_w >= 0.0):
+            raise ValueError(f'heater_power_w: {heater_power_w} is no power from 0 on')
+        while self.time_s < to_s and not self.is_standing:
+            end_s = self._ends_s[self._segment]
+            self._drive_within_segment(min(to_s, end_s), heater_power_w)
+            if self.time_s == end_s and self.empty_at_s is None:
+                self._enter_segment(self._segment + 1)
+        if self.is_standing:
+            self.heater_power_w = 0.0
+        self.time_s = to_s
+
+    def advance_under(self, lease, to_s):
+        """Drive on to `to_s` [s] with the power of a HeaterLease, and with 0 W from its end on."""
+        if self.time_s < lease.until_s:
+            self.advance(min(to_s, lease.until_s), lease.power_w)
+        if self.time_s < to_s:
+            since_s = self.time_s
+            self.advance(to_s, 0.0)
+            self.without_lease_s += max(0.0, min(to_s, self.end_s) - since_s)
+
+    def _enter_segment(self, index):
+        self._segment = index
+        if index < len(self._ends_s):
+            self._trip = make_trip(self.vehicle, Route(**{
+                field.name: getattr(self.route, field.name)[index:index + 1]
+                for field in fields(Route)}))
+
+    def _inputs(self):
+        """Power, power variance, heat and leakage: what a step of the model takes now."""
+        return tuple(column.item() for column in self._trip.inputs(self.heater_power_w)[1:])
+
+    def _drive_within_segment(self, to_s, heater_power_w):
+        steps = ceil((to_s - self.time_s) / LONGEST_STEP_S)
+        step_s = (to_s - self.time_s) / steps
+        self.heater_power_w = min(heater_power_w, self._trip.heater_limit_w.item())
+        inputs = self._inputs()
+        for _ in range(steps):
+            self._step(step_s, inputs)
+            if self.soc <= 0.0:
+                self.empty_at_s = self.time_s
+                return
+        # Sums of steps do not end exactly where they should.
+        self.time_s = to_s
+
+    def _step(self, step_s, inputs):
+        power_w, _, _, leakage_w_per_k = inputs
+        lacking_w = 0.0
+        try:
+            soc, temperature_c, mean_temperature_c, joule_w = step_of_floats(
+                self.vehicle, make_runge_kutta_4)(self.soc, self.temperature_c, step_s, *inputs)
+        except ValueError:
+            lacking_w = max(0.0, power_w - float(
+                deliverable_power_w(self.vehicle, self.soc, self.temperature_c)))
+            soc, temperature_c, mean_temperature_c, joule_w = step_of_floats(
+                self.vehicle, make_runge_kutta_4, saturating=True)(
+                    self.soc, self.temperature_c, step_s, *inputs)
+        self.soc, self.temperature_c = soc, temperature_c
+        self.time_s += step_s
+        self.undeliverable_power_w = max(self.undeliverable_power_w, lacking_w)
+        ambient_c = self._trip.route.ambient_temperature_c.item()
+        self._joule_j += step_s * joule_w
+        self._drivetrain_j += step_s * self._trip.drivetrain_heat_w.item()
+        self._heater_j += step_s * self.heater_power_w
+        self._leakage_j += step_s * leakage_w_per_k * (ambient_c - mean_temperature_c)
+        self._battery_j += step_s * (power_w - lacking_w + joule_w)
+        self._undeliverable_j += step_s * lacking_w
+
+    @property
+    def energy_wh(self):
+        """Energies of what really happened so far [Wh]."""
+        return Energies(
+            joule=self._joule_j / JOULES_PER_WH,
+            drivetrain_heat=self._drivetrain_j / JOULES_PER_WH,
+            hvch_heat=self.vehicle.hvch.efficiency * self._heater_j / JOULES_PER_WH,
+            leakage=self._leakage_j / JOULES_PER_WH,
+            hvch_electric=self._heater_j / JOULES_PER_WH,
+            battery_total=self._battery_j / JOULES_PER_WH)
+
+    @property
+    def undeliverable_energy_wh(self):
+        """Energy that the route asked for and the battery could not give [Wh]."""
+        return self._undeliverable_j / JOULES_PER_WH
+
+    @property
+    def current_a(self):
+        """Mean battery current now [A]; positive = discharging, 0 where the vehicle stands."""
+        if self.is_standing:
+            return 0.0
+        soc_rate, _, _ = make_rates(self.vehicle, SATURATING_FLOATS)(
+            self.soc, self.temperature_c, *self._inputs())
+        return -soc_rate * self.vehicle.battery.capacity_as
+
+    @property
+    def terminal_voltage_v(self):
+        """Battery voltage now [V], under that current."""
+        battery = self.vehicle.battery
+        voltage_v, resistance_ohm = (
+            curve.function(SATURATING_FLOATS)(self.soc, self.temperature_c)
+            for curve in (battery.open_circuit_voltage, battery.resistance))
+        return voltage_v - resistance_ohm * self.current_a

@@ -1,0 +1,7 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The vehicle description and its YAML files."""
+
+from bev_preheat.vehicle.description import Vehicle
+from bev_preheat.vehicle.loading import load_vehicle
+
+__all__ = ['Vehicle', 'load_vehicle']

@@ -1,0 +1,155 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Curves over state of charge and battery temperature: formulas and tables.
+
+Each curve has `function(arithmetic)`, which returns `f(soc, temperature_c)` for floats, arrays or
+symbols. State of charge is 0 ... 1, temperature in degrees Celsius; the unit of the result is that
+of the curve (V, ohm, W).
+"""
+
+from bisect import bisect_right
+from dataclasses import dataclass
+
+from bev_preheat.arithmetic import FLOATS, SATURATING_FLOATS
+
+# ln(soc) has no value at an empty battery; below this state of charge the voltage stays level.
+LOWEST_SOC_IN_LOGARITHM = 1e-3
+
+
+@dataclass(frozen=True)
+class PolynomialVoltage:
+    """Open-circuit voltage [V]: c0 + c1 s + c2 s^2 + c3 s^3 + log_soc ln(s), s = state of charge."""
+
+    coefficients_v: tuple
+    log_soc_v: float = 0.0
+
+    def function(self, arithmetic):
+        """`f(soc, temperature_c)` [V] for the given kind of number."""
+        c0, c1, c2, c3 = (tuple(self.coefficients_v) + (0.0,) * 3)[:4]
+        log_soc_v, log, maximum = self.log_soc_v, arithmetic.log, arithmetic.maximum
+
+        def polynomial(soc, temperature_c):
+            return c0 + soc * (c1 + soc * (c2 + soc * c3))
+
+        def polynomial_and_logarithm(soc, temperature_c):
+            return (c0 + soc * (c1 + soc * (c2 + soc * c3))
+                    + log_soc_v * log(maximum(soc, LOWEST_SOC_IN_LOGARITHM)))
+
+        return polynomial_and_logarithm if log_soc_v else polynomial
+
+
+@dataclass(frozen=True)
+class InverseTemperatureResistance:
+    """Internal resistance [ohm]: k / (T + reference_temperature), T in degrees Celsius."""
+
+    k_ohm_k: float
+    reference_temperature_c: float
+
+    def function(self, arithmetic):
+        """`f(soc, temperature_c)` [ohm], for temperature_c > -reference_temperature_c."""
+        k_ohm_k, reference_temperature_c = self.k_ohm_k, self.reference_temperature_c
+
+        def resistance(soc, temperature_c):
+            return k_ohm_k / (temperature_c + reference_temperature_c)
+
+        return resistance
+
+
+@dataclass(frozen=True)
+class Table:
+    """
+    A table, linear between its points and level beyond them.
+
+    `soc` and `temperature_c` are the rising axes; an axis with one point means that the value does
+    not depend on it. `values[i][j]` belongs to soc[i] and temperature_c[j].
+    """
+
+    soc: tuple
+    temperature_c: tuple
+    values: tuple
+
+    def function(self, arithmetic):
+        """`f(soc, temperature_c)`, bilinear, for the given kind of number."""
+        if arithmetic is FLOATS or arithmetic is SATURATING_FLOATS:
+            return self._function_of_floats()
+        return self._function_of_weights(arithmetic)
+
+    def _function_of_weights(self, arithmetic):
+        """For arrays and symbols: no branches, each axis as a weight for each of its points."""
+        soc_axis, temperature_axis, values = self.soc, self.temperature_c, self.values
+
+        def lookup(soc, temperature_c):
+            soc_weights = _hat_weights(soc_axis, soc, arithmetic)
+            temperature_weights = _hat_weights(temperature_axis, temperature_c, arithmetic)
+            total = 0.0
+            for row, soc_weight in zip(values, soc_weights):
+                along_row = 0.0
+                for value, weight in zip(row, temperature_weights):
+                    along_row = along_row + value * weight
+                total = total + soc_weight * along_row
+            return total
+
+        return lookup
+
+    def _function_of_floats(self):
+        soc_axis, temperature_axis, values = self.soc, self.temperature_c, self.values
+        if len(soc_axis) == 1 and len(temperature_axis) == 1:
+            constant = values[0][0]
+            return lambda soc, temperature_c: constant
+        if len(temperature_axis) == 1:
+            over_soc = _line(soc_axis, [row[0] for row in values])
+            return lambda soc, temperature_c: over_soc(soc)
+        if len(soc_axis) == 1:
+            over_temperature = _line(temperature_axis, values[0])
+            return lambda soc, temperature_c: over_temperature(temperature_c)
+
+        soc_low, soc_high = soc_axis[0], soc_axis[-1]
+        temperature_low, temperature_high = temperature_axis[0], temperature_axis[-1]
+        last_row, last_column = len(soc_axis) - 2, len(temperature_axis) - 2
+
+        def lookup(soc, temperature_c):
+            soc = soc_low if soc < soc_low else soc_high if soc > soc_high else soc
+            temperature_c = (temperature_low if temperature_c < temperature_low else
+                             temperature_high if temperature_c > temperature_high else
+                             temperature_c)
+            i = min(bisect_right(soc_axis, soc) - 1, last_row)
+            j = min(bisect_right(temperature_axis, temperature_c) - 1, last_column)
+            a = (soc - soc_axis[i]) / (soc_axis[i + 1] - soc_axis[i])
+            b = ((temperature_c - temperature_axis[j])
+                 / (temperature_axis[j + 1] - temperature_axis[j]))
+            low, high = values[i], values[i + 1]
+            at_low = low[j] + b * (low[j + 1] - low[j])
+            return at_low + a * (high[j] + b * (high[j + 1] - high[j]) - at_low)
+
+        return lookup
+
+
+def _line(axis, values):
+    """Piecewise linear function of one float, level beyond its ends."""
+    slopes = [(v1 - v0) / (x1 - x0)
+              for x0, x1, v0, v1 in zip(axis, axis[1:], values, values[1:])]
+    low, high, first, last = axis[0], axis[-1], values[0], values[-1]
+
+    def line(x):
+        if x <= low:
+            return first
+        if x >= high:
+            return last
+        i = bisect_right(axis, x) - 1
+        return values[i] + slopes[i] * (x - axis[i])
+
+    return line
+
+
+def _hat_weights(axis, x, arithmetic):
+    """Weight of each axis point at x: 1 at the point, falling linearly to 0 at its neighbours."""
+    if len(axis) == 1:
+        return [1.0]
+    maximum, minimum = arithmetic.maximum, arithmetic.minimum
+    x = minimum(maximum(x, axis[0]), axis[-1])
+    weights = []
+    for i, point in enumerate(axis):
+        rising = (x - axis[i - 1]) / (point - axis[i - 1]) if i > 0 else 1.0
+        falling = (axis[i + 1] - x) / (axis[i + 1] - point) if i < len(axis) - 1 else 1.0
+        weights.append(maximum(minimum(rising, falling), 0.0))
+    return weights

@@ -1,0 +1,152 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Makes a Vehicle from a YAML file, and refuses files that cannot be one."""
+
+from pathlib import Path
+
+import numpy as np
+
+from bev_preheat.arithmetic import ARRAYS
+from bev_preheat.checked_yaml import load_checked_yaml
+from bev_preheat.configuration import find_configuration
+from bev_preheat.errors import InvalidInput
+from bev_preheat.vehicle.curves import InverseTemperatureResistance, PolynomialVoltage, Table
+from bev_preheat.vehicle.description import (
+    Battery, Defaults, Drivetrain, Hvch, Leakage, Vehicle)
+
+SCHEMA = Path(__file__).with_name('schema.yaml')
+
+# What the numbers of a curve may be: (low, high, unit).
+VOLTAGE_RANGE_V = (10.0, 2000.0)
+RESISTANCE_RANGE_OHM = (1e-6, 100.0)
+DISCHARGE_RANGE_W = (0.0, 2e6)
+CHARGE_RANGE_W = (-2e6, 0.0)
+
+
+def load_vehicle(name_or_file):
+    """
+    Return the Vehicle of a name (a file in config/vehicles) or of a YAML file.
+
+    Raises InvalidInput naming file, key, value and what is allowed.
+    """
+    path = find_configuration('vehicles', name_or_file, '.yaml')
+    contents = load_checked_yaml(path, SCHEMA)
+    battery = contents['battery']
+    problems = []
+    for key in ('soc_range', 'temperature_range_c'):
+        low, high = battery[key]
+        if not low < high:
+            problems.append(f'battery.{key}: [{low}, {high}] must rise')
+    target_c = contents['defaults']['target_battery_temperature_c']
+    lowest_c, highest_c = battery['temperature_range_c']
+    if not lowest_c <= target_c <= highest_c:
+        problems.append(
+            f'defaults.target_battery_temperature_c: {target_c} is outside '
+            f'battery.temperature_range_c {lowest_c} ... {highest_c}')
+
+    def curve(key, formula):
+        node = battery[key]
+        if 'formula' in node:
+            return formula(**node['formula'])
+        return _table(f'battery.{key}.table', node['table'], problems)
+
+    limits = battery['power_limits']
+    open_circuit_voltage = curve('open_circuit_voltage', _polynomial_voltage)
+    resistance = curve('resistance', InverseTemperatureResistance)
+    discharge = _table('battery.power_limits.discharge', limits['discharge'], problems)
+    charge = _table('battery.power_limits.charge', limits['charge'], problems)
+    if not problems:
+        for key, function, allowed, unit in (
+                ('open_circuit_voltage', open_circuit_voltage, VOLTAGE_RANGE_V, 'V'),
+                ('resistance', resistance, RESISTANCE_RANGE_OHM, 'ohm'),
+                ('power_limits.discharge', discharge, DISCHARGE_RANGE_W, 'W'),
+                ('power_limits.charge', charge, CHARGE_RANGE_W, 'W')):
+            problems += _values_outside(
+                f'battery.{key}', function, _grid(battery, function), allowed, unit)
+        problems += _voltage_that_falls(
+            open_circuit_voltage, _grid(battery, open_circuit_voltage))
+    if problems:
+        raise InvalidInput([f'{path}: {problem}' for problem in problems])
+
+    return Vehicle(
+        name=contents['name'],
+        battery=Battery(
+            capacity_ah=float(battery['capacity_ah']),
+            heat_capacity_j_per_k=float(battery['heat_capacity_j_per_k']),
+            open_circuit_voltage=open_circuit_voltage,
+            resistance=resistance,
+            discharge_power_limit=discharge,
+            charge_power_limit=charge,
+            leakage=Leakage(**_floats(battery['leakage'])),
+            soc_range=tuple(map(float, battery['soc_range'])),
+            temperature_range_c=tuple(map(float, battery['temperature_range_c']))),
+        drivetrain=Drivetrain(**_floats(contents['drivetrain'])),
+        hvch=Hvch(**_floats(contents['hvch'])),
+        defaults=Defaults(**_floats(contents['defaults'])))
+
+
+def _floats(node):
+    return {key: float(value) for key, value in node.items()}
+
+
+def _polynomial_voltage(polynomial_v, log_soc_v=0.0):
+    return PolynomialVoltage(tuple(map(float, polynomial_v)), float(log_soc_v))
+
+
+def _table(key, node, problems):
+    """Table of a checked node; what is wrong with its axes and its shape goes to problems."""
+    axes = {}
+    for axis in ('soc', 'temperature_c'):
+        points = tuple(map(float, node.get(axis, (0.0,))))
+        if any(not low < high for low, high in zip(points, points[1:])):
+            problems.append(f'{key}.{axis}: {list(points)} must rise from point to point')
+        axes[axis] = points
+    rows = node['values']
+    if 'soc' not in node:
+        rows = [rows]
+    elif 'temperature_c' not in node:
+        rows = [[value] for value in rows]
+    shape = (len(axes['soc']), len(axes['temperature_c']))
+    if any(not isinstance(row, list) or len(row) != shape[1]
+           or any(isinstance(value, list) for value in row) for row in rows) \
+            or len(rows) != shape[0]:
+        problems.append(f'{key}.values: must hold one value for each point of its axes, '
+                        f'{" x ".join(str(n) for n in shape if n > 1)} of them')
+        rows = np.zeros(shape).tolist()
+    return Table(soc=axes['soc'], temperature_c=axes['temperature_c'],
+                 values=tuple(tuple(map(float, row)) for row in rows))
+
+
+def _grid(battery, curve):
+    """Points (soc, temperature) over the whole range in which the model is used."""
+    return np.meshgrid(_points(battery['soc_range'], getattr(curve, 'soc', ())),
+                       _points(battery['temperature_range_c'],
+                               getattr(curve, 'temperature_c', ())), indexing='ij')
+
+
+def _points(limits, axis):
+    # A table's extremes lie at its own points, which an even grid can step over.
+    low, high = limits
+    return np.unique(np.concatenate((
+        np.linspace(low, high, 41), [point for point in axis if low < point < high])))
+
+
+def _values_outside(key, curve, grid, allowed, unit):
+    soc, temperature_c = grid
+    with np.errstate(all='ignore'):
+        values = curve.function(ARRAYS)(soc, temperature_c) + np.zeros_like(soc)
+        bad = ~((values >= allowed[0]) & (values <= allowed[1]))
+    if bad.any():
+        at = np.argmax(bad)
+        yield (f'{key}: {values.flat[at]:g} {unit} at soc {soc.flat[at]:g} and '
+               f'{temperature_c.flat[at]:g} degC; it must be {allowed[0]:g} ... {allowed[1]:g} '
+               f'{unit} over the whole soc_range and temperature_range_c')
+
+
+def _voltage_that_falls(curve, grid):
+    soc, temperature_c = grid
+    values = curve.function(ARRAYS)(soc, temperature_c) + np.zeros_like(soc)
+    falling = np.diff(values, axis=0) < 0.0
+    if falling.any():
+        i, j = np.argwhere(falling)[0]
+        yield (f'battery.open_circuit_voltage: falls from {values[i, j]:g} V at soc {soc[i, j]:g} '
+               f'to {values[i + 1, j]:g} V at soc {soc[i + 1, j]:g}; it must not fall with soc')

@@ -1,0 +1,195 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`preheat route`: from descriptions and from drive logs to files, tables and plots."""
+
+from dataclasses import fields
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from bev_preheat.commands.main import main
+from bev_preheat.route.csv_file import load_route
+from bev_preheat.route.segments import Route
+from bev_preheat.vehicle import load_vehicle
+
+LEGS = '''
+name: to_the_shop
+ambient_temperature_c: [3, 1]
+cabin_heating_power_w: 1200
+road_vehicle: {mass_kg: 1600, frontal_area_m2: 2.2, drag_coefficient: 0.3,
+  rolling_resistance: 0.01, drivetrain_efficiency: 0.9, maximum_regeneration_power_w: 50000,
+  acceleration_mps2: 1.1, deceleration_mps2: 1.3}
+legs:
+  - {length_m: 1500, speed_limit_kmh: 50, stops: 2, stop_duration_s: 10}
+  - {length_m: 2000, speed_limit_kmh: 80}
+'''
+
+
+@pytest.fixture
+def legs(tmp_path):
+    path = tmp_path / 'shop.yaml'
+    path.write_text(LEGS, encoding='utf-8')
+    return str(path)
+
+
+@pytest.fixture
+def log(tmp_path):
+    """90 s at 360 V and 50 A, 20 m/s, 900 W cabin heating; two seconds are missing."""
+    rows = [f'{second},20,360,50,900,-3' for second in range(90) if second not in (40, 41)]
+    path = tmp_path / 'drive.csv'
+    path.write_text('\n'.join(['time_s,speed_mps,voltage_v,current_a,cabin_heater_w,ambient_c',
+                               *rows]), encoding='utf-8')
+    return str(path)
+
+
+@pytest.fixture
+def preheat_route(tmp_path, capsys):
+    """Run the command; returns exit status, standard output, standard error, output file."""
+    def run(*arguments, output=None):
+        output = output or str(tmp_path / 'made.csv')
+        status = main(['route', *arguments, '--output', output])
+        captured = capsys.readouterr()
+        return status, captured.out, captured.err, output
+    return run
+
+
+def row(text, what):
+    """The value that the printed table shows."""
+    (line,) = [line for line in text.splitlines() if line.startswith(f'│ {what} ')]
+    return line.strip('│ ').removeprefix(what).strip('│ ')
+
+
+def test_a_shipped_description_by_name_makes_the_shipped_route(preheat_route):
+    status, _, _, output = preheat_route('--legs', 'winter_commute')
+    assert status == 0
+    made, shipped = load_route(output, None), load_route('winter_commute', None)
+    for field in fields(Route):
+        np.testing.assert_allclose(getattr(made, field.name), getattr(shipped, field.name),
+                                   atol=0.0011 if field.name.endswith('_w') else 1.1e-6)
+
+
+def test_the_table_sums_up_the_file(preheat_route, legs):
+    status, out, _, output = preheat_route('--legs', legs, '--vehicle', 'small_car')
+    assert status == 0
+    route = load_route(output, None)
+    duration_s, power_w = route.duration_s, route.propulsion_power_w
+    total_s = duration_s.sum()
+    assert 'Route to_the_shop' in out
+    assert row(out, 'segments') == str(len(route))
+    assert row(out, 'duration') == f'{total_s / 60:.1f} min'
+    assert row(out, 'distance') == '3.50 km'
+    assert row(out, 'mean speed') == f'{3.5 / (total_s / 3600):.1f} km/h'
+    assert row(out, 'propulsion power, mean') == f'{power_w @ duration_s / total_s / 1e3:.2f} kW'
+    mean_square_w2 = sum(route.propulsion_power_rms_w**2 * duration_s) / total_s
+    assert row(out, 'propulsion power, root mean square') == f'{mean_square_w2**0.5 / 1e3:.2f} kW'
+    assert row(out, 'propulsion power, segments from') == f'{min(power_w) / 1e3:.1f} kW'
+    assert row(out, 'propulsion power, segments to') == f'{max(power_w) / 1e3:.1f} kW'
+    driven = sum(w * s / 3600 for w, s in zip(power_w, duration_s) if w > 0)
+    regenerated = sum(w * s / 3600 for w, s in zip(power_w, duration_s) if w < 0)
+    assert regenerated < -0.5
+    assert row(out, 'energy of driving segments') == f'{driven:.0f} Wh'
+    assert row(out, 'energy of regenerating segments') == f'{regenerated:.0f} Wh'
+    assert row(out, 'cabin heating') == f'{1200 * total_s / 3600:.0f} Wh'
+    # Those of the vehicle, as the description says nothing.
+    assert row(out, 'auxiliaries') == f'{350 * total_s / 3600:.0f} Wh'
+    coldest, warmest = min(route.ambient_temperature_c), max(route.ambient_temperature_c)
+    assert row(out, 'ambient temperature') == f'{coldest:.1f} ... {warmest:.1f} degC'
+    assert f'written: {output}' in out
+
+
+def test_the_file_says_how_to_make_it_again(preheat_route, legs):
+    _, _, _, output = preheat_route('--legs', legs, '--vehicle', 'small_car')
+    with open(output, encoding='utf-8') as file:
+        assert file.readline() == '# Route to_the_shop, made by:\n'
+        assert file.readline() == (
+            f'#     preheat route --legs {legs} --vehicle small_car --output {output}\n')
+
+
+def test_a_drive_log_becomes_a_route(preheat_route, log):
+    status, out, _, output = preheat_route('--log', log, '--vehicle', 'small_car', '--step', '45')
+    assert status == 0
+    route = load_route(output, None)
+    auxiliary_w = load_vehicle('small_car').defaults.auxiliary_power_w
+    assert route.duration_s.tolist() == [45.0, 45.0]
+    assert route.propulsion_power_w.tolist() == [360.0 * 50.0 - 900.0 - auxiliary_w] * 2
+    assert 'Route drive\n' in out
+    assert (f'note: {log}, line 42: 3 s without a good sample, from 39 s to 42 s, are bridged'
+            in out)
+
+
+def test_logs_are_joined(preheat_route, log):
+    status, out, _, output = preheat_route('--log', log, log, '--vehicle', 'small_car')
+    assert status == 0
+    assert load_route(output, None).duration_s.tolist() == [30.0] * 6
+    assert 'Route drive + drive\n' in out
+
+
+@pytest.mark.parametrize('name, start', [('route.png', b'\x89PNG'), ('route.svg', b'<?xml')])
+def test_a_plot_is_drawn_where_it_is_asked_for(preheat_route, legs, tmp_path, name, start):
+    plot = tmp_path / name
+    status, out, _, _ = preheat_route('--legs', legs, '--vehicle', 'small_car', '--plot',
+                                      str(plot))
+    assert status == 0
+    assert plot.read_bytes().startswith(start)
+    assert f'drawn: {plot}' in out
+
+
+def test_a_plot_has_title_units_and_legend(preheat_route, legs, tmp_path):
+    plot = tmp_path / 'route.svg'
+    preheat_route('--legs', legs, '--vehicle', 'small_car', '--plot', str(plot))
+    # matplotlib names each text in a comment of the SVG.
+    text = plot.read_text(encoding='utf-8')
+    for words in ('Route to_the_shop', 'km/h', 'kW', '°C', 'trip time [min]',
+                  'mean of the segment', 'standard deviation within the segment'):
+        assert words in text
+
+
+@pytest.mark.parametrize('arguments, problem', [
+    (['--legs', 'winter_comute'], "'winter_comute' is unknown; did you mean 'winter_commute'"),
+    (['--legs', 'reference', '--step', '10'],
+     '--step: only with --log; a description of legs states its own segment_duration_s'),
+    (['--log', 'drive.csv'], '--log: needs --vehicle, whose auxiliary power is not propulsion'),
+    (['--log', 'nowhere.csv', '--vehicle', 'small_car'],
+     'nowhere.csv: cannot be read: No such file or directory'),
+    (['--log', 'nowhere.csv', '--vehicle', 'smal_car'],
+     "vehicle 'smal_car' is unknown; did you mean 'small_car'?"),
+])
+def test_input_that_is_refused_is_explained(preheat_route, tmp_path, arguments, problem):
+    status, out, err, output = preheat_route(*arguments)
+    assert status == 2
+    assert err.startswith('preheat: error: ')
+    assert problem in err
+    assert out == ''
+    assert not (tmp_path / 'made.csv').exists()
+
+
+def test_a_description_that_needs_a_vehicle_says_so(preheat_route, legs):
+    status, _, err, _ = preheat_route('--legs', legs)
+    assert status == 2
+    assert err == (f'preheat: error: {legs}: missing auxiliary_power_w; it must stand here or '
+                   'come from a vehicle\n')
+
+
+def test_an_output_that_cannot_be_written_is_explained(preheat_route, tmp_path):
+    output = str(tmp_path / 'no_such_folder' / 'made.csv')
+    status, _, err, _ = preheat_route('--legs', 'winter_commute', output=output)
+    assert status == 2
+    assert err == f'preheat: error: {output}: cannot be written: No such file or directory\n'
+
+
+@pytest.mark.parametrize('arguments', [
+    [], ['--legs', 'reference', '--log', 'drive.csv']])
+def test_there_is_exactly_one_source(preheat_route, capsys, arguments):
+    with pytest.raises(SystemExit) as caught:
+        preheat_route(*arguments)
+    assert caught.value.code == 2
+    assert '--legs' in capsys.readouterr().err
+
+
+def test_matplotlib_is_imported_for_plots_only():
+    # The planner's computer may not have it, and it is slow to import.
+    code = ('import sys; import bev_preheat.commands.route; '
+            'print([name for name in ("matplotlib", "scipy", "casadi") if name in sys.modules])')
+    done = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == '[]'

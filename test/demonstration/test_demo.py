@@ -1,0 +1,114 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`python -m bev_preheat.demo`, as a user runs it."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import psutil
+import pytest
+
+from bev_preheat.demo import main
+
+ROUTE = """# four minutes
+duration_s,speed_mps,propulsion_power_w,ambient_temperature_c
+150,15,18000,-5
+90,21,26000,-6
+"""
+TIME_LIMIT_S = 60.0
+
+
+@pytest.fixture
+def start_demo(tmp_path):
+    """Start a demonstration of four minutes; returns the process, its output as text at stdout."""
+    route = tmp_path / 'four_minutes.csv'
+    route.write_text(ROUTE)
+    environment = {name: value for name, value in os.environ.items() if name != 'ROS_DOMAIN_ID'}
+    demos = []
+
+    def start_demo(*arguments):
+        demos.append(subprocess.Popen(
+            [sys.executable, '-u', '-m', 'bev_preheat.demo', '--route', str(route), '--output',
+             str(tmp_path / 'pictures' / 'demo.png'), *arguments],
+            stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=environment))
+        return demos[-1]
+
+    yield start_demo
+    for demo in demos:
+        if demo.poll() is None:
+            demo.send_signal(signal.SIGINT)
+            demo.wait(TIME_LIMIT_S)
+
+
+def wait_for_line(demo, text):
+    for line in demo.stdout:
+        if text in line:
+            return
+    pytest.fail(f'the demonstration ended before it said {text!r}')
+
+
+
+def test_good_drive_ends_with_table_and_picture(start_demo, tmp_path):
+    demo = start_demo('--temperature', '2', '--target', '4', '--speed-up', '40')
+    output, _ = demo.communicate(timeout=TIME_LIMIT_S)
+    assert demo.returncode == 0, output
+    assert 'demo: good: the battery arrived at' in output
+    for word in ('WAITING', 'HEATING', 'Heating starts', 'Arrival temperature [degC]',
+                 'Joule heat [Wh]', 'planned at the start', 'what happened'):
+        assert word in output
+    picture = (tmp_path / 'pictures' / 'demo.png').read_bytes()
+    assert picture.startswith(b'\x89PNG') and len(picture) > 20_000
+
+
+def test_missed_target_is_a_failure(start_demo):
+    demo = start_demo('--speed-up', '60')
+    output, _ = demo.communicate(timeout=TIME_LIMIT_S)
+    assert demo.returncode == 1, output
+    assert 'demo: failed: the battery arrived at' in output
+    assert 'below its target of 25.0 degC; at most 1 K is good' in output
+    assert 'Heating all the way is not enough' in output
+
+
+def test_death_of_a_process_is_told_and_ends_the_others(start_demo):
+    demo = start_demo('--speed-up', '5')
+    wait_for_line(demo, 'battery')
+    processes = psutil.Process(demo.pid).children()
+    planner = next(process for process in processes
+                   if any(part.endswith('/planner') for part in process.cmdline()))
+    planner.kill()
+    output, _ = demo.communicate(timeout=TIME_LIMIT_S)
+    assert demo.returncode == 1, output
+    assert 'demo: failed: planner ended with exit status -9' in output
+    assert psutil.wait_procs(processes, timeout=5.0)[1] == []
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_interruption_ends_everything(start_demo, number):
+    demo = start_demo('--speed-up', '5')
+    wait_for_line(demo, 'battery')
+    processes = psutil.Process(demo.pid).children()
+    assert len(processes) == 2
+    demo.send_signal(number)
+    output, _ = demo.communicate(timeout=TIME_LIMIT_S)
+    assert demo.returncode == 130, output
+    assert 'demo: interrupted' in output
+    assert 'Traceback' not in output
+    assert psutil.wait_procs(processes, timeout=5.0)[1] == []
+
+
+def test_refused_parameter_is_told(start_demo):
+    demo = start_demo('--vehicle', 'bicycle')
+    started_s = time.monotonic()
+    output, _ = demo.communicate(timeout=TIME_LIMIT_S)
+    assert demo.returncode == 1
+    assert "vehicle 'bicycle' is unknown; there are:" in output
+    assert time.monotonic() - started_s < 20.0
+
+
+def test_picture_that_cannot_be_drawn_is_refused_before_the_drive(capsys):
+    with pytest.raises(SystemExit) as exit_status:
+        main(['--output', 'demo.bmp'])
+    assert exit_status.value.code == 2
+    assert '--output: demo.bmp must end in .png, .svg, .pdf' in capsys.readouterr().err

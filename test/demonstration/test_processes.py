@@ -1,0 +1,32 @@
+# SPDX-License-Identifier: Apache-2.0
+"""ROS domains of one's own."""
+
+import socket
+
+import pytest
+
+from bev_preheat.demonstration import processes
+from bev_preheat.demonstration.processes import reserved_domain_id
+
+
+def test_reserved_domains_differ(monkeypatch):
+    monkeypatch.setattr(processes, 'DOMAIN_IDS', range(91, 101))
+    with reserved_domain_id() as first, reserved_domain_id() as second:
+        assert first != second
+        assert {first, second} <= set(range(91, 101))
+
+
+def test_domain_in_which_somebody_takes_part_is_left_alone(monkeypatch):
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as participant:
+        with reserved_domain_id() as taken:
+            participant.bind(('127.0.0.1', 7400 + 250 * taken + 10))
+        monkeypatch.setattr(processes, 'DOMAIN_IDS', range(taken, taken + 1))
+        with pytest.raises(RuntimeError, match='are all in use'), reserved_domain_id():
+            pass
+
+
+def test_domain_is_free_again_afterwards(monkeypatch):
+    with reserved_domain_id() as domain_id:
+        monkeypatch.setattr(processes, 'DOMAIN_IDS', range(domain_id, domain_id + 1))
+    with reserved_domain_id() as again:
+        assert again == domain_id

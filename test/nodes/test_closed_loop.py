@@ -1,0 +1,130 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+The whole trip: the installed planner and the simulated vehicle, each closing the other's loop.
+
+The trip of the paper at 200 times real time. The planner's lease is longer than usual, as 2.5 s of
+simulated time are 12 ms here, less than a busy computer may take to deliver a command.
+"""
+
+import signal
+
+from bev_preheat_msgs.msg import HvchCommand, PreheatPlan
+from diagnostic_msgs.msg import DiagnosticArray
+import pytest
+from rclpy.qos import qos_profile_sensor_data
+from sensor_msgs.msg import BatteryState
+
+from bev_preheat.control.supervisor import NS_PER_S
+from bev_preheat.nodes.convert import nanoseconds
+from bev_preheat.nodes.simulator_messages import outcome_from_diagnostics
+from bev_preheat.planning.status import Status
+
+SPEED_UP = 200
+DURATION_S = 3600.0
+TARGET_C = 25.0
+LEASE_S = 20.0
+START_S = 1_700_000_000
+PLANNER = ('-p', 'use_sim_time:=true', '-p', f'command_lease:={LEASE_S}',
+           '-p', 'command_period:=5.0', '-p', 'battery_state_timeout:=60.0')
+SIMULATOR = ('-p', 'route:=reference', '-p', 'vehicle:=reference', '-p', 'initial_soc:=0.9',
+             '-p', 'initial_battery_temperature:=-7.0', '-p', f'start_time:={START_S}.0',
+             '-p', 'wait_for_planner:=true', '-p', 'exit_on_arrival:=true')
+# What a plan at the start may be wrong by: it is made in steps of 30 s.
+START_TOLERANCE_S = 90.0
+
+
+def on_the_way_s(stamp):
+    """Return the instant of a stamp on the trip [s]."""
+    return (nanoseconds(stamp) - START_S * NS_PER_S) / NS_PER_S
+
+
+class Trip:
+    """What was said on the way."""
+
+    def __init__(self, bench, speed_up):
+        self.commands = bench.record(HvchCommand, 'hvch_command', 100)
+        self.plans = bench.record(PreheatPlan, 'preheat_plan', 100)
+        self.diagnostics = bench.record(DiagnosticArray, '/diagnostics')
+        self.states = bench.record(BatteryState, 'battery_state', qos_profile_sensor_data)
+        self.planner = bench.start('planner', *PLANNER)
+        self.simulator = bench.start(
+            'vehicle_simulator', *SIMULATOR, '-p', f'speed_up:={float(speed_up)}')
+
+    def powers(self):
+        """Return (instant on the way [s], power [W], reason) of each command, in order."""
+        return [(on_the_way_s(command.header.stamp), command.battery_heating_power, command.reason)
+                for command in self.commands.messages]
+
+    def heated_first_s(self):
+        return next(instant_s for instant_s, power_w, _ in self.powers() if power_w > 0.0)
+
+
+@pytest.fixture(scope='module')
+def trip(module_bench):
+    """Return the trip once it is over."""
+    trip = Trip(module_bench, SPEED_UP)
+    assert trip.simulator.wait(90.0) == 0, trip.simulator.output()
+    return trip
+
+
+def test_it_arrives_within_a_kelvin_of_the_target(trip):
+    assert trip.states.messages[-1].temperature == pytest.approx(TARGET_C, abs=1.0)
+
+
+def test_the_temperature_on_arrival_is_what_the_plan_at_the_start_said(trip):
+    plan = next(plan for plan in trip.plans.messages if plan.status == Status.WAITING)
+    assert trip.states.messages[-1].temperature == pytest.approx(
+        plan.predicted_arrival_temperature, abs=1.0)
+
+
+def test_it_drives_the_whole_route(trip):
+    assert on_the_way_s(trip.states.messages[-1].header.stamp) >= DURATION_S
+
+
+def test_heating_starts_when_the_plan_at_the_start_said(trip):
+    plan = next(plan for plan in trip.plans.messages if plan.status == Status.WAITING)
+    assert trip.heated_first_s() == pytest.approx(
+        on_the_way_s(plan.heating_start), abs=START_TOLERANCE_S)
+
+
+def test_the_heater_is_not_switched_on_and_off(trip):
+    on = [power_w > 0.0 for instant_s, power_w, _ in trip.powers() if instant_s < DURATION_S]
+    switches = sum(before != after for before, after in zip(on, on[1:]))
+    # On once; the last kelvin may flicker.
+    assert 1 <= switches <= 7
+
+
+def test_it_heats_at_all_only_for_a_reason(trip):
+    assert {reason for _, power_w, reason in trip.powers() if power_w > 0.0} <= {
+        Status.HEATING, Status.TARGET_UNREACHABLE}
+
+
+def test_after_arrival_it_is_off(trip):
+    late = [(power_w, reason) for instant_s, power_w, reason in trip.powers()
+            if instant_s >= DURATION_S]
+    assert late and set(late) == {(0.0, int(Status.ARRIVED))}
+
+
+def test_the_planner_outlives_the_trip(trip):
+    assert trip.planner.exit_status is None
+
+
+def test_a_planner_killed_while_heating_leaves_no_heat_after_the_lease(bench):
+    trip = Trip(bench, SPEED_UP)
+    trip.commands.wait_for(lambda command: command.battery_heating_power > 0.0, 'heating',
+                           timeout_s=60.0)
+    trip.planner.send_signal(signal.SIGKILL)
+    assert trip.planner.wait() == -signal.SIGKILL
+    lease_end_s = max(on_the_way_s(command.valid_until) for command in trip.commands.messages
+                      if command.battery_heating_power > 0.0)
+
+    def heat_wh_after(instant_s):
+        """Return the heat that the simulated battery has got in all by then [Wh]."""
+        _, energy = outcome_from_diagnostics(trip.diagnostics.wait_for(
+            lambda array: outcome_from_diagnostics(array)
+            and on_the_way_s(array.header.stamp) > instant_s))
+        return energy.hvch_heat
+
+    heat_wh = heat_wh_after(lease_end_s)
+    assert heat_wh > 0.0
+    assert heat_wh_after(lease_end_s + 600.0) == heat_wh

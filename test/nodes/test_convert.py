@@ -1,0 +1,356 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Messages to types and back: what is refused and how it is named, defaults, units, enums."""
+
+from array import array
+from math import inf, nan
+from pathlib import Path
+import random
+import re
+
+from bev_preheat_msgs.msg import HvchCommand, PreheatPlan, RoutePlan
+from builtin_interfaces.msg import Time
+import numpy as np
+import pytest
+from sensor_msgs.msg import BatteryState as BatteryStateMessage
+
+from bev_preheat.control.inputs import Mission
+from bev_preheat.control.supervisor import Command, Decision, NS_PER_S
+from bev_preheat.errors import InvalidInput
+from bev_preheat.nodes.convert import (
+    command_message, measurement_from_message, mission_from_message, nanoseconds, plan_message,
+    ROUTE_FIELDS, route_plan_message, temperature_message, time_message)
+from bev_preheat.planning.planner import plan_preheating
+from bev_preheat.planning.situation import BatteryState, Goal
+from bev_preheat.planning.status import Status
+from bev_preheat.route.segments import make_route
+from bev_preheat.vehicle import load_vehicle
+from bev_preheat.vehicle.description import Defaults
+
+VEHICLE = load_vehicle('reference')
+DEFAULTS = Defaults(cabin_heating_power_w=1111.0, auxiliary_power_w=222.0,
+                    target_battery_temperature_c=33.0)
+STAMP = Time(sec=1_700_000_000, nanosec=250_000_000)
+MESSAGES = Path(__file__).parents[2] / 'msg_defs' / 'msg'
+
+
+def battery_message(stamp=STAMP, **fields):
+    message = BatteryStateMessage(**{'temperature': -5.0, 'percentage': 0.5, **fields})
+    message.header.stamp = stamp
+    return message
+
+
+def route_message(stamp=STAMP, **fields):
+    """Return a RoutePlan of three segments; all values differ."""
+    message = RoutePlan(**{
+        'route_id': 'to the charger', 'segment_duration': [10.0, 20.0, 30.0],
+        'speed': [11.0, 12.0, 13.0], 'propulsion_power': [1e3, -2e3, 3e3],
+        'propulsion_power_rms': [1.5e3, 2.5e3, 3.5e3], 'ambient_temperature': [-4.0, -5.0, -6.0],
+        'cabin_heating_power': [710.0, 720.0, 730.0], 'auxiliary_power': [310.0, 320.0, 330.0],
+        'charging_planned': True, 'target_battery_temperature': 27.0, 'minimum_arrival_soc': 0.15,
+        **fields})
+    message.header.stamp = stamp
+    return message
+
+
+def convert(step_s=1000.0, **fields):
+    return mission_from_message(route_message(**fields), DEFAULTS, step_s)
+
+
+def problems_of(function, *arguments):
+    with pytest.raises(InvalidInput) as refusal:
+        function(*arguments)
+    return refusal.value.problems
+
+
+# Battery state
+
+def test_battery_state():
+    measurement = measurement_from_message(battery_message())
+    assert (measurement.state, measurement.stamp_ns) == (
+        BatteryState(temperature_c=-5.0, soc=0.5), 1_700_000_000_250_000_000)
+
+
+@pytest.mark.parametrize('fields, problem', [
+    ({'temperature': nan}, 'temperature: nan is not a known value; it must be in degC'),
+    ({'temperature': -inf}, 'temperature: -inf is not a known value; it must be in degC'),
+    ({'percentage': nan}, 'percentage: nan is not a known value; it must be 0 ... 1'),
+    ({'percentage': inf}, 'percentage: inf is not a known value; it must be 0 ... 1'),
+    ({'percentage': 1.25}, 'percentage: 1.25 is not allowed; it must be 0 ... 1'),
+    ({'percentage': -0.25}, 'percentage: -0.25 is not allowed; it must be 0 ... 1'),
+    ({'percentage': 64.0}, 'percentage: 64 is not allowed; it must be 0 ... 1'),
+    ({'stamp': Time()}, 'header.stamp: is 0; it must be set'),
+])
+def test_bad_battery_state(fields, problem):
+    assert problems_of(measurement_from_message, battery_message(**fields)) == [problem]
+
+
+def test_every_bad_field_of_a_battery_state_is_named():
+    problems = problems_of(measurement_from_message,
+                           battery_message(Time(), temperature=nan, percentage=2.0))
+    assert [problem.partition(':')[0] for problem in problems] == [
+        'temperature', 'percentage', 'header.stamp']
+
+
+@pytest.mark.parametrize('soc', [0.0, 1.0])
+def test_the_ends_of_the_state_of_charge_are_allowed(soc):
+    assert measurement_from_message(battery_message(percentage=soc)).state.soc == soc
+
+
+# Route: what is refused
+
+ARRAYS = list(ROUTE_FIELDS.values())
+LIMITS_TEXT = {
+    'segment_duration': '0.001 ... 86400', 'speed': '0 ... 100',
+    'propulsion_power': '-2e+06 ... 2e+06', 'propulsion_power_rms': '0 ... 2e+06',
+    'ambient_temperature': '-60 ... 60', 'cabin_heating_power': '0 ... 50000',
+    'auxiliary_power': '0 ... 50000'}
+
+
+@pytest.mark.parametrize('value, text', [(nan, 'nan'), (inf, 'inf'), (-inf, '-inf')])
+@pytest.mark.parametrize('field', ARRAYS)
+def test_a_number_that_is_none_is_refused_in_each_array(field, value, text):
+    values = list(getattr(route_message(), field))
+    values[1] = value
+    assert problems_of(lambda: convert(**{field: values})) == [
+        f'{field}[1]: {text} is not allowed; it must be {LIMITS_TEXT[field]}']
+
+
+@pytest.mark.parametrize('field, values, problem', [
+    ('segment_duration', [10.0, 20.0, -30.0],
+     'segment_duration[2]: -30 is not allowed; it must be 0.001 ... 86400'),
+    ('segment_duration', [0.0, 20.0, 0.0],
+     'segment_duration[0]: 0 is not allowed; it must be 0.001 ... 86400 (and 1 more)'),
+    ('speed', [11.0, 130.0, 13.0], 'speed[1]: 130 is not allowed; it must be 0 ... 100'),
+    ('speed', [-1.0], 'speed[0]: -1 is not allowed; it must be 0 ... 100'),
+    ('ambient_temperature', [266.0],
+     'ambient_temperature[0]: 266 is not allowed; it must be -60 ... 60'),
+    ('cabin_heating_power', [710.0, -1.0, 730.0],
+     'cabin_heating_power[1]: -1 is not allowed; it must be 0 ... 50000'),
+    ('auxiliary_power', [-5.0], 'auxiliary_power[0]: -5 is not allowed; it must be 0 ... 50000'),
+    ('propulsion_power_rms', [1.5e3, 1.9e3, 3.5e3],
+     'propulsion_power_rms[1]: 1900 is below the magnitude of the mean, 2000'),
+    ('segment_duration', [86000.0, 300.0, 200.0],
+     'segment_duration: the route lasts 86500 s; at most 86400 s are planned'),
+    ('speed', [11.0, 12.0],
+     'speed: has 2 values; it must have 1 or 3, the length of the longest array'),
+    ('auxiliary_power', [310.0, 320.0],
+     'auxiliary_power: has 2 values; it must have 1 or 3, the length of the longest array'),
+    ('segment_duration', [], 'missing or empty: segment_duration'),
+    ('speed', [], 'missing or empty: speed'),
+    ('propulsion_power', [], 'missing or empty: propulsion_power'),
+    ('ambient_temperature', [], 'missing or empty: ambient_temperature'),
+    ('minimum_arrival_soc', -0.25, 'minimum_arrival_soc: -0.25 is not allowed; it must be 0 ... 1'),
+    ('minimum_arrival_soc', 20.0, 'minimum_arrival_soc: 20 is not allowed; it must be 0 ... 1'),
+    ('minimum_arrival_soc', nan, 'minimum_arrival_soc: nan is not allowed; it must be 0 ... 1'),
+    ('target_battery_temperature', inf, 'target_battery_temperature: inf is not allowed; it must '
+     "be finite, or NaN: the planner's own default"),
+    ('stamp', Time(), 'header.stamp: is 0; it must be set'),
+    ('stamp', Time(sec=2**31 - 20), 'header.stamp: 2147483628 s is too late: the route would end '
+     'after the last instant that a stamp can hold'),
+])
+def test_bad_route(field, values, problem):
+    assert problems_of(lambda: convert(**{field: values})) == [problem]
+
+
+def test_a_longer_array_makes_the_others_too_short():
+    problems = problems_of(lambda: convert(speed=[11.0] * 4))
+    assert [problem.partition(':')[0] for problem in problems] == [
+        name for name in ARRAYS if name != 'speed']
+
+
+def test_no_segments_are_named_as_all_that_is_missing():
+    assert problems_of(mission_from_message, route_message(**dict.fromkeys(ARRAYS, [])), DEFAULTS,
+                       30.0) == [
+        'missing or empty: segment_duration, speed, propulsion_power, ambient_temperature']
+
+
+def test_too_many_segments_are_refused():
+    assert problems_of(lambda: convert(**{
+        name: [5.0 if name == 'propulsion_power_rms' else 1.0] for name in ARRAYS
+        if name != 'segment_duration'},
+        segment_duration=array('d', [0.01]) * 200_001)) == [
+            'has 200001 segments; at most 200000 are planned']
+
+
+def test_every_bad_field_of_a_route_is_named():
+    problems = problems_of(lambda: convert(
+        stamp=Time(), minimum_arrival_soc=2.0, segment_duration=[-1.0], speed=[nan],
+        auxiliary_power=[1.0, 2.0]))
+    assert [re.match(r'[\w.]+', problem)[0] for problem in problems] == [
+        'header.stamp', 'minimum_arrival_soc', 'segment_duration', 'speed', 'auxiliary_power']
+
+
+# Route: what is understood
+
+def test_fields_of_a_mission():
+    mission = convert()
+    assert (mission.route_id, mission.start_ns, mission.charging_planned,
+            mission.target_temperature_c, mission.minimum_arrival_soc) == (
+        'to the charger', 1_700_000_000_250_000_000, True, 27.0, 0.15)
+
+
+def test_no_target_is_none():
+    assert convert(target_battery_temperature=nan).target_temperature_c is None
+
+
+@pytest.mark.parametrize('field, name', ROUTE_FIELDS.items())
+def test_each_array_goes_to_its_field(field, name):
+    # A step of 10 s keeps the first segment as it is.
+    value = getattr(convert(step_s=10.0).route, field)[0]
+    assert value == pytest.approx(getattr(route_message(), name)[0])
+
+
+@pytest.mark.parametrize('name', [name for name in ARRAYS if name != 'segment_duration'])
+def test_an_array_of_one_holds_in_every_segment(name):
+    value = 4e3 if name == 'propulsion_power_rms' else 7.0
+    field = next(field for field, other in ROUTE_FIELDS.items() if other == name)
+    rest = {'propulsion_power_rms': [8e3]} if name == 'propulsion_power' else {}
+    route = convert(step_s=10.0, **rest, **{name: [value]}).route
+    assert getattr(route, field).tolist() == pytest.approx([value] * 6)
+
+
+def test_a_single_duration_holds_in_every_segment():
+    assert convert(segment_duration=[40.0]).route.total_duration_s == pytest.approx(120.0)
+
+
+@pytest.mark.parametrize('name, field, expected', [
+    ('cabin_heating_power', 'cabin_heating_power_w', [1111.0] * 6),
+    ('auxiliary_power', 'auxiliary_power_w', [222.0] * 6),
+    ('propulsion_power_rms', 'propulsion_power_rms_w', [1e3, 2e3, 2e3, 3e3, 3e3, 3e3]),
+])
+def test_an_empty_optional_array_takes_its_default(name, field, expected):
+    route = convert(step_s=10.0, **{name: []}).route
+    assert getattr(route, field).tolist() == pytest.approx(expected)
+
+
+@pytest.mark.parametrize('name', [name for name in ARRAYS if name != 'segment_duration'])
+@pytest.mark.parametrize('step_s', [7.0, 30.0])
+def test_steps_keep_what_a_route_sums_up_to(name, step_s):
+    seeded = random.Random(3)
+    durations_s = [seeded.uniform(0.2, 90.0) for _ in range(50)]
+    powers_w = [seeded.uniform(-9e3, 50e3) for _ in range(50)]
+    values = {
+        'segment_duration': durations_s, 'propulsion_power': powers_w,
+        'propulsion_power_rms': [abs(power) + seeded.uniform(0.0, 5e3) for power in powers_w],
+        **{other: [seeded.uniform(0.0, 50.0) for _ in range(50)] for other in (
+            'speed', 'ambient_temperature', 'cabin_heating_power', 'auxiliary_power')}}
+    route = convert(step_s=step_s, **values).route
+    field = next(field for field, other in ROUTE_FIELDS.items() if other == name)
+    order = 2 if name == 'propulsion_power_rms' else 1
+    assert route.duration_s @ getattr(route, field)**order == pytest.approx(
+        sum(duration_s * value**order for duration_s, value in zip(durations_s, values[name])))
+
+
+def test_steps_are_as_long_as_asked_for():
+    assert convert(step_s=25.0).route.duration_s.tolist() == pytest.approx([25.0, 25.0, 10.0])
+
+
+@pytest.mark.parametrize('target_c', [None, 21.5])
+def test_mission_to_message_and_back(target_c):
+    mission = Mission('x', convert(step_s=10.0).route, 1_650_000_000_123_456_789, False, target_c,
+                      0.35)
+    back = mission_from_message(route_plan_message(mission), DEFAULTS, 10.0)
+    assert (back.route_id, back.start_ns, back.charging_planned, back.target_temperature_c,
+            back.minimum_arrival_soc) == ('x', 1_650_000_000_123_456_789, False, target_c, 0.35)
+    for field in ROUTE_FIELDS:
+        np.testing.assert_allclose(getattr(back.route, field), getattr(mission.route, field),
+                                   rtol=1e-12, err_msg=field)
+
+
+@pytest.mark.parametrize('instant_ns', [0, 1, 999_999_999, NS_PER_S, 1_700_000_000_000_000_001])
+def test_time_to_message_and_back(instant_ns):
+    assert nanoseconds(time_message(instant_ns)) == instant_ns
+
+
+# What goes out
+
+def test_command():
+    message = command_message(
+        Command(4321.0, 12_000_000_345, Status.HEATING), now_ns=10_000_000_678)
+    assert (message.battery_heating_power, message.reason, message.valid_until,
+            message.header.stamp) == (4321.0, HvchCommand.HEATING, Time(sec=12, nanosec=345),
+                                      Time(sec=10, nanosec=678))
+
+
+@pytest.fixture(scope='module')
+def decision():
+    """Return a decision whose plan waits for a while."""
+    route = make_route({
+        'duration_s': [30.0] * 40, 'speed_mps': [20.0], 'propulsion_power_w': [20e3],
+        'ambient_temperature_c': [-7.0]}, VEHICLE.defaults)
+    plan = plan_preheating(VEHICLE, route, BatteryState(18.0, 0.8), Goal(24.0))
+    assert 0.0 < plan.heating_start_s < 1200.0
+    return Decision(plan.status, plan.explanation, plan, 50 * NS_PER_S)
+
+
+@pytest.fixture(scope='module')
+def message(decision):
+    mission = Mission('east', None, 0, True, 24.0, 0.1)
+    return plan_message(decision, mission, now_ns=99 * NS_PER_S)
+
+
+def test_plan_is_stamped_where_its_trajectories_start(message):
+    assert message.header.stamp == Time(sec=50)
+
+
+@pytest.mark.parametrize('field, attribute', [
+    ('method', 'method'), ('status', 'status'), ('explanation', 'explanation'),
+    ('predicted_arrival_temperature', 'arrival_temperature_c'),
+    ('predicted_arrival_soc', 'arrival_soc'),
+    ('target_battery_temperature', 'target_temperature_c'), ('shortfall', 'shortfall_k'),
+    ('undeliverable_power', 'undeliverable_power_w'), ('planning_time', 'planning_time_s')])
+def test_figure_of_a_plan(message, decision, field, attribute):
+    assert getattr(message, field) == getattr(decision.plan, attribute)
+
+
+@pytest.mark.parametrize('field, energy', [
+    ('joule_energy', 'joule'), ('drivetrain_heat_energy', 'drivetrain_heat'),
+    ('hvch_electric_energy', 'hvch_electric'), ('hvch_heat_energy', 'hvch_heat'),
+    ('leakage_energy', 'leakage'), ('battery_energy', 'battery_total')])
+def test_energy_of_a_plan(message, decision, field, energy):
+    assert getattr(message, field) == getattr(decision.plan.energy_wh, energy)
+
+
+@pytest.mark.parametrize('field, attribute', [
+    ('time', 'time_s'), ('battery_temperature', 'battery_temperature_c'), ('soc', 'soc'),
+    ('hvch_power', 'hvch_battery_power_w')])
+def test_trajectory_of_a_plan(message, decision, field, attribute):
+    assert list(getattr(message, field)) == getattr(decision.plan, attribute).tolist()
+
+
+def test_instants_of_a_plan(message, decision):
+    start_ns = round(decision.plan.heating_start_s * NS_PER_S)
+    assert (message.route_id, message.heating_planned, nanoseconds(message.heating_start),
+            nanoseconds(message.arrival)) == (
+        'east', True, 50 * NS_PER_S + start_ns, (50 + 1200) * NS_PER_S)
+
+
+def test_without_a_plan_the_figures_are_unknown():
+    message = plan_message(Decision(Status.DISABLED, 'No.'), None, now_ns=7 * NS_PER_S)
+    figures = [name for name, kind in PreheatPlan.get_fields_and_field_types().items()
+               if kind == 'double' and name != 'planning_time']
+    assert (len(figures), [name for name in figures if not np.isnan(getattr(message, name))],
+            message.route_id, message.heating_planned, len(message.time), message.header.stamp,
+            message.arrival) == (11, [], '', False, 0, Time(sec=7), Time())
+
+
+def test_predicted_temperature(decision):
+    message = temperature_message(decision.plan, now_ns=8 * NS_PER_S)
+    assert (message.temperature, message.variance, message.header.stamp) == (
+        decision.plan.arrival_temperature_c, 0.0, Time(sec=8))
+
+
+# Enums: the message files are the contract
+
+@pytest.mark.parametrize('name', ['HvchCommand', 'PreheatPlan'])
+def test_constants_of_the_message_are_the_statuses(name):
+    text = (MESSAGES / f'{name}.msg').read_text()
+    constants = dict(re.findall(r'^uint8 ([A-Z_]+)=(\d+)', text, re.MULTILINE))
+    assert {key: int(value) for key, value in constants.items()} == {
+        status.name: status.value for status in Status}
+
+
+@pytest.mark.parametrize('message_type', [HvchCommand, PreheatPlan])
+@pytest.mark.parametrize('status', Status)
+def test_constants_as_built_are_the_statuses(message_type, status):
+    assert getattr(message_type, status.name) == status.value

@@ -1,0 +1,775 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+The installed `planner` over real DDS: what it says to good, bad, late and missing input.
+
+Most tests share one planner (`car`) and begin with it heating, so that 0 W is an answer and not a
+habit; those that need it fresh, or end it, start their own.
+"""
+
+from array import array
+from contextlib import contextmanager
+from math import inf, isnan, nan
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+
+from bev_preheat_msgs.msg import HvchCommand, PreheatPlan, RoutePlan
+from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+import pytest
+from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
+from rcl_interfaces.srv import (
+    DescribeParameters, GetParameters, SetParameters, SetParametersAtomically)
+from rclpy.qos import QoSDurabilityPolicy, QoSProfile, QoSReliabilityPolicy
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import BatteryState, Temperature
+from std_srvs.srv import SetBool
+
+from bev_preheat.control.supervisor import NS_PER_S
+from bev_preheat.nodes.convert import nanoseconds, time_message
+from bev_preheat.planning.status import Status
+
+LATCHED = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
+PERIOD_S, LEASE_S, TIMEOUT_S = 0.2, 0.6, 2.0
+# Delivery and a busy computer come on top of what the planner promises.
+MARGIN_S = 1.0
+QUICK = ('-p', f'command_period:={PERIOD_S}', '-p', f'command_lease:={LEASE_S}',
+         '-p', f'battery_state_timeout:={TIMEOUT_S}')
+FEEDING_PERIOD_S = 0.04
+CABIN_W = 1600.0
+# config/vehicles/reference.yaml: 7 kW.
+FULL_POWER_W = 7000.0 - CABIN_W
+FROZEN_SUBSCRIBER = '''
+import rclpy
+from bev_preheat_msgs.msg import HvchCommand
+rclpy.init()
+node = rclpy.create_node('frozen')
+node.create_subscription(HvchCommand, 'hvch_command', lambda message: print('.', flush=True), 1)
+rclpy.spin(node)
+'''
+
+
+def heats(command):
+    return command.battery_heating_power > 0.0
+
+
+def is_off_for(status):
+    return lambda command: (command.battery_heating_power, command.reason) == (0.0, int(status))
+
+
+class Car:
+    """What surrounds the planner: battery and route in, everything that it says recorded."""
+
+    def __init__(self, bench, *arguments, namespace='', battery_topic='battery_state'):
+        self.bench = bench
+        self.name = f'{namespace}/planner'
+        self.commands = bench.record(HvchCommand, f'{namespace}/hvch_command')
+        self.plans = bench.record(PreheatPlan, f'{namespace}/preheat_plan')
+        self.temperatures = bench.record(
+            Temperature, f'{namespace}/predicted_arrival_temperature')
+        self.diagnostics = bench.record(DiagnosticArray, '/diagnostics')
+        self._states = bench.publisher(BatteryState, f'{namespace}/{battery_topic}')
+        self._routes = bench.publisher(RoutePlan, f'{namespace}/route_plan', LATCHED)
+        self.process = bench.start('planner', *arguments)
+        self._states.wait_for_subscription()
+        self._routes.wait_for_subscription()
+        self.commands.wait_for_publisher()
+        self.plans.wait_for_publisher()
+        self.diagnostics.wait_for_publisher()
+        self.clock_ns = lambda: bench.node.get_clock().now().nanoseconds
+
+    def state(self, age_s=0.0, **fields):
+        message = BatteryState(**{'temperature': -7.0, 'percentage': 0.8, **fields})
+        message.header.stamp = time_message(self.clock_ns() - round(age_s * NS_PER_S))
+        return message
+
+    def route(self, age_s=0.0, **fields):
+        """Return a route of 20 min, too short to reach 25 degC from -7 degC: heats at once."""
+        message = RoutePlan(**{
+            'route_id': 'home', 'segment_duration': [30.0] * 40, 'speed': [20.0],
+            'propulsion_power': [20e3], 'ambient_temperature': [-7.0],
+            'cabin_heating_power': [CABIN_W], 'charging_planned': True,
+            'target_battery_temperature': 25.0, **fields})
+        message.header.stamp = time_message(self.clock_ns() - round(age_s * NS_PER_S))
+        return message
+
+    def send_state(self, message=None):
+        self._states.publish(message or self.state())
+
+    def send_route(self, message=None):
+        self._routes.publish(message or self.route())
+
+    @contextmanager
+    def feeding(self, make_state=None):
+        """Publish battery states all the time."""
+        enough = threading.Event()
+
+        def feed():
+            while not enough.wait(FEEDING_PERIOD_S):
+                self.send_state((make_state or self.state)())
+
+        thread = threading.Thread(target=feed)
+        thread.start()
+        try:
+            yield
+        finally:
+            enough.set()
+            thread.join()
+
+    def heat(self):
+        """Give good input until it heats, and forget what it said before."""
+        self.send_route()
+        self.expect_heat()
+
+    def expect_heat(self):
+        """Give good states until it heats."""
+        self.commands.clear()
+        with self.feeding():
+            self.commands.wait_for(heats, 'heating')
+        # What was still under way when feeding ended must not answer the next question.
+        self.send_marked_state()
+        for recorder in (self.commands, self.plans, self.temperatures, self.diagnostics):
+            recorder.clear()
+
+    def send_marked_state(self):
+        """Give good states of a temperature that nobody else gives until a plan starts with it."""
+        self._mark = getattr(self, '_mark', -7.0) - 0.001
+        mark_c = self._mark
+        with self.feeding(lambda: self.state(temperature=mark_c)):
+            return self.plans.wait_for(
+                lambda plan: len(plan.time) and abs(plan.battery_temperature[0] - mark_c) < 1e-4)
+
+    def enable(self, on):
+        return self.bench.call(SetBool, f'{self.name}/enable', SetBool.Request(data=on))
+
+    def set_parameters(self, service=SetParameters, **values):
+        atomically = service is SetParametersAtomically
+        response = self.bench.call(
+            service, f'{self.name}/set_parameters{"_atomically" if atomically else ""}',
+            service.Request(parameters=[
+                Parameter(name=name, value=parameter_value(value))
+                for name, value in values.items()]))
+        return response.result if atomically else response.results[0]
+
+    def get_parameters(self, *names):
+        values = self.bench.call(GetParameters, f'{self.name}/get_parameters',
+                                 GetParameters.Request(names=names)).values
+        return [value.string_value if value.type == ParameterType.PARAMETER_STRING
+                else value.double_value for value in values]
+
+
+def parameter_value(value):
+    if isinstance(value, str):
+        return ParameterValue(type=ParameterType.PARAMETER_STRING, string_value=value)
+    if isinstance(value, int):
+        return ParameterValue(type=ParameterType.PARAMETER_INTEGER, integer_value=value)
+    return ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=value)
+
+
+@pytest.fixture(scope='module')
+def shared_car(module_bench):
+    return Car(module_bench, *QUICK)
+
+
+@pytest.fixture
+def car(shared_car):
+    """Return the car that the tests share, heating."""
+    assert shared_car.process.exit_status is None
+    shared_car.heat()
+    return shared_car
+
+
+# The first command
+
+def test_no_heat_before_both_inputs(bench):
+    car = Car(bench, *QUICK)
+    car.commands.wait_for(is_off_for(Status.NO_ROUTE), 'off without a route')
+    with car.feeding():
+        car.plans.wait_for(lambda plan: plan.status == Status.NO_ROUTE)
+        # Five times the battery state alone has been answered.
+        car.commands.clear()
+        assert not any(map(heats, car.commands.wait_for_count(5)))
+        car.send_route()
+        car.commands.wait_for(heats, 'heating')
+
+
+def test_no_heat_with_a_route_alone(bench):
+    car = Car(bench, *QUICK)
+    car.send_route()
+    car.commands.wait_for(is_off_for(Status.NO_BATTERY_STATE), 'off without a battery state')
+    assert not any(map(heats, car.commands.messages))
+    with car.feeding():
+        car.commands.wait_for(heats, 'heating')
+
+
+# Replanning
+
+def test_every_battery_state_is_planned_from(car):
+    for temperature_c in (-5.0, -3.0, -6.0):
+        with car.feeding(lambda: car.state(temperature=temperature_c)):
+            car.plans.wait_for(
+                lambda plan: len(plan.time) and plan.battery_temperature[0] == temperature_c)
+
+
+def test_a_new_route_is_planned_at_once(car):
+    car.send_route(car.route(route_id='elsewhere'))
+    plan = car.plans.wait_for(lambda plan: plan.route_id == 'elsewhere')
+    assert plan.status == Status.TARGET_UNREACHABLE
+
+
+def test_a_route_replaced_on_the_way_takes_effect_at_once(car):
+    # No new battery state: the answer is to the route.
+    car.send_route(car.route(charging_planned=False))
+    command = car.commands.wait_for(lambda command: not heats(command), 'off')
+    assert command.reason == Status.NO_CHARGING_PLANNED
+
+
+def test_the_predicted_temperature_is_that_of_the_plan(car):
+    plan = car.send_marked_state()
+    # Each state makes both; the same figure must be among them.
+    car.temperatures.wait_for(
+        lambda message: message.temperature == plan.predicted_arrival_temperature)
+
+
+def test_the_power_is_what_the_cabin_leaves(car):
+    car.send_state()
+    command = car.commands.wait_for(heats)
+    assert command.battery_heating_power == pytest.approx(FULL_POWER_W)
+
+
+def test_an_array_of_one_and_empty_ones_make_a_route(car):
+    car.send_route(car.route(route_id='short', cabin_heating_power=array('d')))
+    command = car.commands.wait_for(
+        lambda command: heats(command) and command.battery_heating_power != FULL_POWER_W)
+    # config/vehicles/reference.yaml: 1978 W for the cabin.
+    assert command.battery_heating_power == pytest.approx(7000.0 - 1978.0)
+
+
+# Bad battery states
+
+BAD_STATES = {
+    'temperature_nan': (lambda car: car.state(temperature=nan),
+                        'temperature: nan is not a known value'),
+    'temperature_kelvin': (lambda car: car.state(temperature=266.0),
+                           'temperature: 266 is not allowed; it must be -40 ... 60'),
+    'percentage_nan': (lambda car: car.state(percentage=nan),
+                       'percentage: nan is not a known value'),
+    'percentage_of_100': (lambda car: car.state(percentage=80.0),
+                          'percentage: 80 is not allowed; it must be 0 ... 1'),
+    'no_stamp': (lambda car: BatteryState(temperature=-7.0, percentage=0.8),
+                 'header.stamp: is 0; it must be set'),
+    'late': (lambda car: car.state(age_s=60.0), 'header.stamp: the state is 60.'),
+    'from_the_future': (lambda car: car.state(age_s=-60.0), 'header.stamp: the state is -'),
+    'out_of_order': (lambda car: car.state(age_s=0.9 * TIMEOUT_S),
+                     'older than one that came before it; stamps must not go back'),
+}
+
+
+@pytest.mark.parametrize('make_state, text', BAD_STATES.values(), ids=BAD_STATES)
+def test_a_bad_battery_state_switches_off_and_is_named(car, make_state, text):
+    with car.feeding(lambda: make_state(car)):
+        car.commands.wait_for(is_off_for(Status.INVALID_INPUT), 'off')
+        car.plans.wait_for(lambda plan: text in plan.explanation, text)
+
+
+def test_a_good_battery_state_after_a_bad_one_heats_again(car):
+    with car.feeding(lambda: car.state(temperature=nan)):
+        car.commands.wait_for(is_off_for(Status.INVALID_INPUT), 'off')
+    car.expect_heat()
+
+
+def test_silence_of_the_battery_switches_off_within_the_timeout(car):
+    last_state = car.state()
+    car.send_state(last_state)
+    command = car.commands.wait_for(is_off_for(Status.STALE_INPUT), 'off')
+    age_s = (nanoseconds(command.header.stamp) - nanoseconds(last_state.header.stamp)) / NS_PER_S
+    assert TIMEOUT_S <= age_s < TIMEOUT_S + MARGIN_S
+
+
+def test_no_lease_outlasts_the_battery_state(car):
+    last_state = car.state()
+    car.send_state(last_state)
+    car.commands.wait_for(is_off_for(Status.STALE_INPUT), 'off')
+    last_ns = max(nanoseconds(command.valid_until) for command in car.commands.messages
+                  if heats(command))
+    # The last few states of before may be the newest still.
+    assert last_ns <= nanoseconds(last_state.header.stamp) + round(TIMEOUT_S * NS_PER_S)
+
+
+def test_a_battery_that_comes_back_heats_again(car):
+    car.commands.wait_for(is_off_for(Status.STALE_INPUT), 'off')
+    car.expect_heat()
+
+
+def test_bytes_that_are_no_message_do_no_harm(car):
+    car.send_state(b'\x00\x01\x00\x00' + b'\xff' * 60)
+    car.send_route(b'\x00\x01\x00\x00\x01')
+    car.expect_heat()
+    assert car.process.exit_status is None
+
+
+# Bad routes
+
+BAD_ROUTES = {
+    'wrong_length': ({'speed': [20.0] * 39}, 'speed: has 39 values; it must have 1 or 40'),
+    'negative_duration': ({'segment_duration': [30.0] * 39 + [-30.0]},
+                          'segment_duration[39]: -30 is not allowed'),
+    'nan': ({'propulsion_power': [nan]}, 'propulsion_power[0]: nan is not allowed'),
+    'empty': ({'ambient_temperature': array('d')}, 'missing or empty: ambient_temperature'),
+    'target': ({'target_battery_temperature': inf},
+               'target_battery_temperature: inf is not allowed'),
+    'reserve': ({'minimum_arrival_soc': 20.0}, 'minimum_arrival_soc: 20 is not allowed'),
+    'too_long': ({'segment_duration': array('d', [30.0]) * 100_000},
+                 'the route lasts 3e+06 s; at most 86400 s are planned'),
+}
+
+
+@pytest.mark.parametrize('fields, text', BAD_ROUTES.values(), ids=BAD_ROUTES)
+def test_a_bad_route_switches_off_and_is_named(car, fields, text):
+    car.send_route(car.route(route_id='wrong', **fields))
+    car.commands.wait_for(is_off_for(Status.INVALID_INPUT), 'off')
+    car.plans.wait_for(lambda plan: text in plan.explanation, text)
+
+
+def test_a_route_that_ends_after_time_itself_is_refused(car):
+    route = car.route()
+    route.header.stamp = Time(sec=2**31 - 1)
+    car.send_route(route)
+    car.plans.wait_for(lambda plan: 'header.stamp: 2147483647 s is too late' in plan.explanation)
+
+
+def test_every_bad_field_of_a_route_is_named(car):
+    car.send_route(car.route(speed=[-1.0], auxiliary_power=[nan], minimum_arrival_soc=-1.0))
+    plan = car.plans.wait_for(lambda plan: plan.status == Status.INVALID_INPUT)
+    assert [name for name in ('speed[0]', 'auxiliary_power[0]', 'minimum_arrival_soc')
+            if name not in plan.explanation] == []
+
+
+def test_a_bad_route_is_in_the_diagnostics_even_while_states_keep_coming(car):
+    with car.feeding():
+        car.send_route(car.route(speed=[-1.0]))
+        car.diagnostics.wait_for(
+            lambda array: array.status[0].level == DiagnosticStatus.ERROR
+            and 'route_plan refused: speed[0]: -1 is not allowed' in array.status[0].message)
+
+
+def test_after_a_bad_route_the_one_before_goes_on(car):
+    car.send_route(car.route(route_id='wrong', speed=[-1.0]))
+    car.plans.wait_for(lambda plan: plan.status == Status.INVALID_INPUT)
+    car.plans.clear()
+    assert car.send_marked_state().route_id == 'home'
+
+
+# Very long routes
+
+def test_100_000_segments_are_planned_within_a_second(car):
+    route = car.route(route_id='fine', segment_duration=array('d', [0.012]) * 100_000,
+                      **{name: array('d', [value]) * 100_000 for name, value in (
+                          ('speed', 20.0), ('propulsion_power', 20e3),
+                          ('ambient_temperature', -7.0), ('cabin_heating_power', CABIN_W))})
+    started_s = time.monotonic()
+    car.send_route(route)
+    car.plans.wait_for(lambda plan: plan.route_id == 'fine')
+    assert time.monotonic() - started_s < 1.0 + MARGIN_S
+
+
+def test_commands_keep_coming_under_100_000_segments_again_and_again(car):
+    route = car.route(segment_duration=array('d', [0.012]) * 100_000,
+                      speed=array('d', [20.0]) * 100_000)
+    with car.feeding():
+        for number in range(5):
+            route.route_id = f'fine {number}'
+            car.send_route(route)
+            car.plans.wait_for(lambda plan: plan.route_id == route.route_id)
+    arrivals_s = [instant_s for instant_s, _ in car.commands.timed]
+    assert max(later_s - earlier_s for earlier_s, later_s in zip(
+        arrivals_s, arrivals_s[1:])) < PERIOD_S + MARGIN_S
+
+
+# The driver's no
+
+@pytest.fixture
+def switched_off_car(car):
+    assert car.enable(False).success
+    yield car
+    car.enable(True)
+
+
+def test_switching_off_is_off_at_once(switched_off_car):
+    switched_off_car.commands.wait_for(is_off_for(Status.DISABLED), 'off')
+
+
+def test_switched_off_stays_off_for_good_input(switched_off_car):
+    car = switched_off_car
+    car.commands.wait_for(is_off_for(Status.DISABLED), 'off')
+    car.commands.clear()
+    car.send_route()
+    with car.feeding():
+        commands = car.commands.wait_for_count(10)
+    assert {(command.battery_heating_power, command.reason) for command in commands} == {
+        (0.0, int(Status.DISABLED))}
+
+
+def test_switching_on_again_heats(switched_off_car):
+    car = switched_off_car
+    car.commands.wait_for(is_off_for(Status.DISABLED), 'off')
+    response = car.enable(True)
+    assert (response.success, response.message) == (True, 'Preheating is switched on.')
+    car.expect_heat()
+
+
+# The command and its lease
+
+def test_the_command_is_repeated(car):
+    first_s, last_s = (nanoseconds(command.header.stamp) / NS_PER_S
+                       for command in car.commands.wait_for_count(6)[::5])
+    assert last_s - first_s == pytest.approx(5 * PERIOD_S, abs=0.5 * PERIOD_S)
+
+
+def test_the_lease_moves_with_each_command(car):
+    commands = [command for command in car.commands.wait_for_count(5) if heats(command)]
+    leases_s = [(nanoseconds(command.valid_until) - nanoseconds(command.header.stamp)) / NS_PER_S
+                for command in commands]
+    assert leases_s == pytest.approx([LEASE_S] * len(commands)) and len(commands) >= 4
+
+
+def test_who_comes_late_gets_the_plan(car):
+    car.send_route(car.route(route_id='told before'))
+    car.plans.wait_for(lambda plan: plan.route_id == 'told before')
+    late = car.bench.record(PreheatPlan, 'preheat_plan', LATCHED)
+    assert late.wait_for().route_id == 'told before'
+
+
+def test_who_comes_late_gets_no_old_command(car):
+    (endpoint,) = car.bench.node.get_publishers_info_by_topic('hvch_command')
+    assert (endpoint.qos_profile.durability, endpoint.qos_profile.reliability) == (
+        QoSDurabilityPolicy.VOLATILE, QoSReliabilityPolicy.RELIABLE)
+
+
+def test_any_publisher_of_battery_states_matches(car):
+    (endpoint,) = car.bench.node.get_subscriptions_info_by_topic('battery_state')
+    assert (endpoint.qos_profile.durability, endpoint.qos_profile.reliability) == (
+        QoSDurabilityPolicy.VOLATILE, QoSReliabilityPolicy.BEST_EFFORT)
+
+
+def test_the_quality_of_service_of_the_route_can_be_set(bench):
+    car = Car(bench, *QUICK, '-p', 'qos_overrides./route_plan.subscription.durability:=volatile')
+    (endpoint,) = car.bench.node.get_subscriptions_info_by_topic('route_plan')
+    assert endpoint.qos_profile.durability == QoSDurabilityPolicy.VOLATILE
+
+
+# Parameters
+
+DEFAULTS = {'command_period': PERIOD_S, 'command_lease': LEASE_S,
+            'battery_state_timeout': TIMEOUT_S, 'target_battery_temperature': nan,
+            'planning_step': 30.0, 'clock_tolerance': 1.0, 'vehicle': 'reference'}
+
+
+@pytest.fixture
+def tunable_car(car):
+    """Return the shared car, whose parameters are put back afterwards."""
+    yield car
+    result = car.set_parameters(SetParametersAtomically, **DEFAULTS)
+    assert result.successful, result.reason
+
+
+def test_a_new_target_takes_effect_at_once(tunable_car):
+    car = tunable_car
+    car.send_route(car.route(target_battery_temperature=nan, route_id='no target'))
+    car.plans.wait_for(lambda plan: plan.route_id == 'no target')
+    assert car.set_parameters(target_battery_temperature=11.5).successful
+    car.plans.wait_for(lambda plan: plan.target_battery_temperature == 11.5)
+
+
+def test_a_new_vehicle_takes_effect_at_once(tunable_car):
+    car = tunable_car
+    assert car.set_parameters(vehicle='small_car').successful
+    car.diagnostics.wait_for(lambda array: array.status[0].hardware_id == 'small_car')
+
+
+def test_a_new_period_takes_effect_at_once(tunable_car):
+    car = tunable_car
+    assert car.set_parameters(command_period=0.05).successful
+    car.commands.clear()
+    stamps_s = [nanoseconds(command.header.stamp) / NS_PER_S
+                for command in car.commands.wait_for_count(12)[1:]]
+    assert stamps_s[-1] - stamps_s[0] < 10 * 0.5 * PERIOD_S
+
+
+def test_a_new_timeout_takes_effect_at_once(tunable_car):
+    car = tunable_car
+    assert car.set_parameters(battery_state_timeout=0.3).successful
+    plan = car.plans.wait_for(lambda plan: plan.status == Status.STALE_INPUT)
+    assert plan.explanation.endswith('at most 0.3 s are allowed.')
+
+
+REFUSED = {
+    'low': ({'command_period': 0.001}, 'command_period: '),
+    'high': ({'battery_state_timeout': 90.0}, 'battery_state_timeout: '),
+    'nan': ({'command_lease': nan}, 'command_lease: '),
+    'target': ({'target_battery_temperature': 298.15},
+               'target_battery_temperature: 298.15 degC is not allowed; it must be -40 ... 60'),
+    'integer': ({'command_period': 1}, 'Wrong parameter type, expected '),
+    'text': ({'target_battery_temperature': 'warm'}, 'Wrong parameter type, expected '),
+    'method': ({'method': 'magic'}, "method: 'magic' is not one of "),
+    'vehicle': ({'vehicle': 'refrence'},
+                "vehicle 'refrence' is unknown; did you mean 'reference'?"),
+    'lease': ({'command_lease': 0.15}, 'command_lease: 0.15 s must be longer than command_period, '
+              '0.2 s'),
+}
+
+
+@pytest.mark.parametrize('values, text', REFUSED.values(), ids=REFUSED)
+def test_a_wrong_parameter_is_refused_with_the_reason(tunable_car, values, text):
+    (name,) = values
+    before = tunable_car.get_parameters(name)
+    result = tunable_car.set_parameters(**values)
+    same = [a == b or (isnan(a) and isnan(b)) for a, b in zip(
+        before, tunable_car.get_parameters(name))]
+    assert (result.successful, same) == (False, [True])
+    assert text.partition(':')[0] in result.reason
+    # rclpy checks ranges itself and words them itself.
+    assert text in result.reason or 'range' in result.reason
+
+
+def test_a_file_that_breaks_the_reader_is_refused(tunable_car, tmp_path):
+    path = tmp_path / 'deep.yaml'
+    path.write_text('[' * 5000)
+    assert not tunable_car.set_parameters(vehicle=str(path)).successful
+    tunable_car.expect_heat()
+
+
+def test_several_parameters_hold_together(tunable_car):
+    # Either alone is refused: the lease must be longer than the period.
+    result = tunable_car.set_parameters(
+        SetParametersAtomically, command_period=0.7, command_lease=2.0)
+    assert (result.successful, tunable_car.get_parameters('command_period', 'command_lease')) == (
+        True, [0.7, 2.0])
+
+
+def test_several_parameters_fail_together(tunable_car):
+    result = tunable_car.set_parameters(
+        SetParametersAtomically, battery_state_timeout=3.0, command_period=0.9)
+    assert (result.successful,
+            tunable_car.get_parameters('battery_state_timeout', 'command_period')) == (
+        False, [TIMEOUT_S, PERIOD_S])
+
+
+PARAMETER_NAMES = ('vehicle', 'method', 'target_battery_temperature', 'battery_state_timeout',
+                   'clock_tolerance', 'command_period', 'command_lease', 'planning_step')
+
+
+def descriptors(car, names):
+    return car.bench.call(DescribeParameters, f'{car.name}/describe_parameters',
+                          DescribeParameters.Request(names=names)).descriptors
+
+
+def test_every_parameter_is_described(car):
+    assert [descriptor.name for descriptor in descriptors(car, PARAMETER_NAMES)
+            if len(descriptor.description) < 10] == []
+
+
+@pytest.mark.parametrize('name, unit', [
+    ('target_battery_temperature', 'degC'), ('battery_state_timeout', 's'),
+    ('clock_tolerance', 's'), ('command_period', 's'), ('command_lease', 's'),
+    ('planning_step', 's')])
+def test_a_number_has_its_unit_and_its_range(car, name, unit):
+    (descriptor,) = descriptors(car, [name])
+    assert descriptor.description.endswith(f'[{unit}]')
+    assert descriptor.floating_point_range or ' ... ' in descriptor.additional_constraints
+
+
+@pytest.mark.parametrize('arguments, text', [
+    (('-p', 'command_period:=100.0'), 'command_period'),
+    (('-p', 'command_period:=1'), 'command_period'),
+    (('-p', 'command_period:=.nan'), 'command_period'),
+    (('-p', 'method:=magic'), "'magic' is not one of"),
+    (('-p', 'vehicle:=refrence'), "did you mean 'reference'?"),
+    (('-p', 'command_lease:=0.5'), 'command_lease: 0.5 s must be longer than command_period'),
+], ids=['range', 'type', 'nan', 'method', 'vehicle', 'lease'])
+def test_a_wrong_parameter_at_the_start_is_one_line_and_status_2(start_executable, arguments, text):
+    process = start_executable('planner', *arguments)
+    assert process.wait(20.0) == 2
+    (line,) = process.output().splitlines()
+    assert line.startswith('planner: error: ') and text in line
+
+
+# The end
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_told_to_end_it_switches_off_and_ends_well(bench, number):
+    car = Car(bench, *QUICK)
+    car.heat()
+    car.process.send_signal(number)
+    car.commands.wait_for(is_off_for(Status.SHUTTING_DOWN), 'the last command')
+    assert car.process.wait() == 0
+    assert car.commands.messages[-1].reason == Status.SHUTTING_DOWN
+
+
+def test_the_last_command_has_not_run_out_already(bench):
+    # A heater's controller may ignore a command whose lease is over, and heat to the end of its own.
+    car = Car(bench, *QUICK)
+    car.heat()
+    car.process.send_signal(signal.SIGTERM)
+    last = car.commands.wait_for(is_off_for(Status.SHUTTING_DOWN), 'the last command')
+    assert nanoseconds(last.valid_until) > nanoseconds(last.header.stamp)
+
+
+def test_a_listener_that_hangs_does_not_keep_it_from_ending(bench):
+    car = Car(bench, *QUICK)
+    with subprocess.Popen([sys.executable, '-c', FROZEN_SUBSCRIBER],
+                          stdout=subprocess.PIPE) as listener:
+        try:
+            assert listener.stdout.readline()
+            listener.send_signal(signal.SIGSTOP)
+            car.process.send_signal(signal.SIGTERM)
+            assert car.process.wait(5.0) == 0
+        finally:
+            listener.kill()
+
+
+# Diagnostics
+
+@pytest.mark.parametrize('fields, level, status', [
+    ({}, DiagnosticStatus.WARN, Status.TARGET_UNREACHABLE),
+    ({'target_battery_temperature': -20.0}, DiagnosticStatus.OK, Status.NOT_NEEDED),
+    ({'charging_planned': False}, DiagnosticStatus.OK, Status.NO_CHARGING_PLANNED),
+    ({'speed': [-1.0]}, DiagnosticStatus.ERROR, Status.INVALID_INPUT),
+], ids=['unreachable', 'not_needed', 'no_charging', 'invalid'])
+def test_level_of_the_diagnostics(car, fields, level, status):
+    car.send_route(car.route(**fields))
+    array = car.diagnostics.wait_for(
+        lambda array: array.status[0].message.startswith(status.name))
+    assert array.status[0].level == level
+
+
+def test_silence_of_the_battery_is_an_error_in_the_diagnostics(car):
+    array = car.diagnostics.wait_for(
+        lambda array: array.status[0].message.startswith('STALE_INPUT'))
+    assert array.status[0].level == DiagnosticStatus.ERROR
+
+
+def test_no_input_is_a_warning_in_the_diagnostics(bench):
+    car = Car(bench, *QUICK)
+    array = car.diagnostics.wait_for()
+    assert (array.status[0].level, array.status[0].name, array.status[0].message) == (
+        DiagnosticStatus.WARN, 'planner: preheating',
+        'NO_ROUTE: No valid route plan has arrived yet.')
+
+
+def test_diagnostics_tell_the_figures(car):
+    car.send_state(car.state(temperature=-6.5, percentage=0.75))
+    array = car.diagnostics.wait_for(lambda array: any(
+        item.value == '-6.50' for item in array.status[0].values))
+    values = {item.key: item.value for item in array.status[0].values}
+    assert {key: values[key] for key in (
+        'vehicle', 'route_id', 'enabled', 'command [W]', 'battery temperature [degC]',
+        'state of charge [1]')} == {
+            'vehicle': 'reference', 'route_id': 'home', 'enabled': 'true',
+            'command [W]': f'{FULL_POWER_W:.0f}', 'battery temperature [degC]': '-6.50',
+            'state of charge [1]': '0.7500'}
+
+
+# Simulated time
+
+class SimulatedClock:
+    """Publishes /clock at real speed from an instant that can be set."""
+
+    def __init__(self, bench):
+        self._sender = bench.publisher(Clock, '/clock')
+        self.set(1000.0)
+
+    def set(self, seconds):
+        self._offset_s = seconds - time.monotonic()
+
+    def now_ns(self):
+        return round((time.monotonic() + self._offset_s) * NS_PER_S)
+
+    @contextmanager
+    def running(self):
+        enough = threading.Event()
+
+        def run():
+            while not enough.wait(0.01):
+                self._sender.publish(Clock(clock=time_message(self.now_ns())))
+
+        thread = threading.Thread(target=run)
+        thread.start()
+        try:
+            yield
+        finally:
+            enough.set()
+            thread.join()
+
+
+@pytest.fixture
+def simulated_car(bench):
+    """Return a car with a clock of its own, which does not run yet."""
+    clock = SimulatedClock(bench)
+    car = Car(bench, *QUICK, '-p', 'use_sim_time:=true')
+    car.clock = clock
+    car.clock_ns = clock.now_ns
+    return car
+
+
+def test_before_the_clock_runs_nothing_is_heated(simulated_car):
+    car = simulated_car
+    car.send_route()
+    with car.feeding():
+        commands = car.commands.wait_for_count(5)
+    assert {(command.battery_heating_power, command.reason) for command in commands} <= {
+        (0.0, int(Status.INVALID_INPUT)), (0.0, int(Status.NO_BATTERY_STATE))}
+
+
+def test_with_the_clock_it_heats_in_simulated_time(simulated_car):
+    car = simulated_car
+    with car.clock.running():
+        car.heat()
+        stamp_s = nanoseconds(car.commands.wait_for(heats).header.stamp) / NS_PER_S
+    assert 1000.0 < stamp_s < 1100.0
+
+
+def test_a_clock_that_restarts_is_followed(simulated_car):
+    car = simulated_car
+    with car.clock.running():
+        car.heat()
+        car.clock.set(50.0)
+        # The old route starts in the new future.
+        with car.feeding():
+            car.commands.wait_for(lambda command: not heats(command), 'off')
+        car.heat()
+        car.commands.wait_for(
+            lambda command: heats(command) and command.header.stamp.sec < 200, 'heating')
+
+
+# Names
+
+def test_it_runs_in_a_namespace(bench):
+    car = Car(bench, *QUICK, '-r', '__ns:=/car1', namespace='/car1')
+    car.heat()
+    array = car.diagnostics.wait_for()
+    assert array.status[0].name == 'car1/planner: preheating'
+
+
+def test_topics_can_be_remapped(bench):
+    car = Car(bench, *QUICK, '-r', 'battery_state:=bms/state', battery_topic='bms/state')
+    car.heat()
+
+
+def test_two_cars_do_not_hear_each_other(bench):
+    first = Car(bench, *QUICK, '-r', '__ns:=/car1', namespace='/car1')
+    second = Car(bench, *QUICK, '-r', '__ns:=/car2', namespace='/car2')
+    first.heat()
+    second.commands.wait_for_count(3)
+    assert not any(map(heats, second.commands.messages))
+
+
+# The process
+
+def test_no_solver_and_no_plots_are_in_the_process(car):
+    with open(f'/proc/{car.process.process_id}/maps', encoding='utf-8') as maps:
+        loaded = maps.read()
+    assert [name for name in ('casadi', 'matplotlib', 'scipy') if f'{os.sep}{name}' in loaded] == []

@@ -1,0 +1,270 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The installed vehicle_simulator over DDS."""
+
+import math
+import signal
+
+from bev_preheat_msgs.msg import HvchCommand, RoutePlan
+from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticArray
+import numpy as np
+import pytest
+from rcl_interfaces.msg import Log, Parameter, ParameterType, ParameterValue
+from rcl_interfaces.srv import SetParameters
+from rclpy.qos import qos_profile_sensor_data, QoSDurabilityPolicy, QoSProfile
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import BatteryState
+
+from bev_preheat.nodes.simulator_messages import (
+    ARRIVED, DRIVING, EMPTY, outcome_from_diagnostics)
+from bev_preheat.planning.planner import plan_preheating
+from bev_preheat.planning.situation import BatteryState as Battery, Goal
+from bev_preheat.route import make_route, save_route
+from bev_preheat.vehicle import load_vehicle
+
+START_S = 1_700_000_000
+LATCHED = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
+MANY = QoSProfile(depth=1000, reliability=qos_profile_sensor_data.reliability)
+LOG = QoSProfile(depth=1000, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
+VEHICLE = load_vehicle('reference')
+
+
+@pytest.fixture
+def route(tmp_path):
+    """Three minutes; returns (Route, its file)."""
+    route = make_route({
+        'duration_s': [40.0, 75.0, 65.0], 'speed_mps': [9.0, 17.0, 28.0],
+        'propulsion_power_w': [8e3, 21e3, 33e3], 'propulsion_power_rms_w': [11e3, 24e3, 33e3],
+        'ambient_temperature_c': [-6.0, -8.0, -5.0],
+        'cabin_heating_power_w': [2100.0, 1700.0, 900.0],
+        'auxiliary_power_w': [450.0]}, VEHICLE.defaults)
+    path = tmp_path / 'three_minutes.csv'
+    save_route(path, route)
+    return route, path
+
+
+@pytest.fixture
+def start_simulator(start_executable, route):
+    """Start a simulator on `route`; keywords are parameters."""
+    def start_simulator(**parameters):
+        values = {'route': route[1], 'start_time': float(START_S), 'initial_soc': 0.77,
+                  'initial_battery_temperature': 4.0, **parameters}
+        ros_arguments = []
+        for name, value in values.items():
+            ros_arguments += ['-p', f'{name}:={value}']
+        return start_executable('vehicle_simulator', *ros_arguments)
+    return start_simulator
+
+
+def seconds(stamp):
+    """Seconds after the start."""
+    return stamp.sec - START_S + stamp.nanosec * 1e-9
+
+
+def command(power_w, until_s, reason=HvchCommand.HEATING):
+    message = HvchCommand(
+        battery_heating_power=power_w, reason=reason,
+        valid_until=Time(sec=START_S + int(until_s), nanosec=round(until_s % 1 * 1e9)))
+    message.header.stamp = Time(sec=START_S)
+    return message
+
+
+def outcome_at_the_end(diagnostics):
+    """Return the Outcome once the vehicle stands."""
+    return outcome_from_diagnostics(diagnostics.wait_for(
+        lambda message: outcome_from_diagnostics(message).state != DRIVING, 'end of the drive'))
+
+
+def test_clock_runs_at_the_speed_asked_for(record, start_simulator):
+    clock = record(Clock, '/clock', MANY)
+    start_simulator(speed_up=20.0)
+    clock.wait_for(lambda message: seconds(message.clock) >= 60.0)
+    real_s, simulated_s = np.array([(real_s, seconds(message.clock))
+                                    for real_s, message in clock.timed]).T
+    assert np.all(np.diff(simulated_s) >= 0.0)
+    assert simulated_s[0] >= 0.0
+    # The median of ratios, as a busy computer holds up some of the messages.
+    half = len(real_s) // 2
+    speeds = (simulated_s[half:2 * half] - simulated_s[:half]) / (real_s[half:2 * half]
+                                                                  - real_s[:half])
+    assert np.median(speeds) == pytest.approx(20.0, rel=0.15)
+
+
+def test_battery_states_come_at_their_period(record, start_simulator):
+    states = record(BatteryState, 'battery_state', MANY)
+    start_simulator(speed_up=30.0, battery_state_period=2.5)
+    stamps_s = [seconds(message.header.stamp) for message in states.wait_for_count(20)]
+    # Instants of the clock, the first after each period.
+    late_s = np.array(stamps_s) - 2.5 * np.floor(np.array(stamps_s) / 2.5)
+    assert np.all(late_s <= 1.0)
+    assert np.median(np.diff(stamps_s)) == pytest.approx(2.5, abs=0.51)
+
+
+def test_battery_state_tells_what_is_known_and_nan_for_the_rest(record, start_simulator):
+    states = record(BatteryState, 'battery_state', MANY)
+    start_simulator(wait_for_planner='true')
+    message = states.wait_for()
+    assert message.header.stamp == Time(sec=START_S)
+    assert message.temperature == pytest.approx(4.0)
+    assert message.percentage == pytest.approx(0.77)
+    assert message.charge == pytest.approx(0.77 * 200.0)
+    assert message.design_capacity == pytest.approx(200.0)
+    assert math.isnan(message.capacity)
+    # Terminal power of the first segment, but for its ripple; negative current = discharging.
+    assert message.voltage * message.current == pytest.approx(-(8e3 + 2100.0 + 450.0), rel=1e-2)
+    assert message.power_supply_status == BatteryState.POWER_SUPPLY_STATUS_DISCHARGING
+    assert message.present
+
+
+def test_route_is_there_for_late_joiners(record, route, start_simulator):
+    states = record(BatteryState, 'battery_state', MANY)
+    start_simulator(minimum_arrival_soc=0.31, target_battery_temperature=19.0,
+                    charging_planned='false')
+    states.wait_for(lambda message: seconds(message.header.stamp) > 1.0)
+    message = record(RoutePlan, 'route_plan', LATCHED).wait_for()
+    assert message.header.stamp == Time(sec=START_S)
+    assert message.route_id == 'three_minutes'
+    assert list(message.segment_duration) == [40.0, 75.0, 65.0]
+    assert list(message.propulsion_power_rms) == [11e3, 24e3, 33e3]
+    assert list(message.cabin_heating_power) == [2100.0, 1700.0, 900.0]
+    assert message.minimum_arrival_soc == 0.31
+    assert message.target_battery_temperature == 19.0
+    assert message.charging_planned is False
+
+
+def test_target_is_left_to_the_planner_by_default(record, start_simulator):
+    plans = record(RoutePlan, 'route_plan', LATCHED)
+    start_simulator()
+    message = plans.wait_for()
+    assert math.isnan(message.target_battery_temperature)
+    assert message.charging_planned is True
+
+
+def test_without_commands_there_is_no_heat(record, route, start_simulator):
+    states = record(BatteryState, 'battery_state', MANY)
+    diagnostics = record(DiagnosticArray, '/diagnostics', 10)
+    simulator = start_simulator(speed_up=100.0, exit_on_arrival='true')
+    outcome = outcome_at_the_end(diagnostics)
+    assert outcome.state == ARRIVED
+    assert outcome.energy_wh.hvch_electric == outcome.energy_wh.hvch_heat == 0.0
+    last = states.wait_for(lambda message: seconds(message.header.stamp) >= 180.0)
+    plan = plan_preheating(VEHICLE, route[0].resampled(5.0), Battery(4.0, 0.77),
+                           Goal(25.0, charging_planned=False))
+    assert last.temperature == pytest.approx(plan.arrival_temperature_c, abs=1e-3)
+    assert last.percentage == pytest.approx(plan.arrival_soc, abs=1e-5)
+    assert outcome.energy_wh.battery_total == pytest.approx(plan.energy_wh.battery_total, rel=1e-4)
+    assert simulator.wait(20.0) == 0
+
+
+def test_heat_ends_with_the_lease(record, publisher, start_simulator):
+    diagnostics = record(DiagnosticArray, '/diagnostics', 10)
+    commands = publisher(HvchCommand, 'hvch_command', 1)
+    start_simulator(speed_up=60.0, wait_for_planner='true')
+    commands.wait_for_subscription()
+    # The clock is held, so the lease lasts from the very start.
+    commands.publish(command(4000.0, until_s=21.3))
+    outcome = outcome_at_the_end(diagnostics)
+    assert outcome.state == ARRIVED
+    assert outcome.energy_wh.hvch_electric == pytest.approx(4000.0 * 21.3 / 3600.0, abs=1e-3)
+    assert outcome.without_command_s == pytest.approx(180.0 - 21.3, abs=1e-3)
+
+
+def test_commands_that_are_renewed_heat_on(record, publisher, start_simulator):
+    states = record(BatteryState, 'battery_state', MANY)
+    diagnostics = record(DiagnosticArray, '/diagnostics', 10)
+    commands = publisher(HvchCommand, 'hvch_command', 1)
+    start_simulator(speed_up=60.0, wait_for_planner='true')
+    commands.wait_for_subscription()
+    commands.publish(command(3000.0, until_s=90.0))
+    states.wait_for(lambda message: seconds(message.header.stamp) >= 30.0)
+    commands.publish(command(3000.0, until_s=120.0))
+    outcome = outcome_at_the_end(diagnostics)
+    assert outcome.energy_wh.hvch_electric == pytest.approx(3000.0 * 120.0 / 3600.0, abs=1e-3)
+
+
+@pytest.mark.parametrize('power_w, until_s, complaint', [
+    (math.nan, 50.0, 'battery_heating_power: nan W'),
+    (-5.0, 50.0, 'battery_heating_power: -5 W'),
+    (7100.0, 50.0, 'battery_heating_power: 7100 W is not allowed; it must be 0 ... 7000 W'),
+    (3000.0, -2.0, 'valid_until: lies 2.000 s in the past'),
+])
+def test_bad_command_is_no_command(
+        record, publisher, start_simulator, power_w, until_s, complaint):
+    clock = record(Clock, '/clock', MANY)
+    commands = publisher(HvchCommand, 'hvch_command', 1)
+    log = record(Log, '/rosout', LOG)
+    start_simulator(wait_for_planner='true')
+    commands.wait_for_subscription()
+    log.wait_for_publisher()
+    commands.publish(command(power_w, until_s))
+    log.wait_for(lambda message: 'hvch_command ignored' in message.msg
+                 and complaint in message.msg)
+    clock.clear()
+    assert {seconds(message.clock) for message in clock.wait_for_count(20)} == {0.0}
+
+
+def test_clock_is_held_until_the_planner_has_route_and_battery(record, publisher, start_simulator):
+    clock = record(Clock, '/clock', MANY)
+    commands = publisher(HvchCommand, 'hvch_command', 1)
+    start_simulator(wait_for_planner='true')
+    commands.wait_for_subscription()
+    for reason in (HvchCommand.NO_ROUTE, HvchCommand.NO_BATTERY_STATE):
+        commands.publish(command(0.0, 2.5, reason))
+    clock.clear()
+    assert {seconds(message.clock) for message in clock.wait_for_count(50)} == {0.0}
+    commands.publish(command(0.0, 2.5, HvchCommand.WAITING))
+    clock.wait_for(lambda message: seconds(message.clock) > 0.0)
+
+
+def test_empty_battery_ends_the_drive(record, start_simulator):
+    diagnostics = record(DiagnosticArray, '/diagnostics', 10)
+    simulator = start_simulator(speed_up=100.0, initial_soc=0.004, exit_on_arrival='true')
+    assert outcome_at_the_end(diagnostics).state == EMPTY
+    assert simulator.wait(20.0) == 0
+    assert 'The battery is empty after' in simulator.output()
+
+
+@pytest.mark.parametrize('number', [signal.SIGTERM, signal.SIGINT])
+def test_signal_ends_it_cleanly(record, start_simulator, number):
+    clock = record(Clock, '/clock', MANY)
+    simulator = start_simulator()
+    clock.wait_for()
+    simulator.send_signal(number)
+    assert simulator.wait() == 0
+    assert 'Traceback' not in simulator.output()
+
+
+@pytest.mark.parametrize('parameters, complaint', [
+    ({'initial_soc': 1.5}, 'initial_soc'),
+    ({'initial_battery_temperature': -55.0},
+     'battery temperature: -55 is not allowed; it must be -40 ... 60 degC'),
+    ({'target_battery_temperature': 61.0}, 'target_battery_temperature: 61 degC is not allowed'),
+    ({'route': 'nowhere'}, "route 'nowhere' is unknown"),
+    ({'vehicle': 'bicycle'}, "vehicle 'bicycle' is unknown"),
+    ({'speed_up': 60}, 'DOUBLE'),
+])
+def test_impossible_parameters_are_refused_in_words(start_simulator, parameters, complaint):
+    simulator = start_simulator(**parameters)
+    assert simulator.wait(20.0) == 2
+    assert complaint in simulator.output()
+    assert 'Traceback' not in simulator.output()
+
+
+def test_parameters_on_the_way(node, record, start_simulator, wait_until):
+    clock = record(Clock, '/clock', MANY)
+    start_simulator()
+    client = node.create_client(SetParameters, '/vehicle_simulator/set_parameters')
+    assert client.wait_for_service(20.0)
+
+    def set_number(name, value):
+        future = client.call_async(SetParameters.Request(parameters=[Parameter(
+            name=name, value=ParameterValue(
+                type=ParameterType.PARAMETER_DOUBLE, double_value=value))]))
+        wait_until(future.done, 'an answer')
+        return future.result().results[0]
+
+    assert 'out of range' in set_number('speed_up', 0.5).reason
+    assert not set_number('initial_soc', 0.5).successful
+    assert set_number('speed_up', 200.0).successful
+    # At the speed of the start that would take a minute.
+    clock.wait_for(lambda message: seconds(message.clock) > 60.0)

@@ -1,0 +1,257 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The solver's process: what it answers, and that nothing it does or suffers reaches its owner."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import psutil
+import pytest
+
+from bev_preheat.optimum.solve import solve_optimum
+from bev_preheat.optimum.worker import Failure, Question, Solution, SolverProcess
+from bev_preheat.planning.planner import plan_preheating
+from bev_preheat.planning.situation import BatteryState, Goal
+from bev_preheat.route import load_route
+from bev_preheat.vehicle import load_vehicle
+
+VEHICLE = load_vehicle('reference')
+ROUTE = load_route('city_stop_and_go', VEHICLE.defaults).resampled(60.0)
+# Solved in more than a minute.
+LONG_ROUTE = load_route('motorway_3h', VEHICLE.defaults).resampled(1.0)
+STATE = BatteryState(-6.5, 0.84)
+GOAL = Goal(21.0, 0.12)
+QUESTION = Question(ROUTE, STATE, GOAL)
+LONG_QUESTION = Question(LONG_ROUTE, STATE, GOAL)
+
+PATIENCE_S = 30.0
+# No call may take this long, whatever the process does; starting one takes some milliseconds.
+BLOCKED_S = 0.5
+
+# Asks, says which process solves, and is killed before it gets the answer.
+OWNER = """
+import sys, time
+from bev_preheat.optimum.worker import Question, SolverProcess
+sys.path.insert(0, sys.argv[1])
+from test_worker import LONG_QUESTION, VEHICLE
+solver = SolverProcess(VEHICLE)
+solver.ask(LONG_QUESTION, 300.0)
+while not solver.is_solving:
+    assert solver.poll() is None
+    time.sleep(0.01)
+print(solver.process_id, flush=True)
+time.sleep(300.0)
+"""
+
+
+@pytest.fixture
+def solver():
+    solver = SolverProcess(VEHICLE)
+    yield solver
+    solver.close()
+    assert [child for child in psutil.Process().children()
+            if 'bev_preheat.optimum.worker' in ' '.join(child.cmdline())] == []
+
+
+def wait_until(condition, what):
+    deadline_s = time.monotonic() + PATIENCE_S
+    while not (value := condition()):
+        assert time.monotonic() < deadline_s, f'{what}: not within {PATIENCE_S:g} s'
+        time.sleep(0.005)
+    return value
+
+
+def answer_of(solver):
+    return wait_until(solver.poll, 'an answer')
+
+
+def let_it_solve(solver, question, time_limit_s=PATIENCE_S):
+    """Ask, and return once the process has the question."""
+    solver.ask(question, time_limit_s)
+    wait_until(lambda: solver.poll() or solver.is_solving, 'the start of the solver')
+    assert solver.is_busy
+
+
+def is_gone(process_id):
+    try:
+        return psutil.Process(process_id).status() == psutil.STATUS_ZOMBIE
+    except psutil.NoSuchProcess:
+        return True
+
+
+def test_answers_what_the_solver_finds_here(solver):
+    solver.ask(QUESTION, PATIENCE_S)
+    solution = answer_of(solver)
+    here = solve_optimum(VEHICLE, ROUTE, STATE, GOAL)
+    assert isinstance(solution, Solution)
+    assert solution.is_optimal
+    assert solution.solver_status == here.solver_status
+    assert solution.infeasible == ()
+    assert solution.solve_time_s > 0.0
+    assert solution.optimal_plan.energy_wh.battery_total == pytest.approx(
+        here.plan.energy_wh.battery_total, rel=1e-8)
+    np.testing.assert_allclose(solution.optimal_plan.battery_temperature_c,
+                               here.plan.battery_temperature_c, atol=1e-4)
+    assert solution.method_plan is None
+    assert not solver.is_busy
+
+
+def test_plans_with_a_method_where_asked_to(solver):
+    solver.ask(Question(ROUTE, STATE, GOAL, 'paper'), PATIENCE_S)
+    solution = answer_of(solver)
+    here = plan_preheating(VEHICLE, ROUTE, STATE, GOAL, 'paper')
+    assert solution.method_plan.energy_wh == here.energy_wh
+    assert solution.method_plan.heating_start_s == here.heating_start_s
+    assert solution.method_plan.method == 'paper'
+
+
+def test_names_what_cannot_be_kept(solver):
+    solver.ask(Question(ROUTE.resampled(600.0).after(ROUTE.total_duration_s - 700.0), STATE, GOAL),
+               PATIENCE_S)
+    solution = answer_of(solver)
+    assert not solution.is_optimal
+    assert 'target temperature' in solution.infeasible[0]
+
+
+def test_one_process_stays_and_gives_way_to_all_others(solver):
+    solver.ask(QUESTION, PATIENCE_S)
+    answer_of(solver)
+    first = solver.process_id
+    assert psutil.Process(first).nice() == 19
+    solver.ask(Question(ROUTE, BatteryState(3.5, 0.7), GOAL), PATIENCE_S)
+    solution = answer_of(solver)
+    assert solver.process_id == first
+    assert solution.optimal_plan.battery_temperature_c[0] == 3.5
+
+
+def test_gives_up_at_the_time_limit_and_goes_on(solver):
+    solver.ask(LONG_QUESTION, 0.5)
+    failure = answer_of(solver)
+    assert failure.explanation == 'no solution within the time limit of 0.5 s'
+    assert 0.5 < failure.elapsed_s < 0.5 + BLOCKED_S
+    assert solver.process_id is None
+    solver.ask(QUESTION, PATIENCE_S)
+    assert isinstance(answer_of(solver), Solution)
+
+
+def test_a_newer_question_ends_the_solving_of_the_older(solver):
+    let_it_solve(solver, LONG_QUESTION)
+    older = solver.process_id
+    solver.ask(QUESTION, PATIENCE_S)
+    solution = answer_of(solver)
+    assert len(solution.optimal_plan.time_s) == len(ROUTE) + 1
+    assert is_gone(older)
+
+
+def test_a_newer_question_replaces_one_that_waits_for_the_start(solver):
+    solver.ask(LONG_QUESTION, PATIENCE_S)
+    starting = solver.process_id
+    solver.ask(QUESTION, PATIENCE_S)
+    assert solver.process_id == starting
+    assert len(answer_of(solver).optimal_plan.time_s) == len(ROUTE) + 1
+
+
+def test_says_so_when_its_process_is_killed_and_starts_another(solver):
+    let_it_solve(solver, LONG_QUESTION)
+    os.kill(solver.process_id, signal.SIGKILL)
+    failure = answer_of(solver)
+    assert failure.explanation == 'the solver process ended with SIGKILL'
+    solver.ask(QUESTION, PATIENCE_S)
+    assert isinstance(answer_of(solver), Solution)
+
+
+def test_says_so_when_its_process_is_killed_while_idle(solver):
+    solver.ask(QUESTION, PATIENCE_S)
+    answer_of(solver)
+    os.kill(solver.process_id, signal.SIGTERM)
+    failure = answer_of(solver)
+    assert failure.explanation == 'the solver process ended with SIGTERM'
+    assert solver.poll() is None
+
+
+def test_never_waits_for_a_process_that_hangs(solver):
+    solver.ask(QUESTION, PATIENCE_S)
+    answer_of(solver)
+    hanging = solver.process_id
+    os.kill(hanging, signal.SIGSTOP)
+    # More than a socket takes without a reader.
+    long_route = load_route('reference', VEHICLE.defaults).resampled(0.05)
+    slowest_s = 0.0
+    started_s = time.monotonic()
+    solver.ask(Question(long_route, STATE, GOAL), 0.3)
+    answer = None
+    while answer is None:
+        slowest_s = max(slowest_s, time.monotonic() - started_s)
+        started_s = time.monotonic()
+        answer = solver.poll()
+    assert slowest_s < BLOCKED_S
+    assert answer.explanation == 'no solution within the time limit of 0.3 s'
+    solver.close()
+    assert is_gone(hanging)
+
+
+def test_gives_up_a_process_that_does_not_start():
+    solver = SolverProcess(VEHICLE, start_limit_s=0.01)
+    solver.ask(QUESTION, PATIENCE_S)
+    assert answer_of(solver).explanation == 'the solver process did not start within 0.01 s'
+    solver.close()
+
+
+def test_says_so_when_no_process_can_be_started(solver, monkeypatch):
+    monkeypatch.setattr(sys, 'executable', '/nowhere/python')
+    solver.ask(QUESTION, PATIENCE_S)
+    assert '/nowhere/python' in answer_of(solver).explanation
+    assert not solver.is_busy
+    monkeypatch.undo()
+    solver.ask(QUESTION, PATIENCE_S)
+    assert isinstance(answer_of(solver), Solution)
+
+
+def test_refuses_what_the_model_does_not_describe(solver):
+    solver.ask(Question(ROUTE, BatteryState(STATE.temperature_c, 1.5), GOAL), PATIENCE_S)
+    failure = answer_of(solver)
+    assert isinstance(failure, Failure)
+    assert failure.explanation == 'state of charge: 1.5 is not allowed; it must be 0 ... 1'
+    solver.ask(QUESTION, PATIENCE_S)
+    assert isinstance(answer_of(solver), Solution)
+
+
+def test_says_so_where_casadi_is_not_installed(solver, tmp_path, monkeypatch):
+    (tmp_path / 'casadi.py').write_text("raise ModuleNotFoundError(\"No module named 'casadi'\")")
+    monkeypatch.syspath_prepend(tmp_path)
+    solver.ask(QUESTION, PATIENCE_S)
+    failure = answer_of(solver)
+    assert failure.explanation == "ModuleNotFoundError: No module named 'casadi'"
+    assert solver.process_id is not None
+
+
+def test_the_process_ends_when_its_owner_is_killed_while_it_solves():
+    owner = subprocess.Popen([sys.executable, '-c', OWNER, os.path.dirname(__file__)],
+                             stdout=subprocess.PIPE, text=True)
+    with owner:
+        process_id = int(owner.stdout.readline())
+        try:
+            assert not is_gone(process_id)
+        finally:
+            owner.kill()
+    wait_until(lambda: is_gone(process_id), 'the end of the orphan')
+
+
+def test_close_while_solving_leaves_nothing(solver):
+    let_it_solve(solver, LONG_QUESTION)
+    process_id = solver.process_id
+    solver.close()
+    # Reaped, not only ended.
+    assert not psutil.pid_exists(process_id)
+    assert not solver.is_busy
+
+
+def test_asking_loads_no_solver_and_no_ros():
+    done = subprocess.run(
+        [sys.executable, '-c', 'import sys, bev_preheat.optimum.worker\n'
+         "print([name for name in ('casadi', 'rclpy', 'matplotlib') if name in sys.modules])"],
+        capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == '[]'

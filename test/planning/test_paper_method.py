@@ -1,0 +1,369 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Method `paper` against Algorithms 1 and 2 written out a second time, and what it says."""
+
+from dataclasses import replace
+import math
+
+from hypothesis import assume, given, settings, strategies as st
+import numpy as np
+import pytest
+
+from bev_preheat.errors import InvalidInput
+from bev_preheat.planning.paper import plan_paper
+from bev_preheat.planning.planner import plan_preheating
+from bev_preheat.planning.situation import BatteryState, Goal
+from bev_preheat.planning.status import Status
+from bev_preheat.planning.trip import make_trip
+from bev_preheat.route.segments import make_route
+from bev_preheat.vehicle import load_vehicle
+from bev_preheat.vehicle.curves import InverseTemperatureResistance, PolynomialVoltage
+from bev_preheat.vehicle.description import Drivetrain, Hvch, Leakage
+
+# The numbers that are written out below; the shipped car's are fitted, and may be again.
+VEHICLE = load_vehicle('reference')
+VEHICLE = replace(
+    VEHICLE,
+    battery=replace(
+        VEHICLE.battery, capacity_ah=200.0, heat_capacity_j_per_k=378500.0,
+        open_circuit_voltage=PolynomialVoltage((365.0, 75.0, 0.0, 15.0)),
+        resistance=InverseTemperatureResistance(4.2, 45.0), leakage=Leakage(33.0, 0.5),
+        temperature_range_c=(-40.0, 60.0)),
+    drivetrain=Drivetrain(0.9, 0.8, 350e3), hvch=Hvch(7000.0, 0.87))
+START = BatteryState(temperature_c=-7.0, soc=0.88)
+NAN = math.nan
+
+SEGMENTS = st.lists(st.fixed_dictionaries({
+    'duration_s': st.floats(1.0, 90.0), 'speed_mps': st.floats(0.0, 35.0),
+    'propulsion_power_w': st.floats(-30e3, 45e3), 'ambient_temperature_c': st.floats(-25.0, 5.0),
+    'cabin_heating_power_w': st.floats(0.0, 4e3), 'auxiliary_power_w': st.floats(0.0, 2e3)}),
+    min_size=1, max_size=40)
+
+
+def voltage_v(soc):
+    return 365.0 + 75.0 * soc + 15.0 * soc**3
+
+
+def resistance_ohm(temperature_c):
+    return 4.2 / (temperature_c + 45.0)
+
+
+class Algorithms:
+    """
+    Algorithms 1 and 2 as printed, for the car above, with the paper's indices 1 ... N + 1.
+
+    `segments` holds dictionaries as above; power does not vary within a segment.
+    """
+
+    def __init__(self, segments, cold_c, full_soc):
+        self.segments = [None, *segments]
+        self.last = len(segments)
+        # Algorithm 1.
+        self.soc_fw, self.t_fw = [None, full_soc], [None, cold_c]
+        for k in range(1, self.last + 1):
+            current_a, heating_k = self.change(k, self.soc_fw[k], self.t_fw[k], 0.0)
+            self.soc_fw.append(
+                self.soc_fw[k] - segments[k - 1]['duration_s'] * current_a / (200.0 * 3600.0))
+            self.t_fw.append(self.t_fw[k] + heating_k)
+
+    def change(self, k, soc, t, heater_w):
+        """Current, and the change of temperature within segment k."""
+        segment = self.segments[k]
+        power_w = (segment['auxiliary_power_w'] + segment['cabin_heating_power_w'] + heater_w
+                   + segment['propulsion_power_w'])
+        u, r = voltage_v(soc), resistance_ohm(t)
+        current_a = (u - math.sqrt(u**2 - 4 * r * power_w)) / (2 * r)
+        gamma = 33.0 + 0.5 * segment['speed_mps']
+        # Eq. (5) with a loss that is positive both ways.
+        heat_w = (0.87 * heater_w + gamma * (segment['ambient_temperature_c'] - t)
+                  + r * current_a**2 + 0.8 * (1 - 0.9) * abs(segment['propulsion_power_w']))
+        return current_a, segment['duration_s'] * heat_w / 378500.0
+
+    def cross(self, target_c, end_soc):
+        """Algorithm 2: step k in which the runs cross, and the instant where its lines do."""
+        soc_bk, t_bk = {self.last + 1: end_soc}, {self.last + 1: target_c}
+        for k in range(self.last, 0, -1):
+            heater_w = max(7000.0 - self.segments[k]['cabin_heating_power_w'], 0.0)
+            current_a, heating_k = self.change(k, soc_bk[k + 1], t_bk[k + 1], heater_w)
+            duration_s = self.segments[k]['duration_s']
+            soc_bk[k] = soc_bk[k + 1] + duration_s * current_a / (200.0 * 3600.0)
+            t_bk[k] = t_bk[k + 1] - heating_k
+            if t_bk[k] <= self.t_fw[k]:
+                start_s = sum(segment['duration_s'] for segment in self.segments[1:k])
+                forward = np.polyfit([0.0, 1.0], [self.t_fw[k], self.t_fw[k + 1]], 1)
+                backward = np.polyfit([0.0, 1.0], [t_bk[k], t_bk[k + 1]], 1)
+                return k, start_s + duration_s * np.roots(backward - forward)[0]
+        return None
+
+
+def route_of(segments):
+    return make_route({name: [segment[name] for segment in segments] for name in segments[0]},
+                      VEHICLE.defaults)
+
+
+def drive(minutes=40, step_s=30.0, power_w=16e3, ambient_c=-7.0, cabin_w=1978.0):
+    """Segments of a steady drive."""
+    return [{'duration_s': step_s, 'speed_mps': 20.0, 'propulsion_power_w': power_w,
+             'ambient_temperature_c': ambient_c, 'cabin_heating_power_w': cabin_w,
+             'auxiliary_power_w': 500.0}] * round(minutes * 60 / step_s)
+
+
+def plan_of(segments, target_c=18.0, state=START, charging_planned=True, **options):
+    return plan_preheating(VEHICLE, route_of(segments), state,
+                           Goal(target_c, charging_planned=charging_planned),
+                           method='paper', **options)
+
+
+def arrival_of(segments, heater_share):
+    """Arrival temperature of an Euler run written in this file, heated all the way by a share."""
+    runs = Algorithms(segments, START.temperature_c, START.soc)
+    soc, t = START.soc, START.temperature_c
+    for k, segment in enumerate(segments, start=1):
+        current_a, heating_k = runs.change(
+            k, soc, t, heater_share * (7000.0 - segment['cabin_heating_power_w']))
+        soc, t = soc - segment['duration_s'] * current_a / (200.0 * 3600.0), t + heating_k
+    return t
+
+
+@given(segments=SEGMENTS, cold_c=st.floats(-25.0, 10.0), rise_k=st.floats(0.0, 1.0),
+       full_soc=st.floats(0.4, 0.95))
+@settings(max_examples=150, deadline=None, derandomize=True)
+def test_switching_instant_is_that_of_the_printed_algorithms(segments, cold_c, rise_k, full_soc):
+    algorithms = Algorithms(segments, cold_c, full_soc)
+    # Up to 0.6 K/min above the unheated run, about as much as the heater makes.
+    longest_s = sum(segment['duration_s'] for segment in segments)
+    target_c = algorithms.t_fw[-1] + max(1e-3, rise_k * 0.01 * longest_s)
+    crossing = algorithms.cross(target_c, algorithms.soc_fw[-1])
+    trip = make_trip(VEHICLE, route_of(segments))
+    schedule = plan_paper(trip, BatteryState(cold_c, full_soc), Goal(target_c))
+    # The lines part at 0.5 mK/s or more, and temperatures are exact to 1e-12 K.
+    assert schedule.heating_start_s == pytest.approx(crossing[1] if crossing else 0.0, abs=1e-6)
+
+
+@given(segments=SEGMENTS, rise_k=st.floats(0.05, 0.95))
+@settings(max_examples=50, deadline=None, derandomize=True)
+def test_heater_is_switched_on_in_the_step_of_the_crossing(segments, rise_k):
+    algorithms = Algorithms(segments, -7.0, 0.88)
+    target_c = algorithms.t_fw[-1] + rise_k * 0.006 * sum(s['duration_s'] for s in segments)
+    crossing = algorithms.cross(target_c, algorithms.soc_fw[-1])
+    assume(crossing is not None)
+    schedule = plan_paper(make_trip(VEHICLE, route_of(segments)), START, Goal(target_c))
+    # The paper's step k is the array's k - 1.
+    assert np.flatnonzero(schedule.heater_power_w)[0] == crossing[0] - 1
+
+
+@pytest.mark.parametrize('terminal_soc', [0.2, 0.6])
+def test_terminal_soc_that_the_paper_assumes(terminal_soc):
+    segments = drive()
+    _, instant_s = Algorithms(segments, -7.0, 0.88).cross(18.0, terminal_soc)
+    assert plan_of(segments, terminal_soc=terminal_soc).heating_start_s == pytest.approx(
+        instant_s, abs=1e-6)
+
+
+def test_unheated_part_is_algorithm_1():
+    segments = drive()
+    plan = plan_of(segments)
+    first = int(plan.heating_start_s // 30.0)
+    assert plan.battery_temperature_c[:first + 1] == pytest.approx(
+        np.array(Algorithms(segments, -7.0, 0.88).t_fw[1:first + 2]), abs=1e-9)
+
+
+def test_heater_power_is_zero_then_partial_then_all_that_the_cabin_leaves():
+    plan = plan_of(drive())
+    first, share_off = divmod(plan.heating_start_s / 30.0, 1.0)
+    expected = np.full(80, 7000.0 - 1978.0)
+    expected[:int(first)] = 0.0
+    expected[int(first)] *= 1.0 - share_off
+    assert plan.hvch_battery_power_w == pytest.approx(expected, rel=1e-9)
+
+
+def test_arrival_is_near_the_target():
+    # 30 s steps: the current changes little within one, and 0.5 K is what counts as met.
+    assert plan_of(drive(), 18.0).arrival_temperature_c == pytest.approx(18.0, abs=0.3)
+
+
+def test_a_tenth_of_the_step_makes_a_tenth_of_the_arrival_error():
+    errors_k = []
+    for step_s in (60.0, 6.0):
+        segments = drive(step_s=step_s)
+        # A wrong soc at the end leaves an error that no step is short enough for.
+        arrival_soc = plan_of(segments).arrival_soc
+        errors_k.append(
+            plan_of(segments, terminal_soc=arrival_soc).arrival_temperature_c - 18.0)
+    # First order; the second shows a little at 60 s.
+    assert errors_k[0] / errors_k[1] == pytest.approx(10.0, rel=0.15)
+
+
+def test_not_needed_says_how_warm_it_gets():
+    segments = drive(power_w=40e3)
+    plan = plan_of(segments, target_c=15.0)
+    arrival_c = arrival_of(segments, heater_share=0.0)
+    assert (plan.status, plan.heating_start_s, plan.shortfall_k, plan.explanation) == (
+        Status.NOT_NEEDED, None, 0.0, 'The battery gets warm enough by driving: arrival in 40:00 '
+        f'min at {arrival_c:.1f} degC, target 15.0 degC.')
+
+
+def test_waiting_says_when_it_starts():
+    plan = plan_of(drive())
+    _, instant_s = Algorithms(drive(), -7.0, 0.88).cross(
+        18.0, Algorithms(drive(), -7.0, 0.88).soc_fw[-1])
+    minutes, seconds = divmod(round(instant_s), 60)
+    assert (plan.status, plan.explanation) == (
+        Status.WAITING, f'Heating starts in {minutes}:{seconds:02d} min: arrival in 40:00 min '
+        f'at {plan.arrival_temperature_c:.1f} degC, target 18.0 degC.')
+
+
+def test_heating_where_the_whole_way_is_just_enough():
+    segments = drive()
+    arrival_c = arrival_of(segments, heater_share=1.0)
+    # Missed by less than counts as a miss.
+    plan = plan_of(segments, arrival_c + 0.04)
+    assert (plan.status, plan.heating_start_s, plan.explanation) == (
+        Status.HEATING, 0.0, f'Heating: arrival in 40:00 min at {arrival_c:.1f} degC, '
+        f'target {arrival_c + 0.04:.1f} degC.')
+
+
+def test_unreachable_target_says_by_how_many_kelvin():
+    segments = drive(minutes=90, step_s=45.0)
+    arrival_c = arrival_of(segments, heater_share=1.0)
+    plan = plan_of(segments, arrival_c + 3.7)
+    assert (plan.status, plan.heating_start_s, plan.explanation) == (
+        Status.TARGET_UNREACHABLE, 0.0, 'Heating all the way is not enough: arrival in '
+        f'1:30:00 h at {arrival_c:.1f} degC, 3.7 K below the target {arrival_c + 3.7:.1f} degC.')
+
+
+def test_unreachable_target_is_missed_by_the_shortfall():
+    segments = drive()
+    arrival_c = arrival_of(segments, heater_share=1.0)
+    assert plan_of(segments, arrival_c + 3.7).shortfall_k == pytest.approx(3.7, abs=1e-9)
+
+
+def test_unreachable_target_heats_all_the_way_with_all_there_is():
+    assert plan_of(drive(), 50.0).hvch_battery_power_w.tolist() == [7000.0 - 1978.0] * 80
+
+
+def test_no_charging_planned_does_not_heat():
+    plan = plan_of(drive(), charging_planned=False)
+    assert (plan.status, plan.heating_start_s, plan.hvch_battery_power_w.any()) == (
+        Status.NO_CHARGING_PLANNED, None, False)
+
+
+def test_no_charging_planned_says_how_warm_the_battery_arrives():
+    plan = plan_of(drive(), charging_planned=False)
+    # Euler's 30 s steps make a difference in the second decimal.
+    assert plan.explanation == (
+        'No fast charging at the end of this route: no heating; arrival in 40:00 min at '
+        f'{arrival_of(drive(), heater_share=0.0):.1f} degC.')
+
+
+def too_much_to_ask_for():
+    """Plan of a drive that asks a deeply cold battery for too much, twice; and the worst lack."""
+    segments = drive(ambient_c=-30.0)
+    segments[2] = dict(segments[2], propulsion_power_w=230e3)
+    segments[9] = dict(segments[9], propulsion_power_w=480e3)
+    plan = plan_of(segments, 59.0, BatteryState(temperature_c=-30.0, soc=0.88))
+    u, r = voltage_v(plan.soc[9]), resistance_ohm(plan.battery_temperature_c[9])
+    # The heater asks for its share too.
+    return plan, 480e3 + 1978.0 + 500.0 + 5022.0 - u**2 / (4 * r)
+
+
+def test_power_limited_says_when_and_by_how_much():
+    plan, lacking_w = too_much_to_ask_for()
+    # Segment 9 starts at 4:30.
+    assert (plan.status, plan.undeliverable_at_s, plan.explanation) == (
+        Status.POWER_LIMITED, 270.0, f'In 4:30 min the route asks for {lacking_w / 1000:.1f} kW '
+        'more than the battery can deliver; heating is on; arrival in 40:00 min at '
+        f'{plan.arrival_temperature_c:.1f} degC, target 59.0 degC.')
+
+
+def test_missing_power_is_in_watts():
+    plan, lacking_w = too_much_to_ask_for()
+    assert plan.undeliverable_power_w == pytest.approx(lacking_w, rel=1e-9)
+
+
+def test_deliverable_route_has_no_missing_power():
+    plan = plan_of(drive())
+    assert (plan.undeliverable_power_w, plan.undeliverable_at_s) == (0.0, None)
+
+
+@pytest.mark.parametrize('state, goal, ambient_c, problem', [
+    (replace(START, temperature_c=-40.5), Goal(18.0), -7.0, 'battery temperature: -40.5 is not '
+     "allowed; it must be -40 ... 60 degC, the range of the vehicle's battery"),
+    (replace(START, temperature_c=266.15), Goal(18.0), -7.0, 'battery temperature: 266.15 is not '
+     "allowed; it must be -40 ... 60 degC, the range of the vehicle's battery"),
+    (replace(START, temperature_c=NAN), Goal(18.0), -7.0, 'battery temperature: nan is not '
+     "allowed; it must be -40 ... 60 degC, the range of the vehicle's battery"),
+    (replace(START, soc=88.0), Goal(18.0), -7.0,
+     'state of charge: 88 is not allowed; it must be 0 ... 1'),
+    (replace(START, soc=-0.1), Goal(18.0), -7.0,
+     'state of charge: -0.1 is not allowed; it must be 0 ... 1'),
+    (replace(START, soc=NAN), Goal(18.0), -7.0,
+     'state of charge: nan is not allowed; it must be 0 ... 1'),
+    (START, Goal(61.0), -7.0, 'target battery temperature: 61 is not allowed; it must be '
+     "-40 ... 60 degC, the range of the vehicle's battery"),
+    (START, Goal(NAN), -7.0, 'target battery temperature: nan is not allowed; it must be '
+     "-40 ... 60 degC, the range of the vehicle's battery"),
+    (START, Goal(18.0, minimum_arrival_soc=20.0), -7.0,
+     'minimum arrival state of charge: 20 is not allowed; it must be 0 ... 1'),
+    (START, Goal(18.0, minimum_arrival_soc=NAN), -7.0,
+     'minimum arrival state of charge: nan is not allowed; it must be 0 ... 1'),
+    (START, Goal(18.0), -44.0, 'ambient temperature: -44 is not allowed; it must be at least -40 '
+     "degC: the vehicle's battery is not described below that")])
+def test_state_goal_or_route_refused_in_words(state, goal, ambient_c, problem):
+    with pytest.raises(InvalidInput) as refused:
+        plan_preheating(VEHICLE, route_of(drive(ambient_c=ambient_c)), state, goal,
+                        method='paper')
+    assert refused.value.problems == [problem]
+
+
+def test_every_refused_quantity_is_named():
+    with pytest.raises(InvalidInput) as refused:
+        plan_of(drive(), 77.0, BatteryState(temperature_c=NAN, soc=2.0))
+    assert [problem.split(':')[0] for problem in refused.value.problems] == [
+        'battery temperature', 'state of charge', 'target battery temperature']
+
+
+def test_unknown_target_does_not_matter_where_no_charging_is_planned():
+    assert plan_of(drive(), NAN, charging_planned=False).status is Status.NO_CHARGING_PLANNED
+
+
+def test_unknown_method_is_refused_with_those_there_are():
+    with pytest.raises(InvalidInput, match=r"^method: 'papre' is not one of .*\bpaper\b"):
+        plan_preheating(VEHICLE, route_of(drive()), START, Goal(18.0), method='papre')
+
+
+@pytest.mark.parametrize('segments, state, target_c, status', [
+    pytest.param(drive(minutes=0.5), START, 18.0, Status.TARGET_UNREACHABLE, id='one_segment'),
+    pytest.param(drive(minutes=0.01, step_s=1e-3), START, -6.993, Status.WAITING,
+                 id='milliseconds_close_target'),
+    pytest.param(drive(minutes=0.01, step_s=1e-3), START, 18.0, Status.TARGET_UNREACHABLE,
+                 id='milliseconds'),
+    pytest.param(drive(cabin_w=7000.0), START, 18.0, Status.TARGET_UNREACHABLE, id='no_heater'),
+    pytest.param(drive(power_w=900.0), BatteryState(6.0, 0.5), 6.0, Status.WAITING,
+                 id='target_is_start'),
+    pytest.param(drive(), BatteryState(-7.0, 1.0), 18.0, Status.WAITING, id='full'),
+    pytest.param(drive(minutes=10, power_w=0.0, cabin_w=0.0), BatteryState(-7.0, 0.0), 18.0,
+                 Status.TARGET_UNREACHABLE, id='empty'),
+    pytest.param(drive(), BatteryState(-40.0, 0.88), 60.0, Status.TARGET_UNREACHABLE,
+                 id='coldest_to_hottest')])
+def test_extreme_trips_have_a_status_and_finite_numbers(segments, state, target_c, status):
+    plan = plan_of(segments, target_c, state)
+    finite = np.isfinite([*plan.battery_temperature_c, *plan.soc, *plan.hvch_battery_power_w,
+                          *vars(plan.energy_wh).values()]).all()
+    assert (plan.status, finite) == (status, True)
+
+
+@given(segments=SEGMENTS, temperature_c=st.floats(-40.0, 60.0), soc=st.floats(0.1, 1.0),
+       target_c=st.floats(-40.0, 60.0))
+@settings(max_examples=100, deadline=None, derandomize=True)
+def test_heater_power_never_exceeds_what_the_cabin_leaves(segments, temperature_c, soc, target_c):
+    plan = plan_of(segments, target_c, BatteryState(temperature_c, soc))
+    left_w = np.maximum([7000.0 - segment['cabin_heating_power_w'] for segment in segments], 0.0)
+    assert ((0.0 <= plan.hvch_battery_power_w) & (plan.hvch_battery_power_w <= left_w)).all()
+
+
+@given(segments=SEGMENTS, temperature_c=st.floats(-40.0, 60.0), soc=st.floats(0.1, 1.0),
+       target_c=st.floats(-40.0, 60.0))
+@settings(max_examples=100, deadline=None, derandomize=True)
+def test_plan_without_start_is_a_plan_without_heating(segments, temperature_c, soc, target_c):
+    plan = plan_of(segments, target_c, BatteryState(temperature_c, soc))
+    assert (plan.heating_start_s is None) == (not plan.hvch_battery_power_w.any())

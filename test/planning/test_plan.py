@@ -1,0 +1,103 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The result: the keys that other programs read, shapes, and JSON."""
+
+import json
+
+import numpy as np
+import pytest
+
+from bev_preheat.planning.planner import plan_preheating
+from bev_preheat.planning.situation import BatteryState, Goal
+from bev_preheat.route.segments import make_route
+from bev_preheat.vehicle import load_vehicle
+
+VEHICLE = load_vehicle('reference')
+COUNT = 7
+
+
+def made_plan(target_c=25.0, charging_planned=True):
+    route = make_route({
+        'duration_s': [40.0, 10.0, 25.0, 60.0, 30.0, 5.0, 90.0], 'speed_mps': [22.0],
+        'propulsion_power_w': [19e3], 'ambient_temperature_c': [-6.0]}, VEHICLE.defaults)
+    return plan_preheating(VEHICLE, route, BatteryState(temperature_c=-3.0, soc=0.83),
+                           Goal(target_c, charging_planned=charging_planned), method='paper')
+
+
+@pytest.fixture(scope='module')
+def plan():
+    # The target can be met with heating for a part of the way.
+    return made_plan(target_c=-0.5)
+
+
+def test_dictionary_has_the_keys_of_the_contract(plan):
+    assert set(plan.as_dictionary()) >= {
+        'status', 'method', 'heating_start_s', 'arrival_time_s', 'arrival_temperature_c',
+        'arrival_soc', 'energy_wh', 'time_s', 'battery_temperature_c', 'soc',
+        'hvch_battery_power_w'}
+
+
+def test_energies_have_the_keys_of_the_contract(plan):
+    assert set(plan.as_dictionary()['energy_wh']) == {
+        'joule', 'drivetrain_heat', 'hvch_heat', 'hvch_electric', 'leakage', 'battery_total'}
+
+
+@pytest.mark.parametrize('target_c', [-0.5, 40.0, -5.0],
+                         ids=['waiting', 'unreachable', 'not_needed'])
+def test_json_and_back_is_the_same(target_c):
+    dictionary = made_plan(target_c).as_dictionary()
+    # Strict JSON knows no NaN.
+    assert json.loads(json.dumps(dictionary, allow_nan=False)) == dictionary
+
+
+@pytest.mark.parametrize('key, length', [
+    ('time_s', COUNT + 1), ('battery_temperature_c', COUNT + 1), ('soc', COUNT + 1),
+    ('hvch_battery_power_w', COUNT)])
+def test_trajectories_have_their_shapes(plan, key, length):
+    assert (getattr(plan, key).shape, len(plan.as_dictionary()[key])) == ((length,), length)
+
+
+def test_time_is_that_of_the_segments(plan):
+    assert plan.time_s.tolist() == [0.0, 40.0, 50.0, 75.0, 135.0, 165.0, 170.0, 260.0]
+
+
+def test_arrival_is_the_end_of_the_trajectories(plan):
+    assert (plan.arrival_time_s, plan.arrival_temperature_c, plan.arrival_soc) == (
+        260.0, plan.battery_temperature_c[-1], plan.soc[-1])
+
+
+def test_trajectories_start_at_the_measured_state(plan):
+    assert (plan.battery_temperature_c[0], plan.soc[0]) == (-3.0, 0.83)
+
+
+def test_dictionary_is_the_plan(plan):
+    dictionary = plan.as_dictionary()
+    assert {key: dictionary[key] for key in (
+        'status', 'method', 'explanation', 'target_temperature_c', 'heating_start_s',
+        'arrival_time_s', 'arrival_temperature_c', 'arrival_soc', 'shortfall_k',
+        'undeliverable_power_w', 'undeliverable_at_s', 'planning_time_s')} == {
+            'status': 'WAITING', 'method': 'paper', 'explanation': plan.explanation,
+            'target_temperature_c': -0.5, 'heating_start_s': plan.heating_start_s,
+            'arrival_time_s': 260.0, 'arrival_temperature_c': plan.arrival_temperature_c,
+            'arrival_soc': plan.arrival_soc, 'shortfall_k': plan.shortfall_k,
+            'undeliverable_power_w': 0.0, 'undeliverable_at_s': None,
+            'planning_time_s': plan.planning_time_s}
+
+
+@pytest.mark.parametrize('name', ['time_s', 'battery_temperature_c', 'soc',
+                                  'hvch_battery_power_w'])
+def test_lists_of_the_dictionary_are_the_trajectories(plan, name):
+    assert plan.as_dictionary()[name] == list(getattr(plan, name))
+
+
+def test_heater_energy_is_the_heater_power_over_time(plan):
+    electric_wh = np.diff(plan.time_s) @ plan.hvch_battery_power_w / 3600.0
+    assert plan.as_dictionary()['energy_wh']['hvch_electric'] == pytest.approx(
+        electric_wh, rel=1e-12)
+
+
+def test_heating_that_never_starts_is_null():
+    assert '"heating_start_s": null' in json.dumps(made_plan(target_c=-5.0).as_dictionary())
+
+
+def test_planning_time_is_measured(plan):
+    assert 0.0 < plan.planning_time_s < 10.0

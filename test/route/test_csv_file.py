@@ -1,0 +1,155 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Route files: nothing is lost on the way, and each error has its message."""
+
+from dataclasses import fields
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from hypothesis import given, strategies as st
+import numpy as np
+import pytest
+
+from bev_preheat.errors import InvalidInput
+from bev_preheat.route.csv_file import load_route, save_route
+from bev_preheat.route.segments import make_route, Route
+from bev_preheat.vehicle.description import Defaults
+
+DEFAULTS = Defaults(cabin_heating_power_w=1111.0, auxiliary_power_w=222.0,
+                    target_battery_temperature_c=21.0)
+HEADER = ('duration_s,speed_mps,propulsion_power_w,propulsion_power_rms_w,ambient_temperature_c,'
+          'cabin_heating_power_w,auxiliary_power_w')
+SEGMENT = st.tuples(
+    st.floats(1e-3, 400.0), st.floats(0.0, 100.0), st.floats(-2e6, 1.9e6), st.floats(0.0, 1e4),
+    st.floats(-60.0, 60.0), st.floats(0.0, 5e4), st.floats(0.0, 5e4))
+
+
+def file_of(tmp_path, text, name='trip.csv'):
+    path = tmp_path / name
+    path.write_text(text, encoding='utf-8')
+    return path
+
+
+def problems_with(tmp_path, text):
+    """Problems that loading a file has, without the path they all start with."""
+    path = file_of(tmp_path, text)
+    with pytest.raises(InvalidInput) as caught:
+        load_route(path, DEFAULTS)
+    for problem in caught.value.problems:
+        assert problem.startswith(str(path))
+    return [problem.removeprefix(str(path)) for problem in caught.value.problems]
+
+
+@given(st.lists(SEGMENT, min_size=1, max_size=20))
+def test_what_is_saved_is_loaded_bit_for_bit(rows):
+    duration, speed, mean, more, ambient, cabin, auxiliary = np.array(rows).T
+    route = make_route({
+        'duration_s': duration, 'speed_mps': speed, 'propulsion_power_w': mean,
+        'propulsion_power_rms_w': np.minimum(np.abs(mean) + more, 2e6),
+        'ambient_temperature_c': ambient, 'cabin_heating_power_w': cabin,
+        'auxiliary_power_w': auxiliary}, DEFAULTS)
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / 'trip.csv'
+        save_route(path, route, ['made from numbers'])
+        again = load_route(path, None)
+    for field in fields(Route):
+        np.testing.assert_array_equal(getattr(again, field.name), getattr(route, field.name))
+
+
+def test_the_file_has_the_columns_of_the_contract(tmp_path):
+    route = make_route({
+        'duration_s': [30.0, 12.5], 'speed_mps': [10.0], 'propulsion_power_w': [-5e3, 0.125],
+        'propulsion_power_rms_w': [6e3], 'ambient_temperature_c': [-7.0]}, DEFAULTS)
+    save_route(tmp_path / 'trip.csv', route, ['first', 'second'])
+    assert (tmp_path / 'trip.csv').read_text(encoding='utf-8') == (
+        f'# first\n# second\n{HEADER}\n'
+        '30,10,-5000,6000,-7,1111,222\n12.5,10,0.125,6000,-7,1111,222\n')
+
+
+def test_columns_are_found_by_name_and_optional_ones_may_be_missing(tmp_path):
+    route = load_route(file_of(tmp_path, '''
+        # a comment, then a header in another order
+        ambient_temperature_c, duration_s, propulsion_power_w, speed_mps
+        -7.5, 30, -2e3, 11   # behind the numbers too
+
+        -8.5, 20, 3000, 22
+        '''), DEFAULTS)
+    assert route.ambient_temperature_c.tolist() == [-7.5, -8.5]
+    assert route.duration_s.tolist() == [30.0, 20.0]
+    assert route.propulsion_power_w.tolist() == [-2e3, 3e3]
+    assert route.propulsion_power_rms_w.tolist() == [2e3, 3e3]
+    assert route.speed_mps.tolist() == [11.0, 22.0]
+    assert route.cabin_heating_power_w.tolist() == [1111.0, 1111.0]
+    assert route.auxiliary_power_w.tolist() == [222.0, 222.0]
+
+
+def test_a_byte_order_mark_is_no_part_of_the_header(tmp_path):
+    route = load_route(file_of(tmp_path, f'\ufeff{HEADER}\n30,10,5e3,6e3,-7,1500,500\n'), DEFAULTS)
+    assert route.duration_s.tolist() == [30.0]
+
+
+def test_a_value_beyond_its_limits_is_named_with_its_line(tmp_path):
+    assert problems_with(tmp_path, f'# km/h\n{HEADER}\n30,10,5e3,6e3,-7,1500,500\n\n'
+                         '30,130,5e3,6e3,-7,1500,500\n') == [
+        ', line 5: speed_mps: 130 is not allowed; it must be 0 ... 100']
+
+
+def test_a_root_mean_square_below_the_mean_is_named_with_its_line(tmp_path):
+    assert problems_with(tmp_path, f'{HEADER}\n30,10,5e3,6e3,-7,1500,500\n'
+                         '30,10,5e3,4e3,-7,1500,500\n') == [
+        ', line 3: propulsion_power_rms_w: 4000 is below the magnitude of the mean, 5000']
+
+
+def test_nan_is_refused(tmp_path):
+    assert problems_with(tmp_path, f'{HEADER}\n30,10,nan,6e3,-7,1500,500\n') == [
+        ', line 2: propulsion_power_w: nan is not allowed; it must be -2e+06 ... 2e+06']
+
+
+def test_text_in_place_of_a_number_is_refused(tmp_path):
+    assert problems_with(tmp_path, f'{HEADER}\n30,ten,5e3,6e3,-7,1500,500\n'
+                         '30,10,5e3,6e3,,1500,500\n') == [
+        ", line 2: speed_mps: 'ten' is not a number",
+        ", line 3: ambient_temperature_c: '' is not a number"]
+
+
+def test_rows_of_another_length_are_refused(tmp_path):
+    assert problems_with(tmp_path, f'{HEADER}\n30,10,5e3,6e3,-7,1500\n') == [
+        ', line 2: has 6 values; the header names 7 columns']
+
+
+def test_unknown_and_missing_columns_are_named(tmp_path):
+    assert problems_with(tmp_path, '# trip\nduration_s,speed_kmh,propulsion_power_w\n') == [
+        f', line 2: unknown columns: speed_kmh; known: {HEADER.replace(",", ", ")}',
+        ', line 2: missing columns: speed_mps, ambient_temperature_c']
+
+
+def test_columns_named_twice_are_refused(tmp_path):
+    assert problems_with(tmp_path, f'{HEADER},speed_mps\n') == [
+        ', line 1: columns named twice: speed_mps']
+
+
+def test_a_route_without_segments_is_refused(tmp_path):
+    assert problems_with(tmp_path, f'{HEADER}\n') == [': has no segments']
+
+
+def test_an_empty_file_is_refused(tmp_path):
+    assert problems_with(tmp_path, '# nothing\n') == [
+        f': is empty; its first line must name the columns: {HEADER.replace(",", ", ")}']
+
+
+def test_a_file_that_is_no_text_is_refused(tmp_path):
+    path = tmp_path / 'trip.csv'
+    path.write_bytes(b'duration_s\xff\xfe\n')
+    with pytest.raises(InvalidInput, match=r'trip\.csv: cannot be read: is not UTF-8 text$'):
+        load_route(path, DEFAULTS)
+
+
+def test_a_file_that_is_not_there_is_named(tmp_path):
+    with pytest.raises(InvalidInput, match=r'nowhere\.csv: no such file$'):
+        load_route(tmp_path / 'nowhere.csv', DEFAULTS)
+
+
+def test_an_unknown_name_gets_the_nearest_and_all_there_are():
+    with pytest.raises(InvalidInput, match=(
+            r"^route 'referense' is unknown; did you mean 'reference'\?; there are: "
+            r'alpine_pass, city_stop_and_go, motorway_3h, reference, winter_commute; ')):
+        load_route('referense', DEFAULTS)

@@ -1,0 +1,399 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Descriptions of trips: kinematics and energy against closed forms, calibration, messages."""
+
+from math import hypot
+
+import numpy as np
+import pytest
+import yaml
+
+from bev_preheat.errors import InvalidInput
+from bev_preheat.route.legs import load_legs
+from bev_preheat.vehicle.description import Defaults
+
+DEFAULTS = Defaults(cabin_heating_power_w=1111.0, auxiliary_power_w=222.0,
+                    target_battery_temperature_c=21.0)
+GRAVITY = 9.80665
+# Dry air at sea level, International Standard Atmosphere.
+DENSITY_AT_15_C = 1.225
+CAR = {
+    'mass_kg': 1900.0, 'frontal_area_m2': 2.4, 'drag_coefficient': 0.31,
+    'rolling_resistance': 0.011, 'drivetrain_efficiency': 0.87,
+    'maximum_regeneration_power_w': 300e3, 'acceleration_mps2': 1.25, 'deceleration_mps2': 1.6}
+WEIGHT = CAR['mass_kg'] * GRAVITY
+ROLLING_N = CAR['rolling_resistance'] * WEIGHT
+# Newton per (m/s)^2.
+DRAG = 0.5 * DENSITY_AT_15_C * CAR['drag_coefficient'] * CAR['frontal_area_m2']
+
+
+def description(legs, **changes):
+    """Description of a trip at 15 degC at sea level; `car` changes the car."""
+    car = {**CAR, **changes.pop('car', {})}
+    return {'name': 'trip', 'ambient_temperature_c': 15.0, 'cabin_heating_power_w': 1500.0,
+            'auxiliary_power_w': 300.0, 'road_vehicle': car, 'legs': legs, **changes}
+
+
+@pytest.fixture
+def make(tmp_path):
+    def make(legs, defaults=None, **changes):
+        path = tmp_path / 'trip.yaml'
+        path.write_text(yaml.safe_dump(description(legs, **changes)), encoding='utf-8')
+        return load_legs(path, defaults)
+    return make
+
+
+@pytest.fixture
+def problems_with(make):
+    def problems_with(legs, **changes):
+        with pytest.raises(InvalidInput) as caught:
+            make(legs, **changes)
+        for problem in caught.value.problems:
+            assert 'trip.yaml: ' in problem
+        return [problem.split('trip.yaml: ', 1)[1] for problem in caught.value.problems]
+    return problems_with
+
+
+def energies_wh(route):
+    """Energy of the driving and of the regenerating segments, both positive."""
+    energy_wh = route.propulsion_power_w * route.duration_s / 3600.0
+    return float(energy_wh[energy_wh > 0.0].sum()), float(-energy_wh[energy_wh < 0.0].sum())
+
+
+def test_a_flat_leg_takes_as_long_as_a_trapezoid(make):
+    route = make([{'length_m': 3000.0, 'speed_limit_kmh': 90.0}]).route
+    speed, up, down = 25.0, CAR['acceleration_mps2'], CAR['deceleration_mps2']
+    assert route.total_duration_s == pytest.approx(
+        3000.0 / speed + speed / (2.0 * up) + speed / (2.0 * down), abs=0.05)
+    assert route.distance_m == pytest.approx(3000.0, rel=1e-9)
+
+
+def test_a_leg_too_short_for_its_limit_is_a_triangle(make):
+    route = make([{'length_m': 100.0, 'speed_limit_kmh': 250.0}], segment_duration_s=1.0).route
+    up, down = CAR['acceleration_mps2'], CAR['deceleration_mps2']
+    peak = np.sqrt(2.0 * 100.0 * up * down / (up + down))
+    assert route.total_duration_s == pytest.approx(peak / up + peak / down, abs=0.05)
+
+
+def test_stops_are_driven_to_waited_at_and_left(make):
+    route = make([{'length_m': 4000.0, 'speed_limit_kmh': 72.0, 'stops': 3,
+                   'stop_duration_s': 17.0}], segment_duration_s=1.0).route
+    speed, up, down = 20.0, CAR['acceleration_mps2'], CAR['deceleration_mps2']
+    assert route.total_duration_s == pytest.approx(
+        4000.0 / speed + 4.0 * (speed / (2.0 * up) + speed / (2.0 * down)) + 3.0 * 17.0, abs=0.1)
+    # A second that is standstill altogether: 17 s hold 16 or 17 of them, at 1, 2, 3 km.
+    at_m = np.concatenate(([0.0], np.cumsum(route.speed_mps * route.duration_s)))[:-1]
+    standing_m = at_m[route.speed_mps < 1e-9]
+    for stop_m in (1000.0, 2000.0, 3000.0):
+        assert np.sum(np.abs(standing_m - stop_m) < 1e-3) in (16, 17)
+    assert len(standing_m) <= 3 * 17
+
+
+def test_a_lower_limit_is_braked_for_before_it_begins(make):
+    route = make([{'length_m': 2500.0, 'speed_limit_kmh': 108.0},
+                  {'length_m': 1500.0, 'speed_limit_kmh': 54.0}], segment_duration_s=1.0).route
+    fast, slow, up, down = 30.0, 15.0, CAR['acceleration_mps2'], CAR['deceleration_mps2']
+    assert route.total_duration_s == pytest.approx(
+        2500.0 / fast + fast / (2.0 * up) + (fast - slow)**2 / (2.0 * down * fast)
+        + 1500.0 / slow + slow / (2.0 * down), abs=0.1)
+    at_m = np.concatenate(([0.0], np.cumsum(route.speed_mps * route.duration_s)))[:-1]
+    assert route.speed_mps[at_m >= 2500.0].max() <= slow + 1e-9
+    assert route.speed_mps.max() == pytest.approx(fast)
+
+
+def test_a_higher_limit_is_used_after_it_begins(make):
+    route = make([{'length_m': 1500.0, 'speed_limit_kmh': 54.0},
+                  {'length_m': 2500.0, 'speed_limit_kmh': 108.0}], segment_duration_s=1.0).route
+    ends_m = np.cumsum(route.speed_mps * route.duration_s)
+    assert route.speed_mps[ends_m <= 1500.0].max() <= 15.0 + 1e-9
+    assert route.speed_mps[ends_m > 1500.0].max() == pytest.approx(30.0)
+
+
+def test_traffic_only_slows_and_depends_on_the_seed_alone(make):
+    legs = [{'length_m': 20e3, 'speed_limit_kmh': 90.0, 'traffic_slowdown_percent': 40.0}]
+    first, again, other = (make(legs, seed=seed, segment_duration_s=1.0).route
+                           for seed in (5, 5, 6))
+    np.testing.assert_array_equal(first.propulsion_power_w, again.propulsion_power_w)
+    assert len(first) != len(other) or np.any(first.speed_mps != other.speed_mps)
+    cruising = first.speed_mps[30:-30]
+    assert cruising.max() <= 25.0 + 1e-9
+    assert cruising.min() >= 25.0 * 0.6 - 1e-9
+    # Uniform between nothing and 40 %: 20 % off on average, over the road rather than over time.
+    mean_slowness = first.total_duration_s / 20e3 * 25.0
+    assert mean_slowness == pytest.approx(np.log(1.0 / 0.6) / 0.4, rel=0.06)
+
+
+def test_accelerations_stay_comfortable_in_traffic(make):
+    route = make([{'length_m': 15e3, 'speed_limit_kmh': 130.0, 'traffic_slowdown_percent': 80.0}],
+                 segment_duration_s=1.0, traffic_length_m=30.0).route
+    change = np.diff(route.speed_mps[:-1])
+    assert change.max() == pytest.approx(CAR['acceleration_mps2'], abs=1e-6)
+    assert change.min() == pytest.approx(-CAR['deceleration_mps2'], abs=1e-6)
+
+
+def cruising_power_w(make, slope_percent=0.0, wind=0.0, **changes):
+    """Power in the middle of a leg driven at 20 m/s."""
+    route = make([{'length_m': 6000.0, 'speed_limit_kmh': 72.0, 'slope_percent': slope_percent}],
+                 headwind_mps=wind, start_elevation_m=-30.0 * slope_percent, **changes).route
+    middle = len(route) // 2
+    assert route.propulsion_power_rms_w[middle] == pytest.approx(
+        abs(route.propulsion_power_w[middle]), rel=1e-4)
+    return route.propulsion_power_w[middle]
+
+
+@pytest.mark.parametrize('wind', [0.0, 6.0, -4.0])
+def test_constant_speed_on_the_level(make, wind):
+    force = ROLLING_N + DRAG * (20.0 + wind)**2
+    assert cruising_power_w(make, wind=wind) == pytest.approx(
+        force * 20.0 / CAR['drivetrain_efficiency'], rel=1e-5)
+
+
+def test_a_tailwind_faster_than_the_car_pushes(make):
+    force = ROLLING_N - DRAG * (30.0 - 20.0)**2
+    assert cruising_power_w(make, wind=-30.0) == pytest.approx(
+        force * 20.0 / CAR['drivetrain_efficiency'], rel=1e-5)
+
+
+def test_constant_speed_uphill(make):
+    # In the middle of the leg the car passes sea level, give or take what it climbs in 30 s.
+    along = hypot(1.0, 0.06)
+    force = WEIGHT * 0.06 / along + ROLLING_N / along + DRAG * 20.0**2
+    assert cruising_power_w(make, slope_percent=6.0) == pytest.approx(
+        force * 20.0 / CAR['drivetrain_efficiency'], rel=1e-3)
+
+
+def test_constant_speed_downhill_regenerates(make):
+    along = hypot(1.0, 0.07)
+    force = -WEIGHT * 0.07 / along + ROLLING_N / along + DRAG * 20.0**2
+    assert cruising_power_w(make, slope_percent=-7.0) == pytest.approx(
+        force * 20.0 * CAR['drivetrain_efficiency'], rel=1e-3)
+
+
+def test_the_brakes_do_what_exceeds_the_maximum_regeneration_power(make):
+    assert cruising_power_w(make, slope_percent=-7.0,
+                            car={'maximum_regeneration_power_w': 4321.0}) == -4321.0
+
+
+def test_thin_and_cold_air(make):
+    # 1.1117 kg/m^3 at 8.5 degC and 1000 m: International Standard Atmosphere.
+    force = ROLLING_N + DRAG * 1.1117 / DENSITY_AT_15_C * 20.0**2
+    route = make([{'length_m': 3000.0, 'speed_limit_kmh': 72.0}], start_elevation_m=1000.0,
+                 ambient_temperature_c=8.5).route
+    assert route.propulsion_power_w[len(route) // 2] == pytest.approx(
+        force * 20.0 / CAR['drivetrain_efficiency'], rel=1e-4)
+
+
+def test_energy_of_a_trapezoid(make):
+    """Kinetic energy is paid when pulling away and comes back, less the losses, when braking."""
+    speed, up, down = 25.0, CAR['acceleration_mps2'], CAR['deceleration_mps2']
+    efficiency = CAR['drivetrain_efficiency']
+    start, stop = speed**2 / (2.0 * up), speed**2 / (2.0 * down)
+    # 60 s at full speed after 20 s of pulling away: no second holds both driving and braking, but
+    # for the time in a cell, where the corners of the trapezoid are cut.
+    length = start + 60.0 * speed + stop
+    kinetic = 0.5 * CAR['mass_kg'] * speed**2
+    # v^3 dt = v^4 / (4 a) over an acceleration a.
+    driving = (kinetic + ROLLING_N * (length - stop)
+               + DRAG * (speed**4 / (4.0 * up) + speed**2 * (length - start - stop))) / efficiency
+    braking = (kinetic - ROLLING_N * stop - DRAG * speed**4 / (4.0 * down)) * efficiency
+    driven_wh, regenerated_wh = energies_wh(
+        make([{'length_m': length, 'speed_limit_kmh': 90.0}], segment_duration_s=1.0).route)
+    assert driven_wh == pytest.approx(driving / 3600.0, rel=3e-3)
+    assert regenerated_wh == pytest.approx(braking / 3600.0, rel=3e-3)
+
+
+def test_energy_of_a_whole_trip_balances(make):
+    """Without drivetrain losses, from rest to rest: potential, rolling and air, nothing else."""
+    legs = [{'length_m': 1500.0, 'speed_limit_kmh': 50.0, 'slope_percent': 3.0, 'stops': 4,
+             'stop_duration_s': 9.0},
+            {'length_m': 2500.0, 'speed_limit_kmh': 80.0, 'slope_percent': -5.0,
+             'traffic_slowdown_percent': 30.0},
+            {'length_m': 1200.0, 'speed_limit_kmh': 30.0, 'slope_percent': 1.0}]
+    route = make(legs, car={'drivetrain_efficiency': 1.0, 'drag_coefficient': 0.05,
+                            'frontal_area_m2': 0.2}, segment_duration_s=1.0).route
+    potential = WEIGHT * sum(leg['length_m'] * leg['slope_percent'] / 100.0
+                             / hypot(1.0, leg['slope_percent'] / 100.0) for leg in legs)
+    rolling = ROLLING_N * sum(leg['length_m'] / hypot(1.0, leg['slope_percent'] / 100.0)
+                              for leg in legs)
+    # This car has next to no air resistance; what there is, second by second.
+    air = 0.5 * DENSITY_AT_15_C * 0.05 * 0.2 * route.speed_mps**3 @ route.duration_s
+    assert route.propulsion_power_w @ route.duration_s == pytest.approx(
+        potential + rolling + air, rel=2e-4)
+
+
+def test_segments_keep_energy_and_mean_square(make):
+    legs = [{'length_m': 3000.0, 'speed_limit_kmh': 60.0, 'stops': 7, 'stop_duration_s': 8.0}]
+    short = make(legs, segment_duration_s=1.0).route
+    long = make(legs, segment_duration_s=45.0).route
+    assert len(long) == int(np.ceil(short.total_duration_s / 45.0))
+    assert long.total_duration_s == pytest.approx(short.total_duration_s)
+    assert long.propulsion_power_w @ long.duration_s == pytest.approx(
+        short.propulsion_power_w @ short.duration_s, rel=1e-9)
+    assert long.propulsion_power_rms_w**2 @ long.duration_s == pytest.approx(
+        short.propulsion_power_rms_w**2 @ short.duration_s, rel=1e-9)
+
+
+def test_without_variation_the_root_mean_square_is_the_mean(make):
+    legs = [{'length_m': 3000.0, 'speed_limit_kmh': 60.0, 'stops': 7, 'stop_duration_s': 8.0}]
+    varied = make(legs).route
+    flat = make(legs, within_segment_variation=False).route
+    np.testing.assert_array_equal(flat.propulsion_power_w, varied.propulsion_power_w)
+    np.testing.assert_array_equal(flat.propulsion_power_rms_w, np.abs(flat.propulsion_power_w))
+    assert np.all(varied.propulsion_power_rms_w > 1.05 * flat.propulsion_power_rms_w)
+
+
+def test_ambient_temperature_of_legs(make):
+    route = make([{'length_m': 3000.0, 'speed_limit_kmh': 72.0},
+                  {'length_m': 6000.0, 'speed_limit_kmh': 72.0, 'ambient_temperature_c': [4, -8]},
+                  {'length_m': 3000.0, 'speed_limit_kmh': 72.0, 'ambient_temperature_c': -9}],
+                 segment_duration_s=1.0).route
+    middle_m = np.cumsum(route.speed_mps * route.duration_s) - 0.5 * route.speed_mps
+    inside = np.abs((middle_m + 1500.0) % 3000.0 - 1500.0) > 15.0
+    expected_c = np.where(middle_m < 3000.0, 15.0, np.where(
+        middle_m < 9000.0, 4.0 - 12.0 * (middle_m - 3000.0) / 6000.0, -9.0))
+    np.testing.assert_allclose(route.ambient_temperature_c[inside], expected_c[inside], atol=1e-3)
+
+
+def test_cabin_and_auxiliary_power(make):
+    route = make([{'length_m': 900.0, 'speed_limit_kmh': 50.0}], DEFAULTS).route
+    assert np.all(route.cabin_heating_power_w == pytest.approx(1500.0))
+    assert np.all(route.auxiliary_power_w == pytest.approx(300.0))
+
+
+def test_cabin_and_auxiliary_power_of_the_vehicle(tmp_path):
+    contents = description([{'length_m': 900.0, 'speed_limit_kmh': 50.0}])
+    del contents['cabin_heating_power_w'], contents['auxiliary_power_w']
+    path = tmp_path / 'trip.yaml'
+    path.write_text(yaml.safe_dump(contents), encoding='utf-8')
+    route = load_legs(path, DEFAULTS).route
+    assert np.all(route.cabin_heating_power_w == pytest.approx(1111.0))
+    assert np.all(route.auxiliary_power_w == pytest.approx(222.0))
+    with pytest.raises(InvalidInput) as caught:
+        load_legs(path)
+    assert caught.value.problems == [
+        f'{path}: missing cabin_heating_power_w; it must stand here or come from a vehicle',
+        f'{path}: missing auxiliary_power_w; it must stand here or come from a vehicle']
+
+
+TRIP = [{'length_m': 4000.0, 'speed_limit_kmh': 50.0, 'stops': 3, 'stop_duration_s': 20.0},
+        {'length_m': 6000.0, 'speed_limit_kmh': 90.0}]
+
+
+def test_distance_and_duration_are_met(make):
+    made = make(TRIP, distance_m=11000.0, duration_s=810.0)
+    assert made.route.distance_m == pytest.approx(11000.0, abs=1e-6)
+    assert made.route.total_duration_s == pytest.approx(810.0, abs=1e-9)
+    assert len(made.route) == 27
+    assert made.remarks[0] == 'the legs, 10000 m, are scaled by 1.1000 to 11000 m'
+    assert made.remarks[1].startswith('speeds are scaled by 0.')
+    # The stops last as long as ever.
+    assert np.sum(make(TRIP, duration_s=810.0, segment_duration_s=1.0).route.speed_mps
+                  < 1e-9) in range(57, 62)
+
+
+def test_duration_out_of_reach_is_refused(problems_with):
+    slowest, fastest = 10000.0 / 0.7, 10000.0 / 1.4
+    (problem,) = problems_with(TRIP, duration_s=120.0)
+    assert problem.startswith('duration_s: 120 is out of reach; with speeds scaled by 1.4 ... 0.7 '
+                              'the trip lasts ')
+    reach = [float(word) for word in problem.split() if word.isdigit()][-2:]
+    assert fastest / 25.0 < reach[0] < reach[1] < slowest / 10.0
+
+
+@pytest.mark.parametrize('variation', [True, False])
+def test_energies_are_met(make, variation):
+    before = make(TRIP, within_segment_variation=variation).route
+    driven, regenerated = energies_wh(before)
+    assert regenerated > 10.0
+    made = make(TRIP, within_segment_variation=variation, propulsion_energy_wh={
+        'total_magnitude': 1.2 * driven + 0.8 * regenerated,
+        'net': 1.2 * driven - 0.8 * regenerated})
+    assert energies_wh(made.route) == pytest.approx((1.2 * driven, 0.8 * regenerated))
+    scales = np.where(before.propulsion_power_w > 0.0, 1.2, 0.8)
+    np.testing.assert_allclose(made.route.propulsion_power_rms_w,
+                               before.propulsion_power_rms_w * scales)
+    assert 'are scaled by 1.2000 to' in made.remarks[0]
+    assert 'are scaled by 0.8000 to' in made.remarks[1]
+
+
+def test_energies_that_are_far_off_are_refused(make, problems_with):
+    driven, regenerated = energies_wh(make(TRIP).route)
+    assert problems_with(TRIP, propulsion_energy_wh={'total_magnitude': 5000, 'net': 4000}) == [
+        f'propulsion_energy_wh: wants 4500 Wh driving; the segments hold {driven:.1f} Wh, '
+        'which may be scaled by 0.5 ... 2']
+    assert problems_with(TRIP, propulsion_energy_wh={
+        'total_magnitude': float(driven), 'net': float(driven)}) == [
+        f'propulsion_energy_wh: wants 0 Wh regenerating; the segments hold {regenerated:.1f} Wh, '
+        'which may be scaled by 0.5 ... 2']
+
+
+def test_net_energy_above_the_total_is_refused(problems_with):
+    assert problems_with(TRIP, propulsion_energy_wh={'total_magnitude': 900, 'net': -1000}) == [
+        'propulsion_energy_wh.net: -1000 is not allowed; its magnitude must be at most '
+        'total_magnitude, 900']
+
+
+LEG = {'length_m': 900.0, 'speed_limit_kmh': 50.0}
+
+
+@pytest.mark.parametrize('leg, problem', [
+    ({'length_m': 900.0}, 'legs[1]: missing speed_limit_kmh'),
+    ({**LEG, 'length_m': 0}, 'legs[1].length_m: 0 is not allowed; it must be at least 5 and at '
+                             'most 3000000'),
+    ({**LEG, 'speed_limit_kmh': 300}, 'legs[1].speed_limit_kmh: 300 is not allowed; it must be at '
+                                      'least 5 and at most 250'),
+    ({**LEG, 'slope_percent': -40}, 'legs[1].slope_percent: -40 is not allowed; it must be at '
+                                    'least -35 and at most 35'),
+    ({**LEG, 'stops': 1.5, 'stop_duration_s': 9}, 'legs[1].stops: 1.5 is not a integer'),
+    ({**LEG, 'stops': 2}, 'legs[1]: missing stop_duration_s, with 2 stops'),
+    ({**LEG, 'speed_limit_mps': 9}, "legs[1]: unknown key 'speed_limit_mps'; did you mean "
+                                    "'speed_limit_kmh'? known keys: name, length_m, "
+                                    'speed_limit_kmh, slope_percent, stops, stop_duration_s, '
+                                    'traffic_slowdown_percent, ambient_temperature_c'),
+    ({**LEG, 'ambient_temperature_c': 280}, 'legs[1].ambient_temperature_c: 280 is not allowed; '
+                                            'it must be at least -60 and at most 60'),
+    ({**LEG, 'ambient_temperature_c': [1]}, 'legs[1].ambient_temperature_c: has 1 values; it must '
+                                            'have at least 2'),
+])
+def test_bad_legs_are_named(problems_with, leg, problem):
+    assert problems_with([LEG, leg]) == [problem]
+
+
+def test_a_bad_car_is_named(problems_with):
+    assert problems_with([LEG], car={'drivetrain_efficiency': 87}) == [
+        'road_vehicle.drivetrain_efficiency: 87 is not allowed; it must be at least 0.1 and at '
+        'most 1']
+
+
+def test_missing_ambient_temperature_is_named(tmp_path):
+    contents = description([{**LEG, 'ambient_temperature_c': 3.0}, LEG])
+    del contents['ambient_temperature_c']
+    path = tmp_path / 'trip.yaml'
+    path.write_text(yaml.safe_dump(contents), encoding='utf-8')
+    with pytest.raises(InvalidInput) as caught:
+        load_legs(path)
+    assert caught.value.problems == [
+        f'{path}: legs[1]: missing ambient_temperature_c; it must stand here or at the top, for '
+        'all legs']
+
+
+def test_a_road_into_space_is_refused(problems_with):
+    assert problems_with([LEG, {**LEG, 'length_m': 50e3, 'slope_percent': 30}]) == [
+        'legs[1]: ends 14367 m above sea level; it must be -500 ... 9000']
+
+
+def test_a_trip_of_more_than_a_day_is_refused(problems_with):
+    assert problems_with([{'length_m': 3e6, 'speed_limit_kmh': 100},
+                          {'length_m': 1e6, 'speed_limit_kmh': 40}]) == [
+        'legs: the trip lasts at least 198000 s; at most 86400 s are planned']
+
+
+def test_power_that_no_car_has_is_refused(problems_with):
+    (problem,) = problems_with([{**LEG, 'slope_percent': 35}],
+                               car={'mass_kg': 100e3, 'acceleration_mps2': 10})
+    assert problem.startswith('propulsion_power_w[')
+    assert 'is not allowed; it must be -2e+06 ... 2e+06' in problem
+
+
+def test_an_unknown_name_gets_the_nearest():
+    with pytest.raises(InvalidInput, match=r"'alpine_pas' is unknown; did you mean 'alpine_pass'"):
+        load_legs('alpine_pas')

@@ -1,0 +1,291 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The route: slicing and resampling keep what they must, bad input gets its message."""
+
+from dataclasses import fields
+
+from hypothesis import assume, example, given, strategies as st
+import numpy as np
+import pytest
+
+from bev_preheat.errors import InvalidInput
+from bev_preheat.route.segments import LIMITS, MOST_SEGMENTS, make_route, Route
+from bev_preheat.vehicle.description import Defaults
+
+DEFAULTS = Defaults(cabin_heating_power_w=1111.0, auxiliary_power_w=222.0,
+                    target_battery_temperature_c=21.0)
+
+SEGMENT = st.tuples(
+    st.floats(0.5, 400.0), st.floats(0.0, 50.0), st.floats(-8e4, 1.5e5), st.floats(0.0, 9e4),
+    st.floats(-30.0, 30.0), st.floats(0.0, 6e3), st.floats(0.0, 3e3))
+
+
+def route_of(rows):
+    """Route of rows as SEGMENT draws them; the fourth value is the standard deviation."""
+    duration, speed, mean, deviation, ambient, cabin, auxiliary = np.array(rows).T
+    return make_route({
+        'duration_s': duration, 'speed_mps': speed, 'propulsion_power_w': mean,
+        'propulsion_power_rms_w': np.hypot(mean, deviation), 'ambient_temperature_c': ambient,
+        'cabin_heating_power_w': cabin, 'auxiliary_power_w': auxiliary}, DEFAULTS)
+
+
+ROUTES = st.lists(SEGMENT, min_size=1, max_size=25).map(route_of)
+SHARES = st.floats(0.0, 1.0, exclude_max=True)
+STEPS_S = st.floats(0.3, 900.0)
+
+
+def integrals(route, start_s=0.0, end_s=np.inf):
+    """
+    Integrals over a stretch of time, segment by segment: the reference of the tests below.
+
+    Duration, distance, energy, mean square, ambient temperature, cabin and auxiliary energy.
+    """
+    total, at_s = np.zeros(7), 0.0
+    for duration, speed, mean, rms, ambient, cabin, auxiliary in zip(
+            *(getattr(route, field.name) for field in fields(Route))):
+        inside_s = max(0.0, min(end_s, at_s + duration) - max(start_s, at_s))
+        total += inside_s * np.array([1.0, speed, mean, rms**2, ambient, cabin, auxiliary])
+        at_s += duration
+    return total
+
+
+def tolerance(route):
+    """Rounding of the integrals, from their magnitudes."""
+    largest = np.array([1.0, 50.0, 1.5e5, 4e10, 30.0, 6e3, 3e3])
+    return 1e-11 * (1.0 + route.total_duration_s) * largest
+
+
+@given(ROUTES, SHARES)
+def test_after_keeps_what_remains(route, share):
+    instant_s = share * route.total_duration_s
+    rest = route.after(instant_s)
+    assert np.all(np.abs(integrals(rest) - integrals(route, start_s=instant_s))
+                  <= tolerance(route))
+
+
+@given(ROUTES, SHARES, SHARES)
+def test_after_composes(route, first, second):
+    first_s = first * route.total_duration_s
+    second_s = second * (route.total_duration_s - first_s)
+    # At an end of a segment rounding decides which side is on.
+    assume(np.min(np.abs(route.time_s - (first_s + second_s))) > 1e-6)
+    assume(np.min(np.abs(route.time_s - first_s)) > 1e-6 or first_s == 0.0)
+    twice, once = route.after(first_s).after(second_s), route.after(first_s + second_s)
+    for field in fields(Route):
+        np.testing.assert_allclose(getattr(twice, field.name), getattr(once, field.name),
+                                   rtol=1e-9, atol=1e-6)
+
+
+def test_after_the_start_is_the_whole_route():
+    route = route_of([(7.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0), (11.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0)])
+    for field in fields(Route):
+        np.testing.assert_array_equal(getattr(route.after(0.0), field.name),
+                                      getattr(route, field.name))
+
+
+def test_after_an_end_starts_with_the_next_segment():
+    route = route_of([(7.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0), (11.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0)])
+    rest = route.after(7.0)
+    assert rest.duration_s.tolist() == [11.0]
+    assert rest.propulsion_power_w.tolist() == [3.0]
+
+
+def test_after_leaves_the_route_as_it_was():
+    route = route_of([(7.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0)])
+    route.after(3.0)
+    assert route.duration_s.tolist() == [7.0]
+
+
+@pytest.mark.parametrize('count', [8, 100, 1000])
+def test_after_the_last_instant_there_is(count):
+    # Added in another order than time_s adds them, these durations give another sum.
+    route = route_of([(0.1, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0)] * count)
+    rest = route.after(np.nextafter(route.total_duration_s, 0.0))
+    assert len(rest) == 1
+    assert 0.0 < rest.total_duration_s < 1e-9
+
+
+@pytest.mark.parametrize('instant_s', [-0.001, 18.0, 1e9, np.nan])
+def test_after_refuses_instants_that_are_not_on_the_route(instant_s):
+    route = route_of([(7.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0), (11.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0)])
+    with pytest.raises(ValueError, match=f'instant {instant_s} s is not on this route of 18.0 s'):
+        route.after(instant_s)
+
+
+@given(ROUTES, STEPS_S)
+@example(route_of([(30.0, 10.0, 2e4, 0.0, -7.0, 1e3, 5e2)] * 4), 30.0)
+def test_resampling_keeps_the_totals(route, step_s):
+    assume(route.total_duration_s / step_s < 3000)
+    assert np.all(np.abs(integrals(route.resampled(step_s)) - integrals(route))
+                  <= tolerance(route))
+
+
+@given(ROUTES, STEPS_S, SHARES)
+def test_each_step_of_a_resampled_route_has_its_own_integrals(route, step_s, share):
+    assume(route.total_duration_s / step_s < 3000)
+    steps = route.resampled(step_s)
+    index = int(share * len(steps))
+    start_s, end_s = steps.time_s[index], steps.time_s[index + 1]
+    of_step = integrals(steps, start_s, end_s)
+    assert np.all(np.abs(of_step - integrals(route, start_s, end_s)) <= 10.0 * tolerance(route))
+
+
+@given(ROUTES, STEPS_S)
+def test_steps_are_equally_long_but_for_the_last(route, step_s):
+    assume(route.total_duration_s / step_s < 3000)
+    steps = route.resampled(step_s)
+    np.testing.assert_allclose(steps.duration_s[:-1], step_s, rtol=1e-9)
+    assert 0.0 < steps.duration_s[-1] <= step_s * (1.0 + 1e-8)
+
+
+def test_resampling_in_the_routes_own_step_changes_nothing():
+    rows = [(30.0, 3.0, 5e3, 2e3, -7.0, 1e3, 5e2), (30.0, 23.0, -5e3, 1e3, -8.0, 2e3, 4e2),
+            (30.0, 13.0, 2.5e4, 0.0, -9.0, 0.0, 3e2)]
+    again = route_of(rows).resampled(30.0)
+    for field in fields(Route):
+        np.testing.assert_allclose(getattr(again, field.name),
+                                   getattr(route_of(rows), field.name), rtol=1e-12)
+
+
+def test_a_step_holds_what_varies_between_the_segments_in_it():
+    # 10 s at 30 kW and 20 s at -6 kW: mean 6 kW, mean square (10 * 900 + 20 * 36) / 30 kW^2.
+    route = route_of([(10.0, 9.0, 30e3, 0.0, -4.0, 1.0, 2.0),
+                      (20.0, 3.0, -6e3, 0.0, -1.0, 1.0, 2.0)])
+    step = route.resampled(30.0)
+    assert step.propulsion_power_w == pytest.approx([6e3])
+    assert step.propulsion_power_rms_w == pytest.approx([1e3 * np.sqrt(324.0)])
+    assert step.propulsion_power_variance_w2 == pytest.approx([(324.0 - 36.0) * 1e6])
+    assert step.speed_mps == pytest.approx([5.0])
+    assert step.ambient_temperature_c == pytest.approx([-2.0])
+
+
+@pytest.mark.parametrize('step_s', [0.0, -30.0, np.nan, np.inf])
+def test_resampling_refuses_steps_that_are_none(step_s):
+    with pytest.raises(ValueError, match=f'step {step_s} s must be above 0 and finite'):
+        route_of([(7.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0)]).resampled(step_s)
+
+
+def test_totals_and_instants():
+    route = route_of([(7.0, 3.0, 2.0, 3.0, 4.0, 5.0, 6.0), (11.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0)])
+    assert len(route) == 2
+    assert route.time_s.tolist() == [0.0, 7.0, 18.0]
+    assert route.total_duration_s == 18.0
+    assert route.distance_m == 43.0
+    assert route.propulsion_power_variance_w2 == pytest.approx([9.0, 16.0])
+
+
+# What make_route accepts and refuses ------------------------------------------------------------
+
+def columns(**changes):
+    """Columns of a valid route of three segments, with changes; None takes a column away."""
+    valid = {
+        'duration_s': [30.0, 20.0, 10.0],
+        'speed_mps': [10.0, 20.0, 30.0],
+        'propulsion_power_w': [5e3, -4e3, 3e3],
+        'propulsion_power_rms_w': [6e3, 5e3, 4e3],
+        'ambient_temperature_c': [-7.0, -8.0, -9.0],
+        'cabin_heating_power_w': [1500.0, 1600.0, 1700.0],
+        'auxiliary_power_w': [300.0, 400.0, 500.0],
+    }
+    valid.update(changes)
+    return {name: values for name, values in valid.items() if values is not None}
+
+
+def problems_with(**changes):
+    with pytest.raises(InvalidInput) as caught:
+        make_route(columns(**changes), DEFAULTS)
+    return caught.value.problems
+
+
+def test_columns_arrive_in_their_fields():
+    route = make_route(columns(), None)
+    for name, values in columns().items():
+        assert getattr(route, name).tolist() == values
+
+
+def test_one_value_holds_in_each_segment():
+    route = make_route(columns(ambient_temperature_c=[-3.0], auxiliary_power_w=[250.0]), DEFAULTS)
+    assert route.ambient_temperature_c.tolist() == [-3.0] * 3
+    assert route.auxiliary_power_w.tolist() == [250.0] * 3
+
+
+@pytest.mark.parametrize('missing', [None, []])
+def test_defaults_hold_where_optional_columns_say_nothing(missing):
+    route = make_route(columns(propulsion_power_rms_w=missing, cabin_heating_power_w=missing,
+                               auxiliary_power_w=missing), DEFAULTS)
+    assert route.propulsion_power_rms_w.tolist() == [5e3, 4e3, 3e3]
+    assert route.cabin_heating_power_w.tolist() == [1111.0] * 3
+    assert route.auxiliary_power_w.tolist() == [222.0] * 3
+
+
+@pytest.mark.parametrize('field', list(LIMITS))
+@pytest.mark.parametrize('side', [0, 1])
+def test_values_beyond_the_limits_are_refused(field, side):
+    low, high = LIMITS[field]
+    beyond = (low - 1.0, high + 1e6)[side]
+    values = columns()[field]
+    values[1] = beyond
+    assert problems_with(**{field: values})[0] == (
+        f'{field}[1]: {beyond:g} is not allowed; it must be {low:g} ... {high:g}')
+
+
+@pytest.mark.parametrize('field', list(LIMITS))
+@pytest.mark.parametrize('value', [np.nan, np.inf, -np.inf])
+def test_values_that_are_not_finite_are_refused(field, value):
+    values = columns()[field]
+    values[2] = value
+    assert problems_with(**{field: values})[0].startswith(
+        f'{field}[2]: {value:g} is not allowed; it must be ')
+
+
+def test_further_values_beyond_the_limits_are_counted():
+    assert problems_with(speed_mps=[10.0, 120.0, 130.0]) == [
+        'speed_mps[1]: 120 is not allowed; it must be 0 ... 100 (and 1 more)']
+
+
+def test_each_field_has_its_own_problem():
+    assert problems_with(speed_mps=[-1.0, 2.0, 3.0], ambient_temperature_c=[266.0]) == [
+        'speed_mps[0]: -1 is not allowed; it must be 0 ... 100',
+        'ambient_temperature_c[0]: 266 is not allowed; it must be -60 ... 60']
+
+
+def test_missing_columns_are_named():
+    assert problems_with(duration_s=None, ambient_temperature_c=[]) == [
+        'missing or empty: duration_s, ambient_temperature_c']
+
+
+def test_lengths_that_differ_are_refused():
+    assert problems_with(speed_mps=[1.0, 2.0]) == [
+        'speed_mps: has 2 values; it must have 1 or 3, the length of the longest array']
+
+
+def test_a_table_in_place_of_a_list_is_refused():
+    assert problems_with(speed_mps=[[1.0, 2.0, 3.0]])[0] == (
+        'speed_mps: has 2 dimensions; it must be a plain list')
+
+
+def test_root_mean_square_below_the_mean_is_refused():
+    assert problems_with(propulsion_power_rms_w=[6e3, 3e3, 4e3]) == [
+        'propulsion_power_rms_w[1]: 3000 is below the magnitude of the mean, 4000']
+
+
+def test_root_mean_square_below_the_mean_by_rounding_is_lifted():
+    route = make_route(columns(propulsion_power_rms_w=[6e3, 4e3 * (1.0 - 1e-9), 4e3]), DEFAULTS)
+    assert route.propulsion_power_rms_w[1] == 4e3
+
+
+def test_too_many_segments_are_refused():
+    assert problems_with(duration_s=np.full(MOST_SEGMENTS + 1, 0.1), speed_mps=[1.0],
+                         propulsion_power_w=[1.0], propulsion_power_rms_w=None,
+                         ambient_temperature_c=[1.0], cabin_heating_power_w=None,
+                         auxiliary_power_w=None) == [
+        'has 200001 segments; at most 200000 are planned']
+
+
+def test_a_route_of_more_than_a_day_is_refused():
+    assert problems_with(duration_s=[43200.0, 43200.0, 1.0]) == [
+        'duration_s: the route lasts 86401 s; at most 86400 s are planned']
+
+
+def test_messages_use_the_names_of_the_source():
+    with pytest.raises(InvalidInput, match=r'^segment_speed\[0\]: 400 is not allowed'):
+        make_route(columns(speed_mps=[400.0]), DEFAULTS, {'speed_mps': 'segment_speed'})

@@ -1,0 +1,219 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The simulated vehicle against closed forms and balances."""
+
+from dataclasses import replace
+import math
+
+import pytest
+
+from bev_preheat.planning.situation import BatteryState
+from bev_preheat.route import make_route
+from bev_preheat.simulation import vehicle_plant
+from bev_preheat.simulation.heater_lease import HeaterLease, NO_LEASE
+from bev_preheat.simulation.vehicle_plant import VehiclePlant
+from bev_preheat.vehicle import load_vehicle
+from bev_preheat.vehicle.curves import Table
+from bev_preheat.vehicle.description import Drivetrain, Hvch, Leakage
+
+HEAT_CAPACITY_J_PER_K = 361e3
+CAPACITY_AH = 170.0
+VOLTAGE_V = 390.0
+RESISTANCE_OHM = 0.17
+
+
+def level(value):
+    return Table(soc=(0.0,), temperature_c=(0.0,), values=((value,),))
+
+
+# The curves of the reference vehicle, and numbers that are all different.
+VEHICLE = load_vehicle('reference')
+VEHICLE = replace(
+    VEHICLE,
+    battery=replace(VEHICLE.battery, capacity_ah=CAPACITY_AH,
+                    heat_capacity_j_per_k=HEAT_CAPACITY_J_PER_K,
+                    leakage=Leakage(gamma_0_w_per_k=31.0, gamma_v_w_per_k_per_mps=0.7)),
+    drivetrain=Drivetrain(efficiency=0.88, heat_recovery_efficiency=0.6, maximum_power_w=2e5),
+    hvch=Hvch(maximum_power_w=7000.0, efficiency=0.93))
+# Voltage and resistance that do not change, so that currents have a closed form.
+SIMPLE = replace(VEHICLE, battery=replace(
+    VEHICLE.battery, open_circuit_voltage=level(VOLTAGE_V), resistance=level(RESISTANCE_OHM)))
+
+
+def route_of(durations_s, power_w=(0.0,), speed_mps=(12.0,), ambient_c=(-9.0,), cabin_w=(0.0,),
+             auxiliary_w=(0.0,), rms_w=None):
+    return make_route({
+        'duration_s': durations_s, 'speed_mps': speed_mps, 'propulsion_power_w': power_w,
+        'propulsion_power_rms_w': rms_w, 'ambient_temperature_c': ambient_c,
+        'cabin_heating_power_w': cabin_w, 'auxiliary_power_w': auxiliary_w}, VEHICLE.defaults)
+
+
+def winter_plant(vehicle=VEHICLE):
+    """A plant on a route on which everything varies."""
+    route = route_of([31.0, 47.5, 60.0, 12.25], power_w=[18e3, -7e3, 42e3, 0.0],
+                     speed_mps=[14.0, 22.0, 33.0, 0.0], ambient_c=[-9.0, -4.0, -11.0, -2.0],
+                     cabin_w=[1800.0, 2600.0, 900.0, 6200.0], auxiliary_w=[350.0],
+                     rms_w=[24e3, 9e3, 42e3, 0.0])
+    return VehiclePlant(vehicle, route, BatteryState(temperature_c=3.0, soc=0.71))
+
+
+def test_without_power_the_battery_relaxes_to_the_ambient():
+    plant = VehiclePlant(VEHICLE, route_of([7000.0]), BatteryState(21.0, 0.64))
+    plant.advance(5400.0, 0.0)
+    leakage_w_per_k = 31.0 + 0.7 * 12.0
+    decay = math.exp(-leakage_w_per_k * 5400.0 / HEAT_CAPACITY_J_PER_K)
+    assert plant.temperature_c == pytest.approx(-9.0 + 30.0 * decay, abs=1e-9)
+    assert plant.soc == pytest.approx(0.64, abs=1e-15)
+    assert plant.energy_wh.leakage == pytest.approx(
+        -HEAT_CAPACITY_J_PER_K * 30.0 * (1.0 - decay) / 3600.0, rel=1e-9)
+
+
+def test_heat_balance_closes():
+    plant = winter_plant()
+    plant.advance(plant.duration_s, 4100.0)
+    energy = plant.energy_wh
+    heat_wh = energy.joule + energy.drivetrain_heat + energy.hvch_heat + energy.leakage
+    stored_wh = HEAT_CAPACITY_J_PER_K * (plant.temperature_c - 3.0) / 3600.0
+    assert stored_wh == pytest.approx(heat_wh, rel=1e-9)
+
+
+def test_heat_sources_are_those_of_the_route():
+    plant = winter_plant()
+    plant.advance(plant.duration_s, 0.0)
+    magnitude_ws = 18e3 * 31.0 + 7e3 * 47.5 + 42e3 * 60.0
+    assert plant.energy_wh.drivetrain_heat == pytest.approx(0.6 * 0.12 * magnitude_ws / 3600.0)
+    assert plant.energy_wh.hvch_heat == plant.energy_wh.hvch_electric == 0.0
+
+
+def test_charge_drawn_is_the_battery_energy_over_the_voltage():
+    plant = winter_plant(SIMPLE)
+    plant.advance(plant.duration_s, 2000.0)
+    assert plant.energy_wh.battery_total == pytest.approx(
+        (0.71 - plant.soc) * CAPACITY_AH * VOLTAGE_V, rel=1e-9)
+
+
+def test_battery_energy_pays_for_power_and_joule_heat():
+    plant = winter_plant()
+    plant.advance(plant.duration_s, 0.0)
+    power_ws = ((18e3 + 1800.0 + 350.0) * 31.0 + (-7e3 + 2600.0 + 350.0) * 47.5
+                + (42e3 + 900.0 + 350.0) * 60.0 + (6200.0 + 350.0) * 12.25)
+    assert plant.energy_wh.battery_total == pytest.approx(
+        power_ws / 3600.0 + plant.energy_wh.joule, rel=1e-12)
+
+
+def test_halved_steps_change_nothing_that_matters(monkeypatch):
+    coarse = winter_plant()
+    coarse.advance(coarse.duration_s, 3000.0)
+    monkeypatch.setattr(vehicle_plant, 'LONGEST_STEP_S', 0.5)
+    fine = winter_plant()
+    fine.advance(fine.duration_s, 3000.0)
+    assert coarse.temperature_c == pytest.approx(fine.temperature_c, abs=1e-10)
+    assert coarse.soc == pytest.approx(fine.soc, abs=1e-13)
+
+
+def test_ticks_of_the_clock_change_nothing_that_matters():
+    whole, ticking = winter_plant(), winter_plant()
+    whole.advance(whole.duration_s, 3000.0)
+    while not ticking.has_arrived:
+        ticking.advance(ticking.time_s + 0.37, 3000.0)
+    assert ticking.temperature_c == pytest.approx(whole.temperature_c, abs=1e-9)
+    assert ticking.energy_wh.battery_total == pytest.approx(whole.energy_wh.battery_total)
+
+
+def test_power_ends_with_the_lease_within_a_step():
+    plant = winter_plant()
+    plant.advance_under(HeaterLease(power_w=2500.0, until_s=20.37), 30.0)
+    assert plant.energy_wh.hvch_electric == pytest.approx(2500.0 * 20.37 / 3600.0, rel=1e-12)
+    assert plant.heater_power_w == 0.0
+    assert plant.time_s == 30.0
+    assert plant.without_lease_s == pytest.approx(30.0 - 20.37)
+
+
+def test_time_without_lease_ends_with_the_drive():
+    plant = winter_plant()
+    plant.advance_under(NO_LEASE, 10.0)
+    plant.advance_under(HeaterLease(power_w=0.0, until_s=100.0), 60.0)
+    plant.advance_under(NO_LEASE, plant.duration_s + 40.0)
+    assert plant.without_lease_s == pytest.approx(10.0 + plant.duration_s - 60.0)
+
+
+def test_lease_that_goes_on_is_in_force_at_the_end():
+    plant = winter_plant()
+    plant.advance_under(HeaterLease(power_w=2500.0, until_s=20.37), 20.0)
+    assert plant.heater_power_w == 2500.0
+
+
+@pytest.mark.parametrize('lease', [NO_LEASE, HeaterLease(power_w=2500.0, until_s=0.0)])
+def test_without_lease_there_is_no_heat(lease):
+    plant = winter_plant()
+    plant.advance_under(lease, 30.0)
+    assert plant.energy_wh.hvch_electric == 0.0
+
+
+def test_heater_gives_what_the_cabin_leaves():
+    plant = winter_plant()
+    plant.advance(plant.duration_s, 5000.0)
+    left_ws = 5000.0 * 31.0 + 4400.0 * 47.5 + 5000.0 * 60.0 + 800.0 * 12.25
+    assert plant.energy_wh.hvch_electric == pytest.approx(left_ws / 3600.0, rel=1e-12)
+    assert plant.energy_wh.hvch_heat == pytest.approx(0.93 * left_ws / 3600.0, rel=1e-12)
+
+
+def test_after_arrival_the_vehicle_stands():
+    plant = winter_plant()
+    plant.advance(plant.duration_s, 3000.0)
+    arrived = (plant.soc, plant.temperature_c, plant.energy_wh)
+    plant.advance(plant.duration_s + 500.0, 3000.0)
+    assert plant.has_arrived and plant.is_standing
+    assert (plant.soc, plant.temperature_c, plant.energy_wh) == arrived
+    assert plant.time_s == plant.duration_s + 500.0
+    assert plant.heater_power_w == plant.current_a == 0.0
+
+
+def test_power_that_the_battery_cannot_deliver_is_accounted_for():
+    most_w = VOLTAGE_V**2 / (4.0 * RESISTANCE_OHM)
+    plant = VehiclePlant(SIMPLE, route_of([10.0, 20.0], power_w=[60e3, most_w + 5e3]),
+                         BatteryState(5.0, 0.8))
+    plant.advance(30.0, 0.0)
+    assert plant.undeliverable_power_w == pytest.approx(5e3)
+    assert plant.undeliverable_energy_wh == pytest.approx(5e3 * 20.0 / 3600.0)
+    current_a = (VOLTAGE_V - math.sqrt(VOLTAGE_V**2 - 4.0 * RESISTANCE_OHM * 60e3)) \
+        / (2.0 * RESISTANCE_OHM)
+    drawn_as = current_a * 10.0 + VOLTAGE_V / (2.0 * RESISTANCE_OHM) * 20.0
+    assert (0.8 - plant.soc) * CAPACITY_AH * 3600.0 == pytest.approx(drawn_as)
+    assert plant.energy_wh.battery_total == pytest.approx(VOLTAGE_V * drawn_as / 3600.0)
+
+
+def test_with_an_empty_battery_the_vehicle_stands():
+    plant = VehiclePlant(SIMPLE, route_of([900.0], power_w=[80e3]), BatteryState(5.0, 0.05))
+    plant.advance(900.0, 1000.0)
+    power_w = 81e3
+    current_a = (VOLTAGE_V - math.sqrt(VOLTAGE_V**2 - 4.0 * RESISTANCE_OHM * power_w)) \
+        / (2.0 * RESISTANCE_OHM)
+    lasts_s = 0.05 * CAPACITY_AH * 3600.0 / current_a
+    assert lasts_s <= plant.empty_at_s <= lasts_s + 1.0
+    assert plant.is_standing and not plant.has_arrived
+    assert plant.energy_wh.hvch_electric == pytest.approx(1000.0 * plant.empty_at_s / 3600.0)
+    assert plant.heater_power_w == plant.current_a == 0.0
+
+
+def test_current_and_voltage_are_those_of_the_circuit():
+    plant = VehiclePlant(SIMPLE, route_of([10.0, 10.0], power_w=[30e3, -12e3]),
+                         BatteryState(5.0, 0.8))
+    plant.advance(5.0, 2000.0)
+    assert plant.current_a > 0.0
+    assert plant.terminal_voltage_v == pytest.approx(VOLTAGE_V - RESISTANCE_OHM * plant.current_a)
+    assert plant.terminal_voltage_v * plant.current_a == pytest.approx(32e3)
+    plant.advance(15.0, 0.0)
+    assert plant.terminal_voltage_v * plant.current_a == pytest.approx(-12e3)
+    assert plant.current_a < 0.0
+
+
+@pytest.mark.parametrize('to_s, power_w, message', [
+    (-1.0, 0.0, 'to_s: -1.0 is no finite instant from 0.0 on'),
+    (math.nan, 0.0, 'to_s: nan is no finite instant'),
+    (math.inf, 0.0, 'to_s: inf is no finite instant'),
+    (1.0, -3.0, 'heater_power_w: -3.0 is no power from 0 on'),
+    (1.0, math.nan, 'heater_power_w: nan is no power'),
+])
+def test_misuse_is_told(to_s, power_w, message):
+    with pytest.raises(ValueError, match=message):
+        winter_plant().advance(to_s, power_w)

@@ -1,0 +1,248 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The model's equations and integrators against hand-written equations, closed forms and scipy."""
+
+import math
+
+from hypothesis import given, settings, strategies as st
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from bev_preheat.arithmetic import ARRAYS, FLOATS, SATURATING_FLOATS
+from bev_preheat.model import make_euler, make_rates, make_runge_kutta_4
+from bev_preheat.vehicle.curves import InverseTemperatureResistance, PolynomialVoltage, Table
+from bev_preheat.vehicle.description import (
+    Battery, Defaults, Drivetrain, Hvch, Leakage, Vehicle)
+
+# One car; every number is different from every other, so that a swapped pair shows.
+C0_V, C1_V, C2_V, C3_V = 340.0, 70.0, -30.0, 25.0
+K_OHM_K, REFERENCE_C = 5.0, 47.0
+CAPACITY_AH, HEAT_CAPACITY_J_PER_K = 130.0, 290e3
+
+SOC, TEMPERATURE_C = 0.7, -9.0
+POWER_W, VARIANCE_W2, HEAT_W, LEAKAGE_W_PER_K = 26e3, 1.9e8, 2300.0, 53.0
+INPUTS = (POWER_W, VARIANCE_W2, HEAT_W, LEAKAGE_W_PER_K)
+
+
+def car(k_ohm_k=K_OHM_K, resistance=None):
+    limit = Table((0.0,), (0.0,), ((1.0,),))
+    return Vehicle(
+        name='test car',
+        battery=Battery(
+            capacity_ah=CAPACITY_AH, heat_capacity_j_per_k=HEAT_CAPACITY_J_PER_K,
+            open_circuit_voltage=PolynomialVoltage((C0_V, C1_V, C2_V, C3_V)),
+            resistance=resistance or InverseTemperatureResistance(k_ohm_k, REFERENCE_C),
+            discharge_power_limit=limit, charge_power_limit=limit,
+            leakage=Leakage(31.0, 0.7), soc_range=(0.0, 1.0), temperature_range_c=(-40.0, 60.0)),
+        drivetrain=Drivetrain(0.91, 0.77, 200e3), hvch=Hvch(6800.0, 0.86),
+        defaults=Defaults(1500.0, 400.0, 25.0))
+
+
+def voltage_v(soc):
+    return C0_V + C1_V * soc + C2_V * soc**2 + C3_V * soc**3
+
+
+def current_a(power_w, soc=SOC, temperature_c=TEMPERATURE_C, k_ohm_k=K_OHM_K):
+    """Smaller root of U I - R I^2 = P, in the form of Algorithm 1."""
+    u, r = voltage_v(soc), k_ohm_k / (temperature_c + REFERENCE_C)
+    return (u - np.sqrt(u**2 - 4 * r * power_w)) / (2 * r)
+
+
+def hand_written_rates(soc, temperature_c, power_w, variance_w2, heat_w, leakage_w_per_k):
+    """Eqs. (9b)-(9d) with the correction for power that varies, all written out."""
+    u, r = voltage_v(soc), K_OHM_K / (temperature_c + REFERENCE_C)
+    joule_w = r * (current_a(power_w, soc, temperature_c)**2 + variance_w2 / u**2)
+    battery_power_w = power_w + joule_w
+    return (-battery_power_w / (u * CAPACITY_AH * 3600.0),
+            (heat_w - leakage_w_per_k * temperature_c + joule_w) / HEAT_CAPACITY_J_PER_K,
+            joule_w)
+
+
+def rolled(make_integrator, step_s, duration_s=1200.0, start=(0.8, -9.0)):
+    """State of charge and temperature after constant inputs, in equal steps."""
+    step = make_integrator(make_rates(car(), FLOATS))
+    soc, temperature_c = start
+    for _ in range(round(duration_s / step_s)):
+        soc, temperature_c, _, _ = step(soc, temperature_c, step_s, *INPUTS)
+    return np.array([soc, temperature_c])
+
+
+@pytest.fixture(scope='module')
+def accurate_end():
+    """Hand-written equations, integrated by scipy over the 1200 s of `rolled`."""
+    solution = solve_ivp(
+        lambda _, state: hand_written_rates(*state, *INPUTS)[:2], (0.0, 1200.0), (0.8, -9.0),
+        method='DOP853', rtol=1e-13, atol=1e-13)
+    return solution.y[:, -1]
+
+
+@pytest.mark.parametrize('power_w', [26e3, -18e3, 0.0])
+@pytest.mark.parametrize('variance_w2', [1.9e8, 0.0])
+@pytest.mark.parametrize('part', [0, 1, 2], ids=['soc', 'temperature', 'joule'])
+def test_rates_are_the_papers(power_w, variance_w2, part):
+    arguments = (SOC, TEMPERATURE_C, power_w, variance_w2, HEAT_W, LEAKAGE_W_PER_K)
+    rate = make_rates(car(), FLOATS)(*arguments)[part]
+    # The root cancels: its rounding, 1e-16 U/R = 1e-13 A, is about 1e-12 of the currents here.
+    assert rate == pytest.approx(hand_written_rates(*arguments)[part], rel=1e-11, abs=1e-15)
+
+
+@given(power_w=st.floats(-90e3, 90e3), soc=st.floats(0.0, 1.0),
+       temperature_c=st.floats(-25.0, 50.0))
+@settings(max_examples=100, deadline=None, derandomize=True)
+def test_current_solves_the_circuit(power_w, soc, temperature_c):
+    soc_rate, _, _ = make_rates(car(), FLOATS)(soc, temperature_c, power_w, 0.0, 0.0, 0.0)
+    current = -soc_rate * CAPACITY_AH * 3600.0
+    resistance = K_OHM_K / (temperature_c + REFERENCE_C)
+    # 1e-13 A of rounding in the root, as above, times the voltage.
+    assert voltage_v(soc) * current - resistance * current**2 == pytest.approx(
+        power_w, rel=1e-11, abs=1e-9)
+
+
+def test_current_is_the_smaller_root():
+    soc_rate, _, _ = make_rates(car(), FLOATS)(SOC, TEMPERATURE_C, 1e3, 0.0, 0.0, 0.0)
+    # 1 kW at about 385 V; the other root is about 2900 A.
+    assert -soc_rate * CAPACITY_AH * 3600.0 == pytest.approx(1e3 / voltage_v(SOC), rel=0.01)
+
+
+@given(power_w=st.floats(-90e3, 60e3), deviation_w=st.floats(0.0, 40e3), soc=st.floats(0.05, 1.0),
+       temperature_c=st.floats(-25.0, 50.0))
+@settings(max_examples=100, deadline=None, derandomize=True)
+def test_battery_power_is_terminal_power_and_joule_heat(power_w, deviation_w, soc, temperature_c):
+    soc_rate, _, joule_w = make_rates(car(), FLOATS)(
+        soc, temperature_c, power_w, deviation_w**2, HEAT_W, LEAKAGE_W_PER_K)
+    battery_power_w = -soc_rate * CAPACITY_AH * 3600.0 * voltage_v(soc)
+    assert battery_power_w == pytest.approx(power_w + joule_w, rel=1e-11, abs=1e-9)
+
+
+def brute_force(k_ohm_k, power_w=24e3, amplitude_w=15e3):
+    """Mean current and mean Joule heat of a sine of power, and the model's, less a constant's."""
+    phases = (np.arange(4000) + 0.5) * 2 * math.pi / 4000
+    currents = current_a(power_w + amplitude_w * np.sin(phases), k_ohm_k=k_ohm_k)
+    r = k_ohm_k / (TEMPERATURE_C + REFERENCE_C)
+    soc_rate, _, joule_w = make_rates(car(k_ohm_k), FLOATS)(
+        SOC, TEMPERATURE_C, power_w, amplitude_w**2 / 2, 0.0, 0.0)
+    steady = current_a(power_w, k_ohm_k=k_ohm_k)
+    true = np.array([currents.mean() - steady, r * (currents**2).mean() - r * steady**2])
+    model = np.array([-soc_rate * CAPACITY_AH * 3600.0 - steady, joule_w - r * steady**2])
+    return true, model
+
+
+@pytest.mark.parametrize('part', [0, 1], ids=['current', 'joule'])
+def test_varying_power_is_right_to_first_order_in_the_resistance(part):
+    # What is left out is of second order: half the resistance, a quarter of the error; the third
+    # order, about R P/U^2 = 0.002 of it, moves the ratio a little above 4.
+    errors = [true[part] - model[part] for true, model in map(brute_force, (0.4, 0.2))]
+    assert errors[0] / errors[1] == pytest.approx(4.0, rel=0.05)
+
+
+@pytest.mark.parametrize('part', [0, 1], ids=['current', 'joule'])
+def test_varying_power_at_a_real_resistance(part):
+    true, model = brute_force(K_OHM_K)
+    # The next term is 6 R P/U^2 of this one, 0.13; those behind it add an eighth of that.
+    left_out = true[part] / model[part] - 1.0
+    resistance = K_OHM_K / (TEMPERATURE_C + REFERENCE_C)
+    assert left_out == pytest.approx(6.0 * resistance * 24e3 / voltage_v(SOC)**2, rel=0.2)
+
+
+def test_power_that_cannot_be_delivered_is_an_error_for_floats():
+    limit_w = voltage_v(SOC)**2 * (TEMPERATURE_C + REFERENCE_C) / (4 * K_OHM_K)
+    with pytest.raises(ValueError):
+        make_rates(car(), FLOATS)(SOC, TEMPERATURE_C, limit_w * 1.001, 0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize('arithmetic', [
+    pytest.param(SATURATING_FLOATS, id='floats'), pytest.param(ARRAYS, id='arrays')])
+def test_power_that_cannot_be_delivered_holds_the_largest_current(arithmetic):
+    soc_rate, _, _ = make_rates(car(), arithmetic)(SOC, TEMPERATURE_C, 9e5, 0.0, 0.0, 0.0)
+    resistance = K_OHM_K / (TEMPERATURE_C + REFERENCE_C)
+    assert -soc_rate * CAPACITY_AH * 3600.0 == pytest.approx(
+        voltage_v(SOC) / (2 * resistance), rel=1e-14)
+
+
+def test_saturating_floats_are_plain_floats_below_the_limit():
+    arguments = (SOC, TEMPERATURE_C, *INPUTS)
+    assert (make_rates(car(), SATURATING_FLOATS)(*arguments)
+            == make_rates(car(), FLOATS)(*arguments))
+
+
+@pytest.mark.parametrize('resistance', [
+    pytest.param(None, id='formula'),
+    pytest.param(Table((0.1, 0.6, 1.0), (-20.0, 0.0, 30.0),
+                       ((0.4, 0.2, 0.1), (0.35, 0.17, 0.08), (0.3, 0.18, 0.07))), id='table')])
+@given(st.lists(st.tuples(st.floats(0.0, 1.0), st.floats(-25.0, 50.0), st.floats(-60e3, 60e3),
+                          st.floats(0.0, 1e9), st.floats(-5e3, 9e3), st.floats(0.0, 200.0)),
+                min_size=1, max_size=8))
+@settings(max_examples=50, deadline=None, derandomize=True)
+def test_arrays_are_floats(resistance, rows):
+    vehicle = car(resistance=resistance)
+    floats = [make_rates(vehicle, FLOATS)(*row) for row in rows]
+    arrays = make_rates(vehicle, ARRAYS)(*np.array(rows).T)
+    # The root's rounding, as above; per hour, and per milliwatt of heat.
+    for array, column, scale in zip(arrays, zip(*floats), (1e-15, 1e-11, 1e-9)):
+        assert array == pytest.approx(np.array(column), rel=1e-11, abs=scale)
+
+
+def relaxed(make_integrator, steps=40, step_s=90.0, gamma=210.0, ambient_c=-19.0, start_c=21.0):
+    """Temperature after an hour without power, cooling to the ambient."""
+    step = make_integrator(make_rates(car(), FLOATS))
+    soc, temperature_c = 0.5, start_c
+    for _ in range(steps):
+        soc, temperature_c, _, _ = step(
+            soc, temperature_c, step_s, 0.0, 0.0, gamma * ambient_c, gamma)
+    return temperature_c
+
+
+def test_leakage_relaxes_exponentially():
+    exact_c = -19.0 + 40.0 * math.exp(-210.0 * 3600.0 / HEAT_CAPACITY_J_PER_K)
+    # Runge-Kutta's error is n z^5/120 of the remaining difference, z = 210*90/290e3: 4e-7.
+    assert relaxed(make_runge_kutta_4) == pytest.approx(exact_c, abs=1e-5)
+
+
+@pytest.mark.parametrize('make_integrator, order', [
+    pytest.param(make_euler, 1, id='euler'), pytest.param(make_runge_kutta_4, 4, id='rk4')])
+def test_one_step_of_leakage_is_the_series_of_the_exponential(make_integrator, order):
+    z = 210.0 * 90.0 / HEAT_CAPACITY_J_PER_K
+    factor = sum((-z)**n / math.factorial(n) for n in range(order + 1))
+    assert relaxed(make_integrator, steps=1) == pytest.approx(-19.0 + 40.0 * factor, abs=1e-12)
+
+
+@pytest.mark.parametrize('make_integrator, step_s, factor', [
+    pytest.param(make_euler, 20.0, 2.0, id='euler'),
+    pytest.param(make_runge_kutta_4, 75.0, 16.0, id='rk4')])
+@pytest.mark.parametrize('part', [0, 1], ids=['soc', 'temperature'])
+def test_halving_the_step_shows_the_order(make_integrator, step_s, factor, part, accurate_end):
+    errors = [rolled(make_integrator, step)[part] - accurate_end[part]
+              for step in (step_s, step_s / 2)]
+    # The next order shows a little; one order more or less would be a factor of two.
+    assert errors[0] / errors[1] == pytest.approx(factor, rel=0.15)
+
+
+def test_runge_kutta_agrees_with_scipy(accurate_end):
+    # 30 s is the paper's step; 1e-9 is far below any measured temperature, far above rounding.
+    assert rolled(make_runge_kutta_4, 30.0) == pytest.approx(accurate_end, rel=0.0, abs=1e-9)
+
+
+@pytest.mark.parametrize('make_integrator', [
+    pytest.param(make_euler, id='euler'), pytest.param(make_runge_kutta_4, id='rk4')])
+def test_means_of_a_step_close_its_heat_balance(make_integrator):
+    step = make_integrator(make_rates(car(), FLOATS))
+    _, end_c, mean_c, mean_joule_w = step(SOC, TEMPERATURE_C, 250.0, *INPUTS)
+    stored_j = HEAT_CAPACITY_J_PER_K * (end_c - TEMPERATURE_C)
+    # 290 kJ/K times the rounding of a temperature near 9 degC is 1e-9 J of 1e6 J.
+    assert 250.0 * (HEAT_W - LEAKAGE_W_PER_K * mean_c + mean_joule_w) == pytest.approx(
+        stored_j, rel=1e-13)
+
+
+def test_euler_means_are_those_at_the_start():
+    step = make_euler(make_rates(car(), FLOATS))
+    _, _, mean_c, mean_joule_w = step(SOC, TEMPERATURE_C, 250.0, *INPUTS)
+    assert (mean_c, mean_joule_w) == pytest.approx(
+        (TEMPERATURE_C, hand_written_rates(SOC, TEMPERATURE_C, *INPUTS)[2]), rel=1e-11)
+
+
+def test_a_step_back_undoes_a_step_forth():
+    step = make_runge_kutta_4(make_rates(car(), FLOATS))
+    soc, temperature_c, _, _ = step(SOC, TEMPERATURE_C, 60.0, *INPUTS)
+    back = step(soc, temperature_c, -60.0, *INPUTS)[:2]
+    # Both ways err by the method's fifth order only.
+    assert back == pytest.approx((SOC, TEMPERATURE_C), rel=1e-8)

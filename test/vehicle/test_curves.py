@@ -1,0 +1,141 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Formulas and tables of the vehicle: values by hand, and floats against arrays."""
+
+import math
+
+from hypothesis import given, settings, strategies as st
+import numpy as np
+import pytest
+
+from bev_preheat.arithmetic import ARRAYS, FLOATS, SATURATING_FLOATS
+from bev_preheat.vehicle.curves import InverseTemperatureResistance, PolynomialVoltage, Table
+
+OVER_SOC = Table(soc=(0.1, 0.35, 0.9), temperature_c=(0.0,), values=((7.0,), (3.0,), (11.0,)))
+OVER_TEMPERATURE = Table(soc=(0.0,), temperature_c=(-20.0, -4.0, 30.0),
+                         values=((5.0, 2.0, -3.0),))
+OVER_BOTH = Table(soc=(0.0, 0.25, 1.0), temperature_c=(-10.0, 5.0, 15.0, 40.0),
+                  values=((1.0, 2.0, 4.0, 8.0), (3.0, 5.0, 9.0, 17.0), (6.0, 7.0, 13.0, 29.0)))
+TABLES = pytest.mark.parametrize('table', [
+    pytest.param(OVER_SOC, id='soc'), pytest.param(OVER_TEMPERATURE, id='temperature'),
+    pytest.param(OVER_BOTH, id='both')])
+
+# Wider than every axis above, so that the level ends are met too.
+SOCS = st.floats(-0.5, 1.5)
+TEMPERATURES_C = st.floats(-80.0, 80.0)
+
+
+def test_polynomial_voltage_by_hand():
+    voltage = PolynomialVoltage((300.0, 40.0, -10.0, 24.0)).function(FLOATS)
+    # 300 + 40/2 - 10/4 + 24/8
+    assert voltage(0.5, 17.0) == pytest.approx(320.5, rel=1e-15)
+
+
+def test_polynomial_of_two_coefficients_is_a_straight_line():
+    voltage = PolynomialVoltage((310.0, 70.0)).function(FLOATS)
+    assert voltage(0.2, -3.0) == pytest.approx(324.0, rel=1e-15)
+
+
+def test_logarithm_is_added_to_the_polynomial():
+    voltage = PolynomialVoltage((300.0, 40.0), log_soc_v=6.0).function(FLOATS)
+    # ln(1/e) = -1
+    assert voltage(1.0 / math.e, 0.0) == pytest.approx(300.0 + 40.0 / math.e - 6.0, rel=1e-14)
+
+
+@pytest.mark.parametrize('soc', [1e-3, 0.0, -0.2])
+def test_logarithm_stays_level_below_a_thousandth(soc):
+    voltage = PolynomialVoltage((300.0,), log_soc_v=6.0).function(FLOATS)
+    assert voltage(soc, 0.0) == pytest.approx(300.0 - 6.0 * math.log(1000.0), rel=1e-14)
+
+
+def test_resistance_falls_with_the_inverse_of_temperature():
+    resistance = InverseTemperatureResistance(4.5, 50.0).function(FLOATS)
+    # 4.5/(-20 + 50) and 4.5/(25 + 50)
+    assert (resistance(0.3, -20.0), resistance(0.3, 25.0)) == pytest.approx((0.15, 0.06),
+                                                                            rel=1e-15)
+
+
+@given(soc=SOCS, temperature_c=st.floats(-40.0, 80.0))
+@pytest.mark.parametrize('curve', [
+    pytest.param(PolynomialVoltage((300.0, 40.0, -10.0, 24.0)), id='polynomial'),
+    pytest.param(PolynomialVoltage((300.0, 40.0), log_soc_v=6.0), id='logarithm'),
+    pytest.param(InverseTemperatureResistance(4.5, 50.0), id='resistance')])
+@settings(max_examples=50, deadline=None, derandomize=True)
+def test_formula_of_arrays_is_that_of_floats(curve, soc, temperature_c):
+    array = curve.function(ARRAYS)(np.array([soc]), np.array([temperature_c]))
+    assert array == pytest.approx([curve.function(FLOATS)(soc, temperature_c)], rel=1e-12)
+
+
+@pytest.mark.parametrize('arithmetic', [
+    pytest.param(FLOATS, id='floats'), pytest.param(SATURATING_FLOATS, id='saturating'),
+    pytest.param(ARRAYS, id='arrays')])
+@TABLES
+def test_table_is_exact_at_its_points(table, arithmetic):
+    lookup = table.function(arithmetic)
+    found = [[lookup(soc, temperature_c) for temperature_c in table.temperature_c]
+             for soc in table.soc]
+    assert np.array(found) == pytest.approx(np.array(table.values), rel=1e-14)
+
+
+def test_table_over_soc_is_linear_between_points():
+    # A fifth of the way from 7 to 3; temperature does not matter.
+    assert OVER_SOC.function(FLOATS)(0.15, 33.0) == pytest.approx(6.2, rel=1e-14)
+
+
+def test_table_over_temperature_is_linear_between_points():
+    # Half way from 2 to -3; soc does not matter.
+    assert OVER_TEMPERATURE.function(FLOATS)(0.77, 13.0) == pytest.approx(-0.5, rel=1e-14)
+
+
+def test_table_over_both_is_bilinear_between_points():
+    # soc a third of the way from 0.25 to 1, temperature a tenth from 5 to 15:
+    # 2/3 (5 + 0.1*4) + 1/3 (7 + 0.1*6)
+    assert OVER_BOTH.function(FLOATS)(0.5, 6.0) == pytest.approx((2 * 5.4 + 7.6) / 3, rel=1e-14)
+
+
+@pytest.mark.parametrize('table, beyond, end', [
+    (OVER_SOC, (0.05, 0.0), 7.0), (OVER_SOC, (0.95, 0.0), 11.0),
+    (OVER_TEMPERATURE, (0.5, -21.0), 5.0), (OVER_TEMPERATURE, (0.5, 31.0), -3.0),
+    (OVER_BOTH, (-0.1, -11.0), 1.0), (OVER_BOTH, (-0.1, 41.0), 8.0),
+    (OVER_BOTH, (1.1, -11.0), 6.0), (OVER_BOTH, (1.1, 41.0), 29.0),
+    # Beyond one axis only, the other still counts: 2 + 0.3 (4 - 2), 1 + 0.4 (3 - 1).
+    (OVER_BOTH, (-9.0, 8.0), 2.6), (OVER_BOTH, (0.1, -99.0), 1.8)])
+@pytest.mark.parametrize('arithmetic', [
+    pytest.param(FLOATS, id='floats'), pytest.param(ARRAYS, id='arrays')])
+def test_table_is_level_beyond_its_ends(table, beyond, end, arithmetic):
+    assert table.function(arithmetic)(*beyond) == pytest.approx(end, rel=1e-14)
+
+
+def test_table_of_one_point_is_a_constant():
+    table = Table(soc=(0.0,), temperature_c=(0.0,), values=((42.0,),))
+    assert [table.function(kind)(0.3, -7.0) for kind in (FLOATS, ARRAYS)] == [42.0, 42.0]
+
+
+@TABLES
+@given(points=st.lists(st.tuples(SOCS, TEMPERATURES_C), min_size=1, max_size=10))
+@settings(max_examples=50, deadline=None, derandomize=True)
+def test_table_of_arrays_is_that_of_floats(table, points):
+    socs, temperatures_c = np.array(points).T
+    lookup = table.function(FLOATS)
+    # The values change sign, so the scale is that of the largest of them.
+    assert table.function(ARRAYS)(socs, temperatures_c) == pytest.approx(
+        [lookup(*point) for point in points], rel=0.0, abs=1e-12 * 29.0)
+
+
+@given(socs=st.tuples(SOCS, SOCS), temperatures_c=st.tuples(TEMPERATURES_C, TEMPERATURES_C))
+@settings(max_examples=100, deadline=None, derandomize=True)
+def test_table_of_rising_values_rises_along_both_axes(socs, temperatures_c):
+    lookup = OVER_BOTH.function(FLOATS)
+    low = lookup(min(socs), min(temperatures_c))
+    high = lookup(max(socs), max(temperatures_c))
+    # One rounding of the largest value.
+    assert low <= high + 1e-14 * 29.0
+
+
+@given(st.lists(st.floats(-100.0, 100.0), min_size=4, max_size=4), SOCS, TEMPERATURES_C)
+@settings(max_examples=100, deadline=None, derandomize=True)
+def test_table_never_leaves_the_range_of_its_values(corners, soc, temperature_c):
+    table = Table((0.2, 0.7), (-15.0, 20.0), (tuple(corners[:2]), tuple(corners[2:])))
+    # Four roundings of the largest value that a corner may have.
+    slack = 1e-13 * 100.0
+    value = table.function(FLOATS)(soc, temperature_c)
+    assert min(corners) - slack <= value <= max(corners) + slack

@@ -1,0 +1,293 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Vehicle files: what a good one becomes, and the words in which a bad one is refused."""
+
+from copy import deepcopy
+from pathlib import Path
+
+import pytest
+import yaml
+
+from bev_preheat.arithmetic import FLOATS
+from bev_preheat.errors import InvalidInput
+from bev_preheat.vehicle import load_vehicle
+
+GOOD = {
+    'name': 'test car',
+    'battery': {
+        'capacity_ah': 111,
+        'heat_capacity_j_per_k': 222000,
+        'open_circuit_voltage': {'formula': {'polynomial_v': [300, 60, -20, 15]}},
+        'resistance': {'formula': {'k_ohm_k': 5.5, 'reference_temperature_c': 48}},
+        'power_limits': {
+            'discharge': {'soc': [0.0, 0.4, 1.0], 'values': [1000, 50000, 90000]},
+            'charge': {'temperature_c': [-20, 10], 'values': [-2000, -70000]}},
+        'leakage': {'gamma_0_w_per_k': 31, 'gamma_v_w_per_k_per_mps': 0.7},
+        'soc_range': [0.04, 0.97],
+        'temperature_range_c': [-33, 57]},
+    'drivetrain': {'efficiency': 0.91, 'heat_recovery_efficiency': 0.72,
+                   'maximum_power_w': 123000},
+    'hvch': {'maximum_power_w': 6500, 'efficiency': 0.86},
+    'defaults': {'cabin_heating_power_w': 1234, 'auxiliary_power_w': 432,
+                 'target_battery_temperature_c': 22},
+}
+
+VOLTAGE = 'battery.open_circuit_voltage'
+RESISTANCE = 'battery.resistance'
+DISCHARGE = 'battery.power_limits.discharge'
+CHARGE = 'battery.power_limits.charge'
+EVERYWHERE = 'over the whole soc_range and temperature_range_c'
+GONE = object()
+
+
+def with_change(key, value):
+    """Return GOOD with the value at a dotted key set (added if new); GONE takes the key away."""
+    contents = deepcopy(GOOD)
+    *path, last = key.split('.')
+    node = contents
+    for part in path:
+        node = node[part]
+    if value is GONE:
+        del node[last]
+    else:
+        node[last] = value
+    return contents
+
+
+def written(folder, contents):
+    """Path of a vehicle file with these contents (a dictionary, or the text itself)."""
+    path = folder / 'car.yaml'
+    text = contents if isinstance(contents, str) else yaml.safe_dump(contents)
+    path.write_text(text, encoding='utf-8')
+    return path
+
+
+def problems_of(path):
+    """What load_vehicle finds wrong with a file, without the file's name in front."""
+    with pytest.raises(InvalidInput) as refused:
+        load_vehicle(path)
+    assert all(problem.startswith(f'{path}: ') for problem in refused.value.problems)
+    return [problem[len(f'{path}: '):] for problem in refused.value.problems]
+
+
+def test_every_number_of_the_file_finds_its_place(tmp_path):
+    vehicle = load_vehicle(written(tmp_path, GOOD))
+    battery = vehicle.battery
+    assert (
+        vehicle.name, battery.capacity_ah, battery.capacity_as, battery.heat_capacity_j_per_k,
+        battery.leakage.gamma_0_w_per_k, battery.leakage.gamma_v_w_per_k_per_mps,
+        battery.soc_range, battery.temperature_range_c,
+        vehicle.drivetrain.efficiency, vehicle.drivetrain.heat_recovery_efficiency,
+        vehicle.drivetrain.maximum_power_w, vehicle.hvch.maximum_power_w, vehicle.hvch.efficiency,
+        vehicle.defaults.cabin_heating_power_w, vehicle.defaults.auxiliary_power_w,
+        vehicle.defaults.target_battery_temperature_c,
+    ) == ('test car', 111.0, 399600.0, 222000.0, 31.0, 0.7, (0.04, 0.97), (-33.0, 57.0),
+          0.91, 0.72, 123000.0, 6500.0, 0.86, 1234.0, 432.0, 22.0)
+
+
+@pytest.mark.parametrize('curve, soc, temperature_c, expected', [
+    # 300 + 60/2 - 20/4 + 15/8
+    ('open_circuit_voltage', 0.5, -9.0, 326.875),
+    # 5.5/(-8 + 48)
+    ('resistance', 0.6, -8.0, 0.1375),
+    # half way from 1 kW to 50 kW; over soc only
+    ('discharge_power_limit', 0.2, 3.0, 25500.0),
+    # a third of the way from -2 kW to -70 kW; over temperature only
+    ('charge_power_limit', 0.8, -10.0, -2000.0 - 68000.0 / 3)])
+def test_curves_of_the_file(tmp_path, curve, soc, temperature_c, expected):
+    battery = load_vehicle(written(tmp_path, GOOD)).battery
+    value = getattr(battery, curve).function(FLOATS)(soc, temperature_c)
+    assert value == pytest.approx(expected, rel=1e-14)
+
+
+def test_table_over_both_axes_has_a_row_for_each_soc(tmp_path):
+    contents = with_change(RESISTANCE, {'table': {
+        'soc': [0.1, 0.9], 'temperature_c': [-20, 0, 40],
+        'values': [[0.41, 0.22, 0.13], [0.34, 0.19, 0.08]]}})
+    resistance = load_vehicle(written(tmp_path, contents)).battery.resistance.function(FLOATS)
+    assert (resistance(0.1, 40.0), resistance(0.9, -20.0)) == pytest.approx((0.13, 0.34))
+
+
+def test_leakage_rises_with_speed(tmp_path):
+    leakage = load_vehicle(written(tmp_path, GOOD)).battery.leakage
+    # 31 + 0.7 * 20
+    assert leakage.coefficient_w_per_k(20.0) == pytest.approx(45.0, rel=1e-15)
+
+
+@pytest.mark.parametrize('power_w', [30000.0, -30000.0])
+def test_drivetrain_heats_the_battery_both_ways(tmp_path, power_w):
+    drivetrain = load_vehicle(written(tmp_path, GOOD)).drivetrain
+    # 0.72 * (1 - 0.91) * 30 kW
+    assert drivetrain.heat_to_battery_w(power_w) == pytest.approx(1944.0, rel=1e-14)
+
+
+@pytest.mark.parametrize('name', ['reference', 'small_car'])
+def test_shipped_vehicle_loads_under_its_own_name(name):
+    assert load_vehicle(name).name == name
+
+
+def test_reference_is_the_car_of_the_papers_table_1():
+    car = load_vehicle('reference')
+    most_w = car.battery.discharge_power_limit.function(FLOATS)(1.0, 40.0)
+    least_w = car.battery.charge_power_limit.function(FLOATS)(0.0, 40.0)
+    assert (car.battery.capacity_ah, car.drivetrain.maximum_power_w, most_w, least_w,
+            car.defaults.auxiliary_power_w, car.defaults.cabin_heating_power_w,
+            car.drivetrain.efficiency, car.drivetrain.heat_recovery_efficiency,
+            car.hvch.efficiency) == (200.0, 350e3, 350e3, -150e3, 500.0, 1978.0, 0.9, 0.8, 0.87)
+
+
+@pytest.mark.parametrize('key, value, problem', [
+    # Unknown and missing keys.
+    ('hvch.eficiency', 0.9, "hvch: unknown key 'eficiency'; did you mean 'efficiency'? "
+     'known keys: maximum_power_w, efficiency'),
+    ('drivetrain.efficency', 0.9, "drivetrain: unknown key 'efficency'; did you mean "
+     "'efficiency'? known keys: efficiency, heat_recovery_efficiency, maximum_power_w"),
+    ('hvch.colour', 'red', "hvch: unknown key 'colour'; known keys: maximum_power_w, efficiency"),
+    ('batery', {}, "the file: unknown key 'batery'; did you mean 'battery'? "
+     'known keys: name, battery, drivetrain, hvch, defaults'),
+    ('drivetrain', GONE, 'the file: missing drivetrain'),
+    ('battery.leakage', {}, 'battery.leakage: missing gamma_0_w_per_k, gamma_v_w_per_k_per_mps'),
+    ('defaults.auxiliary_power_w', GONE, 'defaults: missing auxiliary_power_w'),
+    # Wrong types.
+    ('battery.capacity_ah', '111 Ah', "battery.capacity_ah: '111 Ah' is not a number"),
+    ('battery.capacity_ah', True, 'battery.capacity_ah: True is not a number'),
+    ('name', 7, 'name: 7 is not a string'),
+    ('hvch', [6500, 0.9], 'hvch: [6500, 0.9] is not a object'),
+    # Numbers that are none.
+    ('battery.heat_capacity_j_per_k', float('nan'),
+     'battery.heat_capacity_j_per_k: nan is not a finite number'),
+    (f'{DISCHARGE}.values', [1000, float('nan'), 90000],
+     f'{DISCHARGE}.values[1]: nan is not a finite number'),
+    # Out of range.
+    ('battery.capacity_ah', 0.5,
+     'battery.capacity_ah: 0.5 is not allowed; it must be at least 1 and at most 2000'),
+    ('hvch.efficiency', 1.2,
+     'hvch.efficiency: 1.2 is not allowed; it must be above 0 and at most 1'),
+    ('drivetrain.efficiency', 0,
+     'drivetrain.efficiency: 0 is not allowed; it must be above 0 and at most 1'),
+    ('drivetrain.heat_recovery_efficiency', -0.1, 'drivetrain.heat_recovery_efficiency: -0.1 is '
+     'not allowed; it must be at least 0 and at most 1'),
+    ('battery.leakage.gamma_0_w_per_k', -3, 'battery.leakage.gamma_0_w_per_k: -3 is not allowed; '
+     'it must be at least 0 and at most 1000'),
+    ('battery.soc_range', [4, 97], None),
+    ('battery.temperature_range_c', [-33, 0, 57],
+     'battery.temperature_range_c: has 3 values; it must have at most 2'),
+    ('battery.temperature_range_c', [-33],
+     'battery.temperature_range_c: has 1 values; it must have at least 2'),
+    # Axes.
+    ('battery.soc_range', [0.97, 0.04], 'battery.soc_range: [0.97, 0.04] must rise'),
+    ('battery.temperature_range_c', [22, 22], 'battery.temperature_range_c: [22, 22] must rise'),
+    (f'{DISCHARGE}.soc', [0.0, 0.4, 0.4],
+     f'{DISCHARGE}.soc: [0.0, 0.4, 0.4] must rise from point to point'),
+    (f'{CHARGE}.temperature_c', [10, -20],
+     f'{CHARGE}.temperature_c: [10.0, -20.0] must rise from point to point'),
+    # Shapes of tables.
+    (f'{DISCHARGE}.values', [1000, 50000],
+     f'{DISCHARGE}.values: must hold one value for each point of its axes, 3 of them'),
+    (f'{DISCHARGE}.values', [[1000, 50000, 90000]] * 3,
+     f'{DISCHARGE}.values: must hold one value for each point of its axes, 3 of them'),
+    (CHARGE, {'soc': [0.1, 0.9], 'temperature_c': [-20, 0, 10],
+              'values': [[-1, -2], [-3, -4], [-5, -6]]},
+     f'{CHARGE}.values: must hold one value for each point of its axes, 2 x 3 of them'),
+    (CHARGE, {'soc': [0.1, 0.9], 'temperature_c': [-20, 0, 10],
+              'values': [[-1, -2, -3], [-4, -5]]},
+     f'{CHARGE}.values: must hold one value for each point of its axes, 2 x 3 of them'),
+    (CHARGE, {'soc': [0.1, 0.9], 'temperature_c': [-20, 0], 'values': [-1, -2]},
+     f'{CHARGE}.values: must hold one value for each point of its axes, 2 x 2 of them'),
+    (CHARGE, {'values': [-1, -2]},
+     f'{CHARGE}: must have at least 2 of: soc, temperature_c, values'),
+    # A formula or a table.
+    (f'{VOLTAGE}.table', {'soc': [0.0, 1.0], 'values': [300, 400]},
+     f'{VOLTAGE}: must have only 1 of: formula, table'),
+    (RESISTANCE, {}, f'{RESISTANCE}: must have at least 1 of: formula, table'),
+    # Values that cannot be: 0 V at soc 0.04; 5.5/(-33 + 33) ohm; limits of the wrong sign.
+    (f'{VOLTAGE}.formula.polynomial_v', [-4, 100], f'{VOLTAGE}: 0 V at soc 0.04 and -33 degC; it '
+     f'must be 10 ... 2000 V {EVERYWHERE}'),
+    (f'{RESISTANCE}.formula.reference_temperature_c', 33, f'{RESISTANCE}: inf ohm at soc 0.04 and '
+     f'-33 degC; it must be 1e-06 ... 100 ohm {EVERYWHERE}'),
+    (f'{RESISTANCE}.formula.reference_temperature_c', 22, f'{RESISTANCE}: -0.5 ohm at soc 0.04 '
+     f'and -33 degC; it must be 1e-06 ... 100 ohm {EVERYWHERE}'),
+    (f'{DISCHARGE}.values', [-1000, -1000, 90000], f'{DISCHARGE}: -1000 W at soc 0.04 and -33 '
+     f'degC; it must be 0 ... 2e+06 W {EVERYWHERE}'),
+    (f'{CHARGE}.values', [2000, 70000], f'{CHARGE}: 2000 W at soc 0.04 and -33 degC; it must be '
+     f'-2e+06 ... 0 W {EVERYWHERE}'),
+    # Between the points of any even grid, at one point of the table only.
+    (RESISTANCE, {'table': {'soc': [0.0, 0.5, 0.501, 0.502, 1.0],
+                            'values': [0.2, 0.2, -0.1, 0.2, 0.2]}},
+     f'{RESISTANCE}: -0.1 ohm at soc 0.501 and -33 degC; it must be 1e-06 ... 100 ohm '
+     f'{EVERYWHERE}'),
+    (VOLTAGE, {'table': {'soc': [0.0, 0.5, 0.501, 0.502, 1.0],
+                         'values': [300, 350, 345, 350, 400]}},
+     f'{VOLTAGE}: falls from 350 V at soc 0.5 to 345 V at soc 0.501; it must not fall with soc'),
+    # The voltage falls from the start: 400 - 50 soc, a fortieth of the range further on.
+    (f'{VOLTAGE}.formula.polynomial_v', [400, -50], f'{VOLTAGE}: falls from 398 V at soc 0.04 to '
+     '396.837 V at soc 0.06325; it must not fall with soc'),
+    # The default target.
+    ('defaults.target_battery_temperature_c', 58, 'defaults.target_battery_temperature_c: 58 is '
+     'outside battery.temperature_range_c -33 ... 57'),
+    ('defaults.target_battery_temperature_c', -34, 'defaults.target_battery_temperature_c: -34 is '
+     'outside battery.temperature_range_c -33 ... 57'),
+])
+def test_refused_in_words(tmp_path, key, value, problem):
+    expected = [problem] if problem else [
+        f'battery.soc_range[{i}]: {number} is not allowed; it must be at least 0 and at most 1'
+        for i, number in enumerate(value)]
+    assert problems_of(written(tmp_path, with_change(key, value))) == expected
+
+
+def test_every_problem_is_named_at_once(tmp_path):
+    contents = with_change('hvch.efficiency', 3)
+    contents['battery']['capacity_ah'] = 'much'
+    del contents['defaults']
+    assert [problem.split(':')[0] for problem in problems_of(written(tmp_path, contents))] == [
+        'the file', 'battery.capacity_ah', 'hvch.efficiency']
+
+
+@pytest.mark.parametrize('text, problem', [
+    ('battery: {capacity_ah: 1', 'is not YAML: '),
+    ('name: "\t', 'is not YAML: '),
+    ('name: 2024-13-45', 'is not YAML: '),
+    ('- a\n- b\n', 'must be a mapping of keys to values'),
+    ('', 'must be a mapping of keys to values')])
+def test_text_that_is_no_mapping(tmp_path, text, problem):
+    assert [found[:len(problem)] for found in problems_of(written(tmp_path, text))] == [problem]
+
+
+def test_key_written_twice_is_refused(tmp_path):
+    text = yaml.safe_dump(GOOD).replace('  efficiency: 0.86',
+                                        '  efficiency: 0.86\n  efficiency: 0.68')
+    problem, = problems_of(written(tmp_path, text))
+    assert problem.startswith('is not YAML: ') and "'efficiency' stands twice" in problem
+
+
+def test_file_that_is_not_text(tmp_path):
+    path = tmp_path / 'car.yaml'
+    path.write_bytes(b'name: \xff\xfe')
+    assert problems_of(path) == ['cannot be read: is not UTF-8 text']
+
+
+def test_file_that_may_not_be_read(tmp_path, monkeypatch):
+    path = written(tmp_path, GOOD)
+
+    def refuse(self, **kwargs):
+        raise PermissionError(13, 'Permission denied')
+
+    # Taking the permission away does not keep root from reading.
+    monkeypatch.setattr(Path, 'read_text', refuse)
+    assert problems_of(path) == ['cannot be read: Permission denied']
+
+
+@pytest.mark.parametrize('name', ['no/such/car', 'car.yaml'])
+def test_file_that_does_not_exist(tmp_path, monkeypatch, name):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(InvalidInput) as refused:
+        load_vehicle(name)
+    assert str(refused.value) == f'{name}: no such file'
+
+
+@pytest.mark.parametrize('name, hint', [
+    ('referense', "; did you mean 'reference'?"), ('zeppelin', '')])
+def test_unknown_name(name, hint):
+    with pytest.raises(InvalidInput) as refused:
+        load_vehicle(name)
+    assert str(refused.value).startswith(f"vehicle '{name}' is unknown{hint}; there are: ")
+    assert 'reference, small_car' in str(refused.value)
