@@ -8,7 +8,6 @@ nanoseconds of the node's clock.
 """
 
 from dataclasses import dataclass
-from math import isfinite
 from typing import Optional
 
 import numpy as np
@@ -153,13 +152,8 @@ class Supervisor:
         try:
             plan = plan_preheating(self.vehicle, route, measurement.state, self.goal_of(mission),
                                    self.settings.method)
-        except InvalidInput as error:
+        except (InvalidInput, PlanningFailure) as error:
             return Decision(Status.INVALID_INPUT, str(error))
-        except ArithmeticError:
-            plan = None
-        if plan is None or not (isfinite(plan.arrival_temperature_c) and isfinite(plan.arrival_soc)):
-            return Decision(Status.INVALID_INPUT, 'route_plan: the battery would get so far outside '
-                            'what the model describes that nothing can be predicted.')
         return Decision(plan.status, plan.explanation, plan, start_ns)
 
     def _obstacle(self, now_ns):

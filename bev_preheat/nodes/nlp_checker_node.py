@@ -243,6 +243,7 @@ class NlpCheckerNode(Node):
         self._case, self._last_check_ns = case, self._now_ns()
         self._solver.ask(case.question, self._values['time_limit'])
         self._poll_timer.reset()
+        self._publish_diagnostics()
 
     # What comes of it
 
@@ -269,16 +270,23 @@ class NlpCheckerNode(Node):
             self._report_publisher.publish(self._report)
             self._counts['reports'] += 1
             self.get_logger().info(report_sentence(self._report))
+        self._publish_diagnostics()
 
     @guarded
     def _on_diagnostics(self):
         # A process that has nothing to do may end too.
         self._poll_solver()
+        self._publish_diagnostics()
+
+    def _publish_diagnostics(self):
+        solver = self._solver
         values = {
-            'state': 'solving' if self._solver.is_busy else
+            'state': 'solving' if solver.is_solving else
+                     'starting the solver' if solver.is_busy else
                      'waiting for a plan' if self._ready_since_s is not None else 'idle',
             'route_id': self._inputs.mission.route_id if self._inputs.mission else '',
-            'solver process': str(self._solver.process_id or 'none'),
+            'checked route_id': self._case.route_id if self._case else '',
+            'solver process': str(solver.process_id or 'none'),
             **{name: str(count) for name, count in self._counts.items()}}
         if self._report is not None:
             values['last report'] = report_sentence(self._report)

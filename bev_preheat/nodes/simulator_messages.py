@@ -68,6 +68,7 @@ def trip_diagnostics(plant, stamp):
         'battery temperature [degC]': plant.temperature_c,
         'state of charge [1]': plant.soc,
         WITHOUT_COMMAND: plant.without_lease_s,
+        'friction brake energy [Wh]': plant.friction_brake_energy_wh,
         'undeliverable power [W]': plant.undeliverable_power_w,
         'undeliverable energy [Wh]': plant.undeliverable_energy_wh,
         **{_energy_key(field): getattr(plant.energy_wh, field.name) for field in fields(Energies)},

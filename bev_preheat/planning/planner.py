@@ -9,6 +9,7 @@ import numpy as np
 from bev_preheat.errors import InvalidInput, PlanningFailure
 from bev_preheat.model import make_runge_kutta_4
 from bev_preheat.planning.explanation import explain
+from bev_preheat.planning.merit_order import plan_merit_order
 from bev_preheat.planning.optimal_switch import plan_optimal_switch
 from bev_preheat.planning.paper import plan_paper
 from bev_preheat.planning.plan import Plan
@@ -18,8 +19,12 @@ from bev_preheat.planning.simulate import keep_accounts, run_forward
 from bev_preheat.planning.status import Status
 from bev_preheat.planning.trip import make_trip
 
-METHODS = {'optimal_switch': plan_optimal_switch, 'paper': plan_paper}
-DEFAULT_METHOD = 'paper'
+METHODS = {
+    'merit_order': plan_merit_order,
+    'optimal_switch': plan_optimal_switch,
+    'paper': plan_paper,
+}
+DEFAULT_METHOD = 'merit_order'
 
 # Missing the target by less than this is no miss: the paper's Euler steps are not better.
 SHORTFALL_TOLERANCE_K = 0.2

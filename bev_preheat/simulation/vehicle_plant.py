@@ -6,6 +6,7 @@ from math import ceil, inf, isfinite
 
 from bev_preheat.arithmetic import SATURATING_FLOATS
 from bev_preheat.model import make_rates, make_runge_kutta_4
+from bev_preheat.planning.limits import make_terminal_limits
 from bev_preheat.planning.simulate import (
     deliverable_power_w, Energies, JOULES_PER_WH, step_of_floats)
 from bev_preheat.planning.trip import make_trip
@@ -21,28 +22,32 @@ class VehiclePlant:
     Integrates `model` in steps of at most LONGEST_STEP_S that end at the segments' boundaries,
     finer than the plans that it is there to try. `time_s` counts from the start of the route. At
     the end of the route, or with an empty battery, the vehicle stands: its time goes on, state and
-    sums stay.
+    sums stay. Cabin and battery come first: the heater gets what they leave, and what the battery
+    must not take back goes into the friction brake.
 
-    `heater_power_w` is what the heater really takes for the battery now [W],
-    `undeliverable_power_w` the most that the battery has lacked so far [W], `empty_at_s` when it
-    ran empty [s], None if it did not, and `without_lease_s` how long it drove without a valid
+    `heater_power_w` and `brake_power_w` are what these really take now [W],
+    `undeliverable_power_w` is the most that the battery has lacked so far [W], `empty_at_s` when
+    it ran empty [s], None if it did not, and `without_lease_s` how long it drove without a valid
     command [s].
     """
 
     def __init__(self, vehicle, route, state):
         """Put a vehicle at the start of a route, with the battery in `state` (a BatteryState)."""
         self.vehicle = vehicle
-        self.route = route
+        # In it, segments that are too long for one Trip step are divided.
+        self.route = make_trip(vehicle, route).route
         self.time_s = 0.0
         self.soc = state.soc
         self.temperature_c = state.temperature_c
         self.heater_power_w = 0.0
+        self.brake_power_w = 0.0
         self.undeliverable_power_w = 0.0
         self.empty_at_s = None
         self.without_lease_s = 0.0
-        self._ends_s = route.time_s[1:].tolist()
+        self._ends_s = self.route.time_s[1:].tolist()
         self._joule_j = self._drivetrain_j = self._heater_j = self._leakage_j = 0.0
-        self._battery_j = self._undeliverable_j = 0.0
+        self._battery_j = self._undeliverable_j = self._brake_j = 0.0
+        self._terminal_limits = make_terminal_limits(vehicle, SATURATING_FLOATS)
         self._enter_segment(0)
 
     @property
@@ -66,7 +71,7 @@ class VehiclePlant:
         return self.duration_s if self.empty_at_s is None else self.empty_at_s
 
     def advance(self, to_s, heater_power_w):
-        """Drive on to `to_s` [s] with a heater power [W], of which the cabin may leave less."""
+        """Drive on to `to_s` [s] with a heater power [W], as far as limits allow it."""
         if not self.time_s <= to_s < inf:
             raise ValueError(f'to_s: {to_s} is no finite instant from {self.time_s} on')
         if not (isfinite(heater_power_w) and heater_power_w >= 0.0):
@@ -77,7 +82,7 @@ class VehiclePlant:
             if self.time_s == end_s and self.empty_at_s is None:
                 self._enter_segment(self._segment + 1)
         if self.is_standing:
-            self.heater_power_w = 0.0
+            self.heater_power_w = self.brake_power_w = 0.0
         self.time_s = to_s
 
     def advance_under(self, lease, to_s):
@@ -96,25 +101,39 @@ class VehiclePlant:
                 field.name: getattr(self.route, field.name)[index:index + 1]
                 for field in fields(Route)}))
 
-    def _inputs(self):
-        """Power, power variance, heat and leakage: what a step of the model takes now."""
-        return tuple(column.item() for column in self._trip.inputs(self.heater_power_w)[1:])
-
     def _drive_within_segment(self, to_s, heater_power_w):
         steps = ceil((to_s - self.time_s) / LONGEST_STEP_S)
         step_s = (to_s - self.time_s) / steps
-        self.heater_power_w = min(heater_power_w, self._trip.heater_limit_w.item())
-        inputs = self._inputs()
         for _ in range(steps):
-            self._step(step_s, inputs)
+            self._keep_limits(heater_power_w)
+            self._step(step_s)
             if self.soc <= 0.0:
                 self.empty_at_s = self.time_s
                 return
         # Sums of steps do not end exactly where they should.
         self.time_s = to_s
 
-    def _step(self, step_s, inputs):
-        power_w, _, _, leakage_w_per_k = inputs
+    def _keep_limits(self, wanted_w):
+        """Set heater and friction brake to what cabin and battery leave them; [W] is wanted."""
+        trip = self._trip
+        idle_w = trip.idle_power_w.item()
+        least_w, most_w = self._terminal_limits(
+            self.soc, self.temperature_c, trip.power_variance_w2.item())
+        self.heater_power_w = max(0.0, min(
+            wanted_w, trip.heater_limit_w.item(), most_w - idle_w))
+        if self.temperature_c >= self.vehicle.battery.temperature_range_c[1]:
+            self.heater_power_w = 0.0
+        regenerated_w = max(0.0, -trip.route.propulsion_power_w.item())
+        self.brake_power_w = min(
+            regenerated_w, max(0.0, least_w - idle_w - self.heater_power_w))
+
+    def _inputs(self):
+        """Power, power variance, heat and leakage: what a step of the model takes now."""
+        return tuple(column.item() for column in self._trip.inputs(
+            self.heater_power_w, self.brake_power_w)[1:])
+
+    def _step(self, step_s):
+        inputs = power_w, _, _, leakage_w_per_k = self._inputs()
         lacking_w = 0.0
         try:
             soc, temperature_c, mean_temperature_c, joule_w = step_of_floats(
@@ -128,13 +147,17 @@ class VehiclePlant:
         self.soc, self.temperature_c = soc, temperature_c
         self.time_s += step_s
         self.undeliverable_power_w = max(self.undeliverable_power_w, lacking_w)
-        ambient_c = self._trip.route.ambient_temperature_c.item()
+        trip = self._trip
+        ambient_c = trip.route.ambient_temperature_c.item()
+        drivetrain_heat_w = (trip.drivetrain_heat_w.item()
+                             - self.vehicle.drivetrain.heat_share * self.brake_power_w)
         self._joule_j += step_s * joule_w
-        self._drivetrain_j += step_s * self._trip.drivetrain_heat_w.item()
+        self._drivetrain_j += step_s * drivetrain_heat_w
         self._heater_j += step_s * self.heater_power_w
         self._leakage_j += step_s * leakage_w_per_k * (ambient_c - mean_temperature_c)
         self._battery_j += step_s * (power_w - lacking_w + joule_w)
         self._undeliverable_j += step_s * lacking_w
+        self._brake_j += step_s * self.brake_power_w
 
     @property
     def energy_wh(self):
@@ -151,6 +174,11 @@ class VehiclePlant:
     def undeliverable_energy_wh(self):
         """Energy that the route asked for and the battery could not give [Wh]."""
         return self._undeliverable_j / JOULES_PER_WH
+
+    @property
+    def friction_brake_energy_wh(self):
+        """Energy that the battery could not take back, so that the brakes had to [Wh]."""
+        return self._brake_j / JOULES_PER_WH
 
     @property
     def current_a(self):

@@ -10,7 +10,9 @@ of the curve (V, ohm, W).
 from bisect import bisect_right
 from dataclasses import dataclass
 
-from bev_preheat.arithmetic import FLOATS, SATURATING_FLOATS
+import numpy as np
+
+from bev_preheat.arithmetic import ARRAYS, FLOATS, SATURATING_FLOATS
 
 # ln(soc) has no value at an empty battery; below this state of charge the voltage stays level.
 LOWEST_SOC_IN_LOGARITHM = 1e-3
@@ -72,10 +74,12 @@ class Table:
         """`f(soc, temperature_c)`, bilinear, for the given kind of number."""
         if arithmetic is FLOATS or arithmetic is SATURATING_FLOATS:
             return self._function_of_floats()
+        if arithmetic is ARRAYS:
+            return self._function_of_arrays()
         return self._function_of_weights(arithmetic)
 
     def _function_of_weights(self, arithmetic):
-        """For arrays and symbols: no branches, each axis as a weight for each of its points."""
+        """For symbols: no branches, each axis as a weight for each of its points."""
         soc_axis, temperature_axis, values = self.soc, self.temperature_c, self.values
 
         def lookup(soc, temperature_c):
@@ -88,6 +92,19 @@ class Table:
                     along_row = along_row + value * weight
                 total = total + soc_weight * along_row
             return total
+
+        return lookup
+
+    def _function_of_arrays(self):
+        soc_axis, temperature_axis = np.array(self.soc), np.array(self.temperature_c)
+        values = np.array(self.values)
+
+        def lookup(soc, temperature_c):
+            i, next_i, a = _cell(soc_axis, soc)
+            j, next_j, b = _cell(temperature_axis, temperature_c)
+            at_low = values[i, j] + b * (values[i, next_j] - values[i, j])
+            at_high = values[next_i, j] + b * (values[next_i, next_j] - values[next_i, j])
+            return at_low + a * (at_high - at_low)
 
         return lookup
 
@@ -139,6 +156,15 @@ def _line(axis, values):
         return values[i] + slopes[i] * (x - axis[i])
 
     return line
+
+
+def _cell(axis, x):
+    """Index of the axis point below each x, of the one above, and how far x is between them."""
+    if len(axis) == 1:
+        return 0, 0, 0.0
+    x = np.minimum(np.maximum(x, axis[0]), axis[-1])
+    below = np.minimum(np.searchsorted(axis, x, side='right') - 1, len(axis) - 2)
+    return below, below + 1, (x - axis[below]) / (axis[below + 1] - axis[below])
 
 
 def _hat_weights(axis, x, arithmetic):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The supervisor: what the heater may do for every state of its inputs, and that doubt means 0 W."""
+"""The supervisor: what the heater may do for every state of its inputs; doubt means 0 W."""
 
 from math import inf, nan
 import random
@@ -9,7 +9,7 @@ import pytest
 from bev_preheat.control.inputs import Measurement, Mission
 from bev_preheat.control.settings import Settings
 from bev_preheat.control.supervisor import Command, NS_PER_S, Supervisor
-from bev_preheat.errors import InvalidInput
+from bev_preheat.errors import InvalidInput, PlanningFailure
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.planning.status import Status
 from bev_preheat.route.segments import make_route
@@ -116,23 +116,14 @@ def test_power_that_the_battery_cannot_deliver_is_told():
     assert supervisor.command(NOW_NS).reason is Status.POWER_LIMITED
 
 
-@pytest.mark.parametrize('arrival_c', [nan, inf])
-def test_a_plan_that_predicts_no_number_does_not_heat(monkeypatch, arrival_c):
+def test_a_failure_of_the_model_is_told(monkeypatch):
+    def fail(*_):
+        raise PlanningFailure('no finite temperatures')
     supervisor = make_supervisor()
-    plan = supervisor.decision.plan
-    plan.battery_temperature_c[-1] = arrival_c
-    monkeypatch.setattr('bev_preheat.control.supervisor.plan_preheating', lambda *_: plan)
-    supervisor.replan(NOW_NS)
-    assert outcome(supervisor) == (0.0, Status.INVALID_INPUT)
-
-
-def test_a_model_that_breaks_down_does_not_heat(monkeypatch):
-    def break_down(*_):
-        raise ZeroDivisionError
-    supervisor = make_supervisor()
-    monkeypatch.setattr('bev_preheat.control.supervisor.plan_preheating', break_down)
-    supervisor.replan(NOW_NS)
-    assert outcome(supervisor) == (0.0, Status.INVALID_INPUT)
+    monkeypatch.setattr('bev_preheat.control.supervisor.plan_preheating', fail)
+    decision = supervisor.replan(NOW_NS)
+    assert (decision.status, decision.explanation, outcome(supervisor)) == (
+        Status.INVALID_INPUT, 'no finite temperatures', (0.0, Status.INVALID_INPUT))
 
 
 # The lease
@@ -245,8 +236,8 @@ def test_a_clock_set_back_heats_on_nothing_from_its_future(back_s):
 # Refusals
 
 @pytest.mark.parametrize('state, message', [
-    ({'temperature_c': nan}, 'battery temperature: nan is not allowed; it must be -40 ... 60 degC, '
-     "the range of the vehicle's battery"),
+    ({'temperature_c': nan}, 'battery temperature: nan is not allowed; it must be -40 ... 60 '
+     "degC, the range of the vehicle's battery"),
     ({'temperature_c': -40.5}, 'battery temperature: -40.5 is not allowed; it must be -40 ... 60 '
      "degC, the range of the vehicle's battery"),
     ({'soc': 1.25}, 'state of charge: 1.25 is not allowed; it must be 0 ... 1'),
@@ -264,8 +255,8 @@ def test_a_state_outside_the_model_is_refused(state, message):
     ({'minimum_arrival_soc': 1.5},
      'minimum arrival state of charge: 1.5 is not allowed; it must be 0 ... 1'),
     ({'ambient_temperature_c': [-7.0] * 39 + [-50.0]},
-     'ambient temperature: -50 is not allowed; it must be at least -40 degC: the vehicle\'s battery '
-     'is not described below that'),
+     "ambient temperature: -50 is not allowed; it must be at least -40 degC: the vehicle's "
+     'battery is not described below that'),
 ], ids=['target_high', 'target_inf', 'minimum_soc', 'ambient'])
 def test_a_route_outside_the_model_is_refused(mission, message):
     assert refused_mission(make_supervisor(), **mission) == message

@@ -251,7 +251,7 @@ def publisher(node):
 
 
 @pytest.fixture
-def start_executable(domain_id, tmp_path, request):
+def start_executable(domain_id, tmp_path):
     """
     `start_executable(name, *ros_arguments)` starts an installed executable: a NodeProcess.
 

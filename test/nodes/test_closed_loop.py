@@ -24,7 +24,8 @@ DURATION_S = 3600.0
 TARGET_C = 25.0
 LEASE_S = 20.0
 START_S = 1_700_000_000
-PLANNER = ('-p', 'use_sim_time:=true', '-p', f'command_lease:={LEASE_S}',
+PLANNER = ('-p', 'use_sim_time:=true', '-p', 'method:=optimal_switch',
+           '-p', f'command_lease:={LEASE_S}',
            '-p', 'command_period:=5.0', '-p', 'battery_state_timeout:=60.0')
 SIMULATOR = ('-p', 'route:=reference', '-p', 'vehicle:=reference', '-p', 'initial_soc:=0.9',
              '-p', 'initial_battery_temperature:=-7.0', '-p', f'start_time:={START_S}.0',
@@ -90,8 +91,8 @@ def test_heating_starts_when_the_plan_at_the_start_said(trip):
 def test_the_heater_is_not_switched_on_and_off(trip):
     on = [power_w > 0.0 for instant_s, power_w, _ in trip.powers() if instant_s < DURATION_S]
     switches = sum(before != after for before, after in zip(on, on[1:]))
-    # On once; the last kelvin may flicker.
-    assert 1 <= switches <= 7
+    # On once, and the last seconds before arrival may flicker.
+    assert 1 <= switches <= 5
 
 
 def test_it_heats_at_all_only_for_a_reason(trip):
@@ -120,10 +121,10 @@ def test_a_planner_killed_while_heating_leaves_no_heat_after_the_lease(bench):
 
     def heat_wh_after(instant_s):
         """Return the heat that the simulated battery has got in all by then [Wh]."""
-        _, energy = outcome_from_diagnostics(trip.diagnostics.wait_for(
+        outcome = outcome_from_diagnostics(trip.diagnostics.wait_for(
             lambda array: outcome_from_diagnostics(array)
             and on_the_way_s(array.header.stamp) > instant_s))
-        return energy.hvch_heat
+        return outcome.energy_wh.hvch_heat
 
     heat_wh = heat_wh_after(lease_end_s)
     assert heat_wh > 0.0

@@ -139,7 +139,7 @@ def test_a_number_that_is_none_is_refused_in_each_array(field, value, text):
     ('speed', [], 'missing or empty: speed'),
     ('propulsion_power', [], 'missing or empty: propulsion_power'),
     ('ambient_temperature', [], 'missing or empty: ambient_temperature'),
-    ('minimum_arrival_soc', -0.25, 'minimum_arrival_soc: -0.25 is not allowed; it must be 0 ... 1'),
+    ('minimum_arrival_soc', -0.5, 'minimum_arrival_soc: -0.5 is not allowed; it must be 0 ... 1'),
     ('minimum_arrival_soc', 20.0, 'minimum_arrival_soc: 20 is not allowed; it must be 0 ... 1'),
     ('minimum_arrival_soc', nan, 'minimum_arrival_soc: nan is not allowed; it must be 0 ... 1'),
     ('target_battery_temperature', inf, 'target_battery_temperature: inf is not allowed; it must '

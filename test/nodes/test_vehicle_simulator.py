@@ -77,17 +77,15 @@ def outcome_at_the_end(diagnostics):
 
 def test_clock_runs_at_the_speed_asked_for(record, start_simulator):
     clock = record(Clock, '/clock', MANY)
-    start_simulator(speed_up=20.0)
-    clock.wait_for(lambda message: seconds(message.clock) >= 60.0)
+    # Slow enough that a busy computer, which makes time slow down, keeps up.
+    start_simulator(speed_up=5.0)
+    clock.wait_for(lambda message: seconds(message.clock) >= 15.0)
     real_s, simulated_s = np.array([(real_s, seconds(message.clock))
                                     for real_s, message in clock.timed]).T
     assert np.all(np.diff(simulated_s) >= 0.0)
     assert simulated_s[0] >= 0.0
-    # The median of ratios, as a busy computer holds up some of the messages.
-    half = len(real_s) // 2
-    speeds = (simulated_s[half:2 * half] - simulated_s[:half]) / (real_s[half:2 * half]
-                                                                  - real_s[:half])
-    assert np.median(speeds) == pytest.approx(20.0, rel=0.15)
+    speed_up, _ = np.polyfit(real_s - real_s[0], simulated_s, 1)
+    assert speed_up == pytest.approx(5.0, rel=0.1)
 
 
 def test_battery_states_come_at_their_period(record, start_simulator):

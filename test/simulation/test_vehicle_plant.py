@@ -39,6 +39,12 @@ SIMPLE = replace(VEHICLE, battery=replace(
     VEHICLE.battery, open_circuit_voltage=level(VOLTAGE_V), resistance=level(RESISTANCE_OHM)))
 
 
+def with_limits(charge_w, discharge_w):
+    return replace(SIMPLE, battery=replace(
+        SIMPLE.battery, charge_power_limit=level(charge_w),
+        discharge_power_limit=level(discharge_w)))
+
+
 def route_of(durations_s, power_w=(0.0,), speed_mps=(12.0,), ambient_c=(-9.0,), cabin_w=(0.0,),
              auxiliary_w=(0.0,), rms_w=None):
     return make_route({
@@ -182,8 +188,48 @@ def test_power_that_the_battery_cannot_deliver_is_accounted_for():
     assert plant.energy_wh.battery_total == pytest.approx(VOLTAGE_V * drawn_as / 3600.0)
 
 
+def test_friction_brake_takes_what_the_battery_must_not():
+    plant = VehiclePlant(with_limits(charge_w=-5e3, discharge_w=1e5), route_of(
+        [200.0], power_w=[-30e3], auxiliary_w=[350.0]), BatteryState(5.0, 0.8))
+    plant.advance(200.0, 0.0)
+    assert plant.energy_wh.battery_total == pytest.approx(-5e3 * 200.0 / 3600.0)
+    current_a = 5e3 / VOLTAGE_V
+    brake_w = 30e3 - 350.0 - (5e3 + RESISTANCE_OHM * current_a**2)
+    assert plant.friction_brake_energy_wh == pytest.approx(brake_w * 200.0 / 3600.0)
+    assert plant.energy_wh.drivetrain_heat == pytest.approx(
+        0.6 * 0.12 * (30e3 - brake_w) * 200.0 / 3600.0)
+    assert plant.brake_power_w == 0.0, 'the vehicle stands'
+
+
+def test_heater_spares_the_friction_brake():
+    plant = VehiclePlant(with_limits(charge_w=-5e3, discharge_w=1e5), route_of(
+        [200.0], power_w=[-30e3], auxiliary_w=[350.0]), BatteryState(5.0, 0.8))
+    plant.advance(100.0, 0.0)
+    idle_brake_w = plant.brake_power_w
+    plant.advance(150.0, 4e3)
+    assert plant.brake_power_w == pytest.approx(idle_brake_w - 4e3)
+    assert plant.terminal_voltage_v == pytest.approx(
+        VOLTAGE_V + RESISTANCE_OHM * 5e3 / VOLTAGE_V)
+
+
+def test_heater_gets_what_the_battery_may_give():
+    plant = VehiclePlant(with_limits(charge_w=-1e5, discharge_w=20e3), route_of(
+        [200.0], power_w=[18e3]), BatteryState(5.0, 0.8))
+    plant.advance(150.0, 6e3)
+    assert plant.energy_wh.battery_total == pytest.approx(20e3 * 150.0 / 3600.0)
+    joule_w = RESISTANCE_OHM * (20e3 / VOLTAGE_V)**2
+    assert plant.heater_power_w == pytest.approx(20e3 - joule_w - 18e3)
+
+
+def test_hot_battery_is_not_heated():
+    plant = VehiclePlant(VEHICLE, route_of([200.0]), BatteryState(60.0, 0.8))
+    plant.advance(0.5, 6e3)
+    assert plant.energy_wh.hvch_electric == 0.0
+
+
 def test_with_an_empty_battery_the_vehicle_stands():
-    plant = VehiclePlant(SIMPLE, route_of([900.0], power_w=[80e3]), BatteryState(5.0, 0.05))
+    strong = with_limits(charge_w=-1e5, discharge_w=1e5)
+    plant = VehiclePlant(strong, route_of([900.0], power_w=[80e3]), BatteryState(5.0, 0.05))
     plant.advance(900.0, 1000.0)
     power_w = 81e3
     current_a = (VOLTAGE_V - math.sqrt(VOLTAGE_V**2 - 4.0 * RESISTANCE_OHM * power_w)) \

@@ -1,0 +1,187 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+What a kelvin is worth: the battery energy that the rest of a trip costs, over temperature.
+
+Algorithm 2 of the paper runs one temperature backward from the target, heated all the way: below it
+heating must be on. Here a whole curve runs backward: V_k(T), the battery energy that the rest of the
+trip costs from temperature T on, limits and all (dynamic programming; the curve is convex). Its
+slope says what a kelvin is worth. Heating pays in a step where a kelvin is worth more than the
+heater takes for it, which is so below one temperature, the *threshold* of the step. Without limits
+V_N is a step at the target, and the thresholds are the temperatures of Algorithm 2.
+
+The curve's points move with the vehicle's own dynamics, heated below the threshold and unheated
+above it, so its kinks stay sharp.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from bev_preheat.arithmetic import ARRAYS
+from bev_preheat.model import make_rates, make_runge_kutta_4
+from bev_preheat.planning.limits import make_terminal_limits
+
+# Steps in which no limit matters are taken together up to this long: the curve changes slowly.
+LONGEST_STRIDE_S = 60.0
+# A kelvin below the target, or a watt that the battery lacks, costs this many times what the heater
+# takes for it, so that nothing is saved there.
+PENALTY = 30.0
+# The curve reaches this far beyond the temperatures that the trip can take.
+MARGIN_K = 10.0
+# Temperatures at which each step is worked out; in between it is interpolated.
+GRID_POINTS = 64
+# The curve's points: not further apart, and if there are more, those that say less [J] go.
+WIDEST_GAP_K = 1.0
+MOST_POINTS = 64
+CURVE_TOLERANCE_J = 100.0
+
+
+@dataclass(frozen=True)
+class Thresholds:
+    """
+    Heating pays in step k below `low_c[k]` at full power, above `high_c[k]` not at all, shape (N,).
+
+    In between, in proportion: the step in which the threshold is reached.
+    """
+
+    low_c: np.ndarray
+    high_c: np.ndarray
+
+
+@dataclass(frozen=True)
+class _Strides:
+    """The trip in strides: steps taken together where no limit matters; arrays of shape (M,)."""
+
+    first: np.ndarray
+    duration_s: np.ndarray
+    columns: tuple
+    cap_w: np.ndarray
+    propulsion_w: np.ndarray
+    soc: np.ndarray
+    may_overcharge: np.ndarray
+    may_overdraw: np.ndarray
+
+
+def _make_strides(trip, watch, soc):
+    limited = (watch.charge | watch.discharge).tolist()
+    durations = trip.route.duration_s.tolist()
+    first, length_s, before_limited = [], np.inf, True
+    for k, (duration_s, is_limited) in enumerate(zip(durations, limited)):
+        if is_limited or before_limited or length_s + duration_s > LONGEST_STRIDE_S:
+            first.append(k)
+            length_s = 0.0
+        length_s += duration_s
+        before_limited = is_limited
+    first = np.array(first)
+    duration_s = np.add.reduceat(trip.route.duration_s, first)
+
+    def mean(values):
+        return np.add.reduceat(values * trip.route.duration_s, first) / duration_s
+
+    return _Strides(
+        first=first, duration_s=duration_s,
+        columns=tuple(mean(column) for column in (
+            trip.idle_power_w, trip.power_variance_w2, trip.idle_heat_w, trip.leakage_w_per_k)),
+        cap_w=mean(trip.heater_limit_w),
+        propulsion_w=mean(trip.route.propulsion_power_w),
+        soc=soc[:-1][first],
+        may_overcharge=watch.charge[first], may_overdraw=watch.discharge[first])
+
+
+def find_thresholds(trip, watch, run, target_c):
+    """
+    Return the Thresholds of a trip, by running the value curve backward.
+
+    `run` (a Schedule) says along which states of charge, and about which temperatures, the curve
+    is needed.
+    """
+    battery, hvch = trip.vehicle.battery, trip.vehicle.hvch
+    strides = _make_strides(trip, watch, run.soc)
+    coldest_c = max(min(run.temperature_c.min(), target_c) - MARGIN_K,
+                    battery.temperature_range_c[0])
+    warmest_c = max(run.temperature_c.max(), target_c) + 2.0 * MARGIN_K
+    grid_c = np.linspace(coldest_c - MARGIN_K, warmest_c, GRID_POINTS)
+    idle, full = _step_maps(trip.vehicle, strides, grid_c)
+    price_j_per_k = PENALTY * battery.heat_capacity_j_per_k / hvch.efficiency
+    curve_c = np.unique(np.append(grid_c, target_c))
+    value_j = price_j_per_k * np.maximum(target_c - curve_c, 0.0)
+    count = len(strides.first)
+    low_c, high_c = np.empty(count), np.empty(count)
+    for m in range(count - 1, -1, -1):
+        idle_c = np.interp(curve_c, idle.end_c[m], grid_c)
+        full_c = np.interp(curve_c, full.end_c[m], grid_c)
+        idle_j = value_j + np.interp(curve_c, idle.end_c[m], idle.energy_j[m])
+        full_j = value_j + np.interp(curve_c, full.end_c[m], full.energy_j[m])
+        # What the heater takes for a kelvin, at each point; nothing where all it can do is free.
+        gained_k = idle_c - full_c
+        asked = np.where(gained_k > 1e-9, (full_j - idle_j) / np.maximum(gained_k, 1e-9), -np.inf)
+        pays = value_j[:-1] - value_j[1:] > asked[1:] * (curve_c[1:] - curve_c[:-1])
+        split = len(pays) if pays.all() else int(np.argmin(pays))
+        low_c[m], high_c[m] = full_c[split], max(idle_c[split], full_c[split] + 1e-9)
+        # Between the two, heating in part takes what the heater takes: a straight piece.
+        fan = split + 1 if idle_c[split] > full_c[split] + 1e-6 else split
+        curve_c = np.concatenate((full_c[:fan], idle_c[split:]))
+        value_j = np.concatenate((full_j[:fan], idle_j[split:]))
+        curve_c, value_j = _mesh(curve_c, value_j, coldest_c, warmest_c)
+    steps = np.arange(len(trip.route))
+    return Thresholds(np.interp(steps, strides.first, low_c),
+                      np.interp(steps, strides.first, high_c))
+
+
+@dataclass(frozen=True)
+class _StepMap:
+    """Where a stride ends [deg C], and what it takes [J], from each temperature: (M, G)."""
+
+    end_c: np.ndarray
+    energy_j: np.ndarray
+
+
+def _step_maps(vehicle, strides, grid_c):
+    """Maps of all strides with free heating only, and with all the heating there is."""
+    power_w, variance_w2, heat_w, leakage_w_per_k = (
+        column[:, np.newaxis] for column in strides.columns)
+    soc, duration_s, cap_w = (
+        values[:, np.newaxis] for values in (strides.soc, strides.duration_s, strides.cap_w))
+    start_c = np.broadcast_to(grid_c, (len(strides.first), len(grid_c)))
+    surplus_w, lacking_w = np.zeros(start_c.shape), np.zeros(start_c.shape)
+    room_w = np.broadcast_to(cap_w, start_c.shape).copy()
+    near = strides.may_overcharge | strides.may_overdraw
+    if near.any():
+        least_w, most_w = make_terminal_limits(vehicle, ARRAYS)(
+            soc[near], start_c[near], variance_w2[near])
+        surplus_w[near] = np.clip(least_w - power_w[near], 0.0, np.maximum(
+            -strides.propulsion_w[near, np.newaxis], 0.0))
+        lacking_w[near] = np.maximum(power_w[near] - most_w, 0.0)
+        room_w[near] = np.clip(most_w - power_w[near], 0.0, cap_w[near])
+    step = make_runge_kutta_4(make_rates(vehicle, ARRAYS))
+    free_w = np.minimum(cap_w, surplus_w)
+
+    def map_of(heater_w):
+        brake_w = surplus_w - np.minimum(heater_w, surplus_w)
+        terminal_w = power_w + heater_w + brake_w
+        _, end_c, _, joule_w = step(
+            soc, start_c, duration_s, terminal_w, variance_w2,
+            heat_w + vehicle.hvch.efficiency * heater_w
+            - vehicle.drivetrain.heat_share * brake_w, leakage_w_per_k)
+        return _StepMap(end_c, duration_s * (terminal_w + joule_w + PENALTY * lacking_w))
+
+    return map_of(free_w), map_of(np.maximum(room_w, free_w))
+
+
+def _mesh(curve_c, value_j, coldest_c, warmest_c):
+    """Keep the curve's points dense enough, few enough, and where the trip can come."""
+    first = max(int(np.searchsorted(curve_c, coldest_c)) - 1, 0)
+    last = int(np.searchsorted(curve_c, warmest_c)) + 1
+    curve_c, value_j = curve_c[first:last], value_j[first:last]
+    wide = np.flatnonzero(np.diff(curve_c) > WIDEST_GAP_K) + 1
+    if len(wide):
+        middle_c = 0.5 * (curve_c[wide] + curve_c[wide - 1])
+        middle_j = 0.5 * (value_j[wide] + value_j[wide - 1])
+        curve_c, value_j = np.insert(curve_c, wide, middle_c), np.insert(value_j, wide, middle_j)
+    if len(curve_c) > MOST_POINTS:
+        inner_j = np.interp(curve_c[1:-1:2], curve_c[::2], value_j[::2])
+        keep = np.ones(len(curve_c), dtype=bool)
+        keep[1:-1:2] = ((np.abs(value_j[1:-1:2] - inner_j) > CURVE_TOLERANCE_J)
+                        | (curve_c[2::2][:len(inner_j)] - curve_c[:-2:2] > WIDEST_GAP_K))
+        curve_c, value_j = curve_c[keep], value_j[keep]
+    return curve_c, value_j
