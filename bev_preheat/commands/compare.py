@@ -8,14 +8,16 @@ from rich.console import Console
 from bev_preheat.commands.optimum import add_no_limits_argument, optimum_lines
 from bev_preheat.commands.output import add_output_arguments, plan_table, write_json
 from bev_preheat.commands.situation import add_situation_arguments, read_situation
-from bev_preheat.planning.planner import METHODS, plan_preheating
+from bev_preheat.planning.planner import as_driven, METHODS, plan_preheating
 
 
 def add_parser(subparsers):
     """Add the subcommand."""
     parser = subparsers.add_parser(
         'compare', help='all methods and the nonlinear program side by side',
-        description='Plans of all methods, the optimum, and what each costs more than it.')
+        description='Plans of all methods, the optimum, and what each costs more than it. A plan '
+        'that breaks a power limit is shown as it would be driven: the friction brake takes what '
+        'the battery may not, and the heater gives way.')
     add_situation_arguments(parser)
     add_no_limits_argument(parser)
     add_output_arguments(parser)
@@ -28,6 +30,8 @@ def run(arguments):
     situation = read_situation(arguments)
     inputs = situation.vehicle, situation.route, situation.state, situation.goal
     plans = [plan_preheating(*inputs, method) for method in METHODS]
+    if not arguments.no_power_limits:
+        plans = [as_driven(plan, *inputs) for plan in plans]
     console = Console()
     try:
         with console.status('solving …'):

@@ -140,7 +140,7 @@ def plan_message(decision, mission, now_ns):
     message.header.stamp = time_message(start_ns)
     if plan is None:
         for field in ('predicted_arrival_temperature', 'predicted_arrival_soc', 'shortfall',
-                      'target_battery_temperature', 'undeliverable_power',
+                      'target_battery_temperature', 'soc_shortfall', 'undeliverable_power',
                       *ENERGY_FIELDS.values()):
             setattr(message, field, math.nan)
         return message
@@ -153,6 +153,7 @@ def plan_message(decision, mission, now_ns):
     message.predicted_arrival_soc = plan.arrival_soc
     message.target_battery_temperature = plan.target_temperature_c
     message.shortfall = plan.shortfall_k
+    message.soc_shortfall = plan.soc_shortfall
     message.undeliverable_power = plan.undeliverable_power_w
     for field, name in ENERGY_FIELDS.items():
         setattr(message, name, getattr(plan.energy_wh, field))
@@ -160,6 +161,10 @@ def plan_message(decision, mission, now_ns):
     message.battery_temperature = _sequence(plan.battery_temperature_c)
     message.soc = _sequence(plan.soc)
     message.hvch_power = _sequence(plan.hvch_battery_power_w)
+    message.stretch_start = _sequence([stretch.start_s for stretch in plan.stretches])
+    message.stretch_end = _sequence([stretch.end_s for stretch in plan.stretches])
+    message.stretch_energy = _sequence([stretch.energy_wh for stretch in plan.stretches])
+    message.stretch_reason = bytes(int(stretch.reason) for stretch in plan.stretches)
     message.planning_time = plan.planning_time_s
     return message
 

@@ -72,8 +72,8 @@ class NlpCheckerNode(Node):
     Listens beside the planner, and lets a `SolverProcess` solve what the planner has planned.
 
     A check is wanted for each new route, on demand and after `check_period`. It begins when the
-    planner's plan for a known battery state is there, or has not come for PLAN_WAIT_S. A wish for a
-    new route or on demand cancels the check that is under way.
+    planner's plan for a known battery state is there, or has not come for PLAN_WAIT_S. One that is
+    wanted for a new route or on demand cancels the check that is under way.
     """
 
     def __init__(self):
@@ -174,7 +174,8 @@ class NlpCheckerNode(Node):
 
     def _refuse(self, source, error):
         self._problems[source] = f'{source} refused: {error}.'
-        self.get_logger().error(f'{source} refused: {error}', throttle_duration_sec=5.0)
+        # The planner calls it an error; for the car it is none here.
+        self.get_logger().warning(f'{source} refused: {error}', throttle_duration_sec=5.0)
 
     # When to check
 

@@ -2,8 +2,8 @@
 """
 What the checker compares, and how it tells.
 
-Like is compared with like: plan and optimum start at the same instant, from the same battery state,
-on the same steps of the same route, with the same goal.
+Like is compared with like: plan and optimum start at the same instant, from the same battery
+state, on the same steps of the same route, with the same goal.
 """
 
 from dataclasses import dataclass, replace
@@ -44,8 +44,8 @@ class Case:
     """
     A situation to be checked; `start_ns` is the instant [ns] from which on everything counts.
 
-    `planned` are the planner's own figures. Where it has none for this very situation, the question
-    names the planner's method, and the solver's process plans as well.
+    `planned` are the planner's own figures. Where it has none for this very situation, the
+    question names the planner's method, and the solver's process plans as well.
     """
 
     route_id: str
@@ -175,9 +175,9 @@ def report_sentence(report):
         about += f', {report.infeasible_constraint}'
     if math.isnan(report.energy_gap):
         return f'{about}; there is no plan to compare with.'
-    return (f'{about}; the plan of method {report.method} costs {report.energy_gap:+.3f} Wh more '
-            f'and arrives {report.plan_arrival_temperature - report.optimal_arrival_temperature:+.3f}'
-            ' K warmer.')
+    warmer_k = report.plan_arrival_temperature - report.optimal_arrival_temperature
+    return (f'{about}; against it the plan of method {report.method} costs '
+            f'{report.energy_gap:+.3f} Wh and arrives at {warmer_k:+.3f} K.')
 
 
 def checker_diagnostics(node_name, vehicle_name, problems, values, now_ns):

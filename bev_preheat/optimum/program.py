@@ -26,8 +26,10 @@ SOC_SCALE = 0.01
 POWER_SCALE_W = 1e3
 ENERGY_SCALE_J = 1e6
 # What a kelvin, a per cent and a kilowatt that are lacking cost, in scaled joules: more than
-# heating could ever save.
-SLACK_PRICE = 1e3
+# heating could ever save, and charge before warmth.
+TARGET_PRICE = 1e2
+SOC_PRICE = 1e4
+DISCHARGE_PRICE = 1e4
 
 SOLVER_OPTIONS = {
     'print_time': False,
@@ -112,7 +114,8 @@ def build_program(vehicle, steps, limited=True, elastic=False):
     variables = [soc.T, temperature_c.T, heater.T, brake.T]
     if elastic:
         variables += [slack_target, slack_soc, slack_discharge.T]
-        energy += SLACK_PRICE * (slack_target + slack_soc + casadi.sum2(slack_discharge))
+        energy += (TARGET_PRICE * slack_target + SOC_PRICE * slack_soc
+                   + DISCHARGE_PRICE * casadi.sum2(slack_discharge))
     solver = casadi.nlpsol('optimum', 'ipopt', {
         'x': casadi.vertcat(*variables),
         'p': casadi.vertcat(casadi.vec(route), target_c, final_soc),

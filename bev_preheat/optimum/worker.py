@@ -34,6 +34,12 @@ START_LIMIT_S = 60.0
 END_LIMIT_S = 2.0
 # Polite before the first import, as importing takes most of a core for a while.
 PROGRAM = 'import os; os.nice(19); from bev_preheat.optimum.worker import serve; serve({})'
+LINUX_PRIORITIES = {
+    # Where memory runs short, the kernel is to take this process and leave the planner.
+    '/proc/self/oom_score_adj': '1000',
+    # Where sessions share the computer evenly, os.nice() counts within this one only.
+    '/proc/self/autogroup': '19',
+}
 READY = 'ready'
 # Before each pickled object: its length in bytes.
 HEADER = struct.Struct('!Q')
@@ -126,7 +132,7 @@ class SolverProcess:
 
     def poll(self):
         """
-        Exchange what can be exchanged; return a Solution or a Failure once there is one, else None.
+        Exchange what can be exchanged; return a Solution or a Failure when there is one, or None.
 
         A Failure without a question tells that the process ended while it had nothing to do.
         """
@@ -259,12 +265,12 @@ def _unframed(received):
 
 
 def serve(descriptor):
-    """Answer the questions that come over a socket, given by its file descriptor, until it closes."""
-    # Where memory runs short, the kernel is to take this process and leave the planner.
-    try:
-        Path('/proc/self/oom_score_adj').write_text('1000', encoding='ascii')
-    except OSError:
-        pass  # not Linux
+    """Answer the questions that come over a socket (its file descriptor) until it closes."""
+    for path, value in LINUX_PRIORITIES.items():
+        try:
+            Path(path).write_text(value, encoding='ascii')
+        except OSError:
+            pass  # another system, or a kernel without it
     connection = socket.socket(fileno=descriptor)
     messages = queue.SimpleQueue()
     threading.Thread(target=_receive, args=(connection, messages), daemon=True).start()

@@ -11,8 +11,8 @@ def duration_text(seconds):
     return f'{hours}:{minutes:02d}:{rest:02d} h' if hours else f'{minutes}:{rest:02d} min'
 
 
-def explain(status, plan):
-    """Return the sentence for a status; `plan` has the fields and properties of Plan."""
+def explain(status, plan, goal):
+    """Return the sentence for the status of a Plan."""
     arrival = (f'arrival in {duration_text(plan.arrival_time_s)} at '
                f'{plan.arrival_temperature_c:.1f} degC')
     target = f'target {plan.target_temperature_c:.1f} degC'
@@ -28,10 +28,17 @@ def explain(status, plan):
         means = ('The cabin leaves the heater no power'
                  if plan.heating_start_s is None else 'Heating all the way is not enough')
         return f'{means}: {arrival}, {plan.shortfall_k:.1f} K below the {target}.'
+    heating = ('no heating' if plan.heating_start_s is None else
+               'heating is on' if plan.heating_start_s == 0.0 else
+               f'heating starts in {duration_text(plan.heating_start_s)}')
+    if status is Status.SOC_LIMITED:
+        reserve = f'{100 * goal.minimum_arrival_soc:.1f} %'
+        if plan.soc_shortfall > 0.0:
+            return (f'The battery arrives {100 * plan.soc_shortfall:.1f} % below the {reserve} that '
+                    f'must be left: {heating}; {arrival}, {target}.')
+        return (f'To leave {reserve} in the battery the target is missed by '
+                f'{plan.shortfall_k:.1f} K: {heating}; {arrival}, {target}.')
     if status is Status.POWER_LIMITED:
-        heating = ('no heating' if plan.heating_start_s is None else
-                   'heating is on' if plan.heating_start_s == 0.0 else
-                   f'heating starts in {duration_text(plan.heating_start_s)}')
         return (f'In {duration_text(plan.undeliverable_at_s)} the route asks for '
                 f'{plan.undeliverable_power_w / 1000:.1f} kW more than the battery can deliver; '
                 f'{heating}; {arrival}, {target}.')

@@ -15,13 +15,16 @@ is returned.
 
 from dataclasses import replace
 
-from bev_preheat.planning.limits import limits_hold, run_within_limits, watch_limits
+import numpy as np
+
+from bev_preheat.planning.forward_runs import ForwardRuns
+from bev_preheat.planning.limits import limits_hold, watch_limits
 from bev_preheat.planning.optimal_switch import ARRIVAL_TOLERANCE_K, plan_optimal_switch
 from bev_preheat.planning.value_curve import find_thresholds
 
-# How far thresholds are moved to arrive at the target, and in how many runs.
-LARGEST_SHIFT_K = 3.0
-MOST_RUNS = 12
+# The curve is made again where the run it leads to differs more than this in state of charge.
+SOC_AGREEMENT = 5e-4
+MOST_PASSES = 3
 # The state of charge to be kept is kept to this.
 SOC_TOLERANCE = 1e-7
 MOST_TARGETS = 20
@@ -40,46 +43,18 @@ def plan_merit_order(trip, state, goal):
 
 
 def _plan_for_target(trip, state, goal):
-    switch = plan_optimal_switch(trip, state, goal)
-    if limits_hold(trip, switch):
-        return switch
-    watch = watch_limits(trip, switch.soc, switch.temperature_c)
-    thresholds = find_thresholds(trip, watch, switch, goal.target_temperature_c)
-    return _arrive_at(trip, state, watch, thresholds, goal.target_temperature_c)
-
-
-def _arrive_at(trip, state, watch, thresholds, target_c):
-    """Schedule of the thresholds, moved together so that the run arrives at the target."""
-    cap_w = trip.heater_limit_w.tolist()
-    low_c, high_c = thresholds.low_c.tolist(), thresholds.high_c.tolist()
-
-    def run(shift_k):
-        def paid_power_w(k, temperature_c):
-            share = (high_c[k] + shift_k - temperature_c) / (high_c[k] - low_c[k])
-            return cap_w[k] * (0.0 if share <= 0.0 else 1.0 if share >= 1.0 else share)
-
-        schedule = run_within_limits(trip, state, watch, paid_power_w, take_surplus=True)
-        return schedule, float(schedule.temperature_c[-1]) - target_c
-
-    shift_k, (schedule, excess_k) = 0.0, run(0.0)
-    # A kelvin more at the thresholds is about a kelvin more on arrival.
-    slope, cold, warm = 1.0, -LARGEST_SHIFT_K, LARGEST_SHIFT_K
-    best = schedule
-    for _ in range(MOST_RUNS):
-        if abs(excess_k) <= ARRIVAL_TOLERANCE_K:
-            return schedule
-        if excess_k < 0.0:
-            cold = shift_k
-        else:
-            warm, best = shift_k, schedule
-        next_k = shift_k - excess_k / slope
-        if not cold < next_k < warm:
-            next_k = 0.5 * (cold + warm)
-        next_schedule, next_excess_k = run(next_k)
-        if next_k != shift_k and next_excess_k != excess_k:
-            slope = max((next_excess_k - excess_k) / (next_k - shift_k), 0.05)
-        shift_k, schedule, excess_k = next_k, next_schedule, next_excess_k
-    return best
+    schedule = plan_optimal_switch(trip, state, goal)
+    if limits_hold(trip, schedule):
+        return schedule
+    for _ in range(MOST_PASSES):
+        watch = watch_limits(trip, schedule.soc, schedule.temperature_c)
+        thresholds = find_thresholds(trip, watch, schedule, goal.target_temperature_c)
+        assumed_soc = schedule.soc
+        schedule = ForwardRuns(trip, state, watch, thresholds).settle(goal.target_temperature_c)
+        # Limits depend on the state of charge, and the curve was made for another.
+        if np.abs(schedule.soc - assumed_soc).max() <= SOC_AGREEMENT:
+            break
+    return schedule
 
 
 def _keep_reserve(trip, state, goal, schedule):
@@ -89,9 +64,9 @@ def _keep_reserve(trip, state, goal, schedule):
         return found, float(found.soc[-1]) - goal.minimum_arrival_soc
 
     # Below what driving alone reaches, only heating that pays for itself is left.
-    warm_c, warm_margin = float(schedule.temperature_c[-1]), \
-        float(schedule.soc[-1]) - goal.minimum_arrival_soc
-    cold_c = trip.vehicle.battery.temperature_range_c[0]
+    warm_c = float(schedule.temperature_c[-1])
+    warm_margin = float(schedule.soc[-1]) - goal.minimum_arrival_soc
+    cold_c = float(schedule.temperature_c.min()) - 1.0
     best, margin = plan_for(cold_c)
     if margin <= 0.0:
         return best

@@ -16,8 +16,9 @@ class Plan:
     When to heat, and what comes of it; times in seconds after the start of the plan.
 
     `heating_start_s` is None where the plan does not heat. `shortfall_k` says by how much the
-    target is missed, `undeliverable_power_w` how much power the battery lacks in the worst step
-    (at `undeliverable_at_s`). Shapes: `time_s`, `battery_temperature_c` and `soc` (N + 1,),
+    target is missed, `soc_shortfall` by how much the state of charge to be kept,
+    `undeliverable_power_w` how much power the battery lacks in the worst step (at
+    `undeliverable_at_s`). `stretches` (planning.stretches.HeatingStretch) say why it heats. Shapes: `time_s`, `battery_temperature_c` and `soc` (N + 1,),
     `hvch_battery_power_w` (N,), the mean electrical power in each step, `friction_brake_power_w`
     (N,), what the friction brake takes because the battery may not.
     """
@@ -34,8 +35,10 @@ class Plan:
     friction_brake_power_w: np.ndarray
     energy_wh: Energies
     shortfall_k: float
+    soc_shortfall: float
     undeliverable_power_w: float
     undeliverable_at_s: Optional[float]
+    stretches: tuple
     planning_time_s: float
 
     @property
@@ -82,8 +85,12 @@ class Plan:
             'arrival_temperature_c': self.arrival_temperature_c,
             'arrival_soc': self.arrival_soc,
             'shortfall_k': self.shortfall_k,
+            'soc_shortfall': self.soc_shortfall,
             'undeliverable_power_w': self.undeliverable_power_w,
             'undeliverable_at_s': self.undeliverable_at_s,
+            'stretches': [{'start_s': stretch.start_s, 'end_s': stretch.end_s,
+                           'energy_wh': stretch.energy_wh, 'reason': stretch.reason.name}
+                          for stretch in self.stretches],
             'energy_wh': asdict(self.energy_wh),
             'planning_time_s': self.planning_time_s,
             'time_s': self.time_s.tolist(),

@@ -6,9 +6,11 @@ from time import perf_counter
 
 import numpy as np
 
+from bev_preheat.arithmetic import ARRAYS
 from bev_preheat.errors import InvalidInput, PlanningFailure
 from bev_preheat.model import make_runge_kutta_4
 from bev_preheat.planning.explanation import explain
+from bev_preheat.planning.limits import drive_as_planned, make_terminal_limits
 from bev_preheat.planning.merit_order import plan_merit_order
 from bev_preheat.planning.optimal_switch import plan_optimal_switch
 from bev_preheat.planning.paper import plan_paper
@@ -17,6 +19,7 @@ from bev_preheat.planning.schedule import Schedule
 from bev_preheat.planning.situation import check_situation
 from bev_preheat.planning.simulate import keep_accounts, run_forward
 from bev_preheat.planning.status import Status
+from bev_preheat.planning.stretches import heating_stretches
 from bev_preheat.planning.trip import make_trip
 
 METHODS = {
@@ -28,6 +31,13 @@ DEFAULT_METHOD = 'merit_order'
 
 # Missing the target by less than this is no miss: the paper's Euler steps are not better.
 SHORTFALL_TOLERANCE_K = 0.2
+# A power that is lacking by less than this share is rounding.
+POWER_TOLERANCE = 1e-6
+# The state of charge to be kept is kept to this; a plan this close above it was held back by it.
+SOC_TOLERANCE = 1e-5
+RESERVE_REACHED = 1e-4
+# Runs by Euler and by Runge-Kutta differ less than this; runs within and without limits, more.
+SAME_SOC = 5e-4
 # A switching instant this close is now.
 NOW_S = 1e-6
 
@@ -55,6 +65,16 @@ def plan_preheating(vehicle, route, state, goal, method=DEFAULT_METHOD, **option
     return finish_plan(trip, goal, schedule, method, started)
 
 
+def as_driven(plan, vehicle, route, state, goal):
+    """Return a plan as it would be driven: itself where it keeps the limits (9i), else within them."""
+    trip = make_trip(vehicle, route)
+    driven = drive_as_planned(trip, state, plan.hvch_battery_power_w)
+    if np.abs(driven.soc - plan.soc).max() < SAME_SOC:
+        return plan
+    return finish_plan(trip, goal, driven, f'{plan.method}, driven',
+                       perf_counter() - plan.planning_time_s)
+
+
 def plan_without_heating(trip, state, make_integrator=make_runge_kutta_4):
     """Return the Schedule that never heats."""
     idle_w = np.zeros(len(trip.route))
@@ -68,9 +88,14 @@ def finish_plan(trip, goal, schedule, method, started):
     accounts = keep_accounts(trip, schedule)
     if not (np.isfinite(schedule.temperature_c).all() and np.isfinite(schedule.soc).all()):
         raise PlanningFailure('the battery model yields no finite temperatures on this route')
-    missing_w = accounts.undeliverable_power_w
+    _, most_w = make_terminal_limits(trip.vehicle, ARRAYS)(
+        schedule.soc[:-1], schedule.temperature_c[:-1], trip.power_variance_w2)
+    missing_w = np.maximum(trip.idle_power_w + schedule.heater_power_w - most_w, 0.0)
     worst = int(np.argmax(missing_w))
     lacking_w = float(missing_w[worst])
+    if lacking_w <= POWER_TOLERANCE * abs(trip.idle_power_w[worst]):
+        lacking_w = 0.0
+    arrival_soc = float(schedule.soc[-1])
     plan = Plan(
         status=Status.WAITING,
         explanation='',
@@ -85,11 +110,13 @@ def finish_plan(trip, goal, schedule, method, started):
         friction_brake_power_w=schedule.brake_power_w,
         energy_wh=accounts.energy_wh,
         shortfall_k=max(0.0, goal.target_temperature_c - float(schedule.temperature_c[-1])),
+        soc_shortfall=max(0.0, goal.minimum_arrival_soc - arrival_soc),
         undeliverable_power_w=lacking_w,
         undeliverable_at_s=float(trip.time_s[worst]) if lacking_w > 0.0 else None,
+        stretches=heating_stretches(trip, schedule),
         planning_time_s=0.0)
     status = _status(plan, goal)
-    return replace(plan, status=status, explanation=explain(status, plan),
+    return replace(plan, status=status, explanation=explain(status, plan, goal),
                    planning_time_s=perf_counter() - started)
 
 
@@ -99,6 +126,10 @@ def _status(plan, goal):
     if plan.undeliverable_power_w > 0.0:
         return Status.POWER_LIMITED
     missed = plan.shortfall_k > SHORTFALL_TOLERANCE_K
+    spare_soc = plan.arrival_soc - goal.minimum_arrival_soc
+    if spare_soc < -SOC_TOLERANCE or (
+            missed and goal.minimum_arrival_soc > 0.0 and spare_soc <= RESERVE_REACHED):
+        return Status.SOC_LIMITED
     if plan.heating_start_s is None:
         return Status.TARGET_UNREACHABLE if missed else Status.NOT_NEEDED
     if plan.heating_start_s > NOW_S:

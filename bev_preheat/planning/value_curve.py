@@ -108,6 +108,7 @@ def find_thresholds(trip, watch, run, target_c):
     count = len(strides.first)
     low_c, high_c = np.empty(count), np.empty(count)
     for m in range(count - 1, -1, -1):
+        ends_c, ends_j = curve_c, value_j
         idle_c = np.interp(curve_c, idle.end_c[m], grid_c)
         full_c = np.interp(curve_c, full.end_c[m], grid_c)
         idle_j = value_j + np.interp(curve_c, idle.end_c[m], idle.energy_j[m])
@@ -122,18 +123,40 @@ def find_thresholds(trip, watch, run, target_c):
         fan = split + 1 if idle_c[split] > full_c[split] + 1e-6 else split
         curve_c = np.concatenate((full_c[:fan], idle_c[split:]))
         value_j = np.concatenate((full_j[:fan], idle_j[split:]))
+        needed_c = idle.needed_c[m]
+        if needed_c > curve_c[0]:
+            # Where the battery just delivers what the step asks the curve has a kink.
+            at = int(np.searchsorted(curve_c, needed_c))
+            needed_j = _after(idle, m, grid_c, needed_c, ends_c, ends_j)
+            curve_c, value_j = np.insert(curve_c, at, needed_c), np.insert(value_j, at, needed_j)
         curve_c, value_j = _mesh(curve_c, value_j, coldest_c, warmest_c)
+    # Where the cabin leaves the heater nothing there is no threshold; its neighbours' serve.
+    heats = strides.cap_w > 0.0
+    if not heats.any():
+        heats[:] = True
     steps = np.arange(len(trip.route))
-    return Thresholds(np.interp(steps, strides.first, low_c),
-                      np.interp(steps, strides.first, high_c))
+    return Thresholds(np.interp(steps, strides.first[heats], low_c[heats]),
+                      np.interp(steps, strides.first[heats], high_c[heats]))
+
+
+def _after(step_map, m, grid_c, start_c, ends_c, ends_j):
+    """Value at a temperature before stride m, from the curve (ends_c, ends_j) after it."""
+    end_c = np.interp(start_c, grid_c, step_map.end_c[m])
+    return np.interp(end_c, ends_c, ends_j) + np.interp(start_c, grid_c, step_map.energy_j[m])
 
 
 @dataclass(frozen=True)
 class _StepMap:
-    """Where a stride ends [deg C], and what it takes [J], from each temperature: (M, G)."""
+    """
+    Where a stride ends [deg C], and what it takes [J], from each temperature: (M, G).
+
+    `needed_c` (M,) is the temperature from which on the battery delivers what the stride asks
+    without heating; -inf where it always does.
+    """
 
     end_c: np.ndarray
     energy_j: np.ndarray
+    needed_c: np.ndarray
 
 
 def _step_maps(vehicle, strides, grid_c):
@@ -153,6 +176,13 @@ def _step_maps(vehicle, strides, grid_c):
             -strides.propulsion_w[near, np.newaxis], 0.0))
         lacking_w[near] = np.maximum(power_w[near] - most_w, 0.0)
         room_w[near] = np.clip(most_w - power_w[near], 0.0, cap_w[near])
+    needed_c = np.full(len(strides.first), -np.inf)
+    for m in np.flatnonzero((lacking_w > 0.0).any(axis=1)):
+        row_w = lacking_w[m]
+        last = int(np.flatnonzero(row_w > 0.0)[-1])
+        before = max(last - 1, 0)
+        slope = (row_w[before] - row_w[last]) / max(grid_c[last] - grid_c[before], 1e-9)
+        needed_c[m] = grid_c[last] + (row_w[last] / slope if slope > 0.0 else 0.0)
     step = make_runge_kutta_4(make_rates(vehicle, ARRAYS))
     free_w = np.minimum(cap_w, surplus_w)
 
@@ -163,7 +193,8 @@ def _step_maps(vehicle, strides, grid_c):
             soc, start_c, duration_s, terminal_w, variance_w2,
             heat_w + vehicle.hvch.efficiency * heater_w
             - vehicle.drivetrain.heat_share * brake_w, leakage_w_per_k)
-        return _StepMap(end_c, duration_s * (terminal_w + joule_w + PENALTY * lacking_w))
+        return _StepMap(end_c, duration_s * (terminal_w + joule_w + PENALTY * lacking_w),
+                        needed_c)
 
     return map_of(free_w), map_of(np.maximum(room_w, free_w))
 

@@ -5,12 +5,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from bev_preheat.arithmetic import ARRAYS
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route.segments import make_route, Route
 from bev_preheat.vehicle import Vehicle
 from bev_preheat.vehicle.curves import InverseTemperatureResistance
 
 STEP_S = 30.0
+# Turns energy into charge, roughly, where a reserve is drawn.
+NOMINAL_VOLTAGE_V = 410.0
 # (low, high) of what is drawn evenly.
 DURATION_MIN = (10.0, 120.0)
 MEAN_POWER_W = (6e3, 32e3)
@@ -55,6 +58,59 @@ def draw_trip(vehicle, seed, number):
     return DrawnTrip(seed, number, scaled, route, state, Goal(float(random.uniform(*TARGET_C))))
 
 
+def draw_limit_trip(vehicle, seed, number):
+    """
+    Return trip `number` of a study in which limits matter.
+
+    Each has one or more of: a descent that the cold battery may not take, a climb that it may not
+    deliver, a tight reserve of charge, a cabin that takes more and less of the heater.
+    """
+    random = np.random.default_rng([seed, number])
+    features = {'descent', 'climb', 'reserve', 'cabin'}
+    chosen = {name for name in sorted(features) if random.uniform() < 0.4}
+    chosen = chosen or {sorted(features)[number % len(features)]}
+    ambient_c = random.uniform(-22.0, 3.0)
+    start_c, soc = ambient_c + random.uniform(0.0, 6.0), random.uniform(0.6, 0.95)
+    parts = [_cruise(random, 5.0, 50.0)]
+    if 'climb' in chosen:
+        most_w = float(vehicle.battery.discharge_power_limit.function(ARRAYS)(soc, start_c + 3.0))
+        steps = int(random.integers(4, 16))
+        parts += [np.full(steps, most_w * random.uniform(0.8, 1.15)),
+                  _cruise(random, 3.0, 30.0)]
+    if 'descent' in chosen:
+        steps = int(random.uniform(5.0, 40.0) * 60.0 / STEP_S)
+        parts += [-vary(random, steps, random.uniform(10e3, 60e3), random.uniform(0.0, 0.15)),
+                  _cruise(random, 5.0, 40.0)]
+    power_w = np.concatenate(parts)
+    steps = len(power_w)
+    cabin_w = np.full(steps, random.uniform(500.0, 3000.0))
+    if 'cabin' in chosen:
+        # A cold cabin takes all there is at first; later it comes and goes.
+        cabin_w = np.repeat(random.uniform(200.0, 8000.0, size=steps // 8 + 1), 8)[:steps]
+    route = make_route({
+        'duration_s': np.full(steps, STEP_S),
+        'speed_mps': np.clip(34.0 * np.cbrt(np.abs(power_w) / 40e3), 5.0, 40.0),
+        'propulsion_power_w': power_w,
+        'propulsion_power_rms_w': np.abs(power_w) * random.uniform(1.0, 1.2),
+        'ambient_temperature_c': np.full(steps, ambient_c),
+        'cabin_heating_power_w': cabin_w,
+        'auxiliary_power_w': np.full(steps, random.uniform(200.0, 800.0)),
+    }, vehicle.defaults)
+    state = BatteryState(float(start_c), float(soc))
+    reserve = 0.0
+    if 'reserve' in chosen:
+        used = float(np.sum(power_w + cabin_w) * STEP_S) / (
+            vehicle.battery.capacity_as * NOMINAL_VOLTAGE_V)
+        reserve = float(np.clip(soc - used - random.uniform(-0.01, 0.05), 0.0, 1.0))
+    return DrawnTrip(seed, number, vehicle, route, state,
+                     Goal(float(random.uniform(5.0, 30.0)), reserve))
+
+
+def _cruise(random, shortest_min, longest_min):
+    steps = int(random.uniform(shortest_min, longest_min) * 60.0 / STEP_S)
+    return vary(random, steps, random.uniform(6e3, 30e3), random.uniform(0.0, 0.4))
+
+
 def vary(random, steps, mean, variability):
     """Return a positive series that wanders about its mean, as traffic does, shape (steps,)."""
     noise = random.normal(size=steps)
@@ -81,3 +137,7 @@ def scale_vehicle(vehicle, size, heater):
                 gamma_v_w_per_k_per_mps=(
                     battery.leakage.gamma_v_w_per_k_per_mps * size**(2.0 / 3.0)))),
         hvch=replace(vehicle.hvch, maximum_power_w=vehicle.hvch.maximum_power_w * heater))
+
+
+# What `preheat sweep --trips` may ask for.
+DRAWS = {'free': draw_trip, 'limits': draw_limit_trip}

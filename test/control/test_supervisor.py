@@ -25,8 +25,6 @@ COLUMNS = {'duration_s': [30.0] * 40, 'speed_mps': [20.0], 'propulsion_power_w':
            'ambient_temperature_c': [-7.0], 'cabin_heating_power_w': [CABIN_W],
            'auxiliary_power_w': [400.0]}
 DURATION_S = 1200.0
-# Starting temperature and target that leave the heater no spare second, yet reach the target.
-JUST_REACHED = {'temperature_c': 5.0, 'target_c': 23.4}
 
 
 def ns(seconds):
@@ -102,12 +100,18 @@ def test_a_route_alone_does_not_heat():
     ({'charging_planned': False}, 0.0, Status.NO_CHARGING_PLANNED),
     ({'temperature_c': 30.0}, 0.0, Status.NOT_NEEDED),
     ({'temperature_c': 20.0}, 0.0, Status.WAITING),
-    (JUST_REACHED, FULL_POWER_W, Status.HEATING),
     ({'temperature_c': -7.0}, FULL_POWER_W, Status.TARGET_UNREACHABLE),
     ({'start_ns': NOW_NS - ns(DURATION_S)}, 0.0, Status.ARRIVED),
 ], ids=lambda value: value.name if isinstance(value, Status) else '')
 def test_outcome_of_a_plan(situation, power_w, reason):
     assert outcome(make_supervisor(**situation)) == (pytest.approx(power_w), reason)
+
+
+def test_outcome_of_a_plan_that_just_reaches_the_target():
+    warmest_c = make_supervisor(target_c=50.0).decision.plan.arrival_temperature_c
+    # So little is missing that the target counts as reached, and there is no second to spare.
+    supervisor = make_supervisor(target_c=warmest_c + 0.001)
+    assert outcome(supervisor) == (pytest.approx(FULL_POWER_W), Status.HEATING)
 
 
 def test_power_that_the_battery_cannot_deliver_is_told():

@@ -112,8 +112,11 @@ def test_the_planner_outlives_the_trip(trip):
 
 def test_a_planner_killed_while_heating_leaves_no_heat_after_the_lease(bench):
     trip = Trip(bench, SPEED_UP)
-    trip.commands.wait_for(lambda command: command.battery_heating_power > 0.0, 'heating',
-                           timeout_s=60.0)
+    first = trip.commands.wait_for(
+        lambda command: command.battery_heating_power > 0.0, 'heating', timeout_s=60.0)
+    heated_first_s = on_the_way_s(first.header.stamp)
+    trip.states.wait_for(
+        lambda state: on_the_way_s(state.header.stamp) > heated_first_s + 60.0, 'a minute later')
     trip.planner.send_signal(signal.SIGKILL)
     assert trip.planner.wait() == -signal.SIGKILL
     lease_end_s = max(on_the_way_s(command.valid_until) for command in trip.commands.messages

@@ -2,6 +2,7 @@
 """The solver's process: what it answers, and that nothing it does or suffers reaches its owner."""
 
 import os
+from pathlib import Path
 import signal
 import subprocess
 import sys
@@ -121,6 +122,8 @@ def test_one_process_stays_and_gives_way_to_all_others(solver):
     answer_of(solver)
     first = solver.process_id
     assert psutil.Process(first).nice() == 19
+    oom_score = Path(f'/proc/{first}/oom_score_adj')
+    assert not oom_score.exists() or oom_score.read_text() == '1000\n'
     solver.ask(Question(ROUTE, BatteryState(3.5, 0.7), GOAL), PATIENCE_S)
     solution = answer_of(solver)
     assert solver.process_id == first

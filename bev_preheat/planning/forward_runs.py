@@ -1,0 +1,146 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Forward runs that heat below thresholds, moved so that they meet what must be met exactly.
+
+The value curve is worked out on a coarser model than the forward run, so its thresholds are right to
+a tenth of a kelvin or so. What costs energy hardly notices; the target, and the power of a climb
+that a cold battery only just delivers, do. Between one such requirement and the next the thresholds
+are moved together, by the little that is needed.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from bev_preheat.arithmetic import ARRAYS
+from bev_preheat.planning.limits import COLDER_BY_K, make_terminal_limits, run_within_limits
+from bev_preheat.planning.optimal_switch import ARRIVAL_TOLERANCE_K
+from bev_preheat.planning.schedule import Schedule
+
+# Thresholds are moved by a little first, then by as much as makes sense at all [K].
+SMALL_SHIFT_K = 1.0
+LARGEST_SHIFT_K = 4.0
+# How much too warm the thresholds may be: before arrival they are sharp, before a climb less so.
+ARRIVAL_OVERSHOOT_K = 1.0
+CLIMB_OVERSHOOT_K = LARGEST_SHIFT_K
+MOST_RUNS = 20
+# A climb is met when the battery delivers this share of its power more than is asked.
+POWER_SURPLUS = 1e-5
+MOST_CLIMBS = 10
+
+
+@dataclass(frozen=True)
+class _Trial:
+    """A forward run, and how far it is above what is required of it."""
+
+    shift_k: float
+    schedule: Schedule
+    excess: float
+
+
+class ForwardRuns:
+    """Forward runs of one trip under one set of thresholds."""
+
+    def __init__(self, trip, state, watch, thresholds):
+        """Take the trip, the state at its start, its Watch and its Thresholds."""
+        self._trip, self._state, self._watch = trip, state, watch
+        self._cap_w = trip.heater_limit_w.tolist()
+        self._low_c, self._high_c = thresholds.low_c, thresholds.high_c
+        self._limits = make_terminal_limits(trip.vehicle, ARRAYS)
+        self._shift_k = np.zeros(len(trip.route))
+
+    def settle(self, target_c):
+        """Return the Schedule that delivers every climb it can, and arrives at the target."""
+        schedule = self._run()
+        start = 0
+        for first, last in self._climbs(schedule):
+            if first > start:
+                schedule = self._meet(
+                    start, first, schedule,
+                    lambda run, climb=slice(first, last): float(
+                        self._spare_power_w(run)[climb].min()),
+                    POWER_SURPLUS * float(self._trip.idle_power_w[first:last].max()),
+                    CLIMB_OVERSHOOT_K)
+                start = last
+        if start < len(self._trip.route):
+            schedule = self._meet(
+                start, len(self._trip.route), schedule,
+                lambda run: float(run.temperature_c[-1]) - target_c, ARRIVAL_TOLERANCE_K,
+                ARRIVAL_OVERSHOOT_K)
+        return schedule
+
+    def _climbs(self, schedule):
+        """(first, last + 1) of the stretches that a battery a little colder could not deliver."""
+        _, most_w = self._limits(schedule.soc[:-1], schedule.temperature_c[:-1] - COLDER_BY_K,
+                                 self._trip.power_variance_w2)
+        demanding = self._trip.idle_power_w > most_w
+        edges = np.flatnonzero(np.diff(np.concatenate(([False], demanding, [False]))))
+        return list(zip(edges[::2].tolist(), edges[1::2].tolist()))[:MOST_CLIMBS]
+
+    def _meet(self, first, last, schedule, excess_of, tolerance, overshoot_k):
+        """Schedule moved in steps first ... last - 1 so that nothing lacks, nor is too much."""
+        if excess_of(schedule) > tolerance:
+            # Either the thresholds are a little too warm, or heating that pays for itself, and what
+            # is free, lead beyond what is required; then this shift does not bring it down.
+            if excess_of(self._run(first, last, -overshoot_k)) > 0.0:
+                return schedule
+        return self._move(first, last, schedule, excess_of, tolerance)
+
+    def _move(self, first, last, schedule, excess_of, tolerance):
+        """
+        Schedule whose thresholds in steps first ... last - 1 are moved until the excess is about 0.
+
+        It ends within the tolerance above 0, or at the largest shift.
+        """
+        here = _Trial(0.0, schedule, excess_of(schedule))
+        if 0.0 <= here.excess <= tolerance:
+            return schedule
+        direction = 1.0 if here.excess < 0.0 else -1.0
+        for shift_k in (SMALL_SHIFT_K, LARGEST_SHIFT_K):
+            there = self._try(first, last, direction * shift_k, excess_of)
+            if there.excess * here.excess <= 0.0:
+                break
+            here = there
+        else:
+            self._shift_k[first:last] = there.shift_k
+            return there.schedule
+        low, high = (here, there) if here.excess < 0.0 else (there, here)
+        for _ in range(MOST_RUNS):
+            if high.excess <= tolerance:
+                break
+            # Aim at the middle of what is tolerated: either side of it ends the search.
+            share = (0.5 * tolerance - low.excess) / (high.excess - low.excess)
+            shift_k = low.shift_k + min(max(share, 0.01), 0.99) * (high.shift_k - low.shift_k)
+            middle = self._try(first, last, shift_k, excess_of)
+            if middle.excess >= 0.0:
+                high = middle
+            else:
+                low = middle
+        self._shift_k[first:last] = high.shift_k
+        return high.schedule
+
+    def _try(self, first, last, shift_k, excess_of):
+        schedule = self._run(first, last, shift_k)
+        return _Trial(shift_k, schedule, excess_of(schedule))
+
+    def _run(self, first=0, last=0, shift_k=0.0):
+        shifts_k = self._shift_k.copy()
+        shifts_k[first:last] = shift_k
+        low_c, high_c = (self._low_c + shifts_k).tolist(), (self._high_c + shifts_k).tolist()
+        cap_w = self._cap_w
+
+        def paid_power_w(k, temperature_c):
+            if temperature_c >= high_c[k]:
+                return 0.0
+            if temperature_c <= low_c[k]:
+                return cap_w[k]
+            return cap_w[k] * (high_c[k] - temperature_c) / (high_c[k] - low_c[k])
+
+        return run_within_limits(
+            self._trip, self._state, self._watch, paid_power_w, take_surplus=True)
+
+    def _spare_power_w(self, schedule):
+        """What the battery can give beyond what each step asks without heating [W], shape (N,)."""
+        _, most_w = self._limits(
+            schedule.soc[:-1], schedule.temperature_c[:-1], self._trip.power_variance_w2)
+        return most_w - self._trip.idle_power_w

@@ -1,0 +1,79 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Why a plan heats where it does: its heating in stretches, each with a reason."""
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+
+from bev_preheat.arithmetic import ARRAYS
+from bev_preheat.planning.limits import COLDER_BY_K, make_terminal_limits
+from bev_preheat.planning.schedule import HEATING_SHARE
+from bev_preheat.planning.simulate import JOULES_PER_WH
+
+# Surplus is told from paid heating to this [W].
+SURPLUS_TOLERANCE_W = 1.0
+
+
+class Reason(IntEnum):
+    """What a stretch of heating is for; the numbers are those of PreheatPlan.stretch_reason."""
+
+    ARRIVAL = 0
+    SURPLUS = 1
+    DESCENT = 2
+    CLIMB = 3
+
+
+SENTENCES = {
+    Reason.ARRIVAL: 'to be warm on arrival',
+    Reason.SURPLUS: 'with regeneration that the cold battery may not take',
+    Reason.DESCENT: 'so that the battery may take more of the regeneration ahead',
+    Reason.CLIMB: 'so that the battery can deliver the power of the climb ahead',
+}
+
+
+@dataclass(frozen=True)
+class HeatingStretch:
+    """Heating from one instant to another [s], what it takes [Wh, electrical], and why."""
+
+    start_s: float
+    end_s: float
+    energy_wh: float
+    reason: Reason
+
+
+def heating_stretches(trip, schedule):
+    """Return the HeatingStretches of a Schedule, in order."""
+    heater_w = schedule.heater_power_w
+    heated = heater_w > HEATING_SHARE * trip.heater_limit_w
+    if not heated.any():
+        return ()
+    limits = make_terminal_limits(trip.vehicle, ARRAYS)
+    soc, temperature_c = schedule.soc[:-1], schedule.temperature_c[:-1]
+    least_w, _ = limits(soc, temperature_c, trip.power_variance_w2)
+    regenerates = trip.route.propulsion_power_w < 0.0
+    surplus = (heated & regenerates
+               & (heater_w <= least_w - trip.idle_power_w + SURPLUS_TOLERANCE_W))
+    colder_least_w, colder_most_w = limits(
+        soc, temperature_c - COLDER_BY_K, trip.power_variance_w2)
+    events = np.full(len(heater_w), -1)
+    events[regenerates & (trip.idle_power_w < colder_least_w)] = Reason.DESCENT
+    events[trip.idle_power_w > colder_most_w] = Reason.CLIMB
+    kinds = np.where(surplus, int(Reason.SURPLUS), np.where(heated, int(Reason.ARRIVAL), -1))
+    edges = np.concatenate(([0], np.flatnonzero(np.diff(kinds)) + 1, [len(kinds)]))
+    stretches = []
+    for first, last in zip(edges, edges[1:]):
+        if kinds[first] < 0:
+            continue
+        reason = Reason(int(kinds[first]))
+        if reason is Reason.ARRIVAL and last < len(kinds):
+            ahead = events[last:][events[last:] >= 0]
+            reason = Reason(int(ahead[0])) if len(ahead) else Reason.ARRIVAL
+        start_s = float(trip.time_s[first])
+        if schedule.heating_start_s is not None:
+            start_s = max(start_s, schedule.heating_start_s)
+        stretches.append(HeatingStretch(
+            start_s, float(trip.time_s[last]),
+            float(heater_w[first:last] @ trip.route.duration_s[first:last]) / JOULES_PER_WH,
+            reason))
+    return tuple(stretches)
