@@ -6,6 +6,9 @@ from typing import Optional
 
 from bev_preheat.planning.planner import DEFAULT_METHOD
 
+# Longer routes are planned in longer steps, so that a plan never keeps the next command waiting.
+MOST_PLANNED_STEPS = 360
+
 
 @dataclass(frozen=True)
 class Settings:

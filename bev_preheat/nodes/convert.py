@@ -14,6 +14,7 @@ import numpy as np
 from sensor_msgs.msg import Temperature
 
 from bev_preheat.control.inputs import Measurement, Mission
+from bev_preheat.control.settings import MOST_PLANNED_STEPS
 from bev_preheat.control.supervisor import NS_PER_S
 from bev_preheat.errors import InvalidInput
 from bev_preheat.planning.situation import BatteryState
@@ -70,7 +71,7 @@ def measurement_from_message(message):
 
 def mission_from_message(message, defaults, planning_step_s):
     """
-    Return the Mission of a RoutePlan, in steps of `planning_step_s` seconds.
+    Return the Mission of a RoutePlan, in steps of `planning_step_s` seconds or longer.
 
     `defaults` (vehicle.description.Defaults) fill the arrays that may be empty. Raises InvalidInput
     with one problem a field.
@@ -96,7 +97,8 @@ def mission_from_message(message, defaults, planning_step_s):
         raise InvalidInput(problems)
     return Mission(
         route_id=message.route_id,
-        route=route.resampled(planning_step_s),
+        route=route.resampled(
+            max(planning_step_s, route.total_duration_s / MOST_PLANNED_STEPS)),
         start_ns=nanoseconds(message.header.stamp),
         charging_planned=message.charging_planned,
         target_temperature_c=None if math.isnan(target_c) else target_c,

@@ -8,12 +8,15 @@ not in the paper: where the battery may not take what the drivetrain regenerates
 go somewhere, or every descent with a cold battery would make the program infeasible. It takes from
 regeneration only, and what it takes no longer passes the drivetrain, whose heat shrinks with it.
 
-The elastic program adds slacks, dearly paid for, on the target, on the state of charge and on the
-discharge limit. It is solved where the program itself has no solution, to say which constraint is
-at fault and what the best is that can be done.
+An elastic program adds slacks, dearly paid for. It is solved where the program itself has no
+solution, to say which constraint is at fault and what the best is that can be done. First what is
+asked of the battery gives: target, state of charge, discharge limit. What the battery may hold
+gives only where even that is not enough: a long climb can heat it beyond its highest temperature by
+Joule heat alone.
 """
 
 from dataclasses import dataclass
+from enum import IntEnum
 from functools import lru_cache
 
 import casadi
@@ -30,6 +33,9 @@ ENERGY_SCALE_J = 1e6
 TARGET_PRICE = 1e2
 SOC_PRICE = 1e4
 DISCHARGE_PRICE = 1e4
+# At each instant, a per cent above the highest state of charge and a kelvin above the highest
+# temperature; higher prices keep IPOPT from converging.
+RANGE_PRICE = 1e3
 
 SOLVER_OPTIONS = {
     'print_time': False,
@@ -44,45 +50,84 @@ SOLVER_OPTIONS = {
 }
 
 
+class Give(IntEnum):
+    """Which constraints have slacks; each has those of the one before it too."""
+
+    NOTHING = 0
+    # Target; lowest state of charge, on the way and on arrival; discharge power.
+    DEMANDS = 1
+    # Highest state of charge, highest temperature.
+    RANGES = 2
+
+
+@dataclass(frozen=True)
+class Slacks:
+    """
+    What constraints lack; arrays of shape (N,).
+
+    `target_k` [K]; `soc` below the lowest at the end of each step, in the last below the one on
+    arrival; `discharge_w` [W]; `soc_above` and `above_k` [K] beyond the highest at the end of each
+    step.
+    """
+
+    target_k: float
+    soc: np.ndarray
+    discharge_w: np.ndarray
+    soc_above: np.ndarray
+    above_k: np.ndarray
+
+
 @dataclass(frozen=True)
 class Program:
     """
     A CasADi solver and where its variables and constraints lie.
 
-    Variables, in this order: soc (N + 1), temperature (N + 1), heater (N), brake (N) and, if
-    elastic, slacks of target, final soc (1 each) and discharge power (N). Constraints: 2 N defects,
-    then, if limited, N of discharge and N of charge power, the target and the final soc.
+    Variables, in this order: soc (N + 1), temperature (N + 1), heater (N), brake (N), then slacks:
+    target (1), soc and discharge (N each) with DEMANDS, soc above and temperature above (N each)
+    with RANGES. Constraints: 2 N defects; if limited, N of discharge and N of charge power; with
+    DEMANDS, N of the lowest soc; with RANGES, N each of the highest soc and temperature; the target
+    and the final soc.
     """
 
     solver: casadi.Function
     steps: int
     limited: bool
-    elastic: bool
+    give: Give
+
+    @property
+    def slack_count(self):
+        """Number of slacks."""
+        return {Give.NOTHING: 0, Give.DEMANDS: 1 + 2 * self.steps,
+                Give.RANGES: 1 + 4 * self.steps}[self.give]
 
     def split(self, variables):
-        """Return (soc, temperature [deg C], heater [W], brake [W], slacks) of a solution."""
+        """Return (soc, temperature [deg C], heater [W], brake [W], Slacks) of a solution."""
         n = self.steps
-        flat = np.asarray(variables).ravel()
-        soc, temperature_c, heater, brake, slacks = np.split(
-            flat, np.cumsum([n + 1, n + 1, n, n]))
+        flat = np.zeros(4 * n + 2 + 1 + 4 * n)
+        solution = np.asarray(variables).ravel()
+        flat[:len(solution)] = solution
+        soc, temperature_c, heater, brake, target_k, *slacks = np.split(
+            flat, np.cumsum([n + 1, n + 1, n, n, 1, n, n, n]))
         return (soc * SOC_SCALE, temperature_c, heater * POWER_SCALE_W, brake * POWER_SCALE_W,
-                slacks)
+                Slacks(float(target_k[0]), slacks[0] * SOC_SCALE, slacks[1] * POWER_SCALE_W,
+                       slacks[2] * SOC_SCALE, slacks[3]))
 
 
 @lru_cache(maxsize=16)
-def build_program(vehicle, steps, limited=True, elastic=False):
+def build_program(vehicle, steps, limited=True, give=Give.NOTHING):
     """
     Return the Program of a vehicle for a number of steps.
 
-    `limited`: with the power limits of the battery (9i).
+    `limited`: with the power limits of the battery (9i); `give`: elastic, and how far.
     """
     soc = casadi.MX.sym('soc', 1, steps + 1)
     temperature_c = casadi.MX.sym('temperature', 1, steps + 1)
     heater = casadi.MX.sym('heater', 1, steps)
     brake = casadi.MX.sym('brake', 1, steps)
     slack_target = casadi.MX.sym('slack_target')
-    slack_soc = casadi.MX.sym('slack_soc')
-    slack_discharge = casadi.MX.sym('slack_discharge', 1, steps)
+    slack_soc, slack_discharge, slack_soc_above, slack_above = (
+        casadi.MX.sym(name, 1, steps)
+        for name in ('slack_soc', 'slack_discharge', 'slack_soc_above', 'slack_above'))
     # Rows: duration, idle power, power variance, idle heat, leakage; then target and final soc.
     route = casadi.MX.sym('route', 5, steps)
     target_c, final_soc = casadi.MX.sym('target'), casadi.MX.sym('final_soc')
@@ -106,19 +151,26 @@ def build_program(vehicle, steps, limited=True, elastic=False):
             soc_start, start_c)
         least_w = symbolic_curve(vehicle.battery.charge_power_limit).map(steps)(soc_start, start_c)
         battery_w = power_w + joule_w
-        lacking = slack_discharge if elastic else 0.0
+        lacking = slack_discharge if give else 0.0
         constraints += [((most_w - battery_w) / POWER_SCALE_W + lacking).T,
                         ((battery_w - least_w) / POWER_SCALE_W).T]
-    constraints += [temperature_c[-1] - target_c + (slack_target if elastic else 0.0),
-                    soc[-1] - final_soc / SOC_SCALE + (slack_soc if elastic else 0.0)]
     variables = [soc.T, temperature_c.T, heater.T, brake.T]
-    if elastic:
-        variables += [slack_target, slack_soc, slack_discharge.T]
-        energy += (TARGET_PRICE * slack_target + SOC_PRICE * slack_soc
+    lacking_k, lacking_soc = 0.0, 0.0
+    if give:
+        variables += [slack_target, slack_soc.T, slack_discharge.T]
+        constraints.append((soc[1:] + slack_soc).T)
+        lacking_k, lacking_soc = slack_target, slack_soc[-1]
+        energy += (TARGET_PRICE * slack_target + SOC_PRICE * casadi.sum2(slack_soc)
                    + DISCHARGE_PRICE * casadi.sum2(slack_discharge))
+    if give is Give.RANGES:
+        variables += [slack_soc_above.T, slack_above.T]
+        constraints += [(soc[1:] - slack_soc_above).T, (temperature_c[1:] - slack_above).T]
+        energy += RANGE_PRICE * casadi.sum2(slack_soc_above + slack_above)
+    constraints += [temperature_c[-1] - target_c + lacking_k,
+                    soc[-1] - final_soc / SOC_SCALE + lacking_soc]
     solver = casadi.nlpsol('optimum', 'ipopt', {
         'x': casadi.vertcat(*variables),
         'p': casadi.vertcat(casadi.vec(route), target_c, final_soc),
         'f': energy,
         'g': casadi.vertcat(*constraints)}, SOLVER_OPTIONS)
-    return Program(solver, steps, limited, elastic)
+    return Program(solver, steps, limited, give)

@@ -9,22 +9,27 @@ import numpy as np
 
 from bev_preheat.model import make_runge_kutta_4
 from bev_preheat.optimum.program import (
-    build_program, ENERGY_SCALE_J, POWER_SCALE_W, SOC_SCALE)
+    build_program, ENERGY_SCALE_J, Give, POWER_SCALE_W, Program, SOC_SCALE)
 from bev_preheat.planning.plan import Plan
 from bev_preheat.planning.planner import finish_plan, plan_without_heating
 from bev_preheat.planning.schedule import Schedule, switched_on_s
 from bev_preheat.planning.simulate import JOULES_PER_WH
-from bev_preheat.planning.situation import check_situation
+from bev_preheat.planning.situation import check_situation, reserve_soc
 from bev_preheat.planning.trip import make_trip
 
 METHOD = 'nlp'
 # Constraints that may be lacking something.
 TARGET = 'target temperature'
 ARRIVAL_SOC = 'state of charge on arrival'
+LOWEST_SOC = 'lowest state of charge'
 DISCHARGE_POWER = 'discharge power'
+HIGHEST_SOC = 'highest state of charge'
+HIGHEST_TEMPERATURE = 'highest battery temperature'
 SUCCESS = 'Solve_Succeeded'
-# A slack below this is rounding, not a constraint that cannot be kept: K, %, kW.
-SLACK_TOLERANCE = 1e-5
+# Slacks below these are rounding, not constraints that cannot be kept.
+TOLERANCE_K = 1e-5
+SOC_TOLERANCE = 1e-7
+TOLERANCE_W = 1e-2
 
 
 class SolverFailure(RuntimeError):
@@ -47,8 +52,10 @@ class Optimum:
     The optimum, or the best that can be done.
 
     `solver_status` is IPOPT's word on the program itself; only 'Solve_Succeeded' is an optimum.
-    `lacking` holds the constraints that cannot be kept; empty: `plan` is the optimum. `marginal_cost_wh_per_k` is the multiplier of the target: what one more kelvin on
-    arrival would cost (NaN where the target does not bind or cannot be met).
+    `lacking` holds the constraints that cannot be kept; it is empty where `plan` is the optimum,
+    and only there. `solve_time_s` is what IPOPT took, without the time to set its programs up.
+    `marginal_cost_wh_per_k` is the multiplier of the target: what one more kelvin on arrival would
+    cost (NaN where the target does not bind or cannot be met).
     """
 
     plan: Plan
@@ -76,89 +83,136 @@ def solve_optimum(vehicle, route, state, goal, limited=True):
     Return the Optimum for a vehicle with a battery state at the start of a route.
 
     `limited`: keep the battery's power limits (9i). Raises InvalidInput as `plan_preheating` does,
-    SolverFailure where even the elastic program could not be solved.
+    SolverFailure where IPOPT finds neither an optimum nor what cannot be kept.
     """
     started = perf_counter()
     check_situation(vehicle, route, state, goal)
     trip = make_trip(vehicle, route)
-    program = build_program(vehicle, len(trip.route), limited)
-    built = perf_counter()
-    solution, statistics = _run(program, trip, state, goal)
-    lacking, marginal_cost = (), math.nan
-    solver_status, iterations = statistics['return_status'], statistics['iter_count']
-    if solver_status == SUCCESS:
-        multiplier = -float(solution['lam_g'][-2])
-        if goal.charging_planned and multiplier > 1e-9:
-            marginal_cost = multiplier * ENERGY_SCALE_J / JOULES_PER_WH
+    runs = []
+    for give in Give:
+        run = _run(build_program(vehicle, len(trip.route), limited, give), trip, state, goal)
+        runs.append(run)
+        if run.status == SUCCESS:
+            break
     else:
-        program = build_program(vehicle, len(trip.route), limited, elastic=True)
-        solution, statistics = _run(program, trip, state, goal)
-        if statistics['return_status'] != SUCCESS:
-            raise SolverFailure(f'IPOPT ended with {solver_status}, and with '
-                                f'{statistics["return_status"]} where constraints may give')
-        iterations += statistics['iter_count']
-        lacking = tuple(_lacking(trip, program.split(solution['x'])[4]))
-    soc, temperature_c, heater_w, brake_w, _ = program.split(solution['x'])
-    solve_time_s = perf_counter() - built
+        raise SolverFailure(f'IPOPT ended with {runs[0].status}, and with '
+                            f'{runs[1].status} and {runs[2].status} where constraints may give')
+    lacking = tuple(_lacking(trip, run))
+    if give and not lacking:
+        # All constraints can be kept: it was the solver that failed, and from here it may not.
+        run = _run(build_program(vehicle, len(trip.route), limited), trip, state, goal, run)
+        runs = [run, *runs]
+        if run.status != SUCCESS:
+            raise SolverFailure(f'IPOPT ended with {runs[1].status}, and with {run.status} when '
+                                'started where all constraints are kept')
+    marginal_cost = math.nan
+    if not lacking and goal.charging_planned and run.target_multiplier > 1e-9:
+        marginal_cost = run.target_multiplier * ENERGY_SCALE_J / JOULES_PER_WH
+    soc, temperature_c, heater_w, brake_w, _ = run.split()
     schedule = Schedule(switched_on_s(trip, heater_w), heater_w, brake_w, soc, temperature_c,
                         make_runge_kutta_4)
     return Optimum(
         plan=finish_plan(trip, goal, schedule, METHOD, started),
-        solver_status=solver_status,
-        iterations=int(iterations),
-        solve_time_s=solve_time_s,
+        solver_status=runs[0].status,
+        iterations=sum(run.iterations for run in runs),
+        solve_time_s=sum(run.time_s for run in runs),
         lacking=lacking,
         marginal_cost_wh_per_k=marginal_cost)
 
 
-def _run(program, trip, state, goal):
-    """Call the solver, cold: from the run without heating."""
+@dataclass(frozen=True)
+class _Run:
+    """One call of the solver: its Program, the variables it ended with, its word, its effort."""
+
+    program: Program
+    variables: np.ndarray
+    target_multiplier: float
+    status: str
+    iterations: int
+    time_s: float
+
+    def split(self):
+        """Return what Program.split makes of the variables."""
+        return self.program.split(self.variables)
+
+
+def _run(program, trip, state, goal, start=None):
+    """Return the _Run of a program, from another one or, cold, from the trip without heating."""
     route, battery, n = trip.route, trip.vehicle.battery, program.steps
-    idle = plan_without_heating(trip, state)
     soc_low, soc_high = battery.soc_range
     cold_c, warm_c = battery.temperature_range_c
-    low = [np.full(n + 1, min(soc_low, state.soc) / SOC_SCALE),
-           np.full(n + 1, cold_c), np.zeros(n), np.zeros(n)]
-    high = [np.full(n + 1, max(soc_high, state.soc) / SOC_SCALE),
-            np.full(n + 1, warm_c), trip.heater_limit_w / POWER_SCALE_W,
-            np.maximum(-route.propulsion_power_w, 0.0) / POWER_SCALE_W]
+    # A battery that starts outside its range may stay there.
+    soc_low, soc_high = min(soc_low, state.soc) / SOC_SCALE, max(soc_high, state.soc) / SOC_SCALE
+    low = [np.full(n + 1, soc_low), np.full(n + 1, cold_c), np.zeros(2 * n + program.slack_count)]
+    high = [np.full(n + 1, soc_high), np.full(n + 1, warm_c), trip.heater_limit_w / POWER_SCALE_W,
+            np.maximum(-route.propulsion_power_w, 0.0) / POWER_SCALE_W * program.limited,
+            np.full(program.slack_count, np.inf)]
+    defects, limits = np.zeros(2 * n), np.zeros(2 * n * program.limited)
+    low_g, high_g = [defects, limits], [defects, np.full(len(limits), np.inf)]
+    # Where a range may give, its bounds become constraints with slacks.
+    if program.give:
+        low[0][:] = -np.inf
+        low_g.append(np.full(n, soc_low))
+        high_g.append(np.full(n, np.inf))
+    if program.give is Give.RANGES:
+        high[0][:] = high[1][:] = np.inf
+        low_g.append(np.full(2 * n, -np.inf))
+        high_g += [np.full(n, soc_high), np.full(n, warm_c)]
     low[0][0] = high[0][0] = state.soc / SOC_SCALE
     low[1][0] = high[1][0] = state.temperature_c
-    guess = [idle.soc / SOC_SCALE, idle.temperature_c, np.zeros(n), np.zeros(n)]
-    if not program.limited:
-        high[3] = np.zeros(n)
-    if program.elastic:
-        slacks = n + 2
-        # The state of charge may run below its range then; how far, the slack says.
-        low[0][1:] = -np.inf
-        low.append(np.zeros(slacks))
-        high.append(np.full(slacks, np.inf))
-        guess.append(np.zeros(slacks))
-    at_least_zero = 2 * n * program.limited + 2
-    final_soc = max(goal.minimum_arrival_soc, soc_low)
+    if start is None:
+        idle = plan_without_heating(trip, state)
+        guess = [idle.soc / SOC_SCALE, idle.temperature_c, np.zeros(2 * n + program.slack_count)]
+    else:
+        guess = [start.variables[:4 * n + 2]]
     target_c = goal.target_temperature_c if goal.charging_planned else cold_c
+    started = perf_counter()
     result = program.solver(
         x0=np.concatenate(guess), lbx=np.concatenate(low), ubx=np.concatenate(high),
-        lbg=np.zeros(2 * n + at_least_zero),
-        ubg=np.concatenate([np.zeros(2 * n), np.full(at_least_zero, np.inf)]),
+        lbg=np.concatenate([*low_g, np.zeros(2)]),
+        ubg=np.concatenate([*high_g, np.full(2, np.inf)]),
         p=np.concatenate([
             np.vstack([route.duration_s, trip.idle_power_w, trip.power_variance_w2,
                        trip.idle_heat_w, trip.leakage_w_per_k]).ravel(order='F'),
-            [target_c, final_soc]]))
-    return result, program.solver.stats()
+            [target_c, reserve_soc(trip.vehicle, goal)]]))
+    time_s = perf_counter() - started
+    statistics = program.solver.stats()
+    return _Run(program, np.asarray(result['x']).ravel(), -float(result['lam_g'][-2]),
+                statistics['return_status'], int(statistics['iter_count']), time_s)
 
 
-def _lacking(trip, slacks):
-    """What the elastic solution lacks, as Lacking."""
-    target_k, soc_percent, discharge_kw = slacks[0], slacks[1], slacks[2:]
-    if target_k > SLACK_TOLERANCE:
-        yield Lacking(TARGET, float(target_k), 'K',
-                      f'target temperature: {target_k:.2f} K cannot be reached')
-    if soc_percent > SLACK_TOLERANCE:
-        yield Lacking(ARRIVAL_SOC, float(soc_percent), '%',
-                      f'state of charge on arrival: {soc_percent:.2f} % are lacking')
-    if discharge_kw.max() > SLACK_TOLERANCE:
-        at = int(np.argmax(discharge_kw))
-        yield Lacking(DISCHARGE_POWER, 1e3 * float(discharge_kw[at]), 'W',
-                      f'discharge power: {discharge_kw[at]:.2f} kW cannot be delivered at '
+def _lacking(trip, run):
+    """What a solution lacks, as Lacking."""
+    soc, _, _, _, slacks = run.split()
+    if slacks.target_k > TOLERANCE_K:
+        yield Lacking(TARGET, slacks.target_k, 'K',
+                      f'target temperature: {slacks.target_k:.2f} K cannot be reached')
+    if slacks.soc[-1] > SOC_TOLERANCE:
+        percent = 100.0 * float(slacks.soc[-1])
+        yield Lacking(ARRIVAL_SOC, percent, '%',
+                      f'state of charge on arrival: {percent:.2f} % are lacking')
+    at = int(np.argmax(slacks.soc))
+    # Where the battery is emptiest on arrival, that has been said.
+    if slacks.soc[at] > SOC_TOLERANCE and soc[at + 1] < soc[-1]:
+        percent = 100.0 * float(slacks.soc[at])
+        yield Lacking(LOWEST_SOC, percent, '%',
+                      f'state of charge: {percent:.2f} % below its range at '
+                      f'{trip.time_s[at + 1]:.0f} s')
+    at = int(np.argmax(slacks.discharge_w))
+    if slacks.discharge_w[at] > TOLERANCE_W:
+        lacking_w = float(slacks.discharge_w[at])
+        yield Lacking(DISCHARGE_POWER, lacking_w, 'W',
+                      f'discharge power: {lacking_w / 1e3:.2f} kW cannot be delivered at '
                       f'{trip.time_s[at]:.0f} s')
+    at = int(np.argmax(slacks.soc_above))
+    if slacks.soc_above[at] > SOC_TOLERANCE:
+        percent = 100.0 * float(slacks.soc_above[at])
+        yield Lacking(HIGHEST_SOC, percent, '%',
+                      f'state of charge: {percent:.2f} % above its range at '
+                      f'{trip.time_s[at + 1]:.0f} s')
+    at = int(np.argmax(slacks.above_k))
+    if slacks.above_k[at] > TOLERANCE_K:
+        above_k = float(slacks.above_k[at])
+        yield Lacking(HIGHEST_TEMPERATURE, above_k, 'K',
+                      f'battery temperature: {above_k:.2f} K above its range at '
+                      f'{trip.time_s[at + 1]:.0f} s')

@@ -11,8 +11,8 @@ def duration_text(seconds):
     return f'{hours}:{minutes:02d}:{rest:02d} h' if hours else f'{minutes}:{rest:02d} min'
 
 
-def explain(status, plan, goal):
-    """Return the sentence for the status of a Plan."""
+def explain(status, plan, reserve):
+    """Return the sentence for the status of a Plan; `reserve` is the state of charge to be left."""
     arrival = (f'arrival in {duration_text(plan.arrival_time_s)} at '
                f'{plan.arrival_temperature_c:.1f} degC')
     target = f'target {plan.target_temperature_c:.1f} degC'
@@ -32,7 +32,7 @@ def explain(status, plan, goal):
                'heating is on' if plan.heating_start_s == 0.0 else
                f'heating starts in {duration_text(plan.heating_start_s)}')
     if status is Status.SOC_LIMITED:
-        reserve = f'{100 * goal.minimum_arrival_soc:.1f} %'
+        reserve = f'{100 * reserve:.1f} %'
         if plan.soc_shortfall > 0.0:
             return (f'The battery arrives {100 * plan.soc_shortfall:.1f} % below the {reserve} that '
                     f'must be left: {heating}; {arrival}, {target}.')

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bev_preheat.arithmetic import ARRAYS
-from bev_preheat.planning.limits import COLDER_BY_K, make_terminal_limits, run_within_limits
+from bev_preheat.planning.limits import colder, make_terminal_limits, run_within_limits
 from bev_preheat.planning.optimal_switch import ARRIVAL_TOLERANCE_K
 from bev_preheat.planning.schedule import Schedule
 
@@ -23,10 +23,10 @@ LARGEST_SHIFT_K = 4.0
 # How much too warm the thresholds may be: before arrival they are sharp, before a climb less so.
 ARRIVAL_OVERSHOOT_K = 1.0
 CLIMB_OVERSHOOT_K = LARGEST_SHIFT_K
-MOST_RUNS = 20
+MOST_RUNS = 12
 # A climb is met when the battery delivers this share of its power more than is asked.
 POWER_SURPLUS = 1e-5
-MOST_CLIMBS = 10
+MOST_CLIMBS = 6
 
 
 @dataclass(frozen=True)
@@ -48,10 +48,12 @@ class ForwardRuns:
         self._low_c, self._high_c = thresholds.low_c, thresholds.high_c
         self._limits = make_terminal_limits(trip.vehicle, ARRAYS)
         self._shift_k = np.zeros(len(trip.route))
+        # The run so far: what lies before a requirement that is met does not change any more.
+        self._kept = None
 
     def settle(self, target_c):
         """Return the Schedule that delivers every climb it can, and arrives at the target."""
-        schedule = self._run()
+        self._kept = schedule = self._run()
         start = 0
         for first, last in self._climbs(schedule):
             if first > start:
@@ -71,8 +73,9 @@ class ForwardRuns:
 
     def _climbs(self, schedule):
         """(first, last + 1) of the stretches that a battery a little colder could not deliver."""
-        _, most_w = self._limits(schedule.soc[:-1], schedule.temperature_c[:-1] - COLDER_BY_K,
-                                 self._trip.power_variance_w2)
+        _, most_w = self._limits(
+            schedule.soc[:-1], colder(self._trip.vehicle, schedule.temperature_c[:-1]),
+            self._trip.power_variance_w2)
         demanding = self._trip.idle_power_w > most_w
         edges = np.flatnonzero(np.diff(np.concatenate(([False], demanding, [False]))))
         return list(zip(edges[::2].tolist(), edges[1::2].tolist()))[:MOST_CLIMBS]
@@ -102,22 +105,27 @@ class ForwardRuns:
                 break
             here = there
         else:
-            self._shift_k[first:last] = there.shift_k
-            return there.schedule
+            return self._keep(first, last, there)
         low, high = (here, there) if here.excess < 0.0 else (there, here)
+        low_excess, high_excess = low.excess, high.excess
         for _ in range(MOST_RUNS):
             if high.excess <= tolerance:
                 break
-            # Aim at the middle of what is tolerated: either side of it ends the search.
-            share = (0.5 * tolerance - low.excess) / (high.excess - low.excess)
-            shift_k = low.shift_k + min(max(share, 0.01), 0.99) * (high.shift_k - low.shift_k)
+            # Aim at the middle of what is tolerated: either side of it ends the search. A side that
+            # has stood still for a step counts half (Illinois), or the other would creep.
+            share = (0.5 * tolerance - low_excess) / (high_excess - low_excess)
+            shift_k = low.shift_k + share * (high.shift_k - low.shift_k)
             middle = self._try(first, last, shift_k, excess_of)
             if middle.excess >= 0.0:
-                high = middle
+                high, high_excess, low_excess = middle, middle.excess, 0.5 * low_excess
             else:
-                low = middle
-        self._shift_k[first:last] = high.shift_k
-        return high.schedule
+                low, low_excess, high_excess = middle, middle.excess, 0.5 * high_excess
+        return self._keep(first, last, high)
+
+    def _keep(self, first, last, trial):
+        self._shift_k[first:last] = trial.shift_k
+        self._kept = trial.schedule
+        return trial.schedule
 
     def _try(self, first, last, shift_k, excess_of):
         schedule = self._run(first, last, shift_k)
@@ -137,7 +145,8 @@ class ForwardRuns:
             return cap_w[k] * (high_c[k] - temperature_c) / (high_c[k] - low_c[k])
 
         return run_within_limits(
-            self._trip, self._state, self._watch, paid_power_w, take_surplus=True)
+            self._trip, self._state, self._watch, paid_power_w, take_surplus=True,
+            first=first, before=self._kept)
 
     def _spare_power_w(self, schedule):
         """What the battery can give beyond what each step asks without heating [W], shape (N,)."""

@@ -48,6 +48,11 @@ def make_terminal_limits(vehicle, arithmetic):
     return limits
 
 
+def colder(vehicle, temperature_c):
+    """Temperatures COLDER_BY_K below these [deg C], but none that the vehicle is not described at."""
+    return np.maximum(temperature_c - COLDER_BY_K, vehicle.battery.temperature_range_c[0])
+
+
 @dataclass(frozen=True)
 class Watch:
     """Steps in which a limit may matter, shape (N,): regeneration, or drive and heater."""
@@ -64,7 +69,7 @@ class Watch:
 def watch_limits(trip, soc, temperature_c):
     """Return the Watch of a trip, from a run (N + 1 values) that is not much warmer than any other."""
     least_w, most_w = make_terminal_limits(trip.vehicle, ARRAYS)(
-        soc[:-1], temperature_c[:-1] - COLDER_BY_K, trip.power_variance_w2)
+        soc[:-1], colder(trip.vehicle, temperature_c[:-1]), trip.power_variance_w2)
     return Watch(
         charge=(trip.route.propulsion_power_w < 0.0) & (trip.idle_power_w < least_w),
         discharge=trip.idle_power_w + trip.heater_limit_w > most_w)
@@ -83,22 +88,28 @@ def limits_hold(trip, schedule):
     return bool(((terminal_w >= least_w) & (terminal_w <= most_w)).all())
 
 
-def run_within_limits(trip, state, watch, paid_power_w, take_surplus):
+def run_within_limits(trip, state, watch, paid_power_w, take_surplus, first=0, before=None):
     """
     Return the Schedule of a forward run that keeps the limits.
 
     `paid_power_w(step, temperature_c)` is the heater power [W] wanted in a step, cut where the
     battery cannot give it or is at its highest temperature. With `take_surplus`, what the battery
     may not take of the regeneration goes to the heater first; the friction brake takes the rest.
+    With `before`, a Schedule of the same trip, its steps before `first` are kept.
     """
     vehicle = trip.vehicle
     step = step_of_floats(vehicle, make_runge_kutta_4, saturating=True)
     limits = make_terminal_limits(vehicle, FLOATS)
     highest_c = vehicle.battery.temperature_range_c[1]
     efficiency, heat_share = vehicle.hvch.efficiency, vehicle.drivetrain.heat_share
-    soc, temperature_c = state.soc, state.temperature_c
-    socs, temperatures_c, heaters_w, brakes_w = [soc], [temperature_c], [], []
-    columns = zip(range(len(trip.route)), *(column.tolist() for column in (
+    if before is None:
+        socs, temperatures_c, heaters_w, brakes_w = [state.soc], [state.temperature_c], [], []
+    else:
+        socs, temperatures_c, heaters_w, brakes_w = (values.tolist() for values in (
+            before.soc[:first + 1], before.temperature_c[:first + 1],
+            before.heater_power_w[:first], before.brake_power_w[:first]))
+    soc, temperature_c = socs[-1], temperatures_c[-1]
+    columns = zip(range(first, len(trip.route)), *(column[first:].tolist() for column in (
         trip.route.duration_s, trip.idle_power_w, trip.power_variance_w2, trip.idle_heat_w,
         trip.leakage_w_per_k, trip.heater_limit_w, watch.charge, watch.discharge)))
     propulsion_w = trip.route.propulsion_power_w.tolist()

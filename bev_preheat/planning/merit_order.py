@@ -20,14 +20,15 @@ import numpy as np
 from bev_preheat.planning.forward_runs import ForwardRuns
 from bev_preheat.planning.limits import limits_hold, watch_limits
 from bev_preheat.planning.optimal_switch import ARRIVAL_TOLERANCE_K, plan_optimal_switch
+from bev_preheat.planning.situation import reserve_soc
 from bev_preheat.planning.value_curve import find_thresholds
 
 # The curve is made again where the run it leads to differs more than this in state of charge.
 SOC_AGREEMENT = 5e-4
 MOST_PASSES = 3
 # The state of charge to be kept is kept to this.
-SOC_TOLERANCE = 1e-7
-MOST_TARGETS = 20
+SOC_TOLERANCE = 1e-5
+MOST_TARGETS = 8
 
 
 def plan_merit_order(trip, state, goal):
@@ -37,7 +38,7 @@ def plan_merit_order(trip, state, goal):
     Where the target would cost the state of charge that is to be kept, the warmest that keeps it.
     """
     schedule = _plan_for_target(trip, state, goal)
-    if schedule.soc[-1] >= goal.minimum_arrival_soc:
+    if schedule.soc[-1] >= reserve_soc(trip.vehicle, goal):
         return schedule
     return _keep_reserve(trip, state, goal, schedule)
 
@@ -59,27 +60,27 @@ def _plan_for_target(trip, state, goal):
 
 def _keep_reserve(trip, state, goal, schedule):
     """Schedule of the highest target that keeps the state of charge on arrival."""
+    reserve = reserve_soc(trip.vehicle, goal)
+
     def plan_for(target_c):
         found = _plan_for_target(trip, state, replace(goal, target_temperature_c=target_c))
-        return found, float(found.soc[-1]) - goal.minimum_arrival_soc
+        return found, float(found.soc[-1]) - reserve
 
+    warm_c, lacking = float(schedule.temperature_c[-1]), reserve - float(schedule.soc[-1])
     # Below what driving alone reaches, only heating that pays for itself is left.
-    warm_c = float(schedule.temperature_c[-1])
-    warm_margin = float(schedule.soc[-1]) - goal.minimum_arrival_soc
-    cold_c = float(schedule.temperature_c.min()) - 1.0
-    best, margin = plan_for(cold_c)
+    best, margin = plan_for(float(schedule.temperature_c.min()) - 1.0)
     if margin <= 0.0:
         return best
-    cold_c, cold_margin = float(best.temperature_c[-1]), margin
+    cold_c = float(best.temperature_c[-1])
     for _ in range(MOST_TARGETS):
-        if cold_margin <= SOC_TOLERANCE or warm_c - cold_c <= ARRIVAL_TOLERANCE_K:
+        if margin <= SOC_TOLERANCE or warm_c - cold_c <= ARRIVAL_TOLERANCE_K:
             break
-        # Energy grows almost in proportion to the temperature.
-        share = cold_margin / (cold_margin - warm_margin)
-        target_c = cold_c + min(max(share, 0.02), 0.98) * (warm_c - cold_c)
-        found, margin = plan_for(target_c)
-        if margin >= 0.0:
-            best, cold_c, cold_margin = found, target_c, margin
+        # Energy grows almost in proportion to the temperature; a side that has stood still for a
+        # step counts half (Illinois), or the other would creep.
+        target_c = cold_c + margin / (margin + lacking) * (warm_c - cold_c)
+        found, next_margin = plan_for(target_c)
+        if next_margin >= 0.0:
+            best, cold_c, margin, lacking = found, target_c, next_margin, 0.5 * lacking
         else:
-            warm_c, warm_margin = target_c, margin
+            warm_c, lacking, margin = target_c, -next_margin, 0.5 * margin
     return best

@@ -16,7 +16,7 @@ from bev_preheat.planning.optimal_switch import plan_optimal_switch
 from bev_preheat.planning.paper import plan_paper
 from bev_preheat.planning.plan import Plan
 from bev_preheat.planning.schedule import Schedule
-from bev_preheat.planning.situation import check_situation
+from bev_preheat.planning.situation import check_situation, reserve_soc
 from bev_preheat.planning.simulate import keep_accounts, run_forward
 from bev_preheat.planning.status import Status
 from bev_preheat.planning.stretches import heating_stretches
@@ -110,25 +110,25 @@ def finish_plan(trip, goal, schedule, method, started):
         friction_brake_power_w=schedule.brake_power_w,
         energy_wh=accounts.energy_wh,
         shortfall_k=max(0.0, goal.target_temperature_c - float(schedule.temperature_c[-1])),
-        soc_shortfall=max(0.0, goal.minimum_arrival_soc - arrival_soc),
+        soc_shortfall=max(0.0, reserve_soc(trip.vehicle, goal) - arrival_soc),
         undeliverable_power_w=lacking_w,
         undeliverable_at_s=float(trip.time_s[worst]) if lacking_w > 0.0 else None,
         stretches=heating_stretches(trip, schedule),
         planning_time_s=0.0)
-    status = _status(plan, goal)
-    return replace(plan, status=status, explanation=explain(status, plan, goal),
+    reserve = reserve_soc(trip.vehicle, goal)
+    status = _status(plan, goal, reserve)
+    return replace(plan, status=status, explanation=explain(status, plan, reserve),
                    planning_time_s=perf_counter() - started)
 
 
-def _status(plan, goal):
+def _status(plan, goal, reserve):
     if not goal.charging_planned:
         return Status.NO_CHARGING_PLANNED
     if plan.undeliverable_power_w > 0.0:
         return Status.POWER_LIMITED
     missed = plan.shortfall_k > SHORTFALL_TOLERANCE_K
-    spare_soc = plan.arrival_soc - goal.minimum_arrival_soc
-    if spare_soc < -SOC_TOLERANCE or (
-            missed and goal.minimum_arrival_soc > 0.0 and spare_soc <= RESERVE_REACHED):
+    spare_soc = plan.arrival_soc - reserve
+    if spare_soc < -SOC_TOLERANCE or (missed and spare_soc <= RESERVE_REACHED):
         return Status.SOC_LIMITED
     if plan.heating_start_s is None:
         return Status.TARGET_UNREACHABLE if missed else Status.NOT_NEEDED

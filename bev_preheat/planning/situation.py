@@ -24,6 +24,11 @@ class Goal:
     charging_planned: bool = True
 
 
+def reserve_soc(vehicle, goal):
+    """State of charge that must be left on arrival: the goal's, at least the vehicle's lowest."""
+    return max(goal.minimum_arrival_soc, vehicle.battery.soc_range[0])
+
+
 def check_situation(vehicle, route=None, state=None, goal=None):
     """
     Raise InvalidInput, one problem a quantity, where the vehicle's model does not hold.

@@ -7,7 +7,7 @@ from enum import IntEnum
 import numpy as np
 
 from bev_preheat.arithmetic import ARRAYS
-from bev_preheat.planning.limits import COLDER_BY_K, make_terminal_limits
+from bev_preheat.planning.limits import colder, make_terminal_limits
 from bev_preheat.planning.schedule import HEATING_SHARE
 from bev_preheat.planning.simulate import JOULES_PER_WH
 
@@ -55,7 +55,7 @@ def heating_stretches(trip, schedule):
     surplus = (heated & regenerates
                & (heater_w <= least_w - trip.idle_power_w + SURPLUS_TOLERANCE_W))
     colder_least_w, colder_most_w = limits(
-        soc, temperature_c - COLDER_BY_K, trip.power_variance_w2)
+        soc, colder(trip.vehicle, temperature_c), trip.power_variance_w2)
     events = np.full(len(heater_w), -1)
     events[regenerates & (trip.idle_power_w < colder_least_w)] = Reason.DESCENT
     events[trip.idle_power_w > colder_most_w] = Reason.CLIMB

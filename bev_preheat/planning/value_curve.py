@@ -97,10 +97,11 @@ def find_thresholds(trip, watch, run, target_c):
     """
     battery, hvch = trip.vehicle.battery, trip.vehicle.hvch
     strides = _make_strides(trip, watch, run.soc)
-    coldest_c = max(min(run.temperature_c.min(), target_c) - MARGIN_K,
-                    battery.temperature_range_c[0])
-    warmest_c = max(run.temperature_c.max(), target_c) + 2.0 * MARGIN_K
-    grid_c = np.linspace(coldest_c - MARGIN_K, warmest_c, GRID_POINTS)
+    # Outside its range the battery is not described, and beyond its highest temperature not heated.
+    lowest_c, highest_c = battery.temperature_range_c
+    coldest_c = max(min(run.temperature_c.min(), target_c) - MARGIN_K, lowest_c)
+    warmest_c = min(max(run.temperature_c.max(), target_c), highest_c) + 2.0 * MARGIN_K
+    grid_c = np.linspace(max(coldest_c - MARGIN_K, lowest_c), warmest_c, GRID_POINTS)
     idle, full = _step_maps(trip.vehicle, strides, grid_c)
     price_j_per_k = PENALTY * battery.heat_capacity_j_per_k / hvch.efficiency
     curve_c = np.unique(np.append(grid_c, target_c))
@@ -204,6 +205,11 @@ def _mesh(curve_c, value_j, coldest_c, warmest_c):
     first = max(int(np.searchsorted(curve_c, coldest_c)) - 1, 0)
     last = int(np.searchsorted(curve_c, warmest_c)) + 1
     curve_c, value_j = curve_c[first:last], value_j[first:last]
+    # Points that come from beyond the grid all lie at its end: of these one is left.
+    curve_c = np.maximum.accumulate(curve_c)
+    apart = np.append(np.diff(curve_c) > 0.0, True)
+    if not apart.all():
+        curve_c, value_j = curve_c[apart], value_j[apart]
     wide = np.flatnonzero(np.diff(curve_c) > WIDEST_GAP_K) + 1
     if len(wide):
         middle_c = 0.5 * (curve_c[wide] + curve_c[wide - 1])

@@ -2,6 +2,7 @@
 """Messages to types and back: what is refused and how it is named, defaults, units, enums."""
 
 from array import array
+from dataclasses import replace
 from math import inf, nan
 from pathlib import Path
 import random
@@ -22,6 +23,7 @@ from bev_preheat.nodes.convert import (
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.status import Status
+from bev_preheat.planning.stretches import HeatingStretch, Reason
 from bev_preheat.route.segments import make_route
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.description import Defaults
@@ -298,7 +300,8 @@ def test_plan_is_stamped_where_its_trajectories_start(message):
     ('predicted_arrival_temperature', 'arrival_temperature_c'),
     ('predicted_arrival_soc', 'arrival_soc'),
     ('target_battery_temperature', 'target_temperature_c'), ('shortfall', 'shortfall_k'),
-    ('undeliverable_power', 'undeliverable_power_w'), ('planning_time', 'planning_time_s')])
+    ('soc_shortfall', 'soc_shortfall'), ('undeliverable_power', 'undeliverable_power_w'),
+    ('planning_time', 'planning_time_s')])
 def test_figure_of_a_plan(message, decision, field, attribute):
     assert getattr(message, field) == getattr(decision.plan, attribute)
 
@@ -325,13 +328,53 @@ def test_instants_of_a_plan(message, decision):
         'east', True, 50 * NS_PER_S + start_ns, (50 + 1200) * NS_PER_S)
 
 
+# Four stretches, one for each reason, all figures different.
+STRETCHES = (HeatingStretch(10.0, 15.5, 7.25, Reason.CLIMB),
+             HeatingStretch(30.0, 90.0, 61.0, Reason.DESCENT),
+             HeatingStretch(90.0, 400.0, 330.5, Reason.SURPLUS),
+             HeatingStretch(777.0, 1200.0, 590.75, Reason.ARRIVAL))
+
+
+@pytest.mark.parametrize('stretches, field, expected', [
+    (STRETCHES, 'stretch_start', [10.0, 30.0, 90.0, 777.0]),
+    (STRETCHES, 'stretch_end', [15.5, 90.0, 400.0, 1200.0]),
+    (STRETCHES, 'stretch_energy', [7.25, 61.0, 330.5, 590.75]),
+    (STRETCHES, 'stretch_reason', [
+        PreheatPlan.STRETCH_CLIMB, PreheatPlan.STRETCH_DESCENT, PreheatPlan.STRETCH_SURPLUS,
+        PreheatPlan.STRETCH_ARRIVAL]),
+    ((), 'stretch_start', []), ((), 'stretch_end', []), ((), 'stretch_energy', []),
+    ((), 'stretch_reason', [])])
+def test_stretches_of_a_plan(decision, stretches, field, expected):
+    plan = replace(decision.plan, stretches=stretches)
+    message = plan_message(replace(decision, plan=plan), Mission('east', None, 0, True, 24.0, 0.1),
+                           now_ns=99 * NS_PER_S)
+    assert list(getattr(message, field)) == expected
+
+
+@pytest.mark.parametrize('field', ['shortfall', 'soc_shortfall', 'undeliverable_power'])
+def test_each_lack_goes_to_its_own_field(decision, field):
+    lacks = {'shortfall': 1.5, 'soc_shortfall': 0.0625, 'undeliverable_power': 4321.0}
+    plan = replace(decision.plan, shortfall_k=1.5, soc_shortfall=0.0625,
+                   undeliverable_power_w=4321.0)
+    message = plan_message(replace(decision, plan=plan), Mission('east', None, 0, True, 24.0, 0.1),
+                           now_ns=99 * NS_PER_S)
+    assert getattr(message, field) == lacks[field]
+
+
+@pytest.mark.parametrize('field', [
+    'stretch_start', 'stretch_end', 'stretch_energy', 'stretch_reason'])
+def test_without_a_plan_there_are_no_stretches(field):
+    message = plan_message(Decision(Status.DISABLED, 'No.'), None, now_ns=7 * NS_PER_S)
+    assert len(getattr(message, field)) == 0
+
+
 def test_without_a_plan_the_figures_are_unknown():
     message = plan_message(Decision(Status.DISABLED, 'No.'), None, now_ns=7 * NS_PER_S)
     figures = [name for name, kind in PreheatPlan.get_fields_and_field_types().items()
                if kind == 'double' and name != 'planning_time']
     assert (len(figures), [name for name in figures if not np.isnan(getattr(message, name))],
             message.route_id, message.heating_planned, len(message.time), message.header.stamp,
-            message.arrival) == (11, [], '', False, 0, Time(sec=7), Time())
+            message.arrival) == (12, [], '', False, 0, Time(sec=7), Time())
 
 
 def test_predicted_temperature(decision):
@@ -346,11 +389,17 @@ def test_predicted_temperature(decision):
 def test_constants_of_the_message_are_the_statuses(name):
     text = (MESSAGES / f'{name}.msg').read_text()
     constants = dict(re.findall(r'^uint8 ([A-Z_]+)=(\d+)', text, re.MULTILINE))
+    reasons = {'PreheatPlan': {f'STRETCH_{reason.name}': reason.value for reason in Reason}}
     assert {key: int(value) for key, value in constants.items()} == {
-        status.name: status.value for status in Status}
+        **{status.name: status.value for status in Status}, **reasons.get(name, {})}
 
 
 @pytest.mark.parametrize('message_type', [HvchCommand, PreheatPlan])
 @pytest.mark.parametrize('status', Status)
 def test_constants_as_built_are_the_statuses(message_type, status):
     assert getattr(message_type, status.name) == status.value
+
+
+@pytest.mark.parametrize('reason', Reason)
+def test_constants_as_built_are_the_reasons(reason):
+    assert getattr(PreheatPlan, f'STRETCH_{reason.name}') == reason.value

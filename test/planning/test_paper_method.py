@@ -16,7 +16,7 @@ from bev_preheat.planning.status import Status
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.route.segments import make_route
 from bev_preheat.vehicle import load_vehicle
-from bev_preheat.vehicle.curves import InverseTemperatureResistance, PolynomialVoltage
+from bev_preheat.vehicle.curves import InverseTemperatureResistance, PolynomialVoltage, Table
 from bev_preheat.vehicle.description import Drivetrain, Hvch, Leakage
 
 # The numbers that are written out below; the shipped car's are fitted, and may be again.
@@ -255,15 +255,35 @@ def test_no_charging_planned_says_how_warm_the_battery_arrives():
         f'{arrival_of(drive(), heater_share=0.0):.1f} degC.')
 
 
-def too_much_to_ask_for():
+def discharge_limit_w(soc, temperature_c):
+    """Limit (9i) of the shipped pack: along temperature in each row of the table, then along soc."""
+    table = VEHICLE.battery.discharge_power_limit
+    return np.interp(soc, table.soc, [
+        np.interp(temperature_c, table.temperature_c, row) for row in table.values])
+
+
+# More than the circuit can give at any temperature.
+NO_LIMIT_W = 2e6
+
+
+def too_much_to_ask_for(limit_w=discharge_limit_w):
     """Plan of a drive that asks a deeply cold battery for too much, twice; and the worst lack."""
     segments = drive(ambient_c=-30.0)
     segments[2] = dict(segments[2], propulsion_power_w=230e3)
     segments[9] = dict(segments[9], propulsion_power_w=480e3)
-    plan = plan_of(segments, 59.0, BatteryState(temperature_c=-30.0, soc=0.88))
-    u, r = voltage_v(plan.soc[9]), resistance_ohm(plan.battery_temperature_c[9])
+    vehicle = VEHICLE
+    if limit_w is not discharge_limit_w:
+        vehicle = replace(VEHICLE, battery=replace(
+            VEHICLE.battery, discharge_power_limit=Table((0.0,), (0.0,), ((NO_LIMIT_W,),))))
+    plan = plan_preheating(
+        vehicle, route_of(segments), BatteryState(temperature_c=-30.0, soc=0.88), Goal(59.0),
+        method='paper')
+    soc, temperature_c = plan.soc[9], plan.battery_temperature_c[9]
+    u, r = voltage_v(soc), resistance_ohm(temperature_c)
+    # P_b = U I at the battery's limit, or the circuit's most, at U/2R.
+    current_a = min(limit_w(soc, temperature_c) / u, u / (2 * r))
     # The heater asks for its share too.
-    return plan, 480e3 + 1978.0 + 500.0 + 5022.0 - u**2 / (4 * r)
+    return plan, 480e3 + 1978.0 + 500.0 + 5022.0 - (u * current_a - r * current_a**2)
 
 
 def test_power_limited_says_when_and_by_how_much():
@@ -275,8 +295,11 @@ def test_power_limited_says_when_and_by_how_much():
         f'{plan.arrival_temperature_c:.1f} degC, target 59.0 degC.')
 
 
-def test_missing_power_is_in_watts():
-    plan, lacking_w = too_much_to_ask_for()
+@pytest.mark.parametrize('limit_w', [
+    pytest.param(discharge_limit_w, id='battery_limit_is_lower'),
+    pytest.param(lambda soc, temperature_c: NO_LIMIT_W, id='circuit_limit_is_lower')])
+def test_missing_power_is_in_watts(limit_w):
+    plan, lacking_w = too_much_to_ask_for(limit_w)
     assert plan.undeliverable_power_w == pytest.approx(lacking_w, rel=1e-9)
 
 
@@ -342,7 +365,7 @@ def test_unknown_method_is_refused_with_those_there_are():
                  id='target_is_start'),
     pytest.param(drive(), BatteryState(-7.0, 1.0), 18.0, Status.WAITING, id='full'),
     pytest.param(drive(minutes=10, power_w=0.0, cabin_w=0.0), BatteryState(-7.0, 0.0), 18.0,
-                 Status.TARGET_UNREACHABLE, id='empty'),
+                 Status.POWER_LIMITED, id='empty'),
     pytest.param(drive(), BatteryState(-40.0, 0.88), 60.0, Status.TARGET_UNREACHABLE,
                  id='coldest_to_hottest')])
 def test_extreme_trips_have_a_status_and_finite_numbers(segments, state, target_c, status):
