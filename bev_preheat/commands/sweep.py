@@ -11,6 +11,9 @@ from bev_preheat.commands.output import add_output_arguments, write_json
 from bev_preheat.errors import InvalidInput
 from bev_preheat.planning.planner import METHODS
 
+# Disagreements shown for a method; the JSON has all.
+MOST_LISTED = 10
+
 
 def add_parser(subparsers):
     """Add the subcommand."""
@@ -20,6 +23,9 @@ def add_parser(subparsers):
         'program, and reports the distribution of what the methods cost more.')
     parser.add_argument('--feasible', type=int, default=300, metavar='N',
                         help='draw until N trips are feasible (default: %(default)s)')
+    parser.add_argument('--trips', choices=('free', 'limits'), default='free',
+                        help='free: no limit but the heater\'s is active; limits: descents, climbs, '
+                        'tight reserves and a changing cabin demand (default: %(default)s)')
     parser.add_argument('--seed', type=int, default=1, help='default: %(default)s')
     parser.add_argument('--jobs', type=int, metavar='N', help='processes (default: all cores)')
     parser.add_argument('--vehicle', default='reference', metavar='NAME|FILE',
@@ -45,13 +51,14 @@ def run(arguments):
             progress.update(task, completed=found, description=f'feasible of {drawn} trips')
 
         results = run_study(arguments.vehicle, arguments.feasible, arguments.seed,
-                            arguments.jobs, report)
+                            arguments.jobs, report, arguments.trips)
     summary = summarise(results, METHODS)
     print_summary(console, summary)
     if arguments.json:
-        write_json(arguments.json, {'seed': arguments.seed, 'vehicle': arguments.vehicle,
+        write_json(arguments.json, {'seed': arguments.seed, 'trips': arguments.trips,
+                                    'vehicle': arguments.vehicle,
                                     'summary': summary,
-                                    'trips': [asdict(result) for result in results]})
+                                    'results': [asdict(result) for result in results]})
     if arguments.plot:
         from bev_preheat.drawing.study_figure import draw_study
         draw_study(arguments.plot, results, METHODS)
@@ -68,6 +75,7 @@ def print_summary(console, summary):
     for method, figures in summary['methods'].items():
         for heading, key, factor in (('energy gap (Wh)', 'gap_wh', 1.0),
                                      ('arrival error (K)', 'arrival_error_k', 1.0),
+                                     ('limit broken by (%)', 'violation', 100.0),
                                      ('planning time (ms)', 'planning_time_s', 1e3)):
             table.add_row(f'{method}: {heading}', *(
                 f'{factor * value:.4g}' for value in figures[key].values()))
@@ -76,11 +84,17 @@ def print_summary(console, summary):
     console.print(table)
     for method, figures in summary['methods'].items():
         console.print(f'{method}: worst gap in trip {figures["worst_trip"]}; '
+                      f'{figures["plans_that_break_limits"]} plans break a limit and are shown as '
+                      f'driven within it; '
                       f'{len(figures["disagreements"])} trips in which its status contradicts the '
                       'program', highlight=False)
-        for item in figures['disagreements']:
+        shown = figures['disagreements'][:MOST_LISTED]
+        for item in shown:
             console.print(f'  trip {item["number"]}: the program says {item["outcome"]}, '
                           f'{method} says {item["status"]}', highlight=False)
+        if len(figures['disagreements']) > len(shown):
+            console.print(f'  … and {len(figures["disagreements"]) - len(shown)} more',
+                          highlight=False)
     for failure in summary['solver_failures']:
         console.print(f'solver failed on trip {failure["number"]}: {failure["detail"]}',
                       highlight=False)

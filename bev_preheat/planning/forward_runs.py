@@ -17,12 +17,14 @@ from bev_preheat.planning.limits import colder, make_terminal_limits, run_within
 from bev_preheat.planning.optimal_switch import ARRIVAL_TOLERANCE_K
 from bev_preheat.planning.schedule import Schedule
 
-# Thresholds are moved by a little first, then by as much as makes sense at all [K].
+# Thresholds are moved by a little first, then by as much as they may be wrong, then out of the way
+# [K]: what is lacking then cannot be met by heating.
 SMALL_SHIFT_K = 1.0
-LARGEST_SHIFT_K = 4.0
+LARGE_SHIFT_K = 4.0
+LARGEST_SHIFT_K = 40.0
 # How much too warm the thresholds may be: before arrival they are sharp, before a climb less so.
 ARRIVAL_OVERSHOOT_K = 1.0
-CLIMB_OVERSHOOT_K = LARGEST_SHIFT_K
+CLIMB_OVERSHOOT_K = LARGE_SHIFT_K
 MOST_RUNS = 12
 # A climb is met when the battery delivers this share of its power more than is asked.
 POWER_SURPLUS = 1e-5
@@ -45,7 +47,7 @@ class ForwardRuns:
         """Take the trip, the state at its start, its Watch and its Thresholds."""
         self._trip, self._state, self._watch = trip, state, watch
         self._cap_w = trip.heater_limit_w.tolist()
-        self._low_c, self._high_c = thresholds.low_c, thresholds.high_c
+        self._thresholds = thresholds
         self._limits = make_terminal_limits(trip.vehicle, ARRAYS)
         self._shift_k = np.zeros(len(trip.route))
         # The run so far: what lies before a requirement that is met does not change any more.
@@ -64,11 +66,17 @@ class ForwardRuns:
                     POWER_SURPLUS * float(self._trip.idle_power_w[first:last].max()),
                     CLIMB_OVERSHOOT_K)
                 start = last
-        if start < len(self._trip.route):
-            schedule = self._meet(
-                start, len(self._trip.route), schedule,
-                lambda run: float(run.temperature_c[-1]) - target_c, ARRIVAL_TOLERANCE_K,
-                ARRIVAL_OVERSHOOT_K)
+        end = len(self._trip.route)
+
+        def above_target_k(run):
+            return float(run.temperature_c[-1]) - target_c
+
+        if start < end:
+            schedule = self._meet(start, end, schedule, above_target_k, ARRIVAL_TOLERANCE_K,
+                                  ARRIVAL_OVERSHOOT_K)
+        if start > 0 and above_target_k(schedule) < 0.0:
+            # What comes after the last climb is not enough.
+            schedule = self._move(0, end, schedule, above_target_k, ARRIVAL_TOLERANCE_K)
         return schedule
 
     def _climbs(self, schedule):
@@ -93,19 +101,21 @@ class ForwardRuns:
         """
         Schedule whose thresholds in steps first ... last - 1 are moved until the excess is about 0.
 
-        It ends within the tolerance above 0, or at the largest shift.
+        It ends within the tolerance above 0, or as close to it as shifts get.
         """
-        here = _Trial(0.0, schedule, excess_of(schedule))
+        best = here = _Trial(0.0, schedule, excess_of(schedule))
         if 0.0 <= here.excess <= tolerance:
             return schedule
         direction = 1.0 if here.excess < 0.0 else -1.0
-        for shift_k in (SMALL_SHIFT_K, LARGEST_SHIFT_K):
+        for shift_k in (SMALL_SHIFT_K, LARGE_SHIFT_K, LARGEST_SHIFT_K):
             there = self._try(first, last, direction * shift_k, excess_of)
             if there.excess * here.excess <= 0.0:
                 break
             here = there
+            # Heating takes charge too, and an emptier battery delivers less: more is not better.
+            best = min(best, there, key=lambda trial: abs(trial.excess))
         else:
-            return self._keep(first, last, there)
+            return self._keep(first, last, best)
         low, high = (here, there) if here.excess < 0.0 else (there, here)
         low_excess, high_excess = low.excess, high.excess
         for _ in range(MOST_RUNS):
@@ -123,26 +133,36 @@ class ForwardRuns:
         return self._keep(first, last, high)
 
     def _keep(self, first, last, trial):
-        self._shift_k[first:last] = trial.shift_k
+        self._shift_k = self._shifts_k(first, last, trial.shift_k)
         self._kept = trial.schedule
         return trial.schedule
+
+    def _shifts_k(self, first, last, shift_k):
+        shifts_k = self._shift_k.copy()
+        # A step that is moved for the second time never gets colder.
+        moved = shifts_k[first:last]
+        shifts_k[first:last] = np.where(moved == 0.0, shift_k, np.maximum(moved, shift_k))
+        return shifts_k
 
     def _try(self, first, last, shift_k, excess_of):
         schedule = self._run(first, last, shift_k)
         return _Trial(shift_k, schedule, excess_of(schedule))
 
     def _run(self, first=0, last=0, shift_k=0.0):
-        shifts_k = self._shift_k.copy()
-        shifts_k[first:last] = shift_k
-        low_c, high_c = (self._low_c + shifts_k).tolist(), (self._high_c + shifts_k).tolist()
+        shifts_k = self._shifts_k(first, last, shift_k)
+        moved_k = shifts_k[:, np.newaxis]
+        bands = [list(zip(*band)) for band in zip(
+            self._thresholds.floor_c.tolist(), (self._thresholds.low_c + moved_k).tolist(),
+            (self._thresholds.high_c + moved_k).tolist())]
         cap_w = self._cap_w
 
         def paid_power_w(k, temperature_c):
-            if temperature_c >= high_c[k]:
-                return 0.0
-            if temperature_c <= low_c[k]:
-                return cap_w[k]
-            return cap_w[k] * (high_c[k] - temperature_c) / (high_c[k] - low_c[k])
+            for floor_c, low_c, high_c in bands[k]:
+                if floor_c <= temperature_c < high_c:
+                    if temperature_c <= low_c:
+                        return cap_w[k]
+                    return cap_w[k] * (high_c - temperature_c) / (high_c - low_c)
+            return 0.0
 
         return run_within_limits(
             self._trip, self._state, self._watch, paid_power_w, take_surplus=True,

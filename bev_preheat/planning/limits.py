@@ -20,6 +20,8 @@ from bev_preheat.planning.simulate import step_of_floats
 COLDER_BY_K = 5.0
 # A limit counts as active where it takes more than this [W].
 ACTIVE_W = 1e-3
+# The highest temperature is kept to this by heating.
+HIGHEST_TOLERANCE_K = 1e-6
 
 
 def make_terminal_limits(vehicle, arithmetic):
@@ -93,8 +95,9 @@ def run_within_limits(trip, state, watch, paid_power_w, take_surplus, first=0, b
     Return the Schedule of a forward run that keeps the limits.
 
     `paid_power_w(step, temperature_c)` is the heater power [W] wanted in a step, cut where the
-    battery cannot give it or is at its highest temperature. With `take_surplus`, what the battery
-    may not take of the regeneration goes to the heater first; the friction brake takes the rest.
+    battery cannot give it or would exceed its highest temperature. With `take_surplus`, what the
+    battery may not take of the regeneration goes to the heater first; the friction brake takes the
+    rest.
     With `before`, a Schedule of the same trip, its steps before `first` are kept.
     """
     vehicle = trip.vehicle
@@ -102,6 +105,7 @@ def run_within_limits(trip, state, watch, paid_power_w, take_surplus, first=0, b
     limits = make_terminal_limits(vehicle, FLOATS)
     highest_c = vehicle.battery.temperature_range_c[1]
     efficiency, heat_share = vehicle.hvch.efficiency, vehicle.drivetrain.heat_share
+    joules_per_k = vehicle.battery.heat_capacity_j_per_k / efficiency
     if before is None:
         socs, temperatures_c, heaters_w, brakes_w = [state.soc], [state.temperature_c], [], []
     else:
@@ -115,20 +119,26 @@ def run_within_limits(trip, state, watch, paid_power_w, take_surplus, first=0, b
     propulsion_w = trip.route.propulsion_power_w.tolist()
     for (k, duration_s, power_w, variance_w2, heat_w, leakage_w_per_k, cap_w,
          may_overcharge, may_overdraw) in columns:
-        heater_w = paid_power_w(k, temperature_c)
-        brake_w = 0.0
+        if temperature_c >= highest_c:
+            heater_w = cap_w = 0.0
+        else:
+            heater_w = paid_power_w(k, temperature_c)
         if may_overcharge or may_overdraw:
             least_w, most_w = limits(soc, temperature_c, variance_w2)
             heater_w = max(0.0, min(heater_w, most_w - power_w))
+            if may_overcharge and take_surplus:
+                heater_w = max(heater_w, min(cap_w, least_w - power_w))
+        while True:
+            brake_w = 0.0
             if may_overcharge:
-                if take_surplus:
-                    heater_w = max(heater_w, min(cap_w, least_w - power_w))
                 brake_w = min(max(0.0, least_w - power_w - heater_w), -propulsion_w[k])
-        if heater_w > 0.0 and temperature_c >= highest_c:
-            heater_w = 0.0
-        soc, temperature_c, _, _ = step(
-            soc, temperature_c, duration_s, power_w + heater_w + brake_w, variance_w2,
-            heat_w + efficiency * heater_w - heat_share * brake_w, leakage_w_per_k)
+            soc_end, end_c, _, _ = step(
+                soc, temperature_c, duration_s, power_w + heater_w + brake_w, variance_w2,
+                heat_w + efficiency * heater_w - heat_share * brake_w, leakage_w_per_k)
+            if heater_w <= 0.0 or end_c <= highest_c + HIGHEST_TOLERANCE_K:
+                break
+            heater_w = max(0.0, heater_w - (end_c - highest_c) * joules_per_k / duration_s)
+        soc, temperature_c = soc_end, end_c
         socs.append(soc)
         temperatures_c.append(temperature_c)
         heaters_w.append(heater_w)
@@ -138,10 +148,23 @@ def run_within_limits(trip, state, watch, paid_power_w, take_surplus, first=0, b
                     np.array(socs), np.array(temperatures_c), make_runge_kutta_4)
 
 
-def drive_as_planned(trip, state, heater_power_w):
+def drive_as_planned(trip, state, heater_power_w, take_surplus=False):
     """Return the Schedule of a forward run that keeps the limits under heater powers [W] (N,)."""
     wanted_w = heater_power_w.tolist()
     everywhere = np.ones(len(trip.route), dtype=bool)
     return run_within_limits(
         trip, state, Watch(trip.route.propulsion_power_w < 0.0, everywhere),
-        lambda k, temperature_c: wanted_w[k], take_surplus=False)
+        lambda k, temperature_c: wanted_w[k], take_surplus)
+
+
+def within_limits(trip, state, schedule):
+    """Return a Schedule itself if no limit was missed that it can keep, else as it can be driven."""
+    least_w, most_w = make_terminal_limits(trip.vehicle, ARRAYS)(
+        schedule.soc[:-1], schedule.temperature_c[:-1], trip.power_variance_w2)
+    terminal_w = trip.idle_power_w + schedule.heater_power_w + schedule.brake_power_w
+    overcharged_w = np.minimum(
+        least_w - terminal_w, -trip.route.propulsion_power_w - schedule.brake_power_w)
+    overdrawn_w = np.minimum(terminal_w - most_w, schedule.heater_power_w)
+    if max(overcharged_w.max(), overdrawn_w.max()) <= ACTIVE_W:
+        return schedule
+    return drive_as_planned(trip, state, schedule.heater_power_w, take_surplus=True)

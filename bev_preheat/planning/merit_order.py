@@ -18,7 +18,7 @@ from dataclasses import replace
 import numpy as np
 
 from bev_preheat.planning.forward_runs import ForwardRuns
-from bev_preheat.planning.limits import limits_hold, watch_limits
+from bev_preheat.planning.limits import limits_hold, watch_limits, within_limits
 from bev_preheat.planning.optimal_switch import ARRIVAL_TOLERANCE_K, plan_optimal_switch
 from bev_preheat.planning.situation import reserve_soc
 from bev_preheat.planning.value_curve import find_thresholds
@@ -55,7 +55,7 @@ def _plan_for_target(trip, state, goal):
         # Limits depend on the state of charge, and the curve was made for another.
         if np.abs(schedule.soc - assumed_soc).max() <= SOC_AGREEMENT:
             break
-    return schedule
+    return within_limits(trip, state, schedule)
 
 
 def _keep_reserve(trip, state, goal, schedule):

@@ -4,10 +4,11 @@ What a kelvin is worth: the battery energy that the rest of a trip costs, over t
 
 Algorithm 2 of the paper runs one temperature backward from the target, heated all the way: below it
 heating must be on. Here a whole curve runs backward: V_k(T), the battery energy that the rest of the
-trip costs from temperature T on, limits and all (dynamic programming; the curve is convex). Its
-slope says what a kelvin is worth. Heating pays in a step where a kelvin is worth more than the
-heater takes for it, which is so below one temperature, the *threshold* of the step. Without limits
-V_N is a step at the target, and the thresholds are the temperatures of Algorithm 2.
+trip costs from temperature T on, limits and all (dynamic programming). Its slope says what a kelvin
+is worth. Heating pays in a step where a kelvin is worth more than the heater takes for it, which as
+a rule is so below one temperature, the *threshold* of the step. Without limits V_N is a step at the
+target, and the thresholds are the temperatures of Algorithm 2. A very cold battery takes hardly any
+regeneration, however much it is heated, so before a descent heating may pay in a band only.
 
 The curve's points move with the vehicle's own dynamics, heated below the threshold and unheated
 above it, so its kinks stay sharp.
@@ -34,16 +35,26 @@ GRID_POINTS = 64
 WIDEST_GAP_K = 1.0
 MOST_POINTS = 64
 CURVE_TOLERANCE_J = 100.0
+# Heating that makes no more difference than this [J] is no decision.
+INDIFFERENCE_J = 10.0
+# Bands of temperature in which heating pays: below what must be reached, and before a descent.
+BANDS = 2
+# Thresholds of one stride and the next that are further apart belong to different bands [K].
+NEIGHBOUR_K = 3.0
 
 
 @dataclass(frozen=True)
 class Thresholds:
     """
-    Heating pays in step k below `low_c[k]` at full power, above `high_c[k]` not at all, shape (N,).
+    Where heating pays in step k: bands of temperature, at most BANDS of them, shape (N, BANDS).
 
-    In between, in proportion: the step in which the threshold is reached.
+    At full power from `floor_c` to `low_c`, not at all from `high_c`, in between in proportion: the
+    step in which the threshold is reached. A band that starts at a floor is one of investment: from
+    below it, all that heating could still do before a descent would not earn what it costs. An empty
+    band has floor_c = inf.
     """
 
+    floor_c: np.ndarray
     low_c: np.ndarray
     high_c: np.ndarray
 
@@ -107,7 +118,8 @@ def find_thresholds(trip, watch, run, target_c):
     curve_c = np.unique(np.append(grid_c, target_c))
     value_j = price_j_per_k * np.maximum(target_c - curve_c, 0.0)
     count = len(strides.first)
-    low_c, high_c = np.empty(count), np.empty(count)
+    bands_c = np.full((3, count, BANDS), -np.inf)
+    bands_c[0] = np.inf
     for m in range(count - 1, -1, -1):
         ends_c, ends_j = curve_c, value_j
         idle_c = np.interp(curve_c, idle.end_c[m], grid_c)
@@ -118,12 +130,9 @@ def find_thresholds(trip, watch, run, target_c):
         gained_k = idle_c - full_c
         asked = np.where(gained_k > 1e-9, (full_j - idle_j) / np.maximum(gained_k, 1e-9), -np.inf)
         pays = value_j[:-1] - value_j[1:] > asked[1:] * (curve_c[1:] - curve_c[:-1])
-        split = len(pays) if pays.all() else int(np.argmin(pays))
-        low_c[m], high_c[m] = full_c[split], max(idle_c[split], full_c[split] + 1e-9)
-        # Between the two, heating in part takes what the heater takes: a straight piece.
-        fan = split + 1 if idle_c[split] > full_c[split] + 1e-6 else split
-        curve_c = np.concatenate((full_c[:fan], idle_c[split:]))
-        value_j = np.concatenate((full_j[:fan], idle_j[split:]))
+        curve_c, value_j, bands = _choose(full_c, full_j, idle_c, idle_j, pays)
+        for slot, band in enumerate(bands[:BANDS]):
+            bands_c[:, m, slot] = band
         needed_c = idle.needed_c[m]
         if needed_c > curve_c[0]:
             # Where the battery just delivers what the step asks the curve has a kink.
@@ -131,13 +140,58 @@ def find_thresholds(trip, watch, run, target_c):
             needed_j = _after(idle, m, grid_c, needed_c, ends_c, ends_j)
             curve_c, value_j = np.insert(curve_c, at, needed_c), np.insert(value_j, at, needed_j)
         curve_c, value_j = _mesh(curve_c, value_j, coldest_c, warmest_c)
-    # Where the cabin leaves the heater nothing there is no threshold; its neighbours' serve.
-    heats = strides.cap_w > 0.0
-    if not heats.any():
-        heats[:] = True
-    steps = np.arange(len(trip.route))
-    return Thresholds(np.interp(steps, strides.first[heats], low_c[heats]),
-                      np.interp(steps, strides.first[heats], high_c[heats]))
+    return _in_steps(strides.first, len(trip.route), *bands_c)
+
+
+def _choose(full_c, full_j, idle_c, idle_j, pays):
+    """
+    Take the cheaper of the two branches of the curve before a stride.
+
+    Returns (temperatures, values, bands): bands are (floor, low, high), the warmest first.
+    """
+    splits = (np.flatnonzero(pays & ~np.append(pays[1:], False)) + 1).tolist()
+    if not splits:
+        return idle_c, idle_j, []
+    if pays[0] and len(splits) == 1:
+        # The convex case: heat below the threshold, do not above. Between the two, heating in part
+        # takes what the heater takes: a straight piece.
+        split = splits[0]
+        fan = split + 1 if idle_c[split] > full_c[split] + 1e-6 else split
+        return (np.concatenate((full_c[:fan], idle_c[split:])),
+                np.concatenate((full_j[:fan], idle_j[split:])),
+                [(-np.inf, full_c[split], max(idle_c[split], full_c[split] + 1e-9))])
+    mesh_c = np.sort(np.concatenate((full_c, idle_c)))
+    heated_j = np.interp(mesh_c, full_c, full_j, right=np.inf)
+    unheated_j = np.interp(mesh_c, idle_c, idle_j, left=np.inf)
+    heat = heated_j <= unheated_j + INDIFFERENCE_J
+    keep, bands = np.ones(len(mesh_c), dtype=bool), []
+    for split in reversed(splits):
+        low_c, high_c = full_c[split], max(idle_c[split], full_c[split] + 1e-9)
+        at = int(np.searchsorted(mesh_c, low_c))
+        if not heat[at]:
+            continue
+        colder = np.flatnonzero(~heat[:at])
+        bands.append((mesh_c[colder[-1]] if len(colder) else -np.inf, low_c, high_c))
+        keep &= (mesh_c <= low_c) | (mesh_c >= high_c)
+    return mesh_c[keep], np.minimum(heated_j, unheated_j)[keep], bands
+
+
+def _in_steps(first, steps, floor_c, low_c, high_c):
+    """Thresholds of steps from those of strides, arrays (M, BANDS): in between along a line."""
+    step = np.arange(steps)
+    stride = np.searchsorted(first, step, side='right') - 1
+    following = np.minimum(stride + 1, len(first) - 1)
+    share = ((step - first[stride])
+             / np.maximum(first[following] - first[stride], 1))[:, np.newaxis]
+
+    def between(values_c):
+        here_c, there_c = values_c[stride], values_c[following]
+        # A band that begins or ends, or another one in its place, is no neighbour.
+        near = np.isfinite(here_c) & np.isfinite(there_c)
+        change_c = np.where(near, there_c, 0.0) - np.where(near, here_c, 0.0)
+        return here_c + share * np.where(np.abs(change_c) < NEIGHBOUR_K, change_c, 0.0)
+
+    return Thresholds(floor_c[stride], between(low_c), between(high_c))
 
 
 def _after(step_map, m, grid_c, start_c, ends_c, ends_j):

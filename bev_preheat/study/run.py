@@ -8,16 +8,22 @@ import multiprocessing
 import os
 from typing import Optional
 
-from bev_preheat.planning.planner import METHODS, plan_preheating
+import numpy as np
+
+from bev_preheat.arithmetic import ARRAYS
+from bev_preheat.planning.limits import make_terminal_limits
+from bev_preheat.planning.planner import as_driven, METHODS, plan_preheating
 from bev_preheat.planning.status import Status
-from bev_preheat.study.trips import draw_trip
+from bev_preheat.planning.trip import make_trip
+from bev_preheat.study.trips import DRAWS
 from bev_preheat.vehicle import load_vehicle
 
 # Outcomes of a trip, told by the nonlinear program, not by the methods.
 FEASIBLE = 'feasible'
 NOT_NEEDED = 'not needed'
 UNREACHABLE = 'unreachable'
-BATTERY_EMPTY = 'battery empty'
+RESERVE_MISSED = 'reserve missed'
+POWER_LACKING = 'power lacking'
 SOLVER_FAILED = 'solver failed'
 # A heater that the program does not use at all gives less than this.
 NO_HEATING_WH = 0.01
@@ -25,12 +31,20 @@ NO_HEATING_WH = 0.01
 
 @dataclass(frozen=True)
 class MethodResult:
-    """What one method made of one trip."""
+    """
+    What one method made of one trip, as driven within the limits.
+
+    `gap_wh` is the energy above the program's. `violation` is by how much, as a share of it, a power
+    limit is broken; 0 where none is. `keeps_limits` says whether the plan itself kept them.
+    """
 
     status: str
     arrival_temperature_c: float
     energy_wh: float
     gap_wh: Optional[float]
+    arrival_soc: float
+    violation: float
+    keeps_limits: bool
     planning_time_s: float
 
 
@@ -43,21 +57,30 @@ class TripResult:
     detail: str
     duration_s: float
     target_c: float
+    reserve_soc: float
     optimal_energy_wh: Optional[float]
     optimal_arrival_c: Optional[float]
+    optimal_arrival_soc: Optional[float]
     solve_time_s: Optional[float]
     methods: dict
 
 
-def run_trip(vehicle, seed, number):
-    """Return the TripResult of one drawn trip."""
+def run_trip(vehicle, seed, number, trips='free'):
+    """
+    Return the TripResult of one drawn trip.
+
+    `trips`: 'free' (no limit is active, and the program has none) or 'limits' (they matter).
+    """
     from bev_preheat.optimum.solve import SolverFailure, solve_optimum
-    trip = draw_trip(vehicle, seed, number)
+    trip = DRAWS[trips](vehicle, seed, number)
     inputs = trip.vehicle, trip.route, trip.state, trip.goal
+    limited = trips == 'limits'
     plans = {method: plan_preheating(*inputs, method) for method in METHODS}
+    driven = {method: as_driven(plan, *inputs) if limited else plan
+              for method, plan in plans.items()}
     optimum, outcome, detail = None, SOLVER_FAILED, ''
     try:
-        optimum = solve_optimum(*inputs, limited=False)
+        optimum = solve_optimum(*inputs, limited)
         outcome, detail = _outcome(optimum)
     except SolverFailure as error:
         detail = str(error)
@@ -66,31 +89,51 @@ def run_trip(vehicle, seed, number):
         number=number, outcome=outcome, detail=detail,
         duration_s=trip.route.total_duration_s,
         target_c=trip.goal.target_temperature_c,
+        reserve_soc=trip.goal.minimum_arrival_soc,
         optimal_energy_wh=best.energy_wh.battery_total if best else None,
         optimal_arrival_c=best.arrival_temperature_c if best else None,
+        optimal_arrival_soc=best.arrival_soc if best else None,
         solve_time_s=optimum.solve_time_s if optimum else None,
         methods={method: MethodResult(
-            status=plan.status.name,
+            status=plans[method].status.name,
             arrival_temperature_c=plan.arrival_temperature_c,
             energy_wh=plan.energy_wh.battery_total,
             gap_wh=plan.energy_wh.battery_total - best.energy_wh.battery_total if best else None,
-            planning_time_s=plan.planning_time_s) for method, plan in plans.items()})
+            arrival_soc=plan.arrival_soc,
+            violation=_violation(trip, plan) if limited else 0.0,
+            keeps_limits=plan is plans[method],
+            planning_time_s=plans[method].planning_time_s) for method, plan in driven.items()})
+
+
+def _violation(drawn, plan):
+    """Largest share by which a step breaks a power limit at its start."""
+    trip = make_trip(drawn.vehicle, drawn.route)
+    terminal_w = (trip.idle_power_w + plan.hvch_battery_power_w + plan.friction_brake_power_w)
+    least_w, most_w = make_terminal_limits(drawn.vehicle, ARRAYS)(
+        plan.soc[:-1], plan.battery_temperature_c[:-1], trip.power_variance_w2)
+    beyond_w = np.maximum(terminal_w - most_w, least_w - terminal_w)
+    return max(0.0, float((beyond_w / np.maximum(np.abs(terminal_w), 1.0)).max()))
 
 
 def _outcome(optimum):
-    from bev_preheat.optimum.solve import TARGET
+    from bev_preheat.optimum.solve import ARRIVAL_SOC, TARGET
     if optimum.lacking:
-        target_only = all(item.constraint == TARGET for item in optimum.lacking)
-        return UNREACHABLE if target_only else BATTERY_EMPTY, '; '.join(optimum.infeasible)
+        lacking = {item.constraint for item in optimum.lacking}
+        outcome = (UNREACHABLE if lacking == {TARGET} else
+                   RESERVE_MISSED if lacking <= {TARGET, ARRIVAL_SOC} else POWER_LACKING)
+        return outcome, '; '.join(optimum.infeasible)
     if optimum.plan.energy_wh.hvch_electric < NO_HEATING_WH:
         return NOT_NEEDED, ''
     return FEASIBLE, ''
 
 
-# What the methods must say where the program says so.
+# What the methods must say where the program says so. A reserve that can be kept only at the cost of
+# the target makes it unreachable for the program.
 EXPECTED = {
     NOT_NEEDED: (Status.NOT_NEEDED.name,),
-    UNREACHABLE: (Status.TARGET_UNREACHABLE.name,),
+    UNREACHABLE: (Status.TARGET_UNREACHABLE.name, Status.SOC_LIMITED.name),
+    RESERVE_MISSED: (Status.SOC_LIMITED.name,),
+    POWER_LACKING: (Status.POWER_LIMITED.name,),
     FEASIBLE: (Status.WAITING.name, Status.HEATING.name),
 }
 
@@ -101,7 +144,7 @@ def disagreements(results, method):
             and result.methods[method].status not in EXPECTED[result.outcome]]
 
 
-def run_study(vehicle_name, feasible, seed, jobs, progress):
+def run_study(vehicle_name, feasible, seed, jobs, progress, trips='free'):
     """
     Run trips 0, 1, 2 … until `feasible` of them are feasible; returns their TripResults in order.
 
@@ -112,7 +155,7 @@ def run_study(vehicle_name, feasible, seed, jobs, progress):
     # A fork would take the solver's threads and the terminal's state along.
     context = multiprocessing.get_context('spawn')
     with ProcessPoolExecutor(jobs or os.cpu_count(), mp_context=context,
-                             initializer=_prepare, initargs=(vehicle_name, seed)) as pool:
+                             initializer=_prepare, initargs=(vehicle_name, seed, trips)) as pool:
         numbers, waiting = count(), []
         while found < feasible:
             while len(waiting) < 3 * (jobs or os.cpu_count()):
@@ -129,9 +172,9 @@ def run_study(vehicle_name, feasible, seed, jobs, progress):
 _worker = {}
 
 
-def _prepare(vehicle_name, seed):
-    _worker['vehicle'], _worker['seed'] = load_vehicle(vehicle_name), seed
+def _prepare(vehicle_name, seed, trips):
+    _worker.update(vehicle=load_vehicle(vehicle_name), seed=seed, trips=trips)
 
 
 def _run_in_worker(number):
-    return run_trip(_worker['vehicle'], _worker['seed'], number)
+    return run_trip(_worker['vehicle'], _worker['seed'], number, _worker['trips'])

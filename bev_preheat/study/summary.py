@@ -25,9 +25,12 @@ def summarise(results, methods):
         own = [result.methods[method] for result in feasible]
         summary['methods'][method] = {
             'gap_wh': _distribution([result.gap_wh for result in own]),
+            # What pays for itself may lead beyond the target, which is no error.
             'arrival_error_k': _distribution([
-                abs(result.methods[method].arrival_temperature_c - result.target_c)
-                for result in feasible]),
+                abs(result.methods[method].arrival_temperature_c
+                    - max(result.target_c, result.optimal_arrival_c)) for result in feasible]),
+            'violation': _distribution([result.violation for result in own]),
+            'plans_that_break_limits': sum(not result.keeps_limits for result in own),
             'planning_time_s': _distribution([result.planning_time_s for result in own]),
             'disagreements': [
                 {'number': result.number, 'outcome': result.outcome,
