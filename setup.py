@@ -21,7 +21,8 @@ setup(
     name=PACKAGE,
     version='0.1.0',
     packages=find_packages(include=[PACKAGE, f'{PACKAGE}.*']),
-    package_data={PACKAGE: ['vehicle/schema.yaml', 'route/legs_schema.yaml']},
+    package_data={PACKAGE: ['vehicle/schema.yaml', 'route/legs_schema.yaml',
+                            'control/itinerary_schema.yaml']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{PACKAGE}']),
         (f'share/{PACKAGE}', ['package.xml']),

@@ -8,26 +8,32 @@ once and serve floats, arrays and (see `optimum.symbols`) CasADi expressions.
 
 from dataclasses import dataclass
 import math
-from typing import Callable
+from typing import Callable, Optional
 
 import numpy as np
 
 
 @dataclass(frozen=True)
 class Arithmetic:
-    """Functions of one kind of number; `root` is the square root, 0 below zero where it can be."""
+    """
+    Functions of one kind of number; `root` is the square root, 0 below zero where it can be.
+
+    `opaque`, where it is not None, takes a function of floats that branches, and returns one of the
+    same two arguments for this kind of number, which cannot.
+    """
 
     root: Callable
     log: Callable
     maximum: Callable
     minimum: Callable
+    opaque: Optional[Callable] = None
 
 
 def _saturating_root(value):
     return math.sqrt(value) if value > 0.0 else 0.0
 
 
-# The fast one: a negative discriminant raises ValueError, which costs nothing where it does not occur.
+# The fast one: a negative discriminant raises ValueError, which costs nothing where it is not.
 FLOATS = Arithmetic(math.sqrt, math.log, max, min)
 # The same for steps in which the battery cannot deliver the power: the current stays at U_oc/(2 R).
 SATURATING_FLOATS = Arithmetic(_saturating_root, math.log, max, min)

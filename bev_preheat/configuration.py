@@ -13,7 +13,7 @@ _SOURCES = Path(__file__).resolve().parent.parent
 
 
 def configuration_folder(kind):
-    """Folder of the files of a kind (`vehicles`, `routes`) that come with the package."""
+    """Folder of the files of a kind (`vehicles`, `itineraries`) that come with the package."""
     if (_SOURCES / 'config').is_dir():
         return _SOURCES / 'config' / kind
     return Path(get_package_share_directory('bev_preheat')) / 'config' / kind
@@ -39,6 +39,7 @@ def find_configuration(kind, name_or_file, suffix):
     names = sorted(item.stem for item in folder.glob(f'*{suffix}'))
     near = get_close_matches(text, names, n=1)
     hint = f'; did you mean {near[0]!r}?' if near else ''
+    singular = f'{kind[:-3]}y' if kind.endswith('ies') else kind[:-1]
     raise InvalidInput(
-        f'{kind[:-1]} {text!r} is unknown{hint}; there are: {", ".join(names)}; '
+        f'{singular} {text!r} is unknown{hint}; there are: {", ".join(names)}; '
         f'or give a file ending in {suffix}')

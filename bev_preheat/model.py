@@ -91,3 +91,16 @@ def make_euler(rates):
                 temperature_c, joule_w)
 
     return step
+
+
+def make_midpoint(rates):
+    """One step of the explicit midpoint method, of second order; returns as Runge-Kutta."""
+    def step(soc, temperature_c, dt_s, power_w, variance_w2, heat_w, leakage_w_per_k):
+        half = 0.5 * dt_s
+        s1, t1, _ = rates(soc, temperature_c, power_w, variance_w2, heat_w, leakage_w_per_k)
+        middle_c = temperature_c + half * t1
+        s2, t2, joule_w = rates(
+            soc + half * s1, middle_c, power_w, variance_w2, heat_w, leakage_w_per_k)
+        return soc + dt_s * s2, temperature_c + dt_s * t2, middle_c, joule_w
+
+    return step

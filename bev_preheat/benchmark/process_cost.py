@@ -18,7 +18,7 @@ from rclpy.qos import QoSDurabilityPolicy, QoSProfile
 from sensor_msgs.msg import BatteryState
 
 from bev_preheat.benchmark.figures import Figure
-from bev_preheat.control.inputs import Mission
+from bev_preheat.control.inputs import Leg, Mission
 from bev_preheat.nodes.convert import route_plan_message
 from bev_preheat.route import load_route
 from bev_preheat.vehicle import load_vehicle
@@ -48,8 +48,8 @@ class Probe(Node):
         self.create_subscription(PreheatPlan, 'preheat_plan', lambda message: None, latched)
         self.command_at = None
         vehicle = load_vehicle('reference')
-        self._mission = Mission('benchmark', load_route('reference', vehicle.defaults),
-                                self.now_ns(), True, 25.0, 0.0)
+        self._mission = Mission('benchmark', (Leg(
+            load_route('reference', vehicle.defaults), self.now_ns(), target_temperature_c=25.0),))
 
     def now_ns(self):
         """Return the node's time [ns]."""

@@ -45,12 +45,12 @@ def _without_nan(value):
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def plan_table(plans, title):
-    """Return a rich Table with a column for each plan."""
+def plan_table(plans, title, headings=None):
+    """Return a rich Table with a column for each plan, headed by its method if nothing is given."""
     table = Table(title=title)
     table.add_column('')
-    for plan in plans:
-        table.add_column(plan.method, justify='right')
+    for heading in headings or [plan.method for plan in plans]:
+        table.add_column(escape(heading), justify='right')
     rows = [('Status', lambda plan: plan.status.name),
             ('Heating starts after', lambda plan: _text(plan.heating_start_s)),
             ('… before arrival', lambda plan: _text(

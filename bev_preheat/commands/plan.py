@@ -3,6 +3,7 @@
 
 from rich.console import Console
 
+from bev_preheat.commands.itinerary import add_itinerary_argument, run_itinerary
 from bev_preheat.commands.output import add_output_arguments, plan_table, write_json
 from bev_preheat.commands.situation import add_situation_arguments, read_situation
 from bev_preheat.planning.planner import DEFAULT_METHOD, METHODS, plan_preheating
@@ -12,8 +13,11 @@ def add_parser(subparsers):
     """Add the subcommand."""
     parser = subparsers.add_parser(
         'plan', help='plan the heating of a route',
-        description='When would the heater start on this route, and what does it cost?')
-    add_situation_arguments(parser)
+        description='When would the heater start on this route, or on each leg of a trip with '
+        'stops, and what does it cost?')
+    route_group = parser.add_mutually_exclusive_group(required=True)
+    add_situation_arguments(parser, route_group)
+    add_itinerary_argument(route_group)
     parser.add_argument('--method', choices=sorted(METHODS), default=DEFAULT_METHOD,
                         help='planning method (default: %(default)s)')
     add_output_arguments(parser)
@@ -22,6 +26,8 @@ def add_parser(subparsers):
 
 def run(arguments):
     """Plan, print, and write what was asked for; returns the exit status."""
+    if arguments.itinerary is not None:
+        return run_itinerary(arguments)
     situation = read_situation(arguments)
     plan = plan_preheating(situation.vehicle, situation.route, situation.state, situation.goal,
                            arguments.method)

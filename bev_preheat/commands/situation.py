@@ -19,12 +19,17 @@ class Situation:
     goal: Goal
 
 
-def add_situation_arguments(parser):
-    """Add the arguments that `read_situation` reads."""
+def add_situation_arguments(parser, route_group=None):
+    """
+    Add the arguments that `read_situation` reads.
+
+    `route_group` is a group of which one argument must be given, where `--route` has alternatives.
+    """
     parser.add_argument('--vehicle', required=True, metavar='NAME|FILE',
                         help='vehicle: a name in config/vehicles or a YAML file')
-    parser.add_argument('--route', required=True, metavar='NAME|FILE',
-                        help='route: a name in config/routes or a CSV file')
+    (route_group or parser).add_argument(
+        '--route', required=route_group is None, metavar='NAME|FILE',
+        help='route: a name in config/routes or a CSV file')
     parser.add_argument('--temperature', required=True, type=float, metavar='DEGC',
                         help='battery temperature at the start [degC]')
     parser.add_argument('--soc', required=True, type=float, metavar='0..1',
@@ -43,14 +48,24 @@ def add_situation_arguments(parser):
 def read_situation(arguments):
     """Return the Situation of parsed arguments; raise InvalidInput where they make none."""
     vehicle = load_vehicle(arguments.vehicle)
-    route = load_route(arguments.route, vehicle.defaults)
-    if arguments.step is not None:
-        if not 0.1 <= arguments.step <= 3600.0:
-            raise InvalidInput(f'--step: {arguments.step:g} s is not allowed; it must be '
-                               '0.1 ... 3600 s')
-        route = route.resampled(arguments.step)
-    target_c = arguments.target
-    if target_c is None:
-        target_c = vehicle.defaults.target_battery_temperature_c
+    route = in_steps(load_route(arguments.route, vehicle.defaults), arguments)
     return Situation(vehicle, route, BatteryState(arguments.temperature, arguments.soc),
-                     Goal(target_c, arguments.min_soc, not arguments.no_charging))
+                     Goal(target_of(arguments, vehicle), arguments.min_soc,
+                          not arguments.no_charging))
+
+
+def in_steps(route, arguments):
+    """Return a Route in the steps that `--step` asks for; raise InvalidInput where it may not."""
+    if arguments.step is None:
+        return route
+    if not 0.1 <= arguments.step <= 3600.0:
+        raise InvalidInput(f'--step: {arguments.step:g} s is not allowed; it must be '
+                           '0.1 ... 3600 s')
+    return route.resampled(arguments.step)
+
+
+def target_of(arguments, vehicle):
+    """Return the target [degC] of parsed arguments, the vehicle's default without one."""
+    if arguments.target is None:
+        return vehicle.defaults.target_battery_temperature_c
+    return arguments.target

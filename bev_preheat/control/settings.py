@@ -6,8 +6,10 @@ from typing import Optional
 
 from bev_preheat.planning.planner import DEFAULT_METHOD
 
-# Longer routes are planned in longer steps, so that a plan never keeps the next command waiting.
+# Longer legs are planned in longer steps, so that a plan never keeps the next command waiting.
 MOST_PLANNED_STEPS = 360
+# What lies beyond the next stop is planned as soon as a route comes, and must not take long either.
+MOST_STOPS = 20
 
 
 @dataclass(frozen=True)

@@ -5,24 +5,26 @@ Keeps the last good inputs, re-plans, and says what the heater may do now.
 In doubt the heater is off: `Supervisor.command` gives power only where battery state and route are
 valid and fresh, nobody switched preheating off, and a plan says so. Instants are integers, in
 nanoseconds of the node's clock.
+
+Only the leg that is now is planned from the measured battery, again and again. A later leg starts
+from the departure that the route gives: its plan is made once, when somebody asks for it.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Optional
 
 import numpy as np
 
-from bev_preheat.control.inputs import Measurement, Mission
+from bev_preheat.control.inputs import check_mission, Leg, Measurement, Mission, NS_PER_S
 from bev_preheat.control.settings import Settings
 from bev_preheat.errors import InvalidInput, PlanningFailure
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.plan import Plan
 from bev_preheat.planning.planner import plan_preheating
-from bev_preheat.planning.situation import Goal, check_situation
+from bev_preheat.planning.situation import check_situation
 from bev_preheat.planning.status import Status
 from bev_preheat.vehicle.description import Vehicle
 
-NS_PER_S = 1_000_000_000
 # A clock that falls back by more than this was set or restarted; stamps before it mean nothing.
 CLOCK_RESTART_S = 1.0
 
@@ -41,13 +43,16 @@ class Decision:
     """
     What holds until the next input: a status, its sentence, and the plan behind it, if any.
 
-    `plan_start_ns` is the instant at which the plan's time 0 lies.
+    `plan_start_ns` is the instant at which the plan's time 0 lies, `leg` what it is a plan for.
+    `later_legs` lie ahead, beyond the next stop or the one that is now.
     """
 
     status: Status
     explanation: str
     plan: Optional[Plan] = None
     plan_start_ns: int = 0
+    leg: Optional[Leg] = None
+    later_legs: tuple = ()
 
 
 class Supervisor:
@@ -55,8 +60,9 @@ class Supervisor:
     The planner's memory and judgement.
 
     `accept_battery` and `accept_mission` take input and raise InvalidInput where they refuse it;
-    `replan` makes `decision`; `command` says what holds at an instant. `vehicle`, `settings` and
-    `enabled` may be set at any time; `replan` then takes them into account.
+    `replan` makes `decision`; `command` says what holds at an instant, `later_decisions` what is
+    planned beyond the next stop. `vehicle`, `settings` and `enabled` may be set at any time;
+    `replan` then takes them into account.
     """
 
     def __init__(self, vehicle: Vehicle, settings: Settings):
@@ -67,6 +73,8 @@ class Supervisor:
         self.mission: Optional[Mission] = None
         self.measurement: Optional[Measurement] = None
         self.decision = Decision(Status.NO_ROUTE, 'No route plan has arrived yet.')
+        # Decisions by Leg, and the vehicle and settings that they were made with.
+        self._later_decisions, self._later_made_with = {}, (None, None)
         # By source, the latest last; each input lifts its own, a good battery state all.
         self._refusals = {}
         self._latest_ns = 0
@@ -88,11 +96,12 @@ class Supervisor:
     def accept_mission(self, mission):
         """Replace the route by a new one, or refuse it and keep the one before."""
         try:
-            check_situation(self.vehicle, route=mission.route, goal=self.goal_of(mission))
+            check_mission(self.vehicle, mission, self._default_target_c)
         except InvalidInput as error:
             self.refuse('route_plan', error)
             raise
         self.mission = mission
+        self._later_decisions.clear()
         self._refusals.pop('route_plan', None)
 
     def refuse(self, source, error):
@@ -123,14 +132,16 @@ class Supervisor:
 
     # Judgement
 
-    def goal_of(self, mission):
-        """Return the Goal of a mission; what it leaves open comes from settings and vehicle."""
-        for target_c in (mission.target_temperature_c, self.settings.target_temperature_c):
-            if target_c is not None:
-                break
-        else:
+    @property
+    def _default_target_c(self):
+        target_c = self.settings.target_temperature_c
+        if target_c is None:
             target_c = self.vehicle.defaults.target_battery_temperature_c
-        return Goal(target_c, mission.minimum_arrival_soc, mission.charging_planned)
+        return target_c
+
+    def goal_of(self, leg):
+        """Return the Goal of a leg; what it leaves open comes from settings and vehicle."""
+        return leg.goal(self._default_target_c)
 
     def replan(self, now_ns):
         """Make the decision for the inputs at hand, and return it."""
@@ -141,20 +152,38 @@ class Supervisor:
         obstacle = self._obstacle(now_ns)
         if obstacle is not None:
             return obstacle
-        mission, measurement = self.mission, self.measurement
-        # A stamp ahead of this clock must not put off what the plan wants now.
-        start_ns = max(min(measurement.stamp_ns, now_ns), mission.start_ns)
-        elapsed_s = (start_ns - mission.start_ns) / NS_PER_S
-        if elapsed_s >= mission.route.total_duration_s:
-            return Decision(Status.ARRIVED, 'The route has ended: arrived '
-                            f'{duration_text(elapsed_s - mission.route.total_duration_s)} ago.')
-        route = mission.route.after(elapsed_s) if elapsed_s > 0.0 else mission.route
+        number = self.mission.leg_number(now_ns)
+        leg, later_legs = self.mission.legs[number], self.mission.legs[number + 1:]
+        ended_for_s = leg.ended_for_s(now_ns)
+        if ended_for_s < 0.0:
+            # A stamp ahead of this clock must not put off what the plan wants now.
+            start_ns = max(min(self.measurement.stamp_ns, now_ns), leg.start_ns)
+            return replace(self._plan(leg, self.measurement.state, start_ns),
+                           later_legs=later_legs)
+        if later_legs:
+            return Decision(Status.CHARGING, _charging_sentence(later_legs[0], now_ns),
+                            later_legs=later_legs)
+        return Decision(Status.ARRIVED,
+                        f'The route has ended: arrived {duration_text(ended_for_s)} ago.')
+
+    def _plan(self, leg, state, start_ns):
+        """Return the Decision for a leg from an instant [ns] before its end on."""
         try:
-            plan = plan_preheating(self.vehicle, route, measurement.state, self.goal_of(mission),
-                                   self.settings.method)
+            plan = plan_preheating(self.vehicle, leg.route_ahead(start_ns), state,
+                                   self.goal_of(leg), self.settings.method)
         except (InvalidInput, PlanningFailure) as error:
             return Decision(Status.INVALID_INPUT, str(error))
-        return Decision(plan.status, plan.explanation, plan, start_ns)
+        return Decision(plan.status, plan.explanation, plan, start_ns, leg)
+
+    def later_decisions(self):
+        """Return a Decision for each leg beyond the next stop, from its departure on."""
+        made_with = (self.vehicle, self.settings)
+        if made_with != self._later_made_with:
+            self._later_decisions, self._later_made_with = {}, made_with
+        for leg in self.decision.later_legs:
+            if leg not in self._later_decisions:
+                self._later_decisions[leg] = self._plan(leg, leg.departure, leg.start_ns)
+        return tuple(self._later_decisions[leg] for leg in self.decision.later_legs)
 
     def _obstacle(self, now_ns):
         """Return why the heater is off whatever a plan says; None where nothing stands against."""
@@ -181,9 +210,9 @@ class Supervisor:
         if obstacle is not None:
             self.decision = obstacle
 
-    def _heater_limit_w(self, now_ns):
-        """Return what the cabin leaves of the heater [W] at an instant on the route."""
-        route, elapsed_s = self.mission.route, (now_ns - self.mission.start_ns) / NS_PER_S
+    def _heater_limit_w(self, leg, now_ns):
+        """Return what the cabin leaves of the heater [W] at an instant on a leg."""
+        route, elapsed_s = leg.route, (now_ns - leg.start_ns) / NS_PER_S
         segment = int(np.searchsorted(route.time_s[1:-1], elapsed_s, side='right'))
         cabin_w = float(route.cabin_heating_power_w[segment])
         return max(0.0, self.vehicle.hvch.maximum_power_w - cabin_w)
@@ -200,9 +229,10 @@ class Supervisor:
             return self.command_off(now_ns, decision.status)
         elapsed_s = (now_ns - decision.plan_start_ns) / NS_PER_S
         if elapsed_s >= plan.arrival_time_s:
-            return self.command_off(now_ns, Status.ARRIVED)
+            return self.command_off(
+                now_ns, Status.CHARGING if decision.later_legs else Status.ARRIVED)
         # A partial step's power is computed, and may round to a little more than there is.
-        power_w = min(plan.power_at_w(elapsed_s), self._heater_limit_w(now_ns))
+        power_w = min(plan.power_at_w(elapsed_s), self._heater_limit_w(decision.leg, now_ns))
         reason = decision.status
         if power_w > 0.0 and reason is Status.WAITING:
             reason = Status.HEATING
@@ -212,3 +242,10 @@ class Supervisor:
         stale_ns = self.measurement.stamp_ns + round(
             self.settings.battery_state_timeout_s * NS_PER_S)
         return Command(power_w, min(lease_end_ns, stale_ns), reason)
+
+
+def _charging_sentence(leg, now_ns):
+    """Return what is to be expected during the stop before a leg."""
+    end = 'to a fast charger' if leg.charging_planned else 'without fast charging at its end'
+    return (f'Charging until departure in {duration_text((leg.start_ns - now_ns) / NS_PER_S)}; '
+            f'then {duration_text(leg.route.total_duration_s)} of driving {end}.')

@@ -13,10 +13,10 @@ from builtin_interfaces.msg import Time
 import numpy as np
 from sensor_msgs.msg import Temperature
 
-from bev_preheat.control.inputs import Measurement, Mission
+from bev_preheat.control.inputs import Leg, Measurement, Mission, NS_PER_S, with_stops
 from bev_preheat.control.settings import MOST_PLANNED_STEPS
-from bev_preheat.control.supervisor import NS_PER_S
 from bev_preheat.errors import InvalidInput
+from bev_preheat.nodes.stops import stops_from_message, write_stops
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.route.segments import make_route
 
@@ -71,7 +71,7 @@ def measurement_from_message(message):
 
 def mission_from_message(message, defaults, planning_step_s):
     """
-    Return the Mission of a RoutePlan, in steps of `planning_step_s` seconds or longer.
+    Return the Mission of a RoutePlan, its legs in steps of `planning_step_s` seconds or longer.
 
     `defaults` (vehicle.description.Defaults) fill the arrays that may be empty. Raises InvalidInput
     with one problem a field.
@@ -85,24 +85,38 @@ def mission_from_message(message, defaults, planning_step_s):
                         "finite, or NaN: the planner's own default")
     columns = {field: np.asarray(getattr(message, name), dtype=float)
                for field, name in ROUTE_FIELDS.items()}
+    route, stops = None, ()
     try:
         route = make_route(columns, defaults, ROUTE_FIELDS)
     except InvalidInput as error:
         problems += error.problems
-    else:
-        if message.header.stamp.sec + route.total_duration_s > LATEST_S:
-            problems.append(f'header.stamp: {message.header.stamp.sec} s is too late: the route '
-                            'would end after the last instant that a stamp can hold')
+    try:
+        stops = stops_from_message(message, None if route is None else len(route))
+    except InvalidInput as error:
+        problems += error.problems
+    if route is not None and (message.header.stamp.sec + route.total_duration_s
+                              + sum(stop.duration_s for stop in stops) > LATEST_S):
+        problems.append(f'header.stamp: {message.header.stamp.sec} s is too late: the route '
+                        'would end after the last instant that a stamp can hold')
     if problems:
         raise InvalidInput(problems)
-    return Mission(
-        route_id=message.route_id,
-        route=route.resampled(
-            max(planning_step_s, route.total_duration_s / MOST_PLANNED_STEPS)),
-        start_ns=nanoseconds(message.header.stamp),
-        charging_planned=message.charging_planned,
-        target_temperature_c=None if math.isnan(target_c) else target_c,
-        minimum_arrival_soc=soc)
+    return Mission(message.route_id, _legs(message, route, stops, planning_step_s))
+
+
+def _legs(message, route, stops, planning_step_s):
+    """Return the Legs between the stops of a RoutePlan that was found to be good."""
+    target_c = message.target_battery_temperature
+    edges = [0, *(stop.after_segment + 1 for stop in stops), len(route)]
+    goals = [*((True, stop.target_temperature_c, stop.minimum_arrival_soc) for stop in stops),
+             (message.charging_planned, None if math.isnan(target_c) else target_c,
+              message.minimum_arrival_soc)]
+    departures = [None, *(stop.departure for stop in stops)]
+    start_ns, legs = nanoseconds(message.header.stamp), []
+    for first, end, goal, departure in zip(edges, edges[1:], goals, departures):
+        part = route.segments(first, end)
+        step_s = max(planning_step_s, part.total_duration_s / MOST_PLANNED_STEPS)
+        legs.append(Leg(part.resampled(step_s), start_ns, *goal, departure))
+    return with_stops(legs, [stop.duration_s for stop in stops])
 
 
 def _stamp_problems(stamp):
@@ -116,11 +130,14 @@ def route_plan_message(mission):
     message = RoutePlan(route_id=mission.route_id)
     message.header.stamp = time_message(mission.start_ns)
     for field, name in ROUTE_FIELDS.items():
-        setattr(message, name, _sequence(getattr(mission.route, field)))
-    message.charging_planned = mission.charging_planned
+        setattr(message, name, _sequence(np.concatenate(
+            [getattr(leg.route, field) for leg in mission.legs])))
+    write_stops(message, mission.legs)
+    last = mission.legs[-1]
+    message.charging_planned = last.charging_planned
     message.target_battery_temperature = (
-        math.nan if mission.target_temperature_c is None else mission.target_temperature_c)
-    message.minimum_arrival_soc = mission.minimum_arrival_soc
+        math.nan if last.target_temperature_c is None else last.target_temperature_c)
+    message.minimum_arrival_soc = last.minimum_arrival_soc
     return message
 
 
@@ -133,13 +150,18 @@ def command_message(command, now_ns):
     return message
 
 
-def plan_message(decision, mission, now_ns):
-    """Return the PreheatPlan of a Decision; without a plan its figures are NaN."""
+def plan_message(decision, mission, now_ns, later_decisions=()):
+    """
+    Return the PreheatPlan of a Decision; without a plan its figures are NaN.
+
+    `later_decisions` are those for the legs beyond the next stop.
+    """
     plan = decision.plan
     message = PreheatPlan(route_id=mission.route_id if mission else '',
                           status=int(decision.status), explanation=decision.explanation)
     start_ns = decision.plan_start_ns if plan else now_ns
     message.header.stamp = time_message(start_ns)
+    _write_later(message, later_decisions)
     if plan is None:
         for field in ('predicted_arrival_temperature', 'predicted_arrival_soc', 'shortfall',
                       'target_battery_temperature', 'soc_shortfall', 'undeliverable_power',
@@ -148,9 +170,7 @@ def plan_message(decision, mission, now_ns):
         return message
     message.method = plan.method
     message.heating_planned = plan.heating_start_s is not None
-    if message.heating_planned:
-        message.heating_start = time_message(start_ns + round(plan.heating_start_s * NS_PER_S))
-    message.arrival = time_message(start_ns + round(plan.arrival_time_s * NS_PER_S))
+    message.heating_start, message.arrival = _heating_and_arrival(decision)
     message.predicted_arrival_temperature = plan.arrival_temperature_c
     message.predicted_arrival_soc = plan.arrival_soc
     message.target_battery_temperature = plan.target_temperature_c
@@ -169,6 +189,26 @@ def plan_message(decision, mission, now_ns):
     message.stretch_reason = bytes(int(stretch.reason) for stretch in plan.stretches)
     message.planning_time = plan.planning_time_s
     return message
+
+
+def _write_later(message, decisions):
+    plans = [decision.plan for decision in decisions]
+    instants = [_heating_and_arrival(decision) for decision in decisions]
+    message.later_heating_start = [heating_start for heating_start, _ in instants]
+    message.later_arrival = [arrival for _, arrival in instants]
+    message.later_predicted_arrival_temperature = [
+        plan.arrival_temperature_c if plan else math.nan for plan in plans]
+    message.later_predicted_arrival_soc = [plan.arrival_soc if plan else math.nan for plan in plans]
+    message.later_status = bytes(int(decision.status) for decision in decisions)
+
+
+def _heating_and_arrival(decision):
+    """Return the instants of a decision's plan as Time messages; 0: none."""
+    plan = decision.plan
+    return tuple(
+        Time() if after_s is None else
+        time_message(decision.plan_start_ns + round(after_s * NS_PER_S))
+        for after_s in ((plan.heating_start_s, plan.arrival_time_s) if plan else (None, None)))
 
 
 def temperature_message(plan, now_ns):

@@ -26,6 +26,7 @@ def planner_diagnostics(node_name, supervisor, now_ns):
         'vehicle': supervisor.vehicle.name,
         'method': supervisor.settings.method,
         'route_id': supervisor.mission.route_id if supervisor.mission else '',
+        'legs after this one': str(len(decision.later_legs)),
         'enabled': str(supervisor.enabled).lower(),
         'command [W]': f'{supervisor.command(now_ns).battery_heating_power_w:.0f}',
     }

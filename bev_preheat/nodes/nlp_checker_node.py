@@ -201,8 +201,9 @@ class NlpCheckerNode(Node):
         age_s = (self._now_ns() - measurement.stamp_ns) / NS_PER_S
         if age_s > self._values['battery_state_timeout']:
             return f'The latest valid battery state is {age_s:.1f} s old.'
-        if case_of_state(mission, self._inputs.goal_of(mission), measurement, None) is None:
-            return 'The route has ended.'
+        if case_of_state(mission, self._inputs.goal_of, measurement, None) is None:
+            has_ended = mission.legs[-1].route_ahead(measurement.stamp_ns) is None
+            return 'The route has ended.' if has_ended else 'The route has a stop now.'
         return None
 
     def _begin_if_possible(self):
@@ -221,18 +222,18 @@ class NlpCheckerNode(Node):
 
     def _case_to_check(self):
         """Return the Case of the planner's own plan, or of the latest state if none comes."""
-        inputs, goal = self._inputs, self._inputs.goal_of(self._inputs.mission)
+        inputs = self._inputs
         if self._plan is not None:
             oldest_ns = self._now_ns() - round(
                 self._values['battery_state_timeout'] * NS_PER_S)
             fresh = [measurement for measurement in self._measurements
                      if measurement.stamp_ns >= oldest_ns]
-            case = case_of_plan(inputs.mission, goal, fresh, self._plan)
+            case = case_of_plan(inputs.mission, inputs.goal_of, fresh, self._plan)
             if case is not None:
                 return case
         if monotonic() - self._ready_since_s < PLAN_WAIT_S:
             return None
-        return case_of_state(inputs.mission, goal, inputs.measurement, self._plan)
+        return case_of_state(inputs.mission, inputs.goal_of, inputs.measurement, self._plan)
 
     def _begin(self, case):
         if self._solver.is_busy:

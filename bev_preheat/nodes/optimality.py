@@ -6,6 +6,7 @@ Like is compared with like: plan and optimum start at the same instant, from the
 state, on the same steps of the same route, with the same goal.
 """
 
+from array import array
 from dataclasses import dataclass, replace
 import math
 from typing import Optional
@@ -58,68 +59,63 @@ class Case:
 def says_the_same(route_message, other):
     """Whether two RoutePlan messages hold the same; a NaN is the same as a NaN."""
     def is_same(value, other_value):
+        if isinstance(value, array):
+            return np.array_equal(value, other_value, equal_nan=True)
         return value == other_value or value != value and other_value != other_value
 
     return all(is_same(getattr(route_message, field), getattr(other, field))
                for field in route_message.get_fields_and_field_types())
 
 
-def case_of_plan(mission, goal, measurements, plan):
+def case_of_plan(mission, goal_of, measurements, plan):
     """
     Return the Case of a PreheatPlan; None where it is not known what it was made from.
 
-    It must be for this mission, in its steps, and start from one of the measurements.
+    It must be for a leg of this mission, in its steps, and start from one of the measurements;
+    `goal_of` is Supervisor.goal_of.
     """
     if (plan.route_id != mission.route_id
             or not 0 < len(plan.time) == len(plan.battery_temperature) == len(plan.soc)):
         return None
+    plan_start_ns = nanoseconds(plan.header.stamp)
+    leg = mission.legs[mission.leg_number(plan_start_ns)]
     for measurement in measurements:
-        start_ns = _start_ns(mission, measurement)
-        route = _route_ahead(mission, start_ns)
+        start_ns = max(measurement.stamp_ns, leg.start_ns)
+        route = leg.route_ahead(start_ns)
         if (route is not None
-                and start_ns == nanoseconds(plan.header.stamp)
+                and start_ns == plan_start_ns
                 and len(plan.time) == len(route) + 1
                 and np.allclose(plan.time, route.time_s, rtol=0.0, atol=ROUNDING_S)
                 and plan.battery_temperature[0] == measurement.state.temperature_c
                 and plan.soc[0] == measurement.state.soc):
             return Case(mission.route_id, start_ns, plan.method, _figures_of_message(plan),
-                        Question(route, measurement.state, _with_target_of(plan, mission, goal)))
+                        Question(route, measurement.state,
+                                 _with_target_of(plan, leg, goal_of(leg))))
     return None
 
 
-def case_of_state(mission, goal, measurement, plan):
+def case_of_state(mission, goal_of, measurement, plan):
     """
-    Return the Case of a measurement; None where the route has ended.
+    Return the Case of a measurement; None at a stop and where the route has ended.
 
     `plan` is the latest PreheatPlan or None. If it is for this route, its method is to plan again;
-    else there is nothing to compare the optimum with.
+    else there is nothing to compare the optimum with. `goal_of` is Supervisor.goal_of.
     """
-    start_ns = _start_ns(mission, measurement)
-    route = _route_ahead(mission, start_ns)
+    leg = mission.legs[mission.leg_number(measurement.stamp_ns)]
+    start_ns = max(measurement.stamp_ns, leg.start_ns)
+    route = leg.route_ahead(start_ns)
     if route is None:
         return None
-    method = ''
+    method, goal = '', goal_of(leg)
     if plan is not None and plan.route_id == mission.route_id:
-        method, goal = plan.method, _with_target_of(plan, mission, goal)
+        method, goal = plan.method, _with_target_of(plan, leg, goal)
     return Case(mission.route_id, start_ns, method, UNKNOWN,
                 Question(route, measurement.state, goal, method if method in METHODS else ''))
 
 
-def _start_ns(mission, measurement):
-    return max(measurement.stamp_ns, mission.start_ns)
-
-
-def _route_ahead(mission, start_ns):
-    """Return the Route from an instant [ns] on; None after its end."""
-    elapsed_s = (start_ns - mission.start_ns) / NS_PER_S
-    if elapsed_s >= mission.route.total_duration_s:
-        return None
-    return mission.route.after(elapsed_s) if elapsed_s > 0.0 else mission.route
-
-
-def _with_target_of(plan, mission, goal):
+def _with_target_of(plan, leg, goal):
     # Where the route names no target the planner's own parameter holds, which only its plan tells.
-    if mission.target_temperature_c is None and math.isfinite(plan.target_battery_temperature):
+    if leg.target_temperature_c is None and math.isfinite(plan.target_battery_temperature):
         return replace(goal, target_temperature_c=plan.target_battery_temperature)
     return goal
 

@@ -127,9 +127,12 @@ class PlannerNode(Node):
             message, supervisor.vehicle.defaults, supervisor.settings.planning_step_s)
         supervisor.accept_mission(mission)
         self._route_message = message
+        routes = [leg.route for leg in mission.legs]
         self.get_logger().info(
-            f'Route {mission.route_id!r}: {mission.route.total_duration_s / 60:.1f} min, '
-            f'{mission.route.distance_m / 1000:.1f} km.')
+            f'Route {mission.route_id!r}: '
+            f'{sum(route.total_duration_s for route in routes) / 60:.1f} min, '
+            f'{sum(route.distance_m for route in routes) / 1000:.1f} km, '
+            f'stops on the way: {len(routes) - 1}.')
 
     def _refuse(self, source, error):
         self._supervisor.refuse(source, error)
@@ -185,6 +188,7 @@ class PlannerNode(Node):
 
     def _replan(self, now_ns):
         decision = self._supervisor.replan(now_ns)
+        # The command does not wait until the legs beyond the next stop are planned.
         self._publish_command(now_ns)
         self._publish_plan(decision, now_ns)
 
@@ -207,7 +211,8 @@ class PlannerNode(Node):
             command_message(self._supervisor.command(now_ns), now_ns))
 
     def _publish_plan(self, decision, now_ns):
-        self._plan_publisher.publish(plan_message(decision, self._supervisor.mission, now_ns))
+        self._plan_publisher.publish(plan_message(
+            decision, self._supervisor.mission, now_ns, self._supervisor.later_decisions()))
         if decision.plan is not None:
             self._temperature_publisher.publish(temperature_message(decision.plan, now_ns))
         if decision.status is not self._published_status:

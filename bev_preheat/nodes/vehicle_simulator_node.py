@@ -18,7 +18,7 @@ from rclpy.task import Future
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import BatteryState as BatteryStateMessage
 
-from bev_preheat.control.inputs import Mission
+from bev_preheat.control.inputs import Leg, Mission
 from bev_preheat.errors import InvalidInput
 from bev_preheat.nodes.convert import nanoseconds, route_plan_message, time_message
 from bev_preheat.nodes.parameters import check, declare, Parameter
@@ -273,14 +273,13 @@ def _departure(values):
     goal = Goal(vehicle.defaults.target_battery_temperature_c if math.isnan(target_c)
                 else target_c, values['minimum_arrival_soc'], values['charging_planned'])
     check_situation(vehicle, route=route, state=state, goal=goal)
-    mission = Mission(
-        route_id=Path(values['route']).stem,
+    leg = Leg(
         route=route,
         start_ns=round(values['start_time'] * 1e9) or time.time_ns(),
         charging_planned=values['charging_planned'],
         target_temperature_c=None if math.isnan(target_c) else target_c,
         minimum_arrival_soc=values['minimum_arrival_soc'])
-    return VehiclePlant(vehicle, route, state), mission
+    return VehiclePlant(vehicle, route, state), Mission(Path(values['route']).stem, (leg,))
 
 
 def main():

@@ -7,13 +7,14 @@ drivetrain and friction brake add up to. They are kept at the start of each step
 """
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
 from bev_preheat.arithmetic import ARRAYS, FLOATS
 from bev_preheat.model import make_runge_kutta_4
 from bev_preheat.planning.schedule import Schedule, switched_on_s
-from bev_preheat.planning.simulate import step_of_floats
+from bev_preheat.planning.simulate import compiled_step
 
 # Steps are looked at closely where a limit is this near: the run on which they are chosen may be
 # warmer than the run that is made, by what the friction brake takes from the drivetrain's heat.
@@ -24,6 +25,7 @@ ACTIVE_W = 1e-3
 HIGHEST_TOLERANCE_K = 1e-6
 
 
+@lru_cache(maxsize=64)
 def make_terminal_limits(vehicle, arithmetic):
     """
     Return `limits(soc, temperature_c, power_variance_w2)` -> least and most terminal power [W].
@@ -101,7 +103,7 @@ def run_within_limits(trip, state, watch, paid_power_w, take_surplus, first=0, b
     With `before`, a Schedule of the same trip, its steps before `first` are kept.
     """
     vehicle = trip.vehicle
-    step = step_of_floats(vehicle, make_runge_kutta_4, saturating=True)
+    step, _ = compiled_step(vehicle, make_runge_kutta_4, saturating=True)
     limits = make_terminal_limits(vehicle, FLOATS)
     highest_c = vehicle.battery.temperature_range_c[1]
     efficiency, heat_share = vehicle.hvch.efficiency, vehicle.drivetrain.heat_share
@@ -132,7 +134,7 @@ def run_within_limits(trip, state, watch, paid_power_w, take_surplus, first=0, b
             brake_w = 0.0
             if may_overcharge:
                 brake_w = min(max(0.0, least_w - power_w - heater_w), -propulsion_w[k])
-            soc_end, end_c, _, _ = step(
+            soc_end, end_c = step(
                 soc, temperature_c, duration_s, power_w + heater_w + brake_w, variance_w2,
                 heat_w + efficiency * heater_w - heat_share * brake_w, leakage_w_per_k)
             if heater_w <= 0.0 or end_c <= highest_c + HIGHEST_TOLERANCE_K:
@@ -144,8 +146,14 @@ def run_within_limits(trip, state, watch, paid_power_w, take_surplus, first=0, b
         heaters_w.append(heater_w)
         brakes_w.append(brake_w)
     heater_power_w = np.array(heaters_w)
-    return Schedule(switched_on_s(trip, heater_power_w), heater_power_w, np.array(brakes_w),
-                    np.array(socs), np.array(temperatures_c), make_runge_kutta_4)
+    start_s = switched_on_s(trip, heater_power_w)
+    if start_s is not None:
+        # A step that is heated in part because of a limit is heated evenly, from its beginning.
+        on = int(np.searchsorted(trip.time_s, start_s, side='right')) - 1
+        if watch.charge[on] or watch.discharge[on]:
+            start_s = float(trip.time_s[on])
+    return Schedule(start_s, heater_power_w, np.array(brakes_w), np.array(socs),
+                    np.array(temperatures_c), make_runge_kutta_4)
 
 
 def drive_as_planned(trip, state, heater_power_w, take_surplus=False):

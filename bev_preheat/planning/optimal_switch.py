@@ -4,7 +4,8 @@ Method `optimal_switch`: zero, one partial step, then maximum, arriving exactly 
 
 Of all such schedules the one whose forward run, with the NLP's own integrator, arrives at the
 target is the NLP's optimum wherever no limit but the heater's is active (docs/planning.md). The
-paper's crossing is the first guess, a few forward runs of the heated part do the rest.
+paper's crossing is the first guess (found with a step of second order, and the state of charge that
+heating leaves), a few forward runs of the heated part do the rest.
 """
 
 import math
@@ -12,14 +13,15 @@ import math
 import numpy as np
 
 from bev_preheat.arithmetic import SATURATING_FLOATS
-from bev_preheat.model import make_rates, make_runge_kutta_4
+from bev_preheat.model import make_midpoint, make_rates, make_runge_kutta_4
 from bev_preheat.planning.paper import find_crossing
 from bev_preheat.planning.schedule import Schedule, maximum_from
 from bev_preheat.planning.simulate import run_forward
 
-# The target is met when the forward run arrives this close [K]; for a large pack a millionth of a
-# kelvin is 0.1 mWh.
-ARRIVAL_TOLERANCE_K = 1e-6
+# The target is met when the forward run arrives this close [K]: for a large pack, within 1 mWh.
+ARRIVAL_TOLERANCE_K = 5e-6
+# What leaks on the way makes heating take about this many times what the target lacks.
+HEATING_ALLOWANCE = 1.1
 # The secant needs two to four runs; the bracket makes sure that the search ends in any case.
 MOST_RUNS = 60
 
@@ -31,8 +33,19 @@ def plan_optimal_switch(trip, state, goal):
         trip.vehicle, make_runge_kutta_4, state.soc, state.temperature_c, trip.inputs(idle_w))
     if idle[1][-1] >= goal.target_temperature_c:
         return Schedule(None, idle_w, idle_w, np.array(idle[0]), np.array(idle[1]), make_runge_kutta_4)
-    guess_s = find_crossing(trip, goal.target_temperature_c, idle[0][-1], idle[1])
+    guess_s = find_crossing(
+        trip, goal.target_temperature_c, _terminal_soc(trip, idle, goal.target_temperature_c),
+        idle[1], make_midpoint)
     return refine_switching_instant(trip, goal.target_temperature_c, idle, guess_s or 0.0)
+
+
+def _terminal_soc(trip, idle, target_c):
+    """State of charge on arrival, about: that of the unheated run less what heating will take."""
+    battery = trip.vehicle.battery
+    heating_j = (HEATING_ALLOWANCE * battery.heat_capacity_j_per_k * (target_c - idle[1][-1])
+                 / trip.vehicle.hvch.efficiency)
+    voltage_v = battery.open_circuit_voltage.function(SATURATING_FLOATS)(idle[0][-1], idle[1][-1])
+    return max(idle[0][-1] - heating_j / (voltage_v * battery.capacity_as), 0.0)
 
 
 def refine_switching_instant(trip, target_c, idle, guess_s):
@@ -90,20 +103,21 @@ def _arrival_slope_k_per_s(trip, schedule):
     """
     first = _step_at(trip, schedule.heating_start_s)
     rates = make_rates(trip.vehicle, SATURATING_FLOATS)
-    soc, temperature_c = schedule.soc.tolist(), schedule.temperature_c.tolist()
+    soc, temperature_c = schedule.soc, schedule.temperature_c
 
-    def rate(state, heated_k, step, heater_w):
-        power_w, variance_w2, heat_w, leakage_w_per_k = (
-            float(column[step]) for column in trip.inputs(heater_w)[1:])
-        return rates(soc[state], temperature_c[state] + heated_k,
-                     power_w, variance_w2, heat_w, leakage_w_per_k)[1]
+    def rate(step, warmer_k, heater_w):
+        return rates(
+            soc[step], temperature_c[step] + warmer_k, trip.idle_power_w[step] + heater_w,
+            trip.power_variance_w2[step],
+            trip.idle_heat_w[step] + trip.vehicle.hvch.efficiency * heater_w,
+            trip.leakage_w_per_k[step])[1]
 
-    full_w = trip.heater_limit_w
-    gained_k_per_s = rate(first, 0.0, first, full_w) - rate(first, 0.0, first, 0.0 * full_w)
+    gained_k_per_s = rate(first, 0.0, trip.heater_limit_w[first]) - rate(first, 0.0, 0.0)
     middle = (first + len(trip.route)) // 2
-    damping_per_s = rate(middle, 0.0, middle, full_w) - rate(middle, 1.0, middle, full_w)
-    return -gained_k_per_s * math.exp(
-        -damping_per_s * (float(trip.time_s[-1]) - schedule.heating_start_s))
+    full_w = trip.heater_limit_w[middle]
+    damping_per_s = rate(middle, 0.0, full_w) - rate(middle, 1.0, full_w)
+    return float(-gained_k_per_s * math.exp(
+        -damping_per_s * (float(trip.time_s[-1]) - schedule.heating_start_s)))
 
 
 def _step_at(trip, instant_s):

@@ -5,7 +5,7 @@ import numpy as np
 
 from bev_preheat.model import make_euler
 from bev_preheat.planning.schedule import Schedule, maximum_from
-from bev_preheat.planning.simulate import run_forward, step_of_floats
+from bev_preheat.planning.simulate import compiled_step, run_forward
 
 # Going backward the temperature may grow without bound (leakage outweighs the heater). This far
 # above the target no forward run can meet it.
@@ -47,19 +47,20 @@ def plan_paper(trip, state, goal, terminal_soc=None):
         np.array(idle_temperature_c[:first] + heated_temperature_c), make_euler)
 
 
-def find_crossing(trip, target_c, terminal_soc, idle_temperature_c):
+def find_crossing(trip, target_c, terminal_soc, idle_temperature_c, make_integrator=make_euler):
     """
     Return the instant [s] at which Algorithm 2 meets the unheated run; None if it never does.
 
     `idle_temperature_c` (N + 1 values) is the unheated run, colder than the target at its end.
+    The paper steps backward by Euler's method; another one may be asked for.
     """
     columns = [array.tolist() for array in trip.inputs(trip.heater_limit_w)]
     try:
-        return _backward(step_of_floats(trip.vehicle, make_euler), trip, columns,
+        return _backward(compiled_step(trip.vehicle, make_integrator)[0], trip, columns,
                          target_c, terminal_soc, idle_temperature_c)
     except ValueError:
-        return _backward(step_of_floats(trip.vehicle, make_euler, saturating=True), trip, columns,
-                         target_c, terminal_soc, idle_temperature_c)
+        return _backward(compiled_step(trip.vehicle, make_integrator, saturating=True)[0], trip,
+                         columns, target_c, terminal_soc, idle_temperature_c)
 
 
 def _backward(step, trip, columns, target_c, soc, idle_temperature_c):
@@ -67,7 +68,7 @@ def _backward(step, trip, columns, target_c, soc, idle_temperature_c):
     above_k = target_c - idle_temperature_c[-1]
     steps = zip(range(len(trip.route) - 1, -1, -1), *(reversed(column) for column in columns))
     for k, duration_s, power_w, variance_w2, heat_w, leakage_w_per_k in steps:
-        soc, temperature_c, _, _ = step(
+        soc, temperature_c = step(
             soc, temperature_c, -duration_s, power_w, variance_w2, heat_w, leakage_w_per_k)
         above_before_k, above_k = above_k, temperature_c - idle_temperature_c[k]
         if above_k <= 0.0:

@@ -2,6 +2,7 @@
 """Makes a plan: checks, runs a method, and says what comes of it."""
 
 from dataclasses import replace
+import math
 from time import perf_counter
 
 import numpy as np
@@ -86,16 +87,18 @@ def plan_without_heating(trip, state, make_integrator=make_runge_kutta_4):
 def finish_plan(trip, goal, schedule, method, started):
     """Return the Plan of a schedule: energies, status and sentence; `started`: perf_counter()."""
     accounts = keep_accounts(trip, schedule)
-    if not (np.isfinite(schedule.temperature_c).all() and np.isfinite(schedule.soc).all()):
+    arrival_c, arrival_soc = float(schedule.temperature_c[-1]), float(schedule.soc[-1])
+    # What is not a number once is none until the end.
+    if not (math.isfinite(arrival_c) and math.isfinite(arrival_soc)):
         raise PlanningFailure('the battery model yields no finite temperatures on this route')
-    _, most_w = make_terminal_limits(trip.vehicle, ARRAYS)(
+    least_w, most_w = make_terminal_limits(trip.vehicle, ARRAYS)(
         schedule.soc[:-1], schedule.temperature_c[:-1], trip.power_variance_w2)
     missing_w = np.maximum(trip.idle_power_w + schedule.heater_power_w - most_w, 0.0)
     worst = int(np.argmax(missing_w))
     lacking_w = float(missing_w[worst])
     if lacking_w <= POWER_TOLERANCE * abs(trip.idle_power_w[worst]):
         lacking_w = 0.0
-    arrival_soc = float(schedule.soc[-1])
+    reserve = reserve_soc(trip.vehicle, goal)
     plan = Plan(
         status=Status.WAITING,
         explanation='',
@@ -109,13 +112,12 @@ def finish_plan(trip, goal, schedule, method, started):
         hvch_battery_power_w=schedule.heater_power_w,
         friction_brake_power_w=schedule.brake_power_w,
         energy_wh=accounts.energy_wh,
-        shortfall_k=max(0.0, goal.target_temperature_c - float(schedule.temperature_c[-1])),
-        soc_shortfall=max(0.0, reserve_soc(trip.vehicle, goal) - arrival_soc),
+        shortfall_k=max(0.0, goal.target_temperature_c - arrival_c),
+        soc_shortfall=max(0.0, reserve - arrival_soc),
         undeliverable_power_w=lacking_w,
         undeliverable_at_s=float(trip.time_s[worst]) if lacking_w > 0.0 else None,
-        stretches=heating_stretches(trip, schedule),
+        stretches=heating_stretches(trip, schedule, least_w),
         planning_time_s=0.0)
-    reserve = reserve_soc(trip.vehicle, goal)
     status = _status(plan, goal, reserve)
     return replace(plan, status=status, explanation=explain(status, plan, reserve),
                    planning_time_s=perf_counter() - started)

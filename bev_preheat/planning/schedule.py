@@ -36,7 +36,8 @@ def maximum_from(trip, switching_instant_s):
     The step in which the heater is switched on carries its mean over the step.
     """
     duration_s = trip.route.duration_s
-    share_on = np.clip((trip.time_s[1:] - switching_instant_s) / duration_s, 0.0, 1.0)
+    share_on = np.minimum(np.maximum(
+        (trip.time_s[1:] - switching_instant_s) / duration_s, 0.0), 1.0)
     return share_on * trip.heater_limit_w
 
 

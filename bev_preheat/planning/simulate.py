@@ -8,6 +8,7 @@ import numpy as np
 
 from bev_preheat.arithmetic import ARRAYS, FLOATS, SATURATING_FLOATS
 from bev_preheat.model import make_rates
+from bev_preheat.straight_line import compile_step
 
 JOULES_PER_WH = 3600.0
 
@@ -16,6 +17,18 @@ JOULES_PER_WH = 3600.0
 def step_of_floats(vehicle, make_integrator, saturating=False):
     """One step of the vehicle's model for floats; made once, as making it costs more than a step."""
     return make_integrator(make_rates(vehicle, SATURATING_FLOATS if saturating else FLOATS))
+
+
+@lru_cache(maxsize=64)
+def compiled_step(vehicle, make_integrator, saturating=False):
+    """
+    The same step, states only, compiled (`straight_line`): (step, roll).
+
+    Without `saturating`, a power that cannot be delivered raises ValueError.
+    """
+    return compile_step(
+        lambda arithmetic: make_integrator(make_rates(vehicle, arithmetic)),
+        SATURATING_FLOATS if saturating else FLOATS)
 
 
 def run_forward(vehicle, make_integrator, soc, temperature_c, inputs):
@@ -27,20 +40,11 @@ def run_forward(vehicle, make_integrator, soc, temperature_c, inputs):
     """
     columns = [array.tolist() for array in inputs]
     try:
-        return _roll(step_of_floats(vehicle, make_integrator), soc, temperature_c, columns)
+        _, roll = compiled_step(vehicle, make_integrator)
+        return roll(soc, temperature_c, columns)
     except ValueError:
-        return _roll(step_of_floats(vehicle, make_integrator, saturating=True),
-                     soc, temperature_c, columns)
-
-
-def _roll(step, soc, temperature_c, columns):
-    socs, temperatures_c = [soc], [temperature_c]
-    for duration_s, power_w, variance_w2, heat_w, leakage_w_per_k in zip(*columns):
-        soc, temperature_c, _, _ = step(
-            soc, temperature_c, duration_s, power_w, variance_w2, heat_w, leakage_w_per_k)
-        socs.append(soc)
-        temperatures_c.append(temperature_c)
-    return socs, temperatures_c
+        _, roll = compiled_step(vehicle, make_integrator, saturating=True)
+        return roll(soc, temperature_c, columns)
 
 
 @dataclass(frozen=True)
@@ -119,7 +123,11 @@ def _step_of_arrays(vehicle, make_integrator):
 
 def deliverable_power_w(vehicle, soc, temperature_c):
     """Most terminal power [W] that the circuit can give, U_oc^2/(4 R); shape of the inputs."""
+    open_circuit_voltage, resistance = _circuit_of_arrays(vehicle)
+    return open_circuit_voltage(soc, temperature_c)**2 / (4.0 * resistance(soc, temperature_c))
+
+
+@lru_cache(maxsize=64)
+def _circuit_of_arrays(vehicle):
     battery = vehicle.battery
-    voltage_v = battery.open_circuit_voltage.function(ARRAYS)(soc, temperature_c)
-    resistance_ohm = battery.resistance.function(ARRAYS)(soc, temperature_c)
-    return voltage_v**2 / (4.0 * resistance_ohm)
+    return battery.open_circuit_voltage.function(ARRAYS), battery.resistance.function(ARRAYS)

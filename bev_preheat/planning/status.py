@@ -22,3 +22,4 @@ class Status(IntEnum):
     ARRIVED = 12
     SHUTTING_DOWN = 13
     INTERNAL_ERROR = 14
+    CHARGING = 15

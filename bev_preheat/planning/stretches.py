@@ -42,31 +42,28 @@ class HeatingStretch:
     reason: Reason
 
 
-def heating_stretches(trip, schedule):
-    """Return the HeatingStretches of a Schedule, in order."""
+def heating_stretches(trip, schedule, least_w):
+    """
+    Return the HeatingStretches of a Schedule, in order.
+
+    `least_w` is the least terminal power [W] that the battery may take in each step, shape (N,).
+    """
     heater_w = schedule.heater_power_w
     heated = heater_w > HEATING_SHARE * trip.heater_limit_w
     if not heated.any():
         return ()
-    limits = make_terminal_limits(trip.vehicle, ARRAYS)
-    soc, temperature_c = schedule.soc[:-1], schedule.temperature_c[:-1]
-    least_w, _ = limits(soc, temperature_c, trip.power_variance_w2)
     regenerates = trip.route.propulsion_power_w < 0.0
     surplus = (heated & regenerates
                & (heater_w <= least_w - trip.idle_power_w + SURPLUS_TOLERANCE_W))
-    colder_least_w, colder_most_w = limits(
-        soc, colder(trip.vehicle, temperature_c), trip.power_variance_w2)
-    events = np.full(len(heater_w), -1)
-    events[regenerates & (trip.idle_power_w < colder_least_w)] = Reason.DESCENT
-    events[trip.idle_power_w > colder_most_w] = Reason.CLIMB
     kinds = np.where(surplus, int(Reason.SURPLUS), np.where(heated, int(Reason.ARRIVAL), -1))
     edges = np.concatenate(([0], np.flatnonzero(np.diff(kinds)) + 1, [len(kinds)]))
-    stretches = []
+    stretches, events = [], None
     for first, last in zip(edges, edges[1:]):
         if kinds[first] < 0:
             continue
         reason = Reason(int(kinds[first]))
         if reason is Reason.ARRIVAL and last < len(kinds):
+            events = _events(trip, schedule) if events is None else events
             ahead = events[last:][events[last:] >= 0]
             reason = Reason(int(ahead[0])) if len(ahead) else Reason.ARRIVAL
         start_s = float(trip.time_s[first])
@@ -77,3 +74,14 @@ def heating_stretches(trip, schedule):
             float(heater_w[first:last] @ trip.route.duration_s[first:last]) / JOULES_PER_WH,
             reason))
     return tuple(stretches)
+
+
+def _events(trip, schedule):
+    """Reason that a step gives for heating before it, shape (N,); -1 where it gives none."""
+    least_w, most_w = make_terminal_limits(trip.vehicle, ARRAYS)(
+        schedule.soc[:-1], colder(trip.vehicle, schedule.temperature_c[:-1]),
+        trip.power_variance_w2)
+    events = np.full(len(trip.route), -1)
+    events[(trip.route.propulsion_power_w < 0.0) & (trip.idle_power_w < least_w)] = Reason.DESCENT
+    events[trip.idle_power_w > most_w] = Reason.CLIMB
+    return events

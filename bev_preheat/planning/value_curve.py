@@ -130,6 +130,8 @@ def find_thresholds(trip, watch, run, target_c):
         gained_k = idle_c - full_c
         asked = np.where(gained_k > 1e-9, (full_j - idle_j) / np.maximum(gained_k, 1e-9), -np.inf)
         pays = value_j[:-1] - value_j[1:] > asked[1:] * (curve_c[1:] - curve_c[:-1])
+        # Nothing is known of where the curve comes from beyond the grid.
+        pays &= full_c[1:] < grid_c[-1]
         curve_c, value_j, bands = _choose(full_c, full_j, idle_c, idle_j, pays)
         for slot, band in enumerate(bands[:BANDS]):
             bands_c[:, m, slot] = band
@@ -165,12 +167,10 @@ def _choose(full_c, full_j, idle_c, idle_j, pays):
     unheated_j = np.interp(mesh_c, idle_c, idle_j, left=np.inf)
     heat = heated_j <= unheated_j + INDIFFERENCE_J
     keep, bands = np.ones(len(mesh_c), dtype=bool), []
-    for split in reversed(splits):
-        low_c, high_c = full_c[split], max(idle_c[split], full_c[split] + 1e-9)
-        at = int(np.searchsorted(mesh_c, low_c))
-        if not heat[at]:
-            continue
-        colder = np.flatnonzero(~heat[:at])
+    for last in np.flatnonzero(heat & ~np.append(heat[1:], False))[::-1].tolist():
+        low_c = mesh_c[last]
+        high_c = max(np.interp(low_c, full_c, idle_c), low_c + 1e-9)
+        colder = np.flatnonzero(~heat[:last])
         bands.append((mesh_c[colder[-1]] if len(colder) else -np.inf, low_c, high_c))
         keep &= (mesh_c <= low_c) | (mesh_c >= high_c)
     return mesh_c[keep], np.minimum(heated_j, unheated_j)[keep], bands

@@ -88,6 +88,11 @@ class Route:
         rest['duration_s'][0] = ends[first] - instant_s
         return Route(**rest)
 
+    def segments(self, first, end):
+        """Return the route from segment `first` to the one before `end`."""
+        return Route(**{field.name: getattr(self, field.name)[first:end]
+                        for field in fields(self)})
+
     def divided(self, longest_s):
         """Return the route with segments longer than `longest_s` divided into equal parts."""
         parts = np.ceil(self.duration_s / longest_s - 1e-9).astype(int)

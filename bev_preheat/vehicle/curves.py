@@ -76,6 +76,8 @@ class Table:
             return self._function_of_floats()
         if arithmetic is ARRAYS:
             return self._function_of_arrays()
+        if arithmetic.opaque is not None:
+            return arithmetic.opaque(self._function_of_floats())
         return self._function_of_weights(arithmetic)
 
     def _function_of_weights(self, arithmetic):
@@ -97,13 +99,16 @@ class Table:
 
     def _function_of_arrays(self):
         soc_axis, temperature_axis = np.array(self.soc), np.array(self.temperature_c)
-        values = np.array(self.values)
+        values, columns = np.array(self.values).ravel(), len(self.temperature_c)
 
         def lookup(soc, temperature_c):
             i, next_i, a = _cell(soc_axis, soc)
             j, next_j, b = _cell(temperature_axis, temperature_c)
-            at_low = values[i, j] + b * (values[i, next_j] - values[i, j])
-            at_high = values[next_i, j] + b * (values[next_i, next_j] - values[next_i, j])
+            low, high = columns * i, columns * next_i
+            at_low = values.take(low + j)
+            at_low = at_low + b * (values.take(low + next_j) - at_low)
+            at_high = values.take(high + j)
+            at_high = at_high + b * (values.take(high + next_j) - at_high)
             return at_low + a * (at_high - at_low)
 
         return lookup
@@ -162,9 +167,10 @@ def _cell(axis, x):
     """Index of the axis point below each x, of the one above, and how far x is between them."""
     if len(axis) == 1:
         return 0, 0, 0.0
-    x = np.minimum(np.maximum(x, axis[0]), axis[-1])
-    below = np.minimum(np.searchsorted(axis, x, side='right') - 1, len(axis) - 2)
-    return below, below + 1, (x - axis[below]) / (axis[below + 1] - axis[below])
+    # Position along the axis in units of its cells; level beyond the ends.
+    position = np.interp(x, axis, np.arange(len(axis), dtype=float))
+    below = np.minimum(position.astype(int), len(axis) - 2)
+    return below, below + 1, position - below
 
 
 def _hat_weights(axis, x, arithmetic):

@@ -6,7 +6,7 @@ import random
 
 import pytest
 
-from bev_preheat.control.inputs import Measurement, Mission
+from bev_preheat.control.inputs import Leg, Measurement, Mission
 from bev_preheat.control.settings import Settings
 from bev_preheat.control.supervisor import Command, NS_PER_S, Supervisor
 from bev_preheat.errors import InvalidInput, PlanningFailure
@@ -33,8 +33,9 @@ def ns(seconds):
 
 def make_mission(start_ns=NOW_NS, target_c=25.0, charging_planned=True, route_id='home',
                  minimum_arrival_soc=0.0, **columns):
-    return Mission(route_id, make_route({**COLUMNS, **columns}, VEHICLE.defaults), start_ns,
-                   charging_planned, target_c, minimum_arrival_soc)
+    leg = Leg(make_route({**COLUMNS, **columns}, VEHICLE.defaults), start_ns, charging_planned,
+              target_c, minimum_arrival_soc)
+    return Mission(route_id, (leg,))
 
 
 def make_measurement(temperature_c=-7.0, soc=0.8, stamp_ns=NOW_NS):
@@ -457,7 +458,7 @@ def test_the_cabin_comes_first_in_each_segment():
 def test_target_comes_from_route_then_settings_then_vehicle(
         of_route_c, of_settings_c, expected_c):
     supervisor = Supervisor(VEHICLE, Settings(target_temperature_c=of_settings_c))
-    goal = supervisor.goal_of(make_mission(target_c=of_route_c))
+    goal = supervisor.goal_of(make_mission(target_c=of_route_c).legs[0])
     assert goal.target_temperature_c == expected_c
 
 
@@ -489,10 +490,11 @@ class Oracle:
             return f'the state is {age_s} s old'
         if command.valid_until_ns > self.stamp_ns + ns(SETTINGS.battery_state_timeout_s):
             return 'the lease outlasts the state'
-        segment = (now_ns - self.mission.start_ns) // ns(30.0)
-        if not (self.mission.charging_planned and 0 <= segment < len(self.mission.route)):
-            return f'segment {segment}, charging {self.mission.charging_planned}'
-        left_w = 7000.0 - self.mission.route.cabin_heating_power_w[segment]
+        leg, = self.mission.legs
+        segment = (now_ns - leg.start_ns) // ns(30.0)
+        if not (leg.charging_planned and 0 <= segment < len(leg.route)):
+            return f'segment {segment}, charging {leg.charging_planned}'
+        left_w = 7000.0 - leg.route.cabin_heating_power_w[segment]
         return f'{power_w} W, the cabin leaves {left_w} W' if power_w > left_w else None
 
 

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from sensor_msgs.msg import BatteryState as BatteryStateMessage
 
-from bev_preheat.control.inputs import Mission
+from bev_preheat.control.inputs import Leg, Mission
 from bev_preheat.control.supervisor import Command, Decision, NS_PER_S
 from bev_preheat.errors import InvalidInput
 from bev_preheat.nodes.convert import (
@@ -32,6 +32,7 @@ VEHICLE = load_vehicle('reference')
 DEFAULTS = Defaults(cabin_heating_power_w=1111.0, auxiliary_power_w=222.0,
                     target_battery_temperature_c=33.0)
 STAMP = Time(sec=1_700_000_000, nanosec=250_000_000)
+EAST = Mission('east', (Leg(None),))
 MESSAGES = Path(__file__).parents[2] / 'msg_defs' / 'msg'
 
 
@@ -56,6 +57,11 @@ def route_message(stamp=STAMP, **fields):
 
 def convert(step_s=1000.0, **fields):
     return mission_from_message(route_message(**fields), DEFAULTS, step_s)
+
+
+def convert_leg(*arguments, **fields):
+    leg, = convert(*arguments, **fields).legs
+    return leg
 
 
 def problems_of(function, *arguments):
@@ -186,19 +192,20 @@ def test_every_bad_field_of_a_route_is_named():
 
 def test_fields_of_a_mission():
     mission = convert()
-    assert (mission.route_id, mission.start_ns, mission.charging_planned,
-            mission.target_temperature_c, mission.minimum_arrival_soc) == (
-        'to the charger', 1_700_000_000_250_000_000, True, 27.0, 0.15)
+    leg, = mission.legs
+    assert (mission.route_id, leg.start_ns, leg.charging_planned, leg.target_temperature_c,
+            leg.minimum_arrival_soc, leg.departure) == (
+        'to the charger', 1_700_000_000_250_000_000, True, 27.0, 0.15, None)
 
 
 def test_no_target_is_none():
-    assert convert(target_battery_temperature=nan).target_temperature_c is None
+    assert convert_leg(target_battery_temperature=nan).target_temperature_c is None
 
 
 @pytest.mark.parametrize('field, name', ROUTE_FIELDS.items())
 def test_each_array_goes_to_its_field(field, name):
     # A step of 10 s keeps the first segment as it is.
-    value = getattr(convert(step_s=10.0).route, field)[0]
+    value = getattr(convert_leg(step_s=10.0).route, field)[0]
     assert value == pytest.approx(getattr(route_message(), name)[0])
 
 
@@ -207,12 +214,12 @@ def test_an_array_of_one_holds_in_every_segment(name):
     value = 4e3 if name == 'propulsion_power_rms' else 7.0
     field = next(field for field, other in ROUTE_FIELDS.items() if other == name)
     rest = {'propulsion_power_rms': [8e3]} if name == 'propulsion_power' else {}
-    route = convert(step_s=10.0, **rest, **{name: [value]}).route
+    route = convert_leg(step_s=10.0, **rest, **{name: [value]}).route
     assert getattr(route, field).tolist() == pytest.approx([value] * 6)
 
 
 def test_a_single_duration_holds_in_every_segment():
-    assert convert(segment_duration=[40.0]).route.total_duration_s == pytest.approx(120.0)
+    assert convert_leg(segment_duration=[40.0]).route.total_duration_s == pytest.approx(120.0)
 
 
 @pytest.mark.parametrize('name, field, expected', [
@@ -221,7 +228,7 @@ def test_a_single_duration_holds_in_every_segment():
     ('propulsion_power_rms', 'propulsion_power_rms_w', [1e3, 2e3, 2e3, 3e3, 3e3, 3e3]),
 ])
 def test_an_empty_optional_array_takes_its_default(name, field, expected):
-    route = convert(step_s=10.0, **{name: []}).route
+    route = convert_leg(step_s=10.0, **{name: []}).route
     assert getattr(route, field).tolist() == pytest.approx(expected)
 
 
@@ -236,7 +243,7 @@ def test_steps_keep_what_a_route_sums_up_to(name, step_s):
         'propulsion_power_rms': [abs(power) + seeded.uniform(0.0, 5e3) for power in powers_w],
         **{other: [seeded.uniform(0.0, 50.0) for _ in range(50)] for other in (
             'speed', 'ambient_temperature', 'cabin_heating_power', 'auxiliary_power')}}
-    route = convert(step_s=step_s, **values).route
+    route = convert_leg(step_s=step_s, **values).route
     field = next(field for field, other in ROUTE_FIELDS.items() if other == name)
     order = 2 if name == 'propulsion_power_rms' else 1
     assert route.duration_s @ getattr(route, field)**order == pytest.approx(
@@ -244,18 +251,18 @@ def test_steps_keep_what_a_route_sums_up_to(name, step_s):
 
 
 def test_steps_are_as_long_as_asked_for():
-    assert convert(step_s=25.0).route.duration_s.tolist() == pytest.approx([25.0, 25.0, 10.0])
+    assert convert_leg(step_s=25.0).route.duration_s.tolist() == pytest.approx([25.0, 25.0, 10.0])
 
 
 @pytest.mark.parametrize('target_c', [None, 21.5])
 def test_mission_to_message_and_back(target_c):
-    mission = Mission('x', convert(step_s=10.0).route, 1_650_000_000_123_456_789, False, target_c,
-                      0.35)
-    back = mission_from_message(route_plan_message(mission), DEFAULTS, 10.0)
-    assert (back.route_id, back.start_ns, back.charging_planned, back.target_temperature_c,
+    leg = Leg(convert_leg(step_s=10.0).route, 1_650_000_000_123_456_789, False, target_c, 0.35)
+    mission = mission_from_message(route_plan_message(Mission('x', (leg,))), DEFAULTS, 10.0)
+    back, = mission.legs
+    assert (mission.route_id, back.start_ns, back.charging_planned, back.target_temperature_c,
             back.minimum_arrival_soc) == ('x', 1_650_000_000_123_456_789, False, target_c, 0.35)
     for field in ROUTE_FIELDS:
-        np.testing.assert_allclose(getattr(back.route, field), getattr(mission.route, field),
+        np.testing.assert_allclose(getattr(back.route, field), getattr(leg.route, field),
                                    rtol=1e-12, err_msg=field)
 
 
@@ -287,8 +294,7 @@ def decision():
 
 @pytest.fixture(scope='module')
 def message(decision):
-    mission = Mission('east', None, 0, True, 24.0, 0.1)
-    return plan_message(decision, mission, now_ns=99 * NS_PER_S)
+    return plan_message(decision, EAST, now_ns=99 * NS_PER_S)
 
 
 def test_plan_is_stamped_where_its_trajectories_start(message):
@@ -346,8 +352,7 @@ STRETCHES = (HeatingStretch(10.0, 15.5, 7.25, Reason.CLIMB),
     ((), 'stretch_reason', [])])
 def test_stretches_of_a_plan(decision, stretches, field, expected):
     plan = replace(decision.plan, stretches=stretches)
-    message = plan_message(replace(decision, plan=plan), Mission('east', None, 0, True, 24.0, 0.1),
-                           now_ns=99 * NS_PER_S)
+    message = plan_message(replace(decision, plan=plan), EAST, now_ns=99 * NS_PER_S)
     assert list(getattr(message, field)) == expected
 
 
@@ -356,8 +361,7 @@ def test_each_lack_goes_to_its_own_field(decision, field):
     lacks = {'shortfall': 1.5, 'soc_shortfall': 0.0625, 'undeliverable_power': 4321.0}
     plan = replace(decision.plan, shortfall_k=1.5, soc_shortfall=0.0625,
                    undeliverable_power_w=4321.0)
-    message = plan_message(replace(decision, plan=plan), Mission('east', None, 0, True, 24.0, 0.1),
-                           now_ns=99 * NS_PER_S)
+    message = plan_message(replace(decision, plan=plan), EAST, now_ns=99 * NS_PER_S)
     assert getattr(message, field) == lacks[field]
 
 

@@ -22,10 +22,11 @@ from sensor_msgs.msg import BatteryState
 from std_srvs.srv import Trigger
 
 from bev_preheat.control.supervisor import NS_PER_S
-from bev_preheat.nodes.convert import mission_from_message, nanoseconds, time_message
+from bev_preheat.nodes.convert import nanoseconds, ROUTE_FIELDS, time_message
 from bev_preheat.optimum.solve import solve_optimum
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState as State, Goal
+from bev_preheat.route.segments import make_route
 from bev_preheat.vehicle import load_vehicle
 
 LATCHED = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
@@ -33,10 +34,8 @@ FEEDING_PERIOD_S = 0.1
 # Exact in the float32 of the message.
 TEMPERATURE_C, SOC, TARGET_C = 2.25, 0.8125, 15.0
 RESERVE_SOC = 0.15
-# No check by itself; steps in which an hour and a half takes the solver most of a minute.
+# No check by itself, and none given up because the computer is busy.
 ONLY_ASKED = ('-p', 'check_period:=0.0', '-p', 'time_limit:=300.0')
-SLOW = (*ONLY_ASKED, '-p', 'planning_step:=1.0')
-LONG_S = 5400
 SWITCH = ('-p', 'method:=optimal_switch')
 COMMAND_PERIOD_S = 0.1
 QUICK_COMMANDS = ('-p', f'command_period:={COMMAND_PERIOD_S}')
@@ -166,6 +165,21 @@ class Surroundings:
             == ('solving', route_id))
         return int(values['solver process'])
 
+    def start_endless_check(self, route_id, **fields):
+        """Publish a route while the solver hangs, and return the solver's id once it has it."""
+        solver = self.hang_solver(route_id)
+        self.send_route(route_id, **fields)
+        assert self.solver_process_id(route_id) == solver
+        return solver
+
+    def hang_solver(self, route_id):
+        """Let the solver hang before it gets to check a route, and return its id."""
+        self.send_route(f'before {route_id}', 60)
+        self.report(of_route(f'before {route_id}'))
+        solver = int(self.diagnosis(lambda level, text, values: True)[2]['solver process'])
+        psutil.Process(solver).suspend()
+        return solver
+
     def expect_commands(self, count):
         """Wait for so many commands more, heating and at their period."""
         self.commands.clear()
@@ -202,7 +216,7 @@ def both(planner_and_checker):
 @pytest.fixture(scope='module')
 def only_checker(module_bench):
     surroundings = Surroundings(module_bench, '/alone')
-    surroundings.process = surroundings.start('nlp_checker', *SLOW)
+    surroundings.process = surroundings.start('nlp_checker', *ONLY_ASKED)
     return surroundings
 
 
@@ -256,7 +270,9 @@ def test_the_gap_of_another_method_is_that_of_the_same_situation(both):
     with both.feeding():
         report = both.report(of_route('by paper'))
     vehicle = load_vehicle('reference')
-    route = mission_from_message(sent, vehicle.defaults, 30.0).route.after(
+    # Its segments are as long as the steps.
+    columns = {field: getattr(sent, name) for field, name in ROUTE_FIELDS.items()}
+    route = make_route(columns, vehicle.defaults).after(
         (nanoseconds(report.header.stamp) - nanoseconds(sent.header.stamp)) / NS_PER_S)
     situation = vehicle, route, State(TEMPERATURE_C, SOC), Goal(TARGET_C, RESERVE_SOC)
     planned, optimum = plan_preheating(*situation, 'paper'), solve_optimum(*situation).plan
@@ -368,28 +384,31 @@ def test_checks_by_itself_but_not_more_often_than_the_period(both, wait_until):
 
 def test_a_newer_route_cancels_the_check_under_way(alone):
     superseded = alone.count('superseded')
-    alone.send_route('long', LONG_S)
     with alone.feeding():
-        older = alone.solver_process_id('long')
+        older = alone.start_endless_check('older')
         alone.send_route('newer', 60)
         alone.report(of_route('newer'))
-    assert alone.reports_of('long') == []
+    assert alone.reports_of('older') == []
     assert is_gone(older)
     assert alone.count('superseded') == superseded + 1
 
 
-def test_a_forecast_for_the_same_route_does_not_cancel(alone):
-    superseded = alone.count('superseded')
-    goal = {'target_battery_temperature': 8.0}
-    alone.send_route('forecast', 720, **goal)
-    with alone.feeding():
-        alone.solver_process_id('forecast')
-        alone.send_route('forecast', 720, ambient_temperature=[-9.0], **goal)
-        first = alone.report(of_route('forecast'))
-        second = alone.report(
+def test_a_forecast_for_the_same_route_does_not_cancel(both):
+    superseded = both.count('superseded')
+    with both.feeding():
+        solver = both.start_endless_check('forecast')
+        both.send_route('forecast', target_battery_temperature=12.0)
+        # A check could begin with each of these plans.
+        both.plans.wait_for(lambda plan: plan.target_battery_temperature == 12.0)
+        both.plans.clear()
+        both.plans.wait_for_count(5)
+        psutil.Process(solver).resume()
+        first = both.report(of_route('forecast'))
+        second = both.report(
             lambda report: report.route_id == 'forecast' and report.header != first.header)
-    assert second.optimal_energy > first.optimal_energy + 10.0
-    assert alone.count('superseded') == superseded
+    assert first.optimal_arrival_temperature == pytest.approx(TARGET_C, abs=1e-3)
+    assert second.optimal_arrival_temperature == pytest.approx(12.0, abs=1e-3)
+    assert both.count('superseded') == superseded
 
 
 def test_compares_what_the_planner_says_where_its_situation_is_known(alone):
@@ -398,8 +417,8 @@ def test_compares_what_the_planner_says_where_its_situation_is_known(alone):
     stamp_ns = alone.now_ns()
     route = route_plan(stamp_ns, 'told', 90, target_battery_temperature=2.5)
     plan = PreheatPlan(
-        route_id='told', method='oracle', time=array('d', range(91)),
-        battery_temperature=array('d', [TEMPERATURE_C] * 91), soc=array('d', [SOC] * 91),
+        route_id='told', method='oracle', time=[0.0, 30.0, 60.0, 90.0],
+        battery_temperature=[TEMPERATURE_C] * 4, soc=[SOC] * 4,
         target_battery_temperature=2.5, battery_energy=12345.0,
         predicted_arrival_temperature=3.75, heating_planned=True,
         heating_start=time_message(stamp_ns + 7))
@@ -420,9 +439,10 @@ def test_compares_what_the_planner_says_where_its_situation_is_known(alone):
 # What goes wrong
 
 def test_gives_up_at_the_time_limit_and_checks_again(alone):
-    assert alone.set('nlp_checker', time_limit=0.7).successful
-    alone.send_route('endless', LONG_S)
     with alone.feeding():
+        alone.hang_solver('endless')
+        assert alone.set('nlp_checker', time_limit=0.7).successful
+        alone.send_route('endless')
         report = alone.report(of_route('endless'))
         assert report.solver_status == 'no solution within the time limit of 0.7 s'
         assert 0.7 < report.solve_time < 0.7 + MARGIN_S
@@ -439,9 +459,8 @@ def test_gives_up_at_the_time_limit_and_checks_again(alone):
 
 
 def test_outlives_its_solver_and_says_so(alone):
-    alone.send_route('fatal', LONG_S)
     with alone.feeding():
-        psutil.Process(alone.solver_process_id('fatal')).kill()
+        psutil.Process(alone.start_endless_check('fatal')).kill()
         report = alone.report(of_route('fatal'))
         assert report.solver_status == 'the solver process ended with SIGKILL'
         assert not report.optimal
@@ -481,14 +500,17 @@ def test_cannot_start_with_an_unknown_vehicle(bench):
 
 def test_planner_goes_on_while_the_checker_solves_hangs_and_dies(surroundings, wait_until):
     surroundings.start('planner', *SWITCH, *QUICK_COMMANDS)
-    checker = surroundings.start('nlp_checker', *SLOW)
+    # The next check begins when one is done.
+    checker = surroundings.start('nlp_checker', '-p', 'check_period:=0.01')
     # Too cold to be ever warm: it heats from the start.
-    surroundings.send_route('long', LONG_S, ambient_temperature=[-35.0],
-                            target_battery_temperature=55.0)
+    surroundings.send_route('long', ambient_temperature=[-35.0], target_battery_temperature=55.0)
     with surroundings.feeding():
+        surroundings.report()
         solver = surroundings.solver_process_id('long')
         surroundings.commands.wait_for(lambda command: command.battery_heating_power > 0.0)
+        before_s = psutil.Process(solver).cpu_times().user
         surroundings.expect_commands(20)
+        assert psutil.Process(solver).cpu_times().user > before_s
         assert psutil.Process(solver).nice() == 19
         checker.send_signal(signal.SIGSTOP)
         surroundings.expect_commands(10)
@@ -500,10 +522,9 @@ def test_planner_goes_on_while_the_checker_solves_hangs_and_dies(surroundings, w
 
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
 def test_ends_cleanly_while_it_solves(surroundings, number):
-    checker = surroundings.start('nlp_checker', *SLOW)
-    surroundings.send_route('long', LONG_S)
+    checker = surroundings.start('nlp_checker', *ONLY_ASKED)
     with surroundings.feeding():
-        solver = surroundings.solver_process_id('long')
+        solver = surroundings.start_endless_check('long')
     children = psutil.Process(checker.process_id).children(recursive=True)
     assert [child.pid for child in children] == [solver]
     checker.send_signal(number)

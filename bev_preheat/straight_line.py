@@ -1,0 +1,123 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Compiles an integrator's step of the model into straight-line Python for plain floats.
+
+The equations stand once, in `model` and `vehicle.curves`, as functions that call functions; run some
+thousand times for each plan, a good part of the time goes into the calls. So the step is called once
+with symbols that note what is done to them, and what they noted is compiled, operation by operation
+in the same order, so the numbers are the same to the last bit. Only arithmetic can be noted: a
+branch on a symbol raises TypeError.
+"""
+
+from bev_preheat.arithmetic import Arithmetic
+
+ARGUMENTS = ('soc', 'temperature_c', 'duration_s', 'power_w', 'variance_w2', 'heat_w',
+             'leakage_w_per_k')
+
+
+class _Symbol:
+    """An operation and what it is done to; arithmetic on it makes another one."""
+
+    def __init__(self, form, *operands):
+        """`form` is the operation's text, with {} for each operand."""
+        self.form, self.operands = form, operands
+
+    def __add__(self, other):
+        return _Symbol('({} + {})', self, other)
+
+    def __radd__(self, other):
+        return _Symbol('({} + {})', other, self)
+
+    def __sub__(self, other):
+        return _Symbol('({} - {})', self, other)
+
+    def __rsub__(self, other):
+        return _Symbol('({} - {})', other, self)
+
+    def __mul__(self, other):
+        return _Symbol('({} * {})', self, other)
+
+    def __rmul__(self, other):
+        return _Symbol('({} * {})', other, self)
+
+    def __truediv__(self, other):
+        return _Symbol('({} / {})', self, other)
+
+    def __rtruediv__(self, other):
+        return _Symbol('({} / {})', other, self)
+
+    def __neg__(self):
+        return _Symbol('(-{})', self)
+
+    def __bool__(self):
+        raise TypeError('a branch cannot be noted as straight-line code')
+
+
+def compile_step(make_step, floats):
+    """
+    Return (step, roll) for plain floats.
+
+    `make_step(arithmetic)` returns a step of `model` (its first two results are the states at its
+    end); `floats` is the Arithmetic for floats that it is compiled for. `step(*ARGUMENTS)` returns
+    (soc, temperature [deg C]); `roll(soc, temperature_c, columns)` makes a step for each row of the
+    columns (those of ARGUMENTS after the states) and returns the lists of states, one longer.
+    """
+    names = {'root': floats.root, 'log': floats.log, 'maximum': floats.maximum,
+             'minimum': floats.minimum}
+
+    def opaque(function):
+        name = f'table_{len(names)}'
+        names[name] = function
+        return lambda soc, temperature_c: _Symbol(f'{name}({{}}, {{}})', soc, temperature_c)
+
+    symbols = Arithmetic(
+        root=lambda value: _Symbol('root({})', value),
+        log=lambda value: _Symbol('log({})', value),
+        maximum=lambda a, b: _Symbol('maximum({}, {})', a, b),
+        minimum=lambda a, b: _Symbol('minimum({}, {})', a, b),
+        opaque=opaque)
+    results = make_step(symbols)(*(_Symbol(name) for name in ARGUMENTS))[:2]
+    lines, (soc, temperature_c) = _written_out(results)
+    source = '\n'.join([
+        f'def step({", ".join(ARGUMENTS)}):',
+        *(f'    {line}' for line in lines),
+        f'    return {soc}, {temperature_c}',
+        '',
+        'def roll(soc, temperature_c, columns):',
+        '    socs, temperatures_c = [soc], [temperature_c]',
+        f'    for {", ".join(ARGUMENTS[2:])} in zip(*columns):',
+        *(f'        {line}' for line in lines),
+        f'        soc, temperature_c = {soc}, {temperature_c}',
+        '        socs.append(soc)',
+        '        temperatures_c.append(temperature_c)',
+        '    return socs, temperatures_c',
+    ])
+    exec(compile(source, '<the model, written out>', 'exec'), names)
+    return names['step'], names['roll']
+
+
+def _written_out(results):
+    """Lines of assignments, and the texts of the results: what is used once stands where it is used."""
+    uses, order = {}, []
+
+    def visit(value):
+        if isinstance(value, _Symbol):
+            uses[value] = uses.get(value, 0) + 1
+            if uses[value] == 1:
+                for operand in value.operands:
+                    visit(operand)
+                order.append(value)
+
+    for result in results:
+        visit(result)
+    texts, lines = {}, []
+    for value in order:
+        text = value.form.format(*(
+            texts[operand] if isinstance(operand, _Symbol) else repr(float(operand))
+            for operand in value.operands))
+        if value.operands and uses[value] > 1:
+            name = f'v{len(lines)}'
+            lines.append(f'{name} = {text}')
+            text = name
+        texts[value] = text
+    return lines, [texts[result] for result in results]

@@ -1,0 +1,226 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`preheat plan --itinerary`: a trip with stops, what is printed, written and refused."""
+
+import json
+
+import pytest
+import yaml
+
+from bev_preheat.commands.main import main
+from bev_preheat.configuration import configuration_folder
+from bev_preheat.control.inputs import NS_PER_S
+from bev_preheat.control.itinerary import load_itinerary, SCHEMA
+from bev_preheat.control.settings import MOST_STOPS
+from bev_preheat.vehicle import load_vehicle
+
+VEHICLE = load_vehicle('reference')
+ROUTE = '''duration_s,speed_mps,propulsion_power_w,ambient_temperature_c
+600,20,17000,-6
+900,25,21000,-4
+'''
+DRIVE_S = 1500.0
+# Two legs, the first with a stop at its end.
+FIRST = {'route': './drive.csv', 'target_battery_temperature_c': 19.0, 'minimum_arrival_soc': 0.2,
+         'stop_duration_s': 1200, 'departure_temperature_c': 33.0, 'departure_soc': 0.85}
+LAST = {'route': 'drive.csv', 'charging_planned': False, 'minimum_arrival_soc': 0.3}
+
+
+@pytest.fixture
+def preheat_plan(tmp_path, capsys):
+    """Run the command on legs or on arguments; returns exit status, standard output and error."""
+    (tmp_path / 'drive.csv').write_text(ROUTE)
+
+    def run(*legs, itinerary=None, arguments=('--temperature', '-6', '--soc', '0.75')):
+        if legs:
+            itinerary = tmp_path / 'trip.yaml'
+            itinerary.write_text(yaml.safe_dump({'name': 'there and on', 'legs': list(legs)}))
+        given = ('--itinerary', str(itinerary)) if itinerary else ()
+        try:
+            status = main(['plan', '--vehicle', 'reference', *given, *arguments])
+        except SystemExit as end:
+            status = end.code
+        captured = capsys.readouterr()
+        return status, captured.out, captured.err
+
+    return run
+
+
+@pytest.fixture
+def plans_of(preheat_plan, tmp_path):
+    """Return what the command writes as JSON."""
+    def run(*legs, arguments=()):
+        output = tmp_path / 'plans.json'
+        status, _, errors = preheat_plan(*legs, arguments=(
+            '--temperature', '-6', '--soc', '0.75', '--json', str(output), *arguments))
+        assert (status, errors) == (0, '')
+        return json.loads(output.read_text())['plans']
+
+    return run
+
+
+# What comes out
+
+@pytest.mark.parametrize('key, expected', [
+    ('route', ['./drive.csv', 'drive.csv']), ('departure_s', [0.0, DRIVE_S + 1200.0]),
+    ('arrival_time_s', [DRIVE_S] * 2), ('target_temperature_c', [19.0, 25.0])])
+def test_json_has_a_plan_for_each_leg(plans_of, key, expected):
+    assert [plan[key] for plan in plans_of(FIRST, LAST)] == expected
+
+
+def test_each_plan_starts_from_its_departure(plans_of):
+    assert [(plan['battery_temperature_c'][0], plan['soc'][0])
+            for plan in plans_of(FIRST, LAST)] == [(-6.0, 0.75), (33.0, 0.85)]
+
+
+def test_each_leg_is_heated_for_its_own_end(plans_of):
+    first, last = plans_of(FIRST, LAST)
+    assert first['energy_wh']['hvch_electric'] > 100.0
+    assert (last['status'], last['energy_wh']['hvch_electric']) == ('NO_CHARGING_PLANNED', 0.0)
+
+
+def test_a_leg_alone_is_the_route_alone(plans_of, preheat_plan, tmp_path):
+    wanted = {'charging_planned': True, 'minimum_arrival_soc': 0.3,
+              'target_battery_temperature_c': 14.0}
+    in_itinerary, = plans_of({**LAST, **wanted})
+    output = tmp_path / 'route.json'
+    preheat_plan(arguments=(
+        '--route', str(tmp_path / 'drive.csv'), '--temperature', '-6', '--soc', '0.75',
+        '--target', '14', '--min-soc', '0.3', '--json', str(output)))
+    alone = json.loads(output.read_text())
+    ignored = ('route', 'departure_s', 'planning_time_s')
+    assert {key: value for key, value in in_itinerary.items() if key not in ignored} == {
+        key: value for key, value in alone.items() if key not in ignored}
+
+
+def test_the_target_given_holds_for_a_leg_without_one(plans_of):
+    plans = plans_of(FIRST, {**LAST, 'charging_planned': True}, arguments=('--target', '12'))
+    assert [plan['target_temperature_c'] for plan in plans] == [19.0, 12.0]
+
+
+def test_the_step_holds_for_every_leg(plans_of):
+    plans = plans_of(FIRST, LAST, arguments=('--step', '20'))
+    assert [len(plan['hvch_battery_power_w']) for plan in plans] == [DRIVE_S / 20.0] * 2
+
+
+def test_the_method_holds_for_every_leg(plans_of):
+    plans = plans_of(FIRST, LAST, arguments=('--method', 'optimal_switch'))
+    assert [plan['method'] for plan in plans] == ['optimal_switch'] * 2
+
+
+def test_the_table_has_a_column_for_each_leg(preheat_plan):
+    status, output, _ = preheat_plan(FIRST, LAST)
+    heading, = [line for line in output.splitlines() if line.startswith('┃')]
+    departure, = [line for line in output.splitlines() if 'Departure after' in line]
+    assert (status, [cell.strip() for cell in heading.split('┃')[2:4]],
+            [cell.strip() for cell in departure.split('│')[2:4]]) == (
+        0, ['1: ./drive.csv', '2: drive.csv'], ['0:00 min', '45:00 min'])
+
+
+def test_each_leg_is_explained(preheat_plan):
+    _, output, _ = preheat_plan(FIRST, LAST)
+    assert '2: drive.csv: NO_CHARGING_PLANNED: No fast charging at the end' in output
+
+
+def test_the_trip_is_drawn(preheat_plan, tmp_path):
+    picture = tmp_path / 'trip.svg'
+    preheat_plan(FIRST, LAST, arguments=(
+        '--temperature', '-6', '--soc', '0.75', '--plot', str(picture)))
+    # Text is drawn as shapes; what it says stands beside them as comments.
+    drawn = picture.read_text()
+    assert [text for text in ('battery', 'target', 'stop', 'trip time [min]')
+            if f'<!-- {text} -->' not in drawn] == []
+
+
+def test_the_shipped_itinerary_has_two_charging_stops_and_a_plain_stretch():
+    mission = load_itinerary('winter_holiday', VEHICLE.defaults).mission
+    assert [leg.charging_planned for leg in mission.legs] == [True, True, False]
+
+
+@pytest.mark.parametrize(
+    'path', sorted(configuration_folder('itineraries').glob('*.yaml')), ids=lambda path: path.stem)
+def test_shipped_itineraries_can_be_driven(preheat_plan, path):
+    status, output, errors = preheat_plan(itinerary=path.stem)
+    assert (status, errors, 'SOC_LIMITED' in output or 'POWER_LIMITED' in output) == (0, '', False)
+
+
+# What is refused
+
+def without(leg, *keys):
+    return {key: value for key, value in leg.items() if key not in keys}
+
+
+@pytest.mark.parametrize('legs, problem', [
+    ([without(FIRST, 'departure_soc'), LAST],
+     'legs[0]: missing departure_soc of the stop at its end'),
+    ([LAST, LAST], 'legs[0]: missing stop_duration_s, departure_temperature_c, departure_soc of '
+     'the stop at its end'),
+    ([FIRST, FIRST], 'legs[1]: stop_duration_s, departure_temperature_c, departure_soc not '
+     'allowed: no stop lies behind the last leg'),
+    ([{**FIRST, 'stop_duration_s': 0}, LAST],
+     'legs[0].stop_duration_s: 0 is not allowed; it must be at least 1 and at most 86400'),
+    ([{**FIRST, 'departure_soc': 85}, LAST],
+     'legs[0].departure_soc: 85 is not allowed; it must be at least 0 and at most 1'),
+    ([{**FIRST, 'departure_temperature_c': 306}, LAST],
+     'legs[0].departure_temperature_c: 306 is not allowed; it must be at least -60 and at most 60'),
+    ([FIRST, {**LAST, 'minimum_arrival_soc': -0.5}],
+     'legs[1].minimum_arrival_soc: -0.5 is not allowed; it must be at least 0 and at most 1'),
+    ([FIRST, {**LAST, 'target_battery_temperature_c': 'warm'}],
+     "legs[1].target_battery_temperature_c: 'warm' is not a number"),
+    ([FIRST, {**LAST, 'target': 20}], "legs[1]: unknown key 'target'; "),
+    ([without(FIRST, 'route'), LAST], 'legs[0]: missing route'),
+    ([FIRST, {**LAST, 'route': 'winter_comute'}],
+     "legs[1].route: route 'winter_comute' is unknown; did you mean 'winter_commute'?"),
+    ([FIRST, {**LAST, 'route': './no.csv'}], 'no.csv: no such file'),
+], ids=['missing', 'missing all', 'beyond', 'duration', 'soc', 'temperature', 'minimum', 'text',
+        'unknown', 'no route', 'route', 'file'])
+def test_a_bad_itinerary_is_refused_with_file_and_key(preheat_plan, legs, problem):
+    status, _, errors = preheat_plan(*legs)
+    assert (status, 'trip.yaml: ' in errors, problem in errors, errors.count('error:')) == (
+        2, True, True, 1)
+
+
+def test_a_leg_outside_the_vehicles_model_is_refused_by_its_number(preheat_plan):
+    status, _, errors = preheat_plan({**FIRST, 'departure_temperature_c': -45.5}, LAST)
+    assert (status, errors) == (
+        2, 'preheat: error: leg 2: battery temperature: -45.5 is not allowed; it must be '
+        "-40 ... 60 degC, the range of the vehicle's battery\n")
+
+
+def test_a_bad_state_at_the_start_is_refused(preheat_plan):
+    status, _, errors = preheat_plan(FIRST, LAST, arguments=('--temperature', '-6', '--soc', '75'))
+    assert (status, errors) == (
+        2, 'preheat: error: leg 1: state of charge: 75 is not allowed; it must be 0 ... 1\n')
+
+
+@pytest.mark.parametrize('arguments', [('--min-soc', '0.2'), ('--no-charging',)])
+def test_what_each_leg_says_itself_is_refused(preheat_plan, arguments):
+    status, _, errors = preheat_plan(
+        FIRST, LAST, arguments=('--temperature', '-6', '--soc', '0.75', *arguments))
+    assert (status, errors) == (2, f'preheat: error: {arguments[0]}: not allowed with --itinerary, '
+                                'where each leg says it itself\n')
+
+
+def test_an_unknown_itinerary_is_refused_with_the_names_there_are(preheat_plan):
+    status, _, errors = preheat_plan(itinerary='winter_holidy')
+    assert status == 2
+    assert "itinerary 'winter_holidy' is unknown; did you mean 'winter_holiday'?" in errors
+
+
+@pytest.mark.parametrize('arguments, text', [
+    (('--route', 'reference', '--itinerary', 'winter_holiday'), 'not allowed with argument'),
+    ((), 'one of the arguments --route --itinerary is required')])
+def test_either_a_route_or_an_itinerary_is_given(preheat_plan, arguments, text):
+    status, _, errors = preheat_plan(
+        arguments=('--temperature', '-6', '--soc', '0.75', *arguments))
+    assert (status, text in errors) == (2, True)
+
+
+def test_a_file_may_hold_as_many_stops_as_the_node_plans():
+    schema = yaml.safe_load(SCHEMA.read_text())
+    assert schema['properties']['legs']['maxItems'] == MOST_STOPS + 1
+
+
+def test_legs_are_placed_in_whole_nanoseconds():
+    mission = load_itinerary('winter_holiday', VEHICLE.defaults).mission
+    first, second, _ = mission.legs
+    assert second.start_ns == round((first.route.total_duration_s + 1500.0) * NS_PER_S)

@@ -1,0 +1,316 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`preheat plan`, `optimum`, `compare`, `reproduce`: files, printed text, refusals."""
+
+import json
+import re
+import subprocess
+import sys
+
+from matplotlib.image import imread
+import numpy as np
+import pytest
+
+from bev_preheat.commands.main import main
+from bev_preheat.commands.output import write_json
+from bev_preheat.optimum import solve
+from bev_preheat.planning.planner import DEFAULT_METHOD, METHODS, plan_preheating
+from bev_preheat.planning.situation import BatteryState, Goal
+from bev_preheat.route import load_route
+from bev_preheat.vehicle import load_vehicle
+
+# Section 2.4 of the design: what other programs read.
+PLAN_KEYS = {
+    'status', 'method', 'heating_start_s', 'arrival_time_s', 'arrival_temperature_c',
+    'arrival_soc', 'energy_wh', 'time_s', 'battery_temperature_c', 'soc', 'hvch_battery_power_w'}
+OPTIMUM_KEYS = PLAN_KEYS | {'solver_status', 'solve_time_s'}
+ENERGY_KEYS = {
+    'joule', 'drivetrain_heat', 'hvch_heat', 'hvch_electric', 'leakage', 'battery_total'}
+
+SITUATION = ['--vehicle', 'reference', '--route', 'reference', '--temperature', '-6.5',
+             '--soc', '0.88', '--target', '17', '--min-soc', '0.11']
+VEHICLE = load_vehicle('reference')
+STATE, GOAL = BatteryState(-6.5, 0.88), Goal(17.0, 0.11)
+COMMANDS = ('plan', 'optimum', 'compare', 'reproduce')
+
+
+def strict(text):
+    """What a JSON text says; NaN and infinity, which JSON does not have, are errors."""
+    def refuse(name):
+        raise ValueError(f'{name} is no JSON')
+
+    return json.loads(text, parse_constant=refuse)
+
+
+@pytest.fixture(scope='module')
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp('preheat')
+
+
+@pytest.fixture(scope='module')
+def results(folder):
+    """Run a command once with --json and --plot; returns the path without suffix."""
+    made = {}
+
+    def run(command):
+        if command not in made:
+            path = folder / command
+            situation = [] if command == 'reproduce' else SITUATION
+            assert main([command, *situation, '--json', f'{path}.json',
+                         '--plot', f'{path}.png']) == 0
+            made[command] = path
+        return made[command]
+
+    return run
+
+
+@pytest.fixture(scope='module')
+def written(results):
+    return lambda command: strict(results(command).with_suffix('.json').read_text())
+
+
+@pytest.fixture
+def refusal(capsys):
+    """Exit status of a command, and the lines on its standard error."""
+    def run(*arguments):
+        status = main(list(arguments))
+        return status, capsys.readouterr().err.splitlines()
+
+    return run
+
+
+@pytest.mark.parametrize('command', COMMANDS)
+def test_command_ends_with_0(results, command):
+    assert results(command)
+
+
+def test_plan_has_the_keys_of_the_contract(written):
+    assert set(written('plan')) >= PLAN_KEYS
+
+
+def test_optimum_has_the_keys_of_the_contract(written):
+    assert set(written('optimum')) >= OPTIMUM_KEYS
+
+
+@pytest.mark.parametrize('command', ['plan', 'optimum'])
+def test_energies_have_the_keys_of_the_contract(written, command):
+    assert set(written(command)['energy_wh']) == ENERGY_KEYS
+
+
+@pytest.mark.parametrize('command', ['plan', 'optimum'])
+def test_trajectories_have_the_lengths_of_the_contract(written, command):
+    lengths = [len(written(command)[key]) for key in (
+        'time_s', 'battery_temperature_c', 'soc', 'hvch_battery_power_w')]
+    assert lengths == [121, 121, 121, 120]
+
+
+def test_plan_is_that_of_the_arguments(written):
+    route = load_route('reference', VEHICLE.defaults)
+    expected = plan_preheating(VEHICLE, route, STATE, GOAL, DEFAULT_METHOD).as_dictionary()
+    expected['planning_time_s'] = written('plan')['planning_time_s']
+    assert written('plan') == expected
+
+
+def test_optimum_is_that_of_the_arguments(written):
+    route = load_route('reference', VEHICLE.defaults)
+    optimum = solve.solve_optimum(VEHICLE, route, STATE, GOAL)
+    assert written('optimum')['energy_wh']['battery_total'] == pytest.approx(
+        optimum.plan.energy_wh.battery_total, abs=1e-6)
+
+
+def test_solver_status_and_time_are_written(written):
+    optimum = written('optimum')
+    assert (optimum['method'], optimum['solver_status']) == ('nlp', 'Solve_Succeeded')
+    assert 0.0 < optimum['solve_time_s'] < 60.0
+
+
+@pytest.mark.parametrize('method', METHODS)
+def test_method_can_be_chosen(tmp_path, method):
+    path = tmp_path / 'plan.json'
+    assert main(['plan', *SITUATION, '--method', method, '--json', str(path)]) == 0
+    assert strict(path.read_text())['method'] == method
+
+
+def test_target_not_given_is_that_of_the_vehicle(tmp_path):
+    path = tmp_path / 'plan.json'
+    assert main(['plan', '--vehicle', 'small_car', '--route', 'winter_commute',
+                 '--temperature', '-1', '--soc', '0.7', '--json', str(path)]) == 0
+    assert strict(path.read_text())['target_temperature_c'] == 20.0
+
+
+def test_step_sets_the_step(tmp_path):
+    path = tmp_path / 'plan.json'
+    assert main(['plan', *SITUATION, '--step', '50', '--json', str(path)]) == 0
+    assert set(np.diff(strict(path.read_text())['time_s'])) == {50.0}
+
+
+def test_no_charging_never_starts(tmp_path):
+    path = tmp_path / 'plan.json'
+    assert main(['plan', *SITUATION, '--no-charging', '--json', str(path)]) == 0
+    plan = strict(path.read_text())
+    assert (plan['status'], plan['heating_start_s']) == ('NO_CHARGING_PLANNED', None)
+
+
+def test_comparison_has_every_method_and_the_optimum(written):
+    comparison = written('compare')
+    assert set(comparison['plans']) == set(comparison['gap_wh']) == set(METHODS)
+    assert set(comparison['optimum']) >= OPTIMUM_KEYS
+
+
+@pytest.mark.parametrize('method', METHODS)
+def test_gap_is_the_energy_above_the_optimum(written, method):
+    comparison = written('compare')
+    best_wh = comparison['optimum']['energy_wh']['battery_total']
+    assert comparison['gap_wh'][method] == pytest.approx(
+        comparison['plans'][method]['energy_wh']['battery_total'] - best_wh, abs=1e-9)
+
+
+def test_reproduction_has_its_cells_and_plans(written):
+    reproduction = written('reproduce')
+    assert len(reproduction['cells']) == 12
+    assert set(reproduction['cells'][0]) == {'column', 'row', 'unit', 'paper', 'ours', 'origin'}
+    for name in ('heuristic', 'optimal_switch', 'optimum'):
+        assert set(reproduction[name]) >= PLAN_KEYS
+
+
+def test_reproduction_prints_the_paper_beside_ours(capsys):
+    assert main(['reproduce']) == 0
+    out = capsys.readouterr().out
+    (joule, *_) = [line for line in out.splitlines() if ' joule (Wh) ' in line]
+    assert re.findall(r'[-+]?\d+\.\d+', joule)[:2] == ['345.1', '345.1']
+    assert 'fitted' in joule
+
+
+def test_fit_is_printed(capsys):
+    assert main(['reproduce', '--fit']) == 0
+    out = capsys.readouterr().out
+    assert 'fit: converged' in out and 'heat_capacity_j_per_k: 377376' in out
+
+
+@pytest.mark.parametrize('command', COMMANDS)
+def test_picture_has_its_size_and_is_not_blank(results, command):
+    picture = imread(results(command).with_suffix('.png'))
+    # Five panels of 1.9 in and 0.8 in more, 9 in wide, 130 dots an inch.
+    assert picture.shape[:2] == (1339, 1170)
+    assert picture[..., :3].std() > 0.02
+
+
+@pytest.mark.parametrize('suffix, beginning', [('.svg', b'<?xml'), ('.pdf', b'%PDF')])
+def test_suffix_says_what_kind_of_picture(tmp_path, suffix, beginning):
+    path = tmp_path / f'plan{suffix}'
+    assert main(['plan', *SITUATION, '--plot', str(path)]) == 0
+    assert path.read_bytes().startswith(beginning)
+
+
+def test_table_shows_the_energy_that_the_file_has(written, capsys):
+    assert main(['plan', *SITUATION]) == 0
+    out = capsys.readouterr().out
+    assert f'{written("plan")["energy_wh"]["battery_total"]:.1f}' in out
+    assert written('plan')['explanation'] in out
+
+
+def test_optimum_says_what_a_kelvin_would_cost(written, capsys):
+    assert main(['optimum', *SITUATION]) == 0
+    cost_wh = written('optimum')['marginal_cost_wh_per_k']
+    assert f'One more kelvin on arrival would cost {cost_wh:.1f} Wh.' in capsys.readouterr().out
+
+
+def test_unreachable_target_is_said_and_unknown_cost_is_null(tmp_path, capsys):
+    path = tmp_path / 'optimum.json'
+    assert main(['optimum', *SITUATION, '--target', '55', '--json', str(path)]) == 0
+    optimum = strict(path.read_text())
+    assert optimum['marginal_cost_wh_per_k'] is None
+    assert f'this is the best that can be done: {optimum["infeasible"][0]}.' in (
+        capsys.readouterr().out)
+
+
+def test_numbers_that_json_does_not_have_become_null(tmp_path):
+    path = tmp_path / 'numbers.json'
+    write_json(path, {'a': float('nan'), 'b': [1.5, float('inf')], 'c': {'d': -float('inf')}})
+    assert strict(path.read_text()) == {'a': None, 'b': [1.5, None], 'c': {'d': None}}
+
+
+@pytest.mark.parametrize('command', ['optimum', 'compare'])
+def test_solver_failure_ends_with_1_and_one_line(monkeypatch, tmp_path, refusal, command):
+    def solve_optimum(*arguments):
+        raise solve.SolverFailure('IPOPT ended with Restoration_Failed')
+
+    monkeypatch.setattr(solve, 'solve_optimum', solve_optimum)
+    path = tmp_path / 'result.json'
+    assert refusal(command, *SITUATION, '--json', str(path)) == (
+        1, ['preheat: IPOPT ended with Restoration_Failed'])
+    assert not path.exists()
+
+
+REFUSED = {
+    'vehicle that is nearly there': (
+        ['--vehicle', 'referense'],
+        "vehicle 'referense' is unknown; did you mean 'reference'?; there are: "),
+    'route that is nearly there': (
+        ['--route', 'alpine_pas'],
+        "route 'alpine_pas' is unknown; did you mean 'alpine_pass'?; there are: "),
+    'no vehicle file': (['--vehicle', '/none/car.yaml'], '/none/car.yaml: no such file'),
+    'no route file': (['--route', 'none.csv'], 'none.csv: no such file'),
+    'too cold': (['--temperature', '-70'],
+                 'battery temperature: -70 is not allowed; it must be -40 ... 60 degC'),
+    'unknown temperature': (['--temperature', 'nan'], 'battery temperature: nan is not allowed'),
+    'unknown charge': (['--soc', 'nan'],
+                       'state of charge: nan is not allowed; it must be 0 ... 1'),
+    'charge in per cent': (['--soc', '88'],
+                           'state of charge: 88 is not allowed; it must be 0 ... 1'),
+    'target too warm': (['--target', '61'],
+                        'target battery temperature: 61 is not allowed; it must be -40 ... 60'),
+    'unknown reserve': (['--min-soc', 'nan'],
+                        'minimum arrival state of charge: nan is not allowed'),
+    'no step': (['--step', '0'], '--step: 0 s is not allowed; it must be 0.1 ... 3600 s'),
+    'unknown step': (['--step', 'nan'], '--step: nan s is not allowed'),
+    'no folder for JSON': (['--json', '/none/x.json'], '/none/x.json: cannot be written: '),
+    'no folder for the picture': (['--plot', '/none/x.png'], '/none/x.png: cannot be drawn: '),
+    'no such kind of picture': (['--plot', 'x.docx'],
+                                "x.docx: cannot be drawn: Format 'docx' is not supported")}
+
+
+@pytest.mark.parametrize('command', ['plan', 'optimum', 'compare'])
+@pytest.mark.parametrize('arguments, beginning', REFUSED.values(), ids=REFUSED)
+def test_user_error_is_one_clear_line_and_status_2(refusal, command, arguments, beginning):
+    # The last one of two equal arguments counts.
+    status, lines = refusal(command, *SITUATION, *arguments)
+    assert (status, len(lines)) == (2, 1)
+    assert lines[0].startswith(f'preheat: error: {beginning}')
+
+
+@pytest.mark.parametrize('arguments, beginning', [
+    (['--json', '/none/x.json'], '/none/x.json: cannot be written: '),
+    (['--plot', '/none/x.png'], '/none/x.png: cannot be drawn: ')])
+def test_reproduction_that_cannot_be_written_is_one_line(refusal, arguments, beginning):
+    status, lines = refusal('reproduce', *arguments)
+    assert (status, len(lines)) == (2, 1)
+    assert lines[0].startswith(f'preheat: error: {beginning}')
+
+
+def test_each_refused_quantity_has_a_line(refusal):
+    status, lines = refusal('plan', *SITUATION, '--temperature', '99', '--soc', '3')
+    assert status == 2
+    assert [line.split(':')[2].strip() for line in lines] == [
+        'battery temperature', 'state of charge']
+
+
+@pytest.mark.parametrize('arguments, end', [
+    ([], 'the following arguments are required: COMMAND'),
+    (['plan', '--vehicle', 'reference', '--route', 'reference', '--soc', '0.5'],
+     'the following arguments are required: --temperature'),
+    (['plan', *SITUATION, '--soc', 'half'], "argument --soc: invalid float value: 'half'"),
+    (['plan', *SITUATION, '--method', 'papre'], "argument --method: invalid choice: 'papre'"),
+    (['optimum', *SITUATION, '--colour', 'red'], 'unrecognized arguments: --colour red')])
+def test_wrong_use_ends_with_2_and_says_why(capsys, arguments, end):
+    with pytest.raises(SystemExit) as ended:
+        main(arguments)
+    assert ended.value.code == 2
+    assert end in capsys.readouterr().err.splitlines()[-1]
+
+
+def test_python_module_is_the_same_command():
+    ended = subprocess.run(
+        [sys.executable, '-m', 'bev_preheat', 'plan', *SITUATION, '--soc', '7'],
+        capture_output=True, text=True, check=False)
+    assert (ended.returncode, ended.stdout, ended.stderr) == (
+        2, '', 'preheat: error: state of charge: 7 is not allowed; it must be 0 ... 1\n')

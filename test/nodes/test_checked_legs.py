@@ -1,0 +1,84 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The checker on a route with stops: it checks the leg that is now."""
+
+from math import nan
+
+from bev_preheat_msgs.msg import RoutePlan
+from builtin_interfaces.msg import Time
+import pytest
+
+from bev_preheat.control.inputs import Measurement
+from bev_preheat.control.settings import Settings
+from bev_preheat.control.supervisor import NS_PER_S, Supervisor
+from bev_preheat.nodes.convert import mission_from_message, plan_message
+from bev_preheat.nodes.optimality import case_of_plan, case_of_state, says_the_same
+from bev_preheat.planning.situation import BatteryState, Goal
+from bev_preheat.vehicle import load_vehicle
+
+VEHICLE = load_vehicle('reference')
+START_NS = 1_700_000_000 * NS_PER_S
+STATE = BatteryState(2.25, 0.8125)
+# Two legs of 10 min, with 5 min between them.
+GOALS = (Goal(21.0, 0.15), Goal(24.0, 0.25))
+
+
+def route_message(**changed):
+    message = RoutePlan(**{
+        'route_id': 'far', 'segment_duration': [60.0] * 20, 'speed': [20.0],
+        'propulsion_power': [15e3], 'ambient_temperature': [-4.0], 'charging_planned': True,
+        'target_battery_temperature': 24.0, 'minimum_arrival_soc': 0.25,
+        'stop_after_segment': [9], 'stop_duration': [300.0],
+        'stop_target_battery_temperature': [21.0], 'stop_minimum_arrival_soc': [0.15],
+        'departure_battery_temperature': [30.0], 'departure_soc': [0.7], **changed})
+    message.header.stamp = Time(sec=START_NS // NS_PER_S)
+    return message
+
+
+@pytest.fixture
+def inputs():
+    supervisor = Supervisor(VEHICLE, Settings())
+    supervisor.accept_mission(mission_from_message(route_message(), VEHICLE.defaults, 30.0))
+    return supervisor
+
+
+def at(elapsed_s):
+    return Measurement(STATE, START_NS + elapsed_s * NS_PER_S)
+
+
+@pytest.mark.parametrize('elapsed_s, rest_s, goal', [
+    (0, 600.0, GOALS[0]), (450, 150.0, GOALS[0]), (900, 600.0, GOALS[1]), (1100, 400.0, GOALS[1])])
+def test_a_state_is_checked_in_its_leg(inputs, elapsed_s, rest_s, goal):
+    case = case_of_state(inputs.mission, inputs.goal_of, at(elapsed_s), None)
+    assert (case.question.route.total_duration_s, case.question.goal) == (
+        pytest.approx(rest_s), goal)
+
+
+@pytest.mark.parametrize('elapsed_s', [600, 899, 1500])
+def test_at_a_stop_and_after_the_end_nothing_is_checked(inputs, elapsed_s):
+    assert case_of_state(inputs.mission, inputs.goal_of, at(elapsed_s), None) is None
+
+
+@pytest.mark.parametrize('elapsed_s, goal', [(450, GOALS[0]), (1100, GOALS[1])])
+def test_a_plan_is_checked_in_its_leg(inputs, elapsed_s, goal):
+    measurement = at(elapsed_s)
+    inputs.accept_battery(measurement, measurement.stamp_ns)
+    plan = plan_message(inputs.replan(measurement.stamp_ns), inputs.mission, measurement.stamp_ns,
+                        inputs.later_decisions())
+    case = case_of_plan(inputs.mission, inputs.goal_of, [measurement], plan)
+    assert (case.question.goal, case.start_ns) == (goal, measurement.stamp_ns)
+
+
+def test_what_the_planner_says_at_a_stop_is_no_plan_to_check(inputs):
+    measurement = at(700)
+    inputs.accept_battery(measurement, measurement.stamp_ns)
+    plan = plan_message(inputs.replan(measurement.stamp_ns), inputs.mission, measurement.stamp_ns,
+                        inputs.later_decisions())
+    assert case_of_plan(inputs.mission, inputs.goal_of, [measurement], plan) is None
+
+
+@pytest.mark.parametrize('changed, same', [
+    ({}, True), ({'stop_duration': [301.0]}, False), ({'stop_after_segment': [8]}, False),
+    ({'stop_target_battery_temperature': [21.0]}, False)])
+def test_a_repeated_route_is_known_by_its_stops_too(changed, same):
+    unknown = {'stop_target_battery_temperature': [nan]}
+    assert says_the_same(route_message(**unknown), route_message(**{**unknown, **changed})) is same

@@ -1,0 +1,236 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Stops in the messages: what is refused and how it is named, what becomes of them, and back."""
+
+from dataclasses import fields, replace
+from math import inf, isnan, nan
+
+from bev_preheat_msgs.msg import PreheatPlan, RoutePlan
+from builtin_interfaces.msg import Time
+import numpy as np
+import pytest
+
+from bev_preheat.control.inputs import Leg, Mission
+from bev_preheat.control.settings import MOST_STOPS
+from bev_preheat.control.supervisor import Decision, NS_PER_S
+from bev_preheat.errors import InvalidInput
+from bev_preheat.nodes.convert import mission_from_message, plan_message, route_plan_message
+from bev_preheat.planning.planner import plan_preheating
+from bev_preheat.planning.situation import BatteryState, Goal
+from bev_preheat.planning.status import Status
+from bev_preheat.route.segments import make_route, Route
+from bev_preheat.vehicle import load_vehicle
+
+VEHICLE = load_vehicle('reference')
+START_S = 1_700_000_000
+DURATIONS_S = [10.0, 20.0, 30.0, 40.0, 50.0, 60.0]
+STOP_FIELDS = ('stop_duration', 'stop_target_battery_temperature', 'stop_minimum_arrival_soc',
+               'departure_battery_temperature', 'departure_soc')
+
+
+def route_message(sec=START_S, **changed):
+    """Return a RoutePlan of six segments with stops after the second and the third."""
+    message = RoutePlan(**{
+        'route_id': 'far', 'segment_duration': DURATIONS_S,
+        'speed': [11.0, 12.0, 13.0, 14.0, 15.0, 16.0], 'propulsion_power': [9e3],
+        'ambient_temperature': [-4.0], 'charging_planned': False,
+        'target_battery_temperature': 27.0, 'minimum_arrival_soc': 0.35,
+        'stop_after_segment': [1, 2], 'stop_duration': [700.0, 800.0],
+        'stop_target_battery_temperature': [21.0, nan], 'stop_minimum_arrival_soc': [0.15, 0.25],
+        'departure_battery_temperature': [31.0, 32.0], 'departure_soc': [0.55, 0.65], **changed})
+    message.header.stamp = Time(sec=sec)
+    return message
+
+
+def convert(step_s=1000.0, **changed):
+    return mission_from_message(route_message(**changed), VEHICLE.defaults, step_s)
+
+
+def problems_of(**changed):
+    with pytest.raises(InvalidInput) as refusal:
+        convert(**changed)
+    return refusal.value.problems
+
+
+# What is refused
+
+ALLOWED = {
+    'stop_duration': '1 ... 86400',
+    'stop_target_battery_temperature': "-60 ... 60, or NaN: the planner's own default",
+    'stop_minimum_arrival_soc': '0 ... 1', 'departure_battery_temperature': '-60 ... 60',
+    'departure_soc': '0 ... 1'}
+OUTSIDE = {
+    'stop_duration': (0.5, -700.0, 90000.0), 'stop_target_battery_temperature': (-61.0, 293.0),
+    'stop_minimum_arrival_soc': (-0.25, 15.0), 'departure_battery_temperature': (-61.0, 304.0),
+    'departure_soc': (-0.5, 55.0)}
+
+
+@pytest.mark.parametrize('field, value', [
+    (field, value) for field in STOP_FIELDS for value in (*OUTSIDE[field], inf, -inf, nan)
+    if not (isnan(value) and field == 'stop_target_battery_temperature')])
+def test_a_bad_value_is_refused_in_each_array(field, value):
+    values = list(getattr(route_message(), field))
+    values[1] = value
+    assert problems_of(**{field: values}) == [
+        f'{field}[1]: {value:g} is not allowed; it must be {ALLOWED[field]}']
+
+
+@pytest.mark.parametrize('count', [0, 1, 3])
+@pytest.mark.parametrize('field', STOP_FIELDS)
+def test_an_array_of_another_length_is_refused(field, count):
+    value = getattr(route_message(), field)[0]
+    assert problems_of(**{field: [value] * count}) == [
+        f'{field}: has {count} values; it must have 2, as stop_after_segment has']
+
+
+@pytest.mark.parametrize('after_segment, problem', [
+    ([2, 2], 'stop_after_segment[1]: 2 is not allowed; it must be above 2, the one before it'),
+    ([3, 1], 'stop_after_segment[1]: 1 is not allowed; it must be above 3, the one before it'),
+    ([1, 5], 'stop_after_segment[1]: 5 is not allowed; it must be below 5, the last segment of '
+     'the route'),
+    ([2**32 - 1, 2**32 - 1], 'stop_after_segment[0]: 4294967295 is not allowed; it must be below '
+     '5, the last segment of the route')])
+def test_stops_out_of_order_are_refused(after_segment, problem):
+    assert problems_of(stop_after_segment=after_segment) == [problem]
+
+
+def test_stops_without_their_segments_are_refused():
+    assert [problem.partition(':')[0] for problem in problems_of(stop_after_segment=[])] == list(
+        STOP_FIELDS)
+
+
+def test_more_stops_than_are_planned_are_refused():
+    count = MOST_STOPS + 1
+    assert problems_of(
+        segment_duration=[10.0] * 50, speed=[12.0], stop_after_segment=list(range(count)),
+        **{field: [1.0] * count for field in STOP_FIELDS}) == [
+            'stop_after_segment: has 21 values; at most 20 stops are planned']
+
+
+def test_as_many_stops_as_are_planned_are_accepted():
+    mission = convert(
+        segment_duration=[10.0] * 50, speed=[12.0], stop_after_segment=list(range(MOST_STOPS)),
+        **{field: [1.0] * MOST_STOPS for field in STOP_FIELDS})
+    assert len(mission.legs) == MOST_STOPS + 1
+
+
+def test_every_bad_field_is_named():
+    problems = problems_of(speed=[nan], stop_after_segment=[2, 0], stop_duration=[0.0, 1.0],
+                           departure_soc=[0.5, nan], minimum_arrival_soc=2.0)
+    assert [problem.partition(':')[0] for problem in problems] == [
+        'minimum_arrival_soc', 'speed[0]', 'stop_after_segment[1]', 'stop_duration[0]',
+        'departure_soc[1]']
+
+
+def test_a_route_whose_stops_end_after_time_itself_is_refused():
+    # 210 s of driving and 1500 s at stops; there is room for the driving.
+    assert problems_of(sec=2**31 - 1000) == [
+        f'header.stamp: {2**31 - 1000} s is too late: the route would end after the last instant '
+        'that a stamp can hold']
+
+
+# What is understood
+
+def test_without_stops_there_is_one_leg():
+    mission = convert(stop_after_segment=[], **{field: [] for field in STOP_FIELDS})
+    assert [leg.route.total_duration_s for leg in mission.legs] == [pytest.approx(210.0)]
+
+
+@pytest.mark.parametrize('attribute, expected', [
+    ('start_ns', [START_S * NS_PER_S, (START_S + 30 + 700) * NS_PER_S,
+                  (START_S + 60 + 1500) * NS_PER_S]),
+    ('charging_planned', [True, True, False]),
+    ('target_temperature_c', [21.0, None, 27.0]),
+    ('minimum_arrival_soc', [0.15, 0.25, 0.35]),
+    ('departure', [None, BatteryState(31.0, 0.55), BatteryState(32.0, 0.65)])])
+def test_what_is_wanted_of_each_leg(attribute, expected):
+    assert [getattr(leg, attribute) for leg in convert().legs] == expected
+
+
+def test_segments_go_to_their_leg():
+    # Steps of 10 s divide every segment evenly.
+    assert [leg.route.speed_mps.tolist() for leg in convert(step_s=10.0).legs] == [
+        pytest.approx([11.0] + [12.0] * 2), pytest.approx([13.0] * 3),
+        pytest.approx([14.0] * 4 + [15.0] * 5 + [16.0] * 6)]
+
+
+@pytest.mark.parametrize('step_s, counts', [(25.0, [2, 2, 6]), (1000.0, [1, 1, 1])])
+def test_no_step_reaches_over_a_stop(step_s, counts):
+    assert [len(leg.route) for leg in convert(step_s=step_s).legs] == counts
+
+
+# There and back
+
+@pytest.fixture(scope='module')
+def there_and_back():
+    mission = convert(step_s=10.0)
+    return mission, mission_from_message(route_plan_message(mission), VEHICLE.defaults, 10.0)
+
+
+@pytest.mark.parametrize('attribute', [
+    field.name for field in fields(Leg) if field.name != 'route'])
+def test_each_leg_comes_back(there_and_back, attribute):
+    there, back = ([getattr(leg, attribute) for leg in mission.legs]
+                   for mission in there_and_back)
+    assert back == there
+
+
+@pytest.mark.parametrize('field', [field.name for field in fields(Route)])
+def test_each_route_comes_back(there_and_back, field):
+    for there, back in zip(*(mission.legs for mission in there_and_back)):
+        np.testing.assert_allclose(getattr(back.route, field), getattr(there.route, field))
+
+
+# What goes out
+
+LATER_FIELDS = ('later_arrival', 'later_heating_start', 'later_predicted_arrival_temperature',
+                'later_predicted_arrival_soc', 'later_status')
+TRIP = Mission('east', (Leg(None),))
+
+
+@pytest.fixture(scope='module')
+def plan():
+    """Return a plan that waits for a while."""
+    route = make_route({
+        'duration_s': [30.0] * 40, 'speed_mps': [20.0], 'propulsion_power_w': [20e3],
+        'ambient_temperature_c': [-7.0]}, VEHICLE.defaults)
+    plan = plan_preheating(VEHICLE, route, BatteryState(18.0, 0.8), Goal(24.0))
+    assert 0.0 < plan.heating_start_s < 1200.0
+    return plan
+
+
+@pytest.mark.parametrize('field, expected', [
+    ('later_arrival', [Time(sec=5000 + 1200), Time(sec=9000 + 1200), Time()]),
+    ('later_heating_start', [Time(sec=5000 + 777), Time(), Time()]),
+    ('later_status', [Status.WAITING, Status.NOT_NEEDED, Status.INVALID_INPUT])])
+def test_later_legs_in_the_plan(plan, field, expected):
+    waits = replace(plan, heating_start_s=777.0)
+    idles = replace(plan, heating_start_s=None)
+    message = plan_message(
+        Decision(Status.WAITING, '', plan, 50 * NS_PER_S), TRIP, 99 * NS_PER_S,
+        (Decision(Status.WAITING, '', waits, 5000 * NS_PER_S),
+         Decision(Status.NOT_NEEDED, '', idles, 9000 * NS_PER_S),
+         Decision(Status.INVALID_INPUT, 'No.')))
+    assert list(getattr(message, field)) == expected
+
+
+@pytest.mark.parametrize('field, attribute', [
+    ('later_predicted_arrival_temperature', 'arrival_temperature_c'),
+    ('later_predicted_arrival_soc', 'arrival_soc')])
+def test_later_predictions_in_the_plan(plan, field, attribute):
+    # At a stop there is no plan for now, but one for later.
+    message = plan_message(
+        Decision(Status.CHARGING, ''), TRIP, 99 * NS_PER_S,
+        (Decision(Status.INVALID_INPUT, 'No.'), Decision(plan.status, '', plan, 5 * NS_PER_S)))
+    unknown, known = getattr(message, field)
+    assert (isnan(unknown), known) == (True, getattr(plan, attribute))
+
+
+@pytest.mark.parametrize('field', LATER_FIELDS)
+def test_without_later_legs_the_arrays_are_empty(plan, field):
+    message = plan_message(Decision(plan.status, '', plan, 50 * NS_PER_S), TRIP, 99 * NS_PER_S)
+    assert len(getattr(message, field)) == 0
+
+
+def test_no_array_for_later_legs_is_forgotten_here():
+    assert {name for name in PreheatPlan.get_fields_and_field_types()
+            if name.startswith('later_')} == set(LATER_FIELDS)

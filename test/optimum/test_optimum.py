@@ -1,0 +1,489 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+The program's solution against its own constraints and against a search written here.
+
+The car's equations stand below a second time, for plain arrays. A switching instant found with them
+by a root finder gives the energy that the program must not exceed, and can hardly fall below.
+"""
+
+from dataclasses import replace
+import math
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
+
+from bev_preheat.errors import InvalidInput
+from bev_preheat.optimum import program, solve
+from bev_preheat.optimum.solve import (
+    ARRIVAL_SOC, HIGHEST_SOC, HIGHEST_TEMPERATURE, LOWEST_SOC, solve_optimum, SolverFailure,
+    SUCCESS, TARGET)
+from bev_preheat.planning.planner import plan_preheating
+from bev_preheat.planning.situation import BatteryState, Goal
+from bev_preheat.planning.status import Status
+from bev_preheat.route import load_route
+from bev_preheat.route.segments import make_route
+from bev_preheat.study.trips import draw_limit_trip
+from bev_preheat.vehicle import load_vehicle
+
+VEHICLES = {name: load_vehicle(name) for name in ('reference', 'small_car')}
+REFERENCE = VEHICLES['reference']
+STATE = BatteryState(temperature_c=-7.0, soc=0.9)
+GOAL = Goal(25.0)
+
+
+class Car:
+    """The model written a second time: eqs. (1)-(5) for one vehicle file."""
+
+    def __init__(self, vehicle):
+        self.vehicle, self.battery = vehicle, vehicle.battery
+
+    def voltage_v(self, soc, temperature_c):
+        curve = self.battery.open_circuit_voltage
+        if hasattr(curve, 'values'):
+            return bilinear(curve, soc, temperature_c)
+        c0, c1, c2, c3 = curve.coefficients_v
+        return c0 + c1 * soc + c2 * soc**2 + c3 * soc**3
+
+    def resistance_ohm(self, soc, temperature_c):
+        curve = self.battery.resistance
+        if hasattr(curve, 'values'):
+            return bilinear(curve, soc, temperature_c)
+        return curve.k_ohm_k / (temperature_c + curve.reference_temperature_c)
+
+    def heat_and_power(self, soc, temperature_c, segment, heater_w, brake_w=0.0):
+        """Joule heat, all heat into the battery, power P_b of the cells, mean current [W, A]."""
+        terminal_w = (segment['propulsion_power_w'] + segment['cabin_heating_power_w']
+                      + segment['auxiliary_power_w'] + heater_w + brake_w)
+        u, r = self.voltage_v(soc, temperature_c), self.resistance_ohm(soc, temperature_c)
+        variance_w2 = segment['propulsion_power_rms_w']**2 - segment['propulsion_power_w']**2
+        ripple_w = r * variance_w2 / u**2
+        current_a = (u - np.sqrt(u**2 - 4.0 * r * terminal_w)) / (2.0 * r)
+        joule_w = r * current_a**2 + ripple_w
+        leakage = self.battery.leakage
+        gamma = leakage.gamma_0_w_per_k + leakage.gamma_v_w_per_k_per_mps * segment['speed_mps']
+        drive = self.vehicle.drivetrain
+        # The brake takes what would be regenerated through the drivetrain.
+        drivetrain_w = drive.heat_recovery_efficiency * (1.0 - drive.efficiency) * (
+            abs(segment['propulsion_power_w']) - brake_w)
+        heat_w = (self.vehicle.hvch.efficiency * heater_w + drivetrain_w + joule_w
+                  + gamma * (segment['ambient_temperature_c'] - temperature_c))
+        return joule_w, heat_w, terminal_w + joule_w, current_a + ripple_w / u
+
+    def rates(self, y, segment, heater_w, brake_w=0.0):
+        """Change of (soc, temperature, energy [Wh]) per second."""
+        _, heat_w, power_w, current_a = self.heat_and_power(
+            y[0], y[1], segment, heater_w, brake_w)
+        return np.array([-current_a / (3600.0 * self.battery.capacity_ah),
+                         heat_w / self.battery.heat_capacity_j_per_k, power_w / 3600.0])
+
+    def drive(self, route, state, heater_w, brake_w=None):
+        """Soc, temperature and energy [Wh] at the instants, by Runge-Kutta steps; (N + 1, 3)."""
+        brake_w = np.zeros(len(route)) if brake_w is None else brake_w
+        run = [np.array([state.soc, state.temperature_c, 0.0])]
+        for segment, heater, brake in zip(segments_of(route), heater_w, brake_w):
+            y, h = run[-1], segment['duration_s']
+            k1 = self.rates(y, segment, heater, brake)
+            k2 = self.rates(y + h / 2 * k1, segment, heater, brake)
+            k3 = self.rates(y + h / 2 * k2, segment, heater, brake)
+            k4 = self.rates(y + h * k3, segment, heater, brake)
+            run.append(y + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4))
+        return np.array(run)
+
+    def heater_limit_w(self, route):
+        return np.maximum(self.vehicle.hvch.maximum_power_w - route.cabin_heating_power_w, 0.0)
+
+    def switched_at(self, route, state, instant_s):
+        """The end of a continuous drive that is heated at full power from one instant on."""
+        y, start_s = np.array([state.soc, state.temperature_c, 0.0]), 0.0
+        for segment, limit_w in zip(segments_of(route), self.heater_limit_w(route)):
+            end_s = start_s + segment['duration_s']
+            instants = [start_s, *([instant_s] if start_s < instant_s < end_s else []), end_s]
+            for begin_s, stop_s in zip(instants, instants[1:]):
+                heater_w = limit_w if begin_s >= instant_s else 0.0
+                y = solve_ivp(lambda t, y: self.rates(y, segment, heater_w), (begin_s, stop_s), y,
+                              method='DOP853', rtol=1e-10, atol=1e-10).y[:, -1]
+            start_s = end_s
+        return y
+
+    def cheapest_switch(self, route, state, target_c):
+        """Instant [s] from which heating just reaches the target, and the energy [Wh] it takes."""
+        instant_s = brentq(lambda s: self.switched_at(route, state, s)[1] - target_c,
+                           0.0, route.total_duration_s, xtol=1e-3)
+        return instant_s, self.switched_at(route, state, instant_s)[2]
+
+
+def segments_of(route):
+    columns = {name: values.tolist() for name, values in vars(route).items()}
+    return [dict(zip(columns, row)) for row in zip(*columns.values())]
+
+
+def bilinear(table, soc, temperature_c):
+    """Along temperature in each row, then along soc; level beyond the ends."""
+    rows = [np.interp(temperature_c, table.temperature_c, row) for row in table.values]
+    return np.interp(soc, table.soc, rows)
+
+
+def made_route(vehicle=REFERENCE, **columns):
+    return make_route({
+        'duration_s': [30.0], 'speed_mps': [21.0], 'propulsion_power_w': [17e3],
+        'ambient_temperature_c': [-6.0], 'cabin_heating_power_w': [1700.0],
+        'auxiliary_power_w': [450.0], **columns}, vehicle.defaults)
+
+
+def uneven_route():
+    """Forty minutes of traffic in steps of 5 to 90 s."""
+    random = np.random.default_rng(5)
+    duration_s = random.uniform(5.0, 90.0, 50)
+    power_w = random.uniform(2e3, 40e3, 50)
+    return made_route(
+        duration_s=duration_s, speed_mps=random.uniform(5.0, 35.0, 50),
+        propulsion_power_w=power_w, propulsion_power_rms_w=power_w * random.uniform(1.0, 1.6, 50),
+        ambient_temperature_c=random.uniform(-9.0, -3.0, 50),
+        cabin_heating_power_w=random.uniform(300.0, 3000.0, 50))
+
+
+# Twenty minutes downhill in a deep cold, with some driving before and after.
+DESCENT = made_route(propulsion_power_w=[14e3] * 20 + [-30e3] * 40 + [14e3] * 30,
+                     ambient_temperature_c=[-12.0])
+
+TRIPS = {
+    'reference': (REFERENCE, load_route('reference', REFERENCE.defaults), STATE, GOAL),
+    'uneven': (REFERENCE, uneven_route(), BatteryState(-4.0, 0.77), Goal(21.0)),
+    'descent': (REFERENCE, DESCENT, BatteryState(-12.0, 0.83), Goal(13.0)),
+    'small_car': (VEHICLES['small_car'], load_route('winter_commute', VEHICLES['small_car'].defaults),
+                  BatteryState(-3.0, 0.81), Goal(4.0, 0.2)),
+}
+# Those in which no limit but the heater's is active.
+UNLIMITED = ('reference', 'uneven', 'small_car')
+solutions = {}
+
+
+def solution_of(name):
+    """Optimum of one of TRIPS; each is solved once."""
+    if name not in solutions:
+        solutions[name] = solve_optimum(*TRIPS[name])
+    return solutions[name]
+
+
+@pytest.fixture(params=TRIPS)
+def trip(request):
+    """(vehicle, route, state, goal, plan) of each of TRIPS."""
+    return (*TRIPS[request.param], solution_of(request.param).plan)
+
+
+@pytest.mark.parametrize('name', TRIPS)
+def test_the_program_is_solved(name):
+    optimum = solution_of(name)
+    assert (optimum.solver_status, optimum.infeasible) == (SUCCESS, ())
+
+
+def test_states_are_those_of_a_drive_under_its_powers(trip):
+    vehicle, route, state, _, plan = trip
+    run = Car(vehicle).drive(route, state, plan.hvch_battery_power_w, plan.friction_brake_power_w)
+    # IPOPT closes each step to 1e-9 of a per cent and of a kelvin.
+    assert np.abs(run[:, 0] - plan.soc).max() < 1e-8
+    assert np.abs(run[:, 1] - plan.battery_temperature_c).max() < 1e-6
+
+
+def test_energy_is_that_of_a_drive_under_its_powers(trip):
+    vehicle, route, state, _, plan = trip
+    run = Car(vehicle).drive(route, state, plan.hvch_battery_power_w, plan.friction_brake_power_w)
+    assert plan.energy_wh.battery_total == pytest.approx(run[-1, 2], abs=1e-3)
+
+
+def test_heater_takes_no_more_than_the_cabin_leaves(trip):
+    vehicle, route, _, _, plan = trip
+    assert (plan.hvch_battery_power_w >= 0.0).all()
+    assert (plan.hvch_battery_power_w
+            <= np.maximum(vehicle.hvch.maximum_power_w - route.cabin_heating_power_w, 0.0)).all()
+
+
+def test_brake_takes_no_more_than_is_regenerated(trip):
+    _, route, _, _, plan = trip
+    assert (plan.friction_brake_power_w >= 0.0).all()
+    assert (plan.friction_brake_power_w <= np.maximum(-route.propulsion_power_w, 0.0)).all()
+
+
+def test_states_stay_in_their_ranges(trip):
+    vehicle, *_, plan = trip
+    soc_low, soc_high = vehicle.battery.soc_range
+    cold_c, warm_c = vehicle.battery.temperature_range_c
+    assert soc_low <= plan.soc.min() and plan.soc.max() <= soc_high
+    assert cold_c <= plan.battery_temperature_c.min()
+    assert plan.battery_temperature_c.max() <= warm_c
+
+
+def test_arrival_is_as_warm_and_as_charged_as_wanted(trip):
+    *_, goal, plan = trip
+    # Constraints hold to 1e-9 of their scaled size.
+    assert plan.arrival_temperature_c >= goal.target_temperature_c - 1e-6
+    assert plan.arrival_soc >= goal.minimum_arrival_soc - 1e-8
+
+
+def test_power_limits_hold_at_the_start_of_each_step(trip):
+    vehicle, route, _, _, plan = trip
+    car, battery = Car(vehicle), vehicle.battery
+    for k, segment in enumerate(segments_of(route)):
+        soc, temperature_c = plan.soc[k], plan.battery_temperature_c[k]
+        power_w = car.heat_and_power(soc, temperature_c, segment, plan.hvch_battery_power_w[k],
+                                     plan.friction_brake_power_w[k])[2]
+        # A milliwatt, of some 10 kW.
+        assert bilinear(battery.charge_power_limit, soc, temperature_c) - 1e-3 <= power_w
+        assert power_w <= bilinear(battery.discharge_power_limit, soc, temperature_c) + 1e-3
+
+
+@pytest.mark.parametrize('name', UNLIMITED)
+def test_energy_is_that_of_the_best_switching_instant(name):
+    vehicle, route, state, goal = TRIPS[name]
+    _, energy_wh = Car(vehicle).cheapest_switch(route, state, goal.target_temperature_c)
+    # A continuous drive may switch within a step, and has no integration error.
+    assert solution_of(name).plan.energy_wh.battery_total == pytest.approx(energy_wh, abs=0.1)
+
+
+@pytest.mark.parametrize('name', UNLIMITED)
+def test_heating_starts_at_the_best_switching_instant(name):
+    vehicle, route, state, goal = TRIPS[name]
+    instant_s, _ = Car(vehicle).cheapest_switch(route, state, goal.target_temperature_c)
+    # The step in which the heater is switched on carries its mean, a second more or less.
+    assert solution_of(name).plan.heating_start_s == pytest.approx(instant_s, abs=1.0)
+
+
+def test_half_the_step_saves_no_more_than_a_smaller_partial_step_can():
+    vehicle, route, state, goal = TRIPS['reference']
+    coarse_wh = solution_of('reference').plan.energy_wh.battery_total
+    fine = solve_optimum(vehicle, route.resampled(15.0), state, goal)
+    # Every schedule of 30 s is one of 15 s; its integration error, 1e-4 Wh, may tell against it.
+    assert -1e-3 < coarse_wh - fine.plan.energy_wh.battery_total < 0.5
+
+
+@pytest.mark.parametrize('name', UNLIMITED)
+def test_optimal_switch_is_within_a_tenth_of_a_watt_hour_and_not_below(name):
+    plan = plan_preheating(*TRIPS[name], 'optimal_switch')
+    gap_wh = plan.energy_wh.battery_total - solution_of(name).plan.energy_wh.battery_total
+    # Below by what IPOPT's tolerance leaves, at most.
+    assert -1e-3 < gap_wh < 0.1
+
+
+def test_variation_of_power_within_steps_costs_what_it_costs_by_hand():
+    def route_of(rms_w):
+        return made_route(duration_s=[30.0] * 60, propulsion_power_rms_w=[rms_w])
+
+    state, goal = BatteryState(-5.0, 0.71), Goal(6.0)
+    more_wh = [
+        measure(route_of(31e3)) - measure(route_of(17e3)) for measure in (
+            lambda route: solve_optimum(REFERENCE, route, state, goal).plan.energy_wh.battery_total,
+            lambda route: Car(REFERENCE).cheapest_switch(route, state, 6.0)[1])]
+    assert more_wh[0] == pytest.approx(more_wh[1], abs=0.1)
+
+
+def test_descent_is_solved_as_well_as_by_dynamic_programming():
+    plan = plan_preheating(*TRIPS['descent'], 'merit_order')
+    gap_wh = plan.energy_wh.battery_total - solution_of('descent').plan.energy_wh.battery_total
+    # Heating at the end only costs 5 kWh more; the other method works on a grid.
+    assert -1e-2 < gap_wh < 5.0
+
+
+def test_brake_takes_what_a_cold_battery_may_not():
+    braked_w = solution_of('descent').plan.friction_brake_power_w
+    assert (braked_w > 1.0).any()
+
+
+@pytest.mark.parametrize('name', UNLIMITED)
+def test_brake_takes_nothing_where_the_battery_may_take_all(name):
+    # 1 W of some 10 kW is what an interior point leaves.
+    assert solution_of(name).plan.friction_brake_power_w.max() < 1.0
+
+
+def test_warm_battery_takes_the_same_descent_without_the_brake():
+    optimum = solve_optimum(REFERENCE, DESCENT, BatteryState(26.0, 0.83), Goal(13.0))
+    assert optimum.plan.friction_brake_power_w.max() < 1.0
+
+
+def test_limits_can_be_left_out():
+    vehicle, route, state, goal = TRIPS['descent']
+    optimum = solve_optimum(vehicle, route, state, goal, limited=False)
+    assert optimum.solver_status == SUCCESS
+    assert not optimum.plan.friction_brake_power_w.any()
+
+
+def test_unreachable_target_lacks_what_full_heating_misses():
+    vehicle, route, state, _ = TRIPS['reference']
+    car = Car(vehicle)
+    arrival_c = car.drive(route, state, car.heater_limit_w(route))[-1, 1]
+    optimum = solve_optimum(vehicle, route, state, Goal(51.0))
+    (lacking,) = optimum.lacking
+    assert (lacking.constraint, lacking.unit) == (TARGET, 'K')
+    # The prices of the slacks leave the heater 1e-6 short of its maximum.
+    assert lacking.amount == pytest.approx(51.0 - arrival_c, abs=1e-3)
+
+
+def test_unreachable_target_is_said_in_words():
+    vehicle, route, state, _ = TRIPS['reference']
+    optimum = solve_optimum(vehicle, route, state, Goal(51.0))
+    assert optimum.infeasible == (
+        f'target temperature: {optimum.lacking[0].amount:.2f} K cannot be reached',)
+
+
+def test_unreachable_target_is_no_optimum():
+    vehicle, route, state, _ = TRIPS['reference']
+    optimum = solve_optimum(vehicle, route, state, Goal(51.0))
+    assert optimum.solver_status != SUCCESS
+    assert optimum.plan.status is Status.TARGET_UNREACHABLE
+    assert math.isnan(optimum.marginal_cost_wh_per_k)
+
+
+def test_reserve_that_driving_alone_breaks_lacks_what_driving_misses():
+    vehicle, route, state, _ = TRIPS['reference']
+    arrival_soc = Car(vehicle).drive(route, state, np.zeros(len(route)))[-1, 0]
+    optimum = solve_optimum(vehicle, route, state, Goal(-20.0, arrival_soc + 0.04))
+    (lacking,) = optimum.lacking
+    assert (lacking.constraint, lacking.unit) == (ARRIVAL_SOC, '%')
+    assert lacking.amount == pytest.approx(4.0, abs=1e-3)
+
+
+def test_charge_comes_before_warmth():
+    vehicle, route, state, goal = TRIPS['reference']
+    car = Car(vehicle)
+    idle, full = (car.drive(route, state, share * car.heater_limit_w(route)) for share in (0, 1))
+    reserve = 0.5 * (idle[-1, 0] + full[-1, 0])
+    optimum = solve_optimum(vehicle, route, state, Goal(51.0, reserve))
+    assert [item.constraint for item in optimum.lacking] == [TARGET]
+    assert optimum.plan.arrival_soc == pytest.approx(reserve, abs=1e-7)
+
+
+def test_state_of_charge_that_leaves_its_range_on_the_way_is_lacking():
+    # Nearly empty over a hill: on the way down it recovers.
+    route = made_route(propulsion_power_w=[10e3] * 40 + [-20e3] * 20,
+                       ambient_temperature_c=[14.0])
+    state = BatteryState(16.0, 0.07)
+    run = Car(REFERENCE).drive(route, state, np.zeros(60))
+    assert run[-1, 0] > 0.05
+    optimum = solve_optimum(REFERENCE, route, state, Goal(-10.0))
+    (lacking,) = optimum.lacking
+    assert (lacking.constraint, lacking.unit) == (LOWEST_SOC, '%')
+    # No heating could help; the worst instant is the top of the hill.
+    assert lacking.amount == pytest.approx(100.0 * (0.05 - run[40, 0]), abs=1e-3)
+    assert lacking.text.endswith('% below its range at 1200 s')
+
+
+def test_regeneration_into_a_full_battery_without_limits_is_lacking():
+    route = made_route(propulsion_power_w=[-30e3] * 40, ambient_temperature_c=[14.0])
+    state = BatteryState(16.0, 0.99)
+    optimum = solve_optimum(REFERENCE, route, state, Goal(-10.0), limited=False)
+    (lacking,) = optimum.lacking
+    assert (lacking.constraint, lacking.unit) == (HIGHEST_SOC, '%')
+    # Even with all the power that the heater can take.
+    car = Car(REFERENCE)
+    full = car.drive(route, state, car.heater_limit_w(route))
+    assert lacking.amount == pytest.approx(100.0 * (full[-1, 0] - 1.0), abs=1e-3)
+
+
+def test_joule_heat_beyond_the_highest_temperature_is_lacking():
+    vehicle = replace(REFERENCE, battery=replace(
+        REFERENCE.battery, temperature_range_c=(-40.0, 40.0)))
+    route = made_route(propulsion_power_w=[16e3] * 10 + [170e3] * 20 + [16e3] * 20,
+                       ambient_temperature_c=[20.0])
+    state = BatteryState(33.0, 0.95)
+    idle_c = Car(vehicle).drive(route, state, np.zeros(50))[:, 1]
+    optimum = solve_optimum(vehicle, route, state, Goal(20.0))
+    (lacking,) = optimum.lacking
+    assert (lacking.constraint, lacking.unit) == (HIGHEST_TEMPERATURE, 'K')
+    assert lacking.amount == pytest.approx(idle_c.max() - 40.0, abs=1e-3)
+    assert lacking.text.endswith(
+        f'K above its range at {30 * int(np.argmax(idle_c))} s')
+
+
+@pytest.mark.parametrize('number', [43, 72])
+def test_drawn_climbs_that_overheat_the_battery_are_explained(number):
+    trip = draw_limit_trip(REFERENCE, 1, number)
+    optimum = solve_optimum(trip.vehicle, trip.route, trip.state, trip.goal)
+    assert HIGHEST_TEMPERATURE in {item.constraint for item in optimum.lacking}
+
+
+def test_highest_temperature_is_kept_where_the_battery_need_not_deliver_all():
+    # Warmer, the battery could deliver more of this climb; its range comes first.
+    trip = draw_limit_trip(REFERENCE, 1, 64)
+    optimum = solve_optimum(trip.vehicle, trip.route, trip.state, trip.goal)
+    assert optimum.lacking
+    assert optimum.plan.battery_temperature_c.max() <= 60.0 + 1e-6
+
+
+def fresh_vehicle():
+    """Programs are kept for each vehicle; this one has none yet."""
+    return replace(REFERENCE)
+
+
+def test_solver_that_may_not_iterate_is_a_failure(monkeypatch):
+    monkeypatch.setitem(program.SOLVER_OPTIONS, 'ipopt.max_iter', 2)
+    with pytest.raises(SolverFailure, match='Maximum_Iterations_Exceeded'):
+        solve_optimum(fresh_vehicle(), *TRIPS['reference'][1:])
+
+
+@pytest.fixture
+def failing_runs(monkeypatch):
+    """Say of the first runs of the program itself that they failed; how many is to be set."""
+    limit, run = {'runs': 0}, solve._run
+
+    def _run(built, *arguments):
+        result = run(built, *arguments)
+        if built.give is program.Give.NOTHING and limit['runs'] > 0:
+            limit['runs'] -= 1
+            return replace(result, status='Restoration_Failed')
+        return result
+
+    monkeypatch.setattr(solve, '_run', _run)
+    return limit
+
+
+def test_failure_on_a_trip_that_can_be_kept_is_tried_again(failing_runs):
+    failing_runs['runs'] = 1
+    optimum = solve_optimum(*TRIPS['uneven'])
+    assert (optimum.solver_status, optimum.lacking) == (SUCCESS, ())
+    assert optimum.plan.energy_wh.battery_total == pytest.approx(
+        solution_of('uneven').plan.energy_wh.battery_total, abs=1e-3)
+
+
+def test_failure_on_a_trip_that_can_be_kept_is_no_optimum(failing_runs):
+    failing_runs['runs'] = 2
+    with pytest.raises(SolverFailure, match='Restoration_Failed'):
+        solve_optimum(*TRIPS['uneven'])
+
+
+def test_marginal_cost_is_what_one_more_kelvin_costs():
+    vehicle, route, state, _ = TRIPS['reference']
+    colder_wh, warmer_wh = (
+        solve_optimum(vehicle, route, state, Goal(target_c)).plan.energy_wh.battery_total
+        for target_c in (24.0, 26.0))
+    # The cost grows by less than 1 % a kelvin, so the central difference is right to 0.1 %.
+    assert solution_of('reference').marginal_cost_wh_per_k == pytest.approx(
+        0.5 * (warmer_wh - colder_wh), rel=5e-3)
+
+
+def test_marginal_cost_is_unknown_where_the_battery_arrives_warm_anyway():
+    vehicle, route, state, _ = TRIPS['reference']
+    optimum = solve_optimum(vehicle, route, state, Goal(-20.0))
+    assert math.isnan(optimum.marginal_cost_wh_per_k)
+
+
+def test_nothing_is_heated_where_no_charging_is_planned():
+    vehicle, route, state, _ = TRIPS['reference']
+    optimum = solve_optimum(vehicle, route, state, Goal(25.0, charging_planned=False))
+    idle_wh = Car(vehicle).drive(route, state, np.zeros(len(route)))[-1, 2]
+    assert (optimum.plan.status, optimum.lacking) == (Status.NO_CHARGING_PLANNED, ())
+    assert optimum.plan.energy_wh.battery_total == pytest.approx(idle_wh, abs=1e-2)
+
+
+def test_refused_input_is_refused_before_solving():
+    with pytest.raises(InvalidInput, match='^state of charge: 1.2 is not allowed'):
+        solve_optimum(*TRIPS['reference'][:2], BatteryState(-7.0, 1.2), GOAL)
+
+
+def test_dictionary_has_the_solver_in_it():
+    optimum = solution_of('reference')
+    dictionary = optimum.as_dictionary()
+    assert {key: dictionary[key] for key in (
+        'method', 'solver_status', 'solve_time_s', 'iterations', 'infeasible')} == {
+            'method': 'nlp', 'solver_status': SUCCESS, 'solve_time_s': optimum.solve_time_s,
+            'iterations': optimum.iterations, 'infeasible': []}

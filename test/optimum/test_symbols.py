@@ -1,0 +1,112 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The model as CasADi expressions against the same model in plain floats, at random points."""
+
+import casadi
+import numpy as np
+import pytest
+
+from bev_preheat.arithmetic import FLOATS, SATURATING_FLOATS
+from bev_preheat.model import make_rates, make_runge_kutta_4
+from bev_preheat.optimum.symbols import symbolic_curve, symbolic_rates, symbolic_step
+from bev_preheat.vehicle import load_vehicle
+
+# Formulas, and tables.
+VEHICLES = {name: load_vehicle(name) for name in ('reference', 'small_car')}
+CURVES = ('open_circuit_voltage', 'resistance', 'discharge_power_limit', 'charge_power_limit')
+POINTS = 300
+# Both sides round each of some hundred operations to 1e-16.
+ROUNDING = 1e-12
+
+
+@pytest.fixture(params=VEHICLES)
+def vehicle(request):
+    return VEHICLES[request.param]
+
+
+def random_points(vehicle, seed):
+    """
+    States and inputs of steps, one a row, in the order of a step's arguments without duration.
+
+    States reach beyond the ends of the tables; powers up to nearly what the circuit can give.
+    """
+    random = np.random.default_rng(seed)
+    battery = vehicle.battery
+    voltage = battery.open_circuit_voltage.function(FLOATS)
+    resistance = battery.resistance.function(FLOATS)
+    for _ in range(POINTS):
+        soc, temperature_c = random.uniform(-0.1, 1.1), random.uniform(-38.0, 75.0)
+        most_w = voltage(soc, temperature_c)**2 / (4.0 * resistance(soc, temperature_c))
+        # Near 0 W the root of the quadratic loses digits, on both sides alike.
+        share = random.choice([random.uniform(-0.9, -0.02), random.uniform(0.02, 0.95)])
+        yield (soc, temperature_c, share * most_w, random.uniform(0.0, 30e3)**2,
+               random.uniform(-2e3, 9e3), random.uniform(10.0, 120.0))
+
+
+def test_rates_are_those_of_floats(vehicle):
+    symbolic, numeric = symbolic_rates(vehicle), make_rates(vehicle, FLOATS)
+    for point in random_points(vehicle, seed=11):
+        soc_rate, temperature_rate, joule_w = numeric(*point)
+        _, temperature_c, _, _, heat_w, leakage_w_per_k = point
+        # The temperature's rate is a sum that may nearly cancel.
+        terms_k_per_s = (abs(heat_w) + abs(leakage_w_per_k * temperature_c) + joule_w) / (
+            vehicle.battery.heat_capacity_j_per_k)
+        assert [float(value) for value in symbolic(*point)] == [
+            pytest.approx(soc_rate, rel=ROUNDING),
+            pytest.approx(temperature_rate, rel=0.0, abs=ROUNDING * terms_k_per_s),
+            pytest.approx(joule_w, rel=ROUNDING)]
+
+
+def test_runge_kutta_step_is_that_of_floats(vehicle):
+    symbolic = symbolic_step(vehicle)
+    numeric = make_runge_kutta_4(make_rates(vehicle, SATURATING_FLOATS))
+    random = np.random.default_rng(12)
+    for soc, temperature_c, *inputs in random_points(vehicle, seed=13):
+        step = (soc, temperature_c, random.uniform(0.5, 300.0), 0.5 * inputs[0], *inputs[1:])
+        soc_end, end_c, mean_c, mean_joule_w = numeric(*step)
+        # Temperatures in degC pass through 0, where only their size in kelvin says what rounds.
+        assert [float(value) for value in symbolic(*step)] == [
+            pytest.approx(soc_end, rel=0.0, abs=ROUNDING),
+            pytest.approx(end_c, rel=0.0, abs=300.0 * ROUNDING),
+            pytest.approx(mean_c, rel=0.0, abs=300.0 * ROUNDING),
+            pytest.approx(mean_joule_w, rel=ROUNDING)]
+
+
+def points_of_curve(curve, seed):
+    """States within and beyond the curve, and the points of its table, if it has one."""
+    random = np.random.default_rng(seed)
+    inside_and_beyond = zip(random.uniform(-0.5, 1.5, POINTS), random.uniform(-40.0, 90.0, POINTS))
+    nodes = [(soc, temperature_c) for soc in getattr(curve, 'soc', ())
+             for temperature_c in getattr(curve, 'temperature_c', ())]
+    far_beyond = [(soc, temperature_c) for soc in (-3.0, 4.0) for temperature_c in (-44.0, 500.0)]
+    return [*inside_and_beyond, *nodes, *far_beyond]
+
+
+@pytest.mark.parametrize('name', CURVES)
+def test_curve_is_that_of_floats(vehicle, name):
+    curve = getattr(vehicle.battery, name)
+    symbolic, numeric = symbolic_curve(curve), curve.function(FLOATS)
+    points = points_of_curve(curve, seed=14)
+    expected = np.array([numeric(*point) for point in points])
+    # Limits go down to 0 W.
+    assert np.array([float(symbolic(*point)) for point in points]) == pytest.approx(
+        expected, rel=ROUNDING, abs=ROUNDING * np.abs(expected).max())
+
+
+def test_power_that_cannot_be_delivered_leaves_the_current_at_its_most(vehicle):
+    soc, temperature_c = 0.63, 4.0
+    voltage_v = vehicle.battery.open_circuit_voltage.function(FLOATS)(soc, temperature_c)
+    resistance_ohm = vehicle.battery.resistance.function(FLOATS)(soc, temperature_c)
+    joule_w = symbolic_rates(vehicle)(soc, temperature_c, 2e6, 0.0, 0.0, 0.0)[2]
+    # The floor of the discriminant, 1e-6 V^2, is 1 mV of some 200 V of drop.
+    assert float(joule_w) == pytest.approx(voltage_v**2 / (4.0 * resistance_ohm), rel=2e-5)
+
+
+def test_derivatives_are_finite_where_power_cannot_be_delivered(vehicle):
+    rates = symbolic_rates(vehicle)
+    state = casadi.SX.sym('state', 2)
+    power_w = casadi.SX.sym('power')
+    outputs = casadi.vertcat(*rates(state[0], state[1], power_w, 7e6, 300.0, 40.0))
+    jacobian = casadi.Function('jacobian', [state, power_w], [
+        casadi.jacobian(outputs, casadi.vertcat(state, power_w))])
+    for asked_w in (1e5, 2e6):
+        assert np.isfinite(np.array(jacobian([0.63, -27.0], asked_w))).all()

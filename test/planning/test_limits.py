@@ -1,0 +1,361 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Limits (9i) on random trips: terminal power, what is heated, braked and cut, and the books."""
+
+from dataclasses import replace
+
+from hypothesis import assume, given, settings, strategies as st
+import numpy as np
+import pytest
+
+from bev_preheat.arithmetic import ARRAYS, FLOATS
+from bev_preheat.model import make_runge_kutta_4
+from bev_preheat.planning.limits import (
+    drive_as_planned, limits_hold, make_terminal_limits, run_within_limits, Watch, watch_limits)
+from bev_preheat.planning.merit_order import plan_merit_order
+from bev_preheat.planning.optimal_switch import plan_optimal_switch
+from bev_preheat.planning.simulate import keep_accounts, run_forward
+from bev_preheat.planning.situation import BatteryState, Goal
+from bev_preheat.planning.trip import make_trip
+from bev_preheat.route.segments import make_route
+from bev_preheat.vehicle import load_vehicle
+from bev_preheat.vehicle.curves import InverseTemperatureResistance, PolynomialVoltage, Table
+from bev_preheat.vehicle.description import Drivetrain, Hvch, Leakage
+
+# Corners of the limits [W] at states of charge 0 and 1 (rows), -30 and 30 degC.
+DISCHARGE_W = ((10e3, 90e3), (70e3, 310e3))
+CHARGE_W = ((-12e3, -130e3), (0.0, -20e3))
+CAR = load_vehicle('reference')
+CAR = replace(
+    CAR,
+    battery=replace(
+        CAR.battery, capacity_ah=200.0, heat_capacity_j_per_k=378500.0,
+        open_circuit_voltage=PolynomialVoltage((365.0, 75.0, 0.0, 15.0)),
+        resistance=InverseTemperatureResistance(4.2, 45.0), leakage=Leakage(33.0, 0.5),
+        discharge_power_limit=Table((0.0, 1.0), (-30.0, 30.0), DISCHARGE_W),
+        charge_power_limit=Table((0.0, 1.0), (-30.0, 30.0), CHARGE_W),
+        soc_range=(0.05, 1.0), temperature_range_c=(-40.0, 60.0)),
+    drivetrain=Drivetrain(0.9, 0.8, 350e3), hvch=Hvch(7000.0, 0.87))
+
+# Strong regeneration and strong climbs, for a cold battery.
+SEGMENTS = st.lists(st.fixed_dictionaries({
+    'duration_s': st.floats(1.0, 90.0), 'speed_mps': st.floats(0.0, 35.0),
+    'propulsion_power_w': st.floats(-80e3, 150e3), 'deviation_w': st.floats(0.0, 20e3),
+    'ambient_temperature_c': st.floats(-25.0, 10.0),
+    'cabin_heating_power_w': st.floats(0.0, 8e3), 'auxiliary_power_w': st.floats(0.0, 2e3),
+    'wanted_share': st.floats(0.0, 1.0)}), min_size=1, max_size=30)
+STATES = st.builds(BatteryState, st.floats(-25.0, 25.0), st.floats(0.4, 1.0))
+HOT_STATES = st.builds(BatteryState, st.floats(57.0, 60.0), st.floats(0.4, 1.0))
+ON_RANDOM_TRIPS = settings(max_examples=60, deadline=None, derandomize=True)
+
+
+def bilinear(corners_w, soc, temperature_c):
+    warm = np.clip((temperature_c + 30.0) / 60.0, 0.0, 1.0)
+    (empty_cold, empty_warm), (full_cold, full_warm) = corners_w
+    soc = np.clip(soc, 0.0, 1.0)
+    return ((1 - soc) * ((1 - warm) * empty_cold + warm * empty_warm)
+            + soc * ((1 - warm) * full_cold + warm * full_warm))
+
+
+def battery_power_w(soc, temperature_c, terminal_w, variance_w2):
+    """P_b = U I + R var/U^2, where I is the smaller root of U I - R I^2 = P_t."""
+    u, r = 365.0 + 75.0 * soc + 15.0 * soc**3, 4.2 / (temperature_c + 45.0)
+    current_a = (u - np.sqrt(np.maximum(u**2 - 4 * r * terminal_w, 0.0))) / (2 * r)
+    return u * current_a + r * variance_w2 / u**2
+
+
+def trip_of(segments):
+    """Trip of random segments, and the heater power wanted in each."""
+    columns = {name: np.array([segment[name] for segment in segments]) for name in segments[0]}
+    columns['propulsion_power_rms_w'] = np.hypot(
+        columns['propulsion_power_w'], columns.pop('deviation_w'))
+    share = columns.pop('wanted_share')
+    trip = make_trip(CAR, make_route(columns, CAR.defaults))
+    return trip, share * trip.heater_limit_w
+
+
+def steady_trip(count=20, **changes):
+    columns = {'duration_s': [30.0] * count, 'speed_mps': [20.0], 'propulsion_power_w': [-50e3],
+               'ambient_temperature_c': [-12.0], 'cabin_heating_power_w': [1500.0],
+               'auxiliary_power_w': [400.0]}
+    columns.update({name: np.atleast_1d(value) for name, value in changes.items()})
+    return make_trip(CAR, make_route(columns, CAR.defaults))
+
+
+def every_step(trip):
+    return Watch(trip.route.propulsion_power_w < 0.0, np.ones(len(trip.route), dtype=bool))
+
+
+def run(trip, state, wanted_w, take_surplus=True, watch=None):
+    return run_within_limits(
+        trip, state, watch or every_step(trip), lambda k, temperature_c: float(wanted_w[k]),
+        take_surplus)
+
+
+def drawn_run(segments, state, take_surplus=True):
+    trip, wanted_w = trip_of(segments)
+    return trip, wanted_w, run(trip, state, wanted_w, take_surplus)
+
+
+def power_in_steps_w(trip, schedule):
+    """P_b at the start of each step, and the charge and discharge limits there."""
+    soc, temperature_c = schedule.soc[:-1], schedule.temperature_c[:-1]
+    terminal_w = (trip.route.propulsion_power_w + trip.route.cabin_heating_power_w
+                  + trip.route.auxiliary_power_w + schedule.heater_power_w
+                  + schedule.brake_power_w)
+    return (battery_power_w(soc, temperature_c, terminal_w,
+                            trip.route.propulsion_power_variance_w2),
+            bilinear(CHARGE_W, soc, temperature_c), bilinear(DISCHARGE_W, soc, temperature_c))
+
+
+# Terminal power
+
+@pytest.mark.parametrize('which, corners_w', [(0, CHARGE_W), (1, DISCHARGE_W)],
+                         ids=['charge', 'discharge'])
+@given(soc=st.floats(0.05, 1.0), temperature_c=st.floats(-30.0, 30.0),
+       deviation_w=st.floats(0.0, 30e3))
+@settings(max_examples=100, deadline=None, derandomize=True)
+def test_battery_power_is_at_its_limit_where_terminal_power_is(
+        which, corners_w, soc, temperature_c, deviation_w):
+    terminal_w = make_terminal_limits(CAR, FLOATS)(soc, temperature_c, deviation_w**2)[which]
+    # 1e-6 W: rounding of the roots of some 1e5 V^2.
+    assert battery_power_w(soc, temperature_c, terminal_w, deviation_w**2) == pytest.approx(
+        bilinear(corners_w, soc, temperature_c), rel=1e-9, abs=1e-6)
+
+
+def test_most_terminal_power_is_that_of_the_circuit_where_the_battery_has_no_limit():
+    car = replace(CAR, battery=replace(
+        CAR.battery, discharge_power_limit=Table((0.0,), (0.0,), ((2e6,),))))
+    u, r = 365.0 + 75.0 * 0.7 + 15.0 * 0.7**3, 4.2 / 28.0
+    _, most_w = make_terminal_limits(car, FLOATS)(0.7, -17.0, 9e6)
+    assert most_w == pytest.approx(u**2 / (4 * r), rel=1e-12)
+
+
+@pytest.mark.parametrize('which', [0, 1], ids=['charge', 'discharge'])
+def test_limits_of_arrays_are_those_of_floats(which):
+    states = [(0.2, -21.0, 1e6), (0.6, 3.0, 4e8), (1.0, 29.0, 0.0)]
+    arrays = make_terminal_limits(CAR, ARRAYS)(*map(np.array, zip(*states)))[which]
+    assert arrays == pytest.approx(
+        [make_terminal_limits(CAR, FLOATS)(*state)[which] for state in states], rel=1e-12)
+
+
+# Runs within limits
+
+@pytest.mark.parametrize('take_surplus', [True, False])
+@given(segments=SEGMENTS, state=STATES)
+@ON_RANDOM_TRIPS
+def test_battery_takes_no_more_than_it_may(take_surplus, segments, state):
+    trip, _, schedule = drawn_run(segments, state, take_surplus)
+    power_w, charge_w, _ = power_in_steps_w(trip, schedule)
+    all_braked = schedule.brake_power_w >= -trip.route.propulsion_power_w * (1.0 - 1e-12)
+    # 1e-6 W: rounding, where the limit is 0.
+    assert (all_braked | (power_w >= charge_w * (1.0 + 1e-6) - 1e-6)).all()
+
+
+@given(segments=SEGMENTS, state=STATES)
+@ON_RANDOM_TRIPS
+def test_heater_never_makes_the_battery_give_more_than_it_can(segments, state):
+    trip, _, schedule = drawn_run(segments, state)
+    power_w, _, discharge_w = power_in_steps_w(trip, schedule)
+    heated = schedule.heater_power_w > 0.0
+    assert (power_w <= discharge_w * (1.0 + 1e-6))[heated].all()
+
+
+@given(segments=SEGMENTS, state=STATES)
+@ON_RANDOM_TRIPS
+def test_heater_is_cut_no_further_than_the_limit(segments, state):
+    trip, wanted_w, schedule = drawn_run(segments, state)
+    power_w, _, discharge_w = power_in_steps_w(trip, schedule)
+    cut = (schedule.heater_power_w > 0.0) & (schedule.heater_power_w < wanted_w - 1e-6)
+    assert power_w[cut] == pytest.approx(discharge_w[cut], rel=1e-6)
+
+
+@given(segments=SEGMENTS, state=STATES)
+@ON_RANDOM_TRIPS
+def test_friction_brake_is_between_nothing_and_all_of_the_regeneration(segments, state):
+    trip, _, schedule = drawn_run(segments, state)
+    brake_w = schedule.brake_power_w
+    assert ((brake_w >= 0.0) & (brake_w <= np.maximum(-trip.route.propulsion_power_w, 0.0))).all()
+
+
+@given(segments=SEGMENTS, state=STATES)
+@ON_RANDOM_TRIPS
+def test_heater_is_between_nothing_and_what_the_cabin_leaves(segments, state):
+    trip, _, schedule = drawn_run(segments, state)
+    left_w = np.maximum(7000.0 - trip.route.cabin_heating_power_w, 0.0)
+    assert ((schedule.heater_power_w >= 0.0) & (schedule.heater_power_w <= left_w)).all()
+
+
+@given(segments=SEGMENTS, state=STATES)
+@ON_RANDOM_TRIPS
+def test_surplus_goes_to_the_heater_before_the_brake(segments, state):
+    trip, _, schedule = drawn_run(segments, state)
+    braked = schedule.brake_power_w > 0.0
+    left_w = np.maximum(7000.0 - trip.route.cabin_heating_power_w, 0.0)
+    assert schedule.heater_power_w[braked].tolist() == left_w[braked].tolist()
+
+
+@given(segments=SEGMENTS, state=STATES)
+@ON_RANDOM_TRIPS
+def test_brake_takes_no_more_than_the_battery_may_not(segments, state):
+    trip, _, schedule = drawn_run(segments, state)
+    power_w, charge_w, _ = power_in_steps_w(trip, schedule)
+    braked = (schedule.brake_power_w > 0.0) & (
+        schedule.brake_power_w < -trip.route.propulsion_power_w)
+    assert power_w[braked] == pytest.approx(charge_w[braked], rel=1e-6, abs=1e-6)
+
+
+def test_surplus_of_one_step_by_hand():
+    # At -12 degC and half full: 0.3 of the way from cold to warm.
+    charge_w = 0.5 * (0.7 * -12e3 + 0.3 * -130e3) + 0.5 * 0.3 * -20e3
+    u, r = 365.0 + 37.5 + 1.875, 4.2 / 33.0
+    least_w = charge_w - r * (charge_w / u)**2
+    schedule = run(steady_trip(1), BatteryState(-12.0, 0.5), [0.0])
+    assert (schedule.heater_power_w[0], schedule.brake_power_w[0]) == pytest.approx(
+        (5500.0, least_w - (-50e3 + 1500.0 + 400.0 + 5500.0)), rel=1e-9)
+
+
+def test_surplus_that_the_heater_takes_alone_leaves_the_brake_alone():
+    trip = steady_trip(1, propulsion_power_w=-30e3)
+    charge_w = 0.5 * (0.7 * -12e3 + 0.3 * -130e3) + 0.5 * 0.3 * -20e3
+    u, r = 365.0 + 37.5 + 1.875, 4.2 / 33.0
+    least_w = charge_w - r * (charge_w / u)**2
+    schedule = run(trip, BatteryState(-12.0, 0.5), [0.0])
+    assert (schedule.heater_power_w[0], schedule.brake_power_w[0]) == pytest.approx(
+        (least_w - (-30e3 + 1900.0), 0.0), rel=1e-9)
+
+
+def test_surplus_that_is_not_to_be_taken_goes_to_the_brake():
+    schedule = run(steady_trip(1), BatteryState(-12.0, 0.5), [0.0], take_surplus=False)
+    assert (schedule.heater_power_w[0], schedule.brake_power_w[0] > 0.0) == (0.0, True)
+
+
+# Highest temperature
+
+def test_heater_is_off_at_the_highest_temperature():
+    # What the battery may not take is left to the brake then.
+    schedule = run(steady_trip(3, ambient_temperature_c=60.0), BatteryState(60.0, 1.0),
+                   [5500.0] * 3)
+    assert schedule.heater_power_w.tolist() == [0.0] * 3
+
+
+def test_battery_at_the_highest_temperature_takes_no_more_than_it_may():
+    trip = steady_trip(3, ambient_temperature_c=60.0)
+    power_w, charge_w, _ = power_in_steps_w(
+        trip, run(trip, BatteryState(60.0, 0.9), [5500.0] * 3))
+    assert (power_w >= charge_w * (1.0 + 1e-6)).all()
+
+
+@given(segments=SEGMENTS, state=HOT_STATES)
+@ON_RANDOM_TRIPS
+def test_heating_never_leads_beyond_the_highest_temperature(segments, state):
+    _, _, schedule = drawn_run([
+        dict(segment, ambient_temperature_c=20.0, propulsion_power_w=1e3 * index)
+        for index, segment in enumerate(segments)], state)
+    heated = schedule.heater_power_w > 0.0
+    # To the tolerance to which the heater is cut.
+    assert (schedule.temperature_c[1:][heated] <= 60.0 + 1e-6).all()
+
+
+def test_heating_goes_to_the_highest_temperature():
+    trip = steady_trip(40, ambient_temperature_c=60.0, propulsion_power_w=0.0)
+    schedule = run(trip, BatteryState(57.5, 0.6), [5500.0] * 40)
+    # 5500 W for 20 min would make it 15 K warmer. The cut errs on the cold side, by less than
+    # what a step's Joule heat of the heater's own current makes, 1 % of its 0.4 K.
+    assert schedule.temperature_c.max() == pytest.approx(60.0, abs=4e-3)
+
+
+# Books
+
+@given(segments=SEGMENTS, state=STATES)
+@ON_RANDOM_TRIPS
+def test_heat_balance_closes_with_the_brake(segments, state):
+    trip, _, schedule = drawn_run(segments, state)
+    energy = keep_accounts(trip, schedule).energy_wh
+    terms_j = 3600.0 * np.array(
+        [energy.joule, energy.drivetrain_heat, energy.hvch_heat, energy.leakage])
+    stored_j = 378500.0 * (schedule.temperature_c[-1] - schedule.temperature_c[0])
+    # A temperature is rounded once a step, and the heat capacity makes joules of that.
+    rounding_j = 378500.0 * len(segments) * np.spacing(np.abs(schedule.temperature_c).max())
+    assert terms_j.sum() == pytest.approx(
+        stored_j, rel=0.0, abs=1e-9 * np.abs(terms_j).max() + rounding_j)
+
+
+@given(segments=SEGMENTS, state=STATES)
+@ON_RANDOM_TRIPS
+def test_energy_balance_closes_with_the_brake(segments, state):
+    trip, _, schedule = drawn_run(segments, state)
+    accounts = keep_accounts(trip, schedule)
+    assume(not accounts.undeliverable_power_w.any())
+    route = trip.route
+    used_j = route.duration_s * np.array([
+        route.propulsion_power_w, route.cabin_heating_power_w, route.auxiliary_power_w,
+        schedule.heater_power_w, schedule.brake_power_w])
+    assert 3600.0 * accounts.energy_wh.battery_total == pytest.approx(
+        used_j.sum() + 3600.0 * accounts.energy_wh.joule, rel=0.0,
+        abs=1e-9 * np.abs(used_j).sum())
+
+
+@given(segments=SEGMENTS, state=STATES)
+@ON_RANDOM_TRIPS
+def test_what_the_brake_takes_makes_no_heat_in_the_drivetrain(segments, state):
+    trip, _, schedule = drawn_run(segments, state)
+    driven_w = np.abs(trip.route.propulsion_power_w) - schedule.brake_power_w
+    assert keep_accounts(trip, schedule).energy_wh.drivetrain_heat == pytest.approx(
+        0.08 * trip.route.duration_s @ driven_w / 3600.0, rel=1e-9, abs=1e-9)
+
+
+# Which steps are watched
+
+@given(segments=SEGMENTS, state=STATES, colder_k=st.floats(0.0, 3.0))
+@settings(max_examples=100, deadline=None, derandomize=True)
+def test_no_step_in_which_a_limit_matters_goes_unwatched(segments, state, colder_k):
+    trip, wanted_w, seen = drawn_run(segments, state)
+    watch = watch_limits(trip, seen.soc, seen.temperature_c)
+    colder = replace(state, temperature_c=state.temperature_c - colder_k)
+    everywhere, watched = run(trip, colder, wanted_w), run(trip, colder, wanted_w, watch=watch)
+    # The steps are chosen for runs up to 5 K colder than the one that was seen.
+    assume((seen.temperature_c - everywhere.temperature_c).max() < 5.0)
+    assert watched.temperature_c.tolist() == everywhere.temperature_c.tolist()
+
+
+@given(segments=SEGMENTS, state=STATES, target_c=st.floats(-10.0, 40.0))
+@settings(max_examples=100, deadline=None, derandomize=True)
+def test_plan_is_what_is_driven_with_every_step_watched(segments, state, target_c):
+    trip, _ = trip_of(segments)
+    plan = plan_merit_order(trip, state, Goal(target_c))
+    driven = drive_as_planned(trip, state, plan.heater_power_w)
+    # A milliwatt is no limit that matters; over an hour it makes 1e-5 K.
+    assert driven.temperature_c == pytest.approx(plan.temperature_c, rel=0.0, abs=1e-5)
+
+
+def test_a_warm_battery_on_a_flat_road_is_not_watched():
+    trip = steady_trip(propulsion_power_w=20e3)
+    soc, temperature_c = run_forward(
+        CAR, make_runge_kutta_4, 0.8, 20.0, trip.inputs(np.zeros(20)))
+    assert not watch_limits(trip, np.array(soc), np.array(temperature_c)).any
+
+
+# Driven as planned
+
+@given(segments=SEGMENTS, state=STATES)
+@settings(max_examples=100, deadline=None, derandomize=True)
+def test_without_an_active_limit_a_plan_is_driven_as_it_is(segments, state):
+    gentle = [dict(segment, propulsion_power_w=0.1 * abs(segment['propulsion_power_w']))
+              for segment in segments]
+    trip, wanted_w = trip_of(gentle)
+    soc, temperature_c = run_forward(
+        CAR, make_runge_kutta_4, state.soc, state.temperature_c, trip.inputs(wanted_w))
+    driven = drive_as_planned(trip, state, wanted_w)
+    assert (driven.soc.tolist(), driven.temperature_c.tolist(), driven.heater_power_w.tolist(),
+            driven.brake_power_w.any()) == (soc, temperature_c, wanted_w.tolist(), False)
+
+
+@pytest.mark.parametrize('changes, state, hold', [
+    ({'propulsion_power_w': 20e3}, BatteryState(-12.0, 0.8), True),
+    ({'propulsion_power_w': -50e3}, BatteryState(-12.0, 0.8), False),
+    ({'propulsion_power_w': 150e3}, BatteryState(-12.0, 0.8), False),
+    ({'propulsion_power_w': 20e3, 'ambient_temperature_c': 60.0}, BatteryState(59.9, 0.8), False)],
+    ids=['flat', 'descent', 'climb', 'too_hot'])
+def test_schedule_that_keeps_its_limits_is_known(changes, state, hold):
+    trip = steady_trip(**changes)
+    assert limits_hold(trip, plan_optimal_switch(trip, state, Goal(-12.0))) is hold
