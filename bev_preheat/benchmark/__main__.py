@@ -9,9 +9,10 @@ import platform
 from rich.console import Console
 from rich.table import Table
 
-from bev_preheat.benchmark import planning_cost, process_cost
+from bev_preheat.benchmark import optimum_cost, planning_cost, process_cost
 
-MEASUREMENTS = {'planning': planning_cost.measure, 'process': process_cost.measure}
+MEASUREMENTS = {'planning': planning_cost.measure, 'optimum': optimum_cost.measure,
+                'process': process_cost.measure}
 
 
 def main():

@@ -30,7 +30,7 @@ def plan_optimal_switch(trip, state, goal):
     """Return the Schedule whose forward run arrives at the target, switching on once."""
     idle_w = np.zeros(len(trip.route))
     idle = run_forward(
-        trip.vehicle, make_runge_kutta_4, state.soc, state.temperature_c, trip.inputs(idle_w))
+        trip.vehicle, make_runge_kutta_4, state.soc, state.temperature_c, trip.inputs())
     if idle[1][-1] >= goal.target_temperature_c:
         return Schedule(None, idle_w, idle_w, np.array(idle[0]), np.array(idle[1]), make_runge_kutta_4)
     guess_s = find_crossing(

@@ -80,7 +80,7 @@ def plan_without_heating(trip, state, make_integrator=make_runge_kutta_4):
     """Return the Schedule that never heats."""
     idle_w = np.zeros(len(trip.route))
     soc, temperature_c = run_forward(
-        trip.vehicle, make_integrator, state.soc, state.temperature_c, trip.inputs(idle_w))
+        trip.vehicle, make_integrator, state.soc, state.temperature_c, trip.inputs())
     return Schedule(None, idle_w, idle_w, np.array(soc), np.array(temperature_c), make_integrator)
 
 

@@ -32,19 +32,22 @@ class Trip:
     leakage_w_per_k: np.ndarray
     heater_limit_w: np.ndarray
 
-    def inputs(self, heater_power_w, brake_power_w=0.0):
+    def inputs(self, heater_power_w=None, brake_power_w=None):
         """
         Inputs of `model` steps under a heater and a friction brake power [W], a tuple of arrays.
 
         In the order of a step's arguments: duration, terminal power, power variance, heat, leakage.
-        What the friction brake takes is not regenerated, so the drivetrain's heat shrinks with it.
+        None is no power. What the friction brake takes is not regenerated, so the drivetrain's heat
+        shrinks with it.
         """
-        vehicle = self.vehicle
-        return (self.route.duration_s,
-                self.idle_power_w + heater_power_w + brake_power_w,
-                self.power_variance_w2,
-                self.idle_heat_w + vehicle.hvch.efficiency * heater_power_w
-                - vehicle.drivetrain.heat_share * brake_power_w,
+        power_w, heat_w = self.idle_power_w, self.idle_heat_w
+        if heater_power_w is not None:
+            power_w = power_w + heater_power_w
+            heat_w = heat_w + self.vehicle.hvch.efficiency * heater_power_w
+        if brake_power_w is not None:
+            power_w = power_w + brake_power_w
+            heat_w = heat_w - self.vehicle.drivetrain.heat_share * brake_power_w
+        return (self.route.duration_s, power_w, self.power_variance_w2, heat_w,
                 self.leakage_w_per_k)
 
 

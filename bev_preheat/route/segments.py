@@ -95,10 +95,9 @@ class Route:
 
     def divided(self, longest_s):
         """Return the route with segments longer than `longest_s` divided into equal parts."""
-        parts = np.ceil(self.duration_s / longest_s - 1e-9).astype(int)
-        if parts.max() <= 1:
+        if self.duration_s.max() <= longest_s:
             return self
-        parts = np.maximum(parts, 1)
+        parts = np.maximum(np.ceil(self.duration_s / longest_s - 1e-9).astype(int), 1)
         values = {field.name: np.repeat(getattr(self, field.name), parts)
                   for field in fields(self)}
         values['duration_s'] = np.repeat(self.duration_s / parts, parts)

@@ -1,6 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """A route with stops: which leg is commanded when, and what is planned beyond the next stop."""
 
+import gc
+import weakref
+
 import pytest
 
 from bev_preheat.control import supervisor as supervisor_module
@@ -19,7 +22,7 @@ NOW_NS = 1_700_000_000 * NS_PER_S
 COLD = BatteryState(-7.0, 0.8)
 AFTER_FIRST, AFTER_SECOND = BatteryState(16.0, 0.7), BatteryState(31.0, 0.6)
 # Legs of 10, 10 and 5 min; the cabin leaves another power of the 7 kW in each.
-FIRST_W, SECOND_W = 5500.0, 4400.0
+FIRST_W, SECOND_W = 5500.0, 6100.0
 STOPS_S = (300.0, 200.0)
 SECOND_S, THIRD_S = 900.0, 1700.0
 HEATS = Status.TARGET_UNREACHABLE
@@ -240,6 +243,16 @@ def test_later_legs_are_planned_again_where_they_must(planned_states, change, pl
     planned_states.clear()
     supervisor.later_decisions()
     assert planned_states == ([AFTER_FIRST, AFTER_SECOND] if planned_again else [])
+
+
+def test_legs_of_a_route_that_was_replaced_are_forgotten():
+    supervisor = supervisor_at(0.0)
+    supervisor.later_decisions()
+    gone = weakref.ref(supervisor.mission.legs[1])
+    supervisor.accept_mission(make_mission())
+    supervisor.replan(NOW_NS)
+    gc.collect()
+    assert gone() is None
 
 
 def test_switched_off_nothing_is_promised_for_later():

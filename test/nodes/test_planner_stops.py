@@ -16,7 +16,7 @@ from bev_preheat.planning.status import Status
 LATCHED = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
 START_S = 1000
 # The cabin leaves another power of the 7 kW in each leg.
-FIRST_W, SECOND_W = 5400.0, 4300.0
+FIRST_W, SECOND_W = 5400.0, 6200.0
 HEATS = Status.TARGET_UNREACHABLE
 # Two legs of 2 min and one of 1 min; stops of 60 and 90 s between them.
 FIRST_ARRIVAL_S, SECOND_S, SECOND_ARRIVAL_S, THIRD_S, END_S = (

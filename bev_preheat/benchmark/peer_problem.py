@@ -1,0 +1,124 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+The nonlinear program, stated for do-mpc: what somebody else's tool makes of it.
+
+The same problem throughout: the Runge-Kutta step of `model` as the discrete model, the same
+variables, scales, bounds, power limits, cost and IPOPT options. do-mpc writes one SX graph of all
+steps and starts from the initial state everywhere, as its own users would have it.
+"""
+
+import warnings
+
+import casadi
+import numpy as np
+
+from bev_preheat.model import make_rates, make_runge_kutta_4
+from bev_preheat.optimum.program import (
+    ENERGY_SCALE_J, POWER_SCALE_W, SOC_SCALE, SOLVER_OPTIONS)
+from bev_preheat.optimum.symbols import SYMBOLS
+from bev_preheat.planning.schedule import Schedule, switched_on_s
+from bev_preheat.planning.simulate import run_forward
+from bev_preheat.planning.situation import reserve_soc
+
+with warnings.catch_warnings():
+    # It tells of each optional feature that is not installed.
+    warnings.simplefilter('ignore')
+    import do_mpc
+
+
+class PeerProblem:
+    """One trip as do-mpc's MPC with the whole trip as its horizon; its steps are equally long."""
+
+    def __init__(self, trip, state, goal):
+        """Set the problem up."""
+        self._trip, self._state = trip, state
+        (self._duration_s,) = np.unique(trip.route.duration_s)
+        model = self._model()
+        self._mpc = do_mpc.controller.MPC(model)
+        self._configure(model, goal)
+
+    def solve(self):
+        """Solve, cold; raise RuntimeError where IPOPT finds no optimum."""
+        mpc = self._mpc
+        mpc.reset_history()
+        # Without this the multipliers of the last solution are handed over.
+        mpc.flags['initial_run'] = False
+        mpc.x0 = np.array([self._state.soc, self._state.temperature_c])
+        mpc.u0 = np.zeros(2)
+        mpc.set_initial_guess()
+        mpc.make_step(mpc.x0.cat)
+        if not mpc.solver_stats['success']:
+            raise RuntimeError(f'do-mpc: {mpc.solver_stats["return_status"]}')
+
+    def schedule(self):
+        """Return the Schedule of the solution, its states from a forward run."""
+        trip, state = self._trip, self._state
+        powers_w = np.array([np.asarray(self._mpc.opt_x_num_unscaled['_u', k, 0]).ravel()
+                             for k in range(len(trip.route))])
+        heater_w, brake_w = powers_w.T
+        soc, temperature_c = run_forward(
+            trip.vehicle, make_runge_kutta_4, state.soc, state.temperature_c,
+            trip.inputs(heater_w, brake_w))
+        return Schedule(switched_on_s(trip, heater_w), heater_w, brake_w, np.array(soc),
+                        np.array(temperature_c), make_runge_kutta_4)
+
+    def _model(self):
+        vehicle = self._trip.vehicle
+        model = do_mpc.model.Model('discrete', 'SX')
+        soc, temperature_c = (model.set_variable('_x', name) for name in ('soc', 'temperature'))
+        heater_w, brake_w = (model.set_variable('_u', name) for name in ('heater', 'brake'))
+        idle_power_w, variance_w2, idle_heat_w, leakage_w_per_k = (
+            model.set_variable('_tvp', name)
+            for name in ('idle_power', 'variance', 'idle_heat', 'leakage'))
+        power_w = idle_power_w + heater_w + brake_w
+        inputs = (power_w, variance_w2, idle_heat_w + vehicle.hvch.efficiency * heater_w
+                  - vehicle.drivetrain.heat_share * brake_w, leakage_w_per_k)
+        rates = make_rates(vehicle, SYMBOLS)
+        soc_end, end_c, _, mean_joule_w = make_runge_kutta_4(rates)(
+            soc, temperature_c, self._duration_s, *inputs)
+        model.set_rhs('soc', soc_end)
+        model.set_rhs('temperature', end_c)
+        battery = vehicle.battery
+        battery_w = power_w + rates(soc, temperature_c, *inputs)[2]
+        most_w, least_w = (curve.function(SYMBOLS)(soc, temperature_c) for curve in (
+            battery.discharge_power_limit, battery.charge_power_limit))
+        model.set_expression('overdraw', (battery_w - most_w) / POWER_SCALE_W)
+        model.set_expression('overcharge', (least_w - battery_w) / POWER_SCALE_W)
+        model.set_expression(
+            'energy', self._duration_s * (power_w + mean_joule_w) / ENERGY_SCALE_J)
+        model.setup()
+        return model
+
+    def _configure(self, model, goal):
+        trip, mpc, battery = self._trip, self._mpc, self._trip.vehicle.battery
+        steps = len(trip.route)
+        mpc.settings.n_horizon, mpc.settings.t_step = steps, float(self._duration_s)
+        mpc.settings.nlpsol_opts.update(SOLVER_OPTIONS)
+        mpc.scaling['_x', 'soc'] = SOC_SCALE
+        mpc.scaling['_u', 'heater'] = mpc.scaling['_u', 'brake'] = POWER_SCALE_W
+        mpc.set_objective(mterm=casadi.DM(0.0), lterm=model.aux['energy'])
+        mpc.set_rterm(heater=0.0, brake=0.0)
+        for name, (low, high) in (('soc', battery.soc_range),
+                                  ('temperature', battery.temperature_range_c)):
+            mpc.bounds['lower', '_x', name] = mpc.terminal_bounds['lower', '_x', name] = low
+            mpc.bounds['upper', '_x', name] = mpc.terminal_bounds['upper', '_x', name] = high
+        mpc.terminal_bounds['lower', '_x', 'soc'] = reserve_soc(trip.vehicle, goal)
+        mpc.terminal_bounds['lower', '_x', 'temperature'] = goal.target_temperature_c
+        for name in ('heater', 'brake'):
+            mpc.bounds['lower', '_u', name] = 0.0
+        for name in ('overdraw', 'overcharge'):
+            mpc.set_nl_cons(name, model.aux[name], ub=0.0)
+        # The trip is the horizon, so it is the same at any time.
+        trip_now = mpc.get_tvp_template()
+        for k in range(steps):
+            for name, values in (('idle_power', trip.idle_power_w),
+                                 ('variance', trip.power_variance_w2),
+                                 ('idle_heat', trip.idle_heat_w),
+                                 ('leakage', trip.leakage_w_per_k)):
+                trip_now['_tvp', k, name] = values[k]
+        mpc.set_tvp_fun(lambda time_s: trip_now)
+        mpc.setup()
+        regenerated_w = np.maximum(-trip.route.propulsion_power_w, 0.0)
+        for k in range(steps):
+            mpc.ub_opt_x['_u', k, 0, 'heater'] = trip.heater_limit_w[k]
+            mpc.ub_opt_x['_u', k, 0, 'brake'] = regenerated_w[k]
