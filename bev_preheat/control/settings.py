@@ -21,6 +21,7 @@ class Settings:
     may lie in the future. `command_period_s`: the command is repeated this often.
     `lease_s`: a command is valid this long. `planning_step_s`: routes are planned in such steps.
     `target_temperature_c` [deg C]: target where the route names none; None: the vehicle's default.
+    `arrival_soc_margin` (0 ... 1): is left on top of the state of charge that a route asks for.
     """
 
     method: str = DEFAULT_METHOD
@@ -30,3 +31,4 @@ class Settings:
     command_period_s: float = 1.0
     lease_s: float = 2.5
     planning_step_s: float = 30.0
+    arrival_soc_margin: float = 0.0

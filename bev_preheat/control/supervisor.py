@@ -141,7 +141,11 @@ class Supervisor:
 
     def goal_of(self, leg):
         """Return the Goal of a leg; what it leaves open comes from settings and vehicle."""
-        return leg.goal(self._default_target_c)
+        goal = leg.goal(self._default_target_c)
+        if goal.minimum_arrival_soc > 0.0:
+            reserve = min(goal.minimum_arrival_soc + self.settings.arrival_soc_margin, 1.0)
+            goal = replace(goal, minimum_arrival_soc=reserve)
+        return goal
 
     def replan(self, now_ns):
         """Make the decision for the inputs at hand, and return it."""

@@ -46,6 +46,8 @@ PARAMETERS = (
               'A command is valid this long; longer than command_period', 's', (0.05, 30.0)),
     Parameter('planning_step', DEFAULTS.planning_step_s,
               'Routes are planned in steps of this length', 's', (1.0, 300.0)),
+    Parameter('arrival_soc_margin', DEFAULTS.arrival_soc_margin,
+              'Left on top of the state of charge that a route asks for, 0 ... 1', '', (0.0, 0.5)),
 )
 # What ROS lets one override by default, and durability: a trip planner may not latch its route.
 ROUTE_POLICIES = (QoSPolicyKind.HISTORY, QoSPolicyKind.DEPTH, QoSPolicyKind.RELIABILITY,
@@ -258,7 +260,8 @@ def _take_effect(values):
         clock_tolerance_s=values['clock_tolerance'],
         command_period_s=values['command_period'],
         lease_s=values['command_lease'],
-        planning_step_s=values['planning_step'])
+        planning_step_s=values['planning_step'],
+        arrival_soc_margin=values['arrival_soc_margin'])
 
 
 def main():

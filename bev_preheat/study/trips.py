@@ -23,6 +23,8 @@ SOC = (0.75, 0.98)
 TARGET_C = (10.0, 30.0)
 SIZE = (0.6, 1.4)
 HEATER = (0.7, 1.5)
+# Limits of a pack that nothing on these trips comes near to, as a multiple of the vehicle's own.
+POWER_LIMITS = 10.0
 
 
 @dataclass(frozen=True)
@@ -41,7 +43,7 @@ def draw_trip(vehicle, seed, number):
     """Return trip `number` of a study, without regeneration and far from the power limits."""
     random = np.random.default_rng([seed, number])
     size = random.uniform(*SIZE)
-    scaled = scale_vehicle(vehicle, size, random.uniform(*HEATER))
+    scaled = scale_vehicle(vehicle, size, random.uniform(*HEATER), POWER_LIMITS)
     steps = int(random.uniform(*DURATION_MIN) * 60.0 / STEP_S)
     ambient_c = random.uniform(*AMBIENT_C)
     power_w = vary(random, steps, size * random.uniform(*MEAN_POWER_W), random.uniform(0.0, 0.6))
@@ -118,8 +120,8 @@ def vary(random, steps, mean, variability):
     return mean * np.exp(variability * smooth - 0.5 * variability**2)
 
 
-def scale_vehicle(vehicle, size, heater):
-    """Return the vehicle with another pack size and heater, as multiples of its own."""
+def scale_vehicle(vehicle, size, heater, power_limits):
+    """Return the vehicle with another pack size, heater and limits, as multiples of its own."""
     battery = vehicle.battery
     resistance = battery.resistance
     if not isinstance(resistance, InverseTemperatureResistance):
@@ -131,12 +133,19 @@ def scale_vehicle(vehicle, size, heater):
             capacity_ah=battery.capacity_ah * size,
             heat_capacity_j_per_k=battery.heat_capacity_j_per_k * size,
             resistance=replace(resistance, k_ohm_k=resistance.k_ohm_k / size),
+            discharge_power_limit=_scale_table(battery.discharge_power_limit, power_limits),
+            charge_power_limit=_scale_table(battery.charge_power_limit, power_limits),
             leakage=replace(
                 battery.leakage,
                 gamma_0_w_per_k=battery.leakage.gamma_0_w_per_k * size**(2.0 / 3.0),
                 gamma_v_w_per_k_per_mps=(
                     battery.leakage.gamma_v_w_per_k_per_mps * size**(2.0 / 3.0)))),
         hvch=replace(vehicle.hvch, maximum_power_w=vehicle.hvch.maximum_power_w * heater))
+
+
+def _scale_table(table, factor):
+    return replace(table, values=tuple(
+        tuple(factor * value for value in row) for row in table.values))
 
 
 # What `preheat sweep --trips` may ask for.

@@ -552,3 +552,11 @@ def test_no_sequence_of_inputs_heats_in_doubt(seed):
         heated += command.battery_heating_power_w > 0.0
     # Else nothing was tried.
     assert heated > 10
+
+
+def test_margin_is_left_on_top_of_the_reserve_that_a_route_asks_for():
+    supervisor = Supervisor(VEHICLE, Settings(arrival_soc_margin=0.07))
+    goals = [supervisor.goal_of(make_mission(minimum_arrival_soc=reserve).legs[0])
+             for reserve in (0.0, 0.31, 0.98)]
+    # No reserve asked for is none, and more than all there is cannot be kept.
+    assert [goal.minimum_arrival_soc for goal in goals] == [0.0, pytest.approx(0.38), 1.0]

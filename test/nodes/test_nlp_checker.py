@@ -70,6 +70,7 @@ class Surroundings:
         self._states = bench.publisher(BatteryState, f'{namespace}/battery_state')
         self._routes = bench.publisher(RoutePlan, f'{namespace}/route_plan', LATCHED)
         self._listeners = 0
+        self._hanging = []
 
     def _record(self, message_type, topic, qos=10):
         return self.bench.record(message_type, f'{self.namespace}/{topic}', qos)
@@ -177,8 +178,18 @@ class Surroundings:
         self.send_route(f'before {route_id}', 60)
         self.report(of_route(f'before {route_id}'))
         solver = int(self.diagnosis(lambda level, text, values: True)[2]['solver process'])
-        psutil.Process(solver).suspend()
+        self._hanging.append(psutil.Process(solver))
+        self._hanging[-1].suspend()
         return solver
+
+    def end_hanging(self):
+        """End what a failed test may have left: a process that hangs does not end by itself."""
+        for process in self._hanging:
+            try:
+                process.kill()
+            except psutil.NoSuchProcess:
+                pass
+        self._hanging.clear()
 
     def expect_commands(self, count):
         """Wait for so many commands more, heating and at their period."""
@@ -193,7 +204,9 @@ class Surroundings:
 @pytest.fixture
 def surroundings(bench):
     """Nothing runs yet."""
-    return Surroundings(bench)
+    surroundings = Surroundings(bench)
+    yield surroundings
+    surroundings.end_hanging()
 
 
 @pytest.fixture(scope='module')
@@ -208,6 +221,7 @@ def planner_and_checker(module_bench):
 def both(planner_and_checker):
     """Planner and checker, which tests share; what a test has set is undone."""
     yield planner_and_checker
+    planner_and_checker.end_hanging()
     planner_and_checker.set('planner', method='optimal_switch', planning_step=30.0,
                             target_battery_temperature=nan)
     planner_and_checker.set('nlp_checker', check_period=0.0, vehicle='reference')
@@ -224,6 +238,7 @@ def only_checker(module_bench):
 def alone(only_checker):
     """A checker without a planner, which tests share; it must live on after each."""
     yield only_checker
+    only_checker.end_hanging()
     assert only_checker.process.exit_status is None
     only_checker.set('nlp_checker', time_limit=300.0)
 
