@@ -100,10 +100,10 @@ class PeerProblem:
         mpc.set_rterm(heater=0.0, brake=0.0)
         for name, (low, high) in (('soc', battery.soc_range),
                                   ('temperature', battery.temperature_range_c)):
-            mpc.bounds['lower', '_x', name] = mpc.terminal_bounds['lower', '_x', name] = low
-            mpc.bounds['upper', '_x', name] = mpc.terminal_bounds['upper', '_x', name] = high
-        mpc.terminal_bounds['lower', '_x', 'soc'] = reserve_soc(trip.vehicle, goal)
-        mpc.terminal_bounds['lower', '_x', 'temperature'] = goal.target_temperature_c
+            mpc.bounds['lower', '_x', name] = low
+            mpc.bounds['upper', '_x', name] = mpc.terminal_bounds['upper', name] = high
+        mpc.terminal_bounds['lower', 'soc'] = reserve_soc(trip.vehicle, goal)
+        mpc.terminal_bounds['lower', 'temperature'] = goal.target_temperature_c
         for name in ('heater', 'brake'):
             mpc.bounds['lower', '_u', name] = 0.0
         for name in ('overdraw', 'overcharge'):

@@ -45,8 +45,8 @@ class Probe(Node):
         self._states = self.create_publisher(BatteryState, 'battery_state', 1)
         self._routes = self.create_publisher(RoutePlan, 'route_plan', latched)
         self.create_subscription(HvchCommand, 'hvch_command', self._on_command, 1)
-        self.create_subscription(PreheatPlan, 'preheat_plan', lambda message: None, latched)
-        self.command_at = None
+        self.create_subscription(PreheatPlan, 'preheat_plan', self._on_plan, latched)
+        self.command_at = self.plan_at = None
         vehicle = load_vehicle('reference')
         self._mission = Mission('benchmark', (Leg(
             load_route('reference', vehicle.defaults), self.now_ns(), target_temperature_c=25.0),))
@@ -90,13 +90,20 @@ class Probe(Node):
 
     def round_trip_s(self):
         """Return the time from a battery state out to the command in."""
+        self.plan_at = None
         started = perf_counter()
         self.send_state()
         self.wait(lambda: self.command_at is not None)
-        return self.command_at - started
+        round_trip_s = self.command_at - started
+        # States come seconds apart: the next one does not find the node still at work on this one.
+        self.wait(lambda: self.plan_at is not None)
+        return round_trip_s
 
     def _on_command(self, message):
         self.command_at = perf_counter()
+
+    def _on_plan(self, message):
+        self.plan_at = perf_counter()
 
 
 def measure(log):

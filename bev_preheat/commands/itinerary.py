@@ -56,8 +56,8 @@ def _refuse_what_legs_say(arguments):
     given = [name for name, value in (('--min-soc', arguments.min_soc),
                                       ('--no-charging', arguments.no_charging)) if value]
     if given:
-        raise InvalidInput(f'{", ".join(given)}: not allowed with --itinerary, where each leg says '
-                           'it itself')
+        raise InvalidInput(f'{", ".join(given)}: not allowed with --itinerary, where each leg '
+                           'says it itself')
 
 
 def _print(plans, starts_s, headings, title):

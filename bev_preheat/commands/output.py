@@ -46,7 +46,7 @@ def _without_nan(value):
 
 
 def plan_table(plans, title, headings=None):
-    """Return a rich Table with a column for each plan, headed by its method if nothing is given."""
+    """Return a rich Table with a column for each plan; `headings` are the methods if None."""
     table = Table(title=title)
     table.add_column('')
     for heading in headings or [plan.method for plan in plans]:

@@ -37,17 +37,17 @@ class Leg:
     departure: Optional[BatteryState] = None
 
     def goal(self, default_target_c):
-        """Return the Goal of the leg; `default_target_c` [deg C] holds where it names no target."""
+        """Return the Goal of the leg; `default_target_c` [deg C] is for one without a target."""
         target_c = self.target_temperature_c
         return Goal(default_target_c if target_c is None else target_c,
                     self.minimum_arrival_soc, self.charging_planned)
 
     def ended_for_s(self, instant_ns):
-        """Return for how long [s] the leg has been over at an instant [ns]; negative before its end."""
+        """Return how long ago [s] the leg ended, at an instant [ns]; negative before its end."""
         return (instant_ns - self.start_ns) / NS_PER_S - self.route.total_duration_s
 
     def route_ahead(self, instant_ns):
-        """Return the Route from an instant [ns] on; all of it before the start, None after the end."""
+        """Return the Route from an instant [ns] on: all before the start, None after the end."""
         elapsed_s = (instant_ns - self.start_ns) / NS_PER_S
         if elapsed_s >= self.route.total_duration_s:
             return None
@@ -67,7 +67,7 @@ class Mission:
         return self.legs[0].start_ns
 
     def leg_number(self, instant_ns):
-        """Return the index of the latest leg that has begun at an instant [ns]; 0 before the trip."""
+        """Return the index of the latest leg begun at an instant [ns]; 0 before the trip."""
         begun = sum(leg.start_ns <= instant_ns for leg in self.legs)
         return max(0, begun - 1)
 
@@ -83,7 +83,7 @@ def with_stops(legs, stop_durations_s):
 
 
 def check_mission(vehicle, mission, default_target_c):
-    """Raise InvalidInput, one problem a quantity, where the vehicle's model does not hold for a leg."""
+    """Raise InvalidInput, one problem a quantity, where the vehicle's model does not fit."""
     problems = []
     for number, leg in enumerate(mission.legs, start=1):
         try:

@@ -27,8 +27,8 @@ def load_itinerary(name_or_file, defaults):
     """
     Return the Itinerary of a name (a file in config/itineraries) or of a YAML file.
 
-    `defaults` (vehicle.description.Defaults) fill columns that routes may lack. Raises InvalidInput
-    naming file, key, value and what is allowed.
+    `defaults` (vehicle.description.Defaults) fill columns that routes may lack. Raises
+    InvalidInput naming file, key, value and what is allowed.
     """
     path = find_configuration('itineraries', name_or_file, '.yaml')
     description = load_checked_yaml(path, SCHEMA)

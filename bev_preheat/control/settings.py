@@ -8,7 +8,7 @@ from bev_preheat.planning.planner import DEFAULT_METHOD
 
 # Longer legs are planned in longer steps, so that a plan never keeps the next command waiting.
 MOST_PLANNED_STEPS = 360
-# What lies beyond the next stop is planned as soon as a route comes, and must not take long either.
+# What lies beyond the next stop is planned at once when a route comes: that must not take long.
 MOST_STOPS = 20
 
 

@@ -28,6 +28,11 @@ from bev_preheat.vehicle.description import Vehicle
 # A clock that falls back by more than this was set or restarted; stamps before it mean nothing.
 CLOCK_RESTART_S = 1.0
 
+# A state this near to what the plan at hand foresaw, within this time, is on track.
+ON_TRACK_FOR_S = 60.0
+ON_TRACK_K = 0.05
+ON_TRACK_SOC = 5e-4
+
 
 @dataclass(frozen=True)
 class Command:
@@ -207,6 +212,23 @@ class Supervisor:
                 f'battery_state is {age_s:.1f} s old; at most '
                 f'{self.settings.battery_state_timeout_s:g} s are allowed.')
         return None
+
+    def on_track(self, now_ns):
+        """
+        Return whether the latest state is where the plan at hand saw it: its command then holds.
+
+        The planner answers such a state at once, and plans again after that.
+        """
+        plan, measurement = self.decision.plan, self.measurement
+        if plan is None or measurement is None or self._obstacle(now_ns) is not None:
+            return False
+        elapsed_s = (measurement.stamp_ns - self.decision.plan_start_ns) / NS_PER_S
+        if not 0.0 <= elapsed_s <= min(ON_TRACK_FOR_S, plan.arrival_time_s):
+            return False
+        seen_c = np.interp(elapsed_s, plan.time_s, plan.battery_temperature_c)
+        seen_soc = np.interp(elapsed_s, plan.time_s, plan.soc)
+        return (abs(measurement.state.temperature_c - seen_c) <= ON_TRACK_K
+                and abs(measurement.state.soc - seen_soc) <= ON_TRACK_SOC)
 
     def refresh(self, now_ns):
         """Let time pass: where the inputs no longer carry the decision, it gives way."""

@@ -12,6 +12,8 @@ def stacked_figure(panels, title, width_in=9.0, panel_height_in=1.9):
     """Return (figure, list of axes): panels above each other that share the x axis."""
     figure = Figure(figsize=(width_in, panel_height_in * panels + 0.8), layout='constrained')
     axes = figure.subplots(panels, 1, sharex=True, squeeze=False)[:, 0]
+    # Room for the legends above the panels.
+    figure.get_layout_engine().set(h_pad=0.14)
     figure.suptitle(title)
     for axis in axes:
         axis.grid(True, alpha=0.3)
@@ -24,8 +26,10 @@ def legend_above(axis, twin=None):
     lines = axis.get_legend_handles_labels()[0]
     if twin is not None:
         lines += twin.get_legend_handles_labels()[0]
-    axis.legend(lines, [line.get_label() for line in lines], loc='lower left',
-                bbox_to_anchor=(0.0, 0.98), ncols=6, fontsize='small', frameon=False)
+    legend = axis.legend(lines, [line.get_label() for line in lines], loc='lower left',
+                         bbox_to_anchor=(0.0, 0.96), ncols=6, fontsize='small', frameon=False)
+    # Else a long legend would make all panels narrow.
+    legend.set_in_layout(False)
 
 
 def save_figure(figure, path):

@@ -198,7 +198,8 @@ def _write_later(message, decisions):
     message.later_arrival = [arrival for _, arrival in instants]
     message.later_predicted_arrival_temperature = [
         plan.arrival_temperature_c if plan else math.nan for plan in plans]
-    message.later_predicted_arrival_soc = [plan.arrival_soc if plan else math.nan for plan in plans]
+    message.later_predicted_arrival_soc = [
+        plan.arrival_soc if plan else math.nan for plan in plans]
     message.later_status = bytes(int(decision.status) for decision in decisions)
 
 

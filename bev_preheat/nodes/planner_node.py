@@ -108,12 +108,15 @@ class PlannerNode(Node):
     @guarded
     def _on_battery_state(self, message):
         now_ns = self._now_ns()
+        answered = None
         try:
             self._supervisor.accept_battery(measurement_from_message(message), now_ns)
             self._stale_timer.reset()
+            if self._supervisor.on_track(now_ns):
+                answered = self._publish_command(now_ns)
         except InvalidInput as error:
             self._refuse('battery_state', error)
-        self._replan(now_ns)
+        self._replan(now_ns, answered)
 
     @guarded
     def _on_route_plan(self, message):
@@ -188,10 +191,12 @@ class PlannerNode(Node):
 
     # Output
 
-    def _replan(self, now_ns):
+    def _replan(self, now_ns, answered=None):
         decision = self._supervisor.replan(now_ns)
-        # The command does not wait until the legs beyond the next stop are planned.
-        self._publish_command(now_ns)
+        # The command does not wait until the legs beyond the next stop are planned, and a state that
+        # has been answered is answered again only where the new plan says something else.
+        if self._supervisor.command(now_ns) != answered:
+            self._publish_command(now_ns)
         self._publish_plan(decision, now_ns)
 
     @guarded
@@ -209,8 +214,9 @@ class PlannerNode(Node):
             planner_diagnostics(self.get_fully_qualified_name(), self._supervisor, now_ns))
 
     def _publish_command(self, now_ns):
-        self._command_publisher.publish(
-            command_message(self._supervisor.command(now_ns), now_ns))
+        command = self._supervisor.command(now_ns)
+        self._command_publisher.publish(command_message(command, now_ns))
+        return command
 
     def _publish_plan(self, decision, now_ns):
         self._plan_publisher.publish(plan_message(

@@ -42,7 +42,8 @@ def stops_from_message(message, segments):
     """
     Return the Stops of a RoutePlan of so many segments, in driving order.
 
-    `segments` is None where their number is not known. Raises InvalidInput with one problem a field.
+    `segments` is None where their number is not known. Raises InvalidInput with one problem a
+    field.
     """
     count = len(message.stop_after_segment)
     if count > MOST_STOPS:

@@ -10,6 +10,7 @@ import numpy as np
 from bev_preheat.model import make_runge_kutta_4
 from bev_preheat.optimum.program import (
     build_program, ENERGY_SCALE_J, Give, POWER_SCALE_W, Program, SOC_SCALE)
+from bev_preheat.planning.limits import limits_hold
 from bev_preheat.planning.plan import Plan
 from bev_preheat.planning.planner import finish_plan, plan_without_heating
 from bev_preheat.planning.schedule import Schedule, switched_on_s
@@ -82,13 +83,19 @@ def solve_optimum(vehicle, route, state, goal, limited=True):
     """
     Return the Optimum for a vehicle with a battery state at the start of a route.
 
-    `limited`: keep the battery's power limits (9i). Raises InvalidInput as `plan_preheating` does,
+    `limited`: keep the battery's power limits (9i). The program is solved without them first: a
+    solution that keeps them all the same is the optimum with them too, at half the cost. Raises
+    InvalidInput as `plan_preheating` does,
     SolverFailure where IPOPT finds neither an optimum nor what cannot be kept.
     """
     started = perf_counter()
     check_situation(vehicle, route, state, goal)
     trip = make_trip(vehicle, route)
     runs = []
+    if limited:
+        run = _run(build_program(vehicle, len(trip.route), limited=False), trip, state, goal)
+        if run.status == SUCCESS and limits_hold(trip, _schedule(trip, run)):
+            return _optimum(trip, goal, [run], (), started)
     for give in Give:
         run = _run(build_program(vehicle, len(trip.route), limited, give), trip, state, goal)
         runs.append(run)
@@ -105,19 +112,27 @@ def solve_optimum(vehicle, route, state, goal, limited=True):
         if run.status != SUCCESS:
             raise SolverFailure(f'IPOPT ended with {runs[1].status}, and with {run.status} when '
                                 'started where all constraints are kept')
-    marginal_cost = math.nan
+    return _optimum(trip, goal, runs, lacking, started)
+
+
+def _optimum(trip, goal, runs, lacking, started):
+    """Return the Optimum of the first of the runs, which all had to be made."""
+    run, marginal_cost = runs[0] if not lacking else runs[-1], math.nan
     if not lacking and goal.charging_planned and run.target_multiplier > 1e-9:
         marginal_cost = run.target_multiplier * ENERGY_SCALE_J / JOULES_PER_WH
-    soc, temperature_c, heater_w, brake_w, _ = run.split()
-    schedule = Schedule(switched_on_s(trip, heater_w), heater_w, brake_w, soc, temperature_c,
-                        make_runge_kutta_4)
     return Optimum(
-        plan=finish_plan(trip, goal, schedule, METHOD, started),
+        plan=finish_plan(trip, goal, _schedule(trip, run), METHOD, started),
         solver_status=runs[0].status,
         iterations=sum(run.iterations for run in runs),
         solve_time_s=sum(run.time_s for run in runs),
         lacking=lacking,
         marginal_cost_wh_per_k=marginal_cost)
+
+
+def _schedule(trip, run):
+    soc, temperature_c, heater_w, brake_w, _ = run.split()
+    return Schedule(switched_on_s(trip, heater_w), heater_w, brake_w, soc, temperature_c,
+                    make_runge_kutta_4)
 
 
 @dataclass(frozen=True)

@@ -86,7 +86,6 @@ def plan_without_heating(trip, state, make_integrator=make_runge_kutta_4):
 
 def finish_plan(trip, goal, schedule, method, started):
     """Return the Plan of a schedule: energies, status and sentence; `started`: perf_counter()."""
-    accounts = keep_accounts(trip, schedule)
     arrival_c, arrival_soc = float(schedule.temperature_c[-1]), float(schedule.soc[-1])
     # What is not a number once is none until the end.
     if not (math.isfinite(arrival_c) and math.isfinite(arrival_soc)):
@@ -99,6 +98,8 @@ def finish_plan(trip, goal, schedule, method, started):
     if lacking_w <= POWER_TOLERANCE * abs(trip.idle_power_w[worst]):
         lacking_w = 0.0
     reserve = reserve_soc(trip.vehicle, goal)
+    # The circuit's own limit lies at the battery's or above it.
+    accounts = keep_accounts(trip, schedule, deliverable=lacking_w == 0.0)
     plan = Plan(
         status=Status.WAITING,
         explanation='',

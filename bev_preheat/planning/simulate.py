@@ -80,12 +80,13 @@ class Accounts:
     undeliverable_power_w: np.ndarray
 
 
-def keep_accounts(trip, schedule):
+def keep_accounts(trip, schedule, deliverable=False):
     """
     Return the Accounts of a Schedule's forward run.
 
     Each term is integrated with the weights of the run's own integrator, so that the heat balance
-    and the energy balance close to rounding.
+    and the energy balance close to rounding. `deliverable`: it is known that the circuit gives every
+    power that is asked for.
     """
     vehicle = trip.vehicle
     heater_power_w, soc, temperature_c = (
@@ -95,7 +96,7 @@ def keep_accounts(trip, schedule):
     hours = duration_s / JOULES_PER_WH
     _, _, mean_temperature_c, joule_heat_w = _step_of_arrays(vehicle, schedule.make_integrator)(
         soc[:-1], temperature_c[:-1], *inputs)
-    undeliverable_w = np.maximum(
+    undeliverable_w = np.zeros(len(duration_s)) if deliverable else np.maximum(
         terminal_power_w - deliverable_power_w(vehicle, soc[:-1], temperature_c[:-1]), 0.0)
     drivetrain_heat_w = (trip.drivetrain_heat_w
                          - vehicle.drivetrain.heat_share * schedule.brake_power_w)

@@ -55,6 +55,10 @@ def heating_stretches(trip, schedule, least_w):
     regenerates = trip.route.propulsion_power_w < 0.0
     surplus = (heated & regenerates
                & (heater_w <= least_w - trip.idle_power_w + SURPLUS_TOLERANCE_W))
+    first = int(heated.argmax())
+    if heated[first:].all() and not surplus.any():
+        # The usual case: from one instant on until arrival.
+        return (_stretch(trip, schedule, first, len(heated), Reason.ARRIVAL),)
     kinds = np.where(surplus, int(Reason.SURPLUS), np.where(heated, int(Reason.ARRIVAL), -1))
     edges = np.concatenate(([0], np.flatnonzero(np.diff(kinds)) + 1, [len(kinds)]))
     stretches, events = [], None
@@ -66,14 +70,19 @@ def heating_stretches(trip, schedule, least_w):
             events = _events(trip, schedule) if events is None else events
             ahead = events[last:][events[last:] >= 0]
             reason = Reason(int(ahead[0])) if len(ahead) else Reason.ARRIVAL
-        start_s = float(trip.time_s[first])
-        if schedule.heating_start_s is not None:
-            start_s = max(start_s, schedule.heating_start_s)
-        stretches.append(HeatingStretch(
-            start_s, float(trip.time_s[last]),
-            float(heater_w[first:last] @ trip.route.duration_s[first:last]) / JOULES_PER_WH,
-            reason))
+        stretches.append(_stretch(trip, schedule, first, last, reason))
     return tuple(stretches)
+
+
+def _stretch(trip, schedule, first, last, reason):
+    """HeatingStretch of the steps first ... last - 1."""
+    start_s = float(trip.time_s[first])
+    if schedule.heating_start_s is not None:
+        start_s = max(start_s, schedule.heating_start_s)
+    heater_w, duration_s = schedule.heater_power_w, trip.route.duration_s
+    return HeatingStretch(start_s, float(trip.time_s[last]),
+                          float(heater_w[first:last] @ duration_s[first:last]) / JOULES_PER_WH,
+                          reason)
 
 
 def _events(trip, schedule):

@@ -186,7 +186,8 @@ class Surroundings:
         """End what a failed test may have left: a process that hangs does not end by itself."""
         for process in self._hanging:
             try:
-                process.kill()
+                if process.status() == psutil.STATUS_STOPPED:
+                    process.kill()
             except psutil.NoSuchProcess:
                 pass
         self._hanging.clear()

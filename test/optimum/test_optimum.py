@@ -423,7 +423,11 @@ def test_solver_that_may_not_iterate_is_a_failure(monkeypatch):
 
 @pytest.fixture
 def failing_runs(monkeypatch):
-    """Say of the first runs of the program itself that they failed; how many is to be set."""
+    """
+    Say of the first runs of the program itself that they failed; how many is to be set.
+
+    The first of them is the one without power limits.
+    """
     limit, run = {'runs': 0}, solve._run
 
     def _run(built, *arguments):
@@ -438,7 +442,7 @@ def failing_runs(monkeypatch):
 
 
 def test_failure_on_a_trip_that_can_be_kept_is_tried_again(failing_runs):
-    failing_runs['runs'] = 1
+    failing_runs['runs'] = 2
     optimum = solve_optimum(*TRIPS['uneven'])
     assert (optimum.solver_status, optimum.lacking) == (SUCCESS, ())
     assert optimum.plan.energy_wh.battery_total == pytest.approx(
@@ -446,7 +450,7 @@ def test_failure_on_a_trip_that_can_be_kept_is_tried_again(failing_runs):
 
 
 def test_failure_on_a_trip_that_can_be_kept_is_no_optimum(failing_runs):
-    failing_runs['runs'] = 2
+    failing_runs['runs'] = 3
     with pytest.raises(SolverFailure, match='Restoration_Failed'):
         solve_optimum(*TRIPS['uneven'])
 
