@@ -39,3 +39,14 @@ def median_time_s(function, repetitions):
         function()
         durations_s.append(perf_counter() - started)
     return median(durations_s)
+
+
+def turns_s(first, second, rounds):
+    """Return the median durations of two calls that take turns [s]; the first turn is left out."""
+    durations_s = ([], [])
+    for _ in range(rounds + 1):
+        for call, own_s in zip((first, second), durations_s):
+            started = perf_counter()
+            call()
+            own_s.append(perf_counter() - started)
+    return tuple(median(own_s[1:]) for own_s in durations_s)

@@ -29,9 +29,9 @@ with warnings.catch_warnings():
 class PeerProblem:
     """One trip as do-mpc's MPC with the whole trip as its horizon; its steps are equally long."""
 
-    def __init__(self, trip, state, goal):
-        """Set the problem up."""
-        self._trip, self._state = trip, state
+    def __init__(self, trip, state, goal, limited=True):
+        """Set the problem up; `limited`: with the power limits of the battery (9i)."""
+        self._trip, self._state, self._limited = trip, state, limited
         (self._duration_s,) = np.unique(trip.route.duration_s)
         model = self._model()
         self._mpc = do_mpc.controller.MPC(model)
@@ -106,8 +106,9 @@ class PeerProblem:
         mpc.terminal_bounds['lower', 'temperature'] = goal.target_temperature_c
         for name in ('heater', 'brake'):
             mpc.bounds['lower', '_u', name] = 0.0
-        for name in ('overdraw', 'overcharge'):
-            mpc.set_nl_cons(name, model.aux[name], ub=0.0)
+        if self._limited:
+            for name in ('overdraw', 'overcharge'):
+                mpc.set_nl_cons(name, model.aux[name], ub=0.0)
         # The trip is the horizon, so it is the same at any time.
         trip_now = mpc.get_tvp_template()
         for k in range(steps):
@@ -118,7 +119,7 @@ class PeerProblem:
                 trip_now['_tvp', k, name] = values[k]
         mpc.set_tvp_fun(lambda time_s: trip_now)
         mpc.setup()
-        regenerated_w = np.maximum(-trip.route.propulsion_power_w, 0.0)
+        regenerated_w = np.maximum(-trip.route.propulsion_power_w, 0.0) * self._limited
         for k in range(steps):
             mpc.ub_opt_x['_u', k, 0, 'heater'] = trip.heater_limit_w[k]
             mpc.ub_opt_x['_u', k, 0, 'brake'] = regenerated_w[k]

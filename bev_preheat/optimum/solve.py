@@ -85,8 +85,8 @@ def solve_optimum(vehicle, route, state, goal, limited=True):
 
     `limited`: keep the battery's power limits (9i). The program is solved without them first: a
     solution that keeps them all the same is the optimum with them too, at half the cost. Raises
-    InvalidInput as `plan_preheating` does,
-    SolverFailure where IPOPT finds neither an optimum nor what cannot be kept.
+    InvalidInput as `plan_preheating` does, SolverFailure where IPOPT finds neither an optimum nor
+    what cannot be kept.
     """
     started = perf_counter()
     check_situation(vehicle, route, state, goal)

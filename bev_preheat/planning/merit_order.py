@@ -70,7 +70,8 @@ def _keep_reserve(trip, state, goal, schedule):
     # Below what driving alone reaches, only heating that pays for itself is left.
     best, margin = plan_for(float(schedule.temperature_c.min()) - 1.0)
     if margin <= 0.0:
-        return best
+        # What is left is heating for climbs, which the other plan may do with less.
+        return max(best, schedule, key=lambda each: each.soc[-1])
     cold_c = float(best.temperature_c[-1])
     for _ in range(MOST_TARGETS):
         if margin <= SOC_TOLERANCE or warm_c - cold_c <= ARRIVAL_TOLERANCE_K:

@@ -189,8 +189,8 @@ def test_fit_is_printed(capsys):
 @pytest.mark.parametrize('command', COMMANDS)
 def test_picture_has_its_size_and_is_not_blank(results, command):
     picture = imread(results(command).with_suffix('.png'))
-    # Five panels of 1.9 in and 0.8 in more, 9 in wide, 130 dots an inch.
-    assert picture.shape[:2] == (1339, 1170)
+    # Six panels of 1.9 in and 0.8 in more, 9 in wide, 130 dots an inch.
+    assert picture.shape[:2] == (1586, 1170)
     assert picture[..., :3].std() > 0.02
 
 
