@@ -118,7 +118,8 @@ def test_reachable_target_is_met(segments, start_c, soc, share):
     state = BatteryState(start_c, soc)
     target_c = drawn_target(segments, state, share)
     plan = plan_of(segments, state, target_c)
-    assert plan.arrival_temperature_c == pytest.approx(target_c, abs=1e-3)
+    # A hundred times nearer than anybody could measure; the search ends at half of it.
+    assert plan.arrival_temperature_c == pytest.approx(target_c, abs=1e-5)
 
 
 @given(segments=SEGMENTS, start_c=START_C, soc=SOC, share=SHARE)
@@ -172,7 +173,7 @@ def test_higher_target_never_starts_later(segments, start_c, soc, share, higher_
     state = BatteryState(start_c, soc)
     target_c = drawn_target(segments, state, share)
     lower, higher = (plan_of(segments, state, target_c + more_k) for more_k in (0.0, higher_k))
-    # Arrival is met to 1e-6 K, which even a weak heater makes in some milliseconds.
+    # Arrival is met to 5e-6 K, which even a weak heater makes in some milliseconds.
     assert higher.heating_start_s <= lower.heating_start_s + 0.1
 
 
@@ -183,8 +184,8 @@ def test_warmer_start_never_costs_more(segments, start_c, soc, share, warmer_k):
     target_c = drawn_target(segments, cold, share)
     cold_wh, warm_wh = (plan_of(segments, state, target_c).energy_wh.battery_total
                         for state in (cold, warm))
-    # 1e-6 K of arrival is 0.2 mWh.
-    assert warm_wh <= cold_wh + 1e-3
+    # 5e-6 K of arrival is 0.6 mWh, on either side.
+    assert warm_wh <= cold_wh + 2e-3
 
 
 @pytest.mark.parametrize('target_c', [4.0, 11.0, 19.0])
