@@ -65,7 +65,9 @@ def main(arguments=None):
     parsed = parse_arguments(arguments)
     console = Console(highlight=False)
     # The end of the process must pass through the context managers that end the others.
-    signal.signal(signal.SIGTERM, _raise_interrupt)
+    # A shell that starts it in the background has it ignore SIGINT; who sends one means it.
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, _raise_interrupt)
     try:
         good, sentence = run(parsed, console)
     except (DemoFailed, InvalidInput) as error:

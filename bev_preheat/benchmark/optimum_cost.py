@@ -55,6 +55,11 @@ def measure(log):
         lambda: solve(limited=False), unlimited_peer.solve, ROUNDS)
     log(f'without power limits: program {1e3 * unlimited_s:.1f} ms, '
         f'do-mpc {1e3 * unlimited_peer_s:.1f} ms')
+    alpine_route = load_route('alpine_pass', vehicle.defaults)
+    alpine_peer = PeerProblem(make_trip(vehicle, alpine_route), STATE, GOAL)
+    alpine_s, alpine_peer_s = turns_s(
+        lambda: solve_optimum(vehicle, alpine_route, STATE, GOAL), alpine_peer.solve, ROUNDS)
+    log(f'alpine_pass: program {1e3 * alpine_s:.1f} ms, do-mpc {1e3 * alpine_peer_s:.1f} ms')
     program_setup_s, peer_setup_s = turns_s(
         set_up_and_solve, lambda: PeerProblem(trip, STATE, GOAL).solve(), ROUNDS_WITH_SETUP)
     log(f'with set-up: program {program_setup_s:.2f} s, do-mpc {peer_setup_s:.2f} s')
@@ -67,6 +72,8 @@ def measure(log):
         # for the limits, has them. This is IPOPT on both sides with nothing left to leave out.
         Figure('cold solve without power limits (9i), program / do-mpc',
                unlimited_s / unlimited_peer_s, ''),
+        Figure('cold solve on alpine_pass, where limits are active, program / do-mpc',
+               alpine_s / alpine_peer_s, ''),
         Figure('program, set-up and cold solve, median', 1e3 * program_setup_s, 'ms'),
         Figure('do-mpc, set-up and cold solve, median', 1e3 * peer_setup_s, 'ms'),
         Figure('set-up and cold solve, program / do-mpc', program_setup_s / peer_setup_s, '',

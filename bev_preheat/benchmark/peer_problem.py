@@ -27,12 +27,11 @@ with warnings.catch_warnings():
 
 
 class PeerProblem:
-    """One trip as do-mpc's MPC with the whole trip as its horizon; its steps are equally long."""
+    """One trip as do-mpc's MPC with the whole trip as its horizon."""
 
     def __init__(self, trip, state, goal, limited=True):
         """Set the problem up; `limited`: with the power limits of the battery (9i)."""
         self._trip, self._state, self._limited = trip, state, limited
-        (self._duration_s,) = np.unique(trip.route.duration_s)
         model = self._model()
         self._mpc = do_mpc.controller.MPC(model)
         self._configure(model, goal)
@@ -67,15 +66,15 @@ class PeerProblem:
         model = do_mpc.model.Model('discrete', 'SX')
         soc, temperature_c = (model.set_variable('_x', name) for name in ('soc', 'temperature'))
         heater_w, brake_w = (model.set_variable('_u', name) for name in ('heater', 'brake'))
-        idle_power_w, variance_w2, idle_heat_w, leakage_w_per_k = (
+        duration_s, idle_power_w, variance_w2, idle_heat_w, leakage_w_per_k = (
             model.set_variable('_tvp', name)
-            for name in ('idle_power', 'variance', 'idle_heat', 'leakage'))
+            for name in ('duration', 'idle_power', 'variance', 'idle_heat', 'leakage'))
         power_w = idle_power_w + heater_w + brake_w
         inputs = (power_w, variance_w2, idle_heat_w + vehicle.hvch.efficiency * heater_w
                   - vehicle.drivetrain.heat_share * brake_w, leakage_w_per_k)
         rates = make_rates(vehicle, SYMBOLS)
         soc_end, end_c, _, mean_joule_w = make_runge_kutta_4(rates)(
-            soc, temperature_c, self._duration_s, *inputs)
+            soc, temperature_c, duration_s, *inputs)
         model.set_rhs('soc', soc_end)
         model.set_rhs('temperature', end_c)
         battery = vehicle.battery
@@ -84,15 +83,15 @@ class PeerProblem:
             battery.discharge_power_limit, battery.charge_power_limit))
         model.set_expression('overdraw', (battery_w - most_w) / POWER_SCALE_W)
         model.set_expression('overcharge', (least_w - battery_w) / POWER_SCALE_W)
-        model.set_expression(
-            'energy', self._duration_s * (power_w + mean_joule_w) / ENERGY_SCALE_J)
+        model.set_expression('energy', duration_s * (power_w + mean_joule_w) / ENERGY_SCALE_J)
         model.setup()
         return model
 
     def _configure(self, model, goal):
         trip, mpc, battery = self._trip, self._mpc, self._trip.vehicle.battery
         steps = len(trip.route)
-        mpc.settings.n_horizon, mpc.settings.t_step = steps, float(self._duration_s)
+        # The step stands for nothing here: how long each is, is among what varies.
+        mpc.settings.n_horizon, mpc.settings.t_step = steps, 1.0
         mpc.settings.nlpsol_opts.update(SOLVER_OPTIONS)
         mpc.scaling['_x', 'soc'] = SOC_SCALE
         mpc.scaling['_u', 'heater'] = mpc.scaling['_u', 'brake'] = POWER_SCALE_W
@@ -112,7 +111,8 @@ class PeerProblem:
         # The trip is the horizon, so it is the same at any time.
         trip_now = mpc.get_tvp_template()
         for k in range(steps):
-            for name, values in (('idle_power', trip.idle_power_w),
+            for name, values in (('duration', trip.route.duration_s),
+                                 ('idle_power', trip.idle_power_w),
                                  ('variance', trip.power_variance_w2),
                                  ('idle_heat', trip.idle_heat_w),
                                  ('leakage', trip.leakage_w_per_k)):

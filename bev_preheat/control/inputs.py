@@ -13,10 +13,23 @@ NS_PER_S = 1_000_000_000
 
 @dataclass(frozen=True)
 class Measurement:
-    """The battery's state at an instant [ns of the node's clock]."""
+    """
+    The battery's state at an instant [ns of the node's clock], as its sensors tell it.
+
+    Terminal voltage [V] and current [A], positive = discharging, are None where they are not known.
+    """
 
     state: BatteryState
     stamp_ns: int
+    voltage_v: Optional[float] = None
+    current_a: Optional[float] = None
+
+    @property
+    def power_w(self):
+        """Power that the battery gives at its terminals [W]; None where it is not known."""
+        if self.voltage_v is None or self.current_a is None:
+            return None
+        return self.voltage_v * self.current_a
 
 
 @dataclass(frozen=True, eq=False)

@@ -22,6 +22,9 @@ class Settings:
     `lease_s`: a command is valid this long. `planning_step_s`: routes are planned in such steps.
     `target_temperature_c` [deg C]: target where the route names none; None: the vehicle's default.
     `arrival_soc_margin` (0 ... 1): is left on top of the state of charge that a route asks for.
+    `estimation`: plans start from the estimated state of the battery, with the corrected model and
+    a margin for what is uncertain; without it they start from what was measured.
+    `minimum_on_time_s`, `minimum_off_time_s`: the heater is not switched more often than that.
     """
 
     method: str = DEFAULT_METHOD
@@ -32,3 +35,6 @@ class Settings:
     lease_s: float = 2.5
     planning_step_s: float = 30.0
     arrival_soc_margin: float = 0.0
+    estimation: bool = True
+    minimum_on_time_s: float = 60.0
+    minimum_off_time_s: float = 120.0

@@ -4,15 +4,16 @@ The nonlinear program (9a)-(9j), built once for a vehicle and a number of steps.
 
 Multiple shooting with the Runge-Kutta step of `model`. Variables: state of charge and temperature
 at each instant; in each step the heater's power and the power of the friction brake. The brake is
-not in the paper: where the battery may not take what the drivetrain regenerates (9i), the rest must
-go somewhere, or every descent with a cold battery would make the program infeasible. It takes from
-regeneration only, and what it takes no longer passes the drivetrain, whose heat shrinks with it.
+not in the paper: where the battery may not take what the drivetrain regenerates (9i), the rest
+must go somewhere, or every descent with a cold battery would make the program infeasible. It takes
+from regeneration only, and what it takes no longer passes the drivetrain, whose heat shrinks with
+it.
 
 An elastic program adds slacks, dearly paid for. It is solved where the program itself has no
 solution, to say which constraint is at fault and what the best is that can be done. First what is
 asked of the battery gives: target, state of charge, discharge limit. What the battery may hold
-gives only where even that is not enough: a long climb can heat it beyond its highest temperature by
-Joule heat alone.
+gives only where even that is not enough: a long climb can heat it beyond its highest temperature
+by Joule heat alone.
 """
 
 from dataclasses import dataclass
@@ -85,8 +86,8 @@ class Program:
     Variables, in this order: soc (N + 1), temperature (N + 1), heater (N), brake (N), then slacks:
     target (1), soc and discharge (N each) with DEMANDS, soc above and temperature above (N each)
     with RANGES. Constraints: 2 N defects; if limited, N of discharge and N of charge power; with
-    DEMANDS, N of the lowest soc; with RANGES, N each of the highest soc and temperature; the target
-    and the final soc.
+    DEMANDS, N of the lowest soc; with RANGES, N each of the highest soc and temperature; the
+    target and the final soc.
     """
 
     solver: casadi.Function

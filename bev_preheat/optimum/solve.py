@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Solves the nonlinear program for a situation; the result is a Plan with the solver's word on it."""
+"""Solves the nonlinear program for a situation; the result is a Plan with the solver's word."""
 
 from dataclasses import dataclass
 import math

@@ -69,7 +69,7 @@ def test_figures_of_ours_are_those_of_the_plans(reproduction):
 
 
 # The rows that the vehicle was fitted to, or the route made for, hold to what six digits of the
-# vehicle file and a power of 0.1 W in the route file leave, which is far less than half a per cent.
+# vehicle file and a power of 0.1 W in the route file leave, far less than half a per cent.
 @pytest.mark.parametrize('row', PAPER)
 def test_heuristic_column_is_within_half_a_per_cent(reproduction, row):
     assert ours(reproduction, 'heuristic', row) == pytest.approx(PAPER[row][0], rel=5e-3)

@@ -1,0 +1,54 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+A car that differs from its description: factors on what the vehicle file says.
+
+The factors may be plain numbers (a car to plan with, a car to simulate) or arrays (many hypotheses
+at once, see `estimation`); the vehicle that comes of it serves the arithmetic of that kind.
+"""
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+from bev_preheat.vehicle.description import Leakage
+
+
+@dataclass(frozen=True)
+class Corrections:
+    """
+    Factors on the vehicle file's heat capacity, leakage, resistance and HVCH efficiency.
+
+    1 is what the file says. Floats, or arrays of one shape.
+    """
+
+    heat_capacity: Any = 1.0
+    leakage: Any = 1.0
+    resistance: Any = 1.0
+    heater_efficiency: Any = 1.0
+
+
+@dataclass(frozen=True)
+class ScaledCurve:
+    """A curve of `vehicle.curves` times a factor."""
+
+    curve: Any
+    factor: Any
+
+    def function(self, arithmetic):
+        """`f(soc, temperature_c)`, for the given kind of number."""
+        value, factor = self.curve.function(arithmetic), self.factor
+        return lambda soc, temperature_c: factor * value(soc, temperature_c)
+
+
+def corrected_vehicle(vehicle, corrections):
+    """Return the Vehicle whose quantities are those of `vehicle` times the Corrections."""
+    battery, leakage = vehicle.battery, vehicle.battery.leakage
+    return replace(
+        vehicle,
+        battery=replace(
+            battery,
+            heat_capacity_j_per_k=battery.heat_capacity_j_per_k * corrections.heat_capacity,
+            resistance=ScaledCurve(battery.resistance, corrections.resistance),
+            leakage=Leakage(leakage.gamma_0_w_per_k * corrections.leakage,
+                            leakage.gamma_v_w_per_k_per_mps * corrections.leakage)),
+        hvch=replace(vehicle.hvch,
+                     efficiency=vehicle.hvch.efficiency * corrections.heater_efficiency))
