@@ -36,5 +36,5 @@ class Settings:
     planning_step_s: float = 30.0
     arrival_soc_margin: float = 0.0
     estimation: bool = True
-    minimum_on_time_s: float = 60.0
+    minimum_on_time_s: float = 20.0
     minimum_off_time_s: float = 120.0

@@ -6,18 +6,24 @@ In doubt the heater is off: `Supervisor.command` gives power only where battery 
 valid and fresh, nobody switched preheating off, and a plan says so. Instants are integers, in
 nanoseconds of the node's clock.
 
-Only the leg that is now is planned from the measured battery, again and again. A later leg starts
+Only the leg that is now is planned from the battery's state, again and again. A later leg starts
 from the departure that the route gives: its plan is made once, when somebody asks for it.
 """
 
 from dataclasses import dataclass, replace
+import math
 from typing import Optional
 
 import numpy as np
 
+from bev_preheat.control.command_history import CommandHistory
+from bev_preheat.control.course import Course
+from bev_preheat.control.heater_switch import HeaterSwitch
 from bev_preheat.control.inputs import check_mission, Leg, Measurement, Mission, NS_PER_S
+from bev_preheat.control.outlook import OutlookMaker
 from bev_preheat.control.settings import Settings
 from bev_preheat.errors import InvalidInput, PlanningFailure
+from bev_preheat.estimation.estimator import Estimator
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.plan import Plan
 from bev_preheat.planning.planner import plan_preheating
@@ -49,7 +55,9 @@ class Decision:
     What holds until the next input: a status, its sentence, and the plan behind it, if any.
 
     `plan_start_ns` is the instant at which the plan's time 0 lies, `leg` what it is a plan for.
-    `later_legs` lie ahead, beyond the next stop or the one that is now.
+    `later_legs` lie ahead, beyond the next stop or the one that is now. `arrival_deviation_k` is the
+    standard deviation of the temperature on arrival [K], NaN where it is not known. The command
+    follows `commanded` where that is not None, else the plan; the heater gives `command_share` of it.
     """
 
     status: Status
@@ -58,6 +66,9 @@ class Decision:
     plan_start_ns: int = 0
     leg: Optional[Leg] = None
     later_legs: tuple = ()
+    arrival_deviation_k: float = math.nan
+    commanded: Optional[Plan] = None
+    command_share: float = 1.0
 
 
 class Supervisor:
@@ -72,8 +83,9 @@ class Supervisor:
 
     def __init__(self, vehicle: Vehicle, settings: Settings):
         """Start with no input: NO_ROUTE."""
-        self.vehicle = vehicle
         self.settings = settings
+        self._commands, self._switch = CommandHistory(), HeaterSwitch()
+        self.vehicle = vehicle
         self.enabled = True
         self.mission: Optional[Mission] = None
         self.measurement: Optional[Measurement] = None
@@ -83,6 +95,28 @@ class Supervisor:
         # By source, the latest last; each input lifts its own, a good battery state all.
         self._refusals = {}
         self._latest_ns = 0
+
+    # The car
+
+    @property
+    def vehicle(self):
+        """The Vehicle, as its file describes it."""
+        return self._vehicle
+
+    @vehicle.setter
+    def vehicle(self, vehicle):
+        self._vehicle = vehicle
+        self._outlooks = OutlookMaker(vehicle)
+        self._estimator = Estimator(vehicle)
+
+    def recall(self, factors, factor_covariance):
+        """Begin the estimation anew with what was learned before: see estimation.belief.Belief."""
+        self._estimator = Estimator(self._vehicle, factors, factor_covariance)
+
+    @property
+    def estimate(self):
+        """What is believed of the battery (estimation.estimator.Estimate); None if nothing is."""
+        return self._estimator.estimate if self.settings.estimation else None
 
     # Input
 
@@ -95,6 +129,9 @@ class Supervisor:
             self.refuse('battery_state', error)
             raise
         self.measurement = measurement
+        if self.settings.estimation:
+            self._estimator.observe(
+                measurement, Course(self._vehicle, self.mission), self._commands)
         # A good state shows that planning can go on, with the route before where one was refused.
         self._refusals.clear()
 
@@ -107,6 +144,8 @@ class Supervisor:
             raise
         self.mission = mission
         self._later_decisions.clear()
+        self._outlooks.forget_deviation()
+        self._switch.allow()
         self._refusals.pop('route_plan', None)
 
     def refuse(self, source, error):
@@ -117,6 +156,7 @@ class Supervisor:
     def _notice_clock(self, now_ns):
         if now_ns < self._latest_ns - CLOCK_RESTART_S * NS_PER_S:
             self.measurement = None
+            self._estimator.lose_time()
         self._latest_ns = now_ns
 
     def _check_battery(self, measurement, now_ns):
@@ -165,18 +205,33 @@ class Supervisor:
         leg, later_legs = self.mission.legs[number], self.mission.legs[number + 1:]
         ended_for_s = leg.ended_for_s(now_ns)
         if ended_for_s < 0.0:
-            # A stamp ahead of this clock must not put off what the plan wants now.
-            start_ns = max(min(self.measurement.stamp_ns, now_ns), leg.start_ns)
-            return replace(self._plan(leg, self.measurement.state, start_ns),
-                           later_legs=later_legs)
+            return replace(self._plan_now(leg, now_ns), later_legs=later_legs)
         if later_legs:
             return Decision(Status.CHARGING, _charging_sentence(later_legs[0], now_ns),
                             later_legs=later_legs)
         return Decision(Status.ARRIVED,
                         f'The route has ended: arrived {duration_text(ended_for_s)} ago.')
 
+    def _plan_now(self, leg, now_ns):
+        """Return the Decision for the leg that is now, from the battery as it is."""
+        estimate = self.estimate
+        stamp_ns = self.measurement.stamp_ns if estimate is None else estimate.stamp_ns
+        # A stamp ahead of this clock must not put off what the plan wants now.
+        start_ns = max(min(stamp_ns, now_ns), leg.start_ns)
+        if estimate is None:
+            return self._plan(leg, self.measurement.state, start_ns)
+        try:
+            outlook = self._outlooks.make(estimate, leg.route_ahead(start_ns), self.goal_of(leg),
+                                          self.settings, self._switch.is_on)
+        except (InvalidInput, PlanningFailure) as error:
+            return Decision(Status.INVALID_INPUT, str(error))
+        plan = outlook.plan
+        return Decision(plan.status, plan.explanation, plan, start_ns, leg,
+                        arrival_deviation_k=outlook.arrival_deviation_k,
+                        commanded=outlook.commanded, command_share=outlook.command_share)
+
     def _plan(self, leg, state, start_ns):
-        """Return the Decision for a leg from an instant [ns] before its end on."""
+        """Return the Decision for a leg from a state at an instant [ns] before its end on."""
         try:
             plan = plan_preheating(self.vehicle, leg.route_ahead(start_ns), state,
                                    self.goal_of(leg), self.settings.method)
@@ -222,13 +277,17 @@ class Supervisor:
         plan, measurement = self.decision.plan, self.measurement
         if plan is None or measurement is None or self._obstacle(now_ns) is not None:
             return False
-        elapsed_s = (measurement.stamp_ns - self.decision.plan_start_ns) / NS_PER_S
+        state, estimate = measurement.state, self.estimate
+        stamp_ns = measurement.stamp_ns if estimate is None else estimate.stamp_ns
+        elapsed_s = (stamp_ns - self.decision.plan_start_ns) / NS_PER_S
         if not 0.0 <= elapsed_s <= min(ON_TRACK_FOR_S, plan.arrival_time_s):
             return False
+        if estimate is not None:
+            state = estimate
         seen_c = np.interp(elapsed_s, plan.time_s, plan.battery_temperature_c)
         seen_soc = np.interp(elapsed_s, plan.time_s, plan.soc)
-        return (abs(measurement.state.temperature_c - seen_c) <= ON_TRACK_K
-                and abs(measurement.state.soc - seen_soc) <= ON_TRACK_SOC)
+        return (abs(state.temperature_c - seen_c) <= ON_TRACK_K
+                and abs(state.soc - seen_soc) <= ON_TRACK_SOC)
 
     def refresh(self, now_ns):
         """Let time pass: where the inputs no longer carry the decision, it gives way."""
@@ -238,19 +297,20 @@ class Supervisor:
 
     def _heater_limit_w(self, leg, now_ns):
         """Return what the cabin leaves of the heater [W] at an instant on a leg."""
-        route, elapsed_s = leg.route, (now_ns - leg.start_ns) / NS_PER_S
-        segment = int(np.searchsorted(route.time_s[1:-1], elapsed_s, side='right'))
-        cabin_w = float(route.cabin_heating_power_w[segment])
+        segment = leg.route.segment_at((now_ns - leg.start_ns) / NS_PER_S)
+        cabin_w = float(leg.route.cabin_heating_power_w[segment])
         return max(0.0, self.vehicle.hvch.maximum_power_w - cabin_w)
 
     def command_off(self, now_ns, reason):
         """Return the Command of 0 W at an instant, for a reason that lies outside."""
+        self._switch.force_off()
+        self._commands.note(now_ns, 0.0)
         return Command(0.0, now_ns + round(self.settings.lease_s * NS_PER_S), reason)
 
     def command(self, now_ns):
-        """Return the Command at an instant."""
+        """Return the Command at an instant; it counts as given."""
         decision = self._obstacle(now_ns) or self.decision
-        plan = decision.plan
+        plan = decision.commanded or decision.plan
         if plan is None:
             return self.command_off(now_ns, decision.status)
         elapsed_s = (now_ns - decision.plan_start_ns) / NS_PER_S
@@ -258,7 +318,11 @@ class Supervisor:
             return self.command_off(
                 now_ns, Status.CHARGING if decision.later_legs else Status.ARRIVED)
         # A partial step's power is computed, and may round to a little more than there is.
-        power_w = min(plan.power_at_w(elapsed_s), self._heater_limit_w(decision.leg, now_ns))
+        limit_w = self._heater_limit_w(decision.leg, now_ns)
+        power_w = self._switch.power_w(
+            now_ns, min(plan.power_at_w(elapsed_s) / decision.command_share, limit_w), limit_w,
+            self.settings.minimum_on_time_s, self.settings.minimum_off_time_s)
+        self._commands.note(now_ns, power_w)
         reason = decision.status
         if power_w > 0.0 and reason is Status.WAITING:
             reason = Status.HEATING

@@ -22,6 +22,9 @@ from bev_preheat.route.segments import make_route
 
 # The last second that a builtin_interfaces/Time can hold.
 LATEST_S = 2**31 - 1
+# Beyond these a voltage [V] or a current [A] is no battery's of a road vehicle.
+HIGHEST_VOLTAGE_V = 2000.0
+HIGHEST_CURRENT_A = 5000.0
 # Fields of Route and what RoutePlan calls them.
 ROUTE_FIELDS = {
     'duration_s': 'segment_duration',
@@ -65,8 +68,21 @@ def measurement_from_message(message):
     problems += _stamp_problems(message.header.stamp)
     if problems:
         raise InvalidInput(problems)
-    return Measurement(BatteryState(float(message.temperature), float(message.percentage)),
-                       nanoseconds(message.header.stamp))
+    return Measurement(
+        BatteryState(float(message.temperature), float(message.percentage)),
+        nanoseconds(message.header.stamp), *_voltage_and_current(message))
+
+
+def _voltage_and_current(message):
+    """
+    Return the voltage [V] and the current [A], positive = discharging; (None, None): not known.
+
+    A field that nobody filled reads 0, and a battery that carries a drive is never exactly at 0.
+    """
+    voltage_v, current_a = float(message.voltage), -float(message.current)
+    known = (0.0 < voltage_v <= HIGHEST_VOLTAGE_V and current_a != 0.0
+             and abs(current_a) <= HIGHEST_CURRENT_A)
+    return (voltage_v, current_a) if known else (None, None)
 
 
 def mission_from_message(message, defaults, planning_step_s):
@@ -163,15 +179,17 @@ def plan_message(decision, mission, now_ns, later_decisions=()):
     message.header.stamp = time_message(start_ns)
     _write_later(message, later_decisions)
     if plan is None:
-        for field in ('predicted_arrival_temperature', 'predicted_arrival_soc', 'shortfall',
-                      'target_battery_temperature', 'soc_shortfall', 'undeliverable_power',
+        for field in ('predicted_arrival_temperature', 'predicted_arrival_temperature_deviation',
+                      'predicted_arrival_soc', 'shortfall', 'target_battery_temperature', 'soc_shortfall', 'undeliverable_power',
                       *ENERGY_FIELDS.values()):
             setattr(message, field, math.nan)
         return message
     message.method = plan.method
     message.heating_planned = plan.heating_start_s is not None
     message.heating_start, message.arrival = _heating_and_arrival(decision)
+    message.heating_end = _heating_end(decision, message.arrival)
     message.predicted_arrival_temperature = plan.arrival_temperature_c
+    message.predicted_arrival_temperature_deviation = decision.arrival_deviation_k
     message.predicted_arrival_soc = plan.arrival_soc
     message.target_battery_temperature = plan.target_temperature_c
     message.shortfall = plan.shortfall_k
@@ -212,9 +230,21 @@ def _heating_and_arrival(decision):
         for after_s in ((plan.heating_start_s, plan.arrival_time_s) if plan else (None, None)))
 
 
-def temperature_message(plan, now_ns):
-    """Return the predicted arrival temperature; its variance is not known (0, as sensor_msgs has it)."""
-    message = Temperature(temperature=plan.arrival_temperature_c, variance=0.0)
+def _heating_end(decision, arrival):
+    """Return the instant at which heating ends for good as a Time message; 0: no heating."""
+    plan = decision.plan
+    if plan.heating_start_s is None:
+        return Time()
+    if plan.heating_end_s is None:
+        return arrival
+    return time_message(decision.plan_start_ns + round(plan.heating_end_s * NS_PER_S))
+
+
+def temperature_message(decision, now_ns):
+    """Return the predicted arrival temperature of a Decision; variance 0 means unknown."""
+    deviation_k = decision.arrival_deviation_k
+    message = Temperature(temperature=decision.plan.arrival_temperature_c,
+                          variance=0.0 if math.isnan(deviation_k) else deviation_k**2)
     message.header.stamp = time_message(now_ns)
     return message
 

@@ -1,8 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The planner's entry in /diagnostics."""
+"""The planner's entries in /diagnostics: preheating, heater, estimation."""
+
+import math
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
+from bev_preheat.control.inputs import NS_PER_S
+from bev_preheat.estimation.hypotheses import Heater
+from bev_preheat.estimation.state import FACTOR_NAMES
 from bev_preheat.nodes.convert import time_message
 from bev_preheat.planning.status import Status
 
@@ -17,10 +22,34 @@ LEVELS = {
     Status.INVALID_INPUT: DiagnosticStatus.ERROR,
     Status.INTERNAL_ERROR: DiagnosticStatus.ERROR,
 }
+HEATER_LEVELS = {
+    Heater.ANSWERS: DiagnosticStatus.OK,
+    Heater.DERATED: DiagnosticStatus.WARN,
+    Heater.DEAD: DiagnosticStatus.ERROR,
+    Heater.STUCK_ON: DiagnosticStatus.ERROR,
+}
+HEATER_SENTENCES = {
+    Heater.ANSWERS: 'nothing speaks against it',
+    Heater.DERATED: 'it gives only {share:.0f} % of what is commanded; planned so',
+    Heater.DEAD: 'the battery does not get the commanded heat; it is asked all the same',
+    Heater.STUCK_ON: 'the battery is heated without a command',
+}
+# The reason of a reset is shown this long.
+RESET_SHOWN_S = 60.0
 
 
 def planner_diagnostics(node_name, supervisor, now_ns):
     """Return the DiagnosticArray that tells status, reason and the figures behind them."""
+    name, hardware = node_name.lstrip('/'), supervisor.vehicle.name
+    message = DiagnosticArray(status=[_preheating(name, hardware, supervisor, now_ns)])
+    if supervisor.estimate is not None:
+        message.status.append(_heater(name, hardware, supervisor.estimate.heater))
+        message.status.append(_estimation(name, hardware, supervisor, now_ns))
+    message.header.stamp = time_message(now_ns)
+    return message
+
+
+def _preheating(name, hardware, supervisor, now_ns):
     decision = supervisor.decision
     values = {
         'vehicle': supervisor.vehicle.name,
@@ -41,11 +70,49 @@ def planner_diagnostics(node_name, supervisor, now_ns):
         values['predicted arrival temperature [degC]'] = f'{plan.arrival_temperature_c:.2f}'
         values['predicted arrival state of charge [1]'] = f'{plan.arrival_soc:.4f}'
         values['planning time [ms]'] = f'{plan.planning_time_s * 1e3:.3f}'
-    message = DiagnosticArray(status=[DiagnosticStatus(
-        name=f'{node_name.lstrip("/")}: preheating',
-        hardware_id=supervisor.vehicle.name,
-        level=LEVELS.get(decision.status, DiagnosticStatus.OK),
-        message=f'{decision.status.name}: {decision.explanation}',
-        values=[KeyValue(key=key, value=value) for key, value in values.items()])])
-    message.header.stamp = time_message(now_ns)
-    return message
+    return _entry(f'{name}: preheating', hardware,
+                  LEVELS.get(decision.status, DiagnosticStatus.OK),
+                  f'{decision.status.name}: {decision.explanation}', values)
+
+
+def heater_sentence(report):
+    """Return what a HeaterReport says, in words."""
+    sentence = HEATER_SENTENCES[report.heater].format(share=100.0 * report.share)
+    return f'{report.heater.value}: {sentence}'
+
+
+def _heater(name, hardware, report):
+    return _entry(f'{name}: heater', hardware, HEATER_LEVELS[report.heater],
+                  heater_sentence(report), {
+                      'heater': report.heater.value,
+                      'probability [1]': f'{report.probability:.3f}',
+                      'share of the command [1]': f'{report.share:.2f}'})
+
+
+def _estimation(name, hardware, supervisor, now_ns):
+    estimate, decision = supervisor.estimate, supervisor.decision
+    values = {
+        'battery temperature [degC]': f'{estimate.temperature_c:.2f}',
+        'its standard deviation [K]': f'{estimate.temperature_deviation_k:.2f}',
+        'state of charge [1]': f'{estimate.soc:.4f}',
+        'arrival temperature standard deviation [K]': f'{decision.arrival_deviation_k:.2f}',
+        'resolution of battery_state.temperature [K]': f'{estimate.temperature_resolution_k:g}',
+        'resets': str(estimate.resets),
+    }
+    for factor, log, deviation in zip(
+            FACTOR_NAMES, estimate.log_factors, estimate.factor_deviations):
+        values[f'{factor.replace("_", " ")} / vehicle file [1]'] = (
+            f'{math.exp(log):.3f} +- {math.exp(log) * deviation:.3f}')
+    has_reset = (estimate.reset_at_ns is not None
+                 and 0 <= now_ns - estimate.reset_at_ns < RESET_SHOWN_S * NS_PER_S)
+    return _entry(f'{name}: estimation', hardware,
+                  DiagnosticStatus.WARN if has_reset else DiagnosticStatus.OK,
+                  f'begun anew: {estimate.reset_reason}' if has_reset else
+                  f'{estimate.temperature_c:.2f} +- {estimate.temperature_deviation_k:.2f} degC',
+                  values)
+
+
+def _entry(name, hardware, level, message, values):
+    return DiagnosticStatus(
+        name=name, hardware_id=hardware, level=level, message=message,
+        values=[KeyValue(key=key, value=value) for key, value in values.items()])

@@ -350,7 +350,8 @@ def _own_values(parameters):
 def _settings(values):
     return Settings(battery_state_timeout_s=values['battery_state_timeout'],
                     clock_tolerance_s=values['clock_tolerance'],
-                    planning_step_s=values['planning_step'])
+                    planning_step_s=values['planning_step'],
+                    estimation=False)
 
 
 def main():

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """`planner`: battery state and route in, heater command and predicted arrival temperature out."""
 
+from dataclasses import dataclass
 from functools import wraps
 import math
 import sys
@@ -8,6 +9,7 @@ import sys
 from bev_preheat_msgs.msg import HvchCommand, PreheatPlan, RoutePlan
 from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import SetParametersResult
+from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.qos import (
@@ -19,15 +21,17 @@ from std_srvs.srv import SetBool
 from bev_preheat.control.settings import Settings
 from bev_preheat.control.supervisor import Decision, Supervisor
 from bev_preheat.errors import InvalidInput
+from bev_preheat.estimation.hypotheses import Heater
 from bev_preheat.nodes.convert import (
     command_message, measurement_from_message, mission_from_message, plan_message,
     temperature_message)
-from bev_preheat.nodes.diagnostics import planner_diagnostics
+from bev_preheat.nodes.diagnostics import heater_sentence, planner_diagnostics
 from bev_preheat.nodes.parameters import check, declare, Parameter
 from bev_preheat.nodes.process import run_node
+from bev_preheat.nodes.remembering import Remembering, SAVE_PERIOD_S
 from bev_preheat.planning.planner import METHODS
 from bev_preheat.planning.status import Status
-from bev_preheat.vehicle import load_vehicle
+from bev_preheat.vehicle import load_vehicle, vehicle_fingerprint
 
 DEFAULTS = Settings()
 PARAMETERS = (
@@ -48,6 +52,13 @@ PARAMETERS = (
               'Routes are planned in steps of this length', 's', (1.0, 300.0)),
     Parameter('arrival_soc_margin', DEFAULTS.arrival_soc_margin,
               'Left on top of the state of charge that a route asks for, 0 ... 1', '', (0.0, 0.5)),
+    Parameter('estimation', DEFAULTS.estimation,
+              'Estimate temperature and model on line, and plan with a margin for what is unsure.'),
+    Parameter('minimum_on_time', DEFAULTS.minimum_on_time_s,
+              'The heater, once on, stays on at least this long', 's', (0.0, 600.0)),
+    Parameter('minimum_off_time', DEFAULTS.minimum_off_time_s,
+              'The heater, once off, stays off at least this long', 's', (0.0, 3600.0)),
+    Parameter('state_file', '', 'File that keeps what was learned of the car; empty: none.'),
 )
 # What ROS lets one override by default, and durability: a trip planner may not latch its route.
 ROUTE_POLICIES = (QoSPolicyKind.HISTORY, QoSPolicyKind.DEPTH, QoSPolicyKind.RELIABILITY,
@@ -55,6 +66,14 @@ ROUTE_POLICIES = (QoSPolicyKind.HISTORY, QoSPolicyKind.DEPTH, QoSPolicyKind.RELI
 # A subscriber that hangs must not keep the process from ending.
 LAST_WORDS_TIME = Duration(seconds=0.5)
 _OWN = frozenset(parameter.name for parameter in PARAMETERS)
+
+
+@dataclass(frozen=True)
+class _Told:
+    """What of the estimation's findings the log has."""
+
+    heater: Heater = Heater.ANSWERS
+    resets: int = 0
 
 
 def guarded(callback):
@@ -78,6 +97,11 @@ class PlannerNode(Node):
         values = declare(self, PARAMETERS)
         vehicle, settings = _take_effect(values)
         self._supervisor = Supervisor(vehicle, settings)
+        self._vehicle_fingerprint = vehicle_fingerprint(values['vehicle'])
+        self._remembering = Remembering(self.get_logger())
+        self._remembering.attach(
+            values['state_file'], self._vehicle_fingerprint, self._supervisor)
+        self._told = _Told()
         self._route_message = None
         self._published_status = None
 
@@ -100,6 +124,9 @@ class PlannerNode(Node):
         self._repeat_timer = self.create_timer(settings.command_period_s, self._on_repeat)
         # Runs out when no valid battery state has come for the timeout.
         self._stale_timer = self.create_timer(settings.battery_state_timeout_s, self._on_repeat)
+        # In real time: simulated time may run at any speed, a disk does not.
+        self.create_timer(SAVE_PERIOD_S, self._on_save_due,
+                          clock=Clock(clock_type=ClockType.STEADY_TIME))
         self.get_logger().info(
             f'Planning for vehicle {vehicle.name} with method {settings.method}.')
 
@@ -116,6 +143,7 @@ class PlannerNode(Node):
                 answered = self._publish_command(now_ns)
         except InvalidInput as error:
             self._refuse('battery_state', error)
+        self._tell_findings()
         self._replan(now_ns, answered)
 
     @guarded
@@ -152,6 +180,17 @@ class PlannerNode(Node):
         self._replan(self._now_ns())
         return response
 
+    def _tell_findings(self):
+        """Log what the estimation has found out, once."""
+        estimate = self._supervisor.estimate
+        if estimate is None:
+            return
+        if estimate.heater.heater is not self._told.heater:
+            self.get_logger().warning(f'Heater: {heater_sentence(estimate.heater)}.')
+        if estimate.resets != self._told.resets:
+            self.get_logger().warning(f'The estimation begins anew: {estimate.reset_reason}.')
+        self._told = _Told(estimate.heater.heater, estimate.resets)
+
     # Parameters
 
     def _check_parameters(self, parameters):
@@ -171,7 +210,14 @@ class PlannerNode(Node):
         if not _OWN.intersection(parameter.name for parameter in parameters):
             return
         supervisor = self._supervisor
-        supervisor.vehicle, supervisor.settings = _take_effect(self._values_with(parameters))
+        values = self._values_with(parameters)
+        vehicle, supervisor.settings = _take_effect(values)
+        fingerprint = vehicle_fingerprint(values['vehicle'])
+        # What was learned stays where the car does.
+        if fingerprint != self._vehicle_fingerprint:
+            self._remembering.save(supervisor)
+            supervisor.vehicle, self._vehicle_fingerprint = vehicle, fingerprint
+        self._remembering.attach(values['state_file'], fingerprint, supervisor)
         for timer, period_s in ((self._repeat_timer, supervisor.settings.command_period_s),
                                 (self._stale_timer, supervisor.settings.battery_state_timeout_s)):
             timer.timer_period_ns = round(period_s * 1e9)
@@ -222,7 +268,7 @@ class PlannerNode(Node):
         self._plan_publisher.publish(plan_message(
             decision, self._supervisor.mission, now_ns, self._supervisor.later_decisions()))
         if decision.plan is not None:
-            self._temperature_publisher.publish(temperature_message(decision.plan, now_ns))
+            self._temperature_publisher.publish(temperature_message(decision, now_ns))
         if decision.status is not self._published_status:
             self.get_logger().info(f'{decision.status.name}: {decision.explanation}')
             self._published_status = decision.status
@@ -236,9 +282,14 @@ class PlannerNode(Node):
             Status.INTERNAL_ERROR, f'Planning failed: {type(error).__name__}: {error}')
         self._publish_off(Status.INTERNAL_ERROR)
 
+    @guarded
+    def _on_save_due(self):
+        self._remembering.save(self._supervisor)
+
     def last_words(self):
         """Publish 0 W before the process ends, and wait a moment until it is out."""
         self._publish_off(Status.SHUTTING_DOWN)
+        self._on_save_due()
         self._command_publisher.wait_for_all_acked(LAST_WORDS_TIME)
 
     def _publish_off(self, reason):
@@ -267,7 +318,10 @@ def _take_effect(values):
         command_period_s=values['command_period'],
         lease_s=values['command_lease'],
         planning_step_s=values['planning_step'],
-        arrival_soc_margin=values['arrival_soc_margin'])
+        arrival_soc_margin=values['arrival_soc_margin'],
+        estimation=values['estimation'],
+        minimum_on_time_s=values['minimum_on_time'],
+        minimum_off_time_s=values['minimum_off_time'])
 
 
 def main():

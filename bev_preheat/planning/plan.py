@@ -15,7 +15,8 @@ class Plan:
     """
     When to heat, and what comes of it; times in seconds after the start of the plan.
 
-    `heating_start_s` is None where the plan does not heat. `shortfall_k` says by how much the
+    `heating_start_s` is None where the plan does not heat, `heating_end_s` where heating ends with a
+    step, as on arrival. `shortfall_k` says by how much the
     target is missed, `soc_shortfall` by how much the state of charge to be kept,
     `undeliverable_power_w` how much power the battery lacks in the worst step (at
     `undeliverable_at_s`). `stretches` (planning.stretches.HeatingStretch) say why it heats. Shapes: `time_s`, `battery_temperature_c` and `soc` (N + 1,),
@@ -40,6 +41,7 @@ class Plan:
     undeliverable_at_s: Optional[float]
     stretches: tuple
     planning_time_s: float
+    heating_end_s: Optional[float] = None
 
     @property
     def arrival_time_s(self):
@@ -60,18 +62,16 @@ class Plan:
         """
         Return the electrical heater power [W] at an instant [s] of the plan, 0 before it starts.
 
-        In the step in which the heater is switched on, it is off before the switching instant and
-        at full power after it.
+        In a step in which the heater is switched it is off before the first switching instant and
+        after the last one, and at full power between them.
         """
-        if self.heating_start_s is None or not (
-                self.heating_start_s <= elapsed_s < self.arrival_time_s):
+        last_s = self.arrival_time_s if self.heating_end_s is None else self.heating_end_s
+        if self.heating_start_s is None or not self.heating_start_s <= elapsed_s < last_s:
             return 0.0
         step = int(np.searchsorted(self.time_s, elapsed_s, side='right')) - 1
         start_s, end_s = self.time_s[step], self.time_s[step + 1]
-        power_w = float(self.hvch_battery_power_w[step])
-        if start_s < self.heating_start_s:
-            power_w *= float((end_s - start_s) / (end_s - self.heating_start_s))
-        return power_w
+        heated_s = min(end_s, last_s) - max(start_s, self.heating_start_s)
+        return float(self.hvch_battery_power_w[step] * (end_s - start_s) / heated_s)
 
     def as_dictionary(self):
         """Return the plan as `preheat plan --json` writes it: plain numbers, texts and lists."""
@@ -81,6 +81,7 @@ class Plan:
             'method': self.method,
             'target_temperature_c': self.target_temperature_c,
             'heating_start_s': self.heating_start_s,
+            'heating_end_s': self.heating_end_s,
             'arrival_time_s': self.arrival_time_s,
             'arrival_temperature_c': self.arrival_temperature_c,
             'arrival_soc': self.arrival_soc,

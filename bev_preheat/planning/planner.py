@@ -10,6 +10,7 @@ import numpy as np
 from bev_preheat.arithmetic import ARRAYS
 from bev_preheat.errors import InvalidInput, PlanningFailure
 from bev_preheat.model import make_runge_kutta_4
+from bev_preheat.planning.caution import heat_early
 from bev_preheat.planning.explanation import explain
 from bev_preheat.planning.limits import drive_as_planned, make_terminal_limits
 from bev_preheat.planning.merit_order import plan_merit_order
@@ -21,7 +22,7 @@ from bev_preheat.planning.situation import check_situation, reserve_soc
 from bev_preheat.planning.simulate import keep_accounts, run_forward
 from bev_preheat.planning.status import Status
 from bev_preheat.planning.stretches import heating_stretches
-from bev_preheat.planning.trip import make_trip
+from bev_preheat.planning.trip import heated_throughout, make_trip
 
 METHODS = {
     'merit_order': plan_merit_order,
@@ -43,11 +44,14 @@ SAME_SOC = 5e-4
 NOW_S = 1e-6
 
 
-def plan_preheating(vehicle, route, state, goal, method=DEFAULT_METHOD, **options):
+def plan_preheating(vehicle, route, state, goal, method=DEFAULT_METHOD, caution=None,
+                    heater_share=1.0, heats_throughout=False, **options):
     """
     Return the Plan for a vehicle with a battery state at the start of a route.
 
-    `method` is one of METHODS, `options` are its own. Raises InvalidInput where state, goal or
+    `method` is one of METHODS, `options` are its own. `caution` (a Caution) makes it heat a little
+    more and earlier; `heater_share` (0 ... 1) is what the heater gives of its power; with
+    `heats_throughout` it heats whatever is planned. Raises InvalidInput where state, goal or
     route are outside what the vehicle's model describes, or the method is unknown; PlanningFailure
     where the model yields no numbers.
     """
@@ -55,15 +59,27 @@ def plan_preheating(vehicle, route, state, goal, method=DEFAULT_METHOD, **option
     if method not in METHODS:
         raise InvalidInput(f'method: {method!r} is not one of {", ".join(METHODS)}')
     check_situation(vehicle, route, state, goal)
-    trip = make_trip(vehicle, route)
+    trip = make_trip(vehicle, route, heater_share)
+    if heats_throughout:
+        trip = heated_throughout(trip)
     try:
-        if goal.charging_planned:
+        if goal.charging_planned and caution is not None:
+            schedule = _plan_with_caution(trip, state, goal, method, caution, options)
+        elif goal.charging_planned:
             schedule = METHODS[method](trip, state, goal, **options)
         else:
             schedule = plan_without_heating(trip, state)
     except ArithmeticError as error:
         raise PlanningFailure(f'the battery model fails on this route: {error}') from error
     return finish_plan(trip, goal, schedule, method, started)
+
+
+def _plan_with_caution(trip, state, goal, method, caution, options):
+    highest_c = trip.vehicle.battery.temperature_range_c[1]
+    target_c = min(goal.target_temperature_c + caution.margin_k, highest_c)
+    schedule = METHODS[method](
+        trip, state, replace(goal, target_temperature_c=target_c), **options)
+    return heat_early(trip, state, schedule, target_c, caution)
 
 
 def as_driven(plan, vehicle, route, state, goal):
@@ -118,7 +134,8 @@ def finish_plan(trip, goal, schedule, method, started):
         undeliverable_power_w=lacking_w,
         undeliverable_at_s=float(trip.time_s[worst]) if lacking_w > 0.0 else None,
         stretches=heating_stretches(trip, schedule, least_w),
-        planning_time_s=0.0)
+        planning_time_s=0.0,
+        heating_end_s=schedule.heating_end_s)
     status = _status(plan, goal, reserve)
     return replace(plan, status=status, explanation=explain(status, plan, reserve),
                    planning_time_s=perf_counter() - started)

@@ -18,7 +18,8 @@ class Schedule:
 
     `heating_start_s` is the switching instant, None where nothing is heated; `brake_power_w` is
     what the friction brake takes of the regeneration in each step; `soc` and `temperature_c`
-    (N + 1 values) are the run, made with `make_integrator` of `model`.
+    (N + 1 values) are the run, made with `make_integrator` of `model`. `heating_end_s` is where
+    heating ends for good within a step; None: at the end of a step.
     """
 
     heating_start_s: Optional[float]
@@ -27,6 +28,7 @@ class Schedule:
     soc: np.ndarray
     temperature_c: np.ndarray
     make_integrator: Callable
+    heating_end_s: Optional[float] = None
 
 
 def maximum_from(trip, switching_instant_s):

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A route as one vehicle drives it: the inputs of each step of the model."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -51,8 +51,12 @@ class Trip:
                 self.leakage_w_per_k)
 
 
-def make_trip(vehicle, route):
-    """Return the Trip of a vehicle on a route, whose long segments are divided for it."""
+def make_trip(vehicle, route, heater_share=1.0):
+    """
+    Return the Trip of a vehicle on a route, whose long segments are divided for it.
+
+    Of what the cabin leaves of the heater, `heater_share` (0 ... 1) is there for the battery.
+    """
     route = route.divided(LONGEST_STEP_S)
     leakage_w_per_k = vehicle.battery.leakage.coefficient_w_per_k(route.speed_mps)
     drivetrain_heat_w = vehicle.drivetrain.heat_to_battery_w(route.propulsion_power_w)
@@ -66,5 +70,14 @@ def make_trip(vehicle, route):
         idle_heat_w=leakage_w_per_k * route.ambient_temperature_c + drivetrain_heat_w,
         drivetrain_heat_w=drivetrain_heat_w,
         leakage_w_per_k=leakage_w_per_k,
-        heater_limit_w=np.maximum(
+        heater_limit_w=heater_share * np.maximum(
             vehicle.hvch.maximum_power_w - route.cabin_heating_power_w, 0.0))
+
+
+def heated_throughout(trip):
+    """Return the Trip of a heater that takes all that the cabin leaves, whatever is commanded."""
+    heater_w = trip.heater_limit_w
+    return replace(
+        trip, idle_power_w=trip.idle_power_w + heater_w,
+        idle_heat_w=trip.idle_heat_w + trip.vehicle.hvch.efficiency * heater_w,
+        heater_limit_w=np.zeros(len(heater_w)))

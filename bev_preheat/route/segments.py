@@ -5,7 +5,7 @@ The route: segments of constant speed, power and ambient temperature, checked, s
 Times are seconds after the start of segment 0. Segments need not be equally long.
 """
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
@@ -55,6 +55,15 @@ class Route:
     def time_s(self):
         """Instants at which segments start, and the end: shape (N + 1,)."""
         return np.concatenate(([0.0], np.cumsum(self.duration_s)))
+
+    def segment_at(self, elapsed_s):
+        """Return the index of the segment at an instant [s]; the first before, the last after it."""
+        return int(np.searchsorted(self.time_s[1:-1], elapsed_s, side='right'))
+
+    def with_propulsion(self, factor):
+        """Return the route with the propulsion power (mean and rms) times a factor."""
+        return replace(self, propulsion_power_w=factor * self.propulsion_power_w,
+                       propulsion_power_rms_w=abs(factor) * self.propulsion_power_rms_w)
 
     @property
     def total_duration_s(self):

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Makes a Vehicle from a YAML file, and refuses files that cannot be one."""
 
+from hashlib import sha256
 from pathlib import Path
 
 import numpy as np
@@ -82,6 +83,11 @@ def load_vehicle(name_or_file):
         drivetrain=Drivetrain(**_floats(contents['drivetrain'])),
         hvch=Hvch(**_floats(contents['hvch'])),
         defaults=Defaults(**_floats(contents['defaults'])))
+
+
+def vehicle_fingerprint(name_or_file):
+    """Return the SHA-256 of a vehicle file's bytes, as text; the file is one that was loaded."""
+    return sha256(find_configuration('vehicles', name_or_file, '.yaml').read_bytes()).hexdigest()
 
 
 def _floats(node):

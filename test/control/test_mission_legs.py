@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A route with stops: which leg is commanded when, and what is planned beyond the next stop."""
 
+from dataclasses import replace
 import gc
 import weakref
 
@@ -20,6 +21,8 @@ from bev_preheat.vehicle import load_vehicle
 VEHICLE = load_vehicle('reference')
 NOW_NS = 1_700_000_000 * NS_PER_S
 COLD = BatteryState(-7.0, 0.8)
+# Plans start from what was measured, to the last digit.
+MEASURED = Settings(estimation=False, minimum_on_time_s=0.0, minimum_off_time_s=0.0)
 AFTER_FIRST, AFTER_SECOND = BatteryState(16.0, 0.7), BatteryState(31.0, 0.6)
 # Legs of 10, 10 and 5 min; the cabin leaves another power of the 7 kW in each.
 FIRST_W, SECOND_W = 5500.0, 6100.0
@@ -55,7 +58,7 @@ def feed(supervisor, now_ns=NOW_NS, state=COLD, stamp_ns=None):
     return supervisor.replan(now_ns)
 
 
-def supervisor_at(elapsed_s, settings=Settings(), **mission):
+def supervisor_at(elapsed_s, settings=MEASURED, **mission):
     """Return a supervisor that has planned at NOW_NS, so long after the start of the trip."""
     supervisor = Supervisor(VEHICLE, settings)
     supervisor.accept_mission(make_mission(NOW_NS - ns(elapsed_s), **mission))
@@ -112,14 +115,14 @@ def test_only_the_rest_of_the_leg_is_planned(elapsed_s, rest_s):
 
 
 def test_a_state_from_before_the_departure_counts_from_the_departure():
-    supervisor = Supervisor(VEHICLE, Settings())
+    supervisor = Supervisor(VEHICLE, MEASURED)
     supervisor.accept_mission(make_mission(NOW_NS - ns(SECOND_S + 0.2)))
     decision = feed(supervisor, stamp_ns=NOW_NS - ns(0.5))
     assert (decision.plan_start_ns, outcome(supervisor)[0]) == (
         NOW_NS - ns(0.2), pytest.approx(SECOND_W))
 
 
-PATIENT = Settings(battery_state_timeout_s=5000.0)
+PATIENT = replace(MEASURED, battery_state_timeout_s=5000.0)
 
 
 @pytest.mark.parametrize('elapsed_s, expected', [
@@ -188,7 +191,7 @@ def test_a_plain_stretch_is_planned_without_heating():
 
 
 def test_the_setting_for_the_target_holds_for_a_leg_without_one():
-    supervisor = supervisor_at(0.0, Settings(target_temperature_c=18.0), target_temperature_c=None)
+    supervisor = supervisor_at(0.0, replace(MEASURED, target_temperature_c=18.0), target_temperature_c=None)
     assert supervisor.later_decisions()[0].plan.target_temperature_c == 18.0
 
 
@@ -203,7 +206,7 @@ def test_later_legs_are_planned_once_and_the_one_that_is_now_for_each_state(plan
 
 
 def test_a_route_without_stops_is_planned_once_for_each_state(planned_states):
-    supervisor = Supervisor(VEHICLE, Settings())
+    supervisor = Supervisor(VEHICLE, MEASURED)
     supervisor.accept_mission(Mission('plain', make_mission().legs[:1]))
     feed(supervisor)
     assert (supervisor.later_decisions(), planned_states) == ((), [COLD])
@@ -219,7 +222,7 @@ def set_vehicle(supervisor):
 
 
 def set_settings(supervisor):
-    supervisor.settings = Settings(target_temperature_c=12.0)
+    supervisor.settings = replace(MEASURED, target_temperature_c=12.0)
 
 
 def set_route(supervisor):

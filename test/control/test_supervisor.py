@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The supervisor: what the heater may do for every state of its inputs; doubt means 0 W."""
 
+from dataclasses import replace
 from math import inf, nan
 import random
 
@@ -17,7 +18,9 @@ from bev_preheat.vehicle import load_vehicle
 
 VEHICLE = load_vehicle('reference')
 NOW_NS = 1_700_000_000 * NS_PER_S
-SETTINGS = Settings(battery_state_timeout_s=4.0, clock_tolerance_s=0.5, lease_s=1.5)
+# What the inputs do to the command; what is made of them by estimation is test_estimating.py's.
+MEASURED = Settings(estimation=False, minimum_on_time_s=0.0, minimum_off_time_s=0.0)
+SETTINGS = replace(MEASURED, battery_state_timeout_s=4.0, clock_tolerance_s=0.5, lease_s=1.5)
 CABIN_W = 1500.0
 FULL_POWER_W = 7000.0 - CABIN_W
 # 20 min; see config/vehicles/reference.yaml for the 7 kW.
@@ -406,7 +409,7 @@ def test_the_plan_starts_at_the_state_it_is_made_from():
     assert supervisor.decision.plan_start_ns == NOW_NS - ns(1.25)
 
 
-PATIENT = Settings(battery_state_timeout_s=5000.0)
+PATIENT = replace(MEASURED, battery_state_timeout_s=5000.0)
 
 
 @pytest.fixture
@@ -457,7 +460,7 @@ def test_the_cabin_comes_first_in_each_segment():
     ids=['route', 'settings', 'vehicle', 'route_at_zero'])
 def test_target_comes_from_route_then_settings_then_vehicle(
         of_route_c, of_settings_c, expected_c):
-    supervisor = Supervisor(VEHICLE, Settings(target_temperature_c=of_settings_c))
+    supervisor = Supervisor(VEHICLE, replace(MEASURED, target_temperature_c=of_settings_c))
     goal = supervisor.goal_of(make_mission(target_c=of_route_c).legs[0])
     assert goal.target_temperature_c == expected_c
 
@@ -555,7 +558,7 @@ def test_no_sequence_of_inputs_heats_in_doubt(seed):
 
 
 def test_margin_is_left_on_top_of_the_reserve_that_a_route_asks_for():
-    supervisor = Supervisor(VEHICLE, Settings(arrival_soc_margin=0.07))
+    supervisor = Supervisor(VEHICLE, replace(MEASURED, arrival_soc_margin=0.07))
     goals = [supervisor.goal_of(make_mission(minimum_arrival_soc=reserve).legs[0])
              for reserve in (0.0, 0.31, 0.98)]
     # No reserve asked for is none, and more than all there is cannot be kept.

@@ -378,13 +378,48 @@ def test_without_a_plan_the_figures_are_unknown():
                if kind == 'double' and name != 'planning_time']
     assert (len(figures), [name for name in figures if not np.isnan(getattr(message, name))],
             message.route_id, message.heating_planned, len(message.time), message.header.stamp,
-            message.arrival) == (12, [], '', False, 0, Time(sec=7), Time())
+            message.arrival) == (13, [], '', False, 0, Time(sec=7), Time())
 
 
-def test_predicted_temperature(decision):
-    message = temperature_message(decision.plan, now_ns=8 * NS_PER_S)
+@pytest.mark.parametrize('deviation_k, variance', [(nan, 0.0), (0.75, 0.5625)])
+def test_predicted_temperature(decision, deviation_k, variance):
+    message = temperature_message(
+        replace(decision, arrival_deviation_k=deviation_k), now_ns=8 * NS_PER_S)
     assert (message.temperature, message.variance, message.header.stamp) == (
-        decision.plan.arrival_temperature_c, 0.0, Time(sec=8))
+        decision.plan.arrival_temperature_c, variance, Time(sec=8))
+
+
+def test_deviation_of_the_predicted_temperature(decision):
+    message = plan_message(replace(decision, arrival_deviation_k=0.625), EAST, 99 * NS_PER_S)
+    assert message.predicted_arrival_temperature_deviation == 0.625
+
+
+@pytest.mark.parametrize('heating_end_s, end_s', [(None, 50 + 1200), (700.5, 750.5)])
+def test_end_of_heating(decision, heating_end_s, end_s):
+    plan = replace(decision.plan, heating_end_s=heating_end_s)
+    message = plan_message(replace(decision, plan=plan), EAST, now_ns=99 * NS_PER_S)
+    assert nanoseconds(message.heating_end) == round(end_s * NS_PER_S)
+
+
+def test_without_heating_it_has_no_end(decision):
+    plan = replace(decision.plan, heating_start_s=None)
+    message = plan_message(replace(decision, plan=plan), EAST, now_ns=99 * NS_PER_S)
+    assert message.heating_end == Time()
+
+
+# Voltage and current: discharging is positive here, negative in sensor_msgs
+
+@pytest.mark.parametrize('voltage, current, expected', [
+    (400.0, -50.0, (400.0, 50.0)), (390.0, 12.5, (390.0, -12.5)),
+    (0.0, -50.0, (None, None)), (400.0, 0.0, (None, None)), (nan, -50.0, (None, None)),
+    (400.0, nan, (None, None)), (-400.0, 5.0, (None, None)),
+    (inf, 5.0, (None, None)), (400.0, -inf, (None, None)), (400.0, 1e6, (None, None))])
+def test_voltage_and_current(voltage, current, expected):
+    message = BatteryStateMessage(temperature=-7.0, percentage=0.5, voltage=voltage,
+                                  current=current)
+    message.header.stamp = Time(sec=5)
+    measurement = measurement_from_message(message)
+    assert (measurement.voltage_v, measurement.current_a) == expected
 
 
 # Enums: the message files are the contract

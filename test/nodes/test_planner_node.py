@@ -36,7 +36,9 @@ PERIOD_S, LEASE_S, TIMEOUT_S = 0.2, 0.6, 2.0
 # Delivery and a busy computer come on top of what the planner promises.
 MARGIN_S = 1.0
 QUICK = ('-p', f'command_period:={PERIOD_S}', '-p', f'command_lease:={LEASE_S}',
-         '-p', f'battery_state_timeout:={TIMEOUT_S}')
+         '-p', f'battery_state_timeout:={TIMEOUT_S}',
+         # Here batteries jump from state to state, and the plans say where they stand.
+         '-p', 'estimation:=false', '-p', 'minimum_on_time:=0.0', '-p', 'minimum_off_time:=0.0')
 FEEDING_PERIOD_S = 0.04
 CABIN_W = 1600.0
 # config/vehicles/reference.yaml: 7 kW.

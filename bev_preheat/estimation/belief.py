@@ -1,0 +1,187 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+The belief about the battery: one extended Kalman filter for each hypothesis, and their weights.
+
+An interacting multiple-model filter (Blom and Bar-Shalom, IEEE Trans. Automatic Control 33(8),
+1988): heaters may turn from one kind into another, so their filters are mixed by how likely that is;
+the kinds of sensor noise are held beside each other. Readings in whole steps are taken as what they
+are, intervals (`truncated_normal`).
+"""
+
+import numpy as np
+
+from bev_preheat.estimation.hypotheses import (
+    heater_power_w, NOISES_K, prior_weights, SHARES, transitions)
+from bev_preheat.estimation.state import (
+    Drive, FACTORS, HEAT_CAPACITY, HEATER, LEAKAGE, PROPULSION, rates_and_slopes, RESISTANCE, SIZE,
+    SOC, TEMPERATURE)
+from bev_preheat.estimation.truncated_normal import truncated_moments
+
+# Standard deviation of the factors' logarithms at first: those of even spreads of +-10 % (heat
+# capacity), +-20 % (leakage, resistance), +-5 % (heater), and of a route's consumption.
+FACTOR_DEVIATIONS = {HEAT_CAPACITY: 0.058, LEAKAGE: 0.115, RESISTANCE: 0.115, HEATER: 0.029,
+                     PROPULSION: 0.08}
+# The logarithms are kept within these bounds around the vehicle file's values.
+FACTOR_BOUNDS = {HEAT_CAPACITY: 0.25, LEAKAGE: 0.6, RESISTANCE: 0.6, HEATER: 0.15, PROPULSION: 0.5}
+# How fast the truth wanders: standard deviation after an hour. The heat that no model has is what
+# makes temperature wander, a wrong capacity the state of charge.
+WANDER_IN_AN_HOUR = np.array([0.25, 0.01, 0.01, 0.02, 0.02, 0.01, 0.1])
+# Where the route says nothing of what the car does, it may do anything.
+WANDER_UNKNOWN = np.array([10.0, 0.3, 0.0, 0.0, 0.0, 0.0, 0.1])
+SOC_NOISE = 0.002
+# A route's power is wrong by this share of it (and of this power at least) for this long.
+POWER_NOISE = 0.3
+LEAST_POWER_W = 3000.0
+POWER_NOISE_LASTS_S = 60.0
+# What lies further off than so many deviations counts no more than that.
+MOST_DEVIATIONS = 2.5
+# Rounding may leave a variance a little below 0.
+LEAST_VARIANCE = 1e-12
+SHAPE = (len(SHARES), len(NOISES_K))
+
+
+class Belief:
+    """
+    Means (heaters, noises, SIZE), covariances (…, SIZE, SIZE) and weights (heaters, noises).
+
+    `predict` lets time pass, the `see_…` methods take readings into account.
+    """
+
+    def __init__(self, vehicle, factors=None, factor_covariance=None):
+        """Begin with factors (5,) (logarithms) and their covariance (5, 5), or the prior."""
+        self._vehicle = vehicle
+        self.weights = prior_weights()
+        self.mean = np.zeros((*SHAPE, SIZE))
+        self.covariance = np.zeros((*SHAPE, SIZE, SIZE))
+        self.mean[..., FACTORS] = 0.0 if factors is None else factors
+        self.covariance[..., FACTORS, FACTORS] = (
+            prior_factor_covariance() if factor_covariance is None else factor_covariance)
+
+    def place(self, temperature_c, temperature_variance, soc, soc_variance):
+        """Set temperature and state of charge anew; what was learned of the factors stays."""
+        self.mean[..., TEMPERATURE], self.mean[..., SOC] = temperature_c, soc
+        for index, variance in ((TEMPERATURE, temperature_variance), (SOC, soc_variance)):
+            self.covariance[..., index, :] = 0.0
+            self.covariance[..., :, index] = 0.0
+            self.covariance[..., index, index] = variance
+
+    def predict(self, duration_s, drive, command_w, limit_w):
+        """
+        Let `duration_s` pass in a Drive under a heater command.
+
+        `drive` is a Drive of floats (its heater power is not read), None where nothing is known of
+        what the car does.
+        """
+        self._mix(duration_s)
+        hours = duration_s / 3600.0
+        if drive is None:
+            self._add_noise(WANDER_UNKNOWN**2 * hours)
+            return
+        heater_w = heater_power_w(command_w, limit_w)[:, np.newaxis, np.newaxis]
+        rates, slopes = rates_and_slopes(self._vehicle, self.mean, Drive(
+            drive.speed_mps, drive.ambient_temperature_c, drive.propulsion_power_w,
+            drive.power_variance_w2, drive.cabin_heating_power_w, drive.auxiliary_power_w,
+            heater_w, drive.terminal_power_w))
+        step = np.zeros((*SHAPE, SIZE, SIZE))
+        step[..., :2, :] = duration_s * slopes
+        step[..., range(SIZE), range(SIZE)] += 1.0
+        self.mean[..., :2] += duration_s * rates
+        self.covariance = step @ self.covariance @ np.swapaxes(step, -1, -2)
+        self._add_noise(WANDER_IN_AN_HOUR**2 * hours)
+
+    def see_temperature(self, reading_c, resolution_k):
+        """Take a reading of the temperature [deg C] into account, rounded to `resolution_k` [K]."""
+        noise_variance = np.square(NOISES_K)
+        variance = self.covariance[..., TEMPERATURE, TEMPERATURE] + noise_variance
+        self._see_interval(TEMPERATURE, variance, reading_c - 0.5 * resolution_k,
+                           reading_c + 0.5 * resolution_k)
+
+    def see_soc(self, reading, resolution):
+        """Take a reading of the state of charge (0 ... 1) into account."""
+        variance = self.covariance[..., SOC, SOC] + SOC_NOISE**2
+        self._see_interval(SOC, variance, reading - 0.5 * resolution, reading + 0.5 * resolution,
+                           tells_hypotheses=False)
+
+    def see_propulsion_power(self, seen_w, route_w, duration_s):
+        """Compare the mean propulsion power seen [W] with the route's over `duration_s` [s]."""
+        deviation_w = POWER_NOISE * max(abs(route_w), LEAST_POWER_W)
+        variance = deviation_w**2 * max(1.0, POWER_NOISE_LASTS_S / duration_s)
+        factor = np.exp(self.mean[..., PROPULSION])
+        slope = factor * route_w
+        gain = self.covariance[..., PROPULSION] * slope[..., np.newaxis]
+        total = slope**2 * self.covariance[..., PROPULSION, PROPULSION] + variance
+        most_w = MOST_DEVIATIONS * deviation_w
+        error_w = np.clip(seen_w - factor * route_w, -most_w, most_w)
+        self.mean += gain * (error_w / total)[..., np.newaxis]
+        self.covariance -= (gain[..., :, np.newaxis] * gain[..., np.newaxis, :]
+                            / total[..., np.newaxis, np.newaxis])
+        self._keep_bounds()
+
+    def see_share(self, share, deviation, most_evidence):
+        """
+        Take the share of a command that was seen to be answered into account (heaters differ).
+
+        `deviation` is how far it may be wrong; no sight counts more than `most_evidence` (nats).
+        """
+        expected = np.array(SHARES)
+        expected[-1] = 0.0
+        # A heavy tail (Student's t, 3 degrees of freedom): traffic makes large errors likely.
+        likelihoods = -2.0 * np.log1p(((share - expected) / deviation)**2 / 3.0)
+        likelihoods = np.maximum(likelihoods - likelihoods.max(), -most_evidence)
+        self.weights *= np.exp(likelihoods)[:, np.newaxis]
+        self.weights /= self.weights.sum()
+
+    def expected(self):
+        """Mean (SIZE,) and covariance (SIZE, SIZE) over all hypotheses."""
+        weights = self.weights[..., np.newaxis]
+        mean = (weights * self.mean).sum(axis=(0, 1))
+        off = self.mean - mean
+        covariance = (weights[..., np.newaxis] * (
+            self.covariance + off[..., :, np.newaxis] * off[..., np.newaxis, :])).sum(axis=(0, 1))
+        return mean, covariance
+
+    def _see_interval(self, index, variance, low, high, tells_hypotheses=True):
+        """Kalman update of one element; `variance` is that of the element and its noise."""
+        variance = np.maximum(variance, LEAST_VARIANCE)
+        logs = np.empty(SHAPE)
+        shift, kept = np.empty(SHAPE), np.empty(SHAPE)
+        for at in np.ndindex(*SHAPE):
+            mean, own = float(self.mean[(*at, index)]), float(variance[at])
+            seen_mean, seen_variance, logs[at] = truncated_moments(mean, own, low, high)
+            shift[at], kept[at] = seen_mean - mean, own - seen_variance
+        gain = self.covariance[..., index] / variance[..., np.newaxis]
+        self.mean += gain * shift[..., np.newaxis]
+        self.covariance -= (gain[..., :, np.newaxis] * gain[..., np.newaxis, :]
+                            * kept[..., np.newaxis, np.newaxis])
+        self._keep_bounds()
+        if tells_hypotheses:
+            self.weights *= np.exp(logs - logs.max())
+            self.weights = np.maximum(self.weights, 1e-12)
+            self.weights /= self.weights.sum()
+
+    def _mix(self, duration_s):
+        """Mix the filters of the heaters, as one may have turned into another by now."""
+        matrix = transitions(duration_s)
+        # share[from, to, noise]: how much of `to` was `from` before.
+        share = matrix[:, :, np.newaxis] * self.weights[:, np.newaxis, :]
+        total = share.sum(axis=0)
+        share /= total
+        mean = np.einsum('abn,ani->bni', share, self.mean)
+        off = self.mean[:, np.newaxis] - mean[np.newaxis]
+        self.covariance = (
+            np.einsum('abn,anij->bnij', share, self.covariance)
+            + np.einsum('abn,abni,abnj->bnij', share, off, off))
+        self.mean, self.weights = mean, total
+
+    def _add_noise(self, variances):
+        self.covariance[..., range(SIZE), range(SIZE)] += variances
+
+    def _keep_bounds(self):
+        for index, bound in FACTOR_BOUNDS.items():
+            np.clip(self.mean[..., index], -bound, bound, out=self.mean[..., index])
+
+
+def prior_factor_covariance():
+    """Covariance (5, 5) of the factors' logarithms of a car of which only its file is known."""
+    return np.diag([FACTOR_DEVIATIONS[index]**2
+                    for index in (HEAT_CAPACITY, LEAKAGE, RESISTANCE, HEATER, PROPULSION)])

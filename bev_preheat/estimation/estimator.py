@@ -1,0 +1,245 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Estimates the battery's state and the model's corrections from the stream of battery states.
+
+Instants are integers, in nanoseconds of the clock that stamps the battery states.
+"""
+
+from dataclasses import dataclass, replace
+import math
+from typing import Optional
+
+import numpy as np
+
+from bev_preheat.estimation.belief import Belief
+from bev_preheat.estimation.hypotheses import HeaterReport, judge
+from bev_preheat.estimation.power_response import PowerResponse
+from bev_preheat.estimation.resolution import Resolution, SOC_STEPS, TEMPERATURE_STEPS_K
+from bev_preheat.estimation.state import FACTORS, PROPULSION, SOC, TEMPERATURE
+from bev_preheat.vehicle.corrections import Corrections
+
+NS_PER_S = 1_000_000_000
+# Readings that follow faster are not independent of each other: one a second is taken.
+LEAST_INTERVAL_S = 0.95
+# The belief is moved in steps of at most this.
+LONGEST_STEP_S = 10.0
+# After a longer silence the temperature is taken from the next reading alone.
+LONGEST_GAP_S = 60.0
+# A reading this many deviations off is not believed, until a second one says the same.
+IMPLAUSIBLE_DEVIATIONS = 6.0
+LEAST_DEVIATION_K = 0.3
+LEAST_SOC_DEVIATION = 0.01
+# Standard deviation of a single reading's noise, where nothing else is known of it.
+READING_NOISE_K = 0.3
+READING_NOISE_SOC = 0.005
+# One switching of the heater tells no more than this (nats), or a single odd step would decide.
+EVIDENCE_OF_A_SWITCHING = 5.0
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """
+    What is believed of the battery at an instant [ns]: the mean (7,) and covariance (7, 7) of `state`.
+
+    `heater` says how the heater answers, `temperature_resolution_k` in which steps the temperature
+    is reported (0: continuous), `resets` how often the belief was begun anew, why and when last.
+    """
+
+    stamp_ns: int
+    mean: np.ndarray
+    covariance: np.ndarray
+    heater: HeaterReport
+    temperature_resolution_k: float
+    resets: int = 0
+    reset_reason: str = ''
+    reset_at_ns: Optional[int] = None
+
+    @property
+    def log_factors(self):
+        """Logarithms of the factors (5,), in the order of `state`."""
+        return self.mean[FACTORS]
+
+    @property
+    def temperature_c(self):
+        """Battery temperature [deg C]."""
+        return float(self.mean[TEMPERATURE])
+
+    @property
+    def temperature_deviation_k(self):
+        """Standard deviation of the battery temperature [K]."""
+        return math.sqrt(max(self.covariance[TEMPERATURE, TEMPERATURE], 0.0))
+
+    @property
+    def soc(self):
+        """State of charge, 0 ... 1."""
+        return min(max(float(self.mean[SOC]), 0.0), 1.0)
+
+    @property
+    def corrections(self):
+        """Corrections of the vehicle file."""
+        return Corrections(*(math.exp(value) for value in self.mean[FACTORS][:4]))
+
+    @property
+    def propulsion_factor(self):
+        """Propulsion power of the car as a multiple of the route's."""
+        return math.exp(self.mean[PROPULSION])
+
+    @property
+    def factor_deviations(self):
+        """Standard deviations of the five factors, as shares of them, in the order of `state`."""
+        return np.sqrt(np.maximum(np.diag(self.covariance)[FACTORS], 0.0))
+
+
+class Estimator:
+    """
+    Keeps the belief; `observe` takes a measurement in, `estimate` is what is believed since.
+
+    `course` below is what the car was meant to do: `course.between(from_ns, to_ns)` returns a Drive
+    and the heater's limit [W], or (None, 0.0) where nothing is known. `commands` is what the heater
+    was told: `commands.mean_w(from_ns, to_ns)`.
+    """
+
+    def __init__(self, vehicle, factors=None, factor_covariance=None):
+        """Begin with the vehicle file, or with what was learned before: see Belief."""
+        self._vehicle = vehicle
+        self._learned = (factors, factor_covariance)
+        self.estimate = None
+        self._resets, self._reason, self._reset_at_ns = 0, '', None
+        self._begin()
+
+    def _begin(self):
+        self._belief = Belief(self._vehicle, *self._learned)
+        self._response = PowerResponse()
+        self._temperature_steps = Resolution(TEMPERATURE_STEPS_K)
+        self._soc_steps = Resolution(SOC_STEPS)
+        self._stamp_ns = None
+        self._powers_w = []
+        # A reading that was not believed, waiting for a second one.
+        self._doubted = None
+
+    def lose_time(self):
+        """Take the temperature from the next reading alone: stamps so far mean nothing."""
+        self._stamp_ns, self._powers_w = None, []
+        self._response = PowerResponse()
+
+    def restart(self, reason, at_ns):
+        """Forget the temperature, and all that was learned since the vehicle file."""
+        self._learned = (None, None)
+        self._resets += 1
+        self._reason, self._reset_at_ns = reason, at_ns
+        self._begin()
+
+    def observe(self, measurement, course, commands):
+        """Take a Measurement in, whose stamp is not before that of the one before."""
+        state = measurement.state
+        self._temperature_steps.see(state.temperature_c)
+        self._soc_steps.see(state.soc)
+        stamp_ns = measurement.stamp_ns
+        if self._stamp_ns is None:
+            self._place(measurement)
+            return
+        elapsed_s = (stamp_ns - self._stamp_ns) / NS_PER_S
+        if elapsed_s > LONGEST_GAP_S:
+            self._place(measurement)
+            return
+        if not self._is_plausible(state, self._belief.expected()):
+            if self._doubted is None or stamp_ns == self._doubted.stamp_ns:
+                self._doubted = measurement
+            elif self._agree(self._doubted.state, state):
+                self.restart(f'battery_state jumped to {state.temperature_c:.1f} degC, '
+                             f'{100 * state.soc:.1f} %: {self.estimate.temperature_c:.1f} degC, '
+                             f'{100 * self.estimate.soc:.1f} % were expected', stamp_ns)
+                self.observe(measurement, course, commands)
+                return
+            else:
+                self._doubted = measurement
+        else:
+            self._doubted = None
+        self._see_power(measurement, commands)
+        if elapsed_s < LEAST_INTERVAL_S:
+            return
+        self._advance(stamp_ns, course, commands)
+        if self._doubted is None:
+            self._belief.see_temperature(state.temperature_c, self._temperature_steps.step)
+            self._belief.see_soc(state.soc, self._soc_steps.step)
+        self._conclude(measurement)
+
+    def _place(self, measurement):
+        state = measurement.state
+        self._belief.place(
+            state.temperature_c, self._temperature_steps.step**2 / 12.0 + READING_NOISE_K**2,
+            state.soc, self._soc_steps.step**2 / 12.0 + READING_NOISE_SOC**2)
+        self._powers_w = [] if measurement.power_w is None else [measurement.power_w]
+        self._conclude(measurement)
+
+    def _see_power(self, measurement, commands):
+        power_w = measurement.power_w
+        if power_w is None:
+            self._powers_w = []
+            return
+        self._powers_w.append(power_w)
+        instant_ns = measurement.stamp_ns
+        answer = self._response.see(
+            instant_ns / NS_PER_S, power_w, commands.mean_w(instant_ns, instant_ns))
+        if answer is not None:
+            self._belief.see_share(answer.share, answer.deviation, EVIDENCE_OF_A_SWITCHING)
+
+    def _advance(self, to_ns, course, commands):
+        """Move the belief on to an instant, in steps."""
+        seen_w = None
+        variance_w2 = 0.0
+        # The first sample is that of the step before, which ended where this one begins.
+        if len(self._powers_w) >= 2:
+            seen_w, variance_w2 = float(np.mean(self._powers_w)), float(np.var(self._powers_w))
+        from_ns = self._stamp_ns
+        steps = math.ceil((to_ns - from_ns) / NS_PER_S / LONGEST_STEP_S)
+        edges_ns = [from_ns + (to_ns - from_ns) * part // steps for part in range(steps + 1)]
+        for start_ns, end_ns in zip(edges_ns, edges_ns[1:]):
+            duration_s = (end_ns - start_ns) / NS_PER_S
+            drive, limit_w = course.between(start_ns, end_ns)
+            command_w = commands.mean_w(start_ns, end_ns)
+            route_w = None if drive is None else drive.propulsion_power_w
+            if drive is not None and seen_w is not None:
+                drive = replace(drive, terminal_power_w=seen_w, power_variance_w2=variance_w2)
+            self._belief.predict(duration_s, drive, command_w, limit_w)
+            if drive is not None and seen_w is not None:
+                heater_w = command_w if self.estimate is None else (
+                    min(self.estimate.heater.share * command_w, limit_w))
+                self._belief.see_propulsion_power(
+                    seen_w - heater_w - drive.cabin_heating_power_w - drive.auxiliary_power_w,
+                    route_w, duration_s)
+        self._powers_w = self._powers_w[-1:]
+
+    def _is_plausible(self, state, belief):
+        """Whether readings are what is believed, (mean (SIZE,), covariance), or may be."""
+        mean, covariance = belief
+        return all(
+            abs(reading - mean[index]) <= 0.5 * step + IMPLAUSIBLE_DEVIATIONS * max(
+                math.sqrt(max(covariance[index, index], 0.0)), least)
+            for index, reading, step, least in self._looks_at(state))
+
+    def _agree(self, one, other):
+        """Whether two readings that were not believed say the same."""
+        return all(
+            abs(reading - before) <= step + IMPLAUSIBLE_DEVIATIONS * least
+            for (_, before, _, _), (_, reading, step, least) in zip(
+                self._looks_at(one), self._looks_at(other)))
+
+    def _looks_at(self, state):
+        """(element, reading, step of the signal, least standard deviation) of both readings."""
+        return ((TEMPERATURE, state.temperature_c, self._temperature_steps.step,
+                 LEAST_DEVIATION_K),
+                (SOC, state.soc, self._soc_steps.step, LEAST_SOC_DEVIATION))
+
+    def _conclude(self, measurement):
+        stamp_ns = self._stamp_ns = measurement.stamp_ns
+        mean, covariance = self._belief.expected()
+        if not (np.isfinite(mean).all() and np.isfinite(covariance).all()):
+            self.restart('the estimate left the range of numbers', stamp_ns)
+            self._place(measurement)
+            return
+        report = judge(self._belief.weights.sum(axis=1),
+                       self.estimate.heater if self.estimate else None)
+        self.estimate = Estimate(
+            stamp_ns, mean, covariance, report, self._temperature_steps.step, self._resets,
+            self._reason, self._reset_at_ns)

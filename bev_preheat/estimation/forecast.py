@@ -1,0 +1,54 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How sure the temperature on arrival is: the uncertainty of an estimate, carried along a plan."""
+
+import math
+
+import numpy as np
+
+from bev_preheat.estimation.belief import LEAST_POWER_W, POWER_NOISE, POWER_NOISE_LASTS_S
+from bev_preheat.estimation.state import (
+    Drive, PROPULSION, rates_and_slopes, SIZE, SOC, TEMPERATURE)
+
+
+def arrival_sensitivities(trip, plan):
+    """
+    Change of the arrival temperature [K] with each element of `state` at the plan's start, (SIZE,).
+
+    The adjoint of the model's temperature along the plan: what a kelvin in step k is worth on
+    arrival, times what each element does to the temperature in that step. Second, the change with
+    the propulsion factor in each step alone, shape (N,).
+    """
+    route = trip.route
+    states = np.zeros((len(route), SIZE))
+    states[:, TEMPERATURE] = plan.battery_temperature_c[:-1]
+    states[:, SOC] = plan.soc[:-1]
+    drive = Drive(*(column[:, np.newaxis] for column in (
+        route.speed_mps, route.ambient_temperature_c, route.propulsion_power_w,
+        trip.power_variance_w2, route.cabin_heating_power_w, route.auxiliary_power_w,
+        plan.hvch_battery_power_w)))
+    _, slopes = rates_and_slopes(trip.vehicle, states, drive)
+    slopes = slopes[:, TEMPERATURE] * route.duration_s[:, np.newaxis]
+    # Worth on arrival of a kelvin at the end of each step.
+    kept = np.exp(slopes[:, TEMPERATURE])
+    worth = np.concatenate((np.cumprod(kept[:0:-1])[::-1], [1.0]))
+    by_step = worth[:, np.newaxis] * slopes
+    total = by_step.sum(axis=0)
+    total[TEMPERATURE] = float(np.prod(kept))
+    return total, by_step[:, PROPULSION]
+
+
+def arrival_deviation_k(trip, plan, estimate):
+    """
+    Return the standard deviation [K] of the temperature on arrival, if the plan is driven as it is.
+
+    `trip` must be that of the corrected vehicle and route that the plan was made for.
+    """
+    sensitivities, by_step = arrival_sensitivities(trip, plan)
+    route = trip.route
+    # What a factor cannot tell: traffic that differs from step to step.
+    spread = POWER_NOISE * np.maximum(
+        1.0, LEAST_POWER_W / np.maximum(np.abs(route.propulsion_power_w), 1.0))
+    lasting = np.maximum(1.0, POWER_NOISE_LASTS_S / route.duration_s)
+    traffic = float(np.sum((by_step * spread)**2 * lasting))
+    return math.sqrt(max(0.0, float(sensitivities @ estimate.covariance @ sensitivities))
+                     + traffic)

@@ -1,0 +1,90 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What may be the matter with heater and sensor: the hypotheses that are held beside each other."""
+
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+
+
+class Heater(Enum):
+    """How the heater answers its command."""
+
+    ANSWERS = 'answers'
+    DERATED = 'derated'
+    DEAD = 'dead'
+    STUCK_ON = 'stuck on'
+
+
+# Share of the commanded power that the heater gives. The last one heats with all that the cabin
+# leaves whatever is commanded.
+SHARES = (1.0, 0.8, 0.6, 0.4, 0.2, 0.0, 1.0)
+HEATERS = (Heater.ANSWERS, *(Heater.DERATED,) * 4, Heater.DEAD, Heater.STUCK_ON)
+STUCK = len(SHARES) - 1
+# Standard deviation of the temperature signal's noise before it is rounded [K].
+NOISES_K = (0.05, 0.2, 0.5)
+COUNT = len(SHARES) * len(NOISES_K)
+
+# A heater fails once in so many seconds of driving, and is back after so many on average.
+FAILURE_S = 200.0 * 3600.0
+REPAIR_S = 1800.0
+
+
+def prior_weights():
+    """Probability of each hypothesis at first, shape (heaters, noises)."""
+    faulty = REPAIR_S / FAILURE_S
+    heaters = np.full(len(SHARES), faulty / (len(SHARES) - 1))
+    heaters[0] = 1.0 - faulty
+    noises = np.full(len(NOISES_K), 1.0 / len(NOISES_K))
+    return heaters[:, np.newaxis] * noises
+
+
+def transitions(duration_s):
+    """Probability that a heater of one kind (row) is of another (column) after so long [s]."""
+    fails = 1.0 - np.exp(-duration_s / FAILURE_S)
+    repaired = 1.0 - np.exp(-duration_s / REPAIR_S)
+    matrix = np.diag(np.full(len(SHARES), 1.0 - repaired))
+    matrix[:, 0] += repaired
+    matrix[0, :] = fails / (len(SHARES) - 1)
+    matrix[0, 0] = 1.0 - fails
+    return matrix
+
+
+def heater_power_w(command_w, limit_w):
+    """Return the power [W] that the heater takes under a command, shape (heaters,)."""
+    power_w = np.minimum(np.array(SHARES) * command_w, limit_w)
+    power_w[STUCK] = limit_w
+    return power_w
+
+
+@dataclass(frozen=True)
+class HeaterReport:
+    """How the heater answers, how sure that is (0 ... 1), and its share of the command (0 ... 1)."""
+
+    heater: Heater
+    probability: float
+    share: float
+
+
+# A fault is told from this probability on, and taken back below the other.
+TOLD_FROM = 0.95
+TAKEN_BACK_BELOW = 0.2
+# One fault is told instead of another where it is so many times as likely.
+TIMES_AS_LIKELY = 3.0
+
+
+def judge(weights, before):
+    """Return the HeaterReport of hypotheses' weights (heaters,); `before` is the latest report."""
+    by_kind = {kind: float(sum(weight for weight, own in zip(weights, HEATERS) if own is kind))
+               for kind in Heater}
+    # Which fault it is may be open where it is clear that there is one.
+    faulty = 1.0 - by_kind[Heater.ANSWERS]
+    told = Heater.ANSWERS if before is None else before.heater
+    if faulty < (TOLD_FROM if told is Heater.ANSWERS else TAKEN_BACK_BELOW):
+        return HeaterReport(Heater.ANSWERS, by_kind[Heater.ANSWERS], 1.0)
+    fault = max((kind for kind in Heater if kind is not Heater.ANSWERS), key=by_kind.get)
+    if told is not Heater.ANSWERS and by_kind[fault] < TIMES_AS_LIKELY * by_kind[told]:
+        fault = told
+    shares = np.array(SHARES)
+    own = np.array([kind is fault for kind in HEATERS]) * weights
+    return HeaterReport(fault, by_kind[fault], float(own @ shares / own.sum()))

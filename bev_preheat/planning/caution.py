@@ -1,0 +1,154 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Heating a little earlier than the plan needs, so that what turns out worse can be made up for.
+
+Full power that comes too late cannot catch up; heating that is done too early loses only what leaks
+until arrival. So the last stretch of heating begins early by what is uncertain, and ends as soon as
+it is enough. While it lasts it is not interrupted for a pause that is not worth a switching.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from bev_preheat.model import make_runge_kutta_4
+from bev_preheat.planning.limits import drive_as_planned, limits_hold
+from bev_preheat.planning.schedule import HEATING_SHARE, Schedule, switched_on_s
+from bev_preheat.planning.simulate import run_forward
+
+# The end of heating is found to this.
+ARRIVAL_TOLERANCE_K = 1e-3
+MOST_RUNS = 12
+
+
+@dataclass(frozen=True)
+class Caution:
+    """
+    How careful a plan is.
+
+    `margin_k`: how much warmer than the target the battery is to arrive [K]. `lead_k`: how many
+    kelvin of heating the last stretch begins early. `is_heating`: the heater is on now; it then
+    pauses only for longer than `least_pause_s`. A heater that is off is not switched on for less
+    than `least_heating_s` of heating before arrival.
+    """
+
+    margin_k: float = 0.0
+    lead_k: float = 0.0
+    is_heating: bool = False
+    least_pause_s: float = 0.0
+    least_heating_s: float = 0.0
+
+
+def heat_early(trip, state, schedule, target_c, caution):
+    """Return the Schedule with its last stretch of heating begun as early as Caution asks."""
+    window = _last_stretch(trip, schedule)
+    if window is None:
+        return schedule
+    first, start_s = window
+    end_s = float(trip.time_s[-1])
+    if not caution.is_heating and end_s - start_s < caution.least_heating_s:
+        return _Window(trip, state, schedule, first, end_s, limited=True).drive(end_s)
+    early_s = max(0.0, start_s - _lead_s(trip, first, caution.lead_k))
+    if caution.is_heating and early_s <= caution.least_pause_s:
+        early_s = 0.0
+    if early_s >= start_s:
+        return schedule
+    first = trip.route.segment_at(early_s)
+    guess_s = end_s - (start_s - early_s)
+    early = _enough(_Window(trip, state, schedule, first, early_s), target_c, guess_s)
+    if limits_hold(trip, early):
+        return early
+    return _enough(_Window(trip, state, schedule, first, early_s, limited=True), target_c, guess_s)
+
+
+def _last_stretch(trip, schedule):
+    """Return (first step, instant [s]) of the heating that lasts until arrival; None without."""
+    heated = schedule.heater_power_w > HEATING_SHARE * trip.heater_limit_w
+    if not len(heated) or not heated[-1]:
+        return None
+    pauses = np.flatnonzero(~heated)
+    first = int(pauses[-1]) + 1 if len(pauses) else 0
+    stretch_w = np.where(np.arange(len(heated)) >= first, schedule.heater_power_w, 0.0)
+    return first, switched_on_s(trip, stretch_w)
+
+
+def _lead_s(trip, step, lead_k):
+    """How long the heater takes for so many kelvin [s]."""
+    heat_w = trip.vehicle.hvch.efficiency * float(trip.heater_limit_w[step])
+    return lead_k * trip.vehicle.battery.heat_capacity_j_per_k / heat_w
+
+
+class _Window:
+    """A schedule whose last stretch of heating begins at an instant, and ends at another."""
+
+    def __init__(self, trip, state, schedule, first, start_s, limited=False):
+        """`first` is the step of `start_s`; `limited`: runs keep the battery's limits."""
+        self._trip, self._state, self._schedule = trip, state, schedule
+        self._first, self.start_s, self._limited = first, start_s, limited
+        self._before_w = np.where(
+            np.arange(len(trip.route)) < first, schedule.heater_power_w, 0.0)
+
+    @property
+    def last_s(self):
+        """The instant of arrival [s]."""
+        return float(self._trip.time_s[-1])
+
+    def rate_k_per_s(self, end_s):
+        """How much warmer the battery arrives for each second that heating lasts longer, about."""
+        trip = self._trip
+        step = trip.route.segment_at(end_s)
+        capacity = trip.vehicle.battery.heat_capacity_j_per_k
+        gained = trip.vehicle.hvch.efficiency * float(trip.heater_limit_w[step]) / capacity
+        return gained * float(np.exp(
+            -trip.leakage_w_per_k[step] / capacity * (self.last_s - end_s)))
+
+    def drive(self, end_s):
+        """Return the Schedule that heats until `end_s`."""
+        trip, before, first = self._trip, self._schedule, self._first
+        overlap_s = (np.minimum(trip.time_s[1:], end_s)
+                     - np.maximum(trip.time_s[:-1], self.start_s))
+        share = np.clip(overlap_s / trip.route.duration_s, 0.0, 1.0)
+        heater_w = np.maximum(self._before_w, share * trip.heater_limit_w)
+        heating_end_s = end_s if self.start_s < end_s < self.last_s else None
+        if self._limited:
+            return replace(drive_as_planned(trip, self._state, heater_w, take_surplus=True),
+                           heating_end_s=heating_end_s)
+        soc, temperature_c = run_forward(
+            trip.vehicle, make_runge_kutta_4, float(before.soc[first]),
+            float(before.temperature_c[first]),
+            [column[first:] for column in trip.inputs(heater_w, before.brake_power_w)])
+        start_s = switched_on_s(trip, self._before_w)
+        if start_s is None and end_s > self.start_s:
+            start_s = self.start_s
+        return Schedule(
+            start_s, heater_w, before.brake_power_w,
+            np.concatenate((before.soc[:first], soc)),
+            np.concatenate((before.temperature_c[:first], temperature_c)), make_runge_kutta_4,
+            heating_end_s)
+
+
+def _enough(window, target_c, guess_s):
+    """Return the Schedule that ends its heating where the battery arrives at the target."""
+    # Arrival is the warmer, the later heating ends.
+    low_s, high_s = window.start_s, window.last_s
+    end_s = min(max(guess_s, low_s), high_s)
+    slope = window.rate_k_per_s(end_s)
+    for _ in range(MOST_RUNS):
+        schedule = window.drive(end_s)
+        excess_k = float(schedule.temperature_c[-1]) - target_c
+        if abs(excess_k) <= ARRIVAL_TOLERANCE_K or (end_s >= high_s and excess_k < 0.0):
+            break
+        if excess_k > 0.0:
+            high_s = end_s
+        else:
+            low_s = end_s
+        next_s = end_s - excess_k / slope
+        if not low_s < next_s < high_s:
+            if next_s >= window.last_s and high_s == window.last_s:
+                next_s = window.last_s
+            else:
+                next_s = 0.5 * (low_s + high_s)
+        if abs(next_s - end_s) < 1e-3:
+            break
+        end_s = next_s
+    return schedule

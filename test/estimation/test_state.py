@@ -1,0 +1,70 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The rates of the estimated state against the model that plans, and their slopes."""
+
+from dataclasses import replace
+from math import exp
+
+import numpy as np
+import pytest
+
+from bev_preheat.arithmetic import FLOATS
+from bev_preheat.estimation.state import Drive, rates_and_slopes, SIZE, state_rates
+from bev_preheat.model import make_rates
+from bev_preheat.vehicle import load_vehicle
+
+VEHICLES = {name: load_vehicle(name) for name in ('reference', 'small_car')}
+STATE = np.array([3.7, 0.63, 0.08, -0.15, 0.11, -0.04, 0.07])
+DRIVE = Drive(speed_mps=23.0, ambient_temperature_c=-11.0, propulsion_power_w=17e3,
+              power_variance_w2=4e7, cabin_heating_power_w=1300.0, auxiliary_power_w=450.0,
+              heater_power_w=3100.0)
+
+
+def by_hand(vehicle, state, drive):
+    """Rates of a car whose every quantity is multiplied by hand, from the scalar model."""
+    temperature_c, soc, capacity, leakage, resistance, heater, propulsion = state
+    battery = vehicle.battery
+    propulsion_w = exp(propulsion) * drive.propulsion_power_w
+    terminal_w = propulsion_w + (drive.cabin_heating_power_w + drive.auxiliary_power_w
+                                 + drive.heater_power_w)
+    variance_w2 = exp(propulsion)**2 * drive.power_variance_w2
+    if drive.terminal_power_w is not None:
+        terminal_w, variance_w2 = drive.terminal_power_w, drive.power_variance_w2
+        propulsion_w = terminal_w - (drive.cabin_heating_power_w + drive.auxiliary_power_w
+                                     + drive.heater_power_w)
+    gamma = exp(leakage) * (battery.leakage.gamma_0_w_per_k
+                            + battery.leakage.gamma_v_w_per_k_per_mps * drive.speed_mps)
+    heat_w = (exp(heater) * vehicle.hvch.efficiency * drive.heater_power_w
+              + gamma * (drive.ambient_temperature_c - temperature_c)
+              + vehicle.drivetrain.heat_recovery_efficiency
+              * (1.0 - vehicle.drivetrain.efficiency) * abs(propulsion_w))
+
+    class Scaled:
+        def function(self, arithmetic):
+            plain = battery.resistance.function(arithmetic)
+            return lambda s, t: exp(resistance) * plain(s, t)
+
+    scaled = replace(vehicle, battery=replace(battery, resistance=Scaled()))
+    soc_rate, _, joule_w = make_rates(scaled, FLOATS)(
+        soc, temperature_c, terminal_w, variance_w2, 0.0, 0.0)
+    return (heat_w + joule_w) / (exp(capacity) * battery.heat_capacity_j_per_k), soc_rate
+
+
+@pytest.mark.parametrize('name', VEHICLES)
+@pytest.mark.parametrize('seen_w', [None, 21.5e3, -9e3])
+def test_rates_are_those_of_the_car_by_hand(name, seen_w):
+    drive = replace(DRIVE, terminal_power_w=seen_w)
+    temperature_rate, soc_rate = state_rates(VEHICLES[name], STATE, drive)
+    assert (float(temperature_rate), float(soc_rate)) == pytest.approx(
+        by_hand(VEHICLES[name], STATE, drive), rel=1e-12)
+
+
+@pytest.mark.parametrize('index', range(SIZE))
+def test_slopes_are_central_differences(index):
+    vehicle = VEHICLES['reference']
+    _, slopes = rates_and_slopes(vehicle, STATE[np.newaxis], Drive(*(
+        np.array([[value]]) for value in vars(DRIVE).values() if value is not None)))
+    step = np.zeros(SIZE)
+    step[index] = 1e-4
+    above, below = (np.array(by_hand(vehicle, state, DRIVE)) for state in (STATE + step,
+                                                                             STATE - step))
+    assert slopes[0, :, index] == pytest.approx((above - below) / 2e-4, rel=5e-3, abs=1e-12)

@@ -1,0 +1,64 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Truncated normal moments against numerical integration and their own laws."""
+
+from math import exp, log, pi, sqrt
+
+from hypothesis import given, strategies as st
+import numpy as np
+import pytest
+
+from bev_preheat.estimation.truncated_normal import truncated_moments
+
+
+def integrated(mean, variance, low, high):
+    """Moments by the trapezoidal rule on a fine grid within the interval."""
+    x = np.linspace(low, high, 400_001)
+    density = np.exp(-0.5 * (x - mean)**2 / variance) / sqrt(2.0 * pi * variance)
+    mass = np.trapezoid(density, x)
+    first = np.trapezoid(density * x, x) / mass
+    return first, np.trapezoid(density * (x - first)**2, x) / mass, log(mass)
+
+
+@pytest.mark.parametrize('mean, variance, low, high', [
+    (0.3, 0.04, -0.5, 0.5), (2.7, 1.9, 2.5, 3.5), (-6.0, 0.25, -7.5, -6.5), (4.0, 0.3, 2.0, 2.5),
+    (1.0, 9.0, 0.9, 1.1)])
+def test_moments_are_those_of_integration(mean, variance, low, high):
+    assert truncated_moments(mean, variance, low, high) == pytest.approx(
+        integrated(mean, variance, low, high), rel=1e-6, abs=1e-9)
+
+
+def test_a_point_leaves_no_variance_and_gives_the_density():
+    density = exp(-0.5 * (1.4 - 1.1)**2 / 0.09) / sqrt(2.0 * pi * 0.09)
+    assert truncated_moments(1.1, 0.09, 1.4, 1.4) == pytest.approx((1.4, 0.0, log(density)))
+
+
+def test_a_wide_interval_changes_nothing():
+    mean, variance, log_probability = truncated_moments(3.0, 0.01, -100.0, 100.0)
+    assert (mean, variance, log_probability) == pytest.approx((3.0, 0.01, 0.0), abs=1e-12)
+
+
+@given(mean=st.floats(-100.0, 100.0), variance=st.floats(1e-4, 100.0),
+       low=st.floats(-100.0, 100.0), width=st.floats(0.01, 5.0))
+def test_moments_lie_where_they_can(mean, variance, low, width):
+    seen, kept, log_probability = truncated_moments(mean, variance, low, low + width)
+    assert low - 1e-6 <= seen <= low + width + 1e-6
+    # No distribution on an interval varies more than half its width, nor more than before.
+    assert 0.0 <= kept <= min(0.25 * width**2, variance) * (1.0 + 1e-6) + 1e-12
+    assert log_probability <= 1e-12
+
+
+@pytest.mark.parametrize('low, width', [(9.0, 0.125), (8.5, 3.0), (12.0, 1e-7), (20.0, 5.0)])
+@pytest.mark.parametrize('side', [1.0, -1.0])
+def test_moments_in_the_tails_are_those_of_integration(low, width, side):
+    """To the share by which the tail is no exponential: 2/d^2 of the mean, 6/d^2 of the variance."""
+    x = np.linspace(low, low + width, 400_001)
+    log_density = -0.5 * x * x - 0.5 * log(2.0 * pi)
+    relative = np.exp(log_density - log_density[0])
+    mass = np.trapezoid(relative, x)
+    mean = np.trapezoid(relative * x, x) / mass
+    variance = np.trapezoid(relative * (x - mean)**2, x) / mass
+    edges = (low, low + width) if side > 0.0 else (-low - width, -low)
+    seen, kept, log_probability = truncated_moments(0.0, 1.0, *edges)
+    assert abs(seen) - low == pytest.approx(mean - low, rel=2.5 / low**2)
+    assert kept == pytest.approx(variance, rel=7.0 / low**2)
+    assert log_probability == pytest.approx(log(mass) + log_density[0], abs=0.02)
