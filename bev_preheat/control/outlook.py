@@ -109,8 +109,14 @@ class OutlookMaker:
             expected = plan(heats_throughout=True)
         self._deviation_k = self._deviation(vehicle, route, share, expected, estimate)
         sentence = SENTENCES.get(heater.heater, '').format(share=100.0 * heater.share)
-        return Outlook(replace(expected, explanation=sentence + expected.explanation),
-                       self._deviation_k, commanded, share)
+        if expected.heating_end_s is not None:
+            sentence = (f'{sentence}{expected.explanation} It is uncertain by '
+                        f'{self._deviation_k:.1f} K, so heating begins early and ends as soon as '
+                        'it is enough.')
+        else:
+            sentence += expected.explanation
+        return Outlook(replace(expected, explanation=sentence), self._deviation_k, commanded,
+                       share)
 
     def _deviation(self, vehicle, route, share, plan, estimate):
         return arrival_deviation_k(make_trip(vehicle, route, share), plan, estimate)

@@ -19,7 +19,7 @@ def explain(status, plan, reserve):
     if status is Status.NO_CHARGING_PLANNED:
         return f'No fast charging at the end of this route: no heating; {arrival}.'
     if status is Status.NOT_NEEDED:
-        return f'The battery gets warm enough by driving: {arrival}, {target}.'
+        return f'The battery gets warm enough without further heating: {arrival}, {target}.'
     if status is Status.WAITING:
         return f'Heating starts in {duration_text(plan.heating_start_s)}: {arrival}, {target}.'
     if status is Status.HEATING:

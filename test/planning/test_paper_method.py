@@ -198,7 +198,8 @@ def test_not_needed_says_how_warm_it_gets():
     plan = plan_of(segments, target_c=15.0)
     arrival_c = arrival_of(segments, heater_share=0.0)
     assert (plan.status, plan.heating_start_s, plan.shortfall_k, plan.explanation) == (
-        Status.NOT_NEEDED, None, 0.0, 'The battery gets warm enough by driving: arrival in 40:00 '
+        Status.NOT_NEEDED, None, 0.0,
+        'The battery gets warm enough without further heating: arrival in 40:00 '
         f'min at {arrival_c:.1f} degC, target 15.0 degC.')
 
 

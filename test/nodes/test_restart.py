@@ -1,0 +1,115 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The installed planner is killed in mid-heating and started again: what the heater hears."""
+
+import json
+import signal
+import threading
+import time
+
+from bev_preheat_msgs.msg import HvchCommand, RoutePlan
+from diagnostic_msgs.msg import DiagnosticArray
+import pytest
+from rclpy.qos import QoSDurabilityPolicy, QoSProfile
+from sensor_msgs.msg import BatteryState
+
+from bev_preheat.control.supervisor import NS_PER_S
+from bev_preheat.nodes.convert import nanoseconds, time_message
+
+LATCHED = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
+LEASE_S = 0.8
+# What a new process has from its first inputs to its first heat.
+RESUMES_WITHIN_S = 2.0
+STATE_PERIOD_S = 0.05
+
+
+class Car:
+    """A battery that is published all the time, and a latched route that needs heat at once."""
+
+    def __init__(self, bench):
+        self._bench = bench
+        self.commands = bench.record(HvchCommand, 'hvch_command')
+        self.diagnostics = bench.record(DiagnosticArray, '/diagnostics')
+        self._states = bench.publisher(BatteryState, 'battery_state')
+        self._routes = bench.publisher(RoutePlan, 'route_plan', LATCHED)
+        self._enough = threading.Event()
+        self._thread = threading.Thread(target=self._feed)
+        route = RoutePlan(
+            route_id='home', segment_duration=[30.0] * 40, speed=[20.0],
+            propulsion_power=[20e3], ambient_temperature=[-7.0], charging_planned=True,
+            target_battery_temperature=25.0)
+        route.header.stamp = self.stamp()
+        self._routes.publish(route)
+        self._thread.start()
+
+    def stamp(self):
+        return time_message(self._bench.node.get_clock().now().nanoseconds)
+
+    def _feed(self):
+        while not self._enough.wait(STATE_PERIOD_S):
+            state = BatteryState(temperature=-7.0, percentage=0.8)
+            state.header.stamp = self.stamp()
+            self._states.publish(state)
+
+    def stop(self):
+        self._enough.set()
+        self._thread.join()
+
+    def start_planner(self, *arguments):
+        return self._bench.start('planner', '-p', 'command_period:=0.2',
+                                 '-p', f'command_lease:={LEASE_S}', *arguments)
+
+    def wait_for_heat(self):
+        return self.commands.wait_for(lambda command: command.battery_heating_power > 0.0)
+
+
+@pytest.fixture
+def car(bench):
+    car = Car(bench)
+    yield car
+    car.stop()
+
+
+def test_a_killed_planner_is_followed_by_one_that_heats_again(car, wait_until):
+    first = car.start_planner()
+    car.wait_for_heat()
+    first.send_signal(signal.SIGKILL)
+    assert first.wait() == -signal.SIGKILL
+    killed_ns = nanoseconds(car.stamp())
+    # The lease is all that is left of it.
+    last_ns = max(nanoseconds(command.valid_until) for command in car.commands.messages)
+    assert last_ns <= killed_ns + round(LEASE_S * NS_PER_S)
+    car.commands.clear()
+    second = car.start_planner()
+    wait_until(lambda: 'Route' in second.output(), 'the route in the new process')
+    heard_s = time.monotonic()
+    car.wait_for_heat()
+    assert time.monotonic() - heard_s <= RESUMES_WITHIN_S
+
+
+def test_what_was_learned_outlives_the_process(car, tmp_path, wait_until):
+    memory = tmp_path / 'learned.json'
+    first = car.start_planner('-p', f'state_file:={memory}')
+    car.wait_for_heat()
+    first.send_signal(signal.SIGTERM)
+    assert first.wait() == 0
+    contents = json.loads(memory.read_text())
+    contents['log_factors']['heat_capacity'] = 0.125
+    memory.write_text(json.dumps(contents))
+    car.diagnostics.clear()
+    second = car.start_planner('-p', f'state_file:={memory}')
+    array = car.diagnostics.wait_for(lambda array: len(array.status) == 3)
+    values = {item.key: item.value for item in array.status[2].values}
+    # exp(0.125)
+    assert values['heat capacity / vehicle file [1]'].startswith('1.133 ')
+    assert 'the estimation begins with what was learned' in second.output()
+
+
+@pytest.mark.parametrize('text, problem', [
+    ('{"format": 1, "vehicle_file', 'cannot be read'),
+    ('{"format": 1, "vehicle_file_sha256": "0"}', 'was learned with another vehicle file')])
+def test_a_useless_memory_is_ignored_with_a_warning(car, tmp_path, text, problem):
+    memory = tmp_path / 'learned.json'
+    memory.write_text(text)
+    planner = car.start_planner('-p', f'state_file:={memory}')
+    car.wait_for_heat()
+    assert f'state_file is ignored: {memory}: {problem}' in planner.output()
