@@ -19,7 +19,7 @@ from bev_preheat.planning.plan import Plan
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.planning.trip import make_trip
-from bev_preheat.vehicle.corrections import corrected_vehicle
+from bev_preheat.vehicle.corrections import corrected_vehicle, Corrections
 
 # The battery is to arrive warmer than the target by so many deviations of what cannot be made good
 # any more once heating has ended, at most by MOST_MARGIN_K.
@@ -49,13 +49,15 @@ class Outlook:
 
     `commanded` is the plan that the command follows, where it is another one: a heater that does
     not answer is asked all the same. `command_share` is what the heater gives of its command,
-    `arrival_deviation_k` the standard deviation of the temperature on arrival [K].
+    `arrival_deviation_k` the standard deviation of the temperature on arrival [K]. `model_factors`
+    are those of the corrected car; () where a heater that does not obey is beyond them.
     """
 
     plan: Plan
     arrival_deviation_k: float
     commanded: Optional[Plan] = None
     command_share: float = 1.0
+    model_factors: tuple = ()
 
 
 class OutlookMaker:
@@ -77,7 +79,8 @@ class OutlookMaker:
         if self._factors is None or (
                 np.abs(factors - self._factors) > FACTOR_STEP * VEHICLE_DEVIATIONS).any():
             self._factors = factors.copy()
-            self._corrected = corrected_vehicle(self._vehicle, estimate.corrections)
+            self._corrected = corrected_vehicle(
+                self._vehicle, Corrections(*np.exp(factors).tolist()))
         return self._corrected
 
     def make(self, estimate, route, goal, settings, is_heating):
@@ -115,8 +118,10 @@ class OutlookMaker:
                         'it is enough.')
         else:
             sentence += expected.explanation
+        factors = () if heater.heater is not Heater.ANSWERS else (
+            *np.exp(self._factors).tolist(), estimate.propulsion_factor)
         return Outlook(replace(expected, explanation=sentence), self._deviation_k, commanded,
-                       share)
+                       share, factors)
 
     def _deviation(self, vehicle, route, share, plan, estimate):
         return arrival_deviation_k(make_trip(vehicle, route, share), plan, estimate)

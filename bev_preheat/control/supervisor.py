@@ -57,7 +57,8 @@ class Decision:
     `plan_start_ns` is the instant at which the plan's time 0 lies, `leg` what it is a plan for.
     `later_legs` lie ahead, beyond the next stop or the one that is now. `arrival_deviation_k` is the
     standard deviation of the temperature on arrival [K], NaN where it is not known. The command
-    follows `commanded` where that is not None, else the plan; the heater gives `command_share` of it.
+    follows `commanded` where that is not None, else the plan; the heater gives `command_share` of
+    it. `model_factors` are those that it was planned with (PreheatPlan.msg); (): none.
     """
 
     status: Status
@@ -69,6 +70,7 @@ class Decision:
     arrival_deviation_k: float = math.nan
     commanded: Optional[Plan] = None
     command_share: float = 1.0
+    model_factors: tuple = ()
 
 
 class Supervisor:
@@ -228,7 +230,8 @@ class Supervisor:
         plan = outlook.plan
         return Decision(plan.status, plan.explanation, plan, start_ns, leg,
                         arrival_deviation_k=outlook.arrival_deviation_k,
-                        commanded=outlook.commanded, command_share=outlook.command_share)
+                        commanded=outlook.commanded, command_share=outlook.command_share,
+                        model_factors=outlook.model_factors)
 
     def _plan(self, leg, state, start_ns):
         """Return the Decision for a leg from a state at an instant [ns] before its end on."""

@@ -205,6 +205,7 @@ def plan_message(decision, mission, now_ns, later_decisions=()):
     message.stretch_end = _sequence([stretch.end_s for stretch in plan.stretches])
     message.stretch_energy = _sequence([stretch.energy_wh for stretch in plan.stretches])
     message.stretch_reason = bytes(int(stretch.reason) for stretch in plan.stretches)
+    message.model_factors = _sequence(decision.model_factors)
     message.planning_time = plan.planning_time_s
     return message
 

@@ -16,9 +16,11 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 import numpy as np
 
 from bev_preheat.control.supervisor import NS_PER_S
+from bev_preheat.estimation.state import FACTOR_NAMES
 from bev_preheat.nodes.convert import nanoseconds, time_message
 from bev_preheat.optimum.worker import Question, Solution
 from bev_preheat.planning.planner import METHODS
+from bev_preheat.planning.situation import BatteryState
 
 # Two computations of the same steps differ by rounding only.
 ROUNDING_S = 1e-3
@@ -46,7 +48,8 @@ class Case:
     A situation to be checked; `start_ns` is the instant [ns] from which on everything counts.
 
     `planned` are the planner's own figures. Where it has none for this very situation, the
-    question names the planner's method, and the solver's process plans as well.
+    question names the planner's method, and the solver's process plans as well. `cautious_energy_wh`
+    is that of the planner's own plan where this was made for more than the question's goal.
     """
 
     route_id: str
@@ -54,6 +57,7 @@ class Case:
     method: str
     planned: Figures
     question: Question
+    cautious_energy_wh: float = math.nan
 
 
 def says_the_same(route_message, other):
@@ -71,26 +75,32 @@ def case_of_plan(mission, goal_of, measurements, plan):
     """
     Return the Case of a PreheatPlan; None where it is not known what it was made from.
 
-    It must be for a leg of this mission, in its steps, and start from one of the measurements;
-    `goal_of` is Supervisor.goal_of.
+    It must be for a leg of this mission, in its steps, and start from one of the measurements, or
+    when one of them was made, from what was estimated; `goal_of` is Supervisor.goal_of.
     """
     if (plan.route_id != mission.route_id
             or not 0 < len(plan.time) == len(plan.battery_temperature) == len(plan.soc)):
         return None
     plan_start_ns = nanoseconds(plan.header.stamp)
     leg = mission.legs[mission.leg_number(plan_start_ns)]
+    state = BatteryState(plan.battery_temperature[0], plan.soc[0])
+    factors = tuple(plan.model_factors)
     for measurement in measurements:
         start_ns = max(measurement.stamp_ns, leg.start_ns)
         route = leg.route_ahead(start_ns)
-        if (route is not None
-                and start_ns == plan_start_ns
-                and len(plan.time) == len(route) + 1
-                and np.allclose(plan.time, route.time_s, rtol=0.0, atol=ROUNDING_S)
-                and plan.battery_temperature[0] == measurement.state.temperature_c
-                and plan.soc[0] == measurement.state.soc):
+        if (route is None
+                or start_ns != plan_start_ns
+                or len(plan.time) != len(route) + 1
+                or not np.allclose(plan.time, route.time_s, rtol=0.0, atol=ROUNDING_S)):
+            continue
+        goal = _with_target_of(plan, leg, goal_of(leg))
+        if not factors and state == measurement.state:
             return Case(mission.route_id, start_ns, plan.method, _figures_of_message(plan),
-                        Question(route, measurement.state,
-                                 _with_target_of(plan, leg, goal_of(leg))))
+                        Question(route, state, goal), plan.battery_energy)
+        if len(factors) == len(FACTOR_NAMES) and plan.method in METHODS:
+            # Made with caution: the method by itself is what the optimum can be held against.
+            return Case(mission.route_id, start_ns, plan.method, UNKNOWN,
+                        Question(route, state, goal, plan.method, factors), plan.battery_energy)
     return None
 
 
@@ -150,6 +160,7 @@ def report_message(case, outcome):
     message.plan_energy = planned.energy_wh
     message.optimal_energy = optimal.energy_wh
     message.energy_gap = planned.energy_wh - optimal.energy_wh
+    message.caution_energy = case.cautious_energy_wh - planned.energy_wh
     message.plan_arrival_temperature = planned.arrival_temperature_c
     message.optimal_arrival_temperature = optimal.arrival_temperature_c
     message.plan_heating = planned.heating_start_ns is not None

@@ -27,6 +27,7 @@ from bev_preheat.planning.plan import Plan
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route.segments import Route
+from bev_preheat.vehicle.corrections import corrected_vehicle, Corrections
 
 # Loading Python, NumPy and CasADi takes a second; where it takes this long something is wrong.
 START_LIMIT_S = 60.0
@@ -52,12 +53,14 @@ class Question:
     A situation: the route from now on, the battery's state at its start, and the goal.
 
     `method` is one of planning.planner.METHODS, whose plan is wanted too; '': none is.
+    `model_factors` correct vehicle and route, in the order of PreheatPlan.msg; (): as they are.
     """
 
     route: Route
     state: BatteryState
     goal: Goal
     method: str = ''
+    model_factors: tuple = ()
 
 
 @dataclass(frozen=True)
@@ -308,7 +311,11 @@ def _load_solver():
 def _answer(vehicle, question):
     """Return the Solution or the Failure of a Question."""
     started_s = monotonic()
-    situation = vehicle, question.route, question.state, question.goal
+    route, factors = question.route, question.model_factors
+    if factors:
+        vehicle = corrected_vehicle(vehicle, Corrections(*factors[:-1]))
+        route = route.with_propulsion(factors[-1])
+    situation = vehicle, route, question.state, question.goal
     try:
         solve_optimum, success = _load_solver()
         method_plan = plan_preheating(*situation, question.method) if question.method else None

@@ -274,10 +274,25 @@ def test_reports_for_a_new_route_that_optimal_switch_is_the_optimum(both):
     assert report.plan_heating and report.optimal_heating
     starts_ns = nanoseconds(report.plan_heating_start), nanoseconds(report.optimal_heating_start)
     assert abs(starts_ns[0] - starts_ns[1]) < 5 * NS_PER_S
-    # It is the planner's own plan for that instant.
+    # The planner's own plan for that instant begins earlier, and says what that costs.
+    # A state may be planned from twice: when it comes, and when the route does.
+    plan = both.plans.wait_for(
+        lambda plan: plan.header.stamp == report.header.stamp
+        and plan.battery_energy - report.plan_energy == pytest.approx(report.caution_energy))
+    assert nanoseconds(plan.heating_start) < starts_ns[0] - 10 * NS_PER_S
+    assert 0.0 < report.caution_energy < 0.01 * report.plan_energy
+
+
+def test_a_plan_from_what_was_measured_is_checked_as_it_is(both):
+    assert both.set('planner', estimation=False).successful
+    both.send_route('measured')
+    with both.feeding():
+        report = both.report(of_route('measured'))
+    assert both.set('planner', estimation=True).successful
+    assert abs(report.energy_gap) < 0.05
     plan = both.plans.wait_for(lambda plan: plan.header.stamp == report.header.stamp)
-    assert plan.battery_energy == report.plan_energy
-    assert plan.heating_start == report.plan_heating_start
+    assert (plan.battery_energy, plan.heating_start, report.caution_energy) == (
+        report.plan_energy, report.plan_heating_start, 0.0)
 
 
 def test_the_gap_of_another_method_is_that_of_the_same_situation(both):
