@@ -108,6 +108,7 @@ class Supervisor:
     @vehicle.setter
     def vehicle(self, vehicle):
         self._vehicle = vehicle
+        self._unlearned = []
         self._outlooks = OutlookMaker(vehicle)
         self._estimator = Estimator(vehicle)
 
@@ -131,9 +132,7 @@ class Supervisor:
             self.refuse('battery_state', error)
             raise
         self.measurement = measurement
-        if self.settings.estimation:
-            self._estimator.observe(
-                measurement, Course(self._vehicle, self.mission), self._commands)
+        self._unlearned.append(measurement)
         # A good state shows that planning can go on, with the route before where one was refused.
         self._refusals.clear()
 
@@ -158,6 +157,7 @@ class Supervisor:
     def _notice_clock(self, now_ns):
         if now_ns < self._latest_ns - CLOCK_RESTART_S * NS_PER_S:
             self.measurement = None
+            self._unlearned.clear()
             self._estimator.lose_time()
         self._latest_ns = now_ns
 
@@ -195,7 +195,12 @@ class Supervisor:
         return goal
 
     def replan(self, now_ns):
-        """Make the decision for the inputs at hand, and return it."""
+        """Learn from the inputs at hand, make the decision for them, and return it."""
+        measurements, self._unlearned = self._unlearned, []
+        if self.settings.estimation:
+            course = Course(self._vehicle, self.mission)
+            for measurement in measurements:
+                self._estimator.observe(measurement, course, self._commands)
         self.decision = self._decide(now_ns)
         return self.decision
 
@@ -280,16 +285,15 @@ class Supervisor:
         plan, measurement = self.decision.plan, self.measurement
         if plan is None or measurement is None or self._obstacle(now_ns) is not None:
             return False
-        state, estimate = measurement.state, self.estimate
-        stamp_ns = measurement.stamp_ns if estimate is None else estimate.stamp_ns
-        elapsed_s = (stamp_ns - self.decision.plan_start_ns) / NS_PER_S
+        elapsed_s = (measurement.stamp_ns - self.decision.plan_start_ns) / NS_PER_S
         if not 0.0 <= elapsed_s <= min(ON_TRACK_FOR_S, plan.arrival_time_s):
             return False
-        if estimate is not None:
-            state = estimate
+        # One reading of a coarse signal does not move what is believed by more than this.
+        coarse_k = self.estimate.temperature_resolution_k if self.estimate else 0.0
         seen_c = np.interp(elapsed_s, plan.time_s, plan.battery_temperature_c)
         seen_soc = np.interp(elapsed_s, plan.time_s, plan.soc)
-        return (abs(state.temperature_c - seen_c) <= ON_TRACK_K
+        state = measurement.state
+        return (abs(state.temperature_c - seen_c) <= ON_TRACK_K + coarse_k
                 and abs(state.soc - seen_soc) <= ON_TRACK_SOC)
 
     def refresh(self, now_ns):
