@@ -19,7 +19,7 @@ def configuration_files():
 
 setup(
     name=PACKAGE,
-    version='0.1.0',
+    version='0.2.0',
     packages=find_packages(include=[PACKAGE, f'{PACKAGE}.*']),
     package_data={PACKAGE: ['vehicle/schema.yaml', 'route/legs_schema.yaml',
                             'control/itinerary_schema.yaml']},
