@@ -22,7 +22,8 @@ setup(
     version='0.2.0',
     packages=find_packages(include=[PACKAGE, f'{PACKAGE}.*']),
     package_data={PACKAGE: ['vehicle/schema.yaml', 'route/legs_schema.yaml',
-                            'control/itinerary_schema.yaml']},
+                            'control/itinerary_schema.yaml',
+                            'simulation/scenario_schema.yaml']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{PACKAGE}']),
         (f'share/{PACKAGE}', ['package.xml']),

@@ -27,19 +27,18 @@ class Outcome:
     without_command_s: float
 
 
-def battery_state_message(plant, stamp):
-    """Return the BatteryState of a VehiclePlant; what it does not model is NaN or unknown."""
-    capacity_ah = plant.vehicle.battery.capacity_ah
-    current_a = plant.current_a
+def battery_state_message(reading, capacity_ah, stamp):
+    """Return the BatteryState of a Reading [capacity: Ah]; what it does not hold is NaN or unknown."""
+    current_a = math.nan if reading.current_a is None else reading.current_a
     message = BatteryState(
-        voltage=plant.terminal_voltage_v,
-        temperature=plant.temperature_c,
+        voltage=math.nan if reading.voltage_v is None else reading.voltage_v,
+        temperature=reading.temperature_c,
         # sensor_msgs has it negative when discharging.
         current=-current_a,
-        charge=plant.soc * capacity_ah,
+        charge=reading.soc * capacity_ah,
         capacity=math.nan,
         design_capacity=capacity_ah,
-        percentage=plant.soc,
+        percentage=reading.soc,
         power_supply_status=_supply_status(current_a),
         power_supply_health=BatteryState.POWER_SUPPLY_HEALTH_UNKNOWN,
         power_supply_technology=BatteryState.POWER_SUPPLY_TECHNOLOGY_UNKNOWN,
@@ -53,6 +52,8 @@ def _supply_status(current_a):
         return BatteryState.POWER_SUPPLY_STATUS_DISCHARGING
     if current_a < 0.0:
         return BatteryState.POWER_SUPPLY_STATUS_CHARGING
+    if math.isnan(current_a):
+        return BatteryState.POWER_SUPPLY_STATUS_UNKNOWN
     return BatteryState.POWER_SUPPLY_STATUS_NOT_CHARGING
 
 

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """`vehicle_simulator`: drives a route in simulated time and heats as `hvch_command` allows."""
 
+from dataclasses import replace
 from functools import wraps
 import math
 from pathlib import Path
@@ -18,7 +19,7 @@ from rclpy.task import Future
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import BatteryState as BatteryStateMessage
 
-from bev_preheat.control.inputs import Leg, Mission
+from bev_preheat.control.inputs import NS_PER_S
 from bev_preheat.errors import InvalidInput
 from bev_preheat.nodes.convert import nanoseconds, route_plan_message, time_message
 from bev_preheat.nodes.parameters import check, declare, Parameter
@@ -28,11 +29,16 @@ from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.situation import BatteryState, check_situation, Goal
 from bev_preheat.route import load_route
 from bev_preheat.simulation.heater_lease import lease_of_command, NO_LEASE
+from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections
 from bev_preheat.simulation.pace import Pace
-from bev_preheat.simulation.vehicle_plant import VehiclePlant
+from bev_preheat.simulation.scenario import load_scenario
+from bev_preheat.simulation.sensors import Sensors
 from bev_preheat.vehicle import load_vehicle
 
 PARAMETERS = (
+    Parameter('scenario', '', 'What goes wrong: a name in config/scenarios or a YAML file; the '
+              'parameters up to charging_planned, and battery_state_period, are then its own. '
+              'Empty: nothing.', read_only=True),
     Parameter('vehicle', 'reference', 'Vehicle: a name in config/vehicles or a YAML file.',
               read_only=True),
     Parameter('route', 'reference', 'Route: a name in config/routes or a CSV file.',
@@ -86,7 +92,7 @@ def guarded(callback):
 
 class VehicleSimulatorNode(Node):
     """
-    A `VehiclePlant` behind topics, and the source of `/clock`.
+    An `ImperfectCar` behind topics, and the source of `/clock`.
 
     Simulated time is what `/clock` says: it moves in ticks and stands between them. A command
     holds from the tick before its arrival on.
@@ -99,11 +105,12 @@ class VehicleSimulatorNode(Node):
         self.finished = Future()
         self.failed = False
         self._lease = NO_LEASE
-        self._plant, mission = _departure(values)
-        self._start_ns = mission.start_ns
+        self._car, route_name = _departure(values)
+        self._plant = self._car.plant
+        self._start_ns = round(values['start_time'] * NS_PER_S) or time.time_ns()
+        mission = self._car.mission(self._start_ns)
         self._pace = Pace(values['speed_up'])
         self._is_held = values['wait_for_planner']
-        self._next_state_s = 0.0
         self._stood_since_s = None
 
         # As rclcpp's ClockQoS and rclpy's own subscription have it.
@@ -128,7 +135,7 @@ class VehicleSimulatorNode(Node):
         self.create_timer(
             DIAGNOSTICS_PERIOD_S, self._on_diagnostics_due, clock=self._steady_clock)
         self.get_logger().info(
-            f'Vehicle {self._plant.vehicle.name}, route {mission.route_id!r}: '
+            f'Vehicle {self._plant.vehicle.name}, route {route_name!r}: '
             f'{duration_text(self._plant.duration_s)}, '
             f'{self._plant.route.distance_m / 1000:.1f} km, at {self._pace.speed_up:g} times real '
             f'time.{" Waiting for hvch_command." if self._is_held else ""}')
@@ -142,20 +149,25 @@ class VehicleSimulatorNode(Node):
             self._clock_publisher.publish(Clock(clock=self._stamp()))
             return
         real_s = self._steady_clock.now().nanoseconds * 1e-9
-        plant.advance_under(self._lease, self._pace.follow(real_s))
+        self._car.advance_under(self._lease, self._pace.follow(real_s))
         # The time first: who reads a battery state looks at the clock for its age.
         self._clock_publisher.publish(Clock(clock=self._stamp()))
+        news = self._car.route_news(self._start_ns)
+        if news is not None:
+            self._route_publisher.publish(route_plan_message(news))
         if plant.is_standing and self._stood_since_s is None:
             self._stand(real_s)
-        elif plant.time_s >= self._next_state_s:
-            self._publish_state()
+        else:
+            # Who follows gets the latest; more within one tick would only push each other out.
+            for reading in self._car.readings()[-1:]:
+                self._publish_reading(reading)
         if self._stood_since_s is not None:
             self._leave_in_time(real_s)
 
     @guarded
     def _on_hold(self):
         if self._is_held:
-            self._publish_state()
+            self._publish_reading(self._car.readings_of.read(self._plant))
         else:
             self._hold_timer.cancel()
 
@@ -163,7 +175,7 @@ class VehicleSimulatorNode(Node):
         """Tell that the drive is over."""
         plant = self._plant
         self._stood_since_s = (real_s, plant.time_s)
-        self._publish_state()
+        self._publish_reading(self._car.readings_of.read(plant))
         self._publish_diagnostics()
         energy = plant.energy_wh
         figures = (
@@ -196,7 +208,9 @@ class VehicleSimulatorNode(Node):
         plant = self._plant
         if plant.is_standing:
             return
-        until_s = (nanoseconds(message.valid_until) - self._start_ns) * 1e-9
+        # A lease lasts so much longer than now, by whatever clock.
+        now_ns = self._start_ns + round(self._car.clock_s * NS_PER_S)
+        until_s = plant.time_s + (nanoseconds(message.valid_until) - now_ns) / NS_PER_S
         try:
             self._lease = lease_of_command(
                 message.battery_heating_power, until_s, plant.time_s,
@@ -209,11 +223,11 @@ class VehicleSimulatorNode(Node):
             self._is_held = False
             self.get_logger().info('The planner has a plan: the clock runs.')
 
-    def _publish_state(self):
-        self._state_publisher.publish(battery_state_message(self._plant, self._stamp()))
-        period_s = self.get_parameter('battery_state_period').value
-        missed = math.floor((self._plant.time_s - self._next_state_s) / period_s)
-        self._next_state_s += (missed + 1) * period_s
+    def _publish_reading(self, reading):
+        stamp = time_message(
+            self._start_ns + round(self._car.stamp_s(reading.instant_s) * NS_PER_S))
+        self._state_publisher.publish(
+            battery_state_message(reading, self._plant.vehicle.battery.capacity_ah, stamp))
 
     @guarded
     def _on_diagnostics_due(self):
@@ -229,7 +243,7 @@ class VehicleSimulatorNode(Node):
         self._diagnostics_publisher.publish(trip_diagnostics(self._plant, self._stamp()))
 
     def _stamp(self):
-        return time_message(self._start_ns + round(self._plant.time_s * 1e9))
+        return time_message(self._start_ns + round(self._car.clock_s * NS_PER_S))
 
     # Parameters
 
@@ -248,7 +262,8 @@ class VehicleSimulatorNode(Node):
             self._tick_timer.timer_period_ns = round(self._pace.real_tick_s * 1e9)
             self._tick_timer.reset()
         if 'battery_state_period' in values:
-            self._next_state_s = self._plant.time_s
+            self._car.readings_of.set_period(
+                values['battery_state_period'], self._plant.time_s)
 
     # End
 
@@ -265,21 +280,22 @@ class VehicleSimulatorNode(Node):
 
 
 def _departure(values):
-    """Return (VehiclePlant, Mission) of parameter values; raises InvalidInput on misfits."""
+    """Return (ImperfectCar, name of its route) of parameter values; raises InvalidInput on misfits."""
+    if values['scenario']:
+        scenario = load_scenario(values['scenario'])
+        return scenario.car(), scenario.name
     vehicle = load_vehicle(values['vehicle'])
     route = load_route(values['route'], vehicle.defaults)
     state = BatteryState(values['initial_battery_temperature'], values['initial_soc'])
     target_c = values['target_battery_temperature']
-    goal = Goal(vehicle.defaults.target_battery_temperature_c if math.isnan(target_c)
-                else target_c, values['minimum_arrival_soc'], values['charging_planned'])
-    check_situation(vehicle, route=route, state=state, goal=goal)
-    leg = Leg(
-        route=route,
-        start_ns=round(values['start_time'] * 1e9) or time.time_ns(),
-        charging_planned=values['charging_planned'],
-        target_temperature_c=None if math.isnan(target_c) else target_c,
-        minimum_arrival_soc=values['minimum_arrival_soc'])
-    return VehiclePlant(vehicle, route, state), Mission(Path(values['route']).stem, (leg,))
+    goal = Goal(target_c, values['minimum_arrival_soc'], values['charging_planned'])
+    check_situation(vehicle, route=route, state=state, goal=goal if math.isfinite(target_c) else
+                    replace(goal, target_temperature_c=vehicle.defaults.target_battery_temperature_c))
+    name = Path(values['route']).stem
+    return ImperfectCar(
+        vehicle, route, state, goal,
+        Imperfections(sensors=Sensors(period_s=values['battery_state_period'])),
+        route_id=name), name
 
 
 def main():

@@ -97,6 +97,27 @@ class Route:
         rest['duration_s'][0] = ends[first] - instant_s
         return Route(**rest)
 
+    def before(self, instant_s):
+        """
+        Return the route up to an instant; a segment that is partly driven by then is cut.
+
+        `instant_s` is seconds after the start of segment 0, above 0 and at most the end.
+        """
+        if not 0.0 < instant_s <= self.total_duration_s:
+            raise ValueError(f'instant {instant_s} s is not on this route of '
+                             f'{self.total_duration_s} s')
+        starts = self.time_s[:-1]
+        end = int(np.searchsorted(starts, instant_s, side='left'))
+        part = {field.name: getattr(self, field.name)[:end] for field in fields(self)}
+        part['duration_s'] = part['duration_s'].copy()
+        part['duration_s'][-1] = instant_s - starts[end - 1]
+        return Route(**part)
+
+    def followed_by(self, other):
+        """Return the route with another one behind it."""
+        return Route(**{field.name: np.concatenate(
+            (getattr(self, field.name), getattr(other, field.name))) for field in fields(self)})
+
     def segments(self, first, end):
         """Return the route from segment `first` to the one before `end`."""
         return Route(**{field.name: getattr(self, field.name)[first:end]

@@ -8,6 +8,7 @@ import numpy as np
 from bev_preheat.arithmetic import ARRAYS
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route.segments import make_route, Route
+from bev_preheat.route.variation import vary
 from bev_preheat.vehicle import Vehicle
 from bev_preheat.vehicle.curves import InverseTemperatureResistance
 
@@ -111,13 +112,6 @@ def draw_limit_trip(vehicle, seed, number):
 def _cruise(random, shortest_min, longest_min):
     steps = int(random.uniform(shortest_min, longest_min) * 60.0 / STEP_S)
     return vary(random, steps, random.uniform(6e3, 30e3), random.uniform(0.0, 0.4))
-
-
-def vary(random, steps, mean, variability):
-    """Return a positive series that wanders about its mean, as traffic does, shape (steps,)."""
-    noise = random.normal(size=steps)
-    smooth = np.convolve(noise, np.full(5, 1.0 / np.sqrt(5.0)), mode='same')
-    return mean * np.exp(variability * smooth - 0.5 * variability**2)
 
 
 def scale_vehicle(vehicle, size, heater, power_limits):

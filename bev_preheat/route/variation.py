@@ -1,0 +1,15 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Random variation from segment to segment, as traffic makes it."""
+
+import numpy as np
+
+
+def vary(random, steps, mean, variability):
+    """
+    Return a positive series that wanders about its mean, as traffic does, shape (steps,).
+
+    `random` is a numpy Generator, `variability` the standard deviation of the series' logarithm.
+    """
+    noise = random.normal(size=steps)
+    smooth = np.convolve(noise, np.full(5, 1.0 / np.sqrt(5.0)), mode='same')[:steps]
+    return mean * np.exp(variability * smooth - 0.5 * variability**2)

@@ -1,0 +1,121 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A simulated car that differs from its description, in traffic, seen through its sensors."""
+
+from dataclasses import dataclass, field
+import math
+
+import numpy as np
+
+from bev_preheat.control.inputs import Leg, Mission, NS_PER_S
+from bev_preheat.simulation.heater_faults import fault_at, next_change_s
+from bev_preheat.simulation.heater_lease import HeaterLease
+from bev_preheat.simulation.mismatch import Mismatch, true_route, true_vehicle
+from bev_preheat.simulation.sensors import SensorReadings, Sensors
+from bev_preheat.simulation.traffic import clock_offset_s, drive_with_events
+from bev_preheat.simulation.vehicle_plant import VehiclePlant
+
+
+@dataclass(frozen=True)
+class Imperfections:
+    """All in which a simulated drive differs from what vehicle and route file say; none at first."""
+
+    mismatch: Mismatch = field(default_factory=Mismatch)
+    sensors: Sensors = field(default_factory=Sensors)
+    heater_faults: tuple = ()
+    events: tuple = ()
+    clock_jumps: tuple = ()
+
+
+class ImperfectCar:
+    """
+    A car on its way.
+
+    `vehicle` is what its file says, `plant` (a VehiclePlant) the truth. Instants are seconds after
+    the start; the same arguments make the same car.
+    """
+
+    def __init__(self, vehicle, route, state, goal, imperfections=Imperfections(), seed=0,
+                 route_id='simulated'):
+        """Put the car at the start of a Route, with its battery in `state`; see numpy for `seed`."""
+        drive_seed, sensor_seed = np.random.SeedSequence(seed).spawn(2)
+        self.vehicle = vehicle
+        self.imperfections = imperfections
+        self._goal, self._route, self._route_id = goal, route, route_id
+        driven, self._news = drive_with_events(
+            route, imperfections.events, goal.charging_planned)
+        mismatch = imperfections.mismatch
+        self.plant = VehiclePlant(
+            true_vehicle(vehicle, mismatch),
+            true_route(driven, mismatch, np.random.default_rng(drive_seed)), state)
+        self.readings_of = SensorReadings(
+            imperfections.sensors, np.random.default_rng(sensor_seed))
+        self.readings_of.take(self.plant)
+
+    @property
+    def time_s(self):
+        """Time since the start [s]."""
+        return self.plant.time_s
+
+    @property
+    def clock_s(self):
+        """What a clock that started with the drive shows [s]: the time, and its jumps."""
+        return self.stamp_s(self.plant.time_s)
+
+    def stamp_s(self, instant_s):
+        """Return what the clock showed at an instant [s]."""
+        return instant_s + clock_offset_s(self.imperfections.clock_jumps, instant_s)
+
+    def mission(self, start_ns):
+        """Return the Mission that the trip planner sends at the start, at an instant [ns]."""
+        return self._mission(self._route, start_ns, self._goal.charging_planned)
+
+    def route_news(self, start_ns):
+        """
+        Return the Mission that the trip planner sends now; None where it has nothing to say.
+
+        `start_ns` is the instant of the start. Of several that are due the latest is returned.
+        """
+        due = None
+        while self._news and self._news[0].at_s <= self.time_s:
+            due = self._news.pop(0)
+        if due is None:
+            return None
+        if due.route is None:
+            # The drive has ended: the last segment of what was driven, behind us.
+            last = self.plant.route.segments(len(self.plant.route) - 1, len(self.plant.route))
+            began_s = self.plant.duration_s - last.total_duration_s
+            return self._mission(last, start_ns + round(self.stamp_s(began_s) * NS_PER_S),
+                                 due.charging_planned)
+        return self._mission(due.route, start_ns + round(self.stamp_s(due.at_s) * NS_PER_S),
+                             due.charging_planned)
+
+    def advance_under(self, lease, to_s):
+        """Drive on to `to_s` [s] under a HeaterLease, and take the readings that are due."""
+        while (due_s := self.readings_of.next_s) <= to_s:
+            self._drive(lease, max(due_s, self.time_s))
+            self.readings_of.take(self.plant)
+        self._drive(lease, to_s)
+
+    def readings(self):
+        """Return the Readings that have arrived since the last call, oldest first."""
+        return self.readings_of.arrived(self.time_s)
+
+    def _drive(self, lease, to_s):
+        faults = self.imperfections.heater_faults
+        while self.time_s < to_s:
+            until_s = min(to_s, next_change_s(faults, self.time_s))
+            fault = fault_at(faults, self.time_s)
+            if fault is None:
+                self.plant.advance_under(lease, until_s)
+            elif fault.stuck_on:
+                self.plant.advance(until_s, self.plant.vehicle.hvch.maximum_power_w)
+            else:
+                self.plant.advance_under(
+                    HeaterLease(fault.share * lease.power_w, lease.until_s), until_s)
+
+    def _mission(self, route, start_ns, charging_planned):
+        goal = self._goal
+        return Mission(self._route_id, (Leg(
+            route, start_ns, charging_planned,
+            None if math.isnan(goal.target_temperature_c) else goal.target_temperature_c,
+            goal.minimum_arrival_soc),))

@@ -1,0 +1,40 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A car and a drive that differ from what vehicle and route file say."""
+
+from dataclasses import dataclass, replace
+
+from bev_preheat.route.variation import vary
+from bev_preheat.vehicle.corrections import Corrections, corrected_vehicle
+
+
+@dataclass(frozen=True)
+class Mismatch:
+    """
+    What the true car and drive are, as multiples of what vehicle and route file say.
+
+    `heater` is a factor on the efficiency of the HVCH, `propulsion_power_variability` the standard
+    deviation of the logarithm of a factor that wanders from segment to segment about 1.
+    """
+
+    heat_capacity: float = 1.0
+    leakage: float = 1.0
+    resistance: float = 1.0
+    heater: float = 1.0
+    propulsion_power: float = 1.0
+    propulsion_power_variability: float = 0.0
+
+
+def true_vehicle(vehicle, mismatch):
+    """Return the Vehicle as it really is."""
+    factors = (mismatch.heat_capacity, mismatch.leakage, mismatch.resistance, mismatch.heater)
+    if factors == (1.0,) * 4:
+        return vehicle
+    return corrected_vehicle(vehicle, Corrections(*factors))
+
+
+def true_route(route, mismatch, random):
+    """Return the Route as it is really driven: other propulsion power, same speed and times."""
+    factor = vary(random, len(route), mismatch.propulsion_power,
+                  mismatch.propulsion_power_variability)
+    return replace(route, propulsion_power_w=factor * route.propulsion_power_w,
+                   propulsion_power_rms_w=factor * route.propulsion_power_rms_w)

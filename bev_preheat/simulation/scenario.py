@@ -1,0 +1,156 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A drive in which something is wrong, and what is expected of the planner: a YAML file."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Optional
+
+from bev_preheat.checked_yaml import load_checked_yaml
+from bev_preheat.configuration import find_configuration
+from bev_preheat.errors import InvalidInput
+from bev_preheat.planning.situation import BatteryState, check_situation, Goal
+from bev_preheat.planning.status import Status
+from bev_preheat.route import load_route
+from bev_preheat.route.segments import Route
+from bev_preheat.simulation.heater_faults import HeaterFault
+from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections
+from bev_preheat.simulation.mismatch import Mismatch
+from bev_preheat.simulation.sensors import Sensors
+from bev_preheat.simulation.traffic import ClockJump, Event, Kind
+from bev_preheat.vehicle import load_vehicle, Vehicle
+
+SCHEMA = Path(__file__).with_name('scenario_schema.yaml')
+
+
+@dataclass(frozen=True)
+class Expectations:
+    """What a scenario expects; see scenario_schema.yaml. None and empty: nothing."""
+
+    arrival_error_k: Optional[tuple] = None
+    most_switch_ons: Optional[int] = None
+    statuses: tuple = ()
+    never: tuple = ()
+    off_during: tuple = ()
+    heats_during: tuple = ()
+    heater: Optional[str] = None
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """
+    A drive, what is wrong with it, and what is expected.
+
+    `planner` holds parameters of the node `planner` by name, `vehicle_name` what the file calls the
+    vehicle: a name, or a file's path.
+    """
+
+    name: str
+    description: str
+    vehicle_name: str
+    vehicle: Vehicle
+    route: Route
+    state: BatteryState
+    goal: Goal
+    seed: int
+    imperfections: Imperfections
+    expectations: Expectations
+    planner: dict = field(default_factory=dict)
+
+    def car(self):
+        """Return the ImperfectCar at its start."""
+        return ImperfectCar(self.vehicle, self.route, self.state, self.goal, self.imperfections,
+                            self.seed, self.name)
+
+
+def load_scenario(name_or_file):
+    """
+    Return the Scenario of a name (a file in config/scenarios) or of a YAML file.
+
+    Raises InvalidInput naming file, key, value and what is allowed.
+    """
+    path = find_configuration('scenarios', name_or_file, '.yaml')
+    contents = load_checked_yaml(path, SCHEMA)
+    try:
+        return _scenario(path.parent, contents)
+    except InvalidInput as error:
+        raise InvalidInput([f'{path}: {problem}' for problem in error.problems]) from error
+
+
+def _scenario(folder, contents):
+    drive = contents['drive']
+    vehicle_name = _seen_from(folder, drive['vehicle'], '.yaml')
+    vehicle = load_vehicle(vehicle_name)
+    route = load_route(_seen_from(folder, drive['route'], '.csv'), vehicle.defaults)
+    if 'ends_after_s' in drive:
+        if drive['ends_after_s'] > route.total_duration_s:
+            raise InvalidInput(f'drive.ends_after_s: {drive["ends_after_s"]:g} s is beyond the '
+                               f'end of the route, {route.total_duration_s:g} s')
+        route = route.before(float(drive['ends_after_s']))
+    state = BatteryState(float(drive['initial_battery_temperature_c']),
+                         float(drive['initial_soc']))
+    goal = Goal(
+        float(drive.get('target_battery_temperature_c',
+                        vehicle.defaults.target_battery_temperature_c)),
+        float(drive.get('minimum_arrival_soc', 0.0)), drive.get('charging_planned', True))
+    check_situation(vehicle, route, state, goal)
+    return Scenario(
+        name=contents['name'], description=contents['description'], vehicle_name=vehicle_name,
+        vehicle=vehicle, route=route, state=state, goal=goal, seed=contents.get('seed', 0),
+        imperfections=Imperfections(
+            mismatch=Mismatch(**contents.get('mismatch', {})),
+            sensors=_sensors(contents.get('sensors', {})),
+            heater_faults=tuple(HeaterFault(**node) for node in contents.get('heater_faults', ())),
+            events=tuple(_event(folder, vehicle, at, node)
+                         for at, node in enumerate(contents.get('traffic', ()))),
+            clock_jumps=tuple(ClockJump(**node) for node in contents.get('clock_jumps', ()))),
+        expectations=_expectations(contents['expect']), planner=contents.get('planner', {}))
+
+
+def _seen_from(folder, name_or_file, suffix):
+    is_file = '/' in name_or_file or name_or_file.endswith(suffix)
+    return str(folder / name_or_file) if is_file else name_or_file
+
+
+def _spans(node, key, where):
+    spans = tuple(map(tuple, node.get(key, ())))
+    for at, (from_s, until_s) in enumerate(spans):
+        if not from_s < until_s:
+            raise InvalidInput(f'{where}.{key}[{at}]: [{from_s:g}, {until_s:g}] must rise')
+    return spans
+
+
+def _sensors(node):
+    spans = {key: _spans(node, key, 'sensors') for key in ('drop_outs', 'stuck', 'invalid')}
+    return Sensors(**{**node, **spans})
+
+
+# Keys that an event of a kind must have besides its instant, and no other has.
+OWN_KEYS = {Kind.STOP: {'duration_s'}, Kind.SLOWER: {'duration_s', 'factor'},
+            Kind.DETOUR: {'route'}, Kind.CANCEL_CHARGING: set(), Kind.ARRIVE_EARLY: set()}
+
+
+def _event(folder, vehicle, at, node):
+    kind = Kind(node['event'])
+    own = {key: value for key, value in node.items()
+           if key not in ('event', 'at_s', 'route_plan_after_s')}
+    if set(own) != OWN_KEYS[kind]:
+        raise InvalidInput(f'traffic[{at}]: {kind.value} has '
+                           f'{", ".join(sorted(own)) or "nothing"} besides its instant; it must '
+                           f'have {", ".join(sorted(OWN_KEYS[kind])) or "nothing"}')
+    if 'route' in own:
+        own['route'] = load_route(_seen_from(folder, own['route'], '.csv'), vehicle.defaults)
+    return Event(kind, float(node['at_s']), node.get('route_plan_after_s', 0.0), **own)
+
+
+def _expectations(node):
+    known = {status.name for status in Status}
+    for key in ('statuses', 'never'):
+        for at, name in enumerate(node.get(key, ())):
+            if name not in known:
+                raise InvalidInput(f'expect.{key}[{at}]: {name!r} is not one of '
+                                   f'{", ".join(sorted(known))}')
+    values = {key: tuple(value) if isinstance(value, list) else value
+              for key, value in node.items()}
+    for key in ('off_during', 'heats_during'):
+        values[key] = _spans(node, key, 'expect')
+    return Expectations(**values)
