@@ -27,8 +27,8 @@ MARGIN_DEVIATIONS = 1.3
 MOST_MARGIN_K = 0.15
 # The last stretch of heating begins early by so many deviations of the temperature on arrival, at
 # most by MOST_LEAD_K: until it begins more will be learned.
-LEAD_DEVIATIONS = 1.5
-MOST_LEAD_K = 2.0
+LEAD_DEVIATIONS = 2.0
+MOST_LEAD_K = 2.5
 # The corrected vehicle is made anew where a factor has moved by more than this share of what is
 # uncertain of it in a car of which only the file is known.
 FACTOR_STEP = 0.05

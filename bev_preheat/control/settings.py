@@ -2,6 +2,7 @@
 """What an integrator may set; the one source of the defaults."""
 
 from dataclasses import dataclass
+import math
 from typing import Optional
 
 from bev_preheat.planning.planner import DEFAULT_METHOD
@@ -38,3 +39,32 @@ class Settings:
     estimation: bool = True
     minimum_on_time_s: float = 20.0
     minimum_off_time_s: float = 120.0
+
+
+# Parameters of the planner by name, and the settings that they are.
+PARAMETERS = {
+    'method': 'method',
+    'target_battery_temperature': 'target_temperature_c',
+    'battery_state_timeout': 'battery_state_timeout_s',
+    'clock_tolerance': 'clock_tolerance_s',
+    'command_period': 'command_period_s',
+    'command_lease': 'lease_s',
+    'planning_step': 'planning_step_s',
+    'arrival_soc_margin': 'arrival_soc_margin',
+    'estimation': 'estimation',
+    'minimum_on_time': 'minimum_on_time_s',
+    'minimum_off_time': 'minimum_off_time_s',
+}
+
+
+def settings_of(parameters):
+    """
+    Return the Settings of parameters by name; what is missing keeps its default.
+
+    A target that is NaN is the vehicle's. Raises KeyError where a name is none of PARAMETERS.
+    """
+    values = {PARAMETERS[name]: value for name, value in parameters.items()}
+    target_c = values.get('target_temperature_c')
+    if target_c is not None and math.isnan(target_c):
+        values['target_temperature_c'] = None
+    return Settings(**values)

@@ -18,7 +18,8 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 from sensor_msgs.msg import BatteryState, Temperature
 from std_srvs.srv import SetBool
 
-from bev_preheat.control.settings import Settings
+from bev_preheat.control.settings import (
+    PARAMETERS as SETTINGS_BY_PARAMETER, Settings, settings_of)
 from bev_preheat.control.supervisor import Decision, Supervisor
 from bev_preheat.errors import InvalidInput
 from bev_preheat.estimation.hypotheses import Heater
@@ -309,19 +310,8 @@ def _take_effect(values):
         raise InvalidInput(
             f'command_lease: {values["command_lease"]:g} s must be longer than command_period, '
             f'{values["command_period"]:g} s, or the heater drops out between two commands')
-    target_c = values['target_battery_temperature']
-    return load_vehicle(values['vehicle']), Settings(
-        method=values['method'],
-        target_temperature_c=None if math.isnan(target_c) else target_c,
-        battery_state_timeout_s=values['battery_state_timeout'],
-        clock_tolerance_s=values['clock_tolerance'],
-        command_period_s=values['command_period'],
-        lease_s=values['command_lease'],
-        planning_step_s=values['planning_step'],
-        arrival_soc_margin=values['arrival_soc_margin'],
-        estimation=values['estimation'],
-        minimum_on_time_s=values['minimum_on_time'],
-        minimum_off_time_s=values['minimum_off_time'])
+    return load_vehicle(values['vehicle']), settings_of(
+        {name: values[name] for name in SETTINGS_BY_PARAMETER})
 
 
 def main():

@@ -7,6 +7,7 @@ from typing import Optional
 
 from bev_preheat.checked_yaml import load_checked_yaml
 from bev_preheat.configuration import find_configuration
+from bev_preheat.control.settings import PARAMETERS
 from bev_preheat.errors import InvalidInput
 from bev_preheat.planning.situation import BatteryState, check_situation, Goal
 from bev_preheat.planning.status import Status
@@ -103,7 +104,16 @@ def _scenario(folder, contents):
             events=tuple(_event(folder, vehicle, at, node)
                          for at, node in enumerate(contents.get('traffic', ()))),
             clock_jumps=tuple(ClockJump(**node) for node in contents.get('clock_jumps', ()))),
-        expectations=_expectations(contents['expect']), planner=contents.get('planner', {}))
+        expectations=_expectations(contents['expect']),
+        planner=_planner(contents.get('planner', {})))
+
+
+def _planner(parameters):
+    for name in parameters:
+        if name not in PARAMETERS:
+            raise InvalidInput(f'planner: {name!r} is none of the planner\'s parameters that a '
+                               f'scenario may set: {", ".join(PARAMETERS)}')
+    return parameters
 
 
 def _seen_from(folder, name_or_file, suffix):

@@ -1,0 +1,233 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`preheat robustness`: the planner in closed loop with cars that differ from their file."""
+
+from dataclasses import asdict
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+from bev_preheat.commands.output import add_output_arguments, write_json
+from bev_preheat.commands.situation import target_of
+from bev_preheat.errors import InvalidInput
+from bev_preheat.planning.situation import BatteryState, check_situation, Goal
+from bev_preheat.robustness.run import METHODS, run_study, run_trip
+from bev_preheat.robustness.summary import summarise
+from bev_preheat.robustness.trips import (
+    Conditions, PROPULSION_POWER_VARIABILITY, SPREAD, TEMPERATURE_NOISE_K,
+    TEMPERATURE_RESOLUTION_K)
+from bev_preheat.route import load_route
+from bev_preheat.vehicle import load_vehicle
+
+# (low, high) of what the options allow.
+LIMITS = {
+    'trips': (1, 100_000),
+    'only': (0, 2**31),
+    'seed': (0, 2**31),
+    'jobs': (1, 1024),
+    # The node's own limits on lease, timeout and command period.
+    'period': (0.1, 10.0),
+}
+# Rows of the table: heading, how to read them off a method's figures, format.
+ROWS = (
+    ('Arrival error, 5 % [K]', lambda figures: figures['arrival_error_k']['5 %'], '+.2f'),
+    ('… median', lambda figures: figures['arrival_error_k']['median'], '+.2f'),
+    ('… 95 %', lambda figures: figures['arrival_error_k']['95 %'], '+.2f'),
+    ('… worst', lambda figures: figures['arrival_error_k']['worst'], '+.2f'),
+    ('Switch-ons, mean', lambda figures: figures['switch_ons']['mean'], '.2f'),
+    ('… most', lambda figures: figures['switch_ons']['most'], 'd'),
+    ('Heating energy, mean [Wh]', lambda figures: figures['heating_energy_wh'], '.1f'),
+    ('… above informed, mean [%]', lambda figures: _percent(figures['heating_excess']['mean']),
+     '+.2f'),
+    ('… above informed, 95 % [%]', lambda figures: _percent(figures['heating_excess']['95 %']),
+     '+.2f'),
+    ('Battery energy, mean [Wh]', lambda figures: figures['battery_energy_wh'], '.1f'),
+    ('… above informed, mean [%]', lambda figures: _percent(figures['battery_excess']['mean']),
+     '+.2f'),
+    ('Partial duty, mean [s]', lambda figures: figures['partial_duty_s']['mean'], '.1f'),
+    ('… most', lambda figures: figures['partial_duty_s']['most'], '.1f'),
+    ('Refused inputs', lambda figures: figures['refused_inputs'], 'd'),
+    ('Updates without a plan', lambda figures: figures['updates_without_plan'], 'd'),
+    ('Trips that ran empty', lambda figures: figures['ran_empty'], 'd'),
+    ('Planner, CPU per update [ms]', lambda figures: 1e3 * figures['planner_cpu_per_update_s'],
+     '.2f'),
+)
+
+
+def add_parser(subparsers):
+    """Add the subcommand."""
+    parser = subparsers.add_parser(
+        'robustness', help='planner in closed loop with cars that differ from their description',
+        description='Draws cars that differ from vehicle and route file, drives each with the '
+        'planner (and with the paper\'s heuristic, planned again and again), without ROS, and '
+        'reports how warm they arrive, how often they switch, and what they spend more than a '
+        'plan that knows the truth.')
+    parser.add_argument('--trips', type=int, default=300, metavar='N',
+                        help='how many (default: %(default)s)')
+    parser.add_argument('--only', type=int, metavar='NUMBER',
+                        help='run one trip of the study; --plot then draws it over time')
+    parser.add_argument('--seed', type=int, default=1, help='default: %(default)s')
+    parser.add_argument('--jobs', type=int, metavar='N', help='processes (default: all cores)')
+    parser.add_argument('--methods', nargs='+', choices=tuple(METHODS), default=list(METHODS),
+                        metavar='METHOD', help=f'of {", ".join(METHODS)} (default: all)')
+    parser.add_argument('--vehicle', default='reference', metavar='NAME|FILE',
+                        help='vehicle as described (default: %(default)s)')
+    parser.add_argument('--route', default='reference', metavar='NAME|FILE',
+                        help='route as described (default: %(default)s)')
+    parser.add_argument('--temperature', type=float, default=-7.0, metavar='DEGC',
+                        help='battery temperature at the start [degC] (default: %(default)s)')
+    parser.add_argument('--soc', type=float, default=0.9, metavar='0..1',
+                        help='state of charge at the start (default: %(default)s)')
+    parser.add_argument('--target', type=float, metavar='DEGC',
+                        help="battery temperature wanted on arrival [degC]; the vehicle's default "
+                        'if not given')
+    parser.add_argument('--period', type=float, default=1.0, metavar='S',
+                        help='time between two battery states, and between two commands [s] '
+                        '(default: %(default)s)')
+    parser.add_argument('--no-power', action='store_true',
+                        help='battery states carry neither voltage nor current')
+    add_output_arguments(parser)
+    parser.set_defaults(run=run)
+
+
+def run(arguments):
+    """Run the study, or one trip of it; returns 0 whether or not the requirements are met."""
+    conditions = _conditions(arguments)
+    # Each once, in the order in which they were asked for.
+    methods = list(dict.fromkeys(arguments.methods))
+    console = Console()
+    console.print(_drawn_sentence(), highlight=False)
+    if arguments.only is not None:
+        return _run_one(arguments, conditions, methods, console)
+    with Progress(TextColumn('{task.description}'), BarColumn(), MofNCompleteColumn(),
+                  TimeElapsedColumn(), console=console) as progress:
+        task = progress.add_task('trips', total=arguments.trips)
+        results = run_study(conditions, arguments.trips, arguments.seed, arguments.jobs, methods,
+                            lambda done: progress.update(task, completed=done))
+    summary = summarise(results, methods)
+    print_summary(console, summary, methods)
+    if arguments.json:
+        write_json(arguments.json, {**_described(arguments), 'trips': arguments.trips,
+                                    'summary': summary,
+                                    'results': [asdict(result) for result in results]})
+    if arguments.plot:
+        from bev_preheat.drawing.robustness_figure import draw_robustness
+        draw_robustness(arguments.plot, results, methods)
+    return 0
+
+
+def _run_one(arguments, conditions, methods, console):
+    result, courses = run_trip(conditions, arguments.seed, arguments.only, methods)
+    print_trip(console, result)
+    if arguments.json:
+        write_json(arguments.json, {
+            **_described(arguments), 'result': asdict(result),
+            'courses': {method: {name: values.tolist() for name, values in vars(course).items()}
+                        for method, course in courses.items()}})
+    if arguments.plot:
+        from bev_preheat.drawing.robustness_figure import draw_trip_course
+        draw_trip_course(arguments.plot, result, courses, conditions.goal.target_temperature_c)
+    return 0
+
+
+def _conditions(arguments):
+    problems = []
+    for name, (low, high) in LIMITS.items():
+        value = getattr(arguments, name)
+        if value is not None and not low <= value <= high:
+            problems.append(f'--{name}: {value:g} is not allowed; it must be {low:g} ... {high:g}')
+    if problems:
+        raise InvalidInput(problems)
+    vehicle = load_vehicle(arguments.vehicle)
+    route = load_route(arguments.route, vehicle.defaults)
+    state = BatteryState(arguments.temperature, arguments.soc)
+    goal = Goal(target_of(arguments, vehicle))
+    check_situation(vehicle, route, state, goal)
+    return Conditions(vehicle, route, state, goal, arguments.period, not arguments.no_power)
+
+
+def _drawn():
+    return {'spread': SPREAD, 'propulsion_power_variability': PROPULSION_POWER_VARIABILITY,
+            'temperature_noise_k': TEMPERATURE_NOISE_K,
+            'temperature_resolution_k': TEMPERATURE_RESOLUTION_K}
+
+
+def _drawn_sentence():
+    """Return what is drawn for each trip."""
+    spread = ', '.join(f'{name.replace("_", " ")} ±{100 * share:.0f} %'
+                       for name, share in SPREAD.items())
+    return (f'Drawn for each trip: {spread}, all evenly; propulsion power wanders from segment to '
+            f'segment (standard deviation of the logarithm {PROPULSION_POWER_VARIABILITY:g}). '
+            f'Measured temperature: noise {TEMPERATURE_NOISE_K:g} K, then rounded to '
+            f'{TEMPERATURE_RESOLUTION_K:g} K.')
+
+
+def _described(arguments):
+    """Return what a JSON file says of the conditions."""
+    return {'seed': arguments.seed, 'vehicle': arguments.vehicle, 'route': arguments.route,
+            'temperature_c': arguments.temperature, 'soc': arguments.soc,
+            'target_temperature_c': arguments.target, 'period_s': arguments.period,
+            'reports_power': not arguments.no_power, 'drawn': _drawn()}
+
+
+def _percent(share):
+    return None if share is None else 100.0 * share
+
+
+def print_summary(console, summary, methods):
+    """Print the tables of a summary."""
+    informed = summary['informed']
+    console.print(f'informed (one plan that knows the truth): '
+                  f'{informed["heating_energy_wh"]:.1f} Wh of heating, '
+                  f'{informed["battery_energy_wh"]:.1f} Wh of the battery on average; arrival '
+                  f'error {informed["arrival_error_k"]["worst"]:+.3f} K at worst', highlight=False)
+    table = Table(title='In closed loop')
+    for heading in ('', *methods):
+        table.add_column(heading, justify='right' if heading else 'left')
+    for heading, figure, form in ROWS:
+        table.add_row(heading.replace('[', r'\['),
+                      *(_text(figure(summary[method]), form) for method in methods))
+    console.print(table)
+    table = Table(title='Requirements')
+    for heading in ('', 'bound', *methods):
+        table.add_column(heading, justify='left' if heading in ('', 'bound') else 'right')
+    for row in zip(*(summary[method]['requirements'] for method in methods)):
+        table.add_row(row[0]['name'], row[0]['bound'], *(_judged(item) for item in row))
+    console.print(table)
+    for method in methods:
+        worst = ', '.join(f'{what} {number}'
+                          for what, number in summary[method]['worst_trips'].items())
+        console.print(f'{method}: trips to look at (--only NUMBER): {worst}', highlight=False)
+
+
+def _judged(requirement):
+    value = requirement['value']
+    text = _text(value, 'd' if isinstance(value, int) else '+.2f')
+    colour, verdict = ('green', 'met') if requirement['met'] else ('red', 'not met')
+    return f'{text} {requirement["unit"]}'.rstrip() + f' [{colour}]{verdict}[/{colour}]'
+
+
+def _text(value, form):
+    return '–' if value is None else format(value, form)
+
+
+def print_trip(console, result):
+    """Print one trip."""
+    car = ', '.join(f'{name.replace("_", " ")} {getattr(result.mismatch, name):.3f}'
+                    for name in SPREAD)
+    console.print(f'trip {result.number}: {car}', highlight=False)
+    drives = {'informed': result.informed, **result.methods}
+    table = Table()
+    for heading in ('', *drives):
+        table.add_column(heading, justify='right' if heading else 'left')
+    for heading, field, form in (('Arrival error [K]', 'arrival_error_k', '+.2f'),
+                                 ('Arrival SoC', 'arrival_soc', '.4f'),
+                                 ('Heating energy [Wh]', 'heating_energy_wh', '.1f'),
+                                 ('Battery energy [Wh]', 'battery_energy_wh', '.1f'),
+                                 ('First switch-on [s]', 'first_switch_on_s', '.0f'),
+                                 ('Switch-ons', 'switch_ons', 'd'),
+                                 ('Partial duty [s]', 'partial_duty_s', '.1f'),
+                                 ('Refused inputs', 'refused_inputs', 'd')):
+        table.add_row(heading.replace('[', r'\['),
+                      *(_text(getattr(drive, field), form) for drive in drives.values()))
+    console.print(table)

@@ -1,0 +1,20 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a worker of a study loads: neither ROS nor solver nor plots."""
+
+import os
+from pathlib import Path
+import subprocess
+import sys
+
+UNWANTED = ('rclpy', 'casadi', 'scipy', 'matplotlib')
+IMPORT_AND_LIST = ('import sys, bev_preheat.robustness.run, bev_preheat.robustness.summary, '
+                   f'bev_preheat.commands.robustness; print(*set({UNWANTED}) & set(sys.modules))')
+
+
+def test_study_needs_neither_ros_nor_solver_nor_plots():
+    root = str(Path(__file__).parents[2])
+    done = subprocess.run(
+        [sys.executable, '-c', IMPORT_AND_LIST], capture_output=True, text=True, timeout=60,
+        env=dict(os.environ, PYTHONPATH=os.pathsep.join([root, *filter(None, sys.path)])))
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.split() == []
