@@ -29,6 +29,8 @@ MOST_MARGIN_K = 0.15
 # most by MOST_LEAD_K: until it begins more will be learned.
 LEAD_DEVIATIONS = 2.0
 MOST_LEAD_K = 2.5
+# A pause that is shorter saves less than a switching is worth.
+LEAST_PAUSE_S = 300.0
 # The corrected vehicle is made anew where a factor has moved by more than this share of what is
 # uncertain of it in a car of which only the file is known.
 FACTOR_STEP = 0.05
@@ -132,5 +134,5 @@ class OutlookMaker:
             margin_k=min(MARGIN_DEVIATIONS * estimate.temperature_deviation_k, MOST_MARGIN_K),
             lead_k=min(lead_k, MOST_LEAD_K) if math.isfinite(lead_k) else MOST_LEAD_K,
             is_heating=is_heating,
-            least_pause_s=settings.minimum_off_time_s,
+            least_pause_s=max(settings.minimum_off_time_s, LEAST_PAUSE_S),
             least_heating_s=settings.minimum_on_time_s)

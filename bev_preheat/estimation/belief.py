@@ -25,10 +25,10 @@ FACTOR_DEVIATIONS = {HEAT_CAPACITY: 0.058, LEAKAGE: 0.115, RESISTANCE: 0.115, HE
 FACTOR_BOUNDS = {HEAT_CAPACITY: 0.25, LEAKAGE: 0.6, RESISTANCE: 0.6, HEATER: 0.15, PROPULSION: 0.5}
 # How fast the truth wanders: standard deviation after an hour. The heat that no model has is what
 # makes temperature wander, a wrong capacity the state of charge.
-WANDER_IN_AN_HOUR = np.array([0.25, 0.01, 0.01, 0.02, 0.02, 0.01, 0.1])
+WANDER_IN_AN_HOUR = np.array([0.25, 0.004, 0.01, 0.02, 0.02, 0.01, 0.1])
 # Where the route says nothing of what the car does, it may do anything.
 WANDER_UNKNOWN = np.array([10.0, 0.3, 0.0, 0.0, 0.0, 0.0, 0.1])
-SOC_NOISE = 0.002
+SOC_NOISE = 0.001
 # A route's power is wrong by this share of it (and of this power at least) for this long.
 POWER_NOISE = 0.3
 LEAST_POWER_W = 3000.0
@@ -88,6 +88,12 @@ class Belief:
         self.mean[..., :2] += duration_s * rates
         self.covariance = step @ self.covariance @ np.swapaxes(step, -1, -2)
         self._add_noise(WANDER_IN_AN_HOUR**2 * hours)
+        if drive.terminal_power_w is None:
+            # What traffic adds to the route's power is not seen; it moves both for a while.
+            moved = POWER_NOISE * slopes[..., PROPULSION]
+            self.covariance[..., :2, :2] += (
+                POWER_NOISE_LASTS_S * duration_s * moved[..., :, np.newaxis]
+                * moved[..., np.newaxis, :])
 
     def see_temperature(self, reading_c, resolution_k):
         """Take a reading of the temperature [deg C] into account, rounded to `resolution_k` [K]."""
