@@ -9,7 +9,7 @@ from bev_preheat.errors import InvalidInput, PlanningFailure
 
 # Modules with add_parser(subparsers), which sets `run`, a function of the parsed arguments that
 # returns the exit status.
-SUBCOMMANDS = ('plan', 'optimum', 'compare', 'reproduce', 'sweep', 'robustness', 'route')
+SUBCOMMANDS = ('plan', 'optimum', 'compare', 'reproduce', 'sweep', 'robustness', 'scenario', 'route')
 
 
 def main(arguments=None):

@@ -10,6 +10,7 @@ from sensor_msgs.msg import BatteryState
 from bev_preheat.planning.simulate import Energies
 
 DIAGNOSTIC_NAME = 'vehicle_simulator: trip'
+TEMPERATURE = 'battery temperature [degC]'
 WITHOUT_COMMAND = 'time without a valid command [s]'
 DRIVING, ARRIVED, EMPTY = 'driving', 'arrived', 'the battery is empty'
 
@@ -66,7 +67,7 @@ def trip_diagnostics(plant, stamp):
         text = ARRIVED if plant.has_arrived else DRIVING
     values = {
         'time [s]': plant.time_s,
-        'battery temperature [degC]': plant.temperature_c,
+        TEMPERATURE: plant.temperature_c,
         'state of charge [1]': plant.soc,
         WITHOUT_COMMAND: plant.without_lease_s,
         'friction brake energy [Wh]': plant.friction_brake_energy_wh,
@@ -92,6 +93,12 @@ def outcome_from_diagnostics(message):
                                       for field in fields(Energies)}),
                 without_command_s=float(values[WITHOUT_COMMAND]))
     return None
+
+
+def true_temperature_c(message):
+    """Return the battery's true temperature [deg C] in a DiagnosticArray of the simulator's."""
+    (status,) = (status for status in message.status if status.name == DIAGNOSTIC_NAME)
+    return next(float(item.value) for item in status.values if item.key == TEMPERATURE)
 
 
 def _energy_key(field):

@@ -112,6 +112,7 @@ class VehicleSimulatorNode(Node):
         self._pace = Pace(values['speed_up'])
         self._is_held = values['wait_for_planner']
         self._stood_since_s = None
+        self._published_s = 0.0
 
         # As rclcpp's ClockQoS and rclpy's own subscription have it.
         self._clock_publisher = self.create_publisher(
@@ -224,6 +225,10 @@ class VehicleSimulatorNode(Node):
             self.get_logger().info('The planner has a plan: the clock runs.')
 
     def _publish_reading(self, reading):
+        # What was under way when the last one was told has come too late.
+        if reading.instant_s < self._published_s:
+            return
+        self._published_s = reading.instant_s
         stamp = time_message(
             self._start_ns + round(self._car.stamp_s(reading.instant_s) * NS_PER_S))
         self._state_publisher.publish(

@@ -53,11 +53,14 @@ def evaluate(expectations, record):
     if expectations.most_switch_ons is not None:
         find('heater switched on [times]', f'at most {expectations.most_switch_ons}',
              str(record.switch_ons), record.switch_ons <= expectations.most_switch_ons)
-    seen = ', '.join(sorted(record.statuses))
-    for name in expectations.statuses:
-        find(f'status {name}', 'seen', seen, name in record.statuses)
-    for name in expectations.never:
-        find(f'status {name}', 'never seen', seen, name not in record.statuses)
+    if expectations.statuses:
+        missing = [name for name in expectations.statuses if name not in record.statuses]
+        find('statuses', ', '.join(expectations.statuses),
+             f'all but {", ".join(missing)}' if missing else 'all', not missing)
+    if expectations.never:
+        unwanted = [name for name in expectations.never if name in record.statuses]
+        find('statuses', f'none of {", ".join(expectations.never)}',
+             ', '.join(unwanted) or 'none', not unwanted)
     for from_s, until_s in expectations.off_during:
         most_w = max(_powers_w(record, from_s, until_s), default=math.nan)
         find(f'command from {from_s:g} to {until_s:g} s [W]', '0', f'at most {most_w:.0f}',

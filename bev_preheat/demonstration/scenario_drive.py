@@ -1,0 +1,163 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A scenario driven by the installed planner and vehicle_simulator, over ROS."""
+
+from contextlib import contextmanager
+import os
+from pathlib import Path
+import tempfile
+import threading
+import time
+
+from bev_preheat_msgs.msg import HvchCommand, PreheatPlan
+from diagnostic_msgs.msg import DiagnosticArray
+import rclpy
+from rclpy.context import Context
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.qos import QoSDurabilityPolicy, QoSProfile
+
+from bev_preheat.demonstration.processes import NodeProcess, reserved_domain_id
+from bev_preheat.nodes.convert import nanoseconds
+from bev_preheat.nodes.simulator_messages import (
+    ARRIVED, outcome_from_diagnostics, true_temperature_c)
+from bev_preheat.planning.status import Status
+from bev_preheat.simulation.evaluation import DriveRecord
+
+START_S = 1_700_000_000
+HEATER_ENTRY = 'planner: heater'
+# Real time that the processes have to find each other, and the drive beyond its own length [s].
+START_LIMIT_S = 40.0
+PATIENCE_S = 60.0
+POLL_S = 0.05
+
+
+class ScenarioFailed(Exception):
+    """A process ended, or nothing more was heard; the message says which and why."""
+
+
+class _Listener:
+    """Fills a DriveRecord from the topics."""
+
+    def __init__(self, node, target_c):
+        self.record = DriveRecord(target_c)
+        self.total_s = None
+        self.has_ended = False
+        latched = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
+        node.create_subscription(HvchCommand, 'hvch_command', self._on_command, 1000)
+        node.create_subscription(PreheatPlan, 'preheat_plan', self._on_plan, latched)
+        node.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 1000)
+
+    def _on_command(self, message):
+        reason = Status(message.reason).name
+        instant_s = _instant_s(message)
+        if instant_s >= 0.0:
+            self.record.commands.append((instant_s, message.battery_heating_power, reason))
+            self.record.statuses.add(reason)
+
+    def _on_plan(self, message):
+        if _instant_s(message) >= 0.0:
+            self.record.statuses.add(Status(message.status).name)
+
+    def _on_diagnostics(self, message):
+        for status in message.status:
+            if status.name == HEATER_ENTRY and not self.has_ended:
+                self.record.heater = next(
+                    item.value for item in status.values if item.key == 'heater')
+        outcome = outcome_from_diagnostics(message)
+        if outcome is not None and outcome.state == ARRIVED and not self.has_ended:
+            self.record.arrival_c = true_temperature_c(message)
+            self.has_ended = True
+
+
+def _instant_s(message):
+    """Seconds after the start; negative while the planner has not heard the clock yet."""
+    return nanoseconds(message.header.stamp) * 1e-9 - START_S
+
+
+def drive_with_nodes(scenario, name_or_file, speed_up, log_folder=None):
+    """
+    Return the DriveRecord of a Scenario that the installed executables drive.
+
+    `name_or_file` is what the scenario was loaded from, `speed_up` simulated seconds pass in each real one;
+    the logs go to `log_folder`. Raises ScenarioFailed where the drive does not come to its end.
+    """
+    with tempfile.TemporaryDirectory() as temporary, reserved_domain_id() as domain_id:
+        folder = Path(log_folder or temporary)
+        environment = {'ROS_DOMAIN_ID': str(domain_id),
+                       'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
+        with _environment(environment), _listening(domain_id, scenario) as listener:
+            planner_arguments = ['-p', 'use_sim_time:=true',
+                                 '-p', f'vehicle:={scenario.vehicle_name}']
+            for parameter, value in scenario.planner.items():
+                planner_arguments += ['-p', f'{parameter}:={_text(value)}']
+            with NodeProcess('planner', planner_arguments,
+                             folder / f'{scenario.name}.planner.log') as planner, NodeProcess(
+                    'vehicle_simulator',
+                    ['-p', f'scenario:={name_or_file}', '-p', f'speed_up:={float(speed_up)}',
+                     '-p', f'start_time:={float(START_S)}', '-p', 'wait_for_planner:=true',
+                     '-p', 'exit_on_arrival:=true'],
+                    folder / f'{scenario.name}.vehicle_simulator.log') as simulator:
+                _follow(simulator, planner, scenario, speed_up)
+            return listener.record
+
+
+def _follow(simulator, planner, scenario, speed_up):
+    """Return when the drive is over."""
+    car = scenario.car()
+    limit_s = (time.monotonic() + START_LIMIT_S + PATIENCE_S
+               + 2.0 * car.plant.duration_s / speed_up)
+    while simulator.exit_status is None:
+        if planner.exit_status is not None:
+            raise ScenarioFailed(f'planner ended with exit status {planner.exit_status}: '
+                                 f'{planner.output()[-2000:]}')
+        if time.monotonic() > limit_s:
+            raise ScenarioFailed(f'{scenario.name}: no arrival in time: '
+                                 f'{simulator.output()[-2000:]}{planner.output()[-2000:]}')
+        time.sleep(POLL_S)
+    if simulator.exit_status != 0:
+        raise ScenarioFailed(f'vehicle_simulator ended with exit status '
+                             f'{simulator.exit_status}: {simulator.output()[-2000:]}')
+
+
+def _text(value):
+    return str(value).lower() if isinstance(value, bool) else str(value)
+
+
+@contextmanager
+def _environment(values):
+    """Set environment variables, which the processes inherit, while the block lasts."""
+    before = {name: os.environ.get(name) for name in values}
+    os.environ.update(values)
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
+
+
+@contextmanager
+def _listening(domain_id, scenario):
+    context = Context()
+    rclpy.init(context=context, domain_id=domain_id)
+    node = rclpy.create_node('scenario', context=context, enable_rosout=False)
+    executor = SingleThreadedExecutor(context=context)
+    executor.add_node(node)
+    listener = _Listener(node, scenario.goal.target_temperature_c)
+    thread = threading.Thread(target=_spin, args=(executor,), daemon=True)
+    thread.start()
+    try:
+        yield listener
+    finally:
+        executor.shutdown()
+        thread.join()
+        node.destroy_node()
+        context.try_shutdown()
+
+
+def _spin(executor):
+    try:
+        executor.spin()
+    except ExternalShutdownException:
+        pass

@@ -1,0 +1,65 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+The scenarios that come along: what fails in them is noticed, and the drive goes as expected.
+
+Those in which inputs, clock or heater fail are driven by the installed executables over real DDS;
+those that try the estimation, with the planner's own Supervisor.
+"""
+
+from concurrent.futures import ThreadPoolExecutor
+import json
+import subprocess
+import sys
+
+import pytest
+
+from bev_preheat.configuration import configuration_folder
+from bev_preheat.simulation.closed_loop import drive_scenario
+from bev_preheat.simulation.evaluation import evaluate
+from bev_preheat.simulation.scenario import load_scenario
+
+ALL = {path.stem for path in configuration_folder('scenarios').glob('*.yaml')}
+WITHOUT_ROS = {'early_arrival', 'fast_battery_state', 'heavy_cold_car', 'late_without_a_word',
+               'light_warm_car', 'nominal', 'slow_battery_state', 'stop_in_traffic',
+               'temperature_stuck'}
+OVER_DDS = sorted(ALL - WITHOUT_ROS)
+# A drive of 25 min in 25 s; a command period is 17 ms.
+SPEED_UP = 60
+# So many drives at the same time, each in a ROS domain of its own.
+AT_ONCE = 5
+TIME_LIMIT_S = 300.0
+
+
+@pytest.fixture(scope='module')
+def drives(tmp_path_factory):
+    """Return the finished processes of `preheat scenario --nodes` by scenario, and their findings."""
+    folder = tmp_path_factory.mktemp('scenarios')
+
+    def drive(name):
+        findings = folder / f'{name}.json'
+        done = subprocess.run(
+            [sys.executable, '-m', 'bev_preheat', 'scenario', name, '--nodes', '--speed-up',
+             str(SPEED_UP), '--logs', str(folder), '--json', str(findings)],
+            capture_output=True, text=True, timeout=TIME_LIMIT_S)
+        logs = ''.join(path.read_text() for path in folder.glob(f'{name}.*.log'))
+        return done, json.loads(findings.read_text())[name] if findings.exists() else None, logs
+
+    with ThreadPoolExecutor(AT_ONCE) as pool:
+        return dict(zip(OVER_DDS, pool.map(drive, OVER_DDS)))
+
+
+@pytest.mark.timeout(400)
+@pytest.mark.parametrize('name', OVER_DDS)
+def test_a_fault_is_met_as_its_scenario_expects(drives, name):
+    done, findings, logs = drives[name]
+    assert findings, done.stdout + done.stderr + logs
+    bad = [item for item in findings if not item['good']]
+    assert (bad, done.returncode) == ([], 0), done.stdout + logs
+    assert 'Traceback' not in logs
+
+
+@pytest.mark.parametrize('name', sorted(WITHOUT_ROS))
+def test_a_drive_goes_as_its_scenario_expects(name):
+    scenario = load_scenario(name)
+    findings = evaluate(scenario.expectations, drive_scenario(scenario))
+    assert findings and [item for item in findings if not item.good] == []
