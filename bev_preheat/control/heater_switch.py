@@ -23,9 +23,8 @@ class HeaterSwitch:
         self.is_on, self._since_ns, self._power_w = False, None, 0.0
 
     def allow(self):
-        """Let the heater be switched on at once: what made it wait is no longer true."""
-        if not self.is_on:
-            self._since_ns = None
+        """Let the heater be switched at once: what made it wait is no longer true."""
+        self._since_ns = None
 
     def power_w(self, now_ns, wanted_w, limit_w, minimum_on_time_s, minimum_off_time_s):
         """

@@ -324,6 +324,9 @@ class Supervisor:
         if elapsed_s >= plan.arrival_time_s:
             return self.command_off(
                 now_ns, Status.CHARGING if decision.later_legs else Status.ARRIVED)
+        if elapsed_s < 0.0 or decision.status is Status.NO_CHARGING_PLANNED:
+            # The trip has not begun, or there is nothing to heat for.
+            return self.command_off(now_ns, decision.status)
         # A partial step's power is computed, and may round to a little more than there is.
         limit_w = self._heater_limit_w(decision.leg, now_ns)
         power_w = self._switch.power_w(

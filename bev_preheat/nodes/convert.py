@@ -138,6 +138,9 @@ def _legs(message, route, stops, planning_step_s):
 def _stamp_problems(stamp):
     if stamp.sec == 0 and stamp.nanosec == 0:
         return ['header.stamp: is 0; it must be set']
+    if stamp.nanosec >= NS_PER_S:
+        return [f'header.stamp.nanosec: {stamp.nanosec} is not allowed; it must be below '
+                f'{NS_PER_S}']
     return []
 
 

@@ -1,0 +1,267 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+A hundred thousand random and malformed messages, seeded, given to the callbacks of a real PlannerNode.
+
+After each one an oracle holds the last command against docs/safety.md. It knows what is good because
+the messages are made so: valid, or valid but for one field. It keeps its own book of what
+was accepted and asks nothing of the planner.
+"""
+
+from array import array
+from dataclasses import dataclass, replace
+from math import inf, isfinite, nan
+import random
+from types import SimpleNamespace
+
+from bev_preheat_msgs.msg import RoutePlan
+from builtin_interfaces.msg import Time
+import pytest
+import rclpy
+from rclpy.logging import LoggingSeverity
+from rclpy.parameter import Parameter
+from sensor_msgs.msg import BatteryState
+
+from bev_preheat.demonstration.processes import reserved_domain_id
+from bev_preheat.nodes.convert import nanoseconds
+from bev_preheat.nodes.planner_node import PlannerNode
+from bev_preheat.planning.status import Status
+
+MESSAGES = 100_000
+SEED = 20261121
+NS_PER_S = 1_000_000_000
+START_NS = 1_700_000_000 * NS_PER_S
+# The planner's defaults, as README has them, and the reference vehicle's heater.
+TIMEOUT_S, TOLERANCE_S, LEASE_S, HVCH_W = 5.0, 1.0, 2.5, 7000.0
+# A clock that falls back further was set: what was measured before means nothing.
+RESTART_S = 1.0
+NEVER = -10**30
+
+BAD_STATES = [('temperature', value) for value in (nan, inf, -inf, 280.15, -60.0, 61.0, 1e30, -1e-3
+                                                   - 40.0)]
+BAD_STATES += [('percentage', value) for value in (nan, inf, -inf, -0.01, 1.01, 80.0, 3e38)]
+BAD_VALUES = {
+    'segment_duration': (0.0, -30.0, nan, inf, 1e5, 5e-324),
+    'speed': (-1.0, nan, inf, 101.0, 1e300),
+    'propulsion_power': (nan, inf, -inf, 3e6, -3e6),
+    'ambient_temperature': (nan, inf, 263.15, -61.0),
+    'cabin_heating_power': (nan, -1.0, 6e4, inf),
+    'auxiliary_power': (nan, -1.0, 6e4),
+}
+BAD_SCALARS = [('minimum_arrival_soc', value) for value in (nan, -0.1, 1.1, 20.0)] + [
+    ('target_battery_temperature', value) for value in (inf, -inf, 298.15, -90.0)]
+BAD_PARAMETERS = [('command_period', 0.0), ('command_lease', nan), ('planning_step', -1.0),
+                  ('vehicle', 'no_such_car'), ('vehicle', '/dev/null/x.yaml'), ('method', 'magic'),
+                  ('battery_state_timeout', 1e9), ('command_lease', 0.5), ('estimation', 3),
+                  ('minimum_on_time', -1.0), ('command_period', 'soon')]
+
+
+@dataclass(frozen=True)
+class Book:
+    """What the oracle knows: what was accepted last, and what was refused since."""
+
+    now_ns: int = START_NS
+    latest_ns: int = START_NS
+    enabled: bool = True
+    state_ns: int = NEVER
+    route: tuple = ()
+    is_refused: bool = False
+    is_state_refused: bool = False
+
+
+class Recorder:
+    """Takes the place of a publisher."""
+
+    def __init__(self):
+        self.last = None
+        self.count = 0
+
+    def publish(self, message):
+        self.last, self.count = message, self.count + 1
+
+    def wait_for_all_acked(self, timeout):
+        return True
+
+
+class Fuzz:
+    """The node, its surroundings, and the oracle."""
+
+    def __init__(self, node, seed):
+        self.random = random.Random(seed)
+        self.node = node
+        self.book = Book()
+        self.commands, self.plans = Recorder(), Recorder()
+        node._command_publisher, node._plan_publisher = self.commands, self.plans
+        node._temperature_publisher = node._diagnostics_publisher = Recorder()
+        node._now_ns = lambda: self.book.now_ns
+        self.temperature_c = -7.0
+        self.heated = 0
+
+    # What is given
+
+    def give_state(self):
+        good = self.random.random() < 0.25
+        fields = {'temperature': self.temperature_c, 'percentage': 0.8,
+                  'voltage': self.random.choice((400.0, nan, 0.0, -5.0, inf)),
+                  'current': self.random.choice((-50.0, nan, 0.0, 1e9, 30.0))}
+        age_s, kind = self.random.uniform(-0.9, 3.0), self.random.random()
+        if good:
+            self.temperature_c += self.random.choice((0.0, 0.01, -0.01, 0.02))
+            self.temperature_c = min(max(self.temperature_c, -20.0), 20.0)
+            if self.random.random() < 0.02:
+                self.temperature_c = self.random.uniform(-20.0, 20.0)
+        elif kind < 0.7:
+            fields.update([self.random.choice(BAD_STATES)])
+        else:
+            age_s = self.random.choice((TIMEOUT_S + 0.1, 1e4, -TOLERANCE_S - 0.1, -1e5, None))
+        message = BatteryState(**fields)
+        stamp_ns = 0
+        if age_s is not None:
+            stamp_ns = max(self.book.now_ns - round(age_s * NS_PER_S), 0)
+            message.header.stamp = Time(sec=stamp_ns // NS_PER_S, nanosec=stamp_ns % NS_PER_S)
+            if not good and self.random.random() < 0.1:
+                message.header.stamp.nanosec = self.random.choice((10**9, 4 * 10**9))
+        self.node._on_battery_state(message)
+        self._note_clock()
+        book = self.book
+        late = stamp_ns < book.state_ns
+        if good and not late:
+            self.book = replace(book, state_ns=stamp_ns, is_refused=False, is_state_refused=False)
+        else:
+            self.book = replace(book, is_refused=True, is_state_refused=True)
+
+    def give_route(self):
+        good = self.random.random() < 0.3
+        count = self.random.choice((1, 3, 12, 20, 40))
+        cabin_w = [self.random.uniform(0.0, 6500.0) for _ in range(count)]
+        duration_s = self.random.choice((5.0, 30.0, 60.0))
+        columns = {
+            'segment_duration': [duration_s] * count,
+            'speed': [self.random.uniform(0.0, 40.0)],
+            'propulsion_power': [self.random.uniform(-40e3, 60e3) for _ in range(count)],
+            'ambient_temperature': [self.random.uniform(-30.0, 20.0)],
+            'cabin_heating_power': cabin_w,
+            'auxiliary_power': [300.0] if self.random.random() < 0.5 else []}
+        scalars = {'minimum_arrival_soc': self.random.choice((0.0, 0.1, 0.9)),
+                   'target_battery_temperature': self.random.choice((25.0, nan, 10.0, 40.0)),
+                   'charging_planned': self.random.random() < 0.9}
+        start_ns = self.book.now_ns - round(self.random.uniform(-20.0, 100.0) * NS_PER_S)
+        if not good:
+            self._spoil(columns, scalars)
+        message = RoutePlan(route_id=str(self.random.random()), **scalars, **{
+            name: array('d', values) for name, values in columns.items()})
+        if good or self.random.random() < 0.9:
+            start_ns = max(start_ns, 1)
+            message.header.stamp = Time(sec=start_ns // NS_PER_S, nanosec=start_ns % NS_PER_S)
+        self.node._on_route_plan(message)
+        if good:
+            self.book = replace(self.book, is_refused=self.book.is_state_refused,
+                                route=(start_ns, duration_s, tuple(cabin_w)))
+        else:
+            self.book = replace(self.book, is_refused=True)
+
+    def _spoil(self, columns, scalars):
+        kind = self.random.random()
+        if kind < 0.5:
+            name = self.random.choice(list(BAD_VALUES))
+            values = list(columns[name]) or [0.0]
+            values[self.random.randrange(len(values))] = self.random.choice(BAD_VALUES[name])
+            columns[name] = values
+        elif kind < 0.65:
+            scalars.update([self.random.choice(BAD_SCALARS)])
+            scalars['charging_planned'] = True
+        elif kind < 0.8:
+            columns[self.random.choice(('segment_duration', 'speed', 'propulsion_power',
+                                        'ambient_temperature'))] = []
+        elif kind < 0.995:
+            columns['speed'] = [10.0] * (len(columns['segment_duration']) + 1)
+            columns['propulsion_power'] = [10.0] * (len(columns['segment_duration']) + 2)
+        else:
+            columns['segment_duration'] = [30.0] * 250_000
+
+    def give_time(self):
+        """Let time pass, or jump, and let the timer fire."""
+        kind = self.random.random()
+        step_s = (self.random.uniform(0.0, 1.2) if kind < 0.9 else
+                  self.random.uniform(0.0, 200.0) if kind < 0.97 else
+                  self.random.uniform(-30.0, 0.0))
+        self.book = replace(self.book, now_ns=self.book.now_ns + round(step_s * NS_PER_S))
+        self.node._on_repeat()
+
+    def give_no_clock(self):
+        """Let the clock read 0, as simulated time does before it has begun."""
+        book = self.book
+        self.book = replace(book, now_ns=0)
+        self.node._on_battery_state(BatteryState(temperature=-7.0, percentage=0.8))
+        assert self.commands.last.battery_heating_power == 0.0
+        # That was a fall back.
+        self.book = replace(book, latest_ns=book.now_ns, state_ns=NEVER, is_refused=True,
+                            is_state_refused=True)
+
+    def give_enable(self):
+        on = self.random.random() < 0.8
+        self.node._on_enable(SimpleNamespace(data=on), SimpleNamespace())
+        self.book = replace(self.book, enabled=on)
+
+    def give_parameters(self):
+        name, value = self.random.choice(BAD_PARAMETERS)
+        (result,) = self.node.set_parameters([Parameter(name, value=value)])
+        assert not result.successful and result.reason, (name, value)
+
+    def _note_clock(self):
+        book = self.book
+        if book.now_ns < book.latest_ns - RESTART_S * NS_PER_S:
+            book = replace(book, state_ns=NEVER)
+        self.book = replace(book, latest_ns=book.now_ns)
+
+    # What must hold
+
+    def check(self):
+        book, command = self.book, self.commands.last
+        power_w, until_ns = command.battery_heating_power, nanoseconds(command.valid_until)
+        assert command.reason != Status.INTERNAL_ERROR, self.plans.last.explanation
+        assert isfinite(power_w) and power_w >= 0.0
+        if power_w == 0.0:
+            return
+        self.heated += 1
+        assert book.enabled and not book.is_refused and book.route, book
+        age_s = (book.now_ns - book.state_ns) / NS_PER_S
+        assert -TOLERANCE_S <= age_s < TIMEOUT_S, age_s
+        start_ns, duration_s, cabin_w = book.route
+        on_the_way_s = (book.now_ns - start_ns) / NS_PER_S
+        assert 0.0 <= on_the_way_s < duration_s * len(cabin_w)
+        # Planned in steps of 30 s or of what the route has, if that is longer: a step holds the mean.
+        step_s = max(30.0, duration_s)
+        least_w = min(cabin_w[int(max(on_the_way_s - step_s, 0.0) // duration_s):
+                              int((on_the_way_s + step_s) // duration_s) + 1])
+        assert power_w <= HVCH_W - least_w + 1e-6
+        assert until_ns <= book.now_ns + round(LEASE_S * NS_PER_S)
+        assert until_ns <= book.state_ns + round(TIMEOUT_S * NS_PER_S)
+
+
+@pytest.fixture
+def fuzz(tmp_path, monkeypatch):
+    monkeypatch.setenv('ROS_LOG_DIR', str(tmp_path))
+    with reserved_domain_id() as domain_id:
+        rclpy.init(domain_id=domain_id)
+        node = PlannerNode()
+        try:
+            node.get_logger().set_level(LoggingSeverity.FATAL)
+            yield Fuzz(node, SEED)
+        finally:
+            node.destroy_node()
+            rclpy.try_shutdown()
+
+
+@pytest.mark.timeout(300)
+def test_no_message_ends_the_process_or_leaves_heat_on(fuzz):
+    kinds = ((fuzz.give_state, 70), (fuzz.give_time, 17), (fuzz.give_route, 11),
+             (fuzz.give_enable, 1), (fuzz.give_parameters, 0.5), (fuzz.give_no_clock, 0.2))
+    gives, weights = zip(*kinds)
+    for give in fuzz.random.choices(gives, weights, k=MESSAGES):
+        given = fuzz.commands.count
+        give()
+        fuzz.check()
+        # Everything but a refused parameter is answered by a command.
+        assert fuzz.commands.count > given or give == fuzz.give_parameters
+    # The oracle was no idle one: it heated often in between.
+    assert fuzz.heated > MESSAGES // 50
