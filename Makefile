@@ -2,10 +2,12 @@
 SHELL := bash
 .SHELLFLAGS := -eu -o pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help setup build demo test bench lint clean
+.PHONY: help setup build demo test bench soak lint clean
 
 DEMO := python3 -m bev_preheat.demo
 BENCH := python3 -m bev_preheat.benchmark
+# make soak MINUTES=60
+MINUTES := 10
 # make test TESTS="test/test_model.py -k joule"
 TESTS := test
 
@@ -31,6 +33,9 @@ test: build ## all tests
 bench: build ## speed and cost against other ways to plan
 	@scripts/setup.bash bench
 	@$(environment); $(local_only); $(BENCH)
+
+soak: build ## the planner under load for MINUTES (10), in real time
+	@$(environment); $(local_only); python3 -m bev_preheat.endurance --minutes $(MINUTES)
 
 lint: setup ## pyflakes on the Python; shellcheck on the scripts, where it is installed
 	@$(environment) 2>/dev/null; python3 -m pyflakes bev_preheat test setup.py

@@ -9,7 +9,8 @@ from bev_preheat.errors import InvalidInput, PlanningFailure
 
 # Modules with add_parser(subparsers), which sets `run`, a function of the parsed arguments that
 # returns the exit status.
-SUBCOMMANDS = ('plan', 'optimum', 'compare', 'reproduce', 'sweep', 'robustness', 'scenario', 'route')
+SUBCOMMANDS = ('plan', 'optimum', 'compare', 'reproduce', 'sweep', 'robustness', 'scenario', 'route',
+               'monitor')
 
 
 def main(arguments=None):

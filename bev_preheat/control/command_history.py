@@ -4,7 +4,7 @@
 from collections import deque
 
 # What lies further back is not asked for.
-KEPT_NS = 180_000_000_000
+KEPT_NS = 70_000_000_000
 
 
 class CommandHistory:

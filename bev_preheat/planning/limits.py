@@ -14,7 +14,7 @@ import numpy as np
 from bev_preheat.arithmetic import ARRAYS, FLOATS
 from bev_preheat.model import make_runge_kutta_4
 from bev_preheat.planning.schedule import Schedule, switched_on_s
-from bev_preheat.planning.simulate import compiled_step
+from bev_preheat.planning.simulate import compiled_step, KEPT_VEHICLES
 
 # Steps are looked at closely where a limit is this near: the run on which they are chosen may be
 # warmer than the run that is made, by what the friction brake takes from the drivetrain's heat.
@@ -25,7 +25,7 @@ ACTIVE_W = 1e-3
 HIGHEST_TOLERANCE_K = 1e-6
 
 
-@lru_cache(maxsize=64)
+@lru_cache(maxsize=KEPT_VEHICLES)
 def make_terminal_limits(vehicle, arithmetic):
     """
     Return `limits(soc, temperature_c, power_variance_w2)` -> least and most terminal power [W].

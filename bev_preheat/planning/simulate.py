@@ -11,15 +11,17 @@ from bev_preheat.model import make_rates
 from bev_preheat.straight_line import compile_step
 
 JOULES_PER_WH = 3600.0
+# What is made from a vehicle is kept for so many: one as described, and one as it turns out.
+KEPT_VEHICLES = 8
 
 
-@lru_cache(maxsize=64)
+@lru_cache(maxsize=KEPT_VEHICLES)
 def step_of_floats(vehicle, make_integrator, saturating=False):
     """One step of the vehicle's model for floats; made once, as making it costs more than a step."""
     return make_integrator(make_rates(vehicle, SATURATING_FLOATS if saturating else FLOATS))
 
 
-@lru_cache(maxsize=64)
+@lru_cache(maxsize=KEPT_VEHICLES)
 def compiled_step(vehicle, make_integrator, saturating=False):
     """
     The same step, states only, compiled (`straight_line`): (step, roll).
@@ -117,7 +119,7 @@ def keep_accounts(trip, schedule, deliverable=False):
         undeliverable_power_w=undeliverable_w)
 
 
-@lru_cache(maxsize=64)
+@lru_cache(maxsize=KEPT_VEHICLES)
 def _step_of_arrays(vehicle, make_integrator):
     return make_integrator(make_rates(vehicle, ARRAYS))
 
@@ -128,7 +130,7 @@ def deliverable_power_w(vehicle, soc, temperature_c):
     return open_circuit_voltage(soc, temperature_c)**2 / (4.0 * resistance(soc, temperature_c))
 
 
-@lru_cache(maxsize=64)
+@lru_cache(maxsize=KEPT_VEHICLES)
 def _circuit_of_arrays(vehicle):
     battery = vehicle.battery
     return battery.open_circuit_voltage.function(ARRAYS), battery.resistance.function(ARRAYS)

@@ -1,0 +1,75 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A small chart for a terminal: the battery's temperature so far and as planned, and the heater."""
+
+import math
+
+from rich.text import Text
+
+from bev_preheat.monitoring.heard import stamp_s
+
+HEIGHT, HEATER_HEIGHT = 12, 5
+MARGIN = 6
+MOST_POINTS = 400
+
+
+def chart(heard, width):
+    """Return the chart of a Heard as a rich Text; a sentence where it cannot be drawn."""
+    plan = heard.latest.get('preheat_plan')
+    measured, commanded = _finite(heard.temperatures), _finite(heard.powers)
+    planned, heating = _planned(plan)
+    if not (measured or planned):
+        return Text('')
+    try:
+        import plotext
+    except ImportError:
+        return Text('For a chart here: python3 -m pip install plotext', style='dim')
+    now_s = (measured or planned)[-1 if measured else 0][0]
+    # Both panels show the same time.
+    instants_s = [at_s for at_s, _ in measured + planned]
+    span = tuple((edge_s - now_s) / 60.0 for edge_s in (min(instants_s), max(instants_s)))
+    figure = _figure(plotext, width, HEIGHT, span)
+    for points, label in ((measured, 'measured'), (planned, 'planned')):
+        if points:
+            figure.plot(*_minutes(points, now_s), label=label)
+    target_c = plan.target_battery_temperature if plan is not None else math.nan
+    if math.isfinite(target_c):
+        figure.horizontal_line(target_c)
+    figure.title('battery (degC) over time from now (min)')
+    lines = figure.build()
+    if commanded or heating:
+        strip = _figure(plotext, width, HEATER_HEIGHT, span)
+        strip.plot(*_minutes([(at, power_w / 1000.0) for at, power_w in commanded + heating],
+                             now_s))
+        strip.title('heater (kW)')
+        lines += '\n' + strip.build()
+    return Text.from_ansi(lines)
+
+
+def _figure(plotext, width, height, span_min):
+    plotext.clear_figure()
+    plotext.xlim(*span_min)
+    plotext.theme('clear')
+    plotext.plotsize(max(width - MARGIN, 30), height)
+    return plotext
+
+
+def _planned(plan):
+    """Return the planned (instant [s], deg C) and (instant [s], W); empty where there is no plan."""
+    if plan is None or not 1 < len(plan.time) == len(plan.battery_temperature):
+        return [], []
+    start_s = stamp_s(plan.header.stamp)
+    temperatures = [(start_s + at_s, value)
+                    for at_s, value in zip(plan.time, plan.battery_temperature)]
+    powers = [(start_s + at_s, value) for at_s, value in zip(plan.time, plan.hvch_power)]
+    return _finite(temperatures), _finite(powers)
+
+
+def _finite(points):
+    """Return the points that are numbers, thinned out where they are many."""
+    points = [point for point in points if all(map(math.isfinite, point))
+              and abs(point[1]) < 1e6]
+    return points[::max(1, len(points) // MOST_POINTS)]
+
+
+def _minutes(points, now_s):
+    return [(at_s - now_s) / 60.0 for at_s, _ in points], [value for _, value in points]

@@ -1,0 +1,80 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What has been heard of a planner: the latest messages, their arrivals, and a short history."""
+
+from collections import deque
+import time
+
+from bev_preheat_msgs.msg import HvchCommand, PreheatPlan, RoutePlan
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.qos import QoSDurabilityPolicy, QoSProfile, qos_profile_sensor_data
+from sensor_msgs.msg import BatteryState, Temperature
+
+LATCHED = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
+# Topic: (type, QoS, age from which on it is worth a look [s of real time]; None: it comes once).
+TOPICS = {
+    'battery_state': (BatteryState, qos_profile_sensor_data, 5.0),
+    'route_plan': (RoutePlan, LATCHED, None),
+    'hvch_command': (HvchCommand, 1, 2.5),
+    'preheat_plan': (PreheatPlan, LATCHED, 10.0),
+    'predicted_arrival_temperature': (Temperature, 1, 10.0),
+    '/diagnostics': (DiagnosticArray, 10, 5.0),
+}
+HISTORY_POINTS = 4000
+
+
+class Heard:
+    """
+    The latest message of each topic, when it came, and what has been measured and commanded so far.
+
+    `latest` and `came_s` (time.monotonic) are by topic; `temperatures` holds (stamp [s], deg C),
+    `powers` (stamp [s], W). `entries` are the planner's entries of /diagnostics by name.
+    """
+
+    def __init__(self, planner='planner', clock_s=time.monotonic):
+        """Know nothing; `planner` is how the names of its diagnostics begin."""
+        self._planner, self._clock_s = planner.lstrip('/'), clock_s
+        self.latest, self.came_s, self.entries = {}, {}, {}
+        self.temperatures = deque(maxlen=HISTORY_POINTS)
+        self.powers = deque(maxlen=HISTORY_POINTS)
+
+    @property
+    def silent_topics(self):
+        """Topics of which nothing has come yet."""
+        return [topic for topic in TOPICS if topic not in self.latest]
+
+    def hear(self, topic, message):
+        """Take a message in."""
+        if topic == '/diagnostics':
+            own = [status for status in message.status
+                   if status.name.startswith(f'{self._planner}: ')]
+            if not own:
+                return
+            self.entries.update((status.name, status) for status in own)
+        self.latest[topic], self.came_s[topic] = message, self._clock_s()
+        if topic == 'battery_state':
+            self._note(self.temperatures, message, message.temperature)
+        elif topic == 'hvch_command':
+            self._note(self.powers, message, message.battery_heating_power)
+
+    def age_s(self, topic):
+        """Return how long ago the latest message of a topic came [s]."""
+        return self._clock_s() - self.came_s[topic]
+
+    def _note(self, history, message, value):
+        instant_s = stamp_s(message.header.stamp)
+        if history and instant_s < history[-1][0]:
+            # The clock was set back: what lies ahead of it is another drive's.
+            history.clear()
+        history.append((instant_s, value))
+
+
+def stamp_s(stamp):
+    """Return a builtin_interfaces/Time in seconds."""
+    return stamp.sec + 1e-9 * stamp.nanosec
+
+
+def subscribe(node, heard):
+    """Subscribe a node to all topics."""
+    for topic, (kind, qos, _) in TOPICS.items():
+        node.create_subscription(
+            kind, topic, lambda message, topic=topic: heard.hear(topic, message), qos)

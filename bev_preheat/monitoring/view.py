@@ -1,0 +1,144 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What has been heard of a planner, as a page for a terminal."""
+
+import math
+
+from diagnostic_msgs.msg import DiagnosticStatus
+from rich.console import Group
+from rich.markup import escape
+from rich.panel import Panel
+from rich.table import Table
+from rich.text import Text
+
+from bev_preheat.monitoring.chart import chart
+from bev_preheat.monitoring.heard import stamp_s, TOPICS
+from bev_preheat.planning.explanation import duration_text
+from bev_preheat.planning.status import Status
+
+LEVELS = {DiagnosticStatus.OK: ('OK', 'green'), DiagnosticStatus.WARN: ('WARN', 'yellow'),
+          DiagnosticStatus.ERROR: ('ERROR', 'bold red'), DiagnosticStatus.STALE: ('STALE', 'red')}
+UNKNOWN = '-'
+# Beyond this an instant is none that anybody means [s].
+LONGEST_S = 1e7
+
+
+def page(heard, width=100):
+    """Return the page for what a Heard holds, to be `width` columns wide."""
+    plan, command = heard.latest.get('preheat_plan'), heard.latest.get('hvch_command')
+    parts = [_figures(heard, plan, command)]
+    if plan is not None:
+        parts.append(Text.from_markup(f'[bold]{_status_name(plan.status)}[/bold]: '
+                                      f'{escape(plan.explanation) or UNKNOWN}'))
+    parts.append(chart(heard, width))
+    parts += [_diagnostics(heard), _ages(heard)]
+    return Panel(Group(*parts), title='planner', width=width)
+
+
+def line(heard):
+    """Return the same in one line of text, for an output that is no terminal."""
+    plan, command = heard.latest.get('preheat_plan'), heard.latest.get('hvch_command')
+    battery = heard.latest.get('battery_state')
+    return '  '.join((
+        f'battery {_number(battery and battery.temperature, "degC")}',
+        f'arrival {_prediction(heard, plan)}',
+        f'heater {_number(command and command.battery_heating_power, "W", 0)}',
+        f'{_status_name(plan.status)}: {plan.explanation}' if plan else 'no plan yet'))
+
+
+def waiting(heard, publishers, domain_id):
+    """Return what is waited for: `publishers` tells how many publish each topic."""
+    lines = [f'Waiting for a planner in ROS domain {domain_id}.']
+    for topic in heard.silent_topics:
+        count = publishers(topic)
+        lines.append(f'  {topic}: ' + ('nobody publishes it' if count == 0 else
+                                       f'{count} publisher{"s" * (count > 1)}, no message yet'))
+    return '\n'.join(lines)
+
+
+def _figures(heard, plan, command):
+    battery, route = heard.latest.get('battery_state'), heard.latest.get('route_plan')
+    grid = Table.grid(padding=(0, 2))
+    for style in ('bold', None, 'bold', None):
+        grid.add_column(style=style)
+    now_s = stamp_s(battery.header.stamp) if battery else math.nan
+    grid.add_row('Battery', _number(battery and battery.temperature, 'degC'),
+                 'State of charge', _percent(battery and battery.percentage))
+    grid.add_row('Target', _number(plan and plan.target_battery_temperature, 'degC'),
+                 'On arrival', _percent(plan and plan.predicted_arrival_soc))
+    reserve = route.minimum_arrival_soc if route else math.nan
+    spare = (plan.predicted_arrival_soc if plan else math.nan) - reserve
+    grid.add_row('Predicted', _prediction(heard, plan),
+                 'Reserve', f'{_percent(reserve)}, spare {_percent(spare)}')
+    grid.add_row('Heater', _command(heard, command),
+                 'Heating', _heating(plan, command, now_s))
+    grid.add_row('Reason', _status_name(command.reason) if command else UNKNOWN,
+                 'Arrival', _until(plan.arrival if plan else None, now_s))
+    return grid
+
+
+def _command(heard, command):
+    if command is None:
+        return UNKNOWN
+    lease_s = stamp_s(command.valid_until) - stamp_s(command.header.stamp)
+    text = _number(command.battery_heating_power, 'W', 0)
+    return f'{text}, lease {lease_s:.1f} s' if abs(lease_s) < LONGEST_S else text
+
+
+def _heating(plan, command, now_s):
+    if plan is None or not plan.heating_planned:
+        return 'none planned' if plan is not None else UNKNOWN
+    if command is not None and command.battery_heating_power > 0.0:
+        return f'on; ends {_until(plan.heating_end, now_s)}'
+    return f'starts {_until(plan.heating_start, now_s)}'
+
+
+def _until(instant, now_s):
+    if instant is None or (instant.sec, instant.nanosec) == (0, 0):
+        return UNKNOWN
+    left_s = stamp_s(instant) - now_s
+    if not abs(left_s) < LONGEST_S:
+        return UNKNOWN
+    return f'in {duration_text(left_s)}' if left_s >= 0.0 else f'{duration_text(-left_s)} ago'
+
+
+def _prediction(heard, plan):
+    text = _number(plan and plan.predicted_arrival_temperature, 'degC')
+    message = heard.latest.get('predicted_arrival_temperature')
+    if message is not None and math.isfinite(message.variance) and message.variance > 0.0:
+        text += f' +- {math.sqrt(message.variance):.1f}'
+    return text
+
+
+def _number(value, unit, digits=1):
+    return UNKNOWN if value is None or not math.isfinite(value) else f'{value:.{digits}f} {unit}'
+
+
+def _percent(value):
+    return _number(None if value is None else 100.0 * value, '%')
+
+
+def _status_name(number):
+    try:
+        return Status(number).name
+    except ValueError:
+        return f'status {number}'
+
+
+def _diagnostics(heard):
+    table = Table.grid(padding=(0, 2))
+    for name, status in sorted(heard.entries.items()):
+        text, style = LEVELS.get(status.level, (repr(status.level), 'red'))
+        table.add_row(Text(name), Text(text, style=style), Text(status.message[:300]))
+    return table
+
+
+def _ages(heard):
+    text = Text('Heard: ')
+    for topic, (_, _, limit_s) in TOPICS.items():
+        if topic not in heard.latest:
+            text.append(f'{topic} never  ', style='bold red')
+            continue
+        age_s = heard.age_s(topic)
+        late = limit_s is not None and age_s > limit_s
+        text.append(f'{topic} {age_s:.1f} s  ', style='red' if late else 'dim')
+    return text

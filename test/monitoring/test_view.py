@@ -1,0 +1,151 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The monitor's page: what stands in it, and that no message ends it."""
+
+from array import array
+from math import inf, nan
+
+from bev_preheat_msgs.msg import HvchCommand, PreheatPlan, RoutePlan
+from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from hypothesis import given, strategies as st
+import pytest
+from rich.console import Console
+from sensor_msgs.msg import BatteryState, Temperature
+
+from bev_preheat.monitoring.heard import Heard
+from bev_preheat.monitoring.view import line, page, waiting
+
+
+class Clock:
+    """Real time, moved by hand."""
+
+    def __init__(self):
+        self.now_s = 100.0
+
+    def __call__(self):
+        return self.now_s
+
+
+def stamped(message, sec):
+    message.header.stamp = Time(sec=sec)
+    return message
+
+
+def plan_message(**fields):
+    return stamped(PreheatPlan(**{
+        'status': PreheatPlan.WAITING, 'explanation': 'Heating starts in 2:00 min.',
+        'heating_planned': True, 'heating_start': Time(sec=1120), 'heating_end': Time(sec=1500),
+        'arrival': Time(sec=1600), 'predicted_arrival_temperature': 24.5,
+        'predicted_arrival_soc': 0.43, 'target_battery_temperature': 25.0,
+        'time': array('d', [0.0, 300.0, 600.0]),
+        'battery_temperature': array('d', [-3.0, 10.0, 24.5]), 'soc': array('d', [0.8, 0.6, 0.43]),
+        'hvch_power': array('d', [0.0, 5000.0]), **fields}), 1000)
+
+
+def command_message(power_w, **fields):
+    message = stamped(HvchCommand(battery_heating_power=power_w, **fields), 1000)
+    message.valid_until = Time(sec=1002, nanosec=500_000_000)
+    return message
+
+
+@pytest.fixture
+def heard():
+    """Return what a planner says two minutes before it heats."""
+    heard = Heard(clock_s=Clock())
+    heard.hear('battery_state', stamped(BatteryState(temperature=-3.25, percentage=0.8), 1000))
+    heard.hear('route_plan', RoutePlan(minimum_arrival_soc=0.25))
+    heard.hear('hvch_command', command_message(0.0, reason=HvchCommand.WAITING))
+    heard.hear('preheat_plan', plan_message())
+    heard.hear('predicted_arrival_temperature', Temperature(temperature=24.5, variance=0.49))
+    heard.hear('/diagnostics', DiagnosticArray(status=[
+        DiagnosticStatus(name='planner: heater', level=DiagnosticStatus.ERROR, message='dead: x'),
+        DiagnosticStatus(name='vehicle_simulator: trip', message='driving')]))
+    return heard
+
+
+def text(heard, width=100):
+    console = Console(width=width, record=True, file=open('/dev/null', 'w'))
+    console.print(page(heard, width))
+    return console.export_text()
+
+
+@pytest.mark.parametrize('words', [
+    'Battery    -3.2 degC', 'Target     25.0 degC', 'Predicted  24.5 degC +- 0.7',
+    'State of charge  80.0 %', 'On arrival       43.0 %', '25.0 %, spare 18.0 %',
+    '0 W, lease 2.5 s', 'starts in 2:00 min', 'in 10:00 min', 'WAITING',
+    'Heating starts in 2:00 min.', 'planner: heater  ERROR  dead: x'])
+def test_a_waiting_planner(heard, words):
+    assert words in text(heard)
+
+
+def test_a_heating_planner_says_when_it_ends(heard):
+    heard.hear('hvch_command', command_message(5022.0, reason=HvchCommand.HEATING))
+    page_text = text(heard)
+    assert '5022 W, lease 2.5 s' in page_text and 'on; ends in 8:20 min' in page_text
+
+
+def test_others_diagnostics_are_not_the_planners(heard):
+    assert 'driving' not in text(heard)
+
+
+def test_ages_are_those_of_arrival(heard):
+    heard._clock_s.now_s += 7.5
+    assert 'hvch_command 7.5 s' in text(heard)
+
+
+def test_what_was_never_heard_is_said():
+    page_text = text(Heard())
+    assert 'battery_state never' in page_text and '/diagnostics never' in page_text
+
+
+def test_unknown_figures_are_no_numbers(heard):
+    heard.hear('preheat_plan', plan_message(
+        predicted_arrival_temperature=nan, predicted_arrival_soc=nan,
+        target_battery_temperature=nan, time=array('d'), battery_temperature=array('d'),
+        arrival=Time(), heating_planned=False))
+    page_text = text(heard)
+    assert 'nan' not in page_text and 'none planned' in page_text
+
+
+def test_one_line_says_the_same(heard):
+    assert line(heard) == ('battery -3.2 degC  arrival 24.5 degC +- 0.7  heater 0 W  WAITING: '
+                           'Heating starts in 2:00 min.')
+
+
+def test_what_is_missing_is_named():
+    sentence = waiting(Heard(), {'battery_state': 2}.get if False else (
+        lambda topic: 2 if topic == 'battery_state' else 0), '42')
+    assert 'ROS domain 42' in sentence
+    assert 'battery_state: 2 publishers, no message yet' in sentence
+    assert 'hvch_command: nobody publishes it' in sentence
+
+
+ANY = st.floats(allow_nan=True, allow_infinity=True)
+TIMES = st.builds(Time, sec=st.integers(-2**31, 2**31 - 1), nanosec=st.integers(0, 2**32 - 1))
+
+
+@given(values=st.lists(ANY, min_size=3, max_size=3), times=st.lists(TIMES, min_size=3, max_size=3),
+       numbers=st.lists(st.integers(0, 255), min_size=3, max_size=3),
+       columns=st.lists(st.lists(ANY, max_size=5), min_size=3, max_size=3),
+       words=st.text(max_size=40))
+def test_no_message_ends_it(values, times, numbers, columns, words):
+    heard = Heard()
+    float32 = [value if abs(value) < 3e38 else inf for value in values]
+    battery = BatteryState(temperature=float32[0], percentage=float32[1])
+    battery.header.stamp = times[0]
+    heard.hear('battery_state', battery)
+    heard.hear('route_plan', RoutePlan(minimum_arrival_soc=values[0]))
+    command = HvchCommand(battery_heating_power=values[1], reason=numbers[0])
+    command.header.stamp, command.valid_until = times[1], times[2]
+    heard.hear('hvch_command', command)
+    time, temperature, power = (array('d', column) for column in columns)
+    heard.hear('preheat_plan', PreheatPlan(
+        status=numbers[1], explanation=words, heating_planned=True, heating_start=times[0],
+        heating_end=times[1], arrival=times[2], predicted_arrival_temperature=values[2],
+        target_battery_temperature=values[0], time=time, battery_temperature=temperature,
+        hvch_power=power))
+    heard.hear('predicted_arrival_temperature', Temperature(variance=values[1]))
+    heard.hear('/diagnostics', DiagnosticArray(status=[DiagnosticStatus(
+        name=f'planner: {words}', message=words, level=bytes([numbers[2]]))]))
+    assert text(heard, 80)
+    assert line(heard)
