@@ -10,6 +10,8 @@ from bev_preheat.monitoring.heard import stamp_s
 HEIGHT, HEATER_HEIGHT = 12, 5
 MARGIN = 6
 MOST_POINTS = 400
+# Less is no course yet, more is no drive [min].
+LEAST_SPAN_MIN, MOST_SPAN_MIN = 0.01, 1e5
 
 
 def chart(heard, width):
@@ -27,6 +29,8 @@ def chart(heard, width):
     # Both panels show the same time.
     instants_s = [at_s for at_s, _ in measured + planned]
     span = tuple((edge_s - now_s) / 60.0 for edge_s in (min(instants_s), max(instants_s)))
+    if not LEAST_SPAN_MIN < span[1] - span[0] < MOST_SPAN_MIN:
+        return Text('')
     figure = _figure(plotext, width, HEIGHT, span)
     for points, label in ((measured, 'measured'), (planned, 'planned')):
         if points:
