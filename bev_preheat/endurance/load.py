@@ -19,10 +19,12 @@ from bev_preheat.nodes.convert import nanoseconds, time_message
 
 NS_PER_S = 1_000_000_000
 CABIN_W = 1700.0
-# Shares of the messages that are garbage, and how often the rest happens [s].
+# Shares of the messages that are garbage; how often the rest happens [s]; one route in so many needs
+# heat.
 BAD_STATES = 0.003
 BAD_ROUTES = 0.3
 ROUTE_PERIOD_S = 4.0
+HEATING_ROUTES = 4
 SERVICE_PERIOD_S = 7.0
 # The battery: what the commands do to it, quickly, so that plans come and go [K/s per W].
 HEATING_K_PER_J = 4e-6
@@ -118,14 +120,16 @@ class Load:
         self.states_sent += 1
 
     def _send_route(self):
-        count = self._random.choice((20, 60, 120, 300))
+        # Now and then one that the battery is too cold for, so that there is always heat.
+        heats = self.routes_sent % HEATING_ROUTES == 0
+        count = 20 if heats else self._random.choice((20, 60, 120, 300))
         message = RoutePlan(
             route_id=f'{self.routes_sent}', segment_duration=array('d', [30.0] * count),
             speed=array('d', [22.0]),
             propulsion_power=array('d', [self._random.uniform(-5e3, 30e3) for _ in range(count)]),
             ambient_temperature=array('d', [AMBIENT_C]), cabin_heating_power=array('d', [CABIN_W]),
-            charging_planned=self._random.random() < 0.9,
-            target_battery_temperature=self._random.choice((0.0, 10.0, 25.0)))
+            charging_planned=heats or self._random.random() < 0.9,
+            target_battery_temperature=25.0 if heats else self._random.choice((0.0, 10.0, 25.0)))
         if self._random.random() < 0.3 and count > 20:
             middle = count // 2
             message.stop_after_segment = array('I', [middle])
@@ -135,7 +139,7 @@ class Load:
                     ('departure_soc', 0.8)):
                 setattr(message, field, array('d', [value]))
         message.header.stamp = self._stamp(self._random.uniform(0.0, 30.0))
-        if self._random.random() < BAD_ROUTES:
+        if not heats and self._random.random() < BAD_ROUTES:
             self.garbage_sent += 1
             field, value = self._random.choice((
                 ('speed', [-3.0]), ('propulsion_power', [math.nan] * count), ('speed', []),

@@ -32,6 +32,11 @@ LEAST_SOC_DEVIATION = 0.01
 # Standard deviation of a single reading's noise, where nothing else is known of it.
 READING_NOISE_K = 0.3
 READING_NOISE_SOC = 0.005
+# What cabin and auxiliaries take at most [W]; a battery power beyond that of a drivetrain at its
+# limit, the heater and these is none.
+MOST_OTHER_POWER_W = 20e3
+# A belief less sure than this has been upset [K].
+MOST_DEVIATION_K = 50.0
 # One switching of the heater tells no more than this (nats), or a single odd step would decide.
 EVIDENCE_OF_A_SWITCHING = 5.0
 
@@ -102,6 +107,8 @@ class Estimator:
     def __init__(self, vehicle, factors=None, factor_covariance=None):
         """Begin with the vehicle file, or with what was learned before: see Belief."""
         self._vehicle = vehicle
+        self._most_power_w = (vehicle.drivetrain.maximum_power_w + vehicle.hvch.maximum_power_w
+                              + MOST_OTHER_POWER_W)
         self._learned = (factors, factor_covariance)
         self.estimate = None
         self._resets, self._reason, self._reset_at_ns = 0, '', None
@@ -169,11 +176,17 @@ class Estimator:
         self._belief.place(
             state.temperature_c, self._temperature_steps.step**2 / 12.0 + READING_NOISE_K**2,
             state.soc, self._soc_steps.step**2 / 12.0 + READING_NOISE_SOC**2)
-        self._powers_w = [] if measurement.power_w is None else [measurement.power_w]
+        power_w = self._plausible_power_w(measurement)
+        self._powers_w = [] if power_w is None else [power_w]
         self._conclude(measurement)
 
-    def _see_power(self, measurement, commands):
+    def _plausible_power_w(self, measurement):
+        """Return the battery's power [W]; None where it is not known, or no car's."""
         power_w = measurement.power_w
+        return None if power_w is None or abs(power_w) > self._most_power_w else power_w
+
+    def _see_power(self, measurement, commands):
+        power_w = self._plausible_power_w(measurement)
         if power_w is None:
             self._powers_w = []
             return
@@ -234,8 +247,8 @@ class Estimator:
     def _conclude(self, measurement):
         stamp_ns = self._stamp_ns = measurement.stamp_ns
         mean, covariance = self._belief.expected()
-        if not (np.isfinite(mean).all() and np.isfinite(covariance).all()):
-            self.restart('the estimate left the range of numbers', stamp_ns)
+        if not _is_sound(mean, covariance):
+            self.restart('the estimate left the range in which it means anything', stamp_ns)
             self._place(measurement)
             return
         report = judge(self._belief.weights.sum(axis=1),
@@ -243,3 +256,10 @@ class Estimator:
         self.estimate = Estimate(
             stamp_ns, mean, covariance, report, self._temperature_steps.step, self._resets,
             self._reason, self._reset_at_ns)
+
+
+def _is_sound(mean, covariance):
+    """Whether mean and covariance are numbers that a belief can have."""
+    variances = np.diag(covariance)
+    return bool(np.isfinite(mean).all() and np.isfinite(covariance).all()
+                and (variances >= 0.0).all() and variances[TEMPERATURE] <= MOST_DEVIATION_K**2)

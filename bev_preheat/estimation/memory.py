@@ -38,7 +38,9 @@ class Learned:
 
 def learned_from(estimate):
     """Return what an Estimate has Learned of the car."""
-    factors = estimate.mean[FACTORS].copy()
+    bounds = np.array([FACTOR_BOUNDS[index] for index in range(FACTORS.start, FACTORS.stop)])
+    # A mean over filters that are at a bound may lie beyond it by rounding.
+    factors = np.clip(estimate.mean[FACTORS], -bounds, bounds)
     covariance = estimate.covariance[FACTORS, FACTORS].copy()
     prior = prior_factor_covariance()
     route = PROPULSION - FACTORS.start

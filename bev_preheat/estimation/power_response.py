@@ -4,7 +4,7 @@ Whether the battery's power answers when the heater is switched.
 
 A single look at the power says little, as traffic moves it too. So the step at each switching is held
 against the steps that the same windows see while nothing is switched: how far those scatter is how
-far this one may be wrong. Heaters ramp up, so the second window lies a while after the first.
+far this one may be wrong. Heaters ramp up, so the second window begins a while after the switching.
 """
 
 from collections import deque
@@ -14,6 +14,8 @@ import math
 # Windows before and after a switching [s], and how far apart their ends are.
 WINDOW_S = 10.0
 APART_S = 30.0
+# A heater may take so long to come to the power that is commanded, and is not looked at meanwhile.
+RAMP_S = 10.0
 # Samples that each window must have, and quiet steps that must have been seen.
 LEAST_SAMPLES = 2
 LEAST_STEPS = 8
@@ -61,7 +63,8 @@ class PowerResponse:
         after = [sample for sample in samples if sample[0] > instant_s - WINDOW_S]
         if min(len(before), len(after)) < LEAST_SAMPLES:
             return None
-        commands_w = [{sample[2] for sample in window} for window in (before, after)]
+        settled = [sample for sample in samples if sample[0] > instant_s - WINDOW_S - RAMP_S]
+        commands_w = [{sample[2] for sample in window} for window in (before, settled)]
         if any(max(window) - min(window) > FLOOR_W for window in commands_w):
             return None
         step_w = _mean(before, after, 1)

@@ -15,13 +15,14 @@ class Plan:
     """
     When to heat, and what comes of it; times in seconds after the start of the plan.
 
-    `heating_start_s` is None where the plan does not heat, `heating_end_s` where heating ends with a
-    step, as on arrival. `shortfall_k` says by how much the
-    target is missed, `soc_shortfall` by how much the state of charge to be kept,
-    `undeliverable_power_w` how much power the battery lacks in the worst step (at
-    `undeliverable_at_s`). `stretches` (planning.stretches.HeatingStretch) say why it heats. Shapes: `time_s`, `battery_temperature_c` and `soc` (N + 1,),
-    `hvch_battery_power_w` (N,), the mean electrical power in each step, `friction_brake_power_w`
-    (N,), what the friction brake takes because the battery may not.
+    `heating_start_s` is None where the plan does not heat, `heating_end_s` where heating ends with
+    a step, as on arrival. `shortfall_k` says by how much the target is missed, `soc_shortfall` by
+    how much the state of charge to be kept, `undeliverable_power_w` how much power the battery
+    lacks in the worst step (at `undeliverable_at_s`). `stretches`
+    (planning.stretches.HeatingStretch) say why it heats. Shapes: `time_s`,
+    `battery_temperature_c` and `soc` (N + 1,), `hvch_battery_power_w` (N,), the mean electrical
+    power in each step, `friction_brake_power_w` (N,), what the friction brake takes because the
+    battery may not.
     """
 
     status: Status

@@ -1,0 +1,99 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A car that is driven here, second by second, and what its sensors tell."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from bev_preheat.arithmetic import FLOATS
+from bev_preheat.control.inputs import Measurement, NS_PER_S
+from bev_preheat.estimation.state import Drive
+from bev_preheat.model import make_rates
+from bev_preheat.planning.situation import BatteryState
+from bev_preheat.vehicle import load_vehicle
+from bev_preheat.vehicle.corrections import corrected_vehicle, Corrections
+
+VEHICLE = load_vehicle('reference')
+CABIN_W, AUXILIARY_W, AMBIENT_C, SPEED_MPS = 1400.0, 500.0, -10.0, 24.0
+LIMIT_W = VEHICLE.hvch.maximum_power_w - CABIN_W
+PROPULSION_W = 16e3
+START_NS = 1000 * NS_PER_S
+
+
+class Course:
+    """What the route says: the same for all time; it may end."""
+
+    def __init__(self, known=True):
+        self.known = known
+
+    def between(self, from_ns, to_ns):
+        if not self.known:
+            return None, 0.0
+        return Drive(SPEED_MPS, AMBIENT_C, PROPULSION_W, 0.0, CABIN_W, AUXILIARY_W, 0.0), LIMIT_W
+
+
+class Commands:
+    """Full power from an instant to another [s], every so long."""
+
+    def __init__(self, on_s=(), period_ns=NS_PER_S):
+        self.on_s = on_s
+
+    def at_w(self, second):
+        return LIMIT_W if any(start <= second < end for start, end in self.on_s) else 0.0
+
+    def mean_w(self, from_ns, to_ns):
+        from_s, to_s = ((at_ns - START_NS) / NS_PER_S for at_ns in (from_ns, to_ns))
+        if to_s <= from_s:
+            return self.at_w(to_s)
+        on_s = sum(max(0.0, min(end, to_s) - max(start, from_s)) for start, end in self.on_s)
+        return LIMIT_W * on_s / (to_s - from_s)
+
+
+@dataclass
+class DrivenCar:
+    """
+    The truth. `heater` maps (second, commanded power) to the power that the heater takes [W].
+
+    Traffic moves the power by `traffic_w` (standard deviation, half a minute long).
+    """
+
+    corrections: Corrections = Corrections()
+    temperature_c: float = -6.0
+    soc: float = 0.8
+    traffic_w: float = 2000.0
+    commands: Commands = field(default_factory=Commands)
+    heater: object = staticmethod(lambda second, commanded_w: commanded_w)
+    noise_k: float = 0.2
+    step_k: float = 1.0
+    seed: int = 0
+    with_power: bool = True
+    second: int = 0
+
+    def __post_init__(self):
+        self._rates = make_rates(corrected_vehicle(VEHICLE, self.corrections), FLOATS)
+        self._drawn = np.random.default_rng(self.seed)
+        self._extra_w = 0.0
+        self._car = corrected_vehicle(VEHICLE, self.corrections)
+
+    def drive(self, seconds=1):
+        """Go on for some seconds, and return the Measurement at their end."""
+        for _ in range(seconds):
+            self._extra_w += -self._extra_w / 30.0 + self.traffic_w * np.sqrt(
+                2 / 30.0) * self._drawn.standard_normal()
+            heater_w = self.heater(self.second, self.commands.at_w(self.second))
+            propulsion_w = PROPULSION_W + self._extra_w
+            terminal_w = propulsion_w + CABIN_W + AUXILIARY_W + heater_w
+            gamma = self._car.battery.leakage.coefficient_w_per_k(SPEED_MPS)
+            heat_w = (self._car.hvch.efficiency * heater_w + gamma * AMBIENT_C
+                      + self._car.drivetrain.heat_to_battery_w(propulsion_w))
+            soc_rate, temperature_rate, _ = self._rates(
+                self.soc, self.temperature_c, terminal_w, 0.0, heat_w, gamma)
+            self.soc += soc_rate
+            self.temperature_c += temperature_rate
+            self.second += 1
+        seen_c = self.temperature_c + self.noise_k * self._drawn.standard_normal()
+        if self.step_k:
+            seen_c = round(seen_c / self.step_k) * self.step_k
+        return Measurement(
+            BatteryState(float(seen_c), round(self.soc, 3)), START_NS + self.second * NS_PER_S,
+            *((terminal_w / 400.0, 400.0) if self.with_power else ()))

@@ -1,0 +1,165 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The filters: a scalar Kalman filter written here, conservation, bounds, and numbers for ever."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from driven_car import AMBIENT_C, Course, LIMIT_W, VEHICLE
+from bev_preheat.estimation.belief import (
+    Belief, FACTOR_BOUNDS, prior_factor_covariance, SHAPE, WANDER_IN_AN_HOUR)
+from bev_preheat.estimation.hypotheses import NOISES_K, SHARES
+from bev_preheat.estimation.state import FACTORS, HEATER, PROPULSION, SIZE, TEMPERATURE
+
+ROUTE_DRIVE, _ = Course().between(0, 0)
+# No Joule heat, no drivetrain heat: only leakage moves the temperature.
+STILL = replace(ROUTE_DRIVE, speed_mps=0.0, propulsion_power_w=0.0, cabin_heating_power_w=0.0,
+                auxiliary_power_w=0.0, terminal_power_w=0.0)
+
+
+def placed(**factors):
+    belief = Belief(VEHICLE, **factors)
+    belief.place(-5.0, 0.4, 0.8, 1e-4)
+    return belief
+
+
+def eigenvalues(belief):
+    return np.linalg.eigvalsh(belief.covariance)
+
+
+def test_temperature_is_that_of_a_scalar_kalman_filter():
+    # The factors are known, so temperature stands alone; a continuous sensor, one kind of noise.
+    belief = placed(factors=np.zeros(5), factor_covariance=np.zeros((5, 5)))
+    gamma = VEHICLE.battery.leakage.coefficient_w_per_k(0.0)
+    decay = gamma / VEHICLE.battery.heat_capacity_j_per_k
+    noise = NOISES_K.index(0.2)
+    mean, variance = -5.0, 0.4
+    for reading_c in (-4.2, -5.6, -5.1, -4.9, -6.0):
+        mean += 10.0 * decay * (AMBIENT_C - mean)
+        variance = (1.0 - 10.0 * decay)**2 * variance + (
+            WANDER_IN_AN_HOUR[TEMPERATURE]**2 * 10.0 / 3600.0)
+        gain = variance / (variance + 0.2**2)
+        mean, variance = mean + gain * (reading_c - mean), (1.0 - gain) * variance
+        belief.predict(10.0, STILL, 0.0, LIMIT_W)
+        belief.see_temperature(reading_c, 0.0)
+    answers = belief.mean[0, noise, TEMPERATURE], belief.covariance[0, noise, 0, 0]
+    # The other heaters' filters hardly mix in: they fail once in hundreds of hours.
+    assert answers == pytest.approx((mean, variance), rel=1e-4)
+
+
+def test_weights_follow_the_likelihoods():
+    belief = placed()
+    before = belief.weights.copy()
+    variance = belief.covariance[..., 0, 0] + np.square(NOISES_K)
+    belief.see_temperature(-4.0, 0.0)
+    expected = before * np.exp(-0.5 * 1.0 / variance) / np.sqrt(variance)
+    assert belief.weights == pytest.approx(expected / expected.sum(), rel=1e-3)
+
+
+def test_mixing_keeps_mean_and_spread_of_all():
+    belief, drawn = placed(), np.random.default_rng(4)
+    belief.mean += drawn.normal(size=belief.mean.shape) * [1.0, 0.01, *[0.02] * 5]
+    belief.weights = drawn.dirichlet(np.ones(belief.weights.size)).reshape(SHAPE)
+    mean, covariance = belief.expected()
+    belief._mix(600.0)
+    mixed_mean, mixed_covariance = belief.expected()
+    assert belief.weights.sum() == pytest.approx(1.0)
+    assert mixed_mean == pytest.approx(mean, rel=1e-9)
+    assert mixed_covariance == pytest.approx(covariance, rel=1e-6, abs=1e-12)
+
+
+def test_each_hypothesis_sees_its_own_heater():
+    belief = placed()
+    cold = belief.mean[..., TEMPERATURE].copy()
+    belief.predict(10.0, replace(ROUTE_DRIVE, terminal_power_w=20e3), LIMIT_W, LIMIT_W)
+    gained_k = (belief.mean - cold[..., np.newaxis])[:, 0, TEMPERATURE]
+    by_share = dict(zip(SHARES[:-1], gained_k))
+    full_k = by_share[1.0] - by_share[0.0]
+    # What the heater takes, the drive does not: its heat is missing.
+    heat_share = VEHICLE.hvch.efficiency - VEHICLE.drivetrain.heat_share
+    assert full_k == pytest.approx(
+        10.0 * heat_share * LIMIT_W / VEHICLE.battery.heat_capacity_j_per_k, rel=1e-6)
+    for share, own_k in by_share.items():
+        assert own_k - by_share[0.0] == pytest.approx(share * full_k, rel=1e-6)
+
+
+def test_without_a_route_only_the_uncertainty_grows():
+    belief = placed()
+    mean, variance = belief.mean.copy(), belief.covariance[..., 0, 0].copy()
+    belief.predict(60.0, None, 0.0, 0.0)
+    assert belief.mean == pytest.approx(mean)
+    assert (belief.covariance[..., 0, 0] > variance + 1.0).all()
+
+
+def test_place_forgets_what_the_state_was_correlated_with():
+    belief = placed()
+    belief.predict(10.0, ROUTE_DRIVE, LIMIT_W, LIMIT_W)
+    belief.see_temperature(-4.0, 1.0)
+    learned = belief.mean[..., FACTORS].copy()
+    belief.place(10.0, 0.3, 0.5, 1e-5)
+    assert belief.mean[..., FACTORS] == pytest.approx(learned)
+    assert (belief.covariance[..., TEMPERATURE, FACTORS] == 0.0).all()
+    assert (belief.covariance[..., TEMPERATURE, TEMPERATURE] == 0.3).all()
+
+
+@pytest.mark.parametrize('share', [0.0, 0.5, 1.0])
+def test_a_seen_share_makes_the_nearest_heater_likelier(share):
+    belief = placed()
+    before = belief.weights.sum(axis=1)
+    belief.see_share(share, 0.1, 5.0)
+    gained = belief.weights.sum(axis=1) / before
+    expected = np.abs(np.array([*SHARES[:-1], 0.0]) - share)
+    assert gained[expected.argmin()] == pytest.approx(gained.max())
+    # No single sight decides: at most so many nats between the likeliest and the rest.
+    assert np.log(gained.max() / gained.min()) <= 5.0 + 1e-9
+
+
+def test_propulsion_power_moves_its_factor_and_nothing_more_than_it_may():
+    belief = placed()
+    for _ in range(200):
+        belief.see_propulsion_power(17.6e3, 16e3, 10.0)
+    assert belief.mean[0, 0, PROPULSION] == pytest.approx(np.log(1.1), abs=0.03)
+    assert belief.mean[0, 0, HEATER] == 0.0
+    for _ in range(2000):
+        belief.see_propulsion_power(1e9, 16e3, 10.0)
+        # A truth that wanders keeps the filter open.
+        belief.covariance[..., PROPULSION, PROPULSION] += 1e-3
+    assert belief.mean[..., PROPULSION].max() == FACTOR_BOUNDS[PROPULSION]
+
+
+@pytest.mark.parametrize('seed', range(6))
+def test_any_stream_leaves_numbers_probabilities_and_covariances(seed):
+    drawn, belief = np.random.default_rng(seed), placed()
+    for _ in range(400):
+        kind = drawn.integers(5)
+        if kind == 0:
+            belief.predict(drawn.choice([0.1, 1.0, 10.0]), None, 0.0, 0.0)
+        elif kind == 1:
+            belief.predict(drawn.choice([0.1, 1.0, 10.0]), replace(
+                ROUTE_DRIVE, propulsion_power_w=drawn.uniform(-50e3, 150e3),
+                terminal_power_w=drawn.choice([None, 0.0, -60e3, 120e3])),
+                drawn.choice([0.0, LIMIT_W]), drawn.choice([0.0, LIMIT_W]))
+        elif kind == 2:
+            belief.see_temperature(drawn.uniform(-40.0, 60.0), drawn.choice([0.0, 0.1, 1.0]))
+        elif kind == 3:
+            belief.see_soc(drawn.uniform(), drawn.choice([0.0, 0.01]))
+        else:
+            belief.see_propulsion_power(drawn.uniform(-2e5, 2e5), drawn.uniform(-5e4, 5e4), 1.0)
+            belief.see_share(drawn.uniform(-3.0, 3.0), drawn.uniform(0.01, 2.0), 5.0)
+        assert np.isfinite(belief.mean).all() and np.isfinite(belief.covariance).all()
+        assert belief.weights.sum() == pytest.approx(1.0)
+        assert (belief.weights > 0.0).all()
+    for index, bound in FACTOR_BOUNDS.items():
+        # Mixing may round.
+        assert np.abs(belief.mean[..., index]).max() <= bound * (1.0 + 1e-12)
+    assert belief.covariance == pytest.approx(np.swapaxes(belief.covariance, -1, -2), abs=1e-9)
+    largest = eigenvalues(belief).max()
+    assert eigenvalues(belief).min() > -1e-9 * max(largest, 1.0)
+
+
+def test_the_prior_is_that_of_the_spreads_that_are_allowed_for():
+    # An even spread of +-w has a standard deviation of w / sqrt(3).
+    assert np.sqrt(np.diag(prior_factor_covariance()))[:4] == pytest.approx(
+        np.array([0.1, 0.2, 0.2, 0.05]) / np.sqrt(3.0), rel=0.01)
+    assert SIZE == 7

@@ -1,0 +1,278 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The estimator on cars that are driven in `driven_car`: right, honest about it, and hard to upset."""
+
+from dataclasses import replace
+from math import log
+
+import numpy as np
+import pytest
+
+from driven_car import Commands, Course, DrivenCar, LIMIT_W, START_NS, VEHICLE
+from bev_preheat.control.inputs import NS_PER_S
+from bev_preheat.estimation.estimator import Estimator
+from bev_preheat.estimation.hypotheses import Heater
+from bev_preheat.estimation.state import HEAT_CAPACITY, HEATER, TEMPERATURE
+from bev_preheat.planning.situation import BatteryState
+from bev_preheat.vehicle.corrections import Corrections
+
+SECONDS = 1500
+HEATED = Commands(((400, 1400),))
+
+
+def followed(car, seconds=SECONDS, each_s=1, course=Course(), watch=None):
+    """Drive, and return the Estimator that has seen it; `watch(car, estimate)` after each state."""
+    estimator = Estimator(VEHICLE)
+    for _ in range(seconds // each_s):
+        estimator.observe(car.drive(each_s), course, car.commands)
+        if watch is not None:
+            watch(car, estimator.estimate)
+    return estimator
+
+
+def drawn_corrections(seed):
+    drawn = np.random.default_rng(1000 + seed)
+    return Corrections(*(1.0 + spread * drawn.uniform(-1.0, 1.0)
+                         for spread in (0.1, 0.2, 0.2, 0.05)))
+
+
+def test_temperature_is_right_and_as_sure_as_it_is_said_to_be():
+    normalised = []
+
+    def watch(car, estimate):
+        if car.second % 100 == 0:
+            normalised.append((estimate.temperature_c - car.temperature_c)
+                              / estimate.temperature_deviation_k)
+
+    for seed in range(8):
+        car = DrivenCar(drawn_corrections(seed), commands=HEATED, seed=seed)
+        estimate = followed(car, watch=watch).estimate
+        assert estimate.temperature_c == pytest.approx(car.temperature_c, abs=0.35)
+        assert estimate.temperature_deviation_k < 0.25
+    # Eight drives, looked at every 100 s: spread 1 if the deviations are right.
+    assert 0.4 < np.std(normalised) < 1.4
+    assert np.mean(np.abs(normalised) < 3.0) > 0.97
+
+
+def test_the_estimate_is_better_than_the_sensor():
+    errors = {'estimate': [], 'sensor': []}
+    estimator, car = Estimator(VEHICLE), DrivenCar(commands=HEATED, seed=5)
+    for second in range(SECONDS):
+        measurement = car.drive()
+        estimator.observe(measurement, Course(), car.commands)
+        if second > 120:
+            errors['estimate'].append(estimator.estimate.temperature_c - car.temperature_c)
+            errors['sensor'].append(measurement.state.temperature_c - car.temperature_c)
+    rms_k = {name: np.sqrt(np.mean(np.square(own))) for name, own in errors.items()}
+    assert rms_k['estimate'] < 0.4 * rms_k['sensor']
+
+
+@pytest.mark.parametrize('capacity, efficiency', [(0.92, 1.0), (1.08, 1.0), (1.08, 0.96)])
+def test_how_fast_the_car_warms_up_is_learned(capacity, efficiency):
+    # Heat capacity and heater work against each other; their ratio is what heating shows.
+    ratios = []
+    for seed in range(2):
+        car = DrivenCar(Corrections(capacity, 1.0, 1.0, efficiency), commands=HEATED, seed=seed)
+        estimate = followed(car).estimate
+        ratios.append(estimate.mean[HEATER] - estimate.mean[HEAT_CAPACITY])
+    truth = log(efficiency / capacity)
+    # Better than half of what it was off at first, in one heating.
+    assert abs(np.mean(ratios) - truth) < 0.5 * abs(truth)
+
+
+def test_what_is_learned_makes_the_factors_surer():
+    estimate = followed(DrivenCar(commands=HEATED, seed=2)).estimate
+    fresh = Estimator(VEHICLE)
+    fresh.observe(DrivenCar().drive(), Course(), Commands())
+    assert estimate.factor_deviations[0] < 0.8 * fresh.estimate.factor_deviations[0]
+
+
+def test_a_route_that_takes_more_is_noticed():
+    car = DrivenCar(traffic_w=500.0, seed=1)
+    course = Course()
+    drive, limit_w = course.between(0, 0)
+    course.between = lambda *_: (replace(drive, propulsion_power_w=13e3), limit_w)
+    estimate = followed(car, 1200, course=course).estimate
+    assert estimate.propulsion_factor == pytest.approx(16.0 / 13.0, rel=0.08)
+
+
+FAULTS = {
+    Heater.DEAD: lambda second, commanded_w: 0.0 if second > 500 else commanded_w,
+    Heater.DERATED: lambda second, commanded_w: (0.4 if second > 500 else 1.0) * commanded_w,
+    Heater.STUCK_ON: lambda second, commanded_w: LIMIT_W if second > 500 else commanded_w,
+}
+
+
+@pytest.mark.parametrize('seed', [1])
+@pytest.mark.parametrize('with_power', [True, False], ids=['power seen', 'temperature only'])
+@pytest.mark.parametrize('fault', FAULTS)
+def test_a_heater_fault_is_told(fault, with_power, seed):
+    """The heater fails at 500 s, under command or not; temperature alone tells it later."""
+    commands = Commands(() if fault is Heater.STUCK_ON else ((300, SECONDS),))
+    told_s = []
+
+    def watch(car, estimate):
+        if estimate.heater.heater is fault:
+            told_s.append(car.second)
+
+    car = DrivenCar(commands=commands, heater=FAULTS[fault], seed=seed, with_power=with_power,
+                    traffic_w=1000.0)
+    estimator = followed(car, watch=watch)
+    assert told_s, estimator.estimate.heater
+    assert 500 < told_s[0] <= (800 if with_power else 1100)
+    assert estimator.estimate.heater.heater is fault
+    if fault is Heater.DERATED:
+        assert estimator.estimate.heater.share == pytest.approx(0.4, abs=0.11)
+
+
+@pytest.mark.parametrize('with_power', [True, False], ids=['power seen', 'temperature only'])
+def test_a_healthy_heater_is_never_accused(with_power):
+    commands = Commands(((300, 500), (700, 900), (1100, 1300)))
+    accused = []
+    for seed in range(4):
+        car = DrivenCar(drawn_corrections(seed), commands=commands, seed=seed,
+                        with_power=with_power)
+        followed(car, watch=lambda _, estimate: accused.append(
+            estimate.heater.heater is not Heater.ANSWERS))
+    assert not any(accused)
+
+
+def test_a_repaired_heater_is_believed_again():
+    car = DrivenCar(commands=Commands(((300, 2400),)), seed=3, traffic_w=1000.0, heater=(
+        lambda second, commanded_w: 0.0 if 500 < second < 900 else commanded_w))
+    heaters = []
+    followed(car, 1500, watch=lambda _, estimate: heaters.append(estimate.heater.heater))
+    assert Heater.DEAD in heaters
+    assert heaters[-1] is Heater.ANSWERS
+
+
+def moved(measurement, temperature_c=None, soc=None, stamp_ns=None):
+    state = measurement.state
+    return replace(
+        measurement, state=BatteryState(state.temperature_c + (temperature_c or 0.0),
+                                        state.soc + (soc or 0.0)),
+        stamp_ns=measurement.stamp_ns if stamp_ns is None else stamp_ns)
+
+
+def test_one_odd_reading_changes_nothing():
+    car = DrivenCar(seed=4)
+    estimator = followed(car, 300)
+    before = estimator.estimate
+    estimator.observe(moved(car.drive(), temperature_c=25.0), Course(), car.commands)
+    assert estimator.estimate.temperature_c == pytest.approx(before.temperature_c, abs=0.05)
+    estimator.observe(car.drive(), Course(), car.commands)
+    assert estimator.estimate.temperature_c == pytest.approx(car.temperature_c, abs=0.5)
+    assert estimator.estimate.resets == 0
+
+
+@pytest.mark.parametrize('jump', [{'temperature_c': 15.0}, {'temperature_c': -9.0}, {'soc': -0.3}])
+def test_two_readings_that_say_the_same_begin_the_estimate_anew(jump):
+    car = DrivenCar(seed=4)
+    estimator = followed(car, 300)
+    for _ in range(2):
+        measurement = moved(car.drive(), **jump)
+        estimator.observe(measurement, Course(), car.commands)
+    estimate = estimator.estimate
+    assert estimate.resets == 1
+    assert 'battery_state jumped to' in estimate.reset_reason
+    assert estimate.reset_at_ns == measurement.stamp_ns
+    assert estimate.temperature_c == pytest.approx(measurement.state.temperature_c, abs=0.01)
+    # All that was learned may have been of another car.
+    assert estimate.log_factors.tolist() == [0.0] * 5
+
+
+def test_two_odd_readings_that_differ_change_nothing():
+    car = DrivenCar(seed=4)
+    estimator = followed(car, 300)
+    for jump_k in (20.0, -20.0, 14.0):
+        estimator.observe(moved(car.drive(), temperature_c=jump_k), Course(), car.commands)
+    assert estimator.estimate.resets == 0
+    assert estimator.estimate.temperature_c == pytest.approx(car.temperature_c, abs=0.5)
+
+
+def test_after_a_long_silence_the_temperature_is_read_anew_and_the_car_remembered():
+    car = DrivenCar(Corrections(0.92), commands=HEATED, seed=6)
+    estimator = followed(car)
+    learned = estimator.estimate.mean[HEAT_CAPACITY]
+    assert learned < -0.02
+    car.temperature_c += 12.0
+    measurement = car.drive(600)
+    estimator.observe(measurement, Course(), car.commands)
+    estimate = estimator.estimate
+    assert estimate.temperature_c == pytest.approx(measurement.state.temperature_c, abs=0.01)
+    assert estimate.mean[HEAT_CAPACITY] == pytest.approx(learned)
+    assert estimate.resets == 0
+
+
+def test_a_lost_clock_is_no_silence():
+    car = DrivenCar(seed=6)
+    estimator = followed(car, 200)
+    estimator.lose_time()
+    measurement = moved(car.drive(), stamp_ns=START_NS - 500 * NS_PER_S)
+    estimator.observe(measurement, Course(), car.commands)
+    assert estimator.estimate.stamp_ns == measurement.stamp_ns
+    assert estimator.estimate.temperature_c == pytest.approx(measurement.state.temperature_c,
+                                                             abs=0.01)
+
+
+@pytest.mark.parametrize('each_s', [10, 50])
+def test_a_state_every_so_many_seconds_will_do(each_s):
+    car = DrivenCar(commands=HEATED, seed=7)
+    estimate = followed(car, each_s=each_s).estimate
+    assert estimate.temperature_c == pytest.approx(
+        car.temperature_c, abs=4 * estimate.temperature_deviation_k)
+    assert estimate.temperature_deviation_k < 0.5
+
+
+def test_a_hundred_states_a_second_are_worth_one():
+    """As if a second had one reading: their noise is not independent."""
+    slow, fast = Estimator(VEHICLE), Estimator(VEHICLE)
+    car = DrivenCar(seed=8, with_power=False)
+    for _ in range(60):
+        measurement = car.drive()
+        slow.observe(measurement, Course(), car.commands)
+        for part in range(100):
+            fast.observe(replace(measurement, stamp_ns=measurement.stamp_ns
+                                 + part * NS_PER_S // 100), Course(), car.commands)
+    assert fast.estimate.temperature_c == pytest.approx(slow.estimate.temperature_c, abs=0.05)
+    assert fast.estimate.temperature_deviation_k == pytest.approx(
+        slow.estimate.temperature_deviation_k, rel=0.05)
+
+
+def test_before_the_route_begins_the_battery_is_followed_all_the_same():
+    car = DrivenCar(seed=9)
+    estimate = followed(car, 300, course=Course(known=False)).estimate
+    assert estimate.temperature_c == pytest.approx(car.temperature_c, abs=0.6)
+    assert estimate.log_factors == pytest.approx(np.zeros(5), abs=1e-9)
+
+
+@pytest.mark.parametrize('power_w', [100e6, -100e6])
+def test_a_power_that_no_car_has_is_not_known(power_w):
+    with_nonsense, without = Estimator(VEHICLE), Estimator(VEHICLE)
+    car = DrivenCar(seed=10, with_power=False)
+    for _ in range(30):
+        measurement = car.drive()
+        without.observe(measurement, Course(), car.commands)
+        with_nonsense.observe(replace(measurement, voltage_v=1e4, current_a=power_w / 1e4),
+                              Course(), car.commands)
+    assert with_nonsense.estimate.mean.tolist() == without.estimate.mean.tolist()
+
+
+@pytest.mark.parametrize('seed', range(4))
+def test_no_stream_of_numbers_makes_the_estimate_none(seed):
+    """What the door lets through: any numbers in their ranges, any stamps that do not go back."""
+    drawn, estimator = np.random.default_rng(seed), Estimator(VEHICLE)
+    stamp_ns, car = START_NS, DrivenCar()
+    template = car.drive()
+    for _ in range(600):
+        stamp_ns += int(drawn.choice([0, 1, 10**6, 10**9, 10**10, 5 * 10**10, 10**12]))
+        voltage_v, current_a = drawn.choice([0.0, 400.0, 1e4]), drawn.choice([-1e4, 0.0, 45.0, 1e4])
+        estimator.observe(replace(
+            template, stamp_ns=stamp_ns, voltage_v=drawn.choice([voltage_v, None]),
+            current_a=current_a, state=BatteryState(
+                float(drawn.choice([-30.0, -5.0, -5.3, 50.0])),
+                float(drawn.choice([0.05, 0.8, 0.8012, 1.0])))), Course(), Commands(((0, 1e9),)))
+        estimate = estimator.estimate
+        assert np.isfinite(estimate.mean).all() and np.isfinite(estimate.covariance).all()
+        assert 0.0 <= estimate.soc <= 1.0
+        assert estimate.covariance[TEMPERATURE, TEMPERATURE] >= 0.0
+        assert np.isfinite(list(vars(estimate.corrections).values())).all()

@@ -1,0 +1,101 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How sure an arrival is, against drives of cars that differ from what is believed."""
+
+import numpy as np
+import pytest
+
+from bev_preheat.estimation.belief import Belief, POWER_NOISE, POWER_NOISE_LASTS_S
+from bev_preheat.estimation.estimator import Estimate
+from bev_preheat.estimation.forecast import arrival_deviation_k, arrival_sensitivities
+from bev_preheat.estimation.hypotheses import Heater, HeaterReport
+from bev_preheat.estimation.state import FACTORS, SIZE, SOC, TEMPERATURE
+from bev_preheat.model import make_runge_kutta_4
+from bev_preheat.planning.planner import plan_preheating
+from bev_preheat.planning.simulate import run_forward
+from bev_preheat.planning.situation import BatteryState, Goal
+from bev_preheat.planning.trip import make_trip
+from bev_preheat.route.csv_file import load_route
+from bev_preheat.vehicle import load_vehicle
+from bev_preheat.vehicle.corrections import corrected_vehicle, Corrections
+
+TRIPS = {
+    'reference': (load_vehicle('reference'), 'reference', BatteryState(-8.0, 0.85)),
+    'small_car': (load_vehicle('small_car'), 'winter_commute', BatteryState(-3.0, 0.7)),
+}
+TARGET_C = 12.0
+
+
+def planned(name):
+    vehicle, route_name, state = TRIPS[name]
+    route = load_route(route_name, vehicle.defaults)
+    plan = plan_preheating(vehicle, route, state, Goal(TARGET_C))
+    assert plan.hvch_battery_power_w.any()
+    return vehicle, route, state, plan
+
+
+def arrival_c(vehicle, route, state, plan, moved, powers=None):
+    """
+    Arrival of a drive under the plan's heater powers, of another car: `moved` is added to the state.
+
+    `powers` are factors on the propulsion power of each segment.
+    """
+    capacity, leakage, resistance, heater, propulsion = np.exp(moved[FACTORS])
+    car = corrected_vehicle(vehicle, Corrections(capacity, leakage, resistance, heater))
+    route = route.with_propulsion(propulsion if powers is None else propulsion * powers)
+    _, temperature_c = run_forward(
+        car, make_runge_kutta_4, state.soc + moved[SOC],
+        state.temperature_c + moved[TEMPERATURE],
+        make_trip(car, route).inputs(plan.hvch_battery_power_w, plan.friction_brake_power_w))
+    return temperature_c[-1]
+
+
+@pytest.mark.parametrize('name', TRIPS)
+@pytest.mark.parametrize('index', range(SIZE))
+def test_sensitivities_are_central_differences_of_drives(name, index):
+    vehicle, route, state, plan = planned(name)
+    sensitivities, _ = arrival_sensitivities(make_trip(vehicle, route), plan)
+    step = np.zeros(SIZE)
+    step[index] = 0.02
+    expected = (arrival_c(vehicle, route, state, plan, step)
+                - arrival_c(vehicle, route, state, plan, -step)) / 0.04
+    # Steps of a minute are taken as they are at their beginning (Euler).
+    assert sensitivities[index] == pytest.approx(expected, rel=0.05, abs=0.05)
+
+
+@pytest.mark.parametrize('name', TRIPS)
+def test_sensitivity_to_each_segments_power_adds_up_to_that_of_all(name):
+    vehicle, route, _, plan = planned(name)
+    total, by_step = arrival_sensitivities(make_trip(vehicle, route), plan)
+    assert by_step.sum() == pytest.approx(total[-1])
+
+
+def estimate_with(covariance):
+    return Estimate(0, np.zeros(SIZE), covariance, HeaterReport(Heater.ANSWERS, 1.0, 1.0), 0.0)
+
+
+@pytest.mark.parametrize('name', TRIPS)
+def test_deviation_is_that_of_many_drives(name):
+    vehicle, route, state, plan = planned(name)
+    belief = Belief(vehicle)
+    belief.place(state.temperature_c, 0.3**2, state.soc, 0.005**2)
+    _, covariance = belief.expected()
+    drawn = np.random.default_rng(3)
+    lasting = np.sqrt(np.maximum(1.0, POWER_NOISE_LASTS_S / route.duration_s))
+    arrivals_c = [
+        arrival_c(vehicle, route, state, plan, drawn.multivariate_normal(np.zeros(SIZE), covariance),
+                  1.0 + POWER_NOISE * lasting * drawn.standard_normal(len(route)))
+        for _ in range(400)]
+    deviation_k = arrival_deviation_k(make_trip(vehicle, route), plan, estimate_with(covariance))
+    # The standard deviation of 400 draws is itself known to 3.5 %; three times that, and as much
+    # again for what is not linear.
+    assert deviation_k == pytest.approx(np.std(arrivals_c), rel=0.2)
+
+
+def test_what_is_unsure_of_the_car_adds_to_the_traffic_to_come():
+    vehicle, route, _, plan = planned('reference')
+    trip, (_, covariance) = make_trip(vehicle, route), Belief(vehicle).expected()
+    variances_k2 = [arrival_deviation_k(trip, plan, estimate_with(share * covariance))**2
+                    for share in (1.0, 0.01, 0.0)]
+    unsure, sure, traffic = variances_k2
+    assert traffic > 0.0
+    assert unsure - traffic == pytest.approx(100.0 * (sure - traffic))

@@ -1,0 +1,82 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What may be the matter with the heater: probabilities, powers, and when a fault is told."""
+
+import numpy as np
+import pytest
+
+from bev_preheat.estimation.hypotheses import (
+    FAILURE_S, Heater, heater_power_w, HeaterReport, HEATERS, judge, prior_weights, REPAIR_S,
+    SHARES, STUCK, TAKEN_BACK_BELOW, TOLD_FROM, transitions)
+
+COUNT = len(SHARES)
+
+
+def weights_of(**by_kind):
+    """Weights with so much for each kind of heater, evenly within it."""
+    kinds = {Heater[name.upper()]: weight for name, weight in by_kind.items()}
+    kinds.setdefault(Heater.ANSWERS, 1.0 - sum(kinds.values()))
+    return np.array([kinds.get(kind, 0.0) / HEATERS.count(kind) for kind in HEATERS])
+
+
+def test_prior_is_a_distribution_in_which_a_fault_is_rare():
+    weights = prior_weights()
+    assert weights.sum() == pytest.approx(1.0)
+    assert weights[1:].sum() < 0.01
+
+
+@pytest.mark.parametrize('duration_s', [0.0, 1.0, 10.0, 3600.0, 1e7])
+def test_transitions_are_probabilities(duration_s):
+    matrix = transitions(duration_s)
+    assert matrix.sum(axis=1) == pytest.approx(np.ones(COUNT))
+    assert (matrix >= 0.0).all()
+
+
+def test_transitions_of_two_steps_are_those_of_both():
+    # Exact but for heaters that fail and are repaired within one step.
+    both = transitions(5.0) @ transitions(7.0)
+    assert both == pytest.approx(transitions(12.0), abs=12.0**2 / FAILURE_S / REPAIR_S)
+
+
+def test_faults_come_and_go_at_the_rates_that_are_said():
+    matrix = transitions(1.0)
+    assert matrix[0, 1:].sum() == pytest.approx(1.0 / FAILURE_S, rel=1e-3)
+    assert matrix[1:, 0] == pytest.approx(np.full(COUNT - 1, 1.0 / REPAIR_S), rel=1e-3)
+
+
+@pytest.mark.parametrize('command_w, limit_w', [(0.0, 5300.0), (5300.0, 5300.0), (5300.0, 2000.0)])
+def test_each_heater_gives_its_share_within_what_there_is(command_w, limit_w):
+    power_w = heater_power_w(command_w, limit_w)
+    assert power_w[:STUCK] == pytest.approx(np.minimum(np.array(SHARES[:STUCK]) * command_w,
+                                                       limit_w))
+    assert power_w[STUCK] == limit_w
+
+
+def test_a_fault_is_told_when_it_is_all_but_sure():
+    below, above = TOLD_FROM - 0.01, TOLD_FROM + 0.01
+    assert judge(weights_of(dead=below), None).heater is Heater.ANSWERS
+    report = judge(weights_of(dead=above), None)
+    assert (report.heater, report.share) == (Heater.DEAD, 0.0)
+    assert report.probability == pytest.approx(above)
+
+
+def test_a_fault_is_taken_back_only_when_it_is_unlikely():
+    told = HeaterReport(Heater.DEAD, 0.99, 0.0)
+    assert judge(weights_of(dead=TAKEN_BACK_BELOW + 0.01), told).heater is Heater.DEAD
+    assert judge(weights_of(dead=TAKEN_BACK_BELOW - 0.01), told).heater is Heater.ANSWERS
+
+
+def test_that_there_is_a_fault_is_told_before_it_is_clear_which():
+    report = judge(weights_of(dead=0.4, derated=0.57), None)
+    assert report.heater is Heater.DERATED
+
+
+def test_a_told_fault_is_kept_until_another_is_three_times_as_likely():
+    told = HeaterReport(Heater.DEAD, 0.99, 0.0)
+    assert judge(weights_of(dead=0.3, derated=0.7), told).heater is Heater.DEAD
+    assert judge(weights_of(dead=0.2, derated=0.8), told).heater is Heater.DERATED
+
+
+def test_share_of_a_derated_heater_is_the_mean_of_what_is_likely():
+    weights = np.zeros(COUNT)
+    weights[SHARES.index(0.4)], weights[SHARES.index(0.6)] = 0.75, 0.25
+    assert judge(weights, None).share == pytest.approx(0.45)
