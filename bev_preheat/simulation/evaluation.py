@@ -12,7 +12,7 @@ class DriveRecord:
 
     `commands` holds (instant, power [W], reason's name) in order, `statuses` the names of all
     statuses that plans and commands had, `heater` what the diagnostics said of the heater at last.
-    `arrival_c` is the true temperature on arrival, None where the car never arrived.
+    `arrival_c` is the true temperature on arrival, NaN where the car never arrived.
     """
 
     target_c: float

@@ -135,7 +135,7 @@ def _sensors(node):
 
 
 # Keys that an event of a kind must have besides its instant, and no other has.
-OWN_KEYS = {Kind.STOP: {'duration_s'}, Kind.SLOWER: {'duration_s', 'factor'},
+OWN_KEYS = {Kind.STOP: {'duration_s'}, Kind.OTHER_PACE: {'duration_s', 'factor'},
             Kind.DETOUR: {'route'}, Kind.CANCEL_CHARGING: set(), Kind.ARRIVE_EARLY: set()}
 
 

@@ -17,7 +17,7 @@ class Kind(Enum):
     # Stands for `duration_s`, then goes on.
     STOP = 'stop'
     # For `duration_s` of the route it takes `factor` times as long, with 1 / factor^2 of the power.
-    SLOWER = 'slower'
+    OTHER_PACE = 'other_pace'
     # From here on another `route`.
     DETOUR = 'detour'
     # The charger falls away: the drive goes on, but not to be charged.
@@ -84,11 +84,11 @@ def _after(route, event):
         return route.before(at_s)
     if event.kind is Kind.STOP:
         changed = _standing(route.after(at_s), event.duration_s).followed_by(route.after(at_s))
-    elif event.kind is Kind.SLOWER:
+    elif event.kind is Kind.OTHER_PACE:
         end_s = min(at_s + event.duration_s, route.total_duration_s)
-        slow = _slowed(route.before(end_s).after(at_s), event.factor)
-        rest = route.after(end_s) if end_s < route.total_duration_s else None
-        changed = slow if rest is None else slow.followed_by(rest)
+        changed = _at_pace(route.before(end_s).after(at_s), event.factor)
+        if end_s < route.total_duration_s:
+            changed = changed.followed_by(route.after(end_s))
     else:
         changed = event.route
     return route.before(at_s).followed_by(changed) if at_s > 0.0 else changed
@@ -102,7 +102,7 @@ def _standing(route, duration_s):
                    propulsion_power_w=zero, propulsion_power_rms_w=zero)
 
 
-def _slowed(route, factor):
+def _at_pace(route, factor):
     return replace(route, duration_s=factor * route.duration_s, speed_mps=route.speed_mps / factor,
                    propulsion_power_w=route.propulsion_power_w / factor**2,
                    propulsion_power_rms_w=route.propulsion_power_rms_w / factor**2)

@@ -19,9 +19,9 @@ from bev_preheat.simulation.evaluation import evaluate
 from bev_preheat.simulation.scenario import load_scenario
 
 ALL = {path.stem for path in configuration_folder('scenarios').glob('*.yaml')}
-WITHOUT_ROS = {'early_arrival', 'fast_battery_state', 'heavy_cold_car', 'late_without_a_word',
-               'light_warm_car', 'nominal', 'slow_battery_state', 'stop_in_traffic',
-               'temperature_stuck'}
+WITHOUT_ROS = {'ahead_of_plan', 'early_arrival', 'fast_battery_state', 'heavy_cold_car',
+               'late_without_a_word', 'light_warm_car', 'nominal', 'slow_battery_state',
+               'slow_traffic', 'stop_in_traffic', 'temperature_stuck'}
 OVER_DDS = sorted(ALL - WITHOUT_ROS)
 # A drive of 25 min in 25 s; a command period is 17 ms.
 SPEED_UP = 60

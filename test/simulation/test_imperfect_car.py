@@ -1,0 +1,253 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A simulated car that is not what its files say: mismatch, sensors, heater faults, clock."""
+
+from math import isnan
+
+import numpy as np
+import pytest
+
+from bev_preheat.planning.situation import BatteryState, Goal
+from bev_preheat.route import load_route
+from bev_preheat.simulation.heater_faults import HeaterFault
+from bev_preheat.simulation.heater_lease import HeaterLease, NO_LEASE
+from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections
+from bev_preheat.simulation.mismatch import Mismatch, true_route, true_vehicle
+from bev_preheat.simulation.sensors import Sensors
+from bev_preheat.simulation.traffic import ClockJump, Event, Kind
+from bev_preheat.vehicle import load_vehicle
+
+VEHICLE = load_vehicle('reference')
+ROUTE = load_route('reference', VEHICLE.defaults)
+MISMATCH = Mismatch(heat_capacity=0.93, leakage=1.17, resistance=0.86, heater=1.04,
+                    propulsion_power=1.08)
+LEASE = HeaterLease(3000.0, 10_000.0)
+CABIN_W = float(ROUTE.cabin_heating_power_w[0])
+LIMIT_W = VEHICLE.hvch.maximum_power_w - CABIN_W
+NS_PER_S = 1_000_000_000
+
+
+def make_car(seed=5, **imperfections):
+    return ImperfectCar(VEHICLE, ROUTE, BatteryState(-7.0, 0.9), Goal(25.0),
+                        Imperfections(**imperfections), seed)
+
+
+def drive(car, to_s, lease=NO_LEASE):
+    car.advance_under(lease, to_s)
+    return car.readings()
+
+
+def temperatures_c(to_s=900.0, seed=5, **sensors):
+    return np.array([reading.temperature_c
+                     for reading in drive(make_car(seed, sensors=Sensors(**sensors)), to_s)])
+
+
+# Mismatch
+
+def test_each_factor_changes_its_own_quantity():
+    battery, true = VEHICLE.battery, true_vehicle(VEHICLE, MISMATCH)
+    assert true.battery.heat_capacity_j_per_k == pytest.approx(
+        0.93 * battery.heat_capacity_j_per_k)
+    assert true.battery.leakage.coefficient_w_per_k(20.0) == pytest.approx(
+        1.17 * battery.leakage.coefficient_w_per_k(20.0))
+    assert true.hvch.efficiency == pytest.approx(1.04 * VEHICLE.hvch.efficiency)
+    assert true.battery.open_circuit_voltage is battery.open_circuit_voltage
+    assert true.hvch.maximum_power_w == VEHICLE.hvch.maximum_power_w
+
+
+def test_a_car_as_its_file_says_is_that_of_the_file():
+    assert true_vehicle(VEHICLE, Mismatch()) is VEHICLE
+
+
+def test_without_variability_the_power_is_scaled_evenly():
+    true = true_route(ROUTE, MISMATCH, np.random.default_rng(1))
+    assert true.propulsion_power_w == pytest.approx(1.08 * ROUTE.propulsion_power_w)
+    assert true.propulsion_power_rms_w == pytest.approx(1.08 * ROUTE.propulsion_power_rms_w)
+    assert (true.speed_mps == ROUTE.speed_mps).all()
+
+
+def test_wandering_power_keeps_its_mean_and_has_the_deviation_asked_for():
+    wandering = Mismatch(propulsion_power=1.1, propulsion_power_variability=0.2)
+    factors = np.concatenate([
+        (true_route(ROUTE, wandering, np.random.default_rng(seed)).propulsion_power_w
+         / ROUTE.propulsion_power_w)[2:-2] for seed in range(400)])
+    # Thousands of values, of which five neighbours count as one: 4 standard errors.
+    error = 4.0 * 0.2 / np.sqrt(len(factors) / 5)
+    assert factors.mean() == pytest.approx(1.1, abs=error)
+    assert np.log(factors).std() == pytest.approx(0.2, abs=error)
+
+
+def test_neighbouring_segments_vary_together():
+    wandering = Mismatch(propulsion_power_variability=0.2)
+    factors = np.log(true_route(ROUTE, wandering, np.random.default_rng(3)).propulsion_power_w
+                     / ROUTE.propulsion_power_w)
+    apart = [np.corrcoef(factors[:-lag], factors[lag:])[0, 1] for lag in (1, 12)]
+    assert apart[0] > 0.6 and abs(apart[1]) < 0.4
+
+
+# Sensors
+
+def test_first_reading_is_there_at_the_start_and_is_handed_out_once():
+    car = make_car()
+    reading, = car.readings()
+    assert (reading.instant_s, reading.temperature_c, reading.soc) == (0.0, -7.0, 0.9)
+    assert car.readings() == []
+
+
+def test_readings_come_each_period_with_what_was_true_then():
+    car, reference = make_car(sensors=Sensors(period_s=2.5)), make_car()
+    car.readings()
+    readings = drive(car, 8.0, LEASE)
+    assert [reading.instant_s for reading in readings] == [2.5, 5.0, 7.5]
+    for reading in readings:
+        reference.advance_under(LEASE, reading.instant_s)
+        assert reading.temperature_c == pytest.approx(reference.plant.temperature_c, abs=1e-6)
+    assert car.time_s == 8.0
+
+
+def test_measured_power_is_what_the_car_draws():
+    reading = drive(make_car(mismatch=MISMATCH), 21.0, LEASE)[-1]
+    drawn_w = (1.08 * ROUTE.propulsion_power_w[0] + CABIN_W + ROUTE.auxiliary_power_w[0] + 3000.0)
+    assert reading.voltage_v * reading.current_a == pytest.approx(drawn_w, rel=1e-3)
+
+
+def test_power_may_be_unknown():
+    reading = drive(make_car(sensors=Sensors(reports_power=False)), 1.0)[-1]
+    assert (reading.voltage_v, reading.current_a) == (None, None)
+
+
+def test_noise_has_the_deviation_asked_for():
+    errors_k = temperatures_c(temperature_noise_k=0.2) - temperatures_c()
+    # 901 values: 4 standard errors.
+    assert errors_k.mean() == pytest.approx(0.0, abs=4.0 * 0.2 / np.sqrt(901))
+    assert errors_k.std() == pytest.approx(0.2, abs=4.0 * 0.2 / np.sqrt(2 * 901))
+
+
+def test_temperature_is_rounded_after_the_noise():
+    exact = temperatures_c(temperature_noise_k=0.2)
+    whole = temperatures_c(temperature_noise_k=0.2, temperature_resolution_k=1.0)
+    assert whole.tolist() == np.round(exact).tolist()
+    assert len(set(whole)) > 1
+
+
+def test_an_offset_is_added_to_every_reading():
+    assert temperatures_c(temperature_offset_k=1.5) == pytest.approx(temperatures_c() + 1.5)
+
+
+def test_a_delay_makes_readings_late_but_not_their_instants():
+    car = make_car(sensors=Sensors(delay_s=3.0))
+    assert drive(car, 2.9) == []
+    assert [reading.instant_s for reading in drive(car, 5.5)] == [0.0, 1.0, 2.0]
+
+
+def test_the_share_asked_for_is_lost():
+    received = len(temperatures_c(loss=0.3))
+    # 901 readings: 4 standard errors of a share.
+    assert received / 901 == pytest.approx(0.7, abs=4.0 * np.sqrt(0.21 / 901))
+
+
+def test_in_a_drop_out_nothing_comes():
+    car = make_car(sensors=Sensors(drop_outs=((10.0, 20.0), (30.0, 31.0))))
+    instants_s = [reading.instant_s for reading in drive(car, 40.0)]
+    assert instants_s == [*range(10), *range(20, 30), *range(31, 41)]
+
+
+def test_a_stuck_temperature_repeats_itself():
+    readings = drive(make_car(sensors=Sensors(temperature_noise_k=0.5, stuck=((10.0, 20.0),))),
+                     40.0)
+    values_c = [reading.temperature_c for reading in readings]
+    assert len(set(values_c[10:20])) == 1
+    assert len(set(values_c[:10])) == len(set(values_c[20:30])) == 10
+    # The other fields go on.
+    assert len({reading.soc for reading in readings[10:20]}) == 10
+
+
+def test_an_invalid_temperature_is_no_number():
+    values_c = temperatures_c(40.0, invalid=((10.0, 20.0),))
+    assert [at for at, value in enumerate(values_c) if isnan(value)] == list(range(10, 20))
+
+
+def test_the_period_can_be_changed_on_the_way():
+    car = make_car()
+    drive(car, 4.0)
+    car.readings_of.set_period(0.25, car.time_s)
+    assert [reading.instant_s for reading in drive(car, 5.0)] == [4.0, 4.25, 4.5, 4.75, 5.0]
+
+
+def test_seed_makes_drive_and_readings():
+    imperfections = {'sensors': Sensors(temperature_noise_k=0.2),
+                     'mismatch': Mismatch(propulsion_power_variability=0.2)}
+    first, same, other = (make_car(seed, **imperfections) for seed in (11, 11, 12))
+    readings = drive(first, 300.0)
+    assert readings == drive(same, 300.0)
+    assert readings != drive(other, 300.0)
+    assert (first.plant.route.propulsion_power_w != other.plant.route.propulsion_power_w).all()
+
+
+# Heater
+
+def heater_energy_wh(faults, to_s=100.0, lease=LEASE):
+    car = make_car(heater_faults=faults)
+    drive(car, to_s, lease)
+    return car.plant.energy_wh.hvch_electric
+
+
+@pytest.mark.parametrize('fault, expected_w', [
+    (HeaterFault(0.0, share=0.0), 0.0), (HeaterFault(0.0, share=0.4), 1200.0),
+    (HeaterFault(0.0, stuck_on=True), LIMIT_W), (HeaterFault(200.0, share=0.0), 3000.0),
+    (HeaterFault(25.5, 50.5, share=0.0), 0.75 * 3000.0)],
+    ids=['dead', 'derated', 'stuck on', 'not yet', 'for a while'])
+def test_a_faulty_heater_takes_what_it_is_said_to(fault, expected_w):
+    assert heater_energy_wh((fault,)) == pytest.approx(expected_w * 100.0 / 3600.0)
+
+
+def test_a_stuck_heater_needs_no_lease_and_a_dead_one_takes_none():
+    assert heater_energy_wh((HeaterFault(0.0, stuck_on=True),), lease=NO_LEASE) > 0.0
+    assert heater_energy_wh((HeaterFault(0.0, share=1.0),), lease=NO_LEASE) == 0.0
+
+
+def test_of_two_faults_at_a_time_the_one_named_last_holds():
+    faults = (HeaterFault(0.0, share=0.0), HeaterFault(40.0, 60.0, share=0.5))
+    assert heater_energy_wh(faults) == pytest.approx(20.0 * 1500.0 / 3600.0)
+
+
+def test_a_lease_that_ends_in_a_fault_ends():
+    faults = (HeaterFault(10.0, share=0.5),)
+    assert heater_energy_wh(faults, lease=HeaterLease(3000.0, 30.0)) == pytest.approx(
+        (10.0 * 3000.0 + 20.0 * 1500.0) / 3600.0)
+
+
+# Trip planner and clock
+
+def test_the_trip_planner_knows_the_route_as_described():
+    leg, = make_car(mismatch=MISMATCH).mission(7 * NS_PER_S).legs
+    assert leg.start_ns == 7 * NS_PER_S and leg.target_temperature_c == 25.0
+    assert (leg.route.propulsion_power_w == ROUTE.propulsion_power_w).all()
+
+
+def test_news_come_once_when_they_are_due():
+    car = make_car(events=(Event(Kind.CANCEL_CHARGING, 50.0, 5.0),))
+    drive(car, 54.0)
+    assert car.route_news(0) is None
+    drive(car, 55.0)
+    leg, = car.route_news(0).legs
+    assert not leg.charging_planned
+    assert leg.start_ns == 55 * NS_PER_S
+    assert leg.route.total_duration_s == pytest.approx(ROUTE.total_duration_s - 55.0)
+    assert car.route_news(0) is None
+
+
+def test_an_early_arrival_is_told_with_a_route_that_has_ended():
+    car = make_car(events=(Event(Kind.ARRIVE_EARLY, 500.0, 10.0),))
+    assert car.plant.duration_s == pytest.approx(500.0)
+    drive(car, 510.0)
+    leg, = car.route_news(0).legs
+    assert leg.start_ns / NS_PER_S + leg.route.total_duration_s == pytest.approx(500.0)
+
+
+def test_a_clock_that_jumps_moves_stamps_and_news():
+    car = make_car(events=(Event(Kind.CANCEL_CHARGING, 50.0, 0.0),),
+                   clock_jumps=(ClockJump(40.0, -30.0),))
+    drive(car, 60.0)
+    assert car.clock_s == pytest.approx(30.0)
+    assert car.stamp_s(39.0) == 39.0
+    assert car.route_news(0).legs[0].start_ns == 20 * NS_PER_S

@@ -1,0 +1,134 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What events make of a drive, and what the trip planner says of it."""
+
+import numpy as np
+import pytest
+
+from bev_preheat.route import make_route
+from bev_preheat.simulation.traffic import (
+    clock_offset_s, ClockJump, drive_with_events, Event, Kind)
+from bev_preheat.vehicle import load_vehicle
+
+DEFAULTS = load_vehicle('reference').defaults
+
+
+def route_of(count=10, power_w=15e3, speed_mps=20.0):
+    return make_route({
+        'duration_s': [60.0] * count, 'speed_mps': [speed_mps], 'propulsion_power_w': [power_w],
+        'ambient_temperature_c': [-5.0], 'cabin_heating_power_w': [1200.0],
+        'auxiliary_power_w': [300.0]}, DEFAULTS)
+
+
+ROUTE = route_of()
+
+
+def energy_j(route):
+    return float(route.propulsion_power_w @ route.duration_s)
+
+
+def test_without_events_the_drive_is_the_route():
+    assert drive_with_events(ROUTE, ()) == (ROUTE, [])
+
+
+def test_a_stop_stands_and_goes_on():
+    driven, (news,) = drive_with_events(ROUTE, (Event(Kind.STOP, 90.0, duration_s=200.0),))
+    assert driven.total_duration_s == pytest.approx(800.0)
+    assert driven.distance_m == pytest.approx(ROUTE.distance_m)
+    assert energy_j(driven) == pytest.approx(energy_j(ROUTE))
+    standing = driven.segment_at(150.0)
+    assert driven.speed_mps[standing] == driven.propulsion_power_w[standing] == 0.0
+    # The cabin is heated all the same.
+    assert driven.cabin_heating_power_w[standing] == 1200.0
+    # Told at once: the rest from there on.
+    assert news.at_s == 90.0
+    assert news.route.total_duration_s == pytest.approx(710.0)
+
+
+def test_a_slower_pace_takes_longer_with_less_power():
+    driven, _ = drive_with_events(ROUTE, (Event(Kind.OTHER_PACE, 90.0, duration_s=200.0, factor=2.0),))
+    assert driven.total_duration_s == pytest.approx(800.0)
+    assert driven.distance_m == pytest.approx(ROUTE.distance_m)
+    slow = driven.segment_at(300.0)
+    assert driven.speed_mps[slow] == pytest.approx(10.0)
+    assert driven.propulsion_power_w[slow] == pytest.approx(15e3 / 4.0)
+    assert driven.speed_mps[driven.segment_at(500.0)] == 20.0
+
+
+def test_a_slower_pace_to_the_very_end():
+    driven, _ = drive_with_events(ROUTE, (Event(Kind.OTHER_PACE, 540.0, duration_s=999.0, factor=2.0),))
+    assert driven.total_duration_s == pytest.approx(660.0)
+
+
+def test_a_faster_pace_takes_less_time_and_more_power():
+    driven, (news,) = drive_with_events(
+        ROUTE, (Event(Kind.OTHER_PACE, 90.0, 30.0, duration_s=200.0, factor=0.8),))
+    assert driven.total_duration_s == pytest.approx(560.0)
+    assert driven.distance_m == pytest.approx(ROUTE.distance_m)
+    fast = driven.segment_at(200.0)
+    assert driven.propulsion_power_w[fast] == pytest.approx(15e3 / 0.64)
+    assert news.route.total_duration_s == pytest.approx(560.0 - 120.0)
+
+
+@pytest.mark.parametrize('kind, longer_s', [(Kind.STOP, 100.0), (Kind.OTHER_PACE, 50.0)])
+def test_an_event_at_the_start(kind, longer_s):
+    driven, _ = drive_with_events(ROUTE, (Event(kind, 0.0, duration_s=100.0, factor=1.5),))
+    assert driven.total_duration_s == pytest.approx(600.0 + longer_s)
+    assert driven.distance_m == pytest.approx(ROUTE.distance_m)
+
+
+def test_a_detour_is_another_route_from_there_on():
+    other = route_of(5, power_w=25e3)
+    driven, (news,) = drive_with_events(ROUTE, (Event(Kind.DETOUR, 90.0, 30.0, route=other),))
+    assert driven.total_duration_s == pytest.approx(390.0)
+    assert driven.propulsion_power_w[driven.segment_at(89.0)] == 15e3
+    assert driven.propulsion_power_w[driven.segment_at(91.0)] == 25e3
+    # Told half a minute later: what is left of it then.
+    assert (news.at_s, news.route.total_duration_s) == (120.0, pytest.approx(270.0))
+    assert (news.route.propulsion_power_w == 25e3).all()
+
+
+def test_a_detour_at_the_start_replaces_the_route():
+    other = route_of(5)
+    assert drive_with_events(ROUTE, (Event(Kind.DETOUR, 0.0, route=other),))[0] is other
+
+
+def test_arriving_early_ends_the_drive():
+    driven, (news,) = drive_with_events(ROUTE, (Event(Kind.ARRIVE_EARLY, 400.0, 20.0),))
+    assert driven.total_duration_s == pytest.approx(400.0)
+    assert news.route is None and news.charging_planned
+
+
+def test_a_cancelled_charger_changes_the_goal_and_not_the_drive():
+    driven, (news,) = drive_with_events(ROUTE, (Event(Kind.CANCEL_CHARGING, 100.0),))
+    assert driven is ROUTE
+    assert not news.charging_planned
+
+
+def test_a_cancelled_charger_stays_cancelled():
+    events = (Event(Kind.STOP, 300.0, duration_s=60.0), Event(Kind.CANCEL_CHARGING, 100.0))
+    _, news = drive_with_events(ROUTE, events)
+    assert [(item.at_s, item.charging_planned) for item in news] == [(100.0, False), (300.0, False)]
+
+
+def test_what_nobody_says_is_no_news():
+    _, news = drive_with_events(ROUTE, (Event(Kind.STOP, 90.0, None, 200.0),))
+    assert news == []
+
+
+def test_events_after_the_end_do_not_happen():
+    events = (Event(Kind.ARRIVE_EARLY, 200.0), Event(Kind.STOP, 400.0, duration_s=100.0))
+    driven, news = drive_with_events(ROUTE, events)
+    assert driven.total_duration_s == pytest.approx(200.0)
+    assert len(news) == 1
+
+
+def test_a_drive_that_was_stopped_twice_is_as_long_as_both():
+    events = (Event(Kind.STOP, 90.0, duration_s=200.0), Event(Kind.STOP, 350.0, duration_s=50.0))
+    driven, _ = drive_with_events(ROUTE, events)
+    assert driven.total_duration_s == pytest.approx(850.0)
+    assert np.count_nonzero(driven.speed_mps == 0.0) >= 2
+
+
+def test_clock_jumps_add_up():
+    jumps = (ClockJump(10.0, 5.0), ClockJump(20.0, -7.0))
+    assert [clock_offset_s(jumps, at_s) for at_s in (9.9, 10.0, 20.0)] == [0.0, 5.0, -2.0]

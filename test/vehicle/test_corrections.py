@@ -1,0 +1,58 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A car that differs from its file: each factor changes its own quantity, and nothing else."""
+
+import numpy as np
+import pytest
+
+from bev_preheat.arithmetic import ARRAYS, FLOATS
+from bev_preheat.vehicle import load_vehicle
+from bev_preheat.vehicle.corrections import corrected_vehicle, Corrections
+
+VEHICLE = load_vehicle('reference')
+
+
+def quantities(vehicle, arithmetic=FLOATS):
+    battery = vehicle.battery
+    return {
+        'heat_capacity': battery.heat_capacity_j_per_k,
+        'leakage at rest': battery.leakage.coefficient_w_per_k(0.0),
+        'leakage at speed': battery.leakage.coefficient_w_per_k(31.0),
+        'resistance': battery.resistance.function(arithmetic)(0.63, -7.0),
+        'heater_efficiency': vehicle.hvch.efficiency,
+        'heater power': vehicle.hvch.maximum_power_w,
+        'voltage': battery.open_circuit_voltage.function(arithmetic)(0.63, -7.0),
+        'capacity': battery.capacity_as,
+        'drivetrain': vehicle.drivetrain.heat_to_battery_w(1.0)}
+
+
+CHANGED = {'heat_capacity': {'heat_capacity'}, 'leakage': {'leakage at rest', 'leakage at speed'},
+           'resistance': {'resistance'}, 'heater_efficiency': {'heater_efficiency'}}
+
+
+@pytest.mark.parametrize('name', CHANGED)
+@pytest.mark.parametrize('vehicle_name', ['reference', 'small_car'])
+def test_each_factor_changes_its_own_quantity(name, vehicle_name):
+    vehicle = load_vehicle(vehicle_name)
+    before = quantities(vehicle)
+    after = quantities(corrected_vehicle(vehicle, Corrections(**{name: 1.17})))
+    assert after == pytest.approx({
+        key: 1.17 * value if key in CHANGED[name] else value for key, value in before.items()})
+
+
+def test_no_correction_is_the_car_of_the_file():
+    assert quantities(corrected_vehicle(VEHICLE, Corrections())) == quantities(VEHICLE)
+
+
+def test_corrections_twice_multiply():
+    twice = corrected_vehicle(corrected_vehicle(VEHICLE, Corrections(resistance=1.2)),
+                              Corrections(resistance=0.5))
+    assert quantities(twice)['resistance'] == pytest.approx(0.6 * quantities(VEHICLE)['resistance'])
+
+
+def test_arrays_of_factors_are_many_cars_at_once():
+    factors = np.array([0.9, 1.0, 1.3])
+    cars = corrected_vehicle(VEHICLE, Corrections(*[factors] * 4))
+    each = [quantities(corrected_vehicle(VEHICLE, Corrections(*[float(factor)] * 4)))
+            for factor in factors]
+    for name, values in quantities(cars, ARRAYS).items():
+        assert np.broadcast_to(values, 3) == pytest.approx([own[name] for own in each])
