@@ -3,7 +3,6 @@
 
 import os
 import signal
-import threading
 import time
 
 from rich.console import Console
@@ -42,49 +41,26 @@ def run(arguments):
         raise InvalidInput(f'--seconds: {arguments.seconds:g} is not allowed; it must be above 0')
     if arguments.picture and not arguments.picture.endswith('.svg'):
         raise InvalidInput(f'--picture: {arguments.picture} must end in .svg')
-    import rclpy
     from rclpy.exceptions import InvalidNamespaceException
-    from rclpy.executors import SingleThreadedExecutor
-    from rclpy.signals import SignalHandlerOptions
 
     from bev_preheat.monitoring.heard import Heard, subscribe
+    from bev_preheat.nodes.listening import spun_node
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, _interrupt)
-    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
-    try:
-        node = rclpy.create_node(f'monitor_{os.getpid()}', namespace=arguments.namespace,
-                                 enable_rosout=False)
-    except InvalidNamespaceException as error:
-        rclpy.try_shutdown()
-        raise InvalidInput(f'--namespace: {arguments.namespace!r}: {error}') from error
     prefix = arguments.namespace.strip('/')
     heard = Heard(f'{prefix}/{arguments.node}' if prefix else arguments.node)
-    subscribe(node, heard)
-    executor = SingleThreadedExecutor()
-    executor.add_node(node)
-    thread = threading.Thread(target=_spin, args=(executor,), daemon=True)
-    thread.start()
     try:
-        return _show(arguments, heard, node, Console(highlight=False, record=True))
+        with spun_node(f'monitor_{os.getpid()}', namespace=arguments.namespace) as node:
+            subscribe(node, heard)
+            return _show(arguments, heard, node, Console(highlight=False, record=True))
+    except InvalidNamespaceException as error:
+        raise InvalidInput(f'--namespace: {arguments.namespace!r}: {error}') from error
     except KeyboardInterrupt:
         return 0
-    finally:
-        executor.shutdown()
-        thread.join()
-        node.destroy_node()
-        rclpy.try_shutdown()
 
 
 def _interrupt(number, frame):
     raise KeyboardInterrupt
-
-
-def _spin(executor):
-    from rclpy.executors import ExternalShutdownException
-    try:
-        executor.spin()
-    except ExternalShutdownException:
-        pass
 
 
 def _show(arguments, heard, node, console):

@@ -3,18 +3,15 @@
 
 from contextlib import contextmanager
 import math
-import threading
 import time
 
 from bev_preheat_msgs.msg import HvchCommand, PreheatPlan, RoutePlan
 from diagnostic_msgs.msg import DiagnosticArray
-import rclpy
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.qos import QoSDurabilityPolicy, QoSProfile, QoSReliabilityPolicy
-from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import BatteryState, Temperature
 
 from bev_preheat.nodes.convert import nanoseconds
+from bev_preheat.nodes.listening import spun_node
 from bev_preheat.nodes.simulator_messages import ARRIVED, DRIVING, outcome_from_diagnostics
 from bev_preheat.planning.status import Status
 
@@ -148,25 +145,5 @@ class Observer:
 @contextmanager
 def observing():
     """Give an `Observer` of the topics of this ROS domain that listens while the block lasts."""
-    # Signals are the caller's business.
-    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
-    node = rclpy.create_node('demo')
-    executor = SingleThreadedExecutor()
-    observer = Observer(node)
-    executor.add_node(node)
-    thread = threading.Thread(target=_spin, args=(executor,), daemon=True)
-    thread.start()
-    try:
-        yield observer
-    finally:
-        executor.shutdown()
-        thread.join()
-        node.destroy_node()
-        rclpy.try_shutdown()
-
-
-def _spin(executor):
-    try:
-        executor.spin()
-    except ExternalShutdownException:
-        pass
+    with spun_node('demo') as node:
+        yield Observer(node)

@@ -5,18 +5,15 @@ from contextlib import contextmanager
 import os
 from pathlib import Path
 import tempfile
-import threading
 import time
 
 from bev_preheat_msgs.msg import HvchCommand, PreheatPlan
 from diagnostic_msgs.msg import DiagnosticArray
-import rclpy
-from rclpy.context import Context
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.qos import QoSDurabilityPolicy, QoSProfile
 
 from bev_preheat.demonstration.processes import NodeProcess, reserved_domain_id
 from bev_preheat.nodes.convert import nanoseconds
+from bev_preheat.nodes.listening import spun_node
 from bev_preheat.nodes.simulator_messages import (
     ARRIVED, outcome_from_diagnostics, true_temperature_c)
 from bev_preheat.planning.status import Status
@@ -84,7 +81,8 @@ def drive_with_nodes(scenario, name_or_file, speed_up, log_folder=None):
         folder = Path(log_folder or temporary)
         environment = {'ROS_DOMAIN_ID': str(domain_id),
                        'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
-        with _environment(environment), _listening(domain_id, scenario) as listener:
+        with _environment(environment), spun_node('scenario', domain_id) as node:
+            listener = _Listener(node, scenario.goal.target_temperature_c)
             planner_arguments = ['-p', 'use_sim_time:=true',
                                  '-p', f'vehicle:={scenario.vehicle_name}']
             for parameter, value in scenario.planner.items():
@@ -135,29 +133,3 @@ def _environment(values):
                 del os.environ[name]
             else:
                 os.environ[name] = value
-
-
-@contextmanager
-def _listening(domain_id, scenario):
-    context = Context()
-    rclpy.init(context=context, domain_id=domain_id)
-    node = rclpy.create_node('scenario', context=context, enable_rosout=False)
-    executor = SingleThreadedExecutor(context=context)
-    executor.add_node(node)
-    listener = _Listener(node, scenario.goal.target_temperature_c)
-    thread = threading.Thread(target=_spin, args=(executor,), daemon=True)
-    thread.start()
-    try:
-        yield listener
-    finally:
-        executor.shutdown()
-        thread.join()
-        node.destroy_node()
-        context.try_shutdown()
-
-
-def _spin(executor):
-    try:
-        executor.spin()
-    except ExternalShutdownException:
-        pass

@@ -12,12 +12,9 @@ import os
 from pathlib import Path
 import signal
 import sys
-import threading
 import time
 
 import psutil
-import rclpy
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
@@ -28,6 +25,7 @@ from bev_preheat.demonstration.processes import NodeProcess, reserved_domain_id
 from bev_preheat.endurance.judgement import judge
 from bev_preheat.endurance.load import Load
 from bev_preheat.errors import InvalidInput
+from bev_preheat.nodes.listening import spun_node
 from bev_preheat.vehicle import load_vehicle
 
 SAMPLE_PERIOD_S = 1.0
@@ -82,22 +80,11 @@ def _soak(parsed, console):
     heater_w = load_vehicle('reference').hvch.maximum_power_w
     with reserved_domain_id() as domain_id:
         os.environ.update(ROS_DOMAIN_ID=str(domain_id), ROS_AUTOMATIC_DISCOVERY_RANGE='LOCALHOST')
-        rclpy.init()
-        node = rclpy.create_node('soak')
-        executor = SingleThreadedExecutor()
-        executor.add_node(node)
-        thread = threading.Thread(target=_spin, args=(executor,), daemon=True)
-        thread.start()
-        try:
+        with spun_node('soak') as node:
             load = Load(node, parsed.rate, parsed.seed, heater_w)
             with NodeProcess('planner', [], parsed.output.with_suffix('.planner.log')) as planner:
                 samples = _watch(planner, load, 60.0 * parsed.minutes, console)
                 exit_status = planner.end() if planner.exit_status is None else None
-        finally:
-            executor.shutdown()
-            thread.join()
-            node.destroy_node()
-            rclpy.try_shutdown()
     return judge(load, samples, Settings.command_period_s, exit_status), load, samples
 
 
@@ -126,13 +113,6 @@ def _watch(planner, load, duration_s, console):
     finally:
         load.stop()
     return samples
-
-
-def _spin(executor):
-    try:
-        executor.spin()
-    except ExternalShutdownException:
-        pass
 
 
 if __name__ == '__main__':

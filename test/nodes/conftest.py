@@ -14,17 +14,14 @@ Each test has its own ROS domain. What a test waits for is a condition with a ti
 is generous because it is only ever used up where the test fails.
 """
 
-from contextlib import contextmanager
 import os
 import threading
 import time
 
 import pytest
-import rclpy
-from rclpy.context import Context
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 
 from bev_preheat.demonstration.processes import NodeProcess, reserved_domain_id
+from bev_preheat.nodes.listening import spun_node
 
 TIME_LIMIT_S = 20.0
 POLL_S = 0.005
@@ -122,30 +119,6 @@ def wait_until():
     return poll_until
 
 
-@contextmanager
-def spun_node(context):
-    """Make a node that an executor in a thread spins."""
-    node = rclpy.create_node('tester', context=context, enable_rosout=False)
-    executor = SingleThreadedExecutor(context=context)
-    executor.add_node(node)
-
-    def spin():
-        try:
-            executor.spin()
-        except ExternalShutdownException:
-            pass
-
-    thread = threading.Thread(target=spin)
-    thread.start()
-    try:
-        yield node
-    finally:
-        executor.shutdown()
-        thread.join(TIME_LIMIT_S)
-        assert not thread.is_alive()
-        node.destroy_node()
-
-
 class Bench:
     """A test's node, and the executables that run beside it: what the fixtures give, in one."""
 
@@ -189,13 +162,10 @@ def module_bench(tmp_path_factory):
                     name, ros_arguments, folder / f'{name}_{len(processes)}.log'))
             return processes[-1]
 
-        context = Context()
-        rclpy.init(context=context, domain_id=domain_id)
         try:
-            with spun_node(context) as node:
+            with spun_node('tester', domain_id) as node:
                 yield Bench(node, start_executable)
         finally:
-            context.try_shutdown()
             for process in processes:
                 process.end()
                 print(f'--- {process.log_file.name}, exit status {process.exit_status}\n'
@@ -219,18 +189,9 @@ def domain_id(monkeypatch, tmp_path):
 
 
 @pytest.fixture
-def context(domain_id):
-    """rclpy context of this test."""
-    context = Context()
-    rclpy.init(context=context, domain_id=domain_id)
-    yield context
-    context.try_shutdown()
-
-
-@pytest.fixture
-def node(context):
+def node(domain_id):
     """Return the test's own node, spun by an executor in a thread."""
-    with spun_node(context) as node:
+    with spun_node('tester', domain_id) as node:
         yield node
 
 

@@ -1,0 +1,114 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`preheat monitor` beside the installed planner."""
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+
+from bev_preheat_msgs.msg import HvchCommand, RoutePlan
+import pytest
+from rclpy.qos import QoSDurabilityPolicy, QoSProfile
+from sensor_msgs.msg import BatteryState
+
+from bev_preheat.nodes.convert import time_message
+
+LATCHED = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
+# Process start, discovery and a first page, on a busy computer.
+LIMIT_S = 60.0
+
+
+@pytest.fixture
+def monitor(domain_id):
+    """`monitor(*arguments)` starts one in the domain of the test."""
+    started = []
+
+    def start(*arguments):
+        started.append(subprocess.Popen(
+            [sys.executable, '-m', 'bev_preheat', 'monitor', *arguments], text=True,
+            stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+            env={**os.environ, 'ROS_DOMAIN_ID': str(domain_id), 'COLUMNS': '100',
+                 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}))
+        return started[-1]
+
+    yield start
+    for process in started:
+        process.kill()
+        process.communicate()
+
+
+@pytest.fixture
+def heating(bench):
+    """Let the installed planner heat, in the namespace /car, with a state every 0.2 s."""
+    commands = bench.record(HvchCommand, 'car/hvch_command')
+    states = bench.publisher(BatteryState, 'car/battery_state')
+    routes = bench.publisher(RoutePlan, 'car/route_plan', LATCHED)
+
+    def stamp():
+        return time_message(bench.node.get_clock().now().nanoseconds)
+
+    route = RoutePlan(route_id='home', segment_duration=[30.0] * 40, speed=[20.0],
+                      propulsion_power=[20e3], ambient_temperature=[-7.0], charging_planned=True,
+                      target_battery_temperature=25.0)
+    route.header.stamp = stamp()
+    routes.publish(route)
+    bench.start('planner', '-r', '__ns:=/car')
+    enough = threading.Event()
+
+    def feed():
+        while not enough.wait(0.2):
+            state = BatteryState(temperature=-7.0, percentage=0.8)
+            state.header.stamp = stamp()
+            states.publish(state)
+
+    thread = threading.Thread(target=feed)
+    thread.start()
+    commands.wait_for(lambda command: command.battery_heating_power > 0.0)
+    yield
+    enough.set()
+    thread.join()
+
+
+def test_once_shows_temperature_plan_command_and_reserve(heating, monitor, tmp_path):
+    done = monitor('--namespace', '/car', '--once')
+    text, errors = done.communicate(timeout=LIMIT_S)
+    assert done.returncode == 0, text + errors
+    for part in ('-7.0', '25.0', 'TARGET_UNREACHABLE', 'Heating all the way is not enough',
+                 'battery_state', 'route_plan', 'hvch_command', '80'):
+        assert part in text, text
+
+
+def test_a_picture_of_the_last_view_can_be_had(heating, monitor, tmp_path):
+    picture = tmp_path / 'monitor.svg'
+    done = monitor('--namespace', '/car', '--once', '--picture', str(picture))
+    text, errors = done.communicate(timeout=LIMIT_S)
+    assert done.returncode == 0, text + errors
+    assert picture.read_text().startswith('<svg')
+
+
+def test_it_ends_with_ctrl_c(heating, monitor):
+    process = monitor('--namespace', '/car')
+    with pytest.raises(subprocess.TimeoutExpired):
+        process.communicate(timeout=5.0)
+    process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=LIMIT_S)
+    assert process.returncode == 0, errors
+    assert 'Traceback' not in errors
+
+
+def test_without_a_planner_it_says_what_is_missing(monitor):
+    done = monitor('--once', '--seconds', '3')
+    text, errors = done.communicate(timeout=LIMIT_S)
+    assert done.returncode == 1, text + errors
+    assert 'hvch_command' in text and 'battery_state' in text
+
+
+@pytest.mark.parametrize('arguments, problem', [
+    (('--seconds', '-1'), '--seconds: -1 is not allowed'), (('--picture', 'x.png'), 'end in .svg'),
+    (('--namespace', 'a b'), "--namespace: 'a b'")])
+def test_wrong_arguments_are_refused(monitor, arguments, problem):
+    done = monitor(*arguments)
+    _, errors = done.communicate(timeout=LIMIT_S)
+    assert done.returncode == 2
+    assert problem in errors
