@@ -14,7 +14,7 @@ import sys
 
 import pytest
 
-ROOMS = ('planning', 'vehicle', 'route', 'control')
+ROOMS = ('planning', 'vehicle', 'route', 'estimation', 'control', 'simulation', 'robustness')
 PACKAGE = Path(find_spec('bev_preheat').origin).parent
 
 IMPORT_AND_LIST = """

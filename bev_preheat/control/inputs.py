@@ -4,6 +4,7 @@
 from dataclasses import dataclass, replace
 from typing import Optional
 
+from bev_preheat.control.settings import MOST_PLANNED_STEPS
 from bev_preheat.errors import InvalidInput
 from bev_preheat.planning.situation import BatteryState, check_situation, Goal
 from bev_preheat.route.segments import Route
@@ -79,10 +80,21 @@ class Mission:
         """Instant at which the first leg starts [ns]."""
         return self.legs[0].start_ns
 
+    def in_planning_steps(self, planning_step_s):
+        """Return the Mission with its legs in steps of `planning_step_s` seconds or longer."""
+        return replace(self, legs=tuple(
+            replace(leg, route=in_planning_steps(leg.route, planning_step_s))
+            for leg in self.legs))
+
     def leg_number(self, instant_ns):
         """Return the index of the latest leg begun at an instant [ns]; 0 before the trip."""
         begun = sum(leg.start_ns <= instant_ns for leg in self.legs)
         return max(0, begun - 1)
+
+
+def in_planning_steps(route, planning_step_s):
+    """Return the Route in steps of `planning_step_s` seconds, longer where it is a long one."""
+    return route.resampled(max(planning_step_s, route.total_duration_s / MOST_PLANNED_STEPS))
 
 
 def with_stops(legs, stop_durations_s):

@@ -13,8 +13,8 @@ from builtin_interfaces.msg import Time
 import numpy as np
 from sensor_msgs.msg import Temperature
 
-from bev_preheat.control.inputs import Leg, Measurement, Mission, NS_PER_S, with_stops
-from bev_preheat.control.settings import MOST_PLANNED_STEPS
+from bev_preheat.control.inputs import (
+    in_planning_steps, Leg, Measurement, Mission, NS_PER_S, with_stops)
 from bev_preheat.errors import InvalidInput
 from bev_preheat.nodes.stops import stops_from_message, write_stops
 from bev_preheat.planning.situation import BatteryState
@@ -129,9 +129,8 @@ def _legs(message, route, stops, planning_step_s):
     departures = [None, *(stop.departure for stop in stops)]
     start_ns, legs = nanoseconds(message.header.stamp), []
     for first, end, goal, departure in zip(edges, edges[1:], goals, departures):
-        part = route.segments(first, end)
-        step_s = max(planning_step_s, part.total_duration_s / MOST_PLANNED_STEPS)
-        legs.append(Leg(part.resampled(step_s), start_ns, *goal, departure))
+        legs.append(Leg(in_planning_steps(route.segments(first, end), planning_step_s), start_ns,
+                        *goal, departure))
     return with_stops(legs, [stop.duration_s for stop in stops])
 
 

@@ -1,15 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """One drive: the planner's Supervisor and a simulated car, each second or so, without ROS."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 import math
 from time import process_time
 from typing import Optional
 
 import numpy as np
 
-from bev_preheat.control.inputs import Measurement, NS_PER_S
-from bev_preheat.control.settings import MOST_PLANNED_STEPS, Settings
+from bev_preheat.control.inputs import in_planning_steps, Measurement, NS_PER_S
+from bev_preheat.control.settings import Settings
 from bev_preheat.control.supervisor import Supervisor
 from bev_preheat.errors import InvalidInput
 from bev_preheat.planning.planner import plan_preheating
@@ -95,7 +95,7 @@ def drive_with_planner(car, goal, settings, period_s):
     Every `period_s` [s] the supervisor gets the readings that have arrived, plans and commands.
     """
     supervisor = Supervisor(car.vehicle, settings)
-    supervisor.accept_mission(_planned(car.mission(START_NS), settings))
+    supervisor.accept_mission(car.mission(START_NS).in_planning_steps(settings.planning_step_s))
     plant, tally, rows, cpu_s = car.plant, _Tally(car.vehicle, car.plant.route), [], 0.0
     refused, without_plan, measured_c = 0, 0, math.nan
     while not plant.is_standing:
@@ -133,7 +133,7 @@ def drive_informed(car, goal):
     """
     plant = car.plant
     state = BatteryState(plant.temperature_c, plant.soc)
-    plan = plan_preheating(plant.vehicle, _in_planning_steps(plant.route), state, goal)
+    plan = plan_preheating(plant.vehicle, in_planning_steps(plant.route, Settings.planning_step_s), state, goal)
     switchings_s = [instant_s for instant_s in (plan.heating_start_s, plan.heating_end_s)
                     if instant_s is not None]
     # Between two of these the plan's power does not change.
@@ -155,17 +155,6 @@ def _accepted(supervisor, reading, now_ns):
     except InvalidInput:
         return False
     return True
-
-
-def _planned(mission, settings):
-    """Return a Mission in the steps in which the planner's node plans."""
-    return replace(mission, legs=tuple(
-        replace(leg, route=_in_planning_steps(leg.route, settings.planning_step_s))
-        for leg in mission.legs))
-
-
-def _in_planning_steps(route, step_s=Settings.planning_step_s):
-    return route.resampled(max(step_s, route.total_duration_s / MOST_PLANNED_STEPS))
 
 
 def _drive(plant, goal, tally, **counted):

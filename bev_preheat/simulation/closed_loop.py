@@ -1,11 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """A scenario driven with the planner's own Supervisor, without ROS."""
 
-from dataclasses import replace
 import math
 
 from bev_preheat.control.inputs import Measurement, NS_PER_S
-from bev_preheat.control.settings import MOST_PLANNED_STEPS, settings_of
+from bev_preheat.control.settings import settings_of
 from bev_preheat.control.supervisor import Supervisor
 from bev_preheat.errors import InvalidInput
 from bev_preheat.planning.situation import BatteryState
@@ -27,14 +26,14 @@ def drive_scenario(scenario, progress=lambda time_s, total_s: None):
     """
     settings = settings_of(scenario.planner)
     supervisor, car = Supervisor(scenario.vehicle, settings), scenario.car()
-    supervisor.accept_mission(_in_planning_steps(car.mission(START_NS), settings))
+    supervisor.accept_mission(car.mission(START_NS).in_planning_steps(settings.planning_step_s))
     record = DriveRecord(scenario.goal.target_temperature_c)
     total_s = car.plant.duration_s + AFTERWARDS_S
     period_s, steps = settings.command_period_s, 0
     while car.time_s < total_s:
         news = car.route_news(START_NS)
         if news is not None:
-            supervisor.accept_mission(_in_planning_steps(news, settings))
+            supervisor.accept_mission(news.in_planning_steps(settings.planning_step_s))
         now_ns = START_NS + round(car.clock_s * NS_PER_S)
         for reading in car.readings():
             _hand_over(supervisor, reading,
@@ -68,10 +67,3 @@ def _hand_over(supervisor, reading, stamp_ns, now_ns):
     except InvalidInput:
         # Refused, which the supervisor has noted.
         pass
-
-
-def _in_planning_steps(mission, settings):
-    return replace(mission, legs=tuple(
-        replace(leg, route=leg.route.resampled(max(
-            settings.planning_step_s, leg.route.total_duration_s / MOST_PLANNED_STEPS)))
-        for leg in mission.legs))

@@ -53,12 +53,12 @@ class Script:
 
 @pytest.fixture
 def scripted(monkeypatch):
-    def drive(powers_w, period_s=2.0, valid_for_s=60.0):
+    def drive(powers_w, period_s=2.0, valid_for_s=60.0, settings=MEASURED, **changed):
         script = Script(powers_w, valid_for_s)
         monkeypatch.setattr(closed_loop, 'Supervisor', lambda vehicle, settings: script)
-        conditions = short_conditions(period_s)
+        conditions = replace(short_conditions(period_s), **changed)
         return *drive_with_planner(
-            make_car(conditions), conditions.goal, MEASURED, period_s), script
+            make_car(conditions), conditions.goal, settings, period_s), script
     return drive
 
 
@@ -109,14 +109,12 @@ def test_planner_hears_each_reading_once_when_it_is_taken(scripted):
     assert all(measurement.power_w > 17e3 for measurement, _ in script.heard)
 
 
-def test_route_is_planned_in_steps_of_the_settings():
-    conditions = short_conditions()
-    fine = replace(conditions.route, **{
-        name: np.repeat(values, 10) for name, values in vars(conditions.route).items()})
+def test_route_is_planned_in_steps_of_the_settings(scripted):
+    route = CONDITIONS.route
+    fine = replace(route, **{name: np.repeat(values, 10) for name, values in vars(route).items()})
     fine = replace(fine, duration_s=fine.duration_s / 10.0)
-    planned = closed_loop._planned(
-        make_car(replace(conditions, route=fine)).mission(1), Settings(planning_step_s=60.0))
-    assert planned.legs[0].route.duration_s.tolist() == [60.0] * 8
+    _, _, script = scripted([], settings=replace(MEASURED, planning_step_s=60.0), route=fine)
+    assert script.mission.legs[0].route.duration_s.tolist() == [60.0] * 8
 
 
 @pytest.mark.parametrize('settings', [MEASURED, Settings()])
