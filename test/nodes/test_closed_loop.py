@@ -42,14 +42,14 @@ def on_the_way_s(stamp):
 class Trip:
     """What was said on the way."""
 
-    def __init__(self, bench, speed_up):
+    def __init__(self, bench, speed_up, *arguments):
         self.commands = bench.record(HvchCommand, 'hvch_command', 100)
         self.plans = bench.record(PreheatPlan, 'preheat_plan', 100)
         self.diagnostics = bench.record(DiagnosticArray, '/diagnostics')
         self.states = bench.record(BatteryState, 'battery_state', qos_profile_sensor_data)
         self.planner = bench.start('planner', *PLANNER)
         self.simulator = bench.start(
-            'vehicle_simulator', *SIMULATOR, '-p', f'speed_up:={float(speed_up)}')
+            'vehicle_simulator', *SIMULATOR, '-p', f'speed_up:={float(speed_up)}', *arguments)
 
     def powers(self):
         """Return (instant on the way [s], power [W], reason) of each command, in order."""
@@ -111,7 +111,8 @@ def test_the_planner_outlives_the_trip(trip):
 
 
 def test_a_planner_killed_while_heating_leaves_no_heat_after_the_lease(bench):
-    trip = Trip(bench, SPEED_UP)
+    # So cold that it is heated from the start.
+    trip = Trip(bench, SPEED_UP, '-p', 'initial_battery_temperature:=-20.0')
     first = trip.commands.wait_for(
         lambda command: command.battery_heating_power > 0.0, 'heating', timeout_s=60.0)
     heated_first_s = on_the_way_s(first.header.stamp)
