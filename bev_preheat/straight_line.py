@@ -97,7 +97,7 @@ def compile_step(make_step, floats):
 
 
 def _written_out(results):
-    """Lines of assignments, and the texts of the results: what is used once stands where it is used."""
+    """Lines of assignments, and the texts of the results; what is used once stands in its place."""
     uses, order = {}, []
 
     def visit(value):

@@ -12,7 +12,7 @@ from bev_preheat.errors import InvalidInput
 
 REFRESH_S = 0.25
 LINE_PERIOD_S = 15.0
-# --once waits this long for all topics [s]; so long nothing is heard before it is said what is missing.
+# --once waits this long for all topics [s]. What is missing is said after so long a silence [s].
 ONCE_LIMIT_S = 15.0
 SILENCE_S = 3.0
 LEAST_WIDTH, MOST_WIDTH = 60, 110

@@ -32,7 +32,8 @@ def run(arguments):
     plan = plan_preheating(situation.vehicle, situation.route, situation.state, situation.goal,
                            arguments.method)
     console = Console()
-    console.print(plan_table([plan], title=f'vehicle {situation.vehicle.name}, route {arguments.route}'))
+    console.print(plan_table(
+        [plan], title=f'vehicle {situation.vehicle.name}, route {arguments.route}'))
     console.print(f'{plan.status.name}: {plan.explanation}', highlight=False, soft_wrap=True)
     if arguments.json:
         write_json(arguments.json, plan.as_dictionary())

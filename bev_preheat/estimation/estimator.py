@@ -44,7 +44,9 @@ EVIDENCE_OF_A_SWITCHING = 5.0
 @dataclass(frozen=True, eq=False)
 class Estimate:
     """
-    What is believed of the battery at an instant [ns]: the mean (7,) and covariance (7, 7) of `state`.
+    What is believed of the battery at an instant [ns].
+
+    `mean` (7,) and `covariance` (7, 7) are those of the elements of `state`.
 
     `heater` says how the heater answers, `temperature_resolution_k` in which steps the temperature
     is reported (0: continuous), `resets` how often the belief was begun anew, why and when last.

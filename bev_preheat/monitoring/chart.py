@@ -12,10 +12,20 @@ MARGIN = 6
 MOST_POINTS = 400
 # Less is no course yet, more is no drive [min].
 LEAST_SPAN_MIN, MOST_SPAN_MIN = 0.01, 1e5
+# Larger values are no temperature [degC] and no heater power [W].
+MOST_VALUE = 1e6
 
 
 def chart(heard, width):
-    """Return the chart of a Heard as a rich Text; a sentence where it cannot be drawn."""
+    """Return the chart of a Heard as a rich Text; a sentence, or nothing, where there is none."""
+    try:
+        return _chart(heard, width)
+    except (ArithmeticError, ValueError):
+        # Of figures that are no battery's the plotting library cannot find the scale.
+        return Text('')
+
+
+def _chart(heard, width):
     plan = heard.latest.get('preheat_plan')
     measured, commanded = _finite(heard.temperatures), _finite(heard.powers)
     planned, heating = _planned(plan)
@@ -36,14 +46,16 @@ def chart(heard, width):
         if points:
             figure.plot(*_minutes(points, now_s), label=label)
     target_c = plan.target_battery_temperature if plan is not None else math.nan
-    if math.isfinite(target_c):
+    if _is_drawable(target_c):
         figure.horizontal_line(target_c)
     figure.title('battery (degC) over time from now (min)')
     lines = figure.build()
-    if commanded or heating:
+    # A line to a point far beyond the panel's end is drawn all the way, in memory.
+    powers = [(at_s, power_w / 1000.0) for at_s, power_w in commanded + heating
+              if min(instants_s) <= at_s <= max(instants_s)]
+    if powers:
         strip = _figure(plotext, width, HEATER_HEIGHT, span)
-        strip.plot(*_minutes([(at, power_w / 1000.0) for at, power_w in commanded + heating],
-                             now_s))
+        strip.plot(*_minutes(powers, now_s))
         strip.title('heater (kW)')
         lines += '\n' + strip.build()
     return Text.from_ansi(lines)
@@ -70,9 +82,13 @@ def _planned(plan):
 
 def _finite(points):
     """Return the points that are numbers, thinned out where they are many."""
-    points = [point for point in points if all(map(math.isfinite, point))
-              and abs(point[1]) < 1e6]
+    points = [(at_s, value) for at_s, value in points
+              if math.isfinite(at_s) and _is_drawable(value)]
     return points[::max(1, len(points) // MOST_POINTS)]
+
+
+def _is_drawable(value):
+    return math.isfinite(value) and abs(value) < MOST_VALUE
 
 
 def _minutes(points, now_s):

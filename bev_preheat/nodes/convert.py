@@ -182,7 +182,8 @@ def plan_message(decision, mission, now_ns, later_decisions=()):
     _write_later(message, later_decisions)
     if plan is None:
         for field in ('predicted_arrival_temperature', 'predicted_arrival_temperature_deviation',
-                      'predicted_arrival_soc', 'shortfall', 'target_battery_temperature', 'soc_shortfall', 'undeliverable_power',
+                      'predicted_arrival_soc', 'shortfall', 'target_battery_temperature',
+                      'soc_shortfall', 'undeliverable_power',
                       *ENERGY_FIELDS.values()):
             setattr(message, field, math.nan)
         return message

@@ -71,7 +71,7 @@ def declare(node, parameters):
 
 
 def check(parameters, values):
-    """Raise InvalidInput, one problem a value, where values (a dictionary by name) are not allowed."""
+    """Raise InvalidInput, one problem a value, where values (a dictionary by name) are wrong."""
     problems = [problem for parameter in parameters
                 if parameter.name in values
                 and (problem := parameter.problem_with(values[parameter.name]))]

@@ -304,7 +304,7 @@ class PlannerNode(Node):
 
 
 def _take_effect(values):
-    """Return (Vehicle, Settings) of parameter values; raise InvalidInput where they are not allowed."""
+    """Return (Vehicle, Settings) of parameter values; raise InvalidInput where they are wrong."""
     check(PARAMETERS, values)
     if values['command_lease'] <= values['command_period']:
         raise InvalidInput(

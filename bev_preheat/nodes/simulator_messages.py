@@ -29,7 +29,7 @@ class Outcome:
 
 
 def battery_state_message(reading, capacity_ah, stamp):
-    """Return the BatteryState of a Reading [capacity: Ah]; what it does not hold is NaN or unknown."""
+    """Return the BatteryState of a Reading [capacity: Ah]; what it does not hold is NaN."""
     current_a = math.nan if reading.current_a is None else reading.current_a
     message = BatteryState(
         voltage=math.nan if reading.voltage_v is None else reading.voltage_v,

@@ -285,7 +285,7 @@ class VehicleSimulatorNode(Node):
 
 
 def _departure(values):
-    """Return (ImperfectCar, name of its route) of parameter values; raises InvalidInput on misfits."""
+    """Return (ImperfectCar, name of its route) of parameter values; InvalidInput on misfits."""
     if values['scenario']:
         scenario = load_scenario(values['scenario'])
         return scenario.car(), scenario.name

@@ -53,7 +53,7 @@ def make_terminal_limits(vehicle, arithmetic):
 
 
 def colder(vehicle, temperature_c):
-    """Temperatures COLDER_BY_K below these [deg C], but none that the vehicle is not described at."""
+    """Temperatures COLDER_BY_K below these [deg C], but none below the vehicle's range."""
     return np.maximum(temperature_c - COLDER_BY_K, vehicle.battery.temperature_range_c[0])
 
 
@@ -71,7 +71,7 @@ class Watch:
 
 
 def watch_limits(trip, soc, temperature_c):
-    """Return the Watch of a trip, from a run (N + 1 values) that is not much warmer than any other."""
+    """Return the Watch of a trip, from a run (N + 1 values) not much warmer than any other."""
     least_w, most_w = make_terminal_limits(trip.vehicle, ARRAYS)(
         soc[:-1], colder(trip.vehicle, temperature_c[:-1]), trip.power_variance_w2)
     return Watch(

@@ -32,7 +32,8 @@ def plan_optimal_switch(trip, state, goal):
     idle = run_forward(
         trip.vehicle, make_runge_kutta_4, state.soc, state.temperature_c, trip.inputs())
     if idle[1][-1] >= goal.target_temperature_c:
-        return Schedule(None, idle_w, idle_w, np.array(idle[0]), np.array(idle[1]), make_runge_kutta_4)
+        return Schedule(
+            None, idle_w, idle_w, np.array(idle[0]), np.array(idle[1]), make_runge_kutta_4)
     guess_s = find_crossing(
         trip, goal.target_temperature_c, _terminal_soc(trip, idle, goal.target_temperature_c),
         idle[1], make_midpoint)
@@ -91,7 +92,8 @@ def _switch_at(trip, idle, instant_s):
         trip.vehicle, make_runge_kutta_4, idle[0][first], idle[1][first],
         [column[first:] for column in trip.inputs(heater_power_w)])
     return Schedule(instant_s, heater_power_w, np.zeros(len(trip.route)),
-                    np.array(idle[0][:first] + soc), np.array(idle[1][:first] + temperature_c), make_runge_kutta_4)
+                    np.array(idle[0][:first] + soc), np.array(idle[1][:first] + temperature_c),
+                    make_runge_kutta_4)
 
 
 def _arrival_slope_k_per_s(trip, schedule):

@@ -29,7 +29,8 @@ def plan_paper(trip, state, goal, terminal_soc=None):
     idle_soc, idle_temperature_c = run_forward(
         trip.vehicle, make_euler, state.soc, state.temperature_c, trip.inputs())
     if idle_temperature_c[-1] >= goal.target_temperature_c:
-        return Schedule(None, idle_w, idle_w, np.array(idle_soc), np.array(idle_temperature_c), make_euler)
+        return Schedule(
+            None, idle_w, idle_w, np.array(idle_soc), np.array(idle_temperature_c), make_euler)
 
     instant_s = find_crossing(trip, goal.target_temperature_c,
                               idle_soc[-1] if terminal_soc is None else terminal_soc,

@@ -83,7 +83,7 @@ def _plan_with_caution(trip, state, goal, method, caution, options):
 
 
 def as_driven(plan, vehicle, route, state, goal):
-    """Return a plan as it would be driven: itself where it keeps the limits (9i), else within them."""
+    """Return a plan as it would be driven: itself where it keeps (9i), else within the limits."""
     trip = make_trip(vehicle, route)
     driven = drive_as_planned(trip, state, plan.hvch_battery_power_w)
     if np.abs(driven.soc - plan.soc).max() < SAME_SOC:

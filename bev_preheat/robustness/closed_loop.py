@@ -133,7 +133,8 @@ def drive_informed(car, goal):
     """
     plant = car.plant
     state = BatteryState(plant.temperature_c, plant.soc)
-    plan = plan_preheating(plant.vehicle, in_planning_steps(plant.route, Settings.planning_step_s), state, goal)
+    route = in_planning_steps(plant.route, Settings.planning_step_s)
+    plan = plan_preheating(plant.vehicle, route, state, goal)
     switchings_s = [instant_s for instant_s in (plan.heating_start_s, plan.heating_end_s)
                     if instant_s is not None]
     # Between two of these the plan's power does not change.

@@ -7,7 +7,7 @@ from math import inf, nan
 from bev_preheat_msgs.msg import HvchCommand, PreheatPlan, RoutePlan
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from hypothesis import given, strategies as st
+from hypothesis import given, settings, strategies as st
 import pytest
 from rich.console import Console
 from sensor_msgs.msg import BatteryState, Temperature
@@ -113,17 +113,26 @@ def test_one_line_says_the_same(heard):
 
 
 def test_what_is_missing_is_named():
-    sentence = waiting(Heard(), {'battery_state': 2}.get if False else (
-        lambda topic: 2 if topic == 'battery_state' else 0), '42')
+    sentence = waiting(Heard(), lambda topic: 2 if topic == 'battery_state' else 0, '42')
     assert 'ROS domain 42' in sentence
     assert 'battery_state: 2 publishers, no message yet' in sentence
     assert 'hvch_command: nobody publishes it' in sentence
 
 
+EXAMPLES = 300
 ANY = st.floats(allow_nan=True, allow_infinity=True)
 TIMES = st.builds(Time, sec=st.integers(-2**31, 2**31 - 1), nanosec=st.integers(0, 2**32 - 1))
 
 
+@pytest.mark.parametrize('stamp_s', [0, 2**31 - 1])
+def test_a_command_of_another_time_is_not_drawn(heard, stamp_s):
+    before = text(heard)
+    # Drawn, the line to it would take all memory.
+    heard.hear('hvch_command', stamped(command_message(5000.0), stamp_s))
+    assert text(heard).splitlines()[-20:] != [] and len(text(heard)) < 2 * len(before)
+
+
+@settings(max_examples=EXAMPLES, deadline=None, derandomize=True)
 @given(values=st.lists(ANY, min_size=3, max_size=3), times=st.lists(TIMES, min_size=3, max_size=3),
        numbers=st.lists(st.integers(0, 255), min_size=3, max_size=3),
        columns=st.lists(st.lists(ANY, max_size=5), min_size=3, max_size=3),
