@@ -7,7 +7,7 @@ from rich.text import Text
 
 from bev_preheat.monitoring.heard import stamp_s
 
-HEIGHT, HEATER_HEIGHT = 12, 5
+HEIGHT, HEATER_HEIGHT = 12, 7
 MARGIN = 6
 MOST_POINTS = 400
 # Less is no course yet, more is no drive [min].
@@ -55,6 +55,7 @@ def _chart(heard, width):
               if min(instants_s) <= at_s <= max(instants_s)]
     if powers:
         strip = _figure(plotext, width, HEATER_HEIGHT, span)
+        strip.ylim(0.0, max(1.0, *(power_kw for _, power_kw in powers)))
         strip.plot(*_minutes(powers, now_s))
         strip.title('heater (kW)')
         lines += '\n' + strip.build()
