@@ -127,6 +127,8 @@ def _simulator_parameters(parsed):
         'initial_soc': parsed.soc,
         'speed_up': parsed.speed_up,
         'wait_for_planner': 'true',
+        # The planner, and who draws the picture.
+        'wait_for_listeners': 2,
         'exit_on_arrival': 'true',
     }
     if parsed.target is not None:

@@ -60,6 +60,9 @@ PARAMETERS = (
     Parameter('wait_for_planner', False,
               'Hold the clock at the start until an hvch_command comes from a planner that has '
               'route and battery state.', read_only=True),
+    Parameter('wait_for_listeners', 0,
+              'Hold the clock at the start until so many subscribe to battery_state.', '',
+              (0, 1000), read_only=True),
     Parameter('speed_up', 1.0, 'Simulated seconds in each real second', '', (1.0, 1000.0)),
     Parameter('battery_state_period', 1.0,
               'Simulated time between two battery states', 's', (0.01, 60.0)),
@@ -110,7 +113,9 @@ class VehicleSimulatorNode(Node):
         self._start_ns = round(values['start_time'] * NS_PER_S) or time.time_ns()
         mission = self._car.mission(self._start_ns)
         self._pace = Pace(values['speed_up'])
-        self._is_held = values['wait_for_planner']
+        self._waits_for_planner = values['wait_for_planner']
+        self._listeners_awaited = values['wait_for_listeners']
+        self._is_held = self._waits_for_planner or self._listeners_awaited > 0
         self._stood_since_s = None
         self._published_s = 0.0
 
@@ -139,7 +144,7 @@ class VehicleSimulatorNode(Node):
             f'Vehicle {self._plant.vehicle.name}, route {route_name!r}: '
             f'{duration_text(self._plant.duration_s)}, '
             f'{self._plant.route.distance_m / 1000:.1f} km, at {self._pace.speed_up:g} times real '
-            f'time.{" Waiting for hvch_command." if self._is_held else ""}')
+            f'time.{" The clock waits." if self._is_held else ""}')
 
     # Time
 
@@ -169,8 +174,15 @@ class VehicleSimulatorNode(Node):
     def _on_hold(self):
         if self._is_held:
             self._publish_reading(self._car.readings_of.read(self._plant))
+            self._start_if_ready()
         else:
             self._hold_timer.cancel()
+
+    def _start_if_ready(self):
+        if not self._waits_for_planner and (
+                self._state_publisher.get_subscription_count() >= self._listeners_awaited):
+            self._is_held = False
+            self.get_logger().info('All that are waited for are there: the clock runs.')
 
     def _stand(self, real_s):
         """Tell that the drive is over."""
@@ -221,8 +233,8 @@ class VehicleSimulatorNode(Node):
             return
         if self._is_held and (message.battery_heating_power > 0.0
                               or message.reason not in NOT_READY):
-            self._is_held = False
-            self.get_logger().info('The planner has a plan: the clock runs.')
+            self._waits_for_planner = False
+            self._start_if_ready()
 
     def _publish_reading(self, reading):
         # What was under way when the last one was told has come too late.

@@ -25,6 +25,7 @@ from bev_preheat.nodes.listening import spun_node
 
 TIME_LIMIT_S = 20.0
 POLL_S = 0.005
+ANSWER_TIME_S = 5.0
 
 
 def poll_until(condition, what, timeout_s=TIME_LIMIT_S):
@@ -140,9 +141,16 @@ class Bench:
         client = self.node.create_client(service_type, name)
         try:
             assert client.wait_for_service(timeout_s), f'{name}: no such service'
-            future = client.call_async(request)
-            poll_until(future.done, f'{name}: a response', timeout_s)
-            return future.result()
+            deadline_s = time.monotonic() + timeout_s
+            while True:
+                future = client.call_async(request)
+                try:
+                    poll_until(future.done, f'{name}: a response', ANSWER_TIME_S)
+                    return future.result()
+                except AssertionError:
+                    # A server that has not found the client yet answers into the void.
+                    if time.monotonic() > deadline_s:
+                        raise
         finally:
             self.node.destroy_client(client)
 

@@ -167,6 +167,15 @@ def test_heat_ends_with_the_lease(record, publisher, start_simulator):
     assert outcome.without_command_s == pytest.approx(180.0 - 21.3, abs=1e-3)
 
 
+def test_the_clock_waits_for_all_listeners(record, start_simulator):
+    first = record(BatteryState, 'battery_state', MANY)
+    start_simulator(speed_up=60.0, wait_for_listeners=2)
+    for number in range(1, 4):
+        assert first.wait_for_count(number)[-1].header.stamp == Time(sec=START_S)
+    record(BatteryState, 'battery_state', MANY)
+    first.wait_for(lambda message: seconds(message.header.stamp) > 1.0)
+
+
 def test_commands_that_are_renewed_heat_on(record, publisher, start_simulator):
     states = record(BatteryState, 'battery_state', MANY)
     diagnostics = record(DiagnosticArray, '/diagnostics', 10)
@@ -248,18 +257,16 @@ def test_impossible_parameters_are_refused_in_words(start_simulator, parameters,
     assert 'Traceback' not in simulator.output()
 
 
-def test_parameters_on_the_way(node, record, start_simulator, wait_until):
+def test_parameters_on_the_way(bench, record, start_simulator):
     clock = record(Clock, '/clock', MANY)
     start_simulator()
-    client = node.create_client(SetParameters, '/vehicle_simulator/set_parameters')
-    assert client.wait_for_service(20.0)
 
     def set_number(name, value):
-        future = client.call_async(SetParameters.Request(parameters=[Parameter(
+        request = SetParameters.Request(parameters=[Parameter(
             name=name, value=ParameterValue(
-                type=ParameterType.PARAMETER_DOUBLE, double_value=value))]))
-        wait_until(future.done, 'an answer')
-        return future.result().results[0]
+                type=ParameterType.PARAMETER_DOUBLE, double_value=value))])
+        return bench.call(
+            SetParameters, '/vehicle_simulator/set_parameters', request).results[0]
 
     assert 'out of range' in set_number('speed_up', 0.5).reason
     assert not set_number('initial_soc', 0.5).successful
