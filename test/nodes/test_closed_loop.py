@@ -111,7 +111,7 @@ def test_the_planner_outlives_the_trip(trip):
 
 
 def test_a_planner_killed_while_heating_leaves_no_heat_after_the_lease(bench):
-    # So cold that it is heated from the start.
+    # So cold that it is soon heated.
     trip = Trip(bench, SPEED_UP, '-p', 'initial_battery_temperature:=-20.0')
     first = trip.commands.wait_for(
         lambda command: command.battery_heating_power > 0.0, 'heating', timeout_s=60.0)

@@ -113,3 +113,31 @@ def test_a_useless_memory_is_ignored_with_a_warning(car, tmp_path, text, problem
     planner = car.start_planner('-p', f'state_file:={memory}')
     car.wait_for_heat()
     assert f'state_file is ignored: {memory}: {problem}' in planner.output()
+
+
+def test_a_restarted_simulator_is_followed(bench):
+    """The clock begins anew, and so does the drive; the planner's process is the same."""
+    commands = bench.record(HvchCommand, 'hvch_command', 100)
+    planner = bench.start('planner', '-p', 'use_sim_time:=true', '-p', 'command_lease:=10.0',
+                          '-p', 'battery_state_timeout:=30.0')
+
+    def start_simulator():
+        # So cold that it is heated from the start.
+        return bench.start('vehicle_simulator', '-p', 'initial_battery_temperature:=-28.0',
+                           '-p', 'start_time:=1000.0', '-p', 'speed_up:=60.0',
+                           '-p', 'wait_for_planner:=true')
+
+    def heats_between(from_s, to_s):
+        return lambda command: (command.battery_heating_power > 0.0
+                                and from_s <= command.header.stamp.sec < to_s)
+
+    first = start_simulator()
+    commands.wait_for(heats_between(1400, 10**9), 'heat minutes later')
+    first.send_signal(signal.SIGKILL)
+    assert first.wait() == -signal.SIGKILL
+    commands.clear()
+    start_simulator()
+    # Nodes take some seconds to find each other, and so many minutes pass here meanwhile.
+    commands.wait_for(heats_between(1000, 1400), 'heat in the new drive')
+    assert planner.exit_status is None
+    assert 'Traceback' not in planner.output()
