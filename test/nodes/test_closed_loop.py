@@ -2,8 +2,8 @@
 """
 The whole trip: the installed planner and the simulated vehicle, each closing the other's loop.
 
-The trip of the paper at 200 times real time. The planner's lease is longer than usual, as 2.5 s of
-simulated time are 12 ms here, less than a busy computer may take to deliver a command.
+The trip of the paper at 100 times real time. The planner's lease is longer than usual, as 2.5 s of
+simulated time are 25 ms here, less than a busy computer may take to deliver a command.
 """
 
 import signal
@@ -19,7 +19,7 @@ from bev_preheat.nodes.convert import nanoseconds
 from bev_preheat.nodes.simulator_messages import outcome_from_diagnostics
 from bev_preheat.planning.status import Status
 
-SPEED_UP = 200
+SPEED_UP = 100
 DURATION_S = 3600.0
 TARGET_C = 25.0
 LEASE_S = 20.0
@@ -91,7 +91,7 @@ def test_heating_starts_when_the_plan_at_the_start_said(trip):
 def test_the_heater_is_not_switched_on_and_off(trip):
     on = [power_w > 0.0 for instant_s, power_w, _ in trip.powers() if instant_s < DURATION_S]
     switches = sum(before != after for before, after in zip(on, on[1:]))
-    # On once, and the last seconds before arrival may flicker.
+    # On once and off; a busy computer may hold up battery states for 0.6 s, which are 60 s here.
     assert 1 <= switches <= 5
 
 

@@ -141,7 +141,7 @@ def test_target_is_left_to_the_planner_by_default(record, start_simulator):
 def test_without_commands_there_is_no_heat(record, route, start_simulator):
     states = record(BatteryState, 'battery_state', MANY)
     diagnostics = record(DiagnosticArray, '/diagnostics', 10)
-    simulator = start_simulator(speed_up=100.0, exit_on_arrival='true')
+    simulator = start_simulator(speed_up=100.0, wait_for_listeners=1, exit_on_arrival='true')
     outcome = outcome_at_the_end(diagnostics)
     assert outcome.state == ARRIVED
     assert outcome.energy_wh.hvch_electric == outcome.energy_wh.hvch_heat == 0.0
@@ -225,7 +225,9 @@ def test_clock_is_held_until_the_planner_has_route_and_battery(record, publisher
 
 def test_empty_battery_ends_the_drive(record, start_simulator):
     diagnostics = record(DiagnosticArray, '/diagnostics', 10)
-    simulator = start_simulator(speed_up=100.0, initial_soc=0.004, exit_on_arrival='true')
+    record(BatteryState, 'battery_state', MANY)
+    simulator = start_simulator(speed_up=100.0, initial_soc=0.004, wait_for_listeners=1,
+                                exit_on_arrival='true')
     assert outcome_at_the_end(diagnostics).state == EMPTY
     assert simulator.wait(20.0) == 0
     assert 'The battery is empty after' in simulator.output()

@@ -146,7 +146,7 @@ def test_a_newer_question_ends_the_solving_of_the_older(solver):
     solver.ask(QUESTION, PATIENCE_S)
     solution = answer_of(solver)
     assert len(solution.optimal_plan.time_s) == len(ROUTE) + 1
-    assert is_gone(older)
+    wait_until(lambda: is_gone(older), 'the end of the older process')
 
 
 def test_a_newer_question_replaces_one_that_waits_for_the_start(solver):
