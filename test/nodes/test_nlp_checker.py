@@ -540,7 +540,9 @@ def test_planner_goes_on_while_the_checker_solves_hangs_and_dies(surroundings, w
         surroundings.commands.wait_for(lambda command: command.battery_heating_power > 0.0)
         before_s = psutil.Process(solver).cpu_times().user
         surroundings.expect_commands(20)
-        assert psutil.Process(solver).cpu_times().user > before_s
+        # It takes only what others leave, which may be nothing for a while.
+        wait_until(lambda: psutil.Process(solver).cpu_times().user > before_s,
+                   'work of the solver', REPORT_PATIENCE_S)
         assert psutil.Process(solver).nice() == 19
         checker.send_signal(signal.SIGSTOP)
         surroundings.expect_commands(10)
