@@ -90,17 +90,17 @@ class Probe(Node):
 
     def round_trip_s(self):
         """Return the time from a battery state out to the command in."""
-        self.plan_at = None
         started = perf_counter()
         self.send_state()
         self.wait(lambda: self.command_at is not None)
         round_trip_s = self.command_at - started
         # States come seconds apart: the next one does not find the node still at work on this one.
+        # A plan heard before the command was that of the state before.
         self.wait(lambda: self.plan_at is not None)
         return round_trip_s
 
     def _on_command(self, message):
-        self.command_at = perf_counter()
+        self.command_at, self.plan_at = perf_counter(), None
 
     def _on_plan(self, message):
         self.plan_at = perf_counter()
