@@ -101,7 +101,7 @@ def _in_words(error):
         yield f'{key}: {value} is not allowed; it must be {_range_in_words(error.schema)}'
     elif rule == 'type':
         wanted = ' or '.join(allowed) if isinstance(allowed, list) else allowed
-        yield f'{key}: {value!r} is not a {wanted}'
+        yield f'{key}: {value!r} is not {"an" if wanted[0] in "aio" else "a"} {wanted}'
     elif rule == 'enum':
         near = get_close_matches(str(value), [str(item) for item in allowed], n=1)
         hint = f'; did you mean {near[0]!r}?' if near else ''

@@ -75,8 +75,7 @@ def drive_with_nodes(scenario, name_or_file, speed_up, log_folder=None):
     Return the DriveRecord of a Scenario that the installed executables drive.
 
     `name_or_file` is what the scenario was loaded from, `speed_up` simulated seconds pass in each
-    real one;
-    the logs go to `log_folder`. Raises ScenarioFailed where the drive does not come to its end.
+    real one; the logs go to `log_folder`. Raises ScenarioFailed where the drive does not come to its end.
     """
     with tempfile.TemporaryDirectory() as temporary, reserved_domain_id() as domain_id:
         folder = Path(log_folder or temporary)

@@ -60,7 +60,7 @@ def measurement_from_message(message):
     """Return the Measurement of a sensor_msgs/BatteryState; raise InvalidInput on unknown values."""
     problems = [f'{field}: {value} is not a known value; it must be {allowed}'
                 for field, value, allowed in (
-                    ('temperature', message.temperature, 'in degC'),
+                    ('temperature', message.temperature, 'a finite number, in degC'),
                     ('percentage', message.percentage, '0 ... 1'))
                 if not math.isfinite(value)]
     if not 0.0 <= message.percentage <= 1.0 and math.isfinite(message.percentage):

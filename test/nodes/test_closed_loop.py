@@ -2,8 +2,9 @@
 """
 The whole trip: the installed planner and the simulated vehicle, each closing the other's loop.
 
-The trip of the paper at 100 times real time. The planner's lease is longer than usual, as 2.5 s of
-simulated time are 25 ms here, less than a busy computer may take to deliver a command.
+The trip of the paper at 100 times real time. The planner's lease and what it tolerates of the clock
+are longer than usual: 1 s of simulated time is 10 ms here, and a busy computer may take longer than
+that to deliver a command, or /clock after the state that was measured at that instant.
 """
 
 import signal
@@ -26,7 +27,8 @@ LEASE_S = 20.0
 START_S = 1_700_000_000
 PLANNER = ('-p', 'use_sim_time:=true', '-p', 'method:=optimal_switch',
            '-p', f'command_lease:={LEASE_S}',
-           '-p', 'command_period:=5.0', '-p', 'battery_state_timeout:=60.0')
+           '-p', 'command_period:=5.0', '-p', 'battery_state_timeout:=60.0',
+           '-p', 'clock_tolerance:=10.0')
 SIMULATOR = ('-p', 'route:=reference', '-p', 'vehicle:=reference', '-p', 'initial_soc:=0.9',
              '-p', 'initial_battery_temperature:=-7.0', '-p', f'start_time:={START_S}.0',
              '-p', 'wait_for_planner:=true', '-p', 'exit_on_arrival:=true')
@@ -91,7 +93,7 @@ def test_heating_starts_when_the_plan_at_the_start_said(trip):
 def test_the_heater_is_not_switched_on_and_off(trip):
     on = [power_w > 0.0 for instant_s, power_w, _ in trip.powers() if instant_s < DURATION_S]
     switches = sum(before != after for before, after in zip(on, on[1:]))
-    # On once and off; a busy computer may hold up battery states for 0.6 s, which are 60 s here.
+    # On once and off; a state that a busy computer holds up for long switches off in between.
     assert 1 <= switches <= 5
 
 

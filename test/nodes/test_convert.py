@@ -79,8 +79,8 @@ def test_battery_state():
 
 
 @pytest.mark.parametrize('fields, problem', [
-    ({'temperature': nan}, 'temperature: nan is not a known value; it must be in degC'),
-    ({'temperature': -inf}, 'temperature: -inf is not a known value; it must be in degC'),
+    ({'temperature': nan}, 'temperature: nan is not a known value; it must be a finite number, in degC'),
+    ({'temperature': -inf}, 'temperature: -inf is not a known value; it must be a finite number, in degC'),
     ({'percentage': nan}, 'percentage: nan is not a known value; it must be 0 ... 1'),
     ({'percentage': inf}, 'percentage: inf is not a known value; it must be 0 ... 1'),
     ({'percentage': 1.25}, 'percentage: 1.25 is not allowed; it must be 0 ... 1'),

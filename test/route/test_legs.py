@@ -343,7 +343,7 @@ LEG = {'length_m': 900.0, 'speed_limit_kmh': 50.0}
                                       'least 5 and at most 250'),
     ({**LEG, 'slope_percent': -40}, 'legs[1].slope_percent: -40 is not allowed; it must be at '
                                     'least -35 and at most 35'),
-    ({**LEG, 'stops': 1.5, 'stop_duration_s': 9}, 'legs[1].stops: 1.5 is not a integer'),
+    ({**LEG, 'stops': 1.5, 'stop_duration_s': 9}, 'legs[1].stops: 1.5 is not an integer'),
     ({**LEG, 'stops': 2}, 'legs[1]: missing stop_duration_s, with 2 stops'),
     ({**LEG, 'speed_limit_mps': 9}, "legs[1]: unknown key 'speed_limit_mps'; did you mean "
                                     "'speed_limit_kmh'? known keys: name, length_m, "

@@ -151,7 +151,7 @@ def test_reference_is_the_car_of_the_papers_table_1():
     ('battery.capacity_ah', '111 Ah', "battery.capacity_ah: '111 Ah' is not a number"),
     ('battery.capacity_ah', True, 'battery.capacity_ah: True is not a number'),
     ('name', 7, 'name: 7 is not a string'),
-    ('hvch', [6500, 0.9], 'hvch: [6500, 0.9] is not a object'),
+    ('hvch', [6500, 0.9], 'hvch: [6500, 0.9] is not an object'),
     # Numbers that are none.
     ('battery.heat_capacity_j_per_k', float('nan'),
      'battery.heat_capacity_j_per_k: nan is not a finite number'),
