@@ -19,7 +19,8 @@ class Arithmetic:
     Functions of one kind of number; `root` is the square root, 0 below zero where it can be.
 
     `opaque`, where it is not None, takes a function of floats that branches, and returns one of the
-    same two arguments for this kind of number, which cannot.
+    same two arguments for this kind of number, which cannot. `share` holds a state of charge within
+    0 ... 1, where curves are described, for the kinds of number that may leave it within a step.
     """
 
     root: Callable
@@ -27,6 +28,7 @@ class Arithmetic:
     maximum: Callable
     minimum: Callable
     opaque: Optional[Callable] = None
+    share: Callable = lambda value: value
 
 
 def _saturating_root(value):
@@ -36,6 +38,9 @@ def _saturating_root(value):
 # The fast one: a negative discriminant raises ValueError, which costs nothing where it is not.
 FLOATS = Arithmetic(math.sqrt, math.log, max, min)
 # The same for steps in which the battery cannot deliver the power: the current stays at U_oc/(2 R).
-SATURATING_FLOATS = Arithmetic(_saturating_root, math.log, max, min)
+# An empty battery is driven on with it, too, until the step is cut where the charge runs out.
+SATURATING_FLOATS = Arithmetic(
+    _saturating_root, math.log, max, min, share=lambda value: min(max(value, 0.0), 1.0))
 ARRAYS = Arithmetic(
-    lambda value: np.sqrt(np.maximum(value, 0.0)), np.log, np.maximum, np.minimum)
+    lambda value: np.sqrt(np.maximum(value, 0.0)), np.log, np.maximum, np.minimum,
+    share=lambda value: np.minimum(np.maximum(value, 0.0), 1.0))

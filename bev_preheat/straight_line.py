@@ -63,7 +63,7 @@ def compile_step(make_step, floats):
     columns (those of ARGUMENTS after the states) and returns the lists of states, one longer.
     """
     names = {'root': floats.root, 'log': floats.log, 'maximum': floats.maximum,
-             'minimum': floats.minimum}
+             'minimum': floats.minimum, 'share': floats.share}
 
     def opaque(function):
         name = f'table_{len(names)}'
@@ -75,7 +75,9 @@ def compile_step(make_step, floats):
         log=lambda value: _Symbol('log({})', value),
         maximum=lambda a, b: _Symbol('maximum({}, {})', a, b),
         minimum=lambda a, b: _Symbol('minimum({}, {})', a, b),
-        opaque=opaque)
+        opaque=opaque,
+        share=lambda value: value if floats.share is Arithmetic.share else _Symbol(
+            'share({})', value))
     results = make_step(symbols)(*(_Symbol(name) for name in ARGUMENTS))[:2]
     lines, (soc, temperature_c) = _written_out(results)
     source = '\n'.join([

@@ -8,7 +8,8 @@ from rich.console import Console
 from bev_preheat.commands.optimum import add_no_limits_argument, optimum_lines
 from bev_preheat.commands.output import add_output_arguments, plan_table, write_json
 from bev_preheat.commands.situation import add_situation_arguments, read_situation
-from bev_preheat.planning.planner import as_driven, METHODS, plan_preheating
+from bev_preheat.planning.planner import (
+    as_driven, DEFAULT_METHOD, METHODS, plan_preheating)
 
 
 def add_parser(subparsers):
@@ -29,7 +30,8 @@ def run(arguments):
     from bev_preheat.optimum.solve import SolverFailure, solve_optimum
     situation = read_situation(arguments)
     inputs = situation.vehicle, situation.route, situation.state, situation.goal
-    plans = [plan_preheating(*inputs, method) for method in METHODS]
+    plans = [plan_preheating(*inputs, method, safeguarded=method == DEFAULT_METHOD)
+             for method in METHODS]
     if not arguments.no_power_limits:
         plans = [as_driven(plan, *inputs) for plan in plans]
     console = Console()

@@ -329,8 +329,12 @@ class Supervisor:
             return self.command_off(now_ns, decision.status)
         # A partial step's power is computed, and may round to a little more than there is.
         limit_w = self._heater_limit_w(decision.leg, now_ns)
+        wanted_w = min(plan.power_at_w(elapsed_s) / decision.command_share, limit_w)
+        if wanted_w == 0.0 and decision.status is Status.OUT_OF_CHARGE:
+            # Not even for the heater's least time on: each watt is needed to get further.
+            return self.command_off(now_ns, decision.status)
         power_w = self._switch.power_w(
-            now_ns, min(plan.power_at_w(elapsed_s) / decision.command_share, limit_w), limit_w,
+            now_ns, wanted_w, limit_w,
             self.settings.minimum_on_time_s, self.settings.minimum_off_time_s)
         self._commands.note(now_ns, power_w)
         reason = decision.status

@@ -183,7 +183,8 @@ def plan_message(decision, mission, now_ns, later_decisions=()):
     if plan is None:
         for field in ('predicted_arrival_temperature', 'predicted_arrival_temperature_deviation',
                       'predicted_arrival_soc', 'shortfall', 'target_battery_temperature',
-                      'soc_shortfall', 'undeliverable_power',
+                      'soc_shortfall', 'undeliverable_power', 'charge_runs_out_distance',
+                      'lacking_energy',
                       *ENERGY_FIELDS.values()):
             setattr(message, field, math.nan)
         return message
@@ -198,6 +199,7 @@ def plan_message(decision, mission, now_ns, later_decisions=()):
     message.shortfall = plan.shortfall_k
     message.soc_shortfall = plan.soc_shortfall
     message.undeliverable_power = plan.undeliverable_power_w
+    _write_stranding(message, plan.stranding, start_ns)
     for field, name in ENERGY_FIELDS.items():
         setattr(message, name, getattr(plan.energy_wh, field))
     message.time = _sequence(plan.time_s)
@@ -211,6 +213,14 @@ def plan_message(decision, mission, now_ns, later_decisions=()):
     message.model_factors = _sequence(decision.model_factors)
     message.planning_time = plan.planning_time_s
     return message
+
+
+def _write_stranding(message, stranding, start_ns):
+    message.charge_runs_out_distance = message.lacking_energy = math.nan
+    if stranding is not None:
+        message.charge_runs_out = time_message(start_ns + round(stranding.at_s * NS_PER_S))
+        message.charge_runs_out_distance = stranding.at_m
+        message.lacking_energy = stranding.lacking_wh
 
 
 def _write_later(message, decisions):

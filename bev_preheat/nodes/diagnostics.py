@@ -18,6 +18,7 @@ LEVELS = {
     Status.TARGET_UNREACHABLE: DiagnosticStatus.WARN,
     Status.SOC_LIMITED: DiagnosticStatus.WARN,
     Status.POWER_LIMITED: DiagnosticStatus.WARN,
+    Status.OUT_OF_CHARGE: DiagnosticStatus.WARN,
     Status.STALE_INPUT: DiagnosticStatus.ERROR,
     Status.INVALID_INPUT: DiagnosticStatus.ERROR,
     Status.INTERNAL_ERROR: DiagnosticStatus.ERROR,

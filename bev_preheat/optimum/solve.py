@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Solves the nonlinear program for a situation; the result is a Plan with the solver's word."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import math
 from time import perf_counter
 
@@ -10,10 +10,11 @@ import numpy as np
 from bev_preheat.model import make_runge_kutta_4
 from bev_preheat.optimum.program import (
     build_program, ENERGY_SCALE_J, Give, POWER_SCALE_W, Program, SOC_SCALE)
-from bev_preheat.planning.limits import limits_hold
+from bev_preheat.planning.limits import limits_hold, run_unheated
 from bev_preheat.planning.plan import Plan
 from bev_preheat.planning.planner import finish_plan, plan_without_heating
-from bev_preheat.planning.schedule import Schedule, switched_on_s
+from bev_preheat.planning.safeguard import is_described
+from bev_preheat.planning.schedule import HeldBack, Schedule, switched_on_s
 from bev_preheat.planning.simulate import JOULES_PER_WH
 from bev_preheat.planning.situation import check_situation, reserve_soc
 from bev_preheat.planning.trip import make_trip
@@ -26,7 +27,10 @@ LOWEST_SOC = 'lowest state of charge'
 DISCHARGE_POWER = 'discharge power'
 HIGHEST_SOC = 'highest state of charge'
 HIGHEST_TEMPERATURE = 'highest battery temperature'
+CHARGE = 'charge'
 SUCCESS = 'Solve_Succeeded'
+# What stands in place of the solver's word where it was not asked.
+NOT_SOLVED = 'not solved: the charge does not carry the trip'
 # Slacks below these are rounding, not constraints that cannot be kept.
 TOLERANCE_K = 1e-5
 SOC_TOLERANCE = 1e-7
@@ -84,13 +88,19 @@ def solve_optimum(vehicle, route, state, goal, limited=True):
     Return the Optimum for a vehicle with a battery state at the start of a route.
 
     `limited`: keep the battery's power limits (9i). The program is solved without them first: a
-    solution that keeps them all the same is the optimum with them too, at half the cost. Raises
-    InvalidInput as `plan_preheating` does, SolverFailure where IPOPT finds neither an optimum nor
-    what cannot be kept.
+    solution that keeps them all the same is the optimum with them too, at half the cost. A trip that
+    the charge does not carry is not given to the solver: there is no optimum, and the best that can
+    be done is not to heat. Raises InvalidInput as `plan_preheating` does, SolverFailure where IPOPT
+    finds neither an optimum nor what cannot be kept.
     """
     started = perf_counter()
     check_situation(vehicle, route, state, goal)
     trip = make_trip(vehicle, route)
+    unheated = plan_without_heating(trip, state)
+    if not is_described(trip, unheated):
+        unheated = run_unheated(trip, state)
+    if unheated.empty_at_s is not None:
+        return _stranded(trip, goal, unheated, started)
     runs = []
     if limited:
         run = _run(build_program(vehicle, len(trip.route), limited=False), trip, state, goal)
@@ -115,13 +125,27 @@ def solve_optimum(vehicle, route, state, goal, limited=True):
     return _optimum(trip, goal, runs, lacking, started)
 
 
+def _stranded(trip, goal, unheated, started):
+    """Return the Optimum of a trip whose charge runs out: none, and why."""
+    plan = finish_plan(trip, goal, unheated, METHOD, started)
+    lacking = Lacking(
+        CHARGE, plan.stranding.lacking_wh, 'Wh',
+        f'charge: {plan.stranding.lacking_wh / 1e3:.2f} kWh are lacking to arrive; the battery is '
+        f'empty at {plan.stranding.at_s:.0f} s')
+    return Optimum(plan=plan, solver_status=NOT_SOLVED, iterations=0, solve_time_s=0.0,
+                   lacking=(lacking,), marginal_cost_wh_per_k=math.nan)
+
+
 def _optimum(trip, goal, runs, lacking, started):
     """Return the Optimum of the first of the runs, which all had to be made."""
     run, marginal_cost = runs[0] if not lacking else runs[-1], math.nan
+    schedule = _schedule(trip, run)
+    if schedule.soc[-1] - reserve_soc(trip.vehicle, goal) < SOC_TOLERANCE:
+        schedule = replace(schedule, held_back=HeldBack.RESERVE)
     if not lacking and goal.charging_planned and run.target_multiplier > 1e-9:
         marginal_cost = run.target_multiplier * ENERGY_SCALE_J / JOULES_PER_WH
     return Optimum(
-        plan=finish_plan(trip, goal, _schedule(trip, run), METHOD, started),
+        plan=finish_plan(trip, goal, schedule, METHOD, started),
         solver_status=runs[0].status,
         iterations=sum(run.iterations for run in runs),
         solve_time_s=sum(run.time_s for run in runs),

@@ -22,6 +22,8 @@ from bev_preheat.planning.schedule import Schedule
 SMALL_SHIFT_K = 1.0
 LARGE_SHIFT_K = 4.0
 LARGEST_SHIFT_K = 40.0
+# Thresholds moved by this are below every battery: only what is free is heated with.
+UNHEATED_SHIFT_K = -1e3
 # How much too warm the thresholds may be: before arrival they are sharp, before a climb less so.
 ARRIVAL_OVERSHOOT_K = 1.0
 CLIMB_OVERSHOOT_K = LARGE_SHIFT_K
@@ -53,18 +55,26 @@ class ForwardRuns:
         # The run so far: what lies before a requirement that is met does not change any more.
         self._kept = None
 
-    def settle(self, target_c):
-        """Return the Schedule that delivers every climb it can, and arrives at the target."""
+    def settle(self, target_c, serves_climbs=True):
+        """
+        Return the Schedule that delivers every climb it can, and arrives at the target.
+
+        Without `serves_climbs` only the target is seen to.
+        """
         self._kept = schedule = self._run()
         start = 0
-        for first, last in self._climbs(schedule):
+        for first, last in self._climbs(schedule) if serves_climbs else ():
             if first > start:
+                def spare_w(run, climb=slice(first, last)):
+                    return float(self._spare_power_w(run)[climb].min())
+
                 schedule = self._meet(
-                    start, first, schedule,
-                    lambda run, climb=slice(first, last): float(
-                        self._spare_power_w(run)[climb].min()),
+                    start, first, schedule, spare_w,
                     POWER_SURPLUS * float(self._trip.idle_power_w[first:last].max()),
                     CLIMB_OVERSHOOT_K)
+                if spare_w(schedule) < 0.0:
+                    # Heating takes charge too, and where that is what lacks it makes things worse.
+                    schedule = self._better_unheated(start, first, schedule, spare_w)
                 start = last
         end = len(self._trip.route)
 
@@ -87,6 +97,16 @@ class ForwardRuns:
         demanding = self._trip.idle_power_w > most_w
         edges = np.flatnonzero(np.diff(np.concatenate(([False], demanding, [False]))))
         return list(zip(edges[::2].tolist(), edges[1::2].tolist()))[:MOST_CLIMBS]
+
+    def _better_unheated(self, first, last, schedule, excess_of):
+        """Schedule, or the one without paid heating in steps first ... last - 1 if that has more."""
+        shift_k = self._shift_k.copy()
+        self._shift_k[first:last] = 0.0
+        unheated = self._try(first, last, UNHEATED_SHIFT_K, excess_of)
+        if unheated.excess < excess_of(schedule):
+            self._shift_k = shift_k
+            return schedule
+        return self._keep(first, last, unheated)
 
     def _meet(self, first, last, schedule, excess_of, tolerance, overshoot_k):
         """Schedule moved in steps first ... last - 1 so that nothing lacks, nor is too much."""

@@ -14,13 +14,15 @@ import numpy as np
 from bev_preheat.arithmetic import ARRAYS, FLOATS
 from bev_preheat.model import make_runge_kutta_4
 from bev_preheat.planning.schedule import Schedule, switched_on_s
-from bev_preheat.planning.simulate import compiled_step, KEPT_VEHICLES
+from bev_preheat.planning.simulate import compiled_step, hottest_c, KEPT_VEHICLES
 
 # Steps are looked at closely where a limit is this near: the run on which they are chosen may be
 # warmer than the run that is made, by what the friction brake takes from the drivetrain's heat.
 COLDER_BY_K = 5.0
 # A limit counts as active where it takes more than this [W].
 ACTIVE_W = 1e-3
+# Halvings that find the share of a step at which the battery is empty, or full, to rounding.
+BISECTIONS = 50
 # The highest temperature is kept to this by heating.
 HIGHEST_TOLERANCE_K = 1e-6
 
@@ -83,8 +85,9 @@ def limits_hold(trip, schedule):
     """Return whether a schedule made without regard to limits keeps them all."""
     battery = trip.vehicle.battery
     lowest_c, highest_c = battery.temperature_range_c
-    temperature_c = schedule.temperature_c
-    if temperature_c.max() > highest_c or temperature_c.min() < lowest_c:
+    temperature_c, soc = schedule.temperature_c, schedule.soc
+    if (temperature_c.max() > highest_c or temperature_c.min() < lowest_c
+            or soc.min() <= 0.0 or soc.max() > 1.0):
         return False
     terminal_w = trip.idle_power_w + schedule.heater_power_w
     least_w, most_w = make_terminal_limits(trip.vehicle, ARRAYS)(
@@ -99,16 +102,19 @@ def run_within_limits(trip, state, watch, paid_power_w, take_surplus, first=0, b
     `paid_power_w(step, temperature_c)` is the heater power [W] wanted in a step, cut where the
     battery cannot give it or would exceed its highest temperature. With `take_surplus`, what the
     battery may not take of the regeneration goes to the heater first; the friction brake takes the
-    rest.
-    With `before`, a Schedule of the same trip, its steps before `first` are kept.
+    rest. With `before`, a Schedule of the same trip, its steps before `first` are kept.
+
+    The state of charge stays within 0 ... 1: what would overfill the battery goes to the friction
+    brake, and where the charge runs out the vehicle stands for the rest of the trip.
     """
     vehicle = trip.vehicle
     step, _ = compiled_step(vehicle, make_runge_kutta_4, saturating=True)
     limits = make_terminal_limits(vehicle, FLOATS)
-    highest_c = vehicle.battery.temperature_range_c[1]
+    highest_c, most_c = vehicle.battery.temperature_range_c[1], hottest_c(vehicle)
     efficiency, heat_share = vehicle.hvch.efficiency, vehicle.drivetrain.heat_share
     joules_per_k = vehicle.battery.heat_capacity_j_per_k / efficiency
-    if before is None:
+    if before is None or before.empty_at_s is not None:
+        first = 0
         socs, temperatures_c, heaters_w, brakes_w = [state.soc], [state.temperature_c], [], []
     else:
         socs, temperatures_c, heaters_w, brakes_w = (values.tolist() for values in (
@@ -119,6 +125,7 @@ def run_within_limits(trip, state, watch, paid_power_w, take_surplus, first=0, b
         trip.route.duration_s, trip.idle_power_w, trip.power_variance_w2, trip.idle_heat_w,
         trip.leakage_w_per_k, trip.heater_limit_w, watch.charge, watch.discharge)))
     propulsion_w = trip.route.propulsion_power_w.tolist()
+    empty = None
     for (k, duration_s, power_w, variance_w2, heat_w, leakage_w_per_k, cap_w,
          may_overcharge, may_overdraw) in columns:
         if temperature_c >= highest_c:
@@ -140,11 +147,30 @@ def run_within_limits(trip, state, watch, paid_power_w, take_surplus, first=0, b
             if heater_w <= 0.0 or end_c <= highest_c + HIGHEST_TOLERANCE_K:
                 break
             heater_w = max(0.0, heater_w - (end_c - highest_c) * joules_per_k / duration_s)
-        soc, temperature_c = soc_end, end_c
+        if soc_end <= 0.0:
+            empty = k
+            break
+        if soc_end > 1.0:
+            brake_w, soc_end, end_c = _filled(
+                lambda braked_w: step(
+                    soc, temperature_c, duration_s, power_w + heater_w + braked_w, variance_w2,
+                    heat_w + efficiency * heater_w - heat_share * braked_w, leakage_w_per_k),
+                brake_w, max(0.0, -propulsion_w[k]))
+        soc, temperature_c = soc_end, min(end_c, most_c)
         socs.append(soc)
         temperatures_c.append(temperature_c)
         heaters_w.append(heater_w)
         brakes_w.append(brake_w)
+    driven_share = empty_at_s = None
+    if empty is not None:
+        driven_share, standing_c = _stranded(
+            trip, step, empty, (soc, temperature_c), heater_w, brake_w)
+        empty_at_s = float(
+            trip.time_s[empty] + driven_share[empty] * trip.route.duration_s[empty])
+        temperatures_c += standing_c
+        socs += [0.0] * len(standing_c)
+        heaters_w += (heater_w * driven_share[empty:]).tolist()
+        brakes_w += (brake_w * driven_share[empty:]).tolist()
     heater_power_w = np.array(heaters_w)
     start_s = switched_on_s(trip, heater_power_w)
     if start_s is not None:
@@ -153,7 +179,69 @@ def run_within_limits(trip, state, watch, paid_power_w, take_surplus, first=0, b
         if watch.charge[on] or watch.discharge[on]:
             start_s = float(trip.time_s[on])
     return Schedule(start_s, heater_power_w, np.array(brakes_w), np.array(socs),
-                    np.array(temperatures_c), make_runge_kutta_4)
+                    np.array(temperatures_c), make_runge_kutta_4,
+                    empty_at_s=empty_at_s, driven_share=driven_share)
+
+
+def _filled(step, least_w, most_w):
+    """
+    Return (brake power [W], state of charge, temperature) of a step that just fills the battery.
+
+    `step(brake_w)` returns the state at its end, overfull with the brake at `least_w` [W].
+    """
+    for _ in range(BISECTIONS):
+        middle_w = 0.5 * (least_w + most_w)
+        if step(middle_w)[0] > 1.0:
+            least_w = middle_w
+        else:
+            most_w = middle_w
+    soc, temperature_c = step(most_w)
+    return most_w, min(soc, 1.0), temperature_c
+
+
+def _stranded(trip, step, empty, start, heater_w, brake_w):
+    """
+    Return how a run ends whose charge runs out in step `empty`, which begins at `start`.
+
+    `start` is (state of charge, temperature [deg C]). The step is driven until the battery is empty;
+    from then on the vehicle stands. Returns (driven share of each step (N,), temperatures [deg C] at
+    the ends of step `empty` and those after it).
+    """
+    vehicle, temperatures_c = trip.vehicle, []
+    efficiency, heat_share = vehicle.hvch.efficiency, vehicle.drivetrain.heat_share
+    driven_share = np.where(np.arange(len(trip.route)) < empty, 1.0, 0.0)
+
+    def drive_step(driven, k, state):
+        share = driven_share[k]
+        return step(
+            *state, float(trip.route.duration_s[k]),
+            float(driven.idle_power_w[k]) + share * (heater_w + brake_w),
+            float(driven.power_variance_w2[k]),
+            float(driven.idle_heat_w[k]) + share * (efficiency * heater_w - heat_share * brake_w),
+            float(trip.leakage_w_per_k[k]))
+
+    enough, too_much = 0.0, 1.0
+    for _ in range(BISECTIONS):
+        driven_share[empty] = 0.5 * (enough + too_much)
+        if drive_step(trip.driven(driven_share), empty, start)[0] > 0.0:
+            enough = driven_share[empty]
+        else:
+            too_much = driven_share[empty]
+    driven_share[empty] = enough
+    state, driven = start, trip.driven(driven_share)
+    for k in range(empty, len(trip.route)):
+        _, end_c = drive_step(driven, k, state)
+        state = 0.0, min(end_c, hottest_c(vehicle))
+        temperatures_c.append(state[1])
+    return driven_share, temperatures_c
+
+
+def run_unheated(trip, state):
+    """Return the Schedule of a forward run that keeps the limits, heated with free surplus only."""
+    everywhere = np.ones(len(trip.route), dtype=bool)
+    return run_within_limits(
+        trip, state, Watch(trip.route.propulsion_power_w < 0.0, everywhere),
+        lambda k, temperature_c: 0.0, take_surplus=True)
 
 
 def drive_as_planned(trip, state, heater_power_w, take_surplus=False):

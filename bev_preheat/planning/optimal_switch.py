@@ -26,11 +26,18 @@ HEATING_ALLOWANCE = 1.1
 MOST_RUNS = 60
 
 
-def plan_optimal_switch(trip, state, goal):
-    """Return the Schedule whose forward run arrives at the target, switching on once."""
+def plan_optimal_switch(trip, state, goal, unheated=None):
+    """
+    Return the Schedule whose forward run arrives at the target, switching on once.
+
+    `unheated` is the Schedule without any heating, limits left aside, where it is known already.
+    """
     idle_w = np.zeros(len(trip.route))
-    idle = run_forward(
-        trip.vehicle, make_runge_kutta_4, state.soc, state.temperature_c, trip.inputs())
+    if unheated is None:
+        idle = run_forward(
+            trip.vehicle, make_runge_kutta_4, state.soc, state.temperature_c, trip.inputs())
+    else:
+        idle = unheated.soc.tolist(), unheated.temperature_c.tolist()
     if idle[1][-1] >= goal.target_temperature_c:
         return Schedule(
             None, idle_w, idle_w, np.array(idle[0]), np.array(idle[1]), make_runge_kutta_4)

@@ -12,7 +12,7 @@ from bev_preheat.planning.simulate import compiled_step, run_forward
 LOST_ABOVE_TARGET_K = 100.0
 
 
-def plan_paper(trip, state, goal, terminal_soc=None):
+def plan_paper(trip, state, goal, terminal_soc=None, unheated=None):
     """
     Return the Schedule of the forward and the backward simulation.
 
@@ -23,7 +23,8 @@ def plan_paper(trip, state, goal, terminal_soc=None):
     instant interpolated within its step. The state of charge at the end, which the paper assumes
     (`terminal_soc`, its soc_f), is that of the forward run where none is given. The trajectories
     are those of a forward run under the heater power so found, not the two halves put together,
-    which would jump at the crossing.
+    which would jump at the crossing. `unheated`, which other methods begin with, is not the paper's:
+    its runs are Euler's.
     """
     idle_w = np.zeros(len(trip.route))
     idle_soc, idle_temperature_c = run_forward(

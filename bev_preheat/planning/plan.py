@@ -6,8 +6,10 @@ from typing import Optional
 
 import numpy as np
 
+from bev_preheat.planning.schedule import HeldBack
 from bev_preheat.planning.simulate import Energies
 from bev_preheat.planning.status import Status
+from bev_preheat.planning.stranding import Stranding
 
 
 @dataclass(frozen=True)
@@ -19,7 +21,9 @@ class Plan:
     a step, as on arrival. `shortfall_k` says by how much the target is missed, `soc_shortfall` by
     how much the state of charge to be kept, `undeliverable_power_w` how much power the battery
     lacks in the worst step (at `undeliverable_at_s`). `stretches`
-    (planning.stretches.HeatingStretch) say why it heats. Shapes: `time_s`,
+    (planning.stretches.HeatingStretch) say why it heats, `held_back` (planning.schedule.HeldBack)
+    why it does not heat more, and `stranding` (planning.stranding.Stranding) where the charge runs
+    out; None where it does not. Shapes: `time_s`,
     `battery_temperature_c` and `soc` (N + 1,), `hvch_battery_power_w` (N,), the mean electrical
     power in each step, `friction_brake_power_w` (N,), what the friction brake takes because the
     battery may not.
@@ -43,6 +47,8 @@ class Plan:
     stretches: tuple
     planning_time_s: float
     heating_end_s: Optional[float] = None
+    held_back: Optional[HeldBack] = None
+    stranding: Optional[Stranding] = None
 
     @property
     def arrival_time_s(self):
@@ -90,6 +96,9 @@ class Plan:
             'soc_shortfall': self.soc_shortfall,
             'undeliverable_power_w': self.undeliverable_power_w,
             'undeliverable_at_s': self.undeliverable_at_s,
+            'charge_runs_out_at_s': self.stranding and self.stranding.at_s,
+            'charge_runs_out_at_m': self.stranding and self.stranding.at_m,
+            'lacking_energy_wh': self.stranding.lacking_wh if self.stranding else 0.0,
             'stretches': [{'start_s': stretch.start_s, 'end_s': stretch.end_s,
                            'energy_wh': stretch.energy_wh, 'reason': stretch.reason.name}
                           for stretch in self.stretches],

@@ -2,6 +2,7 @@
 """Makes a plan: checks, runs a method, and says what comes of it."""
 
 from dataclasses import replace
+from functools import partial
 import math
 from time import perf_counter
 
@@ -17,27 +18,32 @@ from bev_preheat.planning.merit_order import plan_merit_order
 from bev_preheat.planning.optimal_switch import plan_optimal_switch
 from bev_preheat.planning.paper import plan_paper
 from bev_preheat.planning.plan import Plan
+from bev_preheat.planning.safeguard import (
+    giving_way, is_described, lacking_power, Safeguard)
 from bev_preheat.planning.schedule import Schedule
 from bev_preheat.planning.situation import check_situation, reserve_soc
 from bev_preheat.planning.simulate import keep_accounts, run_forward
 from bev_preheat.planning.status import Status
+from bev_preheat.planning.stranding import find_stranding
 from bev_preheat.planning.stretches import heating_stretches
 from bev_preheat.planning.trip import heated_throughout, make_trip
 
+# What each method proposes, the most demanding first: where a proposal would be worse than not
+# heating, the next one is tried (see `safeguard`).
 METHODS = {
-    'merit_order': plan_merit_order,
-    'optimal_switch': plan_optimal_switch,
-    'paper': plan_paper,
+    'merit_order': (
+        plan_merit_order, partial(plan_merit_order, serves_climbs=False)),
+    'optimal_switch': (
+        plan_optimal_switch, giving_way(plan_optimal_switch)),
+    'paper': (
+        plan_paper, giving_way(plan_paper)),
 }
 DEFAULT_METHOD = 'merit_order'
 
 # Missing the target by less than this is no miss: the paper's Euler steps are not better.
 SHORTFALL_TOLERANCE_K = 0.2
-# A power that is lacking by less than this share is rounding.
-POWER_TOLERANCE = 1e-6
-# The state of charge to be kept is kept to this; a plan this close above it was held back by it.
+# The state of charge to be kept is kept to this.
 SOC_TOLERANCE = 1e-5
-RESERVE_REACHED = 1e-4
 # Runs by Euler and by Runge-Kutta differ less than this; runs within and without limits, more.
 SAME_SOC = 5e-4
 # A switching instant this close is now.
@@ -45,15 +51,16 @@ NOW_S = 1e-6
 
 
 def plan_preheating(vehicle, route, state, goal, method=DEFAULT_METHOD, caution=None,
-                    heater_share=1.0, heats_throughout=False, **options):
+                    heater_share=1.0, heats_throughout=False, safeguarded=True, **options):
     """
     Return the Plan for a vehicle with a battery state at the start of a route.
 
     `method` is one of METHODS, `options` are its own. `caution` (a Caution) makes it heat a little
     more and earlier; `heater_share` (0 ... 1) is what the heater gives of its power; with
-    `heats_throughout` it heats whatever is planned. Raises InvalidInput where state, goal or
-    route are outside what the vehicle's model describes, or the method is unknown; PlanningFailure
-    where the model yields no numbers.
+    `heats_throughout` it heats whatever is planned. Without `safeguarded` the plan is what the method makes of it, even if that
+    is worse than not heating: for comparing methods, never for driving. Raises InvalidInput where
+    state, goal or route are outside what the vehicle's model describes, or the method is unknown;
+    PlanningFailure where the model yields no numbers.
     """
     started = perf_counter()
     if method not in METHODS:
@@ -63,23 +70,40 @@ def plan_preheating(vehicle, route, state, goal, method=DEFAULT_METHOD, caution=
     if heats_throughout:
         trip = heated_throughout(trip)
     try:
-        if goal.charging_planned and caution is not None:
-            schedule = _plan_with_caution(trip, state, goal, method, caution, options)
-        elif goal.charging_planned:
-            schedule = METHODS[method](trip, state, goal, **options)
-        else:
-            schedule = plan_without_heating(trip, state)
+        schedule = _schedule(trip, state, goal, method, caution, safeguarded, options)
     except ArithmeticError as error:
         raise PlanningFailure(f'the battery model fails on this route: {error}') from error
     return finish_plan(trip, goal, schedule, method, started)
 
 
-def _plan_with_caution(trip, state, goal, method, caution, options):
+def _schedule(trip, state, goal, method, caution, safeguarded, options):
+    unheated = plan_without_heating(trip, state)
+    if not goal.charging_planned:
+        return as_described(trip, state, unheated)
     highest_c = trip.vehicle.battery.temperature_range_c[1]
-    target_c = min(goal.target_temperature_c + caution.margin_k, highest_c)
-    schedule = METHODS[method](
-        trip, state, replace(goal, target_temperature_c=target_c), **options)
-    return heat_early(trip, state, schedule, target_c, caution)
+
+    def proposal(propose):
+        def schedule_for(target_c):
+            if caution is not None:
+                target_c = min(target_c + caution.margin_k, highest_c)
+            schedule = propose(trip, state, replace(goal, target_temperature_c=target_c),
+                               unheated=unheated, **options)
+            if caution is not None:
+                schedule = heat_early(trip, state, schedule, target_c, caution)
+            return as_described(trip, state, schedule)
+        return schedule_for
+
+    proposals = [proposal(propose) for propose in METHODS[method]]
+    if safeguarded:
+        return Safeguard(trip, state, goal, unheated).serve(proposals)
+    return proposals[0](goal.target_temperature_c)
+
+
+def as_described(trip, state, schedule):
+    """Return a Schedule itself if the model describes its run, else as it is driven in limits."""
+    if is_described(trip, schedule):
+        return schedule
+    return drive_as_planned(trip, state, schedule.heater_power_w)
 
 
 def as_driven(plan, vehicle, route, state, goal):
@@ -88,12 +112,13 @@ def as_driven(plan, vehicle, route, state, goal):
     driven = drive_as_planned(trip, state, plan.hvch_battery_power_w)
     if np.abs(driven.soc - plan.soc).max() < SAME_SOC:
         return plan
-    return finish_plan(trip, goal, driven, f'{plan.method}, driven',
+    return finish_plan(trip, goal, replace(driven, held_back=plan.held_back),
+                       f'{plan.method}, driven',
                        perf_counter() - plan.planning_time_s)
 
 
 def plan_without_heating(trip, state, make_integrator=make_runge_kutta_4):
-    """Return the Schedule that never heats."""
+    """Return the Schedule that never heats, limits left aside."""
     idle_w = np.zeros(len(trip.route))
     soc, temperature_c = run_forward(
         trip.vehicle, make_integrator, state.soc, state.temperature_c, trip.inputs())
@@ -103,19 +128,15 @@ def plan_without_heating(trip, state, make_integrator=make_runge_kutta_4):
 def finish_plan(trip, goal, schedule, method, started):
     """Return the Plan of a schedule: energies, status and sentence; `started`: perf_counter()."""
     arrival_c, arrival_soc = float(schedule.temperature_c[-1]), float(schedule.soc[-1])
-    # What is not a number once is none until the end.
+    # NaN propagates, so checking the final state is enough.
     if not (math.isfinite(arrival_c) and math.isfinite(arrival_soc)):
         raise PlanningFailure('the battery model yields no finite temperatures on this route')
     least_w, most_w = make_terminal_limits(trip.vehicle, ARRAYS)(
         schedule.soc[:-1], schedule.temperature_c[:-1], trip.power_variance_w2)
-    missing_w = np.maximum(trip.idle_power_w + schedule.heater_power_w - most_w, 0.0)
-    worst = int(np.argmax(missing_w))
-    lacking_w = float(missing_w[worst])
-    if lacking_w <= POWER_TOLERANCE * abs(trip.idle_power_w[worst]):
-        lacking_w = 0.0
+    lacking = lacking_power(trip, schedule, most_w)
     reserve = reserve_soc(trip.vehicle, goal)
     # The circuit's own limit lies at the battery's or above it.
-    accounts = keep_accounts(trip, schedule, deliverable=lacking_w == 0.0)
+    accounts = keep_accounts(trip, schedule, deliverable=lacking.worst_w == 0.0)
     plan = Plan(
         status=Status.WAITING,
         explanation='',
@@ -131,27 +152,31 @@ def finish_plan(trip, goal, schedule, method, started):
         energy_wh=accounts.energy_wh,
         shortfall_k=max(0.0, goal.target_temperature_c - arrival_c),
         soc_shortfall=max(0.0, reserve - arrival_soc),
-        undeliverable_power_w=lacking_w,
-        undeliverable_at_s=float(trip.time_s[worst]) if lacking_w > 0.0 else None,
+        undeliverable_power_w=lacking.worst_w,
+        undeliverable_at_s=(
+            float(trip.time_s[lacking.at]) if lacking.worst_w > 0.0 else None),
         stretches=heating_stretches(trip, schedule, least_w),
         planning_time_s=0.0,
-        heating_end_s=schedule.heating_end_s)
-    status = _status(plan, goal, reserve)
+        heating_end_s=schedule.heating_end_s,
+        held_back=schedule.held_back,
+        stranding=find_stranding(trip, schedule))
+    status = _status(plan, goal)
     return replace(plan, status=status, explanation=explain(status, plan, reserve),
                    planning_time_s=perf_counter() - started)
 
 
-def _status(plan, goal, reserve):
+def _status(plan, goal):
     if not goal.charging_planned:
         return Status.NO_CHARGING_PLANNED
+    if plan.stranding is not None:
+        return Status.OUT_OF_CHARGE
     if plan.undeliverable_power_w > 0.0:
         return Status.POWER_LIMITED
     missed = plan.shortfall_k > SHORTFALL_TOLERANCE_K
-    spare_soc = plan.arrival_soc - reserve
-    if spare_soc < -SOC_TOLERANCE or (missed and spare_soc <= RESERVE_REACHED):
+    if plan.soc_shortfall > SOC_TOLERANCE or (missed and plan.held_back is not None):
         return Status.SOC_LIMITED
+    if missed:
+        return Status.TARGET_UNREACHABLE
     if plan.heating_start_s is None:
-        return Status.TARGET_UNREACHABLE if missed else Status.NOT_NEEDED
-    if plan.heating_start_s > NOW_S:
-        return Status.WAITING
-    return Status.TARGET_UNREACHABLE if missed else Status.HEATING
+        return Status.NOT_NEEDED
+    return Status.WAITING if plan.heating_start_s > NOW_S else Status.HEATING

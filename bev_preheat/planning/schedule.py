@@ -2,6 +2,7 @@
 """What a planning method decides: when to heat. Everything else of a Plan follows from it."""
 
 from dataclasses import dataclass
+from enum import Enum
 from typing import Callable, Optional
 
 import numpy as np
@@ -9,6 +10,13 @@ import numpy as np
 
 # A heater power below this share of what the cabin leaves is rounding.
 HEATING_SHARE = 1e-4
+
+
+class HeldBack(Enum):
+    """Why a plan heats less than its target asks for."""
+
+    RESERVE = 'the state of charge that must be left'
+    POWER = 'the power that an emptier battery would lack'
 
 
 @dataclass(frozen=True)
@@ -20,6 +28,11 @@ class Schedule:
     what the friction brake takes of the regeneration in each step; `soc` and `temperature_c`
     (N + 1 values) are the run, made with `make_integrator` of `model`. `heating_end_s` is where
     heating ends for good within a step; None: at the end of a step.
+
+    `empty_at_s` is the instant at which the charge runs out, None where it does not; from then on
+    the vehicle stands, and `driven_share` (N,) is the share of each step that it drives (None: all).
+    `held_back` (HeldBack) is why a warmer battery was found to be out of the question; None: it was
+    not.
     """
 
     heating_start_s: Optional[float]
@@ -29,6 +42,9 @@ class Schedule:
     temperature_c: np.ndarray
     make_integrator: Callable
     heating_end_s: Optional[float] = None
+    empty_at_s: Optional[float] = None
+    driven_share: Optional[np.ndarray] = None
+    held_back: Optional[HeldBack] = None
 
 
 def maximum_from(trip, switching_instant_s):

@@ -11,6 +11,9 @@ from bev_preheat.model import make_rates
 from bev_preheat.straight_line import compile_step
 
 JOULES_PER_WH = 3600.0
+# A hard drive may heat the battery this far beyond its range before the car's own cooling, which
+# the model does not describe, is taken to hold it.
+HOTTEST_BEYOND_RANGE_K = 20.0
 # What is made from a vehicle is kept for so many: one as described, and one as it turns out.
 KEPT_VEHICLES = 8
 
@@ -44,9 +47,19 @@ def run_forward(vehicle, make_integrator, soc, temperature_c, inputs):
     try:
         _, roll = compiled_step(vehicle, make_integrator)
         return roll(soc, temperature_c, columns)
-    except ValueError:
+    except (ValueError, ArithmeticError):
+        # No root, or, far beyond an empty battery, no number at all.
         _, roll = compiled_step(vehicle, make_integrator, saturating=True)
         return roll(soc, temperature_c, columns)
+
+
+def hottest_c(vehicle):
+    """
+    Hottest battery that is planned with [deg C].
+
+    The model has no cooling, which every car has; a drive that needs it is held here.
+    """
+    return vehicle.battery.temperature_range_c[1] + HOTTEST_BEYOND_RANGE_K
 
 
 @dataclass(frozen=True)
@@ -88,21 +101,29 @@ def keep_accounts(trip, schedule, deliverable=False):
 
     Each term is integrated with the weights of the run's own integrator, so that the heat balance
     and the energy balance close to rounding. `deliverable`: it is known that the circuit gives every
-    power that is asked for.
+    power that is asked for. What a run takes away beyond the model's leakage, to hold the battery at
+    the hottest temperature that is planned with, counts as leakage.
     """
     vehicle = trip.vehicle
+    if schedule.driven_share is not None:
+        trip = trip.driven(schedule.driven_share)
     heater_power_w, soc, temperature_c = (
         schedule.heater_power_w, schedule.soc, schedule.temperature_c)
     inputs = trip.inputs(heater_power_w, schedule.brake_power_w)
     duration_s, terminal_power_w = inputs[:2]
     hours = duration_s / JOULES_PER_WH
-    _, _, mean_temperature_c, joule_heat_w = _step_of_arrays(vehicle, schedule.make_integrator)(
-        soc[:-1], temperature_c[:-1], *inputs)
+    _, end_c, mean_temperature_c, joule_heat_w = _step_of_arrays(
+        vehicle, schedule.make_integrator)(soc[:-1], temperature_c[:-1], *inputs)
     undeliverable_w = np.zeros(len(duration_s)) if deliverable else np.maximum(
         terminal_power_w - deliverable_power_w(vehicle, soc[:-1], temperature_c[:-1]), 0.0)
     drivetrain_heat_w = (trip.drivetrain_heat_w
                          - vehicle.drivetrain.heat_share * schedule.brake_power_w)
     leakage_w = trip.leakage_w_per_k * (trip.route.ambient_temperature_c - mean_temperature_c)
+    hottest = temperature_c[1:] >= hottest_c(vehicle)
+    if hottest.any():
+        leakage_w = leakage_w - np.where(
+            hottest, end_c - temperature_c[1:],
+            0.0) * vehicle.battery.heat_capacity_j_per_k / duration_s
     battery_power_w = terminal_power_w - undeliverable_w + joule_heat_w
     hvch_electric_wh = float(hours @ heater_power_w)
     return Accounts(

@@ -23,3 +23,4 @@ class Status(IntEnum):
     SHUTTING_DOWN = 13
     INTERNAL_ERROR = 14
     CHARGING = 15
+    OUT_OF_CHARGE = 16

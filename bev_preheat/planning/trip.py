@@ -8,9 +8,11 @@ import numpy as np
 from bev_preheat.route.segments import Route
 from bev_preheat.vehicle.description import Vehicle
 
-# Longer steps are divided: Euler's error grows with the step, and beyond some ten minutes the
-# explicit methods lose their stability for a light pack with a strong leakage.
+# Longer steps are divided, because Euler's error grows with the step.
 LONGEST_STEP_S = 300.0
+# So are steps beyond this share of the battery's thermal time constant: the explicit methods lose
+# their accuracy near the time constant itself, and their stability from twice that on.
+TIME_CONSTANT_SHARE = 0.5
 
 
 @dataclass(frozen=True)
@@ -50,6 +52,18 @@ class Trip:
         return (self.route.duration_s, power_w, self.power_variance_w2, heat_w,
                 self.leakage_w_per_k)
 
+    def driven(self, share):
+        """
+        Return the Trip of which only a share (N,) of each step is driven; the rest it stands.
+
+        A vehicle that stands draws no power; its battery leaks heat as if it drove on.
+        """
+        return replace(
+            self, idle_power_w=share * self.idle_power_w,
+            power_variance_w2=share * self.power_variance_w2,
+            idle_heat_w=self.idle_heat_w - (1.0 - share) * self.drivetrain_heat_w,
+            drivetrain_heat_w=share * self.drivetrain_heat_w)
+
 
 def make_trip(vehicle, route, heater_share=1.0):
     """
@@ -57,7 +71,7 @@ def make_trip(vehicle, route, heater_share=1.0):
 
     Of what the cabin leaves of the heater, `heater_share` (0 ... 1) is there for the battery.
     """
-    route = route.divided(LONGEST_STEP_S)
+    route = route.divided(_longest_steps_s(vehicle, route))
     leakage_w_per_k = vehicle.battery.leakage.coefficient_w_per_k(route.speed_mps)
     drivetrain_heat_w = vehicle.drivetrain.heat_to_battery_w(route.propulsion_power_w)
     return Trip(
@@ -72,6 +86,14 @@ def make_trip(vehicle, route, heater_share=1.0):
         leakage_w_per_k=leakage_w_per_k,
         heater_limit_w=heater_share * np.maximum(
             vehicle.hvch.maximum_power_w - route.cabin_heating_power_w, 0.0))
+
+
+def _longest_steps_s(vehicle, route):
+    """Longest step that the model is integrated with in each segment [s], shape (N,)."""
+    leakage_w_per_k = vehicle.battery.leakage.coefficient_w_per_k(route.speed_mps)
+    stiff_w_per_k = (TIME_CONSTANT_SHARE / LONGEST_STEP_S) * vehicle.battery.heat_capacity_j_per_k
+    return LONGEST_STEP_S * np.minimum(1.0, stiff_w_per_k / np.maximum(
+        leakage_w_per_k, stiff_w_per_k))
 
 
 def heated_throughout(trip):

@@ -99,12 +99,12 @@ def _make_strides(trip, watch, soc):
         may_overcharge=watch.charge[first], may_overdraw=watch.discharge[first])
 
 
-def find_thresholds(trip, watch, run, target_c):
+def find_thresholds(trip, watch, run, target_c, serves_climbs=True):
     """
     Return the Thresholds of a trip, by running the value curve backward.
 
     `run` (a Schedule) says along which states of charge, and about which temperatures, the curve
-    is needed.
+    is needed. Without `serves_climbs` a power that the battery lacks costs nothing.
     """
     battery, hvch = trip.vehicle.battery, trip.vehicle.hvch
     strides = _make_strides(trip, watch, run.soc)
@@ -113,7 +113,7 @@ def find_thresholds(trip, watch, run, target_c):
     coldest_c = max(min(run.temperature_c.min(), target_c) - MARGIN_K, lowest_c)
     warmest_c = min(max(run.temperature_c.max(), target_c), highest_c) + 2.0 * MARGIN_K
     grid_c = np.linspace(max(coldest_c - MARGIN_K, lowest_c), warmest_c, GRID_POINTS)
-    idle, full = _step_maps(trip.vehicle, strides, grid_c)
+    idle, full = _step_maps(trip.vehicle, strides, grid_c, PENALTY if serves_climbs else 0.0)
     price_j_per_k = PENALTY * battery.heat_capacity_j_per_k / hvch.efficiency
     curve_c = np.unique(np.append(grid_c, target_c))
     value_j = price_j_per_k * np.maximum(target_c - curve_c, 0.0)
@@ -214,8 +214,12 @@ class _StepMap:
     needed_c: np.ndarray
 
 
-def _step_maps(vehicle, strides, grid_c):
-    """Maps of all strides with free heating only, and with all the heating there is."""
+def _step_maps(vehicle, strides, grid_c, penalty):
+    """
+    Maps of all strides with free heating only, and with all the heating there is.
+
+    A watt that the battery lacks costs `penalty` times what the heater takes for it.
+    """
     power_w, variance_w2, heat_w, leakage_w_per_k = (
         column[:, np.newaxis] for column in strides.columns)
     soc, duration_s, cap_w = (
@@ -248,7 +252,7 @@ def _step_maps(vehicle, strides, grid_c):
             soc, start_c, duration_s, terminal_w, variance_w2,
             heat_w + vehicle.hvch.efficiency * heater_w
             - vehicle.drivetrain.heat_share * brake_w, leakage_w_per_k)
-        return _StepMap(end_c, duration_s * (terminal_w + joule_w + PENALTY * lacking_w),
+        return _StepMap(end_c, duration_s * (terminal_w + joule_w + penalty * lacking_w),
                         needed_c)
 
     return map_of(free_w), map_of(np.maximum(room_w, free_w))

@@ -97,7 +97,8 @@ def reproduce(vehicle=None):
 
 
 def _heuristic(vehicle, route):
-    return plan_preheating(vehicle, route, STATE, GOAL, 'paper', terminal_soc=TERMINAL_SOC)
+    return plan_preheating(vehicle, route, STATE, GOAL, 'paper', safeguarded=False,
+                           terminal_soc=TERMINAL_SOC)
 
 
 @dataclass(frozen=True)

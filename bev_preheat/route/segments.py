@@ -124,8 +124,12 @@ class Route:
                         for field in fields(self)})
 
     def divided(self, longest_s):
-        """Return the route with segments longer than `longest_s` divided into equal parts."""
-        if self.duration_s.max() <= longest_s:
+        """
+        Return the route with segments longer than `longest_s` divided into equal parts.
+
+        `longest_s` [s] is one number, or one for each segment, shape (N,).
+        """
+        if (self.duration_s <= longest_s).all():
             return self
         parts = np.maximum(np.ceil(self.duration_s / longest_s - 1e-9).astype(int), 1)
         values = {field.name: np.repeat(getattr(self, field.name), parts)

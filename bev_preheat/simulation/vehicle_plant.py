@@ -8,7 +8,7 @@ from bev_preheat.arithmetic import SATURATING_FLOATS
 from bev_preheat.model import make_rates, make_runge_kutta_4
 from bev_preheat.planning.limits import make_terminal_limits
 from bev_preheat.planning.simulate import (
-    deliverable_power_w, Energies, JOULES_PER_WH, step_of_floats)
+    deliverable_power_w, Energies, hottest_c, JOULES_PER_WH, step_of_floats)
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.route.segments import Route
 
@@ -107,7 +107,7 @@ class VehiclePlant:
         for _ in range(steps):
             self._keep_limits(heater_power_w)
             self._step(step_s)
-            if self.soc <= 0.0:
+            if self.soc == 0.0:
                 self.empty_at_s = self.time_s
                 return
         # Sums of steps do not end exactly where they should.
@@ -144,7 +144,10 @@ class VehiclePlant:
             soc, temperature_c, mean_temperature_c, joule_w = step_of_floats(
                 self.vehicle, make_runge_kutta_4, saturating=True)(
                     self.soc, self.temperature_c, step_s, *inputs)
-        self.soc, self.temperature_c = soc, temperature_c
+        # Neither can a battery be emptier than empty, nor does a car let it get any hotter.
+        self.soc = min(max(soc, 0.0), 1.0)
+        self.temperature_c = min(temperature_c, hottest_c(self.vehicle))
+        cooled_j = self.vehicle.battery.heat_capacity_j_per_k * (temperature_c - self.temperature_c)
         self.time_s += step_s
         self.undeliverable_power_w = max(self.undeliverable_power_w, lacking_w)
         trip = self._trip
@@ -154,7 +157,8 @@ class VehiclePlant:
         self._joule_j += step_s * joule_w
         self._drivetrain_j += step_s * drivetrain_heat_w
         self._heater_j += step_s * self.heater_power_w
-        self._leakage_j += step_s * leakage_w_per_k * (ambient_c - mean_temperature_c)
+        self._leakage_j += (
+            step_s * leakage_w_per_k * (ambient_c - mean_temperature_c) - cooled_j)
         self._battery_j += step_s * (power_w - lacking_w + joule_w)
         self._undeliverable_j += step_s * lacking_w
         self._brake_j += step_s * self.brake_power_w

@@ -13,7 +13,7 @@ import numpy as np
 from bev_preheat.arithmetic import ARRAYS
 from bev_preheat.planning.limits import make_terminal_limits
 from bev_preheat.planning.planner import (
-    as_driven, METHODS, plan_preheating, SHORTFALL_TOLERANCE_K)
+    as_driven, DEFAULT_METHOD, METHODS, plan_preheating, SHORTFALL_TOLERANCE_K)
 from bev_preheat.planning.status import Status
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.study.trips import DRAWS
@@ -76,7 +76,9 @@ def run_trip(vehicle, seed, number, trips='free'):
     trip = DRAWS[trips](vehicle, seed, number)
     inputs = trip.vehicle, trip.route, trip.state, trip.goal
     limited = trips == 'limits'
-    plans = {method: plan_preheating(*inputs, method) for method in METHODS}
+    # The others are shown as they are, worse than not heating or not.
+    plans = {method: plan_preheating(*inputs, method, safeguarded=method == DEFAULT_METHOD)
+             for method in METHODS}
     driven = {method: as_driven(plan, *inputs) if limited else plan
               for method, plan in plans.items()}
     optimum, outcome, detail = None, SOLVER_FAILED, ''
@@ -134,8 +136,9 @@ EXPECTED = {
     NOT_NEEDED: (Status.NOT_NEEDED.name,),
     UNREACHABLE: (Status.TARGET_UNREACHABLE.name, Status.SOC_LIMITED.name),
     # A battery that runs empty lacks power too.
-    RESERVE_MISSED: (Status.SOC_LIMITED.name, Status.POWER_LIMITED.name),
-    POWER_LACKING: (Status.POWER_LIMITED.name,),
+    RESERVE_MISSED: (Status.SOC_LIMITED.name, Status.POWER_LIMITED.name,
+                     Status.OUT_OF_CHARGE.name),
+    POWER_LACKING: (Status.POWER_LIMITED.name, Status.OUT_OF_CHARGE.name),
     FEASIBLE: (Status.WAITING.name, Status.HEATING.name),
 }
 

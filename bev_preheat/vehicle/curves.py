@@ -29,11 +29,14 @@ class PolynomialVoltage:
         """`f(soc, temperature_c)` [V] for the given kind of number."""
         c0, c1, c2, c3 = (tuple(self.coefficients_v) + (0.0,) * 3)[:4]
         log_soc_v, log, maximum = self.log_soc_v, arithmetic.log, arithmetic.maximum
+        share = arithmetic.share
 
         def polynomial(soc, temperature_c):
+            soc = share(soc)
             return c0 + soc * (c1 + soc * (c2 + soc * c3))
 
         def polynomial_and_logarithm(soc, temperature_c):
+            soc = share(soc)
             return (c0 + soc * (c1 + soc * (c2 + soc * c3))
                     + log_soc_v * log(maximum(soc, LOWEST_SOC_IN_LOGARITHM)))
 

@@ -16,6 +16,10 @@ from bev_preheat.vehicle.description import (
 
 SCHEMA = Path(__file__).with_name('schema.yaml')
 
+# Thermal time constant of a battery that any car could have, and a speed to hold it at: below it the
+# file is wrong by a power of ten somewhere.
+LEAST_TIME_CONSTANT_S = 20.0
+FAST_MPS = 40.0
 # What the numbers of a curve may be: (low, high, unit).
 VOLTAGE_RANGE_V = (10.0, 2000.0)
 RESISTANCE_RANGE_OHM = (1e-6, 100.0)
@@ -43,6 +47,16 @@ def load_vehicle(name_or_file):
         problems.append(
             f'defaults.target_battery_temperature_c: {target_c} is outside '
             f'battery.temperature_range_c {lowest_c} ... {highest_c}')
+
+    leakage = Leakage(**_floats(battery['leakage']))
+    time_constant_s = battery['heat_capacity_j_per_k'] / max(
+        leakage.coefficient_w_per_k(FAST_MPS), 1e-9)
+    if time_constant_s < LEAST_TIME_CONSTANT_S:
+        problems.append(
+            f'battery.heat_capacity_j_per_k: {battery["heat_capacity_j_per_k"]:g} J/K with a leakage '
+            f'of {leakage.coefficient_w_per_k(FAST_MPS):g} W/K at {FAST_MPS:g} m/s is a battery that '
+            f'cools within {time_constant_s:.1f} s; it must be at least '
+            f'{LEAST_TIME_CONSTANT_S:g} s')
 
     def curve(key, formula):
         node = battery[key]
@@ -77,7 +91,7 @@ def load_vehicle(name_or_file):
             resistance=resistance,
             discharge_power_limit=discharge,
             charge_power_limit=charge,
-            leakage=Leakage(**_floats(battery['leakage'])),
+            leakage=leakage,
             soc_range=tuple(map(float, battery['soc_range'])),
             temperature_range_c=tuple(map(float, battery['temperature_range_c']))),
         drivetrain=Drivetrain(**_floats(contents['drivetrain'])),

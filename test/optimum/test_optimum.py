@@ -17,8 +17,8 @@ from scipy.optimize import brentq
 from bev_preheat.errors import InvalidInput
 from bev_preheat.optimum import program, solve
 from bev_preheat.optimum.solve import (
-    ARRIVAL_SOC, HIGHEST_SOC, HIGHEST_TEMPERATURE, LOWEST_SOC, solve_optimum, SolverFailure,
-    SUCCESS, TARGET)
+    ARRIVAL_SOC, CHARGE, HIGHEST_SOC, HIGHEST_TEMPERATURE, LOWEST_SOC, NOT_SOLVED, solve_optimum,
+    SolverFailure, SUCCESS, TARGET)
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.status import Status
@@ -401,11 +401,26 @@ def test_joule_heat_beyond_the_highest_temperature_is_lacking():
         f'K above its range at {30 * int(np.argmax(idle_c))} s')
 
 
-@pytest.mark.parametrize('number', [43, 72])
+@pytest.mark.parametrize('number', [43, 637])
 def test_drawn_climbs_that_overheat_the_battery_are_explained(number):
     trip = draw_limit_trip(REFERENCE, 1, number)
     optimum = solve_optimum(trip.vehicle, trip.route, trip.state, trip.goal)
     assert HIGHEST_TEMPERATURE in {item.constraint for item in optimum.lacking}
+
+
+def test_a_trip_that_the_charge_does_not_carry_is_not_given_to_the_solver():
+    # The same climb until the battery is empty.
+    trip = draw_limit_trip(REFERENCE, 1, 72)
+    optimum = solve_optimum(trip.vehicle, trip.route, trip.state, trip.goal)
+    (lacking,) = optimum.lacking
+    assert (optimum.solver_status, lacking.constraint, lacking.unit) == (NOT_SOLVED, CHARGE, 'Wh')
+    assert (optimum.plan.status, optimum.plan.soc.min(), optimum.plan.energy_wh.hvch_electric) == (
+        Status.OUT_OF_CHARGE, 0.0, 0.0)
+    minutes, seconds = divmod(round(optimum.plan.stranding.at_s), 60)
+    assert f'{minutes}:{seconds:02d} min' in optimum.plan.explanation
+    assert optimum.infeasible == (
+        f'charge: {optimum.plan.stranding.lacking_wh / 1e3:.2f} kWh are lacking to arrive; the '
+        f'battery is empty at {optimum.plan.stranding.at_s:.0f} s',)
 
 
 def test_highest_temperature_is_kept_where_the_battery_need_not_deliver_all():

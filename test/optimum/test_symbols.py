@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The model as CasADi expressions against the same model in plain floats, at random points."""
 
+from dataclasses import replace
+
 import casadi
 import numpy as np
 import pytest
@@ -58,7 +60,9 @@ def test_rates_are_those_of_floats(vehicle):
 
 def test_runge_kutta_step_is_that_of_floats(vehicle):
     symbolic = symbolic_step(vehicle)
-    numeric = make_runge_kutta_4(make_rates(vehicle, SATURATING_FLOATS))
+    # The program keeps the state of charge within 0 ... 1 by its bounds, not by its curves.
+    unbounded = replace(SATURATING_FLOATS, share=lambda value: value)
+    numeric = make_runge_kutta_4(make_rates(vehicle, unbounded))
     random = np.random.default_rng(12)
     for soc, temperature_c, *inputs in random_points(vehicle, seed=13):
         step = (soc, temperature_c, random.uniform(0.5, 300.0), 0.5 * inputs[0], *inputs[1:])

@@ -537,8 +537,8 @@ def test_extreme_trip_has_finite_numbers(name):
     ('one_segment', Status.TARGET_UNREACHABLE), ('no_heater', Status.POWER_LIMITED),
     ('target_below_start', Status.NOT_NEEDED), ('descent_and_target_below_start', Status.WAITING),
     ('lowest_charge', Status.SOC_LIMITED),
-    ('empty', Status.SOC_LIMITED), ('stops_only', Status.TARGET_UNREACHABLE),
-    ('far_too_much', Status.POWER_LIMITED), ('coldest_to_hottest', Status.POWER_LIMITED),
+    ('empty', Status.OUT_OF_CHARGE), ('stops_only', Status.TARGET_UNREACHABLE),
+    ('far_too_much', Status.OUT_OF_CHARGE), ('coldest_to_hottest', Status.POWER_LIMITED),
     ('quarter_seconds', Status.WAITING)])
 def test_extreme_trip_has_a_status(name, status):
     route, target_c, state = EXTREMES[name]

@@ -366,7 +366,7 @@ def test_unknown_method_is_refused_with_those_there_are():
                  id='target_is_start'),
     pytest.param(drive(), BatteryState(-7.0, 1.0), 18.0, Status.WAITING, id='full'),
     pytest.param(drive(minutes=10, power_w=0.0, cabin_w=0.0), BatteryState(-7.0, 0.0), 18.0,
-                 Status.POWER_LIMITED, id='empty'),
+                 Status.OUT_OF_CHARGE, id='empty'),
     pytest.param(drive(), BatteryState(-40.0, 0.88), 60.0, Status.TARGET_UNREACHABLE,
                  id='coldest_to_hottest')])
 def test_extreme_trips_have_a_status_and_finite_numbers(segments, state, target_c, status):

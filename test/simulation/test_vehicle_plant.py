@@ -241,6 +241,30 @@ def test_with_an_empty_battery_the_vehicle_stands():
     assert plant.heater_power_w == plant.current_a == 0.0
 
 
+def test_a_battery_is_never_emptier_than_empty():
+    plant = VehiclePlant(SIMPLE, route_of([900.0], power_w=[80e3]), BatteryState(5.0, 0.0501))
+    plant.advance(900.0, 0.0)
+    assert (plant.soc, plant.is_standing) == (0.0, True)
+
+
+def test_a_battery_is_never_fuller_than_full():
+    # The limits of this one would take more.
+    eager = with_limits(charge_w=-1e5, discharge_w=1e5)
+    plant = VehiclePlant(eager, route_of([900.0], power_w=[-80e3]), BatteryState(5.0, 0.99))
+    plant.advance(900.0, 0.0)
+    assert plant.soc == 1.0
+
+
+def test_a_car_does_not_let_its_battery_melt():
+    plant = VehiclePlant(SIMPLE, route_of([600.0], power_w=[2e6]), BatteryState(40.0, 0.9))
+    plant.advance(600.0, 0.0)
+    hottest_c = VEHICLE.battery.temperature_range_c[1] + 20.0
+    energy = plant.energy_wh
+    assert plant.temperature_c == hottest_c
+    assert (energy.joule + energy.drivetrain_heat + energy.leakage) == pytest.approx(
+        HEAT_CAPACITY_J_PER_K * (hottest_c - 40.0) / 3600.0)
+
+
 def test_current_and_voltage_are_those_of_the_circuit():
     plant = VehiclePlant(SIMPLE, route_of([10.0, 10.0], power_w=[30e3, -12e3]),
                          BatteryState(5.0, 0.8))

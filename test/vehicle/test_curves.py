@@ -54,7 +54,7 @@ def test_resistance_falls_with_the_inverse_of_temperature():
                                                                             rel=1e-15)
 
 
-@given(soc=SOCS, temperature_c=st.floats(-40.0, 80.0))
+@given(soc=st.floats(0.0, 1.0), temperature_c=st.floats(-40.0, 80.0))
 @pytest.mark.parametrize('curve', [
     pytest.param(PolynomialVoltage((300.0, 40.0, -10.0, 24.0)), id='polynomial'),
     pytest.param(PolynomialVoltage((300.0, 40.0), log_soc_v=6.0), id='logarithm'),
@@ -63,6 +63,14 @@ def test_resistance_falls_with_the_inverse_of_temperature():
 def test_formula_of_arrays_is_that_of_floats(curve, soc, temperature_c):
     array = curve.function(ARRAYS)(np.array([soc]), np.array([temperature_c]))
     assert array == pytest.approx([curve.function(FLOATS)(soc, temperature_c)], rel=1e-12)
+
+
+@pytest.mark.parametrize('arithmetic', [
+    pytest.param(SATURATING_FLOATS, id='saturating'), pytest.param(ARRAYS, id='arrays')])
+@pytest.mark.parametrize('soc, end', [(-0.4, 0.0), (1.7, 1.0)])
+def test_formula_is_level_beyond_empty_and_full(arithmetic, soc, end):
+    voltage_v = PolynomialVoltage((300.0, 40.0, -10.0, 24.0)).function(arithmetic)
+    assert voltage_v(soc, 20.0) == voltage_v(end, 20.0) == pytest.approx({0.0: 300.0, 1.0: 354.0}[end])
 
 
 @pytest.mark.parametrize('arithmetic', [

@@ -221,6 +221,11 @@ def test_reference_is_the_car_of_the_papers_table_1():
     # The voltage falls from the start: 400 - 50 soc, a fortieth of the range further on.
     (f'{VOLTAGE}.formula.polynomial_v', [400, -50], f'{VOLTAGE}: falls from 398 V at soc 0.04 to '
      '396.837 V at soc 0.06325; it must not fall with soc'),
+    # 22.2 kJ/K / (1000 W/K + 40 m/s * 50 W/K per m/s) = 7.4 s
+    ('battery', {**GOOD['battery'], 'heat_capacity_j_per_k': 22200, 'leakage': {
+        'gamma_0_w_per_k': 1000, 'gamma_v_w_per_k_per_mps': 50}},
+     'battery.heat_capacity_j_per_k: 22200 J/K with a leakage of 3000 W/K at 40 m/s is a battery '
+     'that cools within 7.4 s; it must be at least 20 s'),
     # The default target.
     ('defaults.target_battery_temperature_c', 58, 'defaults.target_battery_temperature_c: 58 is '
      'outside battery.temperature_range_c -33 ... 57'),

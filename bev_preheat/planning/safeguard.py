@@ -1,0 +1,176 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+No plan is worse than not heating: whatever a method proposes is held against the unheated trip.
+
+Paid heating takes charge. Where the charge does not carry the trip there is none. Where it would
+cost the state of charge that must be left, the target is lowered until it does not. And where the
+battery lacks power for the drive, a plan that makes it lack more is no plan: heat helps a cold
+battery, but an empty one only gets emptier.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from bev_preheat.arithmetic import ARRAYS
+from bev_preheat.planning.limits import (
+    drive_as_planned, limits_hold, make_terminal_limits, run_unheated)
+from bev_preheat.planning.schedule import HeldBack, Schedule
+from bev_preheat.planning.simulate import hottest_c
+from bev_preheat.planning.situation import reserve_soc
+
+# A power that is lacking by less than this share is rounding. Where power lacks in any case, a plan
+# that lacks so many watts more is no worse.
+POWER_TOLERANCE = 1e-6
+NO_WORSE_W = 10.0
+# The warmest target that is allowed has been found where no more charge than this is to spare, or
+# where it is known to this, less exactly where power decides; so many are tried.
+SOC_TOLERANCE = 1e-5
+TARGET_TOLERANCE_K = 5e-6
+TARGET_TOLERANCE_OF_POWER_K = 0.1
+MOST_TARGETS = 8
+# So much lacking power counts like the whole charge.
+POWER_WEIGHT_W = 1e6
+
+
+@dataclass(frozen=True)
+class Lacking:
+    """
+    Power that the battery cannot deliver in each step [W], shape (N,), and the worst of it.
+
+    `worst_w` is 0 where nothing but rounding is lacking; `at` is the worst step.
+    """
+
+    power_w: np.ndarray
+    worst_w: float
+    at: int
+
+
+def lacking_power(trip, schedule, most_w=None):
+    """
+    Return what is Lacking in a Schedule of a Trip.
+
+    `most_w` (N,) is the most terminal power that the battery can give [W], where it is known.
+    """
+    if most_w is None:
+        _, most_w = make_terminal_limits(trip.vehicle, ARRAYS)(
+            schedule.soc[:-1], schedule.temperature_c[:-1], trip.power_variance_w2)
+    power_w = np.maximum(trip.idle_power_w + schedule.heater_power_w - most_w, 0.0)
+    if schedule.driven_share is not None:
+        # What a vehicle that stands does not get is lacking charge, not power.
+        power_w = np.where(schedule.driven_share < 1.0, 0.0, power_w)
+    at = int(np.argmax(power_w))
+    worst_w = float(power_w[at])
+    is_rounding = worst_w <= POWER_TOLERANCE * abs(float(trip.idle_power_w[at]))
+    return Lacking(power_w, 0.0 if is_rounding else worst_w, at)
+
+
+class Safeguard:
+    """Holds proposals for one trip, state and goal against the trip without paid heating."""
+
+    def __init__(self, trip, state, goal, unheated):
+        """`unheated` is the Schedule without any heating, limits left aside."""
+        self._trip, self._goal = trip, goal
+        self._reserve = reserve_soc(trip.vehicle, goal)
+        self._lowest_soc = trip.vehicle.battery.soc_range[0]
+        # What is free is taken: surplus that the friction brake would waste.
+        self.unheated = (unheated if limits_hold(trip, unheated)
+                         else run_unheated(trip, state))
+        lacking_w = lacking_power(trip, self.unheated).worst_w
+        self._allowed_w = lacking_w + NO_WORSE_W if lacking_w > 0.0 else 0.0
+
+    def serve(self, proposals):
+        """
+        Return the Schedule of the first proposal that is allowed, the unheated one if none is.
+
+        A proposal is a function of a target [deg C] that returns a Schedule; the most demanding
+        comes first. Each is tried with the goal's target, then with the warmest that is allowed.
+        """
+        if self.unheated.empty_at_s is not None:
+            return self.unheated
+        held_back = None
+        for proposal in proposals:
+            wanted = proposal(self._goal.target_temperature_c)
+            if self._spare_soc(wanted) >= 0.0 and self._spare_power_w(wanted) >= 0.0:
+                return wanted
+            held_back = (HeldBack.RESERVE if self._spare_soc(wanted) < 0.0
+                         else HeldBack.POWER)
+            found = self._warmest(proposal, wanted)
+            if found is not None:
+                return replace(found, held_back=held_back)
+        return replace(self.unheated, held_back=held_back)
+
+    def _spare_soc(self, schedule):
+        """Charge to spare: on arrival above what must be left, on the way above the lowest."""
+        return min(float(schedule.soc[-1]) - self._reserve,
+                   float(schedule.soc.min()) - self._lowest_soc)
+
+    def _spare_power_w(self, schedule):
+        """How much more power may be lacking [W] before a schedule is worse than not heating."""
+        return self._allowed_w - lacking_power(self._trip, schedule).worst_w
+
+    def _warmest(self, proposal, wanted):
+        """Return the proposal's warmest Schedule that is allowed; None if none is."""
+        # Driving alone meets this target, so only heating that pays for itself is left.
+        lowest_c = self._trip.vehicle.battery.temperature_range_c[0]
+        cold_c = max(float(self.unheated.temperature_c.min()) - 1.0, lowest_c)
+        found = proposal(cold_c)
+        if self._spare_power_w(found) < 0.0:
+            return None
+        if self._spare_soc(found) <= 0.0:
+            pays = self._spare_soc(found) >= min(self._spare_soc(self.unheated), 0.0)
+            return found if pays else None
+        low = self._trial(cold_c, found)
+        high = self._trial(float(wanted.temperature_c[-1]), wanted)
+        low = replace(low, target_c=max(cold_c, float(found.temperature_c[-1])))
+        low_margin, high_margin = low.margin, high.margin
+        for _ in range(MOST_TARGETS):
+            width_k = TARGET_TOLERANCE_OF_POWER_K if high.lacks_power else TARGET_TOLERANCE_K
+            if low.margin <= SOC_TOLERANCE or high.target_c - low.target_c <= width_k:
+                break
+            # Energy grows almost in proportion to the temperature; a side that has stood still for
+            # a step counts half (Illinois), or the other would creep.
+            share = low_margin / (low_margin - high_margin)
+            target_c = low.target_c + share * (high.target_c - low.target_c)
+            middle = self._trial(target_c, proposal(target_c))
+            if middle.margin >= 0.0:
+                low, low_margin, high_margin = middle, middle.margin, 0.5 * high_margin
+            else:
+                high, high_margin, low_margin = middle, middle.margin, 0.5 * low_margin
+        return low.schedule
+
+    def _trial(self, target_c, schedule):
+        spare_soc, spare_w = self._spare_soc(schedule), self._spare_power_w(schedule)
+        # Power to spare does not make heat affordable; power that lacks forbids it.
+        return _Trial(target_c, schedule, spare_w < 0.0, spare_soc if spare_w >= 0.0 else
+                      min(spare_soc, spare_w / POWER_WEIGHT_W))
+
+
+@dataclass(frozen=True)
+class _Trial:
+    """
+    A proposal for a target, and how far it is within what is allowed [share of the charge].
+
+    `lacks_power`: more than is allowed.
+    """
+
+    target_c: float
+    schedule: Schedule
+    lacks_power: bool
+    margin: float
+
+
+def giving_way(method):
+    """Return the method with its heater cut where the drive needs the power that it would take."""
+    def plan(trip, state, goal, **options):
+        schedule = method(trip, state, goal, **options)
+        if lacking_power(trip, schedule).worst_w == 0.0 and is_described(trip, schedule):
+            return schedule
+        return drive_as_planned(trip, state, schedule.heater_power_w)
+    return plan
+
+
+def is_described(trip, schedule):
+    """Return whether a run stays within the charge, and the heat, that the model describes."""
+    return bool(schedule.soc.min() > 0.0 and schedule.soc.max() <= 1.0
+                and schedule.temperature_c.max() <= hottest_c(trip.vehicle))

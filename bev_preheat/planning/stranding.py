@@ -1,0 +1,35 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Where along a trip the charge runs out, and how much is lacking to arrive."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from bev_preheat.planning.simulate import JOULES_PER_WH
+
+
+@dataclass(frozen=True)
+class Stranding:
+    """
+    The charge runs out `at_s` [s] and `at_m` [m] after the start of the trip.
+
+    `lacking_wh` is the energy at the battery's terminals that the rest of the trip would take [Wh];
+    the losses of a battery that had it come on top.
+    """
+
+    at_s: float
+    at_m: float
+    lacking_wh: float
+
+
+def find_stranding(trip, schedule):
+    """Return the Stranding of a Schedule of a Trip; None where the charge carries the trip."""
+    if schedule.empty_at_s is None:
+        return None
+    distance_m = np.concatenate(([0.0], np.cumsum(trip.route.duration_s * trip.route.speed_mps)))
+    rest_j = np.cumsum(
+        (1.0 - schedule.driven_share) * trip.idle_power_w * trip.route.duration_s)
+    # What a later descent would give back does not help before it.
+    return Stranding(schedule.empty_at_s,
+                     float(np.interp(schedule.empty_at_s, trip.time_s, distance_m)),
+                     max(0.0, float(rest_j.max())) / JOULES_PER_WH)

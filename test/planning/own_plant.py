@@ -1,0 +1,103 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+A plant for tests of plans that shares no code with the model: vehicle YAML, Euler steps of 2 s.
+
+It draws what the drive asks for, also where the battery's limit is lower, and says what is lacking.
+"""
+
+from dataclasses import dataclass
+from math import ceil, sqrt
+from pathlib import Path
+from typing import Optional
+
+import numpy as np
+import yaml
+
+STEP_S = 2.0
+
+
+@dataclass(frozen=True)
+class Driven:
+    """What came of a drive; `empty_at_s` [s] is None where the charge carried it."""
+
+    soc: float
+    temperature_c: float
+    lowest_soc: float
+    lacking_w: float
+    empty_at_s: Optional[float]
+
+
+def table(node):
+    """Return f(soc, temperature_c) of a table node: along the temperature first, then the charge."""
+    values = np.atleast_2d(np.array(node['values'], dtype=float))
+    socs = node.get('soc', [0.0])
+    if 'temperature_c' not in node:
+        values = values.reshape(-1, 1)
+    temperatures_c = node.get('temperature_c', [0.0])
+    return lambda soc, temperature_c: float(np.interp(
+        soc, socs, [np.interp(temperature_c, temperatures_c, row) for row in values]))
+
+
+class OwnPlant:
+    """The car of a vehicle file."""
+
+    def __init__(self, name):
+        """Read config/vehicles/NAME.yaml."""
+        folder = Path(__file__).parents[2] / 'config' / 'vehicles'
+        contents = yaml.safe_load((folder / f'{name}.yaml').read_text(encoding='utf-8'))
+        battery, drivetrain = contents['battery'], contents['drivetrain']
+        self._heat_capacity = battery['heat_capacity_j_per_k']
+        self._charge_as = 3600.0 * battery['capacity_ah']
+        self._leakage = battery['leakage']
+        self._heat_share = (
+            drivetrain['heat_recovery_efficiency'] * (1.0 - drivetrain['efficiency']))
+        self._heater_efficiency = contents['hvch']['efficiency']
+        self.lowest_soc = battery['soc_range'][0]
+        voltage, resistance = battery['open_circuit_voltage'], battery['resistance']
+        if 'formula' in voltage:
+            polynomial = np.polynomial.Polynomial(voltage['formula']['polynomial_v'])
+            self.voltage_v = lambda soc, temperature_c: float(polynomial(soc))
+        else:
+            self.voltage_v = table(voltage['table'])
+        if 'formula' in resistance:
+            law = resistance['formula']
+            self.resistance_ohm = lambda soc, temperature_c: (
+                law['k_ohm_k'] / (temperature_c + law['reference_temperature_c']))
+        else:
+            self.resistance_ohm = table(resistance['table'])
+        self.discharge_w = table(battery['power_limits']['discharge'])
+        self.charge_w = table(battery['power_limits']['charge'])
+
+    def drive(self, route, state, heater_w):
+        """Return the Driven of a Route from a BatteryState under heater powers [W] (N,)."""
+        soc, temperature_c, lowest_soc = state.soc, state.temperature_c, state.soc
+        lacking_w, now_s = 0.0, 0.0
+        columns = (route.duration_s, route.speed_mps, route.propulsion_power_w,
+                   route.propulsion_power_rms_w, route.ambient_temperature_c,
+                   route.cabin_heating_power_w + route.auxiliary_power_w, heater_w)
+        for duration_s, speed, drive_w, rms_w, ambient_c, others_w, heat_w in zip(
+                *(column.tolist() for column in columns)):
+            leakage = (self._leakage['gamma_0_w_per_k']
+                       + self._leakage['gamma_v_w_per_k_per_mps'] * speed)
+            for part in range(steps := ceil(duration_s / STEP_S)):
+                u = self.voltage_v(soc, temperature_c)
+                r = self.resistance_ohm(soc, temperature_c)
+                ripple_w = r * max(rms_w**2 - drive_w**2, 0.0) / u**2
+                most_a = (self.discharge_w(soc, temperature_c) - ripple_w) / u
+                least_a = (self.charge_w(soc, temperature_c) - ripple_w) / u
+                asked_w = drive_w + others_w + heat_w
+                brake_w = min(max(0.0, u * least_a - r * least_a**2 - asked_w), max(-drive_w, 0.0))
+                if part == 0:
+                    lacking_w = max(lacking_w, asked_w - (u * most_a - r * most_a**2))
+                root_v = sqrt(max(u**2 - 4.0 * r * (asked_w + brake_w), 0.0))
+                current_a = (u - root_v) / (2.0 * r)
+                step_s = duration_s / steps
+                soc -= (current_a + ripple_w / u) / self._charge_as * step_s
+                temperature_c += step_s / self._heat_capacity * (
+                    self._heater_efficiency * heat_w + leakage * (ambient_c - temperature_c)
+                    + r * current_a**2 + ripple_w + self._heat_share * (abs(drive_w) - brake_w))
+                now_s += step_s
+                lowest_soc = min(lowest_soc, soc)
+                if soc <= 0.0:
+                    return Driven(0.0, temperature_c, 0.0, lacking_w, now_s)
+        return Driven(soc, temperature_c, lowest_soc, lacking_w, None)
