@@ -106,6 +106,8 @@ def _in_words(error):
         near = get_close_matches(str(value), [str(item) for item in allowed], n=1)
         hint = f'; did you mean {near[0]!r}?' if near else ''
         yield f'{key}: {value!r} is not one of {", ".join(map(str, allowed))}{hint}'
+    elif rule == 'pattern':
+        yield f'{key}: {value!r} is not allowed; it must be {error.schema["description"]}'
     elif rule in ('minItems', 'maxItems'):
         word = 'at least' if rule == 'minItems' else 'at most'
         yield f'{key}: has {len(value)} values; it must have {word} {allowed}'

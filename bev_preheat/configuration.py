@@ -2,6 +2,7 @@
 """Finds the vehicles and routes that come with the package, by name or by file."""
 
 from difflib import get_close_matches
+import os
 from pathlib import Path
 
 from ament_index_python.packages import get_package_share_directory
@@ -28,10 +29,11 @@ def find_configuration(kind, name_or_file, suffix):
     """
     text = str(name_or_file)
     if '/' in text or text.endswith(suffix):
-        path = Path(text)
-        if not path.is_file():
+        file = os.path.expanduser(text)
+        # pathlib's own question raises where a name is too long or a folder may not be entered.
+        if not os.path.isfile(file):
             raise InvalidInput(f'{text}: no such file')
-        return path
+        return Path(file)
     folder = configuration_folder(kind)
     path = folder / f'{text}{suffix}'
     if path.is_file():

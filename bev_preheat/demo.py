@@ -23,6 +23,9 @@ from bev_preheat.demonstration.observer import observing
 from bev_preheat.demonstration.picture import draw_drive
 from bev_preheat.demonstration.processes import NodeProcess, reserved_domain_id
 from bev_preheat.errors import InvalidInput
+from bev_preheat.output_files import check_outputs, expanded, Output, PICTURE_SUFFIXES
+from bev_preheat.route import route_file
+from bev_preheat.vehicle import vehicle_file
 
 ARRIVAL_TOLERANCE_K = 1.0
 # Real time for the processes to find each other, and between two battery states [s].
@@ -30,7 +33,6 @@ START_LIMIT_S = 30.0
 SILENCE_LIMIT_S = 15.0
 REFRESH_S = 0.2
 LOG_LINES_SHOWN = 8
-PICTURE_SUFFIXES = ('.png', '.svg', '.pdf')
 
 
 class DemoFailed(Exception):
@@ -55,15 +57,33 @@ def parse_arguments(arguments):
     parser.add_argument('--output', type=Path, default=Path('out/demo.png'), metavar='FILE',
                         help='the picture; the logs of the processes go beside it (%(default)s)')
     parsed = parser.parse_args(arguments)
-    if parsed.output.suffix not in PICTURE_SUFFIXES:
-        parser.error(f'--output: {parsed.output} must end in {", ".join(PICTURE_SUFFIXES)}')
+    parsed.output = Path(expanded(parsed.output))
     return parsed
+
+
+def check_files(parsed):
+    """Raise InvalidInput where an input is missing or an output cannot be written."""
+    logs = [Output('--output', log_file(parsed.output, name), make_folder=True)
+            for name in ('planner', 'vehicle_simulator')]
+    check_outputs([Output('--output', parsed.output, PICTURE_SUFFIXES, make_folder=True), *logs],
+                  [vehicle_file(parsed.vehicle), route_file(parsed.route)])
+
+
+def log_file(output, name):
+    """Return the path of the log of a process, beside the picture."""
+    return f'{os.path.splitext(output)[0]}.{name}.log'
 
 
 def main(arguments=None):
     """Run the demonstration and return its exit status."""
     parsed = parse_arguments(arguments)
     console = Console(highlight=False)
+    try:
+        check_files(parsed)
+    except InvalidInput as error:
+        for problem in error.problems:
+            print(f'demo: error: {problem}', file=sys.stderr)
+        return 2
     # The end of the process must pass through the context managers that end the others.
     # A shell that starts it in the background has it ignore SIGINT; who sends one means it.
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -145,7 +165,7 @@ def _start(stack, parsed, name, parameters):
     for key, value in parameters.items():
         ros_arguments += ['-p', f'{key}:={value}']
     return stack.enter_context(
-        NodeProcess(name, ros_arguments, parsed.output.with_suffix(f'.{name}.log')))
+        NodeProcess(name, ros_arguments, log_file(parsed.output, name)))
 
 
 def _wait_for_planner(observer, planner):

@@ -3,24 +3,41 @@
 
 import argparse
 import json
-from pathlib import Path
 import platform
+import sys
 
 from rich.console import Console
 from rich.table import Table
 
 from bev_preheat.benchmark import optimum_cost, planning_cost, process_cost
+from bev_preheat.errors import InvalidInput
+from bev_preheat.output_files import check_outputs, Output, write_whole
+from bev_preheat.route import route_file
+from bev_preheat.vehicle import vehicle_file
 
 MEASUREMENTS = {'planning': planning_cost.measure, 'optimum': optimum_cost.measure,
                 'process': process_cost.measure}
+# All that are planned for.
+ROUTES = ('reference', 'alpine_pass')
 
 
-def main():
-    """Run the measurements and report them."""
+def main(arguments=None):
+    """Run the measurements and report them; returns the exit status."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('--only', choices=sorted(MEASUREMENTS), help='one group of measurements')
     parser.add_argument('--json', default='out/benchmark.json', metavar='FILE')
-    arguments = parser.parse_args()
+    arguments = parser.parse_args(arguments)
+    try:
+        check_outputs([Output('--json', arguments.json, make_folder=True)],
+                      [vehicle_file('reference'), *map(route_file, ROUTES)])
+        _measure(arguments)
+    except InvalidInput as error:
+        print(f'benchmark: error: {error}', file=sys.stderr)
+        return 2
+    return 0
+
+
+def _measure(arguments):
     console = Console()
     figures = []
     for name, measure in MEASUREMENTS.items():
@@ -35,13 +52,12 @@ def main():
                       '' if figure.bound is None else f'{figure.sense} {figure.bound:g}',
                       {None: '', True: 'yes', False: 'NO'}[figure.within])
     console.print(table)
-    path = Path(arguments.json)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(json.dumps({
+    write_whole(arguments.json, json.dumps({
         'machine': {'processor': platform.machine(), 'python': platform.python_version()},
-        'figures': [figure.as_dictionary() for figure in figures]}, indent=2) + '\n')
-    console.print(f'written to {path}')
+        'figures': [figure.as_dictionary() for figure in figures]}, indent=2) + '\n',
+        make_folder=True)
+    console.print(f'written to {arguments.json}')
 
 
 if __name__ == '__main__':
-    main()
+    sys.exit(main())

@@ -6,7 +6,8 @@ import sys
 from rich.console import Console
 
 from bev_preheat.commands.optimum import add_no_limits_argument, optimum_lines
-from bev_preheat.commands.output import add_output_arguments, plan_table, write_json
+from bev_preheat.commands.output import (
+    add_output_arguments, check_output_arguments, plan_table, write_json)
 from bev_preheat.commands.situation import add_situation_arguments, read_situation
 from bev_preheat.planning.planner import (
     as_driven, DEFAULT_METHOD, METHODS, plan_preheating)
@@ -29,6 +30,7 @@ def run(arguments):
     """Compare, print, and write what was asked for; returns 0, or 1 where the solver failed."""
     from bev_preheat.optimum.solve import SolverFailure, solve_optimum
     situation = read_situation(arguments)
+    check_output_arguments(arguments, situation.files)
     inputs = situation.vehicle, situation.route, situation.state, situation.goal
     plans = [plan_preheating(*inputs, method, safeguarded=method == DEFAULT_METHOD)
              for method in METHODS]

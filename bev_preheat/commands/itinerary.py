@@ -6,7 +6,7 @@ from dataclasses import replace
 from rich.console import Console
 from rich.markup import escape
 
-from bev_preheat.commands.output import plan_table, write_json
+from bev_preheat.commands.output import check_output_arguments, plan_table, write_json
 from bev_preheat.commands.situation import in_steps, target_of
 from bev_preheat.control.inputs import check_mission, NS_PER_S
 from bev_preheat.control.itinerary import load_itinerary
@@ -14,7 +14,7 @@ from bev_preheat.errors import InvalidInput
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState
-from bev_preheat.vehicle import load_vehicle
+from bev_preheat.vehicle import load_vehicle, vehicle_file
 
 
 def add_itinerary_argument(parser):
@@ -29,6 +29,7 @@ def run_itinerary(arguments):
     _refuse_what_legs_say(arguments)
     vehicle = load_vehicle(arguments.vehicle)
     itinerary = load_itinerary(arguments.itinerary, vehicle.defaults)
+    check_output_arguments(arguments, (vehicle_file(arguments.vehicle), *itinerary.files))
     # The first leg departs as measured.
     first, *others = itinerary.mission.legs
     first = replace(first, departure=BatteryState(arguments.temperature, arguments.soc))

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """`preheat monitor`: a running planner, watched in a terminal."""
 
+import io
 import os
 import signal
 import time
@@ -9,6 +10,7 @@ from rich.console import Console
 from rich.live import Live
 
 from bev_preheat.errors import InvalidInput
+from bev_preheat.output_files import check_outputs, Output, write_whole
 
 REFRESH_S = 0.25
 LINE_PERIOD_S = 15.0
@@ -39,8 +41,7 @@ def run(arguments):
     """Listen and show; returns the exit status."""
     if arguments.seconds is not None and not 0.0 < arguments.seconds < 1e9:
         raise InvalidInput(f'--seconds: {arguments.seconds:g} is not allowed; it must be above 0')
-    if arguments.picture and not arguments.picture.endswith('.svg'):
-        raise InvalidInput(f'--picture: {arguments.picture} must end in .svg')
+    check_outputs([Output('--picture', arguments.picture, ('.svg',))])
     from rclpy.exceptions import InvalidNamespaceException
 
     from bev_preheat.monitoring.heard import Heard, subscribe
@@ -114,10 +115,7 @@ def _last_view(arguments, heard, view, console):
     if not arguments.picture:
         console.print(view)
         return
-    recorder = Console(record=True, width=MOST_WIDTH, file=open(os.devnull, 'w', encoding='utf-8'),
-                       force_terminal=True, color_system='truecolor')
+    recorder = Console(record=True, width=MOST_WIDTH, file=io.StringIO(), force_terminal=True,
+                       color_system='truecolor')
     recorder.print(view)
-    try:
-        recorder.save_svg(arguments.picture, title='preheat monitor')
-    except OSError as error:
-        raise InvalidInput(f'{arguments.picture}: cannot be written: {error.strerror}') from error
+    write_whole(arguments.picture, recorder.export_svg(title='preheat monitor'))

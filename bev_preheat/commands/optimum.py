@@ -5,7 +5,8 @@ import sys
 
 from rich.console import Console
 
-from bev_preheat.commands.output import add_output_arguments, plan_table, write_json
+from bev_preheat.commands.output import (
+    add_output_arguments, check_output_arguments, plan_table, write_json)
 from bev_preheat.commands.situation import add_situation_arguments, read_situation
 
 
@@ -30,6 +31,7 @@ def run(arguments):
     """Solve, print, and write what was asked for; returns 0, or 1 where the solver failed."""
     from bev_preheat.optimum.solve import SolverFailure, solve_optimum
     situation = read_situation(arguments)
+    check_output_arguments(arguments, situation.files)
     console = Console()
     try:
         with console.status('solving …'):

@@ -3,12 +3,11 @@
 
 import json
 import math
-from pathlib import Path
 
 from rich.markup import escape
 from rich.table import Table
 
-from bev_preheat.errors import InvalidInput
+from bev_preheat.output_files import check_outputs, Output, PICTURE_SUFFIXES, write_whole
 from bev_preheat.planning.explanation import duration_text
 
 # Rows of the table: heading, how to read the figure off a plan.
@@ -28,13 +27,19 @@ def add_output_arguments(parser):
     parser.add_argument('--plot', metavar='FILE', help='draw the result (PNG, SVG, PDF)')
 
 
+def check_output_arguments(arguments, inputs):
+    """
+    Check `--json` and `--plot` before anything is computed; `inputs` are the files that are read.
+
+    Raises InvalidInput where one cannot be written, or would be written over an input.
+    """
+    check_outputs([Output('--json', arguments.json),
+                   Output('--plot', arguments.plot, PICTURE_SUFFIXES)], inputs)
+
+
 def write_json(path, contents):
     """Write JSON; NaN and infinity, which JSON does not have, become null."""
-    text = json.dumps(_without_nan(contents), indent=2, allow_nan=False)
-    try:
-        Path(path).write_text(text + '\n', encoding='utf-8')
-    except OSError as error:
-        raise InvalidInput(f'{path}: cannot be written: {error.strerror}') from error
+    write_whole(path, json.dumps(_without_nan(contents), indent=2, allow_nan=False) + '\n')
 
 
 def _without_nan(value):

@@ -4,7 +4,8 @@
 from rich.console import Console
 
 from bev_preheat.commands.itinerary import add_itinerary_argument, run_itinerary
-from bev_preheat.commands.output import add_output_arguments, plan_table, write_json
+from bev_preheat.commands.output import (
+    add_output_arguments, check_output_arguments, plan_table, write_json)
 from bev_preheat.commands.situation import add_situation_arguments, read_situation
 from bev_preheat.planning.planner import DEFAULT_METHOD, METHODS, plan_preheating
 
@@ -29,6 +30,7 @@ def run(arguments):
     if arguments.itinerary is not None:
         return run_itinerary(arguments)
     situation = read_situation(arguments)
+    check_output_arguments(arguments, situation.files)
     plan = plan_preheating(situation.vehicle, situation.route, situation.state, situation.goal,
                            arguments.method)
     console = Console()

@@ -6,7 +6,9 @@ from dataclasses import asdict
 from rich.console import Console
 from rich.table import Table
 
-from bev_preheat.commands.output import add_output_arguments, write_json
+from bev_preheat.commands.output import add_output_arguments, check_output_arguments, write_json
+from bev_preheat.route import load_route, route_file
+from bev_preheat.vehicle import load_vehicle, vehicle_file
 
 
 def add_parser(subparsers):
@@ -23,6 +25,7 @@ def add_parser(subparsers):
 
 def run(arguments):
     """Reproduce, print, and write what was asked for; returns 0."""
+    check_output_arguments(arguments, (vehicle_file('reference'), route_file('reference')))
     from bev_preheat.reproduction.table_two import fit_reference, reproduce
     console = Console()
     result = reproduce()
@@ -55,8 +58,6 @@ def run(arguments):
             'optimum': result.optimum.as_dictionary()})
     if arguments.plot:
         from bev_preheat.drawing.plan_figure import draw_plans
-        from bev_preheat.route import load_route
-        from bev_preheat.vehicle import load_vehicle
         vehicle = load_vehicle('reference')
         draw_plans(arguments.plot, vehicle, load_route('reference', vehicle.defaults),
                    [result.heuristic, result.optimum.plan], "the paper's Figure 6")

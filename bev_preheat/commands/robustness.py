@@ -7,7 +7,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from bev_preheat.commands.output import add_output_arguments, write_json
+from bev_preheat.commands.output import add_output_arguments, check_output_arguments, write_json
 from bev_preheat.commands.situation import target_of
 from bev_preheat.errors import InvalidInput
 from bev_preheat.planning.situation import BatteryState, check_situation, Goal
@@ -16,8 +16,8 @@ from bev_preheat.robustness.summary import summarise
 from bev_preheat.robustness.trips import (
     Conditions, PROPULSION_POWER_VARIABILITY, SPREAD, TEMPERATURE_NOISE_K,
     TEMPERATURE_RESOLUTION_K)
-from bev_preheat.route import load_route
-from bev_preheat.vehicle import load_vehicle
+from bev_preheat.route import load_route, route_file
+from bev_preheat.vehicle import load_vehicle, vehicle_file
 
 # (low, high) of what the options allow.
 LIMITS = {
@@ -93,6 +93,8 @@ def add_parser(subparsers):
 def run(arguments):
     """Run the study, or one trip of it; returns 0 whether or not the requirements are met."""
     conditions = _conditions(arguments)
+    check_output_arguments(
+        arguments, (vehicle_file(arguments.vehicle), route_file(arguments.route)))
     # Each once, in the order in which they were asked for.
     methods = list(dict.fromkeys(arguments.methods))
     console = Console()

@@ -10,10 +10,11 @@ from rich.console import Console
 from rich.table import Table
 
 from bev_preheat.errors import InvalidInput
+from bev_preheat.output_files import check_outputs, expanded, Output, PICTURE_SUFFIXES
 from bev_preheat.route.csv_file import save_route
 from bev_preheat.route.drive_log import load_drive_logs
-from bev_preheat.route.legs import load_legs
-from bev_preheat.vehicle.loading import load_vehicle
+from bev_preheat.route.legs import legs_file, load_legs
+from bev_preheat.vehicle.loading import load_vehicle, vehicle_file
 
 JOULES_PER_WH = 3600.0
 DEFAULT_STEP_S = 30.0
@@ -48,14 +49,12 @@ def add_parser(subparsers):
 
 def run(arguments):
     """Make the route file, say what is in it, and return the exit status."""
-    name, route, remarks = _load(arguments)
+    name, route, remarks, inputs = _load(arguments)
+    check_outputs([Output('--output', arguments.output),
+                   Output('--plot', arguments.plot, PICTURE_SUFFIXES)], inputs)
     route = _rounded(route)
     comments = [f'Route {name}, made by:', f'    {_command(arguments)}', *remarks]
-    try:
-        save_route(arguments.output, route, comments)
-    except OSError as error:
-        raise InvalidInput(
-            f'{arguments.output}: cannot be written: {error.strerror}') from error
+    save_route(arguments.output, route, comments)
     console = Console(soft_wrap=True, highlight=False)
     console.print(_table(name, route))
     for remark in remarks:
@@ -70,19 +69,24 @@ def run(arguments):
 
 
 def _load(arguments):
-    """Name, Route and remarks of what the arguments ask for."""
+    """Name, Route and remarks of what the arguments ask for, and the files that were read."""
     defaults = load_vehicle(arguments.vehicle).defaults if arguments.vehicle else None
     if arguments.legs:
         if arguments.step is not None:
             raise InvalidInput('--step: only with --log; a description of legs states its own '
                                'segment_duration_s')
         made = load_legs(arguments.legs, defaults)
-        return made.name, made.route, made.remarks
+        inputs = [legs_file(arguments.legs)]
+        if arguments.vehicle:
+            inputs.append(vehicle_file(arguments.vehicle))
+        return made.name, made.route, made.remarks, inputs
     if defaults is None:
         raise InvalidInput('--log: needs --vehicle, whose auxiliary power is not propulsion')
     step_s = DEFAULT_STEP_S if arguments.step is None else arguments.step
-    made = load_drive_logs(arguments.log, defaults, step_s)
-    return ' + '.join(Path(path).stem for path in arguments.log), made.route, made.remarks
+    logs = [expanded(path) for path in arguments.log]
+    made = load_drive_logs(logs, defaults, step_s)
+    return (' + '.join(Path(path).stem for path in logs), made.route, made.remarks,
+            [vehicle_file(arguments.vehicle), *logs])
 
 
 def _command(arguments):

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """`preheat scenario`: drives in which something is wrong, and whether they go as expected."""
 
-from pathlib import Path
+import os
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn
@@ -10,6 +10,7 @@ from rich.table import Table
 from bev_preheat.commands.output import write_json
 from bev_preheat.configuration import configuration_folder
 from bev_preheat.errors import InvalidInput
+from bev_preheat.output_files import check_outputs, expanded, Output
 
 DEFAULT_SPEED_UP = 60.0
 
@@ -41,8 +42,10 @@ def run(arguments):
     if not 1.0 <= arguments.speed_up <= 1000.0:
         raise InvalidInput(f'--speed-up: {arguments.speed_up:g} is not allowed; it must be '
                            '1 ... 1000')
-    if arguments.logs and not Path(arguments.logs).is_dir():
-        raise InvalidInput(f'--logs: {arguments.logs}: no such folder')
+    if arguments.logs is not None:
+        arguments.logs = expanded(arguments.logs)
+        if not os.path.isdir(arguments.logs):
+            raise InvalidInput(f'--logs: {arguments.logs}: no such folder')
     names = arguments.scenarios or sorted(
         path.stem for path in configuration_folder('scenarios').glob('*.yaml'))
     scenarios = [(name, load_scenario(name)) for name in names]
@@ -51,6 +54,7 @@ def run(arguments):
         for _, scenario in scenarios:
             console.print(f'[bold]{scenario.name}[/bold]: {scenario.description}')
         return 0
+    _check_outputs(arguments, [scenario for _, scenario in scenarios])
     findings = {}
     with Progress(TextColumn('{task.description}'), BarColumn(), TaskProgressColumn(),
                   console=console, transient=True) as progress:
@@ -70,6 +74,15 @@ def run(arguments):
     console.print(f'{len(findings) - len(bad)} of {len(findings)} scenarios went as expected'
                   + (f'; not: {", ".join(bad)}' if bad else '') + '.')
     return 1 if bad else 0
+
+
+def _check_outputs(arguments, scenarios):
+    outputs = [Output('--json', arguments.json)]
+    if arguments.nodes and arguments.logs is not None:
+        from bev_preheat.demonstration.scenario_drive import log_files
+        outputs += [Output('--logs', path) for scenario in scenarios
+                    for path in log_files(scenario, arguments.logs)]
+    check_outputs(outputs, [path for scenario in scenarios for path in scenario.files])
 
 
 def _drive(arguments, name, scenario, report):

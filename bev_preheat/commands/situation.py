@@ -5,18 +5,19 @@ from dataclasses import dataclass
 
 from bev_preheat.errors import InvalidInput
 from bev_preheat.planning.situation import BatteryState, Goal
-from bev_preheat.route import load_route, Route
-from bev_preheat.vehicle import load_vehicle, Vehicle
+from bev_preheat.route import load_route, Route, route_file
+from bev_preheat.vehicle import load_vehicle, Vehicle, vehicle_file
 
 
 @dataclass(frozen=True)
 class Situation:
-    """What a plan is made for."""
+    """What a plan is made for; `files` are the paths of the vehicle's and the route's file."""
 
     vehicle: Vehicle
     route: Route
     state: BatteryState
     goal: Goal
+    files: tuple
 
 
 def add_situation_arguments(parser, route_group=None):
@@ -51,7 +52,8 @@ def read_situation(arguments):
     route = in_steps(load_route(arguments.route, vehicle.defaults), arguments)
     return Situation(vehicle, route, BatteryState(arguments.temperature, arguments.soc),
                      Goal(target_of(arguments, vehicle), arguments.min_soc,
-                          not arguments.no_charging))
+                          not arguments.no_charging),
+                     (vehicle_file(arguments.vehicle), route_file(arguments.route)))
 
 
 def in_steps(route, arguments):

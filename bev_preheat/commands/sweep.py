@@ -7,9 +7,10 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from bev_preheat.commands.output import add_output_arguments, write_json
+from bev_preheat.commands.output import add_output_arguments, check_output_arguments, write_json
 from bev_preheat.errors import InvalidInput
 from bev_preheat.planning.planner import METHODS
+from bev_preheat.vehicle import vehicle_file
 
 # Disagreements shown for a method; the JSON has all.
 MOST_LISTED = 10
@@ -42,6 +43,7 @@ def run(arguments):
         value = getattr(arguments, name)
         if value is not None and not low <= value <= high:
             raise InvalidInput(f'--{name}: {value} is not allowed; it must be {low} ... {high}')
+    check_output_arguments(arguments, (vehicle_file(arguments.vehicle),))
     console = Console()
     with Progress(TextColumn('{task.description}'), BarColumn(), MofNCompleteColumn(),
                   TimeElapsedColumn(), console=console) as progress:

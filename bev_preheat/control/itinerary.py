@@ -9,7 +9,7 @@ from bev_preheat.configuration import find_configuration
 from bev_preheat.control.inputs import Leg, Mission, with_stops
 from bev_preheat.errors import InvalidInput
 from bev_preheat.planning.situation import BatteryState
-from bev_preheat.route import load_route
+from bev_preheat.route import load_route, route_file
 
 SCHEMA = Path(__file__).with_name('itinerary_schema.yaml')
 STOP_KEYS = ('stop_duration_s', 'departure_temperature_c', 'departure_soc')
@@ -17,10 +17,16 @@ STOP_KEYS = ('stop_duration_s', 'departure_temperature_c', 'departure_soc')
 
 @dataclass(frozen=True)
 class Itinerary:
-    """A Mission that starts at instant 0, and what the file calls the route of each leg."""
+    """
+    A Mission that starts at instant 0.
+
+    `route_names` is what the file calls the route of each leg; `files` are the paths of all files
+    that were read.
+    """
 
     mission: Mission
     route_names: tuple
+    files: tuple
 
 
 def load_itinerary(name_or_file, defaults):
@@ -34,9 +40,12 @@ def load_itinerary(name_or_file, defaults):
     description = load_checked_yaml(path, SCHEMA)
     nodes = description['legs']
     problems, legs, departure = _stop_problems(nodes), [], None
+    files = [path]
     for index, node in enumerate(nodes):
         try:
-            route = load_route(_seen_from(path.parent, node['route']), defaults)
+            name = _seen_from(path.parent, node['route'])
+            route = load_route(name, defaults)
+            files.append(route_file(name))
         except InvalidInput as error:
             problems += [f'legs[{index}].route: {problem}' for problem in error.problems]
             continue
@@ -51,7 +60,8 @@ def load_itinerary(name_or_file, defaults):
     if problems:
         raise InvalidInput([f'{path}: {problem}' for problem in problems])
     legs = with_stops(legs, [node['stop_duration_s'] for node in nodes[:-1]])
-    return Itinerary(Mission(description['name'], legs), tuple(node['route'] for node in nodes))
+    return Itinerary(Mission(description['name'], legs), tuple(node['route'] for node in nodes),
+                     tuple(files))
 
 
 def _stop_problems(nodes):

@@ -10,6 +10,8 @@ import subprocess
 
 from ament_index_python.packages import get_package_prefix
 
+from bev_preheat.output_files import existing_file
+
 # Domains whose UDP ports lie below those that Linux gives out by itself; 0 is everybody's default.
 DOMAIN_IDS = range(1, 101)
 # UDP ports of a DDS domain (DDSI-RTPS 9.6.1.1): 250 from here, the first participant's at 10.
@@ -67,11 +69,14 @@ class NodeProcess:
         """
         Start `name` with the texts of `ros_arguments` behind --ros-args.
 
-        The environment is the caller's; raises FileNotFoundError where the package is not built.
+        The environment is the caller's. Raises FileNotFoundError where the package is not built,
+        InvalidInput where the log cannot be a file.
         """
         self.name = name
         self.log_file = Path(log_file)
         executable = Path(get_package_prefix('bev_preheat')) / 'lib' / 'bev_preheat' / name
+        # Opening a pipe would wait for a reader, opening a device do who knows what.
+        existing_file(self.log_file)
         with open(self.log_file, 'wb') as log:
             self._process = subprocess.Popen(
                 [str(executable), '--ros-args', *ros_arguments],

@@ -70,6 +70,11 @@ def _instant_s(message):
     return nanoseconds(message.header.stamp) * 1e-9 - START_S
 
 
+def log_files(scenario, folder):
+    """Return the paths of the logs of planner and vehicle_simulator, in a folder."""
+    return [Path(folder) / f'{scenario.name}.{name}.log' for name in ('planner', 'vehicle_simulator')]
+
+
 def drive_with_nodes(scenario, name_or_file, speed_up, log_folder=None):
     """
     Return the DriveRecord of a Scenario that the installed executables drive.
@@ -78,7 +83,7 @@ def drive_with_nodes(scenario, name_or_file, speed_up, log_folder=None):
     real one; the logs go to `log_folder`. Raises ScenarioFailed where the drive does not come to its end.
     """
     with tempfile.TemporaryDirectory() as temporary, reserved_domain_id() as domain_id:
-        folder = Path(log_folder or temporary)
+        planner_log, simulator_log = log_files(scenario, log_folder or temporary)
         environment = {'ROS_DOMAIN_ID': str(domain_id),
                        'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
         with _environment(environment), spun_node('scenario', domain_id) as node:
@@ -87,13 +92,12 @@ def drive_with_nodes(scenario, name_or_file, speed_up, log_folder=None):
                                  '-p', f'vehicle:={scenario.vehicle_name}']
             for parameter, value in scenario.planner.items():
                 planner_arguments += ['-p', f'{parameter}:={_text(value)}']
-            with NodeProcess('planner', planner_arguments,
-                             folder / f'{scenario.name}.planner.log') as planner, NodeProcess(
+            with NodeProcess('planner', planner_arguments, planner_log) as planner, NodeProcess(
                     'vehicle_simulator',
                     ['-p', f'scenario:={name_or_file}', '-p', f'speed_up:={float(speed_up)}',
                      '-p', f'start_time:={float(START_S)}', '-p', 'wait_for_planner:=true',
                      '-p', 'exit_on_arrival:=true'],
-                    folder / f'{scenario.name}.vehicle_simulator.log') as simulator:
+                    simulator_log) as simulator:
                 _follow(simulator, planner, scenario, speed_up)
             return listener.record
 

@@ -1,11 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Makes and saves figures without a screen."""
 
+import io
+import os
+
 import matplotlib
 matplotlib.use('Agg')
 from matplotlib.figure import Figure  # noqa: E402  the backend must be set first
 
 from bev_preheat.errors import InvalidInput  # noqa: E402
+from bev_preheat.output_files import write_whole  # noqa: E402
 
 
 def stacked_figure(panels, title, width_in=9.0, panel_height_in=1.9):
@@ -33,8 +37,11 @@ def legend_above(axis, twin=None):
 
 
 def save_figure(figure, path):
-    """Write a figure; the suffix of the path says as what."""
+    """Write a figure; the suffix of the path, one of PICTURE_SUFFIXES, says as what."""
+    drawn = io.BytesIO()
     try:
-        figure.savefig(path, dpi=130)
-    except (OSError, ValueError) as error:
+        figure.savefig(drawn, format=os.path.splitext(path)[1].removeprefix('.').lower(), dpi=130)
+    except ValueError as error:
+        # A title with dollar signs, for one, that is no formula.
         raise InvalidInput(f'{path}: cannot be drawn: {error}') from error
+    write_whole(path, drawn.getvalue())

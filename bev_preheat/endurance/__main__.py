@@ -26,21 +26,37 @@ from bev_preheat.endurance.judgement import judge
 from bev_preheat.endurance.load import Load
 from bev_preheat.errors import InvalidInput
 from bev_preheat.nodes.listening import spun_node
-from bev_preheat.vehicle import load_vehicle
+from bev_preheat.output_files import check_outputs, expanded, Output, PICTURE_SUFFIXES
+from bev_preheat.vehicle import load_vehicle, vehicle_file
 
 SAMPLE_PERIOD_S = 1.0
 START_LIMIT_S = 30.0
+# Of the files beside the picture.
+JSON_SUFFIX, LOG_SUFFIX = '.json', '.planner.log'
 
 
 def main(arguments=None):
     """Run the soak test and return its exit status."""
     parsed = _parse(arguments)
     console = Console(highlight=False)
+    try:
+        check_outputs([Output('--output', parsed.output, PICTURE_SUFFIXES, make_folder=True)] + [
+            Output('--output', _beside(parsed.output, suffix), make_folder=True)
+            for suffix in (JSON_SUFFIX, LOG_SUFFIX)], [vehicle_file('reference')])
+        return _run(parsed, console)
+    except InvalidInput as error:
+        for problem in error.problems:
+            print(f'soak: error: {problem}', file=sys.stderr)
+        return 2
+
+
+def _run(parsed, console):
+    """Load the planner, judge and draw; return the exit status."""
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     parsed.output.parent.mkdir(parents=True, exist_ok=True)
     try:
         judgements, load, samples = _soak(parsed, console)
-    except (InvalidInput, TimeoutError) as error:
+    except TimeoutError as error:
         console.print(f'soak: failed: {error}', style='red', markup=False)
         return 1
     table = Table(title=f'{parsed.minutes:g} min, battery state at {parsed.rate:g} Hz')
@@ -51,7 +67,7 @@ def main(arguments=None):
                       '' if not item.allowed else 'good' if item.good else 'BAD')
     console.print(table)
     good = all(item.good for item in judgements)
-    write_json(parsed.output.with_suffix('.json'), {
+    write_json(_beside(parsed.output, JSON_SUFFIX), {
         'judgements': [vars(item) for item in judgements], 'memory': samples})
     from bev_preheat.drawing.endurance_figure import draw_endurance
     draw_endurance(parsed.output, load.commands, samples)
@@ -72,7 +88,12 @@ def _parse(arguments):
     parsed = parser.parse_args(arguments)
     if not 0.05 <= parsed.minutes <= 10_000.0 or not 1.0 <= parsed.rate <= 1000.0:
         parser.error('--minutes must be 0.05 ... 10000, --rate 1 ... 1000')
+    parsed.output = Path(expanded(parsed.output))
     return parsed
+
+
+def _beside(picture, suffix):
+    return f'{os.path.splitext(picture)[0]}{suffix}'
 
 
 def _soak(parsed, console):
@@ -82,7 +103,7 @@ def _soak(parsed, console):
         os.environ.update(ROS_DOMAIN_ID=str(domain_id), ROS_AUTOMATIC_DISCOVERY_RANGE='LOCALHOST')
         with spun_node('soak') as node:
             load = Load(node, parsed.rate, parsed.seed, heater_w)
-            with NodeProcess('planner', [], parsed.output.with_suffix('.planner.log')) as planner:
+            with NodeProcess('planner', [], _beside(parsed.output, LOG_SUFFIX)) as planner:
                 samples = _watch(planner, load, 60.0 * parsed.minutes, console)
                 exit_status = planner.end() if planner.exit_status is None else None
     return judge(load, samples, Settings.command_period_s, exit_status), load, samples

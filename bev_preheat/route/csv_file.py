@@ -2,9 +2,11 @@
 """Route CSV files: one row a segment, a header, `#` for comments."""
 
 import csv
+import io
 
 from bev_preheat.configuration import find_configuration
 from bev_preheat.errors import InvalidInput
+from bev_preheat.output_files import write_whole
 from bev_preheat.route.segments import LIMITS, make_route
 
 OPTIONAL_COLUMNS = ('propulsion_power_rms_w', 'cabin_heating_power_w', 'auxiliary_power_w')
@@ -17,7 +19,7 @@ def load_route(name_or_file, defaults):
     `defaults` are those of the vehicle, for columns that are missing. Raises InvalidInput naming
     file, line, column, value and what is allowed.
     """
-    path = find_configuration('routes', name_or_file, '.csv')
+    path = route_file(name_or_file)
     header, rows, line_numbers = _read(path)
     columns = {name: [] for name in header}
     problems = []
@@ -42,16 +44,26 @@ def load_route(name_or_file, defaults):
                             for problem in error.problems]) from error
 
 
+def route_file(name_or_file):
+    """Return the path of a route file; raise InvalidInput where there is none."""
+    return find_configuration('routes', name_or_file, '.csv')
+
+
 def save_route(path, route, comments=()):
-    """Write a Route as CSV; `comments` are lines of text above the header."""
-    with open(path, 'w', encoding='utf-8', newline='') as file:
-        for comment in comments:
-            file.write(f'# {comment}\n')
-        writer = csv.writer(file, lineterminator='\n')
-        writer.writerow(LIMITS)
-        for row in zip(*(getattr(route, name) for name in LIMITS)):
-            # repr keeps every bit; a trailing .0 says nothing.
-            writer.writerow(repr(float(value)).removesuffix('.0') for value in row)
+    """
+    Write a Route as CSV; `comments` are lines of text above the header.
+
+    Raises InvalidInput where it cannot be written.
+    """
+    text = io.StringIO()
+    for comment in comments:
+        text.write(f'# {comment}\n')
+    writer = csv.writer(text, lineterminator='\n')
+    writer.writerow(LIMITS)
+    for row in zip(*(getattr(route, name) for name in LIMITS)):
+        # repr keeps every bit; a trailing .0 says nothing.
+        writer.writerow(repr(float(value)).removesuffix('.0') for value in row)
+    write_whole(path, text.getvalue())
 
 
 def _read(path):

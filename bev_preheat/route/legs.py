@@ -40,6 +40,11 @@ class LegsRoute:
     remarks: tuple
 
 
+def legs_file(name_or_file):
+    """Return the path of a description of legs; raise InvalidInput where there is none."""
+    return find_configuration('routes/legs', name_or_file, '.yaml')
+
+
 def load_legs(name_or_file, defaults=None):
     """
     Return the LegsRoute of a name (a file in config/routes/legs) or of a YAML file.
@@ -47,7 +52,7 @@ def load_legs(name_or_file, defaults=None):
     `defaults` (vehicle.description.Defaults) gives the cabin's and the auxiliaries' power where
     the description does not. Raises InvalidInput naming file, key, value and what is allowed.
     """
-    path = find_configuration('routes/legs', name_or_file, '.yaml')
+    path = legs_file(name_or_file)
     description = load_checked_yaml(path, SCHEMA)
     try:
         return _make(description, defaults)

@@ -11,14 +11,14 @@ from bev_preheat.control.settings import PARAMETERS
 from bev_preheat.errors import InvalidInput
 from bev_preheat.planning.situation import BatteryState, check_situation, Goal
 from bev_preheat.planning.status import Status
-from bev_preheat.route import load_route
+from bev_preheat.route import load_route, route_file
 from bev_preheat.route.segments import Route
 from bev_preheat.simulation.heater_faults import HeaterFault
 from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections
 from bev_preheat.simulation.mismatch import Mismatch
 from bev_preheat.simulation.sensors import Sensors
 from bev_preheat.simulation.traffic import ClockJump, Event, Kind
-from bev_preheat.vehicle import load_vehicle, Vehicle
+from bev_preheat.vehicle import load_vehicle, Vehicle, vehicle_file
 
 SCHEMA = Path(__file__).with_name('scenario_schema.yaml')
 
@@ -42,7 +42,7 @@ class Scenario:
     A drive, what is wrong with it, and what is expected.
 
     `planner` holds parameters of the node `planner` by name, `vehicle_name` what the file calls the
-    vehicle: a name, or a file's path.
+    vehicle: a name, or a file's path. `files` are the paths of all files that were read.
     """
 
     name: str
@@ -56,6 +56,7 @@ class Scenario:
     imperfections: Imperfections
     expectations: Expectations
     planner: dict = field(default_factory=dict)
+    files: tuple = ()
 
     def car(self):
         """Return the ImperfectCar at its start."""
@@ -72,16 +73,17 @@ def load_scenario(name_or_file):
     path = find_configuration('scenarios', name_or_file, '.yaml')
     contents = load_checked_yaml(path, SCHEMA)
     try:
-        return _scenario(path.parent, contents)
+        return _scenario(path, contents)
     except InvalidInput as error:
         raise InvalidInput([f'{path}: {problem}' for problem in error.problems]) from error
 
 
-def _scenario(folder, contents):
-    drive = contents['drive']
+def _scenario(path, contents):
+    drive, folder = contents['drive'], path.parent
     vehicle_name = _seen_from(folder, drive['vehicle'], '.yaml')
     vehicle = load_vehicle(vehicle_name)
-    route = load_route(_seen_from(folder, drive['route'], '.csv'), vehicle.defaults)
+    route_name = _seen_from(folder, drive['route'], '.csv')
+    route = load_route(route_name, vehicle.defaults)
     if 'ends_after_s' in drive:
         if drive['ends_after_s'] > route.total_duration_s:
             raise InvalidInput(f'drive.ends_after_s: {drive["ends_after_s"]:g} s is beyond the '
@@ -94,6 +96,8 @@ def _scenario(folder, contents):
                         vehicle.defaults.target_battery_temperature_c)),
         float(drive.get('minimum_arrival_soc', 0.0)), drive.get('charging_planned', True))
     check_situation(vehicle, route, state, goal)
+    detours = [_seen_from(folder, node['route'], '.csv')
+               for node in contents.get('traffic', ()) if 'route' in node]
     return Scenario(
         name=contents['name'], description=contents['description'], vehicle_name=vehicle_name,
         vehicle=vehicle, route=route, state=state, goal=goal, seed=contents.get('seed', 0),
@@ -105,7 +109,8 @@ def _scenario(folder, contents):
                          for at, node in enumerate(contents.get('traffic', ()))),
             clock_jumps=tuple(ClockJump(**node) for node in contents.get('clock_jumps', ()))),
         expectations=_expectations(contents['expect']),
-        planner=_planner(contents.get('planner', {})))
+        planner=_planner(contents.get('planner', {})),
+        files=(path, vehicle_file(vehicle_name), *map(route_file, (route_name, *detours))))
 
 
 def _planner(parameters):

@@ -33,7 +33,7 @@ def load_vehicle(name_or_file):
 
     Raises InvalidInput naming file, key, value and what is allowed.
     """
-    path = find_configuration('vehicles', name_or_file, '.yaml')
+    path = vehicle_file(name_or_file)
     contents = load_checked_yaml(path, SCHEMA)
     battery = contents['battery']
     problems = []
@@ -99,9 +99,14 @@ def load_vehicle(name_or_file):
         defaults=Defaults(**_floats(contents['defaults'])))
 
 
+def vehicle_file(name_or_file):
+    """Return the path of a vehicle file; raise InvalidInput where there is none."""
+    return find_configuration('vehicles', name_or_file, '.yaml')
+
+
 def vehicle_fingerprint(name_or_file):
     """Return the SHA-256 of a vehicle file's bytes, as text; the file is one that was loaded."""
-    return sha256(find_configuration('vehicles', name_or_file, '.yaml').read_bytes()).hexdigest()
+    return sha256(vehicle_file(name_or_file).read_bytes()).hexdigest()
 
 
 def _floats(node):

@@ -263,10 +263,12 @@ REFUSED = {
                         'minimum arrival state of charge: nan is not allowed'),
     'no step': (['--step', '0'], '--step: 0 s is not allowed; it must be 0.1 ... 3600 s'),
     'unknown step': (['--step', 'nan'], '--step: nan s is not allowed'),
-    'no folder for JSON': (['--json', '/none/x.json'], '/none/x.json: cannot be written: '),
-    'no folder for the picture': (['--plot', '/none/x.png'], '/none/x.png: cannot be drawn: '),
+    'no folder for JSON': (['--json', '/none/x.json'],
+                           '--json: /none/x.json: cannot be written: /none does not exist'),
+    'no folder for the picture': (['--plot', '/none/x.png'],
+                                  '--plot: /none/x.png: cannot be written: /none does not exist'),
     'no such kind of picture': (['--plot', 'x.docx'],
-                                "x.docx: cannot be drawn: Format 'docx' is not supported")}
+                                '--plot: x.docx: must end in .png or .svg or .pdf')}
 
 
 @pytest.mark.parametrize('command', ['plan', 'optimum', 'compare'])
@@ -279,8 +281,8 @@ def test_user_error_is_one_clear_line_and_status_2(refusal, command, arguments, 
 
 
 @pytest.mark.parametrize('arguments, beginning', [
-    (['--json', '/none/x.json'], '/none/x.json: cannot be written: '),
-    (['--plot', '/none/x.png'], '/none/x.png: cannot be drawn: ')])
+    (['--json', '/none/x.json'], '--json: /none/x.json: cannot be written: '),
+    (['--plot', '/none/x.png'], '--plot: /none/x.png: cannot be written: ')])
 def test_reproduction_that_cannot_be_written_is_one_line(refusal, arguments, beginning):
     status, lines = refusal('reproduce', *arguments)
     assert (status, len(lines)) == (2, 1)

@@ -2,6 +2,7 @@
 """`preheat route`: from descriptions and from drive logs to files, tables and plots."""
 
 from dataclasses import fields
+import os
 import subprocess
 import sys
 
@@ -172,10 +173,12 @@ def test_a_description_that_needs_a_vehicle_says_so(preheat_route, legs):
 
 
 def test_an_output_that_cannot_be_written_is_explained(preheat_route, tmp_path):
-    output = str(tmp_path / 'no_such_folder' / 'made.csv')
+    folder = os.path.realpath(tmp_path / 'no_such_folder')
+    output = f'{folder}/made.csv'
     status, _, err, _ = preheat_route('--legs', 'winter_commute', output=output)
     assert status == 2
-    assert err == f'preheat: error: {output}: cannot be written: No such file or directory\n'
+    assert err == (f'preheat: error: --output: {output}: cannot be written: {folder} does not '
+                   'exist\n')
 
 
 @pytest.mark.parametrize('arguments', [

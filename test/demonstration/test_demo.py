@@ -102,13 +102,21 @@ def test_refused_parameter_is_told(start_demo):
     demo = start_demo('--vehicle', 'bicycle')
     started_s = time.monotonic()
     output, _ = demo.communicate(timeout=TIME_LIMIT_S)
-    assert demo.returncode == 1
-    assert "vehicle 'bicycle' is unknown; there are:" in output
+    assert demo.returncode == 2
+    assert output.startswith("demo: error: vehicle 'bicycle' is unknown; there are:")
     assert time.monotonic() - started_s < 20.0
 
 
 def test_picture_that_cannot_be_drawn_is_refused_before_the_drive(capsys):
-    with pytest.raises(SystemExit) as exit_status:
-        main(['--output', 'demo.bmp'])
-    assert exit_status.value.code == 2
-    assert '--output: demo.bmp must end in .png, .svg, .pdf' in capsys.readouterr().err
+    assert main(['--output', 'demo.bmp']) == 2
+    assert capsys.readouterr().err == \
+        'demo: error: --output: demo.bmp: must end in .png or .svg or .pdf\n'
+
+
+@pytest.mark.parametrize('log', ['demo.planner.log', 'demo.vehicle_simulator.log'])
+def test_log_that_is_no_file_is_refused_before_the_drive(tmp_path, capsys, log):
+    os.mkfifo(tmp_path / log)
+    assert main(['--output', str(tmp_path / 'demo.png')]) == 2
+    assert capsys.readouterr().err == (
+        f'demo: error: --output: {tmp_path / log}: is a named pipe; only a regular file can be '
+        'written\n')

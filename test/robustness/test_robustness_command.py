@@ -139,4 +139,4 @@ def test_trips_without_heating_can_be_shown(switch_ons, tmp_path):
 def test_picture_in_an_unknown_format_is_refused(arguments, tmp_path, capsys):
     assert main([*arguments, '--only', '0', '--methods', 'planner', '--plot',
                  str(tmp_path / 'one.txt')]) == 2
-    assert 'one.txt: cannot be drawn' in capsys.readouterr().err
+    assert 'one.txt: must end in .png or .svg or .pdf' in capsys.readouterr().err

@@ -104,6 +104,10 @@ def test_every_key_takes_effect(tmp_path):
 
 @pytest.mark.parametrize('path, value, problem', [
     (('expect',), None, 'missing expect'),
+    (('name',), '../up', r"name: '../up' is not allowed; it must be one line of text without a "
+                         'slash'),
+    (('name',), 'two\nlines', 'name: .* is not allowed; it must be one line'),
+    (('name',), '', "name: '' is not allowed; it must be one line"),
     (('drive', 'initial_soc'), 1.2, 'drive.initial_soc: 1.2'),
     (('drive', 'initial_soc'), None, 'drive: missing initial_soc'),
     (('drive', 'vehicle'), 'no_such', "vehicle 'no_such' is unknown"),

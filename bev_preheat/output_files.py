@@ -1,0 +1,199 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Every file that the package writes is written here: whole or not at all, and only a regular file.
+
+A run checks its outputs before it computes anything (`check_outputs`). `write_whole` checks again,
+because much may have happened meanwhile, writes a temporary file in the same folder and lets that
+take the old file's place: a reader, or a crash, finds the old contents or the new, never a part.
+A device, pipe, socket or folder is never opened for writing and never replaced.
+"""
+
+from contextlib import suppress
+from dataclasses import dataclass
+import os
+import secrets
+import stat
+
+from bev_preheat.errors import InvalidInput
+
+PICTURE_SUFFIXES = ('.png', '.svg', '.pdf')
+KINDS = ((stat.S_ISREG, ''), (stat.S_ISDIR, 'a folder'), (stat.S_ISFIFO, 'a named pipe'),
+         (stat.S_ISSOCK, 'a socket'), (stat.S_ISCHR, 'a device'), (stat.S_ISBLK, 'a device'))
+STANDARD_STREAMS = {1: 'standard output', 2: 'standard error'}
+
+
+@dataclass(frozen=True)
+class Output:
+    """
+    A file that a run is to write: the option that names it, and its path (None: not wanted).
+
+    `suffixes` are those allowed (empty: any). With `make_folder` its folder need not exist yet.
+    """
+
+    option: str
+    path: object
+    suffixes: tuple = ()
+    make_folder: bool = False
+
+
+def expanded(path):
+    """Return a path as text, with `~` replaced by the home folder."""
+    return os.path.expanduser(os.fspath(path))
+
+
+def target_of(path):
+    """Return the absolute path that a write reaches: `~` expanded, all links followed."""
+    return os.path.realpath(expanded(path))
+
+
+def existing_file(path):
+    """
+    Return the os.stat_result of the regular file at a path, None where nothing is there.
+
+    Raises InvalidInput where something else is there, or where the path cannot be a file's.
+    """
+    text = expanded(path)
+    try:
+        status = os.stat(text)
+    except FileNotFoundError:
+        if os.path.basename(text) in ('', '.', '..'):
+            raise InvalidInput(f'{_shown(path)}: names a folder; a file is needed') from None
+        return None
+    except (OSError, ValueError) as error:
+        raise InvalidInput(f'{_shown(path)}: cannot be a file: {_reason(error)}') from error
+    kind = next((name for is_kind, name in KINDS if is_kind(status.st_mode)), 'no regular file')
+    if kind:
+        raise InvalidInput(f'{_shown(path)}: is {kind}; only a regular file can be written')
+    return status
+
+
+def check_writable(path, make_folder=False):
+    """
+    Raise InvalidInput where a file cannot be written at a path; nothing is changed or opened.
+
+    With `make_folder` the folder may be missing, if it can be made.
+    """
+    status, target = existing_file(path), target_of(path)
+    if status is not None and not os.access(target, os.W_OK):
+        raise InvalidInput(f'{_shown(path)}: cannot be written: the file is write-protected')
+    folder = os.path.dirname(target)
+    while make_folder and not os.path.lexists(folder):
+        folder = os.path.dirname(folder)
+    if not os.path.isdir(folder):
+        problem = 'is not a folder' if os.path.lexists(folder) else 'does not exist'
+        raise InvalidInput(f'{_shown(path)}: cannot be written: {folder} {problem}')
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise InvalidInput(
+            f'{_shown(path)}: cannot be written: the folder {folder} is write-protected')
+
+
+def check_outputs(outputs, inputs=()):
+    """
+    Check Outputs before anything is computed; `inputs` are the paths of all files that are read.
+
+    Raises InvalidInput, one problem an output: where it cannot be written, lacks a suffix that is
+    allowed, is an input, or is the same file as another output or as a standard stream.
+    """
+    problems, earlier = [], []
+    for output in outputs:
+        if output.path is None:
+            continue
+        try:
+            _check_suffix(output)
+            check_writable(output.path, output.make_folder)
+            _check_no_standard_stream(output.path)
+        except InvalidInput as error:
+            problems += [f'{output.option}: {problem}' for problem in error.problems]
+            continue
+        for path in inputs:
+            if _is_one_file(output.path, path):
+                problems.append(f'{output.option}: {_shown(output.path)}: is the same file as the '
+                                f'input {path}, which must not be written over')
+                break
+        for other in earlier:
+            if _is_one_file(output.path, other.path):
+                problems.append(f'{output.option}: {_shown(output.path)}: is the same file as '
+                                f'{other.option}; each output needs a file of its own')
+                break
+        earlier.append(output)
+    if problems:
+        raise InvalidInput(problems)
+
+
+def write_whole(path, contents, make_folder=False):
+    """
+    Write bytes, or text as UTF-8, to a file: all of it or, if anything fails, nothing.
+
+    A link is followed, not replaced. An existing file keeps its mode and, if permitted, its owner;
+    a new one follows the umask. With `make_folder` missing folders are made. Raises InvalidInput,
+    naming the file and the reason, where it cannot be written.
+    """
+    if isinstance(contents, str):
+        # A file name on a command line, told in a comment, need not be text.
+        contents = contents.encode('utf-8', 'backslashreplace')
+    check_writable(path, make_folder)
+    target = target_of(path)
+    try:
+        if make_folder:
+            os.makedirs(os.path.dirname(target), exist_ok=True)
+        _replace(path, target, contents)
+    except OSError as error:
+        raise InvalidInput(f'{path}: cannot be written: {_reason(error)}') from error
+
+
+def _replace(path, target, contents):
+    before = existing_file(path)
+    mode = 0o666 if before is None else stat.S_IMODE(before.st_mode)
+    # Its own name, because the target's may be as long as a name can be.
+    temporary = os.path.join(os.path.dirname(target), f'.bev_preheat-{secrets.token_hex(8)}.tmp')
+    handle = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, mode & 0o777)
+    try:
+        with open(handle, 'wb') as file:
+            if before is not None:
+                # Changing the owner clears mode bits, so the mode comes second.
+                with suppress(PermissionError):
+                    os.fchown(handle, before.st_uid, before.st_gid)
+                os.fchmod(handle, mode)
+            file.write(contents)
+            file.flush()
+            os.fsync(handle)
+        # What is there now may no longer be what was there before.
+        existing_file(path)
+        os.replace(temporary, target)
+    except BaseException:
+        with suppress(FileNotFoundError):
+            os.unlink(temporary)
+        raise
+
+
+def _check_suffix(output):
+    suffix = os.path.splitext(os.fspath(output.path))[1].lower()
+    if output.suffixes and suffix not in output.suffixes:
+        raise InvalidInput(
+            f'{_shown(output.path)}: must end in {" or ".join(output.suffixes)}')
+
+
+def _check_no_standard_stream(path):
+    status = existing_file(path)
+    for descriptor, name in STANDARD_STREAMS.items():
+        with suppress(OSError):
+            if status is not None and os.path.samestat(status, os.fstat(descriptor)):
+                raise InvalidInput(f'{_shown(path)}: is the file that {name} goes to')
+
+
+def _is_one_file(first, second):
+    """Return whether two paths lead to one file, which need not exist."""
+    if target_of(first) == target_of(second):
+        return True
+    try:
+        return os.path.samefile(expanded(first), expanded(second))
+    except OSError:
+        return False
+
+
+def _shown(path):
+    return os.fspath(path) or "''"
+
+
+def _reason(error):
+    return getattr(error, 'strerror', None) or str(error)

@@ -1,0 +1,185 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What every command may write: refused before anything is computed, and never over an input."""
+
+import os
+from pathlib import Path
+
+import pytest
+
+from bev_preheat import demo
+from bev_preheat.benchmark import __main__ as benchmark_main
+from bev_preheat.commands.main import main
+from bev_preheat.configuration import configuration_folder
+from bev_preheat.endurance import __main__ as endurance_main
+
+CAR, ROUTE, OTHER_ROUTE, LEGS, LOG, TRIP, DRIVE = (
+    'car.yaml', 'route.csv', 'other.csv', 'legs.yaml', 'log.csv', 'trip.yaml', 'drive.yaml')
+CONTENTS = {
+    CAR: (configuration_folder('vehicles') / 'reference.yaml').read_text(),
+    ROUTE: (configuration_folder('routes') / 'winter_commute.csv').read_text(),
+    OTHER_ROUTE: (configuration_folder('routes') / 'reference.csv').read_text(),
+    LEGS: (configuration_folder('routes/legs') / 'winter_commute.yaml').read_text(),
+    LOG: 'time_s,speed_mps,power_w,cabin_heater_w,ambient_c\n' + ''.join(
+        f'{second},20,15000,900,-3\n' for second in range(60)),
+    TRIP: 'name: trip\nlegs:\n'
+          '  - {route: ./route.csv, stop_duration_s: 600, departure_temperature_c: 20, '
+          'departure_soc: 0.8}\n'
+          '  - {route: ./other.csv}\n',
+    DRIVE: 'name: drive\ndescription: A detour.\n'
+           'drive: {vehicle: ./car.yaml, route: ./route.csv, initial_battery_temperature_c: 5, '
+           'initial_soc: 0.8}\n'
+           'traffic: [{event: detour, at_s: 300, route: ./other.csv}]\nexpect: {most_switch_ons: 3}\n',
+}
+STATE = ['--temperature', '-5', '--soc', '0.8']
+SITUATION = ['--vehicle', './car.yaml', '--route', './route.csv', *STATE]
+# Those that compute for long would run into pytest's time limit if they did not refuse before.
+COMMANDS = {
+    'plan': ['plan', *SITUATION],
+    'itinerary': ['plan', '--vehicle', './car.yaml', '--itinerary', './trip.yaml', *STATE],
+    'optimum': ['optimum', *SITUATION],
+    'compare': ['compare', *SITUATION],
+    'reproduce': ['reproduce', '--fit'],
+    'sweep': ['sweep', '--vehicle', './car.yaml', '--feasible', '100000'],
+    'robustness': ['robustness', '--vehicle', './car.yaml', '--route', './route.csv', '--soc',
+                   '0.8', '--trips', '100000'],
+    'scenario': ['scenario', './drive.yaml'],
+    'route from legs': ['route', '--legs', './legs.yaml', '--vehicle', './car.yaml'],
+    'route from logs': ['route', '--log', LOG, '--vehicle', './car.yaml'],
+    'monitor': ['monitor'],
+}
+JSON = [name for name in COMMANDS if not name.startswith('route') and name != 'monitor']
+OPTIONS = [(name, '--json', '') for name in JSON] + [
+    (name, '--plot', '.png') for name in JSON if name != 'scenario'] + [
+    ('route from legs', '--output', ''), ('route from logs', '--output', ''),
+    ('monitor', '--picture', '.svg')]
+INPUTS = {
+    'plan': [CAR, ROUTE], 'itinerary': [CAR, TRIP, ROUTE, OTHER_ROUTE], 'optimum': [CAR, ROUTE],
+    'compare': [CAR, ROUTE], 'sweep': [CAR], 'robustness': [CAR, ROUTE],
+    'scenario': [DRIVE, CAR, ROUTE, OTHER_ROUTE], 'route from legs': [LEGS, CAR],
+    'route from logs': [LOG, CAR]}
+
+
+@pytest.fixture(autouse=True)
+def files(tmp_path, monkeypatch):
+    """Put the inputs into the working folder; all of them must be as they were in the end."""
+    monkeypatch.chdir(tmp_path)
+    for name, text in CONTENTS.items():
+        Path(name).write_text(text)
+    yield
+    assert {name: Path(name).read_text() for name in CONTENTS} == CONTENTS
+
+
+@pytest.fixture
+def refusal(capsys):
+    """Return the one line on standard error of a run that ends with 2 and has shown nothing."""
+    def run(*arguments, command=main):
+        before = sorted(os.listdir())
+        status = command(list(arguments))
+        captured = capsys.readouterr()
+        assert (status, captured.out) == (2, ''), captured.err
+        assert sorted(os.listdir()) == before
+        (line,) = captured.err.splitlines()
+        return line
+    return run
+
+
+@pytest.mark.parametrize('name, option, suffix', OPTIONS)
+@pytest.mark.parametrize('make, kind', [(os.mkdir, 'a folder'), (os.mkfifo, 'a named pipe')],
+                         ids=['folder', 'pipe'])
+def test_what_is_no_file_is_refused_before_anything_is_computed(
+        refusal, name, option, suffix, make, kind):
+    make(f'other{suffix}')
+    assert refusal(*COMMANDS[name], option, f'other{suffix}') == (
+        f'preheat: error: {option}: other{suffix}: is {kind}; only a regular file can be written')
+
+
+@pytest.mark.parametrize('name, path', [
+    (name, path) for name, paths in INPUTS.items() for path in paths])
+@pytest.mark.parametrize('spell', [
+    lambda path: path, os.path.abspath, lambda path: f'{os.path.basename(os.getcwd())}/../{path}',
+    lambda path: Path('link').symlink_to(path) or 'link'], ids=['same', 'absolute', 'up', 'link'])
+def test_an_input_is_never_written_over(refusal, name, path, spell):
+    Path(os.path.basename(os.getcwd())).mkdir()
+    option = '--output' if name.startswith('route') else '--json'
+    output = spell(path)
+    line = refusal(*COMMANDS[name], option, output)
+    assert line.startswith(f'preheat: error: {option}: {output}: is the same file as the input ')
+    assert line.endswith(f'{path}, which must not be written over')
+
+
+def test_the_files_that_the_paper_is_reproduced_with_are_inputs(refusal):
+    shipped = configuration_folder('vehicles') / 'reference.yaml'
+    before = shipped.read_bytes()
+    assert 'which must not be written over' in refusal('reproduce', '--json', str(shipped))
+    assert shipped.read_bytes() == before
+
+
+@pytest.mark.parametrize('name', ['plan', 'route from logs'])
+def test_two_outputs_are_two_files(refusal, name):
+    first = '--output' if name.startswith('route') else '--json'
+    assert refusal(*COMMANDS[name], first, 'x.png', '--plot', './x.png') == (
+        f'preheat: error: --plot: ./x.png: is the same file as {first}; each output needs a file '
+        'of its own')
+
+
+@pytest.mark.parametrize('path', ['picture', 'picture.bmp'])
+@pytest.mark.parametrize('name', [name for name, option, _ in OPTIONS if option == '--plot'])
+def test_the_kinds_of_picture_are_listed(refusal, name, path):
+    assert refusal(*COMMANDS[name], '--plot', path) == (
+        f'preheat: error: --plot: {path}: must end in .png or .svg or .pdf')
+
+
+def test_outputs_may_be_named_from_the_home_folder(monkeypatch):
+    monkeypatch.setenv('HOME', os.getcwd())
+    assert main([*COMMANDS['plan'], '--json', '~/plan.json', '--plot', '~/plan.SVG']) == 0
+    assert Path('plan.json').read_text().startswith('{')
+    assert '<svg' in Path('plan.SVG').read_text()
+
+
+def test_an_old_result_is_written_over():
+    Path('plan.json').write_text('old')
+    assert main([*COMMANDS['plan'], '--json', 'plan.json']) == 0
+    assert 'old' not in Path('plan.json').read_text()
+
+
+@pytest.mark.parametrize('log', ['drive.planner.log', 'drive.vehicle_simulator.log'])
+def test_logs_of_a_scenario_that_are_no_files_are_refused(refusal, log):
+    os.mkfifo(log)
+    assert refusal(*COMMANDS['scenario'], '--nodes', '--logs', '.') == (
+        f'preheat: error: --logs: {log}: is a named pipe; only a regular file can be written')
+
+
+def test_scenarios_of_one_name_do_not_share_their_logs(capsys):
+    assert main([*COMMANDS['scenario'], './drive.yaml', '--nodes', '--logs', '.']) == 2
+    assert capsys.readouterr().err.splitlines() == [
+        f'preheat: error: --logs: drive.{name}.log: is the same file as --logs; each output needs '
+        'a file of its own' for name in ('planner', 'vehicle_simulator')]
+
+
+@pytest.mark.parametrize('program, suffixes', [
+    (demo, ['.png', '.planner.log', '.vehicle_simulator.log']),
+    (endurance_main, ['.png', '.json', '.planner.log'])], ids=['demo', 'soak'])
+def test_the_long_runs_check_their_files_first(refusal, program, suffixes):
+    for suffix in suffixes:
+        os.mkfifo(f'out{suffix}')
+        line = refusal('--output', 'out.png', command=program.main)
+        assert line.endswith(
+            f'error: --output: out{suffix}: is a named pipe; only a regular file can be written')
+        os.unlink(f'out{suffix}')
+    assert refusal('--output', 'out', command=program.main).endswith(
+        'error: --output: out: must end in .png or .svg or .pdf')
+
+
+def test_the_demonstration_does_not_write_over_its_route(refusal):
+    Path('route.csv').rename('route.png')
+    line = refusal('--route', './route.png', '--output', 'route.png', command=demo.main)
+    Path('route.png').rename('route.csv')
+    assert line == ('demo: error: --output: route.png: is the same file as the input route.png, '
+                    'which must not be written over')
+
+
+def test_the_benchmark_checks_its_file_first(refusal):
+    os.mkfifo('figures.json')
+    assert refusal('--json', 'figures.json', command=benchmark_main.main) == (
+        'benchmark: error: --json: figures.json: is a named pipe; only a regular file can be '
+        'written')

@@ -1,0 +1,354 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The writer of all files: what it refuses, what a crash leaves, and what becomes of links."""
+
+from contextlib import contextmanager
+import os
+from pathlib import Path
+import signal
+import socket
+import stat
+import subprocess
+import sys
+
+import pytest
+
+from bev_preheat import output_files
+from bev_preheat.errors import InvalidInput
+from bev_preheat.output_files import (
+    check_outputs, check_writable, existing_file, Output, PICTURE_SUFFIXES, write_whole)
+
+OLD, NEW = b'old contents\n', b'new contents, longer than the old\n'
+
+
+@pytest.fixture(autouse=True)
+def in_folder(tmp_path, monkeypatch):
+    """Relative paths are seen from the folder of the test."""
+    monkeypatch.chdir(tmp_path)
+
+
+@pytest.fixture
+def old(tmp_path):
+    path = tmp_path / 'old.json'
+    path.write_bytes(OLD)
+    return path
+
+
+def problems_of(*outputs, inputs=()):
+    with pytest.raises(InvalidInput) as refused:
+        check_outputs([Output(f'--{number}', path) for number, path in enumerate(outputs)], inputs)
+    return refused.value.problems
+
+
+# What is no regular file
+
+def make_folder(path):
+    path.mkdir()
+    (path / 'kept').write_bytes(OLD)
+
+
+def make_socket(path):
+    with socket.socket(socket.AF_UNIX) as server:
+        server.bind(path.name)
+
+
+def make_loop(path):
+    path.symlink_to(path.name)
+
+
+OTHERS = {'a folder': make_folder, 'a named pipe': os.mkfifo, 'a socket': make_socket}
+
+
+@pytest.mark.parametrize('through_link', [False, True], ids=['itself', 'through a link'])
+@pytest.mark.parametrize('kind, make', OTHERS.items(), ids=OTHERS)
+def test_what_is_no_file_is_refused_at_once_and_stays(tmp_path, kind, make, through_link):
+    other = tmp_path / 'other'
+    make(other)
+    path = tmp_path / 'link' if through_link else other
+    if through_link:
+        path.symlink_to('other')
+    before, names = other.lstat(), sorted(os.listdir())
+    sentence = f'{path}: is {kind}; only a regular file can be written'
+    assert problems_of(path) == [f'--0: {sentence}']
+    with pytest.raises(InvalidInput) as refused:
+        write_whole(path, NEW)
+    assert str(refused.value) == sentence
+    after = other.lstat()
+    assert (after.st_ino, after.st_mode) == (before.st_ino, before.st_mode)
+    assert sorted(os.listdir()) == names
+
+
+@pytest.mark.parametrize('kind', [stat.S_IFCHR, stat.S_IFBLK], ids=['characters', 'blocks'])
+def test_a_device_is_refused(old, monkeypatch, kind):
+    """The file says that it is a device: a real one would need root, and might be harmed."""
+    real = os.stat
+
+    def as_device(path, *arguments, **options):
+        status = real(path, *arguments, **options)
+        if str(path) != str(old):
+            return status
+        return os.stat_result((kind | 0o666, *tuple(status)[1:]))
+
+    monkeypatch.setattr(output_files.os, 'stat', as_device)
+    assert problems_of(old) == [f'--0: {old}: is a device; only a regular file can be written']
+    with pytest.raises(InvalidInput, match='old.json: is a device'):
+        write_whole(old, NEW)
+    monkeypatch.undo()
+    assert old.read_bytes() == OLD
+
+
+def test_a_pipe_that_comes_while_it_is_written_is_not_replaced(old, monkeypatch):
+    fsync = os.fsync
+
+    def swap(handle):
+        fsync(handle)
+        old.unlink()
+        os.mkfifo(old)
+
+    monkeypatch.setattr(output_files.os, 'fsync', swap)
+    with pytest.raises(InvalidInput, match='is a named pipe'):
+        write_whole(old, NEW)
+    assert stat.S_ISFIFO(old.lstat().st_mode)
+    assert os.listdir(old.parent) == [old.name]
+
+
+PATHS_THAT_ARE_NONE = {
+    'empty': ('', "'': names a folder; a file is needed"),
+    'folder to be': ('new/', 'new/: names a folder; a file is needed'),
+    'this folder': ('.', '.: is a folder; only a regular file can be written'),
+    'no folder': ('none/x', 'none/x: cannot be written: {folder}/none does not exist'),
+    'below a file': ('old.json/x', 'old.json/x: cannot be a file: Not a directory'),
+    'loop': ('loop', 'loop: cannot be a file: Too many levels of symbolic links'),
+    'long name': ('x' * 300, 'x' * 300 + ': cannot be a file: File name too long'),
+    'null': ('a\0b', 'a\0b: cannot be a file: embedded null byte')}
+
+
+@pytest.mark.parametrize('path, sentence', PATHS_THAT_ARE_NONE.values(), ids=PATHS_THAT_ARE_NONE)
+def test_a_path_that_cannot_be_a_files_is_refused(old, path, sentence):
+    make_loop(Path('loop'))
+    sentence = sentence.format(folder=os.path.realpath('.'))
+    assert problems_of(path) == [f'--0: {sentence}']
+    with pytest.raises(InvalidInput) as refused:
+        write_whole(path, NEW)
+    assert str(refused.value) == sentence
+    assert sorted(os.listdir()) == ['loop', 'old.json']
+
+
+@pytest.mark.parametrize('protected, sentence', [
+    ('old.json', 'the file is write-protected'), ('', 'the folder {} is write-protected')])
+def test_write_protection_is_respected(old, monkeypatch, protected, sentence):
+    """Asked for by os.access, because root may write whatever the mode says."""
+    forbidden = os.path.realpath(os.path.join(old.parent, protected))
+    access = os.access
+    monkeypatch.setattr(output_files.os, 'access',
+                        lambda path, mode: path != forbidden and access(path, mode))
+    with pytest.raises(InvalidInput) as refused:
+        write_whole(old, NEW)
+    assert str(refused.value) == f'{old}: cannot be written: {sentence.format(forbidden)}'
+    assert old.read_bytes() == OLD
+
+
+def test_a_folder_that_can_be_made_is_made_on_demand(tmp_path):
+    path = tmp_path / 'one' / 'two' / 'x.json'
+    check_outputs([Output('--json', path, make_folder=True)])
+    assert os.listdir() == []
+    write_whole(path, NEW, make_folder=True)
+    assert path.read_bytes() == NEW
+
+
+def test_a_folder_that_cannot_be_made_is_refused_before(old):
+    with pytest.raises(InvalidInput, match='old.json/two/x: cannot be a file: Not a directory'):
+        check_writable(old / 'two' / 'x', make_folder=True)
+
+
+# Whole or not at all
+
+def test_new_contents_take_the_place_of_the_old(old):
+    write_whole(old, NEW)
+    assert old.read_bytes() == NEW
+    write_whole(old, 'Wärme\n')
+    assert old.read_text(encoding='utf-8') == 'Wärme\n'
+    assert os.listdir() == ['old.json']
+
+
+CRASH = '''
+import os, signal, sys
+from bev_preheat import output_files
+{where}
+output_files.write_whole(sys.argv[1], b'new' * 100_000)
+'''
+
+
+@pytest.mark.parametrize('where', [
+    'os.fsync = lambda handle: os.kill(os.getpid(), signal.SIGKILL)',
+    'os.replace = lambda *names: os.kill(os.getpid(), signal.SIGKILL)'],
+    ids=['written in part', 'not yet in place'])
+def test_a_process_that_is_killed_while_it_writes_leaves_the_old_file_whole(old, where):
+    done = subprocess.run([sys.executable, '-c', CRASH.format(where=where), str(old)], timeout=60,
+                          check=False)
+    assert done.returncode == -signal.SIGKILL
+    assert old.read_bytes() == OLD
+
+
+# As `ulimit -f` does; Python ignores the signal, so the write fails.
+FULL_DISK = '''
+import resource, sys
+from bev_preheat.output_files import write_whole
+resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))
+try:
+    write_whole(sys.argv[1], b'x' * 100_000)
+except ValueError as error:
+    print(error)
+'''
+
+
+def test_a_disk_that_gets_full_leaves_the_old_file_whole_and_no_other(old):
+    done = subprocess.run([sys.executable, '-c', FULL_DISK, str(old)], timeout=60,
+                          capture_output=True, text=True, check=True)
+    assert done.stdout == f'{old}: cannot be written: File too large\n'
+    assert old.read_bytes() == OLD
+    assert os.listdir() == ['old.json']
+
+
+@pytest.mark.parametrize('error', [KeyboardInterrupt, OSError(5, 'Input/output error')])
+def test_what_interrupts_leaves_no_temporary_file(old, monkeypatch, error):
+    def interrupt(handle):
+        raise error
+
+    monkeypatch.setattr(output_files.os, 'fsync', interrupt)
+    with pytest.raises((KeyboardInterrupt, InvalidInput)):
+        write_whole(old, NEW)
+    assert os.listdir() == ['old.json']
+    assert old.read_bytes() == OLD
+
+
+def test_it_is_on_the_disk_before_it_takes_the_place(old, monkeypatch):
+    order = []
+    fsync, replace = os.fsync, os.replace
+    monkeypatch.setattr(
+        output_files.os, 'fsync', lambda file: (order.append('fsync'), fsync(file)))
+    monkeypatch.setattr(
+        output_files.os, 'replace', lambda *names: (order.append('replace'), replace(*names)))
+    write_whole(old, NEW)
+    assert order == ['fsync', 'replace']
+
+
+# Modes, links, names
+
+@contextmanager
+def umask(value):
+    before = os.umask(value)
+    try:
+        yield
+    finally:
+        os.umask(before)
+
+
+@pytest.mark.parametrize('mask, mode', [(0o022, 0o644), (0o027, 0o640), (0o077, 0o600)])
+def test_a_new_file_follows_the_umask(tmp_path, mask, mode):
+    with umask(mask):
+        write_whole(tmp_path / 'new', NEW)
+    assert stat.S_IMODE((tmp_path / 'new').stat().st_mode) == mode
+
+
+@pytest.mark.parametrize('mode', [0o600, 0o664, 0o755])
+def test_an_existing_file_keeps_its_mode(old, mode):
+    old.chmod(mode)
+    with umask(0o027):
+        write_whole(old, NEW)
+    assert stat.S_IMODE(old.stat().st_mode) == mode
+
+
+def test_a_link_is_written_through(tmp_path, old):
+    (tmp_path / 'deeper').mkdir()
+    link = tmp_path / 'deeper' / 'link'
+    link.symlink_to('../old.json')
+    write_whole(link, NEW)
+    assert os.readlink(link) == '../old.json'
+    assert old.read_bytes() == NEW
+    assert os.listdir('deeper') == ['link']
+
+
+def test_home_is_expanded(tmp_path, monkeypatch):
+    monkeypatch.setenv('HOME', str(tmp_path))
+    write_whole('~/x.json', NEW)
+    assert (tmp_path / 'x.json').read_bytes() == NEW
+
+
+def test_the_longest_name_can_be_written(tmp_path):
+    path = tmp_path / ('x' * 255)
+    write_whole(path, NEW)
+    assert path.read_bytes() == NEW
+
+
+# Inputs and outputs of one run
+
+@pytest.mark.parametrize('spelling', [
+    'old.json', './old.json', '../{name}/old.json', '{folder}/old.json', '~/old.json',
+    'deeper/../old.json', 'link', 'hard_link', 'linked_folder/old.json', 'linked_folder/link'])
+def test_an_input_is_no_output_however_it_is_spelled(tmp_path, old, monkeypatch, spelling):
+    monkeypatch.setenv('HOME', str(tmp_path))
+    (tmp_path / 'deeper').mkdir()
+    (tmp_path / 'link').symlink_to('old.json')
+    (tmp_path / 'hard_link').hardlink_to(old)
+    (tmp_path / 'linked_folder').symlink_to('.')
+    path = spelling.format(folder=tmp_path, name=tmp_path.name)
+    sentence = 'is the same file as the input'
+    assert problems_of(path, inputs=['old.json']) == [
+        f'--0: {path}: {sentence} old.json, which must not be written over']
+    assert problems_of('old.json', inputs=[path]) == [
+        f'--0: old.json: {sentence} {path}, which must not be written over']
+
+
+@pytest.mark.parametrize('spelling', [
+    'new', './new', '{folder}/new', 'linked_folder/new', 'dangling'])
+def test_two_outputs_are_two_files_even_before_they_exist(tmp_path, spelling):
+    (tmp_path / 'linked_folder').symlink_to('.')
+    (tmp_path / 'dangling').symlink_to('new')
+    path = spelling.format(folder=tmp_path)
+    assert problems_of('new', path) == [
+        f'--1: {path}: is the same file as --0; each output needs a file of its own']
+
+
+def test_outputs_beside_inputs_are_fine(old):
+    check_outputs([Output('--json', 'x.json'), Output('--plot', None), Output('--log', 'y')],
+                  [old])
+    assert os.listdir() == ['old.json']
+
+
+def test_an_old_result_may_be_written_over(old):
+    check_outputs([Output('--json', old)])
+
+
+def test_the_file_that_standard_output_goes_to_is_refused(tmp_path):
+    code = ('from bev_preheat.output_files import *\n'
+            'try: check_outputs([Output("--json", "shown.txt")])\n'
+            'except ValueError as error: print(error)')
+    with open('shown.txt', 'wb') as shown:
+        subprocess.run([sys.executable, '-c', code], stdout=shown, timeout=60, check=True)
+    assert Path('shown.txt').read_text() == \
+        '--json: shown.txt: is the file that standard output goes to\n'
+
+
+def test_each_output_has_its_problem(old):
+    os.mkfifo('pipe')
+    assert problems_of('pipe', old, 'none/x', inputs=[old]) == [
+        '--0: pipe: is a named pipe; only a regular file can be written',
+        f'--1: {old}: is the same file as the input {old}, which must not be written over',
+        f'--2: none/x: cannot be written: {os.path.realpath("none")} does not exist']
+
+
+@pytest.mark.parametrize('path', ['x', 'x.', 'x.bmp', '.png', 'x.png.gz', 'folder.png/x'])
+def test_a_picture_needs_a_suffix_that_is_known(path):
+    with pytest.raises(InvalidInput) as refused:
+        check_outputs([Output('--plot', path, PICTURE_SUFFIXES)])
+    assert str(refused.value) == f'--plot: {path}: must end in .png or .svg or .pdf'
+
+
+@pytest.mark.parametrize('path', ['x.png', 'x.SVG', 'x.y.pdf'])
+def test_known_suffixes_are_accepted(path):
+    check_outputs([Output('--plot', path, PICTURE_SUFFIXES)])
+
+
+def test_nothing_there_is_told_from_a_file(old):
+    assert existing_file('none') is None
+    assert existing_file(old).st_size == len(OLD)
