@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The planner's entries in /diagnostics: preheating, heater, estimation."""
+"""The planner's entries in /diagnostics: preheating, heater, estimation, state file."""
 
 import math
 
@@ -39,13 +39,19 @@ HEATER_SENTENCES = {
 RESET_SHOWN_S = 60.0
 
 
-def planner_diagnostics(node_name, supervisor, now_ns):
-    """Return the DiagnosticArray that tells status, reason and the figures behind them."""
+def planner_diagnostics(node_name, supervisor, now_ns, memory=None):
+    """
+    Return the DiagnosticArray that tells status, reason and the figures behind them.
+
+    `memory` is a remembering.MemoryReport, None where nothing is kept.
+    """
     name, hardware = node_name.lstrip('/'), supervisor.vehicle.name
     message = DiagnosticArray(status=[_preheating(name, hardware, supervisor, now_ns)])
     if supervisor.estimate is not None:
         message.status.append(_heater(name, hardware, supervisor.estimate.heater))
         message.status.append(_estimation(name, hardware, supervisor, now_ns))
+    if memory is not None:
+        message.status.append(_state_file(name, hardware, memory))
     message.header.stamp = time_message(now_ns)
     return message
 
@@ -111,6 +117,16 @@ def _estimation(name, hardware, supervisor, now_ns):
                   f'begun anew: {estimate.reset_reason}' if has_reset else
                   f'{estimate.temperature_c:.2f} +- {estimate.temperature_deviation_k:.2f} degC',
                   values)
+
+
+def _state_file(name, hardware, memory):
+    written = ('nothing written yet' if memory.written_s_ago is None
+               else f'written {memory.written_s_ago:.0f} s ago')
+    return _entry(f'{name}: state file', hardware,
+                  DiagnosticStatus.WARN if memory.problem else DiagnosticStatus.OK,
+                  memory.problem or written,
+                  {'file': memory.path, 'last write': written,
+                   'damaged file kept as': memory.kept_aside})
 
 
 def _entry(name, hardware, level, message, values):

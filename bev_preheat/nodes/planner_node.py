@@ -29,7 +29,7 @@ from bev_preheat.nodes.convert import (
 from bev_preheat.nodes.diagnostics import heater_sentence, planner_diagnostics
 from bev_preheat.nodes.parameters import check, declare, Parameter
 from bev_preheat.nodes.process import run_node
-from bev_preheat.nodes.remembering import Remembering, SAVE_PERIOD_S
+from bev_preheat.nodes.remembering import check_parameter, Remembering, SAVE_PERIOD_S
 from bev_preheat.planning.planner import METHODS
 from bev_preheat.planning.status import Status
 from bev_preheat.vehicle import load_vehicle, vehicle_fingerprint
@@ -59,7 +59,8 @@ PARAMETERS = (
               'The heater, once on, stays on at least this long', 's', (0.0, 600.0)),
     Parameter('minimum_off_time', DEFAULTS.minimum_off_time_s,
               'The heater, once off, stays off at least this long', 's', (0.0, 3600.0)),
-    Parameter('state_file', '', 'File that keeps what was learned of the car; empty: none.'),
+    Parameter('state_file', '', 'File that keeps what was learned of the car: a new one, or one '
+              'that was written before; empty: none.'),
 )
 # What ROS lets one override by default, and durability: a trip planner may not latch its route.
 ROUTE_POLICIES = (QoSPolicyKind.HISTORY, QoSPolicyKind.DEPTH, QoSPolicyKind.RELIABILITY,
@@ -97,6 +98,7 @@ class PlannerNode(Node):
         super().__init__('planner')
         values = declare(self, PARAMETERS)
         vehicle, settings = _take_effect(values)
+        check_parameter(values['state_file'])
         self._supervisor = Supervisor(vehicle, settings)
         self._vehicle_fingerprint = vehicle_fingerprint(values['vehicle'])
         self._remembering = Remembering(self.get_logger())
@@ -199,6 +201,10 @@ class PlannerNode(Node):
             return SetParametersResult(successful=True)
         try:
             _take_effect(self._values_with(parameters))
+            # Another parameter may be set while the file is at fault: the diagnostics tell that.
+            for parameter in parameters:
+                if parameter.name == 'state_file':
+                    check_parameter(parameter.value)
         except InvalidInput as error:
             return SetParametersResult(successful=False, reason=str(error))
         except Exception as error:  # noqa: B902  such as a vehicle file nested too deeply
@@ -258,7 +264,8 @@ class PlannerNode(Node):
 
     def _publish_diagnostics(self, now_ns):
         self._diagnostics_publisher.publish(
-            planner_diagnostics(self.get_fully_qualified_name(), self._supervisor, now_ns))
+            planner_diagnostics(self.get_fully_qualified_name(), self._supervisor, now_ns,
+                                self._remembering.report()))
 
     def _publish_command(self, now_ns):
         command = self._supervisor.command(now_ns)

@@ -1,17 +1,48 @@
 # SPDX-License-Identifier: Apache-2.0
 """Keeps what the planner has learned of the car across restarts of its process."""
 
+from dataclasses import dataclass
+import time
+from typing import Optional
+
 from bev_preheat.errors import InvalidInput
-from bev_preheat.estimation.memory import learned_from, load_learned, save_learned
+from bev_preheat.estimation.memory import learned_from
+from bev_preheat.estimation.state_file import check_state_file, load_learned, save_learned
+from bev_preheat.output_files import check_writable
 
 SAVE_PERIOD_S = 60.0
+
+
+@dataclass(frozen=True)
+class MemoryReport:
+    """
+    How it stands with the state file.
+
+    `problem` is a sentence, empty if there is none; `written_s_ago` is None before the first
+    write; `kept_aside` is where a damaged file was moved, empty if none was.
+    """
+
+    path: str
+    problem: str
+    written_s_ago: Optional[float]
+    kept_aside: str
+
+
+def check_parameter(path):
+    """Raise InvalidInput where the parameter `state_file` names what must not be written over."""
+    if path:
+        try:
+            check_state_file(path)
+        except InvalidInput as error:
+            raise InvalidInput(
+                [f'state_file: {problem}' for problem in error.problems]) from error
 
 
 class Remembering:
     """
     Reads and writes the file of the parameter `state_file`; nothing happens where it is empty.
 
-    What goes wrong is logged: preheating works without a memory.
+    What goes wrong is logged and reported: preheating works without a memory.
     """
 
     def __init__(self, logger):
@@ -19,23 +50,32 @@ class Remembering:
         self._logger = logger
         self._path, self._fingerprint = '', ''
         self._saved = None
+        self._forget_report()
+
+    def _forget_report(self):
+        self._problem, self._written_s, self._kept_aside = '', None, ''
 
     def attach(self, path, fingerprint, supervisor):
         """Use a file for the car with this fingerprint; what it holds goes to the supervisor."""
         if (path, fingerprint) == (self._path, self._fingerprint):
             return
-        self._path, self._fingerprint = path, fingerprint
+        if path != self._path:
+            self._forget_report()
+        self._path, self._fingerprint, self._saved = path, fingerprint, None
         if not path:
             return
         try:
-            learned = load_learned(path, fingerprint)
+            recalled = load_learned(path, fingerprint)
+            check_writable(path, make_folder=True)
         except InvalidInput as error:
-            self._logger.warning(f'state_file is ignored: {error}')
+            self._fail(str(error))
             return
-        if learned is None:
-            self._logger.info(f'state_file: {path} will be written.')
+        if recalled.damage:
+            self._fail(f'{path}: is damaged: {recalled.damage}; it will be kept aside')
+        if recalled.learned is None:
+            self._logger.info(f'state_file: {path}: nothing was learned of this vehicle yet.')
             return
-        supervisor.recall(learned.factors, learned.covariance)
+        supervisor.recall(recalled.learned.factors, recalled.learned.covariance)
         self._logger.info(f'state_file: {path}: the estimation begins with what was learned.')
 
     def save(self, supervisor):
@@ -44,9 +84,25 @@ class Remembering:
         if not self._path or estimate is None or estimate is self._saved:
             return
         try:
-            save_learned(self._path, self._fingerprint, learned_from(estimate))
-        except OSError as error:
-            self._logger.warning(f'state_file: {self._path}: cannot be written: '
-                                 f'{error.strerror}', throttle_duration_sec=600.0)
+            kept_aside = save_learned(self._path, self._fingerprint, learned_from(estimate))
+        except InvalidInput as error:
+            self._fail(str(error))
             return
-        self._saved = estimate
+        if kept_aside is not None:
+            self._kept_aside = kept_aside
+            self._logger.warning(f'state_file: the damaged file was kept as {kept_aside}.')
+        if self._problem:
+            self._logger.info(f'state_file: {self._path} is written again.')
+        self._saved, self._problem, self._written_s = estimate, '', time.monotonic()
+
+    def report(self):
+        """Return the MemoryReport; None where nothing is to be kept."""
+        if not self._path:
+            return None
+        written_s_ago = None if self._written_s is None else time.monotonic() - self._written_s
+        return MemoryReport(self._path, self._problem, written_s_ago, self._kept_aside)
+
+    def _fail(self, problem):
+        if problem != self._problem:
+            self._logger.warning(f'state_file: {problem}.')
+        self._problem = problem

@@ -1,0 +1,172 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+The file that keeps what was learned of cars, each under the SHA-256 of its vehicle file.
+
+It is written only where there is no file, or one that this module recognises as its own by the
+keys in it: the present format, or format 1, which held a single car. Everything else is refused.
+A file of its own that is damaged is kept aside, under a name that is free, before a new one takes
+its place. What was learned with another vehicle file stays in the file.
+"""
+
+from contextlib import suppress
+from dataclasses import dataclass
+from itertools import count
+import json
+import os
+import re
+from typing import Optional
+
+from bev_preheat.errors import InvalidInput
+from bev_preheat.estimation.memory import as_entry, from_entry, Learned
+from bev_preheat.output_files import existing_file, expanded, target_of, write_whole
+
+FORMAT_KEY, FORMAT = 'bev_preheat_state_file', 2
+# How the files of both formats begin; it recognises one that no longer parses.
+OWN_HEAD = re.compile(
+    rb'\s*\{\s*("bev_preheat_state_file"\s*:|"format"\s*:\s*1\s*,\s*"vehicle_file_sha256"\s*:)')
+LARGEST_FILE_BYTES = 100_000
+LONGEST_SENTENCE = 300
+# A file of so many cars is 30 kB; the one that was written longest ago gives way to another.
+MOST_CARS = 50
+
+
+@dataclass(frozen=True)
+class Recalled:
+    """What was Learned of one car, None if nothing; and what is damaged in the file, if anything."""
+
+    learned: Optional[Learned]
+    damage: str = ''
+
+
+@dataclass(frozen=True)
+class _Found:
+    """Entries by fingerprint, oldest first; `damage` says what is damaged in the file."""
+
+    cars: dict
+    damage: str = ''
+
+
+def check_state_file(path):
+    """Raise InvalidInput where a path is neither free nor a state file's; nothing is changed."""
+    _find(path)
+
+
+def load_learned(path, fingerprint):
+    """
+    Return what is Recalled of the car with this fingerprint.
+
+    Raises InvalidInput, naming file and problem, where the file is none of ours.
+    """
+    found = _find(path)
+    entry = found.cars.get(fingerprint)
+    return Recalled(None if entry is None else from_entry(entry), found.damage)
+
+
+def save_learned(path, fingerprint, learned):
+    """
+    Write what was Learned of a car, beside what the file holds of others.
+
+    Returns the path to which a damaged file was moved, None where it was not damaged. Raises
+    InvalidInput where the file is none of ours, or cannot be written.
+    """
+    found = _find(path)
+    others = [item for item in found.cars.items() if item[0] != fingerprint]
+    contents = {FORMAT_KEY: FORMAT,
+                'cars': {**dict(others[-(MOST_CARS - 1):]), fingerprint: as_entry(learned)}}
+    target = target_of(path)
+    aside = _move_aside(path, target) if found.damage else None
+    try:
+        write_whole(path, json.dumps(contents, indent=1) + '\n', make_folder=True)
+    except BaseException:
+        if aside is not None:
+            os.replace(aside, target)
+        raise
+    return aside
+
+
+def _find(path):
+    raw = _read(path)
+    if raw is None:
+        return _Found({})
+    if not raw:
+        raise InvalidInput(_not_ours(path, 'it is empty'))
+    has_own_head = OWN_HEAD.match(raw)
+    if len(raw) > LARGEST_FILE_BYTES:
+        if has_own_head:
+            return _Found({}, f'it is larger than {LARGEST_FILE_BYTES} bytes')
+        raise InvalidInput(_not_ours(path))
+    try:
+        contents = json.loads(raw)
+    except (ValueError, RecursionError) as error:
+        if has_own_head:
+            return _Found({}, f'it cannot be read: {error}')
+        raise InvalidInput(_not_ours(path)) from error
+    if isinstance(contents, dict) and FORMAT_KEY in contents:
+        number = contents[FORMAT_KEY]
+        if isinstance(number, int) and number > FORMAT:
+            raise InvalidInput(f'{path}: is of format {number}, of a later version; this one knows '
+                               f'1 and {FORMAT}; name another file')
+        return _sound(contents.get('cars') if number == FORMAT else None)
+    if isinstance(contents, dict) and contents.get('format') == 1 \
+            and 'vehicle_file_sha256' in contents:
+        fingerprint = contents['vehicle_file_sha256']
+        return _sound({fingerprint: contents} if isinstance(fingerprint, str) else None)
+    raise InvalidInput(_not_ours(path))
+
+
+def _sound(cars):
+    """Return as _Found the entries that hold; the others are damage."""
+    if not isinstance(cars, dict):
+        return _Found({}, 'its format or its list of cars is damaged')
+    sound, problems = {}, []
+    for fingerprint, entry in cars.items():
+        try:
+            from_entry(entry)
+        except InvalidInput as error:
+            problems.append(f'car {fingerprint[:12]}: {error}')
+        else:
+            sound[fingerprint] = {key: entry[key] for key in ('log_factors', 'covariance')}
+    # It goes into a line of the log, however long the text that was found is.
+    return _Found(sound, '; '.join(problems)[:LONGEST_SENTENCE])
+
+
+def _read(path):
+    """Return the first bytes of a file, None where there is none."""
+    if existing_file(path) is None:
+        if os.path.islink(expanded(path)):
+            raise InvalidInput(f'{path}: is a link to {target_of(path)}, which does not exist; '
+                               'name that file itself')
+        return None
+    try:
+        # If a pipe has come in its place meanwhile, opening it must not wait for a writer.
+        with open(os.open(expanded(path), os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC),
+                  'rb') as file:
+            return file.read(LARGEST_FILE_BYTES + 1)
+    except OSError as error:
+        raise InvalidInput(f'{path}: cannot be read: {error.strerror}') from error
+
+
+def _not_ours(path, finding='it is not a state file of this planner'):
+    return f'{path}: is not written over: {finding}; name a file that does not exist yet'
+
+
+def _move_aside(path, target):
+    """Move a damaged file to a name that is free, and return that."""
+    for number in count(1):
+        aside = f'{target}.damaged' if number == 1 else f'{target}.damaged.{number}'
+        try:
+            # Takes the name, which a plain rename would take from another file.
+            os.close(os.open(aside, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC))
+        except FileExistsError:
+            continue
+        except OSError as error:
+            raise InvalidInput(f'{path}: is damaged and cannot be moved to {aside}: '
+                               f'{error.strerror}') from error
+        try:
+            os.replace(target, aside)
+        except OSError as error:
+            with suppress(OSError):
+                os.unlink(aside)
+            raise InvalidInput(f'{path}: is damaged and cannot be moved to {aside}: '
+                               f'{error.strerror}') from error
+        return aside

@@ -1,0 +1,26 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What was learned of a car, for the tests of what is kept and of its file."""
+
+import numpy as np
+
+from bev_preheat.estimation.belief import prior_factor_covariance
+from bev_preheat.estimation.estimator import Estimate
+from bev_preheat.estimation.hypotheses import Heater, HeaterReport
+from bev_preheat.estimation.state import FACTORS, SIZE
+
+FACTORS_SEEN = np.array([0.07, -0.2, 0.11, -0.03, 0.4])
+
+
+def some_covariance():
+    """Return a covariance that is less than the prior's, with correlations."""
+    deviations = 0.3 * np.sqrt(np.diag(prior_factor_covariance()))
+    correlation = 0.25 * np.ones((5, 5)) + 0.75 * np.eye(5)
+    return correlation * np.outer(deviations, deviations)
+
+
+def an_estimate(covariance=None):
+    """Return an Estimate with FACTORS_SEEN."""
+    whole = np.eye(SIZE)
+    whole[FACTORS, FACTORS] = some_covariance() if covariance is None else covariance
+    return Estimate(0, np.concatenate(([12.0, 0.7], FACTORS_SEEN)), whole,
+                    HeaterReport(Heater.ANSWERS, 1.0, 1.0), 0.0)

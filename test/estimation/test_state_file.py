@@ -1,0 +1,345 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The state file: whose file is written over, what is kept aside, and what comes back of it."""
+
+import json
+import os
+from pathlib import Path
+import socket
+
+from hypothesis import given, settings, strategies as st
+from learned_cars import an_estimate, FACTORS_SEEN
+import numpy as np
+import pytest
+
+from bev_preheat.configuration import configuration_folder
+from bev_preheat.errors import InvalidInput
+from bev_preheat.estimation import state_file as module
+from bev_preheat.estimation.belief import prior_factor_covariance
+from bev_preheat.estimation.memory import as_entry, Learned, learned_from
+from bev_preheat.estimation.state_file import (
+    check_state_file, load_learned, MOST_CARS, save_learned)
+
+CAR, OTHER = 'a' * 64, 'b' * 64
+NAMES = ('heat_capacity', 'leakage', 'resistance', 'heater_efficiency')
+UNKNOWN = Learned(np.zeros(5), prior_factor_covariance())
+
+
+def learned():
+    return learned_from(an_estimate())
+
+
+@pytest.fixture
+def state_file(tmp_path):
+    path = tmp_path / 'deeper' / 'state.json'
+    assert save_learned(path, CAR, learned()) is None
+    return path
+
+
+def format_1(fingerprint=CAR):
+    """Version 0.2.0 wrote this, with indent=1 and the keys in this order."""
+    return {'format': 1, 'vehicle_file_sha256': fingerprint, **as_entry(learned())}
+
+
+def written_by_version_0_2(contents):
+    return json.dumps(contents, indent=1) + '\n'
+
+
+def refusal(path):
+    """Return why a path is refused, whether it is looked at, read or written."""
+    sentences = set()
+    for use in (lambda: check_state_file(path), lambda: load_learned(path, CAR),
+                lambda: save_learned(path, CAR, learned())):
+        with pytest.raises(InvalidInput) as refused:
+            use()
+        sentences.add(str(refused.value))
+    (sentence,) = sentences
+    return sentence
+
+
+# What comes back
+
+def test_the_car_is_remembered(state_file):
+    recalled = load_learned(state_file, CAR)
+    assert recalled.learned.factors[:4] == pytest.approx(FACTORS_SEEN[:4])
+    assert recalled.damage == ''
+
+
+def test_no_file_is_nothing_learned(tmp_path):
+    path = tmp_path / 'none.json'
+    check_state_file(path)
+    assert load_learned(path, CAR).learned is None
+    assert not path.exists()
+
+
+def test_what_was_learned_with_another_vehicle_file_is_kept_and_not_taken_over(state_file):
+    assert load_learned(state_file, OTHER).learned is None
+    save_learned(state_file, OTHER, UNKNOWN)
+    assert load_learned(state_file, OTHER).learned.factors.tolist() == [0.0] * 5
+    assert load_learned(state_file, CAR).learned.factors[:4] == pytest.approx(FACTORS_SEEN[:4])
+
+
+def test_writing_one_car_again_and_again_leaves_the_others_as_they_were(state_file):
+    before = json.loads(state_file.read_text())['cars'][CAR]
+    for _ in range(3):
+        save_learned(state_file, OTHER, UNKNOWN)
+    assert json.loads(state_file.read_text())['cars'][CAR] == before
+
+
+def test_the_car_that_was_written_longest_ago_gives_way(state_file):
+    for number in range(MOST_CARS - 1):
+        save_learned(state_file, f'{number:064x}', UNKNOWN)
+    assert load_learned(state_file, CAR).learned is not None
+    assert len(state_file.read_bytes()) < module.LARGEST_FILE_BYTES / 2
+    save_learned(state_file, f'{0:064x}', UNKNOWN)
+    save_learned(state_file, OTHER, UNKNOWN)
+    assert load_learned(state_file, CAR).learned is None
+    assert load_learned(state_file, f'{0:064x}').learned is not None
+    assert load_learned(state_file, f'{1:064x}').learned is not None
+
+
+@pytest.mark.parametrize('as_text', [
+    written_by_version_0_2, json.dumps, lambda contents: json.dumps(contents, sort_keys=True)],
+    ids=['as it was', 'on one line', 'sorted'])
+def test_a_file_of_format_1_is_read_and_becomes_one_of_the_present_format(tmp_path, as_text):
+    path = tmp_path / 'state.json'
+    path.write_text(as_text(format_1()))
+    assert load_learned(path, CAR).learned.factors[:4] == pytest.approx(FACTORS_SEEN[:4])
+    assert load_learned(path, OTHER).learned is None
+    save_learned(path, OTHER, UNKNOWN)
+    assert load_learned(path, CAR).learned.factors[:4] == pytest.approx(FACTORS_SEEN[:4])
+    assert set(json.loads(path.read_text())['cars']) == {CAR, OTHER}
+
+
+def test_home_is_expanded(tmp_path, monkeypatch):
+    monkeypatch.setenv('HOME', str(tmp_path))
+    save_learned('~/learned/state.json', CAR, learned())
+    assert load_learned(tmp_path / 'learned' / 'state.json', CAR).learned is not None
+    assert load_learned('~/learned/state.json', CAR).learned is not None
+
+
+def test_a_link_to_a_state_file_is_written_through(state_file, tmp_path):
+    link = tmp_path / 'link'
+    link.symlink_to(state_file)
+    save_learned(link, OTHER, UNKNOWN)
+    assert link.is_symlink()
+    assert load_learned(state_file, OTHER).learned is not None
+
+
+def test_a_file_that_vanished_is_written_anew(state_file):
+    state_file.unlink()
+    state_file.parent.rmdir()
+    save_learned(state_file, CAR, learned())
+    assert load_learned(state_file, CAR).learned is not None
+
+
+# What is not ours
+
+FOREIGN = {
+    'empty': '', 'list': '[]', 'null': 'null', 'number': '7', 'text': '"text"', 'no JSON': '{',
+    'nothing in it': '{}', 'a format': '{"format": 1}', 'another format': '{"format": 1, "x": {}}',
+    'factors of others': '{"log_factors": {"leakage": 0.1}, "covariance": [[0.1]]}',
+    'our mark within': '{"notes": {"bev_preheat_state_file": 2}}',
+    'our mark in a list': '[{"bev_preheat_state_file": 2}]',
+    'our mark behind damage': '?{"bev_preheat_state_file": 2, "cars": {}}',
+    'not UTF-8': b'\xff\xfe\x00', 'deep': '[' * 50_000, 'large': ' ' * 200_000}
+
+
+@pytest.mark.parametrize('contents', FOREIGN.values(), ids=FOREIGN)
+def test_a_file_that_is_not_recognised_is_not_written_over(tmp_path, contents):
+    path = tmp_path / 'theirs.json'
+    contents = contents if isinstance(contents, bytes) else contents.encode()
+    path.write_bytes(contents)
+    finding = 'it is not a state file of this planner' if contents else 'it is empty'
+    assert refusal(path) == (
+        f'{path}: is not written over: {finding}; name a file that does not exist yet')
+    assert path.read_bytes() == contents
+    assert os.listdir(tmp_path) == ['theirs.json']
+
+
+@pytest.mark.parametrize(
+    'path', sorted(path for path in configuration_folder('').rglob('*') if path.is_file()),
+    ids=lambda path: f'{path.parent.name}/{path.name}')
+def test_no_file_that_comes_with_the_package_is_written_over(path, tmp_path):
+    copy = tmp_path / path.name
+    copy.write_bytes(path.read_bytes())
+    assert 'is not written over: it is not a state file' in refusal(copy)
+    assert copy.read_bytes() == path.read_bytes()
+
+
+def test_a_file_of_a_later_version_is_not_written_over(state_file):
+    contents = {**json.loads(state_file.read_text()), 'bev_preheat_state_file': 3, 'new': [1]}
+    state_file.write_text(json.dumps(contents))
+    assert refusal(state_file) == (f'{state_file}: is of format 3, of a later version; this one '
+                                   'knows 1 and 2; name another file')
+    assert json.loads(state_file.read_text()) == contents
+
+
+def make_socket(path):
+    with socket.socket(socket.AF_UNIX) as server:
+        server.bind(os.path.relpath(path))
+
+
+@pytest.mark.parametrize('make, problem', [
+    (Path.mkdir, 'is a folder; only a regular file can be written'),
+    (os.mkfifo, 'is a named pipe; only a regular file can be written'),
+    (make_socket, 'is a socket; only a regular file can be written'),
+    (lambda path: path.symlink_to(path), 'cannot be a file: Too many levels of symbolic links'),
+    (lambda path: path.symlink_to('none'), 'is a link to {folder}/none, which does not exist; '
+     'name that file itself')],
+    ids=['folder', 'pipe', 'socket', 'loop', 'dangling link'])
+def test_what_is_no_file_is_refused(tmp_path, monkeypatch, make, problem):
+    monkeypatch.chdir(tmp_path)
+    path = tmp_path / 'theirs'
+    make(path)
+    before = path.lstat()
+    assert refusal(path) == f'{path}: {problem.format(folder=os.path.realpath(tmp_path))}'
+    assert path.lstat() == before
+    assert os.listdir(tmp_path) == ['theirs']
+
+
+def test_a_link_to_somebody_elses_file_is_refused(tmp_path):
+    (tmp_path / 'car.yaml').write_text('name: mine\n')
+    (tmp_path / 'state.json').symlink_to('car.yaml')
+    assert 'state.json: is not written over' in refusal(tmp_path / 'state.json')
+    assert (tmp_path / 'car.yaml').read_text() == 'name: mine\n'
+
+
+def test_a_file_that_cannot_be_read_is_refused(state_file, monkeypatch):
+    """Root may read everything, so the refusal is the test's."""
+    before = state_file.read_bytes()
+
+    def forbid(path, *arguments):
+        raise PermissionError(13, 'Permission denied')
+
+    monkeypatch.setattr(module.os, 'open', forbid)
+    assert refusal(state_file) == f'{state_file}: cannot be read: Permission denied'
+    monkeypatch.undo()
+    assert state_file.read_bytes() == before
+
+
+def test_what_has_taken_its_place_since_is_not_written_over(state_file):
+    assert load_learned(state_file, CAR).learned is not None
+    state_file.write_text('name: mine\n')
+    with pytest.raises(InvalidInput, match='is not written over'):
+        save_learned(state_file, CAR, learned())
+    assert state_file.read_text() == 'name: mine\n'
+
+
+# What is ours and damaged
+
+def with_entry(**changes):
+    return json.dumps({'bev_preheat_state_file': 2,
+                       'cars': {CAR: {**as_entry(learned()), **changes}}})
+
+
+def format_1_with(**changes):
+    return written_by_version_0_2({**format_1(), **changes})
+
+
+WHOLE = json.dumps({'bev_preheat_state_file': 2, 'cars': {CAR: as_entry(learned())}}, indent=1)
+DAMAGED = {
+    'cut off early': (WHOLE[:40], 'it cannot be read: '),
+    'cut off late': (WHOLE[:-3], 'it cannot be read: '),
+    'zeros at its end': (WHOLE[:200] + '\0' * 200, 'it cannot be read: '),
+    'much behind its end': (WHOLE + '?' * 200_000, 'it is larger than 100000 bytes'),
+    'no format': ('{"bev_preheat_state_file": null, "cars": {}}', 'its format or'),
+    'no cars': ('{"bev_preheat_state_file": 2}', 'its format or its list of cars is damaged'),
+    'list of cars': ('{"bev_preheat_state_file": 2, "cars": []}', 'its format or'),
+    'no entry': ('{"bev_preheat_state_file": 2, "cars": {"c": 7}}', 'car c: log_factors or'),
+    'factor out of bounds': (with_entry(log_factors=dict.fromkeys(NAMES, 9.0)),
+                             'car aaaaaaaaaaaa: log_factors.heat_capacity: 9 is not allowed'),
+    'no covariance': (with_entry(covariance='x' * 10_000), 'car aaaaaaaaaaaa: log_factors or'),
+    'format 1, cut off': (written_by_version_0_2(format_1())[:100], 'it cannot be read: '),
+    'format 1, covariance': (format_1_with(covariance=[]), 'car aaaaaaaaaaaa: covariance: must'),
+    'format 1, fingerprint': (format_1_with(vehicle_file_sha256=[1]), 'its format or its list')}
+
+
+@pytest.mark.parametrize('contents, damage', DAMAGED.values(), ids=DAMAGED)
+def test_a_damaged_file_of_ours_is_kept_aside_and_a_new_one_begun(tmp_path, contents, damage):
+    path = tmp_path / 'state.json'
+    path.write_text(contents)
+    check_state_file(path)
+    recalled = load_learned(path, CAR)
+    assert recalled.learned is None
+    assert recalled.damage.startswith(damage) and len(recalled.damage) <= 300
+    assert os.listdir(tmp_path) == ['state.json'] and path.read_text() == contents
+    assert save_learned(path, CAR, learned()) == os.path.realpath(f'{path}.damaged')
+    assert Path(f'{path}.damaged').read_text() == contents
+    assert load_learned(path, CAR).learned is not None
+    assert load_learned(path, CAR).damage == ''
+    assert sorted(os.listdir(tmp_path)) == ['state.json', 'state.json.damaged']
+
+
+def test_files_that_were_kept_aside_before_stay(tmp_path):
+    path = tmp_path / 'state.json'
+    for number in range(3):
+        path.write_text(WHOLE[:50 + number])
+        save_learned(path, CAR, learned())
+    kept = {name: (tmp_path / name).read_text() for name in os.listdir(tmp_path)}
+    del kept['state.json']
+    assert kept == {'state.json.damaged': WHOLE[:50], 'state.json.damaged.2': WHOLE[:51],
+                    'state.json.damaged.3': WHOLE[:52]}
+
+
+def test_what_is_sound_in_a_damaged_file_goes_on(tmp_path):
+    path = tmp_path / 'state.json'
+    path.write_text(json.dumps({'bev_preheat_state_file': 2, 'cars': {
+        CAR: as_entry(learned()), OTHER: {'log_factors': None}}}))
+    recalled = load_learned(path, CAR)
+    assert recalled.learned.factors[:4] == pytest.approx(FACTORS_SEEN[:4])
+    assert recalled.damage.startswith('car bbbbbbbbbbbb: log_factors or covariance is damaged')
+    save_learned(path, OTHER, UNKNOWN)
+    assert load_learned(path, CAR).learned.factors[:4] == pytest.approx(FACTORS_SEEN[:4])
+
+
+def test_a_damaged_file_stays_in_its_place_where_no_new_one_can_be_written(tmp_path, monkeypatch):
+    path = tmp_path / 'state.json'
+    path.write_text(WHOLE[:50])
+
+    def fail(*_, **__):
+        raise InvalidInput('no space left')
+
+    monkeypatch.setattr(module, 'write_whole', fail)
+    with pytest.raises(InvalidInput, match='no space left'):
+        save_learned(path, CAR, learned())
+    assert path.read_text() == WHOLE[:50]
+    assert os.listdir(tmp_path) == ['state.json']
+
+
+JSON = st.recursive(
+    st.none() | st.booleans() | st.floats() | st.text(max_size=5) | st.integers(),
+    lambda inner: st.lists(inner, max_size=5) | st.dictionaries(
+        st.sampled_from(NAMES), inner, max_size=4), max_leaves=30)
+ENTRY = st.fixed_dictionaries({'log_factors': JSON, 'covariance': JSON | st.lists(
+    st.lists(st.floats(), min_size=4, max_size=4), min_size=4, max_size=4)})
+
+
+@settings(max_examples=200, deadline=None, derandomize=True)
+@given(contents=st.one_of(
+    st.binary(max_size=200),
+    st.fixed_dictionaries({'bev_preheat_state_file': st.just(2),
+                           'cars': st.dictionaries(st.just(CAR), ENTRY | JSON)}).map(
+        lambda value: json.dumps(value).encode()),
+    st.integers(0, len(WHOLE)).map(lambda length: WHOLE[:length].encode())))
+def test_whatever_stands_in_it_is_refused_or_kept(tmp_path_factory, contents):
+    """No byte is lost: the file is as it was, or stands aside, or all of it was sound."""
+    folder = tmp_path_factory.mktemp('any')
+    path = folder / 'any.json'
+    path.write_bytes(contents)
+    try:
+        recalled = load_learned(path, CAR)
+    except InvalidInput:
+        with pytest.raises(InvalidInput):
+            save_learned(path, OTHER, UNKNOWN)
+        assert path.read_bytes() == contents
+        return
+    save_learned(path, OTHER, UNKNOWN)
+    if recalled.damage:
+        assert (folder / 'any.json.damaged').read_bytes() == contents
+    else:
+        cars = json.loads(contents)['cars']
+        assert {name: entry for name, entry in json.loads(path.read_bytes())['cars'].items()
+                if name != OTHER} == cars
+    if recalled.learned is not None:
+        assert np.isfinite(recalled.learned.factors).all()
+        assert (np.linalg.eigvalsh(recalled.learned.covariance) > -1e-12).all()

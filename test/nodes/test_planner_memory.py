@@ -1,0 +1,185 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The installed planner and its `state_file`: what it refuses, keeps aside and says about it."""
+
+import json
+import os
+import signal
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+import pytest
+from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
+from rcl_interfaces.srv import SetParameters
+from sensor_msgs.msg import BatteryState
+
+from bev_preheat.configuration import configuration_folder
+from bev_preheat.nodes.convert import time_message
+
+VEHICLE = (configuration_folder('vehicles') / 'reference.yaml').read_bytes()
+# As version 0.2.0 wrote it, cut off in the middle.
+DAMAGED = '{\n "format": 1,\n "vehicle_file_sha256": "58d0'
+NOT_OURS = 'is not written over: it is not a state file of this planner; name a file that does ' \
+    'not exist yet'
+
+
+@pytest.fixture
+def theirs(tmp_path):
+    path = tmp_path / 'car.yaml'
+    path.write_bytes(VEHICLE)
+    yield path
+    assert path.read_bytes() == VEHICLE
+
+
+class Planner:
+    """An installed planner with a battery, and what its diagnostics say of the state file."""
+
+    def __init__(self, bench, wait_until, *arguments):
+        self._bench, self._wait_until = bench, wait_until
+        self._diagnostics = bench.record(DiagnosticArray, '/diagnostics')
+        self._states = bench.publisher(BatteryState, 'battery_state')
+        self.process = bench.start('planner', '-p', 'command_period:=0.2', '-p',
+                                   'command_lease:=0.8', *arguments)
+        self._states.wait_for_subscription()
+        self._diagnostics.wait_for_publisher()
+
+    def learn(self, vehicle='reference'):
+        """Give battery states until there is an estimate of this vehicle, which can be kept."""
+        def estimated():
+            state = BatteryState(temperature=-7.0, percentage=0.8)
+            state.header.stamp = time_message(self._bench.node.get_clock().now().nanoseconds)
+            self._states.publish(state)
+            return any(entry.name == 'planner: estimation' and entry.hardware_id == vehicle
+                       for array in self._diagnostics.messages for entry in array.status)
+
+        self._diagnostics.clear()
+        self._wait_until(estimated, f'an estimate of {vehicle}')
+
+    def set(self, **values):
+        """Set parameters; returns the reason of the refusal, empty if there is none."""
+        (result,) = self._bench.call(
+            SetParameters, '/planner/set_parameters', SetParameters.Request(parameters=[
+                Parameter(name=name, value=ParameterValue(
+                    type=ParameterType.PARAMETER_STRING, string_value=value))
+                for name, value in values.items()])).results
+        assert result.successful == (result.reason == '')
+        return result.reason
+
+    def says(self, level, text):
+        """Return the values of the state file's entry once it has this level and message."""
+        def entry_of(array):
+            return next((entry for entry in array.status if entry.name == 'planner: state file'
+                         and entry.level == level and text in entry.message), None)
+
+        self._diagnostics.clear()
+        entry = entry_of(self._diagnostics.wait_for(entry_of, f'state file: {text}'))
+        return {item.key: item.value for item in entry.values}
+
+    @property
+    def entries(self):
+        """Return the names of all entries so far."""
+        return {entry.name for array in self._diagnostics.messages for entry in array.status}
+
+    def end(self):
+        self.process.send_signal(signal.SIGTERM)
+        assert self.process.wait() == 0
+        assert 'Traceback' not in self.process.output()
+
+
+@pytest.fixture
+def start(bench, wait_until):
+    """`start(*arguments)` returns a Planner."""
+    return lambda *arguments: Planner(bench, wait_until, *arguments)
+
+
+OK, WARN = DiagnosticStatus.OK, DiagnosticStatus.WARN
+
+
+def test_a_vehicle_file_as_state_file_is_refused_at_the_start(start_executable, theirs):
+    process = start_executable('planner', '-p', f'state_file:={theirs}')
+    assert process.wait(20.0) == 2
+    assert process.output() == f'planner: error: state_file: {theirs}: {NOT_OURS}\n'
+
+
+@pytest.mark.parametrize('make, problem', [
+    (os.mkfifo, 'is a named pipe; only a regular file can be written'),
+    (os.mkdir, 'is a folder; only a regular file can be written')], ids=['pipe', 'folder'])
+def test_what_is_no_file_is_refused_at_the_start(start_executable, tmp_path, make, problem):
+    path = tmp_path / 'state.json'
+    make(path)
+    before = path.lstat()
+    process = start_executable('planner', '-p', f'state_file:={path}')
+    assert process.wait(20.0) == 2
+    assert process.output() == f'planner: error: state_file: {path}: {problem}\n'
+    assert path.lstat() == before
+
+
+def test_files_of_others_are_refused_while_it_runs(start, theirs, tmp_path):
+    mine = tmp_path / 'mine.json'
+    planner = start('-p', f'state_file:={mine}')
+    planner.learn()
+    assert planner.set(state_file=str(theirs)) == f'state_file: {theirs}: {NOT_OURS}'
+    link = tmp_path / 'link'
+    link.symlink_to(theirs)
+    assert planner.set(state_file=str(link)) == f'state_file: {link}: {NOT_OURS}'
+    assert planner.says(OK, 'nothing written yet')['file'] == str(mine)
+    planner.end()
+    # What was set before still holds.
+    assert len(json.loads(mine.read_text())['cars']) == 1
+    assert link.is_symlink()
+
+
+def test_a_file_that_was_replaced_meanwhile_is_left_alone_and_told(start, theirs, tmp_path):
+    path = tmp_path / 'state.json'
+    planner = start('-p', f'state_file:={path}')
+    planner.learn()
+    path.write_bytes(VEHICLE)
+    # What was learned of a car is written when another takes its place; that is not refused.
+    assert planner.set(vehicle='small_car') == ''
+    planner.says(WARN, f'{path}: {NOT_OURS}')
+    assert planner.set(state_file=str(path)) == f'state_file: {path}: {NOT_OURS}'
+    planner.learn('small_car')
+    planner.end()
+    assert path.read_bytes() == VEHICLE
+    assert f'state_file: {path}: {NOT_OURS}' in planner.process.output()
+
+
+def test_a_failure_to_write_is_told_until_it_is_written_again(start, tmp_path):
+    folder = tmp_path / 'memory'
+    path = folder / 'state.json'
+    planner = start('-p', f'state_file:={path}')
+    planner.learn()
+    planner.says(OK, 'nothing written yet')
+    # Root may write into any folder, but not below a file.
+    folder.write_text('in the way')
+    assert planner.set(vehicle='small_car') == ''
+    planner.says(WARN, f'{path}: cannot be a file: Not a directory')
+    folder.unlink()
+    planner.learn('small_car')
+    assert planner.set(vehicle='reference') == ''
+    assert planner.says(OK, ' s ago')['file'] == str(path)
+    assert len(json.loads(path.read_text())['cars']) == 1
+    # The file now keeps both.
+    planner.learn()
+    planner.end()
+    assert len(json.loads(path.read_text())['cars']) == 2
+    assert f'state_file: {path} is written again' in planner.process.output()
+
+
+def test_a_damaged_file_is_kept_aside(start, tmp_path):
+    path = tmp_path / 'state.json'
+    path.write_text(DAMAGED)
+    planner = start('-p', f'state_file:={path}')
+    planner.says(WARN, f'{path}: is damaged: it cannot be read: ')
+    planner.learn()
+    assert planner.set(vehicle='small_car') == ''
+    aside = os.path.realpath(f'{path}.damaged')
+    assert planner.says(OK, ' s ago')['damaged file kept as'] == aside
+    planner.end()
+    assert (tmp_path / 'state.json.damaged').read_text() == DAMAGED
+    assert len(json.loads(path.read_text())['cars']) == 1
+    assert f'the damaged file was kept as {aside}' in planner.process.output()
+
+
+def test_without_a_state_file_nothing_is_said_of_it(start):
+    planner = start()
+    planner.learn()
+    assert planner.entries == {'planner: preheating', 'planner: heater', 'planner: estimation'}
