@@ -258,6 +258,23 @@ def test_an_existing_file_keeps_its_mode(old, mode):
     assert stat.S_IMODE(old.stat().st_mode) == mode
 
 
+@pytest.mark.parametrize('error', [None, PermissionError(1, 'Operation not permitted')])
+def test_the_owner_is_kept_where_that_is_permitted(old, monkeypatch, error):
+    """Root, who may start the planner, must not take a user's file away."""
+    wanted = []
+
+    def change_owner(handle, *owner):
+        wanted.append(owner)
+        if error:
+            raise error
+
+    monkeypatch.setattr(output_files.os, 'fchown', change_owner)
+    status = old.stat()
+    write_whole(old, NEW)
+    assert wanted == [(status.st_uid, status.st_gid)]
+    assert old.read_bytes() == NEW
+
+
 def test_a_link_is_written_through(tmp_path, old):
     (tmp_path / 'deeper').mkdir()
     link = tmp_path / 'deeper' / 'link'

@@ -32,7 +32,7 @@ MOST_CARS = 50
 
 @dataclass(frozen=True)
 class Recalled:
-    """What was Learned of one car, None if nothing; and what is damaged in the file, if anything."""
+    """What was Learned of one car (None: nothing); what is damaged in the file ('': nothing)."""
 
     learned: Optional[Learned]
     damage: str = ''
@@ -156,7 +156,7 @@ def _move_aside(path, target):
         aside = f'{target}.damaged' if number == 1 else f'{target}.damaged.{number}'
         try:
             # Takes the name, which a plain rename would take from another file.
-            os.close(os.open(aside, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC))
+            os.close(os.open(aside, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o600))
         except FileExistsError:
             continue
         except OSError as error:
