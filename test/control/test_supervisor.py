@@ -11,6 +11,7 @@ from bev_preheat.control.inputs import Leg, Measurement, Mission
 from bev_preheat.control.settings import Settings
 from bev_preheat.control.supervisor import Command, NS_PER_S, Supervisor
 from bev_preheat.errors import InvalidInput, PlanningFailure
+from bev_preheat.planning.planner import METHODS
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.planning.status import Status
 from bev_preheat.route.segments import make_route
@@ -98,6 +99,33 @@ def test_a_route_alone_does_not_heat():
     supervisor.accept_mission(make_mission())
     supervisor.replan(NOW_NS)
     assert outcome(supervisor) == (0.0, Status.NO_BATTERY_STATE)
+
+
+@pytest.mark.parametrize('method', METHODS)
+def test_a_battery_that_does_not_carry_the_trip_is_not_heated(method):
+    # 20 min at 22 kW take 7 kWh, of the pack's 75 some 10 %.
+    supervisor = make_supervisor(settings=replace(SETTINGS, method=method))
+    feed(supervisor, NOW_NS + ns(1.0), soc=0.05)
+    assert outcome(supervisor, NOW_NS + ns(1.0)) == (0.0, Status.OUT_OF_CHARGE)
+
+
+def test_a_charge_that_runs_short_switches_off_within_the_least_time_on():
+    supervisor = make_supervisor(settings=replace(SETTINGS, minimum_on_time_s=60.0))
+    assert outcome(supervisor)[0] == FULL_POWER_W
+    # A sensor that jumps, a battery that turns out to hold less: what is left is for driving.
+    feed(supervisor, NOW_NS + ns(1.0), soc=0.05)
+    assert outcome(supervisor, NOW_NS + ns(1.0)) == (0.0, Status.OUT_OF_CHARGE)
+
+
+def test_surplus_goes_to_the_heater_though_the_charge_does_not_carry():
+    # At -22 degC the battery may take 3 kW or so; of 30 kW the heater can have the rest.
+    supervisor = Supervisor(VEHICLE, SETTINGS)
+    supervisor.accept_mission(make_mission(
+        ambient_temperature_c=[-22.0], propulsion_power_w=[-30e3] * 5 + [30e3] * 35))
+    feed(supervisor, NOW_NS, temperature_c=-22.0, soc=0.06)
+    assert outcome(supervisor) == (FULL_POWER_W, Status.OUT_OF_CHARGE)
+    feed(supervisor, NOW_NS + ns(151.0), temperature_c=-20.0, soc=0.06)
+    assert outcome(supervisor, NOW_NS + ns(151.0)) == (0.0, Status.OUT_OF_CHARGE)
 
 
 @pytest.mark.parametrize('situation, power_w, reason', [

@@ -23,6 +23,7 @@ from bev_preheat.nodes.convert import (
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.status import Status
+from bev_preheat.planning.stranding import Stranding
 from bev_preheat.planning.stretches import HeatingStretch, Reason
 from bev_preheat.route.segments import make_route
 from bev_preheat.vehicle import load_vehicle
@@ -365,6 +366,19 @@ def test_each_lack_goes_to_its_own_field(decision, field):
     assert getattr(message, field) == lacks[field]
 
 
+def test_where_the_charge_runs_out(decision):
+    plan = replace(decision.plan, stranding=Stranding(at_s=450.5, at_m=8125.0, lacking_wh=2250.0))
+    message = plan_message(replace(decision, plan=plan), EAST, now_ns=99 * NS_PER_S)
+    # The plan starts at 50 s.
+    assert (nanoseconds(message.charge_runs_out), message.charge_runs_out_distance,
+            message.lacking_energy) == (500.5 * NS_PER_S, 8125.0, 2250.0)
+
+
+def test_charge_that_carries_the_trip_runs_out_nowhere(message):
+    assert message.charge_runs_out == Time()
+    assert np.isnan([message.charge_runs_out_distance, message.lacking_energy]).all()
+
+
 @pytest.mark.parametrize('field', [
     'stretch_start', 'stretch_end', 'stretch_energy', 'stretch_reason'])
 def test_without_a_plan_there_are_no_stretches(field):
@@ -378,7 +392,7 @@ def test_without_a_plan_the_figures_are_unknown():
                if kind == 'double' and name != 'planning_time']
     assert (len(figures), [name for name in figures if not np.isnan(getattr(message, name))],
             message.route_id, message.heating_planned, len(message.time), message.header.stamp,
-            message.arrival) == (13, [], '', False, 0, Time(sec=7), Time())
+            message.arrival) == (15, [], '', False, 0, Time(sec=7), Time())
 
 
 @pytest.mark.parametrize('deviation_k, variance', [(nan, 0.0), (0.75, 0.5625)])
