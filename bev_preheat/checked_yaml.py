@@ -108,6 +108,8 @@ def _in_words(error):
         yield f'{key}: {value!r} is not one of {", ".join(map(str, allowed))}{hint}'
     elif rule == 'pattern':
         yield f'{key}: {value!r} is not allowed; it must be {error.schema["description"]}'
+    elif rule == 'maxLength':
+        yield f'{key}: has {len(value)} characters; it must have at most {allowed}'
     elif rule in ('minItems', 'maxItems'):
         word = 'at least' if rule == 'minItems' else 'at most'
         yield f'{key}: has {len(value)} values; it must have {word} {allowed}'

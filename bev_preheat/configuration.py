@@ -7,7 +7,7 @@ from pathlib import Path
 
 from ament_index_python.packages import get_package_share_directory
 
-from bev_preheat.errors import InvalidInput
+from bev_preheat.errors import InvalidInput, LONGEST_QUOTE, quoted
 
 # Where the sources are read in place, their own files are the ones that belong to them.
 _SOURCES = Path(__file__).resolve().parent.parent
@@ -35,13 +35,12 @@ def find_configuration(kind, name_or_file, suffix):
             raise InvalidInput(f'{text}: no such file')
         return Path(file)
     folder = configuration_folder(kind)
-    path = folder / f'{text}{suffix}'
-    if path.is_file():
-        return path
     names = sorted(item.stem for item in folder.glob(f'*{suffix}'))
-    near = get_close_matches(text, names, n=1)
+    if text in names:
+        return folder / f'{text}{suffix}'
+    near = get_close_matches(text[:LONGEST_QUOTE], names, n=1)
     hint = f'; did you mean {near[0]!r}?' if near else ''
     singular = f'{kind[:-3]}y' if kind.endswith('ies') else kind[:-1]
     raise InvalidInput(
-        f'{singular} {text!r} is unknown{hint}; there are: {", ".join(names)}; '
+        f'{singular} {quoted(text)} is unknown{hint}; there are: {", ".join(names)}; '
         f'or give a file ending in {suffix}')

@@ -1,15 +1,39 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The exceptions that the package raises on purpose."""
+"""The exceptions that the package raises on purpose, and how they quote what came from outside."""
+
+# Messages go to logs, diagnostics and topics: none grows with the input that it is about.
+LONGEST_PROBLEM = 600
+MOST_PROBLEMS = 40
+LONGEST_QUOTE = 60
 
 
 class InvalidInput(ValueError):
     """Input that was refused at the door; the message names field, value and what is allowed."""
 
     def __init__(self, problems):
-        """`problems`: one sentence, or a sequence of them."""
-        self.problems = [problems] if isinstance(problems, str) else list(problems)
+        """`problems`: one sentence, or a sequence of them; beyond a limit they are shortened."""
+        problems = [problems] if isinstance(problems, str) else list(problems)
+        self.problems = [shortened(problem, LONGEST_PROBLEM)
+                         for problem in problems[:MOST_PROBLEMS]]
+        if len(problems) > MOST_PROBLEMS:
+            self.problems.append(f'{len(problems) - MOST_PROBLEMS} more problems')
         super().__init__('; '.join(self.problems))
 
 
 class PlanningFailure(ArithmeticError):
     """The model left the range of numbers: no plan can be made from this input."""
+
+
+def shortened(text, longest):
+    """Return a text with its middle left out where it has more than `longest` characters."""
+    if len(text) <= longest:
+        return text
+    kept = longest // 2
+    return f'{text[:kept]} … {text[-kept:]}'
+
+
+def quoted(text):
+    """Return a text from outside in quotes; of a long one only the beginning, and its length."""
+    if len(text) <= LONGEST_QUOTE:
+        return repr(text)
+    return f'{text[:LONGEST_QUOTE]!r} … ({len(text)} characters)'

@@ -16,6 +16,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 import numpy as np
 
 from bev_preheat.control.supervisor import NS_PER_S
+from bev_preheat.errors import LONGEST_QUOTE, shortened
 from bev_preheat.estimation.state import FACTOR_NAMES
 from bev_preheat.nodes.convert import nanoseconds, time_message
 from bev_preheat.optimum.worker import Question, Solution
@@ -143,7 +144,8 @@ def _figures_of_plan(plan, start_ns):
 
 def report_message(case, outcome):
     """Return the OptimalityReport of a Case and what became of it: a Solution or a Failure."""
-    message = OptimalityReport(route_id=case.route_id, method=case.method)
+    message = OptimalityReport(
+        route_id=case.route_id, method=shortened(case.method, LONGEST_QUOTE))
     message.header.stamp = time_message(case.start_ns)
     planned, optimal = case.planned, UNKNOWN
     if isinstance(outcome, Solution):

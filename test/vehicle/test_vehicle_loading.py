@@ -202,6 +202,7 @@ def test_reference_is_the_car_of_the_papers_table_1():
     # Values that cannot be: 0 V at soc 0.04; 5.5/(-33 + 33) ohm; limits of the wrong sign.
     (f'{VOLTAGE}.formula.polynomial_v', [-4, 100], f'{VOLTAGE}: 0 V at soc 0.04 and -33 degC; it '
      f'must be 10 ... 2000 V {EVERYWHERE}'),
+    ('name', 'x' * 1_000_000, 'name: has 1000000 characters; it must have at most 100'),
     (f'{RESISTANCE}.formula.reference_temperature_c', 33, f'{RESISTANCE}: inf ohm at soc 0.04 and '
      f'-33 degC; it must be 1e-06 ... 100 ohm {EVERYWHERE}'),
     (f'{RESISTANCE}.formula.reference_temperature_c', 22, f'{RESISTANCE}: -0.5 ohm at soc 0.04 '
