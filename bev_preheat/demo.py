@@ -32,6 +32,8 @@ ARRIVAL_TOLERANCE_K = 1.0
 START_LIMIT_S = 30.0
 SILENCE_LIMIT_S = 15.0
 REFRESH_S = 0.2
+# What stands for a target of 0 degC.
+LEAST_TARGET_C = 1e-3
 LOG_LINES_SHOWN = 8
 
 
@@ -152,7 +154,8 @@ def _simulator_parameters(parsed):
         'exit_on_arrival': 'true',
     }
     if parsed.target is not None:
-        parameters['target_battery_temperature'] = parsed.target
+        # To the parameter 0 means that no target is given.
+        parameters['target_battery_temperature'] = parsed.target or LEAST_TARGET_C
     return parameters
 
 

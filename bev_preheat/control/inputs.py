@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Inputs of the supervisor, stamped: where the battery stands, and where the trip goes."""
+"""Inputs of the supervisor, stamped: the battery's state, and the trip ahead."""
 
 from dataclasses import dataclass, replace
 from typing import Optional
@@ -55,6 +55,11 @@ class Leg:
         target_c = self.target_temperature_c
         return Goal(default_target_c if target_c is None else target_c,
                     self.minimum_arrival_soc, self.charging_planned)
+
+    @property
+    def arrival_ns(self):
+        """Instant at which the leg ends [ns]."""
+        return self.start_ns + round(self.route.total_duration_s * NS_PER_S)
 
     def ended_for_s(self, instant_ns):
         """Return how long ago [s] the leg ended, at an instant [ns]; negative before its end."""

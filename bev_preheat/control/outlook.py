@@ -15,9 +15,11 @@ from bev_preheat.estimation.forecast import arrival_deviation_k
 from bev_preheat.estimation.hypotheses import Heater
 from bev_preheat.estimation.state import FACTORS, PROPULSION
 from bev_preheat.planning.caution import Caution
+from bev_preheat.planning.explanation import explain
 from bev_preheat.planning.plan import Plan
 from bev_preheat.planning.planner import plan_preheating
-from bev_preheat.planning.situation import BatteryState
+from bev_preheat.planning.situation import BatteryState, reserve_soc
+from bev_preheat.planning.status import Status
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.vehicle.corrections import corrected_vehicle, Corrections
 
@@ -39,8 +41,14 @@ VEHICLE_DEVIATIONS = np.sqrt(np.diag(prior_factor_covariance()))[:PROPULSION - F
 
 SENTENCES = {
     Heater.DERATED: 'The heater gives only {share:.0f} % of what is commanded. ',
-    Heater.DEAD: 'The heater does not answer its command. ',
+    Heater.DEAD: 'The heater does not respond to its command. ',
     Heater.STUCK_ON: 'The heater heats without a command. ',
+}
+# What `explain` says of a plan without heating, where the heater is the cause.
+UNHEATED = {
+    Heater.DEAD: {'too_cold_because': 'Driving alone does not warm the battery enough'},
+    Heater.STUCK_ON: {'too_cold_because': 'Its uncommanded heat is not enough',
+                      'unheated': 'no heating is commanded'},
 }
 
 
@@ -60,6 +68,19 @@ class Outlook:
     commanded: Optional[Plan] = None
     command_share: float = 1.0
     model_factors: tuple = ()
+
+
+def seen_from_now(plan, vehicle, goal, starts_in_s, **words):
+    """
+    Return a Plan whose status and sentence hold now; its time 0 lies `starts_in_s` [s] ahead.
+
+    `words` are those of planning.explanation.explain.
+    """
+    status = plan.status
+    if status is Status.HEATING and starts_in_s > 0.0:
+        status = Status.WAITING
+    return replace(plan, status=status, explanation=explain(
+        status, plan, reserve_soc(vehicle, goal), starts_in_s, **words))
 
 
 class OutlookMaker:
@@ -85,11 +106,12 @@ class OutlookMaker:
                 self._vehicle, Corrections(*np.exp(factors).tolist()))
         return self._corrected
 
-    def make(self, estimate, route, goal, settings, is_heating):
+    def make(self, estimate, route, goal, settings, is_heating, starts_in_s=0.0):
         """
         Return the Outlook for a route from the estimate's instant on.
 
-        Raises what plan_preheating raises.
+        The sentences count from now; the route starts in `starts_in_s` [s]. Raises what
+        plan_preheating raises.
         """
         vehicle, heater = self.vehicle(estimate), estimate.heater
         lowest_c, highest_c = vehicle.battery.temperature_range_c
@@ -113,6 +135,8 @@ class OutlookMaker:
         elif heater.heater is Heater.STUCK_ON:
             expected = plan(heats_throughout=True)
         self._deviation_k = self._deviation(vehicle, route, share, expected, estimate)
+        expected = seen_from_now(
+            expected, vehicle, goal, starts_in_s, **UNHEATED.get(heater.heater, {}))
         sentence = SENTENCES.get(heater.heater, '').format(share=100.0 * heater.share)
         if expected.heating_end_s is not None:
             sentence = (f'{sentence}{expected.explanation} It is uncertain by '

@@ -61,10 +61,10 @@ def settings_of(parameters):
     """
     Return the Settings of parameters by name; what is missing keeps its default.
 
-    A target that is NaN is the vehicle's. Raises KeyError where a name is none of PARAMETERS.
+    A target of 0 or NaN is the vehicle's. Raises KeyError where a name is none of PARAMETERS.
     """
     values = {PARAMETERS[name]: value for name, value in parameters.items()}
     target_c = values.get('target_temperature_c')
-    if target_c is not None and math.isnan(target_c):
+    if target_c is not None and (target_c == 0.0 or math.isnan(target_c)):
         values['target_temperature_c'] = None
     return Settings(**values)

@@ -20,7 +20,8 @@ from bev_preheat.control.command_history import CommandHistory
 from bev_preheat.control.course import Course
 from bev_preheat.control.heater_switch import HeaterSwitch
 from bev_preheat.control.inputs import check_mission, Leg, Measurement, Mission, NS_PER_S
-from bev_preheat.control.outlook import OutlookMaker
+from bev_preheat.control.outlook import OutlookMaker, seen_from_now
+from bev_preheat.control.refusals import RefusedRoute, Refusals
 from bev_preheat.control.settings import Settings
 from bev_preheat.errors import InvalidInput, PlanningFailure
 from bev_preheat.estimation.estimator import Estimator
@@ -77,8 +78,8 @@ class Supervisor:
     """
     The planner's memory and judgement.
 
-    `accept_battery` and `accept_mission` take input and raise InvalidInput where they refuse it;
-    `replan` makes `decision`; `command` says what holds at an instant, `later_decisions` what is
+    `accept_battery` and `accept_mission` take input and raise InvalidInput where they refuse it,
+    `cancel` drops the trip; `replan` makes `decision`; `command` says what holds at an instant, `later_decisions` what is
     planned beyond the next stop. `vehicle`, `settings` and `enabled` may be set at any time;
     `replan` then takes them into account.
     """
@@ -91,11 +92,12 @@ class Supervisor:
         self.enabled = True
         self.mission: Optional[Mission] = None
         self.measurement: Optional[Measurement] = None
+        # Whether the latest route plan called the trip off.
+        self.is_cancelled = False
         self.decision = Decision(Status.NO_ROUTE, 'No route plan has arrived yet.')
         # Decisions by Leg, and the vehicle and settings that they were made with.
         self._later_decisions, self._later_made_with = {}, (None, None)
-        # By source, the latest last; each input lifts its own, a good battery state all.
-        self._refusals = {}
+        self._refusals = Refusals()
         self._latest_ns = 0
 
     # The car
@@ -129,30 +131,62 @@ class Supervisor:
         try:
             self._check_battery(measurement, now_ns)
         except InvalidInput as error:
-            self.refuse('battery_state', error)
+            self.refuse_battery(error)
             raise
         self.measurement = measurement
         self._unlearned.append(measurement)
-        # A good state shows that planning can go on, with the route before where one was refused.
-        self._refusals.clear()
+        self._refusals.lift_by_battery()
 
     def accept_mission(self, mission):
-        """Replace the route by a new one, or refuse it and keep the one before."""
+        """Replace the route by a new one, or refuse it as `refuse_route` does."""
         try:
-            check_mission(self.vehicle, mission, self._default_target_c)
+            check_mission(self.vehicle, mission, self.defaults.target_battery_temperature_c)
         except InvalidInput as error:
-            self.refuse('route_plan', error)
+            self.refuse_route(error, RefusedRoute.of_mission(mission))
             raise
-        self.mission = mission
+        self._follow(mission)
+        self._refusals.lift_by_route()
+
+    def revise_mission(self, mission):
+        """
+        Take the present route as other parameters make it.
+
+        Where it does not fit them, it is dropped until it is revised again or a valid one comes.
+        """
+        try:
+            check_mission(self.vehicle, mission, self.defaults.target_battery_temperature_c)
+        except InvalidInput as error:
+            self._follow(None)
+            self._refusals.note_misfit(error)
+            raise
+        self._follow(mission)
+        self._refusals.lift_misfit()
+
+    def cancel(self):
+        """Drop the route: there is nothing to heat for until a new one comes."""
+        self._follow(None)
+        self.is_cancelled = True
+        self._refusals.lift_by_route()
+
+    def _follow(self, mission):
+        self.mission, self.is_cancelled = mission, False
         self._later_decisions.clear()
         self._outlooks.forget_deviation()
         self._switch.allow()
-        self._refusals.pop('route_plan', None)
 
-    def refuse(self, source, error):
-        """Note that an input (`battery_state`, `route_plan`) was refused: 0 W until good comes."""
-        self._refusals.pop(source, None)
-        self._refusals[source] = Decision(Status.INVALID_INPUT, f'{source} refused: {error}')
+    def refuse_battery(self, error):
+        """Note that a battery state was refused: 0 W until a valid one comes."""
+        self._refusals.note_battery(error)
+
+    def refuse_route(self, error, refused=RefusedRoute()):
+        """Note that a route was refused: 0 W, for how long depends on its RefusedRoute."""
+        if not self._refusals.note_route(error, refused, self.mission, self._latest_ns):
+            self._follow(None)
+
+    @property
+    def refused_route(self):
+        """What was refused of the latest route plan, as a sentence; None after a valid one."""
+        return self._refusals.route
 
     def _notice_clock(self, now_ns):
         if now_ns < self._latest_ns - CLOCK_RESTART_S * NS_PER_S:
@@ -180,15 +214,15 @@ class Supervisor:
     # Judgement
 
     @property
-    def _default_target_c(self):
-        target_c = self.settings.target_temperature_c
-        if target_c is None:
-            target_c = self.vehicle.defaults.target_battery_temperature_c
-        return target_c
+    def defaults(self):
+        """The vehicle's Defaults, with the target of the settings where they have one."""
+        defaults, target_c = self.vehicle.defaults, self.settings.target_temperature_c
+        return defaults if target_c is None else replace(
+            defaults, target_battery_temperature_c=target_c)
 
     def goal_of(self, leg):
         """Return the Goal of a leg; what it leaves open comes from settings and vehicle."""
-        goal = leg.goal(self._default_target_c)
+        goal = leg.goal(self.defaults.target_battery_temperature_c)
         if goal.minimum_arrival_soc > 0.0:
             reserve = min(goal.minimum_arrival_soc + self.settings.arrival_soc_margin, 1.0)
             goal = replace(goal, minimum_arrival_soc=reserve)
@@ -225,11 +259,16 @@ class Supervisor:
         stamp_ns = self.measurement.stamp_ns if estimate is None else estimate.stamp_ns
         # A stamp ahead of this clock must not put off what the plan wants now.
         start_ns = max(min(stamp_ns, now_ns), leg.start_ns)
+        starts_in_s = (start_ns - now_ns) / NS_PER_S
         if estimate is None:
-            return self._plan(leg, self.measurement.state, start_ns)
+            decision = self._plan(leg, self.measurement.state, start_ns)
+            if decision.plan is None:
+                return decision
+            plan = seen_from_now(decision.plan, self.vehicle, self.goal_of(leg), starts_in_s)
+            return replace(decision, status=plan.status, explanation=plan.explanation, plan=plan)
         try:
             outlook = self._outlooks.make(estimate, leg.route_ahead(start_ns), self.goal_of(leg),
-                                          self.settings, self._switch.is_on)
+                                          self.settings, self._switch.is_on, starts_in_s)
         except (InvalidInput, PlanningFailure) as error:
             return Decision(Status.INVALID_INPUT, str(error))
         plan = outlook.plan
@@ -261,8 +300,11 @@ class Supervisor:
         """Return why the heater is off whatever a plan says; None where nothing stands against."""
         if not self.enabled:
             return Decision(Status.DISABLED, 'Preheating is switched off through ~/enable.')
-        if self._refusals:
-            return next(reversed(self._refusals.values()))
+        if self._refusals.obstacle is not None:
+            return Decision(Status.INVALID_INPUT, self._refusals.obstacle)
+        if self.is_cancelled:
+            return Decision(Status.NO_CHARGING_PLANNED,
+                            'The trip was cancelled: no heating until a new route plan arrives.')
         if self.mission is None:
             return Decision(Status.NO_ROUTE, 'No valid route plan has arrived yet.')
         if self.measurement is None:

@@ -105,7 +105,9 @@ class Observer:
         return all(subscription.get_publisher_count() for subscription in self._from_planner)
 
     def _on_route(self, message):
-        self.drive.route = message
+        # A cancellation does not change where the drive is.
+        if message.segment_duration:
+            self.drive.route = message
 
     def _instant_s(self, message):
         """Seconds after the start of the route; None while the route is not known."""

@@ -10,6 +10,7 @@ from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
+from bev_preheat.errors import shortened
 from bev_preheat.monitoring.chart import chart
 from bev_preheat.monitoring.heard import stamp_s, TOPICS
 from bev_preheat.planning.explanation import duration_text
@@ -20,6 +21,8 @@ LEVELS = {DiagnosticStatus.OK: ('OK', 'green'), DiagnosticStatus.WARN: ('WARN', 
 UNKNOWN = '-'
 # Beyond this an instant is none that anybody means [s].
 LONGEST_S = 1e7
+# Whoever publishes on the topic must not fill the screen.
+LONGEST_EXPLANATION = 2000
 
 
 def page(heard, width=100):
@@ -28,7 +31,7 @@ def page(heard, width=100):
     parts = [_figures(heard, plan, command)]
     if plan is not None:
         parts.append(Text.from_markup(f'[bold]{_status_name(plan.status)}[/bold]: '
-                                      f'{escape(plan.explanation) or UNKNOWN}'))
+                                      f'{escape(_told(plan)) or UNKNOWN}'))
     parts.append(chart(heard, width))
     parts += [_diagnostics(heard), _ages(heard)]
     return Panel(Group(*parts), title='planner', width=width)
@@ -42,7 +45,7 @@ def line(heard):
         f'battery {_number(battery and battery.temperature, "degC")}',
         f'arrival {_prediction(heard, plan)}',
         f'heater {_number(command and command.battery_heating_power, "W", 0)}',
-        f'{_status_name(plan.status)}: {plan.explanation}' if plan else 'no plan yet'))
+        f'{_status_name(plan.status)}: {_told(plan)}' if plan else 'no plan yet'))
 
 
 def waiting(heard, publishers, domain_id):
@@ -65,7 +68,8 @@ def _figures(heard, plan, command):
                  'State of charge', _percent(battery and battery.percentage))
     grid.add_row('Target', _number(plan and plan.target_battery_temperature, 'degC'),
                  'On arrival', _percent(plan and plan.predicted_arrival_soc))
-    reserve = route.minimum_arrival_soc if route else math.nan
+    # A cancellation has no segments.
+    reserve = route.minimum_arrival_soc if route and route.segment_duration else math.nan
     spare = (plan.predicted_arrival_soc if plan else math.nan) - reserve
     grid.add_row('Predicted', _prediction(heard, plan),
                  'Reserve', f'{_percent(reserve)}, spare {_percent(spare)}')
@@ -74,6 +78,10 @@ def _figures(heard, plan, command):
     grid.add_row('Reason', _status_name(command.reason) if command else UNKNOWN,
                  'Arrival', _until(plan.arrival if plan else None, now_s))
     return grid
+
+
+def _told(plan):
+    return shortened(plan.explanation, LONGEST_EXPLANATION)
 
 
 def _command(heard, command):

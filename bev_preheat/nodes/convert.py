@@ -15,16 +15,18 @@ from sensor_msgs.msg import Temperature
 
 from bev_preheat.control.inputs import (
     in_planning_steps, Leg, Measurement, Mission, NS_PER_S, with_stops)
-from bev_preheat.errors import InvalidInput
-from bev_preheat.nodes.stops import stops_from_message, write_stops
+from bev_preheat.errors import InvalidInput, quoted
+from bev_preheat.nodes.stops import STOP_FIELDS, stops_from_message, write_stops
 from bev_preheat.planning.situation import BatteryState
-from bev_preheat.route.segments import make_route
+from bev_preheat.route.segments import make_route, MOST_SEGMENTS
 
 # The last second that a builtin_interfaces/Time can hold.
 LATEST_S = 2**31 - 1
 # Beyond these a voltage [V] or a current [A] is no battery's of a road vehicle.
 HIGHEST_VOLTAGE_V = 2000.0
 HIGHEST_CURRENT_A = 5000.0
+# It is repeated in every plan and log line.
+LONGEST_ROUTE_ID = 256
 # Fields of Route and what RoutePlan calls them.
 ROUTE_FIELDS = {
     'duration_s': 'segment_duration',
@@ -35,6 +37,8 @@ ROUTE_FIELDS = {
     'cabin_heating_power_w': 'cabin_heating_power',
     'auxiliary_power_w': 'auxiliary_power',
 }
+# Fields of a BatteryState that are 0 or NaN where nobody filled in more than the percentage.
+EVIDENCE_OF_A_BATTERY = ('voltage', 'current', 'charge', 'capacity', 'design_capacity')
 # Fields of Energies and what PreheatPlan calls them.
 ENERGY_FIELDS = {
     'joule': 'joule_energy',
@@ -65,12 +69,22 @@ def measurement_from_message(message):
                 if not math.isfinite(value)]
     if not 0.0 <= message.percentage <= 1.0 and math.isfinite(message.percentage):
         problems.append(f'percentage: {message.percentage:g} is not allowed; it must be 0 ... 1')
+    if message.percentage == 0.0 and not _shows_a_battery(message):
+        problems.append('percentage: 0 counts as not given where present is false and '
+                        f'{", ".join(EVIDENCE_OF_A_BATTERY)} are unset too; it must be 0 ... 1, '
+                        'and a battery that is really empty says "present: true" or its voltage')
     problems += _stamp_problems(message.header.stamp)
     if problems:
         raise InvalidInput(problems)
     return Measurement(
         BatteryState(float(message.temperature), float(message.percentage)),
         nanoseconds(message.header.stamp), *_voltage_and_current(message))
+
+
+def _shows_a_battery(message):
+    return message.present or any(
+        value != 0.0 and not math.isnan(value)
+        for value in (getattr(message, field) for field in EVIDENCE_OF_A_BATTERY))
 
 
 def _voltage_and_current(message):
@@ -85,20 +99,29 @@ def _voltage_and_current(message):
     return (voltage_v, current_a) if known else (None, None)
 
 
+def is_cancellation(message):
+    """
+    Return whether a RoutePlan calls the trip off: no charging planned, no segments and no stops.
+
+    Whatever else it holds, its stamp included, does not matter.
+    """
+    return not message.charging_planned and not any(
+        len(getattr(message, field)) for field in (*ROUTE_FIELDS.values(), *STOP_FIELDS))
+
+
 def mission_from_message(message, defaults, planning_step_s):
     """
     Return the Mission of a RoutePlan, its legs in steps of `planning_step_s` seconds or longer.
 
-    `defaults` (vehicle.description.Defaults) fill the arrays that may be empty. Raises InvalidInput
-    with one problem a field.
+    `defaults` (vehicle.description.Defaults) fill in what the message leaves open. Raises
+    InvalidInput with one problem a field.
     """
+    _check_sizes(message)
     problems = _stamp_problems(message.header.stamp)
-    soc, target_c = message.minimum_arrival_soc, message.target_battery_temperature
+    soc = message.minimum_arrival_soc
     if not 0.0 <= soc <= 1.0:
         problems.append(f'minimum_arrival_soc: {soc:g} is not allowed; it must be 0 ... 1')
-    if math.isinf(target_c):
-        problems.append(f'target_battery_temperature: {target_c:g} is not allowed; it must be '
-                        "finite, or NaN: the planner's own default")
+    problems += _target_problems(message)
     columns = {field: np.asarray(getattr(message, name), dtype=float)
                for field, name in ROUTE_FIELDS.items()}
     route, stops = None, ()
@@ -107,7 +130,8 @@ def mission_from_message(message, defaults, planning_step_s):
     except InvalidInput as error:
         problems += error.problems
     try:
-        stops = stops_from_message(message, None if route is None else len(route))
+        stops = stops_from_message(message, None if route is None else len(route),
+                                   defaults.target_battery_temperature_c)
     except InvalidInput as error:
         problems += error.problems
     if route is not None and (message.header.stamp.sec + route.total_duration_s
@@ -119,13 +143,42 @@ def mission_from_message(message, defaults, planning_step_s):
     return Mission(message.route_id, _legs(message, route, stops, planning_step_s))
 
 
+def _check_sizes(message):
+    """Raise InvalidInput on what is too large to be looked at more closely."""
+    problems = [f'{name}: has {len(getattr(message, name))} values; at most {MOST_SEGMENTS} '
+                'segments are planned'
+                for name in ROUTE_FIELDS.values() if len(getattr(message, name)) > MOST_SEGMENTS]
+    if len(message.route_id) > LONGEST_ROUTE_ID:
+        problems.append(f'route_id: {quoted(message.route_id)} is too long; it must have at most '
+                        f'{LONGEST_ROUTE_ID} characters')
+    if problems:
+        raise InvalidInput(problems)
+
+
+def _target_problems(message):
+    target_c = message.target_battery_temperature
+    if message.has_target_battery_temperature and not math.isfinite(target_c):
+        return [f'target_battery_temperature: {target_c:g} is not allowed where '
+                'has_target_battery_temperature is true; it must be finite']
+    if math.isinf(target_c):
+        return [f'target_battery_temperature: {target_c:g} is not allowed; it must be finite, or '
+                "0 or NaN: the planner's own default"]
+    return []
+
+
+def _target_c(message):
+    """Return the target [deg C] of a RoutePlan that was found to be good; None: not given."""
+    target_c = message.target_battery_temperature
+    is_given = message.has_target_battery_temperature or not (target_c == 0.0 or
+                                                              math.isnan(target_c))
+    return target_c if is_given else None
+
+
 def _legs(message, route, stops, planning_step_s):
     """Return the Legs between the stops of a RoutePlan that was found to be good."""
-    target_c = message.target_battery_temperature
     edges = [0, *(stop.after_segment + 1 for stop in stops), len(route)]
     goals = [*((True, stop.target_temperature_c, stop.minimum_arrival_soc) for stop in stops),
-             (message.charging_planned, None if math.isnan(target_c) else target_c,
-              message.minimum_arrival_soc)]
+             (message.charging_planned, _target_c(message), message.minimum_arrival_soc)]
     departures = [None, *(stop.departure for stop in stops)]
     start_ns, legs = nanoseconds(message.header.stamp), []
     for first, end, goal, departure in zip(edges, edges[1:], goals, departures):
@@ -136,7 +189,7 @@ def _legs(message, route, stops, planning_step_s):
 
 def _stamp_problems(stamp):
     if stamp.sec == 0 and stamp.nanosec == 0:
-        return ['header.stamp: is 0; it must be set']
+        return ['header.stamp: is 0; it must be set, as "header: auto" of ros2 topic pub does']
     if stamp.nanosec >= NS_PER_S:
         return [f'header.stamp.nanosec: {stamp.nanosec} is not allowed; it must be below '
                 f'{NS_PER_S}']
@@ -153,8 +206,8 @@ def route_plan_message(mission):
     write_stops(message, mission.legs)
     last = mission.legs[-1]
     message.charging_planned = last.charging_planned
-    message.target_battery_temperature = (
-        math.nan if last.target_temperature_c is None else last.target_temperature_c)
+    message.has_target_battery_temperature = last.target_temperature_c is not None
+    message.target_battery_temperature = last.target_temperature_c or 0.0
     message.minimum_arrival_soc = last.minimum_arrival_soc
     return message
 

@@ -77,9 +77,13 @@ def _preheating(name, hardware, supervisor, now_ns):
         values['predicted arrival temperature [degC]'] = f'{plan.arrival_temperature_c:.2f}'
         values['predicted arrival state of charge [1]'] = f'{plan.arrival_soc:.4f}'
         values['planning time [ms]'] = f'{plan.planning_time_s * 1e3:.3f}'
-    return _entry(f'{name}: preheating', hardware,
-                  LEVELS.get(decision.status, DiagnosticStatus.OK),
-                  f'{decision.status.name}: {decision.explanation}', values)
+    level, text = LEVELS.get(decision.status, DiagnosticStatus.OK), decision.explanation
+    refused = supervisor.refused_route
+    if refused is not None:
+        # Someone's trip is not the one that is planned, even where the one before it goes on.
+        level = DiagnosticStatus.ERROR
+        text = text if refused in text else f'{text} {refused}'
+    return _entry(f'{name}: preheating', hardware, level, f'{decision.status.name}: {text}', values)
 
 
 def heater_sentence(report):

@@ -18,13 +18,14 @@ from std_srvs.srv import Trigger
 
 from bev_preheat.control.settings import Settings
 from bev_preheat.control.supervisor import NS_PER_S, Supervisor
-from bev_preheat.errors import InvalidInput
-from bev_preheat.nodes.convert import measurement_from_message, mission_from_message
+from bev_preheat.errors import InvalidInput, LONGEST_PROBLEM, shortened
+from bev_preheat.nodes.convert import is_cancellation, measurement_from_message
 from bev_preheat.nodes.optimality import (
     case_of_plan, case_of_state, checker_diagnostics, report_message, report_sentence,
     says_the_same)
 from bev_preheat.nodes.parameters import check, declare, Parameter
 from bev_preheat.nodes.process import run_node
+from bev_preheat.nodes.route_intake import RouteIntake
 from bev_preheat.optimum.worker import Failure, SolverProcess
 from bev_preheat.vehicle import load_vehicle
 
@@ -85,7 +86,7 @@ class NlpCheckerNode(Node):
         self._inputs = Supervisor(vehicle, _settings(self._values))
         self._solver = SolverProcess(vehicle)
         self._measurements = deque(maxlen=STATES_KEPT)
-        self._route_message = self._plan = None
+        self._routes, self._plan = RouteIntake(self._inputs), None
         # Instants are time.monotonic(), but the last check's, which is the node's clock's.
         self._is_wanted = self._is_urgent = False
         self._ready_since_s = None
@@ -136,24 +137,22 @@ class NlpCheckerNode(Node):
 
     @guarded
     def _on_route_plan(self, message):
-        if self._route_message is not None and says_the_same(message, self._route_message):
+        if (self._routes.message is not None and 'route_plan' not in self._problems
+                and says_the_same(message, self._routes.message)):
             return
         before = self._inputs.mission
         try:
-            self._accept_route(message)
+            self._routes.take(message)
         except InvalidInput as error:
             self._refuse('route_plan', error)
+            return
+        self._problems.pop('route_plan', None)
+        if is_cancellation(message):
+            self._is_wanted = self._is_urgent = False
             return
         # Forecasts for a route that is known may come faster than the solver is.
         self._want(is_urgent=before is None or before.route_id != message.route_id)
         self._begin_if_possible()
-
-    def _accept_route(self, message):
-        inputs = self._inputs
-        inputs.accept_mission(mission_from_message(
-            message, inputs.vehicle.defaults, inputs.settings.planning_step_s))
-        self._route_message = message
-        self._problems.pop('route_plan', None)
 
     @guarded
     def _on_preheat_plan(self, message):
@@ -195,7 +194,9 @@ class NlpCheckerNode(Node):
         """Return why nothing can be checked now, as a sentence; None where it can."""
         mission, measurement = self._inputs.mission, self._inputs.measurement
         if mission is None:
-            return 'No valid route plan has arrived yet.'
+            return self._inputs.refused_route or (
+                'The trip was cancelled.' if self._inputs.is_cancelled else
+                'No valid route plan has arrived yet.')
         if measurement is None:
             return 'No valid battery state has arrived yet.'
         age_s = (self._now_ns() - measurement.stamp_ns) / NS_PER_S
@@ -308,7 +309,9 @@ class NlpCheckerNode(Node):
             return SetParametersResult(successful=False, reason=str(error))
         except Exception as error:  # noqa: B902  such as a vehicle file nested too deeply
             return SetParametersResult(
-                successful=False, reason=f'cannot be checked: {type(error).__name__}: {error}')
+                successful=False,
+                reason=shortened(f'cannot be checked: {type(error).__name__}: {error}',
+                                 LONGEST_PROBLEM))
         return SetParametersResult(successful=True)
 
     @guarded
@@ -323,13 +326,14 @@ class NlpCheckerNode(Node):
             self._inputs.vehicle = vehicle
             self._solver.close()
             self._solver = SolverProcess(self._inputs.vehicle)
-        if self._route_message is not None and not values.keys().isdisjoint(
+        if self._routes.message is not None and not values.keys().isdisjoint(
                 ('vehicle', 'planning_step')):
             try:
-                self._accept_route(self._route_message)
+                self._routes.revise()
             except InvalidInput as error:
                 self._refuse('route_plan', error)
             else:
+                self._problems.pop('route_plan', None)
                 self._want(is_urgent=True)
                 self._begin_if_possible()
 

@@ -7,7 +7,7 @@ from typing import Any, Optional
 
 from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
 
-from bev_preheat.errors import InvalidInput
+from bev_preheat.errors import InvalidInput, quoted
 
 
 @dataclass(frozen=True)
@@ -15,8 +15,9 @@ class Parameter:
     """
     One parameter of a node.
 
-    `limits` is (low, high) for numbers; `nan_means` says what NaN stands for where it is allowed;
-    `choices` lists the texts allowed.
+    `limits` is (low, high) for numbers; `unset_means` says what 0 and NaN stand for where they mean
+    that nothing is given (0 is the default to use: a NaN does not survive `ros2 param dump` and
+    `load`); `choices` lists the texts allowed.
     """
 
     name: str
@@ -24,21 +25,21 @@ class Parameter:
     description: str
     unit: str = ''
     limits: Optional[tuple] = None
-    nan_means: str = ''
+    unset_means: str = ''
     choices: tuple = ()
     read_only: bool = False
 
     def descriptor(self):
         """Return what `ros2 param describe` shows."""
         constraints = []
-        if self.nan_means:
-            constraints.append(f'{self.limits[0]:g} ... {self.limits[1]:g}, or NaN: '
-                               f'{self.nan_means}')
+        if self.unset_means:
+            constraints.append(f'{self.limits[0]:g} ... {self.limits[1]:g}; 0 or NaN: '
+                               f'{self.unset_means}')
         if self.choices:
             constraints.append(f'one of {", ".join(self.choices)}')
         ranges = []
         # rclpy's own range check would refuse the NaN.
-        if self.limits and not self.nan_means and isinstance(self.default, float):
+        if self.limits and not self.unset_means and isinstance(self.default, float):
             ranges = [FloatingPointRange(from_value=float(self.limits[0]),
                                          to_value=float(self.limits[1]))]
         return ParameterDescriptor(
@@ -50,8 +51,8 @@ class Parameter:
         """Return a sentence on what is wrong with a value, None if nothing is."""
         unit = f' {self.unit}' if self.unit else ''
         if self.choices and value not in self.choices:
-            return f'{self.name}: {value!r} is not one of {", ".join(self.choices)}'
-        if self.limits is None or (self.nan_means and math.isnan(value)):
+            return f'{self.name}: {quoted(str(value))} is not one of {", ".join(self.choices)}'
+        if self.limits is None or (self.unset_means and math.isnan(value)):
             return None
         low, high = self.limits
         if not low <= value <= high:

@@ -3,7 +3,6 @@
 
 from dataclasses import dataclass
 from functools import wraps
-import math
 import sys
 
 from bev_preheat_msgs.msg import HvchCommand, PreheatPlan, RoutePlan
@@ -21,15 +20,15 @@ from std_srvs.srv import SetBool
 from bev_preheat.control.settings import (
     PARAMETERS as SETTINGS_BY_PARAMETER, Settings, settings_of)
 from bev_preheat.control.supervisor import Decision, Supervisor
-from bev_preheat.errors import InvalidInput
+from bev_preheat.errors import InvalidInput, LONGEST_PROBLEM, shortened
 from bev_preheat.estimation.hypotheses import Heater
 from bev_preheat.nodes.convert import (
-    command_message, measurement_from_message, mission_from_message, plan_message,
-    temperature_message)
+    command_message, measurement_from_message, plan_message, temperature_message)
 from bev_preheat.nodes.diagnostics import heater_sentence, planner_diagnostics
 from bev_preheat.nodes.parameters import check, declare, Parameter
 from bev_preheat.nodes.process import run_node
 from bev_preheat.nodes.remembering import check_parameter, Remembering, SAVE_PERIOD_S
+from bev_preheat.nodes.route_intake import RouteIntake
 from bev_preheat.planning.planner import METHODS
 from bev_preheat.planning.status import Status
 from bev_preheat.vehicle import load_vehicle, vehicle_fingerprint
@@ -38,9 +37,9 @@ DEFAULTS = Settings()
 PARAMETERS = (
     Parameter('vehicle', 'reference', 'Vehicle: a name in config/vehicles or a YAML file.'),
     Parameter('method', DEFAULTS.method, 'Planning method.', choices=tuple(METHODS)),
-    Parameter('target_battery_temperature', math.nan,
+    Parameter('target_battery_temperature', 0.0,
               'Battery temperature on arrival where the route names none', 'degC', (-40.0, 60.0),
-              nan_means="the vehicle's default"),
+              unset_means="the vehicle's default"),
     Parameter('battery_state_timeout', DEFAULTS.battery_state_timeout_s,
               'A battery state older than this is stale', 's', (0.1, 60.0)),
     Parameter('clock_tolerance', DEFAULTS.clock_tolerance_s,
@@ -105,7 +104,7 @@ class PlannerNode(Node):
         self._remembering.attach(
             values['state_file'], self._vehicle_fingerprint, self._supervisor)
         self._told = _Told()
-        self._route_message = None
+        self._routes = RouteIntake(self._supervisor)
         self._published_status = None
 
         latched = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
@@ -145,24 +144,25 @@ class PlannerNode(Node):
             if self._supervisor.on_track(now_ns):
                 answered = self._publish_command(now_ns)
         except InvalidInput as error:
-            self._refuse('battery_state', error)
+            self._supervisor.refuse_battery(error)
+            self._log_refusal('battery_state', error)
         self._tell_findings()
         self._replan(now_ns, answered)
 
     @guarded
     def _on_route_plan(self, message):
         try:
-            self._accept_route(message)
+            self._routes.take(message)
+            self._tell_route()
         except InvalidInput as error:
-            self._refuse('route_plan', error)
+            self._log_refusal('route_plan', error)
         self._replan(self._now_ns())
 
-    def _accept_route(self, message):
-        supervisor = self._supervisor
-        mission = mission_from_message(
-            message, supervisor.vehicle.defaults, supervisor.settings.planning_step_s)
-        supervisor.accept_mission(mission)
-        self._route_message = message
+    def _tell_route(self):
+        mission = self._supervisor.mission
+        if mission is None:
+            self.get_logger().info('The trip was cancelled.')
+            return
         routes = [leg.route for leg in mission.legs]
         self.get_logger().info(
             f'Route {mission.route_id!r}: '
@@ -170,8 +170,7 @@ class PlannerNode(Node):
             f'{sum(route.distance_m for route in routes) / 1000:.1f} km, '
             f'stops on the way: {len(routes) - 1}.')
 
-    def _refuse(self, source, error):
-        self._supervisor.refuse(source, error)
+    def _log_refusal(self, source, error):
         self.get_logger().error(f'{source} refused: {error}', throttle_duration_sec=5.0)
 
     @guarded
@@ -209,7 +208,9 @@ class PlannerNode(Node):
             return SetParametersResult(successful=False, reason=str(error))
         except Exception as error:  # noqa: B902  such as a vehicle file nested too deeply
             return SetParametersResult(
-                successful=False, reason=f'cannot be checked: {type(error).__name__}: {error}')
+                successful=False,
+                reason=shortened(f'cannot be checked: {type(error).__name__}: {error}',
+                                 LONGEST_PROBLEM))
         return SetParametersResult(successful=True)
 
     @guarded
@@ -229,11 +230,10 @@ class PlannerNode(Node):
                                 (self._stale_timer, supervisor.settings.battery_state_timeout_s)):
             timer.timer_period_ns = round(period_s * 1e9)
             timer.reset()
-        if self._route_message is not None:
-            try:
-                self._accept_route(self._route_message)
-            except InvalidInput as error:
-                self._refuse('route_plan', error)
+        try:
+            self._routes.revise()
+        except InvalidInput as error:
+            self._log_refusal('route_plan', error)
         self._replan(self._now_ns())
 
     def _values_with(self, parameters):
@@ -285,9 +285,10 @@ class PlannerNode(Node):
 
     def fail(self, where, error):
         """Switch the heater off after an exception nobody foresaw, and log it."""
-        self.get_logger().error(f'{where}: {type(error).__name__}: {error}')
+        what = shortened(f'{type(error).__name__}: {error}', LONGEST_PROBLEM)
+        self.get_logger().error(f'{where}: {what}')
         self._supervisor.decision = Decision(
-            Status.INTERNAL_ERROR, f'Planning failed: {type(error).__name__}: {error}')
+            Status.INTERNAL_ERROR, f'Planning failed: {what}')
         self._publish_off(Status.INTERNAL_ERROR)
 
     @guarded

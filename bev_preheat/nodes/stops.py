@@ -19,7 +19,17 @@ LIMITS = {
     'departure_soc': (0.0, 1.0),
 }
 # Of these a NaN has a meaning.
-NAN_MEANS = {'stop_target_battery_temperature': "the planner's own default"}
+NAN_MEANS = {
+    'stop_target_battery_temperature': "the planner's own default",
+    'departure_battery_temperature': 'that wanted on arrival',
+    'departure_soc': '0.8',
+}
+HAS_TARGET = 'stop_has_target_battery_temperature'
+# Without these nobody knows when and for how long the vehicle stands.
+REQUIRED = ('stop_duration',)
+STOP_FIELDS = ('stop_after_segment', *LIMITS, HAS_TARGET)
+# Fast charging slows down there, so most stops end there.
+DEPARTURE_SOC = 0.8
 
 
 @dataclass(frozen=True)
@@ -38,34 +48,62 @@ class Stop:
     departure: BatteryState
 
 
-def stops_from_message(message, segments):
+def stops_from_message(message, segments, default_target_c):
     """
     Return the Stops of a RoutePlan of so many segments, in driving order.
 
-    `segments` is None where their number is not known. Raises InvalidInput with one problem a
-    field.
+    `segments` is None where their number is not known; `default_target_c` [deg C] is what the
+    planner wants on arrival where the message names no target. Raises InvalidInput with one problem
+    a field.
     """
     count = len(message.stop_after_segment)
-    if count > MOST_STOPS:
-        raise InvalidInput(f'stop_after_segment: has {count} values; at most {MOST_STOPS} stops '
-                           'are planned')
-    problems = [f'{field}: has {len(getattr(message, field))} values; it must have {count}, as '
-                'stop_after_segment has' for field in LIMITS
-                if len(getattr(message, field)) != count]
-    problems += _order_problems(message.stop_after_segment, segments)
-    for field in LIMITS:
-        problems += _value_problems(field, getattr(message, field))
+    problems = [f'{field}: has {len(getattr(message, field))} values; at most {MOST_STOPS} stops '
+                'are planned'
+                for field in STOP_FIELDS if len(getattr(message, field)) > MOST_STOPS]
     if problems:
         raise InvalidInput(problems)
-    columns = (getattr(message, field) for field in ('stop_after_segment', *LIMITS))
-    return tuple(
-        Stop(after_segment, duration_s, None if math.isnan(target_c) else target_c, least_soc,
-             BatteryState(departure_c, departure_soc))
-        for after_segment, duration_s, target_c, least_soc, departure_c, departure_soc
-        in zip(*columns))
+    problems = [_length_problem(field, len(getattr(message, field)), count)
+                for field in (*LIMITS, HAS_TARGET)
+                if len(getattr(message, field)) != count
+                and (field in REQUIRED or len(getattr(message, field)) > 0)]
+    problems += order_problems(message.stop_after_segment, segments)
+    for field in LIMITS:
+        problems += value_problems(field, getattr(message, field))
+    problems += _flag_problems(message)
+    if problems:
+        raise InvalidInput(problems)
+    return tuple(_stop(message, at, default_target_c) for at in range(count))
 
 
-def _order_problems(after_segment, segments):
+def _stop(message, at, default_target_c):
+    """Return a Stop of a message that was found to be good."""
+    def value(field):
+        """Return an element; NaN where nothing is given."""
+        values = getattr(message, field)
+        return values[at] if len(values) else math.nan
+
+    target_c = value('stop_target_battery_temperature')
+    has_target = any(getattr(message, HAS_TARGET)[at:at + 1])
+    if math.isnan(target_c) or (target_c == 0.0 and not has_target):
+        target_c = None
+    least_soc = value('stop_minimum_arrival_soc')
+    departure_c, departure_soc = value('departure_battery_temperature'), value('departure_soc')
+    if math.isnan(departure_c):
+        departure_c = default_target_c if target_c is None else target_c
+    if math.isnan(departure_soc) or departure_soc == 0.0:
+        departure_soc = DEPARTURE_SOC
+    return Stop(message.stop_after_segment[at], message.stop_duration[at], target_c,
+                0.0 if math.isnan(least_soc) else least_soc,
+                BatteryState(departure_c, departure_soc))
+
+
+def _length_problem(field, length, count):
+    empty = '' if field in REQUIRED else ', or none'
+    return f'{field}: has {length} values; it must have {count}, as stop_after_segment has{empty}'
+
+
+def order_problems(after_segment, segments):
+    """Return what is wrong with the order of the stops; `segments` is None where not known."""
     for at, (before, segment) in enumerate(zip((-1, *after_segment), after_segment)):
         if segment <= before:
             return [f'stop_after_segment[{at}]: {segment} is not allowed; it must be above '
@@ -76,10 +114,11 @@ def _order_problems(after_segment, segments):
     return []
 
 
-def _value_problems(field, values):
+def value_problems(field, values):
+    """Return what is wrong with the values of a field of LIMITS."""
     low, high = LIMITS[field]
     unknown = f', or NaN: {NAN_MEANS[field]}' if field in NAN_MEANS else ''
-    # One problem tells enough, and there may be more values than stops.
+    # One problem tells enough.
     for at, value in enumerate(values):
         if not (low <= value <= high or unknown and math.isnan(value)):
             return [f'{field}[{at}]: {value:g} is not allowed; it must be {low:g} ... {high:g}'
@@ -87,21 +126,32 @@ def _value_problems(field, values):
     return []
 
 
+def _flag_problems(message):
+    """Return whether a target is said to be there and is not."""
+    targets = message.stop_target_battery_temperature
+    for at, has_target in enumerate(getattr(message, HAS_TARGET)):
+        if has_target and not (at < len(targets) and math.isfinite(targets[at])):
+            return [f'{HAS_TARGET}[{at}]: is true; stop_target_battery_temperature[{at}] must then '
+                    'be a finite number']
+    return []
+
+
 def write_stops(message, legs):
     """Write the stops between the Legs of a Mission into its RoutePlan."""
     after_segment, columns = array('I'), {field: array('d') for field in LIMITS}
-    driven = 0
+    driven, has_target = 0, []
     for leg, following in zip(legs, legs[1:]):
         driven += len(leg.route)
         after_segment.append(driven - 1)
-        target_c = leg.target_temperature_c
+        has_target.append(leg.target_temperature_c is not None)
         for field, value in zip(LIMITS, (
                 leg.ended_for_s(following.start_ns),
-                math.nan if target_c is None else target_c,
+                leg.target_temperature_c or 0.0,
                 leg.minimum_arrival_soc,
                 following.departure.temperature_c,
                 following.departure.soc)):
             columns[field].append(value)
     message.stop_after_segment = after_segment
+    message.stop_has_target_battery_temperature = has_target
     for field, values in columns.items():
         setattr(message, field, values)

@@ -47,9 +47,9 @@ PARAMETERS = (
               'degC', (-60.0, 60.0), read_only=True),
     Parameter('initial_soc', 0.9, 'State of charge at the start, 0 ... 1', '', (0.0, 1.0),
               read_only=True),
-    Parameter('target_battery_temperature', math.nan,
+    Parameter('target_battery_temperature', 0.0,
               'Battery temperature wanted on arrival, as route_plan tells it', 'degC',
-              (-60.0, 60.0), nan_means='left to the planner', read_only=True),
+              (-60.0, 60.0), unset_means='left to the planner', read_only=True),
     Parameter('minimum_arrival_soc', 0.0,
               'State of charge wanted on arrival at least, as route_plan tells it, 0 ... 1', '',
               (0.0, 1.0), read_only=True),
@@ -304,7 +304,7 @@ def _departure(values):
     vehicle = load_vehicle(values['vehicle'])
     route = load_route(values['route'], vehicle.defaults)
     state = BatteryState(values['initial_battery_temperature'], values['initial_soc'])
-    target_c = values['target_battery_temperature']
+    target_c = values['target_battery_temperature'] or math.nan
     goal = Goal(target_c, values['minimum_arrival_soc'], values['charging_planned'])
     check_situation(vehicle, route=route, state=state, goal=goal if math.isfinite(target_c) else
                     replace(goal, target_temperature_c=vehicle.defaults.target_battery_temperature_c))

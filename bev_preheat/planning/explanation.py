@@ -5,6 +5,9 @@ from bev_preheat.planning.schedule import HeldBack
 from bev_preheat.planning.status import Status
 from bev_preheat.planning.stretches import Reason
 
+# A route that begins sooner begins now.
+LEAST_TOLD_S = 0.5
+
 
 def duration_text(seconds):
     """Return a duration as 1:02:03 h or 12:34 min."""
@@ -13,36 +16,51 @@ def duration_text(seconds):
     return f'{hours}:{minutes:02d}:{rest:02d} h' if hours else f'{minutes}:{rest:02d} min'
 
 
-def explain(status, plan, reserve):
-    """Return the sentence for the status of a Plan; `reserve` is the state of charge to be left."""
-    arrival = (f'arrival in {duration_text(plan.arrival_time_s)} at '
+def explain(status, plan, reserve, starts_in_s=0.0, unheated='no heating',
+            too_cold_because='The cabin leaves the heater no power'):
+    """
+    Return the sentence for the status of a Plan; `reserve` is the state of charge to be left.
+
+    Its times count from now, and the plan's time 0 lies `starts_in_s` [s] ahead. A plan that does not
+    heat is told as `unheated`, and where it is to blame for a missed target, `too_cold_because`.
+    """
+    begins = (f'The route begins in {duration_text(starts_in_s)}. '
+              if starts_in_s >= LEAST_TOLD_S else '')
+    return begins + _outcome(status, plan, reserve, starts_in_s, unheated, too_cold_because)
+
+
+def _outcome(status, plan, reserve, starts_in_s, unheated, too_cold_because):
+    def from_now(plan_s):
+        return duration_text(max(0.0, plan_s + starts_in_s))
+
+    arrival = (f'arrival in {from_now(plan.arrival_time_s)} at '
                f'{plan.arrival_temperature_c:.1f} degC')
     target = f'target {plan.target_temperature_c:.1f} degC'
     if status is Status.NO_CHARGING_PLANNED:
         if plan.stranding is not None:
-            return ('No fast charging at the end of this route: no heating. '
-                    f'{_stranding_sentence(plan.stranding)}')
-        return f'No fast charging at the end of this route: no heating; {arrival}.'
+            return (f'No fast charging at the end of this route: {unheated}. '
+                    f'{_stranding_sentence(plan.stranding, from_now)}')
+        return f'No fast charging at the end of this route: {unheated}; {arrival}.'
     if status is Status.OUT_OF_CHARGE:
-        heating = ('no heating' if plan.heating_start_s is None else
+        heating = (unheated if plan.heating_start_s is None else
                    'only surplus regeneration is used for heating'
                    if all(stretch.reason is Reason.SURPLUS for stretch in plan.stretches) else
                    'the heating of this plan makes it worse')
-        return f'{_stranding_sentence(plan.stranding)[:-1]}: {heating}.'
+        return f'{_stranding_sentence(plan.stranding, from_now)[:-1]}: {heating}.'
     if status is Status.NOT_NEEDED:
         return f'The battery gets warm enough without further heating: {arrival}, {target}.'
     if status is Status.WAITING:
-        return f'Heating starts in {duration_text(plan.heating_start_s)}: {arrival}, {target}.'
+        return f'Heating starts in {from_now(plan.heating_start_s)}: {arrival}, {target}.'
     if status is Status.HEATING:
         return f'Heating: {arrival}, {target}.'
     if status is Status.TARGET_UNREACHABLE:
-        means = ('The cabin leaves the heater no power' if plan.heating_start_s is None else
+        means = (too_cold_because if plan.heating_start_s is None else
                  'Heating all the way is not enough' if plan.heating_start_s == 0.0 else
-                 f'Heating from {duration_text(plan.heating_start_s)} on is not enough')
+                 f'Heating from {from_now(plan.heating_start_s)} on is not enough')
         return f'{means}: {arrival}, {plan.shortfall_k:.1f} K below the {target}.'
-    heating = ('no heating' if plan.heating_start_s is None else
-               'heating is on' if plan.heating_start_s == 0.0 else
-               f'heating starts in {duration_text(plan.heating_start_s)}')
+    heating = (unheated if plan.heating_start_s is None else
+               'heating is on' if plan.heating_start_s == 0.0 and starts_in_s <= 0.0 else
+               f'heating starts in {from_now(plan.heating_start_s)}')
     if status is Status.SOC_LIMITED:
         reserve = f'{100 * reserve:.1f} %'
         if plan.soc_shortfall > 0.0:
@@ -55,14 +73,14 @@ def explain(status, plan, reserve):
         return (f'To leave {reserve} in the battery the target is missed by '
                 f'{plan.shortfall_k:.1f} K: {heating}; {arrival}, {target}.')
     if status is Status.POWER_LIMITED:
-        return (f'In {duration_text(plan.undeliverable_at_s)} the route asks for '
+        return (f'In {from_now(plan.undeliverable_at_s)} the route asks for '
                 f'{plan.undeliverable_power_w / 1000:.1f} kW more than the battery can deliver; '
                 f'{heating}; {arrival}, {target}.')
     raise ValueError(f'{status!r} is no outcome of planning')
 
 
-def _stranding_sentence(stranding):
+def _stranding_sentence(stranding, from_now):
     """Return where the charge runs out, and how much is lacking."""
-    return (f'The charge does not carry this trip: the battery is empty after '
-            f'{duration_text(stranding.at_s)}, at km {stranding.at_m / 1000.0:.1f}; '
+    return (f'The charge does not carry this trip: the battery is empty in '
+            f'{from_now(stranding.at_s)}, at km {stranding.at_m / 1000.0:.1f}; '
             f'{stranding.lacking_wh / 1000.0:.2f} kWh are lacking.')

@@ -58,7 +58,7 @@ def drive_scenario(scenario, progress=lambda time_s, total_s: None):
 def _hand_over(supervisor, reading, stamp_ns, now_ns):
     """Give a Reading to the supervisor, as the planner's node would."""
     if math.isnan(reading.temperature_c):
-        supervisor.refuse('battery_state', InvalidInput('temperature: nan is not a known value'))
+        supervisor.refuse_battery(InvalidInput('temperature: nan is not a known value'))
         return
     state = BatteryState(reading.temperature_c, reading.soc)
     try:

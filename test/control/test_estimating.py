@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The supervisor with estimation, on simulated cars: what is unsure, and heaters that do not obey."""
 
+import re
+
 import pytest
 
 from bev_preheat.control.inputs import Leg, Measurement, Mission, NS_PER_S
@@ -112,7 +114,10 @@ def test_a_dead_heater_is_asked_all_the_same_and_not_counted_on():
     ride = Ride(heater_faults=(HeaterFault(600.0, share=0.0),))
     assert ride.until(590.0).status is Status.HEATING
     decision = ride.until(900.0)
-    assert decision.explanation.startswith('The heater does not answer its command. ')
+    assert re.fullmatch(
+        r'The heater does not respond to its command\. Driving alone does not warm the battery '
+        r'enough: arrival in \d+:\d\d min at [\d.]+ degC, [\d.]+ K below the target 25\.0 degC\.',
+        decision.explanation)
     assert decision.status is Status.TARGET_UNREACHABLE
     # It may come back, so it goes on to be asked for all it has.
     assert ride.command_w == pytest.approx(limit_w(ride))
@@ -124,7 +129,7 @@ def test_a_dead_heater_is_asked_all_the_same_and_not_counted_on():
 
 def test_a_heater_that_comes_back_is_counted_on_again():
     ride = Ride(heater_faults=(HeaterFault(500.0, 700.0, share=0.0),))
-    assert 'does not answer' in ride.until(690.0).explanation
+    assert 'does not respond' in ride.until(690.0).explanation
     decision = ride.until(1000.0)
     assert 'heater' not in decision.explanation.split('.')[0]
     assert decision.plan.hvch_battery_power_w.any()
@@ -148,6 +153,16 @@ def test_a_heater_that_is_stuck_on_is_told_to_be_off():
     assert ride.command_w == 0.0
     # What it heats all the same is foreseen.
     assert decision.plan.arrival_temperature_c > 30.0
+
+
+def test_a_heater_that_is_stuck_on_and_too_weak_leaves_the_blame_with_its_heat():
+    ride = Ride(temperature_c=-20.0, heater_faults=(HeaterFault(100.0, stuck_on=True),))
+    # No command is needed to learn it where nothing is commanded.
+    ride.supervisor.enabled = False
+    ride.until(400.0)
+    ride.supervisor.enabled = True
+    assert re.match(r'The heater heats without a command\. Its uncommanded heat is not enough: '
+                    r'arrival in ', ride.until(402.0).explanation)
 
 
 def test_a_heavier_car_is_heated_longer_and_arrives_as_warm():

@@ -53,7 +53,7 @@ def heard():
     """Return what a planner says two minutes before it heats."""
     heard = Heard(clock_s=Clock())
     heard.hear('battery_state', stamped(BatteryState(temperature=-3.25, percentage=0.8), 1000))
-    heard.hear('route_plan', RoutePlan(minimum_arrival_soc=0.25))
+    heard.hear('route_plan', RoutePlan(minimum_arrival_soc=0.25, segment_duration=[600.0]))
     heard.hear('hvch_command', command_message(0.0, reason=HvchCommand.WAITING))
     heard.hear('preheat_plan', plan_message())
     heard.hear('predicted_arrival_temperature', Temperature(temperature=24.5, variance=0.49))
@@ -105,6 +105,16 @@ def test_unknown_figures_are_no_numbers(heard):
         arrival=Time(), heating_planned=False))
     page_text = text(heard)
     assert 'nan' not in page_text and 'none planned' in page_text
+
+
+def test_a_cancelled_trip_has_no_reserve(heard):
+    heard.hear('route_plan', RoutePlan())
+    assert '25.0 %, spare' not in text(heard) and '-, spare -' in text(heard)
+
+
+def test_an_endless_explanation_does_not_fill_the_screen(heard):
+    heard.hear('preheat_plan', plan_message(explanation='x' * 1_000_000))
+    assert len(text(heard)) < 10_000 and len(line(heard)) < 3000
 
 
 def test_one_line_says_the_same(heard):

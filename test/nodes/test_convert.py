@@ -10,15 +10,17 @@ import re
 
 from bev_preheat_msgs.msg import HvchCommand, PreheatPlan, RoutePlan
 from builtin_interfaces.msg import Time
+from hypothesis import example, given, settings, strategies as st
 import numpy as np
 import pytest
 from sensor_msgs.msg import BatteryState as BatteryStateMessage
 
-from bev_preheat.control.inputs import Leg, Mission
+from bev_preheat.control.inputs import Leg, Mission, with_stops
 from bev_preheat.control.supervisor import Command, Decision, NS_PER_S
 from bev_preheat.errors import InvalidInput
 from bev_preheat.nodes.convert import (
-    command_message, measurement_from_message, mission_from_message, nanoseconds, plan_message,
+    command_message, is_cancellation, measurement_from_message, mission_from_message, nanoseconds,
+    plan_message,
     ROUTE_FIELDS, route_plan_message, temperature_message, time_message)
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal
@@ -34,6 +36,7 @@ DEFAULTS = Defaults(cabin_heating_power_w=1111.0, auxiliary_power_w=222.0,
                     target_battery_temperature_c=33.0)
 STAMP = Time(sec=1_700_000_000, nanosec=250_000_000)
 EAST = Mission('east', (Leg(None),))
+UNSET_STAMP = 'header.stamp: is 0; it must be set, as "header: auto" of ros2 topic pub does'
 MESSAGES = Path(__file__).parents[2] / 'msg_defs' / 'msg'
 
 
@@ -87,7 +90,7 @@ def test_battery_state():
     ({'percentage': 1.25}, 'percentage: 1.25 is not allowed; it must be 0 ... 1'),
     ({'percentage': -0.25}, 'percentage: -0.25 is not allowed; it must be 0 ... 1'),
     ({'percentage': 64.0}, 'percentage: 64 is not allowed; it must be 0 ... 1'),
-    ({'stamp': Time()}, 'header.stamp: is 0; it must be set'),
+    ({'stamp': Time()}, UNSET_STAMP),
 ])
 def test_bad_battery_state(fields, problem):
     assert problems_of(measurement_from_message, battery_message(**fields)) == [problem]
@@ -102,7 +105,29 @@ def test_every_bad_field_of_a_battery_state_is_named():
 
 @pytest.mark.parametrize('soc', [0.0, 1.0])
 def test_the_ends_of_the_state_of_charge_are_allowed(soc):
-    assert measurement_from_message(battery_message(percentage=soc)).state.soc == soc
+    message = battery_message(percentage=soc, present=True)
+    assert measurement_from_message(message).state.soc == soc
+
+
+EVIDENCE = ('voltage', 'current', 'charge', 'capacity', 'design_capacity')
+
+
+@pytest.mark.parametrize('unset', [0.0, nan])
+def test_a_percentage_of_0_with_nothing_else_is_not_given(unset):
+    assert problems_of(measurement_from_message, battery_message(
+        percentage=0.0, **dict.fromkeys(EVIDENCE, unset))) == [
+            'percentage: 0 counts as not given where present is false and voltage, current, '
+            'charge, capacity, design_capacity are unset too; it must be 0 ... 1, and a battery '
+            'that is really empty says "present: true" or its voltage']
+
+
+@pytest.mark.parametrize('field, value', [
+    ('present', True), ('voltage', 310.0), ('current', -5.0), ('charge', 0.5),
+    ('capacity', 190.0), ('design_capacity', 200.0)])
+def test_an_empty_battery_with_another_value_is_empty(field, value):
+    message = battery_message(percentage=0.0, **{
+        **dict.fromkeys(EVIDENCE, nan), field: value})
+    assert measurement_from_message(message).state.soc == 0.0
 
 
 # Route: what is refused
@@ -152,8 +177,10 @@ def test_a_number_that_is_none_is_refused_in_each_array(field, value, text):
     ('minimum_arrival_soc', 20.0, 'minimum_arrival_soc: 20 is not allowed; it must be 0 ... 1'),
     ('minimum_arrival_soc', nan, 'minimum_arrival_soc: nan is not allowed; it must be 0 ... 1'),
     ('target_battery_temperature', inf, 'target_battery_temperature: inf is not allowed; it must '
-     "be finite, or NaN: the planner's own default"),
-    ('stamp', Time(), 'header.stamp: is 0; it must be set'),
+     "be finite, or 0 or NaN: the planner's own default"),
+    ('route_id', 'x' * 257, f"route_id: '{'x' * 60}' … (257 characters) is too long; it must have "
+     'at most 256 characters'),
+    ('stamp', Time(), UNSET_STAMP),
     ('stamp', Time(sec=2**31 - 20), 'header.stamp: 2147483628 s is too late: the route would end '
      'after the last instant that a stamp can hold'),
 ])
@@ -173,12 +200,35 @@ def test_no_segments_are_named_as_all_that_is_missing():
         'missing or empty: segment_duration, speed, propulsion_power, ambient_temperature']
 
 
-def test_too_many_segments_are_refused():
-    assert problems_of(lambda: convert(**{
+@pytest.mark.parametrize('name', ARRAYS)
+def test_too_many_segments_are_refused_before_they_are_looked_at(name):
+    class Unread(list):
+        """Numbers that nobody must read: there may be millions."""
+
+        def __iter__(self):
+            raise AssertionError('read')
+
+    message = route_message()
+    # Past the setter, which would look at each element.
+    setattr(message, f'_{name}', Unread([nan] * 200_001))
+    assert problems_of(mission_from_message, message, DEFAULTS, 30.0) == [
+        f'{name}: has 200001 values; at most 200000 segments are planned']
+
+
+def test_as_many_segments_as_are_planned_are_accepted():
+    route = convert_leg(segment_duration=array('d', [0.01]) * 200_000, **{
         name: [5.0 if name == 'propulsion_power_rms' else 1.0] for name in ARRAYS
-        if name != 'segment_duration'},
-        segment_duration=array('d', [0.01]) * 200_001)) == [
-            'has 200001 segments; at most 200000 are planned']
+        if name != 'segment_duration'}).route
+    assert route.total_duration_s == pytest.approx(2000.0)
+
+
+def test_a_long_route_id_that_is_allowed_is_kept():
+    assert convert(route_id='ü' * 256).route_id == 'ü' * 256
+
+
+def test_the_message_about_a_huge_route_id_is_short():
+    problem, = problems_of(lambda: convert(route_id='x' * 1_000_000))
+    assert len(problem) < 200 and '(1000000 characters)' in problem
 
 
 def test_every_bad_field_of_a_route_is_named():
@@ -199,8 +249,48 @@ def test_fields_of_a_mission():
         'to the charger', 1_700_000_000_250_000_000, True, 27.0, 0.15, None)
 
 
-def test_no_target_is_none():
-    assert convert_leg(target_battery_temperature=nan).target_temperature_c is None
+@pytest.mark.parametrize('value, has, target_c', [
+    (0.0, False, None), (-0.0, False, None), (nan, False, None), (0.0, True, 0.0),
+    (12.5, False, 12.5), (12.5, True, 12.5), (-3.0, False, -3.0)])
+def test_target_of_0_counts_where_it_is_said_to_be_there(value, has, target_c):
+    leg = convert_leg(target_battery_temperature=value, has_target_battery_temperature=has)
+    assert leg.target_temperature_c == target_c
+
+
+def test_a_target_that_is_said_to_be_there_must_be_a_number():
+    assert problems_of(lambda: convert(
+        target_battery_temperature=nan, has_target_battery_temperature=True)) == [
+            'target_battery_temperature: nan is not allowed where has_target_battery_temperature '
+            'is true; it must be finite']
+
+
+# Cancellation
+
+def test_an_empty_message_is_a_cancellation():
+    assert is_cancellation(RoutePlan())
+
+
+@pytest.mark.parametrize('field, value', [
+    ('route_id', 'home'), ('minimum_arrival_soc', nan), ('target_battery_temperature', inf),
+    ('has_target_battery_temperature', True)])
+def test_a_cancellation_may_hold_anything_but_a_trip(field, value):
+    assert is_cancellation(RoutePlan(**{field: value}))
+
+
+@pytest.mark.parametrize('field, value', [
+    ('charging_planned', True), *((name, [1.0]) for name in ARRAYS), ('stop_after_segment', [0]),
+    ('stop_duration', [60.0]), ('stop_target_battery_temperature', [1.0]),
+    ('stop_has_target_battery_temperature', [False]), ('stop_minimum_arrival_soc', [0.0]),
+    ('departure_battery_temperature', [1.0]), ('departure_soc', [0.5])])
+def test_what_holds_some_of_a_trip_is_no_cancellation(field, value):
+    assert not is_cancellation(RoutePlan(**{field: value}))
+
+
+def test_no_field_is_forgotten_where_a_cancellation_is_told_from_a_trip():
+    arrays = {name for name, kind in RoutePlan.get_fields_and_field_types().items()
+              if kind.startswith('sequence')}
+    assert {field for field in arrays if is_cancellation(RoutePlan(**{field: [1]} if field in (
+        'stop_after_segment',) else {field: [True]} if 'has' in field else {field: [1.0]}))} == set()
 
 
 @pytest.mark.parametrize('field, name', ROUTE_FIELDS.items())
@@ -255,16 +345,35 @@ def test_steps_are_as_long_as_asked_for():
     assert convert_leg(step_s=25.0).route.duration_s.tolist() == pytest.approx([25.0, 25.0, 10.0])
 
 
-@pytest.mark.parametrize('target_c', [None, 21.5])
-def test_mission_to_message_and_back(target_c):
-    leg = Leg(convert_leg(step_s=10.0).route, 1_650_000_000_123_456_789, False, target_c, 0.35)
-    mission = mission_from_message(route_plan_message(Mission('x', (leg,))), DEFAULTS, 10.0)
-    back, = mission.legs
-    assert (mission.route_id, back.start_ns, back.charging_planned, back.target_temperature_c,
-            back.minimum_arrival_soc) == ('x', 1_650_000_000_123_456_789, False, target_c, 0.35)
-    for field in ROUTE_FIELDS:
-        np.testing.assert_allclose(getattr(back.route, field), getattr(leg.route, field),
-                                   rtol=1e-12, err_msg=field)
+def legs_strategy(draw):
+    """Return Legs of three segments each, with whatever a message can hold of them."""
+    targets_c = st.one_of(st.none(), st.just(0.0), st.floats(-60.0, 60.0))
+    shares = st.floats(0.0, 1.0)
+    route = convert_leg(step_s=10.0).route
+    count = draw(st.integers(1, 4))
+    legs = [Leg(route, 1_650_000_000_123_456_789, draw(st.booleans()) or at < count - 1,
+                draw(targets_c), draw(shares),
+                None if at == 0 else BatteryState(
+                    draw(st.floats(-60.0, 60.0)), draw(st.floats(1e-3, 1.0))))
+            for at in range(count)]
+    return with_stops(legs, [draw(st.floats(1.0, 86400.0)) for _ in legs[1:]])
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.composite(legs_strategy)())
+@example((Leg(convert_leg(step_s=10.0).route, 10**18, True, 0.0),))
+@example((Leg(convert_leg(step_s=10.0).route, 10**18, True, None),))
+def test_mission_to_message_and_back(legs):
+    mission = mission_from_message(route_plan_message(Mission('x', legs)), DEFAULTS, 10.0)
+    assert (mission.route_id, len(mission.legs)) == ('x', len(legs))
+    for back, leg in zip(mission.legs, legs):
+        assert (back.charging_planned, back.target_temperature_c, back.minimum_arrival_soc,
+                back.departure) == (
+            leg.charging_planned, leg.target_temperature_c, leg.minimum_arrival_soc, leg.departure)
+        assert back.start_ns == pytest.approx(leg.start_ns, abs=1000)
+        for field in ROUTE_FIELDS:
+            np.testing.assert_allclose(getattr(back.route, field), getattr(leg.route, field),
+                                       rtol=1e-12, err_msg=field)
 
 
 @pytest.mark.parametrize('instant_ns', [0, 1, 999_999_999, NS_PER_S, 1_700_000_000_000_000_001])

@@ -399,6 +399,29 @@ def test_refuses_a_demand_that_nothing_can_come_of(surroundings, wait_until):
     assert not surroundings.check().success
 
 
+def test_a_cancelled_trip_leaves_nothing_to_check(alone, wait_until):
+    alone.send_route('called off')
+    wait_until(lambda: alone.check().message != 'The trip was cancelled.', 'a route')
+    alone.repeat_route(RoutePlan())
+    with alone.feeding():
+        wait_until(lambda: alone.check().message == 'The trip was cancelled.', 'the cancellation')
+        assert not alone.check().success
+        alone.send_route('called on again')
+        alone.report(of_route('called on again'))
+
+
+def test_a_refused_route_is_forgotten_where_the_one_before_it_comes_again(alone, wait_until):
+    route = alone.send_route('kept', 60)
+    alone.send_route('bent', speed=[20.0, 30.0])
+    alone.diagnosis(lambda level, text, values: 'speed: has 2 values' in text)
+    with alone.feeding():
+        wait_until(lambda: alone.check().message.startswith('route_plan refused: speed: has 2 '),
+                   'that nothing can be checked')
+        alone.repeat_route(route)
+        alone.diagnosis(lambda level, text, values: 'route_plan refused' not in text)
+        alone.report(of_route('kept'))
+
+
 def test_checks_by_itself_but_not_more_often_than_the_period(both, wait_until):
     period_s = 0.8
     assert both.set('nlp_checker', check_period=period_s).successful

@@ -63,9 +63,12 @@ class Book:
     latest_ns: int = START_NS
     enabled: bool = True
     state_ns: int = NEVER
+    # Start [ns], duration of a segment [s], cabin power in each [W], route_id; (): none.
     route: tuple = ()
-    is_refused: bool = False
     is_state_refused: bool = False
+    is_route_refused: bool = False
+    # Since the latest route was refused no good one has come.
+    is_update_due: bool = False
 
 
 class Recorder:
@@ -94,7 +97,7 @@ class Fuzz:
         node._temperature_publisher = node._diagnostics_publisher = Recorder()
         node._now_ns = lambda: self.book.now_ns
         self.temperature_c = -7.0
-        self.heated = 0
+        self.heated = self.heated_after_refused_update = 0
 
     # What is given
 
@@ -125,12 +128,14 @@ class Fuzz:
         book = self.book
         late = stamp_ns < book.state_ns
         if good and not late:
-            self.book = replace(book, state_ns=stamp_ns, is_refused=False, is_state_refused=False)
+            # Whether a refused route has ended the one before it shows in whether there is one.
+            self.book = replace(book, state_ns=stamp_ns, is_state_refused=False,
+                                is_route_refused=False)
         else:
-            self.book = replace(book, is_refused=True, is_state_refused=True)
+            self.book = replace(book, is_state_refused=True)
 
     def give_route(self):
-        good = self.random.random() < 0.3
+        good = self.random.random() < 0.75
         count = self.random.choice((1, 3, 12, 20, 40))
         cabin_w = [self.random.uniform(0.0, 6500.0) for _ in range(count)]
         duration_s = self.random.choice((5.0, 30.0, 60.0))
@@ -146,18 +151,42 @@ class Fuzz:
                    'charging_planned': self.random.random() < 0.9}
         start_ns = self.book.now_ns - round(self.random.uniform(-20.0, 100.0) * NS_PER_S)
         if not good:
+            if self.book.route and self.random.random() < 0.8:
+                start_ns = self.book.route[0] + round(self.random.uniform(0.0, 2.0) * NS_PER_S)
             self._spoil(columns, scalars)
-        message = RoutePlan(route_id=str(self.random.random()), **scalars, **{
+        route_id = self.random.choice(('', *['home'] * 17, 'work', 'x' * 300))
+        if good:
+            route_id = route_id[:6]
+        message = RoutePlan(route_id=route_id, **scalars, **{
             name: array('d', values) for name, values in columns.items()})
         if good or self.random.random() < 0.9:
             start_ns = max(start_ns, 1)
             message.header.stamp = Time(sec=start_ns // NS_PER_S, nanosec=start_ns % NS_PER_S)
         self.node._on_route_plan(message)
         if good:
-            self.book = replace(self.book, is_refused=self.book.is_state_refused,
-                                route=(start_ns, duration_s, tuple(cabin_w)))
+            self.book = replace(self.book, is_route_refused=False, is_update_due=False,
+                                route=(start_ns, duration_s, tuple(cabin_w), route_id))
         else:
-            self.book = replace(self.book, is_refused=True)
+            self.book = replace(
+                self.book, is_route_refused=True, is_update_due=True,
+                route=self.book.route if self._is_update(message) else ())
+
+    def _is_update(self, message):
+        """Whether the trip before a refused route may go on, as docs/safety.md has it."""
+        if not self.book.route or not message.charging_planned or not message.route_id:
+            return False
+        start_ns, duration_s, cabin_w, route_id = self.book.route
+        durations_s = list(message.segment_duration)
+        if message.route_id != route_id or not all(0.0 < one < 1e5 for one in durations_s):
+            return False
+        # Where nothing is wrong with them, nearly all arrays have one length, or 1.
+        end_ns = nanoseconds(message.header.stamp) + sum(durations_s) * NS_PER_S
+        return end_ns >= start_ns + duration_s * len(cabin_w) * NS_PER_S - 1e6
+
+    def give_cancellation(self):
+        self.node._on_route_plan(RoutePlan(
+            route_id=self.random.choice(('', 'home')), minimum_arrival_soc=nan))
+        self.book = replace(self.book, is_route_refused=False, route=())
 
     def _spoil(self, columns, scalars):
         kind = self.random.random()
@@ -194,8 +223,7 @@ class Fuzz:
         self.node._on_battery_state(BatteryState(temperature=-7.0, percentage=0.8))
         assert self.commands.last.battery_heating_power == 0.0
         # That was a fall back.
-        self.book = replace(book, latest_ns=book.now_ns, state_ns=NEVER, is_refused=True,
-                            is_state_refused=True)
+        self.book = replace(book, latest_ns=book.now_ns, state_ns=NEVER, is_state_refused=True)
 
     def give_enable(self):
         on = self.random.random() < 0.8
@@ -223,10 +251,12 @@ class Fuzz:
         if power_w == 0.0:
             return
         self.heated += 1
-        assert book.enabled and not book.is_refused and book.route, book
+        self.heated_after_refused_update += book.is_update_due
+        assert book.enabled and book.route, book
+        assert not (book.is_state_refused or book.is_route_refused), book
         age_s = (book.now_ns - book.state_ns) / NS_PER_S
         assert -TOLERANCE_S <= age_s < TIMEOUT_S, age_s
-        start_ns, duration_s, cabin_w = book.route
+        start_ns, duration_s, cabin_w, _ = book.route
         on_the_way_s = (book.now_ns - start_ns) / NS_PER_S
         assert 0.0 <= on_the_way_s < duration_s * len(cabin_w)
         # Planned in steps of 30 s or of what the route has, if that is longer: a step holds the mean.
@@ -255,7 +285,8 @@ def fuzz(tmp_path, monkeypatch):
 @pytest.mark.timeout(300)
 def test_no_message_ends_the_process_or_leaves_heat_on(fuzz):
     kinds = ((fuzz.give_state, 70), (fuzz.give_time, 17), (fuzz.give_route, 11),
-             (fuzz.give_enable, 1), (fuzz.give_parameters, 0.5), (fuzz.give_no_clock, 0.2))
+             (fuzz.give_cancellation, 0.3), (fuzz.give_enable, 1), (fuzz.give_parameters, 0.5),
+             (fuzz.give_no_clock, 0.2))
     gives, weights = zip(*kinds)
     for give in fuzz.random.choices(gives, weights, k=MESSAGES):
         given = fuzz.commands.count
@@ -265,3 +296,4 @@ def test_no_message_ends_the_process_or_leaves_heat_on(fuzz):
         assert fuzz.commands.count > given or give == fuzz.give_parameters
     # The oracle was no idle one: it heated often in between.
     assert fuzz.heated > MESSAGES // 50
+    assert fuzz.heated_after_refused_update > MESSAGES // 5000

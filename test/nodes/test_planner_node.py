@@ -9,6 +9,7 @@ habit; those that need it fresh, or end it, start their own.
 from array import array
 from contextlib import contextmanager
 from math import inf, isnan, nan
+import re
 import signal
 import subprocess
 import sys
@@ -260,8 +261,10 @@ BAD_STATES = {
                        'percentage: nan is not a known value'),
     'percentage_of_100': (lambda car: car.state(percentage=80.0),
                           'percentage: 80 is not allowed; it must be 0 ... 1'),
+    'percentage_unset': (lambda car: car.state(percentage=0.0),
+                         'percentage: 0 counts as not given where present is false'),
     'no_stamp': (lambda car: BatteryState(temperature=-7.0, percentage=0.8),
-                 'header.stamp: is 0; it must be set'),
+                 'header.stamp: is 0; it must be set, as "header: auto" of ros2 topic pub does'),
     'late': (lambda car: car.state(age_s=60.0), 'header.stamp: the state is 60.'),
     'from_the_future': (lambda car: car.state(age_s=-60.0), 'header.stamp: the state is -'),
     'out_of_order': (lambda car: car.state(age_s=0.9 * TIMEOUT_S),
@@ -357,11 +360,138 @@ def test_a_bad_route_is_in_the_diagnostics_even_while_states_keep_coming(car):
             and 'route_plan refused: speed[0]: -1 is not allowed' in array.status[0].message)
 
 
-def test_after_a_bad_route_the_one_before_goes_on(car):
-    car.send_route(car.route(route_id='wrong', speed=[-1.0]))
-    car.plans.wait_for(lambda plan: plan.status == Status.INVALID_INPUT)
-    car.plans.clear()
-    assert car.send_marked_state().route_id == 'home'
+UPDATE = {'speed': [-1.0]}
+# What is refused besides the speed, and whether the route before it goes on.
+REFUSED_ROUTES = {
+    'update': ({}, True), 'later': ({'segment_duration': [31.0] * 40}, True),
+    'earlier': ({'segment_duration': [29.0] * 40}, False),
+    'other_id': ({'route_id': 'work'}, False), 'no_id': ({'route_id': ''}, False),
+    'cancelled': ({'charging_planned': False}, False),
+    'unreadable': ({'segment_duration': [nan]}, False),
+    'stop': ({'stop_after_segment': [20], 'stop_duration': [600.0]}, False)}
+
+
+@pytest.mark.parametrize('fields, goes_on', REFUSED_ROUTES.values(), ids=REFUSED_ROUTES)
+def test_after_a_refused_route_the_one_before_goes_on_only_if_it_was_not_called_off(
+        car, fields, goes_on):
+    # Else the same route, stamped later, would arrive later.
+    first = car.route()
+    car.send_route(first)
+    refused = car.route(**{**UPDATE, **fields})
+    refused.header.stamp = first.header.stamp
+    with car.feeding():
+        car.plans.wait_for(lambda plan: plan.route_id == 'home')
+        car.send_route(refused)
+        car.plans.wait_for(lambda plan: plan.status == Status.INVALID_INPUT)
+        # Some states later, if it may.
+        car.plans.clear()
+        car.commands.clear()
+        car.diagnostics.clear()
+        if goes_on:
+            car.commands.wait_for(heats, 'heating by the route before')
+            status = 'TARGET_UNREACHABLE'
+        else:
+            plans = car.plans.wait_for_count(10)
+            assert {(plan.status, plan.route_id) for plan in plans} == {(Status.INVALID_INPUT, '')}
+            assert not any(map(heats, car.commands.messages))
+            status = 'INVALID_INPUT'
+        # The diagnostics remain at ERROR and name what was refused.
+        car.diagnostics.wait_for(lambda array: array.status[0].message.startswith(f'{status}: '))
+        car.diagnostics.wait_for_count(4)
+        entries = [array.status[0] for array in car.diagnostics.messages]
+        assert {(entry.level, 'route_plan refused: ' in entry.message
+                 and 'speed[0]: -1 is not allowed' in entry.message) for entry in entries} == {
+            (DiagnosticStatus.ERROR, True)}
+        car.send_route()
+        car.diagnostics.wait_for(
+            lambda array: array.status[0].level == DiagnosticStatus.WARN
+            and array.status[0].message.startswith('TARGET_UNREACHABLE: '), 'a good route')
+
+
+def test_a_parameter_does_not_bring_a_route_back_that_was_called_off(tunable_car):
+    tunable_car.send_route(tunable_car.route(route_id='work', speed=[-1.0]))
+    tunable_car.plans.wait_for(lambda plan: plan.status == Status.INVALID_INPUT)
+    with tunable_car.feeding():
+        assert tunable_car.set_parameters(clock_tolerance=0.75).successful
+        tunable_car.plans.clear()
+        plans = tunable_car.plans.wait_for_count(10)
+    assert {plan.status for plan in plans} == {Status.INVALID_INPUT}
+
+
+# Cancellation
+
+def test_a_cancelled_trip_stays_off_while_states_keep_coming(car):
+    with car.feeding():
+        car.send_route(RoutePlan())
+        car.plans.wait_for(lambda plan: plan.status == Status.NO_CHARGING_PLANNED)
+        for recorder in (car.plans, car.commands, car.diagnostics):
+            recorder.clear()
+        plans = car.plans.wait_for_count(10)
+        array = car.diagnostics.wait_for_count(2)[-1]
+    assert {(plan.status, plan.explanation, plan.route_id) for plan in plans} == {
+        (Status.NO_CHARGING_PLANNED,
+         'The trip was cancelled: no heating until a new route plan arrives.', '')}
+    assert not any(map(heats, car.commands.messages))
+    assert (array.status[0].level, array.status[0].message.partition(':')[0]) == (
+        DiagnosticStatus.OK, 'NO_CHARGING_PLANNED')
+
+
+def test_a_parameter_does_not_bring_a_cancelled_trip_back(tunable_car):
+    tunable_car.send_route(RoutePlan())
+    tunable_car.plans.wait_for(lambda plan: plan.status == Status.NO_CHARGING_PLANNED)
+    with tunable_car.feeding():
+        assert tunable_car.set_parameters(clock_tolerance=0.75).successful
+        tunable_car.plans.clear()
+        plans = tunable_car.plans.wait_for_count(10)
+    assert {plan.status for plan in plans} == {Status.NO_CHARGING_PLANNED}
+
+
+def test_no_segments_with_charging_planned_are_no_cancellation(car):
+    car.send_route(RoutePlan(charging_planned=True))
+    car.plans.wait_for(lambda plan: plan.status == Status.INVALID_INPUT
+                       and 'missing or empty: segment_duration' in plan.explanation)
+
+
+# What was not typed
+
+def test_a_target_that_nobody_set_is_left_to_the_vehicle(car):
+    car.send_route(car.route(route_id='no target', target_battery_temperature=0.0))
+    with car.feeding():
+        plan = car.plans.wait_for(lambda plan: plan.route_id == 'no target')
+    # config/vehicles/reference.yaml
+    assert plan.target_battery_temperature == 25.0
+
+
+def test_a_target_of_0_degrees_can_be_asked_for(car):
+    car.send_route(car.route(route_id='cold', target_battery_temperature=0.0,
+                             has_target_battery_temperature=True))
+    with car.feeding():
+        plan = car.plans.wait_for(lambda plan: plan.route_id == 'cold')
+    assert plan.target_battery_temperature == 0.0
+
+
+def test_a_route_that_begins_later_is_told_from_now(car):
+    car.send_route(car.route(age_s=-600.0, route_id='later'))
+    with car.feeding():
+        plan = car.plans.wait_for(lambda plan: plan.route_id == 'later')
+    assert re.match(r'The route begins in (10:00|9:5\d) min\. Heating all the way is not enough: '
+                    r'arrival in (30:00|29:5\d) min ', plan.explanation)
+
+
+# Huge messages
+
+def test_a_message_of_a_megabyte_is_refused_in_few_words(car):
+    car.send_route(car.route(route_id='x' * 1_000_000))
+    plan = car.plans.wait_for(lambda plan: plan.status == Status.INVALID_INPUT)
+    assert len(plan.explanation) < 1000
+    assert 'route_id: ' in plan.explanation and 'at most 256 characters' in plan.explanation
+
+
+def test_a_parameter_of_a_megabyte_is_refused_in_few_words(tunable_car):
+    for value in ('x' * 1_000_000, f'/{"x" * 1_000_000}.yaml', '/x' * 500_000):
+        for name in ('vehicle', 'method'):
+            result = tunable_car.set_parameters(**{name: value})
+            assert (result.successful, len(result.reason) < 1000) == (False, True), result.reason
 
 
 # Very long routes
@@ -465,7 +595,7 @@ def test_the_quality_of_service_of_the_route_can_be_set(bench):
 # Parameters
 
 DEFAULTS = {'command_period': PERIOD_S, 'command_lease': LEASE_S,
-            'battery_state_timeout': TIMEOUT_S, 'target_battery_temperature': nan,
+            'battery_state_timeout': TIMEOUT_S, 'target_battery_temperature': 0.0,
             'planning_step': 30.0, 'clock_tolerance': 1.0, 'vehicle': 'reference'}
 
 

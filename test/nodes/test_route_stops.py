@@ -56,8 +56,11 @@ def problems_of(**changed):
 ALLOWED = {
     'stop_duration': '1 ... 86400',
     'stop_target_battery_temperature': "-60 ... 60, or NaN: the planner's own default",
-    'stop_minimum_arrival_soc': '0 ... 1', 'departure_battery_temperature': '-60 ... 60',
-    'departure_soc': '0 ... 1'}
+    'stop_minimum_arrival_soc': '0 ... 1',
+    'departure_battery_temperature': '-60 ... 60, or NaN: that wanted on arrival',
+    'departure_soc': '0 ... 1, or NaN: 0.8'}
+NAN_IS_ALLOWED = ('stop_target_battery_temperature', 'departure_battery_temperature',
+                  'departure_soc')
 OUTSIDE = {
     'stop_duration': (0.5, -700.0, 90000.0), 'stop_target_battery_temperature': (-61.0, 293.0),
     'stop_minimum_arrival_soc': (-0.25, 15.0), 'departure_battery_temperature': (-61.0, 304.0),
@@ -66,7 +69,7 @@ OUTSIDE = {
 
 @pytest.mark.parametrize('field, value', [
     (field, value) for field in STOP_FIELDS for value in (*OUTSIDE[field], inf, -inf, nan)
-    if not (isnan(value) and field == 'stop_target_battery_temperature')])
+    if not (isnan(value) and field in NAN_IS_ALLOWED)])
 def test_a_bad_value_is_refused_in_each_array(field, value):
     values = list(getattr(route_message(), field))
     values[1] = value
@@ -75,11 +78,13 @@ def test_a_bad_value_is_refused_in_each_array(field, value):
 
 
 @pytest.mark.parametrize('count', [0, 1, 3])
-@pytest.mark.parametrize('field', STOP_FIELDS)
+@pytest.mark.parametrize('field', [*STOP_FIELDS, 'stop_has_target_battery_temperature'])
 def test_an_array_of_another_length_is_refused(field, count):
-    value = getattr(route_message(), field)[0]
-    assert problems_of(**{field: [value] * count}) == [
-        f'{field}: has {count} values; it must have 2, as stop_after_segment has']
+    value = False if 'has' in field else getattr(route_message(), field)[0]
+    empty = '' if field == 'stop_duration' else ', or none'
+    if count > 0 or not empty:
+        assert problems_of(**{field: [value] * count}) == [
+            f'{field}: has {count} values; it must have 2, as stop_after_segment has{empty}']
 
 
 @pytest.mark.parametrize('after_segment, problem', [
@@ -98,12 +103,12 @@ def test_stops_without_their_segments_are_refused():
         STOP_FIELDS)
 
 
-def test_more_stops_than_are_planned_are_refused():
-    count = MOST_STOPS + 1
-    assert problems_of(
-        segment_duration=[10.0] * 50, speed=[12.0], stop_after_segment=list(range(count)),
-        **{field: [1.0] * count for field in STOP_FIELDS}) == [
-            'stop_after_segment: has 21 values; at most 20 stops are planned']
+@pytest.mark.parametrize('field', ['stop_after_segment', *STOP_FIELDS,
+                                   'stop_has_target_battery_temperature'])
+def test_more_stops_than_are_planned_are_refused(field):
+    value = 1 if field == 'stop_after_segment' else False if 'has' in field else 1.0
+    assert problems_of(**{field: [value] * (MOST_STOPS + 1)}) == [
+        f'{field}: has 21 values; at most 20 stops are planned']
 
 
 def test_as_many_stops_as_are_planned_are_accepted():
@@ -115,7 +120,7 @@ def test_as_many_stops_as_are_planned_are_accepted():
 
 def test_every_bad_field_is_named():
     problems = problems_of(speed=[nan], stop_after_segment=[2, 0], stop_duration=[0.0, 1.0],
-                           departure_soc=[0.5, nan], minimum_arrival_soc=2.0)
+                           departure_soc=[0.5, 1.5], minimum_arrival_soc=2.0)
     assert [problem.partition(':')[0] for problem in problems] == [
         'minimum_arrival_soc', 'speed[0]', 'stop_after_segment[1]', 'stop_duration[0]',
         'departure_soc[1]']
@@ -144,6 +149,48 @@ def test_without_stops_there_is_one_leg():
     ('departure', [None, BatteryState(31.0, 0.55), BatteryState(32.0, 0.65)])])
 def test_what_is_wanted_of_each_leg(attribute, expected):
     assert [getattr(leg, attribute) for leg in convert().legs] == expected
+
+
+@pytest.mark.parametrize('field, attribute, expected', [
+    ('stop_target_battery_temperature', 'target_temperature_c', [None, None, 27.0]),
+    ('stop_minimum_arrival_soc', 'minimum_arrival_soc', [0.0, 0.0, 0.35]),
+    # What is wanted on arrival; without a target of its own, the planner's default.
+    ('departure_battery_temperature', 'departure',
+     [None, BatteryState(21.0, 0.55), BatteryState(17.5, 0.65)]),
+    ('departure_soc', 'departure', [None, BatteryState(31.0, 0.8), BatteryState(32.0, 0.8)])])
+def test_an_empty_array_is_not_given_for_all_stops(field, attribute, expected):
+    mission = mission_from_message(
+        route_message(**{field: []}),
+        replace(VEHICLE.defaults, target_battery_temperature_c=17.5), 1000.0)
+    assert [getattr(leg, attribute) for leg in mission.legs] == expected
+
+
+@pytest.mark.parametrize('targets_c, has, expected', [
+    ([0.0, 21.0], [], [None, 21.0]), ([0.0, 0.0], [True, False], [0.0, None]),
+    ([nan, 0.0], [False, True], [None, 0.0]), ([5.0, -5.0], [False, False], [5.0, -5.0])])
+def test_a_stop_target_of_0_counts_where_it_is_said_to_be_there(targets_c, has, expected):
+    mission = convert(stop_target_battery_temperature=targets_c,
+                      stop_has_target_battery_temperature=has)
+    assert [leg.target_temperature_c for leg in mission.legs[:2]] == expected
+
+
+@pytest.mark.parametrize('targets_c', [[], [21.0, nan]])
+def test_a_stop_target_that_is_said_to_be_there_must_be_a_number(targets_c):
+    assert problems_of(stop_target_battery_temperature=targets_c,
+                       stop_has_target_battery_temperature=[False, True]) == [
+        'stop_has_target_battery_temperature[1]: is true; stop_target_battery_temperature[1] must '
+        'then be a finite number']
+
+
+@pytest.mark.parametrize('value, soc', [(0.0, 0.8), (nan, 0.8), (0.3, 0.3)])
+def test_a_departure_at_no_charge_is_not_given(value, soc):
+    assert convert(departure_soc=[0.55, value]).legs[2].departure.soc == soc
+
+
+@pytest.mark.parametrize('value, temperature_c', [(0.0, 0.0), (nan, 21.0)])
+def test_a_departure_at_0_degrees_is_cold(value, temperature_c):
+    legs = convert(departure_battery_temperature=[value, 32.0]).legs
+    assert legs[1].departure.temperature_c == temperature_c
 
 
 def test_segments_go_to_their_leg():

@@ -130,11 +130,15 @@ def test_route_is_there_for_late_joiners(record, route, start_simulator):
     assert message.charging_planned is False
 
 
-def test_target_is_left_to_the_planner_by_default(record, start_simulator):
+@pytest.mark.parametrize('parameters', [
+    {}, {'target_battery_temperature': 0.0}, {'target_battery_temperature': '.nan'}],
+    ids=['default', 'zero', 'nan'])
+def test_target_is_left_to_the_planner(record, start_simulator, parameters):
     plans = record(RoutePlan, 'route_plan', LATCHED)
-    start_simulator()
+    start_simulator(**parameters)
     message = plans.wait_for()
-    assert math.isnan(message.target_battery_temperature)
+    assert (message.target_battery_temperature, message.has_target_battery_temperature) == (
+        0.0, False)
     assert message.charging_planned is True
 
 

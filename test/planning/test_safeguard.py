@@ -82,7 +82,7 @@ def test_it_is_said_in_a_sentence(stranded):
     _, plan, _ = stranded
     minutes, seconds = divmod(round(plan.stranding.at_s), 60)
     assert plan.explanation == (
-        f'The charge does not carry this trip: the battery is empty after {minutes}:{seconds:02d} '
+        f'The charge does not carry this trip: the battery is empty in {minutes}:{seconds:02d} '
         f'min, at km {plan.stranding.at_m / 1e3:.1f}; {plan.stranding.lacking_wh / 1e3:.2f} kWh are '
         'lacking: no heating.')
 
@@ -157,7 +157,7 @@ def test_without_charging_it_is_said_too():
     plan = plan_preheating(REFERENCE, REFERENCE_ROUTE, BatteryState(COLD, 0.2),
                            Goal(25.0, charging_planned=False))
     assert plan.status is Status.NO_CHARGING_PLANNED
-    assert 'the battery is empty after 38:' in plan.explanation
+    assert 'the battery is empty in 38:' in plan.explanation
     assert plan.soc.min() == 0.0
 
 

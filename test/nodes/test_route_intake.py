@@ -1,0 +1,170 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Route plans on their way into a supervisor: what can be read of a refused one, and what it ends."""
+
+from dataclasses import replace
+from math import inf, nan
+
+from bev_preheat_msgs.msg import RoutePlan
+from builtin_interfaces.msg import Time
+import pytest
+
+from bev_preheat.control.inputs import Measurement
+from bev_preheat.control.settings import Settings
+from bev_preheat.control.supervisor import NS_PER_S, Supervisor
+from bev_preheat.errors import InvalidInput
+from bev_preheat.nodes.route_intake import refused_route_of, RouteIntake
+from bev_preheat.planning.situation import BatteryState
+from bev_preheat.planning.status import Status
+from bev_preheat.vehicle import load_vehicle
+
+VEHICLE = load_vehicle('reference')
+START_S = 1_700_000_000
+NOW_NS = START_S * NS_PER_S
+SETTINGS = Settings(estimation=False, minimum_on_time_s=0.0, minimum_off_time_s=0.0)
+
+
+def route_message(stamp=Time(sec=START_S), **changed):
+    """Return a route of 20 min that needs heat at once."""
+    message = RoutePlan(**{
+        'route_id': 'home', 'segment_duration': [30.0] * 40, 'speed': [20.0],
+        'propulsion_power': [20e3], 'ambient_temperature': [-7.0], 'charging_planned': True,
+        'target_battery_temperature': 25.0, **changed})
+    message.header.stamp = stamp
+    return message
+
+
+# What can be read
+
+def arrivals_s(**changed):
+    arrivals_ns = refused_route_of(route_message(**changed)).arrivals_ns
+    return None if arrivals_ns is None else [
+        (arrival_ns - NOW_NS) / NS_PER_S for arrival_ns in arrivals_ns]
+
+
+@pytest.mark.parametrize('changed, expected', [
+    ({}, [1200.0]), ({'segment_duration': [10.0, 20.0, 30.5]}, [60.5]),
+    ({'stamp': Time(sec=START_S + 7, nanosec=500_000_000)}, [1207.5]),
+    # One duration for all, whose number the other arrays agree on.
+    ({'segment_duration': [30.0], 'speed': [20.0] * 5}, [150.0]),
+    # What else is wrong does not matter.
+    ({'speed': [-1.0]}, [1200.0]), ({'propulsion_power': [nan]}, [1200.0]),
+    ({'speed': [20.0] * 39}, [1200.0]), ({'minimum_arrival_soc': 7.0}, [1200.0]),
+    ({'stop_after_segment': [9, 19], 'stop_duration': [600.0, 60.0]}, [300.0, 1200.0, 1860.0]),
+    ({'stop_after_segment': [9], 'stop_duration': [600.0], 'departure_soc': [9.0]},
+     [300.0, 1800.0])])
+def test_arrivals_that_can_be_read(changed, expected):
+    assert arrivals_s(**changed) == pytest.approx(expected)
+
+
+@pytest.mark.parametrize('changed', [
+    {'segment_duration': []}, {'segment_duration': [30.0] * 39 + [nan]},
+    {'segment_duration': [30.0] * 39 + [-30.0]}, {'segment_duration': [inf]},
+    # Nobody knows which of the two is right.
+    {'segment_duration': [30.0] * 39, 'speed': [20.0] * 40},
+    {'segment_duration': [30.0], 'speed': [20.0] * 5, 'propulsion_power': [1e3] * 6},
+    {'speed': [20.0] * 200_001}, {'stamp': Time()}, {'stamp': Time(sec=-5)},
+    {'stamp': Time(sec=START_S, nanosec=10**9)},
+    {'stop_after_segment': [9]}, {'stop_duration': [60.0]},
+    {'stop_after_segment': [9, 9], 'stop_duration': [60.0, 60.0]},
+    {'stop_after_segment': [39], 'stop_duration': [60.0]},
+    {'stop_after_segment': [9], 'stop_duration': [nan]},
+    {'stop_after_segment': list(range(21)), 'stop_duration': [60.0] * 21}])
+def test_arrivals_that_cannot_be_read(changed):
+    assert arrivals_s(**changed) is None
+
+
+@pytest.mark.parametrize('field, value', [('route_id', 'work'), ('charging_planned', False)])
+def test_the_rest_of_a_refused_route(field, value):
+    assert getattr(refused_route_of(route_message(**{field: value})), field) == value
+
+
+def test_a_huge_route_id_is_not_kept():
+    assert len(refused_route_of(route_message(route_id='x' * 1_000_000)).route_id) < 300
+
+
+# What becomes of it
+
+class Driver:
+    """An intake, and the supervisor behind it, that heats."""
+
+    def __init__(self):
+        self.supervisor = Supervisor(VEHICLE, SETTINGS)
+        self.intake = RouteIntake(self.supervisor)
+        self.intake.take(route_message())
+        assert self.fed(0.0)[0] > 0.0
+
+    def fed(self, second):
+        """Return (power [W], reason) after a good state at a second."""
+        now_ns = NOW_NS + round(second * NS_PER_S)
+        self.supervisor.accept_battery(Measurement(BatteryState(-7.0, 0.8), now_ns), now_ns)
+        self.supervisor.replan(now_ns)
+        command = self.supervisor.command(now_ns)
+        return command.battery_heating_power_w, command.reason
+
+    def refused(self, **changed):
+        with pytest.raises(InvalidInput):
+            self.intake.take(route_message(**changed))
+
+
+@pytest.fixture
+def driver():
+    return Driver()
+
+
+@pytest.mark.parametrize('changed', [
+    {'speed': [-1.0]}, {'propulsion_power': [nan]}, {'ambient_temperature': []},
+    {'minimum_arrival_soc': 2.0}, {'ambient_temperature': [-50.0]}, {'departure_soc': [7.0]},
+    {'segment_duration': [40.0] * 40, 'speed': [-1.0]}])
+def test_a_refused_update_leaves_the_route_before_it(driver, changed):
+    driver.refused(**changed)
+    assert driver.supervisor.command(NOW_NS).battery_heating_power_w == 0.0
+    assert driver.fed(1.0)[0] > 0.0
+
+
+@pytest.mark.parametrize('changed', [
+    {'speed': [-1.0], 'charging_planned': False}, {'speed': [-1.0], 'route_id': 'work'},
+    {'speed': [-1.0], 'route_id': ''}, {'speed': [-1.0], 'segment_duration': [29.0] * 40},
+    {'segment_duration': [nan]}, {'segment_duration': []}, {'stamp': Time()},
+    {'route_id': 'x' * 1_000_000}, {'speed': [20.0] * 300_000},
+    # No cancellation, for it has a stop, or some of a segment.
+    {**dict.fromkeys(('segment_duration', 'speed', 'propulsion_power', 'ambient_temperature'), []),
+     'charging_planned': False, 'stop_after_segment': [0]},
+    {**dict.fromkeys(('segment_duration', 'speed', 'propulsion_power'), []),
+     'charging_planned': False}])
+def test_any_other_refused_route_ends_the_route_before_it(driver, changed):
+    driver.refused(**changed)
+    # A change of parameters must not bring it back either.
+    driver.supervisor.settings = replace(SETTINGS, lease_s=1.0)
+    driver.intake.revise()
+    assert (driver.fed(1.0), driver.intake.message) == ((0.0, Status.INVALID_INPUT), None)
+
+
+@pytest.mark.parametrize('message', [RoutePlan(), RoutePlan(route_id='home')])
+def test_a_cancellation_ends_the_route_before_it(driver, message):
+    driver.intake.take(message)
+    driver.intake.revise()
+    assert driver.fed(1.0) == (0.0, Status.NO_CHARGING_PLANNED)
+
+
+def test_a_route_that_nobody_foresaw_ends_the_one_before_it(driver, monkeypatch):
+    def fail(*_):
+        raise MemoryError
+    monkeypatch.setattr('bev_preheat.nodes.route_intake.mission_from_message', fail)
+    with pytest.raises(MemoryError):
+        driver.intake.take(route_message(route_id='work'))
+    assert driver.fed(1.0) == (0.0, Status.INVALID_INPUT)
+    assert driver.supervisor.refused_route.startswith(
+        'route_plan refused: cannot be read: MemoryError. ')
+
+
+def test_a_route_is_revised_with_the_present_settings(driver):
+    driver.supervisor.settings = replace(SETTINGS, planning_step_s=100.0)
+    driver.intake.revise()
+    leg, = driver.supervisor.mission.legs
+    assert leg.route.duration_s.tolist() == pytest.approx([100.0] * 12)
+
+
+def test_the_default_target_of_the_settings_is_that_of_a_departure(driver):
+    driver.supervisor.settings = replace(SETTINGS, target_temperature_c=13.0)
+    driver.intake.take(route_message(stop_after_segment=[9], stop_duration=[600.0]))
+    assert driver.supervisor.mission.legs[1].departure.temperature_c == 13.0
