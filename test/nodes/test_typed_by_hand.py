@@ -1,0 +1,103 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The commands `ros2 topic pub` of README.md, typed as printed, and the installed planner."""
+
+from contextlib import contextmanager
+from pathlib import Path
+import threading
+
+from bev_preheat_msgs.msg import HvchCommand, PreheatPlan, RoutePlan
+import pytest
+from sensor_msgs.msg import BatteryState
+from typed_commands import QOS, typed_commands
+
+from bev_preheat.nodes.convert import is_cancellation, time_message
+from bev_preheat.planning.status import Status
+
+README = (Path(__file__).parents[2] / 'README.md').read_text()
+COMMANDS = typed_commands(README)
+
+
+def command_for(message_type, cancels=False):
+    """Return the one command of README.md that publishes a type."""
+    found = [command for command in COMMANDS if command.message_type is message_type
+             and (message_type is not RoutePlan
+                  or is_cancellation(command.message(time_message(1))) is cancels)]
+    assert len(found) == 1, found
+    return found[0]
+
+
+class Shell:
+    """A planner, and who types commands beside it."""
+
+    def __init__(self, bench):
+        self._bench = bench
+        self.commands = bench.record(HvchCommand, 'hvch_command')
+        self.plans = bench.record(PreheatPlan, 'preheat_plan')
+        # Those who type do not latch.
+        self.process = bench.start(
+            'planner', '-p', 'qos_overrides./route_plan.subscription.durability:=volatile')
+        self.commands.wait_for_publisher()
+        self.plans.wait_for_publisher()
+
+    def type_once(self, command):
+        """Do what the command with --once does: wait for a subscriber, publish."""
+        assert command.once
+        self._publisher(command).publish(command.message(self._now()))
+
+    @contextmanager
+    def typing(self, command, period_s=0.2):
+        """Publish again and again, faster than ros2cli's 1 Hz to save time."""
+        assert not command.once
+        publisher, enough = self._publisher(command), threading.Event()
+
+        def publish():
+            while not enough.wait(period_s):
+                publisher.publish(command.message(self._now()))
+
+        thread = threading.Thread(target=publish)
+        thread.start()
+        try:
+            yield
+        finally:
+            enough.set()
+            thread.join()
+
+    def _publisher(self, command):
+        publisher = self._bench.publisher(command.message_type, command.topic, QOS)
+        publisher.wait_for_subscription()
+        return publisher
+
+    def _now(self):
+        return self._bench.node.get_clock().now().to_msg()
+
+
+@pytest.fixture
+def shell(bench):
+    return Shell(bench)
+
+
+def test_what_is_typed_heats_and_what_is_cancelled_stays_off(shell):
+    with shell.typing(command_for(BatteryState)):
+        shell.plans.wait_for(lambda plan: plan.status == Status.NO_ROUTE)
+        shell.type_once(command_for(RoutePlan))
+        shell.commands.wait_for(lambda command: command.battery_heating_power > 0.0, 'heating')
+
+        shell.type_once(command_for(RoutePlan, cancels=True))
+        plan = shell.plans.wait_for(lambda plan: plan.status == Status.NO_CHARGING_PLANNED)
+        assert plan.explanation == ('The trip was cancelled: no heating until a new route plan '
+                                    'arrives.')
+        # Ten battery states later.
+        shell.plans.clear()
+        shell.commands.clear()
+        plans = shell.plans.wait_for_count(10)
+        assert {plan.status for plan in plans} == {Status.NO_CHARGING_PLANNED}
+        assert {(command.battery_heating_power, command.reason)
+                for command in shell.commands.messages} == {(0.0, Status.NO_CHARGING_PLANNED)}
+
+        shell.type_once(command_for(RoutePlan))
+        shell.commands.wait_for(lambda command: command.battery_heating_power > 0.0,
+                                'heating again')
+
+
+def test_the_cancellation_is_as_short_as_can_be():
+    assert command_for(RoutePlan, cancels=True).values == {'charging_planned': False}
