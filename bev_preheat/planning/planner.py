@@ -28,15 +28,17 @@ from bev_preheat.planning.stranding import find_stranding
 from bev_preheat.planning.stretches import heating_stretches
 from bev_preheat.planning.trip import heated_throughout, make_trip
 
-# What each method proposes, the most demanding first: where a proposal would be worse than not
-# heating, the next one is tried (see `safeguard`).
 METHODS = {
-    'merit_order': (
-        plan_merit_order, partial(plan_merit_order, serves_climbs=False)),
-    'optimal_switch': (
-        plan_optimal_switch, giving_way(plan_optimal_switch)),
-    'paper': (
-        plan_paper, giving_way(plan_paper)),
+    'merit_order': plan_merit_order,
+    'optimal_switch': plan_optimal_switch,
+    'paper': plan_paper,
+}
+# What each method proposes to drive by, the most demanding first: where a proposal would be worse
+# than not heating, the next one is tried (see `safeguard`).
+PROPOSALS = {
+    'merit_order': (plan_merit_order, partial(plan_merit_order, serves_climbs=False)),
+    'optimal_switch': (giving_way(plan_optimal_switch),),
+    'paper': (giving_way(plan_paper),),
 }
 DEFAULT_METHOD = 'merit_order'
 
@@ -93,10 +95,10 @@ def _schedule(trip, state, goal, method, caution, safeguarded, options):
             return as_described(trip, state, schedule)
         return schedule_for
 
-    proposals = [proposal(propose) for propose in METHODS[method]]
-    if safeguarded:
-        return Safeguard(trip, state, goal, unheated).serve(proposals)
-    return proposals[0](goal.target_temperature_c)
+    if not safeguarded:
+        return proposal(METHODS[method])(goal.target_temperature_c)
+    return Safeguard(trip, state, goal, unheated).serve(
+        [proposal(propose) for propose in PROPOSALS[method]])
 
 
 def as_described(trip, state, schedule):

@@ -199,9 +199,20 @@ def test_surplus_goes_to_the_heater_before_the_brake(segments, state):
 def test_brake_takes_no_more_than_the_battery_may_not(segments, state):
     trip, _, schedule = drawn_run(segments, state)
     power_w, charge_w, _ = power_in_steps_w(trip, schedule)
-    braked = (schedule.brake_power_w > 0.0) & (
+    # Into a full battery goes nothing, whatever its limit says.
+    full = schedule.soc[1:] >= 1.0 - 1e-9
+    braked = ~full & (schedule.brake_power_w > 0.0) & (
         schedule.brake_power_w < -trip.route.propulsion_power_w)
     assert power_w[braked] == pytest.approx(charge_w[braked], rel=1e-6, abs=1e-6)
+
+
+def test_brake_keeps_a_battery_from_being_overfilled():
+    # By its limits this battery may take 18 kW at 25 degC although it is full.
+    trip = steady_trip(4, propulsion_power_w=-19e3)
+    schedule = run(trip, BatteryState(25.0, 0.9995), [0.0] * 4)
+    assert schedule.soc.max() == 1.0
+    # Cabin and auxiliaries use 1.9 kW; the rest has to go somewhere.
+    assert schedule.brake_power_w[-1] == pytest.approx(19e3 - 1.9e3, rel=1e-6)
 
 
 def test_surplus_of_one_step_by_hand():
