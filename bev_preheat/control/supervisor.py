@@ -79,9 +79,9 @@ class Supervisor:
     The planner's memory and judgement.
 
     `accept_battery` and `accept_mission` take input and raise InvalidInput where they refuse it,
-    `cancel` drops the trip; `replan` makes `decision`; `command` says what holds at an instant, `later_decisions` what is
-    planned beyond the next stop. `vehicle`, `settings` and `enabled` may be set at any time;
-    `replan` then takes them into account.
+    `cancel` drops the trip; `replan` makes `decision`; `command` says what holds at an instant,
+    `later_decisions` what is planned beyond the next stop. `vehicle`, `settings`, `enabled` and
+    `rivals` may be set at any time; `replan` then takes them into account.
     """
 
     def __init__(self, vehicle: Vehicle, settings: Settings):
@@ -90,6 +90,7 @@ class Supervisor:
         self._commands, self._switch = CommandHistory(), HeaterSwitch()
         self.vehicle = vehicle
         self.enabled = True
+        self.rivals = ''  # The names of other nodes that command the same heater.
         self.mission: Optional[Mission] = None
         self.measurement: Optional[Measurement] = None
         # Whether the latest route plan called the trip off.
@@ -197,8 +198,7 @@ class Supervisor:
 
     def _check_battery(self, measurement, now_ns):
         if now_ns == 0:
-            raise InvalidInput('the clock has not started: use_sim_time is set and no /clock has '
-                               'come')
+            raise InvalidInput('use_sim_time is set and no /clock has arrived: time stands at 0')
         check_situation(self.vehicle, state=measurement.state)
         age_s = (now_ns - measurement.stamp_ns) / NS_PER_S
         timeout_s = self.settings.battery_state_timeout_s
@@ -300,6 +300,9 @@ class Supervisor:
         """Return why the heater is off whatever a plan says; None where nothing stands against."""
         if not self.enabled:
             return Decision(Status.DISABLED, 'Preheating is switched off through ~/enable.')
+        if self.rivals:
+            return Decision(Status.COMMAND_CONFLICT, 'hvch_command is also published by '
+                            f'{self.rivals}; the heater is off until only one is left.')
         if self._refusals.obstacle is not None:
             return Decision(Status.INVALID_INPUT, self._refusals.obstacle)
         if self.is_cancelled:

@@ -9,6 +9,8 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.qos import QoSDurabilityPolicy, QoSProfile, qos_profile_sensor_data
 from sensor_msgs.msg import BatteryState, Temperature
 
+from bev_preheat.nodes.route_listener import RouteListener
+
 LATCHED = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
 # Topic: (type, QoS, age from which on it is worth a look [s of real time]; None: it comes once).
 TOPICS = {
@@ -76,5 +78,11 @@ def stamp_s(stamp):
 def subscribe(node, heard):
     """Subscribe a node to all topics."""
     for topic, (kind, qos, _) in TOPICS.items():
-        node.create_subscription(
-            kind, topic, lambda message, topic=topic: heard.hear(topic, message), qos)
+        def hear(message, topic=topic):
+            heard.hear(topic, message)
+
+        if kind is RoutePlan:
+            # Whoever publishes it; what the planner refuses for its length is not shown.
+            RouteListener(node, hear, lambda error: None)
+        else:
+            node.create_subscription(kind, topic, hear, qos)

@@ -22,6 +22,7 @@ LEVELS = {
     Status.STALE_INPUT: DiagnosticStatus.ERROR,
     Status.INVALID_INPUT: DiagnosticStatus.ERROR,
     Status.INTERNAL_ERROR: DiagnosticStatus.ERROR,
+    Status.COMMAND_CONFLICT: DiagnosticStatus.ERROR,
 }
 HEATER_LEVELS = {
     Heater.ANSWERS: DiagnosticStatus.OK,

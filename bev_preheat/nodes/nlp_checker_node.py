@@ -6,19 +6,19 @@ from functools import wraps
 import sys
 from time import monotonic
 
-from bev_preheat_msgs.msg import OptimalityReport, PreheatPlan, RoutePlan
+from bev_preheat_msgs.msg import OptimalityReport, PreheatPlan
 from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data, QoSDurabilityPolicy, QoSProfile
-from rclpy.qos_overriding_options import QoSOverridingOptions
 from sensor_msgs.msg import BatteryState
 from std_srvs.srv import Trigger
 
 from bev_preheat.control.settings import Settings
 from bev_preheat.control.supervisor import NS_PER_S, Supervisor
 from bev_preheat.errors import InvalidInput, LONGEST_PROBLEM, shortened
+from bev_preheat.nodes.command_line import Program
 from bev_preheat.nodes.convert import is_cancellation, measurement_from_message
 from bev_preheat.nodes.optimality import (
     case_of_plan, case_of_state, checker_diagnostics, report_message, report_sentence,
@@ -26,6 +26,8 @@ from bev_preheat.nodes.optimality import (
 from bev_preheat.nodes.parameters import check, declare, Parameter
 from bev_preheat.nodes.process import run_node
 from bev_preheat.nodes.route_intake import RouteIntake
+from bev_preheat.nodes.route_listener import RouteListener
+from bev_preheat.nodes.setup_watch import SetupWatch
 from bev_preheat.optimum.worker import Failure, SolverProcess
 from bev_preheat.vehicle import load_vehicle
 
@@ -44,6 +46,15 @@ PARAMETERS = (
     Parameter('clock_tolerance', DEFAULTS.clock_tolerance_s,
               'A battery state may be stamped this far in the future', 's', (0.0, 10.0)),
 )
+PROGRAM = Program(
+    'nlp_checker', "Solves the nonlinear program for the planner's situation and reports how far "
+    'the plan is from the optimum.', PARAMETERS,
+    subscribes=(('battery_state', 'sensor_msgs/BatteryState'),
+                ('route_plan', 'bev_preheat_msgs/RoutePlan'),
+                ('preheat_plan', 'bev_preheat_msgs/PreheatPlan')),
+    publishes=(('optimality_report', 'bev_preheat_msgs/OptimalityReport'),
+               ('/diagnostics', 'diagnostic_msgs/DiagnosticArray')),
+    services=(('~/check', 'std_srvs/Trigger: checks now'),))
 _OWN = frozenset(parameter.name for parameter in PARAMETERS)
 
 # While something is under way, the solver's process is looked after this often, in real time.
@@ -100,9 +111,7 @@ class NlpCheckerNode(Node):
         self._diagnostics_publisher = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
         state_qos = QoSProfile(depth=1, reliability=qos_profile_sensor_data.reliability)
         self.create_subscription(BatteryState, 'battery_state', self._on_battery_state, state_qos)
-        self.create_subscription(
-            RoutePlan, 'route_plan', self._on_route_plan, latched,
-            qos_overriding_options=QoSOverridingOptions.with_default_policies())
+        RouteListener(self, self._on_route_plan, self._on_refused_route)
         self.create_subscription(PreheatPlan, 'preheat_plan', self._on_preheat_plan, latched)
         self.create_service(Trigger, '~/check', self._on_check)
 
@@ -113,6 +122,8 @@ class NlpCheckerNode(Node):
         self._poll_timer = self.create_timer(POLL_PERIOD_S, self._on_poll, clock=steady_clock)
         self._poll_timer.cancel()
         self.create_timer(DIAGNOSTICS_PERIOD_S, self._on_diagnostics, clock=steady_clock)
+        self._setup = SetupWatch(
+            self, ('battery_state', 'route_plan', 'preheat_plan'), ('optimality_report',))
         self.get_logger().info(f'Checking plans for vehicle {vehicle.name}.')
 
     # Input
@@ -124,7 +135,7 @@ class NlpCheckerNode(Node):
             measurement = measurement_from_message(message)
             self._inputs.accept_battery(measurement, now_ns)
         except InvalidInput as error:
-            self._refuse('battery_state', error)
+            self._refuse('battery_state', self._setup.explained(error, message.header.stamp))
             return
         self._problems.pop('battery_state', None)
         if self._measurements and measurement.stamp_ns < self._measurements[-1].stamp_ns:
@@ -153,6 +164,11 @@ class NlpCheckerNode(Node):
         # Forecasts for a route that is known may come faster than the solver is.
         self._want(is_urgent=before is None or before.route_id != message.route_id)
         self._begin_if_possible()
+
+    @guarded
+    def _on_refused_route(self, error):
+        self._routes.refuse(error)
+        self._refuse('route_plan', error)
 
     @guarded
     def _on_preheat_plan(self, message):
@@ -293,9 +309,11 @@ class NlpCheckerNode(Node):
             **{name: str(count) for name, count in self._counts.items()}}
         if self._report is not None:
             values['last report'] = report_sentence(self._report)
-        self._diagnostics_publisher.publish(checker_diagnostics(
+        message = checker_diagnostics(
             self.get_fully_qualified_name(), self._inputs.vehicle.name,
-            list(self._problems.values()), values, self._now_ns()))
+            list(self._problems.values()), values, self._now_ns())
+        message.status.append(self._setup.entry(self._inputs.vehicle.name))
+        self._diagnostics_publisher.publish(message)
 
     # Parameters
 
@@ -360,7 +378,7 @@ def _settings(values):
 
 def main():
     """Run the checker until it is told to end."""
-    sys.exit(run_node(NlpCheckerNode))
+    sys.exit(run_node(NlpCheckerNode, PROGRAM))
 
 
 if __name__ == '__main__':

@@ -47,6 +47,23 @@ class Parameter:
             additional_constraints='; '.join(constraints),
             floating_point_range=ranges, read_only=self.read_only)
 
+    def default_text(self):
+        """Return the default as a person writes it."""
+        if isinstance(self.default, bool):
+            return str(self.default).lower()
+        return str(self.default) if self.default != '' else 'empty'
+
+    def help_text(self):
+        """Return what --help says: description, unit, range."""
+        text = self.description.rstrip('.')
+        unit = f' {self.unit}' if self.unit else ''
+        if self.limits:
+            text += f'; {self.limits[0]:g} ... {self.limits[1]:g}{unit}'
+            text += f'; 0 or NaN: {self.unset_means}' if self.unset_means else ''
+        if self.choices:
+            text += f'; one of {", ".join(self.choices)}'
+        return f'{text}.'
+
     def problem_with(self, value):
         """Return a sentence on what is wrong with a value, None if nothing is."""
         unit = f' {self.unit}' if self.unit else ''

@@ -5,23 +5,23 @@ from dataclasses import dataclass
 from functools import wraps
 import sys
 
-from bev_preheat_msgs.msg import HvchCommand, PreheatPlan, RoutePlan
+from bev_preheat_msgs.msg import PreheatPlan
 from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
 from rclpy.node import Node
-from rclpy.qos import (
-    QoSDurabilityPolicy, QoSPolicyKind, QoSProfile, qos_profile_sensor_data)
-from rclpy.qos_overriding_options import QoSOverridingOptions
+from rclpy.qos import QoSDurabilityPolicy, QoSProfile, qos_profile_sensor_data
 from sensor_msgs.msg import BatteryState, Temperature
 from std_srvs.srv import SetBool
 
 from bev_preheat.control.settings import (
     PARAMETERS as SETTINGS_BY_PARAMETER, Settings, settings_of)
-from bev_preheat.control.supervisor import Decision, Supervisor
+from bev_preheat.control.supervisor import Decision, NS_PER_S, Supervisor
 from bev_preheat.errors import InvalidInput, LONGEST_PROBLEM, shortened
 from bev_preheat.estimation.hypotheses import Heater
+from bev_preheat.nodes.command_line import Program
+from bev_preheat.nodes.command_publisher import CommandPublisher
 from bev_preheat.nodes.convert import (
     command_message, measurement_from_message, plan_message, temperature_message)
 from bev_preheat.nodes.diagnostics import heater_sentence, planner_diagnostics
@@ -29,6 +29,8 @@ from bev_preheat.nodes.parameters import check, declare, Parameter
 from bev_preheat.nodes.process import run_node
 from bev_preheat.nodes.remembering import check_parameter, Remembering, SAVE_PERIOD_S
 from bev_preheat.nodes.route_intake import RouteIntake
+from bev_preheat.nodes.route_listener import RouteListener
+from bev_preheat.nodes.setup_watch import SetupWatch
 from bev_preheat.planning.planner import METHODS
 from bev_preheat.planning.status import Status
 from bev_preheat.vehicle import load_vehicle, vehicle_fingerprint
@@ -51,7 +53,7 @@ PARAMETERS = (
     Parameter('planning_step', DEFAULTS.planning_step_s,
               'Routes are planned in steps of this length', 's', (1.0, 300.0)),
     Parameter('arrival_soc_margin', DEFAULTS.arrival_soc_margin,
-              'Left on top of the state of charge that a route asks for, 0 ... 1', '', (0.0, 0.5)),
+              'Left on top of the state of charge that a route asks for', '', (0.0, 0.5)),
     Parameter('estimation', DEFAULTS.estimation,
               'Estimate temperature and model on line, and plan with a margin for what is unsure.'),
     Parameter('minimum_on_time', DEFAULTS.minimum_on_time_s,
@@ -61,9 +63,16 @@ PARAMETERS = (
     Parameter('state_file', '', 'File that keeps what was learned of the car: a new one, or one '
               'that was written before; empty: none.'),
 )
-# What ROS lets one override by default, and durability: a trip planner may not latch its route.
-ROUTE_POLICIES = (QoSPolicyKind.HISTORY, QoSPolicyKind.DEPTH, QoSPolicyKind.RELIABILITY,
-                  QoSPolicyKind.DURABILITY)
+PROGRAM = Program(
+    'planner', 'Plans when to heat the battery before fast charging, and commands the heater.',
+    PARAMETERS,
+    subscribes=(('battery_state', 'sensor_msgs/BatteryState'),
+                ('route_plan', 'bev_preheat_msgs/RoutePlan')),
+    publishes=(('hvch_command', 'bev_preheat_msgs/HvchCommand: power for the battery, a lease'),
+               ('preheat_plan', 'bev_preheat_msgs/PreheatPlan: status, sentence, trajectories'),
+               ('predicted_arrival_temperature', 'sensor_msgs/Temperature'),
+               ('/diagnostics', 'diagnostic_msgs/DiagnosticArray')),
+    services=(('~/enable', 'std_srvs/SetBool: false switches preheating off'),))
 # A subscriber that hangs must not keep the process from ending.
 LAST_WORDS_TIME = Duration(seconds=0.5)
 _OWN = frozenset(parameter.name for parameter in PARAMETERS)
@@ -108,7 +117,8 @@ class PlannerNode(Node):
         self._published_status = None
 
         latched = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
-        self._command_publisher = self.create_publisher(HvchCommand, 'hvch_command', 1)
+        self._command_publisher = commands = CommandPublisher(
+            self, lambda: round(self._supervisor.settings.lease_s * NS_PER_S), self._on_rival)
         self._temperature_publisher = self.create_publisher(
             Temperature, 'predicted_arrival_temperature', 1)
         self._plan_publisher = self.create_publisher(PreheatPlan, 'preheat_plan', latched)
@@ -116,9 +126,7 @@ class PlannerNode(Node):
         state_qos = QoSProfile(
             depth=1, reliability=qos_profile_sensor_data.reliability)
         self.create_subscription(BatteryState, 'battery_state', self._on_battery_state, state_qos)
-        self.create_subscription(
-            RoutePlan, 'route_plan', self._on_route_plan, latched,
-            qos_overriding_options=QoSOverridingOptions(ROUTE_POLICIES))
+        RouteListener(self, self._on_route_plan, self._on_refused_route)
         self.create_service(SetBool, '~/enable', self._on_enable)
 
         self.add_on_set_parameters_callback(self._check_parameters)
@@ -129,6 +137,10 @@ class PlannerNode(Node):
         # In real time: simulated time may run at any speed, a disk does not.
         self.create_timer(SAVE_PERIOD_S, self._on_save_due,
                           clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self._setup = SetupWatch(
+            self, ('battery_state', 'route_plan'),
+            ('hvch_command', 'preheat_plan', 'predicted_arrival_temperature'),
+            also=(commands.look, self._on_rival, self._on_standing_clock))
         self.get_logger().info(
             f'Planning for vehicle {vehicle.name} with method {settings.method}.')
 
@@ -144,6 +156,7 @@ class PlannerNode(Node):
             if self._supervisor.on_track(now_ns):
                 answered = self._publish_command(now_ns)
         except InvalidInput as error:
+            error = self._setup.explained(error, message.header.stamp)
             self._supervisor.refuse_battery(error)
             self._log_refusal('battery_state', error)
         self._tell_findings()
@@ -156,6 +169,12 @@ class PlannerNode(Node):
             self._tell_route()
         except InvalidInput as error:
             self._log_refusal('route_plan', error)
+        self._replan(self._now_ns())
+
+    @guarded
+    def _on_refused_route(self, error):
+        self._routes.refuse(error)
+        self._log_refusal('route_plan', error)
         self._replan(self._now_ns())
 
     def _tell_route(self):
@@ -172,6 +191,26 @@ class PlannerNode(Node):
 
     def _log_refusal(self, source, error):
         self.get_logger().error(f'{source} refused: {error}', throttle_duration_sec=5.0)
+
+    @guarded
+    def _on_rival(self):
+        """Switch the heater off while another node commands it, and on again after that."""
+        now_ns = self._now_ns()
+        rivals, supervisor = self._command_publisher.rivals(now_ns), self._supervisor
+        if rivals == supervisor.rivals:
+            return
+        supervisor.rivals = rivals
+        if rivals:
+            self.get_logger().error(f'{rivals} also publishes hvch_command: the heater is off.')
+        else:
+            self.get_logger().info('No other node publishes hvch_command any more.')
+        self._replan(now_ns)
+
+    @guarded
+    def _on_standing_clock(self):
+        # The timers of a clock that stands never fire.
+        if self._setup.clock_stands:
+            self._publish_diagnostics(self._now_ns())
 
     @guarded
     def _on_enable(self, request, response):
@@ -263,9 +302,13 @@ class PlannerNode(Node):
         self._publish_diagnostics(now_ns)
 
     def _publish_diagnostics(self, now_ns):
-        self._diagnostics_publisher.publish(
-            planner_diagnostics(self.get_fully_qualified_name(), self._supervisor, now_ns,
-                                self._remembering.report()))
+        supervisor = self._supervisor
+        message = planner_diagnostics(
+            self.get_fully_qualified_name(), supervisor, now_ns, self._remembering.report())
+        message.status.append(self._setup.entry(
+            supervisor.vehicle.name,
+            f'{supervisor.rivals} also publishes hvch_command' if supervisor.rivals else ''))
+        self._diagnostics_publisher.publish(message)
 
     def _publish_command(self, now_ns):
         command = self._supervisor.command(now_ns)
@@ -324,7 +367,7 @@ def _take_effect(values):
 
 def main():
     """Run the planner until it is told to end."""
-    sys.exit(run_node(PlannerNode))
+    sys.exit(run_node(PlannerNode, PROGRAM))
 
 
 if __name__ == '__main__':

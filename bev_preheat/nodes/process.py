@@ -7,34 +7,36 @@ import sys
 import threading
 
 import rclpy
-from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
 from rclpy.executors import (
     ConditionReachedException, ExternalShutdownException, ShutdownException,
     SingleThreadedExecutor)
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
-from bev_preheat.errors import InvalidInput
+from bev_preheat.nodes.command_line import print_error, silent_rcl, START_ERRORS
 
 END_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
-def run_node(make_node, arguments=None):
+def run_node(make_node, program=None):
     """
     Make a node, spin it until SIGINT, SIGTERM or its own `finished` future, and end it.
 
-    The node's `last_words()`, if it has any, are called while it can still publish. Returns the
-    exit status: 0 after a clean end, 2 where parameters made a start impossible.
+    `program` (a command_line.Program) checks the process's arguments and answers --help. The node's
+    `last_words()`, if it has any, are called while it can still publish. Returns the exit status: 0
+    after a clean end, 2 where arguments or parameters made a start impossible.
     """
+    if program is not None:
+        program.check_arguments(sys.argv)
     # rclpy's own handlers would take the context down before the last command is out.
     told_to_end = _pipe_of_signals()
-    rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
     try:
         try:
+            with silent_rcl():
+                rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
             node = make_node()
-        except (InvalidInput, InvalidParameterTypeException,
-                InvalidParameterValueException) as error:
-            print(f'{sys.argv[0].rpartition("/")[2]}: error: {error}', file=sys.stderr)
+        except START_ERRORS as error:
+            print_error(error, program)
             return 2
         finished = getattr(node, 'finished', None) or Future()
         executor = SingleThreadedExecutor()

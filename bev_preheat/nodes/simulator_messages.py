@@ -9,7 +9,8 @@ from sensor_msgs.msg import BatteryState
 
 from bev_preheat.planning.simulate import Energies
 
-DIAGNOSTIC_NAME = 'vehicle_simulator: trip'
+# The name of the entry in /diagnostics begins with that of the node.
+ENTRY = ': trip'
 TEMPERATURE = 'battery temperature [degC]'
 WITHOUT_COMMAND = 'time without a valid command [s]'
 DRIVING, ARRIVED, EMPTY = 'driving', 'arrived', 'the battery is empty'
@@ -58,7 +59,7 @@ def _supply_status(current_a):
     return BatteryState.POWER_SUPPLY_STATUS_NOT_CHARGING
 
 
-def trip_diagnostics(plant, stamp):
+def trip_diagnostics(node_name, plant, stamp):
     """Return the DiagnosticArray with what really happened on the trip so far."""
     if plant.empty_at_s is not None:
         level, text = DiagnosticStatus.ERROR, EMPTY
@@ -76,7 +77,7 @@ def trip_diagnostics(plant, stamp):
         **{_energy_key(field): getattr(plant.energy_wh, field.name) for field in fields(Energies)},
     }
     message = DiagnosticArray(status=[DiagnosticStatus(
-        name=DIAGNOSTIC_NAME, hardware_id=plant.vehicle.name, level=level, message=text,
+        name=node_name.lstrip('/') + ENTRY, hardware_id=plant.vehicle.name, level=level, message=text,
         values=[KeyValue(key=key, value=f'{value:.4f}') for key, value in values.items()])])
     message.header.stamp = stamp
     return message
@@ -85,7 +86,7 @@ def trip_diagnostics(plant, stamp):
 def outcome_from_diagnostics(message):
     """Return the Outcome in a DiagnosticArray of the simulator's; None if it is not one."""
     for status in message.status:
-        if status.name == DIAGNOSTIC_NAME:
+        if status.name.endswith(ENTRY):
             values = {item.key: item.value for item in status.values}
             return Outcome(
                 state=status.message,
@@ -97,7 +98,7 @@ def outcome_from_diagnostics(message):
 
 def true_temperature_c(message):
     """Return the battery's true temperature [deg C] in a DiagnosticArray of the simulator's."""
-    (status,) = (status for status in message.status if status.name == DIAGNOSTIC_NAME)
+    (status,) = (status for status in message.status if status.name.endswith(ENTRY))
     return next(float(item.value) for item in status.values if item.key == TEMPERATURE)
 
 

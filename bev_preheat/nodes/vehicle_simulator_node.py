@@ -6,31 +6,32 @@ from functools import wraps
 import math
 from pathlib import Path
 import sys
-import time
 
 from bev_preheat_msgs.msg import HvchCommand, RoutePlan
+from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock as NodeClock, ClockType
 from rclpy.duration import Duration
 from rclpy.node import Node
-from rclpy.qos import QoSDurabilityPolicy, QoSProfile, QoSReliabilityPolicy
+from rclpy.qos import QoSDurabilityPolicy, QoSProfile
 from rclpy.task import Future
-from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import BatteryState as BatteryStateMessage
 
 from bev_preheat.control.inputs import NS_PER_S
 from bev_preheat.errors import InvalidInput
+from bev_preheat.nodes.command_line import print_error, Program
 from bev_preheat.nodes.convert import nanoseconds, route_plan_message, time_message
 from bev_preheat.nodes.parameters import check, declare, Parameter
 from bev_preheat.nodes.process import run_node
+from bev_preheat.nodes.setup_watch import SetupWatch
+from bev_preheat.nodes.simulated_time import NodeTime, OwnTime
 from bev_preheat.nodes.simulator_messages import battery_state_message, trip_diagnostics
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.situation import BatteryState, check_situation, Goal
 from bev_preheat.route import load_route
 from bev_preheat.simulation.heater_lease import lease_of_command, NO_LEASE
 from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections
-from bev_preheat.simulation.pace import Pace
 from bev_preheat.simulation.scenario import load_scenario
 from bev_preheat.simulation.sensors import Sensors
 from bev_preheat.vehicle import load_vehicle
@@ -45,16 +46,18 @@ PARAMETERS = (
               read_only=True),
     Parameter('initial_battery_temperature', -7.0, 'Battery temperature at the start',
               'degC', (-60.0, 60.0), read_only=True),
-    Parameter('initial_soc', 0.9, 'State of charge at the start, 0 ... 1', '', (0.0, 1.0),
+    Parameter('initial_soc', 0.9, 'State of charge at the start', '', (0.0, 1.0),
               read_only=True),
     Parameter('target_battery_temperature', 0.0,
               'Battery temperature wanted on arrival, as route_plan tells it', 'degC',
               (-60.0, 60.0), unset_means='left to the planner', read_only=True),
     Parameter('minimum_arrival_soc', 0.0,
-              'State of charge wanted on arrival at least, as route_plan tells it, 0 ... 1', '',
+              'State of charge wanted on arrival at least, as route_plan tells it', '',
               (0.0, 1.0), read_only=True),
     Parameter('charging_planned', True, 'Whether the route ends at a fast charger.',
               read_only=True),
+    Parameter('publish_clock', True, 'Whether /clock is this simulator\'s; false: the drive goes by '
+              "the node's clock, which is another's /clock with use_sim_time.", read_only=True),
     Parameter('start_time', 0.0, 'Simulated time at the start, since the epoch; 0: now', 's',
               (0.0, 2.1e9), read_only=True),
     Parameter('wait_for_planner', False,
@@ -69,6 +72,15 @@ PARAMETERS = (
     Parameter('exit_on_arrival', False,
               'End the process some seconds after the drive has ended.'),
 )
+
+PROGRAM = Program(
+    'vehicle_simulator', 'Drives a route in simulated time and heats its battery as hvch_command '
+    'allows.', PARAMETERS,
+    subscribes=(('hvch_command', 'bev_preheat_msgs/HvchCommand'),),
+    publishes=(('battery_state', 'sensor_msgs/BatteryState'),
+               ('route_plan', 'bev_preheat_msgs/RoutePlan'),
+               ('/clock', 'rosgraph_msgs/Clock, with publish_clock'),
+               ('/diagnostics', 'diagnostic_msgs/DiagnosticArray')))
 
 # How long listeners have to see the arrival before exit_on_arrival ends the process.
 LINGER_SIMULATED_S = 5.0
@@ -95,10 +107,10 @@ def guarded(callback):
 
 class VehicleSimulatorNode(Node):
     """
-    An `ImperfectCar` behind topics, and the source of `/clock`.
+    An `ImperfectCar` behind topics, and the source of `/clock` unless that is another's.
 
-    Simulated time is what `/clock` says: it moves in ticks and stands between them. A command
-    holds from the tick before its arrival on.
+    Simulated time moves in ticks and stands between them. A command holds from the tick before its
+    arrival on. `exit_status` is that of the process, when `finished` is done.
     """
 
     def __init__(self):
@@ -106,22 +118,24 @@ class VehicleSimulatorNode(Node):
         super().__init__('vehicle_simulator')
         values = declare(self, PARAMETERS)
         self.finished = Future()
-        self.failed = False
+        self.exit_status = 0
         self._lease = NO_LEASE
         self._car, route_name = _departure(values)
         self._plant = self._car.plant
-        self._start_ns = round(values['start_time'] * NS_PER_S) or time.time_ns()
-        mission = self._car.mission(self._start_ns)
-        self._pace = Pace(values['speed_up'])
+        self._owns_clock = values['publish_clock']
+        if not self._owns_clock and self._car.imperfections.clock_jumps:
+            raise InvalidInput(f'scenario {values["scenario"]} makes the clock jump; that is not '
+                               'possible with publish_clock:=false')
+        self._time = OwnTime(
+            self, round(values['start_time'] * NS_PER_S), values['speed_up'], self._on_lost_clock
+        ) if self._owns_clock else NodeTime(self, values)
+        self._pace = self._time.pace
         self._waits_for_planner = values['wait_for_planner']
         self._listeners_awaited = values['wait_for_listeners']
         self._is_held = self._waits_for_planner or self._listeners_awaited > 0
         self._stood_since_s = None
         self._published_s = 0.0
 
-        # As rclcpp's ClockQoS and rclpy's own subscription have it.
-        self._clock_publisher = self.create_publisher(
-            Clock, '/clock', QoSProfile(depth=1, reliability=QoSReliabilityPolicy.BEST_EFFORT))
         self._state_publisher = self.create_publisher(BatteryStateMessage, 'battery_state', 1)
         self._route_publisher = self.create_publisher(
             RoutePlan, 'route_plan',
@@ -131,8 +145,8 @@ class VehicleSimulatorNode(Node):
         self.add_on_set_parameters_callback(self._check_parameters)
         self.add_post_set_parameters_callback(self._apply_parameters)
 
-        self._route_publisher.publish(route_plan_message(mission))
-        # Not the node's clock: with use_sim_time that is the one made here.
+        self._has_told_route = False
+        # Not the node's clock: with use_sim_time that may be the one made here.
         self._steady_clock = NodeClock(clock_type=ClockType.STEADY_TIME)
         self._tick_timer = self.create_timer(
             self._pace.real_tick_s, self._on_tick, clock=self._steady_clock)
@@ -140,6 +154,7 @@ class VehicleSimulatorNode(Node):
             HOLD_PERIOD_S, self._on_hold, clock=self._steady_clock)
         self.create_timer(
             DIAGNOSTICS_PERIOD_S, self._on_diagnostics_due, clock=self._steady_clock)
+        self._setup = SetupWatch(self, ('hvch_command',), ('battery_state', 'route_plan'))
         self.get_logger().info(
             f'Vehicle {self._plant.vehicle.name}, route {route_name!r}: '
             f'{duration_text(self._plant.duration_s)}, '
@@ -151,14 +166,25 @@ class VehicleSimulatorNode(Node):
     @guarded
     def _on_tick(self):
         plant = self._plant
+        if not self._time.has_started:
+            return
+        if not self._has_told_route:
+            self._has_told_route = True
+            self._route_publisher.publish(
+                route_plan_message(self._car.mission(self._time.start_ns)))
         if self._is_held:
-            self._clock_publisher.publish(Clock(clock=self._stamp()))
+            self._time.publish(self._stamp())
             return
         real_s = self._steady_clock.now().nanoseconds * 1e-9
-        self._car.advance_under(self._lease, self._pace.follow(real_s))
+        try:
+            elapsed_s = self._time.elapsed_s()
+        except InvalidInput as error:
+            self._end(2, error)
+            return
+        self._car.advance_under(self._lease, elapsed_s)
         # The time first: who reads a battery state looks at the clock for its age.
-        self._clock_publisher.publish(Clock(clock=self._stamp()))
-        news = self._car.route_news(self._start_ns)
+        self._time.publish(self._stamp())
+        news = self._car.route_news(self._time.start_ns)
         if news is not None:
             self._route_publisher.publish(route_plan_message(news))
         if plant.is_standing and self._stood_since_s is None:
@@ -219,10 +245,10 @@ class VehicleSimulatorNode(Node):
     @guarded
     def _on_command(self, message):
         plant = self._plant
-        if plant.is_standing:
+        if plant.is_standing or self._time.start_ns is None:
             return
         # A lease lasts so much longer than now, by whatever clock.
-        now_ns = self._start_ns + round(self._car.clock_s * NS_PER_S)
+        now_ns = self._time.start_ns + round(self._car.clock_s * NS_PER_S)
         until_s = plant.time_s + (nanoseconds(message.valid_until) - now_ns) / NS_PER_S
         try:
             self._lease = lease_of_command(
@@ -242,7 +268,7 @@ class VehicleSimulatorNode(Node):
             return
         self._published_s = reading.instant_s
         stamp = time_message(
-            self._start_ns + round(self._car.stamp_s(reading.instant_s) * NS_PER_S))
+            self._time.start_ns + round(self._car.stamp_s(reading.instant_s) * NS_PER_S))
         self._state_publisher.publish(
             battery_state_message(reading, self._plant.vehicle.battery.capacity_ah, stamp))
 
@@ -257,16 +283,23 @@ class VehicleSimulatorNode(Node):
                 f'{self._pace.speed_up:g}: this computer is too busy.', throttle_duration_sec=10.0)
 
     def _publish_diagnostics(self):
-        self._diagnostics_publisher.publish(trip_diagnostics(self._plant, self._stamp()))
+        message = trip_diagnostics(self.get_fully_qualified_name(), self._plant, self._stamp())
+        message.status.append(self._setup.entry(self._plant.vehicle.name))
+        self._diagnostics_publisher.publish(message)
 
     def _stamp(self):
-        return time_message(self._start_ns + round(self._car.clock_s * NS_PER_S))
+        if self._time.start_ns is None:
+            return Time()
+        return time_message(self._time.start_ns + round(self._car.clock_s * NS_PER_S))
 
     # Parameters
 
     def _check_parameters(self, parameters):
+        values = {parameter.name: parameter.value for parameter in parameters}
         try:
-            check(PARAMETERS, {parameter.name: parameter.value for parameter in parameters})
+            check(PARAMETERS, values)
+            if not self._owns_clock and values.get('speed_up', 1.0) != 1.0:
+                raise InvalidInput('speed_up: the owner of /clock sets it (publish_clock is false)')
         except InvalidInput as error:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
@@ -284,11 +317,22 @@ class VehicleSimulatorNode(Node):
 
     # End
 
+    def _on_lost_clock(self, sentence):
+        self._end(2, sentence)
+
+    def _end(self, exit_status, error):
+        """End the process because of something the user has to change."""
+        print_error(error, PROGRAM)
+        self._finish(exit_status)
+
     def fail(self, where, error):
         """End the simulation after an exception nobody foresaw."""
         self.get_logger().error(f'{where}: {type(error).__name__}: {error}; the simulation ends')
-        self.failed = True
+        self._finish(1)
+
+    def _finish(self, exit_status):
         if not self.finished.done():
+            self.exit_status = exit_status
             self.finished.set_result(None)
 
     def last_words(self):
@@ -323,8 +367,8 @@ def main():
         made.append(VehicleSimulatorNode())
         return made[0]
 
-    status = run_node(make_node)
-    sys.exit(status or int(any(node.failed for node in made)))
+    status = run_node(make_node, PROGRAM)
+    sys.exit(status or max((node.exit_status for node in made), default=0))
 
 
 if __name__ == '__main__':

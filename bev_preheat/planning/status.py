@@ -24,3 +24,4 @@ class Status(IntEnum):
     INTERNAL_ERROR = 14
     CHARGING = 15
     OUT_OF_CHARGE = 16
+    COMMAND_CONFLICT = 17

@@ -235,7 +235,7 @@ def test_a_stamp_a_little_ahead_of_the_clock_heats_now():
 
 def test_before_the_clock_starts_nothing_is_accepted():
     assert refused_battery(Supervisor(VEHICLE, SETTINGS), 0, stamp_ns=0) == (
-        'the clock has not started: use_sim_time is set and no /clock has come')
+        'use_sim_time is set and no /clock has arrived: time stands at 0')
 
 
 def test_stamps_that_go_back_are_refused():

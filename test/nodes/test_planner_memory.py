@@ -182,4 +182,5 @@ def test_a_damaged_file_is_kept_aside(start, tmp_path):
 def test_without_a_state_file_nothing_is_said_of_it(start):
     planner = start()
     planner.learn()
-    assert planner.entries == {'planner: preheating', 'planner: heater', 'planner: estimation'}
+    assert planner.entries == {'planner: preheating', 'planner: heater', 'planner: estimation',
+                               'planner: setup'}

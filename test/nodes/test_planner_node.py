@@ -7,6 +7,7 @@ habit; those that need it fresh, or end it, start their own.
 """
 
 from array import array
+from collections import Counter
 from contextlib import contextmanager
 from math import inf, isnan, nan
 import re
@@ -310,8 +311,12 @@ def test_a_battery_that_comes_back_heats_again(car):
 
 def test_bytes_that_are_no_message_do_no_harm(car):
     car.send_state(b'\x00\x01\x00\x00' + b'\xff' * 60)
-    car.send_route(b'\x00\x01\x00\x00\x01')
     car.expect_heat()
+    # Of a route that cannot be read nobody knows whether it called the trip off.
+    car.send_route(b'\x00\x01\x00\x00\x01')
+    car.plans.wait_for(lambda plan: plan.status == Status.INVALID_INPUT
+                       and 'route_plan refused: the message cannot be read' in plan.explanation)
+    car.heat()
     assert car.process.exit_status is None
 
 
@@ -586,10 +591,21 @@ def test_any_publisher_of_battery_states_matches(car):
         QoSDurabilityPolicy.VOLATILE, QoSReliabilityPolicy.BEST_EFFORT)
 
 
-def test_the_quality_of_service_of_the_route_can_be_set(bench):
-    car = Car(bench, *QUICK, '-p', 'qos_overrides./route_plan.subscription.durability:=volatile')
-    (endpoint,) = car.bench.node.get_subscriptions_info_by_topic('route_plan')
-    assert endpoint.qos_profile.durability == QoSDurabilityPolicy.VOLATILE
+@pytest.mark.parametrize('arguments, first', [
+    ((), QoSDurabilityPolicy.TRANSIENT_LOCAL),
+    (('-p', 'qos_overrides./route_plan.subscription.durability:=volatile'),
+     QoSDurabilityPolicy.VOLATILE)], ids=['default', 'override'])
+def test_the_quality_of_service_of_the_route_can_be_set(bench, wait_until, arguments, first):
+    bench.start('planner', *QUICK, *arguments)
+
+    def offered():
+        return [(endpoint.qos_profile.reliability, endpoint.qos_profile.durability)
+                for endpoint in bench.node.get_subscriptions_info_by_topic('route_plan')]
+
+    wait_until(lambda: len(offered()) == 2, 'two subscriptions')
+    reliable = QoSReliabilityPolicy.RELIABLE
+    assert Counter(offered()) == Counter([
+        (reliable, first), (reliable, QoSDurabilityPolicy.VOLATILE)])
 
 
 # Parameters

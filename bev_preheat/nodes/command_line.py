@@ -1,0 +1,133 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The command line of the nodes: `--help`, and one line on standard error for what is wrong."""
+
+import argparse
+from contextlib import contextmanager
+from dataclasses import dataclass
+import re
+import sys
+import textwrap
+
+from rclpy.exceptions import NameValidationException, ParameterException
+from rclpy.impl.implementation_singleton import rclpy_implementation
+from rclpy.logging import get_logger_level, LoggingSeverity, set_logger_level
+from rclpy.qos import InvalidQoSProfileException
+
+from bev_preheat.errors import InvalidInput
+
+# What rclpy raises where arguments, names or parameter values cannot be used.
+START_ERRORS = (
+    InvalidInput, NameValidationException, ParameterException, InvalidQoSProfileException,
+    rclpy_implementation.RCLError, rclpy_implementation.UnknownROSArgsError)
+HELP_WIDTH = 98
+
+
+RCL_LOGGER = 'rcl'
+
+
+@contextmanager
+def silent_rcl():
+    """Keep rcl from logging of its own, in other words, what print_error() says."""
+    set_logger_level(RCL_LOGGER, LoggingSeverity.FATAL)
+    try:
+        yield
+    finally:
+        # Unless the command line asked for a level.
+        if get_logger_level(RCL_LOGGER) == LoggingSeverity.FATAL:
+            set_logger_level(RCL_LOGGER, LoggingSeverity.UNSET)
+
+
+@dataclass(frozen=True)
+class Program:
+    """What `--help` shows of an executable; `topics` are (name, what it is) and so are `services`."""
+
+    name: str
+    description: str
+    parameters: tuple
+    subscribes: tuple = ()
+    publishes: tuple = ()
+    services: tuple = ()
+
+    def check_arguments(self, arguments):
+        """
+        Print the help and exit with status 0 if it is asked for; refuse what ROS does not know.
+
+        `arguments` are those of the process, its name first. What lies between --ros-args and --
+        is left to ROS.
+        """
+        parser = _Parser(
+            prog=self.name, description=self.description, epilog=self._epilog(),
+            usage='%(prog)s [--help] [--ros-args -p NAME:=VALUE ... -r FROM:=TO ...]',
+            formatter_class=argparse.RawDescriptionHelpFormatter)
+        parser.parse_args(_without_ros_arguments(arguments[1:]))
+
+    def _epilog(self):
+        example = self.parameters[0]
+        lines = [
+            'set a parameter:',
+            f'  {self.name} --ros-args -p {example.name}:={example.default or "VALUE"}',
+            f'  {self.name} --ros-args --params-file FILE.yaml',
+            f'  ros2 param set /{self.name} NAME VALUE', '', 'parameters:']
+        for parameter in self.parameters:
+            lines.append(f'  {parameter.name} (default: {parameter.default_text()})')
+            lines += _indented(parameter.help_text())
+        for title, items in (('subscribes to', self.subscribes), ('publishes', self.publishes),
+                             ('services', self.services)):
+            if items:
+                width = max(len(name) for name, _ in items)
+                lines += ['', f'{title}:', *(f'  {name:{width}}  {what}' for name, what in items)]
+        return '\n'.join(lines)
+
+
+class _Parser(argparse.ArgumentParser):
+    def error(self, message):
+        self.exit(2, f'{self.prog}: error: {message}; see {self.prog} --help\n')
+
+
+def _indented(text):
+    return textwrap.wrap(text, HELP_WIDTH, initial_indent='      ', subsequent_indent='      ')
+
+
+def _without_ros_arguments(arguments):
+    """Return the arguments that are not between --ros-args and --, the end, or the next of them."""
+    others, is_ros = [], False
+    for argument in arguments:
+        if argument == '--ros-args':
+            is_ros = True
+        elif is_ros and argument == '--':
+            is_ros = False
+        elif not is_ros:
+            others.append(argument)
+    return others
+
+
+def print_error(error, program=None):
+    """Print an exception of START_ERRORS as one line on standard error."""
+    name = program.name if program else sys.argv[0].rpartition('/')[2]
+    print(f'{name}: error: {_sentence(error)}', file=sys.stderr)
+
+
+def _sentence(error):
+    if isinstance(error, rclpy_implementation.UnknownROSArgsError):
+        return f'unknown ROS arguments: {error}'
+    # rcl tells its own source lines, and on several lines where several functions had a say.
+    text = re.sub(r',? at \S+\.c(pp)?:\d+', '', ' '.join(str(error).split()))
+    text = text.replace('failed to initialize rcl: ', '').replace('error not set', 'no value')
+    rule_match = re.search(r"parse (parameter override|remap) rule: '(.*?)'\.", text)
+    if rule_match:
+        kind, rule = rule_match.groups()
+        form = 'NAME:=VALUE' if kind.startswith('param') else 'FROM:=TO, with names as ROS has them'
+        return f'{rule}: cannot be read; it must be {form}'
+    file_match = re.search(r"'--params-file (.*?)'\. Error: (.*)", text)
+    if file_match:
+        return _file_sentence(*file_match.groups())
+    return text
+
+
+def _file_sentence(path, problem):
+    try:
+        with open(path, encoding='utf-8'):
+            pass
+    except OSError as error:
+        return f'parameter file {path}: cannot be read: {error.strerror}'
+    return f'parameter file {path}: {problem}'

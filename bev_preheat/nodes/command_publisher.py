@@ -1,0 +1,63 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Publishes the heater's commands, and notices another node that commands the same heater."""
+
+from bev_preheat_msgs.msg import HvchCommand
+from rclpy.serialization import deserialize_message
+
+from bev_preheat.control.inputs import NS_PER_S
+from bev_preheat.nodes.convert import nanoseconds
+from bev_preheat.nodes.listening_publisher import ListeningPublisher
+
+LONGEST_LEASE_NS = 30 * NS_PER_S
+
+
+class CommandPublisher(ListeningPublisher):
+    """
+    Publishes a node's HvchCommands and knows its rivals.
+
+    A rival is there for as long as the lease of the last command heard from it, and no longer than
+    the graph shows a second publisher.
+    """
+
+    def __init__(self, node, lease_ns, on_rival):
+        """
+        Advertise.
+
+        `lease_ns()` returns the node's own lease [ns]: a rival is believed in for that long at
+        least. `on_rival()` is called when a command of another node is heard.
+        """
+        super().__init__(node, HvchCommand, 'hvch_command', 1, self._on_other_command)
+        self._lease_ns, self._on_rival = lease_ns, on_rival
+        self._heard_ns = self._believed_ns = None
+        self._names = ''
+
+    def look(self):
+        """Listen while the graph shows another publisher; call it now and then."""
+        super().look()
+        if self._heard_ns is not None:
+            # A publisher is discovered a little before the name of its node.
+            self._names = self.names_of_others()
+
+    def rivals(self, now_ns):
+        """Return the names of the nodes that command too at an instant [ns]; '' where none does."""
+        if self._heard_ns is None:
+            return ''
+        if self.is_alone or not 0 <= now_ns - self._heard_ns <= self._believed_ns:
+            self._heard_ns = None
+            self._names = ''
+        return self._names
+
+    def _on_other_command(self, serialized):
+        self._heard_ns = self._node.get_clock().now().nanoseconds
+        self._believed_ns = max(self._lease_ns(), min(_lease_ns(serialized), LONGEST_LEASE_NS))
+        self._names = self._names or self.names_of_others()
+        self._on_rival()
+
+
+def _lease_ns(serialized):
+    """Return how long a serialized HvchCommand is valid [ns]; 0 where it cannot be read."""
+    try:
+        message = deserialize_message(serialized, HvchCommand)
+    except Exception:  # noqa: B902  bytes of a stranger must not end the process
+        return 0
+    return nanoseconds(message.valid_until) - nanoseconds(message.header.stamp)

@@ -1,0 +1,80 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+A publisher that hears whoever else publishes on its topic.
+
+What counts is what is heard: a process that was killed stays in the graph for some 20 s, and must
+not keep its successor from working. The graph tells when listening is worth while, and the names.
+"""
+
+from collections import deque
+import time
+
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+
+from bev_preheat.nodes.surroundings import endpoint_name
+
+# Matches reliable and best-effort publishers.
+LISTENING = QoSProfile(depth=20, reliability=ReliabilityPolicy.BEST_EFFORT)
+PUBLICATIONS_KEPT = 256
+# DDS keeps the instant of a publication in 2^-32 s.
+ROUNDING_NS = 1000
+
+
+class ListeningPublisher:
+    """
+    Publishes, and calls `on_other(serialized message)` for each message of another node.
+
+    It listens only while the graph shows another publisher, so that it costs nothing otherwise.
+    """
+
+    def __init__(self, node, message_type, topic, qos, on_other):
+        """Advertise."""
+        self._node, self._message_type, self._on_other = node, message_type, on_other
+        self.publisher = node.create_publisher(message_type, topic, qos)
+        self._publications = deque(maxlen=PUBLICATIONS_KEPT)
+        self._subscription = None
+
+    @property
+    def is_alone(self):
+        """Whether the graph showed no other publisher at the last look."""
+        return self._subscription is None
+
+    def publish(self, message):
+        """Publish a message of this node's own."""
+        before_ns = time.time_ns()
+        self.publisher.publish(message)
+        self._publications.append((before_ns - ROUNDING_NS, time.time_ns() + ROUNDING_NS))
+
+    def wait_for_all_acked(self, duration):
+        """Wait until all subscribers have all messages, at most an rclpy Duration."""
+        return self.publisher.wait_for_all_acked(duration)
+
+    def look(self):
+        """Listen while the graph shows another publisher; call it now and then."""
+        topic = self.publisher.topic_name
+        has_others = self._node.count_publishers(topic) > 1
+        if has_others and self.is_alone:
+            self._subscription = self._node.create_subscription(
+                self._message_type, topic, self._on_message, LISTENING, raw=True)
+        elif not has_others and not self.is_alone:
+            self._node.destroy_subscription(self._subscription)
+            self._subscription = None
+
+    def names_of_others(self):
+        """Return the names of the nodes that the graph shows as publishers beside this one."""
+        own = self._node.get_fully_qualified_name()
+        names = [endpoint_name(endpoint) for endpoint in
+                 self._node.get_publishers_info_by_topic(self.publisher.topic_name)]
+        others = sorted(set(names) - {own})
+        if names.count(own) > 1:
+            others.append(f'another node of the same name, {own},')
+        return ' and '.join(others) or 'another node'
+
+    def _on_message(self, serialized, info):
+        # This node's own come back too; they were sent while `publish` ran. What is older than all
+        # that is known of them is nobody's.
+        sent_ns = info['source_timestamp']
+        if self._publications and sent_ns < self._publications[0][0]:
+            return
+        if not any(begin_ns <= sent_ns <= end_ns for begin_ns, end_ns in self._publications):
+            self._on_other(serialized)

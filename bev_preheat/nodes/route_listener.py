@@ -1,0 +1,154 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Hears a route plan whoever publishes it, once.
+
+No single subscription suits all publishers: one that gets a latched sample does not match volatile
+publishers, and one that matches best-effort publishers may lose parts of a long route.
+"""
+
+from collections import deque
+
+from bev_preheat_msgs.msg import RoutePlan
+from rclpy.clock import Clock, ClockType
+from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.qos import (
+    DurabilityPolicy, HistoryPolicy, QoSPolicyKind, QoSProfile, ReliabilityPolicy)
+from rclpy.qos_overriding_options import QoSOverridingOptions
+from rclpy.serialization import deserialize_message
+
+from bev_preheat.errors import InvalidInput
+from bev_preheat.route.segments import MOST_SEGMENTS
+
+TOPIC = 'route_plan'
+RELIABLE = QoSProfile(depth=1)
+BEST_EFFORT = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+POLICIES = (QoSPolicyKind.HISTORY, QoSPolicyKind.DEPTH, QoSPolicyKind.RELIABILITY,
+            QoSPolicyKind.DURABILITY)
+# Seven arrays of numbers of 8 bytes, and room for all else: identification, stops.
+LARGEST_BYTES = MOST_SEGMENTS * 7 * 8 + 100_000
+# A latched sample comes again whenever it is subscribed to anew, however many came since.
+MESSAGES_REMEMBERED = 64
+LOOK_PERIOD_S = 0.5
+
+
+class RouteListener:
+    """
+    Calls `on_route(message)` for each RoutePlan and `on_refused(InvalidInput)` for unreadable ones.
+
+    The first subscription is latched (reliable, transient local, depth 1), and its quality of
+    service can be overridden by parameters; the second matches volatile publishers. A third one is
+    there once the graph shows a best-effort publisher. A message that comes through several of them
+    is handled once. One that is longer than the longest route is refused before it is converted.
+    """
+
+    def __init__(self, node, on_route, on_refused):
+        """Subscribe; raises InvalidInput where an override of the quality of service is wrong."""
+        self._node, self._on_route, self._on_refused = node, on_route, on_refused
+        check_overrides(node)
+        self._handled = deque(maxlen=MESSAGES_REMEMBERED)
+        self._publishers_of_long_route, self._hears_best_effort = None, False
+        first = self._subscribe(
+            QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL),
+            QoSOverridingOptions(POLICIES))
+        self._latching_profile = first.qos_profile
+        self._subscriptions = [first, self._subscribe(RELIABLE)]
+        # In real time: publishers come and go whatever the node's clock does.
+        node.create_timer(LOOK_PERIOD_S, self._on_timer, clock=Clock(
+            clock_type=ClockType.STEADY_TIME))
+
+    def _subscribe(self, profile, overriding=None):
+        return self._node.create_subscription(
+            RoutePlan, TOPIC, self._on_bytes, profile, raw=True,
+            # Together they match every publisher, so one that does not match is nothing to report.
+            event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
+            qos_overriding_options=overriding)
+
+    def _on_bytes(self, serialized, info):
+        try:
+            self._handle(serialized, info)
+        except Exception as error:  # noqa: B902  whatever it is, it must not end the process
+            self._on_refused(InvalidInput(
+                f'the message cannot be read: {type(error).__name__}: {error}'))
+
+    def _handle(self, serialized, info):
+        key = (info['source_timestamp'], info['publication_sequence_number'], len(serialized))
+        if key in self._handled:
+            return
+        self._handled.append(key)
+        if len(serialized) > LARGEST_BYTES:
+            self._free_buffers()
+            self._on_refused(InvalidInput(
+                f'the message has {len(serialized) / 1e6:.1f} MB; at most '
+                f'{LARGEST_BYTES / 1e6:.1f} MB are read, enough for {MOST_SEGMENTS} segments'))
+            return
+        message = deserialize_message(serialized, RoutePlan)
+        self._latch_again()
+        self._on_route(message)
+
+    # The middleware keeps a buffer of the longest message for as long as a subscription exists.
+
+    def _free_buffers(self):
+        """Subscribe anew, but not to latched samples: the long one would come at once."""
+        for subscription in self._subscriptions:
+            self._node.destroy_subscription(subscription)
+        self._subscriptions, self._hears_best_effort = [self._subscribe(RELIABLE)], False
+        self._publishers_of_long_route = self._publishers()
+
+    def _latch_again(self):
+        if self._publishers_of_long_route is not None:
+            self._publishers_of_long_route = None
+            self._subscriptions.append(self._subscribe(self._latching_profile))
+
+    def _on_timer(self):
+        try:
+            self._look()
+        except Exception as error:  # noqa: B902  whatever it is, it must not end the process
+            self._node.get_logger().error(
+                f'{TOPIC}: {type(error).__name__}: {error}', throttle_duration_sec=10.0)
+
+    def _look(self):
+        endpoints = self._node.get_publishers_info_by_topic(TOPIC)
+        if not self._hears_best_effort and any(
+                endpoint.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT
+                for endpoint in endpoints):
+            self._hears_best_effort = True
+            self._subscriptions.append(self._subscribe(BEST_EFFORT))
+        # Another publisher may have latched a good route.
+        if (self._publishers_of_long_route is not None
+                and self._publishers() != self._publishers_of_long_route):
+            self._latch_again()
+
+    def _publishers(self):
+        return {tuple(endpoint.endpoint_gid)
+                for endpoint in self._node.get_publishers_info_by_topic(TOPIC)}
+
+
+def check_overrides(node):
+    """Raise InvalidInput where a qos_overrides parameter for the route's subscription is wrong."""
+    topic = node.resolve_topic_name(TOPIC)
+    problems = []
+    # rclpy has no public list of the parameters that were given.
+    for name, parameter in node._parameter_overrides.items():
+        prefix, _, rest = name.partition('qos_overrides.')
+        given_topic, _, kind = rest.partition('.')
+        if prefix or not kind.startswith('subscription.'):
+            continue
+        if given_topic == f'/{TOPIC}' != topic:
+            problems.append(f'{name}: {TOPIC} of this node is {topic}; write '
+                            f'qos_overrides.{topic}.{kind}')
+        elif given_topic == topic:
+            problems += _value_problems(name, kind.partition('.')[2], parameter.value)
+    if problems:
+        raise InvalidInput(problems)
+
+
+def _value_problems(name, policy, value):
+    texts = {'durability': DurabilityPolicy, 'reliability': ReliabilityPolicy,
+             'history': HistoryPolicy}.get(policy)
+    if texts is not None:
+        allowed = [member.name.lower() for member in texts if member.name != 'UNKNOWN']
+        if value not in allowed:
+            return [f'{name}: {value!r} is not allowed; it must be one of {", ".join(allowed)}']
+    elif policy == 'depth' and (type(value) is not int or value < 1):
+        return [f'{name}: {value!r} is not allowed; it must be a whole number from 1 on']
+    return []

@@ -1,0 +1,132 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is set up wrongly around a node: parameters, clock, and with whom it cannot talk."""
+
+import difflib
+import sys
+
+from diagnostic_msgs.msg import DiagnosticStatus
+from rclpy.clock import Clock, ClockType
+
+from bev_preheat.control.inputs import NS_PER_S
+from bev_preheat.errors import InvalidInput
+from bev_preheat.nodes.convert import nanoseconds
+from bev_preheat.nodes.surroundings import Surroundings
+
+# In real time: with simulated time that stands, the node's own timers stand too.
+LOOK_PERIOD_S = 0.5
+# ROS's own, and topics of nodes that share a parameter file.
+NOT_OURS = ('use_sim_time', 'start_type_description_service', 'qos_overrides./parameter_events',
+            'qos_overrides./rosout', 'qos_overrides./clock')
+CLOCK_STANDS = 'use_sim_time is set and no /clock has arrived: time stands at 0'
+CLOCK_PATIENCE_LOOKS = 4
+LOG_PERIOD_S = 10.0
+# No delay and no drift of a clock that was set once: the two run by different clocks.
+FAR_DAYS = 1.0
+
+
+class SetupWatch:
+    """
+    Looks around every LOOK_PERIOD_S; logs each problem once and keeps them for the diagnostics.
+
+    `problems` are the sentences that hold now.
+    """
+
+    def __init__(self, node, subscribes, publishes, also=()):
+        """
+        Begin to look; call it when all parameters are declared.
+
+        `subscribes` and `publishes` are the topics that the node shares with others; `also` are
+        functions that are called at each look.
+        """
+        self._node, self._also = node, also
+        self._surroundings = Surroundings(node, subscribes, publishes)
+        self._unknown = unknown_parameters(node)
+        self._logged, self._found, self._looks_at_zero = set(), [], 0
+        self._note(self._unknown)
+        node.create_timer(LOOK_PERIOD_S, self._on_timer, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    def _on_timer(self):
+        try:
+            self._look()
+        except Exception as error:  # noqa: B902  whatever it is, it must not end the process
+            self._node.get_logger().error(f'looking around: {type(error).__name__}: {error}',
+                                          throttle_duration_sec=LOG_PERIOD_S)
+
+    def _look(self):
+        found, before = self._surroundings.problems(), self._found
+        self._found = found
+        # What shows once may be half discovered, or on its way to be mended.
+        problems = [*self._unknown, *(problem for problem in found if problem in before)]
+        if self._clock_stands():
+            problems.append(CLOCK_STANDS)
+        self._note(problems)
+        for function in self._also:
+            function()
+
+    def _clock_stands(self):
+        stands = (self._node.get_parameter('use_sim_time').value
+                  and self._node.get_clock().now().nanoseconds == 0)
+        self._looks_at_zero = self._looks_at_zero + 1 if stands else 0
+        # Discovering who publishes it takes a moment.
+        return self._looks_at_zero >= CLOCK_PATIENCE_LOOKS
+
+    def _note(self, problems):
+        self.problems = problems
+        for problem in problems:
+            if problem is CLOCK_STANDS:
+                self._node.get_logger().warning(problem, throttle_duration_sec=LOG_PERIOD_S)
+            elif problem not in self._logged:
+                self._logged.add(problem)
+                self._node.get_logger().warning(problem)
+
+    @property
+    def clock_stands(self):
+        """Whether simulated time is asked for and has not begun."""
+        return CLOCK_STANDS in self.problems
+
+    def entry(self, hardware, error=''):
+        """Return the DiagnosticStatus `NODE: setup`; `error` is a sentence that makes it ERROR."""
+        sentences = [error, *self.problems] if error else self.problems
+        return DiagnosticStatus(
+            name=f'{self._node.get_fully_qualified_name().lstrip("/")}: setup',
+            hardware_id=hardware,
+            level=(DiagnosticStatus.ERROR if error else
+                   DiagnosticStatus.WARN if sentences else DiagnosticStatus.OK),
+            message='; '.join(sentences) or 'parameters, clock and topics fit')
+
+    def explained(self, error, stamp):
+        """Return an InvalidInput with a hint at the clocks added if a message's stamp needs one."""
+        hint = clock_hint(self._node.get_parameter('use_sim_time').value,
+                          self._node.get_clock().now().nanoseconds, nanoseconds(stamp))
+        return InvalidInput([*error.problems, hint]) if hint else error
+
+
+def clock_hint(uses_sim_time, now_ns, stamp_ns):
+    """Return which clock is likely wrong where now and a stamp [ns] are far apart; '' elsewhere."""
+    apart_days = (stamp_ns - now_ns) / NS_PER_S / 86400.0
+    if not now_ns or not stamp_ns or abs(apart_days) < FAR_DAYS:
+        return ''
+    where = f'{abs(apart_days):.0f} days {"after" if apart_days > 0.0 else "before"}'
+    if uses_sim_time:
+        return (f"the stamp lies {where} this node's time, which is /clock (use_sim_time is set): "
+                'set use_sim_time:=true at the sender too, or use_sim_time:=false here')
+    return (f"the stamp lies {where} this node's time, which is the system's: if the sender is "
+            'simulated or replayed, set use_sim_time:=true here; if not, one of the two clocks is '
+            'not set')
+
+
+def unknown_parameters(node):
+    """Return a sentence for each parameter that was given and that the node does not have."""
+    # rclpy has no public list of the parameters that were given and declared.
+    given, known = node._parameter_overrides, list(node._parameters)
+    sentences = []
+    for name in given:
+        if node.has_parameter(name) or name.startswith(NOT_OURS):
+            continue
+        nearest = difflib.get_close_matches(name, known, 1)
+        sentences.append(f'parameter {name!r} is unknown and ignored' + (
+            f'; did you mean {nearest[0]!r}?' if nearest else ''))
+    if not given and '--params-file' in sys.argv:
+        sentences.append('the parameter file holds nothing for '
+                         f'{node.get_fully_qualified_name()}; all parameters have their defaults')
+    return sentences

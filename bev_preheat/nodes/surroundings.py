@@ -1,0 +1,70 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Who else is on a node's topics, and with whom of them it cannot talk."""
+
+from rclpy.qos import qos_check_compatible, QoSCompatibility
+
+# What rmw calls an endpoint whose node it has not heard of, or not yet.
+NAMELESS = '_NODE_NAME_UNKNOWN_'
+# How the hash of a message definition begins (REP 2016).
+HASH = 'RIHS01_'
+
+
+def endpoint_name(endpoint):
+    """Return the full name of the node that a TopicEndpointInfo belongs to."""
+    if endpoint.node_name == NAMELESS:
+        return 'a node whose name is unknown'
+    return f'{endpoint.node_namespace.rstrip("/")}/{endpoint.node_name}'
+
+
+class Surroundings:
+    """Finds publishers and subscriptions that do not fit a node's own in type or quality of service."""
+
+    def __init__(self, node, subscribes, publishes):
+        """Look after the topics that the node subscribes to and publishes."""
+        self._node = node
+        self._subscribes = [node.resolve_topic_name(topic) for topic in subscribes]
+        self._publishes = [node.resolve_topic_name(topic) for topic in publishes]
+
+    def problems(self):
+        """Return a sentence for each endpoint with which nothing can be exchanged."""
+        node, problems = self._node, []
+        for topic in self._subscribes:
+            own = self._own(node.get_subscriptions_info_by_topic(topic))
+            for other in node.get_publishers_info_by_topic(topic):
+                problems.append(_problem(
+                    other, f'publishes {topic}', own,
+                    lambda mine: qos_check_compatible(other.qos_profile, mine)))
+        for topic in self._publishes:
+            own = self._own(node.get_publishers_info_by_topic(topic))
+            for other in node.get_subscriptions_info_by_topic(topic):
+                problems.append(_problem(
+                    other, f'subscribes to {topic}', own,
+                    lambda mine: qos_check_compatible(mine, other.qos_profile)))
+        return [problem for problem in problems if problem]
+
+    def _own(self, endpoints):
+        own_name = self._node.get_fully_qualified_name()
+        return [endpoint for endpoint in endpoints if endpoint_name(endpoint) == own_name]
+
+
+def _problem(other, what, own, check):
+    """Return a sentence on an endpoint that does not fit any of the node's own; '' if one fits."""
+    if not own:
+        return ''
+    expected, version = own[0].topic_type, str(own[0].topic_type_hash)
+    sentence = f'{endpoint_name(other)} {what}'
+    if other.topic_type != expected:
+        return f'{sentence} as {other.topic_type}; the type must be {expected}'
+    other_version = str(other.topic_type_hash)
+    # Not every middleware tells it.
+    if version != other_version and version.startswith(HASH) and other_version.startswith(HASH):
+        return (f'{sentence} as another version of {expected}; build both nodes from the same '
+                'message definitions')
+    reasons = set()
+    for endpoint in own:
+        compatibility, reason = check(endpoint.qos_profile)
+        if compatibility != QoSCompatibility.ERROR:
+            return ''
+        reasons.update(part.strip().removeprefix('ERROR: ').lower()
+                       for part in reason.split(';') if part.strip())
+    return f'{sentence} with an incompatible quality of service: {", ".join(sorted(reasons))}'

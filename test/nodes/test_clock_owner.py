@@ -1,0 +1,167 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`/clock` belongs to one installed simulator; others end, or drive by it."""
+
+import signal
+import threading
+
+from bev_preheat_msgs.msg import RoutePlan
+from builtin_interfaces.msg import Time
+import pytest
+from rclpy.node import NodeNameNonExistentError
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import BatteryState
+
+MANY = QoSProfile(depth=1000, reliability=ReliabilityPolicy.BEST_EFFORT)
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+START_S = 1_000_000
+
+
+def start_in(bench, namespace, *arguments):
+    return bench.start('vehicle_simulator', '-r', f'__ns:={namespace}', *arguments)
+
+
+def error_lines(process):
+    return [line for line in process.output().splitlines() if 'error:' in line]
+
+
+def test_the_simulator_that_comes_later_ends_and_says_why(bench):
+    clock = bench.record(Clock, '/clock', MANY)
+    first = start_in(bench, '/car1', '-p', f'start_time:={START_S}.0')
+    clock.wait_for(lambda message: message.clock.sec > START_S)
+    second = start_in(bench, '/car2', '-p', f'start_time:={2 * START_S}.0')
+    assert second.wait(20.0) == 2
+    (line,) = error_lines(second)
+    assert line == (
+        'vehicle_simulator: error: /car1/vehicle_simulator publishes /clock already; set '
+        'publish_clock:=false (and use_sim_time:=true) to drive by that clock')
+    # The first one's clock runs on, alone.
+    clock.clear()
+    assert all(START_S <= message.clock.sec < 2 * START_S
+               for message in clock.wait_for_count(100))
+    assert first.exit_status is None
+
+
+def test_of_two_that_start_together_one_goes_on(bench, wait_until):
+    clock = bench.record(Clock, '/clock', MANY)
+    both = [start_in(bench, f'/car{number}', '-p', f'start_time:={number * START_S}.0')
+            for number in (1, 2)]
+    wait_until(lambda: any(process.exit_status is not None for process in both), 'one ends')
+    (number,) = (number for number, process in enumerate(both, start=1)
+                 if process.exit_status is None)
+    clock.clear()
+    clock.wait_for_count(100)
+    assert {message.clock.sec // START_S for message in clock.messages} == {number}
+    assert sorted((process.exit_status for process in both), key=str) == [2, None]
+
+
+def test_two_of_one_name_are_told_apart(bench):
+    clock = bench.record(Clock, '/clock', MANY)
+    bench.start('vehicle_simulator')
+    clock.wait_for()
+    second = bench.start('vehicle_simulator')
+    assert second.wait(20.0) == 2
+    assert ('another node of the same name, /vehicle_simulator, publishes /clock already'
+            in second.output())
+
+
+def test_a_clock_of_somebody_else_is_left_alone(bench):
+    clocks = bench.publisher(Clock, '/clock')
+    enough = threading.Event()
+
+    def run():
+        while not enough.wait(0.02):
+            clocks.publish(Clock(clock=Time(sec=START_S)))
+
+    thread = threading.Thread(target=run)
+    thread.start()
+    try:
+        simulator = bench.start('vehicle_simulator')
+        assert simulator.wait(20.0) == 2
+    finally:
+        enough.set()
+        thread.join()
+    (line,) = error_lines(simulator)
+    assert '/tester publishes /clock already; set publish_clock:=false' in line
+
+
+def test_a_killed_simulator_does_not_keep_the_next_one_from_starting(bench):
+    clock = bench.record(Clock, '/clock', MANY)
+    first = start_in(bench, '/car1')
+    clock.wait_for()
+    first.send_signal(signal.SIGKILL)
+    first.wait()
+    clock.clear()
+    # The graph shows the killed one for some 20 s.
+    second = start_in(bench, '/car2', '-p', f'start_time:={START_S}.0')
+    clock.wait_for(lambda message: message.clock.sec >= START_S, timeout_s=10.0)
+    assert second.exit_status is None
+
+
+def test_another_simulator_drives_by_the_clock_of_the_first(bench, wait_until):
+    states = bench.record(BatteryState, '/car2/battery_state', MANY)
+    second = start_in(bench, '/car2', '-p', 'publish_clock:=false', '-p', 'use_sim_time:=true')
+    start_in(bench, '/car1', '-p', f'start_time:={START_S}.0', '-p', 'speed_up:=20.0')
+    first, last = (states.wait_for_count(20)[at] for at in (0, -1))
+    assert START_S <= first.header.stamp.sec < last.header.stamp.sec < START_S + 3600
+    # One state a second of the first one's time, and no second clock.
+    assert 15 <= last.header.stamp.sec - first.header.stamp.sec <= 25
+    assert last.percentage < first.percentage
+    def topics_of_second():
+        try:
+            return dict(bench.node.get_publisher_names_and_types_by_node(
+                'vehicle_simulator', '/car2'))
+        except NodeNameNonExistentError:
+            return {}
+
+    wait_until(lambda: '/car2/battery_state' in topics_of_second(), 'the second in the graph')
+    assert '/clock' not in topics_of_second()
+    route = bench.record(RoutePlan, '/car2/route_plan', LATCHED).wait_for()
+    assert START_S <= route.header.stamp.sec <= first.header.stamp.sec
+    assert second.exit_status is None
+
+
+def test_without_a_clock_of_its_own_it_can_drive_in_real_time(bench):
+    states = bench.record(BatteryState, 'battery_state', MANY)
+    bench.start('vehicle_simulator', '-p', 'publish_clock:=false', '-p',
+                'battery_state_period:=0.1')
+    now_s = bench.node.get_clock().now().nanoseconds * 1e-9
+    message = states.wait_for_count(3)[-1]
+    assert abs(message.header.stamp.sec - now_s) < 20.0
+    assert bench.node.get_publishers_info_by_topic('/clock') == []
+
+
+def test_a_clock_that_is_set_back_ends_a_drive_that_goes_by_it(bench, wait_until):
+    clocks = bench.publisher(Clock, '/clock')
+    states = bench.record(BatteryState, 'battery_state', MANY)
+    simulator = bench.start(
+        'vehicle_simulator', '-p', 'publish_clock:=false', '-p', 'use_sim_time:=true')
+    ticks_s = iter(range(START_S, 2 * START_S))
+
+    def drives():
+        clocks.publish(Clock(clock=Time(sec=next(ticks_s))))
+        return states.messages
+
+    wait_until(drives, 'a battery state')
+
+    def has_ended():
+        clocks.publish(Clock(clock=Time(sec=1000)))
+        return simulator.exit_status is not None
+
+    wait_until(has_ended, 'the end')
+    assert simulator.exit_status == 2
+    assert 's; the drive cannot go back' in error_lines(simulator)[0]
+
+
+@pytest.mark.parametrize('arguments, text', [
+    (('speed_up:=20.0',), 'speed_up: 20.0 is not allowed with publish_clock:=false; it must be 1.0'),
+    (('start_time:=1000.0',), 'start_time: 1000.0 is not allowed with publish_clock:=false'),
+    (('wait_for_planner:=true',), 'wait_for_planner: True is not allowed with'),
+    (('scenario:=clock_back',), 'scenario clock_back makes the clock jump'),
+])
+def test_what_only_the_owner_of_the_clock_can_do_is_refused(bench, arguments, text):
+    simulator = bench.start('vehicle_simulator', '-p', 'publish_clock:=false',
+                            *(part for argument in arguments for part in ('-p', argument)))
+    assert simulator.wait(20.0) == 2
+    (line,) = simulator.output().splitlines()
+    assert text in line

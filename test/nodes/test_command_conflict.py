@@ -1,0 +1,152 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Two installed planners that command one heater: both stay off until one is gone."""
+
+from contextlib import contextmanager
+import signal
+import threading
+
+from bev_preheat_msgs.msg import HvchCommand, PreheatPlan, RoutePlan
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+import pytest
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from sensor_msgs.msg import BatteryState
+from std_srvs.srv import SetBool
+
+from bev_preheat.nodes.convert import time_message
+from bev_preheat.planning.status import Status
+
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+STATE_PERIOD_S = 0.05
+QUICK = ('-p', 'command_period:=0.2', '-p', 'command_lease:=0.8', '-p', 'minimum_on_time:=0.0',
+         '-p', 'minimum_off_time:=0.0', '-p', 'estimation:=false')
+
+
+@contextmanager
+def feeding(bench, namespace=''):
+    """Publish battery states all the time, and a latched route that needs heat at once."""
+    def stamp():
+        return time_message(bench.node.get_clock().now().nanoseconds)
+
+    route = RoutePlan(
+        route_id='home', segment_duration=[30.0] * 40, speed=[20.0], propulsion_power=[20e3],
+        ambient_temperature=[-7.0], charging_planned=True, target_battery_temperature=25.0)
+    route.header.stamp = stamp()
+    bench.publisher(RoutePlan, f'{namespace}/route_plan', LATCHED).publish(route)
+    states = bench.publisher(BatteryState, f'{namespace}/battery_state')
+    enough = threading.Event()
+
+    def feed():
+        while not enough.wait(STATE_PERIOD_S):
+            state = BatteryState(temperature=-7.0, percentage=0.8)
+            state.header.stamp = stamp()
+            states.publish(state)
+
+    thread = threading.Thread(target=feed)
+    thread.start()
+    try:
+        yield
+    finally:
+        enough.set()
+        thread.join()
+
+
+def heats(command):
+    return command.battery_heating_power > 0.0
+
+
+def is_in_conflict(command):
+    return (command.battery_heating_power, command.reason) == (0.0, int(Status.COMMAND_CONFLICT))
+
+
+def errors_of(name, text, status_text='COMMAND_CONFLICT'):
+    """Return a condition: this planner's diagnostics are ERROR with both texts."""
+    return lambda array: any(
+        status.name == f'{name}: preheating' and status.level == DiagnosticStatus.ERROR
+        and text in status.message and status_text in status.message for status in array.status)
+
+
+@pytest.mark.parametrize('number', [signal.SIGKILL, signal.SIGTERM])
+def test_two_planners_stay_off_until_one_is_gone(bench, number):
+    commands = bench.record(HvchCommand, 'hvch_command', 100)
+    diagnostics = bench.record(DiagnosticArray, '/diagnostics', 100)
+    with feeding(bench):
+        first = bench.start('planner', *QUICK, '-r', '__node:=front')
+        commands.wait_for(heats, 'heat of the first')
+        bench.start('planner', *QUICK, '-r', '__node:=rear')
+        diagnostics.wait_for(errors_of('front', 'also published by /rear'), 'the first says so')
+        diagnostics.wait_for(errors_of('rear', 'also published by /front'), 'the second says so')
+        commands.clear()
+        assert all(map(is_in_conflict, commands.wait_for_count(40)))
+        first.send_signal(number)
+        first.wait()
+        commands.clear()
+        # A lease and a look or two; the graph shows a killed one for some 20 s.
+        commands.wait_for(heats, 'heat of the second', timeout_s=5.0)
+        diagnostics.clear()
+        diagnostics.wait_for(lambda array: any(
+            status.name == 'rear: setup' and status.level == DiagnosticStatus.OK
+            for status in array.status))
+
+
+def test_two_planners_of_one_name_stay_off_and_name_it(bench, wait_until):
+    commands = bench.record(HvchCommand, 'hvch_command', 100)
+    diagnostics = bench.record(DiagnosticArray, '/diagnostics', 100)
+    with feeding(bench):
+        bench.start('planner', *QUICK)
+        bench.start('planner', *QUICK)
+        diagnostics.wait_for(errors_of('planner', 'another node of the same name, /planner'))
+        # One hears the other a little earlier; from both come 40 commands in a second.
+        wait_until(lambda: len(commands.messages) >= 40
+                   and all(map(is_in_conflict, commands.messages[-40:])), 'both in conflict')
+        commands.clear()
+        assert all(map(is_in_conflict, commands.wait_for_count(40)))
+
+
+def test_a_stranger_that_commands_switches_the_heater_off(bench):
+    commands = bench.record(HvchCommand, 'hvch_command', 100)
+    plans = bench.record(PreheatPlan, 'preheat_plan', 100)
+    with feeding(bench):
+        planner = bench.start('planner', *QUICK)
+        commands.wait_for(heats)
+        stranger = bench.publisher(HvchCommand, 'hvch_command', 10)
+        stranger.wait_for_subscription(2)
+        # Advertised, but silent: the planner heats on.
+        commands.clear()
+        assert all(map(heats, commands.wait_for_count(20)))
+        stranger.publish(HvchCommand(battery_heating_power=1000.0))
+        plan = plans.wait_for(lambda plan: plan.status == Status.COMMAND_CONFLICT)
+        assert plan.explanation == ('hvch_command is also published by /tester; the heater is off '
+                                    'until only one is left.')
+        plans.clear()
+        plans.wait_for(lambda plan: plan.status != Status.COMMAND_CONFLICT)
+        commands.clear()
+        commands.wait_for(heats, 'heat again')
+        assert '/tester also publishes hvch_command: the heater is off.' in planner.output()
+
+
+def test_a_planner_that_is_switched_off_says_so_too(bench):
+    diagnostics = bench.record(DiagnosticArray, '/diagnostics', 100)
+    with feeding(bench):
+        bench.start('planner', *QUICK, '-r', '__node:=front')
+        assert bench.call(SetBool, '/front/enable', SetBool.Request(data=False)).success
+        bench.start('planner', *QUICK, '-r', '__node:=rear')
+        diagnostics.wait_for(errors_of('rear', 'also published by /front'))
+        diagnostics.wait_for(lambda array: any(
+            status.name == 'front: setup' and status.level == DiagnosticStatus.ERROR
+            and '/rear also publishes hvch_command' in status.message for status in array.status))
+        diagnostics.wait_for(lambda array: any(
+            status.name == 'front: preheating' and status.message.startswith('DISABLED')
+            for status in array.status))
+
+
+def test_planners_of_two_cars_do_not_conflict(bench):
+    first = bench.record(HvchCommand, '/car1/hvch_command', 100)
+    second = bench.record(HvchCommand, '/car2/hvch_command', 100)
+    with feeding(bench, '/car1'), feeding(bench, '/car2'):
+        for namespace in ('/car1', '/car2'):
+            bench.start('planner', *QUICK, '-r', f'__ns:={namespace}')
+        first.wait_for(heats)
+        second.wait_for(heats)
+        first.clear()
+        second.clear()
+        assert all(map(heats, first.wait_for_count(40) + second.wait_for_count(40)))

@@ -1,0 +1,123 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The command lines of the installed nodes: help, and one line for what is wrong."""
+
+from pathlib import Path
+import subprocess
+
+from ament_index_python.packages import get_package_prefix
+import pytest
+from rclpy.qos import DurabilityPolicy
+
+from bev_preheat.nodes import nlp_checker_node, planner_node, vehicle_simulator_node
+
+NODES = {'planner': planner_node, 'nlp_checker': nlp_checker_node,
+         'vehicle_simulator': vehicle_simulator_node}
+LISTENING = ('planner', 'nlp_checker')
+
+
+def run(name, *arguments):
+    executable = Path(get_package_prefix('bev_preheat')) / 'lib' / 'bev_preheat' / name
+    return subprocess.run([str(executable), *arguments], text=True, capture_output=True, timeout=30)
+
+
+@pytest.mark.parametrize('option', ['--help', '-h'])
+@pytest.mark.parametrize('name', NODES)
+def test_help_is_printed_and_the_process_ends(domain_id, name, option):
+    done = run(name, option)
+    assert (done.returncode, done.stderr) == (0, '')
+    for parameter in NODES[name].PARAMETERS:
+        assert f'\n  {parameter.name} (default: ' in done.stdout
+    assert f'{name} --ros-args -p ' in done.stdout
+    assert 'battery_state' in done.stdout and '/diagnostics' in done.stdout
+
+
+def test_help_tells_units_ranges_and_choices(domain_id):
+    text = run('planner', '--help').stdout
+    # README, parameters of `planner`.
+    assert 'battery_state_timeout (default: 5.0)\n' in text
+    assert '0.1 ... 60 s.' in text
+    assert 'one of merit_order, optimal_switch, paper.' in text
+
+
+PROBLEMS = {
+    'unknown argument': (['--verbose'], 'unrecognized arguments: --verbose'),
+    'word': (['vehicle:=small_car'], 'unrecognized arguments: vehicle:=small_car'),
+    'unknown ROS argument': (['--ros-args', '--parameter', 'a'], "unknown ROS arguments: "),
+    'no value': (['--ros-args', '-p', 'vehicle'],
+                 '-p vehicle: cannot be read; it must be NAME:=VALUE'),
+    'name': (['--ros-args', '-r', '__node:=a-b'],
+             '-r __node:=a-b: cannot be read; it must be FROM:=TO'),
+    'no file': (['--ros-args', '--params-file', '/no/such.yaml'],
+                'parameter file /no/such.yaml: cannot be read: No such file or directory'),
+    'folder': (['--ros-args', '--params-file', '/tmp'],
+               'parameter file /tmp: cannot be read: Is a directory'),
+    'level': (['--ros-args', '--log-level', 'loud'], "'--log-level loud'"),
+}
+
+
+@pytest.mark.parametrize('arguments, text', PROBLEMS.values(), ids=PROBLEMS)
+@pytest.mark.parametrize('name', NODES)
+def test_what_is_wrong_is_one_line_and_2(domain_id, name, arguments, text):
+    assert_one_line(run(name, *arguments), name, text)
+
+
+def assert_one_line(done, name, text):
+    (line,) = done.stderr.splitlines()
+    assert (done.returncode, done.stdout) == (2, '')
+    assert line.startswith(f'{name}: error: ') and text in line
+
+
+FILES = {
+    'no yaml': ('planner:\n  ros__parameters:\n    vehicle: [unclosed\n', 'line 3'),
+    'no ros__parameters': ('planner:\n  vehicle: reference\n', 'ros__parameters at line 2'),
+    'mixed list': ('planner:\n  ros__parameters:\n    vehicle: [1, two]\n', 'same type'),
+}
+
+
+@pytest.mark.parametrize('content, text', FILES.values(), ids=FILES)
+def test_a_malformed_parameter_file_is_named(domain_id, tmp_path, content, text):
+    path = tmp_path / 'parameters.yaml'
+    path.write_text(content)
+    done = run('planner', '--ros-args', '--params-file', str(path))
+    assert_one_line(done, 'planner', f'parameter file {path}: ')
+    assert text in done.stderr
+
+
+KEY = 'qos_overrides./route_plan.subscription'
+OVERRIDES = {
+    'durability': (f'{KEY}.durability:=latched', f"{KEY}.durability: 'latched' is not allowed; it "
+                   'must be one of system_default, transient_local, volatile'),
+    'durability type': (f'{KEY}.durability:=1', f'{KEY}.durability: 1 is not allowed'),
+    'reliability': (f'{KEY}.reliability:=tcp', f"{KEY}.reliability: 'tcp' is not allowed"),
+    'depth': (f'{KEY}.depth:=0', f'{KEY}.depth: 0 is not allowed; it must be a whole number '
+              'from 1 on'),
+    'history': (f'{KEY}.history:=keep', f"{KEY}.history: 'keep' is not allowed"),
+}
+
+
+@pytest.mark.parametrize('override, text', OVERRIDES.values(), ids=OVERRIDES)
+@pytest.mark.parametrize('name', LISTENING)
+def test_a_bad_quality_of_service_is_one_line_and_2(domain_id, name, override, text):
+    assert_one_line(run(name, '--ros-args', '-p', override), name, text)
+
+
+@pytest.mark.parametrize('remapping, topic', [
+    ('__ns:=/car1', '/car1/route_plan'), ('route_plan:=/trip/plan', '/trip/plan')])
+@pytest.mark.parametrize('name', LISTENING)
+def test_an_override_for_the_topic_of_another_namespace_is_one_line_and_2(
+        domain_id, name, remapping, topic):
+    done = run(name, '--ros-args', '-r', remapping, '-p', f'{KEY}.durability:=volatile')
+    assert_one_line(done, name, f'{KEY}.durability: route_plan of this node is {topic}; write '
+                    f'qos_overrides.{topic}.subscription.durability')
+
+
+def test_an_override_in_a_namespace_is_followed(bench, wait_until):
+    bench.start('planner', '-r', '__ns:=/car1', '-p',
+                'qos_overrides./car1/route_plan.subscription.durability:=volatile')
+
+    def durabilities():
+        return [endpoint.qos_profile.durability for endpoint in
+                bench.node.get_subscriptions_info_by_topic('/car1/route_plan')]
+
+    wait_until(lambda: len(durabilities()) == 2, 'two subscriptions')
+    assert set(durabilities()) == {DurabilityPolicy.VOLATILE}

@@ -1,0 +1,151 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Route plans of every kind of publisher reach the installed nodes, once, and none harms them."""
+
+from array import array
+import re
+
+from bev_preheat_msgs.msg import HvchCommand, PreheatPlan, RoutePlan
+from diagnostic_msgs.msg import DiagnosticArray
+import pytest
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+
+from bev_preheat.nodes.convert import time_message
+from bev_preheat.planning.status import Status
+
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+# What `ros2 topic pub` publishes with.
+VOLATILE = QoSProfile(depth=1)
+BEST_EFFORT = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+LATCHED_BEST_EFFORT = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL,
+                                 reliability=ReliabilityPolicy.BEST_EFFORT)
+KINDS = {'latched': LATCHED, 'volatile': VOLATILE, 'best_effort': BEST_EFFORT,
+         'latched_best_effort': LATCHED_BEST_EFFORT}
+ARRAYS = ('segment_duration', 'speed', 'propulsion_power', 'propulsion_power_rms',
+          'ambient_temperature', 'cabin_heating_power', 'auxiliary_power')
+VALUES = (0.1, 20.0, 20e3, 21e3, -7.0, 1600.0, 300.0)
+LEASE_S = 2.5
+
+
+def route(bench, route_id='home', **fields):
+    message = RoutePlan(**{
+        'route_id': route_id, 'segment_duration': [30.0] * 40, 'speed': [20.0],
+        'propulsion_power': [20e3], 'ambient_temperature': [-7.0], 'charging_planned': True,
+        'target_battery_temperature': 25.0, **fields})
+    message.header.stamp = now(bench)
+    return message
+
+
+def now(bench):
+    return time_message(bench.node.get_clock().now().nanoseconds)
+
+
+def long_route(bench, route_id, segments):
+    return route(bench, route_id, **{
+        name: array('d', [value]) * segments for name, value in zip(ARRAYS, VALUES)})
+
+
+def times_accepted(process, route_id):
+    return len(re.findall(f"Route '{route_id}': ", process.output()))
+
+
+@pytest.mark.parametrize('qos', KINDS.values(), ids=KINDS)
+def test_a_route_arrives_whoever_publishes_it(bench, wait_until, qos):
+    planner = bench.start('planner')
+    routes = bench.publisher(RoutePlan, 'route_plan', qos)
+    # As `ros2 topic pub --once` does: one match is waited for, no more.
+    routes.wait_for_subscription()
+    routes.publish(route(bench))
+
+    def has_arrived():
+        if qos.reliability == ReliabilityPolicy.BEST_EFFORT:
+            # Whatever is sent before the planner has found the publisher is lost.
+            routes.publish(route(bench))
+        return times_accepted(planner, 'home')
+
+    wait_until(has_arrived, 'the route')
+
+
+def test_a_route_that_was_latched_before_arrives(bench, wait_until):
+    bench.publisher(RoutePlan, 'route_plan', LATCHED).publish(route(bench))
+    planner = bench.start('planner')
+    wait_until(lambda: times_accepted(planner, 'home'), 'the route')
+
+
+@pytest.mark.parametrize('qos', [LATCHED, VOLATILE], ids=['latched', 'volatile'])
+def test_a_route_is_handled_once_and_again_when_it_is_sent_again(bench, wait_until, qos):
+    planner = bench.start('planner')
+    routes = bench.publisher(RoutePlan, 'route_plan', qos)
+    if qos is LATCHED:
+        bench.publisher(RoutePlan, 'route_plan', BEST_EFFORT)
+        # So that there is a third subscription, which matches every publisher as the second does.
+    routes.wait_for_subscription(3 if qos is LATCHED else 1)
+    same = route(bench, 'same')
+    for time_sent in (1, 2, 3):
+        routes.publish(same)
+        wait_until(lambda: times_accepted(planner, 'same') >= time_sent, 'the route again')
+    routes.publish(route(bench, 'last'))
+    wait_until(lambda: times_accepted(planner, 'last'), 'the last route')
+    assert times_accepted(planner, 'same') == 3
+
+
+def test_a_volatile_route_of_200_000_segments_with_all_arrays_arrives(bench, wait_until):
+    planner = bench.start('planner')
+    routes = bench.publisher(RoutePlan, 'route_plan', VOLATILE)
+    routes.wait_for_subscription()
+    routes.publish(long_route(bench, 'long', 200_000))
+    wait_until(lambda: times_accepted(planner, 'long'), 'the route')
+
+
+def resident_mb(process):
+    with open(f'/proc/{process.process_id}/status', encoding='utf-8') as status:
+        return int(re.search(r'VmRSS:\s+(\d+) kB', status.read()).group(1)) / 1024
+
+
+def test_a_huge_route_is_refused_by_its_size_and_leaves_nothing_behind(bench, wait_until):
+    commands = bench.record(HvchCommand, 'hvch_command')
+    plans = bench.record(PreheatPlan, 'preheat_plan')
+    planner = bench.start('planner')
+    routes = bench.publisher(RoutePlan, 'route_plan', LATCHED)
+    routes.wait_for_subscription(2)
+    routes.publish(route(bench))
+    wait_until(lambda: times_accepted(planner, 'home'), 'the route')
+    before_mb = resident_mb(planner)
+    commands.clear()
+    # 7 arrays of 2 million numbers of 8 bytes.
+    routes.publish(long_route(bench, 'huge', 2_000_000))
+    plan = plans.wait_for(lambda plan: plan.status == Status.INVALID_INPUT)
+    assert re.search(r'route_plan refused: the message has 112\.0 MB; at most 11\.3 MB are read, '
+                     'enough for 200000 segments', plan.explanation)
+    commands.wait_for_count(4)
+    arrivals_s = [arrival_s for arrival_s, _ in commands.timed]
+    assert max(later_s - earlier_s for earlier_s, later_s in zip(
+        arrivals_s, arrivals_s[1:])) < LEASE_S
+    # Of 112 MB twice, the middleware's, and the message's own.
+    wait_until(lambda: resident_mb(planner) < before_mb + 20.0, 'the memory')
+    # It is latched still, and refused but once.
+    routes.publish(route(bench, 'next'))
+    wait_until(lambda: times_accepted(planner, 'next'), 'the next route')
+    assert len(re.findall(r'\[ERROR\].*the message has 112', planner.output())) == 1
+
+
+def test_after_a_huge_route_a_latched_one_of_another_publisher_arrives(bench, wait_until):
+    planner = bench.start('planner')
+    routes = bench.publisher(RoutePlan, 'route_plan', LATCHED)
+    routes.wait_for_subscription(2)
+    routes.publish(long_route(bench, 'huge', 300_000))
+    wait_until(lambda: 'the message has 16.8 MB' in planner.output(), 'the refusal')
+    other = bench.publisher(RoutePlan, 'route_plan', LATCHED)
+    # Before any of the planner's subscriptions has found it.
+    other.publish(route(bench, 'rescued'))
+    wait_until(lambda: times_accepted(planner, 'rescued'), 'the latched route')
+
+
+def test_the_checker_hears_a_volatile_route(bench, wait_until):
+    diagnostics = bench.record(DiagnosticArray, '/diagnostics')
+    bench.start('nlp_checker')
+    routes = bench.publisher(RoutePlan, 'route_plan', VOLATILE)
+    routes.wait_for_subscription()
+    routes.publish(route(bench, 'to be checked'))
+    diagnostics.wait_for(lambda array: any(
+        item.key == 'route_id' and item.value == 'to be checked'
+        for status in array.status for item in status.values))

@@ -1,0 +1,213 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is set up wrongly around the installed nodes is told in words, in the log and diagnostics."""
+
+import time
+
+from bev_preheat_msgs.msg import HvchCommand, PreheatPlan, RoutePlan
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+import pytest
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import BatteryState, Temperature
+
+from bev_preheat.nodes.convert import time_message
+from bev_preheat.nodes.setup_watch import clock_hint
+
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+BEST_EFFORT = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+DAY_NS = 86400 * 10**9
+WALL_NS = 1_795_000_000 * 10**9
+
+
+def setup_entry(diagnostics, name, text, level=DiagnosticStatus.WARN):
+    """Return the message of the setup entry that has the text and the level, once it comes."""
+    def entries(array):
+        return [status for status in array.status if status.name == f'{name}: setup'
+                and status.level == level and text in status.message]
+
+    return entries(diagnostics.wait_for(lambda array: entries(array), f'{name}: {text}'))[0].message
+
+
+def test_all_is_well_with_what_fits(bench):
+    diagnostics = bench.record(DiagnosticArray, '/diagnostics')
+    bench.record(HvchCommand, 'hvch_command', BEST_EFFORT)
+    # Matches one of the subscriptions.
+    bench.publisher(RoutePlan, 'route_plan', BEST_EFFORT)
+    bench.publisher(BatteryState, 'battery_state', LATCHED)
+    planner = bench.start('planner').output
+    setup_entry(diagnostics, 'planner', 'parameters, clock and topics fit', DiagnosticStatus.OK)
+    assert 'WARN' not in planner()
+
+
+MISFITS = {
+    'type of battery_state': (
+        'planner', lambda bench: bench.publisher(Temperature, 'battery_state'),
+        '/tester publishes /battery_state as sensor_msgs/msg/Temperature; the type must be '
+        'sensor_msgs/msg/BatteryState'),
+    'type of route_plan': (
+        'planner', lambda bench: bench.publisher(Temperature, 'route_plan'),
+        '/tester publishes /route_plan as sensor_msgs/msg/Temperature; the type must be '
+        'bev_preheat_msgs/msg/RoutePlan'),
+    'type of route_plan, checker': (
+        'nlp_checker', lambda bench: bench.publisher(Temperature, 'route_plan'),
+        '/tester publishes /route_plan as sensor_msgs/msg/Temperature'),
+    'plan that is not latched': (
+        'nlp_checker', lambda bench: bench.publisher(
+            PreheatPlan, 'preheat_plan'),
+        '/tester publishes /preheat_plan with an incompatible quality of service: '),
+    'type of hvch_command': (
+        'vehicle_simulator', lambda bench: bench.publisher(Temperature, 'hvch_command'),
+        '/tester publishes /hvch_command as sensor_msgs/msg/Temperature'),
+    'best-effort commands': (
+        'vehicle_simulator', lambda bench: bench.publisher(
+            HvchCommand, 'hvch_command', BEST_EFFORT),
+        '/tester publishes /hvch_command with an incompatible quality of service: '
+        'best effort publisher and reliable subscription'),
+    'latched commands': (
+        'planner', lambda bench: bench.record(HvchCommand, 'hvch_command', LATCHED),
+        '/tester subscribes to /hvch_command with an incompatible quality of service: '
+        'volatile publisher and transient local subscription'),
+    'type of a subscription': (
+        'planner', lambda bench: bench.record(Temperature, 'hvch_command'),
+        '/tester subscribes to /hvch_command as sensor_msgs/msg/Temperature'),
+}
+
+
+@pytest.mark.parametrize('name, make, text', MISFITS.values(), ids=MISFITS)
+def test_who_does_not_fit_is_named_once_in_the_log(bench, name, make, text):
+    diagnostics = bench.record(DiagnosticArray, '/diagnostics')
+    process = bench.start(name)
+    made = make(bench)
+    setup_entry(diagnostics, name, text)
+    # Two looks later it is there still, and not logged again.
+    diagnostics.clear()
+    for _ in range(3):
+        setup_entry(diagnostics, name, text)
+        diagnostics.clear()
+    assert process.output().count(text) == 1
+    del made
+
+
+def test_who_has_gone_is_forgotten(bench):
+    diagnostics = bench.record(DiagnosticArray, '/diagnostics')
+    bench.start('planner')
+    publisher = bench.node.create_publisher(Temperature, 'battery_state', 1)
+    setup_entry(diagnostics, 'planner', '/tester publishes /battery_state')
+    bench.node.destroy_publisher(publisher)
+    diagnostics.clear()
+    setup_entry(diagnostics, 'planner', 'fit', DiagnosticStatus.OK)
+
+
+# Parameters that nobody has
+
+def test_a_misspelt_parameter_on_the_command_line_is_told_with_the_nearest(bench):
+    diagnostics = bench.record(DiagnosticArray, '/diagnostics')
+    planner = bench.start('planner', '-p', 'vehicel:=small_car')
+    text = "parameter 'vehicel' is unknown and ignored; did you mean 'vehicle'?"
+    assert setup_entry(diagnostics, 'planner', text) == text
+    assert planner.output().count(text) == 1
+
+
+@pytest.mark.parametrize('name, misspelt, nearest', [
+    ('nlp_checker', 'time_limits', 'time_limit'),
+    ('vehicle_simulator', 'initial_socc', 'initial_soc')])
+def test_a_misspelt_parameter_in_a_file_is_told(bench, tmp_path, name, misspelt, nearest):
+    path = tmp_path / 'parameters.yaml'
+    path.write_text(f'{name}:\n  ros__parameters:\n    {misspelt}: 0.5\n    use_sim_time: false\n'
+                    'another_node:\n  ros__parameters:\n    colour: red\n')
+    diagnostics = bench.record(DiagnosticArray, '/diagnostics')
+    bench.start(name, '--params-file', str(path))
+    text = f'parameter {misspelt!r} is unknown and ignored; did you mean {nearest!r}?'
+    assert setup_entry(diagnostics, name, text) == text
+
+
+def test_parameters_that_ros_knows_are_not_unknown(bench):
+    diagnostics = bench.record(DiagnosticArray, '/diagnostics')
+    planner = bench.start(
+        'planner', '-p', 'use_sim_time:=false', '-p', 'start_type_description_service:=false',
+        '-p', 'qos_overrides./route_plan.subscription.depth:=2', '-p', 'vehicle:=small_car',
+        '-p', 'another_node:colour:=red')
+    setup_entry(diagnostics, 'planner', 'fit', DiagnosticStatus.OK)
+    assert 'unknown' not in planner.output()
+
+
+def test_a_file_for_another_node_is_told(bench, tmp_path):
+    path = tmp_path / 'parameters.yaml'
+    path.write_text('planer:\n  ros__parameters:\n    vehicle: small_car\n')
+    diagnostics = bench.record(DiagnosticArray, '/diagnostics')
+    bench.start('planner', '--params-file', str(path))
+    setup_entry(diagnostics, 'planner', 'the parameter file holds nothing for /planner')
+
+
+# Clocks
+
+@pytest.mark.parametrize('name', ['planner', 'nlp_checker'])
+def test_simulated_time_without_a_clock_is_told(bench, wait_until, name):
+    diagnostics = bench.record(DiagnosticArray, '/diagnostics')
+    process = bench.start(name, '-p', 'use_sim_time:=true')
+    text = 'use_sim_time is set and no /clock has arrived: time stands at 0'
+    assert setup_entry(diagnostics, name, text) == text
+    assert text in process.output()
+    clocks = bench.publisher(Clock, '/clock')
+    diagnostics.clear()
+
+    def is_well():
+        # Its timers need a clock that runs.
+        clocks.publish(Clock(clock=time_message(1000 * 10**9 + time.monotonic_ns())))
+        return any((status.name, status.level) == (f'{name}: setup', DiagnosticStatus.OK)
+                   for array in diagnostics.messages for status in array.status)
+
+    wait_until(is_well, 'an entry without a problem')
+
+
+def stamped(instant_ns):
+    message = BatteryState(temperature=-7.0, percentage=0.8)
+    message.header.stamp = time_message(instant_ns)
+    return message
+
+
+def refusals(diagnostics):
+    return [status.message for array in diagnostics.messages for status in array.status
+            if 'battery_state refused' in status.message]
+
+
+@pytest.mark.parametrize('name', ['planner', 'nlp_checker'])
+def test_simulated_stamps_against_the_wall_clock_are_told(bench, wait_until, name):
+    diagnostics = bench.record(DiagnosticArray, '/diagnostics')
+    process = bench.start(name)
+    states = bench.publisher(BatteryState, 'battery_state')
+
+    def are_refused():
+        states.publish(stamped(1000 * 10**9))
+        return refusals(diagnostics)
+
+    text = ("days before this node's time, which is the system's: if the sender is simulated or "
+            'replayed, set use_sim_time:=true here')
+    assert text in wait_until(are_refused, 'a refusal')[0]
+    assert text in process.output()
+
+
+@pytest.mark.parametrize('name', ['planner', 'nlp_checker'])
+def test_wall_stamps_against_a_simulated_clock_are_told(bench, wait_until, name):
+    diagnostics = bench.record(DiagnosticArray, '/diagnostics')
+    process = bench.start(name, '-p', 'use_sim_time:=true')
+    clocks = bench.publisher(Clock, '/clock')
+    states = bench.publisher(BatteryState, 'battery_state')
+    text = ("days after this node's time, which is /clock (use_sim_time is set): set "
+            'use_sim_time:=true at the sender too, or use_sim_time:=false here')
+
+    def are_refused():
+        clocks.publish(Clock(clock=time_message(1000 * 10**9 + time.monotonic_ns())))
+        states.publish(stamped(time.time_ns()))
+        return any(text in refusal for refusal in refusals(diagnostics))
+
+    wait_until(are_refused, 'a refusal with the hint')
+    assert text in process.output()
+
+
+@pytest.mark.parametrize('now_ns, stamp_ns, is_far', [
+    (WALL_NS, WALL_NS - DAY_NS // 2, False), (WALL_NS, WALL_NS - 2 * DAY_NS, True),
+    (WALL_NS, WALL_NS + 2 * DAY_NS, True), (0, WALL_NS, False), (WALL_NS, 0, False)])
+def test_only_clocks_that_are_days_apart_are_different_clocks(now_ns, stamp_ns, is_far):
+    for uses_sim_time in (False, True):
+        assert bool(clock_hint(uses_sim_time, now_ns, stamp_ns)) == is_far
