@@ -21,14 +21,15 @@ from bev_preheat.errors import InvalidInput, LONGEST_PROBLEM, shortened
 from bev_preheat.nodes.command_line import Program
 from bev_preheat.nodes.convert import is_cancellation, measurement_from_message
 from bev_preheat.nodes.optimality import (
-    case_of_plan, case_of_state, checker_diagnostics, report_message, report_sentence,
-    says_the_same)
+    case_of_plan, case_of_state, checker_diagnostics, part_ahead, report_message,
+    report_sentence, says_the_same)
 from bev_preheat.nodes.parameters import check, declare, Parameter
 from bev_preheat.nodes.process import run_node
 from bev_preheat.nodes.route_intake import RouteIntake
 from bev_preheat.nodes.route_listener import RouteListener
 from bev_preheat.nodes.setup_watch import SetupWatch
-from bev_preheat.optimum.worker import Failure, SolverProcess
+from bev_preheat.optimum.exchange import Failure
+from bev_preheat.optimum.solver_process import SolverProcess
 from bev_preheat.vehicle import load_vehicle
 
 DEFAULTS = Settings()
@@ -96,6 +97,8 @@ class NlpCheckerNode(Node):
         # Only its memory and its checks of inputs are used: what it refuses the planner refuses.
         self._inputs = Supervisor(vehicle, _settings(self._values))
         self._solver = SolverProcess(vehicle)
+        # Loading it takes longer than solving: the first check must not wait for that.
+        self._solver.prepare()
         self._measurements = deque(maxlen=STATES_KEPT)
         self._routes, self._plan = RouteIntake(self._inputs), None
         # Instants are time.monotonic(), but the last check's, which is the node's clock's.
@@ -103,7 +106,7 @@ class NlpCheckerNode(Node):
         self._ready_since_s = None
         self._case = self._report = self._last_check_ns = None
         self._problems = {}
-        self._counts = {'reports': 0, 'failures': 0, 'superseded': 0}
+        self._counts = {'reports': 0, 'failures': 0, 'superseded': 0, 'programs built': 0}
 
         latched = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
         self._report_publisher = self.create_publisher(
@@ -120,7 +123,6 @@ class NlpCheckerNode(Node):
         # The solver works in real time, whatever the node's clock does.
         steady_clock = Clock(clock_type=ClockType.STEADY_TIME)
         self._poll_timer = self.create_timer(POLL_PERIOD_S, self._on_poll, clock=steady_clock)
-        self._poll_timer.cancel()
         self.create_timer(DIAGNOSTICS_PERIOD_S, self._on_diagnostics, clock=steady_clock)
         self._setup = SetupWatch(
             self, ('battery_state', 'route_plan', 'preheat_plan'), ('optimality_report',))
@@ -161,9 +163,18 @@ class NlpCheckerNode(Node):
         if is_cancellation(message):
             self._is_wanted = self._is_urgent = False
             return
+        self._prepare_solver()
         # Forecasts for a route that is known may come faster than the solver is.
         self._want(is_urgent=before is None or before.route_id != message.route_id)
         self._begin_if_possible()
+
+    def _prepare_solver(self):
+        mission = self._inputs.mission
+        route = None
+        if mission is not None:
+            _, _, route = part_ahead(mission, self._now_ns())
+        self._solver.prepare(route)
+        self._poll_timer.reset()
 
     @guarded
     def _on_refused_route(self, error):
@@ -270,7 +281,8 @@ class NlpCheckerNode(Node):
     def _on_poll(self):
         self._poll_solver()
         self._begin_if_possible()
-        if not self._solver.is_busy and self._ready_since_s is None:
+        if not (self._solver.is_busy or self._solver.is_preparing
+                or self._ready_since_s is not None):
             self._poll_timer.cancel()
 
     def _poll_solver(self):
@@ -288,6 +300,7 @@ class NlpCheckerNode(Node):
             self._report = report_message(self._case, outcome)
             self._report_publisher.publish(self._report)
             self._counts['reports'] += 1
+            self._counts['programs built'] += getattr(outcome, 'programs_built', 0)
             self.get_logger().info(report_sentence(self._report))
         self._publish_diagnostics()
 
@@ -302,10 +315,12 @@ class NlpCheckerNode(Node):
         values = {
             'state': 'solving' if solver.is_solving else
                      'starting the solver' if solver.is_busy else
-                     'waiting for a plan' if self._ready_since_s is not None else 'idle',
+                     'waiting for a plan' if self._ready_since_s is not None else
+                     'preparing the solver' if solver.is_preparing else 'idle',
             'route_id': self._inputs.mission.route_id if self._inputs.mission else '',
             'checked route_id': self._case.route_id if self._case else '',
             'solver process': str(solver.process_id or 'none'),
+            'solver prepared for [steps]': str(solver.prepared_steps or 'none'),
             **{name: str(count) for name, count in self._counts.items()}}
         if self._report is not None:
             values['last report'] = report_sentence(self._report)
@@ -344,6 +359,8 @@ class NlpCheckerNode(Node):
             self._inputs.vehicle = vehicle
             self._solver.close()
             self._solver = SolverProcess(self._inputs.vehicle)
+            self._solver.prepare()
+            self._poll_timer.reset()
         if self._routes.message is not None and not values.keys().isdisjoint(
                 ('vehicle', 'planning_step')):
             try:
@@ -352,6 +369,7 @@ class NlpCheckerNode(Node):
                 self._refuse('route_plan', error)
             else:
                 self._problems.pop('route_plan', None)
+                self._prepare_solver()
                 self._want(is_urgent=True)
                 self._begin_if_possible()
 

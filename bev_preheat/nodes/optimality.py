@@ -19,7 +19,7 @@ from bev_preheat.control.supervisor import NS_PER_S
 from bev_preheat.errors import LONGEST_QUOTE, shortened
 from bev_preheat.estimation.state import FACTOR_NAMES
 from bev_preheat.nodes.convert import nanoseconds, time_message
-from bev_preheat.optimum.worker import Question, Solution
+from bev_preheat.optimum.exchange import Question, Solution
 from bev_preheat.planning.planner import METHODS
 from bev_preheat.planning.situation import BatteryState
 
@@ -105,6 +105,17 @@ def case_of_plan(mission, goal_of, measurements, plan):
     return None
 
 
+def part_ahead(mission, stamp_ns):
+    """
+    Return (leg, start [ns], route) of what is ahead of an instant [ns] on its leg.
+
+    The route is None at a stop and where the mission has ended.
+    """
+    leg = mission.legs[mission.leg_number(stamp_ns)]
+    start_ns = max(stamp_ns, leg.start_ns)
+    return leg, start_ns, leg.route_ahead(start_ns)
+
+
 def case_of_state(mission, goal_of, measurement, plan):
     """
     Return the Case of a measurement; None at a stop and where the route has ended.
@@ -112,9 +123,7 @@ def case_of_state(mission, goal_of, measurement, plan):
     `plan` is the latest PreheatPlan or None. If it is for this route, its method is to plan again;
     else there is nothing to compare the optimum with. `goal_of` is Supervisor.goal_of.
     """
-    leg = mission.legs[mission.leg_number(measurement.stamp_ns)]
-    start_ns = max(measurement.stamp_ns, leg.start_ns)
-    route = leg.route_ahead(start_ns)
+    leg, start_ns, route = part_ahead(mission, measurement.stamp_ns)
     if route is None:
         return None
     method, goal = '', goal_of(leg)

@@ -23,7 +23,7 @@ from functools import lru_cache
 import casadi
 import numpy as np
 
-from bev_preheat.optimum.symbols import symbolic_curve, symbolic_rates, symbolic_step
+from bev_preheat.optimum.symbols import FACTORS, symbolic_curve, symbolic_rates, symbolic_step
 
 # Scales that bring variables and constraints near 1.
 SOC_SCALE = 0.01
@@ -114,10 +114,11 @@ class Program:
                        slacks[2] * SOC_SCALE, slacks[3]))
 
 
+# Positional only, without defaults: for lru_cache f(1, 2) and f(1, b=2) are different calls.
 @lru_cache(maxsize=16)
-def build_program(vehicle, steps, limited=True, give=Give.NOTHING):
+def build_program(vehicle, steps, limited, give, /):
     """
-    Return the Program of a vehicle for a number of steps.
+    Return the Program of a vehicle, whatever its corrections, for a number of steps.
 
     `limited`: with the power limits of the battery (9i); `give`: elastic, and how far.
     """
@@ -129,25 +130,28 @@ def build_program(vehicle, steps, limited=True, give=Give.NOTHING):
     slack_soc, slack_discharge, slack_soc_above, slack_above = (
         casadi.MX.sym(name, 1, steps)
         for name in ('slack_soc', 'slack_discharge', 'slack_soc_above', 'slack_above'))
-    # Rows: duration, idle power, power variance, idle heat, leakage; then target and final soc.
+    # Rows: duration, idle power, power variance, idle heat, leakage; then target and final soc,
+    # and the corrections, so that a car whose factors are being learned needs no new program.
     route = casadi.MX.sym('route', 5, steps)
     target_c, final_soc = casadi.MX.sym('target'), casadi.MX.sym('final_soc')
+    factors = [casadi.MX.sym(name) for name in FACTORS]
+    heater_efficiency = casadi.MX.sym('heater_efficiency')
     duration_s, idle_power_w, variance_w2, idle_heat_w, leakage_w_per_k = (
         route[row, :] for row in range(5))
     heater_w, brake_w = heater * POWER_SCALE_W, brake * POWER_SCALE_W
     power_w = idle_power_w + heater_w + brake_w
-    heat_w = (idle_heat_w + vehicle.hvch.efficiency * heater_w
+    heat_w = (idle_heat_w + heater_efficiency * heater_w
               - vehicle.drivetrain.heat_share * brake_w)
 
     soc_end, temperature_end_c, _, mean_joule_w = symbolic_step(vehicle).map(steps)(
         soc[:-1] * SOC_SCALE, temperature_c[:-1], duration_s, power_w, variance_w2, heat_w,
-        leakage_w_per_k)
+        leakage_w_per_k, *factors)
     energy = casadi.sum2(duration_s * (power_w + mean_joule_w)) / ENERGY_SCALE_J
     constraints = [(soc_end / SOC_SCALE - soc[1:]).T, (temperature_end_c - temperature_c[1:]).T]
     if limited:
         soc_start, start_c = soc[:-1] * SOC_SCALE, temperature_c[:-1]
         joule_w = symbolic_rates(vehicle).map(steps)(
-            soc_start, start_c, power_w, variance_w2, heat_w, leakage_w_per_k)[2]
+            soc_start, start_c, power_w, variance_w2, heat_w, leakage_w_per_k, *factors)[2]
         most_w = symbolic_curve(vehicle.battery.discharge_power_limit).map(steps)(
             soc_start, start_c)
         least_w = symbolic_curve(vehicle.battery.charge_power_limit).map(steps)(soc_start, start_c)
@@ -171,7 +175,12 @@ def build_program(vehicle, steps, limited=True, give=Give.NOTHING):
                     soc[-1] - final_soc / SOC_SCALE + lacking_soc]
     solver = casadi.nlpsol('optimum', 'ipopt', {
         'x': casadi.vertcat(*variables),
-        'p': casadi.vertcat(casadi.vec(route), target_c, final_soc),
+        'p': casadi.vertcat(casadi.vec(route), target_c, final_soc, *factors, heater_efficiency),
         'f': energy,
         'g': casadi.vertcat(*constraints)}, SOLVER_OPTIONS)
     return Program(solver, steps, limited, give)
+
+
+def programs_built():
+    """Return how many programs this process has built so far."""
+    return build_program.cache_info().misses

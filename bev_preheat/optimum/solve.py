@@ -10,16 +10,20 @@ import numpy as np
 from bev_preheat.model import make_runge_kutta_4
 from bev_preheat.optimum.program import (
     build_program, ENERGY_SCALE_J, Give, POWER_SCALE_W, Program, SOC_SCALE)
+from bev_preheat.optimum.symbols import FACTORS
 from bev_preheat.planning.limits import limits_hold, run_unheated
 from bev_preheat.planning.plan import Plan
 from bev_preheat.planning.planner import finish_plan, plan_without_heating
 from bev_preheat.planning.safeguard import is_described
 from bev_preheat.planning.schedule import HeldBack, Schedule, switched_on_s
 from bev_preheat.planning.simulate import JOULES_PER_WH
-from bev_preheat.planning.situation import check_situation, reserve_soc
-from bev_preheat.planning.trip import make_trip
+from bev_preheat.planning.situation import BatteryState, check_situation, Goal, reserve_soc
+from bev_preheat.planning.trip import make_trip, Trip
+from bev_preheat.vehicle.corrections import corrected_vehicle, Corrections
+from bev_preheat.vehicle.description import Vehicle
 
 METHOD = 'nlp'
+AS_DESCRIBED = Corrections()
 # Constraints that may be lacking something.
 TARGET = 'target temperature'
 ARRIVAL_SOC = 'state of charge on arrival'
@@ -83,31 +87,48 @@ class Optimum:
                 'marginal_cost_wh_per_k': self.marginal_cost_wh_per_k}
 
 
-def solve_optimum(vehicle, route, state, goal, limited=True):
+@dataclass(frozen=True)
+class _Problem:
+    """
+    What the programs of one optimum have in common.
+
+    `vehicle` is as its file says, because programs are kept for it; that of `trip` is corrected.
+    """
+
+    vehicle: Vehicle
+    corrections: Corrections
+    trip: Trip
+    state: BatteryState
+    goal: Goal
+
+
+def solve_optimum(vehicle, route, state, goal, limited=True, corrections=AS_DESCRIBED):
     """
     Return the Optimum for a vehicle with a battery state at the start of a route.
 
     `limited`: keep the battery's power limits (9i). The program is solved without them first: a
     solution that keeps them all the same is the optimum with them too, at half the cost. A trip that
     the charge does not carry is not given to the solver: there is no optimum, and the best that can
-    be done is not to heat. Raises InvalidInput as `plan_preheating` does, SolverFailure where IPOPT
+    be done is not to heat. `corrections` of the vehicle need no programs of their own, unlike a
+    corrected vehicle. Raises InvalidInput as `plan_preheating` does, SolverFailure where IPOPT
     finds neither an optimum nor what cannot be kept.
     """
     started = perf_counter()
-    check_situation(vehicle, route, state, goal)
-    trip = make_trip(vehicle, route)
+    corrected = _corrected(vehicle, corrections)
+    check_situation(corrected, route, state, goal)
+    trip = make_trip(corrected, route)
     unheated = plan_without_heating(trip, state)
     if not is_described(trip, unheated):
         unheated = run_unheated(trip, state)
     if unheated.empty_at_s is not None:
         return _stranded(trip, goal, unheated, started)
-    runs = []
+    problem, runs = _Problem(vehicle, corrections, trip, state, goal), []
     if limited:
-        run = _run(build_program(vehicle, len(trip.route), limited=False), trip, state, goal)
+        run = _run(problem, limited=False)
         if run.status == SUCCESS and limits_hold(trip, _schedule(trip, run)):
             return _optimum(trip, goal, [run], (), started)
     for give in Give:
-        run = _run(build_program(vehicle, len(trip.route), limited, give), trip, state, goal)
+        run = _run(problem, limited, give)
         runs.append(run)
         if run.status == SUCCESS:
             break
@@ -117,7 +138,7 @@ def solve_optimum(vehicle, route, state, goal, limited=True):
     lacking = tuple(_lacking(trip, run))
     if give and not lacking:
         # All constraints can be kept: it was the solver that failed, and from here it may not.
-        run = _run(build_program(vehicle, len(trip.route), limited), trip, state, goal, run)
+        run = _run(problem, limited, start=run)
         runs = [run, *runs]
         if run.status != SUCCESS:
             raise SolverFailure(f'IPOPT ended with {runs[1].status}, and with {run.status} when '
@@ -134,6 +155,20 @@ def _stranded(trip, goal, unheated, started):
         f'empty at {plan.stranding.at_s:.0f} s')
     return Optimum(plan=plan, solver_status=NOT_SOLVED, iterations=0, solve_time_s=0.0,
                    lacking=(lacking,), marginal_cost_wh_per_k=math.nan)
+
+
+def prepare_programs(vehicle, route):
+    """
+    Build and keep the program that `solve_optimum` solves first for this route.
+
+    It serves all routes with as many steps, and the vehicle with any corrections.
+    """
+    build_program(vehicle, len(make_trip(vehicle, route).route), False, Give.NOTHING)
+
+
+def _corrected(vehicle, corrections):
+    # What others keep for a vehicle is not kept for its copy.
+    return vehicle if corrections == AS_DESCRIBED else corrected_vehicle(vehicle, corrections)
 
 
 def _optimum(trip, goal, runs, lacking, started):
@@ -175,9 +210,12 @@ class _Run:
         return self.program.split(self.variables)
 
 
-def _run(program, trip, state, goal, start=None):
+def _run(problem, limited, give=Give.NOTHING, start=None):
     """Return the _Run of a program, from another one or, cold, from the trip without heating."""
-    route, battery, n = trip.route, trip.vehicle.battery, program.steps
+    trip, state, goal, corrections = (
+        problem.trip, problem.state, problem.goal, problem.corrections)
+    route, battery, n = trip.route, trip.vehicle.battery, len(trip.route)
+    program = build_program(problem.vehicle, n, limited, give)
     soc_low, soc_high = battery.soc_range
     cold_c, warm_c = battery.temperature_range_c
     # A battery that starts outside its range may stay there.
@@ -213,7 +251,9 @@ def _run(program, trip, state, goal, start=None):
         p=np.concatenate([
             np.vstack([route.duration_s, trip.idle_power_w, trip.power_variance_w2,
                        trip.idle_heat_w, trip.leakage_w_per_k]).ravel(order='F'),
-            [target_c, reserve_soc(trip.vehicle, goal)]]))
+            [target_c, reserve_soc(trip.vehicle, goal)],
+            [getattr(corrections, factor) for factor in FACTORS],
+            [trip.vehicle.hvch.efficiency]]))
     time_s = perf_counter() - started
     statistics = program.solver.stats()
     return _Run(program, np.asarray(result['x']).ravel(), -float(result['lam_g'][-2]),

@@ -5,6 +5,7 @@ import casadi
 
 from bev_preheat.arithmetic import Arithmetic
 from bev_preheat.model import make_rates, make_runge_kutta_4
+from bev_preheat.vehicle.corrections import corrected_vehicle, Corrections
 
 # Below this discriminant [V^2] the power cannot be delivered; the floor keeps derivatives finite.
 LEAST_DISCRIMINANT_V2 = 1e-6
@@ -13,28 +14,43 @@ SYMBOLS = Arithmetic(
     root=lambda value: casadi.sqrt(casadi.fmax(value, LEAST_DISCRIMINANT_V2)),
     log=casadi.log, maximum=casadi.fmax, minimum=casadi.fmin)
 
+# Corrections of the vehicle that are inputs, so that they may differ from call to call; leakage
+# and heat are inputs anyway.
+FACTORS = ('heat_capacity', 'resistance')
+# Inputs that depend on the program's variables. CasADi leaves out the derivatives with respect to
+# all others, which makes a solution up to a sixth cheaper.
+DIFFERENTIATED = frozenset(('soc', 'temperature_c', 'power_w', 'heat_w'))
+
 
 def symbolic_step(vehicle):
     """
     Return the Runge-Kutta step of `model` as a CasADi Function.
 
     Inputs: soc, temperature [deg C], duration [s], terminal power [W], variance [W^2], heat [W],
-    leakage [W/K]. Outputs: soc, temperature at the end, mean temperature, mean Joule heat [W].
+    leakage [W/K], then FACTORS. Outputs: soc, temperature at the end, mean temperature, mean Joule
+    heat [W]. Derivatives: with respect to DIFFERENTIATED only.
     """
     names = ('soc', 'temperature_c', 'duration_s', 'power_w', 'variance_w2', 'heat_w',
              'leakage_w_per_k')
-    inputs = [casadi.SX.sym(name) for name in names]
-    step = make_runge_kutta_4(make_rates(vehicle, SYMBOLS))
-    return casadi.Function('step', inputs, list(step(*inputs)), list(names), [
-        'soc_end', 'temperature_end_c', 'mean_temperature_c', 'mean_joule_w'])
+    inputs, factors = _symbols(names), _symbols(FACTORS)
+    step = make_runge_kutta_4(make_rates(_corrected(vehicle, factors), SYMBOLS))
+    return _function('step', inputs + factors, step(*inputs), (*names, *FACTORS), (
+        'soc_end', 'temperature_end_c', 'mean_temperature_c', 'mean_joule_w'))
 
 
 def symbolic_rates(vehicle):
-    """Return the right-hand side of `model` as a CasADi Function: soc/s, K/s, Joule heat [W]."""
+    """
+    Return the right-hand side of `model` as a CasADi Function.
+
+    Inputs: soc, temperature [deg C], terminal power [W], variance [W^2], heat [W], leakage [W/K],
+    then FACTORS. Outputs: soc/s, K/s, Joule heat [W]. Derivatives: with respect to DIFFERENTIATED
+    only.
+    """
     names = ('soc', 'temperature_c', 'power_w', 'variance_w2', 'heat_w', 'leakage_w_per_k')
-    inputs = [casadi.SX.sym(name) for name in names]
-    return casadi.Function('rates', inputs, list(make_rates(vehicle, SYMBOLS)(*inputs)),
-                           list(names), ['soc_rate', 'temperature_rate', 'joule_w'])
+    inputs, factors = _symbols(names), _symbols(FACTORS)
+    rates = make_rates(_corrected(vehicle, factors), SYMBOLS)
+    return _function('rates', inputs + factors, rates(*inputs), (*names, *FACTORS),
+                     ('soc_rate', 'temperature_rate', 'joule_w'))
 
 
 def symbolic_curve(curve):
@@ -42,3 +58,17 @@ def symbolic_curve(curve):
     soc, temperature_c = casadi.SX.sym('soc'), casadi.SX.sym('temperature_c')
     return casadi.Function('curve', [soc, temperature_c],
                            [curve.function(SYMBOLS)(soc, temperature_c)])
+
+
+def _function(name, inputs, outputs, input_names, output_names):
+    return casadi.Function(
+        name, inputs, list(outputs), list(input_names), list(output_names),
+        {'is_diff_in': [input_name in DIFFERENTIATED for input_name in input_names]})
+
+
+def _symbols(names):
+    return [casadi.SX.sym(name) for name in names]
+
+
+def _corrected(vehicle, factors):
+    return corrected_vehicle(vehicle, Corrections(**dict(zip(FACTORS, factors))))

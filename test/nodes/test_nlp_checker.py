@@ -543,6 +543,27 @@ def test_bad_inputs_do_no_harm(alone):
     assert isnan(report.plan_energy)
 
 
+def test_the_solver_is_ready_before_the_first_check(surroundings):
+    """Route first, battery later, as when a car wakes up: nothing is left to load or to build."""
+    # Steps so long that the vehicle is still in the first when it is checked.
+    steps = ('-p', 'planning_step:=300.0')
+    surroundings.start('nlp_checker', *ONLY_ASKED, *steps)
+    surroundings.start('planner', *steps)
+    surroundings.send_route('first')
+    _, _, values = surroundings.diagnosis(
+        lambda level, text, values: values['solver prepared for [steps]'] == '8')
+    prepared = values['solver process']
+    with surroundings.feeding():
+        report = surroundings.report(of_route('first'))
+        # The factors that the planner estimates go into the program, they need none of their own.
+        assert not isnan(report.caution_energy)
+        _, _, values = surroundings.diagnosis(
+            lambda level, text, values: values['reports'] == '1')
+    assert report.optimal
+    assert values['programs built'] == '0'
+    assert values['solver process'] == prepared
+
+
 def test_cannot_start_with_an_unknown_vehicle(bench):
     checker = bench.start('nlp_checker', '-p', 'vehicle:=small_cat')
     assert checker.wait(20.0) == 2

@@ -17,8 +17,8 @@ from scipy.optimize import brentq
 from bev_preheat.errors import InvalidInput
 from bev_preheat.optimum import program, solve
 from bev_preheat.optimum.solve import (
-    ARRIVAL_SOC, CHARGE, HIGHEST_SOC, HIGHEST_TEMPERATURE, LOWEST_SOC, NOT_SOLVED, solve_optimum,
-    SolverFailure, SUCCESS, TARGET)
+    ARRIVAL_SOC, CHARGE, HIGHEST_SOC, HIGHEST_TEMPERATURE, LOWEST_SOC, NOT_SOLVED,
+    prepare_programs, solve_optimum, SolverFailure, SUCCESS, TARGET)
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.status import Status
@@ -26,6 +26,7 @@ from bev_preheat.route import load_route
 from bev_preheat.route.segments import make_route
 from bev_preheat.study.trips import draw_limit_trip
 from bev_preheat.vehicle import load_vehicle
+from bev_preheat.vehicle.corrections import corrected_vehicle, Corrections
 
 VEHICLES = {name: load_vehicle(name) for name in ('reference', 'small_car')}
 REFERENCE = VEHICLES['reference']
@@ -436,6 +437,33 @@ def fresh_vehicle():
     return replace(REFERENCE)
 
 
+@pytest.mark.parametrize('name', VEHICLES)
+def test_corrections_give_the_optimum_of_the_corrected_car_without_a_new_program(name):
+    vehicle, route, state, goal = TRIPS[name]
+    corrections = Corrections(heat_capacity=0.93, leakage=1.21, resistance=1.34,
+                              heater_efficiency=0.88)
+    corrected = solve_optimum(corrected_vehicle(vehicle, corrections), route, state, goal)
+    solve_optimum(vehicle, route, state, goal)
+    built = program.programs_built()
+    optimum = solve_optimum(vehicle, route, state, goal, corrections=corrections)
+    assert program.programs_built() == built
+    assert optimum.solver_status == SUCCESS
+    assert optimum.plan.energy_wh.battery_total == pytest.approx(
+        corrected.plan.energy_wh.battery_total, abs=1e-4)
+    np.testing.assert_allclose(optimum.plan.battery_temperature_c,
+                               corrected.plan.battery_temperature_c, atol=1e-4)
+
+
+def test_prepared_programs_are_used():
+    vehicle, (_, route, state, goal) = fresh_vehicle(), TRIPS['reference']
+    prepare_programs(vehicle, route)
+    built = program.programs_built()
+    solve_optimum(vehicle, route, state, goal)
+    assert program.programs_built() == built
+    solve_optimum(vehicle, route.after(45.0), state, goal)
+    assert program.programs_built() == built + 1
+
+
 def test_solver_that_may_not_iterate_is_a_failure(monkeypatch):
     monkeypatch.setitem(program.SOLVER_OPTIONS, 'ipopt.max_iter', 2)
     with pytest.raises(SolverFailure, match='Maximum_Iterations_Exceeded'):
@@ -451,9 +479,9 @@ def failing_runs(monkeypatch):
     """
     limit, run = {'runs': 0}, solve._run
 
-    def _run(built, *arguments):
-        result = run(built, *arguments)
-        if built.give is program.Give.NOTHING and limit['runs'] > 0:
+    def _run(*arguments, **options):
+        result = run(*arguments, **options)
+        if result.program.give is program.Give.NOTHING and limit['runs'] > 0:
             limit['runs'] -= 1
             return replace(result, status='Restoration_Failed')
         return result

@@ -11,6 +11,7 @@ from bev_preheat.arithmetic import FLOATS, SATURATING_FLOATS
 from bev_preheat.model import make_rates, make_runge_kutta_4
 from bev_preheat.optimum.symbols import symbolic_curve, symbolic_rates, symbolic_step
 from bev_preheat.vehicle import load_vehicle
+from bev_preheat.vehicle.corrections import corrected_vehicle, Corrections
 
 # Formulas, and tables.
 VEHICLES = {name: load_vehicle(name) for name in ('reference', 'small_car')}
@@ -18,6 +19,10 @@ CURVES = ('open_circuit_voltage', 'resistance', 'discharge_power_limit', 'charge
 POINTS = 300
 # Both sides round each of some hundred operations to 1e-16.
 ROUNDING = 1e-12
+# As the functions take them: of the heat capacity and of the resistance.
+FACTORS = (1.13, 0.79)
+CORRECTIONS = Corrections(heat_capacity=1.13, resistance=0.79)
+AS_DESCRIBED = (1.0, 1.0)
 
 
 @pytest.fixture(params=VEHICLES)
@@ -45,14 +50,15 @@ def random_points(vehicle, seed):
 
 
 def test_rates_are_those_of_floats(vehicle):
-    symbolic, numeric = symbolic_rates(vehicle), make_rates(vehicle, FLOATS)
+    symbolic = symbolic_rates(vehicle)
+    numeric = make_rates(corrected_vehicle(vehicle, CORRECTIONS), FLOATS)
     for point in random_points(vehicle, seed=11):
         soc_rate, temperature_rate, joule_w = numeric(*point)
         _, temperature_c, _, _, heat_w, leakage_w_per_k = point
         # The temperature's rate is a sum that may nearly cancel.
         terms_k_per_s = (abs(heat_w) + abs(leakage_w_per_k * temperature_c) + joule_w) / (
-            vehicle.battery.heat_capacity_j_per_k)
-        assert [float(value) for value in symbolic(*point)] == [
+            1.13 * vehicle.battery.heat_capacity_j_per_k)
+        assert [float(value) for value in symbolic(*point, *FACTORS)] == [
             pytest.approx(soc_rate, rel=ROUNDING),
             pytest.approx(temperature_rate, rel=0.0, abs=ROUNDING * terms_k_per_s),
             pytest.approx(joule_w, rel=ROUNDING)]
@@ -62,13 +68,13 @@ def test_runge_kutta_step_is_that_of_floats(vehicle):
     symbolic = symbolic_step(vehicle)
     # The program keeps the state of charge within 0 ... 1 by its bounds, not by its curves.
     unbounded = replace(SATURATING_FLOATS, share=lambda value: value)
-    numeric = make_runge_kutta_4(make_rates(vehicle, unbounded))
+    numeric = make_runge_kutta_4(make_rates(corrected_vehicle(vehicle, CORRECTIONS), unbounded))
     random = np.random.default_rng(12)
     for soc, temperature_c, *inputs in random_points(vehicle, seed=13):
         step = (soc, temperature_c, random.uniform(0.5, 300.0), 0.5 * inputs[0], *inputs[1:])
         soc_end, end_c, mean_c, mean_joule_w = numeric(*step)
         # Temperatures in degC pass through 0, where only their size in kelvin says what rounds.
-        assert [float(value) for value in symbolic(*step)] == [
+        assert [float(value) for value in symbolic(*step, *FACTORS)] == [
             pytest.approx(soc_end, rel=0.0, abs=ROUNDING),
             pytest.approx(end_c, rel=0.0, abs=300.0 * ROUNDING),
             pytest.approx(mean_c, rel=0.0, abs=300.0 * ROUNDING),
@@ -100,7 +106,8 @@ def test_power_that_cannot_be_delivered_leaves_the_current_at_its_most(vehicle):
     soc, temperature_c = 0.63, 4.0
     voltage_v = vehicle.battery.open_circuit_voltage.function(FLOATS)(soc, temperature_c)
     resistance_ohm = vehicle.battery.resistance.function(FLOATS)(soc, temperature_c)
-    joule_w = symbolic_rates(vehicle)(soc, temperature_c, 2e6, 0.0, 0.0, 0.0)[2]
+    joule_w = symbolic_rates(vehicle)(
+        soc, temperature_c, 2e6, 0.0, 0.0, 0.0, *AS_DESCRIBED)[2]
     # The floor of the discriminant, 1e-6 V^2, is 1 mV of some 200 V of drop.
     assert float(joule_w) == pytest.approx(voltage_v**2 / (4.0 * resistance_ohm), rel=2e-5)
 
@@ -109,8 +116,29 @@ def test_derivatives_are_finite_where_power_cannot_be_delivered(vehicle):
     rates = symbolic_rates(vehicle)
     state = casadi.SX.sym('state', 2)
     power_w = casadi.SX.sym('power')
-    outputs = casadi.vertcat(*rates(state[0], state[1], power_w, 7e6, 300.0, 40.0))
+    outputs = casadi.vertcat(
+        *rates(state[0], state[1], power_w, 7e6, 300.0, 40.0, *AS_DESCRIBED))
     jacobian = casadi.Function('jacobian', [state, power_w], [
         casadi.jacobian(outputs, casadi.vertcat(state, power_w))])
     for asked_w in (1e5, 2e6):
         assert np.isfinite(np.array(jacobian([0.63, -27.0], asked_w))).all()
+
+
+def test_derivatives_are_those_of_the_expressions(vehicle):
+    """What the program leaves out of its derivatives must not be what its variables move."""
+    step, point = symbolic_step(vehicle), np.array([0.63, -4.0, 9e3, 2.5e3])
+
+    def outputs(variables):
+        soc, temperature_c, power_w, heat_w = (variables[at] for at in range(4))
+        return casadi.vertcat(
+            *step(soc, temperature_c, 30.0, power_w, 7e6, heat_w, 40.0, *FACTORS))
+
+    variables = casadi.MX.sym('variables', 4)
+    jacobian = np.array(casadi.Function(
+        'jacobian', [variables], [casadi.jacobian(outputs(variables), variables)])(point))
+    for column, shift in enumerate((1e-5, 1e-3, 1.0, 1.0)):
+        to_side = shift * np.eye(4)[column]
+        difference = np.array(outputs(casadi.DM(point + to_side))
+                              - outputs(casadi.DM(point - to_side))).ravel() / (2.0 * shift)
+        np.testing.assert_allclose(jacobian[:, column], difference, rtol=1e-4, atol=1e-9)
+        assert np.abs(jacobian[:, column]).max() > 0.0

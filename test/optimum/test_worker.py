@@ -13,7 +13,8 @@ import psutil
 import pytest
 
 from bev_preheat.optimum.solve import solve_optimum
-from bev_preheat.optimum.worker import Failure, Question, Solution, SolverProcess
+from bev_preheat.optimum.exchange import Failure, Question, Solution
+from bev_preheat.optimum.solver_process import SolverProcess
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route import load_route
@@ -35,7 +36,8 @@ BLOCKED_S = 0.5
 # Asks, says which process solves, and is killed before it gets the answer.
 OWNER = """
 import sys, time
-from bev_preheat.optimum.worker import Question, SolverProcess
+from bev_preheat.optimum.exchange import Question
+from bev_preheat.optimum.solver_process import SolverProcess
 sys.path.insert(0, sys.argv[1])
 from test_worker import LONG_QUESTION, VEHICLE
 solver = SolverProcess(VEHICLE)
@@ -213,6 +215,82 @@ def test_says_so_when_no_process_can_be_started(solver, monkeypatch):
     assert isinstance(answer_of(solver), Solution)
 
 
+def let_it_prepare(solver, route=None):
+    """Let the process get ready, and return once it is."""
+    solver.prepare(route)
+    assert solver.is_preparing
+    wait_until(lambda: solver.poll() or not solver.is_preparing, 'the end of the preparation')
+    assert not solver.is_busy
+
+
+@pytest.mark.parametrize('factors', [(), (0.93, 1.21, 1.34, 0.88, 1.07)])
+def test_a_prepared_process_answers_its_first_question_without_building(solver, factors):
+    let_it_prepare(solver, ROUTE)
+    assert solver.prepared_steps == len(ROUTE)
+    prepared = solver.process_id
+    solver.ask(Question(ROUTE.after(17.0), STATE, GOAL, '', factors), PATIENCE_S)
+    solution = answer_of(solver)
+    assert solution.is_optimal
+    assert solution.programs_built == 0
+    assert solver.process_id == prepared
+
+
+def test_what_was_not_prepared_is_built_once(solver):
+    let_it_prepare(solver)
+    assert solver.prepared_steps is None
+    for expected in (1, 0):
+        solver.ask(QUESTION, PATIENCE_S)
+        assert answer_of(solver).programs_built == expected
+
+
+def test_a_question_does_not_wait_until_all_is_prepared(solver):
+    solver.prepare(ROUTE)
+    solver.ask(Question(ROUTE.after(200.0), STATE, GOAL), PATIENCE_S)
+    assert len(answer_of(solver).optimal_plan.time_s) == len(ROUTE.after(200.0)) + 1
+    wait_until(lambda: solver.poll() or solver.prepared_steps == len(ROUTE), 'the preparation')
+
+
+def test_preparations_do_not_pile_up_before_a_process_that_hangs(solver):
+    let_it_prepare(solver)
+    hanging = psutil.Process(solver.process_id)
+    hanging.suspend()
+    long_route = load_route('reference', VEHICLE.defaults).resampled(0.05)
+    before_bytes = psutil.Process().memory_info().rss
+    for _ in range(100):
+        started_s = time.monotonic()
+        solver.prepare(long_route)
+        assert solver.poll() is None
+        assert time.monotonic() - started_s < BLOCKED_S
+    # One of these routes is 4 MB.
+    assert psutil.Process().memory_info().rss - before_bytes < 60e6
+    solver.prepare(ROUTE)
+    solver.close()
+
+
+def test_the_last_route_is_the_one_prepared(solver):
+    for duration_s in (0.0, 100.0, 300.0):
+        solver.prepare(ROUTE.after(duration_s))
+    wait_until(lambda: solver.poll() or not solver.is_preparing, 'the end of the preparation')
+    assert solver.prepared_steps == len(ROUTE.after(300.0))
+
+
+def test_preparing_starts_another_process_where_the_last_has_ended(solver):
+    let_it_prepare(solver)
+    first = solver.process_id
+    os.kill(first, signal.SIGKILL)
+    wait_until(lambda: is_gone(first), 'the end of the process')
+    let_it_prepare(solver, ROUTE)
+    assert solver.process_id != first
+
+
+def test_says_so_when_no_process_can_be_started_to_prepare(solver, monkeypatch):
+    monkeypatch.setattr(sys, 'executable', '/nowhere/python')
+    solver.prepare(ROUTE)
+    assert not solver.is_preparing
+    assert '/nowhere/python' in answer_of(solver).explanation
+    assert solver.poll() is None
+
+
 def test_refuses_what_the_model_does_not_describe(solver):
     solver.ask(Question(ROUTE, BatteryState(STATE.temperature_c, 1.5), GOAL), PATIENCE_S)
     failure = answer_of(solver)
@@ -225,6 +303,8 @@ def test_refuses_what_the_model_does_not_describe(solver):
 def test_says_so_where_casadi_is_not_installed(solver, tmp_path, monkeypatch):
     (tmp_path / 'casadi.py').write_text("raise ModuleNotFoundError(\"No module named 'casadi'\")")
     monkeypatch.syspath_prepend(tmp_path)
+    let_it_prepare(solver, ROUTE)
+    assert solver.prepared_steps is None
     solver.ask(QUESTION, PATIENCE_S)
     failure = answer_of(solver)
     assert failure.explanation == "ModuleNotFoundError: No module named 'casadi'"
@@ -254,7 +334,7 @@ def test_close_while_solving_leaves_nothing(solver):
 
 def test_asking_loads_no_solver_and_no_ros():
     done = subprocess.run(
-        [sys.executable, '-c', 'import sys, bev_preheat.optimum.worker\n'
+        [sys.executable, '-c', 'import sys, bev_preheat.optimum.solver_process\n'
          "print([name for name in ('casadi', 'rclpy', 'matplotlib') if name in sys.modules])"],
         capture_output=True, text=True, check=True)
     assert done.stdout.strip() == '[]'

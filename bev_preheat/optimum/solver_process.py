@@ -1,0 +1,224 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Has the nonlinear program solved in a process of its own, which may be killed at any time.
+
+`SolverProcess` is the asking side. It never waits: what can be sent or received at the moment goes
+over a socket whenever `poll` is called. It loads no CasADi. The process behind it (see `worker`)
+starts when it is told to prepare, or else with the first question, and stays for the next.
+"""
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+from time import monotonic
+
+from bev_preheat.optimum.exchange import (
+    CHUNK_BYTES, Failure, framed, Preparation, Prepared, Solution, unframed)
+
+# Loading Python, NumPy and CasADi takes a second; where it takes this long something is wrong.
+START_LIMIT_S = 60.0
+# How long a killed process may take to be gone [s].
+END_LIMIT_S = 2.0
+# Polite before the first import, as importing takes most of a core for a while.
+PROGRAM = 'import os; os.nice(19); from bev_preheat.optimum.worker import serve; serve({})'
+
+
+class SolverProcess:
+    """
+    Asks for one solution at a time; no method waits, raises, or leaves a process behind.
+
+    The process knows one vehicle: another needs another SolverProcess.
+    """
+
+    def __init__(self, vehicle, start_limit_s=START_LIMIT_S):
+        """Start nothing yet; `start_limit_s` [s] is how long the process may take to start."""
+        self._vehicle = vehicle
+        self._start_limit_s = start_limit_s
+        self._process = None
+        self._killed = []
+        self._forget()
+
+    @property
+    def is_busy(self):
+        """Whether a question has no answer yet."""
+        return self._time_limit_s is not None
+
+    @property
+    def is_solving(self):
+        """Whether the process has a question; while it starts, it has none yet."""
+        return self._solves
+
+    @property
+    def is_preparing(self):
+        """Whether the process is starting, or getting ready for a route."""
+        return self._process is not None and (
+            not self._is_ready or self._prepares or self._route_to_prepare is not None)
+
+    @property
+    def prepared_steps(self):
+        """Number of steps of the route that the process prepared last; None where it has none."""
+        return self._prepared_steps
+
+    @property
+    def process_id(self):
+        """Id of the solver's process; None where there is none."""
+        return self._process.pid if self._process else None
+
+    def prepare(self, route=None):
+        """
+        Start the process where there is none, and let it get ready for a Route, if there is one.
+
+        What goes wrong there the answer to the next question tells.
+        """
+        if self._process is not None and self._process.poll() is not None:
+            self._kill()
+        if route is not None:
+            self._route_to_prepare = route
+        if self._process is None:
+            self._start()
+        elif self._is_ready:
+            self._hand_over_preparation()
+
+    def ask(self, question, time_limit_s):
+        """
+        Ask a Question, to be answered within `time_limit_s` [s] after the process has started.
+
+        A question that is being solved is given up.
+        """
+        if self._solves or self._process is not None and self._process.poll() is not None:
+            self._kill()
+        self._question, self._time_limit_s = question, time_limit_s
+        if self._process is None:
+            self._start()
+        elif self._is_ready:
+            self._hand_over()
+
+    def poll(self):
+        """
+        Exchange what can be exchanged; return a Solution or a Failure when there is one, or None.
+
+        A Failure without a question tells that the process ended while it had nothing to do.
+        """
+        self._killed = [process for process in self._killed if process.poll() is None]
+        if self._process is None:
+            if self._start_problem is None:
+                return None
+            failure = Failure(self._start_problem, 0.0)
+            self._forget()
+            return failure
+        for message in self._exchange():
+            if isinstance(message, (Solution, Failure)):
+                self._question = self._time_limit_s = None
+                self._solves = False
+                return message
+            if isinstance(message, Prepared):
+                self._prepares, self._prepared_steps = False, message.steps
+            self._is_ready = True
+            if self._question is not None:
+                self._hand_over()
+            self._hand_over_preparation()
+        return self._loss()
+
+    def close(self):
+        """End the process, and wait until it is gone."""
+        self._kill()
+        for process in self._killed:
+            try:
+                process.wait(END_LIMIT_S)
+            except subprocess.TimeoutExpired:
+                pass  # the kernel holds it; it goes as soon as it is let go
+
+    def _forget(self):
+        self._question = self._time_limit_s = self._start_problem = None
+        self._route_to_prepare = self._prepared_steps = None
+        self._is_ready = self._solves = self._prepares = False
+        self._to_send, self._received = bytearray(), bytearray()
+        self._since_s = monotonic()
+
+    def _start(self):
+        ours, theirs = socket.socketpair()
+        # The modules of this process, and one thread, so that it takes one core at most.
+        environment = dict(
+            os.environ, PYTHONSAFEPATH='1',
+            PYTHONPATH=os.pathsep.join(path or os.getcwd() for path in sys.path),
+            OMP_NUM_THREADS='1', OPENBLAS_NUM_THREADS='1')
+        with theirs:
+            try:
+                self._process = subprocess.Popen(
+                    [sys.executable, '-c', PROGRAM.format(theirs.fileno())],
+                    stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, env=environment,
+                    pass_fds=[theirs.fileno()],
+                    # Ctrl-C in a terminal is for the asking process, which then ends this one.
+                    start_new_session=True)
+            except OSError as error:
+                ours.close()
+                self._start_problem = f'the solver process cannot be started: {error}'
+                return
+        ours.setblocking(False)
+        self._socket = ours
+        self._since_s = monotonic()
+        self._to_send += framed(self._vehicle)
+
+    def _kill(self):
+        if self._process is not None:
+            self._process.kill()
+            self._socket.close()
+            self._killed.append(self._process)
+            self._process = None
+        self._forget()
+
+    def _hand_over(self):
+        self._to_send += framed(self._question)
+        self._question, self._solves = None, True
+        self._since_s = monotonic()
+        self._send()
+
+    def _hand_over_preparation(self):
+        # One at a time, so that nothing piles up before a process that hangs.
+        if self._route_to_prepare is None or self._prepares:
+            return
+        self._to_send += framed(Preparation(self._route_to_prepare))
+        self._route_to_prepare, self._prepares = None, True
+        self._send()
+
+    def _exchange(self):
+        self._send()
+        try:
+            while chunk := self._socket.recv(CHUNK_BYTES):
+                self._received += chunk
+        except OSError:
+            pass  # nothing more for now, or for ever; whether the process lives says _loss()
+        while (message := unframed(self._received)) is not None:
+            yield message
+
+    def _send(self):
+        try:
+            while self._to_send:
+                del self._to_send[:self._socket.send(self._to_send[:CHUNK_BYTES])]
+        except OSError:
+            pass
+
+    def _loss(self):
+        """Return a Failure where the process has ended, or has had its time."""
+        status, elapsed_s = self._process.poll(), monotonic() - self._since_s
+        if status is not None:
+            explanation = f'the solver process ended with {_ending(status)}'
+        elif not self._is_ready and elapsed_s > self._start_limit_s:
+            explanation = f'the solver process did not start within {self._start_limit_s:g} s'
+        elif self._solves and elapsed_s > self._time_limit_s:
+            explanation = f'no solution within the time limit of {self._time_limit_s:g} s'
+        else:
+            return None
+        self._kill()
+        return Failure(explanation, elapsed_s)
+
+
+def _ending(status):
+    if status >= 0:
+        return f'exit status {status}'
+    try:
+        return signal.Signals(-status).name
+    except ValueError:
+        return f'signal {-status}'
