@@ -9,14 +9,16 @@ import sys
 from rich.console import Console
 from rich.table import Table
 
-from bev_preheat.benchmark import optimum_cost, planning_cost, process_cost
+from bev_preheat.benchmark import (
+    checker_cost, optimum_cost, planning_cost, process_cost, restart_cost)
 from bev_preheat.errors import InvalidInput
 from bev_preheat.output_files import check_outputs, Output, write_whole
 from bev_preheat.route import route_file
 from bev_preheat.vehicle import vehicle_file
 
 MEASUREMENTS = {'planning': planning_cost.measure, 'optimum': optimum_cost.measure,
-                'process': process_cost.measure}
+                'checker': checker_cost.measure, 'process': process_cost.measure,
+                'restart': restart_cost.measure}
 # All that are planned for.
 ROUTES = ('reference', 'alpine_pass')
 

@@ -11,7 +11,11 @@ from std_srvs.srv import SetBool
 
 
 class EmptyNode(Node):
-    """Answers each battery state with the planner's three messages, empty."""
+    """
+    Answers each battery state with the planner's three messages, empty.
+
+    But for the command: once a route has come it asks for heat, so that one hears it has.
+    """
 
     def __init__(self):
         """Make publishers, subscriptions, service and timer as the planner does."""
@@ -25,12 +29,16 @@ class EmptyNode(Node):
         self.create_subscription(
             BatteryState, 'battery_state', self._on_battery_state,
             QoSProfile(depth=1, reliability=QoSReliabilityPolicy.BEST_EFFORT))
-        self.create_subscription(RoutePlan, 'route_plan', lambda message: None, latched)
+        self.create_subscription(RoutePlan, 'route_plan', self._on_route_plan, latched)
+        self._heating_w = 0.0
         self.create_service(SetBool, '~/enable', lambda request, response: response)
         self.create_timer(1.0, lambda: self._diagnostics.publish(DiagnosticArray()))
 
+    def _on_route_plan(self, message):
+        self._heating_w = 1.0
+
     def _on_battery_state(self, message):
-        self._command.publish(HvchCommand())
+        self._command.publish(HvchCommand(battery_heating_power=self._heating_w))
         self._temperature.publish(Temperature())
         self._plan.publish(PreheatPlan())
 
