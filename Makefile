@@ -2,7 +2,7 @@
 SHELL := bash
 .SHELLFLAGS := -eu -o pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help setup build demo test bench soak lint clean
+.PHONY: help setup build demo test test-deep bench soak lint clean
 
 DEMO := python3 -m bev_preheat.demo
 BENCH := python3 -m bev_preheat.benchmark
@@ -11,14 +11,14 @@ MINUTES := 10
 # make test TESTS="test/test_model.py -k joule"
 TESTS := test
 # The tests of one file stay together; much of their time is waiting for nodes. Not every ROS machine has xdist.
-several_files_at_once := $$(python3 -c 'import xdist; print("-n auto --maxprocesses 3 --dist loadfile")' 2>/dev/null || true)
+several_files_at_once := $$(python3 -c 'import xdist; print("-n 4 --dist loadfile")' 2>/dev/null || true)
 
 # What runs here must neither hear nor disturb the other robots of the network.
 local_only := export ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST
 environment := . scripts/env.bash
 
 help: ## this list
-	@grep -hE '^[a-z]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z]+):.*## (.*)/  make \1\t\2/' | expand -t 16
+	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## (.*)/  make \1\t\2/' | expand -t 16
 
 setup: ## the working environment: a ROS 2 distribution is checked, else ROS 2 goes into .venv
 	@scripts/setup.bash
@@ -31,6 +31,9 @@ demo: build ## a simulated drive to the fast charger
 
 test: build ## all tests
 	@$(environment); $(local_only); python3 -m pytest -q $(several_files_at_once) $(TESTS)
+
+test-deep: build ## all tests, those too that take long: all scenarios over DDS, a longer fuzz
+	@$(environment); $(local_only); python3 -m pytest -q $(several_files_at_once) -m "deep or not deep" $(TESTS)
 
 bench: build ## speed and cost against other ways to plan
 	@scripts/setup.bash bench

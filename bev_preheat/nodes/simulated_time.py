@@ -79,6 +79,10 @@ class OwnTime:
         """Return the simulated time since the start [s], moving it on."""
         return self.pace.follow(self._steady_clock.now().nanoseconds * 1e-9)
 
+    def stand(self):
+        """Let no simulated time pass."""
+        self.pace.stand(self._steady_clock.now().nanoseconds * 1e-9)
+
     def publish(self, stamp):
         """Publish `/clock`."""
         self._clock.publish(Clock(clock=stamp))

@@ -32,6 +32,7 @@ from bev_preheat.planning.situation import BatteryState, check_situation, Goal
 from bev_preheat.route import load_route
 from bev_preheat.simulation.heater_lease import lease_of_command, NO_LEASE
 from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections
+from bev_preheat.simulation.pace import Patience
 from bev_preheat.simulation.scenario import load_scenario
 from bev_preheat.simulation.sensors import Sensors
 from bev_preheat.vehicle import load_vehicle
@@ -62,7 +63,8 @@ PARAMETERS = (
               (0.0, 2.1e9), read_only=True),
     Parameter('wait_for_planner', False,
               'Hold the clock at the start until an hvch_command comes from a planner that has '
-              'route and battery state.', read_only=True),
+              'route and battery state, and on the way while its commands lag behind.',
+              read_only=True),
     Parameter('wait_for_listeners', 0,
               'Hold the clock at the start until so many subscribe to battery_state.', '',
               (0, 1000), read_only=True),
@@ -131,6 +133,7 @@ class VehicleSimulatorNode(Node):
         ) if self._owns_clock else NodeTime(self, values)
         self._pace = self._time.pace
         self._waits_for_planner = values['wait_for_planner']
+        self._patience = Patience() if self._waits_for_planner else None
         self._listeners_awaited = values['wait_for_listeners']
         self._is_held = self._waits_for_planner or self._listeners_awaited > 0
         self._stood_since_s = None
@@ -176,6 +179,11 @@ class VehicleSimulatorNode(Node):
             self._time.publish(self._stamp())
             return
         real_s = self._steady_clock.now().nanoseconds * 1e-9
+        if self._patience and not plant.is_standing and not self._patience.lets_go_on(
+                self._car.clock_s, real_s):
+            self._time.stand()
+            self._time.publish(self._stamp())
+            return
         try:
             elapsed_s = self._time.elapsed_s()
         except InvalidInput as error:
@@ -247,6 +255,9 @@ class VehicleSimulatorNode(Node):
         plant = self._plant
         if plant.is_standing or self._time.start_ns is None:
             return
+        if self._patience:
+            self._patience.hear(
+                (nanoseconds(message.header.stamp) - self._time.start_ns) / NS_PER_S)
         # A lease lasts so much longer than now, by whatever clock.
         now_ns = self._time.start_ns + round(self._car.clock_s * NS_PER_S)
         until_s = plant.time_s + (nanoseconds(message.valid_until) - now_ns) / NS_PER_S

@@ -1,10 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How simulated time follows real time."""
+"""How simulated time follows real time, and waits for a planner that lags behind."""
+
+import math
 
 # Simulated time between two instants of the clock [s]: what the nodes that live by it can resolve.
 TICK_S = 0.5
 # Real time between them is no longer than this [s], so that slow simulations run smoothly.
 LONGEST_REAL_TICK_S = 0.01
+# Simulated time is at most this far [s] ahead of the planner's latest command: a command period and
+# a tick. A planner that is silent for so long in real time [s] is waited for no more.
+MOST_AHEAD_S = 1.5
+PATIENCE_S = 1.0
 
 
 class Pace:
@@ -28,6 +34,12 @@ class Pace:
         """Real time between two calls of `follow` that suits the speed [s]."""
         return min(LONGEST_REAL_TICK_S, TICK_S / self.speed_up)
 
+    def stand(self, real_s):
+        """Let no simulated time pass until a real instant [s of any steady clock]."""
+        if self._real_s is not None:
+            self.lost_s += (real_s - self._real_s) * self.speed_up
+        self._real_s = real_s
+
     def follow(self, real_s):
         """Return the simulated seconds at a real instant [s of any steady clock]."""
         if self._real_s is not None:
@@ -36,3 +48,31 @@ class Pace:
             self.elapsed_s += min(tick_s, 2.0 * TICK_S)
         self._real_s = real_s
         return self.elapsed_s
+
+
+class Patience:
+    """
+    Whether simulated time may go on, or waits for a planner whose commands lag behind it.
+
+    On a busy computer simulated time could outrun the planner, whose answers would then come for
+    instants long past. A planner that says nothing for PATIENCE_S of real time is waited for no more
+    until it commands again.
+    """
+
+    def __init__(self):
+        """Wait for nobody before the first command."""
+        self._answered_s = math.inf
+        self._waiting_since_s = None
+
+    def hear(self, instant_s):
+        """Note a command that was made at a simulated instant [s]."""
+        self._answered_s, self._waiting_since_s = instant_s, None
+
+    def lets_go_on(self, clock_s, real_s):
+        """Return whether time may go on, at a simulated [s] and a real instant [s, any clock]."""
+        if clock_s - self._answered_s <= MOST_AHEAD_S:
+            self._waiting_since_s = None
+            return True
+        if self._waiting_since_s is None:
+            self._waiting_since_s = real_s
+        return real_s - self._waiting_since_s >= PATIENCE_S

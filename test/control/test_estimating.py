@@ -127,6 +127,7 @@ def test_a_dead_heater_is_asked_all_the_same_and_not_counted_on():
     assert ride.car.plant.temperature_c == pytest.approx(cools_c, abs=1.0)
 
 
+@pytest.mark.deep
 def test_a_heater_that_comes_back_is_counted_on_again():
     ride = Ride(heater_faults=(HeaterFault(500.0, 700.0, share=0.0),))
     assert 'does not respond' in ride.until(690.0).explanation
@@ -165,6 +166,7 @@ def test_a_heater_that_is_stuck_on_and_too_weak_leaves_the_blame_with_its_heat()
                     r'arrival in ', ride.until(402.0).explanation)
 
 
+@pytest.mark.deep
 def test_a_heavier_car_is_heated_longer_and_arrives_as_warm():
     heated_s = {}
     for capacity in (0.9, 1.1):

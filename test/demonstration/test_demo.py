@@ -62,6 +62,7 @@ def test_good_drive_ends_with_table_and_picture(start_demo, tmp_path):
     assert picture.startswith(b'\x89PNG') and len(picture) > 20_000
 
 
+@pytest.mark.deep
 def test_missed_target_is_a_failure(start_demo):
     demo = start_demo('--speed-up', '60')
     output, _ = demo.communicate(timeout=TIME_LIMIT_S)
@@ -84,7 +85,8 @@ def test_death_of_a_process_is_told_and_ends_the_others(start_demo):
     assert psutil.wait_procs(processes, timeout=5.0)[1] == []
 
 
-@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize('number', [
+    signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.deep)])
 def test_interruption_ends_everything(start_demo, number):
     demo = start_demo('--speed-up', '5')
     wait_for_line(demo, 'battery')

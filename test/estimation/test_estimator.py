@@ -66,7 +66,9 @@ def test_the_estimate_is_better_than_the_sensor():
     assert rms_k['estimate'] < 0.4 * rms_k['sensor']
 
 
-@pytest.mark.parametrize('capacity, efficiency', [(0.92, 1.0), (1.08, 1.0), (1.08, 0.96)])
+@pytest.mark.parametrize('capacity, efficiency', [
+    pytest.param(0.92, 1.0, marks=pytest.mark.deep), pytest.param(1.08, 1.0, marks=pytest.mark.deep),
+    (1.08, 0.96)])
 def test_how_fast_the_car_warms_up_is_learned(capacity, efficiency):
     # Heat capacity and heater work against each other; their ratio is what heating shows.
     ratios = []
@@ -124,7 +126,9 @@ def test_a_heater_fault_is_told(fault, with_power, seed):
         assert estimator.estimate.heater.share == pytest.approx(0.4, abs=0.11)
 
 
-@pytest.mark.parametrize('with_power', [True, False], ids=['power seen', 'temperature only'])
+@pytest.mark.parametrize('with_power', [
+    pytest.param(True, id='power seen'),
+    pytest.param(False, id='temperature only', marks=pytest.mark.deep)])
 def test_a_healthy_heater_is_never_accused(with_power):
     commands = Commands(((300, 500), (700, 900), (1100, 1300)))
     accused = []

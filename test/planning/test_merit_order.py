@@ -545,6 +545,7 @@ def test_extreme_trip_has_a_status(name, status):
     assert plan_of(route, target_c, state).status is status
 
 
+@pytest.mark.deep
 def test_steps_of_a_quarter_second_cost_what_steps_of_thirty_do():
     short, long = (plan_of(drive((4800 // n, 15e3), (1200 // n, -60e3), (2400 // n, 20e3),
                                  step_s=0.25 * n)) for n in (1, 120))

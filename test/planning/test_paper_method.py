@@ -110,7 +110,7 @@ def drive(minutes=40, step_s=30.0, power_w=16e3, ambient_c=-7.0, cabin_w=1978.0)
 def plan_of(segments, target_c=18.0, state=START, charging_planned=True, **options):
     return plan_preheating(VEHICLE, route_of(segments), state,
                            Goal(target_c, charging_planned=charging_planned),
-                           method='paper', **options)
+                           method='paper', safeguarded=False, **options)
 
 
 def arrival_of(segments, heater_share):
@@ -278,7 +278,7 @@ def too_much_to_ask_for(limit_w=discharge_limit_w):
             VEHICLE.battery, discharge_power_limit=Table((0.0,), (0.0,), ((NO_LIMIT_W,),))))
     plan = plan_preheating(
         vehicle, route_of(segments), BatteryState(temperature_c=-30.0, soc=0.88), Goal(59.0),
-        method='paper')
+        method='paper', safeguarded=False)
     soc, temperature_c = plan.soc[9], plan.battery_temperature_c[9]
     u, r = voltage_v(soc), resistance_ohm(temperature_c)
     # P_b = U I at the battery's limit, or the circuit's most, at U/2R.

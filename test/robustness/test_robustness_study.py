@@ -26,6 +26,7 @@ def test_trip_has_the_same_result_each_time():
     assert without_times(first) == without_times(second)
 
 
+@pytest.mark.deep
 def test_results_do_not_depend_on_jobs_and_are_those_of_single_trips():
     done = []
     one, two = (run_study(CONDITIONS, 3, 7, jobs, ['planner'], done.append) for jobs in (1, 2))

@@ -3,7 +3,7 @@
 
 import pytest
 
-from bev_preheat.simulation.pace import Pace
+from bev_preheat.simulation.pace import MOST_AHEAD_S, Pace, Patience, PATIENCE_S
 
 
 def test_time_starts_with_the_first_call():
@@ -37,3 +37,43 @@ def test_late_call_slows_time_down_and_is_counted():
 @pytest.mark.parametrize('speed_up, tick_s', [(1.0, 0.01), (60.0, 0.5 / 60.0), (1000.0, 0.0005)])
 def test_ticks_resolve_half_a_simulated_second(speed_up, tick_s):
     assert Pace(speed_up).real_tick_s == pytest.approx(tick_s)
+
+
+def test_time_that_stands_is_counted_and_not_made_up_for():
+    pace = Pace(40.0)
+    pace.follow(700.0)
+    pace.stand(700.5)
+    assert pace.lost_s == pytest.approx(20.0)
+    assert pace.follow(700.51) == pytest.approx(0.4)
+
+
+def test_before_the_first_command_nobody_is_waited_for():
+    assert Patience().lets_go_on(500.0, 7.0)
+
+
+def test_a_planner_that_lags_is_waited_for():
+    patience = Patience()
+    patience.hear(20.0)
+    assert patience.lets_go_on(20.0 + MOST_AHEAD_S, 7.0)
+    assert not patience.lets_go_on(20.1 + MOST_AHEAD_S, 7.0)
+    patience.hear(20.5)
+    assert patience.lets_go_on(20.1 + MOST_AHEAD_S, 7.01)
+
+
+def test_a_planner_that_is_silent_is_waited_for_no_more_until_it_commands_again():
+    patience = Patience()
+    patience.hear(20.0)
+    answers = [patience.lets_go_on(30.0 + real_s, 7.0 + real_s) for real_s in (
+        0.0, 0.99 * PATIENCE_S, PATIENCE_S, 5.0 * PATIENCE_S)]
+    assert answers == [False, False, True, True]
+    patience.hear(31.0)
+    assert not patience.lets_go_on(36.0, 13.0)
+
+
+def test_a_clock_that_jumps_forward_waits_for_an_answer_and_back_for_none():
+    patience = Patience()
+    patience.hear(20.0)
+    assert not patience.lets_go_on(3620.0, 7.0)
+    patience.hear(3620.0)
+    assert patience.lets_go_on(3620.5, 7.1)
+    assert patience.lets_go_on(20.0, 7.2)

@@ -74,6 +74,7 @@ def test_result_does_not_depend_on_the_trips_before_it():
     assert without_times(run_trip(VEHICLE, 7, 2)) == without_times(alone)
 
 
+@pytest.mark.deep
 def test_results_do_not_depend_on_the_number_of_jobs():
     one, two = (run_study('reference', 2, 7, jobs, lambda found, drawn: None) for jobs in (1, 2))
     assert [without_times(result) for result in one] == [without_times(result) for result in two]
