@@ -63,7 +63,7 @@ PARAMETERS = (
               (0.0, 2.1e9), read_only=True),
     Parameter('wait_for_planner', False,
               'Hold the clock at the start until an hvch_command comes from a planner that has '
-              'route and battery state, and on the way while its commands lag behind.',
+              'route and battery state, and on the way while its answers lag behind.',
               read_only=True),
     Parameter('wait_for_listeners', 0,
               'Hold the clock at the start until so many subscribe to battery_state.', '',
@@ -280,6 +280,8 @@ class VehicleSimulatorNode(Node):
         self._published_s = reading.instant_s
         stamp = time_message(
             self._time.start_ns + round(self._car.stamp_s(reading.instant_s) * NS_PER_S))
+        if self._patience:
+            self._patience.tell(self._car.clock_s)
         self._state_publisher.publish(
             battery_state_message(reading, self._plant.vehicle.battery.capacity_ah, stamp))
 

@@ -1,16 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """How simulated time follows real time, and waits for a planner that lags behind."""
 
-import math
-
 # Simulated time between two instants of the clock [s]: what the nodes that live by it can resolve.
 TICK_S = 0.5
 # Real time between them is no longer than this [s], so that slow simulations run smoothly.
 LONGEST_REAL_TICK_S = 0.01
-# Simulated time is at most this far [s] ahead of the planner's latest command: a command period and
-# a tick. A planner that is silent for so long in real time [s] is waited for no more.
+# Simulated time is at most this far [s] ahead of the first battery state that has not been answered.
+# A planner that is silent for so long in real time [s] is waited for no more.
 MOST_AHEAD_S = 1.5
 PATIENCE_S = 1.0
+# A command counts as the answer though the planner's clock has not heard the latest /clock [s].
+CLOCK_LAG_S = 1.0
 
 
 class Pace:
@@ -52,26 +52,32 @@ class Pace:
 
 class Patience:
     """
-    Whether simulated time may go on, or waits for a planner whose commands lag behind it.
+    Whether simulated time may go on, or waits for a planner that has not answered a battery state.
 
     On a busy computer simulated time could outrun the planner, whose answers would then come for
     instants long past. A planner that says nothing for PATIENCE_S of real time is waited for no more
-    until it commands again.
+    until it commands again. All other instants are those of simulated time [s].
     """
 
     def __init__(self):
-        """Wait for nobody before the first command."""
-        self._answered_s = math.inf
-        self._waiting_since_s = None
+        """Wait for nobody: nothing has been told."""
+        self._unanswered_s = self._waiting_since_s = None
+
+    def tell(self, instant_s):
+        """Note that a battery state was published."""
+        if self._unanswered_s is None or instant_s < self._unanswered_s:
+            # The first that is not answered; an earlier one where the clock was set back.
+            self._unanswered_s = instant_s
 
     def hear(self, instant_s):
-        """Note a command that was made at a simulated instant [s]."""
-        self._answered_s, self._waiting_since_s = instant_s, None
+        """Note a command that was made at an instant of the planner's clock, which may lag a little."""
+        self._waiting_since_s = None
+        if self._unanswered_s is not None and instant_s >= self._unanswered_s - CLOCK_LAG_S:
+            self._unanswered_s = None
 
     def lets_go_on(self, clock_s, real_s):
-        """Return whether time may go on, at a simulated [s] and a real instant [s, any clock]."""
-        if clock_s - self._answered_s <= MOST_AHEAD_S:
-            self._waiting_since_s = None
+        """Return whether time may go on, at an instant and a real instant [s of any clock]."""
+        if self._unanswered_s is None or clock_s - self._unanswered_s <= MOST_AHEAD_S:
             return True
         if self._waiting_since_s is None:
             self._waiting_since_s = real_s

@@ -282,7 +282,7 @@ def fuzz(tmp_path, monkeypatch):
 
 
 @pytest.mark.timeout(300)
-@pytest.mark.parametrize('messages', [20_000, pytest.param(100_000, marks=pytest.mark.deep)])
+@pytest.mark.parametrize('messages', [10_000, pytest.param(100_000, marks=pytest.mark.deep)])
 def test_no_message_ends_the_process_or_leaves_heat_on(fuzz, messages):
     kinds = ((fuzz.give_state, 70), (fuzz.give_time, 17), (fuzz.give_route, 11),
              (fuzz.give_cancellation, 0.3), (fuzz.give_enable, 1), (fuzz.give_parameters, 0.5),

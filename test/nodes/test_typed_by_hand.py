@@ -33,9 +33,7 @@ class Shell:
         self._bench = bench
         self.commands = bench.record(HvchCommand, 'hvch_command')
         self.plans = bench.record(PreheatPlan, 'preheat_plan')
-        # Those who type do not latch.
-        self.process = bench.start(
-            'planner', '-p', 'qos_overrides./route_plan.subscription.durability:=volatile')
+        self.process = bench.start('planner')
         self.commands.wait_for_publisher()
         self.plans.wait_for_publisher()
 

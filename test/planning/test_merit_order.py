@@ -539,7 +539,7 @@ def test_extreme_trip_has_finite_numbers(name):
     ('lowest_charge', Status.SOC_LIMITED),
     ('empty', Status.OUT_OF_CHARGE), ('stops_only', Status.TARGET_UNREACHABLE),
     ('far_too_much', Status.OUT_OF_CHARGE), ('coldest_to_hottest', Status.POWER_LIMITED),
-    ('quarter_seconds', Status.WAITING)])
+    pytest.param('quarter_seconds', Status.WAITING, marks=pytest.mark.deep)])
 def test_extreme_trip_has_a_status(name, status):
     route, target_c, state = EXTREMES[name]
     assert plan_of(route, target_c, state).status is status

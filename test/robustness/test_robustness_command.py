@@ -47,6 +47,7 @@ def test_study_is_printed_and_written(arguments, tmp_path, capsys):
     assert len(np.unique(imread(picture)[:, :, :3].reshape(-1, 3), axis=0)) > 10
 
 
+@pytest.mark.deep
 def test_one_trip_of_a_study_is_the_same_by_itself(arguments, tmp_path, capsys):
     study, single, picture = (tmp_path / name for name in ('study.json', 'one.json', 'one.png'))
     methods = ['--methods', 'planner']

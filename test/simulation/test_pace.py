@@ -3,7 +3,8 @@
 
 import pytest
 
-from bev_preheat.simulation.pace import MOST_AHEAD_S, Pace, Patience, PATIENCE_S
+from bev_preheat.simulation.pace import (
+    CLOCK_LAG_S, MOST_AHEAD_S, Pace, Patience, PATIENCE_S)
 
 
 def test_time_starts_with_the_first_call():
@@ -47,33 +48,54 @@ def test_time_that_stands_is_counted_and_not_made_up_for():
     assert pace.follow(700.51) == pytest.approx(0.4)
 
 
-def test_before_the_first_command_nobody_is_waited_for():
+def test_where_nothing_was_told_nobody_is_waited_for():
     assert Patience().lets_go_on(500.0, 7.0)
 
 
-def test_a_planner_that_lags_is_waited_for():
+def test_a_planner_that_does_not_answer_is_waited_for():
     patience = Patience()
-    patience.hear(20.0)
+    patience.tell(20.0)
     assert patience.lets_go_on(20.0 + MOST_AHEAD_S, 7.0)
+    # The next state does not make the first one answered.
+    patience.tell(21.0)
     assert not patience.lets_go_on(20.1 + MOST_AHEAD_S, 7.0)
-    patience.hear(20.5)
-    assert patience.lets_go_on(20.1 + MOST_AHEAD_S, 7.01)
+    # A command for an instant long past is no answer, one by a clock that lags a little is.
+    patience.hear(20.0 - 2.0 * CLOCK_LAG_S)
+    assert not patience.lets_go_on(20.1 + MOST_AHEAD_S, 7.01)
+    patience.hear(20.0 - 0.5 * CLOCK_LAG_S)
+    assert patience.lets_go_on(20.1 + MOST_AHEAD_S, 7.02)
+
+
+def test_an_answered_planner_is_not_waited_for_however_rare_the_states_are():
+    patience = Patience()
+    patience.tell(20.0)
+    patience.hear(20.0)
+    assert patience.lets_go_on(80.0, 7.0)
 
 
 def test_a_planner_that_is_silent_is_waited_for_no_more_until_it_commands_again():
     patience = Patience()
-    patience.hear(20.0)
+    patience.tell(20.0)
     answers = [patience.lets_go_on(30.0 + real_s, 7.0 + real_s) for real_s in (
         0.0, 0.99 * PATIENCE_S, PATIENCE_S, 5.0 * PATIENCE_S)]
     assert answers == [False, False, True, True]
     patience.hear(31.0)
+    patience.tell(34.0)
     assert not patience.lets_go_on(36.0, 13.0)
 
 
-def test_a_clock_that_jumps_forward_waits_for_an_answer_and_back_for_none():
+def test_a_clock_that_jumps_forward_waits_for_an_answer():
     patience = Patience()
-    patience.hear(20.0)
+    patience.tell(20.0)
     assert not patience.lets_go_on(3620.0, 7.0)
     patience.hear(3620.0)
     assert patience.lets_go_on(3620.5, 7.1)
-    assert patience.lets_go_on(20.0, 7.2)
+
+
+def test_a_clock_that_was_set_back_is_followed():
+    patience = Patience()
+    patience.tell(3620.0)
+    patience.tell(20.0)
+    assert not patience.lets_go_on(20.1 + MOST_AHEAD_S, 7.0)
+    patience.hear(20.0)
+    assert patience.lets_go_on(20.1 + MOST_AHEAD_S, 7.1)
