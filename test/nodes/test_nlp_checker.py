@@ -126,6 +126,16 @@ class Surroundings:
         """Return the first report for which condition(report), heard already or to come."""
         return self.reports.wait_for(condition, timeout_s=REPORT_PATIENCE_S)
 
+    def introduce(self):
+        """Return once the checker hears the planner: discovery may take longer than it waits."""
+        for attempt in range(10):
+            route_id = f'introduction {attempt}'
+            self.send_route(route_id)
+            with self.feeding():
+                if self.report(lambda report: report.route_id == route_id).method:
+                    return
+        raise AssertionError('the checker does not hear the planner')
+
     def reports_of(self, route_id):
         return [report for report in self.reports.messages if report.route_id == route_id]
 
@@ -215,6 +225,7 @@ def planner_and_checker(module_bench):
     surroundings = Surroundings(module_bench)
     surroundings.start('planner', *SWITCH)
     surroundings.start('nlp_checker', *ONLY_ASKED)
+    surroundings.introduce()
     return surroundings
 
 
