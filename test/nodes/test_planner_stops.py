@@ -85,9 +85,11 @@ def trip(shared_trip, wait_until):
 
 def test_each_part_of_the_trip_is_commanded_when_it_is_now(trip):
     for second, power_w, reason in (
-            (START_S, FIRST_W, HEATS), (FIRST_ARRIVAL_S - 1, FIRST_W, HEATS),
+            # A state that is heard before its clock is refused, and with less than the heater's least
+            # time on to go it would then stay off.
+            (START_S, FIRST_W, HEATS), (FIRST_ARRIVAL_S - 30, FIRST_W, HEATS),
             (FIRST_ARRIVAL_S, 0.0, Status.CHARGING), (SECOND_S - 1, 0.0, Status.CHARGING),
-            (SECOND_S, SECOND_W, HEATS), (SECOND_ARRIVAL_S - 1, SECOND_W, HEATS),
+            (SECOND_S, SECOND_W, HEATS), (SECOND_ARRIVAL_S - 30, SECOND_W, HEATS),
             (SECOND_ARRIVAL_S, 0.0, Status.CHARGING), (THIRD_S - 1, 0.0, Status.CHARGING),
             (THIRD_S, 0.0, Status.NO_CHARGING_PLANNED),
             (END_S - 1, 0.0, Status.NO_CHARGING_PLANNED), (END_S, 0.0, Status.ARRIVED)):
