@@ -2,17 +2,25 @@
 SHELL := bash
 .SHELLFLAGS := -eu -o pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help setup build demo test test-deep bench soak lint clean
+.PHONY: help setup build demo test test-quick test-deep test-oldest test-repeated bench soak soak-monitor lint clean
 
 DEMO := python3 -m bev_preheat.demo
-BENCH := python3 -m bev_preheat.benchmark
+BENCH := python3 -m bev_preheat.experiments.cost
 # make soak MINUTES=60
 MINUTES := 10
+# make test-deep EXAMPLES=10000
+EXAMPLES := 1000
 # make test TESTS="test/test_model.py -k joule"
 TESTS := test
-# The tests of one file stay together; much of their time is waiting for nodes. Files with few tests are the slow ones and
-# must not come last, as newer versions of xdist would have it. Not every ROS machine has xdist.
-several_files_at_once := $$(python3 -c 'import xdist; print("-n 4 --dist loadfile", "--no-loadscope-reorder" * (tuple(map(int, xdist.__version__.split(".")[:2])) >= (3, 7)))' 2>/dev/null || true)
+# The tests of one file stay together and share nodes; much of their time is waiting for them, so there are more workers than
+# cores. Files with few tests are the slow ones and must not come last, as newer versions of xdist would have it. Not every ROS
+# machine has xdist.
+several_files_at_once := $$(python3 -c 'import xdist; print("-n 5 --dist loadfile", "--no-loadscope-reorder" * (tuple(map(int, xdist.__version__.split(".")[:2])) >= (3, 7)))' 2>/dev/null || true)
+
+several_without_nodes := $(subst -n 5,-n auto,$(several_files_at_once))
+
+# Where it is set, each of the test workers compiles all tests anew.
+unexport PYTHONDONTWRITEBYTECODE
 
 # What runs here must neither hear nor disturb the other robots of the network.
 local_only := export ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST
@@ -21,7 +29,7 @@ environment := . scripts/env.bash
 help: ## this list
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## (.*)/  make \1\t\2/' | expand -t 16
 
-setup: ## the working environment: a ROS 2 distribution is checked, else ROS 2 goes into .venv
+setup: ## the working environment in .venv: what a ROS 2 distribution lacks, or ROS 2 from wheels
 	@scripts/setup.bash
 
 build: setup ## both packages, if anything changed (colcon build --base-paths . msg_defs)
@@ -33,15 +41,31 @@ demo: build ## a simulated drive to the fast charger
 test: build ## all tests
 	@$(environment); $(local_only); python3 -m pytest -q $(several_files_at_once) $(TESTS)
 
-test-deep: build ## all tests, those too that take long: all scenarios over DDS, a longer fuzz
-	@$(environment); $(local_only); python3 -m pytest -q $(several_files_at_once) -m "deep or not deep" $(TESTS)
+# Python is tested as it is in the checkout, so only new messages need a build.
+test-quick: setup ## the tests without DDS, but for the costly ones, for the person who edits
+	@[ -e install/.built ] && [ -z "$$(find msg_defs -newer install/.built -print -quit)" ] || scripts/build.bash
+	@$(environment); $(local_only); PYTHONPATH="$$PWD:$$PYTHONPATH" python3 -m pytest -q $(several_without_nodes) -m "not dds and not deep and not costly" $(TESTS)
+
+test-deep: build ## all tests, those too that take long: all scenarios over DDS, EXAMPLES (1000) for each property
+	@$(environment); $(local_only); BEV_PREHEAT_EXAMPLES=$(EXAMPLES) python3 -m pytest -q $(several_files_at_once) -m "deep or not deep" --hypothesis-profile deep -o timeout=7200 $(TESTS)
+
+# In .oldest: an environment and a build of their own.
+test-oldest: export BEV_PREHEAT_OLDEST := 1
+test-oldest: build ## all tests with the oldest supported versions (scripts/requirements-oldest.txt), no optional package
+	@$(environment); $(local_only); python3 -m pytest -q $(several_files_at_once) $(TESTS)
+
+test-repeated: build ## make test 20 times, half of them beside one busy loop for each core
+	@scripts/repeat_tests.bash
 
 bench: build ## speed and cost against other ways to plan
 	@scripts/setup.bash bench
 	@$(environment); $(local_only); $(BENCH)
 
 soak: build ## the planner under load for MINUTES (10), in real time
-	@$(environment); $(local_only); python3 -m bev_preheat.endurance --minutes $(MINUTES)
+	@$(environment); $(local_only); python3 -m bev_preheat.experiments.soak --minutes $(MINUTES)
+
+soak-monitor: build ## preheat monitor beside drives at 100 times real time for MINUTES (10)
+	@$(environment); $(local_only); python3 -m bev_preheat.experiments.soak.monitor --minutes $(MINUTES)
 
 lint: setup ## pyflakes on the Python; shellcheck on the scripts, where it is installed
 	@$(environment) 2>/dev/null; python3 -m pyflakes bev_preheat test setup.py
@@ -49,4 +73,4 @@ lint: setup ## pyflakes on the Python; shellcheck on the scripts, where it is in
 
 clean: ## what build and tests made; .venv stays
 	rm -rf build install log out .pytest_cache .hypothesis
-	find . -path ./.venv -prune -o -name __pycache__ -type d -print0 | xargs -0 -r rm -rf
+	find . \( -name .venv -o -path ./.oldest \) -prune -o -name __pycache__ -type d -print0 | xargs -0 -r rm -rf

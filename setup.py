@@ -1,7 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Installs the Python package, its executables and its configuration (ament_python)."""
 
+import os
 from pathlib import Path
+import sys
+from xml.etree import ElementTree
 
 from setuptools import find_packages, setup
 
@@ -17,16 +20,42 @@ def configuration_files():
     return list(folders.items())
 
 
+def check_that_messages_are_built():
+    """
+    End a build by colcon that has no bev_preheat_msgs below it, and say what to type.
+
+    colcon does not look for packages inside a package, so a plain `colcon build` finds bev_preheat
+    alone, and the lack would show only when something runs.
+    """
+    if 'COLCON' not in os.environ or not {'install', 'develop'}.intersection(sys.argv):
+        return
+    prefixes = os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep)
+    if not any(Path(prefix, 'share', f'{PACKAGE}_msgs', 'package.xml').is_file()
+               for prefix in prefixes if prefix):
+        here = Path(__file__).resolve().parent
+        sys.exit(f'{PACKAGE}: {PACKAGE}_msgs is not built; it lies in {here}/msg_defs, where colcon '
+                 f'does not look by itself. In a workspace type once: ln -s {here.name}/msg_defs '
+                 f'{here.parent}/{PACKAGE}_msgs, and colcon build finds both; or build with: colcon '
+                 f'build --base-paths {here} {here}/msg_defs')
+
+
+check_that_messages_are_built()
 setup(
     name=PACKAGE,
-    version='0.2.0',
+    version=ElementTree.parse('package.xml').findtext('version'),
     packages=find_packages(include=[PACKAGE, f'{PACKAGE}.*']),
     package_data={PACKAGE: ['vehicle/schema.yaml', 'route/legs_schema.yaml',
-                            'control/itinerary_schema.yaml',
-                            'simulation/scenario_schema.yaml']},
+                            'supervision/itinerary_schema.yaml',
+                            'simulation/scenario_schema.yaml', 'vehicle/chemistry.yaml',
+                            'vehicle/vehicle_template.yaml',
+                            'vehicle/road_load_template.yaml']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{PACKAGE}']),
         (f'share/{PACKAGE}', ['package.xml']),
+        # colcon.pkg names these as hooks of the install space's setup files; bin/ comes into PATH.
+        (f'share/{PACKAGE}/environment', ['resource/completion/preheat-argcomplete.bash',
+                                          'resource/completion/preheat-argcomplete.zsh']),
+        ('bin', ['resource/bin/preheat']),
         *configuration_files(),
     ],
     install_requires=['setuptools'],

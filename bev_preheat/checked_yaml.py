@@ -42,7 +42,7 @@ def load_checked_yaml(path, schema_path):
 
 
 class _LoaderOfUniqueKeys(yaml.SafeLoader):
-    """Refuses a key that stands twice in a mapping; YAML's own loader takes the last silently."""
+    """Refuses a duplicate key in a mapping; YAML's own loader takes the last silently."""
 
     def construct_mapping(self, node, deep=False):
         seen = set()
@@ -51,7 +51,7 @@ class _LoaderOfUniqueKeys(yaml.SafeLoader):
                 continue
             if key_node.value in seen:
                 raise yaml.constructor.ConstructorError(
-                    None, None, f'{key_node.value!r} stands twice', key_node.start_mark)
+                    None, None, f'{key_node.value!r} is a duplicate key', key_node.start_mark)
             seen.add(key_node.value)
         return super().construct_mapping(node, deep)
 
@@ -86,9 +86,10 @@ def _in_words(error):
     key = _key(error.absolute_path) or 'the file'
     rule, allowed, value = error.validator, error.validator_value, error.instance
     if rule == 'additionalProperties':
-        known = list(error.schema.get('properties', {}))
+        known = [name for name, rules in error.schema.get('properties', {}).items()
+                 if 'not' not in rules]
         for name in value:
-            if name not in known:
+            if name not in error.schema.get('properties', {}):
                 near = get_close_matches(str(name), known, n=1)
                 hint = f'did you mean {near[0]!r}? ' if near else ''
                 yield f'{key}: unknown key {name!r}; {hint}known keys: {", ".join(known)}'
@@ -106,6 +107,9 @@ def _in_words(error):
         near = get_close_matches(str(value), [str(item) for item in allowed], n=1)
         hint = f'; did you mean {near[0]!r}?' if near else ''
         yield f'{key}: {value!r} is not one of {", ".join(map(str, allowed))}{hint}'
+    elif rule == 'not':
+        # A key of an earlier format; the schema says where its contents belong today.
+        yield f'{key}: {error.schema["description"]}'
     elif rule == 'pattern':
         yield f'{key}: {value!r} is not allowed; it must be {error.schema["description"]}'
     elif rule == 'maxLength':
@@ -113,6 +117,9 @@ def _in_words(error):
     elif rule in ('minItems', 'maxItems'):
         word = 'at least' if rule == 'minItems' else 'at most'
         yield f'{key}: has {len(value)} values; it must have {word} {allowed}'
+    elif rule == 'uniqueItems':
+        twice = next(item for index, item in enumerate(value) if item in value[:index])
+        yield f'{key}: holds {twice!r} twice'
     elif rule in ('minProperties', 'maxProperties'):
         word = 'at least' if rule == 'minProperties' else 'only'
         names = ', '.join(error.schema.get('properties', {}))

@@ -40,7 +40,7 @@ def find_configuration(kind, name_or_file, suffix):
         return folder / f'{text}{suffix}'
     near = get_close_matches(text[:LONGEST_QUOTE], names, n=1)
     hint = f'; did you mean {near[0]!r}?' if near else ''
-    singular = f'{kind[:-3]}y' if kind.endswith('ies') else kind[:-1]
+    singular = f'{kind[:-3]}y' if kind.endswith('ies') else kind.rpartition('/')[2][:-1]
     raise InvalidInput(
         f'{singular} {quoted(text)} is unknown{hint}; there are: {", ".join(names)}; '
         f'or give a file ending in {suffix}')

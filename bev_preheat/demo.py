@@ -7,25 +7,31 @@ say, and ends with a table and a picture. The exit status is 0 only where the ba
 within ARRIVAL_TOLERANCE_K of its target.
 """
 
-import argparse
+from bev_preheat.program import Interrupted, loading, run_program, say
+
+if __name__ == '__main__':
+    # What is loaded below takes a second, in which Ctrl-C may come.
+    loading('demo')
+
 from contextlib import ExitStack
 import os
 from pathlib import Path
-import signal
 import sys
 import time
 
 from ament_index_python.packages import PackageNotFoundError
-from rich.console import Console
 
-from bev_preheat.demonstration.display import shown, summary_table, verdict
-from bev_preheat.demonstration.observer import observing
+from bev_preheat.commands.arguments import OneLineParser
+from bev_preheat.demonstration.display import shown, summary_rows, verdict
+from bev_preheat.demonstration.observer import Observer
 from bev_preheat.demonstration.picture import draw_drive
 from bev_preheat.demonstration.processes import NodeProcess, reserved_domain_id
 from bev_preheat.errors import InvalidInput
+from bev_preheat.nodes.listening import listening
 from bev_preheat.output_files import check_outputs, expanded, Output, PICTURE_SUFFIXES
-from bev_preheat.route import route_file
-from bev_preheat.vehicle import vehicle_file
+from bev_preheat.route import route_for
+from bev_preheat.terminal import print_figures, result_console
+from bev_preheat.vehicle import load_vehicle, vehicle_file
 
 ARRIVAL_TOLERANCE_K = 1.0
 # Real time for the processes to find each other, and between two battery states [s].
@@ -43,11 +49,11 @@ class DemoFailed(Exception):
 
 def parse_arguments(arguments):
     """Return the parsed command line."""
-    parser = argparse.ArgumentParser(
+    parser = OneLineParser(
         prog='python -m bev_preheat.demo',
         description='A simulated drive to the fast charger, with the real planner over ROS 2.')
     parser.add_argument('--vehicle', default='reference', help='name or YAML file (%(default)s)')
-    parser.add_argument('--route', default='reference', help='name or CSV file (%(default)s)')
+    parser.add_argument('--route', default='reference', help='name, legs/NAME, CSV or YAML file (%(default)s)')
     parser.add_argument('--temperature', type=float, default=-7.0, metavar='DEGC',
                         help='battery temperature at the start [degC] (%(default)s)')
     parser.add_argument('--soc', type=float, default=0.9, metavar='0..1',
@@ -64,11 +70,17 @@ def parse_arguments(arguments):
 
 
 def check_files(parsed):
-    """Raise InvalidInput where an input is missing or an output cannot be written."""
+    """
+    Return a warning about the route, or None.
+
+    Raises InvalidInput where an input is missing or wrong or an output cannot be written.
+    """
+    route = route_for(parsed.route, load_vehicle(parsed.vehicle))
     logs = [Output('--output', log_file(parsed.output, name), make_folder=True)
             for name in ('planner', 'vehicle_simulator')]
     check_outputs([Output('--output', parsed.output, PICTURE_SUFFIXES, make_folder=True), *logs],
-                  [vehicle_file(parsed.vehicle), route_file(parsed.route)])
+                  [vehicle_file(parsed.vehicle), route.file])
+    return route.warning
 
 
 def log_file(output, name):
@@ -78,18 +90,21 @@ def log_file(output, name):
 
 def main(arguments=None):
     """Run the demonstration and return its exit status."""
+    return run_program('demo', lambda: _load(arguments), ends_process=arguments is None)
+
+
+def _load(arguments):
     parsed = parse_arguments(arguments)
-    console = Console(highlight=False)
-    try:
-        check_files(parsed)
-    except InvalidInput as error:
-        for problem in error.problems:
-            print(f'demo: error: {problem}', file=sys.stderr)
-        return 2
-    # The end of the process must pass through the context managers that end the others.
-    # A shell that starts it in the background has it ignore SIGINT; who sends one means it.
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, _raise_interrupt)
+    if not 1.0 <= parsed.speed_up <= 1000.0:
+        raise InvalidInput(f'--speed-up: {parsed.speed_up:g} is not allowed; it must be 1 ... 1000')
+    warning = check_files(parsed)
+    if warning:
+        say(f'demo: warning: {warning}')
+    return lambda: _drive(parsed)
+
+
+def _drive(parsed):
+    console = result_console()
     try:
         good, sentence = run(parsed, console)
     except (DemoFailed, InvalidInput) as error:
@@ -98,16 +113,13 @@ def main(arguments=None):
         good, sentence = False, f'{error.filename}: {error.strerror}'
     except PackageNotFoundError:
         good, sentence = False, 'the package is not built; run: make build'
-    except KeyboardInterrupt:
-        console.print('demo: interrupted; vehicle_simulator and planner are ended.')
-        return 130
+    except Interrupted as interruption:
+        interruption.kept = ('; vehicle_simulator and planner have ended; their logs are in '
+                             f'{parsed.output.parent}')
+        raise
     console.print(f'demo: {"good" if good else "failed"}: {sentence}', style='green' if good
                   else 'red', markup=False, soft_wrap=True)
     return 0 if good else 1
-
-
-def _raise_interrupt(number, frame):
-    raise KeyboardInterrupt
 
 
 def run(parsed, console):
@@ -120,23 +132,25 @@ def run(parsed, console):
         console.print(f'Vehicle {parsed.vehicle} on route {parsed.route}, {parsed.speed_up:g} '
                       f'times real time, ROS domain {os.environ["ROS_DOMAIN_ID"]}.',
                       markup=False, soft_wrap=True)
-        observer = stack.enter_context(observing())
+        listener = stack.enter_context(listening('demo'))
+        observer = Observer(listener.node)
         drive = observer.drive
         # The vehicle comes last, when everybody is there to see it start.
         planner = _start(stack, parsed, 'planner', _planner_parameters(parsed))
-        _wait_for_planner(observer, planner)
+        _wait_for_planner(listener, observer, planner)
         simulator = _start(stack, parsed, 'vehicle_simulator', _simulator_parameters(parsed))
         with shown(drive, console) as show:
-            _follow(drive, (simulator, planner), show)
+            _follow(listener, drive, (simulator, planner), show)
         for process in (simulator, planner):
             if process.end() != 0:
                 raise DemoFailed(_ended(process))
     if drive.first_plan is None:
         raise DemoFailed('the vehicle came to stand before the planner had a plan')
-    console.print(summary_table(drive))
+    print_figures(console, 'The drive', *summary_rows(drive))
     good, sentence = verdict(drive, ARRIVAL_TOLERANCE_K)
-    draw_drive(parsed.output, drive, f'Vehicle {parsed.vehicle} on route {parsed.route}: arrival '
-               f'at {drive.states[-1][1]:.1f} °C, target {drive.target_c:.1f} °C')
+    draw_drive(parsed.output, drive, load_vehicle(parsed.vehicle),
+               f'vehicle {parsed.vehicle}, route {parsed.route}: arrival at '
+               f'{drive.states[-1][1]:.1f} °C, target {drive.target_c:.1f} °C')
     console.print(f'Picture: {parsed.output}', markup=False, soft_wrap=True)
     return good, sentence
 
@@ -171,17 +185,17 @@ def _start(stack, parsed, name, parameters):
         NodeProcess(name, ros_arguments, log_file(parsed.output, name)))
 
 
-def _wait_for_planner(observer, planner):
+def _wait_for_planner(listener, observer, planner):
     limit_s = time.monotonic() + START_LIMIT_S
     while not observer.hears_planner:
         if planner.exit_status is not None:
             raise DemoFailed(_ended(planner))
         if time.monotonic() > limit_s:
             raise DemoFailed(f'no planner within {START_LIMIT_S:g} s. {_last_lines(planner)}')
-        time.sleep(REFRESH_S)
+        listener.listen(REFRESH_S)
 
 
-def _follow(drive, processes, show):
+def _follow(listener, drive, processes, show):
     """Return when the vehicle stands; raise DemoFailed where that will not happen."""
     limit_s = time.monotonic() + START_LIMIT_S
     while not drive.is_over:
@@ -196,7 +210,7 @@ def _follow(drive, processes, show):
             raise DemoFailed(f'no battery state for {SILENCE_LIMIT_S:g} s. '
                              f'{_last_lines(processes[0])}')
         show()
-        time.sleep(REFRESH_S)
+        listener.listen(REFRESH_S)
     show()
 
 

@@ -15,10 +15,13 @@ import secrets
 import stat
 
 from bev_preheat.errors import InvalidInput
+from bev_preheat.optional_packages import require
 
 PICTURE_SUFFIXES = ('.png', '.svg', '.pdf')
 KINDS = ((stat.S_ISREG, ''), (stat.S_ISDIR, 'a folder'), (stat.S_ISFIFO, 'a named pipe'),
          (stat.S_ISSOCK, 'a socket'), (stat.S_ISCHR, 'a device'), (stat.S_ISBLK, 'a device'))
+# What stands for it where an option allows that.
+STANDARD_OUTPUT = '-'
 STANDARD_STREAMS = {1: 'standard output', 2: 'standard error'}
 
 
@@ -100,6 +103,8 @@ def check_outputs(outputs, inputs=()):
             continue
         try:
             _check_suffix(output)
+            if output.suffixes is PICTURE_SUFFIXES:
+                require('matplotlib')
             check_writable(output.path, output.make_folder)
             _check_no_standard_stream(output.path)
         except InvalidInput as error:

@@ -7,12 +7,19 @@ thousand times for each plan, a good part of the time goes into the calls. So th
 with symbols that note what is done to them, and what they noted is compiled, operation by operation
 in the same order, so the numbers are the same to the last bit. Only arithmetic can be noted: a
 branch on a symbol raises TypeError.
+
+Python's compiler takes longer than all else here, and the estimation corrects the vehicle's numbers
+every few seconds. So numbers stay out of the source, and the same equations are compiled once.
 """
+
+from functools import lru_cache
 
 from bev_preheat.arithmetic import Arithmetic
 
 ARGUMENTS = ('soc', 'temperature_c', 'duration_s', 'power_w', 'variance_w2', 'heat_w',
              'leakage_w_per_k')
+# The kinds of equations that vehicle files, integrators and arithmetics make, with room to spare.
+KEPT_SOURCES = 32
 
 
 class _Symbol:
@@ -79,13 +86,16 @@ def compile_step(make_step, floats):
         share=lambda value: value if floats.share is Arithmetic.share else _Symbol(
             'share({})', value))
     results = make_step(symbols)(*(_Symbol(name) for name in ARGUMENTS))[:2]
-    lines, (soc, temperature_c) = _written_out(results)
+    lines, (soc, temperature_c), numbers = _written_out(results)
+    names.update(numbers)
+    # As defaults they are local variables, which Python reads faster than global ones.
+    own = ', '.join(f'{name}={name}' for name in names)
     source = '\n'.join([
-        f'def step({", ".join(ARGUMENTS)}):',
+        f'def step({", ".join(ARGUMENTS)}, *, {own}):',
         *(f'    {line}' for line in lines),
         f'    return {soc}, {temperature_c}',
         '',
-        'def roll(soc, temperature_c, columns):',
+        f'def roll(soc, temperature_c, columns, *, {own}):',
         '    socs, temperatures_c = [soc], [temperature_c]',
         f'    for {", ".join(ARGUMENTS[2:])} in zip(*columns):',
         *(f'        {line}' for line in lines),
@@ -94,12 +104,21 @@ def compile_step(make_step, floats):
         '        temperatures_c.append(temperature_c)',
         '    return socs, temperatures_c',
     ])
-    exec(compile(source, '<the model, written out>', 'exec'), names)
+    exec(_compiled(source), names)
     return names['step'], names['roll']
 
 
+@lru_cache(maxsize=KEPT_SOURCES)
+def _compiled(source):
+    return compile(source, '<the model, written out>', 'exec')
+
+
 def _written_out(results):
-    """Lines of assignments, and the texts of the results; what is used once stands in its place."""
+    """
+    Lines of assignments, the texts of the results, and the numbers in both by name.
+
+    What is used once stands in its place.
+    """
     uses, order = {}, []
 
     def visit(value):
@@ -112,14 +131,20 @@ def _written_out(results):
 
     for result in results:
         visit(result)
-    texts, lines = {}, []
+    texts, lines, numbers = {}, [], {}
+
+    def text_of(operand):
+        if isinstance(operand, _Symbol):
+            return texts[operand]
+        name = f'n{len(numbers)}'
+        numbers[name] = float(operand)
+        return name
+
     for value in order:
-        text = value.form.format(*(
-            texts[operand] if isinstance(operand, _Symbol) else repr(float(operand))
-            for operand in value.operands))
+        text = value.form.format(*map(text_of, value.operands))
         if value.operands and uses[value] > 1:
             name = f'v{len(lines)}'
             lines.append(f'{name} = {text}')
             text = name
         texts[value] = text
-    return lines, [texts[result] for result in results]
+    return lines, [texts[result] for result in results], numbers

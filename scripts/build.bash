@@ -12,39 +12,53 @@ if command -v flock >/dev/null; then
     flock 9
 fi
 
+# shellcheck source=scripts/ros_underlay.bash
+. scripts/ros_underlay.bash
+
 # From a shell that has sourced scripts/env.bash the install space would be its own underlay.
 for variable in PATH AMENT_PREFIX_PATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH LD_LIBRARY_PATH PYTHONPATH; do
     [ -n "${!variable:-}" ] || continue
-    kept=$(printf '%s\n' "${!variable}" | tr ':' '\n' | grep -v "^$bev_preheat_root/install\(/\|$\)" | paste -s -d : -) || true
+    kept=$(printf '%s\n' "${!variable}" | tr ':' '\n' | grep -v "^$bev_preheat_place/install\(/\|$\)" | paste -s -d : -) || true
     if [ -n "$kept" ]; then export "$variable=$kept"; else unset "$variable"; fi
 done
 
-# shellcheck source=scripts/ros_underlay.bash
-. scripts/ros_underlay.bash
 bev_preheat_enter
-if [ -z "$bev_preheat_underlay" ]; then
-    echo "build: no ROS 2 here yet; run: make setup" >&2
+if [ "$(bev_preheat_venv_state)" != ready ]; then
+    echo "build: .venv is $(bev_preheat_venv_state); run: make setup" >&2
     exit 1
 fi
+install=$bev_preheat_place/install
+build=$bev_preheat_place/build
 
-# What the last build was made of: a stamp for make, and the list of names that tells which have gone since.
-sources=(package.xml setup.py setup.cfg bev_preheat config resource msg_defs)
+# What the last build was made with and of: a stamp for make, and the list of names that tells which have gone since.
+made_with="with $bev_preheat_underlay $(tr '\n' ' ' <"$bev_preheat_place/.venv/.ready")"
+sources=(package.xml setup.py setup.cfg colcon.pkg bev_preheat config resource msg_defs)
 [ ! -d launch ] || sources+=(launch)
 state=$(
-    echo "underlay $bev_preheat_underlay $bev_preheat_root $(command -v python3) $(cat .venv/.ready 2>/dev/null || true)"
+    echo "$made_with"
     find "${sources[@]}" -name __pycache__ -prune -o -type f -printf '%p %s %T@\n' | sort
 )
-stamp=install/.built
+stamp=$install/.built
 if [ "$(cat "$stamp" 2>/dev/null)" = "$state" ]; then
     exit 0
 fi
 
-# colcon and setuptools only add: a module or message that was renamed would stay importable for ever.
-names() { cut -d ' ' -f 1 | sort; }
-if [ -e "$stamp" ] && [ -n "$(comm -23 <(names <"$stamp") <(names <<<"$state"))" ]; then
-    rm -rf build install
+# colcon and setuptools only add: a module or message that was renamed would stay importable for ever. CMake keeps the
+# paths of another place or Python.
+names() { sed 1d | cut -d ' ' -f 1 | sort; }
+if [ -e "$stamp" ]; then
+    if [ "$(head -n 1 "$stamp")" != "$made_with" ] || [ -n "$(comm -23 <(names <"$stamp") <(names <<<"$state"))" ]; then
+        rm -rf "$build" "$install"
+    fi
+elif [ -d "$build" ]; then
+    # An interrupted build, which may have been another place's or Python's.
+    rm -rf "$build" "$install"
 fi
 
 rm -f "$stamp"
-colcon build --base-paths . msg_defs "$@"
+# Where nothing is byte-compiled (as in many containers), each start of a node would compile all modules anew.
+unset PYTHONDONTWRITEBYTECODE
+# With this Python, so that the installed executables run with it and see its packages.
+python3 -c 'import sys; from colcon_core.command import main; sys.exit(main())' --log-base "$bev_preheat_place/log" \
+    build --base-paths . msg_defs --build-base "$build" --install-base "$install" "$@"
 printf '%s\n' "$state" >"$stamp"

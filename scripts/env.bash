@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 # shellcheck shell=bash
 # To be sourced, from bash or zsh, in any folder:  . scripts/env.bash
-# Enters a working shell: ROS 2 (the distribution, else .venv), then what "make build" made.
+# Enters a working shell: ROS 2 (the distribution, else from wheels), .venv, then what "make build" made.
 
 if [ -n "${ZSH_VERSION:-}" ]; then
     # In zsh's own words, which other shells cannot even parse.
@@ -13,15 +13,28 @@ fi
 . "$bev_preheat_root/scripts/ros_underlay.bash"
 bev_preheat_enter
 
-if [ -z "$bev_preheat_underlay" ]; then
-    echo "bev_preheat: no ROS 2 here yet; run: make -C $bev_preheat_root build" >&2
-elif [ ! -r "$bev_preheat_root/install/setup.$bev_preheat_shell" ]; then
-    echo "bev_preheat: ROS 2 is ready, the project is not built; run: make -C $bev_preheat_root build" >&2
+case $(bev_preheat_venv_state) in
+    unfinished) bev_preheat_problem="setup was interrupted or has failed, .venv is incomplete" ;;
+    moved) bev_preheat_problem="this checkout was moved or copied after setup" ;;
+    absent) bev_preheat_problem="not set up yet" ;;
+    ready)
+        bev_preheat_problem=
+        if [ ! -r "$bev_preheat_place/install/setup.$bev_preheat_shell" ]; then
+            bev_preheat_problem="ROS 2 is ready, the project is not built"
+        fi
+        ;;
+esac
+if [ -n "$bev_preheat_problem" ]; then
+    echo "bev_preheat: $bev_preheat_problem; run: make -C $bev_preheat_root build" >&2
 else
-    bev_preheat_source "$bev_preheat_root/install/setup.$bev_preheat_shell"
+    bev_preheat_source "$bev_preheat_place/install/setup.$bev_preheat_shell"
+    # The distribution's own setup may have put the system's Python first.
+    if [ "$(command -v python3)" != "$bev_preheat_place/.venv/bin/python3" ]; then
+        export PATH="$bev_preheat_place/.venv/bin:$PATH"
+    fi
     case ":$PATH:" in
-        *":$bev_preheat_root/install/bev_preheat/lib/bev_preheat:"*) ;;
-        *) export PATH="$bev_preheat_root/install/bev_preheat/lib/bev_preheat:$PATH" ;;
+        *":$bev_preheat_place/install/bev_preheat/lib/bev_preheat:"*) ;;
+        *) export PATH="$bev_preheat_place/install/bev_preheat/lib/bev_preheat:$PATH" ;;
     esac
 fi
 # Ubuntu has python3 only; the documentation says python.
@@ -29,5 +42,5 @@ if ! command -v python >/dev/null; then
     python() { python3 "$@"; }
 fi
 
-unset bev_preheat_root bev_preheat_underlay bev_preheat_shell
-unset -f bev_preheat_sourced_distribution bev_preheat_source bev_preheat_enter_distribution bev_preheat_enter
+unset bev_preheat_root bev_preheat_place bev_preheat_underlay bev_preheat_shell bev_preheat_problem
+unset -f bev_preheat_sourced_distribution bev_preheat_source bev_preheat_enter_distribution bev_preheat_venv_state bev_preheat_enter

@@ -1,7 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 # shellcheck shell=bash
-# For the other scripts, from bash or zsh: enters what lies under this project, a ROS 2 distribution or .venv.
+# For the other scripts, from bash or zsh: enters what lies under this project, a ROS 2 distribution and .venv.
 # Needs bev_preheat_root; answers in bev_preheat_underlay (the distribution's prefix, ".venv" or empty).
+
+: "${bev_preheat_root:?is set by the script that reads this file}"
+# Here .venv, build, install and log are. "make test-oldest" has its own.
+bev_preheat_place=$bev_preheat_root${BEV_PREHEAT_OLDEST:+/.oldest}
+bev_preheat_shell=bash
+if [ -n "${ZSH_VERSION:-}" ]; then bev_preheat_shell=zsh; fi
 
 # A prefix that holds rclpy is a distribution, unless it is a virtual environment: then it is ours or
 # another checkout's. ROS_DISTRO alone proves nothing, container images set it before anything is sourced.
@@ -26,11 +32,13 @@ bev_preheat_source() {
     if [ -n "$had_e" ]; then set -e; fi
 }
 
-: "${bev_preheat_root:?is set by the script that reads this file}"
-bev_preheat_shell=bash
-if [ -n "${ZSH_VERSION:-}" ]; then bev_preheat_shell=zsh; fi
-
 bev_preheat_enter_distribution() {
+    bev_preheat_underlay=
+    # The oldest versions are tested with ROS from wheels, whatever the machine has.
+    if [ -n "${BEV_PREHEAT_OLDEST:-}" ]; then
+        unset AMENT_PREFIX_PATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH LD_LIBRARY_PATH PYTHONPATH ROS_DISTRO
+        return
+    fi
     bev_preheat_underlay=$(bev_preheat_sourced_distribution)
     local setup=/opt/ros/${ROS_DISTRO:-jazzy}/setup.$bev_preheat_shell
     if [ -z "$bev_preheat_underlay" ] && [ -r "$setup" ]; then
@@ -39,11 +47,26 @@ bev_preheat_enter_distribution() {
     fi
 }
 
+# "ready", "absent", "unfinished" (setup was interrupted or has failed) or "moved". The place counts, because a
+# virtual environment does not survive being moved or copied.
+bev_preheat_venv_state() {
+    local venv=$bev_preheat_place/.venv
+    if [ ! -e "$venv" ]; then
+        echo absent
+    elif [ ! -r "$venv/.ready" ]; then
+        echo unfinished
+    elif ! grep -qxF "$venv" "$venv/.ready"; then
+        echo moved
+    else
+        echo ready
+    fi
+}
+
 bev_preheat_enter() {
     bev_preheat_enter_distribution
-    if [ -z "$bev_preheat_underlay" ] && [ -r "$bev_preheat_root/.venv/.ready" ]; then
-        bev_preheat_source "$bev_preheat_root/.venv/local_setup.$bev_preheat_shell"
-        bev_preheat_underlay=.venv
+    if [ "$(bev_preheat_venv_state)" = ready ]; then
+        bev_preheat_source "$bev_preheat_place/.venv/local_setup.$bev_preheat_shell"
+        : "${bev_preheat_underlay:=.venv}"
         # The wheels' start-up hook trusts this mark, which another checkout's Python may have left in our environment.
         unset _ROS_WHEELS_BOOTSTRAP_COMPLETE
     fi

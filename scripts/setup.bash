@@ -1,12 +1,12 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# Makes the working environment, once. With a ROS 2 distribution: checks that nothing is missing and says
-# what installs it. Without: ROS 2 Jazzy from wheels in .venv. "setup.bash bench" adds the benchmark's own.
+# Makes the working environment in .venv, once. With a ROS 2 distribution: what the distribution lacks. Without:
+# ROS 2 Jazzy from wheels. "setup.bash bench" adds the benchmark's own packages. With BEV_PREHEAT_OLDEST=1: the
+# oldest supported versions and no optional package, in .oldest/.venv.
 set -euo pipefail
 
 bev_preheat_root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd -P)
 cd "$bev_preheat_root"
-venv=$bev_preheat_root/.venv
 
 say() { printf 'setup: %s\n' "$*"; }
 fail() {
@@ -14,70 +14,29 @@ fail() {
     exit 1
 }
 
+# CMake takes a path apart at such characters, rosidl loses other letters than ASCII's.
+if printf '%s' "$bev_preheat_root" | LC_ALL=C grep -q '[^A-Za-z0-9/._+@,=~-]'; then
+    fail "ROS 2 cannot build in $bev_preheat_root: a path may only have ASCII letters, digits and . _ + - @ , = ~, no space; move the checkout"
+fi
+
 # Two "make" at once would install over each other. The lock is this file, so nothing is left behind.
 if command -v flock >/dev/null; then
     exec 9<"${BASH_SOURCE[0]}"
-    flock 9
+    flock -n 9 || { say "waits for another setup of this checkout" && flock 9; }
 fi
 
-# --- a ROS 2 distribution: look, never install ---
+# shellcheck source=scripts/ros_underlay.bash
+. scripts/ros_underlay.bash
+venv=$bev_preheat_place/.venv
+python=$venv/bin/python
+# As it is said: .venv or .oldest/.venv.
+venv_name=${venv#"$bev_preheat_root/"}
 
-missing_modules() {
-    python3 - "$@" <<'PYTHON'
-import importlib.util
-import sys
+# --- what is there ---
 
-print(*(name for name in sys.argv[1:] if importlib.util.find_spec(name) is None))
-PYTHON
-}
+version_of() { "$1" -I -S -c 'import sys; print(*sys.version_info[:3], sep=".")' 2>/dev/null; }
 
-# The rosdep keys of package.xml are the modules' names, but for python3- in front and -pip behind.
-needed_modules() {
-    sed -nE 's/.*<(exec_|test_|build_)?depend>(python3-)?([a-z0-9_-]+)<.*/\3/p' package.xml |
-        sed -e 's/-pip$//' -e '/^bev_preheat_msgs$/d' | tr - _
-}
-
-check_distribution() {
-    python3 -c 'import sys; sys.exit(sys.version_info < (3, 11))' ||
-        fail "ROS 2 ${ROS_DISTRO:-} in $bev_preheat_underlay uses $(python3 --version), this project needs 3.11 or newer: ROS 2 Jazzy."
-    local missing
-    # shellcheck disable=SC2046
-    missing=$(missing_modules rosidl_generator_py $(needed_modules))
-    command -v colcon >/dev/null || missing="$missing colcon"
-    if [ -n "$missing" ]; then
-        fail "ROS 2 ${ROS_DISTRO:-} in $bev_preheat_underlay is used; missing: $missing" \
-            "  this installs them: rosdep install --from-paths . msg_defs --ignore-src -y" \
-            "  (colcon itself: sudo apt install python3-colcon-common-extensions)"
-    fi
-    say "using ROS 2 ${ROS_DISTRO:-} in $bev_preheat_underlay"
-    missing=$(missing_modules casadi)
-    if [ -n "$missing" ]; then
-        say "casadi is missing, which only the optimum and its comparison need:" \
-            "python3 -m pip install --user --break-system-packages $(grep '^casadi==' scripts/requirements.txt)"
-    fi
-}
-
-check_distribution_for_benchmark() {
-    local missing
-    missing=$(missing_modules casadi do_mpc)
-    [ -z "$missing" ] || fail "the benchmark lacks: $missing" \
-        "  this installs them: python3 -m pip install --user --break-system-packages" \
-        "    $(grep '^casadi==' scripts/requirements.txt) $(grep '^do-mpc==' scripts/requirements-bench.txt)"
-}
-
-# --- no distribution: .venv ---
-
-find_python() {
-    local candidate
-    for candidate in ${PYTHON:-python3 python3.12 python3.11 python3.13}; do
-        if "$candidate" -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null; then
-            command -v "$candidate"
-            return
-        fi
-    done
-    fail "needs Python 3.11 or newer; ${PYTHON:-python3} is $("${PYTHON:-python3}" --version 2>/dev/null || echo not there)" \
-        "  install one (Debian, Ubuntu: python3.12 python3.12-venv python3.12-dev) or name it: make setup PYTHON=/path/to/python3.12"
-}
+is_new_enough() { "$1" -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null; }
 
 check_build_tools() {
     local tool
@@ -89,27 +48,84 @@ check_build_tools() {
         fail "the messages are compiled against Python, and $1 has no Python.h (Debian, Ubuntu: sudo apt install python3-dev)"
 }
 
-version_of() { "$1" -I -S -c 'import sys; print(*sys.version_info[:3], sep=".")' 2>/dev/null; }
+# The distribution's Python is the one that can load its rclpy; another may come first in PATH.
+find_distribution_python() {
+    local candidate
+    for candidate in ${PYTHON:-python3 /usr/bin/python3}; do
+        if "$candidate" -c 'import rclpy' 2>/dev/null; then
+            is_new_enough "$candidate" ||
+                fail "ROS 2 ${ROS_DISTRO:-} in $bev_preheat_underlay uses $("$candidate" --version); this project needs ROS 2 Jazzy, with Python 3.11 or newer"
+            command -v "$candidate"
+            return
+        fi
+    done
+    fail "ROS 2 ${ROS_DISTRO:-} in $bev_preheat_underlay is used, but ${PYTHON:-python3} cannot import its rclpy: $("${PYTHON:-python3}" -c 'import rclpy' 2>&1 | tail -n 1)"
+}
 
-# What .ready must say: the place too, because a virtual environment does not survive being moved.
-stamp_for() { printf '%s %s %s\n' "$(version_of "$1")" "$(cksum <scripts/requirements.txt)" "$venv"; }
+# The dependencies of package.xml that are ROS packages are the keys without python3- and the like.
+check_distribution() {
+    local missing
+    # shellcheck disable=SC2046
+    missing=$("$1" - rosidl_generator_py \
+        $(sed -nE 's/.*<exec_depend>([a-z_]+)<.*/\1/p' package.xml | grep -v '^bev_preheat_msgs$') <<'PYTHON'
+import importlib.util
+import sys
 
-install_wheels() {
+print(*(name for name in sys.argv[1:] if importlib.util.find_spec(name) is None))
+PYTHON
+    )
+    [ -z "$missing" ] ||
+        fail "ROS 2 ${ROS_DISTRO:-} in $bev_preheat_underlay lacks: $missing; install: rosdep install --from-paths . msg_defs --ignore-src -y"
+    command -v cmake >/dev/null || fail "the messages are compiled, and cmake is not there (sudo apt install cmake)"
+}
+
+find_python() {
+    local candidate candidates="python3 python3.12 python3.11 python3.13"
+    # The last Python for which there are wheels of all oldest versions is 3.11.
+    [ -z "${BEV_PREHEAT_OLDEST:-}" ] || candidates="python3.11 python3.12 python3"
+    for candidate in ${PYTHON:-$candidates}; do
+        if is_new_enough "$candidate"; then
+            command -v "$candidate"
+            return
+        fi
+    done
+    fail "needs Python 3.11 or newer; ${PYTHON:-python3} is $("${PYTHON:-python3}" --version 2>/dev/null || echo not there)" \
+        "  install one (Debian, Ubuntu: python3.12 python3.12-venv python3.12-dev) or name it: make setup PYTHON=/path/to/python3.12"
+}
+
+# --- pip ---
+
+install_packages() {
     local log=$venv/install.log
-    if ! "$venv/bin/python" -m pip install --no-deps --no-input --disable-pip-version-check --progress-bar off \
-        -r "$1" 2>&1 | tee "$log" |
-        awk -v all="$(grep -c '==' "$1")" '
-            /^Collecting |^Processing / { n++; if (n % 40 == 0) { print "setup:   " n " of " all; fflush() } }
+    if ! "$python" -m pip install --no-input --disable-pip-version-check --progress-bar off "$@" 2>&1 | tee "$log" |
+        awk '/^Collecting |^Processing / { n++; if (n % 40 == 0) { print "setup:   " n " packages"; fflush() } }
             /^Installing collected/ { print "setup:   unpacking"; fflush() }'; then
         tail -n 15 "$log" >&2
-        fail "pip could not install $1 (all of its output: $log). The ROS wheels are for Linux on x86-64, glibc 2.28 or newer." \
-            "  Then run setup again."
+        fail "pip could not install what is needed (all of its output: $log). Then run setup again." \
+            "  The ROS wheels are for Linux on x86-64, glibc 2.28 or newer; elsewhere use a ROS 2 distribution."
+    fi
+}
+
+# With a virtual environment that sees the system's packages, the system's pip will do.
+ensure_pip() {
+    "$python" -m pip --version >/dev/null 2>&1 || "$python" -m ensurepip >/dev/null 2>&1 ||
+        fail "there is no pip (Debian, Ubuntu: sudo apt install python3-venv)"
+}
+
+wheels() {
+    if [ -n "${BEV_PREHEAT_OLDEST:-}" ]; then
+        # requirements.txt, but for the packages that the list of the oldest names.
+        awk -F '==' 'FNR == NR { if (NF > 1) { named[$1] } ; next } NF > 1 && !($1 in named)' \
+            scripts/requirements-oldest.txt scripts/requirements.txt
+        grep '==' scripts/requirements-oldest.txt
+    else
+        grep -h '==' scripts/requirements.txt scripts/requirements-optional.txt
     fi
 }
 
 # The CMake files inside the message wheels name folders of the machine that built them.
 mend_cmake_files() {
-    "$venv/bin/python" - "$venv" <<'PYTHON'
+    "$python" - "$venv" <<'PYTHON'
 import pathlib
 import re
 import sys
@@ -143,31 +159,90 @@ SH
     done
 }
 
-make_venv() {
-    local python=$venv/bin/python
+# --- .venv ---
+
+# What .ready must say: the place too, because a virtual environment does not survive being moved.
+stamp_for() {
+    printf '%s\n' "$venv" "$(version_of "$1") ${bev_preheat_underlay:-wheels} $(cat scripts/requirements*.txt | cksum)"
+}
+
+is_ready() {
     # Without PYTHON the one that .venv was made with stays: a later "make" must not switch back to python3.
-    if [ -x "$python" ] && { [ -z "${PYTHON:-}" ] || [ "$(version_of "$PYTHON")" = "$(version_of "$python")" ]; }; then
-        if [ "$(cat "$venv/.ready" 2>/dev/null)" = "$(stamp_for "$python")" ]; then
-            return
-        fi
-    fi
-    local base
-    base=$(find_python)
-    check_build_tools "$base"
-    local wanted
-    wanted=$(version_of "$base")
-    say "ROS 2 Jazzy and what else is needed go into .venv, with Python $wanted"
+    [ -x "$python" ] && { [ -z "${PYTHON:-}" ] || [ "$(version_of "$PYTHON")" = "$(version_of "$python")" ]; } &&
+        [ "$(cat "$venv/.ready" 2>/dev/null)" = "$(stamp_for "$python")" ]
+}
+
+say_why_again() {
+    case $(bev_preheat_venv_state) in
+        unfinished) say "the previous setup was interrupted or has failed; $venv_name is made anew" ;;
+        moved) say "the checkout was moved or copied; $venv_name is made anew" ;;
+    esac
+}
+
+# A half-made .venv never counts as ready: .ready is removed first and written last.
+begin() {
+    say_why_again
+    trap 'trap - INT TERM; echo; say "interrupted; $venv_name is incomplete. The next make or scripts/setup.bash begins anew." >&2; exit 130' INT TERM
     rm -f "$venv/.ready"
-    # Built anew rather than upgraded: what an older requirements.txt installed must not stay and help.
-    "$base" -m venv --clear "$venv" ||
-        fail "$base cannot make a virtual environment (Debian, Ubuntu: sudo apt install python3-venv)"
-    say "downloading and installing $(grep -c '==' scripts/requirements.txt) packages, a minute or two"
-    install_wheels scripts/requirements.txt
-    mend_cmake_files
+}
+
+finish() {
     write_local_setup
     stamp_for "$python" >"$venv/.ready.new"
     mv "$venv/.ready.new" "$venv/.ready"
+    trap - INT TERM
     say "done in $SECONDS s"
+}
+
+# What Python says of an interruption is left out.
+make_venv() {
+    local problem
+    problem=$("$1" -m venv "${@:2}" "$venv" 2>&1) ||
+        fail "$1 cannot make a virtual environment: $(tail -n 1 <<<"$problem") (Debian, Ubuntu: sudo apt install python3-venv)"
+}
+
+make_venv_of_wheels() {
+    ! is_ready || return 0
+    local base
+    base=$(find_python)
+    check_build_tools "$base"
+    begin
+    say "ROS 2 Jazzy and what else is needed go into $venv_name, with Python $(version_of "$base")"
+    # Built anew rather than upgraded: what an older requirements.txt installed must not stay and help.
+    make_venv "$base" --clear
+    wheels >"$venv/requirements.txt"
+    say "downloading and installing $(wc -l <"$venv/requirements.txt") packages, a minute or two"
+    install_packages --no-deps -r "$venv/requirements.txt"
+    mend_cmake_files
+    finish
+}
+
+make_venv_of_distribution() {
+    # The system's packages may have changed since.
+    if is_ready && [ -z "$("$python" scripts/lacking_packages.py)" ]; then
+        return 0
+    fi
+    local base lacking
+    base=$(find_distribution_python)
+    check_build_tools "$base"
+    check_distribution "$base"
+    say "using ROS 2 ${ROS_DISTRO:-} in $bev_preheat_underlay"
+    begin
+    make_venv "$base" --clear --without-pip --system-site-packages
+    lacking=$("$python" scripts/lacking_packages.py)
+    if [ -n "$lacking" ]; then
+        # shellcheck disable=SC2086
+        say "into .venv goes what the system lacks:" $lacking
+        add_to_distribution
+    fi
+    finish
+}
+
+add_to_distribution() {
+    ensure_pip
+    "$python" scripts/lacking_packages.py "$@" >"$venv/requirements.txt"
+    "$python" scripts/lacking_packages.py --constraints "$@" >"$venv/constraints.txt"
+    install_packages -r "$venv/requirements.txt" -c "$venv/constraints.txt"
 }
 
 add_benchmark() {
@@ -175,23 +250,24 @@ add_benchmark() {
     stamp=$(cksum <scripts/requirements-bench.txt)
     if [ "$(cat "$venv/.ready-bench" 2>/dev/null)" != "$stamp" ]; then
         say "adding the benchmark's packages to .venv"
-        install_wheels scripts/requirements-bench.txt
+        if [ -n "$bev_preheat_underlay" ]; then
+            add_to_distribution --bench
+        else
+            install_packages --no-deps -r scripts/requirements-bench.txt
+        fi
         printf '%s\n' "$stamp" >"$venv/.ready-bench"
     fi
 }
 
-# shellcheck source=scripts/ros_underlay.bash
-. scripts/ros_underlay.bash
 bev_preheat_enter_distribution
+# In a shell that has sourced scripts/env.bash python3 is .venv's own, which is about to be replaced.
+PATH=:$PATH:
+PATH=${PATH//":$venv/bin:"/:}
+PATH=${PATH#:}
+PATH=${PATH%:}
 if [ -n "$bev_preheat_underlay" ]; then
-    check_distribution
-    [ "${1:-}" != bench ] || check_distribution_for_benchmark
+    make_venv_of_distribution
 else
-    # In a shell that has sourced scripts/env.bash python3 is .venv's own, which is about to be replaced.
-    PATH=:$PATH:
-    PATH=${PATH//":$venv/bin:"/:}
-    PATH=${PATH#:}
-    PATH=${PATH%:}
-    make_venv
-    [ "${1:-}" != bench ] || add_benchmark
+    make_venv_of_wheels
 fi
+[ "${1:-}" != bench ] || add_benchmark

@@ -3,10 +3,9 @@
 
 import math
 
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 
 from bev_preheat.arithmetic import ARRAYS, FLOATS, SATURATING_FLOATS
 from bev_preheat.model import make_euler, make_rates, make_runge_kutta_4
@@ -70,6 +69,7 @@ def rolled(make_integrator, step_s, duration_s=1200.0, start=(0.8, -9.0)):
 @pytest.fixture(scope='module')
 def accurate_end():
     """Hand-written equations, integrated by scipy over the 1200 s of `rolled`."""
+    from scipy.integrate import solve_ivp
     solution = solve_ivp(
         lambda _, state: hand_written_rates(*state, *INPUTS)[:2], (0.0, 1200.0), (0.8, -9.0),
         method='DOP853', rtol=1e-13, atol=1e-13)
@@ -88,7 +88,6 @@ def test_rates_are_the_papers(power_w, variance_w2, part):
 
 @given(power_w=st.floats(-90e3, 90e3), soc=st.floats(0.0, 1.0),
        temperature_c=st.floats(-25.0, 50.0))
-@settings(max_examples=100, deadline=None, derandomize=True)
 def test_current_solves_the_circuit(power_w, soc, temperature_c):
     soc_rate, _, _ = make_rates(car(), FLOATS)(soc, temperature_c, power_w, 0.0, 0.0, 0.0)
     current = -soc_rate * CAPACITY_AH * 3600.0
@@ -106,7 +105,6 @@ def test_current_is_the_smaller_root():
 
 @given(power_w=st.floats(-90e3, 60e3), deviation_w=st.floats(0.0, 40e3), soc=st.floats(0.05, 1.0),
        temperature_c=st.floats(-25.0, 50.0))
-@settings(max_examples=100, deadline=None, derandomize=True)
 def test_battery_power_is_terminal_power_and_joule_heat(power_w, deviation_w, soc, temperature_c):
     soc_rate, _, joule_w = make_rates(car(), FLOATS)(
         soc, temperature_c, power_w, deviation_w**2, HEAT_W, LEAKAGE_W_PER_K)
@@ -172,7 +170,6 @@ def test_saturating_floats_are_plain_floats_below_the_limit():
 @given(st.lists(st.tuples(st.floats(0.0, 1.0), st.floats(-25.0, 50.0), st.floats(-60e3, 60e3),
                           st.floats(0.0, 1e9), st.floats(-5e3, 9e3), st.floats(0.0, 200.0)),
                 min_size=1, max_size=8))
-@settings(max_examples=50, deadline=None, derandomize=True)
 def test_arrays_are_floats(resistance, rows):
     vehicle = car(resistance=resistance)
     floats = [make_rates(vehicle, FLOATS)(*row) for row in rows]

@@ -1,16 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """`preheat compare`: every method and the nonlinear program side by side."""
 
-import sys
-
-from rich.console import Console
-
 from bev_preheat.commands.optimum import add_no_limits_argument, optimum_lines
 from bev_preheat.commands.output import (
-    add_output_arguments, check_output_arguments, plan_table, write_json)
+    add_output_arguments, check_output_arguments, print_plans, write_json)
 from bev_preheat.commands.situation import add_situation_arguments, read_situation
+from bev_preheat.optional_packages import require
+from bev_preheat.planning.comparison import difference, energy_gap_wh, SAME_SHORTFALL_K
 from bev_preheat.planning.planner import (
     as_driven, DEFAULT_METHOD, METHODS, plan_preheating)
+from bev_preheat.program import FAILED, say
+from bev_preheat.terminal import progress_console, result_console
 
 
 def add_parser(subparsers):
@@ -18,7 +18,8 @@ def add_parser(subparsers):
     parser = subparsers.add_parser(
         'compare', help='all methods and the nonlinear program side by side',
         description='Plans of all methods, the optimum, and what each costs more than it. A plan '
-        'that breaks a power limit is shown as it would be driven: the friction brake takes what '
+        'that does not reach the same as the optimum is not compared by its energy: the table says '
+        f'how it differs, in arrival temperature from {SAME_SHORTFALL_K:g} K on. A plan that breaks a power limit is shown as it would be driven: the friction brake takes what '
         'the battery may not, and the heater gives way.')
     add_situation_arguments(parser)
     add_no_limits_argument(parser)
@@ -28,37 +29,44 @@ def add_parser(subparsers):
 
 def run(arguments):
     """Compare, print, and write what was asked for; returns 0, or 1 where the solver failed."""
-    from bev_preheat.optimum.solve import SolverFailure, solve_optimum
     situation = read_situation(arguments)
     check_output_arguments(arguments, situation.files)
+    require('casadi')
+    from bev_preheat.optimum.solve import SolverFailure, solve_optimum
     inputs = situation.vehicle, situation.route, situation.state, situation.goal
     plans = [plan_preheating(*inputs, method, safeguarded=method == DEFAULT_METHOD)
              for method in METHODS]
     if not arguments.no_power_limits:
         plans = [as_driven(plan, *inputs) for plan in plans]
-    console = Console()
     try:
-        with console.status('solving …'):
+        with progress_console().status('solving …'):
             optimum = solve_optimum(*inputs, not arguments.no_power_limits)
     except SolverFailure as error:
-        print(f'preheat: {error}', file=sys.stderr)
-        return 1
+        say(f'preheat: {error}')
+        return FAILED
     title = f'vehicle {situation.vehicle.name}, route {arguments.route}'
-    best_wh = optimum.plan.energy_wh.battery_total
-    gaps_wh = {plan.method: plan.energy_wh.battery_total - best_wh for plan in plans}
-    table = plan_table([*plans, optimum.plan], title)
-    table.add_row('More than the optimum (Wh)',
-                  *(f'{gaps_wh[plan.method]:+.4f}' for plan in plans), '')
-    table.add_row('Solve time (ms)', *('' for _ in plans), f'{1e3 * optimum.solve_time_s:.1f}')
-    console.print(table)
-    for line in optimum_lines(optimum):
-        console.print(line, highlight=False, soft_wrap=True)
+    best = optimum.plan
+    gaps_wh = {plan.method: energy_gap_wh(plan, best) for plan in plans}
+    differences = {plan.method: difference(plan, best) for plan in plans}
     if arguments.json:
         write_json(arguments.json, {
             'plans': {plan.method: plan.as_dictionary() for plan in plans},
-            'optimum': optimum.as_dictionary(), 'gap_wh': gaps_wh})
+            'optimum': optimum.as_dictionary(), 'gap_wh': gaps_wh,
+            'difference': {method: text or None for method, text in differences.items()},
+            'route_made_for': situation.route_made_for,
+            'vehicle_assumed': list(situation.vehicle.assumed)})
     if arguments.plot:
         from bev_preheat.drawing.plan_figure import draw_plans
-        draw_plans(arguments.plot, situation.vehicle, situation.route,
-                   [*plans, optimum.plan], title)
+        draw_plans(arguments.plot, situation.vehicle, situation.route, situation.goal,
+                   [*plans, best], title)
+    console = result_console(arguments.json)
+    rows = [('Solve time [ms]', *('' for _ in plans), f'{1e3 * optimum.solve_time_s:.1f}')]
+    if any(differences.values()):
+        rows.insert(0, ('Other than optimum', *differences.values(), ''))
+    if any(gap_wh is not None for gap_wh in gaps_wh.values()):
+        rows.insert(0, ('Above optimum [Wh]', *(
+            '–' if gap_wh is None else f'{gap_wh:+.4f}' for gap_wh in gaps_wh.values()), ''))
+    print_plans(console, [*plans, best], title, more_rows=rows)
+    for line in optimum_lines(optimum):
+        console.print(line, markup=False, soft_wrap=True)
     return 0

@@ -3,32 +3,33 @@
 
 from dataclasses import replace
 
-from rich.console import Console
-from rich.markup import escape
-
-from bev_preheat.commands.output import check_output_arguments, plan_table, write_json
-from bev_preheat.commands.situation import in_steps, target_of
-from bev_preheat.control.inputs import check_mission, NS_PER_S
-from bev_preheat.control.itinerary import load_itinerary
+from bev_preheat.commands.completion import NameCompleter
+from bev_preheat.commands.output import check_output_arguments, print_plans, write_json
+from bev_preheat.commands.situation import in_steps, load_planned_vehicle, target_of, warn
 from bev_preheat.errors import InvalidInput
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState
-from bev_preheat.vehicle import load_vehicle, vehicle_file
+from bev_preheat.supervision.inputs import check_mission, NS_PER_S
+from bev_preheat.supervision.itinerary import load_itinerary
+from bev_preheat.terminal import result_console
+from bev_preheat.vehicle import vehicle_file
 
 
 def add_itinerary_argument(parser):
     """Add the argument that stands in place of `--route`."""
-    parser.add_argument('--itinerary', metavar='NAME|FILE',
-                        help='a trip with stops, each leg with its target: a name in '
-                        'config/itineraries or a YAML file')
+    parser.add_argument(
+        '--itinerary', metavar='NAME|FILE',
+        help='a trip with stops, each leg with its target: a name in config/itineraries or a YAML '
+        'file').completer = NameCompleter('itineraries')
 
 
 def run_itinerary(arguments):
     """Plan each leg, print, and write what was asked for; returns the exit status."""
     _refuse_what_legs_say(arguments)
-    vehicle = load_vehicle(arguments.vehicle)
-    itinerary = load_itinerary(arguments.itinerary, vehicle.defaults)
+    vehicle = load_planned_vehicle(arguments.vehicle)
+    itinerary = load_itinerary(arguments.itinerary, vehicle)
+    warn(*itinerary.warnings)
     check_output_arguments(arguments, (vehicle_file(arguments.vehicle), *itinerary.files))
     # The first leg departs as measured.
     first, *others = itinerary.mission.legs
@@ -41,15 +42,23 @@ def run_itinerary(arguments):
     starts_s = [leg.start_ns / NS_PER_S for leg in legs]
     headings = [f'{number}: {name}' for number, name in enumerate(itinerary.route_names, start=1)]
     title = f'vehicle {vehicle.name}, itinerary {itinerary.mission.route_id}'
-    _print(plans, starts_s, headings, title)
     if arguments.json:
         write_json(arguments.json, {
             'itinerary': itinerary.mission.route_id,
-            'plans': [{'route': name, 'departure_s': start_s, **plan.as_dictionary()}
-                      for name, start_s, plan in zip(itinerary.route_names, starts_s, plans)]})
+            'vehicle_assumed': list(vehicle.assumed),
+            'plans': [{'route': name, 'route_made_for': made_for, 'departure_s': start_s,
+                       **plan.as_dictionary()}
+                      for name, made_for, start_s, plan in zip(
+                          itinerary.route_names, itinerary.routes_made_for, starts_s, plans)]})
     if arguments.plot:
         from bev_preheat.drawing.itinerary_figure import draw_itinerary
         draw_itinerary(arguments.plot, vehicle, legs, plans, title)
+    console = result_console(arguments.json)
+    print_plans(console, plans, title, headings,
+                [('Departure after', *map(duration_text, starts_s))])
+    for heading, plan in zip(headings, plans):
+        console.print(f'{heading}: {plan.status.name}: {plan.explanation}', markup=False,
+                      soft_wrap=True)
     return 0
 
 
@@ -60,12 +69,3 @@ def _refuse_what_legs_say(arguments):
         raise InvalidInput(f'{", ".join(given)}: not allowed with --itinerary, where each leg '
                            'says it itself')
 
-
-def _print(plans, starts_s, headings, title):
-    table = plan_table(plans, escape(title), headings)
-    table.add_row('Departure after', *map(duration_text, starts_s))
-    console = Console()
-    console.print(table)
-    for heading, plan in zip(headings, plans):
-        console.print(f'{heading}: {plan.status.name}: {plan.explanation}', highlight=False,
-                      markup=False, soft_wrap=True)

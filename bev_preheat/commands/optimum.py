@@ -1,13 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """`preheat optimum`: the nonlinear program's answer for this route."""
 
-import sys
-
-from rich.console import Console
-
 from bev_preheat.commands.output import (
-    add_output_arguments, check_output_arguments, plan_table, write_json)
+    add_output_arguments, check_output_arguments, print_plans, write_json)
 from bev_preheat.commands.situation import add_situation_arguments, read_situation
+from bev_preheat.optional_packages import require
+from bev_preheat.program import FAILED, say
+from bev_preheat.terminal import progress_console, result_console
 
 
 def add_parser(subparsers):
@@ -29,27 +28,30 @@ def add_no_limits_argument(parser):
 
 def run(arguments):
     """Solve, print, and write what was asked for; returns 0, or 1 where the solver failed."""
-    from bev_preheat.optimum.solve import SolverFailure, solve_optimum
     situation = read_situation(arguments)
     check_output_arguments(arguments, situation.files)
-    console = Console()
+    require('casadi')
+    from bev_preheat.optimum.solve import SolverFailure, solve_optimum
+    title = f'vehicle {situation.vehicle.name}, route {arguments.route}'
     try:
-        with console.status('solving …'):
+        with progress_console().status('solving …'):
             optimum = solve_optimum(situation.vehicle, situation.route, situation.state,
                                     situation.goal, not arguments.no_power_limits)
     except SolverFailure as error:
-        print(f'preheat: {error}', file=sys.stderr)
-        return 1
-    console.print(plan_table(
-        [optimum.plan], title=f'vehicle {situation.vehicle.name}, route {arguments.route}'))
-    for line in optimum_lines(optimum):
-        console.print(line, highlight=False, soft_wrap=True)
+        say(f'preheat: {error}')
+        return FAILED
     if arguments.json:
-        write_json(arguments.json, optimum.as_dictionary())
+        write_json(arguments.json, {**optimum.as_dictionary(),
+                                    'route_made_for': situation.route_made_for,
+                                    'vehicle_assumed': list(situation.vehicle.assumed)})
     if arguments.plot:
         from bev_preheat.drawing.plan_figure import draw_plans
-        draw_plans(arguments.plot, situation.vehicle, situation.route, [optimum.plan],
-                   title=f'vehicle {situation.vehicle.name}, route {arguments.route}')
+        draw_plans(arguments.plot, situation.vehicle, situation.route, situation.goal,
+                   [optimum.plan], title)
+    console = result_console(arguments.json)
+    print_plans(console, [optimum.plan], title)
+    for line in optimum_lines(optimum):
+        console.print(line, markup=False, soft_wrap=True)
     return 0
 
 

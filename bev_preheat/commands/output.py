@@ -4,11 +4,11 @@
 import json
 import math
 
-from rich.markup import escape
-from rich.table import Table
-
-from bev_preheat.output_files import check_outputs, Output, PICTURE_SUFFIXES, write_whole
+from bev_preheat.output_files import (
+    check_outputs, Output, PICTURE_SUFFIXES, STANDARD_OUTPUT, write_whole)
 from bev_preheat.planning.explanation import duration_text
+from bev_preheat.program import write_output
+from bev_preheat.terminal import print_figures
 
 # Rows of the table: heading, how to read the figure off a plan.
 ENERGY_ROWS = (
@@ -23,8 +23,20 @@ ENERGY_ROWS = (
 
 def add_output_arguments(parser):
     """Add `--json` and `--plot`."""
-    parser.add_argument('--json', metavar='FILE', help='write the result as JSON')
+    add_json_argument(parser)
     parser.add_argument('--plot', metavar='FILE', help='draw the result (PNG, SVG, PDF)')
+
+
+def add_json_argument(parser):
+    """Add `--json`."""
+    parser.add_argument('--json', metavar='FILE',
+                        help='write the result as JSON; - is standard output, and tables then go to '
+                        'standard error')
+
+
+def json_output(path, make_folder=False):
+    """Return the Output of `--json`, which may be '-'."""
+    return Output('--json', None if path == STANDARD_OUTPUT else path, make_folder=make_folder)
 
 
 def check_output_arguments(arguments, inputs):
@@ -33,13 +45,17 @@ def check_output_arguments(arguments, inputs):
 
     Raises InvalidInput where one cannot be written, or would be written over an input.
     """
-    check_outputs([Output('--json', arguments.json),
+    check_outputs([json_output(arguments.json),
                    Output('--plot', arguments.plot, PICTURE_SUFFIXES)], inputs)
 
 
-def write_json(path, contents):
-    """Write JSON; NaN and infinity, which JSON does not have, become null."""
-    write_whole(path, json.dumps(_without_nan(contents), indent=2, allow_nan=False) + '\n')
+def write_json(path, contents, make_folder=False):
+    """Write JSON; `-` is standard output. NaN and infinity, which JSON lacks, become null."""
+    text = json.dumps(_without_nan(contents), indent=2, allow_nan=False) + '\n'
+    if path == STANDARD_OUTPUT:
+        write_output(text)
+    else:
+        write_whole(path, text, make_folder)
 
 
 def _without_nan(value):
@@ -50,12 +66,12 @@ def _without_nan(value):
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def plan_table(plans, title, headings=None):
-    """Return a rich Table with a column for each plan; `headings` are the methods if None."""
-    table = Table(title=title)
-    table.add_column('')
-    for heading in headings or [plan.method for plan in plans]:
-        table.add_column(escape(heading), justify='right')
+def print_plans(console, plans, title, headings=None, more_rows=()):
+    """
+    Print a table with a column for each plan; `headings` are the methods if None.
+
+    `more_rows` are rows below the plans' own: a heading and a text for each plan.
+    """
     rows = [('Status', lambda plan: plan.status.name),
             ('Heating starts after', lambda plan: _text(plan.heating_start_s)),
             ('… before arrival', lambda plan: _text(
@@ -68,9 +84,9 @@ def plan_table(plans, title, headings=None):
     for heading, field in ENERGY_ROWS:
         rows.append((heading, lambda plan, field=field: f'{getattr(plan.energy_wh, field):.1f}'))
     rows.append(('Planning time [ms]', lambda plan: f'{1e3 * plan.planning_time_s:.2f}'))
-    for heading, figure in rows:
-        table.add_row(escape(heading), *(figure(plan) for plan in plans))
-    return table
+    print_figures(
+        console, title, ['', *(headings or [plan.method for plan in plans])],
+        [(heading, *map(figure, plans)) for heading, figure in rows] + list(more_rows))
 
 
 def _text(seconds):

@@ -1,13 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """`preheat plan`: when would the heater start on this route, and what does it cost?"""
 
-from rich.console import Console
-
 from bev_preheat.commands.itinerary import add_itinerary_argument, run_itinerary
 from bev_preheat.commands.output import (
-    add_output_arguments, check_output_arguments, plan_table, write_json)
+    add_output_arguments, check_output_arguments, print_plans, write_json)
 from bev_preheat.commands.situation import add_situation_arguments, read_situation
 from bev_preheat.planning.planner import DEFAULT_METHOD, METHODS, plan_preheating
+from bev_preheat.terminal import result_console
 
 
 def add_parser(subparsers):
@@ -33,14 +32,16 @@ def run(arguments):
     check_output_arguments(arguments, situation.files)
     plan = plan_preheating(situation.vehicle, situation.route, situation.state, situation.goal,
                            arguments.method)
-    console = Console()
-    console.print(plan_table(
-        [plan], title=f'vehicle {situation.vehicle.name}, route {arguments.route}'))
-    console.print(f'{plan.status.name}: {plan.explanation}', highlight=False, soft_wrap=True)
+    title = f'vehicle {situation.vehicle.name}, route {arguments.route}'
     if arguments.json:
-        write_json(arguments.json, plan.as_dictionary())
+        write_json(arguments.json, {**plan.as_dictionary(),
+                                    'route_made_for': situation.route_made_for,
+                                    'vehicle_assumed': list(situation.vehicle.assumed)})
     if arguments.plot:
         from bev_preheat.drawing.plan_figure import draw_plans
-        draw_plans(arguments.plot, situation.vehicle, situation.route, [plan],
-                   title=f'vehicle {situation.vehicle.name}, route {arguments.route}')
+        draw_plans(arguments.plot, situation.vehicle, situation.route, situation.goal, [plan],
+                   title)
+    console = result_console(arguments.json)
+    print_plans(console, [plan], title)
+    console.print(f'{plan.status.name}: {plan.explanation}', markup=False, soft_wrap=True)
     return 0

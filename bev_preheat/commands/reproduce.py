@@ -3,11 +3,11 @@
 
 from dataclasses import asdict
 
-from rich.console import Console
-from rich.table import Table
-
 from bev_preheat.commands.output import add_output_arguments, check_output_arguments, write_json
+from bev_preheat.optional_packages import require
+from bev_preheat.planning.comparison import difference, energy_gap_wh
 from bev_preheat.route import load_route, route_file
+from bev_preheat.terminal import print_records, progress_console, result_console
 from bev_preheat.vehicle import load_vehicle, vehicle_file
 
 
@@ -26,30 +26,10 @@ def add_parser(subparsers):
 def run(arguments):
     """Reproduce, print, and write what was asked for; returns 0."""
     check_output_arguments(arguments, (vehicle_file('reference'), route_file('reference')))
-    from bev_preheat.reproduction.table_two import fit_reference, reproduce
-    console = Console()
-    result = reproduce()
-    table = Table(title='Table II')
-    for heading in ('', 'row', 'paper', 'ours', 'diff.', 'diff. (%)', 'cell was'):
-        table.add_column(heading, justify='left' if heading in ('', 'row') else 'right')
-    column = None
-    for cell in result.cells:
-        table.add_row(cell.column if cell.column != column else '', f'{cell.row} ({cell.unit})',
-                      f'{cell.paper:.1f}', f'{cell.ours:.1f}', f'{cell.ours - cell.paper:+.1f}',
-                      f'{cell.difference_percent:+.2f}', cell.origin)
-        column = cell.column
-    console.print(table)
-    best_wh = result.optimum.plan.energy_wh.battery_total
-    for name, plan in (('paper, soc_f = 0.6', result.heuristic),
-                       ('optimal_switch', result.optimal_switch)):
-        console.print(f'{name}: {plan.energy_wh.battery_total - best_wh:+.4f} Wh against the NLP, '
-                      f'arrives at {plan.arrival_temperature_c:.3f} degC', highlight=False)
-    if arguments.fit:
-        fit = fit_reference()
-        console.print(f'fit: {fit.message or "converged"}', highlight=False)
-        for name, value in asdict(fit).items():
-            if name != 'message':
-                console.print(f'  {name}: {value:.6g}', highlight=False)
+    require('casadi', *(['scipy'] if arguments.fit else []))
+    from bev_preheat.experiments.reproduction.table_two import fit_reference, GOAL, reproduce
+    with progress_console().status('solving …'):
+        result = reproduce()
     if arguments.json:
         write_json(arguments.json, {
             'cells': [asdict(cell) for cell in result.cells],
@@ -59,6 +39,35 @@ def run(arguments):
     if arguments.plot:
         from bev_preheat.drawing.plan_figure import draw_plans
         vehicle = load_vehicle('reference')
-        draw_plans(arguments.plot, vehicle, load_route('reference', vehicle.defaults),
+        draw_plans(arguments.plot, vehicle, load_route('reference', vehicle.defaults), GOAL,
                    [result.heuristic, result.optimum.plan], "the paper's Figure 6")
+    console = result_console(arguments.json)
+    print_result(console, result)
+    if arguments.fit:
+        with progress_console().status('fitting …'):
+            fit = fit_reference()
+        console.print(f'fit: {fit.message or "converged"}', markup=False)
+        for name, value in asdict(fit).items():
+            if name != 'message':
+                console.print(f'  {name}: {value:.6g}')
     return 0
+
+
+def print_result(console, result):
+    """Print a Reproduction."""
+    rows, column = [], None
+    for cell in result.cells:
+        rows.append((cell.column if cell.column != column else '', f'{cell.row} ({cell.unit})',
+                     f'{cell.paper:.1f}', f'{cell.ours:.1f}', f'{cell.ours - cell.paper:+.1f}',
+                     f'{cell.difference_percent:+.2f}', cell.origin))
+        column = cell.column
+    print_records(console, 'Table II',
+                  ('', 'row', 'paper', 'ours', 'diff.', 'diff. (%)', 'cell was'), rows,
+                  ('left', 'left', *['right'] * 5))
+    best = result.optimum.plan
+    for name, plan in (('paper, soc_f = 0.6', result.heuristic),
+                       ('optimal_switch', result.optimal_switch)):
+        gap_wh = energy_gap_wh(plan, best)
+        against = f'{gap_wh:+.4f} Wh' if gap_wh is not None else difference(plan, best)
+        console.print(f'{name}: {against} against the NLP, arrives at '
+                      f'{plan.arrival_temperature_c:.3f} degC', markup=False, soft_wrap=True)

@@ -3,21 +3,24 @@
 
 from dataclasses import asdict
 
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
-from rich.table import Table
+from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn
+from rich.text import Text
 
+from bev_preheat.commands.completion import ROUTES, VEHICLES
+from bev_preheat.commands.finished import keeping_what_is_finished
 from bev_preheat.commands.output import add_output_arguments, check_output_arguments, write_json
-from bev_preheat.commands.situation import target_of
+from bev_preheat.commands.situation import load_planned_vehicle, target_of, warn
 from bev_preheat.errors import InvalidInput
-from bev_preheat.planning.situation import BatteryState, check_situation, Goal
-from bev_preheat.robustness.run import METHODS, run_study, run_trip
-from bev_preheat.robustness.summary import summarise
-from bev_preheat.robustness.trips import (
+from bev_preheat.experiments.robustness.car_figures import summarise_drives
+from bev_preheat.experiments.robustness.car_study import COMPARED, drive_car, run_study
+from bev_preheat.experiments.robustness.drawn_cars import (
     Conditions, PROPULSION_POWER_VARIABILITY, SPREAD, TEMPERATURE_NOISE_K,
     TEMPERATURE_RESOLUTION_K)
-from bev_preheat.route import load_route, route_file
-from bev_preheat.vehicle import load_vehicle, vehicle_file
+from bev_preheat.planning.situation import BatteryState, check_situation, Goal
+from bev_preheat.route import route_for, route_source
+from bev_preheat.terminal import (
+    print_figures, print_records, progress_bar, progress_console, result_console)
+from bev_preheat.vehicle import vehicle_file
 
 # (low, high) of what the options allow.
 LIMITS = {
@@ -37,6 +40,7 @@ ROWS = (
     ('Switch-ons, mean', lambda figures: figures['switch_ons']['mean'], '.2f'),
     ('… most', lambda figures: figures['switch_ons']['most'], 'd'),
     ('Heating energy, mean [Wh]', lambda figures: figures['heating_energy_wh'], '.1f'),
+    ('… trips compared', lambda figures: figures['heating_excess']['trips'], 'd'),
     ('… above informed, mean [%]', lambda figures: _percent(figures['heating_excess']['mean']),
      '+.2f'),
     ('… above informed, 95 % [%]', lambda figures: _percent(figures['heating_excess']['95 %']),
@@ -61,19 +65,20 @@ def add_parser(subparsers):
         description='Draws cars that differ from vehicle and route file, drives each with the '
         'planner (and with the paper\'s heuristic, planned again and again), without ROS, and '
         'reports how warm they arrive, how often they switch, and what they spend more than a '
-        'plan that knows the truth.')
+        'plan that knows the truth, on trips that they end as warm. Ctrl-C ends the study; the '
+        'summary is then of the trips that are finished.')
     parser.add_argument('--trips', type=int, default=300, metavar='N',
                         help='how many (default: %(default)s)')
     parser.add_argument('--only', type=int, metavar='NUMBER',
                         help='run one trip of the study; --plot then draws it over time')
     parser.add_argument('--seed', type=int, default=1, help='default: %(default)s')
     parser.add_argument('--jobs', type=int, metavar='N', help='processes (default: all cores)')
-    parser.add_argument('--methods', nargs='+', choices=tuple(METHODS), default=list(METHODS),
-                        metavar='METHOD', help=f'of {", ".join(METHODS)} (default: all)')
+    parser.add_argument('--methods', nargs='+', choices=tuple(COMPARED), default=list(COMPARED),
+                        metavar='METHOD', help=f'of {", ".join(COMPARED)} (default: all)')
     parser.add_argument('--vehicle', default='reference', metavar='NAME|FILE',
-                        help='vehicle as described (default: %(default)s)')
+                        help='vehicle as described (default: %(default)s)').completer = VEHICLES
     parser.add_argument('--route', default='reference', metavar='NAME|FILE',
-                        help='route as described (default: %(default)s)')
+                        help='route as described, or legs/NAME (default: %(default)s)').completer = ROUTES
     parser.add_argument('--temperature', type=float, default=-7.0, metavar='DEGC',
                         help='battery temperature at the start [degC] (default: %(default)s)')
     parser.add_argument('--soc', type=float, default=0.9, metavar='0..1',
@@ -94,33 +99,49 @@ def run(arguments):
     """Run the study, or one trip of it; returns 0 whether or not the requirements are met."""
     conditions = _conditions(arguments)
     check_output_arguments(
-        arguments, (vehicle_file(arguments.vehicle), route_file(arguments.route)))
+        arguments, (vehicle_file(arguments.vehicle), route_source(arguments.route)))
     # Each once, in the order in which they were asked for.
     methods = list(dict.fromkeys(arguments.methods))
-    console = Console()
-    console.print(_drawn_sentence(), highlight=False)
     if arguments.only is not None:
-        return _run_one(arguments, conditions, methods, console)
-    with Progress(TextColumn('{task.description}'), BarColumn(), MofNCompleteColumn(),
-                  TimeElapsedColumn(), console=console) as progress:
+        return _run_one(arguments, conditions, methods)
+    results = []
+    with (keeping_what_is_finished() as ending,
+          progress_bar(TextColumn('{task.description}'), BarColumn(), MofNCompleteColumn(),
+                       TimeElapsedColumn()) as progress):
         task = progress.add_task('trips', total=arguments.trips)
-        results = run_study(conditions, arguments.trips, arguments.seed, arguments.jobs, methods,
-                            lambda done: progress.update(task, completed=done))
-    summary = summarise(results, methods)
-    print_summary(console, summary, methods)
+
+        def report(result):
+            results.append(result)
+            progress.update(task, advance=1)
+
+        run_study(conditions, arguments.trips, arguments.seed, arguments.jobs, methods, report)
+    if results:
+        _give_out(arguments, results, methods, ending)
+    ending.tell(len(results), arguments.trips, 'trips', (arguments.json, arguments.plot))
+    return 0
+
+
+def _give_out(arguments, results, methods, ending):
+    summary = summarise_drives(results, methods)
     if arguments.json:
         write_json(arguments.json, {**_described(arguments), 'trips': arguments.trips,
+                                    'complete': ending.is_complete,
                                     'summary': summary,
                                     'results': [asdict(result) for result in results]})
     if arguments.plot:
         from bev_preheat.drawing.robustness_figure import draw_robustness
         draw_robustness(arguments.plot, results, methods)
-    return 0
+    console = result_console(arguments.json)
+    console.print(_drawn_sentence(), soft_wrap=True)
+    if not ending.is_complete:
+        console.print(f'Interrupted: this is a part of the study, {len(results)} of '
+                      f'{arguments.trips} trips.')
+    print_summary(console, summary, methods)
 
 
-def _run_one(arguments, conditions, methods, console):
-    result, courses = run_trip(conditions, arguments.seed, arguments.only, methods)
-    print_trip(console, result)
+def _run_one(arguments, conditions, methods):
+    with progress_console().status('driving …'):
+        result, courses = drive_car(conditions, arguments.seed, arguments.only, methods)
     if arguments.json:
         write_json(arguments.json, {
             **_described(arguments), 'result': asdict(result),
@@ -129,6 +150,9 @@ def _run_one(arguments, conditions, methods, console):
     if arguments.plot:
         from bev_preheat.drawing.robustness_figure import draw_trip_course
         draw_trip_course(arguments.plot, result, courses, conditions.goal.target_temperature_c)
+    console = result_console(arguments.json)
+    console.print(_drawn_sentence(), soft_wrap=True)
+    print_trip(console, result)
     return 0
 
 
@@ -140,8 +164,10 @@ def _conditions(arguments):
             problems.append(f'--{name}: {value:g} is not allowed; it must be {low:g} ... {high:g}')
     if problems:
         raise InvalidInput(problems)
-    vehicle = load_vehicle(arguments.vehicle)
-    route = load_route(arguments.route, vehicle.defaults)
+    vehicle = load_planned_vehicle(arguments.vehicle)
+    loaded = route_for(arguments.route, vehicle)
+    warn(loaded.warning)
+    route = loaded.route
     state = BatteryState(arguments.temperature, arguments.soc)
     goal = Goal(target_of(arguments, vehicle))
     check_situation(vehicle, route, state, goal)
@@ -182,31 +208,25 @@ def print_summary(console, summary, methods):
     console.print(f'informed (one plan that knows the truth): '
                   f'{informed["heating_energy_wh"]:.1f} Wh of heating, '
                   f'{informed["battery_energy_wh"]:.1f} Wh of the battery on average; arrival '
-                  f'error {informed["arrival_error_k"]["worst"]:+.3f} K at worst', highlight=False)
-    table = Table(title='In closed loop')
-    for heading in ('', *methods):
-        table.add_column(heading, justify='right' if heading else 'left')
-    for heading, figure, form in ROWS:
-        table.add_row(heading.replace('[', r'\['),
-                      *(_text(figure(summary[method]), form) for method in methods))
-    console.print(table)
-    table = Table(title='Requirements')
-    for heading in ('', 'bound', *methods):
-        table.add_column(heading, justify='left' if heading in ('', 'bound') else 'right')
-    for row in zip(*(summary[method]['requirements'] for method in methods)):
-        table.add_row(row[0]['name'], row[0]['bound'], *(_judged(item) for item in row))
-    console.print(table)
+                  f'error {informed["arrival_error_k"]["worst"]:+.3f} K at worst', soft_wrap=True)
+    print_figures(console, 'In closed loop', ('', *methods), [
+        (heading, *(_text(figure(summary[method]), form) for method in methods))
+        for heading, figure, form in ROWS])
+    print_records(console, 'Requirements', ('', 'bound', *methods), [
+        (row[0]['name'], row[0]['bound'], *map(_judged, row))
+        for row in zip(*(summary[method]['requirements'] for method in methods))],
+        ('left', 'left', *('right' for _ in methods)))
     for method in methods:
         worst = ', '.join(f'{what} {number}'
                           for what, number in summary[method]['worst_trips'].items())
-        console.print(f'{method}: trips to look at (--only NUMBER): {worst}', highlight=False)
+        console.print(f'{method}: trips to look at (--only NUMBER): {worst}', soft_wrap=True)
 
 
 def _judged(requirement):
     value = requirement['value']
     text = _text(value, 'd' if isinstance(value, int) else '+.2f')
     colour, verdict = ('green', 'met') if requirement['met'] else ('red', 'not met')
-    return f'{text} {requirement["unit"]}'.rstrip() + f' [{colour}]{verdict}[/{colour}]'
+    return Text.assemble(f'{text} {requirement["unit"]}'.rstrip(), ' ', (verdict, colour))
 
 
 def _text(value, form):
@@ -217,19 +237,15 @@ def print_trip(console, result):
     """Print one trip."""
     car = ', '.join(f'{name.replace("_", " ")} {getattr(result.mismatch, name):.3f}'
                     for name in SPREAD)
-    console.print(f'trip {result.number}: {car}', highlight=False)
+    console.print(f'trip {result.number}: {car}', soft_wrap=True)
     drives = {'informed': result.informed, **result.methods}
-    table = Table()
-    for heading in ('', *drives):
-        table.add_column(heading, justify='right' if heading else 'left')
-    for heading, field, form in (('Arrival error [K]', 'arrival_error_k', '+.2f'),
-                                 ('Arrival SoC', 'arrival_soc', '.4f'),
-                                 ('Heating energy [Wh]', 'heating_energy_wh', '.1f'),
-                                 ('Battery energy [Wh]', 'battery_energy_wh', '.1f'),
-                                 ('First switch-on [s]', 'first_switch_on_s', '.0f'),
-                                 ('Switch-ons', 'switch_ons', 'd'),
-                                 ('Partial duty [s]', 'partial_duty_s', '.1f'),
-                                 ('Refused inputs', 'refused_inputs', 'd')):
-        table.add_row(heading.replace('[', r'\['),
-                      *(_text(getattr(drive, field), form) for drive in drives.values()))
-    console.print(table)
+    print_figures(console, None, ('', *drives), [
+        (heading, *(_text(getattr(drive, field), form) for drive in drives.values()))
+        for heading, field, form in (('Arrival error [K]', 'arrival_error_k', '+.2f'),
+                                     ('Arrival SoC', 'arrival_soc', '.4f'),
+                                     ('Heating energy [Wh]', 'heating_energy_wh', '.1f'),
+                                     ('Battery energy [Wh]', 'battery_energy_wh', '.1f'),
+                                     ('First switch-on [s]', 'first_switch_on_s', '.0f'),
+                                     ('Switch-ons', 'switch_ons', 'd'),
+                                     ('Partial duty [s]', 'partial_duty_s', '.1f'),
+                                     ('Refused inputs', 'refused_inputs', 'd'))])

@@ -1,27 +1,24 @@
 # SPDX-License-Identifier: Apache-2.0
 """`preheat route`: makes a route file from a description of a trip, or from drive logs."""
 
-from dataclasses import fields, replace
 from pathlib import Path
 import shlex
 
 import numpy as np
-from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
+from bev_preheat.commands.completion import NameCompleter, VEHICLES
 from bev_preheat.errors import InvalidInput
 from bev_preheat.output_files import check_outputs, expanded, Output, PICTURE_SUFFIXES
-from bev_preheat.route.csv_file import save_route
+from bev_preheat.route.csv_file import rounded, save_route
 from bev_preheat.route.drive_log import load_drive_logs
 from bev_preheat.route.legs import legs_file, load_legs
+from bev_preheat.terminal import result_console
 from bev_preheat.vehicle.loading import load_vehicle, vehicle_file
 
 JOULES_PER_WH = 3600.0
 DEFAULT_STEP_S = 30.0
-# Digits behind the point in a route file: a micrometre a second, a milliwatt. More would only
-# show which machine made the file.
-DIGITS = 6
-POWER_DIGITS = 3
 
 
 def add_parser(subparsers):
@@ -31,15 +28,17 @@ def add_parser(subparsers):
         description='Make a route file from a description of a trip (legs of road with limits, '
                     'slopes and stops) or from drive logs (CSV, one sample a second).')
     source = parser.add_mutually_exclusive_group(required=True)
-    source.add_argument('--legs', metavar='NAME|FILE',
-                        help='description of a trip: a name in config/routes/legs or a YAML file')
+    source.add_argument(
+        '--legs', metavar='NAME|FILE',
+        help='description of a trip: a name in config/routes/legs or a YAML file'
+    ).completer = NameCompleter('routes/legs')
     source.add_argument('--log', nargs='+', metavar='FILE',
-                        help='drive logs, joined in this order; needs --vehicle')
+                        help='drive logs, joined in this order')
     parser.add_argument('--output', required=True, metavar='FILE',
                         help='route file to write (CSV)')
-    parser.add_argument('--vehicle', metavar='NAME|FILE',
-                        help='whose auxiliary power (and, with --legs, cabin heating power) holds '
-                             'where the source says nothing')
+    parser.add_argument('--vehicle', required=True, metavar='NAME|FILE',
+                        help='with --legs: which car drives; with --log: which car drove, for its '
+                             'auxiliary power; a name in config/vehicles or a YAML file').completer = VEHICLES
     parser.add_argument('--step', type=float, metavar='SECONDS',
                         help=f'duration of a segment, with --log (default {DEFAULT_STEP_S:g})')
     parser.add_argument('--plot', metavar='FILE',
@@ -49,44 +48,39 @@ def add_parser(subparsers):
 
 def run(arguments):
     """Make the route file, say what is in it, and return the exit status."""
-    name, route, remarks, inputs = _load(arguments)
+    vehicle = load_vehicle(arguments.vehicle)
+    name, route, remarks, inputs = _load(arguments, vehicle)
     check_outputs([Output('--output', arguments.output),
-                   Output('--plot', arguments.plot, PICTURE_SUFFIXES)], inputs)
-    route = _rounded(route)
+                   Output('--plot', arguments.plot, PICTURE_SUFFIXES)],
+                  [vehicle_file(arguments.vehicle), *inputs])
+    route = rounded(route)
     comments = [f'Route {name}, made by:', f'    {_command(arguments)}', *remarks]
-    save_route(arguments.output, route, comments)
-    console = Console(soft_wrap=True, highlight=False)
+    save_route(arguments.output, route, comments, made_for=vehicle.name)
+    console = result_console(soft_wrap=True)
     console.print(_table(name, route))
     for remark in remarks:
         console.print(f'note: {remark}', markup=False)
     console.print(f'written: {arguments.output}', markup=False)
     if arguments.plot:
         # matplotlib takes longer to import than a route takes to make.
-        from bev_preheat.commands.route_plot import save_plot
-        save_plot(arguments.plot, name, route)
+        from bev_preheat.drawing.route_figure import draw_route
+        draw_route(arguments.plot, name, route)
         console.print(f'drawn: {arguments.plot}', markup=False)
     return 0
 
 
-def _load(arguments):
+def _load(arguments, vehicle):
     """Name, Route and remarks of what the arguments ask for, and the files that were read."""
-    defaults = load_vehicle(arguments.vehicle).defaults if arguments.vehicle else None
     if arguments.legs:
         if arguments.step is not None:
             raise InvalidInput('--step: only with --log; a description of legs states its own '
                                'segment_duration_s')
-        made = load_legs(arguments.legs, defaults)
-        inputs = [legs_file(arguments.legs)]
-        if arguments.vehicle:
-            inputs.append(vehicle_file(arguments.vehicle))
-        return made.name, made.route, made.remarks, inputs
-    if defaults is None:
-        raise InvalidInput('--log: needs --vehicle, whose auxiliary power is not propulsion')
+        made = load_legs(arguments.legs, vehicle)
+        return made.name, made.route, made.remarks, [legs_file(arguments.legs)]
     step_s = DEFAULT_STEP_S if arguments.step is None else arguments.step
     logs = [expanded(path) for path in arguments.log]
-    made = load_drive_logs(logs, defaults, step_s)
-    return (' + '.join(Path(path).stem for path in logs), made.route, made.remarks,
-            [vehicle_file(arguments.vehicle), *logs])
+    made = load_drive_logs(logs, vehicle.defaults, step_s)
+    return ' + '.join(Path(path).stem for path in logs), made.route, made.remarks, logs
 
 
 def _command(arguments):
@@ -99,14 +93,6 @@ def _command(arguments):
     return shlex.join(words)
 
 
-def _rounded(route):
-    """Route as its file holds it."""
-    return replace(route, **{
-        field.name: np.round(getattr(route, field.name),
-                             POWER_DIGITS if field.name.endswith('_w') else DIGITS)
-        for field in fields(route)})
-
-
 def _table(name, route):
     """Summary of a route."""
     duration_s, power_w = route.duration_s, route.propulsion_power_w
@@ -114,7 +100,7 @@ def _table(name, route):
     energy_wh = power_w * duration_s / JOULES_PER_WH
     rms_w = np.sqrt(route.propulsion_power_rms_w**2 @ duration_s / total_s)
     ambient_c = route.ambient_temperature_c
-    table = Table(title=f'Route {name}', show_header=False, title_justify='left')
+    table = Table(title=Text(f'Route {name}', 'table.title'), show_header=False, title_justify='left')
     table.add_column()
     table.add_column(justify='right')
     for what, value in (

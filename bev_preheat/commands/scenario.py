@@ -3,14 +3,17 @@
 
 import os
 
-from rich.console import Console
-from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn
-from rich.table import Table
+from rich.progress import BarColumn, TaskProgressColumn, TextColumn
+from rich.text import Text
 
-from bev_preheat.commands.output import write_json
+from bev_preheat.commands.completion import NameCompleter
+from bev_preheat.commands.finished import keeping_what_is_finished
+from bev_preheat.commands.output import add_json_argument, json_output, write_json
+from bev_preheat.commands.situation import warn
 from bev_preheat.configuration import configuration_folder
 from bev_preheat.errors import InvalidInput
 from bev_preheat.output_files import check_outputs, expanded, Output
+from bev_preheat.terminal import print_records, progress_bar, result_console
 
 DEFAULT_SPEED_UP = 60.0
 
@@ -20,9 +23,11 @@ def add_parser(subparsers):
     parser = subparsers.add_parser(
         'scenario', help='drives in which something is wrong, and whether they go as expected',
         description='Drives scenarios (config/scenarios) with the planner, and holds what happened '
-        'against what each expects. Exit status 1 where one does not go as expected.')
-    parser.add_argument('scenarios', nargs='*', metavar='NAME|FILE',
-                        help='which ones (default: all of config/scenarios)')
+        'against what each expects. Exit status 1 where one does not go as expected. Ctrl-C ends it; '
+        'the scenarios that are finished are shown.')
+    parser.add_argument(
+        'scenarios', nargs='*', metavar='NAME|FILE',
+        help='which ones (default: all of config/scenarios)').completer = NameCompleter('scenarios')
     parser.add_argument('--list', action='store_true', help='list what there is, and end')
     parser.add_argument('--nodes', action='store_true',
                         help='with the installed planner and vehicle_simulator over ROS, not '
@@ -31,7 +36,7 @@ def add_parser(subparsers):
                         help='with --nodes: simulated seconds in each real second, 1 ... 1000 '
                         '(default: %(default)s)')
     parser.add_argument('--logs', metavar='FOLDER', help='with --nodes: keep their logs here')
-    parser.add_argument('--json', metavar='FILE', help='write the findings as JSON')
+    add_json_argument(parser)
     parser.set_defaults(run=run)
 
 
@@ -49,35 +54,43 @@ def run(arguments):
     names = arguments.scenarios or sorted(
         path.stem for path in configuration_folder('scenarios').glob('*.yaml'))
     scenarios = [(name, load_scenario(name)) for name in names]
-    console = Console(highlight=False)
+    warn(*(f'scenario {scenario.name}: {warning}' for _, scenario in scenarios
+           for warning in scenario.warnings))
     if arguments.list:
+        console = result_console(arguments.json)
         for _, scenario in scenarios:
-            console.print(f'[bold]{scenario.name}[/bold]: {scenario.description}')
+            console.print(Text.assemble((scenario.name, 'bold'), f': {scenario.description}'))
         return 0
     _check_outputs(arguments, [scenario for _, scenario in scenarios])
     findings = {}
-    with Progress(TextColumn('{task.description}'), BarColumn(), TaskProgressColumn(),
-                  console=console, transient=True) as progress:
-        task = progress.add_task('')
+    with (keeping_what_is_finished() as ending,
+          progress_bar(TextColumn('{task.description}', markup=False), BarColumn(),
+                       TaskProgressColumn()) as progress):
+        task = progress.add_task('', total=len(scenarios))
         for number, (name, scenario) in enumerate(scenarios):
-            progress.update(task, description=scenario.name, total=len(scenarios),
-                            completed=number)
+            progress.update(task, description=scenario.name, completed=number)
             record = _drive(arguments, name, scenario,
                             lambda share, number=number: progress.update(
                                 task, completed=number + share))
             findings[scenario.name] = evaluate(scenario.expectations, record)
-    console.print(_table(findings))
-    if arguments.json:
-        write_json(arguments.json, {name: [vars(finding) for finding in found]
-                                    for name, found in findings.items()})
     bad = [name for name, found in findings.items() if not all(item.good for item in found)]
-    console.print(f'{len(findings) - len(bad)} of {len(findings)} scenarios went as expected'
-                  + (f'; not: {", ".join(bad)}' if bad else '') + '.')
+    if findings:
+        if arguments.json:
+            # null: not finished.
+            write_json(arguments.json, {
+                **{scenario.name: None for _, scenario in scenarios},
+                **{name: [vars(item) for item in found] for name, found in findings.items()}})
+        console = result_console(arguments.json)
+        print_findings(console, findings)
+        console.print(f'{len(findings) - len(bad)} of {len(findings)} scenarios went as expected'
+                      + (f'; not: {", ".join(bad)}' if bad else '') + '.', markup=False,
+                      soft_wrap=True)
+    ending.tell(len(findings), len(scenarios), 'scenarios', (arguments.json,))
     return 1 if bad else 0
 
 
 def _check_outputs(arguments, scenarios):
-    outputs = [Output('--json', arguments.json)]
+    outputs = [json_output(arguments.json)]
     if arguments.nodes and arguments.logs is not None:
         from bev_preheat.demonstration.scenario_drive import log_files
         outputs += [Output('--logs', path) for scenario in scenarios
@@ -92,17 +105,15 @@ def _drive(arguments, name, scenario, report):
             return drive_with_nodes(scenario, name, arguments.speed_up, arguments.logs)
         except ScenarioFailed as error:
             raise InvalidInput(str(error)) from error
-    from bev_preheat.simulation.closed_loop import drive_scenario
+    from bev_preheat.experiments.scenario_drive import drive_scenario
     return drive_scenario(scenario, lambda time_s, total_s: report(time_s / total_s))
 
 
-def _table(findings):
-    table = Table(title='Scenarios')
-    for heading in ('scenario', 'what', 'expected', 'seen', ''):
-        table.add_column(heading)
+def print_findings(console, findings):
+    """Print the Findings of scenarios, a dictionary by name."""
+    rows = []
     for name, found in findings.items():
         for number, item in enumerate(found):
-            table.add_row('' if number else name, item.what, item.expected, item.seen,
-                          '[green]good[/green]' if item.good else '[red]BAD[/red]',
-                          end_section=number == len(found) - 1)
-    return table
+            rows.append(('' if number else name, item.what, item.expected, item.seen,
+                         Text('good', 'green') if item.good else Text('BAD', 'red')))
+    print_records(console, 'Scenarios', ('scenario', 'what', 'expected', 'seen', ''), rows)

@@ -2,22 +2,30 @@
 """The arguments that say what is planned: vehicle, route, state and goal."""
 
 from dataclasses import dataclass
+import sys
 
+from bev_preheat.commands.completion import ROUTES, VEHICLES
 from bev_preheat.errors import InvalidInput
 from bev_preheat.planning.situation import BatteryState, Goal
-from bev_preheat.route import load_route, Route, route_file
+from bev_preheat.route import Route, route_for
 from bev_preheat.vehicle import load_vehicle, Vehicle, vehicle_file
+from bev_preheat.vehicle.assumptions import assumption_warning
 
 
 @dataclass(frozen=True)
 class Situation:
-    """What a plan is made for; `files` are the paths of the vehicle's and the route's file."""
+    """
+    What a plan is made for; `files` are the paths of the vehicle's and the route's file.
+
+    `route_made_for` is the name of the vehicle whose powers the route has, None if unknown.
+    """
 
     vehicle: Vehicle
     route: Route
     state: BatteryState
     goal: Goal
     files: tuple
+    route_made_for: str | None
 
 
 def add_situation_arguments(parser, route_group=None):
@@ -26,11 +34,13 @@ def add_situation_arguments(parser, route_group=None):
 
     `route_group` is a group of which one argument must be given, where `--route` has alternatives.
     """
-    parser.add_argument('--vehicle', required=True, metavar='NAME|FILE',
-                        help='vehicle: a name in config/vehicles or a YAML file')
+    parser.add_argument(
+        '--vehicle', required=True, metavar='NAME|FILE',
+        help='vehicle: a name in config/vehicles or a YAML file').completer = VEHICLES
     (route_group or parser).add_argument(
         '--route', required=route_group is None, metavar='NAME|FILE',
-        help='route: a name in config/routes or a CSV file')
+        help='route: a name in config/routes or a CSV file; or a description of its legs, driven '
+        'by the vehicle: legs/NAME or a YAML file').completer = ROUTES
     parser.add_argument('--temperature', required=True, type=float, metavar='DEGC',
                         help='battery temperature at the start [degC]')
     parser.add_argument('--soc', required=True, type=float, metavar='0..1',
@@ -48,12 +58,27 @@ def add_situation_arguments(parser, route_group=None):
 
 def read_situation(arguments):
     """Return the Situation of parsed arguments; raise InvalidInput where they make none."""
-    vehicle = load_vehicle(arguments.vehicle)
-    route = in_steps(load_route(arguments.route, vehicle.defaults), arguments)
-    return Situation(vehicle, route, BatteryState(arguments.temperature, arguments.soc),
+    vehicle = load_planned_vehicle(arguments.vehicle)
+    loaded = route_for(arguments.route, vehicle)
+    warn(loaded.warning)
+    return Situation(vehicle, in_steps(loaded.route, arguments),
+                     BatteryState(arguments.temperature, arguments.soc),
                      Goal(target_of(arguments, vehicle), arguments.min_soc,
                           not arguments.no_charging),
-                     (vehicle_file(arguments.vehicle), route_file(arguments.route)))
+                     (vehicle_file(arguments.vehicle), loaded.file), loaded.made_for)
+
+
+def warn(*sentences):
+    """Print each sentence that is not None to standard error, once."""
+    for sentence in dict.fromkeys(filter(None, sentences)):
+        print(f'preheat: warning: {sentence}', file=sys.stderr)
+
+
+def load_planned_vehicle(name_or_file):
+    """Return a Vehicle, and say on standard error what of it is assumed, because plans are as well."""
+    vehicle = load_vehicle(name_or_file)
+    warn(assumption_warning(vehicle, vehicle_file(name_or_file)))
+    return vehicle
 
 
 def in_steps(route, arguments):

@@ -3,13 +3,18 @@
 
 from dataclasses import asdict
 
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
-from rich.table import Table
+from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn
 
+from bev_preheat.commands.completion import VEHICLES
+from bev_preheat.commands.finished import keeping_what_is_finished
 from bev_preheat.commands.output import add_output_arguments, check_output_arguments, write_json
 from bev_preheat.errors import InvalidInput
+from bev_preheat.experiments.optimality.gap_figures import PERCENTILES, summarise_gaps
+from bev_preheat.experiments.optimality.gap_study import FEASIBLE
+from bev_preheat.optional_packages import require
+from bev_preheat.planning.comparison import SAME_SHORTFALL_K
 from bev_preheat.planning.planner import METHODS
+from bev_preheat.terminal import print_figures, progress_bar, result_console
 from bev_preheat.vehicle import vehicle_file
 
 # Disagreements shown for a method; the JSON has all.
@@ -21,7 +26,9 @@ def add_parser(subparsers):
     parser = subparsers.add_parser(
         'sweep', help='methods against the nonlinear program on random trips',
         description='Draws random trips, plans each with every method, solves each nonlinear '
-        'program, and reports the distribution of what the methods cost more.')
+        'program, and reports the distribution of what the methods cost more. Energies are compared '
+        'only where a method reaches the same as the program. Ctrl-C ends the study; the summary '
+        'is then of the trips that are finished.')
     parser.add_argument('--feasible', type=int, default=300, metavar='N',
                         help='draw until N trips are feasible (default: %(default)s)')
     parser.add_argument('--trips', choices=('free', 'limits'), default='free',
@@ -30,73 +37,93 @@ def add_parser(subparsers):
     parser.add_argument('--seed', type=int, default=1, help='default: %(default)s')
     parser.add_argument('--jobs', type=int, metavar='N', help='processes (default: all cores)')
     parser.add_argument('--vehicle', default='reference', metavar='NAME|FILE',
-                        help='vehicle that is scaled (default: %(default)s)')
+                        help='vehicle that is scaled (default: %(default)s)').completer = VEHICLES
     add_output_arguments(parser)
     parser.set_defaults(run=run)
 
 
 def run(arguments):
-    """Run the study; returns 0."""
-    from bev_preheat.study.run import run_study
-    from bev_preheat.study.summary import summarise
+    """Run the study; returns 0. An interrupted one is summed up as far as it got."""
+    from bev_preheat.experiments.optimality.gap_study import run_study
     for name, low, high in (('feasible', 1, 100_000), ('seed', 0, 2**31), ('jobs', 1, 1024)):
         value = getattr(arguments, name)
         if value is not None and not low <= value <= high:
             raise InvalidInput(f'--{name}: {value} is not allowed; it must be {low} ... {high}')
     check_output_arguments(arguments, (vehicle_file(arguments.vehicle),))
-    console = Console()
-    with Progress(TextColumn('{task.description}'), BarColumn(), MofNCompleteColumn(),
-                  TimeElapsedColumn(), console=console) as progress:
+    require('casadi')
+    results = []
+    with (keeping_what_is_finished() as ending,
+          progress_bar(TextColumn('{task.description}'), BarColumn(), MofNCompleteColumn(),
+                       TimeElapsedColumn()) as progress):
         task = progress.add_task('feasible trips', total=arguments.feasible)
 
-        def report(found, drawn):
-            progress.update(task, completed=found, description=f'feasible of {drawn} trips')
+        def report(result):
+            results.append(result)
+            progress.update(task, advance=result.outcome == FEASIBLE,
+                            description=f'feasible of {len(results)} trips')
 
-        results = run_study(arguments.vehicle, arguments.feasible, arguments.seed,
-                            arguments.jobs, report, arguments.trips)
-    summary = summarise(results, METHODS)
-    print_summary(console, summary)
+        run_study(arguments.vehicle, arguments.feasible, arguments.seed, arguments.jobs, report,
+                  arguments.trips)
+    if results:
+        _give_out(arguments, results, ending)
+    ending.tell(sum(result.outcome == FEASIBLE for result in results), arguments.feasible,
+                'feasible trips', (arguments.json, arguments.plot))
+    return 0
+
+
+def _give_out(arguments, results, ending):
+    summary = summarise_gaps(results, METHODS)
     if arguments.json:
         write_json(arguments.json, {'seed': arguments.seed, 'trips': arguments.trips,
                                     'vehicle': arguments.vehicle,
+                                    'feasible': arguments.feasible,
+                                    'complete': ending.is_complete,
                                     'summary': summary,
                                     'results': [asdict(result) for result in results]})
     if arguments.plot:
         from bev_preheat.drawing.study_figure import draw_study
         draw_study(arguments.plot, results, METHODS)
-    return 0
+    console = result_console(arguments.json)
+    if not ending.is_complete:
+        console.print('Interrupted: this is a part of the study.')
+    print_summary(console, summary)
 
 
 def print_summary(console, summary):
     """Print the tables of a summary."""
     outcomes = ', '.join(f'{count} {name}' for name, count in summary['outcomes'].items())
-    console.print(f'{summary["trips"]} trips: {outcomes}', highlight=False)
-    table = Table(title='Against the nonlinear program, on the feasible trips')
-    for heading in ('', 'median', '95 %', 'worst'):
-        table.add_column(heading, justify='right' if heading else 'left')
+    console.print(f'{summary["trips"]} trips: {outcomes}', soft_wrap=True)
+    rows = []
     for method, figures in summary['methods'].items():
         for heading, key, factor in (('energy gap (Wh)', 'gap_wh', 1.0),
                                      ('arrival error (K)', 'arrival_error_k', 1.0),
                                      ('limit broken by (%)', 'violation', 100.0),
                                      ('planning time (ms)', 'planning_time_s', 1e3)):
-            table.add_row(f'{method}: {heading}', *(
-                f'{factor * value:.4g}' for value in figures[key].values()))
-    table.add_row('nlp: solve time (ms)', *(
-        f'{1e3 * value:.4g}' for value in summary['solve_time_s'].values()))
-    console.print(table)
+            rows.append((f'{method}: {heading}', *_distribution(figures[key], factor)))
+    rows.append(('nlp: solve time (ms)', *_distribution(summary['solve_time_s'], 1e3)))
+    print_figures(console, 'Against the nonlinear program, on the feasible trips',
+                  ('', *PERCENTILES), rows)
+    feasible = summary['outcomes'].get(FEASIBLE, 0)
     for method, figures in summary['methods'].items():
-        console.print(f'{method}: worst gap in trip {figures["worst_trip"]}; '
-                      f'{figures["plans_that_break_limits"]} plans break a limit and are shown as '
-                      f'driven within it; '
-                      f'{len(figures["disagreements"])} trips in which its status contradicts the '
-                      'program', highlight=False)
+        others = feasible - figures['compared_trips']
+        console.print(
+            f'{method}: worst gap in trip {figures["worst_trip"]}; ' +
+            (f'{others} trips have none, as it does not reach the same as the program '
+             f'(to {SAME_SHORTFALL_K:g} K); ' if others else '') +
+            f'{figures["plans_that_break_limits"]} plans break a limit and are shown as driven '
+            f'within it; {len(figures["disagreements"])} trips in which its status contradicts '
+            'the program', soft_wrap=True)
         shown = figures['disagreements'][:MOST_LISTED]
         for item in shown:
             console.print(f'  trip {item["number"]}: the program says {item["outcome"]}, '
-                          f'{method} says {item["status"]}', highlight=False)
+                          f'{method} says {item["status"]}', soft_wrap=True)
         if len(figures['disagreements']) > len(shown):
-            console.print(f'  … and {len(figures["disagreements"]) - len(shown)} more',
-                          highlight=False)
+            console.print(f'  … and {len(figures["disagreements"]) - len(shown)} more')
     for failure in summary['solver_failures']:
         console.print(f'solver failed on trip {failure["number"]}: {failure["detail"]}',
-                      highlight=False)
+                      markup=False, soft_wrap=True)
+
+
+def _distribution(values, factor):
+    """Return the texts of a distribution, which is empty where there were no trips."""
+    return [f'{factor * values[name]:.4g}' if values else '–' for name in PERCENTILES]

@@ -21,7 +21,7 @@ LINE_PERIOD_S = 120.0
 
 @contextmanager
 def shown(drive, console):
-    """Give a function that shows the state of a `Drive`, to be called every now and then."""
+    """Give a function that shows the state of an `ObservedDrive`; call it every now and then."""
     if console.is_terminal:
         with Live(console=console, auto_refresh=False) as live:
             yield lambda: live.update(_picture_of_now(drive), refresh=True)
@@ -100,33 +100,27 @@ def _bar(value, total):
     return ProgressBar(total=total, completed=max(0.0, value), width=40)
 
 
-def summary_table(drive):
-    """Return a rich Table: what was planned at the start, and what happened."""
+def summary_rows(drive):
+    """Return (headings, rows) of a table: what was planned at the start, and what happened."""
     plan = drive.first_plan
-    table = Table(title='The drive')
-    table.add_column('')
-    table.add_column('planned at the start', justify='right')
-    table.add_column('what happened', justify='right')
     instants_s = drive.switched_on_s
     planned_s = ((nanoseconds(plan.heating_start) - drive.start_ns) * 1e-9
                  if plan.heating_planned else None)
     _, temperature_c, soc = drive.states[-1]
-    for row in (
-            ('Heating starts', _instant_text(planned_s),
-             _instant_text(instants_s[0] if instants_s else None)),
-            ('Heater switched on [times]', str(int(plan.heating_planned)), str(len(instants_s))),
-            ('No valid command [s]', '0.0', f'{drive.outcome.without_command_s:.1f}'),
-            ('Arrival temperature [degC]', f'{plan.predicted_arrival_temperature:.2f}',
-             f'{temperature_c:.2f}'),
-            ('Target [degC]', f'{plan.target_battery_temperature:.2f}',
-             f'{plan.target_battery_temperature:.2f}'),
-            ('Arrival state of charge [%]', f'{100 * plan.predicted_arrival_soc:.2f}',
-             f'{100 * soc:.2f}')):
-        table.add_row(*map(escape, row))
-    for heading, field in ENERGY_ROWS:
-        table.add_row(escape(heading), f'{getattr(plan, ENERGY_FIELDS[field]):.1f}',
-                      f'{getattr(drive.outcome.energy_wh, field):.1f}')
-    return table
+    rows = [
+        ('Heating starts', _instant_text(planned_s),
+         _instant_text(instants_s[0] if instants_s else None)),
+        ('Heater switched on [times]', str(int(plan.heating_planned)), str(len(instants_s))),
+        ('No valid command [s]', '0.0', f'{drive.outcome.without_command_s:.1f}'),
+        ('Arrival temperature [degC]', f'{plan.predicted_arrival_temperature:.2f}',
+         f'{temperature_c:.2f}'),
+        ('Target [degC]', f'{plan.target_battery_temperature:.2f}',
+         f'{plan.target_battery_temperature:.2f}'),
+        ('Arrival state of charge [%]', f'{100 * plan.predicted_arrival_soc:.2f}',
+         f'{100 * soc:.2f}')]
+    rows += [(heading, f'{getattr(plan, ENERGY_FIELDS[field]):.1f}',
+              f'{getattr(drive.outcome.energy_wh, field):.1f}') for heading, field in ENERGY_ROWS]
+    return ('', 'planned at the start', 'what happened'), rows
 
 
 def _instant_text(instant_s):

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Follows a simulated drive over its topics and keeps what is said."""
 
-from contextlib import contextmanager
 import math
 import time
 
@@ -11,7 +10,6 @@ from rclpy.qos import QoSDurabilityPolicy, QoSProfile, QoSReliabilityPolicy
 from sensor_msgs.msg import BatteryState, Temperature
 
 from bev_preheat.nodes.convert import nanoseconds
-from bev_preheat.nodes.listening import spun_node
 from bev_preheat.nodes.simulator_messages import ARRIVED, DRIVING, outcome_from_diagnostics
 from bev_preheat.planning.status import Status
 
@@ -21,7 +19,7 @@ NOT_READY = (Status.NO_ROUTE, Status.NO_BATTERY_STATE)
 ROUNDING_S = 1e-3
 
 
-class Drive:
+class ObservedDrive:
     """
     What was heard of a drive so far; instants are seconds after the start of the route.
 
@@ -83,11 +81,11 @@ class Drive:
 
 
 class Observer:
-    """Fills a `Drive` from the topics of a node."""
+    """Fills an `ObservedDrive` from the topics of a node."""
 
     def __init__(self, node):
         """Subscribe."""
-        self.drive = Drive()
+        self.drive = ObservedDrive()
         latched = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
         lossy = QoSProfile(depth=100, reliability=QoSReliabilityPolicy.BEST_EFFORT)
         subscribe = node.create_subscription
@@ -142,10 +140,3 @@ class Observer:
         outcome = outcome_from_diagnostics(message)
         if outcome is not None:
             self.drive.outcome = outcome
-
-
-@contextmanager
-def observing():
-    """Give an `Observer` of the topics of this ROS domain that listens while the block lasts."""
-    with spun_node('demo') as node:
-        yield Observer(node)

@@ -3,49 +3,81 @@
 
 import numpy as np
 
-from bev_preheat.drawing.figure import save_figure, stacked_figure
-from bev_preheat.nodes.convert import nanoseconds
+from bev_preheat.drawing.curves import draw_course, draw_steps, show_range, TimeAxis
+from bev_preheat.drawing.figure import legend_above, save_figure, stacked_figure
+from bev_preheat.drawing.palette import (
+    AMBIENT, look_of, PREDICTION, TARGET, WITHOUT_PREHEATING)
+from bev_preheat.nodes.convert import mission_from_message, nanoseconds
+from bev_preheat.planning.planner import plan_unheated
+from bev_preheat.planning.situation import BatteryState
+from bev_preheat.supervision.inputs import NS_PER_S
+from bev_preheat.supervision.settings import Settings
+
+PLANNED = {'linewidth': 6.0, 'alpha': 0.3, 'linestyle': '-', 'label': 'planned at the start'}
 
 
-def draw_drive(path, drive, title):
-    """Draw a `Drive` over what was planned at its start; the suffix of `path` tells how."""
-    figure, (temperature, heater, charge) = stacked_figure(3, title, panel_height_in=2.4)
+def draw_drive(path, drive, vehicle, title):
+    """Draw an `ObservedDrive` into a file, whose suffix says which kind of picture it is."""
+    save_figure(make_drive_figure(drive, vehicle, title), path)
+
+
+def make_drive_figure(drive, vehicle, title):
+    """Return the figure of an `ObservedDrive`, over its first plan and the unheated drive."""
+    figure, (temperature, heater, charge) = stacked_figure(3, title, panel_height_in=2.3)
+    plan, time = drive.first_plan, TimeAxis(drive.duration_s)
+    plan_start_s = (nanoseconds(plan.header.stamp) - drive.start_ns) / NS_PER_S
+    planned = time(plan_start_s + np.array(plan.time))
     instants_s, temperatures_c, socs = np.array(drive.states).T
-    plan = drive.first_plan
-    plan_start_s = (nanoseconds(plan.header.stamp) - drive.start_ns) * 1e-9
-    planned_minutes = (plan_start_s + np.array(plan.time)) / 60.0
-    edges_minutes = np.concatenate(([0.0], np.cumsum(drive.route.segment_duration))) / 60.0
+    unheated, unheated_from_s = _unheated(drive, vehicle)
+    planner, idle = look_of('planner'), look_of(WITHOUT_PREHEATING)
 
-    planned = {'linewidth': 5.0, 'alpha': 0.3, 'label': 'planned at the start'}
-    temperature.plot(planned_minutes, plan.battery_temperature, color='tab:red', **planned)
-    temperature.plot(instants_s / 60.0, temperatures_c, color='tab:red', label='battery')
-    prediction_s, predicted_c = np.array(drive.predictions).T
-    temperature.plot(prediction_s / 60.0, predicted_c, color='tab:purple', linewidth=1.0,
-                     label='predicted for arrival')
-    temperature.axhline(drive.target_c, color='black', linewidth=0.8, linestyle='--',
-                        label='target')
-    ambient_c = np.broadcast_to(drive.route.ambient_temperature, len(edges_minutes) - 1)
-    _staircase(temperature, edges_minutes, ambient_c, color='tab:blue', label='ambient')
-    temperature.set_ylabel('temperature [°C]')
+    def line(label):
+        return planner.line(linewidth=1.6, label=label)
+
+    draw_course(temperature, planned, plan.battery_temperature, **planner.line(**PLANNED))
+    draw_course(temperature, time(instants_s), temperatures_c,
+                **line(f'battery, arrival at {temperatures_c[-1]:.1f} °C'))
+    draw_course(temperature, time(unheated_from_s + unheated.time_s),
+                unheated.battery_temperature_c, **idle.line(
+                    label=f'{WITHOUT_PREHEATING}, at {unheated.arrival_temperature_c:.1f} °C'))
+    if drive.predictions:
+        prediction_s, predicted_c = np.array(drive.predictions).T
+        draw_course(temperature, time(prediction_s), predicted_c, color=PREDICTION,
+                    linewidth=1.2, label='predicted for arrival')
+    temperature.axhline(drive.target_c, **TARGET, label=f'target {drive.target_c:.1f} °C')
+    edges_s = np.concatenate(([0.0], np.cumsum(drive.route.segment_duration)))
+    draw_steps(temperature, time(edges_s),
+               np.broadcast_to(drive.route.ambient_temperature, len(edges_s) - 1), **AMBIENT)
+    show_range(temperature, *(curve.get_ydata() for curve in temperature.get_lines()), least=5.0)
+    temperature.set_ylabel('temperature\n[°C]')
 
     command_s, power_w = np.array(drive.commands).T
-    _staircase(heater, planned_minutes, np.array(plan.hvch_power) / 1e3, color='tab:orange',
-               **planned)
-    heater.plot(command_s / 60.0, power_w / 1e3, color='tab:orange', drawstyle='steps-post',
-                label='command')
+    draw_steps(heater, planned, np.array(plan.hvch_power) / 1e3, **planner.line(**PLANNED))
+    # The last command holds until the vehicle stands.
+    draw_steps(heater, time([*command_s, max(command_s[-1], instants_s[-1])]), power_w / 1e3,
+               **line('command'))
+    show_range(heater, [0.0], *(curve.get_ydata() for curve in heater.get_lines()), least=1.0)
     heater.set_ylabel('heater power\nfor the battery [kW]')
 
-    charge.plot(planned_minutes, 100.0 * np.array(plan.soc), color='tab:green', **planned)
-    charge.plot(instants_s / 60.0, 100.0 * socs, color='tab:green', label='battery')
-    charge.set_ylabel('state of charge [%]')
-    charge.set_xlabel('trip time [min]')
-    charge.set_xlim(0.0, edges_minutes[-1])
-    for axis, place in ((temperature, 'center left'), (heater, 'upper left'),
-                        (charge, 'lower left')):
-        axis.legend(loc=place, fontsize='small')
-    save_figure(figure, path)
+    draw_course(charge, planned, 100.0 * np.array(plan.soc), **planner.line(**PLANNED))
+    draw_course(charge, time(instants_s), 100.0 * socs,
+                **line(f'battery, arrival with {100.0 * socs[-1]:.1f} %'))
+    draw_course(charge, time(unheated_from_s + unheated.time_s), 100.0 * unheated.soc, **idle.line(
+        label=f'{WITHOUT_PREHEATING}, with {100.0 * unheated.arrival_soc:.1f} %'))
+    show_range(charge, *(curve.get_ydata() for curve in charge.get_lines()), least=5.0)
+    charge.set_ylabel('state of charge\n[%]')
+    time.finish(charge, 0.0, drive.duration_s)
+    for axis in (temperature, heater, charge):
+        legend_above(axis)
+    figure.align_ylabels()
+    return figure
 
 
-def _staircase(axis, edges, values, **style):
-    """Draw one value a step."""
-    axis.plot(edges, np.append(values, values[-1]), drawstyle='steps-post', **style)
+def _unheated(drive, vehicle):
+    """Return the Plan of the same drive without preheating, and the instant [s] of its start."""
+    leg, = mission_from_message(drive.route, vehicle.defaults, Settings.planning_step_s).legs
+    instant_s, temperature_c, soc = drive.states[0]
+    from_s = max(instant_s, 0.0)
+    route = leg.route_ahead(leg.start_ns + round(from_s * NS_PER_S))
+    return plan_unheated(vehicle, route, BatteryState(temperature_c, soc),
+                         leg.goal(drive.target_c)), from_s

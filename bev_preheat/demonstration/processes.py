@@ -20,7 +20,8 @@ PORTS_PER_DOMAIN = 250
 FIRST_PARTICIPANT_PORT = 10
 # The domain's last port belongs to its 120th participant: never used, so it serves as a mark.
 MARK_PORT = 249
-SECONDS_TO_END = 5.0
+# Ending takes half a second; on a busy computer longer.
+SECONDS_TO_END = 15.0
 
 
 @contextmanager
@@ -120,6 +121,9 @@ class NodeProcess:
             self._process.terminate()
             try:
                 self._process.wait(SECONDS_TO_END)
-            except subprocess.TimeoutExpired:
+            except BaseException as reason:
+                # It takes too long, or the caller is interrupted while it waits.
                 self._process.kill()
+                if not isinstance(reason, subprocess.TimeoutExpired):
+                    raise
         return self._process.wait()

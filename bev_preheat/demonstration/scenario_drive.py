@@ -9,11 +9,12 @@ import time
 
 from bev_preheat_msgs.msg import HvchCommand, PreheatPlan
 from diagnostic_msgs.msg import DiagnosticArray
-from rclpy.qos import QoSDurabilityPolicy, QoSProfile
+from rclpy.qos import QoSDurabilityPolicy, QoSProfile, qos_profile_sensor_data
+from sensor_msgs.msg import BatteryState
 
 from bev_preheat.demonstration.processes import NodeProcess, reserved_domain_id
 from bev_preheat.nodes.convert import nanoseconds
-from bev_preheat.nodes.listening import spun_node
+from bev_preheat.nodes.listening import listening
 from bev_preheat.nodes.simulator_messages import (
     ARRIVED, outcome_from_diagnostics, true_temperature_c)
 from bev_preheat.planning.status import Status
@@ -34,17 +35,26 @@ class ScenarioFailed(Exception):
     """A process ended, or nothing more was heard; the message says which and why."""
 
 
-class _Listener:
+class _Recorder:
     """Fills a DriveRecord from the topics."""
 
     def __init__(self, node, target_c):
         self.record = DriveRecord(target_c)
-        self.total_s = None
         self.has_ended = False
         latched = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
-        node.create_subscription(HvchCommand, 'hvch_command', self._on_command, 1000)
-        node.create_subscription(PreheatPlan, 'preheat_plan', self._on_plan, latched)
-        node.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 1000)
+        self._node, self._listens_to_states = node, False
+        self._subscriptions = [
+            node.create_subscription(HvchCommand, 'hvch_command', self._on_command, 1000),
+            node.create_subscription(PreheatPlan, 'preheat_plan', self._on_plan, latched),
+            node.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 1000)]
+
+    def let_start(self):
+        """Be the second listener to battery states as soon as the planner is heard."""
+        if not self._listens_to_states and all(
+                subscription.get_publisher_count() for subscription in self._subscriptions):
+            self._listens_to_states = True
+            self._node.create_subscription(
+                BatteryState, 'battery_state', lambda message: None, qos_profile_sensor_data)
 
     def _on_command(self, message):
         reason = Status(message.reason).name
@@ -89,8 +99,8 @@ def drive_with_nodes(scenario, name_or_file, speed_up, log_folder=None):
         planner_log, simulator_log = log_files(scenario, log_folder or temporary)
         environment = {'ROS_DOMAIN_ID': str(domain_id),
                        'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
-        with _environment(environment), spun_node('scenario', domain_id) as node:
-            listener = _Listener(node, scenario.goal.target_temperature_c)
+        with _environment(environment), listening('scenario', domain_id) as listener:
+            recorder = _Recorder(listener.node, scenario.goal.target_temperature_c)
             planner_arguments = ['-p', 'use_sim_time:=true',
                                  '-p', f'vehicle:={scenario.vehicle_name}']
             for parameter, value in {**HURRIED, **scenario.planner}.items():
@@ -99,13 +109,14 @@ def drive_with_nodes(scenario, name_or_file, speed_up, log_folder=None):
                     'vehicle_simulator',
                     ['-p', f'scenario:={name_or_file}', '-p', f'speed_up:={float(speed_up)}',
                      '-p', f'start_time:={float(START_S)}', '-p', 'wait_for_planner:=true',
-                     '-p', 'exit_on_arrival:=true'],
+                     # Planner and recorder: what is said before the recorder hears it is lost.
+                     '-p', 'wait_for_listeners:=2', '-p', 'exit_on_arrival:=true'],
                     simulator_log) as simulator:
-                _follow(simulator, planner, scenario, speed_up)
-            return listener.record
+                _follow(listener, recorder, simulator, planner, scenario, speed_up)
+            return recorder.record
 
 
-def _follow(simulator, planner, scenario, speed_up):
+def _follow(listener, recorder, simulator, planner, scenario, speed_up):
     """Return when the drive is over."""
     car = scenario.car()
     limit_s = (time.monotonic() + START_LIMIT_S + PATIENCE_S
@@ -117,7 +128,10 @@ def _follow(simulator, planner, scenario, speed_up):
         if time.monotonic() > limit_s:
             raise ScenarioFailed(f'{scenario.name}: no arrival in time: '
                                  f'{simulator.output()[-2000:]}{planner.output()[-2000:]}')
-        time.sleep(POLL_S)
+        recorder.let_start()
+        listener.listen(POLL_S)
+    # What was on its way when it ended.
+    listener.listen(POLL_S)
     if simulator.exit_status != 0:
         raise ScenarioFailed(f'vehicle_simulator ended with exit status '
                              f'{simulator.exit_status}: {simulator.output()[-2000:]}')

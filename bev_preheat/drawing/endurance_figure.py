@@ -3,30 +3,46 @@
 
 import numpy as np
 
+from bev_preheat.drawing.curves import draw_course, show_range, TimeAxis
 from bev_preheat.drawing.figure import save_figure, stacked_figure
+from bev_preheat.drawing.palette import look_of
 
 
 def draw_endurance(path, commands, memory_samples):
+    """Draw a soak test into a file, whose suffix says which kind of picture it is."""
+    save_figure(make_endurance_figure(commands, memory_samples), path)
+
+
+def make_endurance_figure(commands, memory_samples):
     """
-    Draw a soak test over its minutes; the suffix of the path says as what.
+    Return the figure of a soak test over its time.
 
     `commands` are (instant [s], power [W], …), `memory_samples` (instant [s], memory [MB]).
     """
     figure, (memory, intervals, power) = stacked_figure(3, 'The planner under load')
-    instants_s, memory_mb = np.array(memory_samples).T
-    memory.plot(instants_s / 60.0, memory_mb)
-    low, high = memory_mb.min(), memory_mb.max()
-    memory.set(ylabel='memory (MB)', ylim=(low - 5.0, high + 5.0))
-    rows = np.array([(instant_s, power_w) for instant_s, power_w, *_ in commands])
-    minutes = (rows[:, 0] - rows[0, 0]) / 60.0
-    # Of ten thousands of points only the longest in each second are seen anyhow.
-    gaps_s, second = np.diff(rows[:, 0]), (60.0 * minutes[1:]).astype(int)
-    longest_s = np.zeros(second[-1] + 1)
-    np.maximum.at(longest_s, second, gaps_s)
-    intervals.plot(np.arange(len(longest_s)) / 60.0, 1e3 * longest_s)
-    intervals.set(ylabel='longest time between\ncommands in a second (ms)')
-    mean_w = (np.bincount((60.0 * minutes).astype(int), weights=rows[:, 1])
-              / np.maximum(np.bincount((60.0 * minutes).astype(int)), 1))
-    power.plot(np.arange(len(mean_w)) / 60.0, 1e-3 * mean_w)
-    power.set(ylabel='mean command (kW)', xlabel='time (min)')
-    save_figure(figure, path)
+    samples = np.array(memory_samples, dtype=float).reshape(-1, 2)
+    instants_s, powers_w = np.array(
+        [command[:2] for command in commands], dtype=float).reshape(-1, 2).T
+    elapsed_s = instants_s - instants_s[:1]
+    duration_s = max([1.0, *samples[:, 0], *elapsed_s[-1:]])
+    time, line = TimeAxis(duration_s), look_of('planner').line(linewidth=1.2)
+    draw_course(memory, time(samples[:, 0]), samples[:, 1], **line)
+    show_range(memory, samples[:, 1], least=10.0)
+    memory.set_ylabel('resident memory\n[MB]')
+    # Of ten thousands of commands only the longest gap in each second is seen anyhow.
+    second = elapsed_s.astype(int)
+    seconds = np.arange(second[-1] + 1 if len(second) else 0)
+    longest_s, sum_w = np.zeros(len(seconds)), np.zeros(len(seconds))
+    np.maximum.at(longest_s, second[1:], np.diff(elapsed_s))
+    np.add.at(sum_w, second, powers_w)
+    mean_w = sum_w / np.maximum(np.bincount(second, minlength=len(seconds)), 1)
+    draw_course(intervals, time(seconds), 1e3 * longest_s, **line)
+    show_range(intervals, [0.0], 1e3 * longest_s, least=10.0)
+    intervals.set_ylabel('longest time between\ncommands in a second\n[ms]')
+    draw_course(power, time(seconds), 1e-3 * mean_w, **line)
+    show_range(power, [0.0], 1e-3 * mean_w, least=1.0)
+    power.set_ylabel('mean command\n[kW]')
+    time.finish(power, 0.0, duration_s)
+    power.set_xlabel(f'time [{time.unit}]')
+    figure.align_ylabels()
+    return figure

@@ -3,45 +3,91 @@
 
 import io
 import os
+import textwrap
+import warnings
 
 import matplotlib
 matplotlib.use('Agg')
 from matplotlib.figure import Figure  # noqa: E402  the backend must be set first
 
-from bev_preheat.errors import InvalidInput  # noqa: E402
 from bev_preheat.output_files import write_whole  # noqa: E402
 
+WIDTH_IN = 9.0
+# Characters of a title in a line, lines of a title, and characters of a legend in a row.
+TITLE_CHARACTERS = 100
+MOST_TITLE_LINES = 9
+LEGEND_CHARACTERS = 128
+# What the line beside a text takes, in characters.
+HANDLE_CHARACTERS = 8
 
-def stacked_figure(panels, title, width_in=9.0, panel_height_in=1.9):
-    """Return (figure, list of axes): panels above each other that share the x axis."""
-    figure = Figure(figsize=(width_in, panel_height_in * panels + 0.8), layout='constrained')
-    axes = figure.subplots(panels, 1, sharex=True, squeeze=False)[:, 0]
-    # Room for the legends above the panels.
-    figure.get_layout_engine().set(h_pad=0.14)
-    figure.suptitle(title)
-    for axis in axes:
+
+def grid_figure(rows, columns, title, height_in, **options):
+    """Return (figure, array of axes): panels in `rows` and `columns` under a title."""
+    figure = Figure(figsize=(WIDTH_IN, height_in), layout='constrained')
+    axes = figure.subplots(rows, columns, squeeze=False, **options)
+    figure.get_layout_engine().set(h_pad=0.06, w_pad=0.06)
+    figure.suptitle(literal(title), fontsize='medium')
+    for axis in axes.flat:
         axis.grid(True, alpha=0.3)
         axis.spines[['top', 'right']].set_visible(False)
-    return figure, list(axes)
+        # Ticks are to say what they mean, without "+1e3" or "1e6" at the end of the axis.
+        axis.ticklabel_format(style='plain', useOffset=False)
+    return figure, axes
 
 
-def legend_above(axis, twin=None):
-    """Put the legend of an axis, and of its twin, above it, where it covers no line."""
-    lines = axis.get_legend_handles_labels()[0]
-    if twin is not None:
-        lines += twin.get_legend_handles_labels()[0]
-    legend = axis.legend(lines, [line.get_label() for line in lines], loc='lower left',
-                         bbox_to_anchor=(0.0, 0.96), ncols=6, fontsize='small', frameon=False)
-    # Else a long legend would make all panels narrow.
-    legend.set_in_layout(False)
+def stacked_figure(panels, title, panel_height_in=1.9):
+    """Return (figure, list of axes): panels above each other that share the x axis."""
+    figure, axes = grid_figure(panels, 1, title, panel_height_in * panels + 0.8, sharex=True)
+    return figure, list(axes[:, 0])
+
+
+def literal(text):
+    """
+    Return a text of several lines as matplotlib draws it: long lines wrapped, nothing a formula.
+
+    Names of files may hold dollar signs, and characters that no font has.
+    """
+    lines = []
+    for line in text.encode('utf-8', 'backslashreplace').decode().split('\n'):
+        shown = ''.join(character if character.isprintable() else '\N{REPLACEMENT CHARACTER}'
+                        for character in line)
+        lines += textwrap.wrap(shown, TITLE_CHARACTERS, break_on_hyphens=False)
+    if len(lines) > MOST_TITLE_LINES:
+        lines[MOST_TITLE_LINES - 1:] = ['…']
+    return '\n'.join(lines).replace('$', r'\$')
+
+
+def legend_above(axis, handles=None, title=None, side='left', columns=None):
+    """
+    Put a legend above an axis, where it covers no curve; `handles` are those of the axis if None.
+
+    It has as many columns as there is room for if `columns` is None. There may be another legend at
+    the other side.
+    """
+    others = axis.get_legend()
+    handles = axis.get_legend_handles_labels()[0] if handles is None else handles
+    if not handles:
+        return
+    widths = [HANDLE_CHARACTERS + len(handle.get_label()) for handle in handles]
+    if columns is None:
+        columns = (len(widths) if sum(widths) <= LEGEND_CHARACTERS
+                   else max(1, LEGEND_CHARACTERS // max(widths)))
+    axis.legend(
+        handles=handles, title=title, alignment='left', loc=f'lower {side}',
+        bbox_to_anchor=(0.0 if side == 'left' else 1.0, 1.0), borderaxespad=0.1, borderpad=0.1,
+        ncols=columns, fontsize='small', title_fontsize='small',
+        frameon=False, handlelength=3.2)
+    if others is not None:
+        axis.add_artist(others)
+        # What is clipped is left out of the layout.
+        others.set_clip_on(False)
 
 
 def save_figure(figure, path):
     """Write a figure; the suffix of the path, one of PICTURE_SUFFIXES, says as what."""
     drawn = io.BytesIO()
-    try:
+    with warnings.catch_warnings():
+        # A character that the font lacks is drawn as a box.
+        warnings.filterwarnings('ignore', message='Glyph .* missing from')
         figure.savefig(drawn, format=os.path.splitext(path)[1].removeprefix('.').lower(), dpi=130)
-    except ValueError as error:
-        # A title with dollar signs, for one, that is no formula.
-        raise InvalidInput(f'{path}: cannot be drawn: {error}') from error
     write_whole(path, drawn.getvalue())

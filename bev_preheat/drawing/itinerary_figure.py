@@ -1,63 +1,100 @@
 # SPDX-License-Identifier: Apache-2.0
 """A trip with stops over time: the plans of its legs one after the other, the stops shaded."""
 
-import numpy as np
-
-from bev_preheat.control.inputs import NS_PER_S
+from bev_preheat.drawing.curves import draw_course, draw_steps, show_range, TimeAxis
 from bev_preheat.drawing.figure import legend_above, save_figure, stacked_figure
+from bev_preheat.drawing.palette import (
+    AMBIENT, BLACK, HEATER_LIMIT, look_of, RESERVE, ROUTE, STOP, WITHOUT_PREHEATING)
+from bev_preheat.planning.planner import plan_unheated
+from bev_preheat.planning.situation import reserve_soc
 from bev_preheat.planning.trip import make_trip
+from bev_preheat.supervision.inputs import NS_PER_S
+
+# More legs than these are not told one by one.
+MOST_TOLD_LEGS = 6
 
 
 def draw_itinerary(path, vehicle, legs, plans, title):
-    """
-    Draw temperature, HVCH power, state of charge and speed of the Plans for the Legs of a trip.
+    """Draw the Plans for the Legs of a trip into a file, whose suffix says which kind it is."""
+    save_figure(make_itinerary_figure(vehicle, legs, plans, title), path)
 
-    During a stop, the line from arrival to the departure that was given is dashed. The suffix of
-    `path` says which kind of picture it is.
+
+def make_itinerary_figure(vehicle, legs, plans, title):
     """
-    figure, axes = stacked_figure(4, title)
+    Return the figure of the Plans for the Legs of a trip, and of the same legs without preheating.
+
+    During a stop, the line from arrival to the departure that was given is dotted.
+    """
+    unheated = [plan_unheated(vehicle, leg.route, leg.departure, leg.goal(plan.target_temperature_c))
+                for leg, plan in zip(legs, plans)]
+    told = [_on_arrival(number, leg, *both) for number, (leg, *both) in enumerate(
+        zip(legs, plans, unheated), start=1)]
+    if len(told) > MOST_TOLD_LEGS:
+        told[MOST_TOLD_LEGS:] = ['…']
+    figure, axes = stacked_figure(4, '\n'.join([title, *told]))
     temperature, heater, charge, drive = axes
-    trips = [make_trip(vehicle, leg.route) for leg in legs]
-    minutes = [(leg.start_ns / NS_PER_S + trip.time_s) / 60.0 for leg, trip in zip(legs, trips)]
+    starts_s = [leg.start_ns / NS_PER_S for leg in legs]
+    time = TimeAxis(starts_s[-1] + plans[-1].arrival_time_s - starts_s[0])
+    heated, idle = look_of(plans[0].method), look_of(WITHOUT_PREHEATING)
+    for number, (leg, plan, alone, start_s) in enumerate(zip(legs, plans, unheated, starts_s)):
+        def named(label, is_first=number == 0):
+            # Once in the legend, not once a leg.
+            return {'label': label if is_first else None}
 
-    def lines(axis, columns, style, colour, label, at_ends=False):
-        # NaN between the legs: nothing is drawn over a stop, and the legend has one line.
-        parts = [np.append(values if at_ends else np.append(values, values[-1]), np.nan)
-                 for values in columns]
-        axis.plot(np.concatenate([np.append(part, np.nan) for part in minutes]),
-                  np.concatenate(parts), style, color=colour, label=label,
-                  drawstyle='default' if at_ends else 'steps-post')
-
-    def over_stops(axis, columns, colour):
-        for before, after, leave, arrive in zip(columns, columns[1:], minutes, minutes[1:]):
-            axis.plot((leave[-1], arrive[0]), (before[-1], after[0]), '--', color=colour,
-                      linewidth=0.8)
-
-    temperatures = [plan.battery_temperature_c for plan in plans]
-    lines(temperature, temperatures, '-', 'tab:red', 'battery', at_ends=True)
-    over_stops(temperature, temperatures, 'tab:red')
-    targets = [(part[-1], plan.target_temperature_c)
-               for leg, part, plan in zip(legs, minutes, plans) if leg.charging_planned]
-    if targets:
-        temperature.plot(*zip(*targets), 'k_', markersize=14, label='target')
-    lines(temperature, [trip.route.ambient_temperature_c for trip in trips], '-', 'tab:blue',
-          'ambient')
-    temperature.set_ylabel('temperature\n[°C]')
-    lines(heater, [plan.hvch_battery_power_w / 1e3 for plan in plans], '-', 'tab:orange',
-          'for the battery')
-    lines(heater, [trip.heater_limit_w / 1e3 for trip in trips], ':', 'gray', 'left by the cabin')
-    heater.set_ylabel('HVCH power\n[kW]')
-    charges = [100.0 * plan.soc for plan in plans]
-    lines(charge, charges, '-', 'tab:green', 'state of charge', at_ends=True)
-    over_stops(charge, charges, 'tab:green')
-    charge.set_ylabel('state of charge\n[%]')
-    lines(drive, [trip.route.speed_mps * 3.6 for trip in trips], '-', 'tab:gray', 'speed')
-    drive.set_ylabel('speed\n[km/h]')
-    drive.set_xlabel('trip time [min]')
-    drive.set_xlim(minutes[0][0], minutes[-1][-1])
-    for axis in axes:
-        for number, (leave, arrive) in enumerate(zip(minutes, minutes[1:])):
-            axis.axvspan(leave[-1], arrive[0], color='tab:olive', alpha=0.15,
-                         label='stop' if axis is temperature and number == 0 else None)
+        trip = make_trip(vehicle, leg.route)
+        edges = time(start_s + trip.time_s)
+        draw_course(temperature, edges, plan.battery_temperature_c,
+                    **heated.line(linewidth=1.7, **named('battery')))
+        draw_course(charge, edges, 100.0 * plan.soc,
+                    **heated.line(linewidth=1.7, **named('state of charge')))
+        for axis, values in ((temperature, alone.battery_temperature_c), (charge, 100.0 * alone.soc)):
+            draw_course(axis, edges, values, **idle.line(**named(WITHOUT_PREHEATING)))
+        if leg.charging_planned:
+            temperature.plot(
+                edges[-1], plan.target_temperature_c, '_', color=BLACK, markersize=14,
+                label='target' if leg is next(item for item in legs if item.charging_planned)
+                else None)
+        draw_steps(temperature, edges, trip.route.ambient_temperature_c,
+                   **{**AMBIENT, **named(AMBIENT['label'])})
+        draw_steps(heater, edges, plan.hvch_battery_power_w / 1e3,
+                   **heated.line(linewidth=1.7, **named('for the battery')))
+        draw_steps(heater, edges, trip.heater_limit_w / 1e3,
+                   **{**HEATER_LIMIT, **named(HEATER_LIMIT['label'])})
+        draw_course(charge, edges[[0, -1]],
+                    [100.0 * reserve_soc(vehicle, leg.goal(plan.target_temperature_c))] * 2,
+                    color=RESERVE, linestyle='--', linewidth=0.9, **named('reserve'))
+        draw_steps(drive, edges, trip.route.speed_mps * 3.6, color=ROUTE)
+    _draw_stops(axes, time, starts_s, plans, heated.colour)
+    for axis, least, values in ((temperature, 5.0, []), (heater, 1.0, [0.0]), (charge, 5.0, []),
+                                (drive, 20.0, [0.0])):
+        show_range(axis, values, *(line.get_ydata() for line in axis.get_lines()), least=least)
         legend_above(axis)
-    save_figure(figure, path)
+    for axis, label in zip(axes, ('temperature\n[°C]', 'HVCH for\nbattery [kW]',
+                                  'state of\ncharge [%]', 'speed\n[km/h]')):
+        axis.set_ylabel(label)
+    time.finish(drive, starts_s[0], starts_s[-1] + plans[-1].arrival_time_s)
+    figure.align_ylabels()
+    return figure
+
+
+def _on_arrival(number, leg, plan, unheated):
+    """Say in a line how a leg ends."""
+    target = f'target {plan.target_temperature_c:.1f} °C, ' if leg.charging_planned else ''
+    return (f'leg {number}: {plan.status.name}, {target}arrival at '
+            f'{plan.arrival_temperature_c:.1f} °C'
+            + (f', without preheating at {unheated.arrival_temperature_c:.1f} °C'
+               if plan.heating_start_s is not None else ''))
+
+
+def _draw_stops(axes, time, starts_s, plans, colour):
+    """Shade the stops, and join what lies on both sides of each."""
+    for number, (start_s, plan, next_start_s, following) in enumerate(
+            zip(starts_s, plans, starts_s[1:], plans[1:])):
+        stop = time([start_s + plan.arrival_time_s, next_start_s])
+        for axis in axes:
+            axis.axvspan(*stop, color=STOP, alpha=0.2, linewidth=0.0,
+                         label='stop' if axis is axes[0] and number == 0 else None)
+        for axis, before, after in (
+                (axes[0], plan.arrival_temperature_c, following.battery_temperature_c[0]),
+                (axes[2], 100.0 * plan.arrival_soc, 100.0 * following.soc[0])):
+            axis.plot(stop, (before, after), ':', color=colour, linewidth=1.0)

@@ -1,87 +1,172 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Plans over time: the five panels of the paper's Figure 6, and the battery's power limits."""
+"""Plans over time: the five panels of the paper's Figure 6, state of charge, and power limits."""
+
+from dataclasses import replace
 
 import numpy as np
 
 from bev_preheat.arithmetic import ARRAYS
+from bev_preheat.drawing.curves import (
+    draw_course, draw_steps, shade_steps, show_range, TimeAxis)
 from bev_preheat.drawing.figure import legend_above, save_figure, stacked_figure
+from bev_preheat.drawing.palette import (
+    AMBIENT, CHARGE_LIMIT, DISCHARGE_LIMIT, DRIVETRAIN, HEATER_LIMIT, look_of, RESERVE, ROUTE, TARGET,
+    WITHOUT_PREHEATING)
 from bev_preheat.model import make_runge_kutta_4
+from bev_preheat.planning.explanation import duration_text
+from bev_preheat.planning.planner import plan_unheated
 from bev_preheat.planning.schedule import Schedule
-from bev_preheat.planning.simulate import JOULES_PER_WH, keep_accounts
+from bev_preheat.planning.simulate import keep_accounts
+from bev_preheat.planning.situation import BatteryState, reserve_soc
 from bev_preheat.planning.trip import make_trip
 
-COLOURS = ('tab:red', 'tab:orange', 'tab:green', 'black')
-STYLES = ('-', '-', '--', ':')
+# Courses that are closer than this lie on each other in a picture [K].
+SAME_COURSE_K = 0.15
 
 
-def draw_plans(path, vehicle, route, plans, title):
+def draw_plans(path, vehicle, route, goal, plans, title):
+    """Draw plans for one route into a file, whose suffix says which kind of picture it is."""
+    save_figure(make_plan_figure(vehicle, route, goal, plans, title), path)
+
+
+def make_plan_figure(vehicle, route, goal, plans, title):
     """
-    Draw plans for one route: temperature, HVCH power, heat sources, leakage, battery power with its
-    limits along the first plan, speed and energy.
+    Return the figure of plans for one route, and of the same trip without preheating.
 
-    Plans are told apart by colour and line style; the suffix of `path` says which kind of picture it
-    is.
+    The battery's power limits are those along the first plan.
     """
+    first = plans[0]
+    if len(plans) == 1:
+        title = f'{title}\n{first.status.name}: {first.explanation}'
+    unheated = plan_unheated(
+        vehicle, route, BatteryState(first.battery_temperature_c[0], first.soc[0]), goal)
     trip = make_trip(vehicle, route)
-    minutes = trip.time_s / 60.0
-    figure, (temperature, heater, heat, leakage, power, drive) = stacked_figure(6, title)
-    energy = drive.twinx()
-    for plan, style, colour in zip(plans, STYLES, COLOURS):
-        accounts = keep_accounts(trip, Schedule(
-            plan.heating_start_s, plan.hvch_battery_power_w, plan.friction_brake_power_w,
-            plan.soc, plan.battery_temperature_c, make_runge_kutta_4))
-        temperature.plot(minutes, plan.battery_temperature_c, style, color=colour,
-                         label=plan.method)
-        _steps(heater, minutes, plan.hvch_battery_power_w / 1e3, style, colour)
-        _steps(heat, minutes, accounts.joule_heat_w / 1e3, style, colour,
-               'Joule' if plan is plans[0] else None)
-        _steps(leakage, minutes, accounts.leakage_w / 1e3, style, colour)
-        _steps(power, minutes, accounts.battery_power_w / 1e3, style, colour)
-        spent_wh = np.cumsum(accounts.battery_power_w * trip.route.duration_s) / JOULES_PER_WH
-        energy.plot(minutes, np.concatenate(([0.0], spent_wh)) / 1e3, style, color=colour,
-                    label='battery energy' if plan is plans[0] else None)
-    figure.legend(*temperature.get_legend_handles_labels(), loc='outside lower center', ncols=4,
-                  frameon=False)
-    for line in temperature.get_lines():
-        line.set_label('battery' if line is temperature.get_lines()[0] else '_')
-    if plans[0].status.name != 'NO_CHARGING_PLANNED':
-        temperature.axhline(plans[0].target_temperature_c, color='gray', linewidth=0.9,
-                            linestyle='--', label='target')
-    _steps(temperature, minutes, trip.route.ambient_temperature_c, '-', 'tab:blue', 'ambient')
-    temperature.set_ylabel('temperature\n[°C]')
-    _steps(heater, minutes, trip.heater_limit_w / 1e3, ':', 'gray', 'left by the cabin')
-    heater.set_ylabel('HVCH power\nfor battery [kW]')
-    _steps(heat, minutes, trip.drivetrain_heat_w / 1e3, '-', 'tab:brown', 'drivetrain')
+    time = TimeAxis(first.arrival_time_s)
+    edges = time(trip.time_s)
+    figure, axes = stacked_figure(7, title, panel_height_in=1.6)
+    temperature, heater, charge, power, heat, leakage, drive = axes
+
+    lines = []
+    courses = [(plan.method, plan) for plan in plans]
+    if any(plan.heating_start_s is not None for plan in plans):
+        courses.append((WITHOUT_PREHEATING, unheated))
+    for number, (method, plan) in enumerate(courses):
+        look = look_of(method) if len(plans) > 1 else replace(look_of(method), width=1.7)
+        lines.append(draw_course(
+            temperature, edges, plan.battery_temperature_c,
+            **look.line(label=_on_arrival(method, plan, plans[:number]))))
+        draw_course(charge, edges, 100.0 * plan.soc, **look.line())
+        if plan is unheated:
+            continue
+        accounts = _accounts(trip, plan)
+        draw_steps(heater, edges, plan.hvch_battery_power_w / 1e3, **look.line())
+        draw_steps(power, edges, accounts.battery_power_w / 1e3, **look.line())
+        draw_steps(heat, edges, accounts.joule_heat_w / 1e3,
+                   **look.line(label='Joule' if plan is first else None))
+        draw_steps(leakage, edges, accounts.leakage_w / 1e3, **look.line())
+    _draw_temperatures(temperature, edges, trip, goal, plans, lines)
+
+    draw_steps(heater, edges, trip.heater_limit_w / 1e3, **HEATER_LIMIT)
+    show_range(heater, [0.0], *_drawn(heater), least=1.0)
+    heater.set_ylabel('HVCH for\nbattery [kW]')
+
+    _draw_reserve(charge, 100.0 * reserve_soc(vehicle, goal))
+    charge.set_ylabel('state of\ncharge [%]')
+
+    _draw_limits(power, edges, trip, first)
+    power.set_ylabel('battery\npower [kW]')
+
+    driven = _driven_share(trip, first)
+    draw_steps(heat, edges, (driven * trip.drivetrain_heat_w - vehicle.drivetrain.heat_share
+                             * first.friction_brake_power_w) / 1e3, **DRIVETRAIN)
+    show_range(heat, [0.0], *_drawn(heat), least=0.5)
     heat.set_ylabel('heat into\nbattery [kW]')
+    show_range(leakage, [0.0], *_drawn(leakage), least=0.2)
     leakage.set_ylabel('heat from\nambient [kW]')
-    _draw_limits(power, minutes, trip, plans[0])
-    power.set_ylabel('battery power\n[kW]')
-    _steps(drive, minutes, trip.route.speed_mps * 3.6, '-', 'tab:gray', 'speed')
+
+    draw_steps(drive, edges, driven * trip.route.speed_mps * 3.6, color=ROUTE)
+    show_range(drive, [0.0], *_drawn(drive), least=20.0)
     drive.set_ylabel('speed\n[km/h]')
-    energy.set_ylabel('battery energy\n[kWh]')
-    energy.spines['top'].set_visible(False)
-    drive.set_xlabel('trip time [min]')
-    drive.set_xlim(minutes[0], minutes[-1])
-    for axis in (temperature, heater, heat, power):
+    time.finish(drive, 0.0, first.arrival_time_s)
+
+    if first.stranding is not None:
+        for axis in axes:
+            axis.axvline(time(first.stranding.at_s), color=RESERVE, linestyle='-.', linewidth=1.0,
+                         label='battery empty' if axis is charge else None)
+    for axis in axes[1:]:
         legend_above(axis)
-    legend_above(drive, energy)
-    save_figure(figure, path)
+    figure.align_ylabels()
+    return figure
 
 
-def _draw_limits(axis, minutes, trip, plan):
-    """Draw what the battery may take and deliver along a plan, where the plan comes near to it."""
+def _on_arrival(method, plan, earlier):
+    """Say what is found on arrival, and which earlier plan has the same course."""
+    if plan.heating_start_s is None and method != WITHOUT_PREHEATING:
+        method += ', does not heat'
+    if plan.stranding is not None:
+        return f'{method}: battery empty after {duration_text(plan.stranding.at_s)}'
+    hidden = next((other.method for other in earlier if np.abs(
+        other.battery_temperature_c - plan.battery_temperature_c).max() < SAME_COURSE_K), None)
+    return (f'{method}: {plan.arrival_temperature_c:.1f} °C, {100.0 * plan.arrival_soc:.1f} %, '
+            f'{plan.energy_wh.battery_total / 1e3:.3f} kWh'
+            + (f', drawn over {hidden}' if hidden else ''))
+
+
+def _accounts(trip, plan):
+    schedule = Schedule(
+        plan.heating_start_s, plan.hvch_battery_power_w, plan.friction_brake_power_w,
+        plan.soc, plan.battery_temperature_c, make_runge_kutta_4,
+        driven_share=_driven_share(trip, plan))
+    return keep_accounts(trip, schedule)
+
+
+def _driven_share(trip, plan):
+    """Return the share of each step that is driven, shape (N,): 0 once the battery is empty."""
+    empty_s = np.inf if plan.stranding is None else plan.stranding.at_s
+    return np.clip((empty_s - trip.time_s[:-1]) / trip.route.duration_s, 0.0, 1.0)
+
+
+def _drawn(axis):
+    return [line.get_ydata() for line in axis.get_lines()]
+
+
+def _draw_temperatures(axis, edges, trip, goal, plans, courses):
+    """Draw target and ambient around the courses; their legends stand side by side."""
+    others = []
+    if goal.charging_planned:
+        others.append(axis.axhline(
+            goal.target_temperature_c, **TARGET,
+            label=f'target {goal.target_temperature_c:.1f} °C'))
+    others.append(draw_steps(axis, edges, trip.route.ambient_temperature_c, **AMBIENT))
+    show_range(axis, *_drawn(axis), least=5.0)
+    axis.set_ylabel('temperature\n[°C]')
+    legend_above(axis, courses, 'battery on arrival: temperature, state of charge, energy taken',
+                 columns=1)
+    legend_above(axis, others, side='right')
+
+
+def _draw_reserve(axis, reserve_percent):
+    """Draw the charge to be left, or say that it lies below the panel."""
+    shown, = show_range(axis, *_drawn(axis), least=5.0, bounds=[reserve_percent])
+    axis.axhline(reserve_percent, color=RESERVE, linewidth=0.9, linestyle='--',
+                 label=f'reserve {reserve_percent:.0f} %' + ('' if shown else ', below the panel'))
+
+
+def _draw_limits(axis, edges, trip, plan):
+    """Draw what the battery may take and deliver along a plan; where it is far off, say how far."""
     battery = trip.vehicle.battery
     states = plan.soc[:-1], plan.battery_temperature_c[:-1]
-    low, high = axis.get_ylim()
-    for limit, label in ((battery.charge_power_limit, 'charge limit'),
-                         (battery.discharge_power_limit, 'discharge limit')):
-        values = limit.function(ARRAYS)(*states)
-        _steps(axis, minutes, values / 1e3, '-', 'tab:purple', label)
-    margin = 0.25 * (high - low)
-    axis.set_ylim(low - margin, high + margin)
-
-
-def _steps(axis, edges, values, style, colour, label=None):
-    """Draw one value a step as a staircase."""
-    axis.plot(edges, np.append(values, values[-1]), style, color=colour, label=label,
-              drawstyle='steps-post')
+    limits = [('charge limit', CHARGE_LIMIT, 'below', battery.charge_power_limit),
+              ('discharge limit', DISCHARGE_LIMIT, 'above', battery.discharge_power_limit)]
+    values_kw = [limit.function(ARRAYS)(*states) / 1e3 for *_, limit in limits]
+    shown = show_range(axis, [0.0], *_drawn(axis), least=10.0, bounds=values_kw)
+    panel = axis.get_ylim()
+    axis.axhline(0.0, color='black', linewidth=0.6)
+    for (label, colour, side, _), limit_kw, is_shown in zip(limits, values_kw, shown):
+        label += (' (shaded: beyond it)' if is_shown else
+                  f' from {limit_kw.min():.0f} to {limit_kw.max():.0f} kW, {side} the panel')
+        draw_steps(axis, edges, limit_kw, color=colour, linewidth=1.3, label=label)
+        far_kw = panel[0] if side == 'below' else panel[1]
+        beyond_kw = np.minimum(limit_kw, far_kw) if side == 'below' else np.maximum(limit_kw, far_kw)
+        shade_steps(axis, edges, limit_kw, beyond_kw, color=colour, alpha=0.2)
+    axis.set_ylim(panel)

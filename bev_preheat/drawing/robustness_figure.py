@@ -1,114 +1,143 @@
 # SPDX-License-Identifier: Apache-2.0
 """The planner in closed loop with many cars, and one such trip over time."""
 
-from matplotlib.figure import Figure
+from matplotlib.colors import to_rgba
 from matplotlib.ticker import MaxNLocator
 import numpy as np
 
-from bev_preheat.drawing.figure import legend_above, save_figure, stacked_figure
-from bev_preheat.robustness.summary import (
-    energy_excess, LEAST_ARRIVAL_ERROR_K, MOST_ARRIVAL_ERROR_K, MOST_EXCESS, MOST_SWITCH_ONS)
+from bev_preheat.drawing.curves import draw_course, draw_steps, show_range, TimeAxis
+from bev_preheat.drawing.figure import grid_figure, legend_above, save_figure, stacked_figure
+from bev_preheat.drawing.palette import look_of, PREDICTION, TARGET, WANTED
+from bev_preheat.experiments.robustness.car_figures import (
+    energy_excess, LEAST_ARRIVAL_ERROR_K, MOST_ARRIVAL_ERROR_K, MOST_EXCESS, MOST_SWITCH_ONS,
+    reaches_the_same)
 
-COLOURS = {'replanned_paper': 'tab:orange', 'planner': 'tab:blue'}
 BINS = 40
 
 
 def draw_robustness(path, results, methods):
-    """Draw arrival errors, energy above the informed drive and switch-ons of TripResults."""
-    figure = Figure(figsize=(12.0, 4.2), layout='constrained')
-    arrival, energy, switching = figure.subplots(1, 3)
-    figure.suptitle(
-        f'Cars that differ from their description, {len(results)} trips in closed loop')
-    errors_k, excess, switch_ons = ({
-        method: np.array([figure_of(result, result.methods[method]) for result in results])
-        for method in methods} for figure_of in (
-            lambda result, drive: drive.arrival_error_k,
-            lambda result, drive: _excess_percent(result.informed, drive),
-            lambda result, drive: drive.switch_ons))
-    _histograms(arrival, errors_k)
-    arrival.axvspan(LEAST_ARRIVAL_ERROR_K, MOST_ARRIVAL_ERROR_K, color='tab:green', alpha=0.12,
-                    label='90 % of trips are to be here')
-    arrival.set(xlabel='arrival temperature above target (K)', ylabel='trips')
-    _histograms(energy, excess)
-    energy.axvline(100.0 * MOST_EXCESS, color='tab:green', linestyle='--',
-                   label='bound of the mean')
+    """Draw CarResults into a file, whose suffix says which kind of picture it is."""
+    save_figure(make_robustness_figure(results, methods), path)
+
+
+def draw_trip_course(path, result, courses, target_c):
+    """Draw one trip over time into a file, whose suffix says which kind of picture it is."""
+    save_figure(make_trip_figure(result, courses, target_c), path)
+
+
+def make_robustness_figure(results, methods):
+    """Return the figure of arrival errors, energy above the informed drive and switch-ons."""
+    figure, axes = grid_figure(
+        2, 2, f'Cars that differ from their description: {len(results)} trips in closed loop',
+        height_in=7.0)
+    (arrival, energy), (switching, key) = axes
+
+    def figures(figure_of):
+        return {method: np.array([figure_of(result, result.methods[method]) for result in results],
+                                 dtype=float) for method in methods}
+
+    _histograms(arrival, figures(lambda _, drive: drive.arrival_error_k), least=1.0)
+    arrival.axvspan(LEAST_ARRIVAL_ERROR_K, MOST_ARRIVAL_ERROR_K, color=WANTED, alpha=0.2, zorder=0.5,
+                    linewidth=0.0, label='wanted: 90 % of the trips in here')
+    arrival.set(xlabel='arrival temperature above target [K]', ylabel='trips')
+
+    _histograms(energy, figures(lambda result, drive: _excess_percent(result.informed, drive)),
+                least=2.0)
+    energy.axvline(100.0 * MOST_EXCESS, color=WANTED, linestyle='--',
+                   label='wanted: at most (of the energy: the mean)')
     for method in methods:
         mean = energy_excess(results, method, 'heating_energy_wh')['mean']
         if mean is not None:
-            energy.axvline(100.0 * mean, color=COLOURS[method], linestyle=':',
+            energy.axvline(100.0 * mean, color=look_of(method).colour, linestyle=':',
                            label=f'{method}, mean')
-    energy.set(xlabel='heating energy above the informed plan (%)', ylabel='trips')
-    share = 100.0 * np.arange(1, len(results) + 1) / len(results)
+    energy.set(xlabel='heating energy above the informed plan [%]', ylabel='trips')
+
+    _draw_switch_ons(switching, figures(lambda _, drive: drive.switch_ons))
+    # One key for all panels, in the place of a fourth.
+    key.set_axis_off()
+    handles = {label: handle for axis in (arrival, energy)
+               for handle, label in zip(*axis.get_legend_handles_labels())}
+    key.legend(handles.values(), handles.keys(), loc='center', frameon=False)
+    return figure
+
+
+def _draw_switch_ons(axis, switch_ons):
+    most = max(values.max() for values in switch_ons.values())
     for method, values in switch_ons.items():
         ordered = np.sort(values)
+        share = 100.0 * np.arange(1, len(ordered) + 1) / len(ordered)
         # From no trip with less than the fewest on.
-        switching.step([ordered[0], *ordered], [0.0, *share], where='post', label=method,
-                       color=COLOURS[method])
-    switching.axvline(MOST_SWITCH_ONS, color='tab:green', linestyle='--', label='bound')
-    switching.set(xscale='symlog', xlim=(0.0, None), ylim=(0.0, 103.0),
-                  xlabel='switch-ons', ylabel='trips with at most so many (%)')
+        axis.step([ordered[0], *ordered], [0.0, *share], where='post', **look_of(method).line())
+    axis.axvline(MOST_SWITCH_ONS, color=WANTED, linestyle='--')
+    axis.set(xscale='symlog', xlim=(0.0, 1.2 * max(most, MOST_SWITCH_ONS)), ylim=(0.0, 104.0),
+             xlabel='switch-ons', ylabel='trips with at most so many [%]')
     ticks = [tick for tick in (0, 1, 3, 10, 30, 100, 300, 1000)
-             if tick <= 1.5 * max(values.max() for values in switch_ons.values()) or tick <= 3]
-    switching.set_xticks(ticks, labels=map(str, ticks))
-    switching.minorticks_off()
-    for axis in (arrival, energy, switching):
-        axis.grid(True, alpha=0.3)
-        axis.spines[['top', 'right']].set_visible(False)
-        # Below the panels, where it hides no trip.
-        axis.legend(loc='upper center', bbox_to_anchor=(0.5, -0.16), frameon=False,
-                    fontsize='small')
-    save_figure(figure, path)
+             if tick <= max(most, MOST_SWITCH_ONS)]
+    axis.set_xticks(ticks, labels=map(str, ticks))
+    axis.minorticks_off()
 
 
 def _excess_percent(informed, drive):
-    """Heating energy above the informed drive's [%]; NaN where that did not heat."""
-    if informed.heating_energy_wh <= 0.0:
+    """Heating energy above the informed drive's [%]; NaN where they cannot be compared."""
+    if informed.heating_energy_wh <= 0.0 or not reaches_the_same(drive, informed):
         return np.nan
     return 100.0 * (drive.heating_energy_wh / informed.heating_energy_wh - 1.0)
 
 
-def _histograms(axis, values):
+def _histograms(axis, values, least):
+    """Draw histograms over each other, hatched differently, in a span of at least `least`."""
     everything = np.concatenate(list(values.values()))
     everything = everything[np.isfinite(everything)]
     if len(everything):
-        edges = np.histogram_bin_edges(everything, BINS)
-        for method, own in values.items():
-            axis.hist(own[np.isfinite(own)], edges, alpha=0.6, label=method,
-                      color=COLOURS[method])
+        low, high = everything.min(), everything.max()
+        margin = max(0.0, 0.5 * (least - (high - low)))
+        edges = np.histogram_bin_edges(everything, BINS, (low - margin, high + margin))
+        for (method, own), hatch in zip(values.items(), ('///', '')):
+            colour = look_of(method).colour
+            axis.hist(own[np.isfinite(own)], edges, histtype='stepfilled', label=method,
+                      facecolor=to_rgba(colour, 0.4), edgecolor=colour, hatch=hatch)
     axis.yaxis.set_major_locator(MaxNLocator(integer=True))
 
 
-def draw_trip_course(path, result, courses, target_c):
-    """Draw one trip over time, by Courses: temperatures, prediction and command of each method."""
+def make_trip_figure(result, courses, target_c):
+    """Return the figure of one trip, by DriveTraces: temperatures, prediction and command."""
     mismatch = result.mismatch
     figure, axes = stacked_figure(
-        2 + len(courses), f'Trip {result.number}: heat capacity × {mismatch.heat_capacity:.2f}, '
+        2 + len(courses), f'trip {result.number}: heat capacity × {mismatch.heat_capacity:.2f}, '
         f'leakage × {mismatch.leakage:.2f}, resistance × {mismatch.resistance:.2f}, '
         f'heater × {mismatch.heater:.2f}, propulsion × {mismatch.propulsion_power:.2f}')
-    for axis, (method, course) in zip(axes, courses.items()):
-        minutes = course.time_s / 60.0
-        axis.plot(minutes, course.measured_c, '.', markersize=2.5, color='tab:gray',
-                  label='measured')
-        axis.plot(minutes, course.true_c, color='black', label='true')
-        if np.isfinite(course.estimated_c).any():
-            axis.plot(minutes, course.estimated_c, '--', color='tab:red', label='estimated')
-        axis.axhline(target_c, color='tab:green', linestyle=':', label='target')
-        axis.set_ylabel(f'{method}\nbattery [°C]')
-        legend_above(axis)
     predicted, command = axes[-2:]
-    for number, (method, course) in enumerate(courses.items()):
-        minutes = course.time_s / 60.0
-        predicted.plot(minutes, course.predicted_arrival_c, color=COLOURS[method], label=method)
-        predicted.plot(minutes[-1], target_c + result.methods[method].arrival_error_k, 'o',
-                       color=COLOURS[method])
-        command.plot(minutes, course.command_w / 1e3, color=COLOURS[method], label=method,
-                     drawstyle='steps-post',
-                     # Wide below, narrow above, so that none hides another.
-                     linewidth=3.0 if number < len(courses) - 1 else 1.2)
-    predicted.axhline(target_c, color='tab:green', linestyle=':', label='target')
+    # The last command holds for as long as the others.
+    ends_s = {method: course.time_s[-1] + (course.time_s[-1] - course.time_s[0])
+              / max(len(course.time_s) - 1, 1) for method, course in courses.items()}
+    end_s = max(ends_s.values())
+    time = TimeAxis(end_s)
+    target = {**TARGET, 'label': f'target {target_c:.1f} °C'}
+    for axis, (method, course) in zip(axes, courses.items()):
+        look, instants = look_of(method), time(course.time_s)
+        error_k = result.methods[method].arrival_error_k
+        draw_course(axis, instants, course.measured_c, linestyle='', marker='.', markersize=2.5,
+                    color=WANTED, label='measured')
+        draw_course(axis, instants, course.true_c, **look.line(
+            linestyle='-', label=f'true, {target_c + error_k:.1f} °C on arrival'))
+        if np.isfinite(course.estimated_c).any():
+            draw_course(axis, instants, course.estimated_c, linestyle='--', color=PREDICTION,
+                        label='estimated')
+        axis.axhline(target_c, **target)
+        show_range(axis, course.measured_c, course.true_c, [target_c], least=5.0)
+        axis.set_ylabel(f'{method}:\nbattery [°C]')
+        draw_course(predicted, instants, course.predicted_arrival_c, **look.line(label=method))
+        predicted.plot(time(ends_s[method]), target_c + error_k, color=look.colour, marker='o',
+                       linestyle='', clip_on=False, zorder=5.0)
+        draw_steps(command, np.append(instants, time(ends_s[method])), course.command_w / 1e3,
+                   **look.line(label=method))
+    predicted.axhline(target_c, **target)
+    show_range(predicted, *(line.get_ydata() for line in predicted.get_lines()), least=2.0)
     predicted.set_ylabel('predicted arrival\n(dot: true) [°C]')
+    show_range(command, [0.0], *(line.get_ydata() for line in command.get_lines()), least=1.0)
     command.set_ylabel('command\n[kW]')
-    command.set_xlabel('trip time [min]')
-    for axis in (predicted, command):
+    time.finish(command, 0.0, end_s)
+    for axis in axes:
         legend_above(axis)
-    save_figure(figure, path)
+    figure.align_ylabels()
+    return figure

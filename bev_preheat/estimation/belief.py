@@ -13,8 +13,8 @@ import numpy as np
 from bev_preheat.estimation.hypotheses import (
     heater_power_w, NOISES_K, prior_weights, SHARES, transitions)
 from bev_preheat.estimation.state import (
-    Drive, FACTORS, HEAT_CAPACITY, HEATER, LEAKAGE, PROPULSION, rates_and_slopes, RESISTANCE, SIZE,
-    SOC, TEMPERATURE)
+    DriveInputs, FACTORS, HEAT_CAPACITY, HEATER, LEAKAGE, PROPULSION, rates_and_slopes, RESISTANCE,
+    SIZE, SOC, TEMPERATURE)
 from bev_preheat.estimation.truncated_normal import truncated_moments
 
 # Standard deviation of the factors' logarithms at first: those of even spreads of +-10 % (heat
@@ -23,6 +23,7 @@ FACTOR_DEVIATIONS = {HEAT_CAPACITY: 0.058, LEAKAGE: 0.115, RESISTANCE: 0.115, HE
                      PROPULSION: 0.08}
 # The logarithms are kept within these bounds around the vehicle file's values.
 FACTOR_BOUNDS = {HEAT_CAPACITY: 0.25, LEAKAGE: 0.6, RESISTANCE: 0.6, HEATER: 0.15, PROPULSION: 0.5}
+BOUNDS = np.array([FACTOR_BOUNDS[index] for index in range(FACTORS.start, SIZE)])
 # How fast the truth wanders: standard deviation after an hour. The heat that no model has is what
 # makes temperature wander, a wrong capacity the state of charge.
 WANDER_IN_AN_HOUR = np.array([0.25, 0.004, 0.01, 0.02, 0.02, 0.01, 0.1])
@@ -33,7 +34,7 @@ SOC_NOISE = 0.001
 POWER_NOISE = 0.3
 LEAST_POWER_W = 3000.0
 POWER_NOISE_LASTS_S = 60.0
-# What lies further off than so many deviations counts no more than that.
+# Readings further off than so many deviations are clipped here.
 MOST_DEVIATIONS = 2.5
 # Rounding may leave a variance a little below 0.
 LEAST_VARIANCE = 1e-12
@@ -67,9 +68,9 @@ class Belief:
 
     def predict(self, duration_s, drive, command_w, limit_w):
         """
-        Let `duration_s` pass in a Drive under a heater command.
+        Let `duration_s` pass in a DriveInputs under a heater command.
 
-        `drive` is a Drive of floats (its heater power is not read), None where nothing is known of
+        `drive` is a DriveInputs of floats (heater power is not read), None where nothing is known of
         what the car does.
         """
         self._mix(duration_s)
@@ -78,7 +79,7 @@ class Belief:
             self._add_noise(WANDER_UNKNOWN**2 * hours)
             return
         heater_w = heater_power_w(command_w, limit_w)[:, np.newaxis, np.newaxis]
-        rates, slopes = rates_and_slopes(self._vehicle, self.mean, Drive(
+        rates, slopes = rates_and_slopes(self._vehicle, self.mean, DriveInputs(
             drive.speed_mps, drive.ambient_temperature_c, drive.propulsion_power_w,
             drive.power_variance_w2, drive.cabin_heating_power_w, drive.auxiliary_power_w,
             heater_w, drive.terminal_power_w))
@@ -149,12 +150,13 @@ class Belief:
     def _see_interval(self, index, variance, low, high, tells_hypotheses=True):
         """Kalman update of one element; `variance` is that of the element and its noise."""
         variance = np.maximum(variance, LEAST_VARIANCE)
-        logs = np.empty(SHAPE)
-        shift, kept = np.empty(SHAPE), np.empty(SHAPE)
-        for at in np.ndindex(*SHAPE):
-            mean, own = float(self.mean[(*at, index)]), float(variance[at])
-            seen_mean, seen_variance, logs[at] = truncated_moments(mean, own, low, high)
-            shift[at], kept[at] = seen_mean - mean, own - seen_variance
+        means = self.mean[..., index]
+        # Floats out of the arrays at once: one by one that would cost as much as the moments.
+        seen_means, seen_variances, logs = np.array([
+            truncated_moments(mean, own, low, high)
+            for mean, own in zip(means.ravel().tolist(), variance.ravel().tolist())
+        ]).T.reshape(3, *SHAPE)
+        shift, kept = seen_means - means, variance - seen_variances
         gain = self.covariance[..., index] / variance[..., np.newaxis]
         self.mean += gain * shift[..., np.newaxis]
         self.covariance -= (gain[..., :, np.newaxis] * gain[..., np.newaxis, :]
@@ -183,8 +185,9 @@ class Belief:
         self.covariance[..., range(SIZE), range(SIZE)] += variances
 
     def _keep_bounds(self):
-        for index, bound in FACTOR_BOUNDS.items():
-            np.clip(self.mean[..., index], -bound, bound, out=self.mean[..., index])
+        factors = self.mean[..., FACTORS]
+        np.minimum(factors, BOUNDS, out=factors)
+        np.maximum(factors, -BOUNDS, out=factors)
 
 
 def prior_factor_covariance():

@@ -15,7 +15,7 @@ from bev_preheat.estimation.belief import Belief
 from bev_preheat.estimation.hypotheses import HeaterReport, judge
 from bev_preheat.estimation.power_response import PowerResponse
 from bev_preheat.estimation.resolution import Resolution, SOC_STEPS, TEMPERATURE_STEPS_K
-from bev_preheat.estimation.state import FACTORS, PROPULSION, SOC, TEMPERATURE
+from bev_preheat.estimation.state import DriveInputs, FACTORS, PROPULSION, SOC, TEMPERATURE
 from bev_preheat.vehicle.corrections import Corrections
 
 NS_PER_S = 1_000_000_000
@@ -49,7 +49,7 @@ class Estimate:
     `mean` (7,) and `covariance` (7, 7) are those of the elements of `state`.
 
     `heater` says how the heater answers, `temperature_resolution_k` in which steps the temperature
-    is reported (0: continuous), `resets` how often the belief was begun anew, why and when last.
+    is reported (0: continuous), `resets` how often the estimator was reset, why and when last.
     """
 
     stamp_ns: int
@@ -97,14 +97,23 @@ class Estimate:
         return np.sqrt(np.maximum(np.diag(self.covariance)[FACTORS], 0.0))
 
 
-class Estimator:
+@dataclass(frozen=True)
+class Stretch:
     """
-    Keeps the belief; `observe` takes a measurement in, `estimate` is what is believed since.
+    What was planned and commanded for `duration_s` [s].
 
-    `course` below is what the car was meant to do: `course.between(from_ns, to_ns)` returns a Drive
-    and the heater's limit [W], or (None, 0.0) where nothing is known. `commands` is what the heater
-    was told: `commands.mean_w(from_ns, to_ns)`.
+    `drive` is the planned DriveInputs, None where no route covers it; `command_w` is the mean
+    command to the heater [W], `limit_w` the heater power that the cabin leaves [W].
     """
+
+    duration_s: float
+    drive: Optional[DriveInputs]
+    command_w: float
+    limit_w: float
+
+
+class Estimator:
+    """Keeps the belief; `observe` takes a measurement in and updates `estimate`."""
 
     def __init__(self, vehicle, factors=None, factor_covariance=None):
         """Begin with the vehicle file, or with what was learned before: see Belief."""
@@ -138,8 +147,28 @@ class Estimator:
         self._reason, self._reset_at_ns = reason, at_ns
         self._begin()
 
-    def observe(self, measurement, course, commands):
-        """Take a Measurement in, whose stamp is not before that of the one before."""
+    def edges_ns(self, stamp_ns):
+        """
+        Return the instants [ns] between which `observe` needs a Stretch each, for a measurement.
+
+        () where it needs none: for the first one, after a long gap, and where it comes too soon.
+        """
+        if self._stamp_ns is None:
+            return ()
+        elapsed_s = (stamp_ns - self._stamp_ns) / NS_PER_S
+        if elapsed_s > LONGEST_GAP_S or elapsed_s < LEAST_INTERVAL_S:
+            return ()
+        from_ns = self._stamp_ns
+        steps = math.ceil((stamp_ns - from_ns) / NS_PER_S / LONGEST_STEP_S)
+        return tuple(from_ns + (stamp_ns - from_ns) * part // steps for part in range(steps + 1))
+
+    def observe(self, measurement, command_w, stretches):
+        """
+        Take a Measurement in, whose stamp is not before that of the one before.
+
+        `command_w` is the command to the heater at its instant [W]; `stretches` are one Stretch
+        between each of `edges_ns(measurement.stamp_ns)` and the next.
+        """
         state = measurement.state
         self._temperature_steps.see(state.temperature_c)
         self._soc_steps.see(state.soc)
@@ -158,16 +187,16 @@ class Estimator:
                 self.restart(f'battery_state jumped to {state.temperature_c:.1f} degC, '
                              f'{100 * state.soc:.1f} %: {self.estimate.temperature_c:.1f} degC, '
                              f'{100 * self.estimate.soc:.1f} % were expected', stamp_ns)
-                self.observe(measurement, course, commands)
+                self.observe(measurement, command_w, ())
                 return
             else:
                 self._doubted = measurement
         else:
             self._doubted = None
-        self._see_power(measurement, commands)
+        self._see_power(measurement, command_w)
         if elapsed_s < LEAST_INTERVAL_S:
             return
-        self._advance(stamp_ns, course, commands)
+        self._advance(stretches)
         if self._doubted is None:
             self._belief.see_temperature(state.temperature_c, self._temperature_steps.step)
             self._belief.see_soc(state.soc, self._soc_steps.step)
@@ -187,39 +216,32 @@ class Estimator:
         power_w = measurement.power_w
         return None if power_w is None or abs(power_w) > self._most_power_w else power_w
 
-    def _see_power(self, measurement, commands):
+    def _see_power(self, measurement, command_w):
         power_w = self._plausible_power_w(measurement)
         if power_w is None:
             self._powers_w = []
             return
         self._powers_w.append(power_w)
-        instant_ns = measurement.stamp_ns
-        answer = self._response.see(
-            instant_ns / NS_PER_S, power_w, commands.mean_w(instant_ns, instant_ns))
+        answer = self._response.see(measurement.stamp_ns / NS_PER_S, power_w, command_w)
         if answer is not None:
             self._belief.see_share(answer.share, answer.deviation, EVIDENCE_OF_A_SWITCHING)
 
-    def _advance(self, to_ns, course, commands):
-        """Move the belief on to an instant, in steps."""
+    def _advance(self, stretches):
+        """Move the belief on through Stretches."""
         seen_w = None
         variance_w2 = 0.0
         # The first sample is that of the step before, which ended where this one begins.
         if len(self._powers_w) >= 2:
             seen_w, variance_w2 = float(np.mean(self._powers_w)), float(np.var(self._powers_w))
-        from_ns = self._stamp_ns
-        steps = math.ceil((to_ns - from_ns) / NS_PER_S / LONGEST_STEP_S)
-        edges_ns = [from_ns + (to_ns - from_ns) * part // steps for part in range(steps + 1)]
-        for start_ns, end_ns in zip(edges_ns, edges_ns[1:]):
-            duration_s = (end_ns - start_ns) / NS_PER_S
-            drive, limit_w = course.between(start_ns, end_ns)
-            command_w = commands.mean_w(start_ns, end_ns)
+        for stretch in stretches:
+            drive, duration_s = stretch.drive, stretch.duration_s
             route_w = None if drive is None else drive.propulsion_power_w
             if drive is not None and seen_w is not None:
                 drive = replace(drive, terminal_power_w=seen_w, power_variance_w2=variance_w2)
-            self._belief.predict(duration_s, drive, command_w, limit_w)
+            self._belief.predict(duration_s, drive, stretch.command_w, stretch.limit_w)
             if drive is not None and seen_w is not None:
-                heater_w = command_w if self.estimate is None else (
-                    min(self.estimate.heater.share * command_w, limit_w))
+                heater_w = stretch.command_w if self.estimate is None else (
+                    min(self.estimate.heater.share * stretch.command_w, stretch.limit_w))
                 self._belief.see_propulsion_power(
                     seen_w - heater_w - drive.cabin_heating_power_w - drive.auxiliary_power_w,
                     route_w, duration_s)

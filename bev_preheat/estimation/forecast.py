@@ -7,7 +7,7 @@ import numpy as np
 
 from bev_preheat.estimation.belief import LEAST_POWER_W, POWER_NOISE, POWER_NOISE_LASTS_S
 from bev_preheat.estimation.state import (
-    Drive, PROPULSION, rates_and_slopes, SIZE, SOC, TEMPERATURE)
+    DriveInputs, PROPULSION, rates_and_slopes, SIZE, SOC, TEMPERATURE)
 
 
 def arrival_sensitivities(trip, plan):
@@ -22,7 +22,7 @@ def arrival_sensitivities(trip, plan):
     states = np.zeros((len(route), SIZE))
     states[:, TEMPERATURE] = plan.battery_temperature_c[:-1]
     states[:, SOC] = plan.soc[:-1]
-    drive = Drive(*(column[:, np.newaxis] for column in (
+    drive = DriveInputs(*(column[:, np.newaxis] for column in (
         route.speed_mps, route.ambient_temperature_c, route.propulsion_power_w,
         trip.power_variance_w2, route.cabin_heating_power_w, route.auxiliary_power_w,
         plan.hvch_battery_power_w)))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What may be the matter with heater and sensor: the hypotheses that are held beside each other."""
+"""Heater-fault and sensor-noise hypotheses, run in parallel."""
 
 from dataclasses import dataclass
 from enum import Enum

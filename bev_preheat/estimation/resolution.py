@@ -28,6 +28,11 @@ class Resolution:
             return
         if len(self._seen) < MOST_REMEMBERED:
             self._seen.add(value)
-        self.step = next((step for step in self._steps if step <= self.step and all(
-            abs(seen / step - round(seen / step)) <= ROUNDING for seen in (value, *self._seen))),
-            0.0)
+        # All that was seen before is a multiple of the step so far.
+        if not _is_multiple(value, self.step):
+            self.step = next((step for step in self._steps if step < self.step and all(
+                _is_multiple(seen, step) for seen in (value, *self._seen))), 0.0)
+
+
+def _is_multiple(value, step):
+    return abs(value / step - round(value / step)) <= ROUNDING

@@ -15,7 +15,7 @@ import numpy as np
 
 from bev_preheat.arithmetic import ARRAYS
 from bev_preheat.model import make_rates
-from bev_preheat.vehicle.corrections import Corrections, corrected_vehicle
+from bev_preheat.vehicle.corrections import corrected_vehicle, Corrections
 
 TEMPERATURE, SOC, HEAT_CAPACITY, LEAKAGE, RESISTANCE, HEATER, PROPULSION = range(7)
 SIZE = 7
@@ -26,7 +26,7 @@ PERTURBATION = np.array([0.01, 1e-4, 1e-3, 1e-3, 1e-3, 1e-3, 1e-3])
 
 
 @dataclass(frozen=True)
-class Drive:
+class DriveInputs:
     """
     What the car does in one step, floats or arrays: the inputs of the model before they are summed.
 
@@ -47,7 +47,7 @@ class Drive:
 
 def state_rates(vehicle, state, drive):
     """
-    Return (dT/dt [K/s], d soc/dt [1/s]) of states (..., SIZE) in a Drive, arrays of shape (...).
+    Return (dT/dt [K/s], d soc/dt [1/s]) of states (..., SIZE) in DriveInputs, arrays (...).
 
     Where the battery's power was seen, the propulsion power is what it leaves of it; else it is the
     route's, times its factor.
@@ -77,7 +77,7 @@ def rates_and_slopes(vehicle, state, drive):
     """
     Return the rates of states (..., SIZE), shape (..., 2), and their slopes (..., 2, SIZE).
 
-    The rates are those of temperature and state of charge. A Drive of arrays must have the shape
+    The rates are those of temperature and state of charge. DriveInputs of arrays must have the shape
     (..., 1): each state is moved along each of its elements, and those stand beside each other.
     """
     moved = np.repeat(state[..., np.newaxis, :], SIZE + 1, axis=-2)

@@ -6,68 +6,133 @@ import math
 from rich.text import Text
 
 from bev_preheat.monitoring.heard import stamp_s
+from bev_preheat.optional_packages import advice, is_installed
 
-HEIGHT, HEATER_HEIGHT = 12, 7
-MARGIN = 6
+# Rows of the two panels with title and axis; with fewer or narrower nothing can be read from them.
+MOST_HEIGHT, LEAST_HEIGHT, HEATER_HEIGHT = 12, 8, 7
+LEAST_WIDTH = 40
+# The same in both panels, so that one instant is in one column.
+LABEL_WIDTH = 4
+COLUMNS_A_TICK = 12
+# Rows of a panel that are not the curve's: title, frame, axis.
+FRAME_HEIGHT = 4
 MOST_POINTS = 400
 # Less is no course yet, more is no drive [min].
 LEAST_SPAN_MIN, MOST_SPAN_MIN = 0.01, 1e5
+LEAST_SPAN_K = 1.0
 # Larger values are no temperature [degC] and no heater power [W].
 MOST_VALUE = 1e6
+KNOWN_COLOR, PLANNED_COLOR, TARGET_COLOR = 'cyan', 'orange', 'red'
 
 
-def chart(heard, width):
-    """Return the chart of a Heard as a rich Text; a sentence, or nothing, where there is none."""
+def chart(heard, width, height=MOST_HEIGHT + HEATER_HEIGHT):
+    """
+    Return the chart of a Heard as a rich Text of at most so many columns and rows.
+
+    It is a sentence where plotext is missing, and empty where there is nothing to draw or no room.
+    """
+    if width < LEAST_WIDTH or height < LEAST_HEIGHT:
+        return Text('')
     try:
-        return _chart(heard, width)
+        return _chart(heard, width, height)
     except (ArithmeticError, ValueError):
         # Of figures that are no battery's the plotting library cannot find the scale.
         return Text('')
 
 
-def _chart(heard, width):
+def _chart(heard, width, height):
     plan = heard.latest.get('preheat_plan')
     measured, commanded = _finite(heard.temperatures), _finite(heard.powers)
     planned, heating = _planned(plan)
     if not (measured or planned):
         return Text('')
-    try:
-        import plotext
-    except ImportError:
-        return Text('For a chart here: python3 -m pip install plotext', style='dim')
+    if not is_installed('plotext'):
+        return Text(f'No chart: {advice("plotext")}.', style='dim')
+    import plotext
     now_s = (measured or planned)[-1 if measured else 0][0]
     # Both panels show the same time.
     instants_s = [at_s for at_s, _ in measured + planned]
     span = tuple((edge_s - now_s) / 60.0 for edge_s in (min(instants_s), max(instants_s)))
     if not LEAST_SPAN_MIN < span[1] - span[0] < MOST_SPAN_MIN:
         return Text('')
-    figure = _figure(plotext, width, HEIGHT, span)
-    for points, label in ((measured, 'measured'), (planned, 'planned')):
-        if points:
-            figure.plot(*_minutes(points, now_s), label=label)
-    target_c = plan.target_battery_temperature if plan is not None else math.nan
-    if _is_drawable(target_c):
-        figure.horizontal_line(target_c)
-    figure.title('battery (degC) over time from now (min)')
-    lines = figure.build()
     # A line to a point far beyond the panel's end is drawn all the way, in memory.
-    powers = [(at_s, power_w / 1000.0) for at_s, power_w in commanded + heating
-              if min(instants_s) <= at_s <= max(instants_s)]
-    if powers:
-        strip = _figure(plotext, width, HEATER_HEIGHT, span)
-        strip.ylim(0.0, max(1.0, *(power_kw for _, power_kw in powers)))
-        strip.plot(*_minutes(powers, now_s))
-        strip.title('heater (kW)')
-        lines += '\n' + strip.build()
+    commanded, heating = ([(at_s, power_w / 1000.0) for at_s, power_w in points
+                           if min(instants_s) <= at_s <= max(instants_s)]
+                          for points in (commanded, heating))
+    has_heater = bool(commanded or heating) and height >= LEAST_HEIGHT + HEATER_HEIGHT
+    rows = min(height - HEATER_HEIGHT * has_heater, MOST_HEIGHT)
+    target_c = plan.target_battery_temperature if plan is not None else math.nan
+    panel = _Panel(plotext, width, rows, span)
+    panel.draw_temperature(_minutes(measured, now_s), _minutes(planned, now_s),
+                           target_c if _is_drawable(target_c) else None)
+    lines = panel.lines()
+    if has_heater:
+        panel = _Panel(plotext, width, HEATER_HEIGHT, span)
+        panel.draw_heater(_minutes(commanded, now_s), _minutes(heating, now_s))
+        lines += '\n' + panel.lines()
     return Text.from_ansi(lines)
 
 
-def _figure(plotext, width, height, span_min):
-    plotext.clear_figure()
-    plotext.xlim(*span_min)
-    plotext.theme('clear')
-    plotext.plotsize(max(width - MARGIN, 30), height)
-    return plotext
+class _Panel:
+    """A picture of plotext, of which there is one at a time."""
+
+    def __init__(self, plotext, width, height, span_min):
+        self._plotext, self._width, self._rows = plotext, width, height - FRAME_HEIGHT
+        plotext.clear_figure()
+        # Else the terminal would limit the picture too.
+        plotext.limit_size(False, False)
+        plotext.theme('clear')
+        plotext.plotsize(width, height)
+        plotext.xlim(*span_min)
+        minutes = round_numbers(*span_min, width // COLUMNS_A_TICK)
+        plotext.xticks(minutes, [f'{minute:g}' for minute in minutes])
+
+    def lines(self):
+        """Return the panel as text with ANSI colors."""
+        return self._plotext.build().rstrip('\n')
+
+    def draw_temperature(self, measured, planned, target_c):
+        """Draw courses of ([min], [degC]); `target_c` [degC] may be None."""
+        values_c = [*measured[1], *planned[1], *(() if target_c is None else (target_c,))]
+        low_c, high_c = min(values_c), max(values_c)
+        if high_c - low_c < LEAST_SPAN_K:
+            low_c, high_c = high_c - LEAST_SPAN_K, low_c + LEAST_SPAN_K
+        self._set_scale(low_c, high_c, round_numbers(low_c, high_c, self._rows // 2))
+        if target_c is not None:
+            self._plotext.horizontal_line(target_c, color=TARGET_COLOR)
+        self._draw(measured, planned)
+        self._set_title('battery (degC)', ', measured and planned, over time from now (min)')
+
+    def draw_heater(self, commanded, planned):
+        """Draw courses of ([min], [kW]) above 0 kW."""
+        top_kw = float(max(1, math.ceil(max(commanded[1] + planned[1]))))
+        self._set_scale(0.0, top_kw, (0.0, top_kw / 2.0, top_kw))
+        self._draw(commanded, planned)
+        self._set_title('heater (kW)', ', commanded and planned')
+
+    def _set_scale(self, low, high, ticks):
+        self._plotext.ylim(low, high)
+        self._plotext.yticks(ticks, [f'{tick:g}'.rjust(LABEL_WIDTH) for tick in ticks])
+
+    def _draw(self, known, planned):
+        for (minutes, values), color in ((planned, PLANNED_COLOR), (known, KNOWN_COLOR)):
+            if minutes:
+                self._plotext.plot(minutes, values, color=color)
+
+    def _set_title(self, title, details):
+        self._plotext.title(title + details if len(title + details) < self._width - LABEL_WIDTH - 2
+                            else title)
+
+
+def round_numbers(low, high, most):
+    """Return the multiples of 1, 2 or 5 times a power of ten in a range: `most`, or fewer."""
+    for exponent in range(math.floor(math.log10(high - low)) - 1, 10):
+        for step in (1.0, 2.0, 5.0):
+            step *= 10.0 ** exponent
+            numbers = [count * step
+                       for count in range(math.ceil(low / step), math.floor(high / step) + 1)]
+            if len(numbers) <= max(1, most):
+                return numbers
 
 
 def _planned(plan):

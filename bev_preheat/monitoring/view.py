@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """What has been heard of a planner, as a page for a terminal."""
 
+import io
 import math
 
 from diagnostic_msgs.msg import DiagnosticStatus
-from rich.console import Group
+from rich.console import Console, Group
 from rich.markup import escape
 from rich.panel import Panel
 from rich.table import Table
@@ -13,28 +14,52 @@ from rich.text import Text
 from bev_preheat.errors import shortened
 from bev_preheat.monitoring.chart import chart
 from bev_preheat.monitoring.heard import stamp_s, TOPICS
+from bev_preheat.nodes.news import without_figures
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.status import Status
+from bev_preheat.program import one_line
 
 LEVELS = {DiagnosticStatus.OK: ('OK', 'green'), DiagnosticStatus.WARN: ('WARN', 'yellow'),
           DiagnosticStatus.ERROR: ('ERROR', 'bold red'), DiagnosticStatus.STALE: ('STALE', 'red')}
 UNKNOWN = '-'
-# Beyond this an instant is none that anybody means [s].
+# Instants beyond this are treated as unset [s].
 LONGEST_S = 1e7
 # Whoever publishes on the topic must not fill the screen.
 LONGEST_EXPLANATION = 2000
+# Columns and rows that the frame takes; below so many columns inside it the figures are a list.
+FRAME_COLUMNS, FRAME_ROWS = 4, 2
+LEAST_TABLE_WIDTH = 64
 
 
-def page(heard, width=100):
-    """Return the page for what a Heard holds, to be `width` columns wide."""
+def page(heard, width=100, height=None):
+    """
+    Return the page for what a Heard holds, `width` columns wide.
+
+    It has at most `height` rows (None: as many as it needs). What has no room is left out: the chart
+    first, then what stands at the bottom.
+    """
+    inside = width - FRAME_COLUMNS
     plan, command = heard.latest.get('preheat_plan'), heard.latest.get('hvch_command')
-    parts = [_figures(heard, plan, command)]
+    figures = _figures(heard, plan, command)
+    above = [_table(figures) if inside >= LEAST_TABLE_WIDTH else _list(figures)]
     if plan is not None:
-        parts.append(Text.from_markup(f'[bold]{_status_name(plan.status)}[/bold]: '
+        above.append(Text.from_markup(f'[bold]{_status_name(plan.status)}[/bold]: '
                                       f'{escape(_told(plan)) or UNKNOWN}'))
-    parts.append(chart(heard, width))
-    parts += [_diagnostics(heard), _ages(heard)]
-    return Panel(Group(*parts), title='planner', width=width)
+    below = [_diagnostics(heard, plan), _ages(heard)]
+    if height is None:
+        middle, rows = [chart(heard, inside)], None
+    else:
+        room = height - FRAME_ROWS - _rows(Group(*above, *below), inside)
+        middle = [chart(heard, inside, room)]
+        rows = min(height, FRAME_ROWS + _rows(Group(*above, *middle, *below), inside))
+    return Panel(Group(*above, *(part for part in middle if part), *below),
+                 title='planner', width=width, height=rows)
+
+
+def _rows(renderable, width):
+    """Return how many rows a renderable takes."""
+    console = Console(width=width, file=io.StringIO())
+    return len(console.render_lines(renderable, pad=False))
 
 
 def line(heard):
@@ -59,32 +84,48 @@ def waiting(heard, publishers, domain_id):
 
 
 def _figures(heard, plan, command):
+    """Return the figures as pairs of name and text: those of now, and beside each one of later."""
     battery, route = heard.latest.get('battery_state'), heard.latest.get('route_plan')
-    grid = Table.grid(padding=(0, 2))
-    for style in ('bold', None, 'bold', None):
-        grid.add_column(style=style)
     now_s = stamp_s(battery.header.stamp) if battery else math.nan
-    grid.add_row('Battery', _number(battery and battery.temperature, 'degC'),
-                 'State of charge', _percent(battery and battery.percentage))
-    grid.add_row('Target', _number(plan and plan.target_battery_temperature, 'degC'),
-                 'On arrival', _percent(plan and plan.predicted_arrival_soc))
     # A cancellation has no segments.
     reserve = route.minimum_arrival_soc if route and route.segment_duration else math.nan
     spare = (plan.predicted_arrival_soc if plan else math.nan) - reserve
-    grid.add_row('Predicted', _prediction(heard, plan),
-                 'Reserve', f'{_percent(reserve)}, spare {_percent(spare)}')
-    grid.add_row('Heater', _command(heard, command),
-                 'Heating', _heating(plan, command, now_s))
-    grid.add_row('Reason', _status_name(command.reason) if command else UNKNOWN,
-                 'Arrival', _until(plan.arrival if plan else None, now_s))
+    return (
+        ('Battery', _number(battery and battery.temperature, 'degC'),
+         'State of charge', _percent(battery and battery.percentage)),
+        ('Target', _number(plan and plan.target_battery_temperature, 'degC'),
+         'On arrival', _percent(plan and plan.predicted_arrival_soc)),
+        ('Predicted', _prediction(heard, plan),
+         'Reserve', f'{_percent(reserve)}, spare {_percent(spare)}'),
+        ('Heater', _command(command), 'Heating', _heating(plan, command, now_s)),
+        ('Reason', _status_name(command.reason) if command else UNKNOWN,
+         'Arrival', _until(plan.arrival if plan else None, now_s)))
+
+
+def _table(figures):
+    grid = Table.grid(padding=(0, 2))
+    for style in ('bold', None, 'bold', None):
+        grid.add_column(style=style)
+    for row in figures:
+        grid.add_row(*row)
+    return grid
+
+
+def _list(figures):
+    grid = Table.grid(padding=(0, 2))
+    grid.add_column(style='bold')
+    grid.add_column()
+    for row in figures:
+        grid.add_row(*row[:2])
+        grid.add_row(*row[2:])
     return grid
 
 
 def _told(plan):
-    return shortened(plan.explanation, LONGEST_EXPLANATION)
+    return one_line(shortened(plan.explanation, LONGEST_EXPLANATION))
 
 
-def _command(heard, command):
+def _command(command):
     if command is None:
         return UNKNOWN
     lease_s = stamp_s(command.valid_until) - stamp_s(command.header.stamp)
@@ -132,12 +173,19 @@ def _status_name(number):
         return f'status {number}'
 
 
-def _diagnostics(heard):
+def _diagnostics(heard, plan):
     table = Table.grid(padding=(0, 2))
+    shown = plan and f'{_status_name(plan.status)}: {plan.explanation}'
     for name, status in sorted(heard.entries.items()):
         text, style = LEVELS.get(status.level, (repr(status.level), 'red'))
-        table.add_row(Text(name), Text(text, style=style), Text(status.message[:300]))
+        message = 'as above' if _says_the_same(status.message, shown) else one_line(status.message[:300])
+        table.add_row(Text(one_line(name)), Text(text, style=style), Text(message))
     return table
+
+
+def _says_the_same(sentence, shown):
+    # Made within a second of each other, they differ in what is left until arrival.
+    return shown is not None and without_figures(sentence) == without_figures(shown)
 
 
 def _ages(heard):

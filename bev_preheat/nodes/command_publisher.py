@@ -4,9 +4,9 @@
 from bev_preheat_msgs.msg import HvchCommand
 from rclpy.serialization import deserialize_message
 
-from bev_preheat.control.inputs import NS_PER_S
 from bev_preheat.nodes.convert import nanoseconds
 from bev_preheat.nodes.listening_publisher import ListeningPublisher
+from bev_preheat.supervision.inputs import NS_PER_S
 
 LONGEST_LEASE_NS = 30 * NS_PER_S
 

@@ -13,12 +13,13 @@ from builtin_interfaces.msg import Time
 import numpy as np
 from sensor_msgs.msg import Temperature
 
-from bev_preheat.control.inputs import (
-    in_planning_steps, Leg, Measurement, Mission, NS_PER_S, with_stops)
 from bev_preheat.errors import InvalidInput, quoted
 from bev_preheat.nodes.stops import STOP_FIELDS, stops_from_message, write_stops
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.route.segments import make_route, MOST_SEGMENTS
+from bev_preheat.supervision.events import BatteryStateArrived, BatteryStateUnreadable
+from bev_preheat.supervision.inputs import (
+    in_planning_steps, Leg, Measurement, Mission, NS_PER_S, with_stops)
 
 # The last second that a builtin_interfaces/Time can hold.
 LATEST_S = 2**31 - 1
@@ -79,6 +80,14 @@ def measurement_from_message(message):
     return Measurement(
         BatteryState(float(message.temperature), float(message.percentage)),
         nanoseconds(message.header.stamp), *_voltage_and_current(message))
+
+
+def battery_event(message, hint=''):
+    """Return the event of a sensor_msgs/BatteryState; `hint` is added to a refusal."""
+    try:
+        return BatteryStateArrived(measurement_from_message(message), hint)
+    except InvalidInput as error:
+        return BatteryStateUnreadable(InvalidInput([*error.problems, hint]) if hint else error)
 
 
 def _shows_a_battery(message):

@@ -5,11 +5,12 @@ import math
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
-from bev_preheat.control.inputs import NS_PER_S
 from bev_preheat.estimation.hypotheses import Heater
 from bev_preheat.estimation.state import FACTOR_NAMES
 from bev_preheat.nodes.convert import time_message
 from bev_preheat.planning.status import Status
+from bev_preheat.supervision.inputs import NS_PER_S
+from bev_preheat.vehicle.assumptions import assumed_in_words
 
 # WARN: works, but someone should know. ERROR: an input or the planner itself is at fault.
 LEVELS = {
@@ -31,9 +32,9 @@ HEATER_LEVELS = {
     Heater.STUCK_ON: DiagnosticStatus.ERROR,
 }
 HEATER_SENTENCES = {
-    Heater.ANSWERS: 'nothing speaks against it',
+    Heater.ANSWERS: 'responds normally',
     Heater.DERATED: 'it gives only {share:.0f} % of what is commanded; planned so',
-    Heater.DEAD: 'the battery does not get the commanded heat; it is asked all the same',
+    Heater.DEAD: 'the battery does not get the commanded heat; it is still commanded',
     Heater.STUCK_ON: 'the battery is heated without a command',
 }
 # The reason of a reset is shown this long.
@@ -61,12 +62,14 @@ def _preheating(name, hardware, supervisor, now_ns):
     decision = supervisor.decision
     values = {
         'vehicle': supervisor.vehicle.name,
+        'assumed of the vehicle': assumed_in_words(supervisor.vehicle),
         'method': supervisor.settings.method,
         'route_id': supervisor.mission.route_id if supervisor.mission else '',
         'legs after this one': str(len(decision.later_legs)),
-        'enabled': str(supervisor.enabled).lower(),
-        'command [W]': f'{supervisor.command(now_ns).battery_heating_power_w:.0f}',
+        'enabled': str(supervisor.is_enabled).lower(),
     }
+    if supervisor.latest_command is not None:
+        values['command [W]'] = f'{supervisor.latest_command.battery_heating_power_w:.0f}'
     if supervisor.measurement is not None:
         state = supervisor.measurement.state
         values['battery temperature [degC]'] = f'{state.temperature_c:.2f}'
@@ -119,7 +122,7 @@ def _estimation(name, hardware, supervisor, now_ns):
                  and 0 <= now_ns - estimate.reset_at_ns < RESET_SHOWN_S * NS_PER_S)
     return _entry(f'{name}: estimation', hardware,
                   DiagnosticStatus.WARN if has_reset else DiagnosticStatus.OK,
-                  f'begun anew: {estimate.reset_reason}' if has_reset else
+                  f'reset: {estimate.reset_reason}' if has_reset else
                   f'{estimate.temperature_c:.2f} +- {estimate.temperature_deviation_k:.2f} degC',
                   values)
 

@@ -1,18 +1,40 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A node beside other work: for programs that listen to nodes, and are none themselves."""
+"""A node beside other work, for programs that follow nodes and are none themselves."""
 
 from contextlib import contextmanager
-import threading
+from time import monotonic
 
 import rclpy
 from rclpy.context import Context
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.executors import SingleThreadedExecutor
+
+# How long one wait for a message lasts at most [s]: Python handles signals between two waits. It is
+# always the same, because an executor whose timeout changes prefers the first subscriptions.
+WAIT_S = 0.05
+
+
+class Listener:
+    """
+    A node whose callbacks run in `listen`, in the thread that calls it, and at no other time.
+
+    What the callbacks fill therefore needs no lock, and does not change while it is drawn or judged.
+    """
+
+    def __init__(self, node, executor):
+        """Take a node and the executor that it was added to."""
+        self.node, self._executor = node, executor
+
+    def listen(self, duration_s):
+        """Run callbacks for so long [s of real time]; a callback's exception passes through."""
+        end_s = monotonic() + duration_s
+        while monotonic() < end_s:
+            self._executor.spin_once(timeout_sec=WAIT_S)
 
 
 @contextmanager
-def spun_node(name, domain_id=None, namespace=''):
+def listening(name, domain_id=None, namespace=''):
     """
-    Give a node that a thread spins while the block lasts; signals remain the caller's business.
+    Give the Listener of a new node while the block lasts; signals remain the caller's business.
 
     `domain_id` None: that of the environment. Raises rclpy.exceptions.InvalidNamespaceException.
     """
@@ -22,20 +44,10 @@ def spun_node(name, domain_id=None, namespace=''):
         node = rclpy.create_node(name, context=context, namespace=namespace, enable_rosout=False)
         executor = SingleThreadedExecutor(context=context)
         executor.add_node(node)
-        thread = threading.Thread(target=_spin, args=(executor,), daemon=True)
-        thread.start()
         try:
-            yield node
+            yield Listener(node, executor)
         finally:
             executor.shutdown()
-            thread.join()
             node.destroy_node()
     finally:
         context.try_shutdown()
-
-
-def _spin(executor):
-    try:
-        executor.spin()
-    except ExternalShutdownException:
-        pass

@@ -15,11 +15,10 @@ from rclpy.qos import qos_profile_sensor_data, QoSDurabilityPolicy, QoSProfile
 from sensor_msgs.msg import BatteryState
 from std_srvs.srv import Trigger
 
-from bev_preheat.control.settings import Settings
-from bev_preheat.control.supervisor import NS_PER_S, Supervisor
 from bev_preheat.errors import InvalidInput, LONGEST_PROBLEM, shortened
 from bev_preheat.nodes.command_line import Program
-from bev_preheat.nodes.convert import is_cancellation, measurement_from_message
+from bev_preheat.nodes.convert import battery_event
+from bev_preheat.nodes.news import News
 from bev_preheat.nodes.optimality import (
     case_of_plan, case_of_state, checker_diagnostics, part_ahead, report_message,
     report_sentence, says_the_same)
@@ -29,7 +28,12 @@ from bev_preheat.nodes.route_intake import RouteIntake
 from bev_preheat.nodes.route_listener import RouteListener
 from bev_preheat.nodes.setup_watch import SetupWatch
 from bev_preheat.optimum.exchange import Failure
-from bev_preheat.optimum.solver_process import SolverProcess
+from bev_preheat.optimum.solver_process import MOST_NICE, SolverProcess
+from bev_preheat.optional_packages import require
+from bev_preheat.supervision.events import Reconfigured, RouteUnreadable, TripCancelled
+from bev_preheat.supervision.inbox import Inbox
+from bev_preheat.supervision.inputs import NS_PER_S
+from bev_preheat.supervision.settings import Settings
 from bev_preheat.vehicle import load_vehicle
 
 DEFAULTS = Settings()
@@ -40,6 +44,9 @@ PARAMETERS = (
               'By itself the plan is checked at most this often; 0: only new routes and on demand',
               's', (0.0, 86400.0)),
     Parameter('time_limit', 10.0, 'The solver is given up after this time', 's', (0.1, 600.0)),
+    Parameter('solver_niceness', MOST_NICE,
+              "How far the solver gives way to other processes: what it adds to the node's own nice "
+              'value', limits=(0, MOST_NICE), read_only=True),
     Parameter('planning_step', DEFAULTS.planning_step_s,
               "Routes are checked in steps of this length; the planner's own", 's', (1.0, 300.0)),
     Parameter('battery_state_timeout', DEFAULTS.battery_state_timeout_s,
@@ -74,8 +81,9 @@ def guarded(callback):
         try:
             return callback(self, *arguments)
         except Exception as error:  # noqa: B902  whatever it is, it must not end the process
-            self.get_logger().error(f'{callback.__name__}: {type(error).__name__}: {error}',
-                                    throttle_duration_sec=5.0)
+            sentence = f'{callback.__name__}: {type(error).__name__}: {error}'
+            if self._news.has(sentence):
+                self.get_logger().error(sentence)
             return arguments[-1] if arguments else None
     return wrapper
 
@@ -91,16 +99,18 @@ class NlpCheckerNode(Node):
 
     def __init__(self):
         """Declare the parameters and start; raises InvalidInput where one is not allowed."""
+        require('casadi')
         super().__init__('nlp_checker')
+        self._news = News()
         self._values = declare(self, PARAMETERS)
         vehicle = load_vehicle(self._values['vehicle'])
-        # Only its memory and its checks of inputs are used: what it refuses the planner refuses.
-        self._inputs = Supervisor(vehicle, _settings(self._values))
-        self._solver = SolverProcess(vehicle)
+        # Like the planner's: what the one refuses the other refuses.
+        self._inbox = Inbox(vehicle, _settings(self._values))
+        self._solver = self._solver_of(vehicle)
         # Loading it takes longer than solving: the first check must not wait for that.
         self._solver.prepare()
         self._measurements = deque(maxlen=STATES_KEPT)
-        self._routes, self._plan = RouteIntake(self._inputs), None
+        self._routes, self._plan = RouteIntake(), None
         # Instants are time.monotonic(), but the last check's, which is the node's clock's.
         self._is_wanted = self._is_urgent = False
         self._ready_since_s = None
@@ -133,13 +143,10 @@ class NlpCheckerNode(Node):
     @guarded
     def _on_battery_state(self, message):
         now_ns = self._now_ns()
-        try:
-            measurement = measurement_from_message(message)
-            self._inputs.accept_battery(measurement, now_ns)
-        except InvalidInput as error:
-            self._refuse('battery_state', self._setup.explained(error, message.header.stamp))
+        event = battery_event(message, self._setup.clock_hint(message.header.stamp))
+        if not self._is_accepted(event):
             return
-        self._problems.pop('battery_state', None)
+        measurement = event.measurement
         if self._measurements and measurement.stamp_ns < self._measurements[-1].stamp_ns:
             # The clock was set back; what was measured before lies in another time.
             self._measurements.clear()
@@ -150,17 +157,15 @@ class NlpCheckerNode(Node):
 
     @guarded
     def _on_route_plan(self, message):
-        if (self._routes.message is not None and 'route_plan' not in self._problems
-                and says_the_same(message, self._routes.message)):
+        before = self._inbox.mission
+        known = self._routes.message_of(self._inbox.latest_mission)
+        if (known is not None and 'route_plan' not in self._problems
+                and says_the_same(message, known)):
             return
-        before = self._inputs.mission
-        try:
-            self._routes.take(message)
-        except InvalidInput as error:
-            self._refuse('route_plan', error)
+        event = self._routes.read(message, self._inbox)
+        if not self._is_accepted(event):
             return
-        self._problems.pop('route_plan', None)
-        if is_cancellation(message):
+        if isinstance(event, TripCancelled):
             self._is_wanted = self._is_urgent = False
             return
         self._prepare_solver()
@@ -168,8 +173,18 @@ class NlpCheckerNode(Node):
         self._want(is_urgent=before is None or before.route_id != message.route_id)
         self._begin_if_possible()
 
+    def _is_accepted(self, event):
+        """Deliver an event to the inbox; return whether it is accepted."""
+        try:
+            event.deliver(self._inbox, self._now_ns())
+        except InvalidInput as error:
+            self._refuse(event.source, error)
+            return False
+        self._problems.pop(event.source, None)
+        return True
+
     def _prepare_solver(self):
-        mission = self._inputs.mission
+        mission = self._inbox.mission
         route = None
         if mission is not None:
             _, _, route = part_ahead(mission, self._now_ns())
@@ -178,8 +193,7 @@ class NlpCheckerNode(Node):
 
     @guarded
     def _on_refused_route(self, error):
-        self._routes.refuse(error)
-        self._refuse('route_plan', error)
+        self._is_accepted(RouteUnreadable(error))
 
     @guarded
     def _on_preheat_plan(self, message):
@@ -201,7 +215,8 @@ class NlpCheckerNode(Node):
     def _refuse(self, source, error):
         self._problems[source] = f'{source} refused: {error}.'
         # The planner calls it an error; for the car it is none here.
-        self.get_logger().warning(f'{source} refused: {error}', throttle_duration_sec=5.0)
+        if self._news.has(self._problems[source]):
+            self.get_logger().warning(f'{source} refused: {error}')
 
     # When to check
 
@@ -219,17 +234,17 @@ class NlpCheckerNode(Node):
 
     def _obstacle(self):
         """Return why nothing can be checked now, as a sentence; None where it can."""
-        mission, measurement = self._inputs.mission, self._inputs.measurement
+        mission, measurement = self._inbox.mission, self._inbox.measurement
         if mission is None:
-            return self._inputs.refused_route or (
-                'The trip was cancelled.' if self._inputs.is_cancelled else
+            return self._inbox.refused_route or (
+                'The trip was cancelled.' if self._inbox.is_cancelled else
                 'No valid route plan has arrived yet.')
         if measurement is None:
             return 'No valid battery state has arrived yet.'
         age_s = (self._now_ns() - measurement.stamp_ns) / NS_PER_S
         if age_s > self._values['battery_state_timeout']:
             return f'The latest valid battery state is {age_s:.1f} s old.'
-        if case_of_state(mission, self._inputs.goal_of, measurement, None) is None:
+        if case_of_state(mission, self._inbox.goal_of, measurement, None) is None:
             has_ended = mission.legs[-1].route_ahead(measurement.stamp_ns) is None
             return 'The route has ended.' if has_ended else 'The route has a stop now.'
         return None
@@ -250,18 +265,18 @@ class NlpCheckerNode(Node):
 
     def _case_to_check(self):
         """Return the Case of the planner's own plan, or of the latest state if none comes."""
-        inputs = self._inputs
+        inbox = self._inbox
         if self._plan is not None:
             oldest_ns = self._now_ns() - round(
                 self._values['battery_state_timeout'] * NS_PER_S)
             fresh = [measurement for measurement in self._measurements
                      if measurement.stamp_ns >= oldest_ns]
-            case = case_of_plan(inputs.mission, inputs.goal_of, fresh, self._plan)
+            case = case_of_plan(inbox.mission, inbox.goal_of, fresh, self._plan)
             if case is not None:
                 return case
         if monotonic() - self._ready_since_s < PLAN_WAIT_S:
             return None
-        return case_of_state(inputs.mission, inputs.goal_of, inputs.measurement, self._plan)
+        return case_of_state(inbox.mission, inbox.goal_of, inbox.measurement, self._plan)
 
     def _begin(self, case):
         if self._solver.is_busy:
@@ -317,7 +332,7 @@ class NlpCheckerNode(Node):
                      'starting the solver' if solver.is_busy else
                      'waiting for a plan' if self._ready_since_s is not None else
                      'preparing the solver' if solver.is_preparing else 'idle',
-            'route_id': self._inputs.mission.route_id if self._inputs.mission else '',
+            'route_id': self._inbox.mission.route_id if self._inbox.mission else '',
             'checked route_id': self._case.route_id if self._case else '',
             'solver process': str(solver.process_id or 'none'),
             'solver prepared for [steps]': str(solver.prepared_steps or 'none'),
@@ -325,9 +340,9 @@ class NlpCheckerNode(Node):
         if self._report is not None:
             values['last report'] = report_sentence(self._report)
         message = checker_diagnostics(
-            self.get_fully_qualified_name(), self._inputs.vehicle.name,
+            self.get_fully_qualified_name(), self._inbox.vehicle.name,
             list(self._problems.values()), values, self._now_ns())
-        message.status.append(self._setup.entry(self._inputs.vehicle.name))
+        message.status.append(self._setup.entry(self._inbox.vehicle.name))
         self._diagnostics_publisher.publish(message)
 
     # Parameters
@@ -354,24 +369,25 @@ class NlpCheckerNode(Node):
             return
         vehicle = load_vehicle(values['vehicle']) if 'vehicle' in values else None
         self._values = {**self._values, **values}
-        self._inputs.settings = _settings(self._values)
+        self._inbox.settings = _settings(self._values)
         if vehicle is not None:
-            self._inputs.vehicle = vehicle
+            self._inbox.vehicle = vehicle
             self._solver.close()
-            self._solver = SolverProcess(self._inputs.vehicle)
+            self._solver = self._solver_of(vehicle)
             self._solver.prepare()
             self._poll_timer.reset()
-        if self._routes.message is not None and not values.keys().isdisjoint(
+        if self._inbox.latest_mission is not None and not values.keys().isdisjoint(
                 ('vehicle', 'planning_step')):
-            try:
-                self._routes.revise()
-            except InvalidInput as error:
-                self._refuse('route_plan', error)
-            else:
-                self._problems.pop('route_plan', None)
+            inbox = self._inbox
+            revised = Reconfigured(inbox.vehicle, inbox.settings, self._routes.read_again(
+                inbox, inbox.vehicle, inbox.settings))
+            if self._is_accepted(revised):
                 self._prepare_solver()
                 self._want(is_urgent=True)
                 self._begin_if_possible()
+
+    def _solver_of(self, vehicle):
+        return SolverProcess(vehicle, niceness=self._values['solver_niceness'])
 
     def _now_ns(self):
         return self.get_clock().now().nanoseconds

@@ -15,13 +15,14 @@ from bev_preheat_msgs.msg import OptimalityReport
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 import numpy as np
 
-from bev_preheat.control.supervisor import NS_PER_S
 from bev_preheat.errors import LONGEST_QUOTE, shortened
 from bev_preheat.estimation.state import FACTOR_NAMES
 from bev_preheat.nodes.convert import nanoseconds, time_message
 from bev_preheat.optimum.exchange import Question, Solution
+from bev_preheat.planning.comparison import difference
 from bev_preheat.planning.planner import METHODS
 from bev_preheat.planning.situation import BatteryState
+from bev_preheat.supervision.inputs import NS_PER_S
 
 # Two computations of the same steps differ by rounding only.
 ROUNDING_S = 1e-3
@@ -32,12 +33,16 @@ class Figures:
     """
     What is compared; unknown: NaN.
 
-    `heating_start_ns` is None where no heating is planned.
+    `heating_start_ns` is None where no heating is planned. The last three say what is missed, as
+    in a Plan.
     """
 
     energy_wh: float = math.nan
     arrival_temperature_c: float = math.nan
     heating_start_ns: Optional[int] = None
+    shortfall_k: float = math.nan
+    soc_shortfall: float = math.nan
+    undeliverable_power_w: float = math.nan
 
 
 UNKNOWN = Figures()
@@ -77,7 +82,7 @@ def case_of_plan(mission, goal_of, measurements, plan):
     Return the Case of a PreheatPlan; None where it is not known what it was made from.
 
     It must be for a leg of this mission, in its steps, and start from one of the measurements, or
-    when one of them was made, from what was estimated; `goal_of` is Supervisor.goal_of.
+    when one of them was made, from what was estimated; `goal_of` is Inbox.goal_of.
     """
     if (plan.route_id != mission.route_id
             or not 0 < len(plan.time) == len(plan.battery_temperature) == len(plan.soc)):
@@ -121,7 +126,7 @@ def case_of_state(mission, goal_of, measurement, plan):
     Return the Case of a measurement; None at a stop and where the route has ended.
 
     `plan` is the latest PreheatPlan or None. If it is for this route, its method is to plan again;
-    else there is nothing to compare the optimum with. `goal_of` is Supervisor.goal_of.
+    else there is nothing to compare the optimum with. `goal_of` is Inbox.goal_of.
     """
     leg, start_ns, route = part_ahead(mission, measurement.stamp_ns)
     if route is None:
@@ -142,13 +147,15 @@ def _with_target_of(plan, leg, goal):
 
 def _figures_of_message(plan):
     return Figures(plan.battery_energy, plan.predicted_arrival_temperature,
-                   nanoseconds(plan.heating_start) if plan.heating_planned else None)
+                   nanoseconds(plan.heating_start) if plan.heating_planned else None,
+                   plan.shortfall, plan.soc_shortfall, plan.undeliverable_power)
 
 
 def _figures_of_plan(plan, start_ns):
     heats = plan.heating_start_s is not None
     return Figures(plan.energy_wh.battery_total, plan.arrival_temperature_c,
-                   start_ns + round(plan.heating_start_s * NS_PER_S) if heats else None)
+                   start_ns + round(plan.heating_start_s * NS_PER_S) if heats else None,
+                   plan.shortfall_k, plan.soc_shortfall, plan.undeliverable_power_w)
 
 
 def report_message(case, outcome):
@@ -170,7 +177,8 @@ def report_message(case, outcome):
         message.solve_time = outcome.elapsed_s
     message.plan_energy = planned.energy_wh
     message.optimal_energy = optimal.energy_wh
-    message.energy_gap = planned.energy_wh - optimal.energy_wh
+    message.energy_gap = math.nan if difference(planned, optimal) else (
+        planned.energy_wh - optimal.energy_wh)
     message.caution_energy = case.cautious_energy_wh - planned.energy_wh
     message.plan_arrival_temperature = planned.arrival_temperature_c
     message.optimal_arrival_temperature = optimal.arrival_temperature_c
@@ -191,9 +199,12 @@ def report_sentence(report):
     about += f' after {report.solve_time:.2f} s'
     if report.infeasible_constraint:
         about += f', {report.infeasible_constraint}'
-    if math.isnan(report.energy_gap):
+    if math.isnan(report.plan_energy):
         return f'{about}; there is no plan to compare with.'
     warmer_k = report.plan_arrival_temperature - report.optimal_arrival_temperature
+    if math.isnan(report.energy_gap):
+        return (f'{about}; the plan of method {report.method} does not reach the same, so their '
+                f'energies are not compared: it arrives at {warmer_k:+.2f} K.')
     return (f'{about}; against it the plan of method {report.method} costs '
             f'{report.energy_gap:+.3f} Wh and arrives at {warmer_k:+.3f} K.')
 
@@ -209,7 +220,7 @@ def checker_diagnostics(node_name, vehicle_name, problems, values, now_ns):
         name=f'{node_name.lstrip("/")}: optimality check',
         hardware_id=vehicle_name,
         level=DiagnosticStatus.WARN if problems else DiagnosticStatus.OK,
-        message=' '.join(problems) or 'Checks work.',
+        message=' '.join(problems) or 'OK',
         values=[KeyValue(key=key, value=value) for key, value in values.items()])])
     message.header.stamp = time_message(now_ns)
     return message

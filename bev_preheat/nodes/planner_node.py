@@ -15,16 +15,14 @@ from rclpy.qos import QoSDurabilityPolicy, QoSProfile, qos_profile_sensor_data
 from sensor_msgs.msg import BatteryState, Temperature
 from std_srvs.srv import SetBool
 
-from bev_preheat.control.settings import (
-    PARAMETERS as SETTINGS_BY_PARAMETER, Settings, settings_of)
-from bev_preheat.control.supervisor import Decision, NS_PER_S, Supervisor
 from bev_preheat.errors import InvalidInput, LONGEST_PROBLEM, shortened
 from bev_preheat.estimation.hypotheses import Heater
 from bev_preheat.nodes.command_line import Program
 from bev_preheat.nodes.command_publisher import CommandPublisher
 from bev_preheat.nodes.convert import (
-    command_message, measurement_from_message, plan_message, temperature_message)
+    battery_event, command_message, plan_message, temperature_message)
 from bev_preheat.nodes.diagnostics import heater_sentence, planner_diagnostics
+from bev_preheat.nodes.news import News
 from bev_preheat.nodes.parameters import check, declare, Parameter
 from bev_preheat.nodes.process import run_node
 from bev_preheat.nodes.remembering import check_parameter, Remembering, SAVE_PERIOD_S
@@ -32,8 +30,14 @@ from bev_preheat.nodes.route_intake import RouteIntake
 from bev_preheat.nodes.route_listener import RouteListener
 from bev_preheat.nodes.setup_watch import SetupWatch
 from bev_preheat.planning.planner import METHODS
-from bev_preheat.planning.status import Status
-from bev_preheat.vehicle import load_vehicle, vehicle_fingerprint
+from bev_preheat.supervision.events import (
+    PreheatingSwitched, Reconfigured, RivalsChanged, RouteUnreadable)
+from bev_preheat.supervision.inputs import NS_PER_S
+from bev_preheat.supervision.settings import (
+    PARAMETERS as SETTINGS_BY_PARAMETER, Settings, settings_of)
+from bev_preheat.supervision.supervisor import Supervisor
+from bev_preheat.vehicle import load_vehicle, vehicle_file, vehicle_fingerprint
+from bev_preheat.vehicle.assumptions import assumption_warning
 
 DEFAULTS = Settings()
 PARAMETERS = (
@@ -55,7 +59,7 @@ PARAMETERS = (
     Parameter('arrival_soc_margin', DEFAULTS.arrival_soc_margin,
               'Left on top of the state of charge that a route asks for', '', (0.0, 0.5)),
     Parameter('estimation', DEFAULTS.estimation,
-              'Estimate temperature and model on line, and plan with a margin for what is unsure.'),
+              'Estimate temperature and model on line, and plan with a margin for the uncertainty.'),
     Parameter('minimum_on_time', DEFAULTS.minimum_on_time_s,
               'The heater, once on, stays on at least this long', 's', (0.0, 600.0)),
     Parameter('minimum_off_time', DEFAULTS.minimum_off_time_s,
@@ -87,7 +91,7 @@ class _Told:
 
 
 def guarded(callback):
-    """Wrap a callback: an unforeseen exception is logged, and the heater is off."""
+    """Wrap a callback: an unforeseen exception is logged, and the heater is switched off."""
     @wraps(callback)
     def wrapper(self, *arguments):
         try:
@@ -99,7 +103,7 @@ def guarded(callback):
 
 
 class PlannerNode(Node):
-    """Wires topics, parameters and clock to a `control.supervisor.Supervisor`."""
+    """Wires topics, parameters and clock to a `supervision.supervisor.Supervisor`."""
 
     def __init__(self):
         """Declare the parameters and start; raises InvalidInput where one is not allowed."""
@@ -107,14 +111,12 @@ class PlannerNode(Node):
         values = declare(self, PARAMETERS)
         vehicle, settings = _take_effect(values)
         check_parameter(values['state_file'])
-        self._supervisor = Supervisor(vehicle, settings)
         self._vehicle_fingerprint = vehicle_fingerprint(values['vehicle'])
         self._remembering = Remembering(self.get_logger())
-        self._remembering.attach(
-            values['state_file'], self._vehicle_fingerprint, self._supervisor)
-        self._told = _Told()
-        self._routes = RouteIntake(self._supervisor)
-        self._published_status = None
+        self._supervisor = Supervisor(vehicle, settings, self._remembering.attach(
+            values['state_file'], self._vehicle_fingerprint))
+        self._told, self._news = _Told(), News()
+        self._routes = RouteIntake()
 
         latched = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
         self._command_publisher = commands = CommandPublisher(
@@ -143,39 +145,24 @@ class PlannerNode(Node):
             also=(commands.look, self._on_rival, self._on_standing_clock))
         self.get_logger().info(
             f'Planning for vehicle {vehicle.name} with method {settings.method}.')
+        self._tell_assumptions(values['vehicle'])
 
     # Input
 
     @guarded
     def _on_battery_state(self, message):
-        now_ns = self._now_ns()
-        answered = None
-        try:
-            self._supervisor.accept_battery(measurement_from_message(message), now_ns)
+        event = battery_event(message, self._setup.clock_hint(message.header.stamp))
+        if self._step(event):
             self._stale_timer.reset()
-            if self._supervisor.on_track(now_ns):
-                answered = self._publish_command(now_ns)
-        except InvalidInput as error:
-            error = self._setup.explained(error, message.header.stamp)
-            self._supervisor.refuse_battery(error)
-            self._log_refusal('battery_state', error)
-        self._tell_findings()
-        self._replan(now_ns, answered)
 
     @guarded
     def _on_route_plan(self, message):
-        try:
-            self._routes.take(message)
+        if self._step(self._routes.read(message, self._supervisor)):
             self._tell_route()
-        except InvalidInput as error:
-            self._log_refusal('route_plan', error)
-        self._replan(self._now_ns())
 
     @guarded
     def _on_refused_route(self, error):
-        self._routes.refuse(error)
-        self._log_refusal('route_plan', error)
-        self._replan(self._now_ns())
+        self._step(RouteUnreadable(error))
 
     def _tell_route(self):
         mission = self._supervisor.mission
@@ -189,22 +176,17 @@ class PlannerNode(Node):
             f'{sum(route.distance_m for route in routes) / 1000:.1f} km, '
             f'stops on the way: {len(routes) - 1}.')
 
-    def _log_refusal(self, source, error):
-        self.get_logger().error(f'{source} refused: {error}', throttle_duration_sec=5.0)
-
     @guarded
     def _on_rival(self):
         """Switch the heater off while another node commands it, and on again after that."""
-        now_ns = self._now_ns()
-        rivals, supervisor = self._command_publisher.rivals(now_ns), self._supervisor
-        if rivals == supervisor.rivals:
+        rivals = self._command_publisher.rivals(self._now_ns())
+        if rivals == self._supervisor.rivals:
             return
-        supervisor.rivals = rivals
         if rivals:
             self.get_logger().error(f'{rivals} also publishes hvch_command: the heater is off.')
         else:
             self.get_logger().info('No other node publishes hvch_command any more.')
-        self._replan(now_ns)
+        self._step(RivalsChanged(rivals))
 
     @guarded
     def _on_standing_clock(self):
@@ -214,12 +196,16 @@ class PlannerNode(Node):
 
     @guarded
     def _on_enable(self, request, response):
-        self._supervisor.enabled = request.data
         response.success = True
         response.message = f'Preheating is switched {"on" if request.data else "off"}.'
         self.get_logger().info(response.message)
-        self._replan(self._now_ns())
+        self._step(PreheatingSwitched(request.data))
         return response
+
+    def _tell_assumptions(self, name_or_file):
+        warning = assumption_warning(self._supervisor.vehicle, vehicle_file(name_or_file))
+        if warning is not None:
+            self.get_logger().warning(f'{warning}.')
 
     def _tell_findings(self):
         """Log what the estimation has found out, once."""
@@ -229,7 +215,7 @@ class PlannerNode(Node):
         if estimate.heater.heater is not self._told.heater:
             self.get_logger().warning(f'Heater: {heater_sentence(estimate.heater)}.')
         if estimate.resets != self._told.resets:
-            self.get_logger().warning(f'The estimation begins anew: {estimate.reset_reason}.')
+            self.get_logger().warning(f'The estimator was reset: {estimate.reset_reason}.')
         self._told = _Told(estimate.heater.heater, estimate.resets)
 
     # Parameters
@@ -258,22 +244,24 @@ class PlannerNode(Node):
             return
         supervisor = self._supervisor
         values = self._values_with(parameters)
-        vehicle, supervisor.settings = _take_effect(values)
+        vehicle, settings = _take_effect(values)
         fingerprint = vehicle_fingerprint(values['vehicle'])
-        # What was learned stays where the car does.
-        if fingerprint != self._vehicle_fingerprint:
-            self._remembering.save(supervisor)
-            supervisor.vehicle, self._vehicle_fingerprint = vehicle, fingerprint
-        self._remembering.attach(values['state_file'], fingerprint, supervisor)
-        for timer, period_s in ((self._repeat_timer, supervisor.settings.command_period_s),
-                                (self._stale_timer, supervisor.settings.battery_state_timeout_s)):
+        is_new_car = fingerprint != self._vehicle_fingerprint
+        if is_new_car:
+            self._remembering.save(supervisor.estimate)
+            self._vehicle_fingerprint = fingerprint
+        else:
+            # The estimation goes on while the vehicle stays the same object.
+            vehicle = supervisor.vehicle
+        for timer, period_s in ((self._repeat_timer, settings.command_period_s),
+                                (self._stale_timer, settings.battery_state_timeout_s)):
             timer.timer_period_ns = round(period_s * 1e9)
             timer.reset()
-        try:
-            self._routes.revise()
-        except InvalidInput as error:
-            self._log_refusal('route_plan', error)
-        self._replan(self._now_ns())
+        self._step(Reconfigured(
+            vehicle, settings, self._routes.read_again(supervisor, vehicle, settings),
+            self._remembering.attach(values['state_file'], fingerprint)))
+        if is_new_car:
+            self._tell_assumptions(values['vehicle'])
 
     def _values_with(self, parameters):
         values = {name: self.get_parameter(name).value for name in _OWN}
@@ -283,23 +271,41 @@ class PlannerNode(Node):
 
     # Output
 
-    def _replan(self, now_ns, answered=None):
-        decision = self._supervisor.replan(now_ns)
-        # The command does not wait until the legs beyond the next stop are planned, and a state that
-        # has been answered is answered again only where the new plan says something else.
-        if self._supervisor.command(now_ns) != answered:
-            self._publish_command(now_ns)
-        self._publish_plan(decision, now_ns)
+    def _step(self, *events):
+        """Run a step of the supervisor and publish its outputs; return whether all was accepted."""
+        now_ns, refusals, has_failed = self._now_ns(), (), False
+        for output in self._supervisor.step(now_ns, *events):
+            self._publish(output, now_ns)
+            refusals += output.refusals
+            has_failed = has_failed or bool(output.failure)
+        for refusal in refusals:
+            sentence = f'{refusal.source} refused: {refusal.error}'
+            if self._news.has(sentence):
+                self.get_logger().error(sentence)
+        self._tell_findings()
+        return not refusals and not has_failed
+
+    def _publish(self, output, now_ns):
+        if output.command is not None:
+            self._command_publisher.publish(command_message(output.command, now_ns))
+        if output.failure:
+            self.get_logger().error(output.failure)
+        decision = output.decision
+        if decision is None:
+            return
+        self._plan_publisher.publish(plan_message(
+            decision, self._supervisor.mission, now_ns, output.later_decisions))
+        if decision.plan is not None:
+            self._temperature_publisher.publish(temperature_message(decision, now_ns))
+        if output.has_new_status:
+            self.get_logger().info(f'{decision.status.name}: {decision.explanation}')
+            # At once, so that short-lived statuses are seen.
+            self._publish_diagnostics(now_ns)
 
     @guarded
     def _on_repeat(self):
-        now_ns = self._now_ns()
-        self._supervisor.refresh(now_ns)
-        self._publish_command(now_ns)
-        decision = self._supervisor.decision
-        if decision.status is not self._published_status:
-            self._publish_plan(decision, now_ns)
-        self._publish_diagnostics(now_ns)
+        self._step()
+        self._publish_diagnostics(self._now_ns())
 
     def _publish_diagnostics(self, now_ns):
         supervisor = self._supervisor
@@ -310,45 +316,23 @@ class PlannerNode(Node):
             f'{supervisor.rivals} also publishes hvch_command' if supervisor.rivals else ''))
         self._diagnostics_publisher.publish(message)
 
-    def _publish_command(self, now_ns):
-        command = self._supervisor.command(now_ns)
-        self._command_publisher.publish(command_message(command, now_ns))
-        return command
-
-    def _publish_plan(self, decision, now_ns):
-        self._plan_publisher.publish(plan_message(
-            decision, self._supervisor.mission, now_ns, self._supervisor.later_decisions()))
-        if decision.plan is not None:
-            self._temperature_publisher.publish(temperature_message(decision, now_ns))
-        if decision.status is not self._published_status:
-            self.get_logger().info(f'{decision.status.name}: {decision.explanation}')
-            self._published_status = decision.status
-            # At once: what lasts no longer than to the next battery state shows too.
-            self._publish_diagnostics(now_ns)
-
     def fail(self, where, error):
-        """Switch the heater off after an exception nobody foresaw, and log it."""
-        what = shortened(f'{type(error).__name__}: {error}', LONGEST_PROBLEM)
-        self.get_logger().error(f'{where}: {what}')
-        self._supervisor.decision = Decision(
-            Status.INTERNAL_ERROR, f'Planning failed: {what}')
-        self._publish_off(Status.INTERNAL_ERROR)
+        """Switch the heater off after an exception outside of a step, and log it."""
+        now_ns = self._now_ns()
+        self._publish(
+            self._supervisor.fail(now_ns, f'{where}: {type(error).__name__}: {error}'), now_ns)
 
     @guarded
     def _on_save_due(self):
-        self._remembering.save(self._supervisor)
+        self._remembering.save(self._supervisor.estimate)
 
     def last_words(self):
         """Publish 0 W before the process ends, and wait a moment until it is out."""
-        self._publish_off(Status.SHUTTING_DOWN)
+        # With a lease like any other: a heater's controller may ignore a command that has expired.
+        now_ns = self._now_ns()
+        self._publish(self._supervisor.stop(now_ns), now_ns)
         self._on_save_due()
         self._command_publisher.wait_for_all_acked(LAST_WORDS_TIME)
-
-    def _publish_off(self, reason):
-        # With a lease like any other: a heater's controller may ignore what has run out already.
-        now_ns = self._now_ns()
-        self._command_publisher.publish(
-            command_message(self._supervisor.command_off(now_ns, reason), now_ns))
 
     def _now_ns(self):
         return self.get_clock().now().nanoseconds

@@ -55,32 +55,36 @@ class Remembering:
     def _forget_report(self):
         self._problem, self._written_s, self._kept_aside = '', None, ''
 
-    def attach(self, path, fingerprint, supervisor):
-        """Use a file for the car with this fingerprint; what it holds goes to the supervisor."""
+    def attach(self, path, fingerprint):
+        """
+        Use a file for the car with this fingerprint.
+
+        Returns (factors, covariance) for a Supervisor that the file holds; None where it holds none
+        or was attached before.
+        """
         if (path, fingerprint) == (self._path, self._fingerprint):
-            return
+            return None
         if path != self._path:
             self._forget_report()
         self._path, self._fingerprint, self._saved = path, fingerprint, None
         if not path:
-            return
+            return None
         try:
             recalled = load_learned(path, fingerprint)
             check_writable(path, make_folder=True)
         except InvalidInput as error:
             self._fail(str(error))
-            return
+            return None
         if recalled.damage:
             self._fail(f'{path}: is damaged: {recalled.damage}; it will be kept aside')
         if recalled.learned is None:
             self._logger.info(f'state_file: {path}: nothing was learned of this vehicle yet.')
-            return
-        supervisor.recall(recalled.learned.factors, recalled.learned.covariance)
+            return None
         self._logger.info(f'state_file: {path}: the estimation begins with what was learned.')
+        return recalled.learned.factors, recalled.learned.covariance
 
-    def save(self, supervisor):
-        """Write what has been learned, if it is news."""
-        estimate = supervisor.estimate
+    def save(self, estimate):
+        """Write what has been learned, an Estimate or None, if it is news."""
         if not self._path or estimate is None or estimate is self._saved:
             return
         try:

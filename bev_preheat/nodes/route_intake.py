@@ -1,70 +1,73 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Route plans on their way into a Supervisor: accepted, taken as a cancellation, or refused."""
+"""Reads route plans: a route, a cancellation, or what is legible of an unreadable one."""
 
 import numpy as np
 
-from bev_preheat.control.inputs import NS_PER_S
-from bev_preheat.control.refusals import RefusedRoute
-from bev_preheat.control.settings import MOST_STOPS
 from bev_preheat.errors import InvalidInput
 from bev_preheat.nodes.convert import (
     is_cancellation, LONGEST_ROUTE_ID, mission_from_message, nanoseconds, ROUTE_FIELDS)
 from bev_preheat.nodes.stops import order_problems, value_problems
 from bev_preheat.route.segments import LIMITS, MOST_SEGMENTS
+from bev_preheat.supervision.events import RouteArrived, RouteUnreadable, TripCancelled
+from bev_preheat.supervision.inputs import NS_PER_S
+from bev_preheat.supervision.refusals import RefusedRoute
+from bev_preheat.supervision.settings import defaults_of, MOST_STOPS
 
 
 class RouteIntake:
     """
-    Gives RoutePlan messages to a Supervisor.
+    Reads RoutePlan messages as events for a Supervisor or an Inbox.
 
-    `message` is the one that holds, and None where none does.
+    It remembers the messages, so that the current route can be read again with other parameters.
     """
 
-    def __init__(self, supervisor):
-        """Take the Supervisor."""
-        self._supervisor = supervisor
-        self.message = None
+    def __init__(self):
+        """Start without a message."""
+        self._messages = {}
 
-    def take(self, message):
-        """Accept a route or a cancellation; raise InvalidInput where it was refused."""
-        supervisor = self._supervisor
+    def message_of(self, mission):
+        """Return the message that a Mission was read from; None where there is none."""
+        return self._messages.get(mission)
+
+    def read(self, message, holder):
+        """
+        Return the event of a message: RouteArrived, TripCancelled or RouteUnreadable.
+
+        `holder` is the Supervisor or Inbox that the event goes to.
+        """
+        self._forget_all_but(holder.latest_mission)
         if is_cancellation(message):
-            supervisor.cancel()
-            self.message = None
-            return
+            return TripCancelled()
         try:
-            mission = self._mission(message)
+            return RouteArrived(self._mission(message, holder.vehicle, holder.settings))
         except InvalidInput as error:
-            self.refuse(error, refused_route_of(message))
-            raise
+            return RouteUnreadable(error, refused_route_of(message))
         except Exception as error:  # noqa: B902  what was not understood may be another trip
-            self.refuse(InvalidInput(f'cannot be read: {type(error).__name__}'))
-            raise
+            what = f'{type(error).__name__}: {error}' if str(error) else type(error).__name__
+            return RouteUnreadable(InvalidInput(f'cannot be read: {what}'))
+
+    def read_again(self, holder, vehicle, settings):
+        """
+        Return the holder's latest Mission as read for another vehicle or with other settings.
+
+        The InvalidInput where it cannot be read that way; None where there is no route.
+        """
+        self._forget_all_but(holder.latest_mission)
+        message = self.message_of(holder.latest_mission)
         try:
-            supervisor.accept_mission(mission)
-        except InvalidInput:
-            self._forget_what_was_dropped()
-            raise
-        self.message = message
+            return None if message is None else self._mission(message, vehicle, settings)
+        except InvalidInput as error:
+            return error
 
-    def refuse(self, error, refused=RefusedRoute()):
-        """Refuse a message with an InvalidInput; without a RefusedRoute nothing of it was read."""
-        self._supervisor.refuse_route(error, refused)
-        self._forget_what_was_dropped()
+    def _forget_all_but(self, kept):
+        self._messages = {mission: message for mission, message in self._messages.items()
+                          if mission is kept}
 
-    def _forget_what_was_dropped(self):
-        if self._supervisor.mission is None:
-            self.message = None
-
-    def revise(self):
-        """Take the route that holds anew, after a change of vehicle or settings."""
-        if self.message is not None:
-            self._supervisor.revise_mission(self._mission(self.message))
-
-    def _mission(self, message):
-        supervisor = self._supervisor
-        return mission_from_message(
-            message, supervisor.defaults, supervisor.settings.planning_step_s)
+    def _mission(self, message, vehicle, settings):
+        mission = mission_from_message(
+            message, defaults_of(vehicle, settings), settings.planning_step_s)
+        self._messages[mission] = message
+        return mission
 
 
 def refused_route_of(message):

@@ -17,6 +17,7 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.serialization import deserialize_message
 
 from bev_preheat.errors import InvalidInput
+from bev_preheat.nodes.news import News
 from bev_preheat.route.segments import MOST_SEGMENTS
 
 TOPIC = 'route_plan'
@@ -45,7 +46,7 @@ class RouteListener:
         """Subscribe; raises InvalidInput where an override of the quality of service is wrong."""
         self._node, self._on_route, self._on_refused = node, on_route, on_refused
         check_overrides(node)
-        self._handled = deque(maxlen=MESSAGES_REMEMBERED)
+        self._handled, self._news = deque(maxlen=MESSAGES_REMEMBERED), News()
         self._publishers_of_long_route, self._hears_best_effort = None, False
         first = self._subscribe(
             QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL),
@@ -103,8 +104,9 @@ class RouteListener:
         try:
             self._look()
         except Exception as error:  # noqa: B902  whatever it is, it must not end the process
-            self._node.get_logger().error(
-                f'{TOPIC}: {type(error).__name__}: {error}', throttle_duration_sec=10.0)
+            sentence = f'{TOPIC}: {type(error).__name__}: {error}'
+            if self._news.has(sentence):
+                self._node.get_logger().error(sentence)
 
     def _look(self):
         endpoints = self._node.get_publishers_info_by_topic(TOPIC)

@@ -7,10 +7,10 @@ import sys
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.clock import Clock, ClockType
 
-from bev_preheat.control.inputs import NS_PER_S
-from bev_preheat.errors import InvalidInput
 from bev_preheat.nodes.convert import nanoseconds
+from bev_preheat.nodes.news import News
 from bev_preheat.nodes.surroundings import Surroundings
+from bev_preheat.supervision.inputs import NS_PER_S
 
 # In real time: with simulated time that stands, the node's own timers stand too.
 LOOK_PERIOD_S = 0.5
@@ -42,6 +42,7 @@ class SetupWatch:
         self._surroundings = Surroundings(node, subscribes, publishes)
         self._unknown = unknown_parameters(node)
         self._logged, self._found, self._looks_at_zero = set(), [], 0
+        self._news = News()
         self._note(self._unknown)
         node.create_timer(LOOK_PERIOD_S, self._on_timer, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
@@ -49,8 +50,9 @@ class SetupWatch:
         try:
             self._look()
         except Exception as error:  # noqa: B902  whatever it is, it must not end the process
-            self._node.get_logger().error(f'looking around: {type(error).__name__}: {error}',
-                                          throttle_duration_sec=LOG_PERIOD_S)
+            sentence = f'looking around: {type(error).__name__}: {error}'
+            if self._news.has(sentence):
+                self._node.get_logger().error(sentence)
 
     def _look(self):
         found, before = self._surroundings.problems(), self._found
@@ -94,11 +96,10 @@ class SetupWatch:
                    DiagnosticStatus.WARN if sentences else DiagnosticStatus.OK),
             message='; '.join(sentences) or 'parameters, clock and topics fit')
 
-    def explained(self, error, stamp):
-        """Return an InvalidInput with a hint at the clocks added if a message's stamp needs one."""
-        hint = clock_hint(self._node.get_parameter('use_sim_time').value,
+    def clock_hint(self, stamp):
+        """Return the hint at the clocks that a message's stamp calls for, '' for none."""
+        return clock_hint(self._node.get_parameter('use_sim_time').value,
                           self._node.get_clock().now().nanoseconds, nanoseconds(stamp))
-        return InvalidInput([*error.problems, hint]) if hint else error
 
 
 def clock_hint(uses_sim_time, now_ns, stamp_ns):

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import math
 from typing import Optional
 
-from bev_preheat.control.settings import MOST_STOPS
 from bev_preheat.errors import InvalidInput
 from bev_preheat.planning.situation import BatteryState
+from bev_preheat.supervision.settings import MOST_STOPS
 
 # Fields of RoutePlan beside stop_after_segment: (low, high), as the message states them.
 LIMITS = {

@@ -18,23 +18,25 @@ from rclpy.qos import QoSDurabilityPolicy, QoSProfile
 from rclpy.task import Future
 from sensor_msgs.msg import BatteryState as BatteryStateMessage
 
-from bev_preheat.control.inputs import NS_PER_S
 from bev_preheat.errors import InvalidInput
 from bev_preheat.nodes.command_line import print_error, Program
 from bev_preheat.nodes.convert import nanoseconds, route_plan_message, time_message
+from bev_preheat.nodes.news import News
 from bev_preheat.nodes.parameters import check, declare, Parameter
 from bev_preheat.nodes.process import run_node
 from bev_preheat.nodes.setup_watch import SetupWatch
 from bev_preheat.nodes.simulated_time import NodeTime, OwnTime
 from bev_preheat.nodes.simulator_messages import battery_state_message, trip_diagnostics
+from bev_preheat.nodes.surroundings import endpoint_name
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.situation import BatteryState, check_situation, Goal
-from bev_preheat.route import load_route
+from bev_preheat.route import route_for
 from bev_preheat.simulation.heater_lease import lease_of_command, NO_LEASE
 from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections
 from bev_preheat.simulation.pace import Patience
 from bev_preheat.simulation.scenario import load_scenario
 from bev_preheat.simulation.sensors import Sensors
+from bev_preheat.supervision.inputs import NS_PER_S
 from bev_preheat.vehicle import load_vehicle
 
 PARAMETERS = (
@@ -121,8 +123,10 @@ class VehicleSimulatorNode(Node):
         values = declare(self, PARAMETERS)
         self.finished = Future()
         self.exit_status = 0
-        self._lease = NO_LEASE
-        self._car, route_name = _departure(values)
+        self._lease, self._news = NO_LEASE, News()
+        self._car, route_name, warnings = _departure(values)
+        for warning in warnings:
+            self.get_logger().warning(warning)
         self._plant = self._car.plant
         self._owns_clock = values['publish_clock']
         if not self._owns_clock and self._car.imperfections.clock_jumps:
@@ -213,10 +217,17 @@ class VehicleSimulatorNode(Node):
             self._hold_timer.cancel()
 
     def _start_if_ready(self):
-        if not self._waits_for_planner and (
-                self._state_publisher.get_subscription_count() >= self._listeners_awaited):
+        if self._waits_for_planner:
+            return
+        publisher = self._state_publisher
+        # While they are being discovered, the count of matched subscriptions may have one twice.
+        listeners = {bytes(endpoint.endpoint_gid): endpoint_name(endpoint)
+                     for endpoint in self.get_subscriptions_info_by_topic(publisher.topic_name)}
+        if min(publisher.get_subscription_count(), len(listeners)) >= self._listeners_awaited:
             self._is_held = False
-            self.get_logger().info('All that are waited for are there: the clock runs.')
+            names = ', '.join(sorted(listeners.values())) or 'nobody'
+            self.get_logger().info(
+                f'Planner and listeners are ready ({names} listening); the clock starts.')
 
     def _stand(self, real_s):
         """Tell that the drive is over."""
@@ -266,7 +277,9 @@ class VehicleSimulatorNode(Node):
                 message.battery_heating_power, until_s, plant.time_s,
                 plant.vehicle.hvch.maximum_power_w)
         except InvalidInput as error:
-            self.get_logger().warning(f'hvch_command ignored: {error}', throttle_duration_sec=5.0)
+            sentence = f'hvch_command ignored: {error}'
+            if self._news.has(sentence):
+                self.get_logger().warning(sentence)
             return
         if self._is_held and (message.battery_heating_power > 0.0
                               or message.reason not in NOT_READY):
@@ -354,12 +367,17 @@ class VehicleSimulatorNode(Node):
 
 
 def _departure(values):
-    """Return (ImperfectCar, name of its route) of parameter values; InvalidInput on misfits."""
+    """
+    Return (ImperfectCar, name of its route, warnings) of parameter values.
+
+    Raises InvalidInput where they do not fit.
+    """
     if values['scenario']:
         scenario = load_scenario(values['scenario'])
-        return scenario.car(), scenario.name
+        return scenario.car(), scenario.name, scenario.warnings
     vehicle = load_vehicle(values['vehicle'])
-    route = load_route(values['route'], vehicle.defaults)
+    loaded = route_for(values['route'], vehicle)
+    route = loaded.route
     state = BatteryState(values['initial_battery_temperature'], values['initial_soc'])
     target_c = values['target_battery_temperature'] or math.nan
     goal = Goal(target_c, values['minimum_arrival_soc'], values['charging_planned'])
@@ -369,7 +387,7 @@ def _departure(values):
     return ImperfectCar(
         vehicle, route, state, goal,
         Imperfections(sensors=Sensors(period_s=values['battery_state_period'])),
-        route_id=name), name
+        route_id=name), name, filter(None, [loaded.warning])
 
 
 def main():

@@ -1,8 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Solves the nonlinear program for a situation; the result is a Plan with the solver's word."""
 
+from contextlib import redirect_stderr
 from dataclasses import dataclass, replace
+from io import StringIO
 import math
+import sys
 from time import perf_counter
 
 import numpy as np
@@ -244,17 +247,22 @@ def _run(problem, limited, give=Give.NOTHING, start=None):
         guess = [start.variables[:4 * n + 2]]
     target_c = goal.target_temperature_c if goal.charging_planned else cold_c
     started = perf_counter()
-    result = program.solver(
-        x0=np.concatenate(guess), lbx=np.concatenate(low), ubx=np.concatenate(high),
-        lbg=np.concatenate([*low_g, np.zeros(2)]),
-        ubg=np.concatenate([*high_g, np.full(2, np.inf)]),
-        p=np.concatenate([
-            np.vstack([route.duration_s, trip.idle_power_w, trip.power_variance_w2,
-                       trip.idle_heat_w, trip.leakage_w_per_k]).ravel(order='F'),
-            [target_c, reserve_soc(trip.vehicle, goal)],
-            [getattr(corrections, factor) for factor in FACTORS],
-            [trip.vehicle.hvch.efficiency]]))
+    warnings = StringIO()
+    # Where it is interrupted, CasADi warns of the KeyboardInterrupt that it raises.
+    with redirect_stderr(warnings):
+        result = program.solver(
+            x0=np.concatenate(guess), lbx=np.concatenate(low), ubx=np.concatenate(high),
+            lbg=np.concatenate([*low_g, np.zeros(2)]),
+            ubg=np.concatenate([*high_g, np.full(2, np.inf)]),
+            p=np.concatenate([
+                np.vstack([route.duration_s, trip.idle_power_w, trip.power_variance_w2,
+                           trip.idle_heat_w, trip.leakage_w_per_k]).ravel(order='F'),
+                [target_c, reserve_soc(trip.vehicle, goal)],
+                [getattr(corrections, factor) for factor in FACTORS],
+                [trip.vehicle.hvch.efficiency]]))
     time_s = perf_counter() - started
+    if warnings.getvalue():
+        print(warnings.getvalue(), end='', file=sys.stderr)
     statistics = program.solver.stats()
     return _Run(program, np.asarray(result['x']).ravel(), -float(result['lam_g'][-2]),
                 statistics['return_status'], int(statistics['iter_count']), time_s)

@@ -22,7 +22,10 @@ START_LIMIT_S = 60.0
 # How long a killed process may take to be gone [s].
 END_LIMIT_S = 2.0
 # Polite before the first import, as importing takes most of a core for a while.
-PROGRAM = 'import os; os.nice(19); from bev_preheat.optimum.worker import serve; serve({})'
+PROGRAM = ('import os; os.nice({niceness}); from bev_preheat.optimum.worker import serve; '
+           'serve({descriptor}, {niceness})')
+# Solving takes only computing time that nobody else wants.
+MOST_NICE = 19
 
 
 class SolverProcess:
@@ -32,9 +35,13 @@ class SolverProcess:
     The process knows one vehicle: another needs another SolverProcess.
     """
 
-    def __init__(self, vehicle, start_limit_s=START_LIMIT_S):
-        """Start nothing yet; `start_limit_s` [s] is how long the process may take to start."""
-        self._vehicle = vehicle
+    def __init__(self, vehicle, start_limit_s=START_LIMIT_S, niceness=MOST_NICE):
+        """
+        Start nothing yet; `start_limit_s` [s] is how long the process may take to start.
+
+        `niceness` is by how much its scheduling priority is lower than this process's, 0 ... 19.
+        """
+        self._vehicle, self._niceness = vehicle, niceness
         self._start_limit_s = start_limit_s
         self._process = None
         self._killed = []
@@ -128,7 +135,7 @@ class SolverProcess:
             try:
                 process.wait(END_LIMIT_S)
             except subprocess.TimeoutExpired:
-                pass  # the kernel holds it; it goes as soon as it is let go
+                pass  # exits once the kernel releases it
 
     def _forget(self):
         self._question = self._time_limit_s = self._start_problem = None
@@ -147,7 +154,8 @@ class SolverProcess:
         with theirs:
             try:
                 self._process = subprocess.Popen(
-                    [sys.executable, '-c', PROGRAM.format(theirs.fileno())],
+                    [sys.executable, '-c', PROGRAM.format(
+                        descriptor=theirs.fileno(), niceness=self._niceness)],
                     stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, env=environment,
                     pass_fds=[theirs.fileno()],
                     # Ctrl-C in a terminal is for the asking process, which then ends this one.

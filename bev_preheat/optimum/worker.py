@@ -21,21 +21,11 @@ from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route.segments import make_route
 from bev_preheat.vehicle.corrections import corrected_vehicle, Corrections
 
-LINUX_PRIORITIES = {
-    # Where memory runs short, the kernel is to take this process and leave the planner.
-    '/proc/self/oom_score_adj': '1000',
-    # Where sessions share the computer evenly, os.nice() counts within this one only.
-    '/proc/self/autogroup': '19',
-}
 
 
-def serve(descriptor):
+def serve(descriptor, niceness):
     """Answer the questions that come over a socket (its file descriptor) until it closes."""
-    for path, value in LINUX_PRIORITIES.items():
-        try:
-            Path(path).write_text(value, encoding='ascii')
-        except OSError:
-            pass  # another system, or a kernel without it
+    _give_way(niceness)
     connection = socket.socket(fileno=descriptor)
     messages = queue.SimpleQueue()
     threading.Thread(target=_receive, args=(connection, messages), daemon=True).start()
@@ -52,6 +42,19 @@ def serve(descriptor):
             answer = _prepare(vehicle, message.route)
         else:
             answer = _answer(vehicle, message)
+
+
+def _give_way(niceness):
+    linux_priorities = {
+        # Where memory runs short, the kernel is to take this process and leave the planner.
+        '/proc/self/oom_score_adj': 1000,
+        # Where sessions share the computer evenly, os.nice() counts within this one only.
+        '/proc/self/autogroup': niceness}
+    for path, value in linux_priorities.items():
+        try:
+            Path(path).write_text(str(value), encoding='ascii')
+        except OSError:
+            pass  # another system, or a kernel without it
 
 
 def _receive(connection, messages):

@@ -17,19 +17,21 @@ def duration_text(seconds):
 
 
 def explain(status, plan, reserve, starts_in_s=0.0, unheated='no heating',
-            too_cold_because='The cabin leaves the heater no power'):
+            too_cold_because='The cabin leaves the heater no power', heated_s=0.0):
     """
     Return the sentence for the status of a Plan; `reserve` is the state of charge to be left.
 
     Its times count from now, and the plan's time 0 lies `starts_in_s` [s] ahead. A plan that does not
     heat is told as `unheated`, and where it is to blame for a missed target, `too_cold_because`.
+    `heated_s` [s] is for how long the battery has been heated on this drive.
     """
     begins = (f'The route begins in {duration_text(starts_in_s)}. '
               if starts_in_s >= LEAST_TOLD_S else '')
-    return begins + _outcome(status, plan, reserve, starts_in_s, unheated, too_cold_because)
+    return begins + _outcome(
+        status, plan, reserve, starts_in_s, unheated, too_cold_because, heated_s)
 
 
-def _outcome(status, plan, reserve, starts_in_s, unheated, too_cold_because):
+def _outcome(status, plan, reserve, starts_in_s, unheated, too_cold_because, heated_s):
     def from_now(plan_s):
         return duration_text(max(0.0, plan_s + starts_in_s))
 
@@ -48,9 +50,13 @@ def _outcome(status, plan, reserve, starts_in_s, unheated, too_cold_because):
                    'the heating of this plan makes it worse')
         return f'{_stranding_sentence(plan.stranding, from_now)[:-1]}: {heating}.'
     if status is Status.NOT_NEEDED:
+        if heated_s > 0.0:
+            return (f'Heating is finished after {duration_text(heated_s)} of heating: {arrival}, '
+                    f'{target}.')
         return f'The battery gets warm enough without further heating: {arrival}, {target}.'
     if status is Status.WAITING:
-        return f'Heating starts in {from_now(plan.heating_start_s)}: {arrival}, {target}.'
+        verb = 'resumes' if heated_s > 0.0 else 'starts'
+        return f'Heating {verb} in {from_now(plan.heating_start_s)}: {arrival}, {target}.'
     if status is Status.HEATING:
         return f'Heating: {arrival}, {target}.'
     if status is Status.TARGET_UNREACHABLE:

@@ -62,28 +62,34 @@ class ForwardRuns:
         Without `serves_climbs` only the target is seen to.
         """
         self._kept = schedule = self._run()
-        start = 0
+        # What comes before `start` is settled for climbs; `free` is where a climb settles nothing.
+        start = free = 0
         for first, last in self._climbs(schedule) if serves_climbs else ():
             if first > start:
                 def spare_w(run, climb=slice(first, last)):
                     return float(self._spare_power_w(run)[climb].min())
 
-                schedule = self._meet(
-                    start, first, schedule, spare_w,
-                    POWER_SURPLUS * float(self._trip.idle_power_w[first:last].max()),
-                    CLIMB_OVERSHOOT_K)
+                tolerance_w = POWER_SURPLUS * float(self._trip.idle_power_w[first:last].max())
+                if (spare_w(schedule) > tolerance_w
+                        and spare_w(self._run(start, first, -CLIMB_OVERSHOOT_K)) > 0.0):
+                    # Delivered whatever is heated for it.
+                    start = last
+                    continue
+                schedule = self._move(start, first, schedule, spare_w, tolerance_w)
                 if spare_w(schedule) < 0.0:
                     # Heating takes charge too, and where that is what lacks it makes things worse.
                     schedule = self._better_unheated(start, first, schedule, spare_w)
-                start = last
+                start = free = last
         end = len(self._trip.route)
 
         def above_target_k(run):
             return float(run.temperature_c[-1]) - target_c
 
+        if free < start:
+            schedule = self._without_more_lacking(
+                free, schedule, lambda: self._meet_target(free, schedule, above_target_k))
         if start < end:
-            schedule = self._meet(start, end, schedule, above_target_k, ARRIVAL_TOLERANCE_K,
-                                  ARRIVAL_OVERSHOOT_K)
+            schedule = self._meet_target(start, schedule, above_target_k)
         if start > 0 and above_target_k(schedule) < 0.0:
             # What comes after the last climb is not enough.
             schedule = self._move(0, end, schedule, above_target_k, ARRIVAL_TOLERANCE_K)
@@ -108,14 +114,26 @@ class ForwardRuns:
             return schedule
         return self._keep(first, last, unheated)
 
-    def _meet(self, first, last, schedule, excess_of, tolerance, overshoot_k):
-        """Schedule moved in steps first ... last - 1 so that nothing lacks, nor is too much."""
-        if excess_of(schedule) > tolerance:
+    def _without_more_lacking(self, first, schedule, change):
+        """Schedule that `change()` returns, or this one if less can be delivered from `first` on."""
+        shift_k = self._shift_k.copy()
+        changed = change()
+        lacking_w, more_lacking_w = (
+            max(0.0, -float(self._spare_power_w(run)[first:].min())) for run in (schedule, changed))
+        if more_lacking_w <= lacking_w:
+            return changed
+        self._shift_k, self._kept = shift_k, schedule
+        return schedule
+
+    def _meet_target(self, first, schedule, above_target_k):
+        """Schedule moved from step `first` on so that it meets the target, and no more."""
+        end = len(self._trip.route)
+        if above_target_k(schedule) > ARRIVAL_TOLERANCE_K:
             # Either the thresholds are a little too warm, or heating that pays for itself, and what
             # is free, lead beyond what is required; then this shift does not bring it down.
-            if excess_of(self._run(first, last, -overshoot_k)) > 0.0:
+            if above_target_k(self._run(first, end, -ARRIVAL_OVERSHOOT_K)) > 0.0:
                 return schedule
-        return self._move(first, last, schedule, excess_of, tolerance)
+        return self._move(first, end, schedule, above_target_k, ARRIVAL_TOLERANCE_K)
 
     def _move(self, first, last, schedule, excess_of, tolerance):
         """

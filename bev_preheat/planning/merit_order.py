@@ -15,12 +15,15 @@ is returned.
 
 import numpy as np
 
+from bev_preheat.planning.charge_acceptance import find_acceptance_loss, no_acceptance_loss
 from bev_preheat.planning.forward_runs import ForwardRuns
 from bev_preheat.planning.limits import limits_hold, watch_limits, within_limits
-from bev_preheat.planning.optimal_switch import plan_optimal_switch
+from bev_preheat.planning.optimal_switch import ARRIVAL_TOLERANCE_K, plan_optimal_switch
+from bev_preheat.planning.safeguard import lacking_power, NO_WORSE_W
 from bev_preheat.planning.value_curve import find_thresholds
 
-# The curve is made again where the run it leads to differs more than this in state of charge.
+# The curve is made again where the run it leads to differs more than this in state of charge, or
+# takes less regeneration than it was made for. The best of the runs is the plan.
 SOC_AGREEMENT = 5e-4
 MOST_PASSES = 3
 
@@ -35,14 +38,37 @@ def plan_merit_order(trip, state, goal, unheated=None, serves_climbs=True):
     schedule = plan_optimal_switch(trip, state, goal, unheated)
     if limits_hold(trip, schedule):
         return schedule
+    loss, best = no_acceptance_loss(trip), None
     for _ in range(MOST_PASSES):
         watch = watch_limits(trip, schedule.soc, schedule.temperature_c)
         thresholds = find_thresholds(
-            trip, watch, schedule, goal.target_temperature_c, serves_climbs)
+            trip, watch, schedule, goal.target_temperature_c, loss, serves_climbs)
         assumed_soc = schedule.soc
         schedule = ForwardRuns(trip, state, watch, thresholds).settle(
             goal.target_temperature_c, serves_climbs)
+        if best is None or _is_better(trip, schedule, best, goal, serves_climbs):
+            best = schedule
+        # What is heated decides where the charge limit is active, and the other way round: half
+        # way from one to the other keeps the passes from going back and forth.
+        assumed_loss, loss = loss, loss.blended(find_acceptance_loss(trip, watch, schedule))
         # Limits depend on the state of charge, and the curve was made for another.
-        if np.abs(schedule.soc - assumed_soc).max() <= SOC_AGREEMENT:
+        if (np.abs(schedule.soc - assumed_soc).max() <= SOC_AGREEMENT
+                and assumed_loss.any == loss.any):
             break
-    return within_limits(trip, state, schedule)
+    return within_limits(trip, state, best)
+
+
+def _is_better(trip, schedule, other, goal, serves_climbs):
+    """Return whether a Schedule lacks less than another, or costs less where both lack the same."""
+    if (schedule.empty_at_s is None) != (other.empty_at_s is None):
+        return schedule.empty_at_s is None
+    if serves_climbs:
+        more_w = lacking_power(trip, schedule).worst_w - lacking_power(trip, other).worst_w
+        if abs(more_w) > NO_WORSE_W:
+            return more_w < 0.0
+    missed_k, other_missed_k = (
+        max(0.0, goal.target_temperature_c - float(run.temperature_c[-1]))
+        for run in (schedule, other))
+    if abs(missed_k - other_missed_k) > ARRIVAL_TOLERANCE_K:
+        return missed_k < other_missed_k
+    return bool(schedule.soc[-1] > other.soc[-1])

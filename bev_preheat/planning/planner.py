@@ -21,8 +21,8 @@ from bev_preheat.planning.plan import Plan
 from bev_preheat.planning.safeguard import (
     giving_way, is_described, lacking_power, Safeguard)
 from bev_preheat.planning.schedule import Schedule
-from bev_preheat.planning.situation import check_situation, reserve_soc
 from bev_preheat.planning.simulate import keep_accounts, run_forward
+from bev_preheat.planning.situation import check_situation, reserve_soc
 from bev_preheat.planning.status import Status
 from bev_preheat.planning.stranding import find_stranding
 from bev_preheat.planning.stretches import heating_stretches
@@ -117,6 +117,12 @@ def as_driven(plan, vehicle, route, state, goal):
     return finish_plan(trip, goal, replace(driven, held_back=plan.held_back),
                        f'{plan.method}, driven',
                        perf_counter() - plan.planning_time_s)
+
+
+def plan_unheated(vehicle, route, state, goal):
+    """Return the Plan that never heats, as it is driven within the limits: what plans save."""
+    goal = replace(goal, charging_planned=False)
+    return as_driven(plan_preheating(vehicle, route, state, goal), vehicle, route, state, goal)
 
 
 def plan_without_heating(trip, state, make_integrator=make_runge_kutta_4):

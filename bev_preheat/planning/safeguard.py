@@ -12,12 +12,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bev_preheat.arithmetic import ARRAYS
+from bev_preheat.arithmetic import ARRAYS, FLOATS
 from bev_preheat.planning.limits import (
     drive_as_planned, limits_hold, make_terminal_limits, run_unheated)
 from bev_preheat.planning.schedule import HeldBack, Schedule
 from bev_preheat.planning.simulate import hottest_c
 from bev_preheat.planning.situation import reserve_soc
+from bev_preheat.planning.stranding import find_stranding
 
 # A power that is lacking by less than this share is rounding. Where power lacks in any case, a plan
 # that lacks so many watts more is no worse.
@@ -101,9 +102,20 @@ class Safeguard:
         return replace(self.unheated, held_back=held_back)
 
     def _spare_soc(self, schedule):
-        """Charge to spare: on arrival above what must be left, on the way above the lowest."""
-        return min(float(schedule.soc[-1]) - self._reserve,
-                   float(schedule.soc.min()) - self._lowest_soc)
+        """
+        Charge to spare: on arrival above what must be left, on the way above the lowest.
+
+        Below 0 where the charge runs out, also where nothing has to be left: what it lacks.
+        """
+        spare = min(float(schedule.soc[-1]) - self._reserve,
+                    float(schedule.soc.min()) - self._lowest_soc)
+        stranding = find_stranding(self._trip, schedule)
+        if stranding is None:
+            return spare
+        battery = self._trip.vehicle.battery
+        whole_wh = battery.capacity_ah * battery.open_circuit_voltage.function(FLOATS)(
+            0.0, float(schedule.temperature_c[-1]))
+        return spare - max(stranding.lacking_wh / whole_wh, SOC_TOLERANCE)
 
     def _spare_power_w(self, schedule):
         """How much more power may be lacking [W] before a schedule is worse than not heating."""

@@ -31,7 +31,7 @@ class Schedule:
 
     `empty_at_s` is the instant at which the charge runs out, None where it does not; from then on
     the vehicle stands, and `driven_share` (N,) is the share of each step that it drives (None: all).
-    `held_back` (HeldBack) is why a warmer battery was found to be out of the question; None: it was
+    `held_back` (HeldBack) is why a warmer battery was ruled out; None: it was
     not.
     """
 

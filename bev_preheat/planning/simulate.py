@@ -14,7 +14,7 @@ JOULES_PER_WH = 3600.0
 # A hard drive may heat the battery this far beyond its range before the car's own cooling, which
 # the model does not describe, is taken to hold it.
 HOTTEST_BEYOND_RANGE_K = 20.0
-# What is made from a vehicle is kept for so many: one as described, and one as it turns out.
+# What is made from a vehicle is kept for so many: the described and the corrected vehicle.
 KEPT_VEHICLES = 8
 
 

@@ -10,6 +10,9 @@ a rule is so below one temperature, the *threshold* of the step. Without limits 
 target, and the thresholds are the temperatures of Algorithm 2. A very cold battery takes hardly any
 regeneration, however much it is heated, so before a descent heating may pay in a band only.
 
+A joule taken from the battery counts as what it is worth on arrival: before a descent at the charge
+limit that is less than a joule (`charge_acceptance`).
+
 The curve's points move with the vehicle's own dynamics, heated below the threshold and unheated
 above it, so its kinks stay sharp.
 """
@@ -39,6 +42,8 @@ CURVE_TOLERANCE_J = 100.0
 INDIFFERENCE_J = 10.0
 # Bands of temperature in which heating pays: below what must be reached, and before a descent.
 BANDS = 2
+# What a kelvin is worth is taken over this difference, which smooths the curve's kinks.
+SLOPE_K = 1.0
 # Thresholds of one stride and the next that are further apart belong to different bands [K].
 NEIGHBOUR_K = 3.0
 
@@ -69,11 +74,14 @@ class _Strides:
     cap_w: np.ndarray
     propulsion_w: np.ndarray
     soc: np.ndarray
+    end_c: np.ndarray
+    loss_to_brake: np.ndarray
+    loss_to_heater: np.ndarray
     may_overcharge: np.ndarray
     may_overdraw: np.ndarray
 
 
-def _make_strides(trip, watch, soc):
+def _make_strides(trip, watch, run, loss):
     limited = (watch.charge | watch.discharge).tolist()
     durations = trip.route.duration_s.tolist()
     first, length_s, before_limited = [], np.inf, True
@@ -95,37 +103,42 @@ def _make_strides(trip, watch, soc):
             trip.idle_power_w, trip.power_variance_w2, trip.idle_heat_w, trip.leakage_w_per_k)),
         cap_w=mean(trip.heater_limit_w),
         propulsion_w=mean(trip.route.propulsion_power_w),
-        soc=soc[:-1][first],
+        soc=run.soc[first],
+        end_c=run.temperature_c[np.append(first[1:], len(limited))],
+        loss_to_brake=loss.to_brake[first], loss_to_heater=loss.to_heater[first],
         may_overcharge=watch.charge[first], may_overdraw=watch.discharge[first])
 
 
-def find_thresholds(trip, watch, run, target_c, serves_climbs=True):
+def find_thresholds(trip, watch, run, target_c, loss, serves_climbs=True):
     """
     Return the Thresholds of a trip, by running the value curve backward.
 
     `run` (a Schedule) says along which states of charge, and about which temperatures, the curve
-    is needed. Without `serves_climbs` a power that the battery lacks costs nothing.
+    is needed, and the AcceptanceLoss `loss` what charge is worth. Without `serves_climbs` a power that the battery lacks costs nothing.
     """
     battery, hvch = trip.vehicle.battery, trip.vehicle.hvch
-    strides = _make_strides(trip, watch, run.soc)
+    strides = _make_strides(trip, watch, run, loss)
     # Outside its range the battery is not described, and beyond its highest temperature not heated.
     lowest_c, highest_c = battery.temperature_range_c
     coldest_c = max(min(run.temperature_c.min(), target_c) - MARGIN_K, lowest_c)
     warmest_c = min(max(run.temperature_c.max(), target_c), highest_c) + 2.0 * MARGIN_K
     grid_c = np.linspace(max(coldest_c - MARGIN_K, lowest_c), warmest_c, GRID_POINTS)
     idle, full = _step_maps(trip.vehicle, strides, grid_c, PENALTY if serves_climbs else 0.0)
-    price_j_per_k = PENALTY * battery.heat_capacity_j_per_k / hvch.efficiency
+    k_per_joule = hvch.efficiency / battery.heat_capacity_j_per_k
+    price_j_per_k = PENALTY / k_per_joule
     curve_c = np.unique(np.append(grid_c, target_c))
     value_j = price_j_per_k * np.maximum(target_c - curve_c, 0.0)
     count = len(strides.first)
     bands_c = np.full((3, count, BANDS), -np.inf)
     bands_c[0] = np.inf
+    # What a joule in the battery is worth on arrival [J].
+    worth = 1.0
     for m in range(count - 1, -1, -1):
         ends_c, ends_j = curve_c, value_j
         idle_c = np.interp(curve_c, idle.end_c[m], grid_c)
         full_c = np.interp(curve_c, full.end_c[m], grid_c)
-        idle_j = value_j + np.interp(curve_c, idle.end_c[m], idle.energy_j[m])
-        full_j = value_j + np.interp(curve_c, full.end_c[m], full.energy_j[m])
+        idle_j = value_j + worth * np.interp(curve_c, idle.end_c[m], idle.energy_j[m])
+        full_j = value_j + worth * np.interp(curve_c, full.end_c[m], full.energy_j[m])
         # What the heater takes for a kelvin, at each point; nothing where all it can do is free.
         gained_k = idle_c - full_c
         asked = np.where(gained_k > 1e-9, (full_j - idle_j) / np.maximum(gained_k, 1e-9), -np.inf)
@@ -139,9 +152,14 @@ def find_thresholds(trip, watch, run, target_c, serves_climbs=True):
         if needed_c > curve_c[0]:
             # Where the battery just delivers what the step asks the curve has a kink.
             at = int(np.searchsorted(curve_c, needed_c))
-            needed_j = _after(idle, m, grid_c, needed_c, ends_c, ends_j)
+            needed_j = _after(idle, m, grid_c, needed_c, ends_c, ends_j, worth)
             curve_c, value_j = np.insert(curve_c, at, needed_c), np.insert(value_j, at, needed_j)
         curve_c, value_j = _mesh(curve_c, value_j, coldest_c, warmest_c)
+        worth -= worth * strides.loss_to_brake[m]
+        if strides.loss_to_heater[m] > 0.0:
+            heat_worth = k_per_joule * _slope(strides.end_c[m], ends_c, ends_j)
+            # Heat is worth no more than the charge that would buy it.
+            worth -= strides.loss_to_heater[m] * max(worth - heat_worth, 0.0)
     return _in_steps(strides.first, len(trip.route), *bands_c)
 
 
@@ -194,10 +212,18 @@ def _in_steps(first, steps, floor_c, low_c, high_c):
     return Thresholds(floor_c[stride], between(low_c), between(high_c))
 
 
-def _after(step_map, m, grid_c, start_c, ends_c, ends_j):
+def _slope(temperature_c, curve_c, value_j):
+    """Return what a kelvin is worth [J/K] about a temperature, never less than nothing."""
+    cooler_j, warmer_j = np.interp(
+        (temperature_c - 0.5 * SLOPE_K, temperature_c + 0.5 * SLOPE_K), curve_c, value_j)
+    return max(cooler_j - warmer_j, 0.0) / SLOPE_K
+
+
+def _after(step_map, m, grid_c, start_c, ends_c, ends_j, worth):
     """Value at a temperature before stride m, from the curve (ends_c, ends_j) after it."""
     end_c = np.interp(start_c, grid_c, step_map.end_c[m])
-    return np.interp(end_c, ends_c, ends_j) + np.interp(start_c, grid_c, step_map.energy_j[m])
+    return (np.interp(end_c, ends_c, ends_j)
+            + worth * np.interp(start_c, grid_c, step_map.energy_j[m]))
 
 
 @dataclass(frozen=True)

@@ -2,14 +2,53 @@
 """Route CSV files: one row a segment, a header, `#` for comments."""
 
 import csv
+from dataclasses import dataclass, fields, replace
 import io
+import re
+
+import numpy as np
 
 from bev_preheat.configuration import find_configuration
 from bev_preheat.errors import InvalidInput
 from bev_preheat.output_files import write_whole
-from bev_preheat.route.segments import LIMITS, make_route
+from bev_preheat.route.columns import (
+    advice, alternatives, Column, doubled, power_columns, speed_columns)
+from bev_preheat.route.segments import LIMITS, make_route, problem_with_values, Route
+from bev_preheat.route.text_table import read_text_table
 
-OPTIONAL_COLUMNS = ('propulsion_power_rms_w', 'cabin_heating_power_w', 'auxiliary_power_w')
+# Length of a segment [m]; with the speed it gives the duration, with the duration the speed.
+LENGTH = 'length_m'
+LENGTH_RANGE_M = (0.0, 1e6)
+COLUMNS = {
+    'duration_s': Column('duration_s'),
+    'duration_min': Column('duration_s', times=60.0),
+    LENGTH: Column(LENGTH),
+    'length_km': Column(LENGTH, times=1000.0),
+    **speed_columns(),
+    **power_columns('propulsion_power_w'),
+    **power_columns('propulsion_power_rms_w'),
+    'ambient_temperature_c': Column('ambient_temperature_c'),
+    **power_columns('cabin_heating_power_w'),
+    **power_columns('auxiliary_power_w'),
+}
+# Units of the quantities that a file may hold in others.
+UNITS = {'duration_s': 's', 'speed_mps': 'm/s', LENGTH: 'm'} | {
+    name: 'W' for name in LIMITS if name.endswith('_w')}
+MOTION = ('duration_s', 'speed_mps', LENGTH)
+# The line above the header that says for which car a route was made.
+VEHICLE_COMMENT = re.compile(r'vehicle:\s*(.*)')
+# Digits behind the point in a route file: a micrometre a second, a milliwatt. More would only
+# show which machine made the file.
+DIGITS = 6
+POWER_DIGITS = 3
+
+
+@dataclass(frozen=True)
+class FileRoute:
+    """The Route of a CSV file, and the name of the vehicle whose powers it has (None: unknown)."""
+
+    route: Route
+    made_for: str | None
 
 
 def load_route(name_or_file, defaults):
@@ -19,28 +58,19 @@ def load_route(name_or_file, defaults):
     `defaults` are those of the vehicle, for columns that are missing. Raises InvalidInput naming
     file, line, column, value and what is allowed.
     """
+    return load_file_route(name_or_file, defaults).route
+
+
+def load_file_route(name_or_file, defaults):
+    """Return the FileRoute of a name or a CSV file; see `load_route`."""
     path = route_file(name_or_file)
-    header, rows, line_numbers = _read(path)
-    columns = {name: [] for name in header}
-    problems = []
-    for row, line in zip(rows, line_numbers):
-        if len(row) != len(header):
-            problems.append(f'{path}, line {line}: has {len(row)} values; the header names '
-                            f'{len(header)} columns')
-            continue
-        for name, text in zip(header, row):
-            try:
-                columns[name].append(float(text))
-            except ValueError:
-                problems.append(f'{path}, line {line}: {name}: {text.strip()!r} is not a number')
-    if problems:
-        raise InvalidInput(problems)
-    if not rows:
-        raise InvalidInput(f'{path}: has no segments')
+    table = read_text_table(path, LIMITS)
+    made_for = _vehicle_of(table)
+    columns, names = _columns(table)
     try:
-        return make_route(columns, defaults)
+        return FileRoute(make_route(columns, defaults, names), made_for)
     except InvalidInput as error:
-        raise InvalidInput([f'{path}{_with_line(problem, line_numbers)}'
+        raise InvalidInput([_with_line(problem, table, set(names.values()))
                             for problem in error.problems]) from error
 
 
@@ -49,15 +79,18 @@ def route_file(name_or_file):
     return find_configuration('routes', name_or_file, '.csv')
 
 
-def save_route(path, route, comments=()):
+def save_route(path, route, comments=(), made_for=None):
     """
     Write a Route as CSV; `comments` are lines of text above the header.
 
-    Raises InvalidInput where it cannot be written.
+    `made_for` is the name of the vehicle whose powers the route has. Raises InvalidInput where
+    the file cannot be written.
     """
     text = io.StringIO()
     for comment in comments:
-        text.write(f'# {comment}\n')
+        text.write(f'# {" ".join(comment.splitlines())}\n')
+    if made_for is not None:
+        text.write(f'# vehicle: {in_one_line(made_for)}\n')
     writer = csv.writer(text, lineterminator='\n')
     writer.writerow(LIMITS)
     for row in zip(*(getattr(route, name) for name in LIMITS)):
@@ -66,44 +99,104 @@ def save_route(path, route, comments=()):
     write_whole(path, text.getvalue())
 
 
-def _read(path):
-    """Header, rows as texts, and the line each row stands in."""
-    rows, line_numbers = [], []
-    try:
-        with open(path, encoding='utf-8-sig', newline='') as file:
-            for number, line in enumerate(file, start=1):
-                text = line.split('#', 1)[0].strip()
-                if text:
-                    rows.append(next(csv.reader([text])))
-                    line_numbers.append(number)
-    except (OSError, UnicodeDecodeError) as error:
-        reason = getattr(error, 'strerror', None) or 'is not UTF-8 text'
-        raise InvalidInput(f'{path}: cannot be read: {reason}') from error
-    if not rows:
-        raise InvalidInput(f'{path}: is empty; its first line must name the columns: '
-                           f'{", ".join(LIMITS)}')
-    header = [name.strip() for name in rows[0]]
-    unknown = [name for name in header if name not in LIMITS]
-    missing = [name for name in LIMITS if name not in header and name not in OPTIONAL_COLUMNS]
-    problems = []
-    if unknown:
-        problems.append(f'{path}, line {line_numbers[0]}: unknown columns: {", ".join(unknown)}; '
-                        f'known: {", ".join(LIMITS)}')
-    if missing:
-        problems.append(f'{path}, line {line_numbers[0]}: missing columns: {", ".join(missing)}')
-    doubled = sorted({name for name in header if header.count(name) > 1})
-    if doubled:
-        problems.append(f'{path}, line {line_numbers[0]}: columns named twice: '
-                        f'{", ".join(doubled)}')
+def rounded(route):
+    """Return a Route with the digits that `preheat route` writes."""
+    return replace(route, **{
+        field.name: np.round(getattr(route, field.name),
+                             POWER_DIGITS if field.name.endswith('_w') else DIGITS)
+        for field in fields(route)})
+
+
+def in_one_line(name):
+    """Return the name of a vehicle as a comment holds it."""
+    return ' '.join(name.split())
+
+
+def _vehicle_of(table):
+    """Name of the vehicle for which the file says that its route was made."""
+    found = {}
+    for number, comment in table.comments:
+        # A spreadsheet fills the line with separators, and may quote it.
+        match = VEHICLE_COMMENT.fullmatch(comment.rstrip('"\t ,;'))
+        if match and match[1]:
+            found.setdefault(in_one_line(match[1]), number)
+    if len(found) > 1:
+        (first, first_line), (second, second_line) = list(found.items())[:2]
+        raise InvalidInput(f'{table.path}, line {second_line}: vehicle: {second!r}, but {first!r} '
+                           f'in line {first_line}; a route has the powers of one vehicle')
+    return next(iter(found), None)
+
+
+def _columns(table):
+    """Columns of Route in SI units, and what the file calls them."""
+    where = f'{table.path}, line {table.header_line}'
+    unknown = [name for name in table.header if name not in COLUMNS]
+    problems = [f'{where}: {advice(name, COLUMNS)}' for name in unknown]
+    problems += [f'{where}: {problem}' for problem in doubled(table.header, COLUMNS)]
+    by_quantity = {COLUMNS[name].quantity: name for name in table.header if name in COLUMNS}
+    if not problems:
+        problems += [f'{where}: {problem}' for problem in _missing(by_quantity)]
     if problems:
         raise InvalidInput(problems)
-    return header, rows[1:], line_numbers[1:]
+    if not table.rows:
+        raise InvalidInput(f'{table.path}: has no segments')
+    values = dict(zip(by_quantity, table.numbers(by_quantity.values())))
+    for quantity, name in by_quantity.items():
+        low, high = LIMITS.get(quantity, LENGTH_RANGE_M)
+        column = COLUMNS[name]
+        problem = problem_with_values(values[quantity], (column.own(low), column.own(high)))
+        if problem:
+            problems.append(_with_line(f'{name}{problem}', table, {name}))
+    if problems:
+        raise InvalidInput(problems)
+    columns = {quantity: COLUMNS[name].si(values[quantity])
+               for quantity, name in by_quantity.items()}
+    names = {quantity: name if name == quantity else f'{name}, in {UNITS[quantity]}'
+             for quantity, name in by_quantity.items()}
+    if LENGTH in columns:
+        _replace_length(columns, names, table, by_quantity)
+    return columns, names
 
 
-def _with_line(problem, line_numbers):
-    """Say the line of the file in place of the segment in `column[segment]: …`."""
+def _missing(by_quantity):
+    """Sentences on columns that are not there, or of which one is too many."""
+    missing = [alternatives(name, COLUMNS)
+               for name in ('propulsion_power_w', 'ambient_temperature_c')
+               if name not in by_quantity]
+    motion = [name for name in MOTION if name in by_quantity]
+    if len(motion) == 3:
+        yield ('duration, speed and length of a segment are given; one follows from the other '
+               'two: leave one out')
+    elif len(motion) < 2:
+        missing = [*(alternatives(name, COLUMNS) for name in MOTION[:2] if name not in motion),
+                   *missing]
+    if missing:
+        yield f'missing columns: {", ".join(missing)}'
+
+
+def _replace_length(columns, names, table, by_quantity):
+    """Put duration and speed in place of the length and one of them."""
+    length_m = columns.pop(LENGTH)
+    del names[LENGTH]
+    length_name = by_quantity[LENGTH]
+    if 'duration_s' in columns:
+        columns['speed_mps'] = length_m / columns['duration_s']
+        names['speed_mps'] = f'speed, in m/s, by {length_name}'
+        return
+    standing = columns['speed_mps'] == 0.0
+    if standing.any():
+        raise InvalidInput(
+            f'{table.where(int(np.argmax(standing)))}: {by_quantity["speed_mps"]}: a segment in '
+            'which the car stands has no length; give duration_s in place of '
+            f'{by_quantity[LENGTH]}')
+    columns['duration_s'] = length_m / columns['speed_mps']
+    names['duration_s'] = f'duration, in s, by {length_name}'
+
+
+def _with_line(problem, table, names):
+    """Say file and line in place of the segment in `column[segment]: …`."""
     name, bracket, rest = problem.partition('[')
     index, closed, tail = rest.partition(']')
-    if bracket and closed and index.isdigit() and name in LIMITS:
-        return f', line {line_numbers[int(index)]}: {name}{tail}'
-    return f': {problem}'
+    if bracket and closed and index.isdigit() and name in names:
+        return f'{table.where(int(index))}: {name}{tail}'
+    return f'{table.path}: {problem}'

@@ -5,17 +5,19 @@ Makes a Route from drive logs: CSV files, a sample a second, a header, `#` for c
 Wanted columns: time_s, speed_mps, ambient_c (ambient temperature), cabin_heater_w (electrical
 power of the cabin heater), and the battery's terminal power, positive when discharging: either
 power_w or voltage_v and current_a. aircon_w (air conditioning) is taken where it is there; any
-other column is left alone.
+other column is left alone. Speed may be in km/h (speed_kmh), powers in kW (power_kw, ...).
 """
 
-import csv
 from dataclasses import dataclass
 from difflib import get_close_matches
 
 import numpy as np
 
 from bev_preheat.errors import InvalidInput
-from bev_preheat.route.segments import LIMITS, Route, make_route
+from bev_preheat.route.columns import (
+    advice, alternatives, Column, doubled, power_columns, speed_columns)
+from bev_preheat.route.segments import LIMITS, make_route, Route
+from bev_preheat.route.text_table import read_text_table
 
 # What a sample may hold: (low, high). The sensors of a car give nothing else, their faults do.
 POSSIBLE = {
@@ -27,7 +29,16 @@ POSSIBLE = {
     'cabin_heater_w': LIMITS['cabin_heating_power_w'],
     'aircon_w': LIMITS['auxiliary_power_w'],
 }
-OPTIONAL_COLUMNS = ('aircon_w',)
+COLUMNS = {
+    'time_s': Column('time_s'),
+    **speed_columns(),
+    'ambient_c': Column('ambient_c'),
+    **power_columns('cabin_heater_w'),
+    **power_columns('power_w'),
+    'voltage_v': Column('voltage_v'),
+    'current_a': Column('current_a'),
+    **power_columns('aircon_w'),
+}
 # A sample speaks for this long at most [s]; more without a sample is a gap.
 LONGEST_INTERVAL_S = 1.5
 # Longest gap that is bridged [s], and the largest share of a log that may be bridged.
@@ -71,63 +82,51 @@ def load_drive_logs(paths, defaults, step_s=30.0):
     except InvalidInput as error:
         raise InvalidInput([f'{described}: {problem}' for problem in error.problems]) from error
     if route.propulsion_power_w @ route.duration_s < 0.0:
-        remarks.append(f'{described}: more is regenerated than driven with; is the current really '
+        remarks.append(f'{described}: net regeneration over the log; is the current really '
                        'positive when the battery is discharged?')
     return LoggedRoute(route, tuple(remarks))
 
 
 def _read(path):
-    """Names of the columns that are used, line numbers (N,), samples (N, columns)."""
-    try:
-        with open(path, encoding='utf-8-sig', newline='') as file:
-            rows = [(number, next(csv.reader([text])))
-                    for number, line in enumerate(file, start=1)
-                    if (text := line.split('#', 1)[0].strip())]
-    except (OSError, UnicodeDecodeError) as error:
-        reason = getattr(error, 'strerror', None) or 'is not UTF-8 text'
-        raise InvalidInput(f'{path}: cannot be read: {reason}') from error
-    if len(rows) < 3:
-        raise InvalidInput(f'{path}: has {max(len(rows) - 1, 0)} samples; at least 2 are needed, '
+    """Names of the columns that are used, line numbers (N,), samples (N, columns) in SI units."""
+    table = read_text_table(path, COLUMNS)
+    if len(table.rows) < 2:
+        raise InvalidInput(f'{path}: has {len(table.rows)} samples; at least 2 are needed, '
                            'below a header')
-    (header_line, header), rows = rows[0], rows[1:]
-    header = [name.strip() for name in header]
-    names = _wanted_columns(f'{path}, line {header_line}', header)
-    places = [header.index(name) for name in names]
-    problems, samples = [], []
-    for line, row in rows:
-        if len(row) != len(header):
-            problems.append(f'{path}, line {line}: has {len(row)} values; the header names '
-                            f'{len(header)} columns')
-            continue
-        sample = []
-        for name, place in zip(names, places):
-            text = row[place].strip()
-            try:
-                sample.append(float(text) if text else np.nan)
-            except ValueError:
-                problems.append(f'{path}, line {line}: {name}: {text!r} is not a number')
-        samples.append(sample)
-    if problems:
-        raise InvalidInput(problems)
-    return names, np.array([line for line, _ in rows]), np.array(samples)
+    names = _wanted_columns(f'{path}, line {table.header_line}', table.header)
+    columns = table.numbers(names, empty_is_nan=True)
+    return names, np.array(table.lines), np.column_stack(
+        [COLUMNS[name].si(values) for name, values in zip(names, columns)])
 
 
 def _wanted_columns(where, header):
-    power = ('power_w',) if 'power_w' in header else ('voltage_v', 'current_a')
+    """Return the columns that are used, time first."""
+    found = {COLUMNS[name].quantity: name for name in header if name in COLUMNS}
+    power = ('power_w',) if 'power_w' in found else ('voltage_v', 'current_a')
     wanted = ('time_s', 'speed_mps', 'ambient_c', 'cabin_heater_w', *power)
-    names = wanted + tuple(name for name in OPTIONAL_COLUMNS if name in header)
+    # A log has many columns that are none of its business here; only a name that may be meant for
+    # a missing one gets advice.
+    advised = [advice(name, COLUMNS) for name in header if name not in COLUMNS]
     problems = []
-    for name in wanted:
-        if name not in header:
-            near = get_close_matches(name, header, n=1)
-            hint = f'; is it {near[0]!r}?' if near else ''
-            other = ' (or power_w)' if name in ('voltage_v', 'current_a') else ''
-            problems.append(f'{where}: missing column {name}{other}{hint}')
-    problems += [f'{where}: column {name} is named twice' for name in names
-                 if header.count(name) > 1]
+    for quantity in wanted:
+        if quantity in found:
+            continue
+        names = alternatives(quantity, COLUMNS)
+        renaming = [sentence for sentence in advised if sentence.endswith(f'to {names}')]
+        if renaming:
+            problems.append(f'{where}: {renaming[0]}')
+            continue
+        near = get_close_matches(quantity, header, n=1)
+        hint = f'; is it {near[0]!r}?' if near else ''
+        other = f' (or {alternatives("power_w", COLUMNS)})' \
+            if quantity in ('voltage_v', 'current_a') else ''
+        problems.append(f'{where}: missing column {names}{other}{hint}')
+    used = {quantity: found[quantity] for quantity in (*wanted, 'aircon_w') if quantity in found}
+    problems += [f'{where}: {problem}' for problem in doubled(
+        header, {name: column for name, column in COLUMNS.items() if column.quantity in used})]
     if problems:
         raise InvalidInput(problems)
-    return names
+    return tuple(used.values())
 
 
 def _possible_samples(path, names, lines, samples, remarks):
@@ -143,13 +142,14 @@ def _possible_samples(path, names, lines, samples, remarks):
                            f'{time_s[at - 1]:g}, the sample before')
     good = np.ones(len(samples), dtype=bool)
     for name, values in zip(names[1:], samples.T[1:]):
-        low, high = POSSIBLE[name]
+        column = COLUMNS[name]
+        low, high = POSSIBLE[column.quantity]
         bad = ~((values >= low) & (values <= high))
         if bad.any():
             at, count = int(np.argmax(bad)), int(bad.sum())
             more = f' (and {count - 1} more lines)' if count > 1 else ''
-            remarks.append(f'{path}, line {lines[at]}: {name}: {values[at]:g} is left out; '
-                           f'possible is {low:g} ... {high:g}{more}')
+            remarks.append(f'{path}, line {lines[at]}: {name}: {column.own(values[at]):g} is left '
+                           f'out; possible is {column.own(low):g} ... {column.own(high):g}{more}')
             good &= ~bad
     if good.sum() < 2:
         raise InvalidInput(f'{path}: has {int(good.sum())} samples that are possible; at least 2 '
@@ -161,7 +161,7 @@ def _segments(path, names, lines, samples, defaults, remarks):
     """Columns of Route, one segment a sample; gaps are bridged."""
     logged_s = samples[:, 0]
     time_s = _bridged(path, lines, logged_s, remarks)
-    log = dict(zip(names, samples.T))
+    log = {COLUMNS[name].quantity: values for name, values in zip(names, samples.T)}
     power_w = log['power_w'] if 'power_w' in log else log['voltage_v'] * log['current_a']
     auxiliary_w = log.get('aircon_w', 0.0) + np.full(len(logged_s), defaults.auxiliary_power_w)
 

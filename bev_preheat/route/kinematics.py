@@ -17,7 +17,7 @@ CELL_M = 2.0
 
 
 @dataclass(frozen=True)
-class Leg:
+class RoadLeg:
     """
     A stretch of road with one speed limit and one slope.
 
@@ -47,7 +47,7 @@ class Track:
 
 
 @dataclass(frozen=True)
-class Drive:
+class RoadDrive:
     """Instants of a drive; arrays of shape (K,). Between two the acceleration is constant."""
 
     time_s: np.ndarray
@@ -68,7 +68,7 @@ class Drive:
 
 def lay_track(legs, seed):
     """
-    Return the Track of a sequence of Leg, which starts and ends at a standstill.
+    Return the Track of a sequence of RoadLeg, which starts and ends at a standstill.
 
     `seed` is that of the traffic's random numbers.
     """
@@ -91,7 +91,7 @@ def leg_starts_m(legs):
 
 def drive_along(track, acceleration_mps2, deceleration_mps2, pace=1.0):
     """
-    Return the fastest Drive within what a Track allows, times `pace`, and the accelerations.
+    Return the fastest RoadDrive within what a Track allows, times `pace`, and the accelerations.
 
     Both accelerations are magnitudes [m/s^2].
     """
@@ -111,7 +111,7 @@ def drive_along(track, acceleration_mps2, deceleration_mps2, pace=1.0):
     waits = track.standstill_s > 0.0
     departure_s = arrival_s[waits] + track.standstill_s[waits]
     copies = 1 + waits
-    return Drive(time_s=np.sort(np.concatenate((arrival_s, departure_s)), kind='stable'),
+    return RoadDrive(time_s=np.sort(np.concatenate((arrival_s, departure_s)), kind='stable'),
                  distance_m=np.repeat(at_m, copies),
                  speed_mps=np.repeat(speed_mps, copies))
 

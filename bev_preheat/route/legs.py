@@ -1,12 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Makes a Route from a readable description of a trip: legs of road, and a car that drives them.
+Makes a Route from a readable description of a trip: legs of road, driven by a given car.
 
-The description is a YAML file (see legs_schema.yaml). The drive is simulated in short steps, which
-are then joined to segments that keep its energy and its mean square power.
+The description is a YAML file (see legs_schema.yaml) and the same for every car. The drive is
+simulated in short steps, which are then joined to segments that keep its energy and its mean
+square power.
 """
 
 from dataclasses import dataclass, replace
+from math import inf
 from pathlib import Path
 
 import numpy as np
@@ -14,9 +16,9 @@ import numpy as np
 from bev_preheat.checked_yaml import load_checked_yaml
 from bev_preheat.configuration import find_configuration
 from bev_preheat.errors import InvalidInput
-from bev_preheat.route.kinematics import Leg, drive_along, lay_track, leg_starts_m
-from bev_preheat.route.road_load import RoadVehicle, battery_power_w, wheel_power_w
-from bev_preheat.route.segments import LONGEST_ROUTE_S, Route, make_route
+from bev_preheat.route.kinematics import drive_along, lay_track, leg_starts_m, RoadLeg
+from bev_preheat.route.road_load import battery_power_w, Load, loaded, wheel_power_w
+from bev_preheat.route.segments import LONGEST_ROUTE_S, make_route, Route
 
 SCHEMA = Path(__file__).with_name('legs_schema.yaml')
 
@@ -27,13 +29,15 @@ SLIVER = 0.05
 # How far calibration may scale speeds and powers: beyond, the description is another trip.
 PACE_RANGE = (0.7, 1.4)
 POWER_SCALE_RANGE = (0.5, 2.0)
+# Comfortable driving [m/s^2], where the description says nothing.
+DEFAULT_ACCELERATION_MPS2 = 1.0
 ELEVATION_RANGE_M = (-500.0, 9000.0)
 JOULES_PER_WH = 3600.0
 
 
 @dataclass(frozen=True)
 class LegsRoute:
-    """The Route of a description, its name, and sentences on what calibration has changed."""
+    """The Route of a description, its name, and sentences on its calibration."""
 
     route: Route
     name: str
@@ -45,36 +49,41 @@ def legs_file(name_or_file):
     return find_configuration('routes/legs', name_or_file, '.yaml')
 
 
-def load_legs(name_or_file, defaults=None):
+def load_legs(name_or_file, vehicle):
     """
     Return the LegsRoute of a name (a file in config/routes/legs) or of a YAML file.
 
-    `defaults` (vehicle.description.Defaults) gives the cabin's and the auxiliaries' power where
-    the description does not. Raises InvalidInput naming file, key, value and what is allowed.
+    `vehicle` (vehicle.description.Vehicle) is the car that drives; it also gives the cabin's and
+    the auxiliaries' power where the description does not. Raises InvalidInput naming file, key,
+    value and what is allowed.
     """
     path = legs_file(name_or_file)
     description = load_checked_yaml(path, SCHEMA)
     try:
-        return _make(description, defaults)
+        return _make(description, vehicle)
     except InvalidInput as error:
         raise InvalidInput([f'{path}: {problem}' for problem in error.problems]) from error
 
 
-def _make(description, defaults):
+def _make(description, vehicle):
+    if vehicle.road_load is None:
+        raise InvalidInput(
+            f'vehicle {vehicle.name!r} has no road_load, and without it the power on a road is '
+            'unknown; add it to the vehicle file, with the figures of the car, such as '
+            'road_load: {mass_kg: 1900, frontal_area_m2: 2.4, drag_coefficient: 0.27, '
+            'rolling_resistance: 0.010}')
     remarks = []
     legs = _legs(description, remarks)
     _check_duration(legs)
-    vehicle = RoadVehicle(**{key: float(value)
-                             for key, value in description['road_vehicle'].items()})
-    drive = _drive(description, vehicle, legs, remarks)
+    drive = _drive(description, legs, remarks)
 
     segment_s = float(description.get('segment_duration_s', 30.0))
-    fine = _simulate(description, vehicle, legs, drive, segment_s, defaults)
+    fine = _simulate(description, vehicle, legs, drive, segment_s)
     route = fine.resampled(segment_s)
     if not description.get('within_segment_variation', True):
         route = replace(route, propulsion_power_rms_w=np.abs(route.propulsion_power_w))
     if 'propulsion_energy_wh' in description:
-        route = _with_energy(route, **description['propulsion_energy_wh'], remarks=remarks)
+        route = _calibrated(route, vehicle, description['propulsion_energy_wh'], remarks)
     return LegsRoute(route, description['name'], tuple(remarks))
 
 
@@ -100,7 +109,7 @@ def _legs(description, remarks):
                             f'{node["stops"]} stops')
             continue
         start_c, end_c = ambient_c if isinstance(ambient_c, list) else (ambient_c, ambient_c)
-        legs.append(Leg(
+        legs.append(RoadLeg(
             length_m=scale * node['length_m'],
             speed_limit_mps=node['speed_limit_kmh'] / 3.6,
             slope=node.get('slope_percent', 0.0) / 100.0,
@@ -124,12 +133,15 @@ def _check_duration(legs):
                            f'{LONGEST_ROUTE_S:g} s are planned')
 
 
-def _drive(description, vehicle, legs, remarks):
-    """Drive of the vehicle along the legs, as long as `duration_s` wants it."""
+def _drive(description, legs, remarks):
+    """Drive along the legs, as long as `duration_s` wants it; the same for every car."""
     track = lay_track(legs, description.get('seed', 0))
+    style = description.get('driving', {})
+    accelerations_mps2 = [float(style.get(key, DEFAULT_ACCELERATION_MPS2))
+                          for key in ('acceleration_mps2', 'deceleration_mps2')]
 
     def at_pace(pace):
-        return drive_along(track, vehicle.acceleration_mps2, vehicle.deceleration_mps2, pace)
+        return drive_along(track, *accelerations_mps2, pace)
 
     if 'duration_s' not in description:
         return at_pace(1.0)
@@ -150,7 +162,7 @@ def _drive(description, vehicle, legs, remarks):
     return replace(drive, time_s=drive.time_s * (wanted_s / drive.time_s[-1]))
 
 
-def _simulate(description, vehicle, legs, drive, segment_s, defaults):
+def _simulate(description, vehicle, legs, drive, segment_s):
     """Route in steps of about STEP_S, of which a segment holds a whole number."""
     step_s = segment_s / np.ceil(segment_s / STEP_S)
     end_s = drive.time_s[-1]
@@ -172,27 +184,37 @@ def _simulate(description, vehicle, legs, drive, segment_s, defaults):
     to_c = np.array([leg.ambient_at_end_c for leg in legs])[leg_of]
     ambient_c = from_c + along * (to_c - from_c)
 
+    load = Load(**{key: float(value) for key, value in description.get('load', {}).items()})
+    car = loaded(vehicle, load, float(description.get('maximum_regeneration_power_w', inf)))
     at_wheels_w = wheel_power_w(
-        vehicle, duration_s, distance_m, speed_mps,
+        car, duration_s, distance_m, speed_mps,
         elevation_m=np.interp(distance_m, starts_m, elevations_m),
         slope=np.array([leg.slope for leg in legs])[leg_of],
         ambient_temperature_c=ambient_c,
         headwind_mps=description.get('headwind_mps', 0.0))
+    power_w = battery_power_w(car, at_wheels_w)
+    _check_power(power_w, middle_m, vehicle)
     columns = {
         'duration_s': duration_s,
         'speed_mps': np.diff(distance_m) / duration_s,
-        'propulsion_power_w': battery_power_w(vehicle, at_wheels_w),
+        'propulsion_power_w': power_w,
         'ambient_temperature_c': ambient_c,
     }
-    missing = []
     for key in ('cabin_heating_power_w', 'auxiliary_power_w'):
         if key in description:
             columns[key] = [description[key]]
-        elif defaults is None:
-            missing.append(f'missing {key}; it must stand here or come from a vehicle')
-    if missing:
-        raise InvalidInput(missing)
-    return make_route(columns, defaults)
+    return make_route(columns, vehicle.defaults)
+
+
+def _check_power(power_w, at_m, vehicle):
+    """Refuse what the drivetrain cannot do: the car would be slower than the description says."""
+    most_w = vehicle.drivetrain.maximum_power_w
+    at = int(np.argmax(power_w))
+    if power_w[at] > most_w:
+        raise InvalidInput(
+            f'legs: vehicle {vehicle.name!r} would need {power_w[at] / 1e3:.0f} kW at km '
+            f'{at_m[at] / 1e3:.1f}; its drivetrain.maximum_power_w is {most_w:g} W; lower '
+            'driving.acceleration_mps2 or the speed limit there')
 
 
 def _check_elevations(elevations_m):
@@ -202,6 +224,15 @@ def _check_elevations(elevations_m):
         at = int(outside[0])
         raise InvalidInput(f'legs[{at - 1}]: ends {elevations_m[at]:.0f} m above sea level; '
                            f'it must be {low_m:g} ... {high_m:g}')
+
+
+def _calibrated(route, vehicle, energy, remarks):
+    """Route with the energies that a certain vehicle needs, if this is the one."""
+    if vehicle.name != energy['vehicle']:
+        remarks.append(f'propulsion_energy_wh is that of vehicle {energy["vehicle"]} and does not '
+                       f'hold for {vehicle.name}: its powers are not scaled')
+        return route
+    return _with_energy(route, energy['total_magnitude'], energy['net'], remarks)
 
 
 def _with_energy(route, total_magnitude, net, remarks):

@@ -2,6 +2,7 @@
 """The power that a car needs to drive: inertia, slope, rolling and air resistance, drivetrain."""
 
 from dataclasses import dataclass
+from math import inf
 
 import numpy as np
 
@@ -17,21 +18,45 @@ KELVIN_AT_0_C = 273.15
 @dataclass(frozen=True)
 class RoadVehicle:
     """
-    A car as the road sees it.
+    A loaded car as the road sees it.
 
-    `drivetrain_efficiency` holds from battery to wheel when driving and from wheel to battery
-    when braking; `maximum_regeneration_power_w` is electrical, the friction brakes do the rest.
-    The two accelerations are magnitudes, those of comfortable driving.
+    `drag_area_m2` is drag coefficient times frontal area. `drivetrain_efficiency` holds from
+    battery to wheel when driving and from wheel to battery when braking;
+    `maximum_regeneration_power_w` is electrical, the friction brakes do the rest.
     """
 
     mass_kg: float
-    frontal_area_m2: float
-    drag_coefficient: float
+    drag_area_m2: float
     rolling_resistance: float
     drivetrain_efficiency: float
     maximum_regeneration_power_w: float
-    acceleration_mps2: float
-    deceleration_mps2: float
+
+
+@dataclass(frozen=True)
+class Load:
+    """What a trip adds to the car: payload, a roof box, snow on the road."""
+
+    payload_kg: float = 0.0
+    additional_drag_area_m2: float = 0.0
+    rolling_resistance_factor: float = 1.0
+
+
+def loaded(vehicle, load, maximum_regeneration_power_w=inf):
+    """
+    Return the RoadVehicle of a Vehicle that has a `road_load`, with a Load.
+
+    `maximum_regeneration_power_w` [W] is that of the trip; the lower one of it and the vehicle's
+    holds.
+    """
+    road_load, drivetrain = vehicle.road_load, vehicle.drivetrain
+    return RoadVehicle(
+        mass_kg=road_load.mass_kg + load.payload_kg,
+        drag_area_m2=(road_load.drag_coefficient * road_load.frontal_area_m2
+                      + load.additional_drag_area_m2),
+        rolling_resistance=road_load.rolling_resistance * load.rolling_resistance_factor,
+        drivetrain_efficiency=drivetrain.efficiency,
+        maximum_regeneration_power_w=min(drivetrain.maximum_regeneration_power_w,
+                                         maximum_regeneration_power_w))
 
 
 def air_density_kg_per_m3(ambient_temperature_c, elevation_m):
@@ -59,8 +84,7 @@ def wheel_power_w(vehicle, duration_s, distance_m, speed_mps, elevation_m, slope
     density = air_density_kg_per_m3(
         ambient_temperature_c, 0.5 * (elevation_m[:-1] + elevation_m[1:]))
     air_mps = mean_mps + headwind_mps
-    air_n = (0.5 * density * vehicle.drag_coefficient * vehicle.frontal_area_m2
-             * air_mps * np.abs(air_mps))
+    air_n = 0.5 * density * vehicle.drag_area_m2 * air_mps * np.abs(air_mps)
     return (kinetic_j + potential_j + rolling_j + air_n * driven_m) / duration_s
 
 

@@ -188,7 +188,7 @@ def make_route(columns, defaults, names=None):
         if values is None or len(values) == 0:
             continue
         array = np.asarray(values, dtype=float)
-        problem = _problem_with(array, limits)
+        problem = problem_with_values(array, limits)
         if problem:
             problems.append(f'{names.get(field, field)}{problem}')
         arrays[field] = array
@@ -231,8 +231,8 @@ def make_route(columns, defaults, names=None):
     return route
 
 
-def _problem_with(array, limits):
-    """What is wrong with the values of one column, to stand behind its name; None if nothing."""
+def problem_with_values(array, limits):
+    """Return what is wrong with the values of a column, to stand behind its name, or None."""
     if array.ndim != 1:
         return f': has {array.ndim} dimensions; it must be a plain list'
     low, high = limits

@@ -6,18 +6,18 @@ import math
 
 import numpy as np
 
-from bev_preheat.control.inputs import Leg, Mission, NS_PER_S
 from bev_preheat.simulation.heater_faults import fault_at, next_change_s
 from bev_preheat.simulation.heater_lease import HeaterLease
 from bev_preheat.simulation.mismatch import Mismatch, true_route, true_vehicle
 from bev_preheat.simulation.sensors import SensorReadings, Sensors
 from bev_preheat.simulation.traffic import clock_offset_s, drive_with_events
 from bev_preheat.simulation.vehicle_plant import VehiclePlant
+from bev_preheat.supervision.inputs import Leg, Mission, NS_PER_S
 
 
 @dataclass(frozen=True)
 class Imperfections:
-    """All in which a simulated drive differs from what vehicle and route file say; none at first."""
+    """All deviations of the simulated drive from vehicle and route file; none by default."""
 
     mismatch: Mismatch = field(default_factory=Mismatch)
     sensors: Sensors = field(default_factory=Sensors)
@@ -88,6 +88,12 @@ class ImperfectCar:
                                  due.charging_planned)
         return self._mission(due.route, start_ns + round(self.stamp_s(due.at_s) * NS_PER_S),
                              due.charging_planned)
+
+    @property
+    def next_event_s(self):
+        """When the next battery state is taken or arrives, or the next route plan does [s]."""
+        news_s = [news.at_s for news in self._news[:1]]
+        return min([self.readings_of.next_s, self.readings_of.next_arrival_s, *news_s])
 
     def advance_under(self, lease, to_s):
         """Drive on to `to_s` [s] under a HeaterLease, and take the readings that are due."""

@@ -4,7 +4,7 @@
 from dataclasses import dataclass, replace
 
 from bev_preheat.route.variation import vary
-from bev_preheat.vehicle.corrections import Corrections, corrected_vehicle
+from bev_preheat.vehicle.corrections import corrected_vehicle, Corrections
 
 
 @dataclass(frozen=True)

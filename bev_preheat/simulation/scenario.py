@@ -7,17 +7,17 @@ from typing import Optional
 
 from bev_preheat.checked_yaml import load_checked_yaml
 from bev_preheat.configuration import find_configuration
-from bev_preheat.control.settings import PARAMETERS
 from bev_preheat.errors import InvalidInput
 from bev_preheat.planning.situation import BatteryState, check_situation, Goal
 from bev_preheat.planning.status import Status
-from bev_preheat.route import load_route, route_file
+from bev_preheat.route import route_for
 from bev_preheat.route.segments import Route
 from bev_preheat.simulation.heater_faults import HeaterFault
 from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections
 from bev_preheat.simulation.mismatch import Mismatch
 from bev_preheat.simulation.sensors import Sensors
 from bev_preheat.simulation.traffic import ClockJump, Event, Kind
+from bev_preheat.supervision.settings import PARAMETERS
 from bev_preheat.vehicle import load_vehicle, Vehicle, vehicle_file
 
 SCHEMA = Path(__file__).with_name('scenario_schema.yaml')
@@ -42,7 +42,8 @@ class Scenario:
     A drive, what is wrong with it, and what is expected.
 
     `planner` holds parameters of the node `planner` by name, `vehicle_name` what the file calls the
-    vehicle: a name, or a file's path. `files` are the paths of all files that were read.
+    vehicle: a name, or a file's path. `files` are the paths of all files that were read;
+    `warnings` are sentences on routes that were made for another vehicle.
     """
 
     name: str
@@ -57,6 +58,7 @@ class Scenario:
     expectations: Expectations
     planner: dict = field(default_factory=dict)
     files: tuple = ()
+    warnings: tuple = ()
 
     def car(self):
         """Return the ImperfectCar at its start."""
@@ -80,10 +82,13 @@ def load_scenario(name_or_file):
 
 def _scenario(path, contents):
     drive, folder = contents['drive'], path.parent
-    vehicle_name = _seen_from(folder, drive['vehicle'], '.yaml')
+    vehicle_name = _seen_from(folder, drive['vehicle'])
     vehicle = load_vehicle(vehicle_name)
-    route_name = _seen_from(folder, drive['route'], '.csv')
-    route = load_route(route_name, vehicle.defaults)
+    driven = route_for(drive['route'], vehicle, folder)
+    detours = [route_for(node['route'], vehicle, folder) if 'route' in node else None
+               for node in contents.get('traffic', ())]
+    routes = [driven, *filter(None, detours)]
+    route = driven.route
     if 'ends_after_s' in drive:
         if drive['ends_after_s'] > route.total_duration_s:
             raise InvalidInput(f'drive.ends_after_s: {drive["ends_after_s"]:g} s is beyond the '
@@ -96,8 +101,6 @@ def _scenario(path, contents):
                         vehicle.defaults.target_battery_temperature_c)),
         float(drive.get('minimum_arrival_soc', 0.0)), drive.get('charging_planned', True))
     check_situation(vehicle, route, state, goal)
-    detours = [_seen_from(folder, node['route'], '.csv')
-               for node in contents.get('traffic', ()) if 'route' in node]
     return Scenario(
         name=contents['name'], description=contents['description'], vehicle_name=vehicle_name,
         vehicle=vehicle, route=route, state=state, goal=goal, seed=contents.get('seed', 0),
@@ -105,12 +108,13 @@ def _scenario(path, contents):
             mismatch=Mismatch(**contents.get('mismatch', {})),
             sensors=_sensors(contents.get('sensors', {})),
             heater_faults=tuple(HeaterFault(**node) for node in contents.get('heater_faults', ())),
-            events=tuple(_event(folder, vehicle, at, node)
-                         for at, node in enumerate(contents.get('traffic', ()))),
+            events=tuple(_event(at, node, detour) for at, (node, detour) in enumerate(
+                zip(contents.get('traffic', ()), detours))),
             clock_jumps=tuple(ClockJump(**node) for node in contents.get('clock_jumps', ()))),
         expectations=_expectations(contents['expect']),
         planner=_planner(contents.get('planner', {})),
-        files=(path, vehicle_file(vehicle_name), *map(route_file, (route_name, *detours))))
+        files=(path, vehicle_file(vehicle_name), *(each.file for each in routes)),
+        warnings=tuple(dict.fromkeys(each.warning for each in routes if each.warning)))
 
 
 def _planner(parameters):
@@ -121,8 +125,8 @@ def _planner(parameters):
     return parameters
 
 
-def _seen_from(folder, name_or_file, suffix):
-    is_file = '/' in name_or_file or name_or_file.endswith(suffix)
+def _seen_from(folder, name_or_file):
+    is_file = '/' in name_or_file or name_or_file.endswith('.yaml')
     return str(folder / name_or_file) if is_file else name_or_file
 
 
@@ -144,7 +148,7 @@ OWN_KEYS = {Kind.STOP: {'duration_s'}, Kind.OTHER_PACE: {'duration_s', 'factor'}
             Kind.DETOUR: {'route'}, Kind.CANCEL_CHARGING: set(), Kind.ARRIVE_EARLY: set()}
 
 
-def _event(folder, vehicle, at, node):
+def _event(at, node, detour):
     kind = Kind(node['event'])
     own = {key: value for key, value in node.items()
            if key not in ('event', 'at_s', 'route_plan_after_s')}
@@ -153,7 +157,7 @@ def _event(folder, vehicle, at, node):
                            f'{", ".join(sorted(own)) or "nothing"} besides its instant; it must '
                            f'have {", ".join(sorted(OWN_KEYS[kind])) or "nothing"}')
     if 'route' in own:
-        own['route'] = load_route(_seen_from(folder, own['route'], '.csv'), vehicle.defaults)
+        own['route'] = detour.route
     return Event(kind, float(node['at_s']), node.get('route_plan_after_s', 0.0), **own)
 
 

@@ -98,6 +98,12 @@ class SensorReadings:
                      _measured(random, plant.current_a, sensors.current_noise_a))
         return Reading(now_s, temperature_c, min(max(soc, 0.0), 1.0), *power)
 
+    @property
+    def next_arrival_s(self):
+        """When the oldest Reading under way arrives [s]; inf where none is."""
+        return (self._under_way[0].instant_s + self.sensors.delay_s if self._under_way
+                else math.inf)
+
     def arrived(self, now_s):
         """Return the Readings that have arrived since the last call, oldest first."""
         arrived = []

@@ -6,6 +6,7 @@ Made from a YAML file by `vehicle.loading`, which checks it; nothing is checked 
 """
 
 from dataclasses import dataclass
+from math import inf
 from typing import Any
 
 
@@ -28,6 +29,7 @@ class Battery:
 
     Curves are those of `vehicle.curves`, over (state of charge, temperature): open-circuit voltage
     [V], internal resistance [ohm], power limits [W] (discharge positive, charge negative).
+    `cells_in_series` is None where the file does not tell; no equation needs it.
     """
 
     capacity_ah: float
@@ -39,6 +41,7 @@ class Battery:
     leakage: Leakage
     soc_range: tuple
     temperature_range_c: tuple
+    cells_in_series: int | None = None
 
     @property
     def capacity_as(self):
@@ -48,11 +51,17 @@ class Battery:
 
 @dataclass(frozen=True)
 class Drivetrain:
-    """The electric drivetrain: efficiency eta_ed_e, share of its losses that heats the battery."""
+    """
+    The electric drivetrain: efficiency eta_ed_e, share of its losses that heats the battery.
+
+    Both maximum powers [W] are electrical and positive; above the maximum of regeneration the
+    friction brakes do the rest.
+    """
 
     efficiency: float
     heat_recovery_efficiency: float
     maximum_power_w: float
+    maximum_regeneration_power_w: float = inf
 
     @property
     def heat_share(self):
@@ -78,6 +87,16 @@ class Hvch:
 
 
 @dataclass(frozen=True)
+class RoadLoad:
+    """What resists the car on the road: mass, air and tyres (coefficients without a unit)."""
+
+    mass_kg: float
+    frontal_area_m2: float
+    drag_coefficient: float
+    rolling_resistance: float
+
+
+@dataclass(frozen=True)
 class Defaults:
     """What holds where a route or a driver says nothing."""
 
@@ -88,10 +107,18 @@ class Defaults:
 
 @dataclass(frozen=True, eq=False)
 class Vehicle:
-    """One car; compared by identity, so that what is made from one can be kept beside it."""
+    """
+    One car; compared by identity, so that what is made from one can be kept beside it.
+
+    `road_load` is None where the file does not give it: routes with fixed powers can then be
+    planned, descriptions of a road cannot. `assumed` are the keys of the file whose values nobody has
+    measured or stated for this car.
+    """
 
     name: str
     battery: Battery
     drivetrain: Drivetrain
     hvch: Hvch
     defaults: Defaults
+    road_load: RoadLoad | None = None
+    assumed: tuple = ()

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Makes a Vehicle from a YAML file, and refuses files that cannot be one."""
 
+from difflib import get_close_matches
 from hashlib import sha256
 from pathlib import Path
 
@@ -9,10 +10,10 @@ import numpy as np
 from bev_preheat.arithmetic import ARRAYS
 from bev_preheat.checked_yaml import load_checked_yaml
 from bev_preheat.configuration import find_configuration
-from bev_preheat.errors import InvalidInput
+from bev_preheat.errors import InvalidInput, quoted
 from bev_preheat.vehicle.curves import InverseTemperatureResistance, PolynomialVoltage, Table
 from bev_preheat.vehicle.description import (
-    Battery, Defaults, Drivetrain, Hvch, Leakage, Vehicle)
+    Battery, Defaults, Drivetrain, Hvch, Leakage, RoadLoad, Vehicle)
 
 SCHEMA = Path(__file__).with_name('schema.yaml')
 
@@ -48,6 +49,15 @@ def load_vehicle(name_or_file):
             f'defaults.target_battery_temperature_c: {target_c} is outside '
             f'battery.temperature_range_c {lowest_c} ... {highest_c}')
 
+    drivetrain = {'maximum_regeneration_power_w': contents['drivetrain']['maximum_power_w'],
+                  **contents['drivetrain']}
+    if drivetrain['maximum_regeneration_power_w'] > drivetrain['maximum_power_w']:
+        problems.append(
+            'drivetrain.maximum_regeneration_power_w: '
+            f'{drivetrain["maximum_regeneration_power_w"]} is above drivetrain.maximum_power_w, '
+            f'{drivetrain["maximum_power_w"]}')
+
+    problems += _keys_that_are_not_there(contents)
     leakage = Leakage(**_floats(battery['leakage']))
     time_constant_s = battery['heat_capacity_j_per_k'] / max(
         leakage.coefficient_w_per_k(FAST_MPS), 1e-9)
@@ -93,10 +103,13 @@ def load_vehicle(name_or_file):
             charge_power_limit=charge,
             leakage=leakage,
             soc_range=tuple(map(float, battery['soc_range'])),
-            temperature_range_c=tuple(map(float, battery['temperature_range_c']))),
-        drivetrain=Drivetrain(**_floats(contents['drivetrain'])),
+            temperature_range_c=tuple(map(float, battery['temperature_range_c'])),
+            cells_in_series=battery.get('cells_in_series')),
+        drivetrain=Drivetrain(**_floats(drivetrain)),
         hvch=Hvch(**_floats(contents['hvch'])),
-        defaults=Defaults(**_floats(contents['defaults'])))
+        defaults=Defaults(**_floats(contents['defaults'])),
+        road_load=RoadLoad(**_floats(contents['road_load'])) if 'road_load' in contents else None,
+        assumed=tuple(contents.get('assumed', ())))
 
 
 def vehicle_file(name_or_file):
@@ -107,6 +120,27 @@ def vehicle_file(name_or_file):
 def vehicle_fingerprint(name_or_file):
     """Return the SHA-256 of a vehicle file's bytes, as text; the file is one that was loaded."""
     return sha256(vehicle_file(name_or_file).read_bytes()).hexdigest()
+
+
+def _keys_that_are_not_there(contents):
+    """Sentences on entries of `assumed` that name no value of the file."""
+    keys = _keys({name: node for name, node in contents.items() if name != 'assumed'})
+    for index, key in enumerate(contents.get('assumed', ())):
+        if key in keys:
+            continue
+        near = get_close_matches(key, keys, n=1)
+        hint = f'did you mean {near[0]!r}?' if near else 'such as battery.resistance'
+        yield f'assumed[{index}]: {quoted(key)} is no key of this file; {hint}'
+
+
+def _keys(node, above=''):
+    """All keys of nested mappings, dotted, in their order; those of tables and formulas too."""
+    found = []
+    for name, item in node.items():
+        found.append(f'{above}{name}')
+        if isinstance(item, dict):
+            found += _keys(item, f'{above}{name}.')
+    return found
 
 
 def _floats(node):

@@ -8,9 +8,9 @@ import yaml
 
 from bev_preheat.commands.main import main
 from bev_preheat.configuration import configuration_folder
-from bev_preheat.control.inputs import NS_PER_S
-from bev_preheat.control.itinerary import load_itinerary, SCHEMA
-from bev_preheat.control.settings import MOST_STOPS
+from bev_preheat.supervision.inputs import NS_PER_S
+from bev_preheat.supervision.itinerary import load_itinerary, SCHEMA
+from bev_preheat.supervision.settings import MOST_STOPS
 from bev_preheat.vehicle import load_vehicle
 
 VEHICLE = load_vehicle('reference')
@@ -87,7 +87,8 @@ def test_a_leg_alone_is_the_route_alone(plans_of, preheat_plan, tmp_path):
         '--route', str(tmp_path / 'drive.csv'), '--temperature', '-6', '--soc', '0.75',
         '--target', '14', '--min-soc', '0.3', '--json', str(output)))
     alone = json.loads(output.read_text())
-    ignored = ('route', 'departure_s', 'planning_time_s')
+    # The itinerary says once for all legs what is assumed of the car.
+    ignored = ('route', 'departure_s', 'planning_time_s', 'vehicle_assumed')
     assert {key: value for key, value in in_itinerary.items() if key not in ignored} == {
         key: value for key, value in alone.items() if key not in ignored}
 
@@ -121,6 +122,7 @@ def test_each_leg_is_explained(preheat_plan):
     assert '2: drive.csv: NO_CHARGING_PLANNED: No fast charging at the end' in output
 
 
+@pytest.mark.costly
 def test_the_trip_is_drawn(preheat_plan, tmp_path):
     picture = tmp_path / 'trip.svg'
     preheat_plan(FIRST, LAST, arguments=(
@@ -132,7 +134,7 @@ def test_the_trip_is_drawn(preheat_plan, tmp_path):
 
 
 def test_the_shipped_itinerary_has_two_charging_stops_and_a_plain_stretch():
-    mission = load_itinerary('winter_holiday', VEHICLE.defaults).mission
+    mission = load_itinerary('winter_holiday', VEHICLE).mission
     assert [leg.charging_planned for leg in mission.legs] == [True, True, False]
 
 
@@ -223,6 +225,6 @@ def test_a_file_may_hold_as_many_stops_as_the_node_plans():
 
 
 def test_legs_are_placed_in_whole_nanoseconds():
-    mission = load_itinerary('winter_holiday', VEHICLE.defaults).mission
+    mission = load_itinerary('winter_holiday', VEHICLE).mission
     first, second, _ = mission.legs
     assert second.start_ns == round((first.route.total_duration_s + 1500.0) * NS_PER_S)

@@ -18,9 +18,8 @@ LEGS = '''
 name: to_the_shop
 ambient_temperature_c: [3, 1]
 cabin_heating_power_w: 1200
-road_vehicle: {mass_kg: 1600, frontal_area_m2: 2.2, drag_coefficient: 0.3,
-  rolling_resistance: 0.01, drivetrain_efficiency: 0.9, maximum_regeneration_power_w: 50000,
-  acceleration_mps2: 1.1, deceleration_mps2: 1.3}
+maximum_regeneration_power_w: 50000
+driving: {acceleration_mps2: 1.1, deceleration_mps2: 1.3}
 legs:
   - {length_m: 1500, speed_limit_kmh: 50, stops: 2, stop_duration_s: 10}
   - {length_m: 2000, speed_limit_kmh: 80}
@@ -62,7 +61,7 @@ def row(text, what):
 
 
 def test_a_shipped_description_by_name_makes_the_shipped_route(preheat_route):
-    status, _, _, output = preheat_route('--legs', 'winter_commute')
+    status, _, _, output = preheat_route('--legs', 'winter_commute', '--vehicle', 'reference')
     assert status == 0
     made, shipped = load_route(output, None), load_route('winter_commute', None)
     for field in fields(Route):
@@ -105,6 +104,7 @@ def test_the_file_says_how_to_make_it_again(preheat_route, legs):
         assert file.readline() == '# Route to_the_shop, made by:\n'
         assert file.readline() == (
             f'#     preheat route --legs {legs} --vehicle small_car --output {output}\n')
+        assert file.readline() == '# vehicle: small_car\n'
 
 
 def test_a_drive_log_becomes_a_route(preheat_route, log):
@@ -126,6 +126,7 @@ def test_logs_are_joined(preheat_route, log):
     assert 'Route drive + drive\n' in out
 
 
+@pytest.mark.costly
 @pytest.mark.parametrize('name, start', [('route.png', b'\x89PNG'), ('route.svg', b'<?xml')])
 def test_a_plot_is_drawn_where_it_is_asked_for(preheat_route, legs, tmp_path, name, start):
     plot = tmp_path / name
@@ -136,21 +137,21 @@ def test_a_plot_is_drawn_where_it_is_asked_for(preheat_route, legs, tmp_path, na
     assert f'drawn: {plot}' in out
 
 
+@pytest.mark.costly
 def test_a_plot_has_title_units_and_legend(preheat_route, legs, tmp_path):
     plot = tmp_path / 'route.svg'
     preheat_route('--legs', legs, '--vehicle', 'small_car', '--plot', str(plot))
     # matplotlib names each text in a comment of the SVG.
     text = plot.read_text(encoding='utf-8')
-    for words in ('Route to_the_shop', 'km/h', 'kW', '°C', 'trip time [min]',
+    for words in ('route to_the_shop', 'km/h', 'kW', '°C', 'trip time [min]',
                   'mean of the segment', 'standard deviation within the segment'):
         assert words in text
 
 
 @pytest.mark.parametrize('arguments, problem', [
-    (['--legs', 'winter_comute'], "'winter_comute' is unknown; did you mean 'winter_commute'"),
-    (['--legs', 'reference', '--step', '10'],
+    (['--legs', 'winter_comute', '--vehicle', 'reference'], "'winter_comute' is unknown; did you mean 'winter_commute'"),
+    (['--legs', 'reference', '--vehicle', 'reference', '--step', '10'],
      '--step: only with --log; a description of legs states its own segment_duration_s'),
-    (['--log', 'drive.csv'], '--log: needs --vehicle, whose auxiliary power is not propulsion'),
     (['--log', 'nowhere.csv', '--vehicle', 'small_car'],
      'nowhere.csv: cannot be read: No such file or directory'),
     (['--log', 'nowhere.csv', '--vehicle', 'smal_car'],
@@ -165,24 +166,27 @@ def test_input_that_is_refused_is_explained(preheat_route, tmp_path, arguments, 
     assert not (tmp_path / 'made.csv').exists()
 
 
-def test_a_description_that_needs_a_vehicle_says_so(preheat_route, legs):
-    status, _, err, _ = preheat_route('--legs', legs)
-    assert status == 2
-    assert err == (f'preheat: error: {legs}: missing auxiliary_power_w; it must stand here or '
-                   'come from a vehicle\n')
+@pytest.mark.parametrize('source', [['--legs', 'reference'], ['--log', 'drive.csv']])
+def test_a_route_is_made_for_a_vehicle(preheat_route, capsys, source):
+    with pytest.raises(SystemExit) as caught:
+        preheat_route(*source)
+    assert caught.value.code == 2
+    assert 'the following arguments are required: --vehicle' in capsys.readouterr().err
 
 
 def test_an_output_that_cannot_be_written_is_explained(preheat_route, tmp_path):
     folder = os.path.realpath(tmp_path / 'no_such_folder')
     output = f'{folder}/made.csv'
-    status, _, err, _ = preheat_route('--legs', 'winter_commute', output=output)
+    status, _, err, _ = preheat_route('--legs', 'winter_commute', '--vehicle',
+                                      'reference', output=output)
     assert status == 2
     assert err == (f'preheat: error: --output: {output}: cannot be written: {folder} does not '
                    'exist\n')
 
 
 @pytest.mark.parametrize('arguments', [
-    [], ['--legs', 'reference', '--log', 'drive.csv']])
+    ['--vehicle', 'reference'],
+    ['--vehicle', 'reference', '--legs', 'reference', '--log', 'drive.csv']])
 def test_there_is_exactly_one_source(preheat_route, capsys, arguments):
     with pytest.raises(SystemExit) as caught:
         preheat_route(*arguments)
@@ -190,6 +194,7 @@ def test_there_is_exactly_one_source(preheat_route, capsys, arguments):
     assert '--legs' in capsys.readouterr().err
 
 
+@pytest.mark.costly
 def test_matplotlib_is_imported_for_plots_only():
     # The planner's computer may not have it, and it is slow to import.
     code = ('import sys; import bev_preheat.commands.route; '

@@ -6,10 +6,11 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from bev_preheat.arithmetic import FLOATS
-from bev_preheat.control.inputs import Measurement, NS_PER_S
-from bev_preheat.estimation.state import Drive
+from bev_preheat.estimation.estimator import Stretch
+from bev_preheat.estimation.state import DriveInputs
 from bev_preheat.model import make_rates
 from bev_preheat.planning.situation import BatteryState
+from bev_preheat.supervision.inputs import Measurement, NS_PER_S
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.corrections import corrected_vehicle, Corrections
 
@@ -29,7 +30,8 @@ class Course:
     def between(self, from_ns, to_ns):
         if not self.known:
             return None, 0.0
-        return Drive(SPEED_MPS, AMBIENT_C, PROPULSION_W, 0.0, CABIN_W, AUXILIARY_W, 0.0), LIMIT_W
+        return DriveInputs(
+            SPEED_MPS, AMBIENT_C, PROPULSION_W, 0.0, CABIN_W, AUXILIARY_W, 0.0), LIMIT_W
 
 
 class Commands:
@@ -47,6 +49,16 @@ class Commands:
             return self.at_w(to_s)
         on_s = sum(max(0.0, min(end, to_s) - max(start, from_s)) for start, end in self.on_s)
         return LIMIT_W * on_s / (to_s - from_s)
+
+
+def observed(estimator, measurement, course, commands):
+    """Let an Estimator observe a Measurement on a Course under Commands."""
+    stamp_ns = measurement.stamp_ns
+    edges_ns = estimator.edges_ns(stamp_ns)
+    estimator.observe(measurement, commands.mean_w(stamp_ns, stamp_ns), [
+        Stretch((to_ns - from_ns) / NS_PER_S, drive, commands.mean_w(from_ns, to_ns), limit_w)
+        for from_ns, to_ns in zip(edges_ns, edges_ns[1:])
+        for drive, limit_w in [course.between(from_ns, to_ns)]])
 
 
 @dataclass

@@ -73,7 +73,9 @@ def estimate_with(covariance):
     return Estimate(0, np.zeros(SIZE), covariance, HeaterReport(Heater.ANSWERS, 1.0, 1.0), 0.0)
 
 
-@pytest.mark.parametrize('name', TRIPS)
+@pytest.mark.costly
+@pytest.mark.parametrize('name', [
+    'reference', pytest.param('small_car', marks=pytest.mark.deep)])
 def test_deviation_is_that_of_many_drives(name):
     vehicle, route, state, plan = planned(name)
     belief = Belief(vehicle)

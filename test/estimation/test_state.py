@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from bev_preheat.arithmetic import FLOATS
-from bev_preheat.estimation.state import Drive, rates_and_slopes, SIZE, state_rates
+from bev_preheat.estimation.state import DriveInputs, rates_and_slopes, SIZE, state_rates
 from bev_preheat.model import make_rates
 from bev_preheat.vehicle import load_vehicle
 
 VEHICLES = {name: load_vehicle(name) for name in ('reference', 'small_car')}
 STATE = np.array([3.7, 0.63, 0.08, -0.15, 0.11, -0.04, 0.07])
-DRIVE = Drive(speed_mps=23.0, ambient_temperature_c=-11.0, propulsion_power_w=17e3,
+DRIVE = DriveInputs(speed_mps=23.0, ambient_temperature_c=-11.0, propulsion_power_w=17e3,
               power_variance_w2=4e7, cabin_heating_power_w=1300.0, auxiliary_power_w=450.0,
               heater_power_w=3100.0)
 
@@ -61,7 +61,7 @@ def test_rates_are_those_of_the_car_by_hand(name, seen_w):
 @pytest.mark.parametrize('index', range(SIZE))
 def test_slopes_are_central_differences(index):
     vehicle = VEHICLES['reference']
-    _, slopes = rates_and_slopes(vehicle, STATE[np.newaxis], Drive(*(
+    _, slopes = rates_and_slopes(vehicle, STATE[np.newaxis], DriveInputs(*(
         np.array([[value]]) for value in vars(DRIVE).values() if value is not None)))
     step = np.zeros(SIZE)
     step[index] = 1e-4

@@ -2,16 +2,20 @@
 """The monitor's page: what stands in it, and that no message ends it."""
 
 from array import array
+import io
 from math import inf, nan
+import sys
 
 from bev_preheat_msgs.msg import HvchCommand, PreheatPlan, RoutePlan
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 import pytest
+from rich.cells import cell_len
 from rich.console import Console
 from sensor_msgs.msg import BatteryState, Temperature
 
+from bev_preheat.monitoring.chart import round_numbers
 from bev_preheat.monitoring.heard import Heard
 from bev_preheat.monitoring.view import line, page, waiting
 
@@ -63,12 +67,13 @@ def heard():
     return heard
 
 
-def text(heard, width=100):
-    console = Console(width=width, record=True, file=open('/dev/null', 'w'))
-    console.print(page(heard, width))
+def text(heard, width=100, height=None):
+    console = Console(width=width, record=True, file=io.StringIO())
+    console.print(page(heard, width, height))
     return console.export_text()
 
 
+@pytest.mark.costly
 @pytest.mark.parametrize('words', [
     'Battery    -3.2 degC', 'Target     25.0 degC', 'Predicted  24.5 degC +- 0.7',
     'State of charge  80.0 %', 'On arrival       43.0 %', '25.0 %, spare 18.0 %',
@@ -129,11 +134,79 @@ def test_what_is_missing_is_named():
     assert 'hvch_command: nobody publishes it' in sentence
 
 
-EXAMPLES = 300
+@pytest.mark.parametrize('width, height', [
+    (80, 24), (40, 10), (60, 12), (120, 50), (80, 15), (40, 24), (110, 33), (12, 5), (1, 2)])
+def test_the_page_fits_the_terminal(heard, width, height):
+    lines = text(heard, width, height).splitlines()
+    assert len(lines) <= height
+    assert max(map(cell_len, lines)) <= width
+
+
+@pytest.mark.needs('plotext')
+def test_a_usual_terminal_has_room_for_everything_and_a_chart(heard):
+    lines = text(heard, 80, 24)
+    for words in ('Battery    -3.2 degC', 'Heating starts in 2:00 min.', 'battery (degC)',
+                  'planner: heater  ERROR  dead: x', '/diagnostics 0.0 s'):
+        assert words in lines
+
+
+def test_a_narrow_terminal_shows_the_figures_one_below_the_other(heard):
+    lines = [line.strip('│ ') for line in text(heard, 40, 14).splitlines()]
+    for words in ('Battery          -3.2 degC', 'State of charge  80.0 %',
+                  'Heating          starts in 2:00 min'):
+        assert words in lines
+
+
+@pytest.mark.needs('plotext')
+def test_the_heater_is_drawn_on_a_scale_from_0(heard):
+    panel = text(heard).split('heater (kW)')[1]
+    labels = [line.strip('│ ').partition('┤')[0] for line in panel.splitlines() if '┤' in line]
+    # 5 kW are planned.
+    assert labels == ['5', '2.5', '0']
+
+
+CURVE = set('▄▀▟▙▛▜▞▚█▌▐▖▗▘▝')
+
+
+@pytest.mark.needs('plotext')
+@pytest.mark.parametrize('power_w, label', [(0.0, '0'), (5000.0, '5')])
+def test_a_command_is_drawn_where_the_scale_says_it_is(power_w, label):
+    heard = Heard()
+    for second in range(60):
+        heard.hear('battery_state', stamped(BatteryState(temperature=-3.0), 1000 + second))
+        heard.hear('hvch_command', stamped(command_message(power_w), 1000 + second))
+    panel = text(heard).split('heater (kW)')[1]
+    rows = dict(line.strip('│ ').split('┤') for line in panel.splitlines() if '┤' in line)
+    assert {name for name, row in rows.items() if CURVE & set(row)} == {label}, panel
+
+
+def test_what_the_plan_says_is_not_said_twice(heard):
+    heard.hear('/diagnostics', DiagnosticArray(status=[DiagnosticStatus(
+        name='planner: preheating', message='WAITING: Heating starts in 1:59 min.')]))
+    page_text = text(heard)
+    assert page_text.count('Heating starts in') == 1
+    assert 'planner: preheating  OK     as above' in page_text
+
+
+def test_without_plotext_the_rest_is_there(heard, monkeypatch):
+    monkeypatch.setitem(sys.modules, 'plotext', None)
+    page_text = text(heard)
+    assert 'python3 -m pip install plotext' in page_text
+    assert 'Battery    -3.2 degC' in page_text and 'battery (degC)' not in page_text
+
+
+@pytest.mark.parametrize('low, high, most, numbers', [
+    (0.0, 30.0, 4, [0, 10, 20, 30]), (-7.0, 25.0, 4, [0, 10, 20]), (-7.0, 25.0, 2, [0, 20]),
+    (24.6, 25.6, 4, [25.0, 25.5]), (-1e6, 1e6, 3, [-1e6, 0.0, 1e6])])
+def test_axes_are_labelled_with_round_numbers(low, high, most, numbers):
+    assert round_numbers(low, high, most) == pytest.approx(numbers)
+
+
 ANY = st.floats(allow_nan=True, allow_infinity=True)
 TIMES = st.builds(Time, sec=st.integers(-2**31, 2**31 - 1), nanosec=st.integers(0, 2**32 - 1))
 
 
+@pytest.mark.needs('plotext')
 @pytest.mark.parametrize('stamp_s', [0, 2**31 - 1])
 def test_a_command_of_another_time_is_not_drawn(heard, stamp_s):
     before = text(heard)
@@ -144,7 +217,7 @@ def test_a_command_of_another_time_is_not_drawn(heard, stamp_s):
     assert len(drawn) < 2 * len(before)
 
 
-@settings(max_examples=EXAMPLES, deadline=None, derandomize=True)
+@pytest.mark.costly
 @given(values=st.lists(ANY, min_size=3, max_size=3), times=st.lists(TIMES, min_size=3, max_size=3),
        numbers=st.lists(st.integers(0, 255), min_size=3, max_size=3),
        columns=st.lists(st.lists(ANY, max_size=5), min_size=3, max_size=3),
@@ -168,5 +241,5 @@ def test_no_message_ends_it(values, times, numbers, columns, words):
     heard.hear('predicted_arrival_temperature', Temperature(variance=values[1]))
     heard.hear('/diagnostics', DiagnosticArray(status=[DiagnosticStatus(
         name=f'planner: {words}', message=words, level=bytes([numbers[2]]))]))
-    assert text(heard, 80)
+    assert len(text(heard, 80, 24).splitlines()) <= 24
     assert line(heard)

@@ -1,18 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The checker on a route with stops: it checks the leg that is now."""
+"""The checker on a route with stops: it checks the current leg."""
 
 from math import nan
 
 from bev_preheat_msgs.msg import RoutePlan
 from builtin_interfaces.msg import Time
 import pytest
+from stepwise import Stepwise
 
-from bev_preheat.control.inputs import Measurement
-from bev_preheat.control.settings import Settings
-from bev_preheat.control.supervisor import NS_PER_S, Supervisor
 from bev_preheat.nodes.convert import mission_from_message, plan_message
 from bev_preheat.nodes.optimality import case_of_plan, case_of_state, says_the_same
 from bev_preheat.planning.situation import BatteryState, Goal
+from bev_preheat.supervision.inputs import Measurement, NS_PER_S
+from bev_preheat.supervision.settings import Settings
 from bev_preheat.vehicle import load_vehicle
 
 VEHICLE = load_vehicle('reference')
@@ -36,7 +36,7 @@ def route_message(**changed):
 
 @pytest.fixture
 def inputs():
-    supervisor = Supervisor(VEHICLE, Settings())
+    supervisor = Stepwise(VEHICLE, Settings())
     supervisor.accept_mission(mission_from_message(route_message(), VEHICLE.defaults, 30.0))
     return supervisor
 

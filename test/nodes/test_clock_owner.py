@@ -2,10 +2,10 @@
 """`/clock` belongs to one installed simulator; others end, or drive by it."""
 
 import signal
-import threading
 
 from bev_preheat_msgs.msg import RoutePlan
 from builtin_interfaces.msg import Time
+from node_bench import repeating
 import pytest
 from rclpy.node import NodeNameNonExistentError
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
@@ -15,6 +15,8 @@ from sensor_msgs.msg import BatteryState
 MANY = QoSProfile(depth=1000, reliability=ReliabilityPolicy.BEST_EFFORT)
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 START_S = 1_000_000
+# The graph shows a killed node for so long, or a little longer.
+GRAPH_FORGETS_S = 20.0
 
 
 def start_in(bench, namespace, *arguments):
@@ -30,7 +32,7 @@ def test_the_simulator_that_comes_later_ends_and_says_why(bench):
     first = start_in(bench, '/car1', '-p', f'start_time:={START_S}.0')
     clock.wait_for(lambda message: message.clock.sec > START_S)
     second = start_in(bench, '/car2', '-p', f'start_time:={2 * START_S}.0')
-    assert second.wait(20.0) == 2
+    assert second.wait() == 2
     (line,) = error_lines(second)
     assert line == (
         'vehicle_simulator: error: /car1/vehicle_simulator publishes /clock already; set '
@@ -55,33 +57,22 @@ def test_of_two_that_start_together_one_goes_on(bench, wait_until):
     assert sorted((process.exit_status for process in both), key=str) == [2, None]
 
 
-def test_two_of_one_name_are_told_apart(bench):
+def test_two_of_one_name_are_told_apart(bench, call_main):
     clock = bench.record(Clock, '/clock', MANY)
     bench.start('vehicle_simulator')
     clock.wait_for()
-    second = bench.start('vehicle_simulator')
-    assert second.wait(20.0) == 2
+    second = call_main('vehicle_simulator')
+    assert second.returncode == 2
     assert ('another node of the same name, /vehicle_simulator, publishes /clock already'
-            in second.output())
+            in second.stderr)
 
 
-def test_a_clock_of_somebody_else_is_left_alone(bench):
+def test_a_clock_of_somebody_else_is_left_alone(bench, call_main):
     clocks = bench.publisher(Clock, '/clock')
-    enough = threading.Event()
-
-    def run():
-        while not enough.wait(0.02):
-            clocks.publish(Clock(clock=Time(sec=START_S)))
-
-    thread = threading.Thread(target=run)
-    thread.start()
-    try:
-        simulator = bench.start('vehicle_simulator')
-        assert simulator.wait(20.0) == 2
-    finally:
-        enough.set()
-        thread.join()
-    (line,) = error_lines(simulator)
+    with repeating(lambda: clocks.publish(Clock(clock=Time(sec=START_S))), 0.02):
+        simulator = call_main('vehicle_simulator')
+    assert simulator.returncode == 2
+    (line,) = (line for line in simulator.stderr.splitlines() if 'error:' in line)
     assert '/tester publishes /clock already; set publish_clock:=false' in line
 
 
@@ -92,9 +83,8 @@ def test_a_killed_simulator_does_not_keep_the_next_one_from_starting(bench):
     first.send_signal(signal.SIGKILL)
     first.wait()
     clock.clear()
-    # The graph shows the killed one for some 20 s.
     second = start_in(bench, '/car2', '-p', f'start_time:={START_S}.0')
-    clock.wait_for(lambda message: message.clock.sec >= START_S, timeout_s=10.0)
+    clock.wait_for(lambda message: message.clock.sec >= START_S, timeout_s=GRAPH_FORGETS_S)
     assert second.exit_status is None
 
 
@@ -127,7 +117,8 @@ def test_without_a_clock_of_its_own_it_can_drive_in_real_time(bench):
                 'battery_state_period:=0.1')
     now_s = bench.node.get_clock().now().nanoseconds * 1e-9
     message = states.wait_for_count(3)[-1]
-    assert abs(message.header.stamp.sec - now_s) < 20.0
+    # Neither simulated time nor another day's.
+    assert abs(message.header.stamp.sec - now_s) < 600.0
     assert bench.node.get_publishers_info_by_topic('/clock') == []
 
 
@@ -159,9 +150,9 @@ def test_a_clock_that_is_set_back_ends_a_drive_that_goes_by_it(bench, wait_until
     (('wait_for_planner:=true',), 'wait_for_planner: True is not allowed with'),
     (('scenario:=clock_back',), 'scenario clock_back makes the clock jump'),
 ])
-def test_what_only_the_owner_of_the_clock_can_do_is_refused(bench, arguments, text):
-    simulator = bench.start('vehicle_simulator', '-p', 'publish_clock:=false',
-                            *(part for argument in arguments for part in ('-p', argument)))
-    assert simulator.wait(20.0) == 2
-    (line,) = simulator.output().splitlines()
+def test_what_only_the_owner_of_the_clock_can_do_is_refused(call_main, arguments, text):
+    done = call_main('vehicle_simulator', '--ros-args', '-p', 'publish_clock:=false',
+                     *(part for argument in arguments for part in ('-p', argument)))
+    assert done.returncode == 2
+    (line,) = done.stderr.splitlines()
     assert text in line

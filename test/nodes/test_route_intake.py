@@ -7,14 +7,15 @@ from math import inf, nan
 from bev_preheat_msgs.msg import RoutePlan
 from builtin_interfaces.msg import Time
 import pytest
+from stepwise import Stepwise
 
-from bev_preheat.control.inputs import Measurement
-from bev_preheat.control.settings import Settings
-from bev_preheat.control.supervisor import NS_PER_S, Supervisor
 from bev_preheat.errors import InvalidInput
 from bev_preheat.nodes.route_intake import refused_route_of, RouteIntake
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.planning.status import Status
+from bev_preheat.supervision.events import Reconfigured
+from bev_preheat.supervision.inputs import Measurement, NS_PER_S
+from bev_preheat.supervision.settings import Settings
 from bev_preheat.vehicle import load_vehicle
 
 VEHICLE = load_vehicle('reference')
@@ -88,9 +89,9 @@ class Driver:
     """An intake, and the supervisor behind it, that heats."""
 
     def __init__(self):
-        self.supervisor = Supervisor(VEHICLE, SETTINGS)
-        self.intake = RouteIntake(self.supervisor)
-        self.intake.take(route_message())
+        self.supervisor = Stepwise(VEHICLE, SETTINGS)
+        self.intake = RouteIntake()
+        self.take(route_message())
         assert self.fed(0.0)[0] > 0.0
 
     def fed(self, second):
@@ -101,9 +102,19 @@ class Driver:
         command = self.supervisor.command(now_ns)
         return command.battery_heating_power_w, command.reason
 
+    def take(self, message):
+        """Give a message to the supervisor; raise what it refuses."""
+        self.supervisor.run(NOW_NS, self.intake.read(message, self.supervisor))
+
+    def configure(self, settings=SETTINGS):
+        """Set parameters, as the node does."""
+        vehicle = self.supervisor.vehicle
+        self.supervisor.run(NOW_NS, Reconfigured(
+            vehicle, settings, self.intake.read_again(self.supervisor, vehicle, settings)))
+
     def refused(self, **changed):
         with pytest.raises(InvalidInput):
-            self.intake.take(route_message(**changed))
+            self.take(route_message(**changed))
 
 
 @pytest.fixture
@@ -134,15 +145,15 @@ def test_a_refused_update_leaves_the_route_before_it(driver, changed):
 def test_any_other_refused_route_ends_the_route_before_it(driver, changed):
     driver.refused(**changed)
     # A change of parameters must not bring it back either.
-    driver.supervisor.settings = replace(SETTINGS, lease_s=1.0)
-    driver.intake.revise()
-    assert (driver.fed(1.0), driver.intake.message) == ((0.0, Status.INVALID_INPUT), None)
+    driver.configure(replace(SETTINGS, lease_s=1.0))
+    assert (driver.fed(1.0), driver.supervisor.latest_mission) == (
+        (0.0, Status.INVALID_INPUT), None)
 
 
 @pytest.mark.parametrize('message', [RoutePlan(), RoutePlan(route_id='home')])
 def test_a_cancellation_ends_the_route_before_it(driver, message):
-    driver.intake.take(message)
-    driver.intake.revise()
+    driver.take(message)
+    driver.configure()
     assert driver.fed(1.0) == (0.0, Status.NO_CHARGING_PLANNED)
 
 
@@ -150,21 +161,44 @@ def test_a_route_that_nobody_foresaw_ends_the_one_before_it(driver, monkeypatch)
     def fail(*_):
         raise MemoryError
     monkeypatch.setattr('bev_preheat.nodes.route_intake.mission_from_message', fail)
-    with pytest.raises(MemoryError):
-        driver.intake.take(route_message(route_id='work'))
+    with pytest.raises(InvalidInput, match='MemoryError'):
+        driver.take(route_message(route_id='work'))
     assert driver.fed(1.0) == (0.0, Status.INVALID_INPUT)
     assert driver.supervisor.refused_route.startswith(
         'route_plan refused: cannot be read: MemoryError. ')
 
 
 def test_a_route_is_revised_with_the_present_settings(driver):
-    driver.supervisor.settings = replace(SETTINGS, planning_step_s=100.0)
-    driver.intake.revise()
+    driver.configure(replace(SETTINGS, planning_step_s=100.0))
     leg, = driver.supervisor.mission.legs
     assert leg.route.duration_s.tolist() == pytest.approx([100.0] * 12)
 
 
 def test_the_default_target_of_the_settings_is_that_of_a_departure(driver):
-    driver.supervisor.settings = replace(SETTINGS, target_temperature_c=13.0)
-    driver.intake.take(route_message(stop_after_segment=[9], stop_duration=[600.0]))
+    driver.configure(replace(SETTINGS, target_temperature_c=13.0))
+    driver.take(route_message(stop_after_segment=[9], stop_duration=[600.0]))
     assert driver.supervisor.mission.legs[1].departure.temperature_c == 13.0
+
+
+def test_a_route_that_does_not_fit_a_vehicle_comes_back_with_one_that_it_fits(driver):
+    narrow = replace(VEHICLE, battery=replace(VEHICLE.battery, temperature_range_c=(-5.0, 60.0)))
+    mission = driver.supervisor.mission
+    for vehicle, has_mission in ((narrow, False), (VEHICLE, True)):
+        settings = driver.supervisor.settings
+        again = driver.intake.read_again(driver.supervisor, vehicle, settings)
+        driver.supervisor.step_through(NOW_NS, Reconfigured(vehicle, settings, again))
+        assert (driver.supervisor.mission is not None) == has_mission
+    assert driver.supervisor.mission.route_id == mission.route_id
+
+
+def test_a_route_that_cannot_be_read_with_new_parameters_is_dropped_until_it_can(
+        driver, monkeypatch):
+    def fail(*_):
+        raise InvalidInput('speed: cannot be')
+    with monkeypatch.context() as meanwhile:
+        meanwhile.setattr('bev_preheat.nodes.route_intake.mission_from_message', fail)
+        with pytest.raises(InvalidInput, match='speed: cannot be'):
+            driver.configure(replace(SETTINGS, lease_s=1.0))
+        assert driver.fed(1.0) == (0.0, Status.INVALID_INPUT)
+    driver.configure()
+    assert driver.fed(2.0)[0] > 0.0

@@ -9,6 +9,7 @@ import pytest
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import BatteryState, Temperature
+from spinning import take_down
 
 from bev_preheat.nodes.convert import time_message
 from bev_preheat.nodes.setup_watch import clock_hint
@@ -28,74 +29,149 @@ def setup_entry(diagnostics, name, text, level=DiagnosticStatus.WARN):
     return entries(diagnostics.wait_for(lambda array: entries(array), f'{name}: {text}'))[0].message
 
 
-def test_all_is_well_with_what_fits(bench):
-    diagnostics = bench.record(DiagnosticArray, '/diagnostics')
-    bench.record(HvchCommand, 'hvch_command', BEST_EFFORT)
+class Shared:
+    """A node that tests share, with the test's own publishers and subscriptions around it."""
+
+    def __init__(self, bench, name):
+        self.name = name
+        self.process = bench.start(name)
+        self.diagnostics = bench.record(DiagnosticArray, '/diagnostics')
+        self._bench = bench
+        self._made = []
+        self._before = 0
+
+    def publish(self, message_type, topic, qos=1):
+        """Advertise until the test is over; returns the rclpy publisher."""
+        node = self._bench.node
+        publisher = node.create_publisher(message_type, topic, qos)
+        self._made.append(lambda: node.destroy_publisher(publisher))
+        return publisher
+
+    def subscribe(self, message_type, topic, qos):
+        """Subscribe until the test is over."""
+        node = self._bench.node
+        subscription = node.create_subscription(message_type, topic, lambda message: None, qos)
+        self._made.append(lambda: node.destroy_subscription(subscription))
+
+    def entry(self, text, level=DiagnosticStatus.WARN):
+        """Return the message of the setup entry that has the text and the level, once it comes anew."""
+        self.diagnostics.clear()
+        return setup_entry(self.diagnostics, self.name, text, level)
+
+    def log(self):
+        """Return what it has logged since the test began."""
+        return self.process.output()[self._before:]
+
+    def take_down(self):
+        """Take away what the test has made; the node must find that all fits again."""
+        while self._made:
+            take_down(self._bench.node, self._made.pop())
+        self.entry('fit', DiagnosticStatus.OK)
+        assert self.process.exit_status is None
+        self._before = len(self.process.output())
+
+
+@pytest.fixture(scope='module')
+def running(module_bench):
+    """`running(name)` is the Shared of an executable; the one before it is ended: each takes time."""
+    latest = []
+
+    def running(name):
+        if not latest or latest[-1].name != name:
+            if latest:
+                latest[-1].process.end()
+            latest.append(Shared(module_bench, name))
+        return latest[-1]
+    return running
+
+
+@pytest.fixture
+def shared(running, name):
+    """Give the node of the name that the test has as parameter."""
+    shared = running(name)
+    yield shared
+    shared.take_down()
+
+
+@pytest.mark.parametrize('name', ['planner'])
+def test_all_is_well_with_what_fits(shared, name):
+    shared.subscribe(HvchCommand, 'hvch_command', BEST_EFFORT)
     # Matches one of the subscriptions.
-    bench.publisher(RoutePlan, 'route_plan', BEST_EFFORT)
-    bench.publisher(BatteryState, 'battery_state', LATCHED)
-    planner = bench.start('planner').output
-    setup_entry(diagnostics, 'planner', 'parameters, clock and topics fit', DiagnosticStatus.OK)
-    assert 'WARN' not in planner()
+    shared.publish(RoutePlan, 'route_plan', BEST_EFFORT)
+    shared.publish(BatteryState, 'battery_state', LATCHED)
+    # In the second look they are certainly seen.
+    for _ in range(2):
+        shared.entry('parameters, clock and topics fit', DiagnosticStatus.OK)
+    assert 'WARN' not in shared.log()
 
 
+# Those of one executable follow each other.
 MISFITS = {
     'type of battery_state': (
-        'planner', lambda bench: bench.publisher(Temperature, 'battery_state'),
+        'planner', lambda shared: shared.publish(Temperature, 'battery_state'),
         '/tester publishes /battery_state as sensor_msgs/msg/Temperature; the type must be '
         'sensor_msgs/msg/BatteryState'),
     'type of route_plan': (
-        'planner', lambda bench: bench.publisher(Temperature, 'route_plan'),
+        'planner', lambda shared: shared.publish(Temperature, 'route_plan'),
         '/tester publishes /route_plan as sensor_msgs/msg/Temperature; the type must be '
         'bev_preheat_msgs/msg/RoutePlan'),
-    'type of route_plan, checker': (
-        'nlp_checker', lambda bench: bench.publisher(Temperature, 'route_plan'),
-        '/tester publishes /route_plan as sensor_msgs/msg/Temperature'),
-    'plan that is not latched': (
-        'nlp_checker', lambda bench: bench.publisher(
-            PreheatPlan, 'preheat_plan'),
-        '/tester publishes /preheat_plan with an incompatible quality of service: '),
-    'type of hvch_command': (
-        'vehicle_simulator', lambda bench: bench.publisher(Temperature, 'hvch_command'),
-        '/tester publishes /hvch_command as sensor_msgs/msg/Temperature'),
-    'best-effort commands': (
-        'vehicle_simulator', lambda bench: bench.publisher(
-            HvchCommand, 'hvch_command', BEST_EFFORT),
-        '/tester publishes /hvch_command with an incompatible quality of service: '
-        'best effort publisher and reliable subscription'),
     'latched commands': (
-        'planner', lambda bench: bench.record(HvchCommand, 'hvch_command', LATCHED),
+        'planner', lambda shared: shared.subscribe(HvchCommand, 'hvch_command', LATCHED),
         '/tester subscribes to /hvch_command with an incompatible quality of service: '
         'volatile publisher and transient local subscription'),
     'type of a subscription': (
-        'planner', lambda bench: bench.record(Temperature, 'hvch_command'),
+        'planner', lambda shared: shared.subscribe(Temperature, 'hvch_command', 1),
         '/tester subscribes to /hvch_command as sensor_msgs/msg/Temperature'),
+    'type of hvch_command': (
+        'vehicle_simulator', lambda shared: shared.publish(Temperature, 'hvch_command'),
+        '/tester publishes /hvch_command as sensor_msgs/msg/Temperature'),
+    'best-effort commands': (
+        'vehicle_simulator', lambda shared: shared.publish(HvchCommand, 'hvch_command', BEST_EFFORT),
+        '/tester publishes /hvch_command with an incompatible quality of service: '
+        'best effort publisher and reliable subscription'),
+    'type of route_plan, checker': (
+        'nlp_checker', lambda shared: shared.publish(Temperature, 'route_plan'),
+        '/tester publishes /route_plan as sensor_msgs/msg/Temperature'),
+    'plan that is not latched': (
+        'nlp_checker', lambda shared: shared.publish(PreheatPlan, 'preheat_plan'),
+        '/tester publishes /preheat_plan with an incompatible quality of service: '),
 }
 
 
 @pytest.mark.parametrize('name, make, text', MISFITS.values(), ids=MISFITS)
-def test_who_does_not_fit_is_named_once_in_the_log(bench, name, make, text):
-    diagnostics = bench.record(DiagnosticArray, '/diagnostics')
-    process = bench.start(name)
-    made = make(bench)
-    setup_entry(diagnostics, name, text)
+def test_who_does_not_fit_is_named_once_in_the_log_and_forgotten_when_gone(
+        shared, name, make, text):
+    make(shared)
     # Two looks later it is there still, and not logged again.
-    diagnostics.clear()
     for _ in range(3):
-        setup_entry(diagnostics, name, text)
-        diagnostics.clear()
-    assert process.output().count(text) == 1
-    del made
+        shared.entry(text)
+    assert shared.log().count(text) == 1
 
 
-def test_who_has_gone_is_forgotten(bench):
-    diagnostics = bench.record(DiagnosticArray, '/diagnostics')
-    bench.start('planner')
-    publisher = bench.node.create_publisher(Temperature, 'battery_state', 1)
-    setup_entry(diagnostics, 'planner', '/tester publishes /battery_state')
-    bench.node.destroy_publisher(publisher)
-    diagnostics.clear()
-    setup_entry(diagnostics, 'planner', 'fit', DiagnosticStatus.OK)
+def stamped(instant_ns):
+    message = BatteryState(temperature=-7.0, percentage=0.8)
+    message.header.stamp = time_message(instant_ns)
+    return message
+
+
+def refusals(diagnostics):
+    return [status.message for array in diagnostics.messages for status in array.status
+            if 'battery_state refused' in status.message]
+
+
+@pytest.mark.parametrize('name', ['nlp_checker', 'planner'])
+def test_simulated_stamps_against_the_wall_clock_are_told(shared, name, wait_until):
+    states = shared.publish(BatteryState, 'battery_state')
+    shared.diagnostics.clear()
+
+    def are_refused():
+        states.publish(stamped(1000 * 10**9))
+        return refusals(shared.diagnostics)
+
+    text = ("days before this node's time, which is the system's: if the sender is simulated or "
+            'replayed, set use_sim_time:=true here')
+    assert text in wait_until(are_refused, 'a refusal')[0]
+    assert text in shared.log()
 
 
 # Parameters that nobody has
@@ -142,7 +218,7 @@ def test_a_file_for_another_node_is_told(bench, tmp_path):
 # Clocks
 
 @pytest.mark.parametrize('name', ['planner', 'nlp_checker'])
-def test_simulated_time_without_a_clock_is_told(bench, wait_until, name):
+def test_with_simulated_time_no_clock_and_wall_stamps_are_told(bench, wait_until, name):
     diagnostics = bench.record(DiagnosticArray, '/diagnostics')
     process = bench.start(name, '-p', 'use_sim_time:=true')
     text = 'use_sim_time is set and no /clock has arrived: time stands at 0'
@@ -158,50 +234,16 @@ def test_simulated_time_without_a_clock_is_told(bench, wait_until, name):
                    for array in diagnostics.messages for status in array.status)
 
     wait_until(is_well, 'an entry without a problem')
-
-
-def stamped(instant_ns):
-    message = BatteryState(temperature=-7.0, percentage=0.8)
-    message.header.stamp = time_message(instant_ns)
-    return message
-
-
-def refusals(diagnostics):
-    return [status.message for array in diagnostics.messages for status in array.status
-            if 'battery_state refused' in status.message]
-
-
-@pytest.mark.parametrize('name', ['planner', 'nlp_checker'])
-def test_simulated_stamps_against_the_wall_clock_are_told(bench, wait_until, name):
-    diagnostics = bench.record(DiagnosticArray, '/diagnostics')
-    process = bench.start(name)
     states = bench.publisher(BatteryState, 'battery_state')
-
-    def are_refused():
-        states.publish(stamped(1000 * 10**9))
-        return refusals(diagnostics)
-
-    text = ("days before this node's time, which is the system's: if the sender is simulated or "
-            'replayed, set use_sim_time:=true here')
-    assert text in wait_until(are_refused, 'a refusal')[0]
-    assert text in process.output()
-
-
-@pytest.mark.parametrize('name', ['planner', 'nlp_checker'])
-def test_wall_stamps_against_a_simulated_clock_are_told(bench, wait_until, name):
-    diagnostics = bench.record(DiagnosticArray, '/diagnostics')
-    process = bench.start(name, '-p', 'use_sim_time:=true')
-    clocks = bench.publisher(Clock, '/clock')
-    states = bench.publisher(BatteryState, 'battery_state')
-    text = ("days after this node's time, which is /clock (use_sim_time is set): set "
+    hint = ("days after this node's time, which is /clock (use_sim_time is set): set "
             'use_sim_time:=true at the sender too, or use_sim_time:=false here')
 
     def are_refused():
         clocks.publish(Clock(clock=time_message(1000 * 10**9 + time.monotonic_ns())))
         states.publish(stamped(time.time_ns()))
         # The log repeats what is refused every 5 s, and the first may have come before the clock.
-        return (any(text in refusal for refusal in refusals(diagnostics))
-                and text in process.output())
+        return (any(hint in refusal for refusal in refusals(diagnostics))
+                and hint in process.output())
 
     wait_until(are_refused, 'a refusal with the hint')
 

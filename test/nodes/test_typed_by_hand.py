@@ -3,9 +3,9 @@
 
 from contextlib import contextmanager
 from pathlib import Path
-import threading
 
 from bev_preheat_msgs.msg import HvchCommand, PreheatPlan, RoutePlan
+from node_bench import repeating
 import pytest
 from sensor_msgs.msg import BatteryState
 from typed_commands import QOS, typed_commands
@@ -33,7 +33,8 @@ class Shell:
         self._bench = bench
         self.commands = bench.record(HvchCommand, 'hvch_command')
         self.plans = bench.record(PreheatPlan, 'preheat_plan')
-        self.process = bench.start('planner')
+        # What is typed comes late on a busy computer.
+        self.process = bench.start('planner', '-p', 'battery_state_timeout:=60.0')
         self.commands.wait_for_publisher()
         self.plans.wait_for_publisher()
 
@@ -46,19 +47,9 @@ class Shell:
     def typing(self, command, period_s=0.2):
         """Publish again and again, faster than ros2cli's 1 Hz to save time."""
         assert not command.once
-        publisher, enough = self._publisher(command), threading.Event()
-
-        def publish():
-            while not enough.wait(period_s):
-                publisher.publish(command.message(self._now()))
-
-        thread = threading.Thread(target=publish)
-        thread.start()
-        try:
+        publisher = self._publisher(command)
+        with repeating(lambda: publisher.publish(command.message(self._now())), period_s):
             yield
-        finally:
-            enough.set()
-            thread.join()
 
     def _publisher(self, command):
         publisher = self._bench.publisher(command.message_type, command.topic, QOS)

@@ -3,6 +3,7 @@
 
 import math
 import signal
+import time
 
 from bev_preheat_msgs.msg import HvchCommand, RoutePlan
 from builtin_interfaces.msg import Time
@@ -29,8 +30,8 @@ LOG = QoSProfile(depth=1000, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
 VEHICLE = load_vehicle('reference')
 
 
-@pytest.fixture
-def route(tmp_path):
+@pytest.fixture(scope='module')
+def route(tmp_path_factory):
     """Three minutes; returns (Route, its file)."""
     route = make_route({
         'duration_s': [40.0, 75.0, 65.0], 'speed_mps': [9.0, 17.0, 28.0],
@@ -38,21 +39,23 @@ def route(tmp_path):
         'ambient_temperature_c': [-6.0, -8.0, -5.0],
         'cabin_heating_power_w': [2100.0, 1700.0, 900.0],
         'auxiliary_power_w': [450.0]}, VEHICLE.defaults)
-    path = tmp_path / 'three_minutes.csv'
-    save_route(path, route)
+    path = tmp_path_factory.mktemp('route') / 'three_minutes.csv'
+    save_route(path, route, made_for='lorry')
     return route, path
+
+
+def arguments_of(route, **parameters):
+    """Return the arguments of a simulator on `route`."""
+    values = {'route': route[1], 'start_time': float(START_S), 'initial_soc': 0.77,
+              'initial_battery_temperature': 4.0, **parameters}
+    return [part for name, value in values.items() for part in ('-p', f'{name}:={value}')]
 
 
 @pytest.fixture
 def start_simulator(start_executable, route):
     """Start a simulator on `route`; keywords are parameters."""
     def start_simulator(**parameters):
-        values = {'route': route[1], 'start_time': float(START_S), 'initial_soc': 0.77,
-                  'initial_battery_temperature': 4.0, **parameters}
-        ros_arguments = []
-        for name, value in values.items():
-            ros_arguments += ['-p', f'{name}:={value}']
-        return start_executable('vehicle_simulator', *ros_arguments)
+        return start_executable('vehicle_simulator', *arguments_of(route, **parameters))
     return start_simulator
 
 
@@ -75,77 +78,105 @@ def outcome_at_the_end(diagnostics):
         lambda message: outcome_from_diagnostics(message).state != DRIVING, 'end of the drive'))
 
 
-def test_clock_runs_at_the_speed_asked_for(record, start_simulator):
+class Drive:
+    """A simulator that starts in real time, and what is heard of it from before its start."""
+
+    def __init__(self, bench, route):
+        self.bench = bench
+        self.clock = bench.record(Clock, '/clock', MANY)
+        self.states = bench.record(BatteryState, 'battery_state', MANY)
+        self.started_s = time.monotonic()
+        self.process = bench.start('vehicle_simulator', *arguments_of(
+            route, battery_state_period=2.5, minimum_arrival_soc=0.31,
+            target_battery_temperature=19.0, charging_planned='false'))
+
+    def set_number(self, name, value):
+        request = SetParameters.Request(parameters=[Parameter(
+            name=name, value=ParameterValue(
+                type=ParameterType.PARAMETER_DOUBLE, double_value=value))])
+        return self.bench.call(
+            SetParameters, '/vehicle_simulator/set_parameters', request).results[0]
+
+
+@pytest.fixture(scope='class')
+def drive(module_bench, route):
+    drive = Drive(module_bench, route)
+    yield drive
+    drive.process.end()
+
+
+class TestOnTheWay:
+    """One simulator, which tests share; the last one ends it."""
+
+    def test_route_is_there_for_late_joiners(self, drive):
+        drive.clock.wait_for(lambda message: seconds(message.clock) > 1.0)
+        message = drive.bench.record(RoutePlan, 'route_plan', LATCHED).wait_for()
+        assert message.header.stamp == Time(sec=START_S)
+        assert message.route_id == 'three_minutes'
+        assert list(message.segment_duration) == [40.0, 75.0, 65.0]
+        assert list(message.propulsion_power_rms) == [11e3, 24e3, 33e3]
+        assert list(message.cabin_heating_power) == [2100.0, 1700.0, 900.0]
+        assert message.minimum_arrival_soc == 0.31
+        assert message.target_battery_temperature == 19.0
+        assert message.charging_planned is False
+
+    def test_what_cannot_be_set_on_the_way_is_refused(self, drive):
+        assert 'out of range' in drive.set_number('speed_up', 0.5).reason
+        assert not drive.set_number('initial_soc', 0.5).successful
+
+    def test_clock_runs_no_faster_than_asked_for_also_on_the_way(self, drive):
+        faster_s = time.monotonic()
+        assert drive.set_number('speed_up', 30.0).successful
+        # At the speed of the start that would take over a minute.
+        drive.clock.wait_for(lambda message: seconds(message.clock) >= 75.0)
+        real_s, simulated_s = np.array([(real_s, seconds(message.clock))
+                                        for real_s, message in drive.clock.timed]).T
+        assert np.all(np.diff(simulated_s) >= 0.0)
+        assert simulated_s[0] >= 0.0
+        # A busy computer makes time slow down: how slow is no matter of the simulator's.
+        assert np.all(simulated_s <= real_s - drive.started_s
+                      + 29.0 * np.maximum(real_s - faster_s, 0.0))
+
+    def test_battery_states_come_at_their_period(self, drive):
+        stamps_s = [seconds(message.header.stamp) for message in drive.states.wait_for_count(20)]
+        # Instants of the clock, the first after each period.
+        late_s = np.array(stamps_s) - 2.5 * np.floor(np.array(stamps_s) / 2.5)
+        assert np.all(late_s <= 1.0)
+        assert np.median(np.diff(stamps_s)) == pytest.approx(2.5, abs=0.51)
+
+    def test_interrupt_ends_it_cleanly(self, drive):
+        assert_ends_cleanly(drive.process, signal.SIGINT)
+
+
+def assert_ends_cleanly(simulator, number):
+    simulator.send_signal(number)
+    assert simulator.wait() == 0
+    assert 'Traceback' not in simulator.output()
+
+
+@pytest.mark.deep
+def test_being_told_to_end_ends_it_cleanly(record, start_simulator):
     clock = record(Clock, '/clock', MANY)
-    # Slow enough that a busy computer, which makes time slow down, keeps up.
-    start_simulator(speed_up=5.0)
-    clock.wait_for(lambda message: seconds(message.clock) >= 15.0)
-    real_s, simulated_s = np.array([(real_s, seconds(message.clock))
-                                    for real_s, message in clock.timed]).T
-    assert np.all(np.diff(simulated_s) >= 0.0)
-    assert simulated_s[0] >= 0.0
-    speed_up, _ = np.polyfit(real_s - real_s[0], simulated_s, 1)
-    assert speed_up == pytest.approx(5.0, rel=0.1)
+    simulator = start_simulator()
+    clock.wait_for()
+    assert_ends_cleanly(simulator, signal.SIGTERM)
 
 
-def test_battery_states_come_at_their_period(record, start_simulator):
-    states = record(BatteryState, 'battery_state', MANY)
-    start_simulator(speed_up=30.0, battery_state_period=2.5)
-    stamps_s = [seconds(message.header.stamp) for message in states.wait_for_count(20)]
-    # Instants of the clock, the first after each period.
-    late_s = np.array(stamps_s) - 2.5 * np.floor(np.array(stamps_s) / 2.5)
-    assert np.all(late_s <= 1.0)
-    assert np.median(np.diff(stamps_s)) == pytest.approx(2.5, abs=0.51)
-
-
-def test_battery_state_tells_what_is_known_and_nan_for_the_rest(record, start_simulator):
-    states = record(BatteryState, 'battery_state', MANY)
-    start_simulator(wait_for_planner='true')
-    message = states.wait_for()
-    assert message.header.stamp == Time(sec=START_S)
-    assert message.temperature == pytest.approx(4.0)
-    assert message.percentage == pytest.approx(0.77)
-    assert message.charge == pytest.approx(0.77 * 200.0)
-    assert message.design_capacity == pytest.approx(200.0)
-    assert math.isnan(message.capacity)
-    # Terminal power of the first segment, but for its ripple; negative current = discharging.
-    assert message.voltage * message.current == pytest.approx(-(8e3 + 2100.0 + 450.0), rel=1e-2)
-    assert message.power_supply_status == BatteryState.POWER_SUPPLY_STATUS_DISCHARGING
-    assert message.present
-
-
-def test_route_is_there_for_late_joiners(record, route, start_simulator):
-    states = record(BatteryState, 'battery_state', MANY)
-    start_simulator(minimum_arrival_soc=0.31, target_battery_temperature=19.0,
-                    charging_planned='false')
-    states.wait_for(lambda message: seconds(message.header.stamp) > 1.0)
-    message = record(RoutePlan, 'route_plan', LATCHED).wait_for()
-    assert message.header.stamp == Time(sec=START_S)
-    assert message.route_id == 'three_minutes'
-    assert list(message.segment_duration) == [40.0, 75.0, 65.0]
-    assert list(message.propulsion_power_rms) == [11e3, 24e3, 33e3]
-    assert list(message.cabin_heating_power) == [2100.0, 1700.0, 900.0]
-    assert message.minimum_arrival_soc == 0.31
-    assert message.target_battery_temperature == 19.0
-    assert message.charging_planned is False
-
-
-@pytest.mark.parametrize('parameters', [
-    {}, {'target_battery_temperature': 0.0}, {'target_battery_temperature': '.nan'}],
-    ids=['default', 'zero', 'nan'])
-def test_target_is_left_to_the_planner(record, start_simulator, parameters):
+@pytest.mark.deep
+def test_a_target_of_0_is_left_to_the_planner(record, start_simulator):
     plans = record(RoutePlan, 'route_plan', LATCHED)
-    start_simulator(**parameters)
-    message = plans.wait_for()
-    assert (message.target_battery_temperature, message.has_target_battery_temperature) == (
-        0.0, False)
-    assert message.charging_planned is True
+    start_simulator(target_battery_temperature=0.0)
+    assert leaves_target_to_planner(plans.wait_for())
 
 
-def test_without_commands_there_is_no_heat(record, route, start_simulator):
+def test_the_clock_waits_for_all_listeners_and_without_commands_there_is_no_heat(
+        record, route, start_simulator):
     states = record(BatteryState, 'battery_state', MANY)
     diagnostics = record(DiagnosticArray, '/diagnostics', 10)
-    simulator = start_simulator(speed_up=100.0, wait_for_listeners=1, exit_on_arrival='true')
+    simulator = start_simulator(speed_up=100.0, wait_for_listeners=2, exit_on_arrival='true')
+    for number in range(1, 4):
+        assert states.wait_for_count(number)[-1].header.stamp == Time(sec=START_S)
+    record(BatteryState, 'battery_state', MANY)
     outcome = outcome_at_the_end(diagnostics)
     assert outcome.state == ARRIVED
     assert outcome.energy_wh.hvch_electric == outcome.energy_wh.hvch_heat == 0.0
@@ -155,96 +186,108 @@ def test_without_commands_there_is_no_heat(record, route, start_simulator):
     assert last.temperature == pytest.approx(plan.arrival_temperature_c, abs=1e-3)
     assert last.percentage == pytest.approx(plan.arrival_soc, abs=1e-5)
     assert outcome.energy_wh.battery_total == pytest.approx(plan.energy_wh.battery_total, rel=1e-4)
-    assert simulator.wait(20.0) == 0
+    assert simulator.wait() == 0
 
 
-def test_heat_ends_with_the_lease(record, publisher, start_simulator):
-    diagnostics = record(DiagnosticArray, '/diagnostics', 10)
-    commands = publisher(HvchCommand, 'hvch_command', 1)
-    start_simulator(speed_up=60.0, wait_for_planner='true')
-    commands.wait_for_subscription()
-    # The clock is held, so the lease lasts from the very start.
-    commands.publish(command(4000.0, until_s=21.3))
-    outcome = outcome_at_the_end(diagnostics)
-    assert outcome.state == ARRIVED
-    assert outcome.energy_wh.hvch_electric == pytest.approx(4000.0 * 21.3 / 3600.0, abs=1e-3)
-    assert outcome.without_command_s == pytest.approx(180.0 - 21.3, abs=1e-3)
-
-
-def test_the_clock_waits_for_all_listeners(record, start_simulator):
-    first = record(BatteryState, 'battery_state', MANY)
-    start_simulator(speed_up=60.0, wait_for_listeners=2)
-    for number in range(1, 4):
-        assert first.wait_for_count(number)[-1].header.stamp == Time(sec=START_S)
-    record(BatteryState, 'battery_state', MANY)
-    first.wait_for(lambda message: seconds(message.header.stamp) > 1.0)
-
-
-def test_commands_that_are_renewed_heat_on(record, publisher, start_simulator):
+def test_commands_that_are_renewed_heat_on_until_the_lease_ends(record, publisher, start_simulator):
     states = record(BatteryState, 'battery_state', MANY)
     diagnostics = record(DiagnosticArray, '/diagnostics', 10)
     commands = publisher(HvchCommand, 'hvch_command', 1)
     start_simulator(speed_up=60.0, wait_for_planner='true')
     commands.wait_for_subscription()
+    # The clock is held, so the lease lasts from the very start.
     commands.publish(command(3000.0, until_s=90.0))
     states.wait_for(lambda message: seconds(message.header.stamp) >= 30.0)
-    commands.publish(command(3000.0, until_s=120.0))
+    commands.publish(command(3000.0, until_s=121.3))
     outcome = outcome_at_the_end(diagnostics)
-    assert outcome.energy_wh.hvch_electric == pytest.approx(3000.0 * 120.0 / 3600.0, abs=1e-3)
+    assert outcome.state == ARRIVED
+    assert outcome.energy_wh.hvch_electric == pytest.approx(3000.0 * 121.3 / 3600.0, abs=1e-3)
+    assert outcome.without_command_s == pytest.approx(180.0 - 121.3, abs=1e-3)
 
 
-@pytest.mark.parametrize('power_w, until_s, complaint', [
-    (math.nan, 50.0, 'battery_heating_power: nan W'),
-    (-5.0, 50.0, 'battery_heating_power: -5 W'),
-    (7100.0, 50.0, 'battery_heating_power: 7100 W is not allowed; it must be 0 ... 7000 W'),
-    (3000.0, -2.0, 'valid_until: lies 2.000 s in the past'),
-])
-def test_bad_command_is_no_command(
-        record, publisher, start_simulator, power_w, until_s, complaint):
-    clock = record(Clock, '/clock', MANY)
-    commands = publisher(HvchCommand, 'hvch_command', 1)
-    log = record(Log, '/rosout', LOG)
-    start_simulator(wait_for_planner='true')
-    commands.wait_for_subscription()
-    log.wait_for_publisher()
-    commands.publish(command(power_w, until_s))
-    log.wait_for(lambda message: 'hvch_command ignored' in message.msg
-                 and complaint in message.msg)
+@pytest.fixture(scope='class')
+def held_simulator(module_bench, route):
+    """Let a simulator run whose clock is held; returns (bench, its clock)."""
+    clock = module_bench.record(Clock, '/clock', MANY)
+    process = module_bench.start('vehicle_simulator', *arguments_of(route, wait_for_planner='true'))
+    yield module_bench, clock
+    process.end()
+
+
+@pytest.fixture
+def held(held_simulator):
+    """Give the bench of a simulator that tests share; its clock must be held after each."""
+    bench, clock = held_simulator
+    yield bench
     clock.clear()
     assert {seconds(message.clock) for message in clock.wait_for_count(20)} == {0.0}
 
 
-def test_clock_is_held_until_the_planner_has_route_and_battery(record, publisher, start_simulator):
-    clock = record(Clock, '/clock', MANY)
-    commands = publisher(HvchCommand, 'hvch_command', 1)
-    start_simulator(wait_for_planner='true')
-    commands.wait_for_subscription()
-    for reason in (HvchCommand.NO_ROUTE, HvchCommand.NO_BATTERY_STATE):
-        commands.publish(command(0.0, 2.5, reason))
-    clock.clear()
-    assert {seconds(message.clock) for message in clock.wait_for_count(50)} == {0.0}
-    commands.publish(command(0.0, 2.5, HvchCommand.WAITING))
-    clock.wait_for(lambda message: seconds(message.clock) > 0.0)
+def leaves_target_to_planner(message):
+    return (message.charging_planned, message.has_target_battery_temperature,
+            message.target_battery_temperature) == (True, False, 0.0)
 
 
-def test_empty_battery_ends_the_drive(record, start_simulator):
+class TestWhileTheClockIsHeld:
+    """One simulator, which tests share; the last one lets it go."""
+
+    def test_battery_state_tells_what_is_known_and_nan_for_the_rest(self, held):
+        message = held.record(BatteryState, 'battery_state', MANY).wait_for()
+        assert message.header.stamp == Time(sec=START_S)
+        assert message.temperature == pytest.approx(4.0)
+        assert message.percentage == pytest.approx(0.77)
+        assert message.charge == pytest.approx(0.77 * 200.0)
+        assert message.design_capacity == pytest.approx(200.0)
+        assert math.isnan(message.capacity)
+        # Terminal power of the first segment, but for its ripple; negative current = discharging.
+        assert message.voltage * message.current == pytest.approx(-(8e3 + 2100.0 + 450.0), rel=1e-2)
+        assert message.power_supply_status == BatteryState.POWER_SUPPLY_STATUS_DISCHARGING
+        assert message.present
+
+    def test_without_a_target_it_is_left_to_the_planner(self, held):
+        assert leaves_target_to_planner(
+            held.record(RoutePlan, 'route_plan', LATCHED).wait_for())
+
+    @pytest.mark.parametrize('power_w, until_s, complaint', [
+        (math.nan, 50.0, 'battery_heating_power: nan W'),
+        (7100.0, 50.0, 'battery_heating_power: 7100 W is not allowed; it must be 0 ... 7000 W'),
+        (3000.0, -2.0, 'valid_until: lies 2.000 s in the past'),
+    ])
+    def test_bad_command_is_no_command(self, held, power_w, until_s, complaint):
+        commands = held.publisher(HvchCommand, 'hvch_command', 1)
+        log = held.record(Log, '/rosout', LOG)
+        commands.wait_for_subscription()
+        log.wait_for_publisher()
+        commands.publish(command(power_w, until_s))
+        log.wait_for(lambda message: 'hvch_command ignored' in message.msg
+                     and complaint in message.msg)
+
+    def test_it_is_held_until_the_planner_has_route_and_battery(self, held_simulator):
+        bench, clock = held_simulator
+        commands = bench.publisher(HvchCommand, 'hvch_command', 1)
+        commands.wait_for_subscription()
+        for reason in (HvchCommand.NO_ROUTE, HvchCommand.NO_BATTERY_STATE):
+            commands.publish(command(0.0, 2.5, reason))
+        clock.clear()
+        assert {seconds(message.clock) for message in clock.wait_for_count(50)} == {0.0}
+        commands.publish(command(0.0, 2.5, HvchCommand.WAITING))
+        clock.wait_for(lambda message: seconds(message.clock) > 0.0)
+
+
+def test_empty_battery_ends_a_drive_whose_target_is_left_to_the_planner(record, start_simulator):
     diagnostics = record(DiagnosticArray, '/diagnostics', 10)
+    plans = record(RoutePlan, 'route_plan', LATCHED)
     record(BatteryState, 'battery_state', MANY)
     simulator = start_simulator(speed_up=100.0, initial_soc=0.004, wait_for_listeners=1,
-                                exit_on_arrival='true')
+                                target_battery_temperature='.nan', exit_on_arrival='true')
+    # That is no target.
+    assert leaves_target_to_planner(plans.wait_for())
     assert outcome_at_the_end(diagnostics).state == EMPTY
-    assert simulator.wait(20.0) == 0
-    assert 'The battery is empty after' in simulator.output()
-
-
-@pytest.mark.parametrize('number', [signal.SIGTERM, signal.SIGINT])
-def test_signal_ends_it_cleanly(record, start_simulator, number):
-    clock = record(Clock, '/clock', MANY)
-    simulator = start_simulator()
-    clock.wait_for()
-    simulator.send_signal(number)
     assert simulator.wait() == 0
-    assert 'Traceback' not in simulator.output()
+    assert 'The battery is empty after' in simulator.output()
+    # The route is another vehicle's.
+    assert ('route three_minutes has the powers of vehicle lorry; for reference: make it again'
+            in simulator.output())
 
 
 @pytest.mark.parametrize('parameters, complaint', [
@@ -256,26 +299,8 @@ def test_signal_ends_it_cleanly(record, start_simulator, number):
     ({'vehicle': 'bicycle'}, "vehicle 'bicycle' is unknown"),
     ({'speed_up': 60}, 'DOUBLE'),
 ])
-def test_impossible_parameters_are_refused_in_words(start_simulator, parameters, complaint):
-    simulator = start_simulator(**parameters)
-    assert simulator.wait(20.0) == 2
-    assert complaint in simulator.output()
-    assert 'Traceback' not in simulator.output()
-
-
-def test_parameters_on_the_way(bench, record, start_simulator):
-    clock = record(Clock, '/clock', MANY)
-    start_simulator()
-
-    def set_number(name, value):
-        request = SetParameters.Request(parameters=[Parameter(
-            name=name, value=ParameterValue(
-                type=ParameterType.PARAMETER_DOUBLE, double_value=value))])
-        return bench.call(
-            SetParameters, '/vehicle_simulator/set_parameters', request).results[0]
-
-    assert 'out of range' in set_number('speed_up', 0.5).reason
-    assert not set_number('initial_soc', 0.5).successful
-    assert set_number('speed_up', 200.0).successful
-    # At the speed of the start that would take a minute.
-    clock.wait_for(lambda message: seconds(message.clock) > 60.0)
+def test_impossible_parameters_are_refused_in_words(call_main, parameters, complaint):
+    done = call_main('vehicle_simulator', '--ros-args', *(
+        part for name, value in parameters.items() for part in ('-p', f'{name}:={value}')))
+    (line,) = done.stderr.splitlines()
+    assert (done.returncode, complaint in line) == (2, True), line

@@ -11,10 +11,9 @@ import math
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
-from scipy.optimize import brentq
 
 from bev_preheat.errors import InvalidInput
+from bev_preheat.experiments.optimality.drawn_trips import draw_limit_trip
 from bev_preheat.optimum import program, solve
 from bev_preheat.optimum.solve import (
     ARRIVAL_SOC, CHARGE, HIGHEST_SOC, HIGHEST_TEMPERATURE, LOWEST_SOC, NOT_SOLVED,
@@ -24,9 +23,10 @@ from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.status import Status
 from bev_preheat.route import load_route
 from bev_preheat.route.segments import make_route
-from bev_preheat.study.trips import draw_limit_trip
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.corrections import corrected_vehicle, Corrections
+
+pytestmark = pytest.mark.costly
 
 VEHICLES = {name: load_vehicle(name) for name in ('reference', 'small_car')}
 REFERENCE = VEHICLES['reference']
@@ -97,6 +97,7 @@ class Car:
 
     def switched_at(self, route, state, instant_s):
         """The end of a continuous drive that is heated at full power from one instant on."""
+        from scipy.integrate import solve_ivp
         y, start_s = np.array([state.soc, state.temperature_c, 0.0]), 0.0
         for segment, limit_w in zip(segments_of(route), self.heater_limit_w(route)):
             end_s = start_s + segment['duration_s']
@@ -110,6 +111,7 @@ class Car:
 
     def cheapest_switch(self, route, state, target_c):
         """Instant [s] from which heating just reaches the target, and the energy [Wh] it takes."""
+        from scipy.optimize import brentq
         instant_s = brentq(lambda s: self.switched_at(route, state, s)[1] - target_c,
                            0.0, route.total_duration_s, xtol=1e-3)
         return instant_s, self.switched_at(route, state, instant_s)[2]
@@ -159,7 +161,7 @@ TRIPS = {
 }
 # Those in which no limit but the heater's is active.
 UNLIMITED = ('reference', 'uneven', 'small_car')
-solutions = {}
+solutions, cheapest_switches = {}, {}
 
 
 def solution_of(name):
@@ -167,6 +169,15 @@ def solution_of(name):
     if name not in solutions:
         solutions[name] = solve_optimum(*TRIPS[name])
     return solutions[name]
+
+
+def cheapest_switch_of(name):
+    """Instant [s] and energy [Wh] of the cheapest switch; each is searched once."""
+    if name not in cheapest_switches:
+        vehicle, route, state, goal = TRIPS[name]
+        cheapest_switches[name] = Car(vehicle).cheapest_switch(
+            route, state, goal.target_temperature_c)
+    return cheapest_switches[name]
 
 
 @pytest.fixture(params=TRIPS)
@@ -238,16 +249,14 @@ def test_power_limits_hold_at_the_start_of_each_step(trip):
 
 @pytest.mark.parametrize('name', UNLIMITED)
 def test_energy_is_that_of_the_best_switching_instant(name):
-    vehicle, route, state, goal = TRIPS[name]
-    _, energy_wh = Car(vehicle).cheapest_switch(route, state, goal.target_temperature_c)
+    _, energy_wh = cheapest_switch_of(name)
     # A continuous drive may switch within a step, and has no integration error.
     assert solution_of(name).plan.energy_wh.battery_total == pytest.approx(energy_wh, abs=0.1)
 
 
 @pytest.mark.parametrize('name', UNLIMITED)
 def test_heating_starts_at_the_best_switching_instant(name):
-    vehicle, route, state, goal = TRIPS[name]
-    instant_s, _ = Car(vehicle).cheapest_switch(route, state, goal.target_temperature_c)
+    instant_s, _ = cheapest_switch_of(name)
     # The step in which the heater is switched on carries its mean, a second more or less.
     assert solution_of(name).plan.heating_start_s == pytest.approx(instant_s, abs=1.0)
 
@@ -270,7 +279,7 @@ def test_optimal_switch_is_within_a_tenth_of_a_watt_hour_and_not_below(name):
 
 def test_variation_of_power_within_steps_costs_what_it_costs_by_hand():
     def route_of(rms_w):
-        return made_route(duration_s=[30.0] * 60, propulsion_power_rms_w=[rms_w])
+        return made_route(duration_s=[60.0] * 30, propulsion_power_rms_w=[rms_w])
 
     def solved_wh(route):
         return solve_optimum(REFERENCE, route, state, Goal(6.0)).plan.energy_wh.battery_total
@@ -315,30 +324,32 @@ def test_limits_can_be_left_out():
     assert not optimum.plan.friction_brake_power_w.any()
 
 
-def test_unreachable_target_lacks_what_full_heating_misses():
+@pytest.fixture(scope='module')
+def unreachable():
+    """Return the Optimum of the reference trip, in steps of 2 min, for 51 degC."""
     vehicle, route, state, _ = TRIPS['reference']
-    car = Car(vehicle)
+    return solve_optimum(vehicle, route.resampled(120.0), state, Goal(51.0))
+
+
+def test_unreachable_target_lacks_what_full_heating_misses(unreachable):
+    vehicle, route, state, _ = TRIPS['reference']
+    car, route = Car(vehicle), route.resampled(120.0)
     arrival_c = car.drive(route, state, car.heater_limit_w(route))[-1, 1]
-    optimum = solve_optimum(vehicle, route, state, Goal(51.0))
-    (lacking,) = optimum.lacking
+    (lacking,) = unreachable.lacking
     assert (lacking.constraint, lacking.unit) == (TARGET, 'K')
     # The prices of the slacks leave the heater 1e-6 short of its maximum.
     assert lacking.amount == pytest.approx(51.0 - arrival_c, abs=1e-3)
 
 
-def test_unreachable_target_is_said_in_words():
-    vehicle, route, state, _ = TRIPS['reference']
-    optimum = solve_optimum(vehicle, route, state, Goal(51.0))
-    assert optimum.infeasible == (
-        f'target temperature: {optimum.lacking[0].amount:.2f} K cannot be reached',)
+def test_unreachable_target_is_said_in_words(unreachable):
+    assert unreachable.infeasible == (
+        f'target temperature: {unreachable.lacking[0].amount:.2f} K cannot be reached',)
 
 
-def test_unreachable_target_is_no_optimum():
-    vehicle, route, state, _ = TRIPS['reference']
-    optimum = solve_optimum(vehicle, route, state, Goal(51.0))
-    assert optimum.solver_status != SUCCESS
-    assert optimum.plan.status is Status.TARGET_UNREACHABLE
-    assert math.isnan(optimum.marginal_cost_wh_per_k)
+def test_unreachable_target_is_no_optimum(unreachable):
+    assert unreachable.solver_status != SUCCESS
+    assert unreachable.plan.status is Status.TARGET_UNREACHABLE
+    assert math.isnan(unreachable.marginal_cost_wh_per_k)
 
 
 def test_reserve_that_driving_alone_breaks_lacks_what_driving_misses():
@@ -352,7 +363,7 @@ def test_reserve_that_driving_alone_breaks_lacks_what_driving_misses():
 
 def test_charge_comes_before_warmth():
     vehicle, route, state, goal = TRIPS['reference']
-    car = Car(vehicle)
+    car, route = Car(vehicle), route.resampled(120.0)
     idle, full = (car.drive(route, state, share * car.heater_limit_w(route)) for share in (0, 1))
     reserve = 0.5 * (idle[-1, 0] + full[-1, 0])
     optimum = solve_optimum(vehicle, route, state, Goal(51.0, reserve))
@@ -403,7 +414,7 @@ def test_joule_heat_beyond_the_highest_temperature_is_lacking():
 
 
 @pytest.mark.parametrize('number', [
-    pytest.param(43, marks=pytest.mark.deep), 637])
+    *(pytest.param(number, marks=pytest.mark.deep) for number in (43, 637)), 292])
 def test_drawn_climbs_that_overheat_the_battery_are_explained(number):
     trip = draw_limit_trip(REFERENCE, 1, number)
     optimum = solve_optimum(trip.vehicle, trip.route, trip.state, trip.goal)

@@ -5,6 +5,7 @@ A plant for tests of plans that shares no code with the model: vehicle YAML, Eul
 It draws what the drive asks for, also where the battery's limit is lower, and says what is lacking.
 """
 
+from bisect import bisect_right
 from dataclasses import dataclass
 from math import ceil, sqrt
 from pathlib import Path
@@ -27,15 +28,33 @@ class Driven:
     empty_at_s: Optional[float]
 
 
+def between(axis, x):
+    """Return (index, share): x lies that share of the way from a point to the next; level beyond."""
+    index = min(max(bisect_right(axis, x), 1), len(axis) - 1) - 1
+    return index, min(max((x - axis[index]) / (axis[index + 1] - axis[index]), 0.0), 1.0)
+
+
 def table(node):
     """Return f(soc, temperature_c) of a table node: along the temperature first, then the charge."""
     values = np.atleast_2d(np.array(node['values'], dtype=float))
-    socs = node.get('soc', [0.0])
     if 'temperature_c' not in node:
         values = values.reshape(-1, 1)
-    temperatures_c = node.get('temperature_c', [0.0])
-    return lambda soc, temperature_c: float(np.interp(
-        soc, socs, [np.interp(temperature_c, temperatures_c, row) for row in values]))
+    axes = []
+    for axis, name in enumerate(('soc', 'temperature_c')):
+        axes.append(node.get(name, [0.0, 1.0]))
+        if name not in node:
+            values = np.repeat(values, 2, axis=axis)
+    socs, temperatures_c = axes
+    rows = values.tolist()
+
+    def value(soc, temperature_c):
+        # Looked up in every step of every drive: floats, as arrays of two would cost ten times that.
+        (row, share), (column, warm) = between(socs, soc), between(temperatures_c, temperature_c)
+        low, high = ((1.0 - warm) * one[column] + warm * one[column + 1]
+                     for one in rows[row:row + 2])
+        return (1.0 - share) * low + share * high
+
+    return value
 
 
 class OwnPlant:

@@ -3,11 +3,9 @@
 
 from dataclasses import replace
 
-from hypothesis import assume, given, settings, strategies as st
+from hypothesis import assume, given, strategies as st
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
-from scipy.optimize import brentq
 
 from bev_preheat.arithmetic import FLOATS
 from bev_preheat.model import make_rates
@@ -44,6 +42,7 @@ def planned(route=None, state=START, goal=GOAL, **caution):
 
 def arrival_in_continuous_time_c(route, state, from_s, to_s):
     """Arrival temperature of a heater at full power between two instants; one steady segment."""
+    from scipy.integrate import solve_ivp
     rates = make_rates(CAR, FLOATS)
     end_s, gamma = route.total_duration_s, CAR.battery.leakage.coefficient_w_per_k(24.0)
     drivetrain_w = (CAR.drivetrain.heat_recovery_efficiency
@@ -84,6 +83,7 @@ def test_lead_is_so_many_kelvin_of_heating(plain, lead_k):
 
 @pytest.mark.parametrize('lead_k', [0.3, 1.0, 2.5])
 def test_heating_ends_where_continuous_time_arrives_at_the_target(plain, lead_k):
+    from scipy.optimize import brentq
     careful = planned(lead_k=lead_k)
     route = steady_route()
     end_s = brentq(lambda end_s: arrival_in_continuous_time_c(
@@ -187,10 +187,10 @@ def test_the_batterys_limits_are_kept():
     assert (terminal_w >= least_w * (1 + 1e-9) - 1e-6).all()
 
 
+@pytest.mark.costly
 @given(target_c=st.floats(-3.0, 35.0), lead_k=st.floats(0.0, 3.0), margin_k=st.floats(0.0, 0.5),
        is_heating=st.booleans(), pause_s=st.floats(0.0, 4000.0),
        powers_w=st.lists(st.floats(-5e3, 40e3), min_size=30, max_size=30))
-@settings(max_examples=60, deadline=None, derandomize=True)
 def test_a_careful_plan_is_never_colder_and_starts_never_later(
         target_c, lead_k, margin_k, is_heating, pause_s, powers_w):
     route = steady_route(minutes=40, step_s=80.0, propulsion_power_w=powers_w)

@@ -4,7 +4,7 @@
 from dataclasses import replace
 import math
 
-from hypothesis import assume, given, settings, strategies as st
+from hypothesis import assume, given, strategies as st
 import numpy as np
 import pytest
 
@@ -113,7 +113,6 @@ START = BatteryState(temperature_c=-3.0, soc=0.86)
 
 
 @given(segments=SEGMENTS, start_c=START_C, soc=SOC, share=SHARE)
-@settings(max_examples=150, deadline=None, derandomize=True)
 def test_reachable_target_is_met(segments, start_c, soc, share):
     state = BatteryState(start_c, soc)
     target_c = drawn_target(segments, state, share)
@@ -123,7 +122,6 @@ def test_reachable_target_is_met(segments, start_c, soc, share):
 
 
 @given(segments=SEGMENTS, start_c=START_C, soc=SOC, share=SHARE)
-@settings(max_examples=100, deadline=None, derandomize=True)
 def test_arrival_is_that_of_a_forward_run_under_the_powers_of_the_plan(
         segments, start_c, soc, share):
     state = BatteryState(start_c, soc)
@@ -134,7 +132,6 @@ def test_arrival_is_that_of_a_forward_run_under_the_powers_of_the_plan(
 
 
 @given(segments=SEGMENTS, start_c=START_C, soc=SOC, share=SHARE)
-@settings(max_examples=100, deadline=None, derandomize=True)
 def test_power_is_zero_then_partial_in_one_step_then_all_that_the_cabin_leaves(
         segments, start_c, soc, share):
     state = BatteryState(start_c, soc)
@@ -148,7 +145,6 @@ def test_power_is_zero_then_partial_in_one_step_then_all_that_the_cabin_leaves(
 
 
 @given(segments=SEGMENTS, start_c=START_C, soc=SOC, warmer_k=st.floats(-5.0, -0.001))
-@settings(max_examples=50, deadline=None, derandomize=True)
 def test_target_below_the_unheated_arrival_needs_no_heating(segments, start_c, soc, warmer_k):
     state = BatteryState(start_c, soc)
     idle_c, _ = span_c(segments, state)
@@ -158,7 +154,6 @@ def test_target_below_the_unheated_arrival_needs_no_heating(segments, start_c, s
 
 # Nearer than a fifth of a kelvin counts as reached.
 @given(segments=SEGMENTS, start_c=START_C, soc=SOC, colder_k=st.floats(0.201, 30.0))
-@settings(max_examples=50, deadline=None, derandomize=True)
 def test_target_above_the_fully_heated_arrival_is_unreachable(segments, start_c, soc, colder_k):
     state = BatteryState(start_c, soc)
     _, full_c = span_c(segments, state)
@@ -167,8 +162,8 @@ def test_target_above_the_fully_heated_arrival_is_unreachable(segments, start_c,
     assert plan.shortfall_k == pytest.approx(colder_k, abs=1e-9)
 
 
+@pytest.mark.costly
 @given(segments=SEGMENTS, start_c=START_C, soc=SOC, share=SHARE, higher_k=st.floats(0.0, 9.0))
-@settings(max_examples=100, deadline=None, derandomize=True)
 def test_higher_target_never_starts_later(segments, start_c, soc, share, higher_k):
     state = BatteryState(start_c, soc)
     target_c = drawn_target(segments, state, share)
@@ -178,7 +173,6 @@ def test_higher_target_never_starts_later(segments, start_c, soc, share, higher_
 
 
 @given(segments=SEGMENTS, start_c=START_C, soc=SOC, share=SHARE, warmer_k=st.floats(0.0, 9.0))
-@settings(max_examples=100, deadline=None, derandomize=True)
 def test_warmer_start_never_costs_more(segments, start_c, soc, share, warmer_k):
     cold, warm = BatteryState(start_c, soc), BatteryState(start_c + warmer_k, soc)
     target_c = drawn_target(segments, cold, share)

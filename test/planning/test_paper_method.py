@@ -4,7 +4,7 @@
 from dataclasses import replace
 import math
 
-from hypothesis import assume, given, settings, strategies as st
+from hypothesis import assume, given, strategies as st
 import numpy as np
 import pytest
 
@@ -126,7 +126,6 @@ def arrival_of(segments, heater_share):
 
 @given(segments=SEGMENTS, cold_c=st.floats(-25.0, 10.0), rise_k=st.floats(0.0, 1.0),
        full_soc=st.floats(0.4, 0.95))
-@settings(max_examples=150, deadline=None, derandomize=True)
 def test_switching_instant_is_that_of_the_printed_algorithms(segments, cold_c, rise_k, full_soc):
     algorithms = Algorithms(segments, cold_c, full_soc)
     # Up to 0.6 K/min above the unheated run, about as much as the heater makes.
@@ -140,7 +139,6 @@ def test_switching_instant_is_that_of_the_printed_algorithms(segments, cold_c, r
 
 
 @given(segments=SEGMENTS, rise_k=st.floats(0.05, 0.95))
-@settings(max_examples=50, deadline=None, derandomize=True)
 def test_heater_is_switched_on_in_the_step_of_the_crossing(segments, rise_k):
     algorithms = Algorithms(segments, -7.0, 0.88)
     target_c = algorithms.t_fw[-1] + rise_k * 0.006 * sum(s['duration_s'] for s in segments)
@@ -378,7 +376,6 @@ def test_extreme_trips_have_a_status_and_finite_numbers(segments, state, target_
 
 @given(segments=SEGMENTS, temperature_c=st.floats(-40.0, 60.0), soc=st.floats(0.1, 1.0),
        target_c=st.floats(-40.0, 60.0))
-@settings(max_examples=100, deadline=None, derandomize=True)
 def test_heater_power_never_exceeds_what_the_cabin_leaves(segments, temperature_c, soc, target_c):
     plan = plan_of(segments, target_c, BatteryState(temperature_c, soc))
     left_w = np.maximum([7000.0 - segment['cabin_heating_power_w'] for segment in segments], 0.0)
@@ -387,7 +384,6 @@ def test_heater_power_never_exceeds_what_the_cabin_leaves(segments, temperature_
 
 @given(segments=SEGMENTS, temperature_c=st.floats(-40.0, 60.0), soc=st.floats(0.1, 1.0),
        target_c=st.floats(-40.0, 60.0))
-@settings(max_examples=100, deadline=None, derandomize=True)
 def test_plan_without_start_is_a_plan_without_heating(segments, temperature_c, soc, target_c):
     plan = plan_of(segments, target_c, BatteryState(temperature_c, soc))
     assert (plan.heating_start_s is None) == (not plan.hvch_battery_power_w.any())

@@ -3,7 +3,7 @@
 
 from dataclasses import fields, replace
 
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 import numpy as np
 import pytest
 
@@ -43,7 +43,6 @@ SEGMENTS = st.lists(st.fixed_dictionaries({
     'heater_share': st.floats(0.0, 1.0), 'brake_share': st.floats(0.0, 1.0)}),
     min_size=1, max_size=30)
 STARTS = st.tuples(st.floats(0.35, 0.95), st.floats(-25.0, 30.0))
-ON_RANDOM_TRIPS = settings(max_examples=60, deadline=None, derandomize=True)
 
 
 def trip_of(vehicle, segments):
@@ -77,10 +76,10 @@ def steady_trip(vehicle, count=60, duration_s=30.0, **changes):
     return make_trip(vehicle, make_route(columns, vehicle.defaults))
 
 
+@pytest.mark.costly
 @CARS
 @INTEGRATORS
 @given(segments=SEGMENTS, start=STARTS)
-@ON_RANDOM_TRIPS
 def test_heat_balance_closes(vehicle, make_integrator, segments, start):
     trip, *powers_w = trip_of(vehicle, segments)
     _, temperature_c, accounts = run(trip, make_integrator, start, *powers_w)
@@ -97,7 +96,6 @@ def test_heat_balance_closes(vehicle, make_integrator, segments, start):
 
 @CARS
 @given(segments=SEGMENTS, start=STARTS)
-@ON_RANDOM_TRIPS
 def test_euler_energy_balance_closes(vehicle, segments, start):
     trip, *powers_w = trip_of(vehicle, segments)
     soc, temperature_c, accounts = run(trip, make_euler, start, *powers_w)
@@ -111,7 +109,6 @@ def test_euler_energy_balance_closes(vehicle, segments, start):
 
 
 @given(segments=SEGMENTS, start=STARTS)
-@ON_RANDOM_TRIPS
 def test_runge_kutta_energy_is_the_area_under_the_voltage(segments, start):
     trip, *powers_w = trip_of(FORMULA_CAR, segments)
     soc, _, accounts = run(trip, make_runge_kutta_4, start, *powers_w)
@@ -203,7 +200,6 @@ def test_deliverable_power_by_hand():
 @CARS
 @INTEGRATORS
 @given(power_w=st.floats(0.2e6, 2e6), at=st.integers(0, 5), start=STARTS)
-@settings(max_examples=30, deadline=None, derandomize=True)
 def test_undeliverable_power_gives_finite_numbers(vehicle, make_integrator, power_w, at, start):
     powers_w = np.full(6, 5e3)
     powers_w[at] = power_w

@@ -2,16 +2,17 @@
 """Why a plan heats: each reason on a trip made for it, and what holds for all stretches."""
 
 from dataclasses import replace
+from functools import lru_cache
 
 from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest
 
+from bev_preheat.experiments.optimality.drawn_trips import draw_limit_trip
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.stretches import Reason
 from bev_preheat.route.segments import make_route
-from bev_preheat.study.trips import draw_limit_trip
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.curves import InverseTemperatureResistance, PolynomialVoltage, Table
 from bev_preheat.vehicle.description import Drivetrain, Hvch, Leakage
@@ -28,8 +29,8 @@ CAR = replace(
         charge_power_limit=Table((0.0,), (-20.0, 30.0), ((0.0, -100e3),)),
         soc_range=(0.05, 1.0), temperature_range_c=(-40.0, 60.0)),
     drivetrain=Drivetrain(0.9, 0.8, 350e3), hvch=Hvch(7000.0, 0.87))
-ON_DRAWN_TRIPS = settings(max_examples=60, deadline=None, derandomize=True)
-NUMBERS = st.integers(0, 10**6)
+# Each day the same few trips for all properties, each planned once; new ones in `make test-deep`.
+NUMBERS = st.integers(0, 24 if settings.default.derandomize else 10**6)
 
 
 def plan_of(*parts, target_c=-30.0, start_c=-12.0, ambient_c=-12.0, cabin_w=1500.0):
@@ -42,6 +43,7 @@ def plan_of(*parts, target_c=-30.0, start_c=-12.0, ambient_c=-12.0, cabin_w=1500
     return plan_preheating(CAR, route, BatteryState(start_c, 0.85), Goal(target_c))
 
 
+@lru_cache(maxsize=32)
 def drawn_plan(number):
     trip = draw_limit_trip(SHIPPED_CAR, 29, number)
     return trip, plan_preheating(trip.vehicle, trip.route, trip.state, trip.goal)
@@ -116,8 +118,8 @@ def test_energy_of_a_stretch_is_what_the_heater_takes_in_it():
 
 # What holds for all
 
+@pytest.mark.costly
 @given(number=NUMBERS)
-@ON_DRAWN_TRIPS
 def test_energies_of_the_stretches_are_that_of_the_heater(number):
     _, plan = drawn_plan(number)
     # Less than 1e-4 of the heater's power is no heating: half a watt, for two hours at most.
@@ -125,8 +127,8 @@ def test_energies_of_the_stretches_are_that_of_the_heater(number):
         plan.energy_wh.hvch_electric, rel=1e-9, abs=1.4)
 
 
+@pytest.mark.costly
 @given(number=NUMBERS)
-@ON_DRAWN_TRIPS
 def test_stretches_are_in_order_and_apart(number):
     _, plan = drawn_plan(number)
     instants_s = [instant for stretch in plan.stretches
@@ -134,16 +136,16 @@ def test_stretches_are_in_order_and_apart(number):
     assert instants_s == sorted(instants_s)
 
 
+@pytest.mark.costly
 @given(number=NUMBERS)
-@ON_DRAWN_TRIPS
 def test_no_stretch_is_empty(number):
     _, plan = drawn_plan(number)
     assert all(stretch.end_s > stretch.start_s and stretch.energy_wh > 0.0
                for stretch in plan.stretches)
 
 
+@pytest.mark.costly
 @given(number=NUMBERS)
-@ON_DRAWN_TRIPS
 def test_nothing_is_heated_outside_of_the_stretches(number):
     trip, plan = drawn_plan(number)
     within = np.zeros(len(trip.route), dtype=bool)
@@ -153,8 +155,8 @@ def test_nothing_is_heated_outside_of_the_stretches(number):
     assert plan.hvch_battery_power_w[~within].max(initial=0.0) <= 0.7
 
 
+@pytest.mark.costly
 @given(number=NUMBERS)
-@ON_DRAWN_TRIPS
 def test_surplus_is_found_in_regenerating_steps_only(number):
     trip, plan = drawn_plan(number)
     surplus = np.zeros(len(trip.route), dtype=bool)
@@ -165,8 +167,8 @@ def test_surplus_is_found_in_regenerating_steps_only(number):
     assert (trip.route.propulsion_power_w[surplus] < 0.0).all()
 
 
+@pytest.mark.costly
 @given(number=NUMBERS)
-@ON_DRAWN_TRIPS
 def test_where_the_friction_brake_acts_heating_is_surplus(number):
     _, plan = drawn_plan(number)
     heated = (plan.friction_brake_power_w > 2.0) & (plan.hvch_battery_power_w > 1.0)

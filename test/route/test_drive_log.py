@@ -251,15 +251,15 @@ def test_missing_columns_are_named_with_what_they_may_be_called(write):
     renamed = {'time_s': log['time_s'], 'speed_mps': log['speed_mps'], 'voltage': log['voltage_v'],
                'amps': log['current_a'], 'ambient_c': log['ambient_c']}
     assert problems_with(write(renamed)) == [
-        ', line 1: missing column cabin_heater_w',
-        ", line 1: missing column voltage_v (or power_w); is it 'voltage'?",
-        ', line 1: missing column current_a (or power_w)']
+        ', line 1: missing column cabin_heater_w or cabin_heater_kw',
+        ", line 1: column 'voltage' has no unit: rename it to voltage_v",
+        ', line 1: missing column current_a (or power_w or power_kw)']
 
 
 def test_columns_named_twice_are_refused(tmp_path):
     path = tmp_path / 'twice.csv'
     path.write_text(f'# log\n{HEADER},speed_mps\n' + '0,1,2,3,4,5,6,7\n' * 2, encoding='utf-8')
-    assert problems_with(path) == [', line 2: column speed_mps is named twice']
+    assert problems_with(path) == [', line 2: column speed_mps is named more than once']
 
 
 @pytest.mark.parametrize('rows, count', [(0, 0), (1, 1)])
@@ -287,7 +287,7 @@ def test_current_of_the_wrong_sign_is_noticed(write):
     log['current_a'] = -log['current_a']
     path = write(log)
     assert load_drive_logs([path], DEFAULTS).remarks == (
-        f'{path}: more is regenerated than driven with; is the current really positive when the '
+        f'{path}: net regeneration over the log; is the current really positive when the '
         'battery is discharged?',)
 
 

@@ -5,10 +5,10 @@ from hypothesis import given, strategies as st
 import numpy as np
 import pytest
 
-from bev_preheat.route.kinematics import drive_along, lay_track, Leg, leg_starts_m
+from bev_preheat.route.kinematics import drive_along, lay_track, leg_starts_m, RoadLeg
 
 LEGS = st.lists(st.builds(
-    Leg, length_m=st.floats(5.0, 900.0), speed_limit_mps=st.floats(1.5, 60.0),
+    RoadLeg, length_m=st.floats(5.0, 900.0), speed_limit_mps=st.floats(1.5, 60.0),
     stops=st.integers(0, 6), stop_duration_s=st.sampled_from([0.0, 3.5, 40.0]),
     traffic_slowdown=st.floats(0.0, 0.9), traffic_length_m=st.floats(20.0, 500.0)),
     min_size=1, max_size=6)
@@ -53,7 +53,7 @@ def test_distance_is_the_integral_of_speed(legs, one, other):
 
 
 def test_the_end_of_a_drive_is_on_it():
-    drive = drive_along(lay_track([Leg(length_m=300.0, speed_limit_mps=13.0)], 1), 1.1, 1.7)
+    drive = drive_along(lay_track([RoadLeg(length_m=300.0, speed_limit_mps=13.0)], 1), 1.1, 1.7)
     distance_m, speed_mps = drive.at(drive.time_s[-1])
     assert distance_m == pytest.approx(300.0)
     assert speed_mps == pytest.approx(0.0, abs=1e-9)

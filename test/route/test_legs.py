@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Descriptions of trips: kinematics and energy against closed forms, calibration, messages."""
 
+from dataclasses import replace
 from math import hypot
 
 import numpy as np
@@ -9,7 +10,8 @@ import yaml
 
 from bev_preheat.errors import InvalidInput
 from bev_preheat.route.legs import load_legs
-from bev_preheat.vehicle.description import Defaults
+from bev_preheat.vehicle import load_vehicle
+from bev_preheat.vehicle.description import Defaults, Drivetrain, RoadLoad
 
 DEFAULTS = Defaults(cabin_heating_power_w=1111.0, auxiliary_power_w=222.0,
                     target_battery_temperature_c=21.0)
@@ -18,27 +20,39 @@ GRAVITY = 9.80665
 DENSITY_AT_15_C = 1.225
 CAR = {
     'mass_kg': 1900.0, 'frontal_area_m2': 2.4, 'drag_coefficient': 0.31,
-    'rolling_resistance': 0.011, 'drivetrain_efficiency': 0.87,
-    'maximum_regeneration_power_w': 300e3, 'acceleration_mps2': 1.25, 'deceleration_mps2': 1.6}
+    'rolling_resistance': 0.011, 'drivetrain_efficiency': 0.87, 'maximum_power_w': 400e3,
+    'maximum_regeneration_power_w': 300e3}
+DRIVING = {'acceleration_mps2': 1.25, 'deceleration_mps2': 1.6}
 WEIGHT = CAR['mass_kg'] * GRAVITY
 ROLLING_N = CAR['rolling_resistance'] * WEIGHT
 # Newton per (m/s)^2.
 DRAG = 0.5 * DENSITY_AT_15_C * CAR['drag_coefficient'] * CAR['frontal_area_m2']
 
 
+def vehicle(**changes):
+    """The car above, with changes."""
+    car = {**CAR, **changes}
+    return replace(
+        load_vehicle('reference'), name='test car', defaults=DEFAULTS,
+        drivetrain=Drivetrain(car['drivetrain_efficiency'], 0.7, car['maximum_power_w'],
+                              car['maximum_regeneration_power_w']),
+        road_load=RoadLoad(car['mass_kg'], car['frontal_area_m2'], car['drag_coefficient'],
+                           car['rolling_resistance']))
+
+
 def description(legs, **changes):
-    """Description of a trip at 15 degC at sea level; `car` changes the car."""
-    car = {**CAR, **changes.pop('car', {})}
+    """Description of a trip at 15 degC at sea level."""
     return {'name': 'trip', 'ambient_temperature_c': 15.0, 'cabin_heating_power_w': 1500.0,
-            'auxiliary_power_w': 300.0, 'road_vehicle': car, 'legs': legs, **changes}
+            'auxiliary_power_w': 300.0, 'driving': DRIVING, 'legs': legs, **changes}
 
 
 @pytest.fixture
 def make(tmp_path):
-    def make(legs, defaults=None, **changes):
+    def make(legs, car=None, **changes):
+        """LegsRoute of legs, driven by the car with the changes `car`."""
         path = tmp_path / 'trip.yaml'
         path.write_text(yaml.safe_dump(description(legs, **changes)), encoding='utf-8')
-        return load_legs(path, defaults)
+        return load_legs(path, vehicle(**(car or {})))
     return make
 
 
@@ -61,7 +75,7 @@ def energies_wh(route):
 
 def test_a_flat_leg_takes_as_long_as_a_trapezoid(make):
     route = make([{'length_m': 3000.0, 'speed_limit_kmh': 90.0}]).route
-    speed, up, down = 25.0, CAR['acceleration_mps2'], CAR['deceleration_mps2']
+    speed, up, down = 25.0, DRIVING['acceleration_mps2'], DRIVING['deceleration_mps2']
     assert route.total_duration_s == pytest.approx(
         3000.0 / speed + speed / (2.0 * up) + speed / (2.0 * down), abs=0.05)
     assert route.distance_m == pytest.approx(3000.0, rel=1e-9)
@@ -69,7 +83,7 @@ def test_a_flat_leg_takes_as_long_as_a_trapezoid(make):
 
 def test_a_leg_too_short_for_its_limit_is_a_triangle(make):
     route = make([{'length_m': 100.0, 'speed_limit_kmh': 250.0}], segment_duration_s=1.0).route
-    up, down = CAR['acceleration_mps2'], CAR['deceleration_mps2']
+    up, down = DRIVING['acceleration_mps2'], DRIVING['deceleration_mps2']
     peak = np.sqrt(2.0 * 100.0 * up * down / (up + down))
     assert route.total_duration_s == pytest.approx(peak / up + peak / down, abs=0.05)
 
@@ -77,7 +91,7 @@ def test_a_leg_too_short_for_its_limit_is_a_triangle(make):
 def test_stops_are_driven_to_waited_at_and_left(make):
     route = make([{'length_m': 4000.0, 'speed_limit_kmh': 72.0, 'stops': 3,
                    'stop_duration_s': 17.0}], segment_duration_s=1.0).route
-    speed, up, down = 20.0, CAR['acceleration_mps2'], CAR['deceleration_mps2']
+    speed, up, down = 20.0, DRIVING['acceleration_mps2'], DRIVING['deceleration_mps2']
     assert route.total_duration_s == pytest.approx(
         4000.0 / speed + 4.0 * (speed / (2.0 * up) + speed / (2.0 * down)) + 3.0 * 17.0, abs=0.1)
     # A second that is standstill altogether: 17 s hold 16 or 17 of them, at 1, 2, 3 km.
@@ -91,7 +105,7 @@ def test_stops_are_driven_to_waited_at_and_left(make):
 def test_a_lower_limit_is_braked_for_before_it_begins(make):
     route = make([{'length_m': 2500.0, 'speed_limit_kmh': 108.0},
                   {'length_m': 1500.0, 'speed_limit_kmh': 54.0}], segment_duration_s=1.0).route
-    fast, slow, up, down = 30.0, 15.0, CAR['acceleration_mps2'], CAR['deceleration_mps2']
+    fast, slow, up, down = 30.0, 15.0, DRIVING['acceleration_mps2'], DRIVING['deceleration_mps2']
     assert route.total_duration_s == pytest.approx(
         2500.0 / fast + fast / (2.0 * up) + (fast - slow)**2 / (2.0 * down * fast)
         + 1500.0 / slow + slow / (2.0 * down), abs=0.1)
@@ -126,8 +140,8 @@ def test_accelerations_stay_comfortable_in_traffic(make):
     route = make([{'length_m': 15e3, 'speed_limit_kmh': 130.0, 'traffic_slowdown_percent': 80.0}],
                  segment_duration_s=1.0, traffic_length_m=30.0).route
     change = np.diff(route.speed_mps[:-1])
-    assert change.max() == pytest.approx(CAR['acceleration_mps2'], abs=1e-6)
-    assert change.min() == pytest.approx(-CAR['deceleration_mps2'], abs=1e-6)
+    assert change.max() == pytest.approx(DRIVING['acceleration_mps2'], abs=1e-6)
+    assert change.min() == pytest.approx(-DRIVING['deceleration_mps2'], abs=1e-6)
 
 
 def cruising_power_w(make, slope_percent=0.0, wind=0.0, **changes):
@@ -173,6 +187,70 @@ def test_the_brakes_do_what_exceeds_the_maximum_regeneration_power(make):
                             car={'maximum_regeneration_power_w': 4321.0}) == -4321.0
 
 
+def test_the_lower_maximum_of_regeneration_holds(make):
+    for own, of_trip in ((4321.0, 6000.0), (6000.0, 4321.0)):
+        assert cruising_power_w(make, slope_percent=-7.0, maximum_regeneration_power_w=of_trip,
+                                car={'maximum_regeneration_power_w': own}) == -4321.0
+
+
+@pytest.mark.parametrize('slope_percent', [0.0, 5.0])
+def test_constant_speed_of_a_loaded_car(make, slope_percent):
+    """Payload rolls and climbs, the roof box meets the air, snow makes all of it roll worse."""
+    weight = (CAR['mass_kg'] + 300.0) * GRAVITY
+    along = hypot(1.0, slope_percent / 100.0)
+    force = (weight * (slope_percent / 100.0 + 1.7 * CAR['rolling_resistance']) / along
+             + (DRAG + 0.5 * DENSITY_AT_15_C * 0.25) * 20.0**2)
+    load = {'payload_kg': 300.0, 'additional_drag_area_m2': 0.25,
+            'rolling_resistance_factor': 1.7}
+    assert cruising_power_w(make, slope_percent=slope_percent, load=load) == pytest.approx(
+        force * 20.0 / CAR['drivetrain_efficiency'], rel=1e-3)
+
+
+def test_payload_is_accelerated_too(make):
+    """Half m v^2 of the payload, on top, where nothing rolls and no air resists."""
+    car = {'rolling_resistance': 1e-9, 'drag_coefficient': 1e-9}
+    legs = [{'length_m': 2000.0, 'speed_limit_kmh': 90.0}]
+    driven_wh, regenerated_wh = (
+        np.array(energies_wh(make(legs, car, load={'payload_kg': payload_kg},
+                                  segment_duration_s=1.0).route))
+        for payload_kg in (0.0, 400.0))
+    added_wh = 0.5 * 400.0 * 25.0**2 / 3600.0
+    assert regenerated_wh - driven_wh == pytest.approx(
+        [added_wh / CAR['drivetrain_efficiency'], added_wh * CAR['drivetrain_efficiency']],
+        rel=3e-3)
+
+
+def test_every_car_drives_the_same_road(make):
+    legs = [{'length_m': 3000.0, 'speed_limit_kmh': 70.0, 'slope_percent': 4.0, 'stops': 2,
+             'stop_duration_s': 11.0, 'traffic_slowdown_percent': 20.0}]
+    heavy = make(legs).route
+    light = make(legs, {'mass_kg': 1100.0, 'frontal_area_m2': 1.9, 'drag_coefficient': 0.24,
+                        'rolling_resistance': 0.009, 'drivetrain_efficiency': 0.93}).route
+    for field in ('duration_s', 'speed_mps', 'ambient_temperature_c'):
+        np.testing.assert_array_equal(getattr(heavy, field), getattr(light, field))
+    assert np.sum(light.propulsion_power_w * light.duration_s) < 0.7 * np.sum(
+        heavy.propulsion_power_w * heavy.duration_s)
+
+
+def test_a_car_that_is_too_weak_for_the_drive_is_refused(problems_with):
+    # At 25 m/s, still accelerating: (m a + rolling + drag v^2) v / efficiency = 92.4 kW.
+    force = CAR['mass_kg'] * DRIVING['acceleration_mps2'] + ROLLING_N + DRAG * 25.0**2
+    most_kw = force * 25.0 / CAR['drivetrain_efficiency'] / 1e3
+    (problem,) = problems_with([{'length_m': 3000.0, 'speed_limit_kmh': 90.0}],
+                               car={'maximum_power_w': 60e3})
+    assert problem.startswith("legs: vehicle 'test car' would need ")
+    assert problem.endswith(' kW at km 0.2; its drivetrain.maximum_power_w is 60000 W; lower '
+                            'driving.acceleration_mps2 or the speed limit there')
+    assert float(problem.split('would need ')[1].split()[0]) == pytest.approx(most_kw, rel=0.03)
+
+
+def test_driving_style_has_a_default(make):
+    named = make([{'length_m': 900.0, 'speed_limit_kmh': 50.0}],
+                 driving={'acceleration_mps2': 1.0, 'deceleration_mps2': 1.0})
+    unnamed = make([{'length_m': 900.0, 'speed_limit_kmh': 50.0}], driving={})
+    np.testing.assert_array_equal(named.route.propulsion_power_w, unnamed.route.propulsion_power_w)
+
+
 def test_thin_and_cold_air(make):
     # 1.1117 kg/m^3 at 8.5 degC and 1000 m: International Standard Atmosphere.
     force = ROLLING_N + DRAG * 1.1117 / DENSITY_AT_15_C * 20.0**2
@@ -184,7 +262,7 @@ def test_thin_and_cold_air(make):
 
 def test_energy_of_a_trapezoid(make):
     """Kinetic energy is paid when pulling away and comes back, less the losses, when braking."""
-    speed, up, down = 25.0, CAR['acceleration_mps2'], CAR['deceleration_mps2']
+    speed, up, down = 25.0, DRIVING['acceleration_mps2'], DRIVING['deceleration_mps2']
     efficiency = CAR['drivetrain_efficiency']
     start, stop = speed**2 / (2.0 * up), speed**2 / (2.0 * down)
     # 60 s at full speed after 20 s of pulling away: no second holds both driving and braking, but
@@ -254,7 +332,7 @@ def test_ambient_temperature_of_legs(make):
 
 
 def test_cabin_and_auxiliary_power(make):
-    route = make([{'length_m': 900.0, 'speed_limit_kmh': 50.0}], DEFAULTS).route
+    route = make([{'length_m': 900.0, 'speed_limit_kmh': 50.0}]).route
     assert np.all(route.cabin_heating_power_w == pytest.approx(1500.0))
     assert np.all(route.auxiliary_power_w == pytest.approx(300.0))
 
@@ -264,14 +342,9 @@ def test_cabin_and_auxiliary_power_of_the_vehicle(tmp_path):
     del contents['cabin_heating_power_w'], contents['auxiliary_power_w']
     path = tmp_path / 'trip.yaml'
     path.write_text(yaml.safe_dump(contents), encoding='utf-8')
-    route = load_legs(path, DEFAULTS).route
+    route = load_legs(path, vehicle()).route
     assert np.all(route.cabin_heating_power_w == pytest.approx(1111.0))
     assert np.all(route.auxiliary_power_w == pytest.approx(222.0))
-    with pytest.raises(InvalidInput) as caught:
-        load_legs(path)
-    assert caught.value.problems == [
-        f'{path}: missing cabin_heating_power_w; it must stand here or come from a vehicle',
-        f'{path}: missing auxiliary_power_w; it must stand here or come from a vehicle']
 
 
 TRIP = [{'length_m': 4000.0, 'speed_limit_kmh': 50.0, 'stops': 3, 'stop_duration_s': 20.0},
@@ -305,7 +378,7 @@ def test_energies_are_met(make, variation):
     driven, regenerated = energies_wh(before)
     assert regenerated > 10.0
     made = make(TRIP, within_segment_variation=variation, propulsion_energy_wh={
-        'total_magnitude': 1.2 * driven + 0.8 * regenerated,
+        'vehicle': 'test car', 'total_magnitude': 1.2 * driven + 0.8 * regenerated,
         'net': 1.2 * driven - 0.8 * regenerated})
     assert energies_wh(made.route) == pytest.approx((1.2 * driven, 0.8 * regenerated))
     scales = np.where(before.propulsion_power_w > 0.0, 1.2, 0.8)
@@ -315,19 +388,31 @@ def test_energies_are_met(make, variation):
     assert 'are scaled by 0.8000 to' in made.remarks[1]
 
 
+def test_energies_of_one_vehicle_are_not_those_of_another(make):
+    before = make(TRIP).route
+    made = make(TRIP, propulsion_energy_wh={
+        'vehicle': 'other car', 'total_magnitude': 5000, 'net': 4000})
+    np.testing.assert_array_equal(made.route.propulsion_power_w, before.propulsion_power_w)
+    assert made.remarks == (
+        'propulsion_energy_wh is that of vehicle other car and does not hold for test car: its '
+        'powers are not scaled',)
+
+
 def test_energies_that_are_far_off_are_refused(make, problems_with):
     driven, regenerated = energies_wh(make(TRIP).route)
-    assert problems_with(TRIP, propulsion_energy_wh={'total_magnitude': 5000, 'net': 4000}) == [
+    assert problems_with(TRIP, propulsion_energy_wh={
+        'vehicle': 'test car', 'total_magnitude': 5000, 'net': 4000}) == [
         f'propulsion_energy_wh: wants 4500 Wh driving; the segments hold {driven:.1f} Wh, '
         'which may be scaled by 0.5 ... 2']
     assert problems_with(TRIP, propulsion_energy_wh={
-        'total_magnitude': float(driven), 'net': float(driven)}) == [
+        'vehicle': 'test car', 'total_magnitude': float(driven), 'net': float(driven)}) == [
         f'propulsion_energy_wh: wants 0 Wh regenerating; the segments hold {regenerated:.1f} Wh, '
         'which may be scaled by 0.5 ... 2']
 
 
 def test_net_energy_above_the_total_is_refused(problems_with):
-    assert problems_with(TRIP, propulsion_energy_wh={'total_magnitude': 900, 'net': -1000}) == [
+    assert problems_with(TRIP, propulsion_energy_wh={
+        'vehicle': 'test car', 'total_magnitude': 900, 'net': -1000}) == [
         'propulsion_energy_wh.net: -1000 is not allowed; its magnitude must be at most '
         'total_magnitude, 900']
 
@@ -358,10 +443,46 @@ def test_bad_legs_are_named(problems_with, leg, problem):
     assert problems_with([LEG, leg]) == [problem]
 
 
-def test_a_bad_car_is_named(problems_with):
-    assert problems_with([LEG], car={'drivetrain_efficiency': 87}) == [
-        'road_vehicle.drivetrain_efficiency: 87 is not allowed; it must be at least 0.1 and at '
-        'most 1']
+@pytest.mark.parametrize('changes, problem', [
+    ({'driving': {'acceleration_mps2': 0}}, 'driving.acceleration_mps2: 0 is not allowed; it must '
+     'be at least 0.05 and at most 10'),
+    ({'driving': {'acceleration': 1}}, "driving: unknown key 'acceleration'; did you mean "
+     "'acceleration_mps2'? known keys: acceleration_mps2, deceleration_mps2"),
+    ({'load': {'payload_kg': -80}}, 'load.payload_kg: -80 is not allowed; it must be at least 0 '
+     'and at most 50000'),
+    ({'load': {'additional_drag_area_m2': 25}}, 'load.additional_drag_area_m2: 25 is not allowed; '
+     'it must be at least 0 and at most 20'),
+    ({'load': {'rolling_resistance_factor': 0.012}}, 'load.rolling_resistance_factor: 0.012 is '
+     'not allowed; it must be at least 0.3 and at most 10'),
+    ({'maximum_regeneration_power_w': -5000}, 'maximum_regeneration_power_w: -5000 is not '
+     'allowed; it must be at least 0 and at most 2000000'),
+    ({'propulsion_energy_wh': {'total_magnitude': 900, 'net': 800}}, 'propulsion_energy_wh: '
+     'missing vehicle'),
+    # A description of before road loads belonged to vehicles.
+    ({'road_vehicle': {'mass_kg': 2500}}, 'road_vehicle: belongs to the car now: move mass_kg, '
+     'frontal_area_m2, drag_coefficient and rolling_resistance to road_load in the vehicle file, '
+     'drivetrain_efficiency to its drivetrain.efficiency, maximum_regeneration_power_w to its '
+     'drivetrain.maximum_regeneration_power_w (or, for this trip alone, to the top of this file), '
+     'and acceleration_mps2 and deceleration_mps2 to driving in this file'),
+    ({'roadvehicle': {}}, "the file: unknown key 'roadvehicle'; known keys: name, "
+     'segment_duration_s, ambient_temperature_c, start_elevation_m, headwind_mps, '
+     'within_segment_variation, cabin_heating_power_w, auxiliary_power_w, seed, traffic_length_m, '
+     'distance_m, duration_s, propulsion_energy_wh, driving, load, maximum_regeneration_power_w, '
+     'legs'),
+])
+def test_what_is_not_the_road_is_named(problems_with, changes, problem):
+    assert problems_with([LEG], **changes) == [problem]
+
+
+def test_a_car_without_a_road_load_says_what_to_add(tmp_path):
+    path = tmp_path / 'trip.yaml'
+    path.write_text(yaml.safe_dump(description([LEG])), encoding='utf-8')
+    with pytest.raises(InvalidInput) as caught:
+        load_legs(path, replace(vehicle(), road_load=None))
+    assert caught.value.problems == [
+        f"{path}: vehicle 'test car' has no road_load, and without it the power on a road is "
+        'unknown; add it to the vehicle file, with the figures of the car, such as road_load: '
+        '{mass_kg: 1900, frontal_area_m2: 2.4, drag_coefficient: 0.27, rolling_resistance: 0.010}']
 
 
 def test_missing_ambient_temperature_is_named(tmp_path):
@@ -370,7 +491,7 @@ def test_missing_ambient_temperature_is_named(tmp_path):
     path = tmp_path / 'trip.yaml'
     path.write_text(yaml.safe_dump(contents), encoding='utf-8')
     with pytest.raises(InvalidInput) as caught:
-        load_legs(path)
+        load_legs(path, vehicle())
     assert caught.value.problems == [
         f'{path}: legs[1]: missing ambient_temperature_c; it must stand here or at the top, for '
         'all legs']
@@ -389,11 +510,11 @@ def test_a_trip_of_more_than_a_day_is_refused(problems_with):
 
 def test_power_that_no_car_has_is_refused(problems_with):
     (problem,) = problems_with([{**LEG, 'slope_percent': 35}],
-                               car={'mass_kg': 100e3, 'acceleration_mps2': 10})
+                               car={'mass_kg': 100e3, 'maximum_power_w': np.inf})
     assert problem.startswith('propulsion_power_w[')
     assert 'is not allowed; it must be -2e+06 ... 2e+06' in problem
 
 
 def test_an_unknown_name_gets_the_nearest():
     with pytest.raises(InvalidInput, match=r"'alpine_pas' is unknown; did you mean 'alpine_pass'"):
-        load_legs('alpine_pas')
+        load_legs('alpine_pas', vehicle())

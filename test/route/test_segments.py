@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from bev_preheat.errors import InvalidInput
-from bev_preheat.route.segments import LIMITS, MOST_SEGMENTS, make_route, Route
+from bev_preheat.route.segments import LIMITS, make_route, MOST_SEGMENTS, Route
 from bev_preheat.vehicle.description import Defaults
 
 DEFAULTS = Defaults(cabin_heating_power_w=1111.0, auxiliary_power_w=222.0,

@@ -8,9 +8,12 @@ import pytest
 
 from bev_preheat.configuration import configuration_folder
 from bev_preheat.route.csv_file import load_route
+from bev_preheat.route.for_vehicle import route_for
 from bev_preheat.route.legs import load_legs
 from bev_preheat.route.segments import Route
+from bev_preheat.vehicle import load_vehicle
 
+REFERENCE = load_vehicle('reference')
 FOLDER = configuration_folder('routes')
 NAMES = sorted(path.stem for path in FOLDER.glob('*.csv'))
 
@@ -25,9 +28,10 @@ def test_each_route_has_its_description_and_the_other_way_round():
     assert NAMES
 
 
+@pytest.mark.costly
 @pytest.mark.parametrize('name', NAMES)
 def test_the_file_holds_what_its_description_makes(name):
-    made = load_legs(name)
+    made = load_legs(name, REFERENCE)
     assert made.name == name
     for field in fields(Route):
         # Half a unit of the last digit in the file, and some for another machine's rounding.
@@ -38,7 +42,7 @@ def test_the_file_holds_what_its_description_makes(name):
 
 @pytest.mark.parametrize('name', NAMES)
 def test_the_file_names_the_command_that_made_it(name):
-    assert (f'preheat route --legs {name} --output config/routes/{name}.csv'
+    assert (f'preheat route --legs {name} --vehicle reference --output config/routes/{name}.csv'
             in (FOLDER / f'{name}.csv').read_text(encoding='utf-8'))
 
 
@@ -57,7 +61,7 @@ def test_the_reference_is_the_papers_trip():
 
 def test_calibration_of_the_reference_is_a_matter_of_percent():
     scales = [float(remark.split('scaled by ')[1].split()[0])
-              for remark in load_legs('reference').remarks]
+              for remark in load_legs('reference', REFERENCE).remarks]
     assert len(scales) == 3
     assert all(abs(scale - 1.0) < 0.05 for scale in scales)
 
@@ -103,4 +107,14 @@ def test_the_pass_has_a_long_descent_and_a_valley_behind_it():
 def test_the_motorway_lasts_three_hours():
     route = shipped('motorway_3h')
     assert route.total_duration_s == pytest.approx(3 * 3600.0, abs=1e-3)
-    assert np.median(route.speed_mps) * 3.6 > 100.0
+    assert np.median(route.speed_mps) * 3.6 > 85.0
+
+
+@pytest.mark.costly
+@pytest.mark.parametrize('vehicle', sorted(
+    path.stem for path in configuration_folder('vehicles').glob('*.yaml')))
+@pytest.mark.parametrize('name', NAMES)
+def test_every_shipped_vehicle_drives_the_same_road(name, vehicle):
+    driven = route_for(f'legs/{name}', load_vehicle(vehicle)).route
+    for field in ('duration_s', 'speed_mps', 'ambient_temperature_c'):
+        np.testing.assert_array_equal(getattr(driven, field), getattr(shipped(name), field))

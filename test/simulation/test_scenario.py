@@ -68,6 +68,7 @@ def test_a_scenario_that_comes_along_says_what_it_is(name):
     assert any(value not in (None, ()) for value in vars(scenario.expectations).values())
 
 
+@pytest.mark.costly
 def test_the_disturbances_that_are_foreseen_are_all_tried():
     scenarios = [load_scenario(name) for name in NAMES]
     kinds = {event.kind for scenario in scenarios for event in scenario.imperfections.events}
@@ -143,8 +144,9 @@ def test_files_that_it_names_are_seen_from_its_folder(tmp_path):
         load_scenario('detour').imperfections.events[0].route.total_duration_s, rel=1.0)
 
 
+@pytest.mark.costly
 def test_a_scenario_that_expects_what_does_not_happen_finds_it(tmp_path):
-    from bev_preheat.simulation.closed_loop import drive_scenario
+    from bev_preheat.experiments.scenario_drive import drive_scenario
     contents = yaml.safe_load((FOLDER / 'nominal.yaml').read_text())
     contents['drive']['ends_after_s'] = 300
     contents['expect'] = {'arrival_error_k': [50, 60], 'most_switch_ons': 0, 'statuses': ['ARRIVED'],

@@ -3,7 +3,7 @@
 
 import math
 
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 import numpy as np
 import pytest
 
@@ -59,7 +59,6 @@ def test_resistance_falls_with_the_inverse_of_temperature():
     pytest.param(PolynomialVoltage((300.0, 40.0, -10.0, 24.0)), id='polynomial'),
     pytest.param(PolynomialVoltage((300.0, 40.0), log_soc_v=6.0), id='logarithm'),
     pytest.param(InverseTemperatureResistance(4.5, 50.0), id='resistance')])
-@settings(max_examples=50, deadline=None, derandomize=True)
 def test_formula_of_arrays_is_that_of_floats(curve, soc, temperature_c):
     array = curve.function(ARRAYS)(np.array([soc]), np.array([temperature_c]))
     assert array == pytest.approx([curve.function(FLOATS)(soc, temperature_c)], rel=1e-12)
@@ -120,7 +119,6 @@ def test_table_of_one_point_is_a_constant():
 
 @TABLES
 @given(points=st.lists(st.tuples(SOCS, TEMPERATURES_C), min_size=1, max_size=10))
-@settings(max_examples=50, deadline=None, derandomize=True)
 def test_table_of_arrays_is_that_of_floats(table, points):
     socs, temperatures_c = np.array(points).T
     lookup = table.function(FLOATS)
@@ -130,7 +128,6 @@ def test_table_of_arrays_is_that_of_floats(table, points):
 
 
 @given(socs=st.tuples(SOCS, SOCS), temperatures_c=st.tuples(TEMPERATURES_C, TEMPERATURES_C))
-@settings(max_examples=100, deadline=None, derandomize=True)
 def test_table_of_rising_values_rises_along_both_axes(socs, temperatures_c):
     lookup = OVER_BOTH.function(FLOATS)
     low = lookup(min(socs), min(temperatures_c))
@@ -140,7 +137,6 @@ def test_table_of_rising_values_rises_along_both_axes(socs, temperatures_c):
 
 
 @given(st.lists(st.floats(-100.0, 100.0), min_size=4, max_size=4), SOCS, TEMPERATURES_C)
-@settings(max_examples=100, deadline=None, derandomize=True)
 def test_table_never_leaves_the_range_of_its_values(corners, soc, temperature_c):
     table = Table((0.2, 0.7), (-15.0, 20.0), (tuple(corners[:2]), tuple(corners[2:])))
     # Four roundings of the largest value that a corner may have.

@@ -8,8 +8,10 @@ import pytest
 import yaml
 
 from bev_preheat.arithmetic import FLOATS
+from bev_preheat.configuration import configuration_folder
 from bev_preheat.errors import InvalidInput
 from bev_preheat.vehicle import load_vehicle
+from bev_preheat.vehicle.description import RoadLoad
 
 GOOD = {
     'name': 'test car',
@@ -37,6 +39,8 @@ DISCHARGE = 'battery.power_limits.discharge'
 CHARGE = 'battery.power_limits.charge'
 EVERYWHERE = 'over the whole soc_range and temperature_range_c'
 GONE = object()
+ROAD_LOAD = {'mass_kg': 1500, 'frontal_area_m2': 2.1, 'drag_coefficient': 0.29,
+             'rolling_resistance': 0.011}
 
 
 def with_change(key, value):
@@ -84,6 +88,20 @@ def test_every_number_of_the_file_finds_its_place(tmp_path):
           0.91, 0.72, 123000.0, 6500.0, 0.86, 1234.0, 432.0, 22.0)
 
 
+def test_road_load_and_regeneration_are_optional(tmp_path):
+    without = load_vehicle(written(tmp_path, GOOD))
+    assert without.road_load is None
+    # As much as it drives with.
+    assert without.drivetrain.maximum_regeneration_power_w == 123000.0
+
+    contents = with_change('road_load', ROAD_LOAD)
+    contents['drivetrain']['maximum_regeneration_power_w'] = 87000
+    given = load_vehicle(written(tmp_path, contents))
+    assert given.road_load == RoadLoad(mass_kg=1500.0, frontal_area_m2=2.1, drag_coefficient=0.29,
+                                       rolling_resistance=0.011)
+    assert given.drivetrain.maximum_regeneration_power_w == 87000.0
+
+
 @pytest.mark.parametrize('curve, soc, temperature_c, expected', [
     # 300 + 60/2 - 20/4 + 15/8
     ('open_circuit_voltage', 0.5, -9.0, 326.875),
@@ -107,6 +125,20 @@ def test_table_over_both_axes_has_a_row_for_each_soc(tmp_path):
     assert (resistance(0.1, 40.0), resistance(0.9, -20.0)) == pytest.approx((0.13, 0.34))
 
 
+def test_what_is_assumed_and_the_cells_are_optional(tmp_path):
+    without = load_vehicle(written(tmp_path, GOOD))
+    assert (without.assumed, without.battery.cells_in_series) == ((), None)
+
+
+def test_assumed_keys_may_name_tables_and_groups(tmp_path):
+    keys = ['battery.resistance', 'drivetrain', 'battery.power_limits.charge',
+            'battery.cells_in_series']
+    contents = with_change('assumed', keys)
+    contents['battery']['cells_in_series'] = 97
+    vehicle = load_vehicle(written(tmp_path, contents))
+    assert (vehicle.assumed, vehicle.battery.cells_in_series) == (tuple(keys), 97)
+
+
 def test_leakage_rises_with_speed(tmp_path):
     leakage = load_vehicle(written(tmp_path, GOOD)).battery.leakage
     # 31 + 0.7 * 20
@@ -125,6 +157,11 @@ def test_shipped_vehicle_loads_under_its_own_name(name):
     assert load_vehicle(name).name == name
 
 
+def test_shipped_vehicle_can_be_driven_along_any_road():
+    for path in configuration_folder('vehicles').glob('*.yaml'):
+        assert load_vehicle(path).road_load is not None, path
+
+
 def test_reference_is_the_car_of_the_papers_table_1():
     car = load_vehicle('reference')
     most_w = car.battery.discharge_power_limit.function(FLOATS)(1.0, 40.0)
@@ -135,15 +172,27 @@ def test_reference_is_the_car_of_the_papers_table_1():
             car.hvch.efficiency) == (200.0, 350e3, 350e3, -150e3, 500.0, 1978.0, 0.9, 0.8, 0.87)
 
 
+@pytest.mark.costly
 @pytest.mark.parametrize('key, value, problem', [
     # Unknown and missing keys.
     ('hvch.eficiency', 0.9, "hvch: unknown key 'eficiency'; did you mean 'efficiency'? "
      'known keys: maximum_power_w, efficiency'),
     ('drivetrain.efficency', 0.9, "drivetrain: unknown key 'efficency'; did you mean "
-     "'efficiency'? known keys: efficiency, heat_recovery_efficiency, maximum_power_w"),
+     "'efficiency'? known keys: efficiency, heat_recovery_efficiency, maximum_power_w, "
+     'maximum_regeneration_power_w'),
     ('hvch.colour', 'red', "hvch: unknown key 'colour'; known keys: maximum_power_w, efficiency"),
     ('batery', {}, "the file: unknown key 'batery'; did you mean 'battery'? "
-     'known keys: name, battery, drivetrain, hvch, defaults'),
+     'known keys: name, battery, drivetrain, hvch, defaults, road_load, assumed'),
+    ('assumed', ['battery.resistanc'], "assumed[0]: 'battery.resistanc' is no key of this file; did "
+     "you mean 'battery.resistance'?"),
+    ('assumed', ['hvch.efficiency', 'wheels'], "assumed[1]: 'wheels' is no key of this "
+     'file; such as battery.resistance'),
+    ('assumed', ['hvch', 'hvch'], "assumed: holds 'hvch' twice"),
+    # A key that the schema knows, but this file does not have.
+    ('assumed', ['road_load'], "assumed[0]: 'road_load' is no key of this file; such as "
+     'battery.resistance'),
+    ('assumed', 'all', "assumed: 'all' is not an array"),
+    ('battery.cells_in_series', 96.5, 'battery.cells_in_series: 96.5 is not an integer'),
     ('drivetrain', GONE, 'the file: missing drivetrain'),
     ('battery.leakage', {}, 'battery.leakage: missing gamma_0_w_per_k, gamma_v_w_per_k_per_mps'),
     ('defaults.auxiliary_power_w', GONE, 'defaults: missing auxiliary_power_w'),
@@ -152,6 +201,24 @@ def test_reference_is_the_car_of_the_papers_table_1():
     ('battery.capacity_ah', True, 'battery.capacity_ah: True is not a number'),
     ('name', 7, 'name: 7 is not a string'),
     ('hvch', [6500, 0.9], 'hvch: [6500, 0.9] is not an object'),
+    # Road load and regeneration.
+    ('road_load', {'mass_kg': 1500}, 'road_load: missing frontal_area_m2, drag_coefficient, '
+     'rolling_resistance'),
+    ('road_load', {**ROAD_LOAD, 'mass_kg': 2.5}, 'road_load.mass_kg: 2.5 is not allowed; it must '
+     'be at least 50 and at most 100000'),
+    ('road_load', {**ROAD_LOAD, 'frontal_area_m2': 26000}, 'road_load.frontal_area_m2: 26000 is '
+     'not allowed; it must be at least 0.2 and at most 20'),
+    ('road_load', {**ROAD_LOAD, 'drag_coefficient': 29}, 'road_load.drag_coefficient: 29 is not '
+     'allowed; it must be at least 0.05 and at most 2'),
+    ('road_load', {**ROAD_LOAD, 'rolling_resistance': 8.5}, 'road_load.rolling_resistance: 8.5 is '
+     'not allowed; it must be at least 0.001 and at most 0.1'),
+    ('road_load', {**ROAD_LOAD, 'mass_t': 1.6}, "road_load: unknown key 'mass_t'; did you "
+     "mean 'mass_kg'? known keys: mass_kg, frontal_area_m2, drag_coefficient, "
+     'rolling_resistance'),
+    ('drivetrain.maximum_regeneration_power_w', -60000, 'drivetrain.maximum_regeneration_power_w: '
+     '-60000 is not allowed; it must be at least 0 and at most 2000000'),
+    ('drivetrain.maximum_regeneration_power_w', 123001, 'drivetrain.maximum_regeneration_power_w: '
+     '123001 is above drivetrain.maximum_power_w, 123000'),
     # Numbers that are none.
     ('battery.heat_capacity_j_per_k', float('nan'),
      'battery.heat_capacity_j_per_k: nan is not a finite number'),
@@ -202,7 +269,7 @@ def test_reference_is_the_car_of_the_papers_table_1():
     # Values that cannot be: 0 V at soc 0.04; 5.5/(-33 + 33) ohm; limits of the wrong sign.
     (f'{VOLTAGE}.formula.polynomial_v', [-4, 100], f'{VOLTAGE}: 0 V at soc 0.04 and -33 degC; it '
      f'must be 10 ... 2000 V {EVERYWHERE}'),
-    ('name', 'x' * 1_000_000, 'name: has 1000000 characters; it must have at most 100'),
+    ('name', 'x' * 10_000, 'name: has 10000 characters; it must have at most 100'),
     (f'{RESISTANCE}.formula.reference_temperature_c', 33, f'{RESISTANCE}: inf ohm at soc 0.04 and '
      f'-33 degC; it must be 1e-06 ... 100 ohm {EVERYWHERE}'),
     (f'{RESISTANCE}.formula.reference_temperature_c', 22, f'{RESISTANCE}: -0.5 ohm at soc 0.04 '
@@ -262,7 +329,7 @@ def test_key_written_twice_is_refused(tmp_path):
     text = yaml.safe_dump(GOOD).replace('  efficiency: 0.86',
                                         '  efficiency: 0.86\n  efficiency: 0.68')
     problem, = problems_of(written(tmp_path, text))
-    assert problem.startswith('is not YAML: ') and "'efficiency' stands twice" in problem
+    assert problem.startswith('is not YAML: ') and "'efficiency' is a duplicate key" in problem
 
 
 def test_file_that_is_not_text(tmp_path):

@@ -1,0 +1,217 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`preheat vehicle`: makes a vehicle file from a data sheet, and says what a vehicle file means."""
+
+from dataclasses import fields
+from pathlib import Path
+import shlex
+
+from bev_preheat.commands.completion import VEHICLES
+from bev_preheat.commands.output import (
+    add_output_arguments, check_output_arguments, write_json)
+from bev_preheat.configuration import configuration_folder
+from bev_preheat.errors import InvalidInput
+from bev_preheat.output_files import check_outputs, existing_file, Output, write_whole
+from bev_preheat.terminal import print_figures, print_records, result_console
+from bev_preheat.vehicle import load_vehicle, vehicle_file
+from bev_preheat.vehicle.assumptions import assumption_warning, key_in_words
+from bev_preheat.vehicle.chemistry import CHEMISTRIES
+from bev_preheat.vehicle.data_sheet import DataSheet, QUANTITIES
+from bev_preheat.vehicle.described_car import describe_car
+from bev_preheat.vehicle.meaning import meaning_of
+from bev_preheat.vehicle.writing import assumed_keys, vehicle_text
+
+SUFFIXES = ('.yaml',)
+# What a data sheet may tell; the ranges are those of data_sheet.QUANTITIES.
+HELP = {
+    'usable_energy_kwh': 'energy that the driver can use [kWh], "net"',
+    'gross_energy_kwh': 'energy of all cells [kWh]; both, if the data sheet has both',
+    'battery_mass_kg': 'mass of the whole pack [kg] (default: assumed from its energy)',
+    'nominal_voltage_v': 'nominal voltage of the pack [V]',
+    'cells_in_series': 'number of cells in series (of 96s3p: 96)',
+    'charging_power_kw': 'most power at a fast charger, direct current [kW]',
+    'heater_power_kw': 'power of the coolant heater (HVCH) [kW] (default: assumed 6)',
+    'drive_power_kw': 'most power of the drivetrain [kW] (default: assumed 2 kW for each kWh)',
+    'regeneration_power_kw': 'most power of regeneration [kW] (default: assumed 60 % of the power '
+                             'for driving)',
+    'cabin_heating_power_kw': 'power that the cabin takes of the heater [kW] (default: assumed)',
+    'auxiliary_power_kw': 'power of lights, pumps, computers [kW] (default: assumed 0.4)',
+    'target_temperature_c': 'battery temperature wanted at the charger [degC] (default: 25)',
+    'vehicle_mass_kg': 'mass of the car as driven, battery included [kg]; for routes given as legs '
+                       'of road',
+    'drag_coefficient': 'drag coefficient (default: assumed 0.29)',
+    'frontal_area_m2': 'frontal area [m2] (default: assumed 2.4)',
+    'rolling_resistance': 'rolling resistance over weight (default: assumed 0.010)',
+}
+
+
+def add_parser(subparsers):
+    """Add the subcommand to those of `preheat`."""
+    parser = subparsers.add_parser(
+        'vehicle', help='make a vehicle file from a data sheet, or say what one means',
+        description='Make a vehicle file from a data sheet, or say what a vehicle file means.')
+    actions = parser.add_subparsers(required=True, metavar='ACTION')
+    _add_new(actions)
+    check = actions.add_parser(
+        'check', help='say what a vehicle file means',
+        description='Print what a vehicle file means, and what of it is unusual for a car. Exit '
+                    'status 0, also with warnings; 2 where the file is refused.')
+    check.add_argument(
+        'vehicle', metavar='NAME|FILE',
+        help='a name in config/vehicles or a YAML file').completer = VEHICLES
+    add_output_arguments(check)
+    check.set_defaults(run=run_check)
+    actions.add_parser(
+        'list', help='the cars that come with the package',
+        description='List the cars that come with the package.').set_defaults(run=run_list)
+
+
+def _add_new(actions):
+    parser = actions.add_parser(
+        'new', help='make a vehicle file from a data sheet',
+        description='Make a complete vehicle file, with a comment at each value, from what a data '
+                    'sheet tells. Needed: an energy, a voltage or a number of cells, chemistry and '
+                    'charging power; the rest is assumed where it is not given, and marked so.')
+    parser.add_argument('--output', required=True, metavar='FILE', help='file to write (YAML)')
+    parser.add_argument('--force', action='store_true', help='replace the file if there is one')
+    parser.add_argument('--name', help="name of the car (default: the file's)")
+    parser.add_argument('--chemistry', required=True, metavar='|'.join(CHEMISTRIES),
+                        help='cathode of the cells: nmc (also for NCA) or lfp')
+    for name, text in HELP.items():
+        parser.add_argument(f'--{name.replace("_", "-")}', help=text,
+                            type=int if name == 'cells_in_series' else float,
+                            metavar=QUANTITIES[name].unit or 'NUMBER',
+                            required=name == 'charging_power_kw')
+    parser.add_argument('--source', action='append', default=[], metavar='OPTION=TEXT',
+                        help='where a given figure comes from, for its comment: '
+                             '--source battery-mass-kg="press kit 2021"; a text that begins with '
+                             '"assumed" marks it as assumed')
+    parser.set_defaults(run=run_new)
+
+
+def run_new(arguments):
+    """Write a vehicle file, say what of it is assumed, and return the exit status."""
+    output = arguments.output
+    check_outputs([Output('--output', output, SUFFIXES)])
+    if existing_file(output) is not None and not arguments.force:
+        raise InvalidInput(f'--output: {output}: exists; --force replaces it')
+    name = Path(output).stem if arguments.name is None else arguments.name
+    sheet = DataSheet(name, arguments.chemistry.lower(), sources=_sources(arguments.source),
+                      **{quantity: getattr(arguments, quantity) for quantity in HELP})
+    entries = describe_car(sheet)
+    write_whole(output, vehicle_text(name, entries, _command(arguments)))
+    meaning = meaning_of(load_vehicle(_as_file(output)))
+    console = result_console(soft_wrap=True)
+    console.print(f'written: {output}', markup=False)
+    console.print(f'assumed: {", ".join(map(key_in_words, assumed_keys(entries)))}', markup=False)
+    _print_warnings(console, meaning)
+    console.print(f'look at it: preheat vehicle check {shlex.quote(_as_file(output))}',
+                  markup=False)
+    return 0
+
+
+def run_check(arguments):
+    """Print what a vehicle file means, write what was asked for, and return the exit status."""
+    file = vehicle_file(arguments.vehicle)
+    check_output_arguments(arguments, [file])
+    vehicle = load_vehicle(arguments.vehicle)
+    meaning = meaning_of(vehicle)
+    if arguments.json:
+        write_json(arguments.json, meaning.as_dictionary())
+    if arguments.plot:
+        # matplotlib takes longer to import than a vehicle takes to check.
+        from bev_preheat.drawing.vehicle_figure import draw_vehicle
+        draw_vehicle(arguments.plot, vehicle)
+    console = result_console(arguments.json)
+    _print_meaning(console, meaning)
+    warning = assumption_warning(vehicle, file)
+    console.print(warning or f'vehicle {vehicle.name}: nothing is marked as assumed', markup=False,
+                  soft_wrap=True)
+    _print_warnings(console, meaning)
+    return 0
+
+
+def run_list(arguments):
+    """Print the cars that come with the package; returns the exit status."""
+    rows = []
+    for file in sorted(configuration_folder('vehicles').glob('*.yaml')):
+        vehicle = load_vehicle(file.stem)
+        meaning = meaning_of(vehicle)
+        rows.append((file.stem, f'{meaning.energy_kwh:.1f} kWh',
+                     f'{meaning.most_charging_power_kw:.0f} kW', f'{meaning.heater_power_kw:.1f} kW',
+                     f'{len(vehicle.assumed)} values' if vehicle.assumed else '-'))
+    print_records(result_console(), 'Vehicles',
+                  ('name', 'energy', 'charging', 'heater', 'assumed'), rows,
+                  ('left', 'right', 'right', 'right', 'left'))
+    return 0
+
+
+def _as_file(path):
+    """Return a path as text that is never taken for a name of config/vehicles."""
+    text = str(path)
+    return text if '/' in text else f'./{text}'
+
+
+def _sources(texts):
+    """Return (name of a figure, source) for each OPTION=TEXT."""
+    sources = []
+    for text in texts:
+        option, sign, source = text.partition('=')
+        if not sign:
+            raise InvalidInput(f'--source: {text!r} is not OPTION=TEXT, such as '
+                               'battery-mass-kg="press kit 2021"')
+        sources.append((option.strip().lstrip('-').replace('-', '_'), source.strip()))
+    return tuple(sources)
+
+
+def _command(arguments):
+    """Return the command that makes these values again; sources stand at each value."""
+    words = ['preheat', 'vehicle', 'new', '--output', arguments.output]
+    if arguments.name is not None:
+        words += ['--name', arguments.name]
+    words += ['--chemistry', arguments.chemistry.lower()]
+    for field in fields(DataSheet):
+        value = getattr(arguments, field.name, None)
+        if field.name in HELP and value is not None:
+            words += [f'--{field.name.replace("_", "-")}', f'{value:.10g}']
+    return shlex.join(words)
+
+
+def _print_warnings(console, meaning):
+    for warning in meaning.warnings:
+        console.print(f'warning: {warning}', markup=False, soft_wrap=True)
+
+
+def _print_meaning(console, meaning):
+    """Print the figures of a car, its open-circuit voltage, and what cold costs."""
+    cells = f', {meaning.cells_in_series} cells in series' if meaning.cells_in_series else ''
+    resistances = ' / '.join(f'{1e3 * ohm:.0f}' for ohm in meaning.resistance_ohm.values())
+    at = ' / '.join(f'{at_c:g}' for at_c in meaning.resistance_ohm)
+    print_records(console, f'Vehicle {meaning.name}', ('quantity', 'value'), [
+        ('energy', f'{meaning.energy_kwh:.1f} kWh'),
+        ('mean open-circuit voltage', f'{meaning.nominal_voltage_v:.0f} V{cells}'),
+        ('capacity', f'{meaning.capacity_ah:.1f} Ah'),
+        (f'resistance at {at} degC', f'{resistances} mohm'),
+        ('voltage drop at the one-hour current', f'{100 * meaning.one_hour_drop:.1f} %'),
+        ('heat capacity', f'{meaning.heat_capacity_kj_per_k:.0f} kJ/K, '
+                          f'{meaning.heat_capacity_kj_per_k_kwh:.1f} for each kWh'),
+        ('thermal time constant at rest / 100 km/h',
+         f'{meaning.time_constant_h:.1f} / {meaning.time_constant_at_100_kmh_h:.1f} h'),
+        ('heated 10 min from 0 degC, outside -10 degC:', ''),
+        (f'  with {meaning.heater_power_kw:.1f} kW at rest / 100 km/h',
+         f'{meaning.heating_at_rest_k_per_10_min:+.1f} / '
+         f'{meaning.heating_at_100_kmh_k_per_10_min:+.1f} K'),
+        ('  with what the cabin leaves, 100 km/h',
+         f'{meaning.heating_beside_cabin_k_per_10_min:+.1f} K'),
+        ('most charging power', f'{meaning.most_charging_power_kw:.0f} kW')], ('left', 'right'))
+    voltages_v = meaning.open_circuit_voltage_v
+    print_figures(console, 'Open-circuit voltage at 25 degC',
+                  ('charged', *(f'{100 * soc:.0f} %' for soc in voltages_v)),
+                  [('V', *(f'{value:.0f}' for value in voltages_v.values()))])
+    charging = meaning.charging_power_kw
+    print_figures(
+        console, 'What cold costs', ('battery at', *(f'{at_c:g} degC' for at_c in charging)),
+        [(f'charging power at {100 * soc:.0f} % in kW',
+          *(f'{row[soc]:.0f}' for row in charging.values()))
+         for soc in next(iter(charging.values()))]
+        + [('discharging power at 50 % in kW',
+            *(f'{power_kw:.0f}' for power_kw in meaning.discharging_power_kw.values()))])

@@ -1,0 +1,100 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Curves over time, and axes that show them: units of time, ranges, bounds beyond a panel."""
+
+import numpy as np
+
+# More points than these are more than a picture has columns.
+MOST_POINTS = 4000
+# Longest trip [s] that is drawn in a unit, seconds in it, its name.
+TIME_UNITS = ((180.0, 1.0, 's'), (4.0 * 3600.0, 60.0, 'min'), (np.inf, 3600.0, 'h'))
+MARGIN = 0.06
+# A bound is shown where it is no farther from the curves than this many of their spans.
+REACH = 0.6
+
+
+class TimeAxis:
+    """The time of a trip, in the unit that fits its length; called with seconds, returns units."""
+
+    def __init__(self, duration_s):
+        """Choose the unit for a trip of so many seconds."""
+        self.seconds, self.unit = next(
+            (seconds, unit) for longest_s, seconds, unit in TIME_UNITS if duration_s <= longest_s)
+
+    def __call__(self, seconds):
+        """Return instants [s] in the unit."""
+        return np.asarray(seconds, dtype=float) / self.seconds
+
+    def finish(self, axis, start_s, end_s):
+        """Label the x axis, and let it span the trip."""
+        axis.set_xlabel(f'trip time [{self.unit}]')
+        axis.set_xlim(self(start_s), self(end_s))
+
+
+def draw_course(axis, instants, values, **style):
+    """Draw a curve through values at instants, thinned where there are too many; returns it."""
+    line, = axis.plot(*_thinned(np.asarray(instants), np.asarray(values)), **style)
+    return line
+
+
+def draw_steps(axis, edges, values, **style):
+    """Draw one value a step, between its edges, as a staircase; returns it."""
+    return draw_course(axis, *_staircase(edges, values), **style)
+
+
+def shade_steps(axis, edges, low, high, **style):
+    """Shade what lies between two values a step."""
+    edges, low = _staircase(edges, np.broadcast_to(low, len(edges) - 1))
+    high = np.repeat(np.broadcast_to(high, len(low) // 2), 2)
+    kept = _kept(low) | _kept(high)
+    axis.fill_between(edges[kept], low[kept], high[kept], linewidth=0.0, **style)
+
+
+def _staircase(edges, values):
+    return np.repeat(edges, 2)[1:-1], np.repeat(values, 2)
+
+
+def _thinned(instants, values):
+    kept = _kept(values)
+    return instants[kept], values[kept]
+
+
+def _kept(values):
+    """Which points of a curve are drawn, shape (N,): of many the extremes of each column."""
+    kept = np.ones(len(values), dtype=bool)
+    if len(values) > MOST_POINTS:
+        kept[1:-1] = False
+        for part in np.array_split(np.arange(len(values)), MOST_POINTS // 2):
+            # A gap, which is NaN, stays one.
+            kept[part[[np.argmin(values[part]), np.argmax(values[part])]]] = True
+    return kept
+
+
+def show_range(axis, *values, least, bounds=()):
+    """
+    Show all finite values, with a margin, in a span of at least `least`: noise is not blown up.
+
+    A bound (value or array) is shown too where it comes near. Returns for each bound whether some
+    of it is in the panel.
+    """
+    low, high = _extent(values)
+    # What starts at 0, a power for one, has nothing to show below it.
+    missing, below = max(0.0, least - (high - low)), 0.5 if low else 0.0
+    low, high = low - below * missing, high + (1.0 - below) * missing
+    reach = REACH * (high - low)
+    nearest = low - reach, high + reach
+    shown = []
+    for bound in bounds:
+        least_bound, most_bound = _extent([bound])
+        shown.append(least_bound <= nearest[1] and most_bound >= nearest[0])
+        if shown[-1]:
+            low = min(low, max(least_bound, nearest[0]))
+            high = max(high, min(most_bound, nearest[1]))
+    margin = MARGIN * (high - low)
+    axis.set_ylim(low - margin, high + margin)
+    return shown
+
+
+def _extent(values):
+    finite = np.concatenate([np.ravel(part) for part in values])
+    finite = finite[np.isfinite(finite)]
+    return (float(finite.min()), float(finite.max())) if len(finite) else (0.0, 0.0)

@@ -1,0 +1,76 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+What each method and each quantity looks like, the same in every figure.
+
+The colours are those of Okabe and Ito, which any colour vision tells apart; dashes and markers tell
+methods apart in black and white. A method that is drawn later is thinner: where courses coincide,
+the wider one below shows on both sides and through the gaps of the one above.
+"""
+
+from dataclasses import dataclass
+
+BLACK, GRAY = '#000000', '#767676'
+BLUE, SKY_BLUE, GREEN = '#0072B2', '#56B4E9', '#009E73'
+ORANGE, VERMILLION, PURPLE = '#E69F00', '#D55E00', '#CC79A7'
+
+# Quantities and bounds that are no method's.
+TARGET = {'color': BLACK, 'linewidth': 0.9, 'linestyle': (0, (4.0, 2.0)), 'zorder': 4.0}
+# Wide and pale, below everything: a battery may be as cold as its surroundings.
+AMBIENT = {'color': SKY_BLUE, 'alpha': 0.6, 'linewidth': 4.0, 'zorder': 1.0,
+           'solid_capstyle': 'butt', 'label': 'ambient'}
+PREDICTION = PURPLE
+# The same, because the heater mostly runs at its limit.
+HEATER_LIMIT = {'color': GRAY, 'alpha': 0.35, 'linewidth': 6.0, 'zorder': 1.0, 'solid_capstyle': 'butt',
+                'label': 'left by the cabin'}
+DRIVETRAIN = {'color': VERMILLION, 'alpha': 0.55, 'linewidth': 2.6, 'zorder': 2.0,
+              'label': 'drivetrain'}
+ROUTE = GRAY
+POWER = VERMILLION
+CHARGE_LIMIT = SKY_BLUE
+DISCHARGE_LIMIT = VERMILLION
+RESERVE = VERMILLION
+WANTED = GRAY
+STOP = ORANGE
+
+WITHOUT_PREHEATING = 'without preheating'
+LINES_ZORDER = 3.0
+
+
+@dataclass(frozen=True)
+class Look:
+    """Colour, dashes and width [points] of a method's lines, and its marker."""
+
+    colour: str
+    dashes: object
+    width: float
+    marker: str
+
+    def line(self, **changes):
+        """Return the arguments of a line, wide ones below; `changes` have precedence."""
+        return {'color': self.colour, 'linestyle': self.dashes, 'linewidth': self.width,
+                'zorder': LINES_ZORDER - 0.1 * self.width, **changes}
+
+    def dots(self, label):
+        """Return the arguments of a line without a line: hollow marks, wide ones below."""
+        return {'color': self.colour, 'linestyle': '', 'marker': self.marker,
+                'markersize': 3.0 + 1.2 * self.width, 'markerfacecolor': 'none',
+                'markeredgewidth': 0.9, 'zorder': LINES_ZORDER - 0.1 * self.width, 'label': label}
+
+
+# In the order in which they are drawn. The planner drives by merit_order, and replanned_paper is
+# the paper's method in closed loop: they have the colours of these.
+LOOKS = {
+    'merit_order': Look(BLUE, 'solid', 3.2, 'o'),
+    'planner': Look(BLUE, 'solid', 2.2, 'o'),
+    'optimal_switch': Look(ORANGE, (0, (4.0, 2.0)), 2.2, 'x'),
+    'paper': Look(GREEN, (0, (7.0, 2.0, 1.5, 2.0)), 1.6, '+'),
+    'replanned_paper': Look(GREEN, (0, (7.0, 2.0, 1.5, 2.0)), 1.6, '+'),
+    'nlp': Look(BLACK, (0, (1.2, 2.4)), 1.5, 's'),
+    WITHOUT_PREHEATING: Look(GRAY, (0, (6.0, 3.0)), 1.3, 'v'),
+}
+UNKNOWN = Look(PURPLE, 'solid', 1.5, 'D')
+
+
+def look_of(method):
+    """Return the Look of a method, also where its plan is shown as it is driven."""
+    return LOOKS.get(method.split(',')[0], UNKNOWN)

@@ -1,0 +1,108 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A vehicle file as curves: voltage, resistance, limits, leakage, and how the battery warms."""
+
+from matplotlib.figure import Figure
+import numpy as np
+
+from bev_preheat.arithmetic import ARRAYS
+from bev_preheat.drawing.figure import save_figure
+from bev_preheat.vehicle.meaning import AMBIENT_C, KMH_100_MPS, warmed_by_k
+
+SOCS = (0.1, 0.2, 0.5, 0.8)
+SOC_COLOURS = ('tab:purple', 'tab:blue', 'tab:orange', 'tab:green')
+SOC_STYLES = (':', '-.', '-', '--')
+# The solid line is wide and below the others, so that none hides another.
+SOC_WIDTHS = (1.6, 1.6, 3.5, 1.6)
+COLDEST_C, WARMEST_C = -30.0, 45.0
+FASTEST_KMH = 150.0
+HOUR_MIN = 60.0
+COOLING_FROM_C = 25.0
+
+
+def draw_vehicle(path, vehicle):
+    """
+    Draw the curves of a Vehicle; the suffix of the path says which kind of picture it is.
+
+    Warming and cooling are without the heat of driving.
+    """
+    figure = Figure(figsize=(11.0, 9.5), layout='constrained')
+    panels = figure.subplots(3, 2)
+    # A dollar sign would begin a formula.
+    figure.suptitle(f'Vehicle {vehicle.name}'.replace('$', r'\$'))
+    battery = vehicle.battery
+    temperatures_c = np.linspace(max(COLDEST_C, battery.temperature_range_c[0]),
+                                 min(WARMEST_C, battery.temperature_range_c[1]), 151)
+    _draw_voltage(panels[0, 0], battery)
+    _draw_over_temperature(panels[0, 1], battery.resistance, temperatures_c, 1e3)
+    panels[0, 1].set(title='internal resistance', ylabel='resistance [mΩ]')
+    for axis, limit, title, scale in (
+            (panels[1, 0], battery.charge_power_limit, 'most charging power', -1e-3),
+            (panels[1, 1], battery.discharge_power_limit, 'most discharging power', 1e-3)):
+        _draw_over_temperature(axis, limit, temperatures_c, scale)
+        axis.set(title=title, ylabel='power [kW]')
+    panels[0, 1].legend(title='state of charge, also below', fontsize='small',
+                        title_fontsize='small', ncols=2)
+    _draw_leakage(panels[2, 0], battery)
+    _draw_warming(panels[2, 1], vehicle)
+    for axis in panels.flat:
+        axis.grid(True, alpha=0.3)
+        axis.spines[['top', 'right']].set_visible(False)
+    save_figure(figure, path)
+
+
+def _draw_voltage(axis, battery):
+    socs = np.linspace(*battery.soc_range, 401)
+    voltage_v = battery.open_circuit_voltage.function(ARRAYS)(
+        socs, np.full_like(socs, 25.0)) + np.zeros_like(socs)
+    axis.plot(100.0 * socs, voltage_v, color='tab:blue')
+    axis.set(title='open-circuit voltage at 25 °C', xlabel='state of charge [%]',
+             ylabel='voltage [V]', xlim=(0.0, 100.0))
+    if battery.cells_in_series:
+        cells = battery.cells_in_series
+        per_cell = axis.secondary_yaxis(
+            'right', functions=(lambda volt: volt / cells, lambda volt: volt * cells))
+        per_cell.set_ylabel(f'each of {cells} cells [V]')
+
+
+def _draw_over_temperature(axis, curve, temperatures_c, scale):
+    values = curve.function(ARRAYS)
+    for soc, colour, style, width in zip(SOCS, SOC_COLOURS, SOC_STYLES, SOC_WIDTHS):
+        axis.plot(temperatures_c, scale * (values(np.full_like(temperatures_c, soc), temperatures_c)
+                                           + np.zeros_like(temperatures_c)),
+                  style, color=colour, linewidth=width, zorder=2.0 if style == '-' else 3.0,
+                  label=f'{100 * soc:.0f} %')
+    axis.axhline(0.0, color='black', linewidth=0.8)
+    axis.set(xlabel='battery temperature [°C]', xlim=(temperatures_c[0], temperatures_c[-1]))
+
+
+def _draw_leakage(axis, battery):
+    kmh = np.linspace(0.0, FASTEST_KMH, 51)
+    leakage = battery.leakage.coefficient_w_per_k(kmh / 3.6)
+    axis.plot(kmh, leakage, color='tab:red')
+    axis.set(title='leakage to the ambient air', xlabel='speed [km/h]', ylabel='leakage [W/K]',
+             xlim=(0.0, FASTEST_KMH), ylim=(0.0, 1.15 * max(leakage.max(), 1e-3)))
+
+
+def _draw_warming(axis, vehicle):
+    minutes = np.linspace(0.0, HOUR_MIN, 61)
+    leakage = vehicle.battery.leakage
+    heater_w = vehicle.hvch.maximum_power_w
+    left_w = max(heater_w - vehicle.defaults.cabin_heating_power_w, 0.0)
+    for label, start_c, power_w, speed_mps, style, colour in (
+            ('all of the heater, at rest', AMBIENT_C, heater_w, 0.0, '-', 'tab:red'),
+            ('all of the heater, 100 km/h', AMBIENT_C, heater_w, KMH_100_MPS, '--', 'tab:red'),
+            ('what the cabin leaves, 100 km/h', AMBIENT_C, left_w, KMH_100_MPS, ':', 'tab:red'),
+            ('cooling, at rest', COOLING_FROM_C, 0.0, 0.0, '-', 'tab:blue'),
+            ('cooling, 100 km/h', COOLING_FROM_C, 0.0, KMH_100_MPS, '--', 'tab:blue')):
+        coefficient = leakage.coefficient_w_per_k(speed_mps)
+        axis.plot(minutes, [start_c + warmed_by_k(vehicle, power_w, coefficient, start_c,
+                                                  duration_s=60.0 * minute)
+                            for minute in minutes], style, color=colour, label=label)
+    axis.axhline(vehicle.defaults.target_battery_temperature_c, color='gray', linewidth=0.9,
+                 linestyle='--', label='target')
+    axis.set(title=f'warming and cooling at {AMBIENT_C:g} °C outside',
+             xlabel='time [min]', ylabel='battery temperature [°C]', xlim=(0.0, HOUR_MIN))
+    # Room for the legend where no curve is.
+    low, high = axis.get_ylim()
+    axis.set_ylim(low - 0.55 * (high - low), high)
+    axis.legend(fontsize='small', loc='lower center', ncols=2)

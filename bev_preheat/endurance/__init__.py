@@ -1,2 +1,0 @@
-# SPDX-License-Identifier: Apache-2.0
-"""The installed planner under load for a long time: `python -m bev_preheat.endurance`."""

@@ -1,0 +1,87 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the nonlinear program costs: against the planning methods, and against do-mpc."""
+
+from dataclasses import replace
+
+from bev_preheat.experiments.cost.figures import Figure, turns_s
+from bev_preheat.experiments.cost.planning_cost import GOAL, STATE
+from bev_preheat.planning.planner import METHODS, plan_preheating
+from bev_preheat.planning.simulate import keep_accounts
+from bev_preheat.planning.trip import make_trip
+from bev_preheat.route import load_route
+from bev_preheat.vehicle import load_vehicle
+
+# What is compared takes turns, so that both meet the same load of the machine.
+ROUNDS = 15
+ROUNDS_WITH_SETUP = 5
+PLANS_A_TURN = 20
+# How many times longer than a plan the program is meant to take.
+LEAST_RATIOS = {'optimal_switch': 100.0, 'paper': 300.0}
+MOST_OF_PEER = 0.5
+SAME_ENERGY_WH = 1.0
+
+
+def measure(log):
+    """Return the Figures; `log` takes a line of progress."""
+    from bev_preheat.experiments.cost.peer_problem import PeerProblem
+    from bev_preheat.optimum.solve import solve_optimum
+    vehicle = load_vehicle('reference')
+    route = load_route('reference', vehicle.defaults)
+    trip = make_trip(vehicle, route)
+
+    def solve(limited=True):
+        return solve_optimum(vehicle, route, STATE, GOAL, limited)
+
+    def set_up_and_solve():
+        # What is kept for a vehicle is not kept for its copy.
+        solve_optimum(replace(vehicle), route, STATE, GOAL)
+
+    peer = PeerProblem(trip, STATE, GOAL)
+    peer.solve()
+    best_wh = solve().plan.energy_wh.battery_total
+    peer_schedule = peer.schedule()
+    difference_wh = keep_accounts(trip, peer_schedule).energy_wh.battery_total - best_wh
+    log(f'optimum {best_wh:.4f} Wh; do-mpc {difference_wh:+.4f} Wh, '
+        f'{peer_schedule.temperature_c[-1] - GOAL.target_temperature_c:+.6f} K from the target')
+    figures = [Figure('the same optimum, do-mpc and program: difference', abs(difference_wh), 'Wh',
+                      SAME_ENERGY_WH)]
+    program_s, peer_s = turns_s(solve, peer.solve, ROUNDS)
+    log(f'cold solve: program {1e3 * program_s:.1f} ms, do-mpc {1e3 * peer_s:.1f} ms')
+    unlimited_peer = PeerProblem(trip, STATE, GOAL, limited=False)
+    unlimited_s, unlimited_peer_s = turns_s(
+        lambda: solve(limited=False), unlimited_peer.solve, ROUNDS)
+    log(f'without power limits: program {1e3 * unlimited_s:.1f} ms, '
+        f'do-mpc {1e3 * unlimited_peer_s:.1f} ms')
+    alpine_route = load_route('alpine_pass', vehicle.defaults)
+    alpine_peer = PeerProblem(make_trip(vehicle, alpine_route), STATE, GOAL)
+    alpine_s, alpine_peer_s = turns_s(
+        lambda: solve_optimum(vehicle, alpine_route, STATE, GOAL), alpine_peer.solve, ROUNDS)
+    log(f'alpine_pass: program {1e3 * alpine_s:.1f} ms, do-mpc {1e3 * alpine_peer_s:.1f} ms')
+    program_setup_s, peer_setup_s = turns_s(
+        set_up_and_solve, lambda: PeerProblem(trip, STATE, GOAL).solve(), ROUNDS_WITH_SETUP)
+    log(f'with set-up: program {program_setup_s:.2f} s, do-mpc {peer_setup_s:.2f} s')
+    count = f'N = {len(route)}'
+    figures += [
+        Figure(f'program, cold solve, {count}, median', 1e3 * program_s, 'ms'),
+        Figure(f'do-mpc, the same problem, cold solve, {count}, median', 1e3 * peer_s, 'ms'),
+        Figure('cold solve, program / do-mpc', program_s / peer_s, '', MOST_OF_PEER),
+        # The program tries without limits first and is done if they hold, as here; do-mpc, asked
+        # for the limits, has them. This is IPOPT on both sides with nothing left to leave out.
+        Figure('cold solve without power limits (9i), program / do-mpc',
+               unlimited_s / unlimited_peer_s, ''),
+        Figure('cold solve on alpine_pass, where limits are active, program / do-mpc',
+               alpine_s / alpine_peer_s, ''),
+        Figure('program, set-up and cold solve, median', 1e3 * program_setup_s, 'ms'),
+        Figure('do-mpc, set-up and cold solve, median', 1e3 * peer_setup_s, 'ms'),
+        Figure('set-up and cold solve, program / do-mpc', program_setup_s / peer_setup_s, '',
+               MOST_OF_PEER)]
+    for method in METHODS:
+        def plans(method=method):
+            for _ in range(PLANS_A_TURN):
+                plan_preheating(vehicle, route, STATE, GOAL, method)
+
+        program_s, plans_s = turns_s(solve, plans, ROUNDS)
+        figures.append(Figure(f'program, cold solve / plan by {method}',
+                              PLANS_A_TURN * program_s / plans_s, '',
+                              LEAST_RATIOS.get(method), '>='))
+    return figures

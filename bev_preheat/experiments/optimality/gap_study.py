@@ -1,0 +1,190 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Runs the methods and the nonlinear program on many trips, on all cores."""
+
+from collections import deque
+from dataclasses import dataclass
+from itertools import count
+from typing import Optional
+
+import numpy as np
+
+from bev_preheat.arithmetic import ARRAYS
+from bev_preheat.experiments.optimality.drawn_trips import DRAWS
+from bev_preheat.planning.comparison import difference, energy_gap_wh
+from bev_preheat.planning.limits import make_terminal_limits
+from bev_preheat.planning.planner import (
+    as_driven, DEFAULT_METHOD, METHODS, plan_preheating, SHORTFALL_TOLERANCE_K)
+from bev_preheat.planning.status import Status
+from bev_preheat.planning.trip import make_trip
+from bev_preheat.vehicle import load_vehicle
+from bev_preheat.workers import Workers
+
+# Outcomes of a trip, told by the nonlinear program, not by the methods.
+FEASIBLE = 'feasible'
+NOT_NEEDED = 'not needed'
+UNREACHABLE = 'unreachable'
+RESERVE_MISSED = 'reserve missed'
+POWER_LACKING = 'power lacking'
+SOLVER_FAILED = 'solver failed'
+# A heater that the program does not use at all gives less than this.
+NO_HEATING_WH = 0.01
+
+
+@dataclass(frozen=True)
+class MethodResult:
+    """
+    What one method made of one trip, as driven within the limits.
+
+    `gap_wh` is the energy above the program's; None where the two do not reach the same, and
+    `difference` then says how (see planning.comparison). `violation` is by how much, as a share of it, a power
+    limit is broken; 0 where none is. `keeps_limits` says whether the plan itself kept them.
+    """
+
+    status: str
+    arrival_temperature_c: float
+    energy_wh: float
+    gap_wh: Optional[float]
+    difference: str
+    arrival_soc: float
+    violation: float
+    keeps_limits: bool
+    planning_time_s: float
+
+
+@dataclass(frozen=True)
+class GapResult:
+    """One trip: what it is, what the program says of it, and what the methods made of it."""
+
+    number: int
+    outcome: str
+    detail: str
+    duration_s: float
+    target_c: float
+    reserve_soc: float
+    optimal_energy_wh: Optional[float]
+    optimal_arrival_c: Optional[float]
+    optimal_arrival_soc: Optional[float]
+    solve_time_s: Optional[float]
+    methods: dict
+
+
+def solve_trip(vehicle, seed, number, trips='free'):
+    """
+    Return the GapResult of one drawn trip.
+
+    `trips`: 'free' (no limit is active, and the program has none) or 'limits' (they matter).
+    """
+    from bev_preheat.optimum.solve import SolverFailure, solve_optimum
+    trip = DRAWS[trips](vehicle, seed, number)
+    inputs = trip.vehicle, trip.route, trip.state, trip.goal
+    limited = trips == 'limits'
+    # The others are shown as they are, worse than not heating or not.
+    plans = {method: plan_preheating(*inputs, method, safeguarded=method == DEFAULT_METHOD)
+             for method in METHODS}
+    driven = {method: as_driven(plan, *inputs) if limited else plan
+              for method, plan in plans.items()}
+    optimum, outcome, detail = None, SOLVER_FAILED, ''
+    try:
+        optimum = solve_optimum(*inputs, limited)
+        outcome, detail = _outcome(optimum)
+    except SolverFailure as error:
+        detail = str(error)
+    best = optimum.plan if optimum else None
+    return GapResult(
+        number=number, outcome=outcome, detail=detail,
+        duration_s=trip.route.total_duration_s,
+        target_c=trip.goal.target_temperature_c,
+        reserve_soc=trip.goal.minimum_arrival_soc,
+        optimal_energy_wh=best.energy_wh.battery_total if best else None,
+        optimal_arrival_c=best.arrival_temperature_c if best else None,
+        optimal_arrival_soc=best.arrival_soc if best else None,
+        solve_time_s=optimum.solve_time_s if optimum else None,
+        methods={method: MethodResult(
+            status=plans[method].status.name,
+            arrival_temperature_c=plan.arrival_temperature_c,
+            energy_wh=plan.energy_wh.battery_total,
+            gap_wh=energy_gap_wh(plan, best) if best else None,
+            difference=difference(plan, best) if best else '',
+            arrival_soc=plan.arrival_soc,
+            violation=_violation(trip, plan) if limited else 0.0,
+            keeps_limits=plan is plans[method],
+            planning_time_s=plans[method].planning_time_s) for method, plan in driven.items()})
+
+
+def _violation(drawn, plan):
+    """Largest share by which a step breaks a power limit at its start."""
+    trip = make_trip(drawn.vehicle, drawn.route)
+    terminal_w = (trip.idle_power_w + plan.hvch_battery_power_w + plan.friction_brake_power_w)
+    least_w, most_w = make_terminal_limits(drawn.vehicle, ARRAYS)(
+        plan.soc[:-1], plan.battery_temperature_c[:-1], trip.power_variance_w2)
+    beyond_w = np.maximum(terminal_w - most_w, least_w - terminal_w)
+    return max(0.0, float((beyond_w / np.maximum(np.abs(terminal_w), 1.0)).max()))
+
+
+def _outcome(optimum):
+    from bev_preheat.optimum.solve import ARRIVAL_SOC, TARGET
+    if optimum.lacking:
+        lacking = {item.constraint for item in optimum.lacking}
+        outcome = (UNREACHABLE if lacking == {TARGET} else
+                   RESERVE_MISSED if lacking <= {TARGET, ARRIVAL_SOC} else POWER_LACKING)
+        return outcome, '; '.join(optimum.infeasible)
+    if optimum.plan.energy_wh.hvch_electric < NO_HEATING_WH:
+        return NOT_NEEDED, ''
+    return FEASIBLE, ''
+
+
+# What the methods must say where the program says so. A reserve that can be kept only at the cost of
+# the target makes it unreachable for the program.
+EXPECTED = {
+    NOT_NEEDED: (Status.NOT_NEEDED.name,),
+    UNREACHABLE: (Status.TARGET_UNREACHABLE.name, Status.SOC_LIMITED.name),
+    # A battery that runs empty lacks power too.
+    RESERVE_MISSED: (Status.SOC_LIMITED.name, Status.POWER_LIMITED.name,
+                     Status.OUT_OF_CHARGE.name),
+    POWER_LACKING: (Status.POWER_LIMITED.name, Status.OUT_OF_CHARGE.name),
+    FEASIBLE: (Status.WAITING.name, Status.HEATING.name),
+}
+
+
+def disagreements(results, method):
+    """
+    Return the results in which a method's status contradicts the program.
+
+    A target that is missed by less than the methods take for a miss may be called either.
+    """
+    return [result for result in results if result.outcome in EXPECTED
+            and result.methods[method].status not in EXPECTED[result.outcome]
+            and not (result.outcome == UNREACHABLE
+                     and result.target_c - result.optimal_arrival_c < SHORTFALL_TOLERANCE_K)]
+
+
+def run_study(vehicle_name, feasible, seed, jobs, report, trips='free'):
+    """
+    Run trips 0, 1, 2 … until `feasible` of them are feasible; return their GapResults in order.
+
+    Trips in between that are not are in the list too. `report(result)` is called with each as soon
+    as it and all before it are done, so that an interrupted study leaves what is finished. Which
+    trips are run does not depend on `jobs`. Raises WorkerLost where a process dies.
+    """
+    results, found = [], 0
+    with Workers(jobs, _prepare, (vehicle_name, seed, trips)) as workers:
+        numbers, waiting = count(), deque()
+        while found < feasible:
+            while len(waiting) < 3 * workers.jobs:
+                waiting.append(workers.submit(_run_in_worker, next(numbers)))
+            result = workers.result(waiting.popleft())
+            results.append(result)
+            found += result.outcome == FEASIBLE
+            report(result)
+    return results
+
+
+_worker = {}
+
+
+def _prepare(vehicle_name, seed, trips):
+    _worker.update(vehicle=load_vehicle(vehicle_name), seed=seed, trips=trips)
+
+
+def _run_in_worker(number):
+    return solve_trip(_worker['vehicle'], _worker['seed'], number, _worker['trips'])

@@ -1,0 +1,136 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a study says of each method, and whether that is good enough."""
+
+from dataclasses import dataclass
+from typing import Optional
+
+import numpy as np
+
+from bev_preheat.planning.comparison import SAME_SHORTFALL_K
+
+# What is asked of a planner in the car, besides that it refuses no good input.
+LEAST_ARRIVAL_ERROR_K = -0.5
+MOST_ARRIVAL_ERROR_K = 1.0
+MOST_SWITCH_ONS = 3
+MOST_EXCESS = 0.04
+
+
+@dataclass(frozen=True)
+class Requirement:
+    """A figure (None where there is none), its bound as a text, and whether it keeps to that."""
+
+    name: str
+    bound: str
+    value: Optional[float]
+    unit: str
+    met: bool
+
+
+def summarise_drives(results, methods):
+    """
+    Return the summary of CarResults as a dictionary of plain values: one entry a method.
+
+    Energies are compared with the informed drive's, as shares of it (0.02: 2 % more): the mean is
+    that of the sums. Shares are None where the informed drive did not heat.
+    """
+    informed = [result.informed for result in results]
+    summary = {'informed': {
+        'arrival_error_k': _errors(informed),
+        'heating_energy_wh': _mean([drive.heating_energy_wh for drive in informed]),
+        'battery_energy_wh': _mean([drive.battery_energy_wh for drive in informed])}}
+    for method in methods:
+        drives = [result.methods[method] for result in results]
+        updates = sum(drive.updates for drive in drives)
+        summary[method] = {
+            'arrival_error_k': _errors(drives),
+            'switch_ons': {'mean': _mean([drive.switch_ons for drive in drives]),
+                           'most': max(drive.switch_ons for drive in drives)},
+            'heating_energy_wh': _mean([drive.heating_energy_wh for drive in drives]),
+            'heating_excess': energy_excess(results, method, 'heating_energy_wh'),
+            'battery_energy_wh': _mean([drive.battery_energy_wh for drive in drives]),
+            'battery_excess': energy_excess(results, method, 'battery_energy_wh'),
+            'partial_duty_s': {'mean': _mean([drive.partial_duty_s for drive in drives]),
+                               'most': max(drive.partial_duty_s for drive in drives)},
+            'refused_inputs': sum(drive.refused_inputs for drive in drives),
+            'updates_without_plan': sum(drive.updates_without_plan for drive in drives),
+            'ran_empty': sum(drive.ran_empty for drive in drives),
+            'planner_cpu_per_update_s': sum(drive.planner_cpu_s for drive in drives) / updates,
+            'worst_trips': _worst(results, method),
+        }
+        summary[method]['requirements'] = [
+            vars(requirement) for requirement in requirements(summary[method])]
+    return summary
+
+
+def requirements(figures):
+    """Return the Requirements on a method's figures in a summary."""
+    errors, excess = figures['arrival_error_k'], figures['heating_excess']['mean']
+    return [
+        Requirement('arrival error, 5 %', f'at least {LEAST_ARRIVAL_ERROR_K:+.1f} K',
+                    errors['5 %'], 'K', errors['5 %'] >= LEAST_ARRIVAL_ERROR_K),
+        Requirement('arrival error, 95 %', f'at most {MOST_ARRIVAL_ERROR_K:+.1f} K',
+                    errors['95 %'], 'K', errors['95 %'] <= MOST_ARRIVAL_ERROR_K),
+        Requirement('switch-ons in any run', f'at most {MOST_SWITCH_ONS}',
+                    figures['switch_ons']['most'], '',
+                    figures['switch_ons']['most'] <= MOST_SWITCH_ONS),
+        # Where no heating is needed, any heating is waste.
+        Requirement('heating energy above informed, mean', f'at most {100 * MOST_EXCESS:.0f} %',
+                    None if excess is None else 100.0 * excess, '%',
+                    figures['heating_energy_wh'] == 0.0 if excess is None
+                    else excess <= MOST_EXCESS),
+        Requirement('refused inputs', 'none', figures['refused_inputs'], '',
+                    figures['refused_inputs'] == 0),
+    ]
+
+
+def _errors(drives):
+    errors_k = [drive.arrival_error_k for drive in drives]
+    return {'5 %': float(np.percentile(errors_k, 5.0)),
+            'median': float(np.percentile(errors_k, 50.0)),
+            '95 %': float(np.percentile(errors_k, 95.0)),
+            'worst': max(errors_k, key=abs)}
+
+
+def energy_excess(results, method, field):
+    """
+    Return by which share a method spent more than the informed drives: {'mean', '95 %', 'trips'}.
+
+    `field` is that of the DriveOutcome. Only trips that it ends as warm as the informed drive, or
+    at least as warm as the target, are compared; 'trips' says how many they are. The mean is that of
+    the sums; None where there is no such trip, or the informed drives (for '95 %': one of them)
+    spent nothing.
+    """
+    compared = [result for result in results
+                if reaches_the_same(result.methods[method], result.informed)]
+    excess = {'mean': None, '95 %': None, 'trips': len(compared)}
+    own = np.array([getattr(result.methods[method], field) for result in compared])
+    best = np.array([getattr(result.informed, field) for result in compared])
+    if best.sum() > 0.0:
+        excess['mean'] = float(own.sum() / best.sum() - 1.0)
+        if (best > 0.0).all():
+            excess['95 %'] = float(np.percentile(own / best - 1.0, 95.0))
+    return excess
+
+
+def reaches_the_same(drive, informed):
+    """Return whether a DriveOutcome misses the target by no more than the informed one."""
+    return (min(drive.arrival_error_k, 0.0) >= min(informed.arrival_error_k, 0.0) - SAME_SHORTFALL_K
+            and not drive.ran_empty)
+
+
+def _worst(results, method):
+    """Return the numbers of the trips that are worth another look."""
+    def number_of(figure):
+        return max(results, key=figure).number
+
+    return {
+        'coldest': number_of(lambda result: -result.methods[method].arrival_error_k),
+        'warmest': number_of(lambda result: result.methods[method].arrival_error_k),
+        'most switch-ons': number_of(lambda result: result.methods[method].switch_ons),
+        'most energy above informed': number_of(
+            lambda result: (result.methods[method].heating_energy_wh
+                            - result.informed.heating_energy_wh))}
+
+
+def _mean(values):
+    return float(np.mean(values))

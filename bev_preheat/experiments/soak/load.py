@@ -1,0 +1,181 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the planner is given in a soak test, and what it says: good states, routes, and garbage."""
+
+from array import array
+import math
+import random
+import time
+
+from bev_preheat_msgs.msg import HvchCommand, RoutePlan
+from diagnostic_msgs.msg import DiagnosticArray
+from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
+from rcl_interfaces.srv import SetParameters
+from rclpy.clock import Clock, ClockType
+from rclpy.qos import QoSDurabilityPolicy, QoSProfile
+from sensor_msgs.msg import BatteryState
+from std_srvs.srv import SetBool
+
+from bev_preheat.nodes.convert import nanoseconds, time_message
+
+NS_PER_S = 1_000_000_000
+CABIN_W = 1700.0
+# One battery state in so many is garbage, and this share of the routes; how often the rest happens
+# [s]; one route in so many needs heat.
+BAD_STATE_EVERY = 300
+BAD_ROUTES = 0.3
+ROUTE_PERIOD_S = 4.0
+HEATING_ROUTES = 4
+# States that a busy computer could not send in time are made up for, so many seconds of them.
+MOST_BEHIND_S = 0.1
+SERVICE_PERIOD_S = 7.0
+# The battery: what the commands do to it, quickly, so that plans come and go [K/s per W].
+HEATING_K_PER_J = 4e-6
+COOLING_PER_S = 2e-3
+AMBIENT_C = -8.0
+
+
+class Load:
+    """
+    Publishes to a planner while its node is listened to, and keeps what comes back.
+
+    `commands` holds (instant of arrival [s, time.monotonic], power [W], age of the latest state when
+    the command was made [s]) of each command; `wrong` holds sentences on forbidden commands.
+    """
+
+    def __init__(self, node, rate_hz, seed, heater_w):
+        """Advertise and subscribe; `heater_w` is the heater's maximum [W]."""
+        self._node, self._period_s, self._timer = node, 1.0 / rate_hz, None
+        self._random = random.Random(seed)
+        self._most_w = heater_w - CABIN_W
+        latched = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
+        self._states = node.create_publisher(BatteryState, 'battery_state', 1)
+        self._routes = node.create_publisher(RoutePlan, 'route_plan', latched)
+        self._enable = node.create_client(SetBool, 'planner/enable')
+        self._set_parameters = node.create_client(SetParameters, 'planner/set_parameters')
+        node.create_subscription(HvchCommand, 'hvch_command', self._on_command, 100)
+        node.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 100)
+        self.commands, self.wrong = [], []
+        self.states_sent = self.garbage_sent = self.routes_sent = self.calls = 0
+        self.heating_commands = self.internal_errors = 0
+        self._temperature_c, self._power_w = AMBIENT_C, 0.0
+        self._last_good_s = -math.inf
+        self._next_state_s = self._next_route_s = self._next_call_s = -math.inf
+
+    def start(self):
+        """Begin to publish."""
+        self._timer = self._node.create_timer(
+            self._period_s, self._on_due, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    def stop(self):
+        """End it."""
+        self._timer.cancel()
+
+    @property
+    def is_connected(self):
+        """Whether a planner is there."""
+        return (self._states.get_subscription_count() > 0
+                and self._routes.get_subscription_count() > 0
+                and self._node.count_publishers('hvch_command') > 0)
+
+    def _on_due(self):
+        now_s = time.monotonic()
+        if now_s >= self._next_route_s:
+            self._send_route()
+            self._next_route_s = now_s + ROUTE_PERIOD_S * self._random.uniform(0.2, 1.8)
+        if now_s >= self._next_call_s:
+            self._call()
+            self._next_call_s = now_s + SERVICE_PERIOD_S * self._random.uniform(0.5, 1.5)
+        self._next_state_s = max(self._next_state_s, now_s - MOST_BEHIND_S)
+        while self._next_state_s <= now_s:
+            self._send_state()
+            self._next_state_s += self._period_s
+
+    def _stamp(self, ago_s=0.0):
+        return time_message(
+            self._node.get_clock().now().nanoseconds - round(ago_s * NS_PER_S))
+
+    def _send_state(self):
+        self._temperature_c += self._period_s * (
+            HEATING_K_PER_J * self._power_w
+            - COOLING_PER_S * (self._temperature_c - AMBIENT_C))
+        message = BatteryState(temperature=self._temperature_c, percentage=0.75, voltage=395.0,
+                               current=-45.0 - self._power_w / 395.0)
+        message.header.stamp = self._stamp()
+        if self.states_sent % BAD_STATE_EVERY == BAD_STATE_EVERY - 1:
+            self.garbage_sent += 1
+            kind = self._random.randrange(4)
+            if kind == 0:
+                message.temperature = math.nan
+            elif kind == 1:
+                message.percentage = 75.0
+            elif kind == 2:
+                message.temperature += 273.15
+            else:
+                message.header.stamp = self._stamp(self._random.choice((60.0, -60.0)))
+        else:
+            self._last_good_s = time.monotonic()
+        self._states.publish(message)
+        self.states_sent += 1
+
+    def _send_route(self):
+        # Now and then one that the battery is too cold for, so that there is always heat.
+        heats = self.routes_sent % HEATING_ROUTES == 0
+        count = 20 if heats else self._random.choice((20, 60, 120, 300))
+        message = RoutePlan(
+            route_id=f'{self.routes_sent}', segment_duration=array('d', [30.0] * count),
+            speed=array('d', [22.0]),
+            propulsion_power=array('d', [self._random.uniform(-5e3, 30e3) for _ in range(count)]),
+            ambient_temperature=array('d', [AMBIENT_C]), cabin_heating_power=array('d', [CABIN_W]),
+            charging_planned=heats or self._random.random() < 0.9,
+            target_battery_temperature=25.0 if heats else self._random.choice((0.0, 10.0, 25.0)))
+        if self._random.random() < 0.3 and count > 20:
+            middle = count // 2
+            message.stop_after_segment = array('I', [middle])
+            for field, value in (
+                    ('stop_duration', 900.0), ('stop_target_battery_temperature', 20.0),
+                    ('stop_minimum_arrival_soc', 0.1), ('departure_battery_temperature', 25.0),
+                    ('departure_soc', 0.8)):
+                setattr(message, field, array('d', [value]))
+        message.header.stamp = self._stamp(self._random.uniform(0.0, 30.0))
+        if not heats and self._random.random() < BAD_ROUTES:
+            self.garbage_sent += 1
+            field, value = self._random.choice((
+                ('speed', [-3.0]), ('propulsion_power', [math.nan] * count), ('speed', []),
+                ('segment_duration', [0.0] * count), ('ambient_temperature', [270.0]),
+                ('minimum_arrival_soc', 55.0)))
+            setattr(message, field, array('d', value) if isinstance(value, list) else value)
+        self._routes.publish(message)
+        self.routes_sent += 1
+
+    def _call(self):
+        self.calls += 1
+        if self._random.random() < 0.4:
+            self._enable.call_async(SetBool.Request(data=False))
+            self._enable.call_async(SetBool.Request(data=True))
+            return
+        name, value = self._random.choice((
+            ('planning_step', 20.0), ('planning_step', 30.0), ('command_lease', -1.0),
+            ('battery_state_timeout', math.nan), ('arrival_soc_margin', 0.05)))
+        self._set_parameters.call_async(SetParameters.Request(parameters=[Parameter(
+            name=name, value=ParameterValue(
+                type=ParameterType.PARAMETER_DOUBLE, double_value=value))]))
+
+    def _on_command(self, message):
+        now_s = time.monotonic()
+        self._power_w = message.battery_heating_power
+        self.heating_commands += self._power_w > 0.0
+        self.commands.append((now_s, self._power_w, now_s - self._last_good_s))
+        lease_s = (nanoseconds(message.valid_until) - nanoseconds(message.header.stamp)) / NS_PER_S
+        if not 0.0 <= self._power_w <= self._most_w + 1e-6:
+            self._note_wrong(f'{self._power_w} W is commanded; there are 0 ... {self._most_w} W')
+        if not lease_s <= 2.5 + 1e-6:
+            self._note_wrong(f'a lease of {lease_s:.3f} s')
+        self.internal_errors += message.reason == HvchCommand.INTERNAL_ERROR
+
+    def _on_diagnostics(self, message):
+        for status in message.status:
+            self.internal_errors += status.message.startswith('INTERNAL_ERROR')
+
+    def _note_wrong(self, sentence):
+        if len(self.wrong) < 100:
+            self.wrong.append(sentence)

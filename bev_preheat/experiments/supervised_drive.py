@@ -1,0 +1,118 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+A simulated car under the planner's own step, without ROS.
+
+The planner gets what the node would get, when the node would get it: each battery state and each
+route plan at the instant of its arrival, and the timers in between. Unlike in the node, planning
+takes no time.
+"""
+
+from dataclasses import dataclass
+import math
+from time import process_time
+
+from bev_preheat.errors import InvalidInput
+from bev_preheat.planning.situation import BatteryState
+from bev_preheat.simulation.heater_lease import HeaterLease, NO_LEASE
+from bev_preheat.supervision.events import (
+    BatteryStateArrived, BatteryStateUnreadable, RouteArrived)
+from bev_preheat.supervision.inputs import Measurement, NS_PER_S
+
+# The drive starts at this instant of the planner's clock; 0 would mean that it has not started.
+START_NS = 1_000_000 * NS_PER_S
+
+
+@dataclass(frozen=True)
+class Moment:
+    """
+    One event, or one tick of a timer, and the Outputs of the step for it.
+
+    `time_s` is the time since the start [s], `clock_s` what the clock shows then; `reading` is the
+    battery's Reading that arrived, None where it was something else. `is_last` marks the last
+    Moment of an instant. `cpu_s` is the processor time of the step [s].
+    """
+
+    time_s: float
+    clock_s: float
+    reading: object
+    outputs: tuple
+    is_last: bool
+    cpu_s: float
+
+
+def moments(car, supervisor, until):
+    """
+    Drive a car under a Supervisor; yield the Moments until `until()`.
+
+    `car` (simulation.imperfect_car.ImperfectCar) stands at its start; between two Moments it drives
+    under the latest command until that expires.
+    """
+    drive = _Drive(car, supervisor)
+    yield from drive.step(
+        RouteArrived(drive.planned(car.mission(START_NS))), is_last=False)
+    while not until():
+        yield from drive.due_now()
+        drive.go_on()
+
+
+class _Drive:
+    def __init__(self, car, supervisor):
+        self._car, self._supervisor = car, supervisor
+        self._lease = NO_LEASE
+        self._ticks = 0
+        self._stale_s = supervisor.settings.battery_state_timeout_s
+
+    def planned(self, mission):
+        return mission.in_planning_steps(self._supervisor.settings.planning_step_s)
+
+    @property
+    def _tick_s(self):
+        # Numbered, not summed up: sums of periods miss the readings' instants.
+        return self._ticks * self._supervisor.settings.command_period_s
+
+    def due_now(self):
+        """Yield the Moments of this instant: what has arrived, then the timers."""
+        car = self._car
+        events = [(None, RouteArrived(self.planned(mission)))
+                  for mission in filter(None, [car.route_news(START_NS)])]
+        events += [(reading, self._battery_event(reading)) for reading in car.readings()]
+        ticks = self._tick_s <= car.time_s
+        if ticks:
+            self._ticks += 1
+        if self._stale_s <= car.time_s:
+            self._stale_s += self._supervisor.settings.battery_state_timeout_s
+            ticks = True
+        for number, (reading, event) in enumerate(events, start=1):
+            yield from self.step(
+                event, reading=reading, is_last=number == len(events) and not ticks)
+        if ticks:
+            yield from self.step()
+
+    def go_on(self):
+        """Drive on to the next instant at which anything happens."""
+        self._car.advance_under(self._lease, min(
+            self._tick_s, self._stale_s, self._car.next_event_s))
+
+    def _battery_event(self, reading):
+        if math.isnan(reading.temperature_c):
+            return BatteryStateUnreadable(InvalidInput('temperature: nan is not a known value'))
+        return BatteryStateArrived(Measurement(
+            BatteryState(reading.temperature_c, reading.soc),
+            START_NS + round(self._car.stamp_s(reading.instant_s) * NS_PER_S),
+            reading.voltage_v, reading.current_a))
+
+    def step(self, *events, reading=None, is_last=True):
+        """Yield the Moment of a step, and put its command into effect."""
+        car = self._car
+        now_ns = START_NS + round(car.clock_s * NS_PER_S)
+        started = process_time()
+        outputs = tuple(self._supervisor.step(now_ns, *events))
+        cpu_s = process_time() - started
+        for output in outputs:
+            if output.command is not None:
+                lasts_s = (output.command.valid_until_ns - now_ns) / NS_PER_S
+                self._lease = HeaterLease(
+                    output.command.battery_heating_power_w, car.time_s + lasts_s)
+        if reading is not None and not any(output.refusals for output in outputs):
+            self._stale_s = car.time_s + self._supervisor.settings.battery_state_timeout_s
+        yield Moment(car.time_s, car.clock_s, reading, outputs, is_last, cpu_s)

@@ -1,0 +1,34 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The signals that end a view, taken note of between two steps instead of in the middle of one."""
+
+from contextlib import contextmanager
+import signal
+
+# A closed terminal ends the view as Ctrl-C does.
+END_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
+
+class EndSignals:
+    """Whether SIGINT, SIGTERM or SIGHUP has come; a second one raises KeyboardInterrupt."""
+
+    def __init__(self):
+        """Nothing has come."""
+        self.have_come = False
+
+    def __call__(self, number, frame):
+        """Take a signal; an output that blocks is left by the second one."""
+        if self.have_come:
+            raise KeyboardInterrupt
+        self.have_come = True
+
+
+@contextmanager
+def end_signals():
+    """Give the EndSignals that are taken while the block lasts."""
+    taken = EndSignals()
+    before = {number: signal.signal(number, taken) for number in END_SIGNALS}
+    try:
+        yield taken
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

@@ -1,0 +1,98 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The loop of `preheat monitor`: listen for a moment, show what was heard, and again."""
+
+import io
+import os
+import time
+
+from rich.console import Console
+from rich.live import Live
+from rich.text import Text
+
+from bev_preheat.monitoring.view import line, page, waiting
+from bev_preheat.output_files import write_whole
+
+REFRESH_S = 0.25
+LINE_PERIOD_S = 15.0
+# What is missing is said after so long a silence [s].
+SILENCE_S = 3.0
+MOST_WIDTH = 110
+
+
+class Watch:
+    """
+    Listens to a planner and shows it, in one thread: what is drawn does not change meanwhile.
+
+    `listener` is a Listener whose node fills `heard`; `signals` are EndSignals. It ends after so many
+    `seconds` (None: with a signal).
+    """
+
+    def __init__(self, listener, heard, console, signals, seconds=None):
+        """Begin; nothing is shown yet."""
+        self._listener, self._heard, self._console = listener, heard, console
+        self._signals, self._seconds = signals, seconds
+        self._started_s = time.monotonic()
+
+    def show(self):
+        """Show the page, again and again: on a terminal; elsewhere a line now and then."""
+        if self._console.is_terminal and not self._console.is_dumb_terminal:
+            self._show_page()
+        else:
+            self._print_lines()
+
+    def show_once(self):
+        """Print the page when every topic has been heard, or not in time; return whether it was."""
+        while self._heard.silent_topics and not self._is_over():
+            self._listener.listen(REFRESH_S)
+        self._console.print(page(self._heard, self._width))
+        self._tell_what_is_missing()
+        return not self._heard.silent_topics
+
+    def write_picture(self, path):
+        """Write the page as SVG."""
+        recorder = Console(record=True, width=MOST_WIDTH, file=io.StringIO(), force_terminal=True,
+                           color_system='truecolor')
+        recorder.print(page(self._heard, MOST_WIDTH))
+        write_whole(path, recorder.export_svg(title='preheat monitor'))
+
+    @property
+    def _width(self):
+        return min(self._console.width, MOST_WIDTH)
+
+    def _elapsed_s(self):
+        return time.monotonic() - self._started_s
+
+    def _is_over(self):
+        return self._signals.have_come or (
+            self._seconds is not None and self._elapsed_s() >= self._seconds)
+
+    def _show_page(self):
+        # On the terminal's other screen: it is drawn anew as a whole, also in a new size, and what
+        # stood there before comes back.
+        with Live(console=self._console, auto_refresh=False, screen=True) as live:
+            while not self._is_over():
+                live.update(self._view(), refresh=True)
+                self._listener.listen(REFRESH_S)
+        self._tell_what_is_missing()
+
+    def _view(self):
+        if not self._heard.latest and self._elapsed_s() > SILENCE_S:
+            return self._waiting()
+        return page(self._heard, self._width, self._console.height)
+
+    def _print_lines(self):
+        next_s = min(SILENCE_S, LINE_PERIOD_S)
+        while not self._is_over():
+            self._listener.listen(REFRESH_S)
+            if self._elapsed_s() >= next_s:
+                self._console.print(Text(line(self._heard)) if self._heard.latest
+                                    else self._waiting(), soft_wrap=True)
+                next_s += LINE_PERIOD_S
+
+    def _tell_what_is_missing(self):
+        if self._heard.silent_topics:
+            self._console.print(self._waiting(), soft_wrap=True)
+
+    def _waiting(self):
+        return Text(waiting(self._heard, self._listener.node.count_publishers,
+                            os.environ.get('ROS_DOMAIN_ID', '0')))

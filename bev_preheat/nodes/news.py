@@ -1,0 +1,38 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is worth a line in the log: what has not just been said."""
+
+import re
+import time
+
+# So long a sentence is not repeated [s], and so many different ones are told within that time.
+PERIOD_S = 5.0
+MOST_SENTENCES = 10
+FIGURE = re.compile(r'[-+]?\d+(\.\d+)?(e[-+]?\d+)?')
+
+
+class News:
+    """
+    Tells news from repetition.
+
+    A throttle of the logger's own would keep silent about a second, different problem. Sentences
+    that differ in their figures only, such as ages, are the same here.
+    """
+
+    def __init__(self, clock_s=time.monotonic):
+        """Take a clock [s of real time]: where simulated time stands, things go wrong too."""
+        self._clock_s, self._told_s = clock_s, {}
+
+    def has(self, sentence):
+        """Return whether a sentence is to be logged now; if it is, it counts as told."""
+        kind, now_s = without_figures(sentence), self._clock_s()
+        self._told_s = {told: told_s for told, told_s in self._told_s.items()
+                        if now_s - told_s < PERIOD_S}
+        if kind in self._told_s or len(self._told_s) >= MOST_SENTENCES:
+            return False
+        self._told_s[kind] = now_s
+        return True
+
+
+def without_figures(sentence):
+    """Return a sentence with `#` in place of each number in it."""
+    return FIGURE.sub('#', sentence)

@@ -1,0 +1,46 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Python packages that only a part of the program needs, and how to say that one is missing.
+
+Whatever needs one asks here first, before it computes anything: it then ends with one line instead of
+a traceback.
+"""
+
+from importlib.util import find_spec
+
+from bev_preheat.errors import InvalidInput
+
+# Module: what needs it.
+PURPOSES = {
+    'casadi': 'solves the nonlinear program',
+    'do_mpc': 'is what the nonlinear program is compared with',
+    'matplotlib': 'draws figures',
+    'plotext': 'draws the chart',
+    'psutil': 'measures processes',
+    'scipy': 'fits the vehicle to the paper',
+}
+
+
+class MissingPackage(InvalidInput):
+    """An optional package is not installed; the message says which, what for, and what to type."""
+
+
+def is_installed(module):
+    """Return whether a module of PURPOSES can be imported; it is not loaded."""
+    return find_spec(module) is not None
+
+
+def advice(module):
+    """Return the sentence that says that a module of PURPOSES is missing, and how to install it."""
+    package = module.replace('_', '-')
+    # Only the benchmark's own package is not part of the usual environment.
+    target = 'bench' if module == 'do_mpc' else 'setup'
+    return (f'the Python package {package}, which {PURPOSES[module]}, is not installed; in the checkout, '
+            f'make {target} installs it; elsewhere: python3 -m pip install {package}')
+
+
+def require(*modules):
+    """Raise MissingPackage if one of these modules of PURPOSES is not installed."""
+    missing = [module for module in modules if not is_installed(module)]
+    if missing:
+        raise MissingPackage([advice(module) for module in missing])

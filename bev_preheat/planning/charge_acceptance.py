@@ -1,0 +1,62 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+How much less regeneration a fuller battery takes.
+
+Where the charge limit is active, a joule saved before it is not a joule on arrival: the fuller
+battery takes less, and the friction brake or the heater gets the difference. A joule that is spent
+on heat before a descent costs less than a joule for the same reason.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from bev_preheat.arithmetic import ARRAYS
+from bev_preheat.planning.limits import make_terminal_limits
+
+# The slope of the charge limit over the state of charge is taken over this difference.
+SOC_DIFFERENCE = 1e-4
+
+
+@dataclass(frozen=True)
+class AcceptanceLoss:
+    """
+    What the battery takes less in each step, for a joule more in it [J/J, 0 ... 1], shape (N,).
+
+    `to_brake` goes to the friction brake, `to_heater` to the heater.
+    """
+
+    to_brake: np.ndarray
+    to_heater: np.ndarray
+
+    @property
+    def any(self):
+        """Whether there is any."""
+        return bool(self.to_brake.any() or self.to_heater.any())
+
+    def blended(self, other):
+        """Return the mean of this and another AcceptanceLoss."""
+        return AcceptanceLoss(0.5 * (self.to_brake + other.to_brake),
+                              0.5 * (self.to_heater + other.to_heater))
+
+
+def no_acceptance_loss(trip):
+    """Return the AcceptanceLoss of a battery whose charge limit is the same at each charge."""
+    nothing = np.zeros(len(trip.route))
+    return AcceptanceLoss(nothing, nothing)
+
+
+def find_acceptance_loss(trip, watch, run):
+    """Return the AcceptanceLoss along a run (a Schedule) in which surplus goes to the heater."""
+    battery = trip.vehicle.battery
+    soc, temperature_c = run.soc[:-1], run.temperature_c[:-1]
+    limits = make_terminal_limits(trip.vehicle, ARRAYS)
+    least_w, _ = limits(soc, temperature_c, trip.power_variance_w2)
+    fuller_w, _ = limits(soc + SOC_DIFFERENCE, temperature_c, trip.power_variance_w2)
+    voltage_v = battery.open_circuit_voltage.function(ARRAYS)(soc, temperature_c)
+    surplus_w = least_w - trip.idle_power_w
+    loss = np.where(watch.charge & (surplus_w > 0.0), np.clip(
+        trip.route.duration_s * (fuller_w - least_w)
+        / (SOC_DIFFERENCE * battery.capacity_as * voltage_v), 0.0, 1.0), 0.0)
+    is_braked = surplus_w >= trip.heater_limit_w
+    return AcceptanceLoss(np.where(is_braked, loss, 0.0), np.where(is_braked, 0.0, loss))

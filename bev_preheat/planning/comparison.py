@@ -1,0 +1,41 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Whether two plans reach the same, so that their energies may be compared.
+
+A plan that arrives colder, eats into the reserve or lacks power spends less because it does less. What
+a plan gives beyond the target nobody asked for: it counts as waste, not as more reached.
+"""
+
+from bev_preheat.planning.planner import SAME_SOC, SHORTFALL_TOLERANCE_K
+
+# Arrivals that miss the target by as much as each other, within this, are the same [K].
+SAME_SHORTFALL_K = SHORTFALL_TOLERANCE_K
+SAME_POWER_W = 10.0
+
+
+def difference(plan, optimum):
+    """
+    Return how a plan reaches something else than the optimum, in words; '' where both reach the same.
+
+    Both have `shortfall_k` [K], `soc_shortfall` (0 ... 1) and `undeliverable_power_w` [W], as a Plan
+    has; NaN: unknown.
+    """
+    colder_k = plan.shortfall_k - optimum.shortfall_k
+    lacking_w = plan.undeliverable_power_w - optimum.undeliverable_power_w
+    if not abs(colder_k) <= SAME_SHORTFALL_K:
+        return (f'{abs(colder_k):.2f} K {"colder" if colder_k > 0.0 else "warmer"}'
+                if colder_k == colder_k else 'unknown arrival')
+    if (plan.soc_shortfall > SAME_SOC) != (optimum.soc_shortfall > SAME_SOC):
+        return ('reserve missed' if plan.soc_shortfall > SAME_SOC else
+                'reserve kept')
+    if not abs(lacking_w) <= SAME_POWER_W:
+        return (f'{abs(lacking_w) / 1e3:.2f} kW {"more" if lacking_w > 0.0 else "less"} lacking'
+                if lacking_w == lacking_w else 'unknown power')
+    return ''
+
+
+def energy_gap_wh(plan, optimum):
+    """Return the battery energy of a Plan above the optimum's [Wh]; None where they differ."""
+    if difference(plan, optimum):
+        return None
+    return plan.energy_wh.battery_total - optimum.energy_wh.battery_total

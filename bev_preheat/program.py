@@ -1,0 +1,214 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+How every command-line program starts and ends: signals, closed and full outputs, refused input.
+
+Loads nothing that takes time, because Ctrl-C must be answered while the rest is still loading.
+"""
+
+import codecs
+from contextlib import contextmanager, suppress
+import os
+import signal
+import sys
+
+FAILED, REFUSED, INTERRUPTED = 1, 2, 130
+# The third is raised by this module itself.
+SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGALRM)
+# For terminals that have no such characters; one for one, so that tables stay aligned.
+SIMPLER = {'…': '.', '–': '-', '−': '-', '×': 'x', '±': '~', '·': '.', '²': '2', 'μ': 'u',
+           'Δ': 'd'}
+# After this time [s] a signal that was lost in a callback is raised again.
+AGAIN_S = 0.02
+READABLE = 'bev_preheat.readable'
+
+
+class Interrupted(KeyboardInterrupt):
+    """SIGINT or SIGTERM arrived; `kept` says what remains of the work, and may be filled later."""
+
+    kept = ''
+
+
+class WorkerLost(Exception):
+    """A worker process ended by itself; `kept` says what remains of the work."""
+
+    kept = ''
+
+    def __str__(self):
+        """Return what happened; nobody knows why."""
+        return 'a worker process was killed'
+
+
+class OutputFailed(Exception):
+    """Standard output cannot be written, for another reason than that nobody reads it any more."""
+
+    def __init__(self, error):
+        """`error` is the OSError."""
+        super().__init__(f'standard output: cannot be written: {error.strerror}')
+
+
+def run_program(name, load, ends_process):
+    """
+    Call `load()`, then the function that it returns, and return the exit status of the program.
+
+    It is what that function returns; 2 with a line for each problem where either raises
+    InvalidInput or PlanningFailure, 130 with one line where SIGINT or SIGTERM interrupts it, 1 with one line where standard output is full. `name` is what its lines begin with. With
+    `ends_process` the process is to end now; otherwise its signal handlers are put back.
+    """
+    simplify_streams()
+    heard = _Heard()
+    try:
+        work = load()
+        with _signals_heard(heard, ends_process):
+            status = work()
+        flush_output()
+    except SystemExit:
+        # argparse has printed its help, or what is wrong.
+        try:
+            flush_output()
+        except OutputFailed as error:
+            return _say(name, error)
+        raise
+    except BaseException as error:
+        if heard.any or isinstance(error, KeyboardInterrupt):
+            # Whatever an interrupted library made of the signal.
+            say(f'{name}: interrupted {getattr(error, "kept", "")}'.rstrip())
+            status = INTERRUPTED
+        elif isinstance(error, BrokenPipeError):
+            # Written by others than this module and `terminal`.
+            discard_output()
+            status = 0
+        else:
+            status = _say(name, error)
+    finally:
+        with suppress(OutputFailed):
+            flush_output()
+    return status
+
+
+def loading(name):
+    """Let Ctrl-C be one line while the imports of the program `name` are running."""
+    def end(number, frame):
+        # Nothing has begun, and an import that is torn apart has its own way to complain.
+        say(f'{name}: interrupted')
+        os._exit(INTERRUPTED)
+
+    _answer_signals(end)
+
+
+def say(text):
+    """Print a line on standard error; whoever closed it does not want to read it."""
+    with suppress(OSError, ValueError):
+        print(one_line(text), file=sys.stderr, flush=True)
+
+
+def one_line(text):
+    """Return a text with line breaks and other control characters written as in Python."""
+    return ''.join(character if character.isprintable() or character == ' ' else
+                   character.encode('unicode_escape', 'surrogatepass').decode()
+                   for character in text)
+
+
+def flush_output():
+    """Write what standard output still holds; raise OutputFailed where that is impossible."""
+    try:
+        if sys.stdout is not None:
+            sys.stdout.flush()
+    except BrokenPipeError:
+        discard_output()
+    except OSError as error:
+        discard_output()
+        raise OutputFailed(error) from error
+
+
+def write_output(text):
+    """Write a text to standard output; raise OutputFailed where that is full."""
+    try:
+        if sys.stdout is not None:
+            sys.stdout.write(text)
+    except BrokenPipeError:
+        discard_output()
+    except OSError as error:
+        discard_output()
+        raise OutputFailed(error) from error
+    flush_output()
+
+
+def discard_output():
+    """Send standard output nowhere from now on, because its reader has gone or its disk is full."""
+    with suppress(OSError, ValueError, AttributeError):
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, sys.stdout.fileno())
+        os.close(nowhere)
+
+
+def simplify_streams():
+    """Let no character that the terminal lacks raise an exception."""
+    codecs.register_error(READABLE, _readable)
+    with suppress(AttributeError, OSError, ValueError):
+        sys.stdout.reconfigure(errors=READABLE)
+
+
+def _readable(error):
+    if not isinstance(error, UnicodeEncodeError):
+        raise error
+    missing = error.object[error.start:error.end]
+    return ''.join(SIMPLER.get(character, '?') for character in missing), error.end
+
+
+class _Heard:
+    """Whether any signal was heard."""
+
+    any = False
+
+
+@contextmanager
+def _signals_heard(heard, ends_process):
+    """Let signals raise Interrupted while the block lasts, and note in a _Heard that one came."""
+    def hear(number, frame):
+        heard.any = True
+        raise Interrupted
+
+    def on_unraisable(unraisable):
+        if isinstance(unraisable.exc_value, Interrupted):
+            # It came within a callback, which cannot pass it on.
+            signal.setitimer(signal.ITIMER_REAL, AGAIN_S)
+        else:
+            hook_before(unraisable)
+
+    before, hook_before = _answer_signals(hear), sys.unraisablehook
+    sys.unraisablehook = on_unraisable
+    try:
+        yield
+    finally:
+        # What is left to be done takes no time, and has no line left for another interruption.
+        _answer_signals(signal.SIG_IGN)
+        sys.unraisablehook = hook_before
+        if not ends_process:
+            for number, handler in before.items():
+                signal.signal(number, handler)
+
+
+def _answer_signals(handler):
+    """Set the handler of all signals that end a program; return those that were set before."""
+    try:
+        return {number: signal.signal(number, handler) for number in SIGNALS}
+    except ValueError:
+        # Another thread than the main one gets no signals.
+        return {}
+
+
+def _say(name, error):
+    """Say what ended the work, and return the exit status; raise what nobody foresaw."""
+    from bev_preheat.errors import InvalidInput, PlanningFailure
+    if isinstance(error, InvalidInput):
+        for problem in error.problems:
+            say(f'{name}: error: {problem}')
+        return REFUSED
+    if isinstance(error, PlanningFailure):
+        say(f'{name}: error: {error}')
+        return REFUSED
+    if isinstance(error, (OutputFailed, WorkerLost)):
+        say(f'{name}: error: {error} {getattr(error, "kept", "")}'.rstrip())
+        return FAILED
+    raise error
+

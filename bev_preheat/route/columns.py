@@ -1,0 +1,104 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Names of columns, which say the unit, and what to do with a name that is none of them."""
+
+from dataclasses import dataclass
+from difflib import get_close_matches
+import re
+
+from bev_preheat.errors import quoted
+
+# How people write units, and how a column's name ends.
+ENDINGS = {'km/h': 'kmh', 'kph': 'kmh', 'm/s': 'mps', '°c': 'c', 'degc': 'c', 'celsius': 'c',
+           'sec': 's', 'seconds': 's', 'minutes': 'min'}
+# Quantities that run from the start of the trip, and the one of each segment.
+RUNNING = {'distance': 'length', 'time': 'duration'}
+SYNONYMS = {'velocity': 'speed', 'power': 'propulsion_power', 'ambient': 'ambient_temperature',
+            'temperature': 'ambient_temperature'}
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column of a file: the quantity it holds, in SI units or degC, times `over` / `times`."""
+
+    quantity: str
+    times: float = 1.0
+    over: float = 1.0
+
+    def si(self, values):
+        """Return values of the file in the unit of the quantity; shape follows the input."""
+        return values if self.times == self.over == 1.0 else values * self.times / self.over
+
+    def own(self, value):
+        """Return a value of the quantity in the unit of the file."""
+        return value / self.times * self.over
+
+
+def power_columns(quantity):
+    """Return the two columns of a power, by name: in W and in kW."""
+    return {quantity: Column(quantity),
+            f'{quantity.removesuffix("_w")}_kw': Column(quantity, times=1000.0)}
+
+
+def speed_columns():
+    """Return the two columns of a speed, by name: in m/s and in km/h."""
+    return {'speed_mps': Column('speed_mps'), 'speed_kmh': Column('speed_mps', over=3.6)}
+
+
+def alternatives(quantity, known):
+    """Return the columns that can hold a quantity, as words."""
+    return ' or '.join(name for name, column in known.items() if column.quantity == quantity)
+
+
+def doubled(header, known):
+    """Return a sentence for each quantity that more than one column of a header holds."""
+    problems = []
+    for quantity in dict.fromkeys(column.quantity for column in known.values()):
+        names = [name for name in header
+                 if name in known and known[name].quantity == quantity]
+        if len(set(names)) > 1:
+            problems.append(f'columns {" and ".join(dict.fromkeys(names))} hold the same '
+                            'quantity; keep one of them')
+        elif len(names) > 1:
+            problems.append(f'column {names[0]} is named more than once')
+    return problems
+
+
+def advice(name, known):
+    """Return what to do with a column that is not among the `known` ones; a sentence."""
+    if not name:
+        return 'a column has no name'
+    stem, ending = _parted(name)
+    plain = f'{stem}_{ending}' if ending else stem
+    column = f'column {quoted(name)}'
+    if plain in known:
+        return f'{column}: rename it to {plain}'
+    stems = {}
+    for known_name in known:
+        stems.setdefault(known_name.rpartition('_')[0], []).append(known_name)
+    if not ending and stem not in stems and stem.rpartition('_')[0]:
+        first, _, last = stem.rpartition('_')
+        if any(first in words for words in (stems, RUNNING, SYNONYMS)):
+            stem, ending = first, last
+    if stem in RUNNING and RUNNING[stem] in stems:
+        names = ' or '.join(stems[RUNNING[stem]])
+        return (f'{column}: if it is that of each segment, rename it to {names}; one that runs '
+                'from the start of the trip is not accepted')
+    if stem in SYNONYMS and SYNONYMS[stem] in stems and stem not in stems:
+        return f'{column}: rename it to {" or ".join(stems[SYNONYMS[stem]])}'
+    if stem in stems:
+        names = ' or '.join(stems[stem])
+        if ending:
+            return f'{column}: the unit {ending!r} is not accepted; convert it to {names}'
+        return f'{column} has no unit: rename it to {names}'
+    near = get_close_matches(plain, known, n=1)
+    hint = f'did you mean {near[0]!r}? ' if near else ''
+    return f'{column} is unknown; {hint}known: {", ".join(known)}'
+
+
+def _parted(name):
+    """Quantity and unit of `Speed [km/h]`, `speed (km/h)` or `Speed`, as columns have them."""
+    match = re.fullmatch(r'(.*?)\s*[\[(](.*)[\])]', name)
+    words, unit = match.groups() if match else (name, '')
+    stem = re.sub(r'[\s\-]+', '_', words.strip().lower())
+    unit = unit.strip().lower()
+    return stem, ENDINGS.get(unit, unit)

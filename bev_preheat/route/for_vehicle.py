@@ -1,0 +1,96 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+A route by name or file, for a given car.
+
+A CSV file has fixed powers, which are right for one car; a description of legs is the same road
+for every car.
+"""
+
+from dataclasses import dataclass
+import os
+from pathlib import Path
+
+from bev_preheat.errors import InvalidInput
+from bev_preheat.route.csv_file import in_one_line, load_file_route, rounded, route_file
+from bev_preheat.route.legs import legs_file, load_legs
+from bev_preheat.route.segments import Route
+
+LEGS_PREFIX = 'legs/'
+LEGS_SUFFIXES = ('.yaml', '.yml')
+
+
+@dataclass(frozen=True)
+class RouteForVehicle:
+    """
+    A Route, and for which car its powers are right.
+
+    `made_for` is the name of that vehicle, None where the file does not say; `file` is the path;
+    `warning` is a sentence where it is another vehicle than the one that is to drive, else None.
+    """
+
+    route: Route
+    made_for: str | None
+    file: Path
+    warning: str | None
+
+
+def route_for(name_or_file, vehicle, folder=None):
+    """
+    Return the RouteForVehicle of a name or a file.
+
+    A name is that of a file in config/routes, `legs/NAME` that of a description in
+    config/routes/legs; a text with any other slash or with a suffix is a CSV or a YAML file, seen
+    from `folder` if given. Raises InvalidInput naming file, place, value and what is allowed.
+    """
+    is_legs, source = _source(name_or_file, folder)
+    name = in_one_line(vehicle.name)
+    if is_legs:
+        # With the digits of a file, so that a plan is that of the file made from the legs.
+        return RouteForVehicle(rounded(load_legs(source, vehicle).route), name, legs_file(source),
+                               None)
+    file = route_file(source)
+    loaded = load_file_route(source, vehicle.defaults)
+    return RouteForVehicle(loaded.route, loaded.made_for, file,
+                           _warning(file, loaded.made_for, vehicle))
+
+
+def route_source(name_or_file):
+    """Return the path of the file that `route_for` reads; raise InvalidInput where there is none."""
+    is_legs, source = _source(name_or_file)
+    return legs_file(source) if is_legs else route_file(source)
+
+
+def _source(name_or_file, folder=None):
+    """Whether it is a description of legs, and the name or file to look for among its kind."""
+    text = os.path.expanduser(str(name_or_file))
+    legs_name = text.removeprefix(LEGS_PREFIX)
+    if text.startswith(LEGS_PREFIX) and '/' not in legs_name and not Path(legs_name).suffix:
+        return True, legs_name
+    is_legs = Path(text).suffix.lower() in LEGS_SUFFIXES
+    if is_legs and '/' not in text:
+        # With a slash it is a file, whatever its suffix.
+        text = f'./{text}'
+    if folder is not None and ('/' in text or text.endswith('.csv')):
+        text = str(Path(folder) / text)
+    return is_legs, text
+
+
+def _warning(file, made_for, vehicle):
+    name = in_one_line(vehicle.name)
+    if made_for is None or made_for == name:
+        return None
+    return (f'route {file.stem} has the powers of vehicle {made_for}; for {name}: '
+            f'{_advice(file, vehicle)}')
+
+
+def _advice(file, vehicle):
+    """How to get the same road with the powers of the vehicle."""
+    try:
+        described = legs_file(file.stem)
+    except InvalidInput:
+        described = None
+    if described is None or described.parent.parent != file.parent:
+        return 'make it again from its legs or logs, with preheat route'
+    if vehicle.road_load is None:
+        return f'--route {LEGS_PREFIX}{file.stem}, once its file has a road_load'
+    return f'--route {LEGS_PREFIX}{file.stem}'

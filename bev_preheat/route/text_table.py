@@ -1,0 +1,210 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Reads tables of numbers as programs and spreadsheets write them: a header, a row a line.
+
+Commas, semicolons or tabs separate the columns; where commas do not, they may be decimal commas.
+`#` starts a comment. What can be read in two ways is refused, because a number that is wrong by a
+factor of a thousand plans a wrong trip.
+"""
+
+import csv
+from dataclasses import dataclass
+import re
+
+import numpy as np
+
+from bev_preheat.errors import InvalidInput, quoted
+
+SEPARATORS = {',': 'commas', ';': 'semicolons', '\t': 'tabs'}
+NUMBER = re.compile(r'[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?')
+NOT_FINITE = re.compile(r'[+-]?(nan|inf|infinity)', re.IGNORECASE)
+# A line with which a spreadsheet is told the separator; the header shows it too.
+SEPARATOR_LINE = re.compile('"?sep=.?"?', re.IGNORECASE)
+# 1.500 and 1,500: one and a half or fifteen hundred.
+AMBIGUOUS = re.compile(r'[+-]?[1-9][0-9]{0,2}[.,][0-9]{3}')
+GROUPED = re.compile(r"([+-]?[0-9]{1,3})((?:[ \u00a0\u202f\u2009'’.,][0-9]{3})+)([.,][0-9]+)?")
+# Of numbers with nothing that asks for a closer look.
+PLAIN_CHARACTERS = frozenset('0123456789.+-eE')
+
+
+@dataclass(frozen=True)
+class TextTable:
+    """Cells of a table as texts: `rows` below `header`, and the line of the file of each."""
+
+    path: object
+    separator: str
+    header: list
+    header_line: int
+    rows: list
+    lines: list
+    comments: list
+
+    def where(self, row):
+        """Return how messages name a row: file and line."""
+        return f'{self.path}, line {self.lines[row]}'
+
+    def numbers(self, names, empty_is_nan=False):
+        """
+        Return the numbers of the named columns: a list of arrays, each of shape (N,).
+
+        Raises InvalidInput naming line, column and text of each cell that holds no number.
+        """
+        places = [self.header.index(name) for name in names]
+        columns = [[row[place] for row in self.rows] for place in places]
+        decimal_comma = self._decimal_mark(names, columns) == ','
+        problems, arrays = [], []
+        for name, texts in zip(names, columns):
+            arrays.append(self._numbers(name, texts, decimal_comma, empty_is_nan, problems))
+        if problems:
+            raise InvalidInput(problems)
+        return arrays
+
+    def _numbers(self, name, texts, decimal_comma, empty_is_nan, problems):
+        if decimal_comma:
+            read = [text.replace(',', '.') for text in texts]
+        else:
+            read = texts
+        if all(map(PLAIN_CHARACTERS.issuperset, read)):
+            try:
+                return np.array(list(map(float, read)))
+            except ValueError:
+                # Some cell holds none; which one is found below.
+                pass
+        values = np.full(len(texts), np.nan)
+        for at, (text, number) in enumerate(zip(texts, read)):
+            # float() takes more than people mean: 1_500, digits of other scripts.
+            if NUMBER.fullmatch(number) or NOT_FINITE.fullmatch(number):
+                values[at] = float(number)
+            elif number or not empty_is_nan:
+                problems.append(f'{self.where(at)}: {name}: {self._why_no_number(text)}')
+        return values
+
+    def _why_no_number(self, text):
+        grouped = GROUPED.fullmatch(text)
+        if grouped and not (self.separator == ',' and AMBIGUOUS.fullmatch(text)):
+            whole = ''.join(re.findall('[0-9+-]', grouped[1] + grouped[2]))
+            return f'{quoted(text)} has a thousands separator; write {whole}{grouped[3] or ""}'
+        if self.separator == ',' and ',' in text:
+            return (f'{quoted(text)} has a comma; with decimal commas, separate the columns by '
+                    'semicolons')
+        return f'{quoted(text)} is not a number'
+
+    def _decimal_mark(self, names, columns):
+        """Comma or point: the one that the numbers have; InvalidInput where it is not clear."""
+        if self.separator == ',':
+            return '.'
+        marked = {}
+        for mark in ',.':
+            cells = [(name, at, text) for name, texts in zip(names, columns)
+                     for at, text in enumerate(texts) if mark in text]
+            if cells:
+                marked[mark] = cells
+        if len(marked) == 2:
+            both = [cell for cell in marked[','] if '.' in cell[2]]
+            if both:
+                name, at, text = both[0]
+                raise InvalidInput(f'{self.where(at)}: {name}: {self._why_no_number(text)}')
+            (comma_name, comma_at, comma_text), (name, at, text) = marked[','][0], marked['.'][0]
+            raise InvalidInput(
+                f'{self.where(at)}: {name}: {quoted(text)} has a decimal point, and '
+                f'{quoted(comma_text)} in line {self.lines[comma_at]}, {comma_name}, a decimal '
+                'comma; use one of them')
+        for mark, cells in marked.items():
+            # One number that can only be read in one way says how the others are meant.
+            if all(AMBIGUOUS.fullmatch(text) for _, _, text in cells):
+                name, at, text = cells[0]
+                raise InvalidInput(
+                    f'{self.where(at)}: {name}: {quoted(text)} can be read as '
+                    f'{text.replace(mark, "")} or as {text.replace(mark, ".").rstrip("0")}; write '
+                    f'no thousands separator, or a number of digits other than three behind the '
+                    f'decimal {"comma" if mark == "," else "point"}')
+            return mark
+        return '.'
+
+
+def read_text_table(path, columns):
+    """
+    Return the TextTable of a file.
+
+    `columns` (texts) is what the header may name, for the message about an empty file. Raises
+    InvalidInput naming file, line, and what is wrong.
+    """
+    header, rows, lines, comments = None, [], [], []
+    separator, header_line, problems = ',', 0, []
+    for number, line in enumerate(_lines(path), start=1):
+        text, mark, comment = line.partition('#')
+        text = text.strip(' \r\n')
+        if mark and header is None:
+            comments.append((number, comment.strip()))
+        if not text.strip('"\t ,;'):
+            continue
+        if header is None:
+            if SEPARATOR_LINE.fullmatch(text):
+                continue
+            separator, header_line = _separator(path, number, text, columns), number
+            header = _cells(path, number, text, separator)
+            while not header[-1]:
+                header.pop()
+            continue
+        cells = _cells(path, number, text, separator)
+        while len(cells) > len(header) and not cells[-1]:
+            cells.pop()
+        if len(cells) != len(header):
+            problems.append(f'{path}, line {number}: '
+                            f'{_why_another_length(text, separator, cells, header)}')
+        rows.append(cells)
+        lines.append(number)
+    if header is None:
+        raise InvalidInput(f'{path}: is empty; its first line must name the columns: '
+                           f'{", ".join(columns)}')
+    if problems:
+        raise InvalidInput(problems)
+    return TextTable(path, separator, header, header_line, rows, lines, comments)
+
+
+def _lines(path):
+    try:
+        with open(path, encoding='utf-8-sig', newline='') as file:
+            return list(file)
+    except (OSError, UnicodeDecodeError) as error:
+        reason = getattr(error, 'strerror', None) or \
+            'is not UTF-8 text; in a spreadsheet, save it as "CSV UTF-8"'
+        raise InvalidInput(f'{path}: cannot be read: {reason}') from error
+
+
+def _separator(path, number, text, columns):
+    """What separates the columns, by the header, whose names hold no separator."""
+    if re.match('["\\s]*[+-]?[.,]?[0-9]', text):
+        raise InvalidInput(f'{path}, line {number}: holds numbers; the line above them must name '
+                           f'the columns: {", ".join(columns)}')
+    found = [separator for separator in SEPARATORS
+             if separator in re.sub('"[^"]*"', '', text).strip()]
+    if len(found) > 1:
+        raise InvalidInput(
+            f'{path}, line {number}: the columns are separated by '
+            f'{" and ".join(SEPARATORS[separator] for separator in found)}; use one of them')
+    if not found and re.search(r'[\s|]', text):
+        raise InvalidInput(f'{path}, line {number}: {quoted(text)} has no separator; the columns '
+                           'must be separated by commas, semicolons or tabs')
+    return found[0] if found else ','
+
+
+def _cells(path, number, text, separator):
+    if '"' not in text:
+        return [cell.strip() for cell in text.split(separator)]
+    try:
+        return [cell.strip() for cell in next(csv.reader(
+            [text], delimiter=separator, skipinitialspace=True, strict=True))]
+    except csv.Error as error:
+        raise InvalidInput(f'{path}, line {number}: is not CSV; do its quotation marks match? '
+                           f'({error})') from error
+
+
+def _why_another_length(text, separator, cells, header):
+    for other, name in SEPARATORS.items():
+        if other not in (separator, ',') and other in text.strip():
+            return f'is separated by {name}, the header by {SEPARATORS[separator]}'
+    sentence = f'has {len(cells)} values; the header names {len(header)} columns'
+    if separator == ',' and len(cells) > len(header):
+        sentence += '; with decimal commas, separate the columns by semicolons'
+    return sentence

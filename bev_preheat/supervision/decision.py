@@ -1,0 +1,43 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Supervision results: the decision that holds until the next input, and the heater's command."""
+
+from dataclasses import dataclass
+import math
+from typing import Optional
+
+from bev_preheat.planning.plan import Plan
+from bev_preheat.planning.status import Status
+from bev_preheat.supervision.inputs import Leg
+
+
+@dataclass(frozen=True)
+class Command:
+    """Electrical power for the battery [W], until when it may be used [ns], and why."""
+
+    battery_heating_power_w: float
+    valid_until_ns: int
+    reason: Status
+
+
+@dataclass(frozen=True)
+class Decision:
+    """
+    Status and sentence that hold until the next input, and the plan behind them, if any.
+
+    `plan_start_ns` is the instant of the plan's time 0, `leg` the leg that it plans. `later_legs`
+    lie beyond the current or next stop. `arrival_deviation_k` is the standard deviation of the
+    temperature on arrival [K], NaN where it is unknown. The command follows `commanded` where that
+    is not None, else the plan; the heater delivers `command_share` of the command. `model_factors`
+    are the factors of the corrected vehicle (PreheatPlan.msg); (): none.
+    """
+
+    status: Status
+    explanation: str
+    plan: Optional[Plan] = None
+    plan_start_ns: int = 0
+    leg: Optional[Leg] = None
+    later_legs: tuple = ()
+    arrival_deviation_k: float = math.nan
+    commanded: Optional[Plan] = None
+    command_share: float = 1.0
+    model_factors: tuple = ()

@@ -1,0 +1,136 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Everything that a step of the planner can be given.
+
+`deliver(inbox, now_ns)` hands an event to the Inbox and raises InvalidInput where it is refused;
+`source` names the input in log lines, '' where it cannot be refused.
+"""
+
+from dataclasses import dataclass
+from typing import ClassVar, Optional, Union
+
+from bev_preheat.errors import InvalidInput
+from bev_preheat.supervision.inputs import Measurement, Mission
+from bev_preheat.supervision.refusals import BATTERY, RefusedRoute, ROUTE
+from bev_preheat.supervision.settings import Settings
+from bev_preheat.vehicle.description import Vehicle
+
+
+@dataclass(frozen=True)
+class BatteryStateArrived:
+    """A battery state arrived; `hint` is added to its refusal, '' adds nothing."""
+
+    source: ClassVar[str] = BATTERY
+    measurement: Measurement
+    hint: str = ''
+
+    def deliver(self, inbox, now_ns):
+        """Accept it, or refuse it with the hint."""
+        try:
+            inbox.accept_battery(self.measurement, now_ns)
+        except InvalidInput as error:
+            if not self.hint:
+                raise
+            BatteryStateUnreadable(
+                InvalidInput([*error.problems, self.hint])).deliver(inbox, now_ns)
+
+
+@dataclass(frozen=True)
+class BatteryStateUnreadable:
+    """A battery state arrived that could not be read."""
+
+    source: ClassVar[str] = BATTERY
+    error: InvalidInput
+
+    def deliver(self, inbox, now_ns):
+        """Refuse it."""
+        inbox.refuse_battery(self.error)
+        raise self.error
+
+
+@dataclass(frozen=True)
+class RouteArrived:
+    """A route plan arrived."""
+
+    source: ClassVar[str] = ROUTE
+    mission: Mission
+
+    def deliver(self, inbox, now_ns):
+        """Accept it, or refuse it."""
+        inbox.accept_mission(self.mission)
+
+
+@dataclass(frozen=True)
+class RouteUnreadable:
+    """A route plan arrived that could not be read, but for the part in `refused`."""
+
+    source: ClassVar[str] = ROUTE
+    error: InvalidInput
+    refused: RefusedRoute = RefusedRoute()
+
+    def deliver(self, inbox, now_ns):
+        """Refuse it."""
+        inbox.refuse_route(self.error, self.refused)
+        raise self.error
+
+
+@dataclass(frozen=True)
+class TripCancelled:
+    """A route plan arrived that cancels the trip."""
+
+    source: ClassVar[str] = ROUTE
+
+    def deliver(self, inbox, now_ns):
+        """Drop the route."""
+        inbox.cancel()
+
+
+@dataclass(frozen=True)
+class PreheatingSwitched:
+    """The driver switched preheating on or off."""
+
+    source: ClassVar[str] = ''
+    is_enabled: bool
+
+    def deliver(self, inbox, now_ns):
+        """Note it."""
+        inbox.is_enabled = self.is_enabled
+
+
+@dataclass(frozen=True)
+class RivalsChanged:
+    """Other nodes command the same heater, by these `names`; '': none does any more."""
+
+    source: ClassVar[str] = ''
+    names: str
+
+    def deliver(self, inbox, now_ns):
+        """Note them."""
+        inbox.rivals = self.names
+
+
+@dataclass(frozen=True)
+class Reconfigured:
+    """
+    Parameters were set.
+
+    `mission` is the current route as read with the new parameters, or the InvalidInput where it
+    cannot be read with them; None: there is no route.
+    `learned` is (factors, covariance) of estimation.belief.Belief that the estimation restarts
+    with, None to keep it where the vehicle stays.
+    """
+
+    source: ClassVar[str] = ROUTE
+    vehicle: Vehicle
+    settings: Settings
+    mission: Union[Mission, InvalidInput, None] = None
+    learned: Optional[tuple] = None
+
+    def deliver(self, inbox, now_ns):
+        """Apply them; the route is refused where it does not fit the vehicle."""
+        inbox.vehicle, inbox.settings = self.vehicle, self.settings
+        if isinstance(self.mission, InvalidInput):
+            inbox.drop_misfit(self.mission)
+            raise self.mission
+        if self.mission is not None:
+            inbox.revise_mission(self.mission)

@@ -1,0 +1,177 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+The inbox: checks every input at the door, keeps the last valid one, and remembers refusals.
+
+A refused input raises InvalidInput, and holds the heater off as docs/safety.md says. Instants are
+integers, in nanoseconds of the node's clock.
+"""
+
+from dataclasses import dataclass, replace
+from typing import Optional
+
+from bev_preheat.errors import InvalidInput
+from bev_preheat.planning.situation import check_situation
+from bev_preheat.supervision.inputs import check_mission, Measurement, Mission, NS_PER_S
+from bev_preheat.supervision.refusals import Refusals, RefusedRoute
+from bev_preheat.supervision.settings import defaults_of, Settings
+from bev_preheat.vehicle.description import Vehicle
+
+# A clock that falls back by more than this was set or restarted; stamps before it mean nothing.
+CLOCK_RESTART_S = 1.0
+
+
+@dataclass(frozen=True)
+class Changes:
+    """
+    Changes since the last `Inbox.take_changes`.
+
+    `measurements` are the valid battery states, oldest first. `has_new_mission`: the route was
+    replaced or dropped. `has_new_trip`: another trip began, or the trip was cancelled.
+    `clock_restarted`: stamps before this mean nothing.
+    """
+
+    measurements: tuple = ()
+    has_new_mission: bool = False
+    has_new_trip: bool = False
+    clock_restarted: bool = False
+
+
+class Inbox:
+    """Keeps the last valid inputs; `vehicle`, `settings`, `is_enabled` and `rivals` may be set."""
+
+    def __init__(self, vehicle: Vehicle, settings: Settings):
+        """Start without input."""
+        self.vehicle, self.settings = vehicle, settings
+        self.is_enabled = True
+        self.rivals = ''  # Names of other nodes that command the same heater.
+        self.mission: Optional[Mission] = None
+        # The mission, or the one that was dropped because it does not fit the parameters.
+        self.latest_mission: Optional[Mission] = None
+        self.measurement: Optional[Measurement] = None
+        self.is_cancelled = False  # By the latest route plan.
+        self._route_id = None  # Of the latest valid route, also after that was dropped.
+        self._refusals = Refusals()
+        self._latest_ns = 0
+        self._changes = Changes()
+
+    @property
+    def refusal(self):
+        """The sentence of the latest refusal that holds the heater off; None if none does."""
+        return self._refusals.obstacle
+
+    @property
+    def refused_route(self):
+        """The sentence of the latest route plan's refusal; None after a valid one."""
+        return self._refusals.route
+
+    @property
+    def defaults(self):
+        """The Defaults of vehicle and settings, for reading routes."""
+        return defaults_of(self.vehicle, self.settings)
+
+    def goal_of(self, leg):
+        """Return the Goal of a leg; settings and vehicle fill in what the leg leaves open."""
+        goal = leg.goal(self.defaults.target_battery_temperature_c)
+        if goal.minimum_arrival_soc > 0.0:
+            reserve = min(goal.minimum_arrival_soc + self.settings.arrival_soc_margin, 1.0)
+            goal = replace(goal, minimum_arrival_soc=reserve)
+        return goal
+
+    def take_changes(self):
+        """Return the Changes since the last call."""
+        changes, self._changes = self._changes, Changes()
+        return changes
+
+    # Battery states
+
+    def accept_battery(self, measurement, now_ns):
+        """Keep a Measurement, or refuse it and keep the one before."""
+        if now_ns < self._latest_ns - CLOCK_RESTART_S * NS_PER_S:
+            self.measurement = None
+            self._changes = replace(self._changes, measurements=(), clock_restarted=True)
+        self._latest_ns = now_ns
+        try:
+            self._check_battery(measurement, now_ns)
+        except InvalidInput as error:
+            self.refuse_battery(error)
+            raise
+        self.measurement = measurement
+        self._changes = replace(
+            self._changes, measurements=(*self._changes.measurements, measurement))
+        self._refusals.lift_by_battery()
+
+    def refuse_battery(self, error):
+        """Note that a battery state was refused: 0 W until a valid one arrives."""
+        self._refusals.note_battery(error)
+
+    def _check_battery(self, measurement, now_ns):
+        if now_ns == 0:
+            raise InvalidInput('use_sim_time is set and no /clock has arrived: time stands at 0')
+        check_situation(self.vehicle, state=measurement.state)
+        age_s = (now_ns - measurement.stamp_ns) / NS_PER_S
+        timeout_s = self.settings.battery_state_timeout_s
+        ahead_s = self.settings.clock_tolerance_s
+        if not -ahead_s <= age_s <= timeout_s:
+            raise InvalidInput(f'header.stamp: the state is {age_s:.3f} s old; it must be '
+                               f'{-ahead_s:g} ... {timeout_s:g} s')
+        if self.measurement is not None and measurement.stamp_ns < self.measurement.stamp_ns:
+            late_s = (self.measurement.stamp_ns - measurement.stamp_ns) / NS_PER_S
+            raise InvalidInput(f'header.stamp: the state is {late_s:.3f} s older than one that '
+                               'came before it; stamps must not go back')
+
+    # Routes
+
+    def accept_mission(self, mission):
+        """Replace the route by a new one, or refuse it as `refuse_route` does."""
+        try:
+            self._check_mission(mission)
+        except InvalidInput as error:
+            self.refuse_route(error, RefusedRoute.of_mission(mission))
+            raise
+        is_new_trip = mission.route_id != self._route_id
+        self._route_id = mission.route_id
+        self._follow(mission, is_new_trip)
+        self._refusals.lift_by_route()
+
+    def revise_mission(self, mission):
+        """
+        Replace the current route by the same one under other parameters.
+
+        Where it does not fit them, it is dropped until it is revised again or a valid one arrives.
+        """
+        try:
+            self._check_mission(mission)
+        except InvalidInput as error:
+            self.drop_misfit(error)
+            self.latest_mission = mission
+            raise
+        self._follow(mission)
+        self._refusals.lift_misfit()
+
+    def drop_misfit(self, error):
+        """Drop the current route, which does not fit the parameters, but remember that it is there."""
+        latest_mission = self.latest_mission
+        self._follow(None)
+        self.latest_mission = latest_mission
+        self._refusals.note_misfit(error)
+
+    def cancel(self):
+        """Drop the route: there is nothing to heat for until a new one arrives."""
+        self._follow(None, is_new_trip=True)
+        self.is_cancelled = True
+        self._refusals.lift_by_route()
+
+    def refuse_route(self, error, refused=RefusedRoute()):
+        """Note that a route was refused: 0 W, for how long depends on its RefusedRoute."""
+        if not self._refusals.note_route(error, refused, self.mission, self._latest_ns):
+            self._follow(None)
+
+    def _check_mission(self, mission):
+        check_mission(self.vehicle, mission, self.defaults.target_battery_temperature_c)
+
+    def _follow(self, mission, is_new_trip=False):
+        self.mission = self.latest_mission = mission
+        self.is_cancelled = False
+        self._changes = replace(
+            self._changes, has_new_mission=True,
+            has_new_trip=self._changes.has_new_trip or is_new_trip)

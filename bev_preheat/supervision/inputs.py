@@ -1,0 +1,126 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Inputs of the supervisor, stamped: the battery's state, and the trip ahead."""
+
+from dataclasses import dataclass, replace
+from typing import Optional
+
+from bev_preheat.errors import InvalidInput
+from bev_preheat.planning.situation import BatteryState, check_situation, Goal
+from bev_preheat.route.segments import Route
+from bev_preheat.supervision.settings import MOST_PLANNED_STEPS
+
+NS_PER_S = 1_000_000_000
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """
+    The battery's state at an instant [ns of the node's clock], as its sensors tell it.
+
+    Terminal voltage [V] and current [A], positive = discharging, are None where they are not known.
+    """
+
+    state: BatteryState
+    stamp_ns: int
+    voltage_v: Optional[float] = None
+    current_a: Optional[float] = None
+
+    @property
+    def power_w(self):
+        """Power that the battery gives at its terminals [W]; None where it is not known."""
+        if self.voltage_v is None or self.current_a is None:
+            return None
+        return self.voltage_v * self.current_a
+
+
+@dataclass(frozen=True, eq=False)
+class Leg:
+    """
+    A drive without a stop, and what is wanted at its end; segment 0 starts at `start_ns` [ns].
+
+    `target_temperature_c` [deg C] is None where the planner's default holds. `departure` is the
+    battery's state that the stop before it leaves; None where no stop lies before it. A leg equals
+    itself only.
+    """
+
+    route: Route
+    start_ns: int = 0
+    charging_planned: bool = True
+    target_temperature_c: Optional[float] = None
+    minimum_arrival_soc: float = 0.0
+    departure: Optional[BatteryState] = None
+
+    def goal(self, default_target_c):
+        """Return the Goal of the leg; `default_target_c` [deg C] is for one without a target."""
+        target_c = self.target_temperature_c
+        return Goal(default_target_c if target_c is None else target_c,
+                    self.minimum_arrival_soc, self.charging_planned)
+
+    @property
+    def arrival_ns(self):
+        """Instant at which the leg ends [ns]."""
+        return self.start_ns + round(self.route.total_duration_s * NS_PER_S)
+
+    def ended_for_s(self, instant_ns):
+        """Return how long ago [s] the leg ended, at an instant [ns]; negative before its end."""
+        return (instant_ns - self.start_ns) / NS_PER_S - self.route.total_duration_s
+
+    def route_ahead(self, instant_ns):
+        """Return the Route from an instant [ns] on: all before the start, None after the end."""
+        elapsed_s = (instant_ns - self.start_ns) / NS_PER_S
+        if elapsed_s >= self.route.total_duration_s:
+            return None
+        return self.route.after(elapsed_s) if elapsed_s > 0.0 else self.route
+
+
+@dataclass(frozen=True)
+class Mission:
+    """A trip: at least one Leg, in driving order, with a stop between each and the next."""
+
+    route_id: str
+    legs: tuple
+
+    @property
+    def start_ns(self):
+        """Instant at which the first leg starts [ns]."""
+        return self.legs[0].start_ns
+
+    def in_planning_steps(self, planning_step_s):
+        """Return the Mission with its legs in steps of `planning_step_s` seconds or longer."""
+        return replace(self, legs=tuple(
+            replace(leg, route=in_planning_steps(leg.route, planning_step_s))
+            for leg in self.legs))
+
+    def leg_number(self, instant_ns):
+        """Return the index of the latest leg begun at an instant [ns]; 0 before the trip."""
+        begun = sum(leg.start_ns <= instant_ns for leg in self.legs)
+        return max(0, begun - 1)
+
+
+def in_planning_steps(route, planning_step_s):
+    """Return the Route in steps of `planning_step_s` seconds, longer where it is a long one."""
+    return route.resampled(max(planning_step_s, route.total_duration_s / MOST_PLANNED_STEPS))
+
+
+def with_stops(legs, stop_durations_s):
+    """Return the Legs with each one starting [s] after the end of the one before it."""
+    placed = list(legs[:1])
+    for leg, stop_s in zip(legs[1:], stop_durations_s):
+        before = placed[-1]
+        gap_ns = round((before.route.total_duration_s + stop_s) * NS_PER_S)
+        placed.append(replace(leg, start_ns=before.start_ns + gap_ns))
+    return tuple(placed)
+
+
+def check_mission(vehicle, mission, default_target_c):
+    """Raise InvalidInput, one problem a quantity, where the vehicle's model does not fit."""
+    problems = []
+    for number, leg in enumerate(mission.legs, start=1):
+        try:
+            check_situation(vehicle, leg.route, leg.departure, leg.goal(default_target_c))
+        except InvalidInput as error:
+            # Which leg is no question where there is but one.
+            where = f'leg {number}: ' if len(mission.legs) > 1 else ''
+            problems += [where + problem for problem in error.problems]
+    if problems:
+        raise InvalidInput(problems)

@@ -1,0 +1,158 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+The judgement: what is learned of the car, and which plan holds.
+
+Only the current leg is planned from the battery's state, again with every input. A later leg starts
+from the departure that the route gives; its plan is made once.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from bev_preheat.errors import InvalidInput, PlanningFailure
+from bev_preheat.estimation.estimator import Estimator
+from bev_preheat.planning.explanation import duration_text
+from bev_preheat.planning.planner import plan_preheating
+from bev_preheat.planning.status import Status
+from bev_preheat.supervision.course import stretches_between
+from bev_preheat.supervision.decision import Decision
+from bev_preheat.supervision.inputs import NS_PER_S
+from bev_preheat.supervision.outlook import OutlookMaker, seen_from_now
+
+# A state this near to the plan's forecast, within this time, is on track.
+ON_TRACK_FOR_S = 60.0
+ON_TRACK_K = 0.05
+ON_TRACK_SOC = 5e-4
+
+
+class Judgement:
+    """Learns from battery states and makes Decisions for one vehicle."""
+
+    def __init__(self, vehicle, factors=None, factor_covariance=None):
+        """Start from the vehicle file, or from remembered factors: see estimation.belief.Belief."""
+        self._vehicle = vehicle
+        self._outlooks = OutlookMaker(vehicle)
+        self._estimator = Estimator(vehicle, factors, factor_covariance)
+        # Decisions by Leg, and the settings that they were made with.
+        self._later_decisions, self._later_settings = {}, None
+
+    @property
+    def vehicle(self):
+        """The Vehicle, as its file describes it."""
+        return self._vehicle
+
+    @property
+    def estimate(self):
+        """The latest estimation.estimator.Estimate; None before the first battery state."""
+        return self._estimator.estimate
+
+    def follow_new_mission(self):
+        """Drop the plans and the arrival's uncertainty of the route before."""
+        self._later_decisions.clear()
+        self._outlooks.forget_deviation()
+
+    def lose_time(self):
+        """Take the temperature from the next reading alone, because the clock was restarted."""
+        self._estimator.lose_time()
+
+    def learn(self, measurements, mission, commands):
+        """Take Measurements in, on a Mission and under a CommandHistory."""
+        for measurement in measurements:
+            stamp_ns = measurement.stamp_ns
+            self._estimator.observe(
+                measurement, commands.mean_w(stamp_ns, stamp_ns),
+                stretches_between(
+                    self._estimator.edges_ns(stamp_ns), self._vehicle, mission, commands))
+
+    def decide(self, inbox, now_ns, is_heating, heated_s):
+        """
+        Return the Decision for valid inputs at an instant [ns].
+
+        `is_heating`: the heater is on; it has heated the battery for `heated_s` [s] on this trip.
+        """
+        mission = inbox.mission
+        number = mission.leg_number(now_ns)
+        leg, later_legs = mission.legs[number], mission.legs[number + 1:]
+        ended_for_s = leg.ended_for_s(now_ns)
+        if ended_for_s < 0.0:
+            decision = self._plan_current(inbox, leg, now_ns, is_heating, heated_s)
+            return replace(decision, later_legs=later_legs)
+        if later_legs:
+            return Decision(Status.CHARGING, _charging_sentence(later_legs[0], now_ns),
+                            later_legs=later_legs)
+        return Decision(Status.ARRIVED,
+                        f'The route has ended: arrived {duration_text(ended_for_s)} ago.')
+
+    def _plan_current(self, inbox, leg, now_ns, is_heating, heated_s):
+        """Return the Decision for the current leg, from the battery's present state."""
+        settings, goal = inbox.settings, inbox.goal_of(leg)
+        estimate = self.estimate if settings.estimation else None
+        stamp_ns = inbox.measurement.stamp_ns if estimate is None else estimate.stamp_ns
+        # A stamp ahead of this clock must not delay what the plan wants now.
+        start_ns = max(min(stamp_ns, now_ns), leg.start_ns)
+        starts_in_s = (start_ns - now_ns) / NS_PER_S
+        if estimate is None:
+            decision = self._plan(inbox, leg, inbox.measurement.state, start_ns)
+            if decision.plan is None:
+                return decision
+            plan = seen_from_now(
+                decision.plan, self._vehicle, goal, starts_in_s, heated_s=heated_s)
+            return replace(decision, status=plan.status, explanation=plan.explanation, plan=plan)
+        try:
+            outlook = self._outlooks.make(
+                estimate, leg.route_ahead(start_ns), goal, settings, is_heating, starts_in_s,
+                heated_s)
+        except (InvalidInput, PlanningFailure) as error:
+            return Decision(Status.INVALID_INPUT, str(error))
+        plan = outlook.plan
+        return Decision(plan.status, plan.explanation, plan, start_ns, leg,
+                        arrival_deviation_k=outlook.arrival_deviation_k,
+                        commanded=outlook.commanded, command_share=outlook.command_share,
+                        model_factors=outlook.model_factors)
+
+    def _plan(self, inbox, leg, state, start_ns):
+        """Return the Decision for a leg from a state at an instant [ns] before its end on."""
+        try:
+            plan = plan_preheating(self._vehicle, leg.route_ahead(start_ns), state,
+                                   inbox.goal_of(leg), inbox.settings.method)
+        except (InvalidInput, PlanningFailure) as error:
+            return Decision(Status.INVALID_INPUT, str(error))
+        return Decision(plan.status, plan.explanation, plan, start_ns, leg)
+
+    def decide_later(self, inbox, decision):
+        """Return a Decision for each later leg of a Decision, from its departure on."""
+        if inbox.settings != self._later_settings:
+            self._later_decisions, self._later_settings = {}, inbox.settings
+        for leg in decision.later_legs:
+            if leg not in self._later_decisions:
+                self._later_decisions[leg] = self._plan(inbox, leg, leg.departure, leg.start_ns)
+        return tuple(self._later_decisions[leg] for leg in decision.later_legs)
+
+    def is_on_track(self, inbox, decision):
+        """
+        Return whether the latest state is close to the forecast of the plan at hand.
+
+        The command of that plan then holds: such a state can be answered before the next plan.
+        """
+        plan, measurement = decision.plan, inbox.measurement
+        if plan is None or measurement is None:
+            return False
+        elapsed_s = (measurement.stamp_ns - decision.plan_start_ns) / NS_PER_S
+        if not 0.0 <= elapsed_s <= min(ON_TRACK_FOR_S, plan.arrival_time_s):
+            return False
+        # One reading of a coarse signal moves the estimate by no more than this.
+        estimate = self.estimate if inbox.settings.estimation else None
+        coarse_k = estimate.temperature_resolution_k if estimate else 0.0
+        forecast_c = np.interp(elapsed_s, plan.time_s, plan.battery_temperature_c)
+        forecast_soc = np.interp(elapsed_s, plan.time_s, plan.soc)
+        state = measurement.state
+        return bool(abs(state.temperature_c - forecast_c) <= ON_TRACK_K + coarse_k
+                    and abs(state.soc - forecast_soc) <= ON_TRACK_SOC)
+
+
+def _charging_sentence(leg, now_ns):
+    """Return the sentence on the stop before a leg and the drive after it."""
+    end = 'to a fast charger' if leg.charging_planned else 'without fast charging at its end'
+    return (f'Charging until departure in {duration_text((leg.start_ns - now_ns) / NS_PER_S)}; '
+            f'then {duration_text(leg.route.total_duration_s)} of driving {end}.')

@@ -1,0 +1,163 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Plans from what is believed: the estimated state, the corrected model, a margin for the uncertainty,
+and the heater as it answers.
+"""
+
+from dataclasses import dataclass, replace
+import math
+from typing import Optional
+
+import numpy as np
+
+from bev_preheat.estimation.belief import prior_factor_covariance
+from bev_preheat.estimation.forecast import arrival_deviation_k
+from bev_preheat.estimation.hypotheses import Heater
+from bev_preheat.estimation.state import FACTORS, PROPULSION
+from bev_preheat.planning.caution import Caution
+from bev_preheat.planning.explanation import explain
+from bev_preheat.planning.plan import Plan
+from bev_preheat.planning.planner import plan_preheating
+from bev_preheat.planning.situation import BatteryState, reserve_soc
+from bev_preheat.planning.status import Status
+from bev_preheat.planning.trip import make_trip
+from bev_preheat.vehicle.corrections import corrected_vehicle, Corrections
+
+# The battery is to arrive warmer than the target by so many deviations of what cannot be made good
+# any more once heating has ended, at most by MOST_MARGIN_K.
+MARGIN_DEVIATIONS = 1.3
+MOST_MARGIN_K = 0.15
+# The last stretch of heating begins early by so many deviations of the temperature on arrival, at
+# most by MOST_LEAD_K: until it begins more will be learned.
+LEAD_DEVIATIONS = 2.0
+MOST_LEAD_K = 2.5
+# A pause that is shorter saves less than a switching is worth.
+LEAST_PAUSE_S = 300.0
+# The corrected vehicle is made anew where a factor has moved by more than this share of what is
+# uncertain of it in a car of which only the file is known.
+FACTOR_STEP = 0.05
+
+VEHICLE_DEVIATIONS = np.sqrt(np.diag(prior_factor_covariance()))[:PROPULSION - FACTORS.start]
+
+SENTENCES = {
+    Heater.DERATED: 'The heater gives only {share:.0f} % of what is commanded. ',
+    Heater.DEAD: 'The heater does not respond to its command. ',
+    Heater.STUCK_ON: 'The heater heats without a command. ',
+}
+# What `explain` says of a plan without heating, where the heater is the cause.
+UNHEATED = {
+    Heater.DEAD: {'too_cold_because': 'Driving alone does not warm the battery enough'},
+    Heater.STUCK_ON: {'too_cold_because': 'Its uncommanded heat is not enough',
+                      'unheated': 'no heating is commanded'},
+}
+
+
+@dataclass(frozen=True)
+class Outlook:
+    """
+    A Plan from an estimate; what is to be expected.
+
+    `commanded` is the plan that the command follows, where it is another one: a heater that does
+    not respond is still commanded. `command_share` is what the heater gives of its command,
+    `arrival_deviation_k` the standard deviation of the temperature on arrival [K]. `model_factors`
+    are those of the corrected car; () where a heater that does not obey is beyond them.
+    """
+
+    plan: Plan
+    arrival_deviation_k: float
+    commanded: Optional[Plan] = None
+    command_share: float = 1.0
+    model_factors: tuple = ()
+
+
+def seen_from_now(plan, vehicle, goal, starts_in_s, **words):
+    """
+    Return a Plan whose status and sentence hold now; its time 0 lies `starts_in_s` [s] ahead.
+
+    `words` are those of planning.explanation.explain.
+    """
+    status = plan.status
+    if status is Status.HEATING and starts_in_s > 0.0:
+        status = Status.WAITING
+    return replace(plan, status=status, explanation=explain(
+        status, plan, reserve_soc(vehicle, goal), starts_in_s, **words))
+
+
+class OutlookMaker:
+    """Makes Outlooks for one vehicle; keeps the corrected vehicle while it holds."""
+
+    def __init__(self, vehicle):
+        """Take the vehicle as its file describes it."""
+        self._vehicle = vehicle
+        self._factors, self._corrected = None, vehicle
+        self._deviation_k = None
+
+    def forget_deviation(self):
+        """Forget how sure the arrival was: the route has changed."""
+        self._deviation_k = None
+
+    def vehicle(self, estimate):
+        """Return the corrected vehicle of an Estimate; the same one while the factors stay."""
+        factors = estimate.mean[FACTORS][:PROPULSION - FACTORS.start]
+        if self._factors is None or (
+                np.abs(factors - self._factors) > FACTOR_STEP * VEHICLE_DEVIATIONS).any():
+            self._factors = factors.copy()
+            self._corrected = corrected_vehicle(
+                self._vehicle, Corrections(*np.exp(factors).tolist()))
+        return self._corrected
+
+    def make(self, estimate, route, goal, settings, is_heating, starts_in_s=0.0, heated_s=0.0):
+        """
+        Return the Outlook for a route from the estimate's instant on.
+
+        The sentences count from now; the route starts in `starts_in_s` [s], and the battery has been
+        heated for `heated_s` [s]. Raises what plan_preheating raises.
+        """
+        vehicle, heater = self.vehicle(estimate), estimate.heater
+        lowest_c, highest_c = vehicle.battery.temperature_range_c
+        state = BatteryState(min(max(estimate.temperature_c, lowest_c), highest_c), estimate.soc)
+        route = route.with_propulsion(estimate.propulsion_factor)
+        share = heater.share if heater.heater is Heater.DERATED else 1.0
+
+        def plan(**outlook):
+            return plan_preheating(
+                vehicle, route, state, goal, settings.method,
+                self._caution(estimate, settings, is_heating), **outlook)
+
+        wanted = plan(heater_share=share)
+        if self._deviation_k is None:
+            # The lead needs to know how sure the arrival is, and that needs a plan.
+            self._deviation_k = self._deviation(vehicle, route, share, wanted, estimate)
+            wanted = plan(heater_share=share)
+        expected, commanded = wanted, None
+        if heater.heater is Heater.DEAD:
+            expected, commanded = plan(heater_share=0.0), wanted
+        elif heater.heater is Heater.STUCK_ON:
+            expected = plan(heats_throughout=True)
+        self._deviation_k = self._deviation(vehicle, route, share, expected, estimate)
+        expected = seen_from_now(
+            expected, vehicle, goal, starts_in_s, heated_s=heated_s,
+            **UNHEATED.get(heater.heater, {}))
+        sentence = SENTENCES.get(heater.heater, '').format(share=100.0 * heater.share)
+        if expected.heating_end_s is not None:
+            sentence = (f'{sentence}{expected.explanation} Uncertainty '
+                        f'+-{self._deviation_k:.1f} K (1 sigma): heating starts early and stops once the '
+                        'target is certain.')
+        else:
+            sentence += expected.explanation
+        factors = () if heater.heater is not Heater.ANSWERS else (
+            *np.exp(self._factors).tolist(), estimate.propulsion_factor)
+        return Outlook(replace(expected, explanation=sentence), self._deviation_k, commanded,
+                       share, factors)
+
+    def _deviation(self, vehicle, route, share, plan, estimate):
+        return arrival_deviation_k(make_trip(vehicle, route, share), plan, estimate)
+
+    def _caution(self, estimate, settings, is_heating):
+        lead_k = 0.0 if self._deviation_k is None else LEAD_DEVIATIONS * self._deviation_k
+        return Caution(
+            margin_k=min(MARGIN_DEVIATIONS * estimate.temperature_deviation_k, MOST_MARGIN_K),
+            lead_k=min(lead_k, MOST_LEAD_K) if math.isfinite(lead_k) else MOST_LEAD_K,
+            is_heating=is_heating,
+            least_pause_s=max(settings.minimum_off_time_s, LEAST_PAUSE_S),
+            least_heating_s=settings.minimum_on_time_s)

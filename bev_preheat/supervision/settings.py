@@ -1,0 +1,77 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What an integrator may set; the one source of the defaults."""
+
+from dataclasses import dataclass, replace
+import math
+from typing import Optional
+
+from bev_preheat.planning.planner import DEFAULT_METHOD
+
+# Longer legs are planned in longer steps, so that a plan never keeps the next command waiting.
+MOST_PLANNED_STEPS = 360
+# What lies beyond the next stop is planned at once when a route comes: that must not take long.
+MOST_STOPS = 20
+
+
+@dataclass(frozen=True)
+class Settings:
+    """
+    Settings of the planner; times in seconds.
+
+    `battery_state_timeout_s`: an older battery state is stale. `clock_tolerance_s`: how far a stamp
+    may lie in the future. `command_period_s`: the command is repeated this often.
+    `lease_s`: a command is valid this long. `planning_step_s`: routes are planned in such steps.
+    `target_temperature_c` [deg C]: target where the route names none; None: the vehicle's default.
+    `arrival_soc_margin` (0 ... 1): is left on top of the state of charge that a route asks for.
+    `estimation`: plans start from the estimated state of the battery, with the corrected model and
+    a margin for what is uncertain; without it they start from what was measured.
+    `minimum_on_time_s`, `minimum_off_time_s`: the heater is not switched more often than that.
+    """
+
+    method: str = DEFAULT_METHOD
+    target_temperature_c: Optional[float] = None
+    battery_state_timeout_s: float = 5.0
+    clock_tolerance_s: float = 1.0
+    command_period_s: float = 1.0
+    lease_s: float = 2.5
+    planning_step_s: float = 30.0
+    arrival_soc_margin: float = 0.0
+    estimation: bool = True
+    minimum_on_time_s: float = 20.0
+    minimum_off_time_s: float = 120.0
+
+
+def defaults_of(vehicle, settings):
+    """Return a vehicle's Defaults, with the target of the settings where they have one."""
+    target_c = settings.target_temperature_c
+    return vehicle.defaults if target_c is None else replace(
+        vehicle.defaults, target_battery_temperature_c=target_c)
+
+
+# Parameters of the planner by name, and the settings that they are.
+PARAMETERS = {
+    'method': 'method',
+    'target_battery_temperature': 'target_temperature_c',
+    'battery_state_timeout': 'battery_state_timeout_s',
+    'clock_tolerance': 'clock_tolerance_s',
+    'command_period': 'command_period_s',
+    'command_lease': 'lease_s',
+    'planning_step': 'planning_step_s',
+    'arrival_soc_margin': 'arrival_soc_margin',
+    'estimation': 'estimation',
+    'minimum_on_time': 'minimum_on_time_s',
+    'minimum_off_time': 'minimum_off_time_s',
+}
+
+
+def settings_of(parameters):
+    """
+    Return the Settings of parameters by name; what is missing keeps its default.
+
+    A target of 0 or NaN is the vehicle's. Raises KeyError where a name is none of PARAMETERS.
+    """
+    values = {PARAMETERS[name]: value for name, value in parameters.items()}
+    target_c = values.get('target_temperature_c')
+    if target_c is not None and (target_c == 0.0 or math.isnan(target_c)):
+        values['target_temperature_c'] = None
+    return Settings(**values)

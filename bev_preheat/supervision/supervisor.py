@@ -1,0 +1,224 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+One step of the planner: what happened and the time in, outputs out.
+
+The node, the simulated drives and every replay call `Supervisor.step`, and nothing else changes what
+the planner does. Instants are integers, in nanoseconds of the node's clock.
+"""
+
+from dataclasses import dataclass
+from typing import Optional
+
+from bev_preheat.errors import InvalidInput, LONGEST_PROBLEM, shortened
+from bev_preheat.planning.status import Status
+from bev_preheat.supervision.command import Commander, find_obstacle
+from bev_preheat.supervision.decision import Command, Decision
+from bev_preheat.supervision.events import BatteryStateArrived, Reconfigured
+from bev_preheat.supervision.inbox import Inbox
+from bev_preheat.supervision.judgement import Judgement
+
+
+@dataclass(frozen=True)
+class Refusal:
+    """An input that was refused: its source and an InvalidInput."""
+
+    source: str
+    error: InvalidInput
+
+
+@dataclass(frozen=True)
+class Output:
+    """
+    What is to be published, None where nothing is.
+
+    `later_decisions` belong to `decision`, one for each later leg. `has_new_status`: the decision's
+    status is another one than that of the decision before. `refusals` are the Refusals of this
+    step's events. `failure` is the sentence of an exception that nobody foresaw, '' for none.
+    """
+
+    command: Optional[Command] = None
+    decision: Optional[Decision] = None
+    later_decisions: tuple = ()
+    has_new_status: bool = False
+    refusals: tuple = ()
+    failure: str = ''
+
+
+class Supervisor:
+    """
+    Inbox, judgement and command, joined in one step.
+
+    The properties show the state after the latest step; asking for them changes nothing.
+    """
+
+    def __init__(self, vehicle, settings, learned=None):
+        """
+        Start without input.
+
+        `learned` is (factors, covariance) of estimation.belief.Belief, None to start from the
+        vehicle file.
+        """
+        self._inbox = Inbox(vehicle, settings)
+        self._judgement = Judgement(vehicle, *learned or ())
+        self._commander = Commander()
+        self._decision = Decision(Status.NO_ROUTE, 'No route plan has arrived yet.')
+        self._latest_command = None
+        self._published_status = None
+
+    def step(self, now_ns, *events):
+        """
+        Yield the Outputs of an instant, the urgent ones first; take them all.
+
+        Each event (see `events`) is delivered and planned for. Without an event time passes: the
+        command is renewed, and a decision whose inputs have expired is dropped. An exception that
+        nobody foresaw switches the heater off.
+        """
+        try:
+            yield from self._react(now_ns, events) if events else self._let_time_pass(now_ns)
+        except Exception as error:  # noqa: B902  whatever it is, the heater must go off
+            yield self.fail(now_ns, f'{type(error).__name__}: {error}')
+
+    def _react(self, now_ns, events):
+        refusals = tuple(filter(None, (self._deliver(event, now_ns) for event in events)))
+        self._attend_to_changes(now_ns, events)
+        answer = None
+        has_state = any(isinstance(event, BatteryStateArrived) for event in events)
+        if has_state and not refusals and self._is_on_track(now_ns):
+            # The command at hand holds, so it does not wait for the next plan.
+            answer = self._command(now_ns)
+            yield Output(command=answer)
+        self._decide(now_ns)
+        command = self._command(now_ns)
+        yield Output(command=None if command == answer else command, refusals=refusals)
+        # Nor does the command wait for the plans of later legs.
+        yield self._publication()
+
+    def _let_time_pass(self, now_ns):
+        self._decision = find_obstacle(self._inbox, now_ns) or self._decision
+        yield Output(command=self._command(now_ns))
+        if self._decision.status is not self._published_status:
+            yield self._publication()
+
+    def fail(self, now_ns, what):
+        """Return the Output that switches the heater off after an exception, told in words."""
+        what = shortened(what, LONGEST_PROBLEM)
+        self._decision = Decision(Status.INTERNAL_ERROR, f'Planning failed: {what}')
+        return Output(command=self._off(now_ns, Status.INTERNAL_ERROR), failure=what)
+
+    def stop(self, now_ns):
+        """Return the Output that leaves the heater off when the process ends."""
+        return Output(command=self._off(now_ns, Status.SHUTTING_DOWN))
+
+    # The state after the latest step
+
+    @property
+    def vehicle(self):
+        """The Vehicle, as its file describes it."""
+        return self._inbox.vehicle
+
+    @property
+    def settings(self):
+        """The Settings."""
+        return self._inbox.settings
+
+    @property
+    def is_enabled(self):
+        """Whether preheating is switched on."""
+        return self._inbox.is_enabled
+
+    @property
+    def rivals(self):
+        """Names of other nodes that command the same heater; '' for none."""
+        return self._inbox.rivals
+
+    @property
+    def mission(self):
+        """The current Mission; None without a route."""
+        return self._inbox.mission
+
+    @property
+    def latest_mission(self):
+        """The Mission, or the one that was dropped because it does not fit the parameters."""
+        return self._inbox.latest_mission
+
+    @property
+    def measurement(self):
+        """The latest valid Measurement; None before the first."""
+        return self._inbox.measurement
+
+    @property
+    def refused_route(self):
+        """The sentence of the latest route plan's refusal; None after a valid one."""
+        return self._inbox.refused_route
+
+    @property
+    def estimate(self):
+        """The latest estimation.estimator.Estimate; None without one."""
+        return self._judgement.estimate if self.settings.estimation else None
+
+    @property
+    def decision(self):
+        """The current Decision."""
+        return self._decision
+
+    @property
+    def latest_command(self):
+        """The latest Command; None before the first."""
+        return self._latest_command
+
+    # Parts of a step
+
+    def _deliver(self, event, now_ns):
+        """Return the Refusal of an event; None if it is accepted."""
+        try:
+            event.deliver(self._inbox, now_ns)
+        except InvalidInput as error:
+            return Refusal(event.source, error)
+        return None
+
+    def _attend_to_changes(self, now_ns, events):
+        changes = self._inbox.take_changes()
+        for event in events:
+            if isinstance(event, Reconfigured) and (
+                    event.learned or event.vehicle is not self._judgement.vehicle):
+                self._judgement = Judgement(event.vehicle, *event.learned or ())
+        if changes.clock_restarted:
+            self._judgement.lose_time()
+        if changes.has_new_mission:
+            self._judgement.follow_new_mission()
+            self._commander.allow_switching()
+        if changes.has_new_trip:
+            self._commander.history.forget_heating(now_ns)
+        if self.settings.estimation:
+            self._judgement.learn(
+                changes.measurements, self._inbox.mission, self._commander.history)
+
+    def _is_on_track(self, now_ns):
+        return (find_obstacle(self._inbox, now_ns) is None
+                and self._judgement.is_on_track(self._inbox, self._decision))
+
+    def _decide(self, now_ns):
+        obstacle = find_obstacle(self._inbox, now_ns)
+        if obstacle is not None:
+            self._decision = obstacle
+            return
+        history = self._commander.history
+        self._decision = self._judgement.decide(
+            self._inbox, now_ns, self._commander.is_heating, history.heated_s(now_ns))
+        if self._decision.status in (Status.CHARGING, Status.ARRIVED):
+            history.forget_heating(now_ns)
+
+    def _command(self, now_ns):
+        self._latest_command = self._commander.give(now_ns, self._inbox, self._decision)
+        return self._latest_command
+
+    def _off(self, now_ns, reason):
+        self._latest_command = self._commander.off(now_ns, self.settings.lease_s, reason)
+        return self._latest_command
+
+    def _publication(self):
+        later_decisions = self._judgement.decide_later(self._inbox, self._decision)
+        status, before = self._decision.status, self._published_status
+        self._published_status = status
+        return Output(decision=self._decision, later_decisions=later_decisions,
+                      has_new_status=status is not before)

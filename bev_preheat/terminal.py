@@ -1,0 +1,146 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Consoles: results on standard output, or on standard error where JSON takes that; progress on stderr.
+
+Tables never cut a name: where the columns do not fit side by side, they are shown below each other.
+"""
+
+from rich.console import Console
+from rich.markup import escape
+from rich.progress import Progress
+from rich.table import Table
+from rich.text import Text
+
+from bev_preheat.program import discard_output, OutputFailed
+
+# Of a table, beside the text: a line and a blank on both sides of each column.
+FRAME_WIDTH, COLUMN_FRAME_WIDTH = 1, 3
+LEAST_COLUMN_WIDTH = 12
+
+
+class ResultConsole(Console):
+    """A console that goes on in silence when its reader has gone, as in `… | head -1`."""
+
+    reader_has_gone = False
+
+    def print(self, *things, **options):
+        """Print as rich does; raise OutputFailed where the output is full."""
+        try:
+            super().print(*things, **options)
+        except BrokenPipeError:
+            self._discard()
+        except OSError as error:
+            self._discard()
+            if not self.stderr:
+                raise OutputFailed(error) from error
+
+    def on_broken_pipe(self):
+        """Leave it to `print`: newer versions of rich would end the process here."""
+        raise
+
+    def _discard(self):
+        self.reader_has_gone = True
+        # What could not be written must not be tried again.
+        self.quiet = True
+        if not self.stderr:
+            discard_output()
+
+
+def result_console(json_path=None, **options):
+    """Return the console for tables and sentences; `json_path` '-' means that JSON has stdout."""
+    return ResultConsole(stderr=json_path == '-', highlight=False, **options)
+
+
+def progress_console():
+    """Return the console for what is of interest only while it lasts."""
+    return ResultConsole(stderr=True, highlight=False)
+
+
+def progress_bar(*columns):
+    """Return a rich Progress that is seen in terminals only, and leaves nothing behind."""
+    console = progress_console()
+    # Older versions of rich end with an empty line where nothing is shown.
+    console.quiet = not console.is_interactive
+    return Progress(*columns, console=console, transient=True, disable=console.quiet)
+
+
+def print_figures(console, title, headings, rows):
+    """
+    Print a table of figures: the first column says what they are, each other one is an item.
+
+    `headings` and each of `rows` are texts, a rich Text where it has a colour. Where the items do
+    not fit side by side, several tables follow each other.
+    """
+    columns = [[_text(cell) for cell in column] for column in zip(headings, *rows)]
+    label, *items = columns
+    room = console.width - FRAME_WIDTH - COLUMN_FRAME_WIDTH - _width(label)
+    while items:
+        count, left = 0, room
+        while count < len(items) and left >= _width(items[count]) + COLUMN_FRAME_WIDTH:
+            left -= _width(items[count]) + COLUMN_FRAME_WIDTH
+            count += 1
+        shown, items = items[:max(count, 1)], items[max(count, 1):]
+        kept = [number for number, cells in enumerate(zip(*shown))
+                if number == 0 or any(cell.plain for cell in cells)]
+        _print_table(console, title, [[column[number] for number in kept]
+                                      for column in (label, *shown)],
+                     ['left'] + ['right'] * len(shown))
+        title = None
+
+
+def print_records(console, title, headings, rows, justify=()):
+    """
+    Print a table of records, each a row of texts; below each other where the words do not fit.
+
+    `justify` has 'left' or 'right' for each column; 'left' if it is empty.
+    """
+    columns = [[_text(cell) for cell in column] for column in zip(headings, *rows)]
+    least = sum(_longest_word(column) + COLUMN_FRAME_WIDTH for column in columns) + FRAME_WIDTH
+    if least <= console.width:
+        _print_table(console, title, columns, justify or ['left'] * len(columns))
+        return
+    console.print(Text(title, style='bold'))
+    for row in zip(*(column[1:] for column in columns)):
+        first, *others = (
+            Text.assemble(heading, ': ' if heading.plain else '', cell)
+            for heading, cell in zip((column[0] for column in columns), row) if cell.plain)
+        console.print(first)
+        for line in others:
+            console.print(Text.assemble('  ', line))
+
+
+def _print_table(console, title, columns, justify):
+    """Print columns of Texts, the first of each its heading."""
+    table = Table(title=title and escape(title))
+    room = console.width - FRAME_WIDTH - COLUMN_FRAME_WIDTH * len(columns)
+    for column, side, width in zip(columns, justify, _widths(columns, room)):
+        table.add_column(column[0], justify=side, width=width, overflow='fold')
+    for row in zip(*(column[1:] for column in columns)):
+        table.add_row(*row)
+    console.print(table)
+
+
+def _widths(columns, room):
+    """Return the widths of columns: no more than `room` together, if no word has to break."""
+    widths, least = list(map(_width, columns)), list(map(_longest_word, columns))
+    while sum(widths) > room:
+        spare = [number for number, width in enumerate(widths) if width > least[number]]
+        if not spare:
+            # Only words that are longer than the terminal is wide, paths of files.
+            spare = [number for number, width in enumerate(widths) if width > LEAST_COLUMN_WIDTH]
+        if not spare:
+            break
+        widths[max(spare, key=widths.__getitem__)] -= 1
+    return widths
+
+
+def _text(cell):
+    return cell if isinstance(cell, Text) else Text(cell)
+
+
+def _width(column):
+    return max(cell.cell_len for cell in column)
+
+
+def _longest_word(column):
+    return max((Text(word).cell_len for cell in column for word in cell.plain.split()), default=0)

@@ -1,0 +1,92 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is usual for cells of a chemistry; the figures and their sources stand in chemistry.yaml."""
+
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+import yaml
+
+CHEMISTRIES = ('nmc', 'lfp')
+FIGURES = Path(__file__).with_name('chemistry.yaml')
+
+
+@dataclass(frozen=True)
+class Shares:
+    """Power as a share of the most, a product over state of charge and temperature."""
+
+    soc: tuple
+    soc_share: tuple
+    temperature_c: tuple
+    temperature_share: tuple
+    source: str
+
+
+@dataclass(frozen=True)
+class CellVoltage:
+    """Open-circuit voltage of a cell [V] over its state of charge."""
+
+    soc: tuple
+    voltage_v: tuple
+    source: str
+
+    def at(self, soc):
+        """Return the voltage [V]; shape follows the input."""
+        return np.interp(soc, self.soc, self.voltage_v)
+
+
+@dataclass(frozen=True)
+class CellResistance:
+    """
+    Internal resistance of a cell, times its capacity [ohm Ah].
+
+    `specific_resistance_ohm_ah` holds at 25 degC and half charge; the factors scale it.
+    """
+
+    specific_resistance_ohm_ah: float
+    source: str
+    temperature_c: tuple
+    temperature_factor: tuple
+    temperature_source: str
+    soc: tuple
+    soc_factor: tuple
+    soc_source: str
+
+    def soc_factor_at(self, soc):
+        """Return the factor at a state of charge of the cell; shape follows the input."""
+        return np.interp(soc, self.soc, self.soc_factor)
+
+
+@dataclass(frozen=True)
+class Chemistry:
+    """Figures of chemistry.yaml, with their units in the names."""
+
+    nominal_cell_voltage_v: float
+    nominal_cell_voltage_range_v: tuple
+    energy_density_wh_per_kg: float
+    energy_density_range_wh_per_kg: tuple
+    energy_density_source: str
+    usable_share: float
+    usable_share_source: str
+    cell_heat_capacity_j_per_kg_k: float
+    cell_heat_capacity_source: str
+    open_circuit_voltage: CellVoltage
+    resistance: CellResistance
+    charge_share: Shares
+    discharge_share: Shares
+
+
+@lru_cache(maxsize=None)
+def load_chemistry(name):
+    """Return the Chemistry of one of CHEMISTRIES."""
+    figures = dict(yaml.safe_load(FIGURES.read_text(encoding='utf-8'))[name])
+    for key, kind in (('open_circuit_voltage', CellVoltage), ('resistance', CellResistance),
+                      ('charge_share', Shares), ('discharge_share', Shares)):
+        figures[key] = kind(**_frozen(figures[key]))
+    return Chemistry(**_frozen(figures))
+
+
+def _frozen(figures):
+    return {key: tuple(value) if isinstance(value, list) else value
+            for key, value in figures.items()}

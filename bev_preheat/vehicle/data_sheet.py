@@ -1,0 +1,226 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+What a data sheet tells about a car, and whether it can be true.
+
+Typed units are the main risk, so each refusal says what was given, what is plausible, and, where a
+power of ten explains it, which unit was meant.
+"""
+
+from dataclasses import dataclass, fields
+from difflib import get_close_matches
+from typing import Optional
+
+from bev_preheat.errors import InvalidInput, quoted
+from bev_preheat.vehicle.chemistry import CHEMISTRIES, load_chemistry
+
+# A usable energy that is less than this share of the gross energy is another battery's.
+LEAST_USABLE_SHARE = 0.75
+# Charging power over gross energy [1/h]: the slowest and the fastest cars.
+CHARGING_RATE_RANGE_PER_H = (0.3, 6.0)
+# A battery is never more than this share of its car.
+MOST_BATTERY_SHARE = 0.55
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """One figure: its option, unit and plausible range; `confusions` are (factor, unit)."""
+
+    option: str
+    unit: str
+    plausible: tuple
+    confusions: tuple = ()
+
+    def problem_with(self, value):
+        """Return a sentence on what is wrong with a value, None if nothing is."""
+        low, high = self.plausible
+        if low <= value <= high:
+            return None
+        hint = ''
+        for factor, unit in self.confusions:
+            if low <= value * factor <= high:
+                hint = f'; {value:g} {unit} would be {value * factor:g} {self.unit}'.rstrip()
+                break
+        return (f'{self.option}: {value:g} {self.unit}'.rstrip()
+                + f' is implausible; it must be {low:g} ... {high:g} {self.unit}'.rstrip() + hint)
+
+
+QUANTITIES = {
+    'usable_energy_kwh': Quantity('--usable-energy-kwh', 'kWh', (5, 250), ((1e-3, 'Wh'),)),
+    'gross_energy_kwh': Quantity('--gross-energy-kwh', 'kWh', (5, 250), ((1e-3, 'Wh'),)),
+    'battery_mass_kg': Quantity('--battery-mass-kg', 'kg', (40, 1500),
+                                ((1e-3, 'g'), (1e3, 't'))),
+    'nominal_voltage_v': Quantity('--nominal-voltage-v', 'V', (100, 1000), ((1e3, 'kV'),)),
+    'cells_in_series': Quantity('--cells-in-series', '', (28, 300)),
+    'heater_power_kw': Quantity('--heater-power-kw', 'kW', (0.5, 30), ((1e-3, 'W'),)),
+    'charging_power_kw': Quantity('--charging-power-kw', 'kW', (10, 600), ((1e-3, 'W'),)),
+    'drive_power_kw': Quantity('--drive-power-kw', 'kW', (20, 1500), ((1e-3, 'W'),)),
+    'regeneration_power_kw': Quantity('--regeneration-power-kw', 'kW', (0, 1000),
+                                      ((1e-3, 'W'),)),
+    'cabin_heating_power_kw': Quantity('--cabin-heating-power-kw', 'kW', (0, 15),
+                                       ((1e-3, 'W'),)),
+    'auxiliary_power_kw': Quantity('--auxiliary-power-kw', 'kW', (0, 5), ((1e-3, 'W'),)),
+    'target_temperature_c': Quantity('--target-temperature-c', 'degC', (0, 45), ((1, 'K'),)),
+    'vehicle_mass_kg': Quantity('--vehicle-mass-kg', 'kg', (400, 5000), ((1e3, 't'),)),
+    'drag_coefficient': Quantity('--drag-coefficient', '', (0.15, 0.6)),
+    'frontal_area_m2': Quantity('--frontal-area-m2', 'm2', (1.2, 4.5)),
+    'rolling_resistance': Quantity('--rolling-resistance', '', (0.004, 0.03),
+                                   ((1e-2, '%'), (1e-3, 'kg/t'))),
+}
+ROAD_LOAD = ('vehicle_mass_kg', 'drag_coefficient', 'frontal_area_m2', 'rolling_resistance')
+
+
+@dataclass(frozen=True)
+class DataSheet:
+    """
+    Figures of a data sheet; None where it does not tell. The unit stands in each name.
+
+    Usable energy is what the driver gets between 100 and 0 %, gross energy that of all cells. At
+    least one of the two is needed, and nominal voltage or number of cells in series, and the
+    charging power (the most, at a fast charger); the rest can be assumed.
+    """
+
+    name: str
+    chemistry: str
+    charging_power_kw: float
+    usable_energy_kwh: Optional[float] = None
+    gross_energy_kwh: Optional[float] = None
+    battery_mass_kg: Optional[float] = None
+    nominal_voltage_v: Optional[float] = None
+    cells_in_series: Optional[int] = None
+    heater_power_kw: Optional[float] = None
+    drive_power_kw: Optional[float] = None
+    regeneration_power_kw: Optional[float] = None
+    cabin_heating_power_kw: Optional[float] = None
+    auxiliary_power_kw: Optional[float] = None
+    target_temperature_c: Optional[float] = None
+    vehicle_mass_kg: Optional[float] = None
+    drag_coefficient: Optional[float] = None
+    frontal_area_m2: Optional[float] = None
+    rolling_resistance: Optional[float] = None
+    # (name of a figure, where it comes from); a text that begins with "assumed" says that it is.
+    sources: tuple = ()
+
+    @property
+    def tells_road_load(self):
+        """Whether anything is told of mass, air and rolling resistance."""
+        return any(getattr(self, name) is not None for name in ROAD_LOAD)
+
+
+def check_data_sheet(sheet):
+    """
+    Raise InvalidInput, one sentence a problem, where a DataSheet cannot be that of a car.
+
+    Figures that follow from others are judged as they are said, rounded: nobody shall read that they
+    have 3.85 V a cell and that 3.5 ... 3.85 V are allowed.
+    """
+    problems = _problems_with_name(sheet.name)
+    if sheet.chemistry not in CHEMISTRIES:
+        raise InvalidInput([*problems, f'--chemistry: {sheet.chemistry!r} is not one of '
+                            f'{", ".join(CHEMISTRIES)}'])
+    problems += [*_missing(sheet), *_sources_of_nothing(sheet)]
+    for field in fields(sheet):
+        value = getattr(sheet, field.name)
+        if field.name in QUANTITIES and value is not None:
+            problem = QUANTITIES[field.name].problem_with(value)
+            problems += [problem] if problem else []
+    # Figures that are wrong by themselves would only be called inconsistent as well.
+    if not problems:
+        problems = [*_inconsistent_battery(sheet), *_inconsistent_powers(sheet),
+                    *_inconsistent_masses(sheet)]
+    if problems:
+        raise InvalidInput(problems)
+
+
+def _problems_with_name(name):
+    if 1 <= len(name) <= 100 and name.isprintable() and name.strip() == name:
+        return []
+    return [f'--name: {name[:60]!r} is not allowed; it must have 1 ... 100 printable characters and '
+            'no space at its ends']
+
+
+def _missing(sheet):
+    if sheet.usable_energy_kwh is None and sheet.gross_energy_kwh is None:
+        yield ('--usable-energy-kwh or --gross-energy-kwh is needed: what the driver can use, or what '
+               'all cells hold (both, if the data sheet has both)')
+    if sheet.nominal_voltage_v is None and sheet.cells_in_series is None:
+        yield '--nominal-voltage-v or --cells-in-series is needed'
+    if sheet.tells_road_load and sheet.vehicle_mass_kg is None:
+        yield ('--vehicle-mass-kg is needed where --drag-coefficient, --frontal-area-m2 or '
+               '--rolling-resistance is given')
+
+
+def _sources_of_nothing(sheet):
+    for name, text in sheet.sources:
+        option = f'--{name.replace("_", "-")}'
+        if name not in QUANTITIES:
+            near = get_close_matches(name, QUANTITIES, n=1)
+            hint = f'; did you mean {near[0].replace("_", "-")}?' if near else ''
+            yield f'--source: {quoted(name.replace("_", "-"))} is no figure{hint}'
+        elif getattr(sheet, name) is None:
+            yield f'--source: {option} is not given'
+        elif not text.strip():
+            yield f'--source: {option} has no text'
+
+
+def _inconsistent_battery(sheet):
+    usable_kwh, gross_kwh = sheet.usable_energy_kwh, sheet.gross_energy_kwh
+    if usable_kwh is not None and gross_kwh is not None:
+        if usable_kwh > gross_kwh:
+            yield (f'--usable-energy-kwh: {usable_kwh:g} kWh is more than --gross-energy-kwh '
+                   f'{gross_kwh:g} kWh; usable is the smaller one')
+        elif round(100 * usable_kwh / gross_kwh) < 100 * LEAST_USABLE_SHARE:
+            yield (f'--usable-energy-kwh: {usable_kwh:g} kWh is only '
+                   f'{100 * usable_kwh / gross_kwh:.0f} % of --gross-energy-kwh {gross_kwh:g} kWh; it '
+                   f'must be at least {100 * LEAST_USABLE_SHARE:.0f} %: do both belong to one '
+                   'battery?')
+    if sheet.nominal_voltage_v is not None and sheet.cells_in_series is not None:
+        low_v, high_v = load_chemistry(sheet.chemistry).nominal_cell_voltage_range_v
+        per_cell_v = round(sheet.nominal_voltage_v / sheet.cells_in_series, 2)
+        if not low_v <= per_cell_v <= high_v:
+            yield (f'--nominal-voltage-v: {sheet.nominal_voltage_v:g} V over '
+                   f'{sheet.cells_in_series} cells in series are {per_cell_v:.2f} V a cell; '
+                   f'{sheet.chemistry.upper()} cells have {low_v:g} ... {high_v:g} V, which is '
+                   f'{low_v * sheet.cells_in_series:.0f} ... '
+                   f'{high_v * sheet.cells_in_series:.0f} V. Cells in parallel do not count')
+
+
+def _inconsistent_powers(sheet):
+    energy_kwh, option = energy_of(sheet)
+    low, high = (round(rate * energy_kwh) for rate in CHARGING_RATE_RANGE_PER_H)
+    if not low <= sheet.charging_power_kw <= high:
+        yield (f'--charging-power-kw: {sheet.charging_power_kw:g} kW for {option} {energy_kwh:g} kWh '
+               f'is implausible; it must be {low} ... {high} kW: the most at a fast charger '
+               '(direct current), not at a wall box')
+    drive_kw, regeneration_kw = sheet.drive_power_kw, sheet.regeneration_power_kw
+    if drive_kw is not None and regeneration_kw is not None and regeneration_kw > drive_kw:
+        yield (f'--regeneration-power-kw: {regeneration_kw:g} kW is more than --drive-power-kw '
+               f'{drive_kw:g} kW')
+    heater_kw, cabin_kw = sheet.heater_power_kw, sheet.cabin_heating_power_kw
+    if heater_kw is not None and cabin_kw is not None and cabin_kw >= heater_kw:
+        yield (f'--cabin-heating-power-kw: {cabin_kw:g} kW leaves nothing of --heater-power-kw '
+               f'{heater_kw:g} kW for the battery; both draw from one heater')
+
+
+def _inconsistent_masses(sheet):
+    energy_kwh, option = energy_of(sheet)
+    mass_kg = sheet.battery_mass_kg
+    if mass_kg is not None:
+        low, high = load_chemistry(sheet.chemistry).energy_density_range_wh_per_kg
+        density = round(1000.0 * energy_kwh / mass_kg)
+        if not low <= density <= high:
+            yield (f'--battery-mass-kg: {option} {energy_kwh:g} kWh in {mass_kg:g} kg are '
+                   f'{density} Wh/kg; {sheet.chemistry.upper()} packs have {low:g} ... {high:g} '
+                   f'Wh/kg, which is {1000 * energy_kwh / high:.0f} ... '
+                   f'{1000 * energy_kwh / low:.0f} kg for the whole pack')
+    if mass_kg is not None and sheet.vehicle_mass_kg is not None:
+        least_kg = round(mass_kg / MOST_BATTERY_SHARE)
+        if sheet.vehicle_mass_kg < least_kg:
+            yield (f'--vehicle-mass-kg: {sheet.vehicle_mass_kg:g} kg with a battery of {mass_kg:g} kg '
+                   f'is implausible; it must be at least {least_kg} kg, battery included')
+
+
+def energy_of(sheet):
+    """Return (energy [kWh], option): the gross energy where it is told, else the usable one."""
+    if sheet.gross_energy_kwh is not None:
+        return sheet.gross_energy_kwh, '--gross-energy-kwh'
+    return sheet.usable_energy_kwh, '--usable-energy-kwh'

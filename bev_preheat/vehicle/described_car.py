@@ -1,0 +1,298 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+A car from its data sheet: each value of a vehicle file, with where it comes from.
+
+What the data sheet does not tell comes from `chemistry.yaml` or is assumed here, and marked so.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from bev_preheat.vehicle.chemistry import load_chemistry
+from bev_preheat.vehicle.data_sheet import check_data_sheet, energy_of
+
+WH_PER_KWH = 1000.0
+W_PER_KW = 1000.0
+
+# A pack is cells, housing, wiring and coolant; the rest is mostly aluminium.
+CELL_SHARE_OF_PACK_MASS = 0.7
+HOUSING_HEAT_CAPACITY_J_PER_KG_K = 900.0
+# A flat pack under the floor: 1.82 m x 1.45 m x 0.14 m at some 500 kg; its area grows with its mass.
+SURFACE_M2_PER_KG = 6.2 / 493.0
+LEAKAGE_AT_REST_W_PER_M2_K = 7.0
+LEAKAGE_PER_SPEED_W_PER_M2_K_PER_MPS = 0.11
+DRIVE_KW_PER_KWH = 2.0
+REGENERATION_SHARE = 0.6
+# The battery delivers this much more than the drivetrain takes; heater and auxiliaries are on top.
+DISCHARGE_RESERVE = 1.1
+HEATER_KW = 6.0
+MOST_CABIN_KW, CABIN_SHARE = 1.5, 0.3
+AUXILIARY_KW = 0.4
+TARGET_C = 25.0
+DRIVETRAIN_EFFICIENCY, HEAT_RECOVERY, HEATER_EFFICIENCY = 0.9, 0.5, 0.87
+FRONTAL_AREA_M2, DRAG_COEFFICIENT, ROLLING_RESISTANCE = 2.4, 0.29, 0.010
+# States of charge, as the car shows them, of the tables.
+VOLTAGE_SOC = (0.0, 0.02, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 1.0)
+RESISTANCE_SOC = (0.0, 0.05, 0.1, 0.2, 0.5, 1.0)
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A value of a vehicle file, where it comes from, and whether it is assumed."""
+
+    value: Any
+    note: str
+    assumed: bool = False
+
+
+@dataclass(frozen=True)
+class Pack:
+    """The battery in figures that follow from the data sheet."""
+
+    cells_in_series: int
+    gross_energy_kwh: float
+    mass_kg: float
+    # The window of the cells' state of charge that the car shows as 0 ... 1.
+    cell_soc: tuple
+    capacity_ah: float
+
+    @property
+    def cell_capacity_ah(self):
+        """Capacity of all cells in parallel [Ah], from empty to full."""
+        return self.capacity_ah / (self.cell_soc[1] - self.cell_soc[0])
+
+    def cell_soc_at(self, soc):
+        """State of charge of the cells at one that the car shows; shape follows the input."""
+        low, high = self.cell_soc
+        return low + (high - low) * np.asarray(soc)
+
+
+def describe_car(sheet):
+    """
+    Return the entries of a vehicle file by key, for a DataSheet.
+
+    Raises InvalidInput where the data sheet cannot be that of a car.
+    """
+    check_data_sheet(sheet)
+    return {**_battery(sheet), **_drivetrain(sheet), **_heater(sheet), **_road_load(sheet)}
+
+
+def _battery(sheet):
+    chemistry = load_chemistry(sheet.chemistry)
+    pack, notes = _pack(sheet, chemistry)
+    heat_capacity = (CELL_SHARE_OF_PACK_MASS * chemistry.cell_heat_capacity_j_per_kg_k
+                     + (1.0 - CELL_SHARE_OF_PACK_MASS) * HOUSING_HEAT_CAPACITY_J_PER_KG_K)
+    surface_m2 = SURFACE_M2_PER_KG * pack.mass_kg
+    return {
+        'battery.capacity_ah': Entry(
+            pack.capacity_ah, f'{notes["energy"]}, over the mean open-circuit voltage below',
+            assumed=sheet.usable_energy_kwh is None
+            or _is_guessed(sheet, 'usable_energy_kwh')),
+        'battery.cells_in_series': Entry(
+            pack.cells_in_series, notes['cells'],
+            assumed=_is_guessed(sheet, 'cells_in_series') or _is_guessed(sheet, 'nominal_voltage_v')),
+        'battery.heat_capacity_j_per_k': Entry(
+            round(heat_capacity * pack.mass_kg, -2),
+            f'assumed: {heat_capacity:.0f} J/(kg K) times {notes["mass"]}; cells '
+            f'{chemistry.cell_heat_capacity_j_per_kg_k:g} J/(kg K) (source: '
+            f'{chemistry.cell_heat_capacity_source}), {CELL_SHARE_OF_PACK_MASS:.0%} of the mass '
+            '(assumed), the rest like aluminium, 900 J/(kg K)', assumed=True),
+        'battery.open_circuit_voltage': Entry(
+            _voltage_table(pack, chemistry),
+            f'assumed: {pack.cells_in_series} times a typical {sheet.chemistry.upper()} cell, from '
+            f'{pack.cell_soc[0]:.1%} to {pack.cell_soc[1]:.1%} of its charge (buffers of equal size '
+            f'assumed). source: {chemistry.open_circuit_voltage.source}', assumed=True),
+        'battery.resistance': Entry(
+            _resistance_table(pack, chemistry),
+            f'assumed: {pack.cells_in_series} typical cells of {pack.cell_capacity_ah:.0f} Ah, '
+            f'{chemistry.resistance.specific_resistance_ohm_ah:g} ohm Ah each at 25 degC and half '
+            f'charge. source: {chemistry.resistance.source}. Over temperature, source: '
+            f'{chemistry.resistance.temperature_source}. Over the state of charge, source: '
+            f'{chemistry.resistance.soc_source}', assumed=True),
+        'battery.power_limits.discharge': Entry(
+            _power_table(pack, chemistry.discharge_share, W_PER_KW * _discharge_kw(sheet, pack)),
+            f'W, at most what drivetrain ({DISCHARGE_RESERVE:g} times its power), heater and '
+            f'auxiliaries can take together. {chemistry.discharge_share.source}', assumed=True),
+        'battery.power_limits.charge': Entry(
+            _power_table(pack, chemistry.charge_share, -W_PER_KW * sheet.charging_power_kw),
+            f'W, at most {sheet.charging_power_kw:g} kW ({_origin(sheet, "charging_power_kw")}). '
+            f'{chemistry.charge_share.source}',
+            assumed=True),
+        'battery.leakage': Entry(
+            {'gamma_0_w_per_k': round(LEAKAGE_AT_REST_W_PER_M2_K * surface_m2, 1),
+             'gamma_v_w_per_k_per_mps': round(
+                 LEAKAGE_PER_SPEED_W_PER_M2_K_PER_MPS * surface_m2, 3)},
+            f'assumed: {LEAKAGE_AT_REST_W_PER_M2_K:g} W/(m2 K) at rest and '
+            f'{LEAKAGE_PER_SPEED_W_PER_M2_K_PER_MPS:g} W/(m2 K) more for each m/s, as the car of the '
+            f'paper has, over {surface_m2:.1f} m2 (area in proportion to the mass: 6.2 m2 at 493 kg, '
+            'source: 182 cm x 145 cm x 14 cm, topauto.co.za, "The impressive batteries in VW '
+            'electric cars")', assumed=True),
+        'battery.soc_range': Entry([0.0, 1.0], 'what the car shows as 0 and 100 %'),
+        'battery.temperature_range_c': Entry(
+            [-40.0, 60.0], 'assumed: as the car of the paper, config/vehicles/reference.yaml',
+            assumed=True),
+    }
+
+
+def _pack(sheet, chemistry):
+    """Return (Pack, notes: where its energy, cells and mass come from)."""
+    usable_kwh, gross_kwh, notes = sheet.usable_energy_kwh, sheet.gross_energy_kwh, {}
+    share = f'{chemistry.usable_share:.0%} usable ({chemistry.usable_share_source})'
+    if usable_kwh is None:
+        usable_kwh = chemistry.usable_share * gross_kwh
+        notes['energy'] = (f'{usable_kwh:.1f} kWh usable: {gross_kwh:g} kWh gross '
+                           f'({_origin(sheet, "gross_energy_kwh")}), {share}')
+    elif gross_kwh is None:
+        gross_kwh = usable_kwh / chemistry.usable_share
+        notes['energy'] = (f'{usable_kwh:g} kWh usable ({_origin(sheet, "usable_energy_kwh")}; '
+                           f'{gross_kwh:.1f} kWh gross from {share})')
+    else:
+        notes['energy'] = (f'{usable_kwh:g} kWh usable ({_origin(sheet, "usable_energy_kwh")}), '
+                           f'{gross_kwh:g} kWh gross ({_origin(sheet, "gross_energy_kwh")})')
+    cells, notes['cells'] = sheet.cells_in_series, _origin(sheet, 'cells_in_series')
+    if cells is None:
+        cells = round(sheet.nominal_voltage_v / chemistry.nominal_cell_voltage_v)
+        notes['cells'] = (f'{sheet.nominal_voltage_v:g} V ({_origin(sheet, "nominal_voltage_v")}) at '
+                          f'{chemistry.nominal_cell_voltage_v:g} V a cell')
+    mass_kg = sheet.battery_mass_kg
+    if mass_kg is not None:
+        notes['mass'] = f'{mass_kg:g} kg ({_origin(sheet, "battery_mass_kg")})'
+    else:
+        mass_kg = WH_PER_KWH * gross_kwh / chemistry.energy_density_wh_per_kg
+        notes['mass'] = (f'{mass_kg:.0f} kg ({chemistry.energy_density_wh_per_kg:g} Wh/kg gross, '
+                         f'{chemistry.energy_density_source})')
+    buffer = 1.0 - usable_kwh / gross_kwh
+    pack = Pack(cells, gross_kwh, mass_kg, (0.5 * buffer, 1.0 - 0.5 * buffer), capacity_ah=0.0)
+    table = _voltage_table(pack, chemistry)
+    # Exactly the charge that has this energy, with the table as the file holds it.
+    mean_v = float(np.dot(np.add(table['values'][1:], table['values'][:-1]) / 2.0,
+                          np.diff(table['soc'])))
+    return Pack(cells, gross_kwh, mass_kg, pack.cell_soc,
+                round(WH_PER_KWH * usable_kwh / mean_v, 3)), notes
+
+
+def _voltage_table(pack, chemistry):
+    cell_v = chemistry.open_circuit_voltage.at(pack.cell_soc_at(VOLTAGE_SOC))
+    return {'soc': list(VOLTAGE_SOC),
+            'values': [round(float(pack.cells_in_series * value), 2) for value in cell_v]}
+
+
+def _resistance_table(pack, chemistry):
+    cell = chemistry.resistance
+    half_ohm = pack.cells_in_series * cell.specific_resistance_ohm_ah / pack.cell_capacity_ah
+    factors = cell.soc_factor_at(pack.cell_soc_at(RESISTANCE_SOC))
+    return {'soc': list(RESISTANCE_SOC), 'temperature_c': list(map(float, cell.temperature_c)),
+            'values': [[round(float(half_ohm * soc_factor * factor), 5)
+                        for factor in cell.temperature_factor] for soc_factor in factors]}
+
+
+def _power_table(pack, shares, most_w):
+    return {'soc': list(map(float, shares.soc)),
+            'temperature_c': list(map(float, shares.temperature_c)),
+            # + 0.0: no -0 in the file.
+            'values': [[round(most_w * soc_share * share) + 0 for share in shares.temperature_share]
+                       for soc_share in shares.soc_share]}
+
+
+def _drive_kw(sheet):
+    """Return (power of the drivetrain [kW], note)."""
+    if sheet.drive_power_kw is not None:
+        return sheet.drive_power_kw, _origin(sheet, 'drive_power_kw')
+    energy_kwh, _ = energy_of(sheet)
+    # No car brakes with more than it drives with.
+    return (max(round(DRIVE_KW_PER_KWH * energy_kwh), sheet.regeneration_power_kw or 0.0),
+            f'assumed: {DRIVE_KW_PER_KWH:g} kW for each kWh of the battery')
+
+
+def _discharge_kw(sheet, pack):
+    heater_kw = HEATER_KW if sheet.heater_power_kw is None else sheet.heater_power_kw
+    auxiliary_kw = AUXILIARY_KW if sheet.auxiliary_power_kw is None else sheet.auxiliary_power_kw
+    return DISCHARGE_RESERVE * _drive_kw(sheet)[0] + heater_kw + auxiliary_kw
+
+
+def _drivetrain(sheet):
+    drive_kw, note = _drive_kw(sheet)
+    regeneration_kw = sheet.regeneration_power_kw
+    regeneration_note = _origin(sheet, 'regeneration_power_kw')
+    if regeneration_kw is None:
+        regeneration_kw = round(REGENERATION_SHARE * drive_kw)
+        regeneration_note = f'assumed: {REGENERATION_SHARE:.0%} of the power for driving'
+    return {
+        'drivetrain.efficiency': Entry(
+            DRIVETRAIN_EFFICIENCY, 'assumed: as in Table I of the paper (docs/paper.md)',
+            assumed=True),
+        'drivetrain.heat_recovery_efficiency': Entry(
+            HEAT_RECOVERY, 'assumed: half of the losses reach the battery; 0 where the coolant of '
+            'motor and inverter does not get to the battery, 0.8 in the paper', assumed=True),
+        'drivetrain.maximum_power_w': Entry(
+            W_PER_KW * drive_kw, note,
+            assumed=sheet.drive_power_kw is None or _is_guessed(sheet, 'drive_power_kw')),
+        'drivetrain.maximum_regeneration_power_w': Entry(
+            W_PER_KW * regeneration_kw, regeneration_note,
+            assumed=sheet.regeneration_power_kw is None
+            or _is_guessed(sheet, 'regeneration_power_kw')),
+    }
+
+
+def _heater(sheet):
+    heater_kw = HEATER_KW if sheet.heater_power_kw is None else sheet.heater_power_kw
+    cabin_kw = min(MOST_CABIN_KW, round(CABIN_SHARE * heater_kw, 2))
+    return {
+        'hvch.maximum_power_w': _given_or_assumed(
+            sheet, 'heater_power_kw', HEATER_KW,
+            'coolant heaters have 3 ... 10 kW (source: BorgWarner, '
+            'OEM & Lieferant 2/2018, p. 115)', W_PER_KW),
+        'hvch.efficiency': Entry(
+            HEATER_EFFICIENCY, 'assumed: as in Table I of the paper (docs/paper.md)', assumed=True),
+        'defaults.cabin_heating_power_w': _given_or_assumed(
+            sheet, 'cabin_heating_power_kw', cabin_kw, 'a cold day, cabin already warm', W_PER_KW),
+        'defaults.auxiliary_power_w': _given_or_assumed(
+            sheet, 'auxiliary_power_kw', AUXILIARY_KW, 'lights, pumps, computers', W_PER_KW),
+        # A wish, nothing to measure.
+        'defaults.target_battery_temperature_c': Entry(
+            TARGET_C if sheet.target_temperature_c is None else sheet.target_temperature_c,
+            _origin(sheet, 'target_temperature_c')
+            if sheet.target_temperature_c is not None else
+            'chosen: from here on the charging power above is at its most'),
+    }
+
+
+def _road_load(sheet):
+    if not sheet.tells_road_load:
+        return {}
+    return {
+        'road_load.mass_kg': Entry(
+            sheet.vehicle_mass_kg, _origin(sheet, 'vehicle_mass_kg'),
+            assumed=_is_guessed(sheet, 'vehicle_mass_kg')),
+        'road_load.frontal_area_m2': _given_or_assumed(
+            sheet, 'frontal_area_m2', FRONTAL_AREA_M2, 'a car of middle size; 0.85 times width times '
+            'height is a good estimate'),
+        'road_load.drag_coefficient': _given_or_assumed(
+            sheet, 'drag_coefficient', DRAG_COEFFICIENT, 'usual for an electric car'),
+        'road_load.rolling_resistance': _given_or_assumed(
+            sheet, 'rolling_resistance', ROLLING_RESISTANCE, 'usual for a car tyre on asphalt'),
+    }
+
+
+def _origin(sheet, name):
+    """Return where a figure that is given comes from, as text."""
+    text = dict(sheet.sources).get(name, 'given')
+    return text if text == 'given' or _is_guessed(sheet, name) else f'source: {text}'
+
+
+def _is_guessed(sheet, name):
+    return dict(sheet.sources).get(name, '').startswith('assumed')
+
+
+def _given_or_assumed(sheet, name, otherwise, why, scale=1.0):
+    given = getattr(sheet, name)
+    if given is not None:
+        return Entry(_plain(scale * given), _origin(sheet, name), _is_guessed(sheet, name))
+    return Entry(_plain(scale * otherwise), f'assumed: {why}', assumed=True)
+
+
+def _plain(value):
+    """A product of decimal figures without the rounding of its last binary digit."""
+    return float(f'{value:.10g}')

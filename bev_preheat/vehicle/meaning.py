@@ -1,0 +1,268 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a vehicle file means: figures that a person can compare with a car, and what is unusual."""
+
+from dataclasses import asdict, dataclass
+import math
+
+import numpy as np
+
+from bev_preheat.arithmetic import ARRAYS, FLOATS
+
+WH_PER_KWH = 1000.0
+W_PER_KW = 1000.0
+JOULES_PER_KJ = 1000.0
+KMH_100_MPS = 100.0 / 3.6
+TEN_MINUTES_S = 600.0
+SECONDS_PER_H = 3600.0
+HALF = 0.5
+COLD_C, WARM_C = -20.0, 25.0
+RESISTANCE_TEMPERATURES_C = (COLD_C, 0.0, WARM_C)
+CHARGING_TEMPERATURES_C = (-10.0, 0.0, 10.0, 25.0)
+CHARGING_SOCS = (0.2, 0.5)
+VOLTAGE_SOCS = (0.0, 0.1, 0.2, 0.5, 0.8, 0.9, 1.0)
+# The situation in which heating is shown: a cold battery on a cold day.
+HEATED_FROM_C, AMBIENT_C = 0.0, -10.0
+
+# What is usual for an electric car (low, high).
+ENERGY_KWH = (10.0, 200.0)
+CELL_VOLTAGE_V = (2.5, 4.3)
+HEAT_CAPACITY_KJ_PER_K_KWH = (3.0, 13.0)
+TIME_CONSTANT_H = (0.5, 40.0)
+HEATING_K_PER_10_MIN = (1.0, 40.0)
+# Voltage drop at the current that empties the battery in one hour, as a share of the voltage.
+ONE_HOUR_DROP = (0.005, 0.10)
+COLD_RESISTANCE_RATIO = (1.3, 15.0)
+CHARGING_PER_H = (0.3, 6.0)
+# At -10 degC a battery takes and delivers clearly less than at 25 degC.
+MOST_COLD_CHARGING_SHARE = 0.5
+LEAST_DISCHARGE_SHARE = 0.8
+FAST_LEAKAGE_RATIO = 8.0
+
+
+@dataclass(frozen=True)
+class Meaning:
+    """
+    Figures of one car; resistance at half charge, heating from 0 degC at -10 degC outside.
+
+    `resistance_ohm` is by temperature [degC], `charging_power_kw` by temperature, then by state of
+    charge; `discharging_power_kw` at half charge by temperature, `open_circuit_voltage_v` at 25 degC by
+    state of charge. `heating_…` are K in the first 10 min: all of the heater's power, at rest and at
+    100 km/h, and what the vehicle's default for the cabin leaves.
+    """
+
+    name: str
+    energy_kwh: float
+    nominal_voltage_v: float
+    cells_in_series: int
+    capacity_ah: float
+    heat_capacity_kj_per_k: float
+    heat_capacity_kj_per_k_kwh: float
+    resistance_ohm: dict
+    one_hour_drop: float
+    time_constant_h: float
+    time_constant_at_100_kmh_h: float
+    heater_power_kw: float
+    heating_at_rest_k_per_10_min: float
+    heating_at_100_kmh_k_per_10_min: float
+    heating_beside_cabin_k_per_10_min: float
+    charging_power_kw: dict
+    most_charging_power_kw: float
+    discharging_power_kw: dict
+    open_circuit_voltage_v: dict
+    assumed: tuple
+    warnings: tuple
+
+    def as_dictionary(self):
+        """Return the figures as JSON holds them: texts as keys, lists."""
+        values = asdict(self)
+        for name in ('resistance_ohm', 'discharging_power_kw', 'open_circuit_voltage_v'):
+            values[name] = _text_keys(values[name])
+        values['charging_power_kw'] = {
+            key: _text_keys(row) for key, row in _text_keys(self.charging_power_kw).items()}
+        return {**values, 'assumed': list(self.assumed), 'warnings': list(self.warnings)}
+
+
+def meaning_of(vehicle):
+    """Return the Meaning of a Vehicle."""
+    battery, heater = vehicle.battery, vehicle.hvch
+    energy_kwh = energy_between_kwh(vehicle, *battery.soc_range)
+    # Volt as watt-hours an ampere-hour, over the range in use.
+    nominal_v = WH_PER_KWH * energy_kwh / (
+        battery.capacity_ah * (battery.soc_range[1] - battery.soc_range[0]))
+    resistance = battery.resistance.function(FLOATS)
+    # A formula need not hold outside of the range of the file.
+    low_c, high_c = battery.temperature_range_c
+    warm_c = min(max(WARM_C, low_c), high_c)
+    charging = battery.charge_power_limit.function(FLOATS)
+    discharging = battery.discharge_power_limit.function(FLOATS)
+    leakage = battery.leakage
+    all_w, left_w = heater.maximum_power_w, max(
+        heater.maximum_power_w - vehicle.defaults.cabin_heating_power_w, 0.0)
+    heat_capacity_kj = battery.heat_capacity_j_per_k / JOULES_PER_KJ
+    figures = {
+        'name': vehicle.name,
+        'energy_kwh': energy_kwh,
+        'nominal_voltage_v': nominal_v,
+        'cells_in_series': battery.cells_in_series,
+        'capacity_ah': battery.capacity_ah,
+        'heat_capacity_kj_per_k': heat_capacity_kj,
+        'heat_capacity_kj_per_k_kwh': heat_capacity_kj / energy_kwh,
+        'resistance_ohm': {at_c: resistance(HALF, at_c) for at_c in RESISTANCE_TEMPERATURES_C
+                           if low_c <= at_c <= high_c},
+        'one_hour_drop': resistance(HALF, warm_c) * battery.capacity_ah / nominal_v,
+        'time_constant_h': _time_constant_h(battery, 0.0),
+        'time_constant_at_100_kmh_h': _time_constant_h(battery, KMH_100_MPS),
+        'heater_power_kw': all_w / W_PER_KW,
+        'heating_at_rest_k_per_10_min': warmed_by_k(
+            vehicle, all_w, leakage.coefficient_w_per_k(0.0)),
+        'heating_at_100_kmh_k_per_10_min': warmed_by_k(
+            vehicle, all_w, leakage.coefficient_w_per_k(KMH_100_MPS)),
+        'heating_beside_cabin_k_per_10_min': warmed_by_k(
+            vehicle, left_w, leakage.coefficient_w_per_k(KMH_100_MPS)),
+        'charging_power_kw': {
+            at_c: {soc: abs(charging(soc, at_c)) / W_PER_KW for soc in CHARGING_SOCS}
+            for at_c in CHARGING_TEMPERATURES_C},
+        'most_charging_power_kw': _most_charging_kw(battery),
+        'discharging_power_kw': {
+            at_c: discharging(HALF, at_c) / W_PER_KW for at_c in CHARGING_TEMPERATURES_C},
+        'open_circuit_voltage_v': {
+            soc: battery.open_circuit_voltage.function(FLOATS)(soc, warm_c)
+            for soc in VOLTAGE_SOCS},
+        'assumed': vehicle.assumed,
+    }
+    return Meaning(**figures, warnings=tuple(_unusual(vehicle, figures)))
+
+
+def energy_between_kwh(vehicle, low_soc, high_soc, temperature_c=25.0):
+    """Energy of the open-circuit voltage [kWh] between two states of charge: integral of U dQ."""
+    battery = vehicle.battery
+    # Midpoints of a fine grid: exact to a hundred-thousandth for tables and formulas alike.
+    edges = np.linspace(low_soc, high_soc, 4001)
+    middles = 0.5 * (edges[1:] + edges[:-1])
+    voltage_v = battery.open_circuit_voltage.function(ARRAYS)(
+        middles, np.full_like(middles, temperature_c)) + np.zeros_like(middles)
+    return float(voltage_v.mean() * battery.capacity_ah * (high_soc - low_soc) / WH_PER_KWH)
+
+
+def warmed_by_k(vehicle, heater_w, leakage_w_per_k, from_c=HEATED_FROM_C, ambient_c=AMBIENT_C,
+                duration_s=TEN_MINUTES_S):
+    """
+    Return by how many K the battery warms with constant heater power [W] and leakage [W/K].
+
+    Eq. (3) without Joule and drivetrain heat, in closed form: an approach to the temperature at
+    which the leakage takes all the heat.
+    """
+    capacity = vehicle.battery.heat_capacity_j_per_k
+    heat_w = vehicle.hvch.efficiency * heater_w
+    initial_w = heat_w - leakage_w_per_k * (from_c - ambient_c)
+    if leakage_w_per_k == 0.0:
+        return initial_w * duration_s / capacity
+    return initial_w / leakage_w_per_k * -math.expm1(-leakage_w_per_k * duration_s / capacity)
+
+
+def _time_constant_h(battery, speed_mps):
+    """Thermal time constant [h]; infinite without leakage."""
+    leakage = battery.leakage.coefficient_w_per_k(speed_mps)
+    return math.inf if leakage == 0.0 else (
+        battery.heat_capacity_j_per_k / leakage / SECONDS_PER_H)
+
+
+def _most_charging_kw(battery):
+    soc, temperature_c = _grid(battery)
+    return float(-battery.charge_power_limit.function(ARRAYS)(soc, temperature_c).min()) / W_PER_KW
+
+
+def _grid(battery):
+    """Return states of charge and temperatures over the whole range, shape (n, m) each."""
+    return np.meshgrid(np.linspace(*battery.soc_range, 41),
+                       np.linspace(*battery.temperature_range_c, 41), indexing='ij')
+
+
+def _unusual(vehicle, figures):
+    """Sentences on what no usual car has, each with its figure."""
+    battery, energy_kwh = vehicle.battery, figures['energy_kwh']
+    yield from _outside('energy', energy_kwh, 'kWh', ENERGY_KWH,
+                        'capacity_ah times the open-circuit voltage')
+    yield from _cell_voltages(battery)
+    yield from _outside('heat capacity', figures['heat_capacity_kj_per_k_kwh'], 'kJ/K for each kWh',
+                        HEAT_CAPACITY_KJ_PER_K_KWH, 'some 1 kJ/(kg K) times the mass of the pack')
+    yield from _outside('voltage drop at the one-hour current', 100.0 * figures['one_hour_drop'],
+                        '% at 25 degC', tuple(100.0 * share for share in ONE_HOUR_DROP),
+                        'resistance in ohm, of the whole pack')
+    yield from _resistance_over_temperature(battery, figures)
+    yield from _outside('thermal time constant at rest', figures['time_constant_h'], 'h',
+                        TIME_CONSTANT_H, 'heat capacity over leakage')
+    at_rest, fast = (battery.leakage.coefficient_w_per_k(speed) for speed in (0.0, KMH_100_MPS))
+    if fast > FAST_LEAKAGE_RATIO * at_rest:
+        yield (f'leakage: {fast:.0f} W/K at 100 km/h are more than {FAST_LEAKAGE_RATIO:g} times '
+               f'the {at_rest:.0f} W/K at rest; is gamma_v_w_per_k_per_mps per km/h?')
+    if vehicle.hvch.maximum_power_w > 0.0:
+        yield from _outside('heating', figures['heating_at_rest_k_per_10_min'],
+                            'K in 10 min with all of the heater', HEATING_K_PER_10_MIN,
+                            'heater power in W over heat capacity')
+    yield from _charging(figures)
+    yield from _discharging(vehicle)
+
+
+def _outside(what, value, unit, usual, hint):
+    low, high = usual
+    if not low <= value <= high:
+        yield f'{what}: {value:.3g} {unit}; usual are {low:g} ... {high:g} ({hint})'
+
+
+def _cell_voltages(battery):
+    if battery.cells_in_series is None:
+        return
+    low, high = CELL_VOLTAGE_V
+    for soc in battery.soc_range:
+        cell_v = (battery.open_circuit_voltage.function(FLOATS)(soc, 25.0)
+                  / battery.cells_in_series)
+        if not low <= cell_v <= high:
+            yield (f'open-circuit voltage: {cell_v:.2f} V a cell at soc {soc:g} with '
+                   f'{battery.cells_in_series} cells in series; usual are {low:g} ... {high:g} V')
+
+
+def _resistance_over_temperature(battery, figures):
+    temperatures_c = np.linspace(max(-30.0, battery.temperature_range_c[0]),
+                                 min(40.0, battery.temperature_range_c[1]), 71)
+    resistances = battery.resistance.function(ARRAYS)(
+        np.full_like(temperatures_c, HALF), temperatures_c) + np.zeros_like(temperatures_c)
+    rising = np.diff(resistances) > 1e-9 * resistances[:-1]
+    if rising.any():
+        at = int(np.argmax(rising))
+        yield (f'resistance: rises from {resistances[at]:.3g} ohm at {temperatures_c[at]:.0f} degC '
+               f'to {resistances[at + 1]:.3g} ohm at {temperatures_c[at + 1]:.0f} degC; that of '
+               'batteries falls as they get warmer')
+        return
+    by_temperature = figures['resistance_ohm']
+    if COLD_C in by_temperature and WARM_C in by_temperature:
+        yield from _outside('resistance at -20 degC',
+                            by_temperature[COLD_C] / by_temperature[WARM_C],
+                            'times that at 25 degC', COLD_RESISTANCE_RATIO,
+                            'cold batteries have several times as much')
+
+
+def _charging(figures):
+    most_kw, energy_kwh = figures['most_charging_power_kw'], figures['energy_kwh']
+    yield from _outside('charge limit', most_kw / energy_kwh,
+                        f'kW for each kWh (at most {most_kw:.0f} kW)', CHARGING_PER_H,
+                        'power in W, negative')
+    charging = figures['charging_power_kw']
+    for soc in CHARGING_SOCS:
+        cold_kw, warm_kw = charging[-10.0][soc], charging[25.0][soc]
+        if cold_kw > MOST_COLD_CHARGING_SHARE * warm_kw:
+            yield (f'charge limit: {cold_kw:.0f} kW at -10 degC and soc {soc:g} against '
+                   f'{warm_kw:.0f} kW at 25 degC; cold batteries usually take less than '
+                   f'{100 * MOST_COLD_CHARGING_SHARE:.0f} %, and preheating would gain little')
+
+
+def _discharging(vehicle):
+    limit_w = vehicle.battery.discharge_power_limit.function(FLOATS)(0.8, 25.0)
+    if limit_w < LEAST_DISCHARGE_SHARE * vehicle.drivetrain.maximum_power_w:
+        yield (f'discharge limit: {limit_w / W_PER_KW:.0f} kW at 25 degC and soc 0.8 for a '
+               f'drivetrain of {vehicle.drivetrain.maximum_power_w / W_PER_KW:.0f} kW; a warm '
+               'battery usually delivers what the drivetrain takes')
+
+
+def _text_keys(values):
+    return {f'{key:g}': value for key, value in values.items()}

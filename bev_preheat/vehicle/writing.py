@@ -1,0 +1,94 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The text of a vehicle file with a comment at each value."""
+
+import json
+from pathlib import Path
+import string
+import textwrap
+
+WIDTH = 100
+TEMPLATE = Path(__file__).with_name('vehicle_template.yaml')
+ROAD_LOAD_TEMPLATE = Path(__file__).with_name('road_load_template.yaml')
+NO_ROAD_LOAD = ('# road_load: {mass_kg, frontal_area_m2, drag_coefficient, rolling_resistance} would '
+                'let\n# this car drive routes that are given as legs of road.\n')
+NOTE = 'note:'
+TABLE_INDENTS = {'battery.open_circuit_voltage': 6, 'battery.resistance': 6,
+                 'battery.power_limits.discharge': 6, 'battery.power_limits.charge': 6}
+
+
+class _Template(string.Template):
+    """A template whose placeholders are keys of the file, such as ${hvch.efficiency}."""
+
+    braceidpattern = f'(?:{NOTE})?[a-z_][a-z0-9_.]*'
+
+
+def vehicle_text(name, entries, command):
+    """
+    Return a vehicle file as text.
+
+    `entries` are those of `described_car.describe_car`, `command` is what made them.
+    """
+    values = {'name': _one_line(name), 'command': _comment(command, 0, '#     '),
+              'quoted_name': json.dumps(name, ensure_ascii=False),
+              'assumed': ''.join(f'  - {key}\n' for key in assumed_keys(entries)).rstrip('\n')}
+    for key, entry in entries.items():
+        values[key] = _value_text(key, entry.value)
+        values[f'{NOTE}{key}'] = _comment(entry.note, 2 * key.count('.'))
+    has_road_load = any(key.startswith('road_load.') for key in entries)
+    values['road_load'] = (_filled(ROAD_LOAD_TEMPLATE, values) if has_road_load
+                           else NO_ROAD_LOAD).rstrip('\n')
+    return _filled(TEMPLATE, values)
+
+
+def assumed_keys(entries):
+    """Return the keys of the values that are assumed; two of one table are its parent."""
+    limits = ('battery.power_limits.discharge', 'battery.power_limits.charge')
+    keys = [key for key, entry in entries.items() if entry.assumed]
+    if all(limit in keys for limit in limits):
+        keys[keys.index(limits[0])] = 'battery.power_limits'
+        keys.remove(limits[1])
+    return keys
+
+
+def _filled(template, values):
+    return _Template(template.read_text(encoding='utf-8')).substitute(values)
+
+
+def _value_text(key, value):
+    if key in TABLE_INDENTS:
+        return _table_text(value, ' ' * TABLE_INDENTS[key])
+    if isinstance(value, dict):
+        return '{' + ', '.join(f'{name}: {_number(item)}' for name, item in value.items()) + '}'
+    if isinstance(value, list):
+        return _row(value)
+    return _number(value)
+
+
+def _table_text(table, indent):
+    lines = []
+    for key, value in table.items():
+        if isinstance(value[0], list):
+            lines += [f'{indent}{key}:', *(f'{indent}  - {_row(row)}' for row in value)]
+        else:
+            lines += textwrap.wrap(f'{key}: {_row(value)}', WIDTH, initial_indent=indent,
+                                   subsequent_indent=indent + '  ')
+    return '\n'.join(lines)
+
+
+def _row(values):
+    return f'[{", ".join(map(_number, values))}]'
+
+
+def _number(value):
+    return f'{value:.10g}'
+
+
+def _comment(text, indent, mark='# '):
+    lead = f'{" " * indent}{mark}'
+    return '\n'.join(textwrap.wrap(_one_line(text), WIDTH, initial_indent=lead,
+                                   subsequent_indent=lead, break_on_hyphens=False, break_long_words=False))
+
+
+def _one_line(text):
+    """Text as it may stand in a comment, whatever was typed."""
+    return ''.join(letter if letter.isprintable() else ' ' for letter in text)

@@ -1,0 +1,17 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The version of the package; package.xml says it, setup.py and `preheat --version` read it there."""
+
+from pathlib import Path
+from xml.etree import ElementTree
+
+from ament_index_python.packages import get_package_share_directory
+
+MANIFEST = 'package.xml'
+
+
+def version():
+    """Return the version of the sources that run, or of the installed package, as a text."""
+    manifest = Path(__file__).resolve().parent.parent / MANIFEST
+    if not manifest.is_file():
+        manifest = Path(get_package_share_directory('bev_preheat')) / MANIFEST
+    return ElementTree.parse(manifest).findtext('version').strip()

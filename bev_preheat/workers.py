@@ -1,0 +1,80 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Worker processes that never outlive the work they were started for."""
+
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+import multiprocessing
+from multiprocessing import resource_tracker
+import os
+import signal
+import threading
+
+from bev_preheat.program import WorkerLost
+
+
+class Workers:
+    """
+    A pool of processes, one for each core if `jobs` is None; a context manager.
+
+    Leaving the block kills them, whatever they are doing. They do not hear SIGINT: Ctrl-C is for the
+    process that started them, which then leaves the block. They end, too, when that process dies.
+    """
+
+    def __init__(self, jobs, prepare, arguments):
+        """Start nothing yet; each process calls `prepare(*arguments)` before its first task."""
+        self.jobs = jobs or os.cpu_count()
+        # A fork would take the solver's threads and the terminal's state along.
+        self._pool = ProcessPoolExecutor(
+            self.jobs, mp_context=multiprocessing.get_context('spawn'), initializer=_begin,
+            initargs=(prepare, arguments))
+        self._others = ()
+
+    def __enter__(self):
+        """Return the pool."""
+        self._others = set(multiprocessing.active_children())
+        return self
+
+    def __exit__(self, *exception):
+        """Kill the processes."""
+        for process in set(multiprocessing.active_children()) - self._others:
+            process.kill()
+        self._pool.shutdown(wait=False, cancel_futures=True)
+
+    def submit(self, function, *arguments):
+        """Return the Future of a task, to be asked by `result`; may start a process."""
+        with _interrupts_held():
+            try:
+                return self._pool.submit(function, *arguments)
+            except BrokenProcessPool:
+                raise WorkerLost from None
+
+    @staticmethod
+    def result(future):
+        """Return the result of a task, when it is done; raises WorkerLost where a process died."""
+        try:
+            return future.result()
+        except BrokenProcessPool:
+            raise WorkerLost from None
+
+
+@contextmanager
+def _interrupts_held():
+    """Hold SIGINT back while the block lasts; what is started meanwhile never hears it."""
+    # It lifts the mask when it starts, which it otherwise does together with the first process.
+    resource_tracker.ensure_running()
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT,))
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _begin(prepare, arguments):
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    prepare(*arguments)
+
+
+def _end_with_parent():
+    multiprocessing.parent_process().join()
+    os._exit(1)

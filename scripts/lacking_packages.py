@@ -1,0 +1,69 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Prints what this Python lacks, for pip: requirements, or with --constraints what must stay as it is.
+
+Run by setup.bash with the Python of .venv on a machine with a ROS 2 distribution. A package of the
+system that is at least the oldest supported version is used; an older or absent one is to be installed
+in a version up to the tested one.
+"""
+
+from importlib import metadata
+from pathlib import Path
+import re
+import sys
+
+SCRIPTS = Path(__file__).resolve().parent
+# The extensions of colcon's command line that a build of the two packages uses, and what they call.
+BUILD = re.compile('colcon-|setuptools$')
+
+
+def pinned(*files):
+    """Return {package: version} of requirement files; of several lines the first counts."""
+    versions = {}
+    for file in files:
+        for name, version in re.findall(r'^([\w-]+)==([\w.]+)', (SCRIPTS / file).read_text(), re.M):
+            versions.setdefault(name, version)
+    return versions
+
+
+def installed(name):
+    """Return the version of an installed package, None without one."""
+    try:
+        return metadata.version(name)
+    except metadata.PackageNotFoundError:
+        return None
+
+
+def numbers(version):
+    """Return a version for comparisons."""
+    return tuple(map(int, re.findall(r'\d+', version)[:3]))
+
+
+def main(arguments):
+    """Print a line for each package."""
+    tested = pinned('requirements.txt', 'requirements-optional.txt', 'requirements-bench.txt')
+    oldest = {name: version for name, version in pinned('requirements-oldest.txt').items()
+              if name in tested}
+    wanted = {**oldest, **pinned('requirements-optional.txt')}
+    if '--bench' in arguments:
+        wanted |= pinned('requirements-bench.txt')
+    # Of what builds, any version will do that the distribution brings.
+    wanted |= {name: '0' for name in tested if BUILD.match(name)}
+    # Compiled messages, matplotlib and SciPy of the system work with one major version of NumPy only.
+    numpy_major = numbers(installed('numpy') or '1')[0]
+    for name, least in sorted(wanted.items()):
+        present = installed(name)
+        lacks = present is None or numbers(present) < numbers(least)
+        if name == 'setuptools' and not lacks:
+            lacks = numbers(present) > numbers(tested[name])
+        if '--constraints' in arguments:
+            if not lacks:
+                print(f'{name}=={present}')
+            elif name == 'numpy':
+                print(f'numpy<{numpy_major + 1}')
+        elif lacks:
+            print(f'{name}>={least},<={tested[name]}')
+
+
+if __name__ == '__main__':
+    main(sys.argv[1:])

@@ -1,0 +1,130 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What all subcommands share: JSON alone on standard output, the version, one-line refusals, completion."""
+
+import importlib.util
+import json
+import os
+import subprocess
+import sys
+from xml.etree import ElementTree
+
+import pytest
+
+from bev_preheat.commands import robustness
+from bev_preheat.commands.completion import NameCompleter
+from bev_preheat.commands.main import main, SUBCOMMANDS
+from bev_preheat.configuration import configuration_folder
+from bev_preheat.experiments import scenario_drive
+from bev_preheat.experiments.optimality import gap_study as study_run
+from bev_preheat.simulation.evaluation import DriveRecord
+
+SITUATION = ['--vehicle', 'reference', '--route', 'winter_commute', '--temperature', '-5', '--soc',
+             '0.8']
+COMMANDS = {
+    'plan': ['plan', *SITUATION],
+    'itinerary': ['plan', '--vehicle', 'reference', '--itinerary', 'winter_holiday',
+                  '--temperature', '-8', '--soc', '0.95'],
+    'optimum': ['optimum', *SITUATION], 'compare': ['compare', *SITUATION],
+    'reproduce': ['reproduce'], 'sweep': ['sweep', '--feasible', '1'],
+    'robustness': ['robustness', '--trips', '1', '--period', '10', '--route', 'winter_commute',
+                   '--methods', 'replanned_paper'],
+    'scenario': ['scenario', 'nominal']}
+NEED_CASADI = ('optimum', 'compare', 'reproduce', 'sweep')
+
+
+@pytest.fixture
+def quick_studies(monkeypatch):
+    """Studies without processes, a scenario without a drive."""
+    def sweep(vehicle, feasible, seed, jobs, report, trips):
+        report(study_run.solve_trip(study_run.load_vehicle(vehicle), seed, 0, trips))
+
+    def drive(conditions, trips, seed, jobs, methods, report):
+        report(robustness.drive_car(conditions, seed, 0, methods)[0])
+
+    monkeypatch.setattr(study_run, 'run_study', sweep)
+    monkeypatch.setattr(robustness, 'run_study', drive)
+    monkeypatch.setattr(scenario_drive, 'drive_scenario', lambda scenario, report: DriveRecord(25.0))
+
+
+@pytest.mark.costly
+@pytest.mark.parametrize('arguments', [
+    pytest.param(arguments, id=name, marks=[pytest.mark.needs('casadi')] * (name in NEED_CASADI))
+    for name, arguments in COMMANDS.items()])
+def test_json_has_standard_output_for_itself(quick_studies, capsys, arguments):
+    status = main([*arguments, '--json', '-'])
+    # The scenario's car never arrived.
+    assert status == (1 if arguments[0] == 'scenario' else 0)
+    out, err = capsys.readouterr()
+    assert isinstance(json.loads(out), dict)
+    # The tables, drawn in lines.
+    assert '━' in err or '─' in err
+
+
+def test_version_is_that_of_the_manifest(capsys):
+    manifest = configuration_folder('vehicles').parents[1] / 'package.xml'
+    with pytest.raises(SystemExit) as ended:
+        main(['--version'])
+    assert ended.value.code == 0
+    assert capsys.readouterr() == (
+        f'preheat {ElementTree.parse(manifest).findtext("version")}\n', '')
+
+
+@pytest.mark.parametrize('arguments, message', [
+    (['plan', *SITUATION, '--tmperature', '3'],
+     'preheat plan: error: unrecognized arguments: --tmperature; did you mean --temperature?; '
+     'see preheat plan --help'),
+    # Told before what is missing because of it.
+    (['plan', '--vehicel', 'reference'],
+     'preheat plan: error: unrecognized arguments: --vehicel; did you mean --vehicle?; '
+     'see preheat plan --help'),
+    (['sweep', '--seed', '1e9'],
+     "preheat sweep: error: argument --seed: invalid int value: '1e9'; see preheat sweep --help")])
+def test_wrong_use_is_one_line(capsys, arguments, message):
+    with pytest.raises(SystemExit) as ended:
+        main(arguments)
+    assert (ended.value.code, capsys.readouterr()) == (2, ('', f'{message}\n'))
+
+
+@pytest.mark.parametrize('option', ['--vehicle', '--route', '--json', '--plot'])
+def test_a_name_with_a_line_break_is_refused_in_one_line(capsys, option):
+    assert main(['plan', *SITUATION, option, 'no\nfolder/x.csv']) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert 'no\\nfolder/x.csv' in line
+
+
+def completions(line):
+    """Return what the shell is offered for a line, by the protocol of argcomplete."""
+    reader, writer = os.pipe()
+    script = f'exec "$@" 8>&{writer} 9>/dev/null'
+    subprocess.run(
+        ['bash', '-c', script, 'bash', sys.executable, '-m', 'bev_preheat'], pass_fds=[writer],
+        timeout=60, check=False, stdout=subprocess.DEVNULL, env=dict(
+            os.environ, _ARGCOMPLETE='1', _ARGCOMPLETE_IFS='\n', COMP_LINE=line, COMP_TYPE='9',
+            COMP_POINT=str(len(line.encode()))))
+    os.close(writer)
+    with open(reader, encoding='utf-8') as offered:
+        return set(offered.read().replace(' ', '').splitlines())
+
+
+@pytest.mark.costly
+@pytest.mark.parametrize('line, expected', [
+    ('preheat ', set(SUBCOMMANDS) | {'--version'}),
+    pytest.param('preheat plan --ve', {'--vehicle'}, marks=pytest.mark.deep),
+    pytest.param('preheat plan --vehicle ref', {'reference'}, marks=pytest.mark.deep),
+    ('preheat plan --route al', {'alpine_pass'}),
+    ('preheat plan --method ', {'merit_order', 'optimal_switch', 'paper'}),
+    ('preheat scenario nominal heater_d', {'heater_dead', 'heater_derated'})])
+def test_the_shell_completes(line, expected):
+    """Without argcomplete, which is optional, nothing is offered, and nothing is said."""
+    if importlib.util.find_spec('argcomplete') is None:
+        expected = set()
+    assert completions(line) >= expected
+
+
+def test_names_of_a_kind_are_completed():
+    class Nothing(NameCompleter):
+        def _files(self, prefix):
+            return []
+
+    assert Nothing('scenarios')('clock_') == ['clock_back', 'clock_forward']
+    assert Nothing('routes', '.csv')('m') == ['motorway_3h']

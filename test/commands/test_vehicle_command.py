@@ -1,0 +1,162 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`preheat vehicle`: a file from a data sheet, what it means, and the warnings of plans with it."""
+
+import json
+from pathlib import Path
+
+from matplotlib.image import imread
+import pytest
+import yaml
+
+from bev_preheat.commands.main import main
+from bev_preheat.configuration import configuration_folder
+from bev_preheat.vehicle import load_vehicle
+
+ID4 = ['vehicle', 'new', '--chemistry', 'nmc', '--usable-energy-kwh', '77', '--gross-energy-kwh',
+       '82', '--battery-mass-kg', '493', '--nominal-voltage-v', '352', '--charging-power-kw', '135']
+STATE = ['--temperature', '-7', '--soc', '0.9', '--step', '120']
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+
+@pytest.fixture
+def said(capsys):
+    """Return (exit status, standard output, standard error) of a command."""
+    def run(*arguments):
+        status = main(list(arguments))
+        return status, *capsys.readouterr()
+    return run
+
+
+@pytest.fixture
+def id4(said):
+    assert said(*ID4, '--output', 'id4.yaml')[0] == 0
+
+
+def test_one_command_makes_a_car_that_is_usual_and_plans(said):
+    status, output, errors = said(*ID4, '--output', 'id4.yaml')
+    assert (status, errors) == (0, '')
+    assert 'written: id4.yaml' in output and 'battery resistance' in output
+    assert 'warning' not in output
+    status, output, _ = said('vehicle', 'check', 'id4.yaml')
+    assert status == 0 and '77.0 kWh' in output and 'warning' not in output
+    status, output, errors = said('plan', '--vehicle', 'id4.yaml', '--route', 'reference', *STATE,
+                                  '--json', 'plan.json')
+    assert status == 0
+    (line,) = [line for line in errors.splitlines() if 'assumed' in line]
+    assert line.startswith(
+        'preheat: warning: vehicle id4: assumed, not measured: battery heat capacity, ')
+    assert line.endswith('; see id4.yaml')
+    assert json.loads(Path('plan.json').read_text())['vehicle_assumed'] == list(
+        load_vehicle('./id4.yaml').assumed)
+
+
+def test_a_plan_for_a_measured_car_warns_of_nothing(said):
+    assert said('plan', '--vehicle', 'reference', '--route', 'reference', *STATE)[2] == ''
+
+
+def test_an_itinerary_warns_too(said, id4):
+    status, _, errors = said('plan', '--vehicle', 'id4.yaml', '--itinerary', 'winter_holiday',
+                             *STATE, '--json', 'plans.json')
+    assert status == 0
+    assert errors.count('preheat: warning: vehicle id4: assumed, not measured: ') == 1
+    assert 'battery.resistance' in json.loads(Path('plans.json').read_text())['vehicle_assumed']
+
+
+def test_the_file_keeps_the_command_and_the_name(id4):
+    text = Path('id4.yaml').read_text()
+    assert text.startswith('# Vehicle id4, made by\n#     preheat vehicle new --output id4.yaml '
+                           '--chemistry nmc')
+    assert yaml.safe_load(text)['name'] == 'id4'
+
+
+@pytest.mark.parametrize('name', ['#: {[', "'", 'ID.4 "Pro"', 'Ä ß 漢', '$name ${x}', 'null', '1'])
+def test_any_name_survives(said, name):
+    assert said(*ID4, '--output', 'car.yaml', '--name', name)[0] == 0
+    assert load_vehicle('./car.yaml').name == name
+
+
+@pytest.mark.costly
+def test_a_name_with_dollar_signs_is_drawn(said):
+    assert said(*ID4, '--output', 'car.yaml', '--name', '$x_{ $')[0] == 0
+    assert said('vehicle', 'check', './car.yaml', '--plot', 'car.svg')[0] == 0
+    assert '$x_{ $' in Path('car.svg').read_text().replace('&#x24;', '$')
+
+
+@pytest.mark.parametrize('text', ['a\nbattery: {}', '# x', '${name}', '100 % "yes"'])
+def test_any_source_stays_a_comment(said, text):
+    assert said(*ID4, '--output', 'car.yaml', '--source', f'battery-mass-kg={text}')[0] == 0
+    assert load_vehicle('./car.yaml').battery.heat_capacity_j_per_k > 0.0
+
+
+@pytest.mark.costly
+def test_an_existing_file_is_only_replaced_when_asked(said):
+    Path('id4.yaml').write_text('mine')
+    assert said(*ID4, '--output', 'id4.yaml') == (
+        2, '', 'preheat: error: --output: id4.yaml: exists; --force replaces it\n')
+    assert Path('id4.yaml').read_text() == 'mine'
+    assert said(*ID4, '--output', 'id4.yaml', '--force')[0] == 0
+    assert load_vehicle('./id4.yaml').name == 'id4'
+
+
+@pytest.mark.parametrize('arguments, problem', [
+    (['--output', 'car.txt'], '--output: car.txt: must end in .yaml'),
+    (['--output', 'no/car.yaml'], '--output: no/car.yaml: cannot be written: '),
+    (['--output', 'car.yaml', '--heater-power-kw', '5500'], '--heater-power-kw: 5500 kW is '
+     'implausible; it must be 0.5 ... 30 kW; 5500 W would be 5.5 kW'),
+    (['--output', 'car.yaml', '--source', 'mass'], "--source: 'mass' is not OPTION=TEXT, such as "
+     'battery-mass-kg="press kit 2021"'),
+    (['--output', 'car.yaml', '--name', ' '], "--name: ' ' is not allowed")])
+def test_what_cannot_be_made_is_refused_before_anything_is_written(said, arguments, problem):
+    status, output, errors = said(*ID4, *arguments)
+    assert (status, output) == (2, '')
+    assert errors.startswith(f'preheat: error: {problem}') and errors.count('\n') == 1
+    assert list(Path().iterdir()) == []
+
+
+@pytest.mark.parametrize('file', sorted(
+    path.stem for path in configuration_folder('vehicles').glob('*.yaml')))
+def test_check_of_each_shipped_car(said, file):
+    status, output, errors = said('vehicle', 'check', file, '--json', 'figures.json')
+    assert (status, errors) == (0, '') and 'warning' not in output
+    figures = json.loads(Path('figures.json').read_text())
+    assert f'{figures["energy_kwh"]:.1f} kWh' in output
+    assert figures['assumed'] == list(load_vehicle(file).assumed)
+
+
+@pytest.mark.costly
+def test_check_draws_the_curves(said):
+    assert said('vehicle', 'check', 'mid_size_lfp', '--plot', 'car.png')[0] == 0
+    picture = imread('car.png')
+    assert picture.shape[0] > 800 and picture.std() > 0.05
+
+
+def test_check_says_what_is_unusual_and_still_ends_with_0(said, id4):
+    contents = yaml.safe_load(Path('id4.yaml').read_text())
+    contents['battery']['heat_capacity_j_per_k'] = 100000
+    Path('car.yaml').write_text(yaml.safe_dump(contents))
+    status, output, _ = said('vehicle', 'check', 'car.yaml')
+    assert status == 0
+    assert 'warning: heat capacity: 1.3 kJ/K for each kWh; usual are 3 ... 13' in output
+
+
+def test_check_refuses_what_no_vehicle_file_is(said):
+    Path('car.yaml').write_text('name: x\n')
+    status, output, errors = said('vehicle', 'check', 'car.yaml')
+    assert (status, output) == (2, '') and 'missing battery' in errors
+
+
+def test_check_does_not_write_over_its_input(said, id4):
+    before = Path('id4.yaml').read_text()
+    status, _, errors = said('vehicle', 'check', './id4.yaml', '--json', 'id4.yaml')
+    assert status == 2 and 'is the same file as the input' in errors
+    assert Path('id4.yaml').read_text() == before
+
+
+def test_list_names_each_shipped_car(said):
+    output = said('vehicle', 'list')[1]
+    for file in configuration_folder('vehicles').glob('*.yaml'):
+        assert file.stem in output

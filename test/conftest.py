@@ -1,0 +1,68 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+What all tests share: how many examples property tests draw, and which tests use DDS.
+
+`make test` draws few examples and the same ones on every run, `make test-deep` many and new ones. A
+property test that needs more or fewer than others says so as a multiple:
+`@settings(max_examples=4 * settings.default.max_examples)`.
+
+A test over DDS depends on the fixture `dds`, usually through `bench` or `module_bench`, and carries
+the marker of that name. Without it ROS 2 does not start in the test nor in its processes, so no test
+over DDS gets into `make test-quick` unnoticed. (Only a process that chooses a ROS domain of its own
+escapes, as the demonstration does: `pytestmark = pytest.mark.usefixtures('dds')`.)
+
+Each of several workers imports every test file, to run a few of them. So what is slow to import and
+needed by few tests (SciPy) is imported by these.
+"""
+
+import os
+import sys
+
+from hypothesis import HealthCheck, settings
+import left_out
+import pytest
+
+# Wall-clock limits on examples would make a test depend on what else the machine is doing.
+UNTIMED = {'deadline': None, 'suppress_health_check': [HealthCheck.too_slow]}
+settings.register_profile('daily', max_examples=25, derandomize=True, **UNTIMED)
+settings.register_profile(
+    'deep', max_examples=int(os.environ.get('BEV_PREHEAT_EXAMPLES', '1000')), print_blob=True,
+    **UNTIMED)
+settings.load_profile('daily')
+
+NO_DOMAIN = 'none without the fixture dds'
+
+
+def pytest_configure(config):
+    """Leave out the tests of optional packages that are not installed."""
+    left_out.begin(config)
+    config.pluginmanager.register(left_out)
+
+
+@pytest.fixture(scope='session')
+def dds():
+    """Mark every test that depends on this fixture as one over DDS."""
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items):
+    """Set the marker `dds` before pytest selects by markers."""
+    for item in items:
+        if 'dds' in item.fixturenames:
+            item.add_marker(pytest.mark.dds)
+
+
+@pytest.hookimpl(hookwrapper=True)
+def pytest_runtest_protocol(item):
+    """Keep ROS 2 from starting in a test without the marker."""
+    with pytest.MonkeyPatch.context() as monkeypatch:
+        if item.get_closest_marker('dds') is None:
+            # In its processes rclpy.init() fails, and names this value.
+            monkeypatch.setenv('ROS_DOMAIN_ID', NO_DOMAIN)
+            if 'rclpy' in sys.modules:
+                monkeypatch.setattr('rclpy.init', _refuse_to_start)
+        yield
+
+
+def _refuse_to_start(*arguments, **named):
+    raise RuntimeError('a test over DDS needs the fixture dds (test/conftest.py)')

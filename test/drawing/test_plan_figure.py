@@ -1,0 +1,297 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the figures of plans, itineraries and routes show."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bev_preheat.arithmetic import FLOATS
+from bev_preheat.drawing.itinerary_figure import make_itinerary_figure
+from bev_preheat.drawing.palette import CHARGE_LIMIT, DISCHARGE_LIMIT, look_of
+from bev_preheat.drawing.plan_figure import make_plan_figure
+from bev_preheat.drawing.route_figure import make_route_figure
+from bev_preheat.planning.planner import (
+    METHODS, plan_preheating, plan_unheated, plan_without_heating)
+from bev_preheat.planning.situation import BatteryState, Goal
+from bev_preheat.planning.trip import make_trip
+from bev_preheat.route import load_route, make_route
+from bev_preheat.supervision.inputs import Leg, NS_PER_S
+from bev_preheat.vehicle import load_vehicle
+
+VEHICLE = load_vehicle('reference')
+STATE = BatteryState(-7.0, 0.9)
+PANELS = ('temperature', 'heater', 'charge', 'power', 'heat', 'leakage', 'drive')
+
+
+def constant_route(steps=40, step_s=60.0, power_w=15e3, ambient_c=-7.0, **columns):
+    """Return a Route at 20 m/s of which nothing changes."""
+    return make_route({name: np.full(steps, value) for name, value in {
+        'duration_s': step_s, 'speed_mps': 20.0, 'propulsion_power_w': power_w,
+        'propulsion_power_rms_w': abs(power_w), 'ambient_temperature_c': ambient_c,
+        'cabin_heating_power_w': 1500.0, 'auxiliary_power_w': 300.0, **columns}.items()},
+        VEHICLE.defaults)
+
+
+def panels_of(route, state=STATE, goal=Goal(25.0), methods=('merit_order',), vehicle=VEHICLE):
+    """Return the panels of the plans of some methods by name, and the plans."""
+    plans = [plan_preheating(vehicle, route, state, goal, method) for method in methods]
+    figure = make_plan_figure(vehicle, route, goal, plans, 'title')
+    return dict(zip(PANELS, figure.axes)), plans
+
+
+def curves(axis, colour):
+    return [line for line in axis.get_lines() if line.get_color() == colour]
+
+
+def texts(axis):
+    """Return the texts of all legends of a panel."""
+    return [text.get_text() for legend in axis.get_children() if hasattr(legend, 'get_texts')
+            for text in legend.get_texts()]
+
+
+@pytest.fixture(scope='module')
+def reference():
+    return panels_of(load_route('reference', VEHICLE.defaults))
+
+
+@pytest.fixture(scope='module')
+def alpine():
+    return panels_of(load_route('alpine_pass', VEHICLE.defaults), BatteryState(-10.0, 0.9))
+
+
+@pytest.fixture(scope='module')
+def compared():
+    return panels_of(constant_route(), methods=METHODS)
+
+
+def test_without_limits_the_unheated_drive_is_the_model_without_heater():
+    route = constant_route()
+    free = plan_without_heating(make_trip(VEHICLE, route), STATE)
+    unheated = plan_unheated(VEHICLE, route, STATE, Goal(25.0))
+    assert unheated.battery_temperature_c == pytest.approx(free.temperature_c, abs=1e-9)
+    assert not unheated.hvch_battery_power_w.any()
+
+
+def test_with_limits_the_unheated_drive_keeps_them():
+    route, state = load_route('alpine_pass', VEHICLE.defaults), BatteryState(-10.0, 0.9)
+    unheated = plan_unheated(VEHICLE, route, state, Goal(25.0))
+    assert unheated.friction_brake_power_w.max() > 1e3
+    assert not unheated.hvch_battery_power_w.any()
+
+
+@pytest.mark.parametrize('panel, field, factor', [
+    ('temperature', 'battery_temperature_c', 1.0), ('charge', 'soc', 100.0)])
+def test_the_trip_without_preheating_is_drawn_dashed(alpine, panel, field, factor):
+    panels, _ = alpine
+    line, = curves(panels[panel], look_of('without preheating').colour)
+    unheated = plan_unheated(VEHICLE, load_route('alpine_pass', VEHICLE.defaults),
+                             BatteryState(-10.0, 0.9), Goal(25.0))
+    assert line.get_ydata() == pytest.approx(factor * getattr(unheated, field))
+    assert line.get_linestyle() == '--'
+
+
+def test_the_legend_says_what_is_found_on_arrival(reference):
+    panels, (plan,) = reference
+    unheated = plan_unheated(VEHICLE, load_route('reference', VEHICLE.defaults), STATE, Goal(25.0))
+    assert texts(panels['temperature'])[:2] == [
+        f'{name}: {made.arrival_temperature_c:.1f} °C, {100 * made.arrival_soc:.1f} %, '
+        f'{made.energy_wh.battery_total / 1000:.3f} kWh'
+        for name, made in (('merit_order', plan), ('without preheating', unheated))]
+
+
+def test_the_title_of_one_plan_explains_it(reference):
+    panels, (plan,) = reference
+    title = panels['drive'].figure._suptitle.get_text().replace('\n', ' ')
+    assert title == f'title WAITING: {plan.explanation}'
+
+
+def test_state_of_charge_is_drawn_over_the_trip(reference):
+    panels, (plan,) = reference
+    line, = curves(panels['charge'], look_of('merit_order').colour)
+    assert line.get_ydata() == pytest.approx(100.0 * plan.soc)
+    assert line.get_xdata() == pytest.approx(plan.time_s / 60.0)
+
+
+@pytest.mark.costly
+@pytest.mark.parametrize('reserve, text, is_seen', [
+    (0.75, 'reserve 75 %', True), (0.2, 'reserve 20 %, below the panel', False)])
+def test_the_reserve_is_drawn_or_said(reserve, text, is_seen):
+    panels, _ = panels_of(constant_route(), goal=Goal(0.0, reserve))
+    low, high = panels['charge'].get_ylim()
+    assert texts(panels['charge']) == [text]
+    assert bool(low < 100.0 * reserve < high) is is_seen
+
+
+def test_limits_have_colours_of_their_own_and_are_where_the_vehicle_says(alpine):
+    panels, (plan,) = alpine
+    charge, = curves(panels['power'], CHARGE_LIMIT)
+    discharge, = curves(panels['power'], DISCHARGE_LIMIT)
+    battery = VEHICLE.battery
+    for line, limit in ((charge, battery.charge_power_limit),
+                        (discharge, battery.discharge_power_limit)):
+        at_start_w, at_end_w = (limit.function(FLOATS)(*state) for state in (
+            (0.9, -10.0), (plan.soc[-2], plan.battery_temperature_c[-2])))
+        assert line.get_ydata()[[0, -1]] == pytest.approx([at_start_w / 1e3, at_end_w / 1e3])
+    assert charge.get_ydata().max() < 0.0 < discharge.get_ydata().min()
+    assert CHARGE_LIMIT != DISCHARGE_LIMIT
+
+
+def test_a_limit_that_matters_is_seen_and_a_far_one_is_told(alpine):
+    panels, _ = alpine
+    axis = panels['power']
+    low, high = axis.get_ylim()
+    charge, = curves(axis, CHARGE_LIMIT)
+    discharge, = curves(axis, DISCHARGE_LIMIT)
+    descent = slice(2 * 40, 2 * 80)
+    assert low < charge.get_ydata()[descent].min() < charge.get_ydata()[descent].max() < 0.0
+    assert high < discharge.get_ydata().min()
+    assert texts(axis) == [
+        'charge limit (shaded: beyond it)',
+        f'discharge limit from {discharge.get_ydata().min():.0f} to '
+        f'{discharge.get_ydata().max():.0f} kW, above the panel']
+    # The power itself takes a good part of the panel.
+    power, = curves(axis, look_of('merit_order').colour)
+    assert np.ptp(power.get_ydata()) > 0.4 * (high - low)
+
+
+def test_coinciding_methods_are_all_seen(compared):
+    panels, _ = compared
+    lines = [curves(panels['heater'], look_of(method).colour)[0] for method in METHODS]
+    merit, switch, paper = lines
+    assert switch.get_ydata() == pytest.approx(merit.get_ydata(), abs=1e-3)
+    assert merit.get_linewidth() > switch.get_linewidth() > paper.get_linewidth()
+    assert merit.get_zorder() < switch.get_zorder() < paper.get_zorder()
+    assert merit.get_linestyle() == '-' and {line.get_linestyle() for line in lines[1:]} == {'--'}
+
+
+def test_the_legend_names_what_is_hidden(compared):
+    panels, _ = compared
+    merit, switch, paper, unheated = texts(panels['temperature'])[:4]
+    assert 'drawn over' not in merit + unheated
+    assert switch.endswith(', drawn over merit_order')
+    # Its own course, 0.2 K above the others.
+    assert 'drawn over' not in paper
+
+
+def test_a_plan_that_does_not_heat_says_so_and_is_drawn_once():
+    panels, _ = panels_of(constant_route(power_w=0.0, ambient_c=25.0, speed_mps=0.0),
+                          BatteryState(25.0, 0.5), Goal(20.0))
+    assert texts(panels['temperature'])[0].startswith('merit_order, does not heat: 25')
+    assert not curves(panels['temperature'], look_of('without preheating').colour)
+
+
+@pytest.mark.costly
+@pytest.mark.parametrize('name', ['heater', 'power', 'heat', 'drive'])
+def test_axes_of_powers_and_speed_start_at_0_where_they_are_constant(name):
+    panels, _ = panels_of(constant_route(power_w=12e3, ambient_c=25.0), BatteryState(25.0, 0.5),
+                          Goal(60.0))
+    axis = panels[name]
+    low, high = axis.get_ylim()
+    assert low < 0.0 < high and min(0.0, *(
+        np.min(line.get_ydata()) for line in axis.get_lines()
+        if line.get_color() != CHARGE_LIMIT)) == 0.0
+
+
+def test_an_empty_battery_ends_the_drive_in_every_panel():
+    panels, (plan,) = panels_of(constant_route(power_w=40e3), BatteryState(-7.0, 0.1))
+    at_min = plan.stranding.at_s / 60.0
+    assert texts(panels['temperature'])[0] == (
+        f'merit_order, does not heat: battery empty after '
+        f'{at_min // 1:.0f}:{at_min % 1 * 60:02.0f} min')
+    assert 'battery empty' in texts(panels['charge'])
+    for name in ('power', 'drive'):
+        driven = panels[name].get_lines()[0]
+        assert driven.get_ydata()[np.array(driven.get_xdata()) > at_min + 1.0] == pytest.approx(0.0)
+        assert [line for line in panels[name].get_lines()
+                if list(line.get_xdata()) == pytest.approx([at_min] * 2)]
+
+
+def test_a_target_out_of_reach_is_in_the_panel():
+    panels, _ = panels_of(constant_route(steps=5), goal=Goal(60.0))
+    low, high = panels['temperature'].get_ylim()
+    assert low < -7.0 and high > 60.0
+
+
+def test_every_panel_has_a_unit(reference):
+    panels, _ = reference
+    assert [axis.get_ylabel().split('[')[1] for axis in panels.values()] == [
+        '°C]', 'kW]', '%]', 'kW]', 'kW]', 'kW]', 'km/h]']
+    assert panels['drive'].get_xlabel() == 'trip time [min]'
+
+
+@pytest.mark.costly
+def test_no_text_of_a_plan_is_cut_or_covers_another(compared):
+    panels, _ = compared
+    figure = panels['drive'].figure
+    figure.draw_without_rendering()
+    legends = [child.get_window_extent() for axis in panels.values()
+               for child in axis.get_children() if hasattr(child, 'get_texts')]
+    boxes = [*legends, figure._suptitle.get_window_extent(),
+             *(axis.get_window_extent() for axis in panels.values())]
+    for number, box in enumerate(boxes):
+        assert box.x0 >= 0.0 and box.x1 <= figure.bbox.x1 + 1.0 and box.y1 <= figure.bbox.y1
+        for other in boxes[number + 1:]:
+            assert min(box.x1, other.x1) <= max(box.x0, other.x0) + 1.0 or (
+                min(box.y1, other.y1) <= max(box.y0, other.y0) + 1.0)
+
+
+@pytest.fixture(scope='module')
+def itinerary():
+    """Panels of two legs with half an hour between them, and their plans."""
+    route = constant_route()
+    legs = [Leg(route, 0, True, 20.0, 0.15, STATE),
+            Leg(route, 4200 * NS_PER_S, False, None, 0.4, BatteryState(19.0, 0.95))]
+    plans = [plan_preheating(VEHICLE, leg.route, leg.departure, leg.goal(25.0)) for leg in legs]
+    return make_itinerary_figure(VEHICLE, legs, plans, 'two legs'), plans
+
+
+def test_each_leg_has_its_trip_without_preheating(itinerary):
+    figure, plans = itinerary
+    lines = curves(figure.axes[0], look_of('without preheating').colour)
+    assert [(line.get_xdata()[0], line.get_ydata()[0]) for line in lines] == [
+        (0.0, -7.0), (70.0, 19.0)]
+    assert lines[0].get_ydata()[-1] < plans[0].arrival_temperature_c - 5.0
+
+
+def test_the_legend_of_an_itinerary_has_each_line_once(itinerary):
+    figure, _ = itinerary
+    assert [texts(axis) for axis in figure.axes] == [
+        ['battery', 'without preheating', 'target', 'ambient', 'stop'],
+        ['for the battery', 'left by the cabin'],
+        ['state of charge', 'without preheating', 'reserve'], []]
+
+
+def test_the_title_of_an_itinerary_says_how_each_leg_ends(itinerary):
+    figure, plans = itinerary
+    _, first, last = figure._suptitle.get_text().split('\n')
+    assert first.startswith('leg 1: WAITING, target 20.0 °C, arrival at 20.0 °C, without preheating')
+    assert last == f'leg 2: NO_CHARGING_PLANNED, arrival at {plans[1].arrival_temperature_c:.1f} °C'
+
+
+def test_the_reserve_is_that_of_each_leg(itinerary):
+    figure, _ = itinerary
+    levels = {float(line.get_ydata()[0]) for line in figure.axes[2].get_lines()
+              if len(set(line.get_ydata())) == 1}
+    assert levels == {15.0, 40.0}
+
+
+def test_a_route_shows_speed_power_and_ambient_with_units():
+    route = constant_route(steps=3, propulsion_power_rms_w=17e3)
+    speed, power, ambient = make_route_figure('a$b', route).axes
+    assert [line.get_ydata()[0] for line in (speed.get_lines()[0], power.get_lines()[0],
+                                             ambient.get_lines()[0])] == [72.0, 15.0, -7.0]
+    deviation_kw = np.sqrt(17.0**2 - 15.0**2)
+    shaded = power.collections[0].get_paths()[0].vertices[:, 1]
+    assert (shaded.min(), shaded.max()) == pytest.approx((15 - deviation_kw, 15 + deviation_kw))
+    assert [axis.get_ylabel().split('\n')[1] for axis in (speed, power, ambient)] == [
+        '[km/h]', '[kW]', '[°C]']
+    assert power.get_ylim()[0] < 0.0
+
+
+def test_a_comparison_keeps_each_method_s_colour_as_driven(alpine):
+    _, (plan,) = alpine
+    route = load_route('alpine_pass', VEHICLE.defaults)
+    figure = make_plan_figure(VEHICLE, route, Goal(25.0), [
+        plan, replace(plan, method='paper, driven')], 'title')
+    assert curves(figure.axes[1], look_of('paper').colour)

@@ -1,0 +1,63 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is drawn for a study."""
+
+import numpy as np
+import pytest
+
+from bev_preheat.experiments.robustness.drawn_cars import draw_car
+from bev_preheat.simulation.heater_lease import NO_LEASE
+from short_drives import short_conditions
+
+CONDITIONS = short_conditions()
+SPREAD = {'heat_capacity': 0.1, 'leakage': 0.2, 'resistance': 0.2, 'heater': 0.05,
+          'propulsion_power': 0.1}
+
+
+def test_same_seed_and_number_draw_the_same_car():
+    first, second = (draw_car(CONDITIONS, 4, 9) for _ in range(2))
+    assert first.mismatch == second.mismatch
+    cars = first.car(), second.car()
+    for car in cars:
+        car.plant.advance(60.0, 2000.0)
+    assert cars[0].plant.temperature_c == cars[1].plant.temperature_c
+    assert cars[0].readings() == cars[1].readings()
+
+
+@pytest.mark.parametrize('other', [(4, 10), (5, 9), (9, 4)])
+def test_other_seed_or_number_draws_another_car(other):
+    first, second = draw_car(CONDITIONS, 4, 9), draw_car(CONDITIONS, *other)
+    assert first.mismatch != second.mismatch
+    powers_w = [trip.car().plant.route.propulsion_power_w for trip in (first, second)]
+    # Beyond a factor that is the same in all segments.
+    assert np.ptp(powers_w[0] / powers_w[1]) > 0.01
+
+
+@pytest.mark.parametrize('name', SPREAD)
+def test_factors_are_drawn_evenly_within_their_spread(name):
+    factors = [getattr(draw_car(CONDITIONS, 1, number).mismatch, name) for number in range(2000)]
+    shares = np.sort((np.array(factors) - 1.0) / SPREAD[name] / 2.0 + 0.5)
+    assert 0.0 <= shares[0] and shares[-1] <= 1.0
+    # Kolmogorov and Smirnov: an even distribution is further off in one of 10 000 cases.
+    assert np.abs(shares - (np.arange(2000) + 0.5) / 2000).max() < 2.23 / np.sqrt(2000)
+
+
+def test_factors_are_drawn_independently():
+    drawn = [draw_car(CONDITIONS, 1, number).mismatch for number in range(2000)]
+    correlations = np.corrcoef([[getattr(mismatch, name) for mismatch in drawn]
+                                for name in SPREAD])
+    assert np.abs(correlations - np.eye(5)).max() < 4.5 / np.sqrt(2000)
+
+
+def test_temperature_is_read_in_whole_degrees_with_noise():
+    car = draw_car(short_conditions(period_s=0.5), 1, 2).car()
+    car.advance_under(NO_LEASE, 200.0)
+    read_c = [reading.temperature_c for reading in car.readings()]
+    assert all(value == round(value) for value in read_c)
+    # Near 15.5 degC a noise of 0.2 K makes it go up and down.
+    assert (np.diff(read_c) > 0).any() and (np.diff(read_c) < 0).any()
+
+
+def test_power_is_reported_if_wanted():
+    for reports in (True, False):
+        reading, = draw_car(short_conditions(reports_power=reports), 1, 2).car().readings()
+        assert (reading.voltage_v is not None) is reports

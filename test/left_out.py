@@ -1,0 +1,75 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Leaves out, by name, the tests of optional packages that are not installed.
+
+A test is marked `needs('casadi')`, runs the installed nlp_checker, or its module imports what needs
+CasADi. The end of the run says in one line what was left out and how to install what it needs: no test
+is skipped in silence, and `make test`, whose setup installs the optional packages, leaves out none.
+"""
+
+import pytest
+
+from bev_preheat.optional_packages import advice, is_installed
+
+# Modules that consist of tests of an optional package.
+MODULES = {'casadi': ('nodes/test_nlp_checker.py', 'optimum/test_optimum.py',
+                      'optimum/test_symbols.py', 'optimum/test_worker.py',
+                      'experiments/reproduction/test_table_two.py',
+                      'experiments/optimality/test_study.py')}
+LEFT_OUT = pytest.StashKey()
+
+
+def begin(config):
+    """Begin with nothing left out: {package: [modules, number of tests]}."""
+    config.stash[LEFT_OUT] = {}
+
+
+def pytest_ignore_collect(collection_path, config):
+    """Leave out the modules of a package that is not installed."""
+    for package, modules in MODULES.items():
+        for module in modules:
+            if collection_path.as_posix().endswith(f'/test/{module}') and not is_installed(package):
+                config.stash[LEFT_OUT].setdefault(package, [set(), 0])[0].add(f'test/{module}')
+                return True
+    return None
+
+
+def pytest_collection_modifyitems(config, items):
+    """Leave out the tests that are marked with a package that is not installed."""
+    kept, missing = [], []
+    for item in items:
+        needed = {mark.args[0] for mark in item.iter_markers('needs')}
+        # The executable ends at once without it.
+        if hasattr(item, 'callspec') and 'nlp_checker' in item.callspec.params.values():
+            needed.add('casadi')
+        packages = [package for package in sorted(needed) if not is_installed(package)]
+        (missing if packages else kept).append(item)
+        for package in packages:
+            config.stash[LEFT_OUT].setdefault(package, [set(), 0])[1] += 1
+    if missing:
+        config.hook.pytest_deselected(items=missing)
+        items[:] = kept
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_testnodedown(node):
+    """Take over what a worker of xdist has left out: each collects all tests."""
+    node.config.stash[LEFT_OUT] = {
+        package: (set(modules), count)
+        for package, (modules, count) in node.workeroutput.get('left_out', {}).items()}
+
+
+def pytest_sessionfinish(session):
+    """Hand what a worker of xdist has left out to the process that prints."""
+    if hasattr(session.config, 'workeroutput'):
+        session.config.workeroutput['left_out'] = {
+            package: [sorted(modules), count]
+            for package, (modules, count) in session.config.stash[LEFT_OUT].items()}
+
+
+def pytest_terminal_summary(terminalreporter, config):
+    """Say what was left out, one line a package."""
+    for package, (modules, count) in sorted(config.stash[LEFT_OUT].items()):
+        terminalreporter.write_line(
+            f'NOT RUN: {", ".join(sorted(modules))} and {count} more tests: {advice(package)}',
+            yellow=True)

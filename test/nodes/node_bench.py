@@ -1,0 +1,208 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What surrounds the installed executables in a test: recorders, senders, and what goes on meanwhile."""
+
+from contextlib import contextmanager
+import threading
+import time
+
+from spinning import take_down, TIME_LIMIT_S
+
+from bev_preheat.demonstration.processes import NodeProcess
+
+POLL_S = 0.005
+ANSWER_TIME_S = 5.0
+
+
+def poll_until(condition, what, timeout_s=TIME_LIMIT_S):
+    """Return the first truthy `condition()`; AssertionError naming `what` at the limit."""
+    deadline_s = time.monotonic() + timeout_s
+    while not (value := condition()):
+        assert time.monotonic() < deadline_s, f'{what}: not within {timeout_s:g} s'
+        time.sleep(POLL_S)
+    return value
+
+
+@contextmanager
+def repeating(action, period_s):
+    """Call `action()` every `period_s` in a thread while the block lasts; raise what it raised."""
+    enough, failures = threading.Event(), []
+
+    def repeat():
+        try:
+            while not enough.wait(period_s):
+                action()
+        except Exception as error:  # noqa: B902  whatever it is, the test must fail
+            failures.append(error)
+
+    thread = threading.Thread(target=repeat)
+    thread.start()
+    try:
+        yield
+    finally:
+        enough.set()
+        thread.join()
+    if failures:
+        raise failures[0]
+
+
+class Recorder:
+    """Keeps every message of a topic, with the instant (time.monotonic) of its arrival."""
+
+    def __init__(self, node, message_type, topic, qos):
+        """Subscribe."""
+        self._node, self._topic = node, topic
+        self._changed = threading.Condition()
+        self._received = []
+        self._latest = None
+        self._subscription = node.create_subscription(message_type, topic, self._receive, qos)
+
+    def _receive(self, message):
+        with self._changed:
+            self._received.append((time.monotonic(), message))
+            self._latest = message
+            self._changed.notify_all()
+
+    def destroy(self):
+        """Unsubscribe; what was heard is kept."""
+        take_down(self._node, lambda: self._node.destroy_subscription(self._subscription))
+
+    @property
+    def messages(self):
+        """Return the messages so far, oldest first."""
+        return [message for _, message in self.timed]
+
+    @property
+    def timed(self):
+        """Return (instant of arrival [s, time.monotonic], message) so far, oldest first."""
+        with self._changed:
+            return list(self._received)
+
+    @property
+    def latest(self):
+        """Return the last message, forgotten or not; None where none has come."""
+        return self._latest
+
+    def comes_to(self, condition, timeout_s):
+        """Return whether condition(the latest message) holds, at once or within `timeout_s`."""
+        with self._changed:
+            return self._changed.wait_for(
+                lambda: self._latest is not None and condition(self._latest), timeout_s)
+
+    def clear(self):
+        """Forget what has come, so that wait_for() sees only what comes from now on."""
+        with self._changed:
+            self._received = []
+
+    def wait_for(self, condition=lambda message: True, what='', timeout_s=TIME_LIMIT_S):
+        """
+        Return the first message, received already or to come, for which condition(message).
+
+        Each message is looked at once: there may be thousands.
+        """
+        received, looked_at = None, 0
+
+        def found():
+            nonlocal received, looked_at
+            if received is not self._received:
+                received, looked_at = self._received, 0
+            while looked_at < len(received):
+                looked_at += 1
+                if condition(received[looked_at - 1][1]):
+                    return received[looked_at - 1]
+            return None
+
+        with self._changed:
+            item = self._changed.wait_for(found, timeout_s)
+            assert item is not None, (
+                f'{self._topic}: {what or "the message waited for"}: not among '
+                f'{len(self._received)} messages within {timeout_s:g} s; the last: '
+                f'{self._received[-1][1] if self._received else None}')
+            return item[1]
+
+    def wait_for_count(self, count, timeout_s=TIME_LIMIT_S):
+        """Return the first `count` messages once there are so many."""
+        with self._changed:
+            enough = self._changed.wait_for(lambda: len(self._received) >= count, timeout_s)
+            assert enough, (f'{self._topic}: {len(self._received)} of {count} messages within '
+                            f'{timeout_s:g} s')
+            return [message for _, message in self._received[:count]]
+
+    def wait_for_publisher(self, timeout_s=TIME_LIMIT_S):
+        """Wait until somebody publishes the topic."""
+        poll_until(lambda: self._subscription.get_publisher_count(),
+                   f'{self._topic}: a publisher', timeout_s)
+
+
+class Sender:
+    """A publisher that can wait for its subscriptions."""
+
+    def __init__(self, node, message_type, topic, qos):
+        """Advertise."""
+        self._node, self._topic = node, topic
+        self._publisher = node.create_publisher(message_type, topic, qos)
+
+    def destroy(self):
+        """Advertise no more: what it latched is gone too."""
+        take_down(self._node, lambda: self._node.destroy_publisher(self._publisher))
+
+    def publish(self, message):
+        """Publish."""
+        self._publisher.publish(message)
+
+    def wait_for_subscription(self, count=1, timeout_s=TIME_LIMIT_S):
+        """Wait until at least `count` subscriptions are matched."""
+        def matched():
+            # While they are being discovered, the count of matched ones may have one twice.
+            endpoints = self._node.get_subscriptions_info_by_topic(self._publisher.topic_name)
+            return min(self._publisher.get_subscription_count(),
+                       len({bytes(endpoint.endpoint_gid) for endpoint in endpoints}))
+
+        poll_until(lambda: matched() >= count,
+                   f'{self._topic}: {count} subscriptions', timeout_s)
+
+
+class PatientProcess(NodeProcess):
+    """A NodeProcess whose end is waited for as long as for anything else."""
+
+    def wait(self, timeout_s=TIME_LIMIT_S):
+        """Return the exit status; raises subprocess.TimeoutExpired where it runs on."""
+        return super().wait(timeout_s)
+
+
+class Bench:
+    """A test's node, and the executables that run beside it: what the fixtures give, in one."""
+
+    def __init__(self, node, start_executable):
+        """`start_executable(name, *ros_arguments)` returns a NodeProcess."""
+        self.node = node
+        self.start = start_executable
+
+    def record(self, message_type, topic, qos=10):
+        """Subscribe; returns a Recorder."""
+        return Recorder(self.node, message_type, topic, qos)
+
+    def publisher(self, message_type, topic, qos=1):
+        """Advertise; returns a Sender."""
+        return Sender(self.node, message_type, topic, qos)
+
+    def call(self, service_type, name, request, timeout_s=TIME_LIMIT_S):
+        """Return the response of a service, waiting for it to be there."""
+        client = self.node.create_client(service_type, name)
+        try:
+            assert client.wait_for_service(timeout_s), f'{name}: no such service'
+            futures = []
+
+            def answered():
+                return next((future for future in futures if future.done()), None)
+
+            def asked_and_answered():
+                # A server that has not found the client yet answers into the void.
+                futures.append(client.call_async(request))
+                try:
+                    return poll_until(answered, name, ANSWER_TIME_S)
+                except AssertionError:
+                    return None
+
+            return poll_until(asked_and_answered, f'{name}: a response', timeout_s).result()
+        finally:
+            take_down(self.node, lambda: self.node.destroy_client(client))

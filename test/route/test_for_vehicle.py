@@ -1,0 +1,240 @@
+# SPDX-License-Identifier: Apache-2.0
+"""For which car a route has its powers: said in files, warned of, and made anew from legs."""
+
+from dataclasses import fields, replace
+import json
+
+import numpy as np
+import pytest
+import yaml
+
+from bev_preheat.commands.main import main
+from bev_preheat.errors import InvalidInput
+from bev_preheat.route import Route, route_for, route_source, save_route
+from bev_preheat.route.csv_file import load_file_route
+from bev_preheat.simulation.scenario import load_scenario
+from bev_preheat.vehicle import load_vehicle, vehicle_file
+
+REFERENCE, SMALL_CAR = (load_vehicle(name) for name in ('reference', 'small_car'))
+WARNING = ('route {name} has the powers of vehicle reference; for small_car: '
+           '--route legs/{name}')
+HEADER = 'duration_s,speed_mps,propulsion_power_w,ambient_temperature_c'
+SEGMENT = '600,20,17000,-6'
+LEGS = {'name': 'errand', 'ambient_temperature_c': -4,
+        'legs': [{'length_m': 4000, 'speed_limit_kmh': 70, 'slope_percent': 2}]}
+STATE = ('--temperature', '-10', '--soc', '0.9')
+
+
+def file_of(folder, text, name='trip.csv'):
+    (folder / name).write_text(text, encoding='utf-8')
+    return folder / name
+
+
+def legs_file_of(folder, name='errand.yaml'):
+    return file_of(folder, yaml.safe_dump(LEGS), name)
+
+
+def same(one, other):
+    return all(np.array_equal(getattr(one, field.name), getattr(other, field.name))
+               for field in fields(Route))
+
+
+@pytest.mark.parametrize('comment', [
+    '# vehicle: my car', '#vehicle:my  car ', '# vehicle: my car;;;', '"# vehicle: my car",,,',
+    '# Route errand\n# vehicle: my car\n# vehicle: my car'])
+def test_the_file_says_for_which_vehicle_it_was_made(tmp_path, comment):
+    path = file_of(tmp_path, f'{comment}\n{HEADER}\n{SEGMENT}\n')
+    assert load_file_route(path, REFERENCE.defaults).made_for == 'my car'
+
+
+@pytest.mark.parametrize('text', [
+    f'{HEADER}\n{SEGMENT}\n',
+    f'# made for a vehicle: reference\n# vehicle:\n{HEADER}\n{SEGMENT}\n',
+    # What stands below the header is about a segment.
+    f'{HEADER}\n# vehicle: lorry ahead\n{SEGMENT} # vehicle: another\n'])
+def test_a_file_that_does_not_say_is_for_any_vehicle(tmp_path, text):
+    made = route_for(file_of(tmp_path, text), SMALL_CAR)
+    assert (made.made_for, made.warning) == (None, None)
+
+
+def test_two_vehicles_in_one_file_are_refused(tmp_path):
+    path = file_of(tmp_path, f'# vehicle: a\n# vehicle: b\n{HEADER}\n{SEGMENT}\n')
+    with pytest.raises(InvalidInput) as caught:
+        load_file_route(path, REFERENCE.defaults)
+    assert caught.value.problems == [
+        f"{path}, line 2: vehicle: 'b', but 'a' in line 1; a route has the powers of one vehicle"]
+
+
+def test_a_name_of_several_lines_is_one_comment(tmp_path):
+    car = replace(SMALL_CAR, name='my\nsmall # 1 car')
+    route = route_for(legs_file_of(tmp_path), car).route
+    save_route(tmp_path / 'made.csv', route, ['first\nsecond'], made_for=car.name)
+    made = route_for(tmp_path / 'made.csv', car)
+    assert (made.made_for, made.warning) == ('my small # 1 car', None)
+    assert same(made.route, route)
+
+
+def test_the_vehicle_that_the_powers_are_for_gets_no_warning():
+    made = route_for('alpine_pass', REFERENCE)
+    assert (made.made_for, made.warning) == ('reference', None)
+
+
+def test_another_vehicle_gets_a_warning_that_says_what_to_do(tmp_path):
+    assert route_for('alpine_pass', SMALL_CAR).warning == WARNING.format(name='alpine_pass')
+    # A file of the same name elsewhere is another route.
+    path = file_of(tmp_path, f'# vehicle: reference\n{HEADER}\n{SEGMENT}\n', 'alpine_pass.csv')
+    assert route_for(path, SMALL_CAR).warning == (
+        'route alpine_pass has the powers of vehicle reference; for small_car: make it again from '
+        'its legs or logs, with preheat route')
+    assert route_for('alpine_pass', replace(SMALL_CAR, road_load=None)).warning == (
+        'route alpine_pass has the powers of vehicle reference; for small_car: '
+        '--route legs/alpine_pass, once its file has a road_load')
+
+
+def test_legs_are_found_by_name_by_file_and_from_a_folder(tmp_path, monkeypatch):
+    path = legs_file_of(tmp_path)
+    (tmp_path / 'errand.yml').write_text(path.read_text())
+    wanted = route_for(path, SMALL_CAR)
+    assert (wanted.made_for, wanted.warning, wanted.file) == ('small_car', None, path)
+    for name in ('errand.yaml', './errand.yaml', 'errand.yml'):
+        found = route_for(name, SMALL_CAR, tmp_path)
+        assert same(found.route, wanted.route) and found.file.samefile(tmp_path / name)
+    monkeypatch.chdir(tmp_path)
+    for name in ('errand.yaml', 'errand.yml'):
+        assert same(route_for(name, SMALL_CAR).route, wanted.route)
+        assert route_source(name).samefile(tmp_path / name)
+    assert route_source('legs/alpine_pass') == route_for('legs/alpine_pass', SMALL_CAR).file
+    assert route_source('alpine_pass') == route_for('alpine_pass', SMALL_CAR).file
+
+
+@pytest.mark.parametrize('name, problem', [
+    ('legs/alpin_pass', "leg 'alpin_pass' is unknown; did you mean 'alpine_pass'?; there are: "
+     'alpine_pass, city_stop_and_go, motorway_3h, reference, winter_commute; or give a file '
+     'ending in .yaml'),
+    ('legs/nowhere.yaml', 'legs/nowhere.yaml: no such file'),
+    ('nowhere.yml', './nowhere.yml: no such file'),
+    ('legs/no/where', 'legs/no/where: no such file')])
+def test_legs_that_are_not_there(tmp_path, monkeypatch, name, problem):
+    monkeypatch.chdir(tmp_path)
+    for look in (lambda: route_for(name, SMALL_CAR), lambda: route_source(name)):
+        with pytest.raises(InvalidInput) as caught:
+            look()
+        assert caught.value.problems == [problem]
+
+
+@pytest.fixture
+def preheat(capsys):
+    """Run the command; returns exit status, standard output, lines on standard error."""
+    def run(*arguments):
+        status = main([str(argument) for argument in arguments])
+        captured = capsys.readouterr()
+        return status, captured.out, captured.err.splitlines()
+    return run
+
+
+def plan_of(preheat, folder, command, vehicle, route):
+    """JSON of a plan, without the times it took; and standard error."""
+    output = folder / 'plan.json'
+    status, _, errors = preheat(command, '--vehicle', vehicle, '--route', route, *STATE,
+                                '--step', '120', '--json', output)
+    assert status == 0
+    plan = json.loads(output.read_text())
+    for key in ('planning_time_s', 'solve_time_s'):
+        plan.pop(key, None)
+    return plan, errors
+
+
+@pytest.mark.costly
+@pytest.mark.parametrize('vehicle, legs', [
+    ('reference', 'city_stop_and_go'), ('small_car', 'winter_commute')])
+def test_a_plan_of_legs_is_that_of_the_file_made_from_them(preheat, tmp_path, vehicle, legs):
+    made = tmp_path / 'made.csv'
+    assert preheat('route', '--legs', legs, '--vehicle', vehicle, '--output', made)[0] == 0
+    of_file, errors_of_file = plan_of(preheat, tmp_path, 'plan', vehicle, made)
+    of_legs, errors_of_legs = plan_of(preheat, tmp_path, 'plan', vehicle, f'legs/{legs}')
+    assert of_legs == of_file
+    assert of_legs['route_made_for'] == vehicle
+    assert errors_of_file == errors_of_legs == []
+
+
+@pytest.mark.costly
+@pytest.mark.parametrize('command', ['plan', *(
+    pytest.param(command, marks=pytest.mark.needs('casadi')) for command in ('optimum', 'compare'))])
+def test_commands_warn_in_one_line(preheat, tmp_path, command):
+    written, errors = plan_of(preheat, tmp_path, command, 'small_car', 'winter_commute')
+    assert errors == [f'preheat: warning: {WARNING.format(name="winter_commute")}']
+    assert written['route_made_for'] == 'reference'
+
+
+@pytest.mark.costly
+@pytest.mark.needs('casadi')
+def test_commands_read_legs(preheat, tmp_path):
+    plans = [plan_of(preheat, tmp_path, command, 'small_car', 'legs/winter_commute')
+             for command in ('optimum', 'compare')]
+    assert [errors for _, errors in plans] == [[], []]
+    optimum, compared = (written for written, _ in plans)
+    assert optimum['energy_wh']['drivetrain_heat'] == pytest.approx(
+        compared['optimum']['energy_wh']['drivetrain_heat'], rel=1e-6)
+
+
+def test_a_vehicle_without_a_road_load_is_told_what_to_add(preheat, tmp_path):
+    contents = yaml.safe_load(vehicle_file('small_car').read_text(encoding='utf-8'))
+    del contents['road_load']
+    car = file_of(tmp_path, yaml.safe_dump(contents), 'car.yaml')
+    status, out, (error,) = preheat('plan', '--vehicle', car, '--route', 'legs/alpine_pass',
+                                    *STATE)
+    assert (status, out) == (2, '')
+    assert error.startswith('preheat: error: ')
+    assert "vehicle 'small_car' has no road_load" in error
+    assert 'road_load: {mass_kg: ' in error
+
+
+def test_a_drive_log_says_whose_it_is(preheat, tmp_path):
+    log = file_of(tmp_path, 'time_s,speed_mps,power_w,cabin_heater_w,ambient_c\n' + ''.join(
+        f'{second},20,15000,900,-3\n' for second in range(120)), 'log.csv')
+    made = tmp_path / 'made.csv'
+    assert preheat('route', '--log', log, '--vehicle', 'small_car', '--output', made)[0] == 0
+    assert preheat('plan', '--vehicle', 'reference', '--route', made, *STATE)[2] == [
+        'preheat: warning: route made has the powers of vehicle small_car; for reference: make it '
+        'again from its legs or logs, with preheat route']
+
+
+def test_legs_of_an_itinerary(preheat, tmp_path):
+    """One leg of another car's powers, one made by this car; the warning comes once."""
+    legs_file_of(tmp_path)
+    stop = {'stop_duration_s': 900, 'departure_temperature_c': 25, 'departure_soc': 0.8}
+    trip = file_of(tmp_path, yaml.safe_dump({'name': 'round trip', 'legs': [
+        {'route': 'winter_commute', **stop}, {'route': 'errand.yaml', **stop},
+        {'route': 'winter_commute', **stop}, {'route': 'legs/winter_commute'}]}), 'trip.yaml')
+    output = tmp_path / 'plans.json'
+    status, _, errors = preheat('plan', '--vehicle', 'small_car', '--itinerary', trip, *STATE,
+                                '--json', output)
+    assert status == 0
+    assert errors == [f'preheat: warning: {WARNING.format(name="winter_commute")}']
+    plans = json.loads(output.read_text())['plans']
+    assert [plan['route_made_for'] for plan in plans] == [
+        'reference', 'small_car', 'reference', 'small_car']
+    # 2.5 t against 1.55 t.
+    heat = [plan['energy_wh']['drivetrain_heat'] for plan in plans]
+    assert heat[3] < heat[0] == pytest.approx(heat[2], rel=1e-9)
+
+
+def scenario_of(folder, **drive):
+    return file_of(folder, yaml.safe_dump({
+        'name': 'short', 'description': 'A drive.', 'expect': {'never': ['INTERNAL_ERROR']},
+        'drive': {'vehicle': 'small_car', 'initial_battery_temperature_c': -5,
+                  'initial_soc': 0.8, **drive},
+        'traffic': [{'event': 'detour', 'at_s': 300, 'route': 'errand.yaml'}]}), 'short.yaml')
+
+
+def test_scenarios_read_legs_and_warn(preheat, tmp_path):
+    errand = legs_file_of(tmp_path)
+    by_legs = load_scenario(scenario_of(tmp_path, route='legs/winter_commute'))
+    assert by_legs.warnings == ()
+    assert same(by_legs.route, route_for('legs/winter_commute', SMALL_CAR).route)
+    assert same(by_legs.imperfections.events[0].route, route_for(errand, SMALL_CAR).route)
+    assert errand in by_legs.files
+    path = scenario_of(tmp_path, route='winter_commute')
+    assert load_scenario(path).warnings == (WARNING.format(name='winter_commute'),)
+    assert preheat('scenario', path, '--list')[2] == [
+        f'preheat: warning: scenario short: {WARNING.format(name="winter_commute")}']

@@ -1,0 +1,245 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Routes as spreadsheets write them: km/h, kW, semicolons, decimal commas; what is refused."""
+
+from dataclasses import fields
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from hypothesis import given, strategies as st
+import numpy as np
+import pytest
+
+from bev_preheat.errors import InvalidInput
+from bev_preheat.route.csv_file import load_route
+from bev_preheat.route.drive_log import load_drive_logs
+from bev_preheat.route.segments import make_route, Route
+from bev_preheat.vehicle.description import Defaults
+
+DEFAULTS = Defaults(cabin_heating_power_w=1111.0, auxiliary_power_w=222.0,
+                    target_battery_temperature_c=21.0)
+HEADER = 'duration_s;speed_kmh;propulsion_power_kw;ambient_temperature_c'
+# Column, field of Route, unit of the field in units of the column.
+OTHER_UNITS = (
+    ('duration_min', 'duration_s', 1.0 / 60.0),
+    ('speed_kmh', 'speed_mps', 3.6),
+    ('propulsion_power_kw', 'propulsion_power_w', 1e-3),
+    ('propulsion_power_rms_kw', 'propulsion_power_rms_w', 1e-3),
+    ('ambient_temperature_c', 'ambient_temperature_c', 1.0),
+    ('cabin_heating_power_kw', 'cabin_heating_power_w', 1e-3),
+    ('auxiliary_power_kw', 'auxiliary_power_w', 1e-3))
+SEGMENT = st.tuples(
+    st.floats(1e-2, 400.0), st.floats(0.1, 99.9), st.floats(-1.9e6, 1.9e6), st.floats(0.0, 1e4),
+    st.floats(-60.0, 60.0), st.floats(0.0, 4.9e4), st.floats(0.0, 4.9e4))
+
+
+def file_of(folder, text, name='trip.csv'):
+    path = Path(folder) / name
+    path.write_bytes(text.encode('utf-8'))
+    return path
+
+
+def problem_with(tmp_path, text):
+    path = file_of(tmp_path, text)
+    with pytest.raises(InvalidInput) as caught:
+        load_route(path, DEFAULTS)
+    problem, = caught.value.problems
+    return problem.removeprefix(str(path))
+
+
+@st.composite
+def routes(draw):
+    rows = draw(st.lists(SEGMENT, min_size=1, max_size=12))
+    duration, speed, mean, more, ambient, cabin, auxiliary = np.array(rows).T
+    return make_route({
+        'duration_s': duration, 'speed_mps': speed, 'propulsion_power_w': mean,
+        'propulsion_power_rms_w': np.abs(mean) + more, 'ambient_temperature_c': ambient,
+        'cabin_heating_power_w': cabin, 'auxiliary_power_w': auxiliary}, None)
+
+
+def assert_same(one, other):
+    for field in fields(Route):
+        np.testing.assert_allclose(getattr(one, field.name), getattr(other, field.name),
+                                   rtol=1e-12, atol=1e-300, err_msg=field.name)
+
+
+@given(route=routes(), separator=st.sampled_from([';', '\t']), comma=st.booleans(),
+       end=st.sampled_from(['\n', '\r\n']), mark=st.sampled_from(['', '\ufeff']),
+       exponents=st.booleans(), order=st.permutations(OTHER_UNITS))
+def test_a_route_survives_other_units_separators_and_commas(route, separator, comma, end, mark,
+                                                            exponents, order):
+    def written(value):
+        # With three digits behind the mark alone, a number may look like thousands.
+        text = f'{value:.16e}' if exponents else np.format_float_positional(value, min_digits=4)
+        return text.replace('.', ',') if comma else text
+
+    lines = [separator.join(column for column, _, _ in order)]
+    lines += [separator.join(written(getattr(route, field)[at] * factor)
+                             for _, field, factor in order) for at in range(len(route))]
+    with TemporaryDirectory() as folder:
+        again = load_route(file_of(folder, mark + end.join(lines) + end), None)
+    assert_same(again, route)
+
+
+@given(route=routes(), length=st.sampled_from([('length_km', 1e-3), ('length_m', 1.0)]),
+       given_too=st.sampled_from(['duration_s', 'speed_mps']))
+def test_the_length_of_segments_stands_for_duration_or_speed(route, length, given_too):
+    name, factor = length
+    length_m = np.maximum(route.duration_s * route.speed_mps, 1e-300)
+    rows = [f'{name},{given_too},propulsion_power_w,ambient_temperature_c'] + [
+        f'{a!r},{b!r},{c!r},{d!r}' for a, b, c, d in zip(
+            (length_m * factor).tolist(), getattr(route, given_too).tolist(),
+            route.propulsion_power_w.tolist(), route.ambient_temperature_c.tolist())]
+    with TemporaryDirectory() as folder:
+        again = load_route(file_of(folder, '\n'.join(rows)), DEFAULTS)
+    np.testing.assert_allclose(again.duration_s, route.duration_s, rtol=1e-12)
+    np.testing.assert_allclose(again.speed_mps, route.speed_mps, rtol=1e-12)
+
+
+def test_a_german_spreadsheet(tmp_path):
+    """Byte order mark, CRLF, quoted comment, lines filled with separators, blank rows, sep=;"""
+    route = load_route(file_of(tmp_path, '\ufeffsep=;\r\n"# nach Hause; im Winter";;;\r\n'
+                               f'{HEADER};;\r\n;;;;;\r\n30;36;-5,25;-7;;\r\n'
+                               '12,5;90;17;"-6,5";;\r\n;;;;;\r\n'), DEFAULTS)
+    assert route.duration_s.tolist() == [30.0, 12.5]
+    assert route.speed_mps.tolist() == [10.0, 25.0]
+    assert route.propulsion_power_w.tolist() == [-5250.0, 17000.0]
+    assert route.ambient_temperature_c.tolist() == [-7.0, -6.5]
+    assert route.cabin_heating_power_w.tolist() == [1111.0, 1111.0]
+
+
+def test_tabs_and_points(tmp_path):
+    route = load_route(file_of(tmp_path, HEADER.replace(';', '\t') + '\n30\t36\t5.25\t-7\n'),
+                       DEFAULTS)
+    assert route.propulsion_power_w.tolist() == [5250.0]
+
+
+def test_an_empty_last_column_is_no_shorter_row(tmp_path):
+    assert problem_with(tmp_path, HEADER.replace(';', '\t') + '\n30\t36\t5.25\t\n') == (
+        ", line 2: ambient_temperature_c: '' is not a number")
+
+
+@pytest.mark.parametrize('row, problem', [
+    ('30;36;1.234,5;-7', "propulsion_power_kw: '1.234,5' has a thousands separator; write 1234,5"),
+    ('30;36;1,234.5;-7', "propulsion_power_kw: '1,234.5' has a thousands separator; write 1234.5"),
+    ("30;36;1'234.5;-7", 'propulsion_power_kw: "1\'234.5" has a thousands separator; write 1234.5'),
+    ('30;36;1 234;-7', "propulsion_power_kw: '1 234' has a thousands separator; write 1234"),
+    ('30;36;-1\u202f234,5;-7', "propulsion_power_kw: '-1\\u202f234,5' has a thousands separator; "
+     'write -1234,5'),
+    ('30;36;1.234.567;-7', "propulsion_power_kw: '1.234.567' has a thousands separator; write "
+     '1234567'),
+    ('30;36;1,234,567;-7', "propulsion_power_kw: '1,234,567' has a thousands separator; write "
+     '1234567'),
+    ('30;36;1.234;-7', "propulsion_power_kw: '1.234' can be read as 1234 or as 1.234; write no "
+     'thousands separator, or a number of digits other than three behind the decimal point'),
+    ('30;36;1,500;-7', "propulsion_power_kw: '1,500' can be read as 1500 or as 1.5; write no "
+     'thousands separator, or a number of digits other than three behind the decimal comma'),
+    ('30;36.5;5,5;-7', "speed_kmh: '36.5' has a decimal point, and '5,5' in line 2, "
+     'propulsion_power_kw, a decimal comma; use one of them'),
+    ('30;1_0;5;-7', "speed_kmh: '1_0' is not a number"),
+    ('30;\u0663;5;-7', "speed_kmh: '\u0663' is not a number"),
+    ('30;36 km/h;5;-7', "speed_kmh: '36 km/h' is not a number"),
+    ('30;361;5;-7', 'speed_kmh: 361 is not allowed; it must be 0 ... 360'),
+    ('30;36;2001;-7', 'propulsion_power_kw: 2001 is not allowed; it must be -2000 ... 2000'),
+])
+def test_a_cell_that_is_unclear_or_impossible_is_named(tmp_path, row, problem):
+    assert problem_with(tmp_path, f'{HEADER}\n{row}\n') == f', line 2: {problem}'
+
+
+@pytest.mark.parametrize('row, problem', [
+    # A decimal comma makes one column too many.
+    ('30,36,5,5,-7', 'has 5 values; the header names 4 columns; with decimal commas, separate the '
+     'columns by semicolons'),
+    ('30,36,"5,5",-7', "propulsion_power_kw: '5,5' has a comma; with decimal commas, separate the "
+     'columns by semicolons'),
+    ('30,36,"1,500",-7', "propulsion_power_kw: '1,500' has a comma; with decimal commas, separate "
+     'the columns by semicolons'),
+    ('30,36,"1,500.5",-7', "propulsion_power_kw: '1,500.5' has a thousands separator; write "
+     '1500.5'),
+    ('30;36;5;-7', 'is separated by semicolons, the header by commas'),
+    ('30,36,5', 'has 3 values; the header names 4 columns'),
+    ('30,36,"5,-7', 'is not CSV; do its quotation marks match? (unexpected end of data)'),
+])
+def test_commas_separate_or_are_decimal(tmp_path, row, problem):
+    header = HEADER.replace(';', ',')
+    assert problem_with(tmp_path, f'{header}\n{row}\n') == f', line 2: {problem}'
+
+
+def test_one_clear_number_decides_for_the_others(tmp_path):
+    route = load_route(file_of(tmp_path, f'{HEADER}\n30;36;1,500;-7,25\n'), DEFAULTS)
+    assert route.propulsion_power_w.tolist() == [1500.0]
+
+
+ROUTE_COLUMNS = ('duration_s, speed_mps, propulsion_power_w, propulsion_power_rms_w, '
+                 'ambient_temperature_c, cabin_heating_power_w, auxiliary_power_w')
+
+
+@pytest.mark.parametrize('header, problem', [
+    ('duration_s;speed_kmh,propulsion_power_kw', 'the columns are separated by commas and '
+     'semicolons; use one of them'),
+    ('duration_s speed_kmh', "'duration_s speed_kmh' has no separator; the columns must be "
+     'separated by commas, semicolons or tabs'),
+    ('duration_s|speed_kmh', "'duration_s|speed_kmh' has no separator; the columns must be "
+     'separated by commas, semicolons or tabs'),
+    ('30;36;5,5;-7', 'holds numbers; the line above them must name the columns: ' + ROUTE_COLUMNS),
+    ('"-7,5";30', 'holds numbers; the line above them must name the columns: ' + ROUTE_COLUMNS),
+    ('duration_s;;speed_kmh', 'a column has no name'),
+])
+def test_a_first_line_that_is_no_header(tmp_path, header, problem):
+    assert problem_with(tmp_path, f'{header}\n') == f', line 1: {problem}'
+
+
+def test_a_segment_in_which_the_car_stands_has_no_length(tmp_path):
+    assert problem_with(
+        tmp_path, 'length_km,speed_kmh,propulsion_power_kw,ambient_temperature_c\n'
+        '1,50,10,-7\n0,0,0,-7\n') == (
+        ', line 3: speed_kmh: a segment in which the car stands has no length; give duration_s in '
+        'place of length_km')
+
+
+def test_values_made_of_others_are_named_after_them(tmp_path):
+    assert problem_with(
+        tmp_path, 'length_km,speed_kmh,propulsion_power_kw,ambient_temperature_c\n'
+        '1,50,10,-7\n0,50,0,-7\n') == (
+        ', line 3: duration, in s, by length_km: 0 is not allowed; it must be 0.001 ... 86400')
+    assert problem_with(
+        tmp_path, 'length_km,duration_min,propulsion_power_kw,ambient_temperature_c\n'
+        '100,2,10,-7\n') == (
+        ', line 2: speed, in m/s, by length_km: 833.333 is not allowed; it must be 0 ... 100')
+    assert problem_with(
+        tmp_path, 'duration_s,speed_mps,propulsion_power_kw,propulsion_power_rms_kw,'
+        'ambient_temperature_c\n30,10,5,4,-7\n') == (
+        ', line 2: propulsion_power_rms_kw, in W: 4000 is below the magnitude of the mean, 5000')
+
+
+LOG = ('time_s;speed_kmh;power_kw;cabin_heater_kw;ambient_c;remark\n'
+       + ''.join(f'{second};72;12,5;0,9;-3;"ok; 1.500"\n' for second in range(60)))
+
+
+def test_a_drive_log_of_a_spreadsheet(tmp_path):
+    """The column that is not used may hold what it likes."""
+    route = load_drive_logs([file_of(tmp_path, LOG)], DEFAULTS).route
+    assert route.duration_s.tolist() == [30.0, 30.0]
+    assert route.speed_mps == pytest.approx(20.0, rel=1e-12)
+    assert route.cabin_heating_power_w == pytest.approx(900.0, rel=1e-12)
+    assert route.propulsion_power_w == pytest.approx(12500.0 - 900.0 - 222.0, rel=1e-12)
+
+
+def test_an_impossible_sample_is_shown_in_the_unit_of_the_log(tmp_path):
+    path = file_of(tmp_path, LOG.replace('\n30;72;', '\n30;720;'))
+    remark = load_drive_logs([path], DEFAULTS).remarks[0]
+    assert remark == f'{path}, line 32: speed_kmh: 720 is left out; possible is 0 ... 360'
+
+
+@pytest.mark.parametrize('change, problem', [
+    (('speed_kmh', 'Speed'), "line 1: column 'Speed' has no unit: rename it to speed_mps or "
+     'speed_kmh'),
+    (('remark', 'speed_mps'), 'line 1: columns speed_kmh and speed_mps hold the same quantity; '
+     'keep one of them'),
+    (('\n7;72;12,5', '\n7;72;1.012,5'), "line 9: power_kw: '1.012,5' has a thousands separator; "
+     'write 1012,5'),
+])
+def test_a_drive_log_is_refused_in_the_same_words(tmp_path, change, problem):
+    path = file_of(tmp_path, LOG.replace(*change))
+    with pytest.raises(InvalidInput) as caught:
+        load_drive_logs([path], DEFAULTS)
+    assert caught.value.problems == [f'{path}, {problem}']

@@ -1,0 +1,97 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A Supervisor that is given one thing at a time, and remembers what it put out."""
+
+from bev_preheat.supervision.events import (
+    BatteryStateArrived, PreheatingSwitched, Reconfigured, RouteArrived, RouteUnreadable,
+    TripCancelled)
+from bev_preheat.supervision.inbox import Inbox
+from bev_preheat.supervision.refusals import RefusedRoute
+from bev_preheat.supervision.supervisor import Supervisor
+
+
+class Stepwise(Supervisor):
+    """
+    Turns single inputs into steps, which raise what was refused.
+
+    What takes no instant happens at that of the step before.
+    """
+
+    def __init__(self, vehicle, settings):
+        super().__init__(vehicle, settings)
+        self.outputs, self._now_ns = [], 0
+
+    def run(self, now_ns, *events):
+        """Take a step, and raise the InvalidInput of what it refused."""
+        self.step_through(now_ns, *events)
+        for output in self.outputs:
+            assert not output.failure, output.failure
+            for refusal in output.refusals:
+                raise refusal.error
+
+    def step_through(self, now_ns, *events):
+        """Take a step, whatever it refuses."""
+        self._now_ns, self.outputs = now_ns, list(self.step(now_ns, *events))
+
+    def accept_battery(self, measurement, now_ns):
+        self.run(now_ns, BatteryStateArrived(measurement))
+
+    def accept_mission(self, mission):
+        self.run(self._now_ns, RouteArrived(mission))
+
+    def revise_mission(self, mission):
+        self.run(self._now_ns, Reconfigured(self.vehicle, self.settings, mission))
+
+    def refuse_route(self, error, refused=RefusedRoute()):
+        self.step_through(self._now_ns, RouteUnreadable(error, refused))
+
+    def cancel(self):
+        self.run(self._now_ns, TripCancelled())
+
+    @property
+    def enabled(self):
+        return self.is_enabled
+
+    @enabled.setter
+    def enabled(self, is_enabled):
+        self.run(self._now_ns, PreheatingSwitched(is_enabled))
+
+    @property
+    def settings(self):
+        return super().settings
+
+    @settings.setter
+    def settings(self, settings):
+        self.run(self._now_ns, Reconfigured(self.vehicle, settings))
+
+    @property
+    def vehicle(self):
+        return super().vehicle
+
+    @vehicle.setter
+    def vehicle(self, vehicle):
+        self.run(self._now_ns, Reconfigured(vehicle, self.settings))
+
+    def replan(self, now_ns):
+        """Return the Decision at an instant."""
+        if now_ns != self._now_ns:
+            # Any event is planned for, also one that changes nothing.
+            self.run(now_ns, PreheatingSwitched(self.is_enabled))
+        return self.decision
+
+    def refresh(self, now_ns):
+        """Let time pass."""
+        self.run(now_ns)
+
+    def command(self, now_ns):
+        """Return the Command that is given as time passes."""
+        self.run(now_ns)
+        return self.latest_command
+
+    def goal_of(self, leg):
+        """Return the Goal of a leg, as a checker's Inbox sees it."""
+        return Inbox(self.vehicle, self.settings).goal_of(leg)
+
+    def later_decisions(self):
+        """Return the Decisions of later legs that were published with the latest decision."""
+        return next(output.later_decisions for output in reversed(self.outputs)
+                    if output.decision is not None)

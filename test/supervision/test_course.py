@@ -1,0 +1,80 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the route says that the car does between two instants."""
+
+import pytest
+
+from bev_preheat.route.segments import make_route
+from bev_preheat.supervision.command_history import CommandHistory
+from bev_preheat.supervision.course import stretches_between
+from bev_preheat.supervision.inputs import Leg, Mission, NS_PER_S
+from bev_preheat.vehicle import load_vehicle
+
+VEHICLE = load_vehicle('reference')
+START_S = 1000
+
+
+def leg(start_s, powers_w, rms_w=None, cabin_w=1500.0):
+    return Leg(make_route({
+        'duration_s': [60.0] * len(powers_w), 'speed_mps': [20.0 + at for at in range(len(powers_w))],
+        'propulsion_power_w': powers_w, 'propulsion_power_rms_w': rms_w,
+        'ambient_temperature_c': [-7.0], 'cabin_heating_power_w': [cabin_w],
+        'auxiliary_power_w': [400.0]}, VEHICLE.defaults), start_s * NS_PER_S)
+
+
+# A stop of 400 s lies between the two.
+MISSION = Mission('two legs', (
+    leg(START_S, [10e3, 20e3, -5e3], rms_w=[10e3, 25e3, 6e3]), leg(START_S + 580, [7e3],
+                                                                  cabin_w=9000.0)))
+
+
+def between(from_s, to_s, mission=MISSION):
+    """Return (DriveInputs, heater power left by the cabin [W]) of the one stretch between two."""
+    edges_ns = [round((START_S + at_s) * NS_PER_S) for at_s in (from_s, to_s)]
+    stretch, = stretches_between(edges_ns, VEHICLE, mission, CommandHistory())
+    return stretch.drive, stretch.limit_w
+
+
+@pytest.mark.parametrize('from_s, to_s, power_w', [
+    (0.0, 1.0, 10e3), (58.0, 59.9, 10e3), (59.0, 62.0, 20e3), (120.0, 179.0, -5e3),
+    (590.0, 591.0, 7e3)])
+def test_the_segment_of_the_middle_is_what_is_driven(from_s, to_s, power_w):
+    assert between(from_s, to_s)[0].propulsion_power_w == power_w
+
+
+def test_all_of_a_segment_is_told():
+    drive, limit_w = between(70.0, 80.0)
+    assert (drive.speed_mps, drive.ambient_temperature_c) == (21.0, -7.0)
+    assert (drive.cabin_heating_power_w, drive.auxiliary_power_w) == (1500.0, 400.0)
+    # 25^2 - 20^2 = 15^2
+    assert drive.power_variance_w2 == pytest.approx(15e3**2)
+    assert drive.terminal_power_w is None
+    assert limit_w == VEHICLE.hvch.maximum_power_w - 1500.0
+
+
+def test_a_cabin_that_takes_all_leaves_nothing():
+    assert between(590.0, 591.0)[1] == 0.0
+
+
+@pytest.mark.parametrize('from_s, to_s', [(-10.0, -8.0), (-3.0, 1.0), (181.0, 182.0),
+                                          (300.0, 500.0), (700.0, 701.0)],
+                         ids=['before', 'begins', 'stop', 'at the stop', 'after'])
+def test_beyond_the_route_nothing_is_known(from_s, to_s):
+    assert between(from_s, to_s) == (None, 0.0)
+
+
+def test_without_a_route_nothing_is_known():
+    assert between(0.0, 1.0, mission=None) == (None, 0.0)
+
+
+def test_each_stretch_has_its_mean_command():
+    commands = CommandHistory()
+    commands.note(START_S * NS_PER_S, 1000.0)
+    commands.note((START_S + 15) * NS_PER_S, 4000.0)
+    edges_ns = [(START_S + at_s) * NS_PER_S for at_s in (0, 10, 20)]
+    stretches = stretches_between(edges_ns, VEHICLE, MISSION, commands)
+    assert [(stretch.duration_s, stretch.command_w) for stretch in stretches] == [
+        (10.0, 1000.0), (10.0, 2500.0)]
+
+
+def test_between_no_instants_there_is_no_stretch():
+    assert stretches_between((), VEHICLE, MISSION, CommandHistory()) == ()

@@ -1,0 +1,355 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A car from its data sheet: figures that must come out again, and data sheets that cannot be."""
+
+from dataclasses import replace
+import math
+from pathlib import Path
+import shlex
+
+from hypothesis import given, settings, strategies as st
+import numpy as np
+import pytest
+import yaml
+
+from bev_preheat.arithmetic import FLOATS
+from bev_preheat.commands.main import main
+from bev_preheat.configuration import configuration_folder
+from bev_preheat.errors import InvalidInput
+from bev_preheat.model import make_rates
+from bev_preheat.planning.planner import plan_preheating
+from bev_preheat.planning.situation import BatteryState, Goal
+from bev_preheat.route import load_route
+from bev_preheat.vehicle import load_vehicle
+from bev_preheat.vehicle.chemistry import CHEMISTRIES, load_chemistry
+from bev_preheat.vehicle.data_sheet import check_data_sheet, DataSheet
+from bev_preheat.vehicle.described_car import describe_car
+from bev_preheat.vehicle.meaning import meaning_of
+from bev_preheat.vehicle.writing import assumed_keys, vehicle_text
+
+ID4 = DataSheet('id4', 'nmc', charging_power_kw=135.0, usable_energy_kwh=77.0,
+                gross_energy_kwh=82.0, battery_mass_kg=493.0, nominal_voltage_v=352.0,
+                heater_power_kw=5.5, drive_power_kw=150.0, regeneration_power_kw=100.0,
+                vehicle_mass_kg=2124.0, drag_coefficient=0.28, frontal_area_m2=2.56,
+                rolling_resistance=0.009)
+LEAST = DataSheet('least', 'lfp', charging_power_kw=90.0, usable_energy_kwh=55.0,
+                  cells_in_series=106)
+SHIPPED = ('small_hatchback', 'mid_size_lfp', 'large_suv')
+
+
+def made(folder, sheet):
+    """Return (Vehicle, contents of its file) of a data sheet."""
+    file = Path(folder) / 'car.yaml'
+    file.write_text(vehicle_text(sheet.name, describe_car(sheet), 'preheat vehicle new'))
+    return load_vehicle(file), yaml.safe_load(file.read_text())
+
+
+@pytest.fixture(scope='module')
+def id4(tmp_path_factory):
+    return made(tmp_path_factory.mktemp('id4'), ID4)
+
+
+@pytest.fixture(scope='module')
+def least(tmp_path_factory):
+    return made(tmp_path_factory.mktemp('least'), LEAST)
+
+
+def trapezoids_kwh(contents):
+    """Energy of the file's own table [kWh]: integral of U dQ, by hand."""
+    table = contents['battery']['open_circuit_voltage']['table']
+    mean_v = sum(0.5 * (low + high) * (end - start) for low, high, start, end in zip(
+        table['values'], table['values'][1:], table['soc'], table['soc'][1:]))
+    return mean_v * contents['battery']['capacity_ah'] / 1000.0
+
+
+@pytest.mark.parametrize('car, kwh', [('id4', 77.0), ('least', 55.0)])
+def test_open_circuit_voltage_times_charge_is_the_usable_energy(request, car, kwh):
+    assert trapezoids_kwh(request.getfixturevalue(car)[1]) == pytest.approx(kwh, rel=1e-4)
+
+
+def test_gross_energy_alone_leaves_the_usual_part_usable(tmp_path):
+    sheet = replace(LEAST, usable_energy_kwh=None, gross_energy_kwh=55.0)
+    _, contents = made(tmp_path, sheet)
+    share = load_chemistry('lfp').usable_share
+    assert trapezoids_kwh(contents) == pytest.approx(share * 55.0, rel=1e-4)
+    assert 'battery.capacity_ah' in contents['assumed']
+
+
+def test_given_figures_stand_in_the_file(id4):
+    vehicle, _ = id4
+    road = vehicle.road_load
+    assert (vehicle.name, vehicle.battery.cells_in_series, vehicle.hvch.maximum_power_w,
+            vehicle.drivetrain.maximum_power_w, vehicle.drivetrain.maximum_regeneration_power_w,
+            road.mass_kg, road.drag_coefficient, road.frontal_area_m2, road.rolling_resistance
+            ) == ('id4', 96, 5500.0, 150e3, 100e3, 2124.0, 0.28, 2.56, 0.009)
+
+
+@pytest.mark.parametrize('soc, temperature_c, share', [
+    # A warm battery that is not yet half full takes all; a full one nothing.
+    (0.1, 25.0, 1.0), (0.2, 40.0, 1.0), (1.0, 25.0, 0.0)])
+def test_charging_power_is_the_given_one_when_warm(id4, soc, temperature_c, share):
+    limit_w = id4[0].battery.charge_power_limit.function(FLOATS)(soc, temperature_c)
+    assert limit_w == pytest.approx(-135e3 * share, abs=1.0)
+
+
+def test_resistance_is_that_of_the_published_cell_in_a_pack_of_this_size(id4):
+    """96 cells in series, as many 94 Ah cells of 0.819 mohm beside each other as the charge needs."""
+    battery = id4[0].battery
+    cells_ah = battery.capacity_ah / (77.0 / 82.0)
+    expected_ohm = 96 * 0.819e-3 * 94.0 / cells_ah
+    assert battery.resistance.function(FLOATS)(0.5, 25.0) == pytest.approx(expected_ohm, rel=1e-3)
+
+
+def test_joule_heat_at_25_degc_in_closed_form(id4):
+    """Half charge, 25 degC, 40 kW: I from U I - R I^2 = P, heat R I^2."""
+    vehicle, contents = id4
+    tables = contents['battery']
+    voltage_v = dict(zip(*map(tables['open_circuit_voltage']['table'].get, ('soc', 'values'))))[0.5]
+    resistance = tables['resistance']['table']
+    ohm = resistance['values'][resistance['soc'].index(0.5)][
+        resistance['temperature_c'].index(25)]
+    current_a = (voltage_v - math.sqrt(voltage_v**2 - 4.0 * ohm * 40e3)) / (2.0 * ohm)
+    _, _, joule_w = make_rates(vehicle, FLOATS)(0.5, 25.0, 40e3, 0.0, 0.0, 0.0)
+    assert joule_w == pytest.approx(ohm * current_a**2, rel=1e-9)
+    # An order of magnitude that a person knows: about 1 % of the power.
+    assert 0.005 < joule_w / 40e3 < 0.02
+
+
+def test_heat_capacity_is_that_of_cells_and_housing(id4):
+    # 70 % of 493 kg are cells of 1040 J/(kg K), the rest aluminium of 900 J/(kg K).
+    assert id4[0].battery.heat_capacity_j_per_k == pytest.approx(
+        493.0 * (0.7 * 1040.0 + 0.3 * 900.0), abs=50.0)
+
+
+def test_a_made_car_is_of_the_order_of_the_shipped_ones(id4):
+    """The reference and the small car have other sizes: compare what does not depend on size."""
+    own, others = meaning_of(id4[0]), [
+        meaning_of(load_vehicle(name)) for name in ('reference', 'small_car')]
+    for figure in ('one_hour_drop', 'heat_capacity_kj_per_k_kwh', 'time_constant_h',
+                   'heating_at_rest_k_per_10_min'):
+        values = [getattr(other, figure) for other in others]
+        assert 0.5 * min(values) < getattr(own, figure) < 2.0 * max(values), figure
+
+
+@pytest.mark.parametrize('name', CHEMISTRIES)
+def test_cells_get_better_as_they_get_warmer(name):
+    chemistry = load_chemistry(name)
+    assert np.all(np.diff(chemistry.resistance.temperature_factor) <= 0.0)
+    assert np.all(np.diff(chemistry.open_circuit_voltage.voltage_v) > 0.0)
+    for shares in (chemistry.charge_share, chemistry.discharge_share):
+        assert np.all(np.diff(shares.temperature_share) >= 0.0)
+        assert max(shares.soc_share) == max(shares.temperature_share) == 1.0
+    assert np.all(np.diff(chemistry.charge_share.soc_share) <= 0.0)
+    assert np.all(np.diff(chemistry.discharge_share.soc_share) >= 0.0)
+
+
+@pytest.mark.parametrize('name', CHEMISTRIES)
+def test_factors_are_one_where_the_resistance_is_stated(name):
+    resistance = load_chemistry(name).resistance
+    assert resistance.temperature_factor[resistance.temperature_c.index(25)] == 1.0
+    assert resistance.soc_factor_at(0.5) == 1.0
+
+
+def test_nominal_voltage_of_the_published_cell_is_near_its_mean(tmp_path):
+    for name in CHEMISTRIES:
+        chemistry = load_chemistry(name)
+        curve = chemistry.open_circuit_voltage
+        mean_v = np.dot(np.diff(curve.soc), np.add(curve.voltage_v[1:], curve.voltage_v[:-1]) / 2)
+        assert mean_v == pytest.approx(chemistry.nominal_cell_voltage_v, rel=0.03)
+
+
+def test_what_is_not_given_is_marked_in_file_and_comment(least, tmp_path):
+    entries = describe_car(LEAST)
+    assert least[0].assumed == tuple(least[1]['assumed']) == tuple(assumed_keys(entries))
+    for key, entry in entries.items():
+        assert entry.assumed == ('assumed' in entry.note and key not in (
+            # These are given or follow from what is given, next to an assumption about buffers.
+            'battery.capacity_ah')), key
+
+
+def test_a_given_heater_is_not_assumed(id4, least):
+    assert 'hvch.maximum_power_w' in least[0].assumed
+    assert 'hvch.maximum_power_w' not in id4[0].assumed
+
+
+def test_without_a_mass_there_is_no_road_load(least):
+    assert least[0].road_load is None
+
+
+@pytest.mark.parametrize('name', SHIPPED)
+def test_shipped_car_is_what_its_command_makes(name, tmp_path, monkeypatch):
+    file = configuration_folder('vehicles') / f'{name}.yaml'
+    lines = file.read_text().splitlines()
+    command = ' '.join(line.removeprefix('#').strip() for line in lines[
+        1:next(number for number, line in enumerate(lines) if line.startswith('# "given"'))])
+    (tmp_path / 'config/vehicles').mkdir(parents=True)
+    monkeypatch.chdir(tmp_path)
+    program, *words = shlex.split(command)
+    assert program == 'preheat' and main(words) == 0
+    again = yaml.safe_load(Path(f'config/vehicles/{name}.yaml').read_text())
+    shipped = yaml.safe_load(file.read_text())
+    # A source that says "assumed" makes a given figure one more of those.
+    assert set(again.pop('assumed')) <= set(shipped.pop('assumed'))
+    assert again == shipped
+
+
+@pytest.mark.parametrize('name', SHIPPED)
+def test_every_number_of_a_shipped_car_says_where_it_comes_from(name):
+    lines = (configuration_folder('vehicles') / f'{name}.yaml').read_text().splitlines()
+    notes, note = {}, ''
+    for line in lines:
+        text = line.strip()
+        if text.startswith('#'):
+            note += text[1:]
+        elif ':' in text and not text.startswith('-'):
+            notes[text.partition(':')[0]] = note
+            note = ''
+    for key in ('capacity_ah', 'cells_in_series', 'heat_capacity_j_per_k', 'open_circuit_voltage',
+                'resistance', 'discharge', 'charge', 'leakage', 'temperature_range_c', 'efficiency',
+                'heat_recovery_efficiency', 'maximum_power_w', 'maximum_regeneration_power_w',
+                'cabin_heating_power_w', 'auxiliary_power_w', 'mass_kg', 'frontal_area_m2',
+                'drag_coefficient', 'rolling_resistance'):
+        assert 'source: ' in notes[key] or 'assumed' in notes[key], key
+        assert 'given' not in notes[key], key
+
+
+@pytest.mark.parametrize('name', SHIPPED)
+def test_shipped_car_plans_and_arrives_at_its_target(name):
+    vehicle = load_vehicle(name)
+    route = load_route('reference', vehicle.defaults)
+    plan = plan_preheating(vehicle, route, BatteryState(-7.0, 0.9), Goal(12.0), 'merit_order')
+    assert plan.arrival_temperature_c == pytest.approx(12.0, abs=0.01)
+    assert plan.energy_wh.hvch_electric > 0.0
+
+
+@pytest.mark.parametrize('name', SHIPPED)
+def test_shipped_car_has_nothing_unusual(name):
+    assert meaning_of(load_vehicle(name)).warnings == ()
+
+
+def sheets():
+    """Data sheets of cars from 20 to 150 kWh, that a person could type."""
+    @st.composite
+    def draw_sheet(draw):
+        chemistry = draw(st.sampled_from(CHEMISTRIES))
+        figures = load_chemistry(chemistry)
+        gross_kwh = draw(st.floats(20.0, 150.0))
+        usable_kwh = draw(st.none() | st.floats(0.85, 1.0).map(lambda share: share * gross_kwh))
+        cells = draw(st.integers(80, 220))
+        cell_v = draw(st.floats(*figures.nominal_cell_voltage_range_v))
+        density = draw(st.none() | st.floats(110.0, 180.0))
+        drive_kw = draw(st.none() | st.floats(1.2, 5.0).map(lambda rate: rate * gross_kwh))
+        # The size of a heater is that of its car: no coolant brings a battery 4 K a minute, and
+        # nobody fits a heater that the leakage of a cold day eats up.
+        heater_kw = draw(st.none() | st.floats(
+            max(3.0, 0.04 * gross_kwh), min(10.0, 0.4 * gross_kwh)))
+        both = draw(st.sampled_from(('cells', 'voltage', 'both')))
+        return DataSheet(
+            'drawn', chemistry, charging_power_kw=draw(st.floats(0.8, 3.0)) * gross_kwh,
+            gross_energy_kwh=gross_kwh, usable_energy_kwh=usable_kwh,
+            battery_mass_kg=None if density is None else 1000.0 * gross_kwh / density,
+            cells_in_series=cells if both != 'voltage' else None,
+            nominal_voltage_v=cells * cell_v if both != 'cells' else None,
+            drive_power_kw=drive_kw, heater_power_kw=heater_kw,
+            vehicle_mass_kg=draw(st.none() | st.floats(2500.0, 3500.0)))
+    return draw_sheet()
+
+
+ROUTE = load_route('reference', load_vehicle('reference').defaults).resampled(300.0)
+
+
+@pytest.mark.costly
+@given(sheet=sheets())
+@settings(max_examples=8, deadline=None, derandomize=True)
+def test_every_plausible_data_sheet_makes_a_usual_car_that_plans(tmp_path_factory, sheet):
+    check_made_car(tmp_path_factory, sheet)
+
+
+@pytest.mark.deep
+@given(sheet=sheets())
+@settings(max_examples=400, deadline=None)
+def test_every_plausible_data_sheet_on_more_of_them(tmp_path_factory, sheet):
+    check_made_car(tmp_path_factory, sheet)
+
+
+def check_made_car(tmp_path_factory, sheet):
+    """Make a car: its figures are those given, nothing of it is unusual, and it plans."""
+    vehicle, contents = made(tmp_path_factory.getbasetemp(), sheet)
+    usable_kwh = sheet.usable_energy_kwh or (
+        load_chemistry(sheet.chemistry).usable_share * sheet.gross_energy_kwh)
+    assert trapezoids_kwh(contents) == pytest.approx(usable_kwh, rel=1e-4)
+    meaning = meaning_of(vehicle)
+    assert meaning.energy_kwh == pytest.approx(usable_kwh, rel=1e-3)
+    assert meaning.most_charging_power_kw == pytest.approx(sheet.charging_power_kw, rel=1e-3)
+    assert meaning.warnings == ()
+    plan = plan_preheating(vehicle, ROUTE, BatteryState(-7.0, 0.9), Goal(5.0), 'merit_order')
+    assert math.isfinite(plan.arrival_temperature_c) and plan.arrival_temperature_c > -7.0
+
+
+@pytest.mark.parametrize('change, problem', [
+    ({'usable_energy_kwh': 77000.0}, '--usable-energy-kwh: 77000 kWh is implausible; it must be '
+     '5 ... 250 kWh; 77000 Wh would be 77 kWh'),
+    ({'charging_power_kw': 135000.0}, '--charging-power-kw: 135000 kW is implausible; it must be '
+     '10 ... 600 kW; 135000 W would be 135 kW'),
+    ({'heater_power_kw': 5500.0}, '--heater-power-kw: 5500 kW is implausible; it must be '
+     '0.5 ... 30 kW; 5500 W would be 5.5 kW'),
+    ({'vehicle_mass_kg': 2.124}, '--vehicle-mass-kg: 2.124 kg is implausible; it must be '
+     '400 ... 5000 kg; 2.124 t would be 2124 kg'),
+    ({'rolling_resistance': 0.9}, '--rolling-resistance: 0.9 is implausible; it must be '
+     '0.004 ... 0.03; 0.9 % would be 0.009'),
+    ({'drag_coefficient': 0.72}, '--drag-coefficient: 0.72 is implausible; it must be 0.15 ... 0.6'),
+    ({'battery_mass_kg': 49.3}, '--battery-mass-kg: --gross-energy-kwh 82 kWh in 49.3 kg are 1663 '
+     'Wh/kg; NMC packs have 80 ... 230 Wh/kg, which is 357 ... 1025 kg for the whole pack'),
+    ({'usable_energy_kwh': 82.0, 'gross_energy_kwh': 77.0}, '--usable-energy-kwh: 82 kWh is more '
+     'than --gross-energy-kwh 77 kWh; usable is the smaller one'),
+    ({'usable_energy_kwh': 52.0}, '--usable-energy-kwh: 52 kWh is only 63 % of --gross-energy-kwh '
+     '82 kWh; it must be at least 75 %: do both belong to one battery?'),
+    ({'cells_in_series': 288}, '--nominal-voltage-v: 352 V over 288 cells in series are 1.22 V a '
+     'cell; NMC cells have 3.5 ... 3.85 V, which is 1008 ... 1109 V. Cells in parallel do not count'),
+    ({'charging_power_kw': 11.0}, '--charging-power-kw: 11 kW for --gross-energy-kwh 82 kWh is '
+     'implausible; it must be 25 ... 492 kW: the most at a fast charger (direct current), not at a '
+     'wall box'),
+    ({'regeneration_power_kw': 200.0}, '--regeneration-power-kw: 200 kW is more than '
+     '--drive-power-kw 150 kW'),
+    ({'cabin_heating_power_kw': 6.0}, '--cabin-heating-power-kw: 6 kW leaves nothing of '
+     '--heater-power-kw 5.5 kW for the battery; both draw from one heater'),
+    ({'vehicle_mass_kg': 800.0}, '--vehicle-mass-kg: 800 kg with a battery of 493 kg is '
+     'implausible; it must be at least 896 kg, battery included'),
+    ({'charging_power_kw': math.nan}, '--charging-power-kw: nan kW is implausible; it must be '
+     '10 ... 600 kW'),
+    ({'nominal_voltage_v': None}, '--nominal-voltage-v or --cells-in-series is needed'),
+    ({'vehicle_mass_kg': None}, '--vehicle-mass-kg is needed where --drag-coefficient, '
+     '--frontal-area-m2 or --rolling-resistance is given'),
+    ({'usable_energy_kwh': None, 'gross_energy_kwh': None}, '--usable-energy-kwh or '
+     '--gross-energy-kwh is needed: what the driver can use, or what all cells hold (both, if the '
+     'data sheet has both)'),
+    ({'chemistry': 'nca'}, "--chemistry: 'nca' is not one of nmc, lfp"),
+    ({'name': 'a\nb'}, "--name: 'a\\nb' is not allowed; it must have 1 ... 100 printable characters "
+     'and no space at its ends'),
+    ({'sources': (('battery_mas_kg', 'x'),)}, "--source: 'battery-mas-kg' is no figure; did you mean "
+     'battery-mass-kg?'),
+    ({'sources': (('auxiliary_power_kw', 'x'),)}, '--source: --auxiliary-power-kw is not given'),
+])
+def test_a_data_sheet_that_cannot_be_is_refused_in_words(change, problem):
+    with pytest.raises(InvalidInput) as refused:
+        check_data_sheet(replace(ID4, **change))
+    assert refused.value.problems == [problem]
+
+
+@pytest.mark.parametrize('change', [
+    {'nominal_voltage_v': 323.40000000000003, 'cells_in_series': 84},
+    {'nominal_voltage_v': 323.8, 'cells_in_series': 84, 'battery_mass_kg': 357.0},
+    {'battery_mass_kg': 1025.0, 'vehicle_mass_kg': 1864.0},
+    {'vehicle_mass_kg': 896.0}, {'charging_power_kw': 25.0}, {'charging_power_kw': 492.0},
+    {'usable_energy_kwh': 61.5}, {'usable_energy_kwh': 61.2}])
+def test_what_a_refusal_calls_allowed_is_not_refused(change):
+    check_data_sheet(replace(ID4, **change))
+
+
+def test_sources_stand_at_their_values_and_may_say_assumed(tmp_path):
+    sheet = replace(ID4, sources=(('battery_mass_kg', 'press kit 2021'),
+                                  ('frontal_area_m2', 'assumed: like the ID.3')))
+    vehicle, _ = made(tmp_path, sheet)
+    text = ' '.join((tmp_path / 'car.yaml').read_text().replace('#', '').split())
+    assert '493 kg (source: press kit 2021)' in text
+    assert 'assumed: like the ID.3 frontal_area_m2: 2.56' in text
+    assert 'road_load.frontal_area_m2' in vehicle.assumed
