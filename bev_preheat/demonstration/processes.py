@@ -9,17 +9,16 @@ import socket
 import subprocess
 
 from ament_index_python.packages import get_package_prefix
+import domain_coordinator
 
 from bev_preheat.output_files import existing_file
 
 # Domains whose UDP ports lie below those that Linux gives out by itself; 0 is everybody's default.
 DOMAIN_IDS = range(1, 101)
-# UDP ports of a DDS domain (DDSI-RTPS 9.6.1.1): 250 from here, the first participant's at 10.
+# UDP ports of a DDS domain (DDSI-RTPS 9.6.1.1): 250 from here, the participants' from 10 on, two each.
 FIRST_PORT = 7400
 PORTS_PER_DOMAIN = 250
-FIRST_PARTICIPANT_PORT = 10
-# The domain's last port belongs to its 120th participant: never used, so it serves as a mark.
-MARK_PORT = 249
+PARTICIPANT_PORTS = range(10, 250, 2)
 # Ending takes half a second; on a busy computer longer.
 SECONDS_TO_END = 15.0
 
@@ -29,33 +28,43 @@ def reserved_domain_id():
     """
     Give a ROS_DOMAIN_ID that nobody on this machine uses, and keep it while the block lasts.
 
-    Kept against other callers of this function, that is; a stranger may still pick the same.
+    Kept against other callers of this function and of `domain_coordinator.domain_id()`, that is; a
+    stranger may still pick the same. Raises RuntimeError where none is left.
     """
     candidates = list(DOMAIN_IDS)
     # Not the seeded generator of the module: two test runs with one seed would fight over domains.
     random.SystemRandom().shuffle(candidates)
-    for domain_id in candidates:
-        first_port = FIRST_PORT + PORTS_PER_DOMAIN * domain_id
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as mark:
-            if not (_is_bound(mark, first_port + MARK_PORT)
-                    and _is_free(first_port + FIRST_PARTICIPANT_PORT)):
-                continue
-            yield domain_id
-            return
+    reservation = domain_coordinator.domain_id(lambda: _next_unused(candidates))
+    domain_id = reservation.__enter__()
+    try:
+        yield domain_id
+    finally:
+        # Told of an error of the block, it would take an OSError for a domain that is in use.
+        reservation.__exit__(None, None, None)
+
+
+def _next_unused(candidates):
+    """Take candidates away until one is of no running participant, and return that one."""
+    while candidates:
+        domain_id = candidates.pop()
+        if _is_unused(domain_id):
+            return domain_id
     raise RuntimeError(f'ROS domains {DOMAIN_IDS[0]} ... {DOMAIN_IDS[-1]} are all in use')
 
 
-def _is_bound(mark, port):
-    try:
-        mark.bind(('127.0.0.1', port))
-    except OSError:
-        return False
-    return True
+def _is_unused(domain_id):
+    # The first participant may be gone and a later one be there.
+    first_port = FIRST_PORT + PORTS_PER_DOMAIN * domain_id
+    return all(_is_free(first_port + port) for port in PARTICIPANT_PORTS)
 
 
 def _is_free(port):
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        return _is_bound(probe, port)
+        try:
+            probe.bind(('127.0.0.1', port))
+        except OSError:
+            return False
+    return True
 
 
 class NodeProcess:

@@ -15,6 +15,7 @@ is generous because it is only ever used up where the test fails.
 """
 
 from contextlib import contextmanager
+import gc
 import os
 import signal
 import sys
@@ -149,13 +150,16 @@ def call_main(domain_id, monkeypatch, capfd):
     `call_main(name, *arguments)` does what an executable does, in this process.
 
     For arguments with which it ends at once; returns its exit status and what it has printed. A
-    process would need most of a second of processor time to start.
+    process would need most of a second of processor time to start. But in a process a node that
+    could not start ends with it; here it would be heard, in a domain that others have meanwhile,
+    until Python collects it.
     """
     def call_main(name, *arguments):
         monkeypatch.setattr(sys, 'argv', [f'/opt/lib/bev_preheat/{name}', *arguments])
         capfd.readouterr()
         with signals_kept(), pytest.raises(SystemExit) as end:
             MAIN_MODULES[name].main()
+        gc.collect()
         stdout, stderr = capfd.readouterr()
         return SimpleNamespace(returncode=end.value.code, stdout=stdout, stderr=stderr)
     return call_main
