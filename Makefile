@@ -67,8 +67,11 @@ soak: build ## the planner under load for MINUTES (10), in real time
 soak-monitor: build ## preheat monitor beside drives at 100 times real time for MINUTES (10)
 	@$(environment); $(local_only); python3 -m bev_preheat.experiments.soak.monitor --minutes $(MINUTES)
 
-lint: setup ## pyflakes on the Python; shellcheck on the scripts, where it is installed
-	@$(environment) 2>/dev/null; python3 -m pyflakes bev_preheat test setup.py
+# Not every machine has shellcheck.
+lint: setup ## ruff (errors, imports, names, docstrings) and mypy on the Python, shellcheck on the scripts
+	@scripts/setup.bash lint
+	@$(environment); ruff check --quiet
+	@$(environment); mypy
 	@if command -v shellcheck >/dev/null; then shellcheck -x scripts/*.bash .ci/run; fi
 
 clean: ## what build and tests made; .venv stays

@@ -6,9 +6,9 @@ The equations in `model` and the formulas in `vehicle.curves` take one of these,
 once and serve floats, arrays and (see `optimum.symbols`) CasADi expressions.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 import math
-from typing import Callable, Optional
 
 import numpy as np
 
@@ -27,7 +27,7 @@ class Arithmetic:
     log: Callable
     maximum: Callable
     minimum: Callable
-    opaque: Optional[Callable] = None
+    opaque: Callable | None = None
     share: Callable = lambda value: value
 
 

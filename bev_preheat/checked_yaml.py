@@ -2,7 +2,7 @@
 """Reads a YAML file against a JSON Schema and says in plain words what is wrong with it."""
 
 from difflib import get_close_matches
-from functools import lru_cache
+from functools import cache
 import math
 from pathlib import Path
 
@@ -56,7 +56,7 @@ class _LoaderOfUniqueKeys(yaml.SafeLoader):
         return super().construct_mapping(node, deep)
 
 
-@lru_cache(maxsize=None)
+@cache
 def _validator(schema_path):
     schema = yaml.safe_load(Path(schema_path).read_text(encoding='utf-8'))
     return Draft7Validator(schema)

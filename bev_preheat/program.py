@@ -51,8 +51,9 @@ def run_program(name, load, ends_process):
     Call `load()`, then the function that it returns, and return the exit status of the program.
 
     It is what that function returns; 2 with a line for each problem where either raises
-    InvalidInput or PlanningFailure, 130 with one line where SIGINT or SIGTERM interrupts it, 1 with one line where standard output is full. `name` is what its lines begin with. With
-    `ends_process` the process is to end now; otherwise its signal handlers are put back.
+    InvalidInput or PlanningFailure, 130 with one line where SIGINT or SIGTERM interrupts it, 1 with
+    one line where standard output is full. `name` is what its lines begin with. With `ends_process`
+    the process is to end now; otherwise its signal handlers are put back.
     """
     simplify_streams()
     heard = _Heard()

@@ -36,7 +36,7 @@ class ResultConsole(Console):
 
     def on_broken_pipe(self):
         """Leave it to `print`: newer versions of rich would end the process here."""
-        raise
+        raise  # noqa: PLE0704  rich calls this while it handles the error
 
     def _discard(self):
         self.reader_has_gone = True

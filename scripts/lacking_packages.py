@@ -7,10 +7,10 @@ system that is at least the oldest supported version is used; an older or absent
 in a version up to the tested one.
 """
 
+import argparse
 from importlib import metadata
 from pathlib import Path
 import re
-import sys
 
 SCRIPTS = Path(__file__).resolve().parent
 # The extensions of colcon's command line that a build of the two packages uses, and what they call.
@@ -39,14 +39,18 @@ def numbers(version):
     return tuple(map(int, re.findall(r'\d+', version)[:3]))
 
 
-def main(arguments):
+def main():
     """Print a line for each package."""
-    tested = pinned('requirements.txt', 'requirements-optional.txt', 'requirements-bench.txt')
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('--constraints', action='store_true', help='what must stay as it is')
+    parser.add_argument('--group', help='with what scripts/requirements-GROUP.txt names')
+    arguments = parser.parse_args()
+    group = pinned(f'requirements-{arguments.group}.txt') if arguments.group else {}
+    tested = {**group, **pinned('requirements.txt', 'requirements-optional.txt')}
     oldest = {name: version for name, version in pinned('requirements-oldest.txt').items()
               if name in tested}
     wanted = {**oldest, **pinned('requirements-optional.txt')}
-    if '--bench' in arguments:
-        wanted |= pinned('requirements-bench.txt')
+    wanted |= {name: version for name, version in group.items() if name not in oldest}
     # Of what builds, any version will do that the distribution brings.
     wanted |= {name: '0' for name in tested if BUILD.match(name)}
     # Compiled messages, matplotlib and SciPy of the system work with one major version of NumPy only.
@@ -56,7 +60,7 @@ def main(arguments):
         lacks = present is None or numbers(present) < numbers(least)
         if name == 'setuptools' and not lacks:
             lacks = numbers(present) > numbers(tested[name])
-        if '--constraints' in arguments:
+        if arguments.constraints:
             if not lacks:
                 print(f'{name}=={present}')
             elif name == 'numpy':
@@ -66,4 +70,4 @@ def main(arguments):
 
 
 if __name__ == '__main__':
-    main(sys.argv[1:])
+    main()

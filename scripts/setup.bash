@@ -1,7 +1,8 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
 # Makes the working environment in .venv, once. With a ROS 2 distribution: what the distribution lacks. Without:
-# ROS 2 Jazzy from wheels. "setup.bash bench" adds the benchmark's own packages. With BEV_PREHEAT_OLDEST=1: the
+# ROS 2 Jazzy from wheels. "setup.bash bench" adds what only make bench needs; so do docs and lint. With
+# BEV_PREHEAT_OLDEST=1: the
 # oldest supported versions and no optional package, in .oldest/.venv.
 set -euo pipefail
 
@@ -245,17 +246,19 @@ add_to_distribution() {
     install_packages -r "$venv/requirements.txt" -c "$venv/constraints.txt"
 }
 
-add_benchmark() {
-    local stamp
-    stamp=$(cksum <scripts/requirements-bench.txt)
-    if [ "$(cat "$venv/.ready-bench" 2>/dev/null)" != "$stamp" ]; then
-        say "adding the benchmark's packages to .venv"
+# What only one target of the Makefile needs: scripts/requirements-GROUP.txt.
+add_group() {
+    local file=scripts/requirements-$1.txt stamp
+    [ -f "$file" ] || fail "unknown group $1; usage: scripts/setup.bash [bench | docs | lint]"
+    stamp=$(cksum <"$file")
+    if [ "$(cat "$venv/.ready-$1" 2>/dev/null)" != "$stamp" ]; then
+        say "adding the packages of make $1 to $venv_name"
         if [ -n "$bev_preheat_underlay" ]; then
-            add_to_distribution --bench
+            add_to_distribution --group "$1"
         else
-            install_packages --no-deps -r scripts/requirements-bench.txt
+            install_packages --no-deps -r "$file"
         fi
-        printf '%s\n' "$stamp" >"$venv/.ready-bench"
+        printf '%s\n' "$stamp" >"$venv/.ready-$1"
     fi
 }
 
@@ -270,4 +273,4 @@ if [ -n "$bev_preheat_underlay" ]; then
 else
     make_venv_of_wheels
 fi
-[ "${1:-}" != bench ] || add_benchmark
+[ -z "${1:-}" ] || add_group "$1"

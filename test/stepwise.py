@@ -2,8 +2,13 @@
 """A Supervisor that is given one thing at a time, and remembers what it put out."""
 
 from bev_preheat.supervision.events import (
-    BatteryStateArrived, PreheatingSwitched, Reconfigured, RouteArrived, RouteUnreadable,
-    TripCancelled)
+    BatteryStateArrived,
+    PreheatingSwitched,
+    Reconfigured,
+    RouteArrived,
+    RouteUnreadable,
+    TripCancelled,
+)
 from bev_preheat.supervision.inbox import Inbox
 from bev_preheat.supervision.refusals import RefusedRoute
 from bev_preheat.supervision.supervisor import Supervisor

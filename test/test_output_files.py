@@ -15,7 +15,13 @@ import pytest
 from bev_preheat import output_files
 from bev_preheat.errors import InvalidInput
 from bev_preheat.output_files import (
-    check_outputs, check_writable, existing_file, Output, PICTURE_SUFFIXES, write_whole)
+    check_outputs,
+    check_writable,
+    existing_file,
+    Output,
+    PICTURE_SUFFIXES,
+    write_whole,
+)
 
 OLD, NEW = b'old contents\n', b'new contents, longer than the old\n'
 
@@ -170,12 +176,12 @@ def test_new_contents_take_the_place_of_the_old(old):
     assert os.listdir() == ['old.json']
 
 
-CRASH = '''
+CRASH = """
 import os, signal, sys
 from bev_preheat import output_files
 {where}
 output_files.write_whole(sys.argv[1], b'new' * 100_000)
-'''
+"""
 
 
 @pytest.mark.parametrize('where', [
@@ -190,7 +196,7 @@ def test_a_process_that_is_killed_while_it_writes_leaves_the_old_file_whole(old,
 
 
 # As `ulimit -f` does; Python ignores the signal, so the write fails.
-FULL_DISK = '''
+FULL_DISK = """
 import resource, sys
 from bev_preheat.output_files import write_whole
 resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))
@@ -198,7 +204,7 @@ try:
     write_whole(sys.argv[1], b'x' * 100_000)
 except ValueError as error:
     print(error)
-'''
+"""
 
 
 def test_a_disk_that_gets_full_leaves_the_old_file_whole_and_no_other(old):

@@ -2,13 +2,11 @@
 """`preheat compare`: every method and the nonlinear program side by side."""
 
 from bev_preheat.commands.optimum import add_no_limits_argument, optimum_lines
-from bev_preheat.commands.output import (
-    add_output_arguments, check_output_arguments, print_plans, write_json)
+from bev_preheat.commands.output import add_output_arguments, check_output_arguments, print_plans, write_json
 from bev_preheat.commands.situation import add_situation_arguments, read_situation
 from bev_preheat.optional_packages import require
 from bev_preheat.planning.comparison import difference, energy_gap_wh, SAME_SHORTFALL_K
-from bev_preheat.planning.planner import (
-    as_driven, DEFAULT_METHOD, METHODS, plan_preheating)
+from bev_preheat.planning.planner import as_driven, DEFAULT_METHOD, METHODS, plan_preheating
 from bev_preheat.program import FAILED, say
 from bev_preheat.terminal import progress_console, result_console
 
@@ -19,8 +17,9 @@ def add_parser(subparsers):
         'compare', help='all methods and the nonlinear program side by side',
         description='Plans of all methods, the optimum, and what each costs more than it. A plan '
         'that does not reach the same as the optimum is not compared by its energy: the table says '
-        f'how it differs, in arrival temperature from {SAME_SHORTFALL_K:g} K on. A plan that breaks a power limit is shown as it would be driven: the friction brake takes what '
-        'the battery may not, and the heater gives way.')
+        f'how it differs, in arrival temperature from {SAME_SHORTFALL_K:g} K on. A plan that breaks '
+        'a power limit is shown as it would be driven: the friction brake takes what the battery may '
+        'not, and the heater gives way.')
     add_situation_arguments(parser)
     add_no_limits_argument(parser)
     add_output_arguments(parser)
@@ -32,7 +31,7 @@ def run(arguments):
     situation = read_situation(arguments)
     check_output_arguments(arguments, situation.files)
     require('casadi')
-    from bev_preheat.optimum.solve import SolverFailure, solve_optimum
+    from bev_preheat.optimum.solve import solve_optimum, SolverFailure
     inputs = situation.vehicle, situation.route, situation.state, situation.goal
     plans = [plan_preheating(*inputs, method, safeguarded=method == DEFAULT_METHOD)
              for method in METHODS]

@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """`preheat optimum`: the nonlinear program's answer for this route."""
 
-from bev_preheat.commands.output import (
-    add_output_arguments, check_output_arguments, print_plans, write_json)
+from bev_preheat.commands.output import add_output_arguments, check_output_arguments, print_plans, write_json
 from bev_preheat.commands.situation import add_situation_arguments, read_situation
 from bev_preheat.optional_packages import require
 from bev_preheat.program import FAILED, say
@@ -31,7 +30,7 @@ def run(arguments):
     situation = read_situation(arguments)
     check_output_arguments(arguments, situation.files)
     require('casadi')
-    from bev_preheat.optimum.solve import SolverFailure, solve_optimum
+    from bev_preheat.optimum.solve import solve_optimum, SolverFailure
     title = f'vehicle {situation.vehicle.name}, route {arguments.route}'
     try:
         with progress_console().status('solving …'):

@@ -4,8 +4,7 @@
 import json
 import math
 
-from bev_preheat.output_files import (
-    check_outputs, Output, PICTURE_SUFFIXES, STANDARD_OUTPUT, write_whole)
+from bev_preheat.output_files import check_outputs, Output, PICTURE_SUFFIXES, STANDARD_OUTPUT, write_whole
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.program import write_output
 from bev_preheat.terminal import print_figures

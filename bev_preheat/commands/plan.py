@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`preheat plan`: when would the heater start on this route, and what does it cost?"""
+"""`preheat plan`: when the heater would start on this route, and what that costs."""
 
 from bev_preheat.commands.itinerary import add_itinerary_argument, run_itinerary
-from bev_preheat.commands.output import (
-    add_output_arguments, check_output_arguments, print_plans, write_json)
+from bev_preheat.commands.output import add_output_arguments, check_output_arguments, print_plans, write_json
 from bev_preheat.commands.situation import add_situation_arguments, read_situation
 from bev_preheat.planning.planner import DEFAULT_METHOD, METHODS, plan_preheating
 from bev_preheat.terminal import result_console

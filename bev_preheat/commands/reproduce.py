@@ -15,7 +15,7 @@ def add_parser(subparsers):
     """Add the subcommand."""
     parser = subparsers.add_parser(
         'reproduce', help="the paper's Table II beside ours",
-        description="Table II of the paper, ours, and the difference of each cell; which cells "
+        description='Table II of the paper, ours, and the difference of each cell; which cells '
         'the reference vehicle was fitted to, and which are predicted.')
     parser.add_argument('--fit', action='store_true',
                         help='make the fit again and print the parameters it finds')

@@ -14,12 +14,15 @@ from bev_preheat.errors import InvalidInput
 from bev_preheat.experiments.robustness.car_figures import summarise_drives
 from bev_preheat.experiments.robustness.car_study import COMPARED, drive_car, run_study
 from bev_preheat.experiments.robustness.drawn_cars import (
-    Conditions, PROPULSION_POWER_VARIABILITY, SPREAD, TEMPERATURE_NOISE_K,
-    TEMPERATURE_RESOLUTION_K)
+    Conditions,
+    PROPULSION_POWER_VARIABILITY,
+    SPREAD,
+    TEMPERATURE_NOISE_K,
+    TEMPERATURE_RESOLUTION_K,
+)
 from bev_preheat.planning.situation import BatteryState, check_situation, Goal
 from bev_preheat.route import route_for, route_source
-from bev_preheat.terminal import (
-    print_figures, print_records, progress_bar, progress_console, result_console)
+from bev_preheat.terminal import print_figures, print_records, progress_bar, progress_console, result_console
 from bev_preheat.vehicle import vehicle_file
 
 # (low, high) of what the options allow.
@@ -63,7 +66,7 @@ def add_parser(subparsers):
     parser = subparsers.add_parser(
         'robustness', help='planner in closed loop with cars that differ from their description',
         description='Draws cars that differ from vehicle and route file, drives each with the '
-        'planner (and with the paper\'s heuristic, planned again and again), without ROS, and '
+        "planner (and with the paper's heuristic, planned again and again), without ROS, and "
         'reports how warm they arrive, how often they switch, and what they spend more than a '
         'plan that knows the truth, on trips that they end as warm. Ctrl-C ends the study; the '
         'summary is then of the trips that are finished.')

@@ -32,7 +32,7 @@ def add_parser(subparsers):
     parser.add_argument('--feasible', type=int, default=300, metavar='N',
                         help='draw until N trips are feasible (default: %(default)s)')
     parser.add_argument('--trips', choices=('free', 'limits'), default='free',
-                        help='free: no limit but the heater\'s is active; limits: descents, climbs, '
+                        help="free: no limit but the heater's is active; limits: descents, climbs, "
                         'tight reserves and a changing cabin demand (default: %(default)s)')
     parser.add_argument('--seed', type=int, default=1, help='default: %(default)s')
     parser.add_argument('--jobs', type=int, metavar='N', help='processes (default: all cores)')

@@ -6,8 +6,7 @@ from pathlib import Path
 import shlex
 
 from bev_preheat.commands.completion import VEHICLES
-from bev_preheat.commands.output import (
-    add_output_arguments, check_output_arguments, write_json)
+from bev_preheat.commands.output import add_output_arguments, check_output_arguments, write_json
 from bev_preheat.configuration import configuration_folder
 from bev_preheat.errors import InvalidInput
 from bev_preheat.output_files import check_outputs, existing_file, Output, write_whole

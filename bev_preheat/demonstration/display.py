@@ -70,7 +70,7 @@ def _figures(drive):
 
 
 def _picture_of_now(drive):
-    """What a terminal shows."""
+    """Return what a terminal shows."""
     if drive.route is None or not drive.states:
         return 'Waiting for the simulated vehicle and the planner ...'
     figures = _figures(drive)

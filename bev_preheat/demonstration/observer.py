@@ -4,7 +4,6 @@
 import math
 import time
 
-from bev_preheat_msgs.msg import HvchCommand, PreheatPlan, RoutePlan
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.qos import QoSDurabilityPolicy, QoSProfile, QoSReliabilityPolicy
 from sensor_msgs.msg import BatteryState, Temperature
@@ -12,6 +11,7 @@ from sensor_msgs.msg import BatteryState, Temperature
 from bev_preheat.nodes.convert import nanoseconds
 from bev_preheat.nodes.simulator_messages import ARRIVED, DRIVING, outcome_from_diagnostics
 from bev_preheat.planning.status import Status
+from bev_preheat_msgs.msg import HvchCommand, PreheatPlan, RoutePlan
 
 # Statuses of a planner that does not know yet what it is about.
 NOT_READY = (Status.NO_ROUTE, Status.NO_BATTERY_STATE)

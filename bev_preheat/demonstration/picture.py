@@ -5,8 +5,7 @@ import numpy as np
 
 from bev_preheat.drawing.curves import draw_course, draw_steps, show_range, TimeAxis
 from bev_preheat.drawing.figure import legend_above, save_figure, stacked_figure
-from bev_preheat.drawing.palette import (
-    AMBIENT, look_of, PREDICTION, TARGET, WITHOUT_PREHEATING)
+from bev_preheat.drawing.palette import AMBIENT, look_of, PREDICTION, TARGET, WITHOUT_PREHEATING
 from bev_preheat.nodes.convert import mission_from_message, nanoseconds
 from bev_preheat.planning.planner import plan_unheated
 from bev_preheat.planning.situation import BatteryState

@@ -7,18 +7,17 @@ from pathlib import Path
 import tempfile
 import time
 
-from bev_preheat_msgs.msg import HvchCommand, PreheatPlan
 from diagnostic_msgs.msg import DiagnosticArray
-from rclpy.qos import QoSDurabilityPolicy, QoSProfile, qos_profile_sensor_data
+from rclpy.qos import qos_profile_sensor_data, QoSDurabilityPolicy, QoSProfile
 from sensor_msgs.msg import BatteryState
 
 from bev_preheat.demonstration.processes import NodeProcess, reserved_domain_id
 from bev_preheat.nodes.convert import nanoseconds
 from bev_preheat.nodes.listening import listening
-from bev_preheat.nodes.simulator_messages import (
-    ARRIVED, outcome_from_diagnostics, true_temperature_c)
+from bev_preheat.nodes.simulator_messages import ARRIVED, outcome_from_diagnostics, true_temperature_c
 from bev_preheat.planning.status import Status
 from bev_preheat.simulation.evaluation import DriveRecord
+from bev_preheat_msgs.msg import HvchCommand, PreheatPlan
 
 START_S = 1_700_000_000
 HEATER_ENTRY = 'planner: heater'

@@ -7,10 +7,11 @@ import textwrap
 import warnings
 
 import matplotlib
-matplotlib.use('Agg')
-from matplotlib.figure import Figure  # noqa: E402  the backend must be set first
 
-from bev_preheat.output_files import write_whole  # noqa: E402
+matplotlib.use('Agg')
+from matplotlib.figure import Figure
+
+from bev_preheat.output_files import write_whole
 
 WIDTH_IN = 9.0
 # Characters of a title in a line, lines of a title, and characters of a legend in a row.

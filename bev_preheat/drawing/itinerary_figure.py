@@ -4,7 +4,15 @@
 from bev_preheat.drawing.curves import draw_course, draw_steps, show_range, TimeAxis
 from bev_preheat.drawing.figure import legend_above, save_figure, stacked_figure
 from bev_preheat.drawing.palette import (
-    AMBIENT, BLACK, HEATER_LIMIT, look_of, RESERVE, ROUTE, STOP, WITHOUT_PREHEATING)
+    AMBIENT,
+    BLACK,
+    HEATER_LIMIT,
+    look_of,
+    RESERVE,
+    ROUTE,
+    STOP,
+    WITHOUT_PREHEATING,
+)
 from bev_preheat.planning.planner import plan_unheated
 from bev_preheat.planning.situation import reserve_soc
 from bev_preheat.planning.trip import make_trip

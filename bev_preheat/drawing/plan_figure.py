@@ -6,12 +6,20 @@ from dataclasses import replace
 import numpy as np
 
 from bev_preheat.arithmetic import ARRAYS
-from bev_preheat.drawing.curves import (
-    draw_course, draw_steps, shade_steps, show_range, TimeAxis)
+from bev_preheat.drawing.curves import draw_course, draw_steps, shade_steps, show_range, TimeAxis
 from bev_preheat.drawing.figure import legend_above, save_figure, stacked_figure
 from bev_preheat.drawing.palette import (
-    AMBIENT, CHARGE_LIMIT, DISCHARGE_LIMIT, DRIVETRAIN, HEATER_LIMIT, look_of, RESERVE, ROUTE, TARGET,
-    WITHOUT_PREHEATING)
+    AMBIENT,
+    CHARGE_LIMIT,
+    DISCHARGE_LIMIT,
+    DRIVETRAIN,
+    HEATER_LIMIT,
+    look_of,
+    RESERVE,
+    ROUTE,
+    TARGET,
+    WITHOUT_PREHEATING,
+)
 from bev_preheat.model import make_runge_kutta_4
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.planner import plan_unheated

@@ -9,8 +9,13 @@ from bev_preheat.drawing.curves import draw_course, draw_steps, show_range, Time
 from bev_preheat.drawing.figure import grid_figure, legend_above, save_figure, stacked_figure
 from bev_preheat.drawing.palette import look_of, PREDICTION, TARGET, WANTED
 from bev_preheat.experiments.robustness.car_figures import (
-    energy_excess, LEAST_ARRIVAL_ERROR_K, MOST_ARRIVAL_ERROR_K, MOST_EXCESS, MOST_SWITCH_ONS,
-    reaches_the_same)
+    energy_excess,
+    LEAST_ARRIVAL_ERROR_K,
+    MOST_ARRIVAL_ERROR_K,
+    MOST_EXCESS,
+    MOST_SWITCH_ONS,
+    reaches_the_same,
+)
 
 BINS = 40
 

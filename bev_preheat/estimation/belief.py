@@ -10,11 +10,20 @@ are, intervals (`truncated_normal`).
 
 import numpy as np
 
-from bev_preheat.estimation.hypotheses import (
-    heater_power_w, NOISES_K, prior_weights, SHARES, transitions)
+from bev_preheat.estimation.hypotheses import heater_power_w, NOISES_K, prior_weights, SHARES, transitions
 from bev_preheat.estimation.state import (
-    DriveInputs, FACTORS, HEAT_CAPACITY, HEATER, LEAKAGE, PROPULSION, rates_and_slopes, RESISTANCE,
-    SIZE, SOC, TEMPERATURE)
+    DriveInputs,
+    FACTORS,
+    HEAT_CAPACITY,
+    HEATER,
+    LEAKAGE,
+    PROPULSION,
+    rates_and_slopes,
+    RESISTANCE,
+    SIZE,
+    SOC,
+    TEMPERATURE,
+)
 from bev_preheat.estimation.truncated_normal import truncated_moments
 
 # Standard deviation of the factors' logarithms at first: those of even spreads of +-10 % (heat

@@ -7,7 +7,6 @@ Instants are integers, in nanoseconds of the clock that stamps the battery state
 
 from dataclasses import dataclass, replace
 import math
-from typing import Optional
 
 import numpy as np
 
@@ -59,7 +58,7 @@ class Estimate:
     temperature_resolution_k: float
     resets: int = 0
     reset_reason: str = ''
-    reset_at_ns: Optional[int] = None
+    reset_at_ns: int | None = None
 
     @property
     def log_factors(self):
@@ -107,7 +106,7 @@ class Stretch:
     """
 
     duration_s: float
-    drive: Optional[DriveInputs]
+    drive: DriveInputs | None
     command_w: float
     limit_w: float
 

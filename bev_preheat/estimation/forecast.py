@@ -6,8 +6,7 @@ import math
 import numpy as np
 
 from bev_preheat.estimation.belief import LEAST_POWER_W, POWER_NOISE, POWER_NOISE_LASTS_S
-from bev_preheat.estimation.state import (
-    DriveInputs, PROPULSION, rates_and_slopes, SIZE, SOC, TEMPERATURE)
+from bev_preheat.estimation.state import DriveInputs, PROPULSION, rates_and_slopes, SIZE, SOC, TEMPERATURE
 
 
 def arrival_sensitivities(trip, plan):

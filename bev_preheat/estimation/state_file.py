@@ -14,7 +14,6 @@ from itertools import count
 import json
 import os
 import re
-from typing import Optional
 
 from bev_preheat.errors import InvalidInput
 from bev_preheat.estimation.memory import as_entry, from_entry, Learned
@@ -34,7 +33,7 @@ MOST_CARS = 50
 class Recalled:
     """What was Learned of one car (None: nothing); what is damaged in the file ('': nothing)."""
 
-    learned: Optional[Learned]
+    learned: Learned | None
     damage: str = ''
 
 

@@ -14,8 +14,7 @@ from time import process_time
 from bev_preheat.errors import InvalidInput
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.simulation.heater_lease import HeaterLease, NO_LEASE
-from bev_preheat.supervision.events import (
-    BatteryStateArrived, BatteryStateUnreadable, RouteArrived)
+from bev_preheat.supervision.events import BatteryStateArrived, BatteryStateUnreadable, RouteArrived
 from bev_preheat.supervision.inputs import Measurement, NS_PER_S
 
 # The drive starts at this instant of the planner's clock; 0 would mean that it has not started.

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Publishes the heater's commands, and notices another node that commands the same heater."""
 
-from bev_preheat_msgs.msg import HvchCommand
 from rclpy.serialization import deserialize_message
 
 from bev_preheat.nodes.convert import nanoseconds
 from bev_preheat.nodes.listening_publisher import ListeningPublisher
 from bev_preheat.supervision.inputs import NS_PER_S
+from bev_preheat_msgs.msg import HvchCommand
 
 LONGEST_LEASE_NS = 30 * NS_PER_S
 
@@ -58,6 +58,6 @@ def _lease_ns(serialized):
     """Return how long a serialized HvchCommand is valid [ns]; 0 where it cannot be read."""
     try:
         message = deserialize_message(serialized, HvchCommand)
-    except Exception:  # noqa: B902  bytes of a stranger must not end the process
+    except Exception:
         return 0
     return nanoseconds(message.valid_until) - nanoseconds(message.header.stamp)

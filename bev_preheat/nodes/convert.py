@@ -8,7 +8,6 @@ Messages carry SI units and degrees Celsius, as the types do; only energies are 
 from array import array
 import math
 
-from bev_preheat_msgs.msg import HvchCommand, PreheatPlan, RoutePlan
 from builtin_interfaces.msg import Time
 import numpy as np
 from sensor_msgs.msg import Temperature
@@ -18,8 +17,8 @@ from bev_preheat.nodes.stops import STOP_FIELDS, stops_from_message, write_stops
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.route.segments import make_route, MOST_SEGMENTS
 from bev_preheat.supervision.events import BatteryStateArrived, BatteryStateUnreadable
-from bev_preheat.supervision.inputs import (
-    in_planning_steps, Leg, Measurement, Mission, NS_PER_S, with_stops)
+from bev_preheat.supervision.inputs import in_planning_steps, Leg, Measurement, Mission, NS_PER_S, with_stops
+from bev_preheat_msgs.msg import HvchCommand, PreheatPlan, RoutePlan
 
 # The last second that a builtin_interfaces/Time can hold.
 LATEST_S = 2**31 - 1

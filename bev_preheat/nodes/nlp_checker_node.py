@@ -6,7 +6,6 @@ from functools import wraps
 import sys
 from time import monotonic
 
-from bev_preheat_msgs.msg import OptimalityReport, PreheatPlan
 from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock, ClockType
@@ -20,8 +19,14 @@ from bev_preheat.nodes.command_line import Program
 from bev_preheat.nodes.convert import battery_event
 from bev_preheat.nodes.news import News
 from bev_preheat.nodes.optimality import (
-    case_of_plan, case_of_state, checker_diagnostics, part_ahead, report_message,
-    report_sentence, says_the_same)
+    case_of_plan,
+    case_of_state,
+    checker_diagnostics,
+    part_ahead,
+    report_message,
+    report_sentence,
+    says_the_same,
+)
 from bev_preheat.nodes.parameters import check, declare, Parameter
 from bev_preheat.nodes.process import run_node
 from bev_preheat.nodes.route_intake import RouteIntake
@@ -35,6 +40,7 @@ from bev_preheat.supervision.inbox import Inbox
 from bev_preheat.supervision.inputs import NS_PER_S
 from bev_preheat.supervision.settings import Settings
 from bev_preheat.vehicle import load_vehicle
+from bev_preheat_msgs.msg import OptimalityReport, PreheatPlan
 
 DEFAULTS = Settings()
 PARAMETERS = (
@@ -80,7 +86,7 @@ def guarded(callback):
     def wrapper(self, *arguments):
         try:
             return callback(self, *arguments)
-        except Exception as error:  # noqa: B902  whatever it is, it must not end the process
+        except Exception as error:
             sentence = f'{callback.__name__}: {type(error).__name__}: {error}'
             if self._news.has(sentence):
                 self.get_logger().error(sentence)
@@ -355,7 +361,7 @@ class NlpCheckerNode(Node):
                 load_vehicle(values['vehicle'])
         except InvalidInput as error:
             return SetParametersResult(successful=False, reason=str(error))
-        except Exception as error:  # noqa: B902  such as a vehicle file nested too deeply
+        except Exception as error:
             return SetParametersResult(
                 successful=False,
                 reason=shortened(f'cannot be checked: {type(error).__name__}: {error}',

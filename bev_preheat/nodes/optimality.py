@@ -9,9 +9,7 @@ state, on the same steps of the same route, with the same goal.
 from array import array
 from dataclasses import dataclass, replace
 import math
-from typing import Optional
 
-from bev_preheat_msgs.msg import OptimalityReport
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 import numpy as np
 
@@ -23,6 +21,7 @@ from bev_preheat.planning.comparison import difference
 from bev_preheat.planning.planner import METHODS
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.supervision.inputs import NS_PER_S
+from bev_preheat_msgs.msg import OptimalityReport
 
 # Two computations of the same steps differ by rounding only.
 ROUNDING_S = 1e-3
@@ -39,7 +38,7 @@ class Figures:
 
     energy_wh: float = math.nan
     arrival_temperature_c: float = math.nan
-    heating_start_ns: Optional[int] = None
+    heating_start_ns: int | None = None
     shortfall_k: float = math.nan
     soc_shortfall: float = math.nan
     undeliverable_power_w: float = math.nan
@@ -71,7 +70,7 @@ def says_the_same(route_message, other):
     def is_same(value, other_value):
         if isinstance(value, array):
             return np.array_equal(value, other_value, equal_nan=True)
-        return value == other_value or value != value and other_value != other_value
+        return value == other_value or (value != value and other_value != other_value)
 
     return all(is_same(getattr(route_message, field), getattr(other, field))
                for field in route_message.get_fields_and_field_types())

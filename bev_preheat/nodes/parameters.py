@@ -3,7 +3,7 @@
 
 from dataclasses import dataclass
 import math
-from typing import Any, Optional
+from typing import Any
 
 from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
 
@@ -24,7 +24,7 @@ class Parameter:
     default: Any
     description: str
     unit: str = ''
-    limits: Optional[tuple] = None
+    limits: tuple | None = None
     unset_means: str = ''
     choices: tuple = ()
     read_only: bool = False

@@ -5,13 +5,12 @@ from dataclasses import dataclass
 from functools import wraps
 import sys
 
-from bev_preheat_msgs.msg import PreheatPlan
 from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
 from rclpy.node import Node
-from rclpy.qos import QoSDurabilityPolicy, QoSProfile, qos_profile_sensor_data
+from rclpy.qos import qos_profile_sensor_data, QoSDurabilityPolicy, QoSProfile
 from sensor_msgs.msg import BatteryState, Temperature
 from std_srvs.srv import SetBool
 
@@ -19,8 +18,7 @@ from bev_preheat.errors import InvalidInput, LONGEST_PROBLEM, shortened
 from bev_preheat.estimation.hypotheses import Heater
 from bev_preheat.nodes.command_line import Program
 from bev_preheat.nodes.command_publisher import CommandPublisher
-from bev_preheat.nodes.convert import (
-    battery_event, command_message, plan_message, temperature_message)
+from bev_preheat.nodes.convert import battery_event, command_message, plan_message, temperature_message
 from bev_preheat.nodes.diagnostics import heater_sentence, planner_diagnostics
 from bev_preheat.nodes.news import News
 from bev_preheat.nodes.parameters import check, declare, Parameter
@@ -30,14 +28,14 @@ from bev_preheat.nodes.route_intake import RouteIntake
 from bev_preheat.nodes.route_listener import RouteListener
 from bev_preheat.nodes.setup_watch import SetupWatch
 from bev_preheat.planning.planner import METHODS
-from bev_preheat.supervision.events import (
-    PreheatingSwitched, Reconfigured, RivalsChanged, RouteUnreadable)
+from bev_preheat.supervision.events import PreheatingSwitched, Reconfigured, RivalsChanged, RouteUnreadable
 from bev_preheat.supervision.inputs import NS_PER_S
-from bev_preheat.supervision.settings import (
-    PARAMETERS as SETTINGS_BY_PARAMETER, Settings, settings_of)
+from bev_preheat.supervision.settings import PARAMETERS as SETTINGS_BY_PARAMETER
+from bev_preheat.supervision.settings import Settings, settings_of
 from bev_preheat.supervision.supervisor import Supervisor
 from bev_preheat.vehicle import load_vehicle, vehicle_file, vehicle_fingerprint
 from bev_preheat.vehicle.assumptions import assumption_warning
+from bev_preheat_msgs.msg import PreheatPlan
 
 DEFAULTS = Settings()
 PARAMETERS = (
@@ -96,7 +94,7 @@ def guarded(callback):
     def wrapper(self, *arguments):
         try:
             return callback(self, *arguments)
-        except Exception as error:  # noqa: B902  whatever it is, it must not end the process
+        except Exception as error:
             self.fail(callback.__name__, error)
             return arguments[-1] if arguments else None
     return wrapper
@@ -231,7 +229,7 @@ class PlannerNode(Node):
                     check_parameter(parameter.value)
         except InvalidInput as error:
             return SetParametersResult(successful=False, reason=str(error))
-        except Exception as error:  # noqa: B902  such as a vehicle file nested too deeply
+        except Exception as error:
             return SetParametersResult(
                 successful=False,
                 reason=shortened(f'cannot be checked: {type(error).__name__}: {error}',

@@ -8,8 +8,11 @@ import threading
 
 import rclpy
 from rclpy.executors import (
-    ConditionReachedException, ExternalShutdownException, ShutdownException,
-    SingleThreadedExecutor)
+    ConditionReachedException,
+    ExternalShutdownException,
+    ShutdownException,
+    SingleThreadedExecutor,
+)
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 

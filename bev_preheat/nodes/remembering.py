@@ -3,7 +3,6 @@
 
 from dataclasses import dataclass
 import time
-from typing import Optional
 
 from bev_preheat.errors import InvalidInput
 from bev_preheat.estimation.memory import learned_from
@@ -24,7 +23,7 @@ class MemoryReport:
 
     path: str
     problem: str
-    written_s_ago: Optional[float]
+    written_s_ago: float | None
     kept_aside: str
 
 

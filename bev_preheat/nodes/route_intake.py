@@ -5,7 +5,12 @@ import numpy as np
 
 from bev_preheat.errors import InvalidInput
 from bev_preheat.nodes.convert import (
-    is_cancellation, LONGEST_ROUTE_ID, mission_from_message, nanoseconds, ROUTE_FIELDS)
+    is_cancellation,
+    LONGEST_ROUTE_ID,
+    mission_from_message,
+    nanoseconds,
+    ROUTE_FIELDS,
+)
 from bev_preheat.nodes.stops import order_problems, value_problems
 from bev_preheat.route.segments import LIMITS, MOST_SEGMENTS
 from bev_preheat.supervision.events import RouteArrived, RouteUnreadable, TripCancelled
@@ -42,7 +47,7 @@ class RouteIntake:
             return RouteArrived(self._mission(message, holder.vehicle, holder.settings))
         except InvalidInput as error:
             return RouteUnreadable(error, refused_route_of(message))
-        except Exception as error:  # noqa: B902  what was not understood may be another trip
+        except Exception as error:
             what = f'{type(error).__name__}: {error}' if str(error) else type(error).__name__
             return RouteUnreadable(InvalidInput(f'cannot be read: {what}'))
 

@@ -8,17 +8,16 @@ publishers, and one that matches best-effort publishers may lose parts of a long
 
 from collections import deque
 
-from bev_preheat_msgs.msg import RoutePlan
 from rclpy.clock import Clock, ClockType
 from rclpy.event_handler import SubscriptionEventCallbacks
-from rclpy.qos import (
-    DurabilityPolicy, HistoryPolicy, QoSPolicyKind, QoSProfile, ReliabilityPolicy)
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSPolicyKind, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.serialization import deserialize_message
 
 from bev_preheat.errors import InvalidInput
 from bev_preheat.nodes.news import News
 from bev_preheat.route.segments import MOST_SEGMENTS
+from bev_preheat_msgs.msg import RoutePlan
 
 TOPIC = 'route_plan'
 RELIABLE = QoSProfile(depth=1)
@@ -67,7 +66,7 @@ class RouteListener:
     def _on_bytes(self, serialized, info):
         try:
             self._handle(serialized, info)
-        except Exception as error:  # noqa: B902  whatever it is, it must not end the process
+        except Exception as error:
             self._on_refused(InvalidInput(
                 f'the message cannot be read: {type(error).__name__}: {error}'))
 
@@ -103,7 +102,7 @@ class RouteListener:
     def _on_timer(self):
         try:
             self._look()
-        except Exception as error:  # noqa: B902  whatever it is, it must not end the process
+        except Exception as error:
             sentence = f'{TOPIC}: {type(error).__name__}: {error}'
             if self._news.has(sentence):
                 self._node.get_logger().error(sentence)

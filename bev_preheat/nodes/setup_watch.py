@@ -49,7 +49,7 @@ class SetupWatch:
     def _on_timer(self):
         try:
             self._look()
-        except Exception as error:  # noqa: B902  whatever it is, it must not end the process
+        except Exception as error:
             sentence = f'looking around: {type(error).__name__}: {error}'
             if self._news.has(sentence):
                 self._node.get_logger().error(sentence)

@@ -11,7 +11,8 @@ cannot be asked to end, so the simulator ends.
 import time
 import uuid
 
-from rclpy.clock import Clock as NodeClock, ClockType
+from rclpy.clock import Clock as NodeClock
+from rclpy.clock import ClockType
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Header

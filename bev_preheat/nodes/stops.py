@@ -4,7 +4,6 @@
 from array import array
 from dataclasses import dataclass
 import math
-from typing import Optional
 
 from bev_preheat.errors import InvalidInput
 from bev_preheat.planning.situation import BatteryState
@@ -43,7 +42,7 @@ class Stop:
 
     after_segment: int
     duration_s: float
-    target_temperature_c: Optional[float]
+    target_temperature_c: float | None
     minimum_arrival_soc: float
     departure: BatteryState
 
@@ -120,7 +119,7 @@ def value_problems(field, values):
     unknown = f', or NaN: {NAN_MEANS[field]}' if field in NAN_MEANS else ''
     # One problem tells enough.
     for at, value in enumerate(values):
-        if not (low <= value <= high or unknown and math.isnan(value)):
+        if not (low <= value <= high or (unknown and math.isnan(value))):
             return [f'{field}[{at}]: {value:g} is not allowed; it must be {low:g} ... {high:g}'
                     f'{unknown}']
     return []

@@ -33,13 +33,13 @@ class Surroundings:
             for other in node.get_publishers_info_by_topic(topic):
                 problems.append(_problem(
                     other, f'publishes {topic}', own,
-                    lambda mine: qos_check_compatible(other.qos_profile, mine)))
+                    lambda mine, other=other: qos_check_compatible(other.qos_profile, mine)))
         for topic in self._publishes:
             own = self._own(node.get_publishers_info_by_topic(topic))
             for other in node.get_subscriptions_info_by_topic(topic):
                 problems.append(_problem(
                     other, f'subscribes to {topic}', own,
-                    lambda mine: qos_check_compatible(mine, other.qos_profile)))
+                    lambda mine, other=other: qos_check_compatible(mine, other.qos_profile)))
         return [problem for problem in problems if problem]
 
     def _own(self, endpoints):

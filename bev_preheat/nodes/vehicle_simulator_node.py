@@ -7,11 +7,11 @@ import math
 from pathlib import Path
 import sys
 
-from bev_preheat_msgs.msg import HvchCommand, RoutePlan
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import SetParametersResult
-from rclpy.clock import Clock as NodeClock, ClockType
+from rclpy.clock import Clock as NodeClock
+from rclpy.clock import ClockType
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.qos import QoSDurabilityPolicy, QoSProfile
@@ -38,6 +38,7 @@ from bev_preheat.simulation.scenario import load_scenario
 from bev_preheat.simulation.sensors import Sensors
 from bev_preheat.supervision.inputs import NS_PER_S
 from bev_preheat.vehicle import load_vehicle
+from bev_preheat_msgs.msg import HvchCommand, RoutePlan
 
 PARAMETERS = (
     Parameter('scenario', '', 'What goes wrong: a name in config/scenarios or a YAML file; the '
@@ -59,7 +60,7 @@ PARAMETERS = (
               (0.0, 1.0), read_only=True),
     Parameter('charging_planned', True, 'Whether the route ends at a fast charger.',
               read_only=True),
-    Parameter('publish_clock', True, 'Whether /clock is this simulator\'s; false: the drive goes by '
+    Parameter('publish_clock', True, "Whether /clock is this simulator's; false: the drive goes by "
               "the node's clock, which is another's /clock with use_sim_time.", read_only=True),
     Parameter('start_time', 0.0, 'Simulated time at the start, since the epoch; 0: now', 's',
               (0.0, 2.1e9), read_only=True),
@@ -104,7 +105,7 @@ def guarded(callback):
     def wrapper(self, *arguments):
         try:
             return callback(self, *arguments)
-        except Exception as error:  # noqa: B902  whatever it is, it must not pass through rclpy
+        except Exception as error:
             self.fail(callback.__name__, error)
     return wrapper
 

@@ -4,7 +4,6 @@
 from dataclasses import dataclass
 import pickle
 import struct
-from typing import Optional
 
 from bev_preheat.planning.plan import Plan
 from bev_preheat.planning.situation import BatteryState, Goal
@@ -44,7 +43,7 @@ class Preparation:
 class Prepared:
     """The answer to a Preparation: how many steps its route has; None where it failed."""
 
-    steps: Optional[int]
+    steps: int | None
 
 
 @dataclass(frozen=True)
@@ -63,7 +62,7 @@ class Solution:
     is_optimal: bool
     infeasible: tuple
     solve_time_s: float
-    method_plan: Optional[Plan]
+    method_plan: Plan | None
     programs_built: int
 
 

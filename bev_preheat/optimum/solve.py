@@ -11,8 +11,7 @@ from time import perf_counter
 import numpy as np
 
 from bev_preheat.model import make_runge_kutta_4
-from bev_preheat.optimum.program import (
-    build_program, ENERGY_SCALE_J, Give, POWER_SCALE_W, Program, SOC_SCALE)
+from bev_preheat.optimum.program import build_program, ENERGY_SCALE_J, Give, POWER_SCALE_W, Program, SOC_SCALE
 from bev_preheat.optimum.symbols import FACTORS
 from bev_preheat.planning.limits import limits_hold, run_unheated
 from bev_preheat.planning.plan import Plan
@@ -269,7 +268,7 @@ def _run(problem, limited, give=Give.NOTHING, start=None):
 
 
 def _lacking(trip, run):
-    """What a solution lacks, as Lacking."""
+    """Return what a solution lacks, as Lacking."""
     soc, _, _, _, slacks = run.split()
     if slacks.target_k > TOLERANCE_K:
         yield Lacking(TARGET, slacks.target_k, 'K',

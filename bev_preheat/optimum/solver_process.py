@@ -14,8 +14,7 @@ import subprocess
 import sys
 from time import monotonic
 
-from bev_preheat.optimum.exchange import (
-    CHUNK_BYTES, Failure, framed, Preparation, Prepared, Solution, unframed)
+from bev_preheat.optimum.exchange import CHUNK_BYTES, Failure, framed, Preparation, Prepared, Solution, unframed
 
 # Loading Python, NumPy and CasADi takes a second; where it takes this long something is wrong.
 START_LIMIT_S = 60.0
@@ -94,7 +93,7 @@ class SolverProcess:
 
         A question that is being solved is given up.
         """
-        if self._solves or self._process is not None and self._process.poll() is not None:
+        if self._solves or (self._process is not None and self._process.poll() is not None):
             self._kill()
         self._question, self._time_limit_s = question, time_limit_s
         if self._process is None:

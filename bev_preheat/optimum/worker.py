@@ -15,12 +15,19 @@ from time import monotonic
 
 from bev_preheat.errors import InvalidInput
 from bev_preheat.optimum.exchange import (
-    CHUNK_BYTES, Failure, framed, Preparation, Prepared, READY, Solution, unframed)
+    CHUNK_BYTES,
+    Failure,
+    framed,
+    Preparation,
+    Prepared,
+    READY,
+    Solution,
+    unframed,
+)
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route.segments import make_route
 from bev_preheat.vehicle.corrections import corrected_vehicle, Corrections
-
 
 
 def serve(descriptor, niceness):
@@ -80,7 +87,7 @@ def _warm_up(vehicle):
             'ambient_temperature_c': [temperature_c]}, vehicle.defaults)
         solve_optimum(vehicle, parked, BatteryState(temperature_c, sum(battery.soc_range) / 2.0),
                       Goal(temperature_c, charging_planned=False))
-    except Exception:  # noqa: B902  the first question meets it again, and its answer tells
+    except Exception:
         pass
 
 
@@ -89,7 +96,7 @@ def _prepare(vehicle, route):
     try:
         from bev_preheat.optimum.solve import prepare_programs
         prepare_programs(vehicle, route)
-    except Exception:  # noqa: B902  the question meets it again, and its answer tells
+    except Exception:
         return Prepared(None)
     return Prepared(len(route))
 
@@ -111,7 +118,7 @@ def _answer(vehicle, question):
         optimum = solve_optimum(vehicle, *situation, corrections=corrections)
     except InvalidInput as error:
         return Failure(str(error), monotonic() - started_s)
-    except Exception as error:  # noqa: B902  whatever it is, the next question may go well
+    except Exception as error:
         return Failure(f'{type(error).__name__}: {error}', monotonic() - started_s)
     return Solution(
         optimal_plan=optimum.plan,

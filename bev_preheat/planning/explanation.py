@@ -11,7 +11,7 @@ LEAST_TOLD_S = 0.5
 
 def duration_text(seconds):
     """Return a duration as 1:02:03 h or 12:34 min."""
-    total = int(round(seconds))
+    total = round(seconds)
     hours, minutes, rest = total // 3600, total // 60 % 60, total % 60
     return f'{hours}:{minutes:02d}:{rest:02d} h' if hours else f'{minutes}:{rest:02d} min'
 

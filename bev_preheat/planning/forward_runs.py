@@ -207,7 +207,7 @@ class ForwardRuns:
             first=first, before=self._kept)
 
     def _spare_power_w(self, schedule):
-        """What the battery can give beyond what each step asks without heating [W], shape (N,)."""
+        """Return what the battery can give beyond what each step asks without heating [W], shape (N,)."""
         _, most_w = self._limits(
             schedule.soc[:-1], schedule.temperature_c[:-1], self._trip.power_variance_w2)
         return most_w - self._trip.idle_power_w

@@ -152,9 +152,10 @@ def run_within_limits(trip, state, watch, paid_power_w, take_surplus, first=0, b
             break
         if soc_end > 1.0:
             brake_w, soc_end, end_c = _filled(
+                # Called before the loop goes on: nothing of what it uses has changed.
                 lambda braked_w: step(
-                    soc, temperature_c, duration_s, power_w + heater_w + braked_w, variance_w2,
-                    heat_w + efficiency * heater_w - heat_share * braked_w, leakage_w_per_k),
+                    soc, temperature_c, duration_s, power_w + heater_w + braked_w, variance_w2,  # noqa: B023
+                    heat_w + efficiency * heater_w - heat_share * braked_w, leakage_w_per_k),  # noqa: B023
                 brake_w, max(0.0, -propulsion_w[k]))
         soc, temperature_c = soc_end, min(end_c, most_c)
         socs.append(soc)

@@ -2,7 +2,6 @@
 """The result of planning, of the same type for every method and for the NLP."""
 
 from dataclasses import asdict, dataclass
-from typing import Optional
 
 import numpy as np
 
@@ -33,7 +32,7 @@ class Plan:
     explanation: str
     method: str
     target_temperature_c: float
-    heating_start_s: Optional[float]
+    heating_start_s: float | None
     time_s: np.ndarray
     battery_temperature_c: np.ndarray
     soc: np.ndarray
@@ -43,12 +42,12 @@ class Plan:
     shortfall_k: float
     soc_shortfall: float
     undeliverable_power_w: float
-    undeliverable_at_s: Optional[float]
+    undeliverable_at_s: float | None
     stretches: tuple
     planning_time_s: float
-    heating_end_s: Optional[float] = None
-    held_back: Optional[HeldBack] = None
-    stranding: Optional[Stranding] = None
+    heating_end_s: float | None = None
+    held_back: HeldBack | None = None
+    stranding: Stranding | None = None
 
     @property
     def arrival_time_s(self):

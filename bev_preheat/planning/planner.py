@@ -18,8 +18,7 @@ from bev_preheat.planning.merit_order import plan_merit_order
 from bev_preheat.planning.optimal_switch import plan_optimal_switch
 from bev_preheat.planning.paper import plan_paper
 from bev_preheat.planning.plan import Plan
-from bev_preheat.planning.safeguard import (
-    giving_way, is_described, lacking_power, Safeguard)
+from bev_preheat.planning.safeguard import giving_way, is_described, lacking_power, Safeguard
 from bev_preheat.planning.schedule import Schedule
 from bev_preheat.planning.simulate import keep_accounts, run_forward
 from bev_preheat.planning.situation import check_situation, reserve_soc
@@ -59,10 +58,10 @@ def plan_preheating(vehicle, route, state, goal, method=DEFAULT_METHOD, caution=
 
     `method` is one of METHODS, `options` are its own. `caution` (a Caution) makes it heat a little
     more and earlier; `heater_share` (0 ... 1) is what the heater gives of its power; with
-    `heats_throughout` it heats whatever is planned. Without `safeguarded` the plan is what the method makes of it, even if that
-    is worse than not heating: for comparing methods, never for driving. Raises InvalidInput where
-    state, goal or route are outside what the vehicle's model describes, or the method is unknown;
-    PlanningFailure where the model yields no numbers.
+    `heats_throughout` it heats whatever is planned. Without `safeguarded` the plan is what the
+    method makes of it, even if that is worse than not heating: for comparing methods, never for
+    driving. Raises InvalidInput where state, goal or route are outside what the vehicle's model
+    describes, or the method is unknown; PlanningFailure where the model yields no numbers.
     """
     started = perf_counter()
     if method not in METHODS:

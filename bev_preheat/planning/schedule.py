@@ -1,12 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a planning method decides: when to heat. Everything else of a Plan follows from it."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
-from typing import Callable, Optional
 
 import numpy as np
-
 
 # A heater power below this share of what the cabin leaves is rounding.
 HEATING_SHARE = 1e-4
@@ -35,16 +34,16 @@ class Schedule:
     not.
     """
 
-    heating_start_s: Optional[float]
+    heating_start_s: float | None
     heater_power_w: np.ndarray
     brake_power_w: np.ndarray
     soc: np.ndarray
     temperature_c: np.ndarray
     make_integrator: Callable
-    heating_end_s: Optional[float] = None
-    empty_at_s: Optional[float] = None
-    driven_share: Optional[np.ndarray] = None
-    held_back: Optional[HeldBack] = None
+    heating_end_s: float | None = None
+    empty_at_s: float | None = None
+    driven_share: np.ndarray | None = None
+    held_back: HeldBack | None = None
 
 
 def maximum_from(trip, switching_instant_s):

@@ -27,7 +27,7 @@ def step_of_floats(vehicle, make_integrator, saturating=False):
 @lru_cache(maxsize=KEPT_VEHICLES)
 def compiled_step(vehicle, make_integrator, saturating=False):
     """
-    The same step, states only, compiled (`straight_line`): (step, roll).
+    Return the same step, states only, compiled (`straight_line`): (step, roll).
 
     Without `saturating`, a power that cannot be delivered raises ValueError.
     """

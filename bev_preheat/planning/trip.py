@@ -36,7 +36,7 @@ class Trip:
 
     def inputs(self, heater_power_w=None, brake_power_w=None):
         """
-        Inputs of `model` steps under a heater and a friction brake power [W], a tuple of arrays.
+        Return the inputs of `model` steps under a heater and a friction brake power [W], a tuple of arrays.
 
         In the order of a step's arguments: duration, terminal power, power variance, heat, leakage.
         None is no power. What the friction brake takes is not regenerated, so the drivetrain's heat

@@ -114,7 +114,8 @@ def find_thresholds(trip, watch, run, target_c, loss, serves_climbs=True):
     Return the Thresholds of a trip, by running the value curve backward.
 
     `run` (a Schedule) says along which states of charge, and about which temperatures, the curve
-    is needed, and the AcceptanceLoss `loss` what charge is worth. Without `serves_climbs` a power that the battery lacks costs nothing.
+    is needed, and the AcceptanceLoss `loss` what charge is worth. Without `serves_climbs` a power
+    that the battery lacks costs nothing.
     """
     battery, hvch = trip.vehicle.battery, trip.vehicle.hvch
     strides = _make_strides(trip, watch, run, loss)
@@ -242,7 +243,7 @@ class _StepMap:
 
 def _step_maps(vehicle, strides, grid_c, penalty):
     """
-    Maps of all strides with free heating only, and with all the heating there is.
+    Return the maps of all strides with free heating only, and with all the heating there is.
 
     A watt that the battery lacks costs `penalty` times what the heater takes for it.
     """

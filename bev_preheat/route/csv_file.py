@@ -11,8 +11,7 @@ import numpy as np
 from bev_preheat.configuration import find_configuration
 from bev_preheat.errors import InvalidInput
 from bev_preheat.output_files import write_whole
-from bev_preheat.route.columns import (
-    advice, alternatives, Column, doubled, power_columns, speed_columns)
+from bev_preheat.route.columns import advice, alternatives, Column, doubled, power_columns, speed_columns
 from bev_preheat.route.segments import LIMITS, make_route, problem_with_values, Route
 from bev_preheat.route.text_table import read_text_table
 

@@ -14,8 +14,7 @@ from difflib import get_close_matches
 import numpy as np
 
 from bev_preheat.errors import InvalidInput
-from bev_preheat.route.columns import (
-    advice, alternatives, Column, doubled, power_columns, speed_columns)
+from bev_preheat.route.columns import advice, alternatives, Column, doubled, power_columns, speed_columns
 from bev_preheat.route.segments import LIMITS, make_route, Route
 from bev_preheat.route.text_table import read_text_table
 

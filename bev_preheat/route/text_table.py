@@ -173,7 +173,7 @@ def _lines(path):
 
 
 def _separator(path, number, text, columns):
-    """What separates the columns, by the header, whose names hold no separator."""
+    """Return what separates the columns, by the header, whose names hold no separator."""
     if re.match('["\\s]*[+-]?[.,]?[0-9]', text):
         raise InvalidInput(f'{path}, line {number}: holds numbers; the line above them must name '
                            f'the columns: {", ".join(columns)}')

@@ -3,7 +3,6 @@
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Optional
 
 from bev_preheat.checked_yaml import load_checked_yaml
 from bev_preheat.configuration import find_configuration
@@ -27,13 +26,13 @@ SCHEMA = Path(__file__).with_name('scenario_schema.yaml')
 class Expectations:
     """What a scenario expects; see scenario_schema.yaml. None and empty: nothing."""
 
-    arrival_error_k: Optional[tuple] = None
-    most_switch_ons: Optional[int] = None
+    arrival_error_k: tuple | None = None
+    most_switch_ons: int | None = None
     statuses: tuple = ()
     never: tuple = ()
     off_during: tuple = ()
     heats_during: tuple = ()
-    heater: Optional[str] = None
+    heater: str | None = None
 
 
 @dataclass(frozen=True)
@@ -120,7 +119,7 @@ def _scenario(path, contents):
 def _planner(parameters):
     for name in parameters:
         if name not in PARAMETERS:
-            raise InvalidInput(f'planner: {name!r} is none of the planner\'s parameters that a '
+            raise InvalidInput(f"planner: {name!r} is none of the planner's parameters that a "
                                f'scenario may set: {", ".join(PARAMETERS)}')
     return parameters
 

@@ -4,7 +4,6 @@
 from collections import deque
 from dataclasses import dataclass
 import math
-from typing import Optional
 
 
 @dataclass(frozen=True)
@@ -47,8 +46,8 @@ class Reading:
     instant_s: float
     temperature_c: float
     soc: float
-    voltage_v: Optional[float]
-    current_a: Optional[float]
+    voltage_v: float | None
+    current_a: float | None
 
 
 class SensorReadings:

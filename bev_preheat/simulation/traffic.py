@@ -4,7 +4,6 @@
 from dataclasses import dataclass, replace
 from enum import Enum
 import math
-from typing import Optional
 
 import numpy as np
 
@@ -36,10 +35,10 @@ class Event:
 
     kind: Kind
     at_s: float
-    route_plan_after_s: Optional[float] = 0.0
+    route_plan_after_s: float | None = 0.0
     duration_s: float = 0.0
     factor: float = 1.0
-    route: Optional[Route] = None
+    route: Route | None = None
 
 
 @dataclass(frozen=True)
@@ -51,7 +50,7 @@ class News:
     """
 
     at_s: float
-    route: Optional[Route]
+    route: Route | None
     charging_planned: bool
 
 

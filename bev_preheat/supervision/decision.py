@@ -3,7 +3,6 @@
 
 from dataclasses import dataclass
 import math
-from typing import Optional
 
 from bev_preheat.planning.plan import Plan
 from bev_preheat.planning.status import Status
@@ -33,11 +32,11 @@ class Decision:
 
     status: Status
     explanation: str
-    plan: Optional[Plan] = None
+    plan: Plan | None = None
     plan_start_ns: int = 0
-    leg: Optional[Leg] = None
+    leg: Leg | None = None
     later_legs: tuple = ()
     arrival_deviation_k: float = math.nan
-    commanded: Optional[Plan] = None
+    commanded: Plan | None = None
     command_share: float = 1.0
     model_factors: tuple = ()

@@ -7,7 +7,7 @@ Everything that a step of the planner can be given.
 """
 
 from dataclasses import dataclass
-from typing import ClassVar, Optional, Union
+from typing import ClassVar
 
 from bev_preheat.errors import InvalidInput
 from bev_preheat.supervision.inputs import Measurement, Mission
@@ -123,8 +123,8 @@ class Reconfigured:
     source: ClassVar[str] = ROUTE
     vehicle: Vehicle
     settings: Settings
-    mission: Union[Mission, InvalidInput, None] = None
-    learned: Optional[tuple] = None
+    mission: Mission | InvalidInput | None = None
+    learned: tuple | None = None
 
     def deliver(self, inbox, now_ns):
         """Apply them; the route is refused where it does not fit the vehicle."""

@@ -7,7 +7,6 @@ integers, in nanoseconds of the node's clock.
 """
 
 from dataclasses import dataclass, replace
-from typing import Optional
 
 from bev_preheat.errors import InvalidInput
 from bev_preheat.planning.situation import check_situation
@@ -44,10 +43,10 @@ class Inbox:
         self.vehicle, self.settings = vehicle, settings
         self.is_enabled = True
         self.rivals = ''  # Names of other nodes that command the same heater.
-        self.mission: Optional[Mission] = None
+        self.mission: Mission | None = None
         # The mission, or the one that was dropped because it does not fit the parameters.
-        self.latest_mission: Optional[Mission] = None
-        self.measurement: Optional[Measurement] = None
+        self.latest_mission: Mission | None = None
+        self.measurement: Measurement | None = None
         self.is_cancelled = False  # By the latest route plan.
         self._route_id = None  # Of the latest valid route, also after that was dropped.
         self._refusals = Refusals()

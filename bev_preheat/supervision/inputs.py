@@ -2,7 +2,6 @@
 """Inputs of the supervisor, stamped: the battery's state, and the trip ahead."""
 
 from dataclasses import dataclass, replace
-from typing import Optional
 
 from bev_preheat.errors import InvalidInput
 from bev_preheat.planning.situation import BatteryState, check_situation, Goal
@@ -22,8 +21,8 @@ class Measurement:
 
     state: BatteryState
     stamp_ns: int
-    voltage_v: Optional[float] = None
-    current_a: Optional[float] = None
+    voltage_v: float | None = None
+    current_a: float | None = None
 
     @property
     def power_w(self):
@@ -46,9 +45,9 @@ class Leg:
     route: Route
     start_ns: int = 0
     charging_planned: bool = True
-    target_temperature_c: Optional[float] = None
+    target_temperature_c: float | None = None
     minimum_arrival_soc: float = 0.0
-    departure: Optional[BatteryState] = None
+    departure: BatteryState | None = None
 
     def goal(self, default_target_c):
         """Return the Goal of the leg; `default_target_c` [deg C] is for one without a target."""

@@ -1,12 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Plans from what is believed: the estimated state, the corrected model, a margin for the uncertainty,
-and the heater as it answers.
+Plans from what is believed.
+
+That is the estimated state, the corrected model, a margin for the uncertainty, and the heater as it
+answers.
 """
 
 from dataclasses import dataclass, replace
 import math
-from typing import Optional
 
 import numpy as np
 
@@ -65,7 +66,7 @@ class Outlook:
 
     plan: Plan
     arrival_deviation_k: float
-    commanded: Optional[Plan] = None
+    commanded: Plan | None = None
     command_share: float = 1.0
     model_factors: tuple = ()
 

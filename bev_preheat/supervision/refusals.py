@@ -9,7 +9,6 @@ of the refused one that can be read rules that out (docs/safety.md has the reaso
 
 from dataclasses import dataclass, replace
 from enum import Enum
-from typing import Optional
 
 from bev_preheat.errors import quoted
 
@@ -35,7 +34,7 @@ class RefusedRoute:
 
     route_id: str = ''
     charging_planned: bool = False
-    arrivals_ns: Optional[tuple] = None
+    arrivals_ns: tuple | None = None
 
     @classmethod
     def of_mission(cls, mission):

@@ -3,7 +3,6 @@
 
 from dataclasses import dataclass, replace
 import math
-from typing import Optional
 
 from bev_preheat.planning.planner import DEFAULT_METHOD
 
@@ -29,7 +28,7 @@ class Settings:
     """
 
     method: str = DEFAULT_METHOD
-    target_temperature_c: Optional[float] = None
+    target_temperature_c: float | None = None
     battery_state_timeout_s: float = 5.0
     clock_tolerance_s: float = 1.0
     command_period_s: float = 1.0

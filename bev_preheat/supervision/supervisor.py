@@ -7,7 +7,6 @@ the planner does. Instants are integers, in nanoseconds of the node's clock.
 """
 
 from dataclasses import dataclass
-from typing import Optional
 
 from bev_preheat.errors import InvalidInput, LONGEST_PROBLEM, shortened
 from bev_preheat.planning.status import Status
@@ -36,8 +35,8 @@ class Output:
     step's events. `failure` is the sentence of an exception that nobody foresaw, '' for none.
     """
 
-    command: Optional[Command] = None
-    decision: Optional[Decision] = None
+    command: Command | None = None
+    decision: Decision | None = None
     later_decisions: tuple = ()
     has_new_status: bool = False
     refusals: tuple = ()
@@ -75,7 +74,7 @@ class Supervisor:
         """
         try:
             yield from self._react(now_ns, events) if events else self._let_time_pass(now_ns)
-        except Exception as error:  # noqa: B902  whatever it is, the heater must go off
+        except Exception as error:
             yield self.fail(now_ns, f'{type(error).__name__}: {error}')
 
     def _react(self, now_ns, events):

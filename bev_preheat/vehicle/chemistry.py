@@ -2,7 +2,7 @@
 """What is usual for cells of a chemistry; the figures and their sources stand in chemistry.yaml."""
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -77,7 +77,7 @@ class Chemistry:
     discharge_share: Shares
 
 
-@lru_cache(maxsize=None)
+@cache
 def load_chemistry(name):
     """Return the Chemistry of one of CHEMISTRIES."""
     figures = dict(yaml.safe_load(FIGURES.read_text(encoding='utf-8'))[name])

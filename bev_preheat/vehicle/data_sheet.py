@@ -8,7 +8,6 @@ power of ten explains it, which unit was meant.
 
 from dataclasses import dataclass, fields
 from difflib import get_close_matches
-from typing import Optional
 
 from bev_preheat.errors import InvalidInput, quoted
 from bev_preheat.vehicle.chemistry import CHEMISTRIES, load_chemistry
@@ -82,21 +81,21 @@ class DataSheet:
     name: str
     chemistry: str
     charging_power_kw: float
-    usable_energy_kwh: Optional[float] = None
-    gross_energy_kwh: Optional[float] = None
-    battery_mass_kg: Optional[float] = None
-    nominal_voltage_v: Optional[float] = None
-    cells_in_series: Optional[int] = None
-    heater_power_kw: Optional[float] = None
-    drive_power_kw: Optional[float] = None
-    regeneration_power_kw: Optional[float] = None
-    cabin_heating_power_kw: Optional[float] = None
-    auxiliary_power_kw: Optional[float] = None
-    target_temperature_c: Optional[float] = None
-    vehicle_mass_kg: Optional[float] = None
-    drag_coefficient: Optional[float] = None
-    frontal_area_m2: Optional[float] = None
-    rolling_resistance: Optional[float] = None
+    usable_energy_kwh: float | None = None
+    gross_energy_kwh: float | None = None
+    battery_mass_kg: float | None = None
+    nominal_voltage_v: float | None = None
+    cells_in_series: int | None = None
+    heater_power_kw: float | None = None
+    drive_power_kw: float | None = None
+    regeneration_power_kw: float | None = None
+    cabin_heating_power_kw: float | None = None
+    auxiliary_power_kw: float | None = None
+    target_temperature_c: float | None = None
+    vehicle_mass_kg: float | None = None
+    drag_coefficient: float | None = None
+    frontal_area_m2: float | None = None
+    rolling_resistance: float | None = None
     # (name of a figure, where it comes from); a text that begins with "assumed" says that it is.
     sources: tuple = ()
 

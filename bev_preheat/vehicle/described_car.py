@@ -294,5 +294,5 @@ def _given_or_assumed(sheet, name, otherwise, why, scale=1.0):
 
 
 def _plain(value):
-    """A product of decimal figures without the rounding of its last binary digit."""
+    """Return a product of decimal figures without the rounding of its last binary digit."""
     return float(f'{value:.10g}')

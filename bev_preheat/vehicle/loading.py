@@ -12,8 +12,7 @@ from bev_preheat.checked_yaml import load_checked_yaml
 from bev_preheat.configuration import find_configuration
 from bev_preheat.errors import InvalidInput, quoted
 from bev_preheat.vehicle.curves import InverseTemperatureResistance, PolynomialVoltage, Table
-from bev_preheat.vehicle.description import (
-    Battery, Defaults, Drivetrain, Hvch, Leakage, RoadLoad, Vehicle)
+from bev_preheat.vehicle.description import Battery, Defaults, Drivetrain, Hvch, Leakage, RoadLoad, Vehicle
 
 SCHEMA = Path(__file__).with_name('schema.yaml')
 

@@ -14,10 +14,10 @@ from bev_preheat.supervision.settings import MOST_STOPS
 from bev_preheat.vehicle import load_vehicle
 
 VEHICLE = load_vehicle('reference')
-ROUTE = '''duration_s,speed_mps,propulsion_power_w,ambient_temperature_c
+ROUTE = """duration_s,speed_mps,propulsion_power_w,ambient_temperature_c
 600,20,17000,-6
 900,25,21000,-4
-'''
+"""
 DRIVE_S = 1500.0
 # Two legs, the first with a stop at its end.
 FIRST = {'route': './drive.csv', 'target_battery_temperature_c': 19.0, 'minimum_arrival_soc': 0.2,

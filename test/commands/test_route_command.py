@@ -14,7 +14,7 @@ from bev_preheat.route.csv_file import load_route
 from bev_preheat.route.segments import Route
 from bev_preheat.vehicle import load_vehicle
 
-LEGS = '''
+LEGS = """
 name: to_the_shop
 ambient_temperature_c: [3, 1]
 cabin_heating_power_w: 1200
@@ -23,7 +23,7 @@ driving: {acceleration_mps2: 1.1, deceleration_mps2: 1.3}
 legs:
   - {length_m: 1500, speed_limit_kmh: 50, stops: 2, stop_duration_s: 10}
   - {length_m: 2000, speed_limit_kmh: 80}
-'''
+"""
 
 
 @pytest.fixture
@@ -149,7 +149,8 @@ def test_a_plot_has_title_units_and_legend(preheat_route, legs, tmp_path):
 
 
 @pytest.mark.parametrize('arguments, problem', [
-    (['--legs', 'winter_comute', '--vehicle', 'reference'], "'winter_comute' is unknown; did you mean 'winter_commute'"),
+    (['--legs', 'winter_comute', '--vehicle', 'reference'],
+     "'winter_comute' is unknown; did you mean 'winter_commute'"),
     (['--legs', 'reference', '--vehicle', 'reference', '--step', '10'],
      '--step: only with --log; a description of legs states its own segment_duration_s'),
     (['--log', 'nowhere.csv', '--vehicle', 'small_car'],

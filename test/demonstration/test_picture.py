@@ -3,7 +3,6 @@
 
 from array import array
 
-from bev_preheat_msgs.msg import PreheatPlan, RoutePlan
 from builtin_interfaces.msg import Time
 import numpy as np
 import pytest
@@ -12,6 +11,7 @@ from bev_preheat.demonstration.observer import ObservedDrive
 from bev_preheat.demonstration.picture import make_drive_figure
 from bev_preheat.drawing.palette import look_of
 from bev_preheat.vehicle import load_vehicle
+from bev_preheat_msgs.msg import PreheatPlan, RoutePlan
 
 START_S = 1000
 

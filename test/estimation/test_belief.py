@@ -3,12 +3,11 @@
 
 from dataclasses import replace
 
+from driven_car import AMBIENT_C, Course, LIMIT_W, VEHICLE
 import numpy as np
 import pytest
 
-from driven_car import AMBIENT_C, Course, LIMIT_W, VEHICLE
-from bev_preheat.estimation.belief import (
-    Belief, FACTOR_BOUNDS, prior_factor_covariance, SHAPE, WANDER_IN_AN_HOUR)
+from bev_preheat.estimation.belief import Belief, FACTOR_BOUNDS, prior_factor_covariance, SHAPE, WANDER_IN_AN_HOUR
 from bev_preheat.estimation.hypotheses import NOISES_K, SHARES
 from bev_preheat.estimation.state import FACTORS, HEATER, PROPULSION, SIZE, TEMPERATURE
 

@@ -2,13 +2,13 @@
 """The estimator on cars that are driven in `driven_car`: right, honest about it, and hard to upset."""
 
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cache
 from math import log
 
+from driven_car import Commands, Course, DrivenCar, LIMIT_W, observed, START_NS, VEHICLE
 import numpy as np
 import pytest
 
-from driven_car import Commands, Course, DrivenCar, LIMIT_W, observed, START_NS, VEHICLE
 from bev_preheat.estimation.estimator import Estimator
 from bev_preheat.estimation.hypotheses import Heater
 from bev_preheat.estimation.state import HEAT_CAPACITY, HEATER, TEMPERATURE
@@ -49,7 +49,7 @@ class HeatedDrive:
     estimate: object
 
 
-@lru_cache(maxsize=None)
+@cache
 def heated_drive(seed, each_s=2):
     """Drive a car whose factors are drawn; each is driven once for all tests."""
     estimator = Estimator(VEHICLE)

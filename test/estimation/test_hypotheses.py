@@ -5,8 +5,20 @@ import numpy as np
 import pytest
 
 from bev_preheat.estimation.hypotheses import (
-    FAILURE_S, Heater, heater_power_w, HeaterReport, HEATERS, judge, prior_weights, REPAIR_S,
-    SHARES, STUCK, TAKEN_BACK_BELOW, TOLD_FROM, transitions)
+    FAILURE_S,
+    Heater,
+    heater_power_w,
+    HeaterReport,
+    HEATERS,
+    judge,
+    prior_weights,
+    REPAIR_S,
+    SHARES,
+    STUCK,
+    TAKEN_BACK_BELOW,
+    TOLD_FROM,
+    transitions,
+)
 
 COUNT = len(SHARES)
 

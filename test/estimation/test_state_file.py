@@ -6,7 +6,8 @@ import os
 from pathlib import Path
 import socket
 
-from hypothesis import given, strategies as st
+from hypothesis import given
+from hypothesis import strategies as st
 from learned_cars import an_estimate, FACTORS_SEEN
 import numpy as np
 import pytest
@@ -16,8 +17,7 @@ from bev_preheat.errors import InvalidInput
 from bev_preheat.estimation import state_file as module
 from bev_preheat.estimation.belief import prior_factor_covariance
 from bev_preheat.estimation.memory import as_entry, Learned, learned_from
-from bev_preheat.estimation.state_file import (
-    check_state_file, load_learned, MOST_CARS, save_learned)
+from bev_preheat.estimation.state_file import check_state_file, load_learned, MOST_CARS, save_learned
 
 CAR, OTHER = 'a' * 64, 'b' * 64
 NAMES = ('heat_capacity', 'leakage', 'resistance', 'heater_efficiency')

@@ -3,7 +3,8 @@
 
 from math import exp, log, pi, sqrt
 
-from hypothesis import given, strategies as st
+from hypothesis import given
+from hypothesis import strategies as st
 import numpy as np
 import pytest
 

@@ -6,10 +6,10 @@ import io
 from math import inf, nan
 import sys
 
-from bev_preheat_msgs.msg import HvchCommand, PreheatPlan, RoutePlan
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from hypothesis import given, strategies as st
+from hypothesis import given
+from hypothesis import strategies as st
 import pytest
 from rich.cells import cell_len
 from rich.console import Console
@@ -18,6 +18,7 @@ from sensor_msgs.msg import BatteryState, Temperature
 from bev_preheat.monitoring.chart import round_numbers
 from bev_preheat.monitoring.heard import Heard
 from bev_preheat.monitoring.view import line, page, waiting
+from bev_preheat_msgs.msg import HvchCommand, PreheatPlan, RoutePlan
 
 
 class Clock:

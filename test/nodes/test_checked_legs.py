@@ -3,7 +3,6 @@
 
 from math import nan
 
-from bev_preheat_msgs.msg import RoutePlan
 from builtin_interfaces.msg import Time
 import pytest
 from stepwise import Stepwise
@@ -14,6 +13,7 @@ from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.supervision.inputs import Measurement, NS_PER_S
 from bev_preheat.supervision.settings import Settings
 from bev_preheat.vehicle import load_vehicle
+from bev_preheat_msgs.msg import RoutePlan
 
 VEHICLE = load_vehicle('reference')
 START_NS = 1_700_000_000 * NS_PER_S

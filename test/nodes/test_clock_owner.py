@@ -3,7 +3,6 @@
 
 import signal
 
-from bev_preheat_msgs.msg import RoutePlan
 from builtin_interfaces.msg import Time
 from node_bench import repeating
 import pytest
@@ -11,6 +10,8 @@ from rclpy.node import NodeNameNonExistentError
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import BatteryState
+
+from bev_preheat_msgs.msg import RoutePlan
 
 MANY = QoSProfile(depth=1000, reliability=ReliabilityPolicy.BEST_EFFORT)
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)

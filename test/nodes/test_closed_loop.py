@@ -11,7 +11,6 @@ that to deliver a command, or /clock after the state that was measured at that i
 from dataclasses import dataclass
 import signal
 
-from bev_preheat_msgs.msg import HvchCommand, PreheatPlan
 from diagnostic_msgs.msg import DiagnosticArray
 import pytest
 from rclpy.qos import qos_profile_sensor_data
@@ -21,6 +20,7 @@ from bev_preheat.nodes.convert import nanoseconds
 from bev_preheat.nodes.simulator_messages import outcome_from_diagnostics
 from bev_preheat.planning.status import Status
 from bev_preheat.supervision.inputs import NS_PER_S
+from bev_preheat_msgs.msg import HvchCommand, PreheatPlan
 
 SPEED_UP = 100
 TARGET_C = 25.0

@@ -4,7 +4,6 @@
 from contextlib import contextmanager
 import signal
 
-from bev_preheat_msgs.msg import HvchCommand, PreheatPlan, RoutePlan
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from node_bench import poll_until, repeating
 import pytest
@@ -14,6 +13,7 @@ from std_srvs.srv import SetBool
 
 from bev_preheat.nodes.convert import time_message
 from bev_preheat.planning.status import Status
+from bev_preheat_msgs.msg import HvchCommand, PreheatPlan, RoutePlan
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 STATE_PERIOD_S = 0.2

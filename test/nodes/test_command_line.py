@@ -58,7 +58,7 @@ def test_help_tells_units_ranges_and_choices(call_main):
 PROBLEMS = {
     'unknown argument': (['--verbose'], 'unrecognized arguments: --verbose'),
     'word': (['vehicle:=small_car'], 'unrecognized arguments: vehicle:=small_car'),
-    'unknown ROS argument': (['--ros-args', '--parameter', 'a'], "unknown ROS arguments: "),
+    'unknown ROS argument': (['--ros-args', '--parameter', 'a'], 'unknown ROS arguments: '),
     'no value': (['--ros-args', '-p', 'vehicle'],
                  '-p vehicle: cannot be read; it must be NAME:=VALUE'),
     'name': (['--ros-args', '-r', '__node:=a-b'],

@@ -8,18 +8,26 @@ from pathlib import Path
 import random
 import re
 
-from bev_preheat_msgs.msg import HvchCommand, PreheatPlan, RoutePlan
 from builtin_interfaces.msg import Time
-from hypothesis import example, given, strategies as st
+from hypothesis import example, given
+from hypothesis import strategies as st
 import numpy as np
 import pytest
 from sensor_msgs.msg import BatteryState as BatteryStateMessage
 
 from bev_preheat.errors import InvalidInput
 from bev_preheat.nodes.convert import (
-    command_message, is_cancellation, measurement_from_message, mission_from_message, nanoseconds,
+    command_message,
+    is_cancellation,
+    measurement_from_message,
+    mission_from_message,
+    nanoseconds,
     plan_message,
-    ROUTE_FIELDS, route_plan_message, temperature_message, time_message)
+    ROUTE_FIELDS,
+    route_plan_message,
+    temperature_message,
+    time_message,
+)
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.status import Status
@@ -30,6 +38,7 @@ from bev_preheat.supervision.decision import Command, Decision
 from bev_preheat.supervision.inputs import Leg, Mission, NS_PER_S, with_stops
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.description import Defaults
+from bev_preheat_msgs.msg import HvchCommand, PreheatPlan, RoutePlan
 
 VEHICLE = load_vehicle('reference')
 DEFAULTS = Defaults(cabin_heating_power_w=1111.0, auxiliary_power_w=222.0,

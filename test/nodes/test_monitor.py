@@ -6,7 +6,6 @@ import subprocess
 import sys
 import time
 
-from bev_preheat_msgs.msg import HvchCommand, RoutePlan
 from node_bench import repeating
 import pytest
 from rclpy.qos import QoSDurabilityPolicy, QoSProfile
@@ -15,6 +14,7 @@ from sensor_msgs.msg import BatteryState
 from bev_preheat.commands.main import main
 from bev_preheat.experiments.soak.terminal import CTRL_C, TerminalProcess
 from bev_preheat.nodes.convert import time_message
+from bev_preheat_msgs.msg import HvchCommand, RoutePlan
 
 LATCHED = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
 # Process start, discovery and a first page, on a busy computer.

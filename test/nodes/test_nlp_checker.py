@@ -7,7 +7,6 @@ import signal
 import subprocess
 import sys
 
-from bev_preheat_msgs.msg import HvchCommand, OptimalityReport, PreheatPlan, RoutePlan
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from node_bench import repeating
@@ -23,10 +22,12 @@ from std_srvs.srv import Trigger
 from bev_preheat.nodes.convert import nanoseconds, ROUTE_FIELDS, time_message
 from bev_preheat.optimum.solve import solve_optimum
 from bev_preheat.planning.planner import plan_preheating
-from bev_preheat.planning.situation import BatteryState as State, Goal
+from bev_preheat.planning.situation import BatteryState as State
+from bev_preheat.planning.situation import Goal
 from bev_preheat.route.segments import make_route
 from bev_preheat.supervision.inputs import NS_PER_S
 from bev_preheat.vehicle import load_vehicle
+from bev_preheat_msgs.msg import HvchCommand, OptimalityReport, PreheatPlan, RoutePlan
 
 LATCHED = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
 FEEDING_PERIOD_S = 0.1

@@ -13,7 +13,6 @@ from math import inf, isfinite, nan
 import random
 from types import SimpleNamespace
 
-from bev_preheat_msgs.msg import RoutePlan
 from builtin_interfaces.msg import Time
 import pytest
 import rclpy
@@ -25,6 +24,7 @@ from bev_preheat.demonstration.processes import reserved_domain_id
 from bev_preheat.nodes.convert import nanoseconds
 from bev_preheat.nodes.planner_node import PlannerNode
 from bev_preheat.planning.status import Status
+from bev_preheat_msgs.msg import RoutePlan
 
 SEED = 20261121
 MESSAGES = 100_000

@@ -20,15 +20,13 @@ import signal
 import subprocess
 import sys
 
-from bev_preheat_msgs.msg import HvchCommand, PreheatPlan, RoutePlan
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from node_bench import POLL_S, poll_until, repeating
 import psutil
 import pytest
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
-from rcl_interfaces.srv import (
-    DescribeParameters, GetParameters, SetParameters, SetParametersAtomically)
+from rcl_interfaces.srv import DescribeParameters, GetParameters, SetParameters, SetParametersAtomically
 from rclpy.qos import QoSDurabilityPolicy, QoSProfile, QoSReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import BatteryState, Temperature
@@ -37,6 +35,7 @@ from std_srvs.srv import SetBool
 from bev_preheat.nodes.convert import nanoseconds, time_message
 from bev_preheat.planning.status import Status
 from bev_preheat.supervision.inputs import NS_PER_S
+from bev_preheat_msgs.msg import HvchCommand, PreheatPlan, RoutePlan
 
 LATCHED = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
 PERIOD_S, LEASE_S, TIMEOUT_S = 0.2, 0.6, 2.0
@@ -53,14 +52,14 @@ RESEND_S = 0.2
 CABIN_W = 1600.0
 # config/vehicles/reference.yaml: 7 kW.
 FULL_POWER_W = 7000.0 - CABIN_W
-FROZEN_SUBSCRIBER = '''
+FROZEN_SUBSCRIBER = """
 import rclpy
 from bev_preheat_msgs.msg import HvchCommand
 rclpy.init()
 node = rclpy.create_node('frozen')
 node.create_subscription(HvchCommand, 'hvch_command', lambda message: print('.', flush=True), 1)
 rclpy.spin(node)
-'''
+"""
 
 
 def heats(command):

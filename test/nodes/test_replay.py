@@ -10,7 +10,6 @@ command and each plan must come out again, at its instant, to the last digit.
 from collections import defaultdict
 from dataclasses import dataclass
 
-from bev_preheat_msgs.msg import HvchCommand, PreheatPlan, RoutePlan
 from node_bench import poll_until, TIME_LIMIT_S
 import pytest
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
@@ -21,10 +20,17 @@ from sensor_msgs.msg import BatteryState
 from std_srvs.srv import SetBool
 
 from bev_preheat.nodes.convert import (
-    battery_event, command_message, nanoseconds, plan_message, route_plan_message, time_message)
+    battery_event,
+    command_message,
+    nanoseconds,
+    plan_message,
+    route_plan_message,
+    time_message,
+)
 from bev_preheat.nodes.route_intake import RouteIntake
 from bev_preheat.nodes.simulator_messages import battery_state_message
-from bev_preheat.planning.situation import BatteryState as State, Goal
+from bev_preheat.planning.situation import BatteryState as State
+from bev_preheat.planning.situation import Goal
 from bev_preheat.planning.status import Status
 from bev_preheat.route import load_route
 from bev_preheat.simulation.heater_faults import HeaterFault
@@ -37,6 +43,7 @@ from bev_preheat.supervision.inputs import NS_PER_S
 from bev_preheat.supervision.settings import Settings
 from bev_preheat.supervision.supervisor import Supervisor
 from bev_preheat.vehicle import load_vehicle
+from bev_preheat_msgs.msg import HvchCommand, PreheatPlan, RoutePlan
 
 VEHICLE = load_vehicle('reference')
 START_NS = 1_700_000_000 * NS_PER_S
@@ -238,7 +245,7 @@ def replayed(driven):
             stale_at += TIMEOUT_S
         for each in given[second]:
             accepted = step(second, *events_of(each, intake, supervisor))
-            if each.kind == 'settings' or each.kind == 'battery_state' and accepted:
+            if each.kind == 'settings' or (each.kind == 'battery_state' and accepted):
                 stale_at = second + TIMEOUT_S
     return said(commands, plans)
 

@@ -4,7 +4,6 @@
 import json
 import signal
 
-from bev_preheat_msgs.msg import HvchCommand, RoutePlan
 from diagnostic_msgs.msg import DiagnosticArray
 from node_bench import repeating
 import pytest
@@ -13,6 +12,7 @@ from sensor_msgs.msg import BatteryState
 
 from bev_preheat.nodes.convert import nanoseconds, time_message
 from bev_preheat.supervision.inputs import NS_PER_S
+from bev_preheat_msgs.msg import HvchCommand, RoutePlan
 
 LATCHED = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
 LEASE_S = 0.8

@@ -4,7 +4,6 @@
 from dataclasses import replace
 from math import inf, nan
 
-from bev_preheat_msgs.msg import RoutePlan
 from builtin_interfaces.msg import Time
 import pytest
 from stepwise import Stepwise
@@ -17,6 +16,7 @@ from bev_preheat.supervision.events import Reconfigured
 from bev_preheat.supervision.inputs import Measurement, NS_PER_S
 from bev_preheat.supervision.settings import Settings
 from bev_preheat.vehicle import load_vehicle
+from bev_preheat_msgs.msg import RoutePlan
 
 VEHICLE = load_vehicle('reference')
 START_S = 1_700_000_000

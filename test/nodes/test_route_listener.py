@@ -4,7 +4,6 @@
 from array import array
 import re
 
-from bev_preheat_msgs.msg import HvchCommand, PreheatPlan, RoutePlan
 from diagnostic_msgs.msg import DiagnosticArray
 from node_bench import poll_until
 import psutil
@@ -13,6 +12,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from bev_preheat.nodes.convert import time_message
 from bev_preheat.planning.status import Status
+from bev_preheat_msgs.msg import HvchCommand, PreheatPlan, RoutePlan
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 # What `ros2 topic pub` publishes with.

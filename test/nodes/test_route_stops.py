@@ -4,7 +4,6 @@
 from dataclasses import fields, replace
 from math import inf, isnan, nan
 
-from bev_preheat_msgs.msg import PreheatPlan, RoutePlan
 from builtin_interfaces.msg import Time
 import numpy as np
 import pytest
@@ -19,6 +18,7 @@ from bev_preheat.supervision.decision import Decision
 from bev_preheat.supervision.inputs import Leg, Mission, NS_PER_S
 from bev_preheat.supervision.settings import MOST_STOPS
 from bev_preheat.vehicle import load_vehicle
+from bev_preheat_msgs.msg import PreheatPlan, RoutePlan
 
 VEHICLE = load_vehicle('reference')
 START_S = 1_700_000_000

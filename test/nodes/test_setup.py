@@ -3,7 +3,6 @@
 
 import time
 
-from bev_preheat_msgs.msg import HvchCommand, PreheatPlan, RoutePlan
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 import pytest
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
@@ -13,6 +12,7 @@ from spinning import take_down
 
 from bev_preheat.nodes.convert import time_message
 from bev_preheat.nodes.setup_watch import clock_hint
+from bev_preheat_msgs.msg import HvchCommand, PreheatPlan, RoutePlan
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 BEST_EFFORT = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)

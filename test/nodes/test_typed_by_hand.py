@@ -4,7 +4,6 @@
 from contextlib import contextmanager
 from pathlib import Path
 
-from bev_preheat_msgs.msg import HvchCommand, PreheatPlan, RoutePlan
 from node_bench import repeating
 import pytest
 from sensor_msgs.msg import BatteryState
@@ -12,6 +11,7 @@ from typed_commands import QOS, typed_commands
 
 from bev_preheat.nodes.convert import is_cancellation, time_message
 from bev_preheat.planning.status import Status
+from bev_preheat_msgs.msg import HvchCommand, PreheatPlan, RoutePlan
 
 README = (Path(__file__).parents[2] / 'README.md').read_text()
 COMMANDS = typed_commands(README)

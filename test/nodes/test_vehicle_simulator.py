@@ -5,7 +5,6 @@ import math
 import signal
 import time
 
-from bev_preheat_msgs.msg import HvchCommand, RoutePlan
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
 import numpy as np
@@ -16,12 +15,13 @@ from rclpy.qos import qos_profile_sensor_data, QoSDurabilityPolicy, QoSProfile
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import BatteryState
 
-from bev_preheat.nodes.simulator_messages import (
-    ARRIVED, DRIVING, EMPTY, outcome_from_diagnostics)
+from bev_preheat.nodes.simulator_messages import ARRIVED, DRIVING, EMPTY, outcome_from_diagnostics
 from bev_preheat.planning.planner import plan_preheating
-from bev_preheat.planning.situation import BatteryState as Battery, Goal
+from bev_preheat.planning.situation import BatteryState as Battery
+from bev_preheat.planning.situation import Goal
 from bev_preheat.route import make_route, save_route
 from bev_preheat.vehicle import load_vehicle
+from bev_preheat_msgs.msg import HvchCommand, RoutePlan
 
 START_S = 1_700_000_000
 LATCHED = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)

@@ -16,8 +16,18 @@ from bev_preheat.errors import InvalidInput
 from bev_preheat.experiments.optimality.drawn_trips import draw_limit_trip
 from bev_preheat.optimum import program, solve
 from bev_preheat.optimum.solve import (
-    ARRIVAL_SOC, CHARGE, HIGHEST_SOC, HIGHEST_TEMPERATURE, LOWEST_SOC, NOT_SOLVED,
-    prepare_programs, solve_optimum, SolverFailure, SUCCESS, TARGET)
+    ARRIVAL_SOC,
+    CHARGE,
+    HIGHEST_SOC,
+    HIGHEST_TEMPERATURE,
+    LOWEST_SOC,
+    NOT_SOLVED,
+    prepare_programs,
+    solve_optimum,
+    SolverFailure,
+    SUCCESS,
+    TARGET,
+)
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.status import Status

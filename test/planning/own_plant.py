@@ -9,7 +9,6 @@ from bisect import bisect_right
 from dataclasses import dataclass
 from math import ceil, sqrt
 from pathlib import Path
-from typing import Optional
 
 import numpy as np
 import yaml
@@ -25,7 +24,7 @@ class Driven:
     temperature_c: float
     lowest_soc: float
     lacking_w: float
-    empty_at_s: Optional[float]
+    empty_at_s: float | None
 
 
 def between(axis, x):

@@ -3,7 +3,8 @@
 
 from dataclasses import replace
 
-from hypothesis import assume, given, strategies as st
+from hypothesis import assume, given
+from hypothesis import strategies as st
 import numpy as np
 import pytest
 

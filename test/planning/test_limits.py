@@ -3,14 +3,21 @@
 
 from dataclasses import replace
 
-from hypothesis import assume, example, given, strategies as st
+from hypothesis import assume, example, given
+from hypothesis import strategies as st
 import numpy as np
 import pytest
 
 from bev_preheat.arithmetic import ARRAYS, FLOATS
 from bev_preheat.model import make_runge_kutta_4
 from bev_preheat.planning.limits import (
-    drive_as_planned, limits_hold, make_terminal_limits, run_within_limits, Watch, watch_limits)
+    drive_as_planned,
+    limits_hold,
+    make_terminal_limits,
+    run_within_limits,
+    Watch,
+    watch_limits,
+)
 from bev_preheat.planning.merit_order import plan_merit_order
 from bev_preheat.planning.optimal_switch import plan_optimal_switch
 from bev_preheat.planning.simulate import keep_accounts, run_forward

@@ -4,7 +4,8 @@
 from dataclasses import replace
 from functools import lru_cache
 
-from hypothesis import assume, example, given, settings, strategies as st
+from hypothesis import assume, example, given, settings
+from hypothesis import strategies as st
 import numpy as np
 import pytest
 

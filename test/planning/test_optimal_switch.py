@@ -4,7 +4,8 @@
 from dataclasses import replace
 import math
 
-from hypothesis import assume, given, strategies as st
+from hypothesis import assume, given
+from hypothesis import strategies as st
 import numpy as np
 import pytest
 

@@ -3,15 +3,15 @@
 
 from dataclasses import fields, replace
 
-from hypothesis import given, strategies as st
+from hypothesis import given
+from hypothesis import strategies as st
 import numpy as np
 import pytest
 
 from bev_preheat.arithmetic import ARRAYS
 from bev_preheat.model import make_euler, make_runge_kutta_4
 from bev_preheat.planning.schedule import Schedule
-from bev_preheat.planning.simulate import (
-    Energies, deliverable_power_w, keep_accounts, run_forward)
+from bev_preheat.planning.simulate import deliverable_power_w, Energies, keep_accounts, run_forward
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.route.segments import make_route
 from bev_preheat.vehicle import load_vehicle

@@ -5,7 +5,8 @@ from dataclasses import fields
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, settings
+from hypothesis import strategies as st
 import numpy as np
 import pytest
 
@@ -67,13 +68,13 @@ def test_the_file_has_the_columns_of_the_contract(tmp_path):
 
 
 def test_columns_are_found_by_name_and_optional_ones_may_be_missing(tmp_path):
-    route = load_route(file_of(tmp_path, '''
+    route = load_route(file_of(tmp_path, """
         # a comment, then a header in another order
         ambient_temperature_c, duration_s, propulsion_power_w, speed_mps
         -7.5, 30, -2e3, 11   # behind the numbers too
 
         -8.5, 20, 3000, 22
-        '''), DEFAULTS)
+        """), DEFAULTS)
     assert route.ambient_temperature_c.tolist() == [-7.5, -8.5]
     assert route.duration_s.tolist() == [30.0, 20.0]
     assert route.propulsion_power_w.tolist() == [-2e3, 3e3]

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """A drive keeps every limit, on any road."""
 
-from hypothesis import given, strategies as st
+from hypothesis import given
+from hypothesis import strategies as st
 import numpy as np
 import pytest
 

@@ -3,7 +3,8 @@
 
 from dataclasses import fields
 
-from hypothesis import assume, example, given, strategies as st
+from hypothesis import assume, example, given
+from hypothesis import strategies as st
 import numpy as np
 import pytest
 

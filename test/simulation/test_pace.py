@@ -3,8 +3,7 @@
 
 import pytest
 
-from bev_preheat.simulation.pace import (
-    CLOCK_LAG_S, MOST_AHEAD_S, Pace, Patience, PATIENCE_S)
+from bev_preheat.simulation.pace import CLOCK_LAG_S, MOST_AHEAD_S, Pace, Patience, PATIENCE_S
 
 
 def test_time_starts_with_the_first_call():

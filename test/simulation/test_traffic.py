@@ -5,8 +5,7 @@ import numpy as np
 import pytest
 
 from bev_preheat.route import make_route
-from bev_preheat.simulation.traffic import (
-    clock_offset_s, ClockJump, drive_with_events, Event, Kind)
+from bev_preheat.simulation.traffic import clock_offset_s, ClockJump, drive_with_events, Event, Kind
 from bev_preheat.vehicle import load_vehicle
 
 DEFAULTS = load_vehicle('reference').defaults

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The heater's commands of late, against sums over every millisecond."""
 
-from hypothesis import given, strategies as st
+from hypothesis import given
+from hypothesis import strategies as st
 import pytest
 
 from bev_preheat.supervision.command_history import CommandHistory, KEPT_NS

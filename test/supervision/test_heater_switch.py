@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Least times on and off: what they hold back, and what they must not."""
 
-from hypothesis import given, strategies as st
+from hypothesis import given
+from hypothesis import strategies as st
 import pytest
 
 from bev_preheat.supervision.heater_switch import HeaterSwitch

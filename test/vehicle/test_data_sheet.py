@@ -6,7 +6,8 @@ import math
 from pathlib import Path
 import shlex
 
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, settings
+from hypothesis import strategies as st
 import numpy as np
 import pytest
 import yaml

@@ -13,8 +13,7 @@ import sys
 from bev_preheat.commands.arguments import OneLineParser
 from bev_preheat.commands.finished import keeping_what_is_finished
 from bev_preheat.commands.output import json_output, write_json
-from bev_preheat.experiments.cost import (
-    checker_cost, optimum_cost, planning_cost, process_cost, restart_cost)
+from bev_preheat.experiments.cost import checker_cost, optimum_cost, planning_cost, process_cost, restart_cost
 from bev_preheat.optional_packages import require
 from bev_preheat.output_files import check_outputs
 from bev_preheat.route import route_file

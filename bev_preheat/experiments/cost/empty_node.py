@@ -1,13 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """The floor: a node of the planner's shape that plans nothing."""
 
-from bev_preheat_msgs.msg import HvchCommand, PreheatPlan, RoutePlan
 from diagnostic_msgs.msg import DiagnosticArray
 import rclpy
 from rclpy.node import Node
 from rclpy.qos import QoSDurabilityPolicy, QoSProfile, QoSReliabilityPolicy
 from sensor_msgs.msg import BatteryState, Temperature
 from std_srvs.srv import SetBool
+
+from bev_preheat_msgs.msg import HvchCommand, PreheatPlan, RoutePlan
 
 
 class EmptyNode(Node):

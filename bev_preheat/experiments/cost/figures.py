@@ -4,7 +4,6 @@
 from dataclasses import dataclass
 from statistics import median
 from time import perf_counter
-from typing import Optional
 
 
 @dataclass(frozen=True)
@@ -14,7 +13,7 @@ class Figure:
     what: str
     value: float
     unit: str
-    bound: Optional[float] = None
+    bound: float | None = None
     sense: str = '<='
 
     @property

@@ -28,7 +28,7 @@ def measure(log):
         for count in SEGMENT_COUNTS:
             split = route.resampled(route.total_duration_s / count)
             times_s[count] = median_time_s(
-                lambda split=split: plan_preheating(vehicle, split, STATE, GOAL, method),
+                lambda split=split, method=method: plan_preheating(vehicle, split, STATE, GOAL, method),
                 repetitions=max(5, 60000 // count))
             log(f'{method}, N = {count}: {1e3 * times_s[count]:.3f} ms')
         figures.append(Figure(f'plan, {method}, N = {len(route)}, median',
@@ -41,7 +41,7 @@ def measure(log):
 
 
 def _merit_order_ratio(vehicle, name):
-    """What minding the power limits adds to a plan, where none is active and where some are."""
+    """Return what minding the power limits adds to a plan, where none is active and where some are."""
     route = load_route(name, vehicle.defaults)
     # In turns, so that both meet the same load of the machine.
     merit_order_s, switch_s = turns_s(*(

@@ -10,7 +10,6 @@ import sys
 from time import monotonic, perf_counter
 
 from ament_index_python.packages import get_package_prefix
-from bev_preheat_msgs.msg import HvchCommand, PreheatPlan, RoutePlan
 import rclpy
 from rclpy.node import Node
 from rclpy.qos import QoSDurabilityPolicy, QoSProfile
@@ -21,6 +20,7 @@ from bev_preheat.nodes.convert import route_plan_message
 from bev_preheat.route import load_route
 from bev_preheat.supervision.inputs import Leg, Mission
 from bev_preheat.vehicle import load_vehicle
+from bev_preheat_msgs.msg import HvchCommand, PreheatPlan, RoutePlan
 
 DOMAIN = '89'
 ROUNDS = 5

@@ -5,7 +5,6 @@ import os
 from statistics import median
 from time import perf_counter
 
-from bev_preheat_msgs.msg import HvchCommand, RoutePlan
 import rclpy
 from rclpy.node import Node
 from rclpy.qos import QoSDurabilityPolicy, QoSProfile
@@ -17,6 +16,7 @@ from bev_preheat.nodes.convert import route_plan_message
 from bev_preheat.route import load_route
 from bev_preheat.supervision.inputs import Leg, Mission
 from bev_preheat.vehicle import load_vehicle
+from bev_preheat_msgs.msg import HvchCommand, RoutePlan
 
 RESTARTS = 10
 STATE_PERIOD_S = 0.1

@@ -4,7 +4,7 @@
 from collections import deque
 from dataclasses import dataclass
 from itertools import count
-from typing import Optional
+from typing import Any
 
 import numpy as np
 
@@ -12,8 +12,7 @@ from bev_preheat.arithmetic import ARRAYS
 from bev_preheat.experiments.optimality.drawn_trips import DRAWS
 from bev_preheat.planning.comparison import difference, energy_gap_wh
 from bev_preheat.planning.limits import make_terminal_limits
-from bev_preheat.planning.planner import (
-    as_driven, DEFAULT_METHOD, METHODS, plan_preheating, SHORTFALL_TOLERANCE_K)
+from bev_preheat.planning.planner import as_driven, DEFAULT_METHOD, METHODS, plan_preheating, SHORTFALL_TOLERANCE_K
 from bev_preheat.planning.status import Status
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.vehicle import load_vehicle
@@ -43,7 +42,7 @@ class MethodResult:
     status: str
     arrival_temperature_c: float
     energy_wh: float
-    gap_wh: Optional[float]
+    gap_wh: float | None
     difference: str
     arrival_soc: float
     violation: float
@@ -61,10 +60,10 @@ class GapResult:
     duration_s: float
     target_c: float
     reserve_soc: float
-    optimal_energy_wh: Optional[float]
-    optimal_arrival_c: Optional[float]
-    optimal_arrival_soc: Optional[float]
-    solve_time_s: Optional[float]
+    optimal_energy_wh: float | None
+    optimal_arrival_c: float | None
+    optimal_arrival_soc: float | None
+    solve_time_s: float | None
     methods: dict
 
 
@@ -74,7 +73,7 @@ def solve_trip(vehicle, seed, number, trips='free'):
 
     `trips`: 'free' (no limit is active, and the program has none) or 'limits' (they matter).
     """
-    from bev_preheat.optimum.solve import SolverFailure, solve_optimum
+    from bev_preheat.optimum.solve import solve_optimum, SolverFailure
     trip = DRAWS[trips](vehicle, seed, number)
     inputs = trip.vehicle, trip.route, trip.state, trip.goal
     limited = trips == 'limits'
@@ -179,7 +178,7 @@ def run_study(vehicle_name, feasible, seed, jobs, report, trips='free'):
     return results
 
 
-_worker = {}
+_worker: dict[str, Any] = {}
 
 
 def _prepare(vehicle_name, seed, trips):

@@ -8,7 +8,6 @@ heat and the column's sum hold. Everything else is predicted.
 """
 
 from dataclasses import dataclass, replace
-from typing import Optional
 
 import numpy as np
 
@@ -109,7 +108,7 @@ class Fit:
     gamma_0_w_per_k: float
     gamma_v_w_per_k_per_mps: float
     k_ohm_k: float
-    message: Optional[str]
+    message: str | None
 
 
 def fit_reference():

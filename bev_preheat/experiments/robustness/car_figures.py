@@ -2,7 +2,6 @@
 """What a study says of each method, and whether that is good enough."""
 
 from dataclasses import dataclass
-from typing import Optional
 
 import numpy as np
 
@@ -21,7 +20,7 @@ class Requirement:
 
     name: str
     bound: str
-    value: Optional[float]
+    value: float | None
     unit: str
     met: bool
 

@@ -3,10 +3,10 @@
 
 from dataclasses import dataclass, replace
 from time import process_time
+from typing import Any
 
 from bev_preheat.experiments.robustness.drawn_cars import draw_car
-from bev_preheat.experiments.robustness.drives import (
-    drive_informed, drive_with_planner, DriveOutcome)
+from bev_preheat.experiments.robustness.drives import drive_informed, drive_with_planner, DriveOutcome
 from bev_preheat.simulation.mismatch import Mismatch
 from bev_preheat.supervision.settings import Settings
 from bev_preheat.workers import Workers
@@ -83,7 +83,7 @@ def run_study(conditions, trips, seed, jobs, methods, report):
     return results
 
 
-_worker = {}
+_worker: dict[str, Any] = {}
 
 
 def _prepare(conditions, seed, methods):

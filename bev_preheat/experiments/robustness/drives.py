@@ -3,7 +3,6 @@
 
 from dataclasses import dataclass
 import math
-from typing import Optional
 
 import numpy as np
 
@@ -38,7 +37,7 @@ class DriveOutcome:
     heating_energy_wh: float
     battery_energy_wh: float
     switch_ons: int
-    first_switch_on_s: Optional[float]
+    first_switch_on_s: float | None
     partial_duty_s: float
     ran_empty: bool
     refused_inputs: int = 0

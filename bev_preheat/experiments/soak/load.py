@@ -6,7 +6,6 @@ import math
 import random
 import time
 
-from bev_preheat_msgs.msg import HvchCommand, RoutePlan
 from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import SetParameters
@@ -16,6 +15,7 @@ from sensor_msgs.msg import BatteryState
 from std_srvs.srv import SetBool
 
 from bev_preheat.nodes.convert import nanoseconds, time_message
+from bev_preheat_msgs.msg import HvchCommand, RoutePlan
 
 NS_PER_S = 1_000_000_000
 CABIN_W = 1700.0

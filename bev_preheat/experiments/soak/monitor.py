@@ -25,8 +25,7 @@ from bev_preheat.commands.finished import keeping_what_is_finished
 from bev_preheat.commands.output import write_json
 from bev_preheat.demonstration.processes import NodeProcess, reserved_domain_id
 from bev_preheat.errors import InvalidInput
-from bev_preheat.experiments.soak.judgement import (
-    Judgement, memory_growth_mb_in_10_min, MOST_GROWTH_MB_IN_10_MIN)
+from bev_preheat.experiments.soak.judgement import Judgement, memory_growth_mb_in_10_min, MOST_GROWTH_MB_IN_10_MIN
 from bev_preheat.experiments.soak.report import tell
 from bev_preheat.experiments.soak.terminal import CTRL_C, TerminalProcess
 from bev_preheat.optional_packages import require
@@ -62,7 +61,7 @@ class Seen:
     oldest_shown_s: float = 0.0
     temperatures: set = field(default_factory=set)
     said: str = ''
-    exit_status: int = None
+    exit_status: int | None = None
     restores_terminal: bool = False
 
 

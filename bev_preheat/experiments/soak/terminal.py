@@ -38,7 +38,7 @@ class TerminalProcess:
         os.set_blocking(self._terminal, False)
         self._process = subprocess.Popen(
             command, stdin=theirs, stdout=theirs, stderr=theirs, start_new_session=True,
-            preexec_fn=_take_terminal,
+            preexec_fn=_take_terminal,  # noqa: PLW1509  started before any thread
             env={**_without_size(os.environ), 'TERM': 'xterm-256color', **(environment or {})})
         os.close(theirs)
         self.views, self.tail = 0, b''

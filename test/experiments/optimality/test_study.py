@@ -16,8 +16,17 @@ from bev_preheat.experiments.optimality import gap_study as study_run
 from bev_preheat.experiments.optimality.drawn_trips import draw_limit_trip, draw_trip
 from bev_preheat.experiments.optimality.gap_figures import summarise_gaps
 from bev_preheat.experiments.optimality.gap_study import (
-    disagreements, FEASIBLE, MethodResult, NOT_NEEDED, RESERVE_MISSED, run_study,
-    solve_trip, SOLVER_FAILED, GapResult, UNREACHABLE)
+    disagreements,
+    FEASIBLE,
+    GapResult,
+    MethodResult,
+    NOT_NEEDED,
+    RESERVE_MISSED,
+    run_study,
+    solve_trip,
+    SOLVER_FAILED,
+    UNREACHABLE,
+)
 from bev_preheat.optimum import solve
 from bev_preheat.planning.planner import METHODS
 from bev_preheat.program import Interrupted, WorkerLost

@@ -3,10 +3,10 @@
 
 import numpy as np
 import pytest
+from short_drives import short_conditions
 
 from bev_preheat.experiments.robustness.drawn_cars import draw_car
 from bev_preheat.simulation.heater_lease import NO_LEASE
-from short_drives import short_conditions
 
 CONDITIONS = short_conditions()
 SPREAD = {'heat_capacity': 0.1, 'leakage': 0.2, 'resistance': 0.2, 'heater': 0.05,

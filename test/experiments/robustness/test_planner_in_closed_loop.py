@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from short_drives import short_conditions
 
 from bev_preheat.experiments.robustness import drives
 from bev_preheat.experiments.robustness.drawn_cars import draw_car
@@ -18,7 +19,6 @@ from bev_preheat.supervision.decision import Command, Decision
 from bev_preheat.supervision.events import RouteArrived
 from bev_preheat.supervision.settings import Settings
 from bev_preheat.supervision.supervisor import Output
-from short_drives import short_conditions
 
 CONDITIONS = short_conditions()
 # What the cabin leaves of the heater [W].

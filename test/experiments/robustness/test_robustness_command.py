@@ -15,6 +15,7 @@ import numpy as np
 import psutil
 import pytest
 from rich.console import Console
+from short_drives import made_drive, made_result, short_conditions
 
 from bev_preheat.commands import robustness
 from bev_preheat.commands.main import main
@@ -23,7 +24,6 @@ from bev_preheat.drawing.robustness_figure import draw_robustness
 from bev_preheat.experiments.robustness.car_figures import summarise_drives
 from bev_preheat.experiments.robustness.car_study import COMPARED
 from bev_preheat.program import Interrupted
-from short_drives import made_drive, made_result, short_conditions
 
 pytestmark = pytest.mark.costly
 

@@ -5,12 +5,11 @@ from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
+from short_drives import made_drive, made_result, short_conditions
 
 from bev_preheat.experiments.robustness import car_study
 from bev_preheat.experiments.robustness.car_figures import summarise_drives
-from bev_preheat.experiments.robustness.car_study import (
-    COMPARED, drive_car, run_study, settings_of_compared)
-from short_drives import made_drive, made_result, short_conditions
+from bev_preheat.experiments.robustness.car_study import COMPARED, drive_car, run_study, settings_of_compared
 
 CONDITIONS = short_conditions(period_s=10.0)
 
