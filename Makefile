@@ -62,7 +62,7 @@ bench: build ## speed and cost against other ways to plan
 	@$(environment); $(local_only); $(BENCH)
 
 soak: build ## the planner under load for MINUTES (10), in real time
-	@$(environment); $(local_only); python3 -m bev_preheat.experiments.soak --minutes $(MINUTES)
+	@$(environment); $(local_only); python3 -m bev_preheat.soak --minutes $(MINUTES)
 
 soak-monitor: build ## preheat monitor beside drives at 100 times real time for MINUTES (10)
 	@$(environment); $(local_only); python3 -m bev_preheat.experiments.soak.monitor --minutes $(MINUTES)

@@ -7,7 +7,7 @@ say, and ends with a table and a picture. The exit status is 0 only where the ba
 within ARRIVAL_TOLERANCE_K of its target.
 """
 
-from bev_preheat.program import Interrupted, loading, run_program, say
+from bev_preheat.console.program import Interrupted, loading, run_program, say
 
 if __name__ == '__main__':
     # What is loaded below takes a second, in which Ctrl-C may come.
@@ -21,16 +21,16 @@ import time
 
 from ament_index_python.packages import PackageNotFoundError
 
-from bev_preheat.commands.arguments import OneLineParser
+from bev_preheat.console.parser import OneLineParser
+from bev_preheat.console.terminal import print_figures, result_console
 from bev_preheat.demonstration.display import shown, summary_rows, verdict
 from bev_preheat.demonstration.observer import Observer
-from bev_preheat.demonstration.picture import draw_drive
-from bev_preheat.demonstration.processes import NodeProcess, reserved_domain_id
+from bev_preheat.drawing.demo_figure import draw_drive
 from bev_preheat.errors import InvalidInput
+from bev_preheat.experiments.processes import NodeProcess, reserved_domain_id
 from bev_preheat.nodes.listening import listening
 from bev_preheat.output_files import check_outputs, expanded, Output, PICTURE_SUFFIXES
 from bev_preheat.route import route_for
-from bev_preheat.terminal import print_figures, result_console
 from bev_preheat.vehicle import load_vehicle, vehicle_file
 
 ARRIVAL_TOLERANCE_K = 1.0

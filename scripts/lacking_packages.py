@@ -39,12 +39,12 @@ def numbers(version):
     return tuple(map(int, re.findall(r'\d+', version)[:3]))
 
 
-def main():
-    """Print a line for each package."""
+def main(arguments=None):
+    """Print a line for each package; `arguments` None: those of the process."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('--constraints', action='store_true', help='what must stay as it is')
     parser.add_argument('--group', help='with what scripts/requirements-GROUP.txt names')
-    arguments = parser.parse_args()
+    arguments = parser.parse_args(arguments)
     group = pinned(f'requirements-{arguments.group}.txt') if arguments.group else {}
     tested = {**group, **pinned('requirements.txt', 'requirements-optional.txt')}
     oldest = {name: version for name, version in pinned('requirements-oldest.txt').items()

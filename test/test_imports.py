@@ -9,6 +9,7 @@ from importlib.util import find_spec
 import os
 from pathlib import Path
 import pkgutil
+import shutil
 import subprocess
 import sys
 
@@ -17,6 +18,7 @@ import pytest
 ROOMS = ('planning', 'vehicle', 'route', 'estimation', 'supervision', 'simulation',
          'experiments.robustness', 'experiments.scenario_drive')
 PACKAGE = Path(find_spec('bev_preheat').origin).parent
+CHECKOUT = Path(__file__).resolve().parent.parent
 
 IMPORT_AND_LIST = """
 import importlib, sys
@@ -34,14 +36,17 @@ def modules_of(room):
         for module in pkgutil.walk_packages([str(folder)], f'bev_preheat.{room}.')]
 
 
+def with_path(folder):
+    """Return the environment of a process that imports from a folder first, then as this one."""
+    return dict(os.environ, PYTHONPATH=os.pathsep.join([str(folder), *filter(None, sys.path)]))
+
+
 def loaded_by(groups, unwanted):
     """Which of the unwanted packages a fresh process has loaded after each group of modules."""
-    environment = dict(os.environ, PYTHONPATH=os.pathsep.join(
-        [str(PACKAGE.parent), *filter(None, sys.path)]))
     done = subprocess.run(
         [sys.executable, '-c', IMPORT_AND_LIST, ','.join(unwanted),
          *map(','.join, groups)],
-        env=environment, capture_output=True, text=True, timeout=60)
+        env=with_path(PACKAGE.parent), capture_output=True, text=True, timeout=60)
     assert done.returncode == 0, done.stderr
     return [line.split() for line in done.stdout.splitlines()]
 
@@ -68,3 +73,37 @@ def test_planner_node_needs_no_solver_and_no_plots():
 def test_this_check_sees_what_is_loaded():
     assert loaded_by([['json'], ['decimal']], ['csv', 'decimal', 'json']) == [
         ['json'], ['decimal', 'json']]
+
+
+def contracts_kept(checkout):
+    """Return whether the contracts of a checkout's setup.cfg are kept, and what was printed."""
+    done = subprocess.run(
+        [sys.executable, '-c', 'from importlinter.cli import lint_imports_command; '
+         'lint_imports_command()', '--config', 'setup.cfg', '--no-cache'],
+        env=with_path(checkout), cwd=checkout, capture_output=True, text=True, timeout=120)
+    return done.returncode == 0, done.stdout + done.stderr
+
+
+@pytest.mark.costly
+def test_rooms_use_only_rooms_below_them():
+    """Lazy imports count."""
+    kept, printed = contracts_kept(CHECKOUT)
+    assert kept, printed
+
+
+@pytest.mark.costly
+@pytest.mark.parametrize('file, text, complaint', [
+    ('planning/status.py', 'def late():\n    import bev_preheat.supervision.settings\n',
+     'bev_preheat.planning is not allowed to import bev_preheat.supervision'),
+    ('forecourt/__init__.py', '', 'bev_preheat.forecourt')], ids=['lazy, upwards', 'unknown room'])
+def test_the_contracts_see_what_breaks_them(tmp_path, file, text, complaint):
+    shutil.copy(CHECKOUT / 'setup.cfg', tmp_path)
+    shutil.copytree(CHECKOUT / 'bev_preheat', tmp_path / 'bev_preheat',
+                    ignore=shutil.ignore_patterns('__pycache__'))
+    broken = tmp_path / 'bev_preheat' / file
+    broken.parent.mkdir(exist_ok=True)
+    with open(broken, 'a', encoding='utf-8') as module:
+        module.write(text)
+    kept, printed = contracts_kept(tmp_path)
+    assert not kept
+    assert complaint in printed

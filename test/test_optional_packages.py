@@ -86,7 +86,7 @@ def test_only_what_is_absent_or_too_old_is_installed(lacking, capsys, changes, w
 
 
 def test_the_benchmark_needs_its_peer_too(lacking, capsys):
-    assert lacking(UBUNTU, capsys, '--bench') == ['casadi>=3.6.7,<=3.6.7', 'do-mpc>=4.6.5,<=4.6.5']
+    assert lacking(UBUNTU, capsys, '--group', 'bench') == ['casadi>=3.6.7,<=3.6.7', 'do-mpc>=4.6.5,<=4.6.5']
 
 
 def test_what_is_installed_must_not_be_replaced(lacking, capsys):

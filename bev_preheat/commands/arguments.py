@@ -1,12 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The parser of `preheat`: its subcommands, one-line errors, the version, shell completion."""
+"""The parser of `preheat`: its subcommands, the version, shell completion."""
 
-import argparse
-from difflib import get_close_matches
 from importlib import import_module
 
 from bev_preheat.commands.completion import complete
-from bev_preheat.program import REFUSED, say, write_output
+from bev_preheat.console.parser import OneLineParser, VersionAction
 
 
 def make_parser(subcommands):
@@ -14,45 +12,9 @@ def make_parser(subcommands):
     parser = OneLineParser(
         prog='preheat',
         description='When to warm the battery of an electric vehicle before fast charging.')
-    parser.add_argument('--version', action=_Version, nargs=0, help='print the version and exit')
+    parser.add_argument('--version', action=VersionAction, nargs=0, help='print the version and exit')
     subparsers = parser.add_subparsers(required=True, metavar='COMMAND')
     for name in subcommands:
         import_module(f'bev_preheat.commands.{name}').add_parser(subparsers)
     complete(parser)
     return parser
-
-
-class OneLineParser(argparse.ArgumentParser):
-    """A parser that refuses in one line, and names the option that was probably meant."""
-
-    def parse_known_args(self, args=None, namespace=None):
-        """Parse as argparse does, but refuse a mistyped option before what is missing without it."""
-        known = [option for action in self._actions for option in action.option_strings]
-        if known and args is not None and self._subparsers is None:
-            for argument in args:
-                if argument == '--':
-                    break
-                option = argument.partition('=')[0]
-                # The beginning of an option is enough, where there is only one.
-                if option.startswith('--') and not any(
-                        name.startswith(option) for name in known):
-                    near = get_close_matches(option, known, n=1)
-                    if near:
-                        self.error(f'unrecognized arguments: {option}; did you mean {near[0]}?')
-        return super().parse_known_args(args, namespace)
-
-    def print_help(self, file=None):
-        """Print the help; argparse would keep it to itself that the output is full."""
-        write_output(self.format_help())
-
-    def error(self, message):
-        """Print one line on standard error and exit with status 2."""
-        say(f'{self.prog}: error: {message}; see {self.prog} --help')
-        self.exit(REFUSED)
-
-
-class _Version(argparse.Action):
-    def __call__(self, parser, namespace, values, option_string=None):
-        from bev_preheat.version import version
-        write_output(f'{parser.prog} {version()}\n')
-        parser.exit()

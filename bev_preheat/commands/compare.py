@@ -2,13 +2,13 @@
 """`preheat compare`: every method and the nonlinear program side by side."""
 
 from bev_preheat.commands.optimum import add_no_limits_argument, optimum_lines
-from bev_preheat.commands.output import add_output_arguments, check_output_arguments, print_plans, write_json
 from bev_preheat.commands.situation import add_situation_arguments, read_situation
+from bev_preheat.console.output import add_output_arguments, check_output_arguments, print_plans, write_json
+from bev_preheat.console.program import FAILED, say
+from bev_preheat.console.terminal import progress_console, result_console
 from bev_preheat.optional_packages import require
 from bev_preheat.planning.comparison import difference, energy_gap_wh, SAME_SHORTFALL_K
 from bev_preheat.planning.planner import as_driven, DEFAULT_METHOD, METHODS, plan_preheating
-from bev_preheat.program import FAILED, say
-from bev_preheat.terminal import progress_console, result_console
 
 
 def add_parser(subparsers):

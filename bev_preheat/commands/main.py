@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """`preheat`: the offline command line. Each subcommand is a module of this folder."""
 
-from bev_preheat.program import loading, run_program
+from bev_preheat.console.program import loading, run_program
 
 # Modules with add_parser(subparsers), which sets `run`, a function of the parsed arguments that
 # returns the exit status.

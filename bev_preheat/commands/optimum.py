@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """`preheat optimum`: the nonlinear program's answer for this route."""
 
-from bev_preheat.commands.output import add_output_arguments, check_output_arguments, print_plans, write_json
 from bev_preheat.commands.situation import add_situation_arguments, read_situation
+from bev_preheat.console.output import add_output_arguments, check_output_arguments, print_plans, write_json
+from bev_preheat.console.program import FAILED, say
+from bev_preheat.console.terminal import progress_console, result_console
 from bev_preheat.optional_packages import require
-from bev_preheat.program import FAILED, say
-from bev_preheat.terminal import progress_console, result_console
 
 
 def add_parser(subparsers):

@@ -2,10 +2,10 @@
 """`preheat plan`: when the heater would start on this route, and what that costs."""
 
 from bev_preheat.commands.itinerary import add_itinerary_argument, run_itinerary
-from bev_preheat.commands.output import add_output_arguments, check_output_arguments, print_plans, write_json
 from bev_preheat.commands.situation import add_situation_arguments, read_situation
+from bev_preheat.console.output import add_output_arguments, check_output_arguments, print_plans, write_json
+from bev_preheat.console.terminal import result_console
 from bev_preheat.planning.planner import DEFAULT_METHOD, METHODS, plan_preheating
-from bev_preheat.terminal import result_console
 
 
 def add_parser(subparsers):

@@ -3,11 +3,11 @@
 
 from dataclasses import asdict
 
-from bev_preheat.commands.output import add_output_arguments, check_output_arguments, write_json
+from bev_preheat.console.output import add_output_arguments, check_output_arguments, write_json
+from bev_preheat.console.terminal import print_records, progress_console, result_console
 from bev_preheat.optional_packages import require
 from bev_preheat.planning.comparison import difference, energy_gap_wh
 from bev_preheat.route import load_route, route_file
-from bev_preheat.terminal import print_records, progress_console, result_console
 from bev_preheat.vehicle import load_vehicle, vehicle_file
 
 

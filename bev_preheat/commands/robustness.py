@@ -7,9 +7,16 @@ from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsed
 from rich.text import Text
 
 from bev_preheat.commands.completion import ROUTES, VEHICLES
-from bev_preheat.commands.finished import keeping_what_is_finished
-from bev_preheat.commands.output import add_output_arguments, check_output_arguments, write_json
 from bev_preheat.commands.situation import load_planned_vehicle, target_of, warn
+from bev_preheat.console.finished import keeping_what_is_finished
+from bev_preheat.console.output import add_output_arguments, check_output_arguments, write_json
+from bev_preheat.console.terminal import (
+    print_figures,
+    print_records,
+    progress_bar,
+    progress_console,
+    result_console,
+)
 from bev_preheat.errors import InvalidInput
 from bev_preheat.experiments.robustness.car_figures import summarise_drives
 from bev_preheat.experiments.robustness.car_study import COMPARED, drive_car, run_study
@@ -22,7 +29,6 @@ from bev_preheat.experiments.robustness.drawn_cars import (
 )
 from bev_preheat.planning.situation import BatteryState, check_situation, Goal
 from bev_preheat.route import route_for, route_source
-from bev_preheat.terminal import print_figures, print_records, progress_bar, progress_console, result_console
 from bev_preheat.vehicle import vehicle_file
 
 # (low, high) of what the options allow.

@@ -9,12 +9,12 @@ from rich.table import Table
 from rich.text import Text
 
 from bev_preheat.commands.completion import NameCompleter, VEHICLES
+from bev_preheat.console.terminal import result_console
 from bev_preheat.errors import InvalidInput
 from bev_preheat.output_files import check_outputs, expanded, Output, PICTURE_SUFFIXES
 from bev_preheat.route.csv_file import rounded, save_route
 from bev_preheat.route.drive_log import load_drive_logs
 from bev_preheat.route.legs import legs_file, load_legs
-from bev_preheat.terminal import result_console
 from bev_preheat.vehicle.loading import load_vehicle, vehicle_file
 
 JOULES_PER_WH = 3600.0

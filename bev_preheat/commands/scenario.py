@@ -7,13 +7,13 @@ from rich.progress import BarColumn, TaskProgressColumn, TextColumn
 from rich.text import Text
 
 from bev_preheat.commands.completion import NameCompleter
-from bev_preheat.commands.finished import keeping_what_is_finished
-from bev_preheat.commands.output import add_json_argument, json_output, write_json
 from bev_preheat.commands.situation import warn
 from bev_preheat.configuration import configuration_folder
+from bev_preheat.console.finished import keeping_what_is_finished
+from bev_preheat.console.output import add_json_argument, json_output, write_json
+from bev_preheat.console.terminal import print_records, progress_bar, result_console
 from bev_preheat.errors import InvalidInput
 from bev_preheat.output_files import check_outputs, expanded, Output
-from bev_preheat.terminal import print_records, progress_bar, result_console
 
 DEFAULT_SPEED_UP = 60.0
 
@@ -92,7 +92,7 @@ def run(arguments):
 def _check_outputs(arguments, scenarios):
     outputs = [json_output(arguments.json)]
     if arguments.nodes and arguments.logs is not None:
-        from bev_preheat.demonstration.scenario_drive import log_files
+        from bev_preheat.experiments.installed_drive import log_files
         outputs += [Output('--logs', path) for scenario in scenarios
                     for path in log_files(scenario, arguments.logs)]
     check_outputs(outputs, [path for scenario in scenarios for path in scenario.files])
@@ -100,7 +100,7 @@ def _check_outputs(arguments, scenarios):
 
 def _drive(arguments, name, scenario, report):
     if arguments.nodes:
-        from bev_preheat.demonstration.scenario_drive import drive_with_nodes, ScenarioFailed
+        from bev_preheat.experiments.installed_drive import drive_with_nodes, ScenarioFailed
         try:
             return drive_with_nodes(scenario, name, arguments.speed_up, arguments.logs)
         except ScenarioFailed as error:

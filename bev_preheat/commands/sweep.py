@@ -6,15 +6,15 @@ from dataclasses import asdict
 from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn
 
 from bev_preheat.commands.completion import VEHICLES
-from bev_preheat.commands.finished import keeping_what_is_finished
-from bev_preheat.commands.output import add_output_arguments, check_output_arguments, write_json
+from bev_preheat.console.finished import keeping_what_is_finished
+from bev_preheat.console.output import add_output_arguments, check_output_arguments, write_json
+from bev_preheat.console.terminal import print_figures, progress_bar, result_console
 from bev_preheat.errors import InvalidInput
 from bev_preheat.experiments.optimality.gap_figures import PERCENTILES, summarise_gaps
 from bev_preheat.experiments.optimality.gap_study import FEASIBLE
 from bev_preheat.optional_packages import require
 from bev_preheat.planning.comparison import SAME_SHORTFALL_K
 from bev_preheat.planning.planner import METHODS
-from bev_preheat.terminal import print_figures, progress_bar, result_console
 from bev_preheat.vehicle import vehicle_file
 
 # Disagreements shown for a method; the JSON has all.

@@ -6,11 +6,11 @@ from pathlib import Path
 import shlex
 
 from bev_preheat.commands.completion import VEHICLES
-from bev_preheat.commands.output import add_output_arguments, check_output_arguments, write_json
 from bev_preheat.configuration import configuration_folder
+from bev_preheat.console.output import add_output_arguments, check_output_arguments, write_json
+from bev_preheat.console.terminal import print_figures, print_records, result_console
 from bev_preheat.errors import InvalidInput
 from bev_preheat.output_files import check_outputs, existing_file, Output, write_whole
-from bev_preheat.terminal import print_figures, print_records, result_console
 from bev_preheat.vehicle import load_vehicle, vehicle_file
 from bev_preheat.vehicle.assumptions import assumption_warning, key_in_words
 from bev_preheat.vehicle.chemistry import CHEMISTRIES

@@ -10,7 +10,7 @@ from rich.markup import escape
 from rich.progress_bar import ProgressBar
 from rich.table import Table
 
-from bev_preheat.commands.output import ENERGY_ROWS
+from bev_preheat.console.output import ENERGY_ROWS
 from bev_preheat.nodes.convert import ENERGY_FIELDS, nanoseconds
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.status import Status

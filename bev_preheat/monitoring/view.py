@@ -11,13 +11,13 @@ from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
+from bev_preheat.console.program import one_line
 from bev_preheat.errors import shortened
 from bev_preheat.monitoring.chart import chart
 from bev_preheat.monitoring.heard import stamp_s, TOPICS
 from bev_preheat.nodes.news import without_figures
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.status import Status
-from bev_preheat.program import one_line
 
 LEVELS = {DiagnosticStatus.OK: ('OK', 'green'), DiagnosticStatus.WARN: ('WARN', 'yellow'),
           DiagnosticStatus.ERROR: ('ERROR', 'bold red'), DiagnosticStatus.STALE: ('STALE', 'red')}

@@ -157,7 +157,7 @@ def test_scenarios_of_one_name_do_not_share_their_logs(capsys):
 
 @pytest.mark.parametrize('program, suffixes', [
     ('bev_preheat.demo', ['.png', '.planner.log', '.vehicle_simulator.log']),
-    ('bev_preheat.experiments.soak.__main__', ['.png', '.json', '.planner.log'])], ids=['demo', 'soak'])
+    ('bev_preheat.soak', ['.png', '.json', '.planner.log'])], ids=['demo', 'soak'])
 def test_the_long_runs_check_their_files_first(refusal, program, suffixes):
     program_main = import_module(program).main
     for suffix in suffixes:

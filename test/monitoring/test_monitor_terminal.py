@@ -8,7 +8,7 @@ import time
 
 import pytest
 
-from bev_preheat.demonstration.processes import reserved_domain_id
+from bev_preheat.experiments.processes import reserved_domain_id
 from bev_preheat.experiments.soak.terminal import CTRL_C, TerminalProcess
 
 MONITOR = [sys.executable, '-m', 'bev_preheat', 'monitor']

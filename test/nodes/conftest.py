@@ -25,7 +25,7 @@ from node_bench import Bench, PatientProcess, poll_until, Recorder, Sender
 import pytest
 from spinning import spun_node
 
-from bev_preheat.demonstration.processes import reserved_domain_id
+from bev_preheat.experiments.processes import reserved_domain_id
 from bev_preheat.nodes import nlp_checker_node, planner_node, vehicle_simulator_node
 
 MAIN_MODULES = {'planner': planner_node, 'nlp_checker': nlp_checker_node,

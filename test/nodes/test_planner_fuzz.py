@@ -20,7 +20,7 @@ from rclpy.logging import LoggingSeverity
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import BatteryState
 
-from bev_preheat.demonstration.processes import reserved_domain_id
+from bev_preheat.experiments.processes import reserved_domain_id
 from bev_preheat.nodes.convert import nanoseconds
 from bev_preheat.nodes.planner_node import PlannerNode
 from bev_preheat.planning.status import Status

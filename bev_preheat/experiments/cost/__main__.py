@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """`python -m bev_preheat.experiments.cost`: measures, prints a table, writes JSON."""
 
-from bev_preheat.program import loading, run_program
+from bev_preheat.console.program import loading, run_program
 
 if __name__ == '__main__':
     # What is loaded below takes a second, in which Ctrl-C may come.
@@ -10,14 +10,14 @@ if __name__ == '__main__':
 import platform
 import sys
 
-from bev_preheat.commands.arguments import OneLineParser
-from bev_preheat.commands.finished import keeping_what_is_finished
-from bev_preheat.commands.output import json_output, write_json
+from bev_preheat.console.finished import keeping_what_is_finished
+from bev_preheat.console.output import json_output, write_json
+from bev_preheat.console.parser import OneLineParser
+from bev_preheat.console.terminal import print_records, progress_console, result_console
 from bev_preheat.experiments.cost import checker_cost, optimum_cost, planning_cost, process_cost, restart_cost
 from bev_preheat.optional_packages import require
 from bev_preheat.output_files import check_outputs
 from bev_preheat.route import route_file
-from bev_preheat.terminal import print_records, progress_console, result_console
 from bev_preheat.vehicle import vehicle_file
 
 MEASUREMENTS = {'planning': planning_cost.measure, 'optimum': optimum_cost.measure,

@@ -10,13 +10,13 @@ import numpy as np
 
 from bev_preheat.arithmetic import ARRAYS
 from bev_preheat.experiments.optimality.drawn_trips import DRAWS
+from bev_preheat.experiments.workers import Workers
 from bev_preheat.planning.comparison import difference, energy_gap_wh
 from bev_preheat.planning.limits import make_terminal_limits
 from bev_preheat.planning.planner import as_driven, DEFAULT_METHOD, METHODS, plan_preheating, SHORTFALL_TOLERANCE_K
 from bev_preheat.planning.status import Status
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.vehicle import load_vehicle
-from bev_preheat.workers import Workers
 
 # Outcomes of a trip, told by the nonlinear program, not by the methods.
 FEASIBLE = 'feasible'

@@ -7,9 +7,9 @@ from typing import Any
 
 from bev_preheat.experiments.robustness.drawn_cars import draw_car
 from bev_preheat.experiments.robustness.drives import drive_informed, drive_with_planner, DriveOutcome
+from bev_preheat.experiments.workers import Workers
 from bev_preheat.simulation.mismatch import Mismatch
 from bev_preheat.supervision.settings import Settings
-from bev_preheat.workers import Workers
 
 # What is compared, by what the planner is set to.
 COMPARED = {

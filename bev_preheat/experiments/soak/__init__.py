@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The installed planner under load for a long time: `python -m bev_preheat.experiments.soak`."""
+"""The installed planner under load for a long time (`make soak`)."""

@@ -7,7 +7,7 @@ monitor never stops showing what is new, says nothing but its page, keeps its me
 Ctrl-C and leaves the terminal as it was.
 """
 
-from bev_preheat.program import loading, run_program
+from bev_preheat.console.program import loading, run_program
 
 if __name__ == '__main__':
     # What is loaded below takes a second, in which Ctrl-C may come.
@@ -20,18 +20,18 @@ import re
 import sys
 import time
 
-from bev_preheat.commands.arguments import OneLineParser
-from bev_preheat.commands.finished import keeping_what_is_finished
-from bev_preheat.commands.output import write_json
-from bev_preheat.demonstration.processes import NodeProcess, reserved_domain_id
+from bev_preheat.console.finished import keeping_what_is_finished
+from bev_preheat.console.output import write_json
+from bev_preheat.console.parser import OneLineParser
+from bev_preheat.console.terminal import result_console
 from bev_preheat.errors import InvalidInput
+from bev_preheat.experiments.processes import NodeProcess, reserved_domain_id
 from bev_preheat.experiments.soak.judgement import Judgement, memory_growth_mb_in_10_min, MOST_GROWTH_MB_IN_10_MIN
 from bev_preheat.experiments.soak.report import tell
 from bev_preheat.experiments.soak.terminal import CTRL_C, TerminalProcess
 from bev_preheat.optional_packages import require
 from bev_preheat.output_files import check_outputs, expanded, Output
 from bev_preheat.route import route_file
-from bev_preheat.terminal import result_console
 from bev_preheat.vehicle import vehicle_file
 
 COLUMNS, ROWS = 110, 45

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Tells what the figures of a soak test amount to."""
 
-from bev_preheat.terminal import print_records
+from bev_preheat.console.terminal import print_records
 
 
 def tell(console, name, title, judgements):

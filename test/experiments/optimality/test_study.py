@@ -12,6 +12,7 @@ from rich.console import Console
 
 from bev_preheat.commands.main import main
 from bev_preheat.commands.sweep import print_summary
+from bev_preheat.console.program import Interrupted, WorkerLost
 from bev_preheat.experiments.optimality import gap_study as study_run
 from bev_preheat.experiments.optimality.drawn_trips import draw_limit_trip, draw_trip
 from bev_preheat.experiments.optimality.gap_figures import summarise_gaps
@@ -29,7 +30,6 @@ from bev_preheat.experiments.optimality.gap_study import (
 )
 from bev_preheat.optimum import solve
 from bev_preheat.planning.planner import METHODS
-from bev_preheat.program import Interrupted, WorkerLost
 from bev_preheat.vehicle import load_vehicle
 
 pytestmark = pytest.mark.costly

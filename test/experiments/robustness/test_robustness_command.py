@@ -20,10 +20,10 @@ from short_drives import made_drive, made_result, short_conditions
 from bev_preheat.commands import robustness
 from bev_preheat.commands.main import main
 from bev_preheat.commands.robustness import print_summary
+from bev_preheat.console.program import Interrupted
 from bev_preheat.drawing.robustness_figure import draw_robustness
 from bev_preheat.experiments.robustness.car_figures import summarise_drives
 from bev_preheat.experiments.robustness.car_study import COMPARED
-from bev_preheat.program import Interrupted
 
 pytestmark = pytest.mark.costly
 

@@ -13,7 +13,7 @@ pytestmark = pytest.mark.usefixtures('dds')
 def test_a_short_soak_test_loads_the_planner_and_judges_it(tmp_path):
     picture = tmp_path / 'soak.png'
     done = subprocess.run(
-        [sys.executable, '-m', 'bev_preheat.experiments.soak', '--minutes', '0.15', '--output',
+        [sys.executable, '-m', 'bev_preheat.soak', '--minutes', '0.15', '--output',
          str(picture)], capture_output=True, text=True, timeout=300)
     items = {item['what']: item for item in json.loads(
         picture.with_suffix('.json').read_text())['judgements']}

@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-`python -m bev_preheat.experiments.soak`: the installed planner under load, in real time.
+`python -m bev_preheat.soak`: the installed planner under load, in real time.
 
 Battery states come at 100 Hz, routes are replaced every few seconds, and garbage is mixed in. The
 exit status is 0 only where memory stays flat, no command period is missed, and nothing is commanded
 that must not be.
 """
 
-from bev_preheat.program import loading, run_program
+from bev_preheat.console.program import loading, run_program
 
 if __name__ == '__main__':
     # What is loaded below takes a second, in which Ctrl-C may come.
@@ -20,10 +20,11 @@ import time
 
 from rich.progress import BarColumn, TextColumn, TimeRemainingColumn
 
-from bev_preheat.commands.arguments import OneLineParser
-from bev_preheat.commands.finished import keeping_what_is_finished
-from bev_preheat.commands.output import write_json
-from bev_preheat.demonstration.processes import NodeProcess, reserved_domain_id
+from bev_preheat.console.finished import keeping_what_is_finished
+from bev_preheat.console.output import write_json
+from bev_preheat.console.parser import OneLineParser
+from bev_preheat.console.terminal import progress_bar, result_console
+from bev_preheat.experiments.processes import NodeProcess, reserved_domain_id
 from bev_preheat.experiments.soak.judgement import judge
 from bev_preheat.experiments.soak.load import Load
 from bev_preheat.experiments.soak.report import tell
@@ -31,7 +32,6 @@ from bev_preheat.nodes.listening import listening
 from bev_preheat.optional_packages import require
 from bev_preheat.output_files import check_outputs, expanded, Output, PICTURE_SUFFIXES
 from bev_preheat.supervision.settings import Settings
-from bev_preheat.terminal import progress_bar, result_console
 from bev_preheat.vehicle import load_vehicle, vehicle_file
 
 SAMPLE_PERIOD_S = 1.0
@@ -82,7 +82,7 @@ def _run(parsed):
 
 def _parse(arguments):
     parser = OneLineParser(
-        prog='python -m bev_preheat.experiments.soak', description='The planner under load, in real time.')
+        prog='python -m bev_preheat.soak', description='The planner under load, in real time.')
     parser.add_argument('--minutes', type=float, default=10.0, help='how long (%(default)s)')
     parser.add_argument('--rate', type=float, default=100.0,
                         help='battery states a second (%(default)s)')

@@ -9,7 +9,7 @@ import sys
 
 import pytest
 
-from bev_preheat.program import Interrupted, one_line, OutputFailed, run_program
+from bev_preheat.console.program import Interrupted, one_line, OutputFailed, run_program
 
 PLAN = [sys.executable, '-m', 'bev_preheat', 'plan', '--vehicle', 'reference', '--route', 'reference',
         '--temperature', '-7', '--soc', '0.9']

@@ -11,7 +11,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.qos import qos_profile_sensor_data, QoSDurabilityPolicy, QoSProfile
 from sensor_msgs.msg import BatteryState
 
-from bev_preheat.demonstration.processes import NodeProcess, reserved_domain_id
+from bev_preheat.experiments.processes import NodeProcess, reserved_domain_id
 from bev_preheat.nodes.convert import nanoseconds
 from bev_preheat.nodes.listening import listening
 from bev_preheat.nodes.simulator_messages import ARRIVED, outcome_from_diagnostics, true_temperature_c

@@ -3,8 +3,8 @@
 
 from contextlib import contextmanager
 
+from bev_preheat.console.program import Interrupted, WorkerLost
 from bev_preheat.output_files import STANDARD_OUTPUT
-from bev_preheat.program import Interrupted, WorkerLost
 
 
 class Ending:

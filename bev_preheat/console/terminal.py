@@ -11,7 +11,7 @@ from rich.progress import Progress
 from rich.table import Table
 from rich.text import Text
 
-from bev_preheat.program import discard_output, OutputFailed
+from bev_preheat.console.program import discard_output, OutputFailed
 
 # Of a table, beside the text: a line and a blank on both sides of each column.
 FRAME_WIDTH, COLUMN_FRAME_WIDTH = 1, 3

@@ -4,10 +4,10 @@
 import json
 import math
 
+from bev_preheat.console.program import write_output
+from bev_preheat.console.terminal import print_figures
 from bev_preheat.output_files import check_outputs, Output, PICTURE_SUFFIXES, STANDARD_OUTPUT, write_whole
 from bev_preheat.planning.explanation import duration_text
-from bev_preheat.program import write_output
-from bev_preheat.terminal import print_figures
 
 # Rows of the table: heading, how to read the figure off a plan.
 ENERGY_ROWS = (

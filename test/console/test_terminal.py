@@ -6,7 +6,7 @@ import io
 import pytest
 from rich.console import Console
 
-from bev_preheat.terminal import print_figures, print_records, progress_bar
+from bev_preheat.console.terminal import print_figures, print_records, progress_bar
 
 METHODS = ['merit_order', 'optimal_switch, driven', 'paper, driven', 'nlp']
 STATUSES = ['TARGET_UNREACHABLE', 'NO_CHARGING_PLANNED', 'OUT_OF_CHARGE', 'WAITING']

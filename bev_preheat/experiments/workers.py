@@ -10,7 +10,7 @@ import os
 import signal
 import threading
 
-from bev_preheat.program import WorkerLost
+from bev_preheat.console.program import WorkerLost
 
 
 class Workers:

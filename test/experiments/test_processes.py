@@ -6,8 +6,8 @@ import socket
 import domain_coordinator
 import pytest
 
-from bev_preheat.demonstration import processes
-from bev_preheat.demonstration.processes import reserved_domain_id
+from bev_preheat.experiments import processes
+from bev_preheat.experiments.processes import reserved_domain_id
 
 
 def test_reserved_domains_differ(monkeypatch):
