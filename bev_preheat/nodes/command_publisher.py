@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Publishes the heater's commands, and notices another node that commands the same heater."""
 
+from rclpy.duration import Duration
+from rclpy.qos import LivelinessPolicy, QoSProfile
 from rclpy.serialization import deserialize_message
 
 from bev_preheat.nodes.convert import nanoseconds
@@ -25,8 +27,15 @@ class CommandPublisher(ListeningPublisher):
 
         `lease_ns()` returns the node's own lease [ns]: a rival is believed in for that long at
         least. `on_rival()` is called when a command of another node is heard.
+
+        The lease at the start is also the deadline and the liveliness that DDS offers, for a heater's
+        controller that asks for them; DDS counts in real time. Only a command keeps the planner
+        alive, so that one that hangs counts as gone.
         """
-        super().__init__(node, HvchCommand, 'hvch_command', 1, self._on_other_command)
+        lease = Duration(nanoseconds=lease_ns())
+        qos = QoSProfile(depth=1, deadline=lease, liveliness=LivelinessPolicy.MANUAL_BY_TOPIC,
+                         liveliness_lease_duration=lease)
+        super().__init__(node, HvchCommand, 'hvch_command', qos, self._on_other_command)
         self._lease_ns, self._on_rival = lease_ns, on_rival
         self._heard_ns = self._believed_ns = None
         self._names = ''

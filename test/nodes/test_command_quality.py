@@ -1,0 +1,64 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The deadline and the liveliness of `hvch_command`, for a heater's controller that asks for them."""
+
+import os
+import signal
+
+import pytest
+from rclpy.duration import Duration
+from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.qos import LivelinessPolicy, QoSProfile
+
+from bev_preheat_msgs.msg import HvchCommand
+
+LEASE_S = 1.5
+
+
+class Controller:
+    """A heater's controller: what DDS tells it of the commands."""
+
+    def __init__(self, node, deadline_s, liveliness):
+        """Subscribe with such a deadline and liveliness, both within `deadline_s`."""
+        self.commands, self.alive, self.missed, self.misfits = 0, [], 0, 0
+        within = Duration(seconds=deadline_s)
+        node.create_subscription(
+            HvchCommand, 'hvch_command', self._on_command,
+            QoSProfile(depth=1, deadline=within, liveliness=liveliness,
+                       liveliness_lease_duration=within),
+            event_callbacks=SubscriptionEventCallbacks(
+                deadline=self._on_missed, incompatible_qos=self._on_misfit,
+                liveliness=lambda event: self.alive.append(event.alive_count)))
+
+    def _on_command(self, message):
+        self.commands += 1
+
+    def _on_missed(self, event):
+        self.missed = event.total_count
+
+    def _on_misfit(self, event):
+        self.misfits = event.total_count
+
+
+@pytest.mark.parametrize('liveliness', [LivelinessPolicy.AUTOMATIC, LivelinessPolicy.MANUAL_BY_TOPIC])
+def test_a_planner_that_hangs_misses_its_deadline_and_is_not_alive(
+        node, start_executable, wait_until, liveliness):
+    controller = Controller(node, LEASE_S, liveliness)
+    planner = start_executable('planner', '-p', f'command_lease:={LEASE_S}', '-p', 'command_period:=0.3')
+    wait_until(lambda: controller.commands >= 3 and controller.alive, 'commands')
+    assert controller.alive[-1] == 1
+    os.kill(planner.process_id, signal.SIGSTOP)
+    try:
+        missed = controller.missed
+        wait_until(lambda: controller.missed > missed, 'a missed deadline')
+        wait_until(lambda: controller.alive[-1] == 0, 'the loss of liveliness')
+        heard = controller.commands
+    finally:
+        os.kill(planner.process_id, signal.SIGCONT)
+    wait_until(lambda: controller.commands > heard and controller.alive[-1] == 1, 'its return')
+
+
+def test_who_asks_for_more_than_the_lease_is_told(node, start_executable, wait_until):
+    controller = Controller(node, 0.5 * LEASE_S, LivelinessPolicy.AUTOMATIC)
+    start_executable('planner', '-p', f'command_lease:={LEASE_S}')
+    wait_until(lambda: controller.misfits, 'the news that the quality of service does not fit')
+    assert not controller.commands
