@@ -12,9 +12,9 @@ PACKAGE = 'bev_preheat'
 
 
 def configuration_files():
-    """Every file below config/, with the share folder that it goes to."""
+    """Every file below config/ and launch/, with the share folder that it goes to."""
     folders = {}
-    for path in sorted(Path('config').rglob('*')):
+    for path in sorted([*Path('config').rglob('*'), *Path('launch').rglob('*')]):
         if path.is_file():
             folders.setdefault(f'share/{PACKAGE}/{path.parent.as_posix()}', []).append(str(path))
     return list(folders.items())

@@ -32,8 +32,7 @@ build=$bev_preheat_place/build
 
 # What the last build was made with and of: a stamp for make, and the list of names that tells which have gone since.
 made_with="with $bev_preheat_underlay $(tr '\n' ' ' <"$bev_preheat_place/.venv/.ready")"
-sources=(package.xml setup.py setup.cfg colcon.pkg bev_preheat config resource msg_defs)
-[ ! -d launch ] || sources+=(launch)
+sources=(package.xml setup.py setup.cfg colcon.pkg bev_preheat config launch resource msg_defs)
 state=$(
     echo "$made_with"
     find "${sources[@]}" -name __pycache__ -prune -o -type f -printf '%p %s %T@\n' | sort

@@ -1,0 +1,107 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+The launch file and its parameters, without launch: no package index has it.
+
+The file is read as XML, and what it says is started as launch would start it.
+"""
+
+from pathlib import Path
+import re
+from xml.etree import ElementTree
+
+from ament_index_python.packages import get_package_prefix, get_package_share_directory
+from diagnostic_msgs.msg import DiagnosticArray
+import pytest
+import yaml
+
+from bev_preheat.nodes import nlp_checker_node, planner_node, vehicle_simulator_node
+from bev_preheat.planning.status import Status
+from bev_preheat_msgs.msg import HvchCommand
+
+SHARE = Path(get_package_share_directory('bev_preheat'))
+NODES = {'planner': planner_node, 'nlp_checker': nlp_checker_node,
+         'vehicle_simulator': vehicle_simulator_node}
+PARAMETERS_FILE = SHARE / 'config' / 'parameters.yaml'
+
+
+@pytest.fixture(scope='module')
+def launch():
+    return ElementTree.parse(SHARE / 'launch' / 'preheat.launch.xml').getroot()
+
+
+def substituted(text, values):
+    """Replace what launch replaces: $(var NAME) and $(find-pkg-share PACKAGE)."""
+    text = re.sub(r'\$\(find-pkg-share (\w+)\)', lambda found: get_package_share_directory(found[1]),
+                  text)
+    return re.sub(r'\$\(var (\w+)\)', lambda found: substituted(values[found[1]], values), text)
+
+
+def values_of(launch, **given):
+    defaults = {argument.get('name'): argument.get('default') for argument in launch.findall('arg')}
+    assert given.keys() <= defaults.keys()
+    return {**defaults, **given}
+
+
+def started_by(launch, **given):
+    """Return [(executable, ROS arguments)] of what `ros2 launch` starts with these arguments."""
+    values, started = values_of(launch, **given), []
+    for node in launch.iter('node'):
+        if substituted(node.get('if', 'true'), values) != 'true':
+            continue
+        namespace = substituted(launch.find('.//push-ros-namespace').get('namespace'), values)
+        arguments = ['-r', f'__node:={node.get("name")}', '-r', f'__ns:={namespace}']
+        for parameter in node.findall('param'):
+            if parameter.get('from'):
+                arguments += ['--params-file', substituted(parameter.get('from'), values)]
+            else:
+                value = substituted(parameter.get('value'), values)
+                arguments += ['-p', f'{parameter.get("name")}:={value}']
+        started.append((node.get('exec'), arguments))
+    return started
+
+
+def test_it_starts_executables_of_this_package_with_parameters_that_they_have(launch):
+    for node in launch.iter('node'):
+        assert node.get('pkg') == 'bev_preheat'
+        executable = node.get('exec')
+        assert (Path(get_package_prefix('bev_preheat')) / 'lib' / 'bev_preheat' / executable).is_file()
+        known = {parameter.name for parameter in NODES[executable].PARAMETERS} | {'use_sim_time'}
+        assert {parameter.get('name') for parameter in node.findall('param')} - {None} <= known
+    assert all(argument.get('description') for argument in launch.findall('arg'))
+
+
+@pytest.mark.parametrize('given, executables', [
+    ({}, ['planner']), ({'checker': 'true'}, ['planner', 'nlp_checker']),
+    ({'checker': 'true', 'simulator': 'true'}, ['planner', 'nlp_checker', 'vehicle_simulator'])])
+def test_the_planner_comes_alone_unless_more_is_wanted(launch, given, executables):
+    assert [name for name, _ in started_by(launch, **given)] == executables
+
+
+@pytest.mark.parametrize('name', ['planner', 'nlp_checker'])
+def test_the_parameter_file_has_every_parameter_with_its_default(name):
+    contents = yaml.safe_load(PARAMETERS_FILE.read_text(encoding='utf-8'))
+    values = contents[f'/**/{name}']['ros__parameters']
+    # The vehicle is the launch file's argument, which would override the file's.
+    assert values == {parameter.name: parameter.default for parameter in NODES[name].PARAMETERS
+                      if parameter.name != 'vehicle'}
+    for parameter in NODES[name].PARAMETERS:
+        # An integer for a double would be refused.
+        assert type(values.get(parameter.name, 'reference')) is type(parameter.default)
+
+
+def test_what_it_starts_drives_in_a_namespace(launch, record, start_executable, tmp_path):
+    parameters = tmp_path / 'parameters.yaml'
+    parameters.write_text(PARAMETERS_FILE.read_text(encoding='utf-8').replace(
+        'command_lease: 2.5', 'command_lease: 2.25'), encoding='utf-8')
+    commands = record(HvchCommand, '/lorry/hvch_command', 10)
+    diagnostics = record(DiagnosticArray, '/diagnostics', 50)
+    for name, arguments in started_by(
+            launch, namespace='/lorry', simulator='true', speed_up='50.0', vehicle='small_car',
+            parameters=str(parameters)):
+        start_executable(name, *arguments)
+    waiting = commands.wait_for(lambda message: message.reason == Status.WAITING, 'a plan')
+    lease_s = (waiting.valid_until.sec - waiting.header.stamp.sec
+               + 1e-9 * (waiting.valid_until.nanosec - waiting.header.stamp.nanosec))
+    assert lease_s == pytest.approx(2.25)
+    assert diagnostics.wait_for(lambda message: any(
+        status.hardware_id == 'small_car' for status in message.status), 'the vehicle')
