@@ -6,15 +6,35 @@ The equations in `model` and the formulas in `vehicle.curves` take one of these,
 once and serve floats, arrays and (see `optimum.symbols`) CasADi expressions.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from dataclasses import dataclass
 import math
+from typing import Any, Generic, Protocol, TYPE_CHECKING, TypeVar
 
 import numpy as np
 
+if TYPE_CHECKING:
+    from bev_preheat.arrays import FloatArray
+
+# A number of any kind, where its kind is known only when the program runs. CasADi has no types, so
+# its expressions are of this type, too.
+AnyNumber = Any
+Number = TypeVar('Number', float, 'FloatArray')
+# `f(soc, temperature_c)`.
+CurveFunction = Callable[[Number, Number], Number]
+
+
+class Curve(Protocol):
+    """A quantity over state of charge and battery temperature; see `vehicle.curves`."""
+
+    def function(self, arithmetic: Arithmetic[Number]) -> CurveFunction[Number]:
+        """`f(soc, temperature_c)`, for the given kind of number."""
+
 
 @dataclass(frozen=True)
-class Arithmetic:
+class Arithmetic(Generic[Number]):
     """
     Functions of one kind of number; `root` is the square root, 0 below zero where it can be.
 
@@ -23,24 +43,24 @@ class Arithmetic:
     0 ... 1, where curves are described, for the kinds of number that may leave it within a step.
     """
 
-    root: Callable
-    log: Callable
-    maximum: Callable
-    minimum: Callable
-    opaque: Callable | None = None
-    share: Callable = lambda value: value
+    root: Callable[[Number], Number]
+    log: Callable[[Number], Number]
+    maximum: Callable[[Number, Number | float], Number]
+    minimum: Callable[[Number, Number | float], Number]
+    opaque: Callable[[CurveFunction[float]], CurveFunction[Number]] | None = None
+    share: Callable[[Number], Number] = lambda value: value
 
 
-def _saturating_root(value):
+def _saturating_root(value: float) -> float:
     return math.sqrt(value) if value > 0.0 else 0.0
 
 
 # The fast one: a negative discriminant raises ValueError, which costs nothing where it is not.
-FLOATS = Arithmetic(math.sqrt, math.log, max, min)
+FLOATS: Arithmetic[float] = Arithmetic(math.sqrt, math.log, max, min)
 # The same for steps in which the battery cannot deliver the power: the current stays at U_oc/(2 R).
 # An empty battery is driven on with it, too, until the step is cut where the charge runs out.
-SATURATING_FLOATS = Arithmetic(
+SATURATING_FLOATS: Arithmetic[float] = Arithmetic(
     _saturating_root, math.log, max, min, share=lambda value: min(max(value, 0.0), 1.0))
-ARRAYS = Arithmetic(
+ARRAYS: Arithmetic[FloatArray] = Arithmetic(
     lambda value: np.sqrt(np.maximum(value, 0.0)), np.log, np.maximum, np.minimum,
     share=lambda value: np.minimum(np.maximum(value, 0.0), 1.0))

@@ -1,18 +1,25 @@
 # SPDX-License-Identifier: Apache-2.0
 """Reads a YAML file against a JSON Schema and says in plain words what is wrong with it."""
 
+from __future__ import annotations
+
+from collections.abc import Hashable, Iterable, Iterator
 from difflib import get_close_matches
 from functools import cache
 import math
 from pathlib import Path
+from typing import Any, cast
 
-from jsonschema import Draft7Validator
+from jsonschema import Draft7Validator, ValidationError
 import yaml
 
 from bev_preheat.errors import InvalidInput
 
+# A value out of a YAML or JSON file; a schema says its type.
+FileData = Any
 
-def load_checked_yaml(path, schema_path):
+
+def load_checked_yaml(path: str | Path, schema_path: Path) -> dict[str, FileData]:
     """
     Return the contents of a YAML file that obeys a schema (JSON Schema draft 7, itself YAML).
 
@@ -44,7 +51,8 @@ def load_checked_yaml(path, schema_path):
 class _LoaderOfUniqueKeys(yaml.SafeLoader):
     """Refuses a duplicate key in a mapping; YAML's own loader takes the last silently."""
 
-    def construct_mapping(self, node, deep=False):
+    def construct_mapping(self, node: yaml.MappingNode,
+                          deep: bool = False) -> dict[Hashable, FileData]:
         seen = set()
         for key_node, _ in node.value:
             if not isinstance(key_node, yaml.ScalarNode):
@@ -57,12 +65,12 @@ class _LoaderOfUniqueKeys(yaml.SafeLoader):
 
 
 @cache
-def _validator(schema_path):
+def _validator(schema_path: Path) -> Draft7Validator:
     schema = yaml.safe_load(Path(schema_path).read_text(encoding='utf-8'))
     return Draft7Validator(schema)
 
 
-def _key(parts):
+def _key(parts: Iterable[str | int]) -> str:
     """Where in the file: battery.power_limits.charge.values[2][0]."""
     text = ''
     for part in parts:
@@ -70,7 +78,7 @@ def _key(parts):
     return text
 
 
-def _numbers_that_are_not_finite(value, key):
+def _numbers_that_are_not_finite(value: FileData, key: str) -> Iterator[str]:
     # A schema cannot refuse NaN: every comparison with it is false.
     if isinstance(value, float) and not math.isfinite(value):
         yield f'{key}: {value} is not a finite number'
@@ -82,14 +90,16 @@ def _numbers_that_are_not_finite(value, key):
             yield from _numbers_that_are_not_finite(item, f'{key}[{index}]')
 
 
-def _in_words(error):
+def _in_words(error: ValidationError) -> Iterator[str]:
     key = _key(error.absolute_path) or 'the file'
-    rule, allowed, value = error.validator, error.validator_value, error.instance
+    rule, value = error.validator, cast(FileData, error.instance)
+    allowed = cast(FileData, error.validator_value)
+    schema: FileData = error.schema
     if rule == 'additionalProperties':
-        known = [name for name, rules in error.schema.get('properties', {}).items()
+        known = [name for name, rules in schema.get('properties', {}).items()
                  if 'not' not in rules]
         for name in value:
-            if name not in error.schema.get('properties', {}):
+            if name not in schema.get('properties', {}):
                 near = get_close_matches(str(name), known, n=1)
                 hint = f'did you mean {near[0]!r}? ' if near else ''
                 yield f'{key}: unknown key {name!r}; {hint}known keys: {", ".join(known)}'
@@ -99,7 +109,7 @@ def _in_words(error):
         if missing and repr(missing[0]) in error.message:
             yield f'{key}: missing {", ".join(missing)}'
     elif rule in ('minimum', 'exclusiveMinimum', 'maximum', 'exclusiveMaximum'):
-        yield f'{key}: {value} is not allowed; it must be {_range_in_words(error.schema)}'
+        yield f'{key}: {value} is not allowed; it must be {_range_in_words(schema)}'
     elif rule == 'type':
         wanted = ' or '.join(allowed) if isinstance(allowed, list) else allowed
         yield f'{key}: {value!r} is not {"an" if wanted[0] in "aio" else "a"} {wanted}'
@@ -109,9 +119,9 @@ def _in_words(error):
         yield f'{key}: {value!r} is not one of {", ".join(map(str, allowed))}{hint}'
     elif rule == 'not':
         # A key of an earlier format; the schema says where its contents belong today.
-        yield f'{key}: {error.schema["description"]}'
+        yield f'{key}: {schema["description"]}'
     elif rule == 'pattern':
-        yield f'{key}: {value!r} is not allowed; it must be {error.schema["description"]}'
+        yield f'{key}: {value!r} is not allowed; it must be {schema["description"]}'
     elif rule == 'maxLength':
         yield f'{key}: has {len(value)} characters; it must have at most {allowed}'
     elif rule in ('minItems', 'maxItems'):
@@ -122,13 +132,13 @@ def _in_words(error):
         yield f'{key}: holds {twice!r} twice'
     elif rule in ('minProperties', 'maxProperties'):
         word = 'at least' if rule == 'minProperties' else 'only'
-        names = ', '.join(error.schema.get('properties', {}))
+        names = ', '.join(schema.get('properties', {}))
         yield f'{key}: must have {word} {allowed} of: {names}'
     else:
         yield f'{key}: {error.message}'
 
 
-def _range_in_words(schema):
+def _range_in_words(schema: dict[str, FileData]) -> str:
     parts = []
     for rule, word in (('minimum', 'at least'), ('exclusiveMinimum', 'above'),
                        ('maximum', 'at most'), ('exclusiveMaximum', 'below')):

@@ -13,14 +13,14 @@ from bev_preheat.errors import InvalidInput, LONGEST_QUOTE, quoted
 _SOURCES = Path(__file__).resolve().parent.parent
 
 
-def configuration_folder(kind):
+def configuration_folder(kind: str) -> Path:
     """Folder of the files of a kind (`vehicles`, `itineraries`) that come with the package."""
     if (_SOURCES / 'config').is_dir():
         return _SOURCES / 'config' / kind
     return Path(get_package_share_directory('bev_preheat')) / 'config' / kind
 
 
-def find_configuration(kind, name_or_file, suffix):
+def find_configuration(kind: str, name_or_file: str | Path, suffix: str) -> Path:
     """
     Return the path of a file named on a command line or by a parameter.
 

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The exceptions that the package raises on purpose, and how they quote what came from outside."""
 
+from collections.abc import Iterable
+
 # Messages go to logs, diagnostics and topics: none grows with the input that it is about.
 LONGEST_PROBLEM = 600
 MOST_PROBLEMS = 40
@@ -10,7 +12,7 @@ LONGEST_QUOTE = 60
 class InvalidInput(ValueError):
     """Input that was refused at the door; the message names field, value and what is allowed."""
 
-    def __init__(self, problems):
+    def __init__(self, problems: str | Iterable[str]) -> None:
         """`problems`: one sentence, or a sequence of them; beyond a limit they are shortened."""
         problems = [problems] if isinstance(problems, str) else list(problems)
         self.problems = [shortened(problem, LONGEST_PROBLEM)
@@ -24,7 +26,7 @@ class PlanningFailure(ArithmeticError):
     """The model left the range of numbers: no plan can be made from this input."""
 
 
-def shortened(text, longest):
+def shortened(text: str, longest: int) -> str:
     """Return a text with its middle left out where it has more than `longest` characters."""
     if len(text) <= longest:
         return text
@@ -32,7 +34,7 @@ def shortened(text, longest):
     return f'{text[:kept]} … {text[-kept:]}'
 
 
-def quoted(text):
+def quoted(text: str) -> str:
     """Return a text from outside in quotes; of a long one only the beginning, and its length."""
     if len(text) <= LONGEST_QUOTE:
         return repr(text)

@@ -14,8 +14,24 @@ The inputs of one step are constant within it and are those of `planning.trip.Tr
 arrays (a whole trajectory at once) and CasADi symbols (the NLP).
 """
 
+from __future__ import annotations
 
-def make_rates(vehicle, arithmetic):
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+from bev_preheat.arithmetic import Arithmetic, Number
+
+if TYPE_CHECKING:
+    from bev_preheat.vehicle.description import Vehicle
+
+# `rates(soc, temperature_c, power_w, variance_w2, heat_w, leakage_w_per_k)`.
+Rates = Callable[[Number, Number, Number, Number, Number, Number], tuple[Number, Number, Number]]
+# `step(soc, temperature_c, dt_s, power_w, variance_w2, heat_w, leakage_w_per_k)`.
+Step = Callable[[Number, Number, Number, Number, Number, Number, Number],
+                tuple[Number, Number, Number, Number]]
+
+
+def make_rates(vehicle: Vehicle, arithmetic: Arithmetic[Number]) -> Rates[Number]:
     """
     Right-hand side of eqs. (9b)-(9d): `rates(soc, temperature_c, *inputs)`.
 
@@ -36,7 +52,9 @@ def make_rates(vehicle, arithmetic):
     per_capacity_as = 1.0 / battery.capacity_as
     per_heat_capacity = 1.0 / battery.heat_capacity_j_per_k
 
-    def rates(soc, temperature_c, terminal_power_w, power_variance_w2, heat_w, leakage_w_per_k):
+    def rates(soc: Number, temperature_c: Number, terminal_power_w: Number,
+              power_variance_w2: Number, heat_w: Number,
+              leakage_w_per_k: Number) -> tuple[Number, Number, Number]:
         u = open_circuit_voltage(soc, temperature_c)
         r = resistance(soc, temperature_c)
         u2 = u * u
@@ -55,14 +73,16 @@ def make_rates(vehicle, arithmetic):
     return rates
 
 
-def make_runge_kutta_4(rates):
+def make_runge_kutta_4(rates: Rates[Number]) -> Step[Number]:
     """
     One step of the classical Runge-Kutta method: `step(soc, temperature_c, dt_s, *inputs)`.
 
     Returns (soc, temperature [deg C] at the end, mean temperature [deg C], mean Joule heat [W]);
     the means carry the method's own weights, so the step's heat balance closes to rounding.
     """
-    def step(soc, temperature_c, dt_s, power_w, variance_w2, heat_w, leakage_w_per_k):
+    def step(soc: Number, temperature_c: Number, dt_s: Number, power_w: Number,
+             variance_w2: Number, heat_w: Number,
+             leakage_w_per_k: Number) -> tuple[Number, Number, Number, Number]:
         half = 0.5 * dt_s
         s1, t1, j1 = rates(soc, temperature_c, power_w, variance_w2, heat_w, leakage_w_per_k)
         s2, t2, j2 = rates(soc + half * s1, temperature_c + half * t1,
@@ -82,9 +102,11 @@ def make_runge_kutta_4(rates):
     return step
 
 
-def make_euler(rates):
+def make_euler(rates: Rates[Number]) -> Step[Number]:
     """One step of the explicit Euler method, as Algorithm 1 prints it; returns as Runge-Kutta."""
-    def step(soc, temperature_c, dt_s, power_w, variance_w2, heat_w, leakage_w_per_k):
+    def step(soc: Number, temperature_c: Number, dt_s: Number, power_w: Number,
+             variance_w2: Number, heat_w: Number,
+             leakage_w_per_k: Number) -> tuple[Number, Number, Number, Number]:
         soc_rate, temperature_rate, joule_w = rates(
             soc, temperature_c, power_w, variance_w2, heat_w, leakage_w_per_k)
         return (soc + dt_s * soc_rate, temperature_c + dt_s * temperature_rate,
@@ -93,9 +115,11 @@ def make_euler(rates):
     return step
 
 
-def make_midpoint(rates):
+def make_midpoint(rates: Rates[Number]) -> Step[Number]:
     """One step of the explicit midpoint method, of second order; returns as Runge-Kutta."""
-    def step(soc, temperature_c, dt_s, power_w, variance_w2, heat_w, leakage_w_per_k):
+    def step(soc: Number, temperature_c: Number, dt_s: Number, power_w: Number,
+             variance_w2: Number, heat_w: Number,
+             leakage_w_per_k: Number) -> tuple[Number, Number, Number, Number]:
         half = 0.5 * dt_s
         s1, t1, _ = rates(soc, temperature_c, power_w, variance_w2, heat_w, leakage_w_per_k)
         middle_c = temperature_c + half * t1

@@ -25,12 +25,12 @@ class MissingPackage(InvalidInput):
     """An optional package is not installed; the message says which, what for, and what to type."""
 
 
-def is_installed(module):
+def is_installed(module: str) -> bool:
     """Return whether a module of PURPOSES can be imported; it is not loaded."""
     return find_spec(module) is not None
 
 
-def advice(module):
+def advice(module: str) -> str:
     """Return the sentence that says that a module of PURPOSES is missing, and how to install it."""
     package = module.replace('_', '-')
     # Only the benchmark's own package is not part of the usual environment.
@@ -39,7 +39,7 @@ def advice(module):
             f'make {target} installs it; elsewhere: python3 -m pip install {package}')
 
 
-def require(*modules):
+def require(*modules: str) -> None:
     """Raise MissingPackage if one of these modules of PURPOSES is not installed."""
     missing = [module for module in modules if not is_installed(module)]
     if missing:

@@ -8,6 +8,9 @@ take the old file's place: a reader, or a crash, finds the old contents or the n
 A device, pipe, socket or folder is never opened for writing and never replaced.
 """
 
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 import os
@@ -17,6 +20,7 @@ import stat
 from bev_preheat.errors import InvalidInput
 from bev_preheat.optional_packages import require
 
+AnyPath = str | os.PathLike[str]
 PICTURE_SUFFIXES = ('.png', '.svg', '.pdf')
 KINDS = ((stat.S_ISREG, ''), (stat.S_ISDIR, 'a folder'), (stat.S_ISFIFO, 'a named pipe'),
          (stat.S_ISSOCK, 'a socket'), (stat.S_ISCHR, 'a device'), (stat.S_ISBLK, 'a device'))
@@ -34,22 +38,22 @@ class Output:
     """
 
     option: str
-    path: object
-    suffixes: tuple = ()
+    path: AnyPath | None
+    suffixes: tuple[str, ...] = ()
     make_folder: bool = False
 
 
-def expanded(path):
+def expanded(path: AnyPath) -> str:
     """Return a path as text, with `~` replaced by the home folder."""
     return os.path.expanduser(os.fspath(path))
 
 
-def target_of(path):
+def target_of(path: AnyPath) -> str:
     """Return the absolute path that a write reaches: `~` expanded, all links followed."""
     return os.path.realpath(expanded(path))
 
 
-def existing_file(path):
+def existing_file(path: AnyPath) -> os.stat_result | None:
     """
     Return the os.stat_result of the regular file at a path, None where nothing is there.
 
@@ -70,7 +74,7 @@ def existing_file(path):
     return status
 
 
-def check_writable(path, make_folder=False):
+def check_writable(path: AnyPath, make_folder: bool = False) -> None:
     """
     Raise InvalidInput where a file cannot be written at a path; nothing is changed or opened.
 
@@ -90,19 +94,20 @@ def check_writable(path, make_folder=False):
             f'{_shown(path)}: cannot be written: the folder {folder} is write-protected')
 
 
-def check_outputs(outputs, inputs=()):
+def check_outputs(outputs: Iterable[Output], inputs: Sequence[AnyPath] = ()) -> None:
     """
     Check Outputs before anything is computed; `inputs` are the paths of all files that are read.
 
     Raises InvalidInput, one problem an output: where it cannot be written, lacks a suffix that is
     allowed, is an input, or is the same file as another output or as a standard stream.
     """
-    problems, earlier = [], []
+    problems: list[str] = []
+    earlier: list[tuple[str, AnyPath]] = []
     for output in outputs:
         if output.path is None:
             continue
         try:
-            _check_suffix(output)
+            _check_suffix(output.path, output.suffixes)
             if output.suffixes is PICTURE_SUFFIXES:
                 require('matplotlib')
             check_writable(output.path, output.make_folder)
@@ -115,17 +120,17 @@ def check_outputs(outputs, inputs=()):
                 problems.append(f'{output.option}: {_shown(output.path)}: is the same file as the '
                                 f'input {path}, which must not be written over')
                 break
-        for other in earlier:
-            if _is_one_file(output.path, other.path):
+        for option, path in earlier:
+            if _is_one_file(output.path, path):
                 problems.append(f'{output.option}: {_shown(output.path)}: is the same file as '
-                                f'{other.option}; each output needs a file of its own')
+                                f'{option}; each output needs a file of its own')
                 break
-        earlier.append(output)
+        earlier.append((output.option, output.path))
     if problems:
         raise InvalidInput(problems)
 
 
-def write_whole(path, contents, make_folder=False):
+def write_whole(path: AnyPath, contents: str | bytes, make_folder: bool = False) -> None:
     """
     Write bytes, or text as UTF-8, to a file: all of it or, if anything fails, nothing.
 
@@ -146,7 +151,7 @@ def write_whole(path, contents, make_folder=False):
         raise InvalidInput(f'{path}: cannot be written: {_reason(error)}') from error
 
 
-def _replace(path, target, contents):
+def _replace(path: AnyPath, target: str, contents: bytes) -> None:
     before = existing_file(path)
     mode = 0o666 if before is None else stat.S_IMODE(before.st_mode)
     # Its own name, because the target's may be as long as a name can be.
@@ -171,14 +176,13 @@ def _replace(path, target, contents):
         raise
 
 
-def _check_suffix(output):
-    suffix = os.path.splitext(os.fspath(output.path))[1].lower()
-    if output.suffixes and suffix not in output.suffixes:
-        raise InvalidInput(
-            f'{_shown(output.path)}: must end in {" or ".join(output.suffixes)}')
+def _check_suffix(path: AnyPath, suffixes: tuple[str, ...]) -> None:
+    suffix = os.path.splitext(os.fspath(path))[1].lower()
+    if suffixes and suffix not in suffixes:
+        raise InvalidInput(f'{_shown(path)}: must end in {" or ".join(suffixes)}')
 
 
-def _check_no_standard_stream(path):
+def _check_no_standard_stream(path: AnyPath) -> None:
     status = existing_file(path)
     for descriptor, name in STANDARD_STREAMS.items():
         with suppress(OSError):
@@ -186,7 +190,7 @@ def _check_no_standard_stream(path):
                 raise InvalidInput(f'{_shown(path)}: is the file that {name} goes to')
 
 
-def _is_one_file(first, second):
+def _is_one_file(first: AnyPath, second: AnyPath) -> bool:
     """Return whether two paths lead to one file, which need not exist."""
     if target_of(first) == target_of(second):
         return True
@@ -196,9 +200,9 @@ def _is_one_file(first, second):
         return False
 
 
-def _shown(path):
+def _shown(path: AnyPath) -> str:
     return os.fspath(path) or "''"
 
 
-def _reason(error):
+def _reason(error: Exception) -> str:
     return getattr(error, 'strerror', None) or str(error)

@@ -12,55 +12,68 @@ Python's compiler takes longer than all else here, and the estimation corrects t
 every few seconds. So numbers stay out of the source, and the same equations are compiled once.
 """
 
-from functools import lru_cache
+from __future__ import annotations
 
-from bev_preheat.arithmetic import Arithmetic
+from collections.abc import Callable, Iterable, Sequence
+from functools import lru_cache
+from types import CodeType
+from typing import Any, TYPE_CHECKING, TypeAlias
+
+from bev_preheat.arithmetic import AnyNumber, Arithmetic, CurveFunction, FLOATS
+
+if TYPE_CHECKING:
+    from bev_preheat.model import Step
 
 ARGUMENTS = ('soc', 'temperature_c', 'duration_s', 'power_w', 'variance_w2', 'heat_w',
              'leakage_w_per_k')
 # The kinds of equations that vehicle files, integrators and arithmetics make, with room to spare.
 KEPT_SOURCES = 32
+Operand: TypeAlias = '_Symbol | float'
+# What `compile_step` returns.
+StepOfStates = Callable[[float, float, float, float, float, float, float], tuple[float, float]]
+Roll = Callable[[float, float, Iterable[Sequence[float]]], tuple[list[float], list[float]]]
 
 
 class _Symbol:
     """An operation and what it is done to; arithmetic on it makes another one."""
 
-    def __init__(self, form, *operands):
+    def __init__(self, form: str, *operands: Operand) -> None:
         """`form` is the operation's text, with {} for each operand."""
         self.form, self.operands = form, operands
 
-    def __add__(self, other):
+    def __add__(self, other: Operand) -> _Symbol:
         return _Symbol('({} + {})', self, other)
 
-    def __radd__(self, other):
+    def __radd__(self, other: Operand) -> _Symbol:
         return _Symbol('({} + {})', other, self)
 
-    def __sub__(self, other):
+    def __sub__(self, other: Operand) -> _Symbol:
         return _Symbol('({} - {})', self, other)
 
-    def __rsub__(self, other):
+    def __rsub__(self, other: Operand) -> _Symbol:
         return _Symbol('({} - {})', other, self)
 
-    def __mul__(self, other):
+    def __mul__(self, other: Operand) -> _Symbol:
         return _Symbol('({} * {})', self, other)
 
-    def __rmul__(self, other):
+    def __rmul__(self, other: Operand) -> _Symbol:
         return _Symbol('({} * {})', other, self)
 
-    def __truediv__(self, other):
+    def __truediv__(self, other: Operand) -> _Symbol:
         return _Symbol('({} / {})', self, other)
 
-    def __rtruediv__(self, other):
+    def __rtruediv__(self, other: Operand) -> _Symbol:
         return _Symbol('({} / {})', other, self)
 
-    def __neg__(self):
+    def __neg__(self) -> _Symbol:
         return _Symbol('(-{})', self)
 
-    def __bool__(self):
+    def __bool__(self) -> bool:
         raise TypeError('a branch cannot be noted as straight-line code')
 
 
-def compile_step(make_step, floats):
+def compile_step(make_step: Callable[[Arithmetic[AnyNumber]], Step[AnyNumber]],
+                 floats: Arithmetic[float]) -> tuple[StepOfStates, Roll]:
     """
     Return (step, roll) for plain floats.
 
@@ -69,10 +82,11 @@ def compile_step(make_step, floats):
     (soc, temperature [deg C]); `roll(soc, temperature_c, columns)` makes a step for each row of the
     columns (those of ARGUMENTS after the states) and returns the lists of states, one longer.
     """
-    names = {'root': floats.root, 'log': floats.log, 'maximum': floats.maximum,
-             'minimum': floats.minimum, 'share': floats.share}
+    names: dict[str, Any] = {
+        'root': floats.root, 'log': floats.log, 'maximum': floats.maximum,
+        'minimum': floats.minimum, 'share': floats.share}
 
-    def opaque(function):
+    def opaque(function: CurveFunction[float]) -> CurveFunction[AnyNumber]:
         name = f'table_{len(names)}'
         names[name] = function
         return lambda soc, temperature_c: _Symbol(f'{name}({{}}, {{}})', soc, temperature_c)
@@ -83,7 +97,7 @@ def compile_step(make_step, floats):
         maximum=lambda a, b: _Symbol('maximum({}, {})', a, b),
         minimum=lambda a, b: _Symbol('minimum({}, {})', a, b),
         opaque=opaque,
-        share=lambda value: value if floats.share is Arithmetic.share else _Symbol(
+        share=lambda value: value if floats.share is FLOATS.share else _Symbol(
             'share({})', value))
     results = make_step(symbols)(*(_Symbol(name) for name in ARGUMENTS))[:2]
     lines, (soc, temperature_c), numbers = _written_out(results)
@@ -105,23 +119,26 @@ def compile_step(make_step, floats):
         '    return socs, temperatures_c',
     ])
     exec(_compiled(source), names)
-    return names['step'], names['roll']
+    step: StepOfStates = names['step']
+    roll: Roll = names['roll']
+    return step, roll
 
 
 @lru_cache(maxsize=KEPT_SOURCES)
-def _compiled(source):
+def _compiled(source: str) -> CodeType:
     return compile(source, '<the model, written out>', 'exec')
 
 
-def _written_out(results):
+def _written_out(results: Sequence[Operand]) -> tuple[list[str], list[str], dict[str, float]]:
     """
     Lines of assignments, the texts of the results, and the numbers in both by name.
 
     What is used once stands in its place.
     """
-    uses, order = {}, []
+    uses: dict[_Symbol, int] = {}
+    order: list[_Symbol] = []
 
-    def visit(value):
+    def visit(value: Operand) -> None:
         if isinstance(value, _Symbol):
             uses[value] = uses.get(value, 0) + 1
             if uses[value] == 1:
@@ -131,9 +148,11 @@ def _written_out(results):
 
     for result in results:
         visit(result)
-    texts, lines, numbers = {}, [], {}
+    texts: dict[Operand, str] = {}
+    lines: list[str] = []
+    numbers: dict[str, float] = {}
 
-    def text_of(operand):
+    def text_of(operand: Operand) -> str:
         if isinstance(operand, _Symbol):
             return texts[operand]
         name = f'n{len(numbers)}'

@@ -9,9 +9,9 @@ from ament_index_python.packages import get_package_share_directory
 MANIFEST = 'package.xml'
 
 
-def version():
+def version() -> str:
     """Return the version of the sources that run, or of the installed package, as a text."""
     manifest = Path(__file__).resolve().parent.parent / MANIFEST
     if not manifest.is_file():
         manifest = Path(get_package_share_directory('bev_preheat')) / MANIFEST
-    return ElementTree.parse(manifest).findtext('version').strip()
+    return ElementTree.parse(manifest).findtext('version', '').strip()

@@ -3,14 +3,14 @@
 
 import casadi
 
-from bev_preheat.arithmetic import Arithmetic
+from bev_preheat.arithmetic import AnyNumber, Arithmetic
 from bev_preheat.model import make_rates, make_runge_kutta_4
 from bev_preheat.vehicle.corrections import corrected_vehicle, Corrections
 
 # Below this discriminant [V^2] the power cannot be delivered; the floor keeps derivatives finite.
 LEAST_DISCRIMINANT_V2 = 1e-6
 
-SYMBOLS = Arithmetic(
+SYMBOLS: Arithmetic[AnyNumber] = Arithmetic(
     root=lambda value: casadi.sqrt(casadi.fmax(value, LEAST_DISCRIMINANT_V2)),
     log=casadi.log, maximum=casadi.fmax, minimum=casadi.fmin)
 

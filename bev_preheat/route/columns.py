@@ -1,11 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """Names of columns, which say the unit, and what to do with a name that is none of them."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from difflib import get_close_matches
 import re
+from typing import TYPE_CHECKING
 
 from bev_preheat.errors import quoted
+
+if TYPE_CHECKING:
+    from bev_preheat.arrays import FloatArray
 
 # How people write units, and how a column's name ends.
 ENDINGS = {'km/h': 'kmh', 'kph': 'kmh', 'm/s': 'mps', '°c': 'c', 'degc': 'c', 'celsius': 'c',
@@ -24,32 +30,32 @@ class Column:
     times: float = 1.0
     over: float = 1.0
 
-    def si(self, values):
+    def si(self, values: FloatArray) -> FloatArray:
         """Return values of the file in the unit of the quantity; shape follows the input."""
         return values if self.times == self.over == 1.0 else values * self.times / self.over
 
-    def own(self, value):
+    def own(self, value: float) -> float:
         """Return a value of the quantity in the unit of the file."""
         return value / self.times * self.over
 
 
-def power_columns(quantity):
+def power_columns(quantity: str) -> dict[str, Column]:
     """Return the two columns of a power, by name: in W and in kW."""
     return {quantity: Column(quantity),
             f'{quantity.removesuffix("_w")}_kw': Column(quantity, times=1000.0)}
 
 
-def speed_columns():
+def speed_columns() -> dict[str, Column]:
     """Return the two columns of a speed, by name: in m/s and in km/h."""
     return {'speed_mps': Column('speed_mps'), 'speed_kmh': Column('speed_mps', over=3.6)}
 
 
-def alternatives(quantity, known):
+def alternatives(quantity: str, known: dict[str, Column]) -> str:
     """Return the columns that can hold a quantity, as words."""
     return ' or '.join(name for name, column in known.items() if column.quantity == quantity)
 
 
-def doubled(header, known):
+def doubled(header: list[str], known: dict[str, Column]) -> list[str]:
     """Return a sentence for each quantity that more than one column of a header holds."""
     problems = []
     for quantity in dict.fromkeys(column.quantity for column in known.values()):
@@ -63,7 +69,7 @@ def doubled(header, known):
     return problems
 
 
-def advice(name, known):
+def advice(name: str, known: dict[str, Column]) -> str:
     """Return what to do with a column that is not among the `known` ones; a sentence."""
     if not name:
         return 'a column has no name'
@@ -72,7 +78,7 @@ def advice(name, known):
     column = f'column {quoted(name)}'
     if plain in known:
         return f'{column}: rename it to {plain}'
-    stems = {}
+    stems: dict[str, list[str]] = {}
     for known_name in known:
         stems.setdefault(known_name.rpartition('_')[0], []).append(known_name)
     if not ending and stem not in stems and stem.rpartition('_')[0]:
@@ -95,7 +101,7 @@ def advice(name, known):
     return f'{column} is unknown; {hint}known: {", ".join(known)}'
 
 
-def _parted(name):
+def _parted(name: str) -> tuple[str, str]:
     """Quantity and unit of `Speed [km/h]`, `speed (km/h)` or `Speed`, as columns have them."""
     match = re.fullmatch(r'(.*?)\s*[\[(](.*)[\])]', name)
     words, unit = match.groups() if match else (name, '')

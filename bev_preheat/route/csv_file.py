@@ -1,19 +1,28 @@
 # SPDX-License-Identifier: Apache-2.0
 """Route CSV files: one row a segment, a header, `#` for comments."""
 
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
 import csv
 from dataclasses import dataclass, fields, replace
 import io
+from pathlib import Path
 import re
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from bev_preheat.configuration import find_configuration
 from bev_preheat.errors import InvalidInput
-from bev_preheat.output_files import write_whole
+from bev_preheat.output_files import AnyPath, write_whole
 from bev_preheat.route.columns import advice, alternatives, Column, doubled, power_columns, speed_columns
 from bev_preheat.route.segments import LIMITS, make_route, problem_with_values, Route
-from bev_preheat.route.text_table import read_text_table
+from bev_preheat.route.text_table import read_text_table, TextTable
+
+if TYPE_CHECKING:
+    from bev_preheat.arrays import FloatArray
+    from bev_preheat.vehicle.description import Defaults
 
 # Length of a segment [m]; with the speed it gives the duration, with the duration the speed.
 LENGTH = 'length_m'
@@ -50,7 +59,7 @@ class FileRoute:
     made_for: str | None
 
 
-def load_route(name_or_file, defaults):
+def load_route(name_or_file: str | Path, defaults: Defaults | None) -> Route:
     """
     Return the Route of a name (a file in config/routes) or of a CSV file.
 
@@ -60,7 +69,7 @@ def load_route(name_or_file, defaults):
     return load_file_route(name_or_file, defaults).route
 
 
-def load_file_route(name_or_file, defaults):
+def load_file_route(name_or_file: str | Path, defaults: Defaults | None) -> FileRoute:
     """Return the FileRoute of a name or a CSV file; see `load_route`."""
     path = route_file(name_or_file)
     table = read_text_table(path, LIMITS)
@@ -73,12 +82,13 @@ def load_file_route(name_or_file, defaults):
                             for problem in error.problems]) from error
 
 
-def route_file(name_or_file):
+def route_file(name_or_file: str | Path) -> Path:
     """Return the path of a route file; raise InvalidInput where there is none."""
     return find_configuration('routes', name_or_file, '.csv')
 
 
-def save_route(path, route, comments=(), made_for=None):
+def save_route(path: AnyPath, route: Route, comments: Iterable[str] = (),
+               made_for: str | None = None) -> None:
     """
     Write a Route as CSV; `comments` are lines of text above the header.
 
@@ -98,7 +108,7 @@ def save_route(path, route, comments=(), made_for=None):
     write_whole(path, text.getvalue())
 
 
-def rounded(route):
+def rounded(route: Route) -> Route:
     """Return a Route with the digits that `preheat route` writes."""
     return replace(route, **{
         field.name: np.round(getattr(route, field.name),
@@ -106,14 +116,14 @@ def rounded(route):
         for field in fields(route)})
 
 
-def in_one_line(name):
+def in_one_line(name: str) -> str:
     """Return the name of a vehicle as a comment holds it."""
     return ' '.join(name.split())
 
 
-def _vehicle_of(table):
+def _vehicle_of(table: TextTable) -> str | None:
     """Name of the vehicle for which the file says that its route was made."""
-    found = {}
+    found: dict[str, int] = {}
     for number, comment in table.comments:
         # A spreadsheet fills the line with separators, and may quote it.
         match = VEHICLE_COMMENT.fullmatch(comment.rstrip('"\t ,;'))
@@ -126,7 +136,7 @@ def _vehicle_of(table):
     return next(iter(found), None)
 
 
-def _columns(table):
+def _columns(table: TextTable) -> tuple[dict[str, FloatArray], dict[str, str]]:
     """Columns of Route in SI units, and what the file calls them."""
     where = f'{table.path}, line {table.header_line}'
     unknown = [name for name in table.header if name not in COLUMNS]
@@ -157,7 +167,7 @@ def _columns(table):
     return columns, names
 
 
-def _missing(by_quantity):
+def _missing(by_quantity: dict[str, str]) -> Iterator[str]:
     """Sentences on columns that are not there, or of which one is too many."""
     missing = [alternatives(name, COLUMNS)
                for name in ('propulsion_power_w', 'ambient_temperature_c')
@@ -173,7 +183,8 @@ def _missing(by_quantity):
         yield f'missing columns: {", ".join(missing)}'
 
 
-def _replace_length(columns, names, table, by_quantity):
+def _replace_length(columns: dict[str, FloatArray], names: dict[str, str], table: TextTable,
+                    by_quantity: dict[str, str]) -> None:
     """Put duration and speed in place of the length and one of them."""
     length_m = columns.pop(LENGTH)
     del names[LENGTH]
@@ -192,7 +203,7 @@ def _replace_length(columns, names, table, by_quantity):
     names['duration_s'] = f'duration, in s, by {length_name}'
 
 
-def _with_line(problem, table, names):
+def _with_line(problem: str, table: TextTable, names: set[str]) -> str:
     """Say file and line in place of the segment in `column[segment]: …`."""
     name, bracket, rest = problem.partition('[')
     index, closed, tail = rest.partition(']')

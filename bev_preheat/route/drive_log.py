@@ -8,8 +8,13 @@ power_w or voltage_v and current_a. aircon_w (air conditioning) is taken where i
 other column is left alone. Speed may be in km/h (speed_kmh), powers in kW (power_kw, ...).
 """
 
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,6 +22,10 @@ from bev_preheat.errors import InvalidInput
 from bev_preheat.route.columns import advice, alternatives, Column, doubled, power_columns, speed_columns
 from bev_preheat.route.segments import LIMITS, make_route, Route
 from bev_preheat.route.text_table import read_text_table
+
+if TYPE_CHECKING:
+    from bev_preheat.arrays import FloatArray, IntArray
+    from bev_preheat.vehicle.description import Defaults
 
 # What a sample may hold: (low, high). The sensors of a car give nothing else, their faults do.
 POSSIBLE = {
@@ -52,10 +61,11 @@ class LoggedRoute:
     """The Route of one or more drive logs, and a sentence for each thing found wrong in them."""
 
     route: Route
-    remarks: tuple
+    remarks: tuple[str, ...]
 
 
-def load_drive_logs(paths, defaults, step_s=30.0):
+def load_drive_logs(paths: Iterable[str | Path], defaults: Defaults,
+                    step_s: float = 30.0) -> LoggedRoute:
     """
     Return the LoggedRoute of drive logs, joined in the given order, in segments of `step_s`.
 
@@ -69,7 +79,8 @@ def load_drive_logs(paths, defaults, step_s=30.0):
     """
     if not 1.0 <= step_s <= 3600.0:
         raise InvalidInput(f'step: {step_s:g} s is not allowed; it must be 1 ... 3600 s')
-    remarks, pieces = [], []
+    remarks: list[str] = []
+    pieces = []
     for path in paths:
         names, lines, samples = _read(path)
         lines, samples = _possible_samples(path, names, lines, samples, remarks)
@@ -86,7 +97,7 @@ def load_drive_logs(paths, defaults, step_s=30.0):
     return LoggedRoute(route, tuple(remarks))
 
 
-def _read(path):
+def _read(path: str | Path) -> tuple[tuple[str, ...], IntArray, FloatArray]:
     """Names of the columns that are used, line numbers (N,), samples (N, columns) in SI units."""
     table = read_text_table(path, COLUMNS)
     if len(table.rows) < 2:
@@ -98,7 +109,7 @@ def _read(path):
         [COLUMNS[name].si(values) for name, values in zip(names, columns)])
 
 
-def _wanted_columns(where, header):
+def _wanted_columns(where: str, header: list[str]) -> tuple[str, ...]:
     """Return the columns that are used, time first."""
     found = {COLUMNS[name].quantity: name for name in header if name in COLUMNS}
     power = ('power_w',) if 'power_w' in found else ('voltage_v', 'current_a')
@@ -128,7 +139,8 @@ def _wanted_columns(where, header):
     return tuple(used.values())
 
 
-def _possible_samples(path, names, lines, samples, remarks):
+def _possible_samples(path: str | Path, names: Sequence[str], lines: IntArray, samples: FloatArray,
+                      remarks: list[str]) -> tuple[IntArray, FloatArray]:
     """Lines and samples without those that cannot be; time must rise."""
     time_s = samples[:, 0]
     at = int(np.argmin(np.isfinite(time_s)))
@@ -156,7 +168,8 @@ def _possible_samples(path, names, lines, samples, remarks):
     return lines[good], samples[good]
 
 
-def _segments(path, names, lines, samples, defaults, remarks):
+def _segments(path: str | Path, names: Sequence[str], lines: IntArray, samples: FloatArray,
+              defaults: Defaults, remarks: list[str]) -> dict[str, FloatArray]:
     """Columns of Route, one segment a sample; gaps are bridged."""
     logged_s = samples[:, 0]
     time_s = _bridged(path, lines, logged_s, remarks)
@@ -164,7 +177,7 @@ def _segments(path, names, lines, samples, defaults, remarks):
     power_w = log['power_w'] if 'power_w' in log else log['voltage_v'] * log['current_a']
     auxiliary_w = log.get('aircon_w', 0.0) + np.full(len(logged_s), defaults.auxiliary_power_w)
 
-    def over_gaps(values):
+    def over_gaps(values: FloatArray) -> FloatArray:
         return np.interp(time_s, logged_s, values)
 
     # The last sample speaks for as long as samples do as a rule.
@@ -179,7 +192,8 @@ def _segments(path, names, lines, samples, defaults, remarks):
     }
 
 
-def _bridged(path, lines, time_s, remarks):
+def _bridged(path: str | Path, lines: IntArray, time_s: FloatArray,
+             remarks: list[str]) -> FloatArray:
     """Instants of the samples, with more of them, a second or so apart, in the gaps."""
     lengths_s = np.diff(time_s)
     gaps = np.flatnonzero(lengths_s > LONGEST_INTERVAL_S)

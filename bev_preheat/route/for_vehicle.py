@@ -6,14 +6,20 @@ A CSV file has fixed powers, which are right for one car; a description of legs 
 for every car.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 import os
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from bev_preheat.errors import InvalidInput
 from bev_preheat.route.csv_file import in_one_line, load_file_route, rounded, route_file
 from bev_preheat.route.legs import legs_file, load_legs
 from bev_preheat.route.segments import Route
+
+if TYPE_CHECKING:
+    from bev_preheat.vehicle.description import Vehicle
 
 LEGS_PREFIX = 'legs/'
 LEGS_SUFFIXES = ('.yaml', '.yml')
@@ -34,7 +40,8 @@ class RouteForVehicle:
     warning: str | None
 
 
-def route_for(name_or_file, vehicle, folder=None):
+def route_for(name_or_file: str | Path, vehicle: Vehicle,
+              folder: Path | None = None) -> RouteForVehicle:
     """
     Return the RouteForVehicle of a name or a file.
 
@@ -54,13 +61,13 @@ def route_for(name_or_file, vehicle, folder=None):
                            _warning(file, loaded.made_for, vehicle))
 
 
-def route_source(name_or_file):
+def route_source(name_or_file: str | Path) -> Path:
     """Return the path of the file that `route_for` reads; raise InvalidInput where there is none."""
     is_legs, source = _source(name_or_file)
     return legs_file(source) if is_legs else route_file(source)
 
 
-def _source(name_or_file, folder=None):
+def _source(name_or_file: str | Path, folder: Path | None = None) -> tuple[bool, str]:
     """Whether it is a description of legs, and the name or file to look for among its kind."""
     text = os.path.expanduser(str(name_or_file))
     legs_name = text.removeprefix(LEGS_PREFIX)
@@ -75,7 +82,7 @@ def _source(name_or_file, folder=None):
     return is_legs, text
 
 
-def _warning(file, made_for, vehicle):
+def _warning(file: Path, made_for: str | None, vehicle: Vehicle) -> str | None:
     name = in_one_line(vehicle.name)
     if made_for is None or made_for == name:
         return None
@@ -83,7 +90,7 @@ def _warning(file, made_for, vehicle):
             f'{_advice(file, vehicle)}')
 
 
-def _advice(file, vehicle):
+def _advice(file: Path, vehicle: Vehicle) -> str:
     """How to get the same road with the powers of the vehicle."""
     try:
         described = legs_file(file.stem)

@@ -7,10 +7,17 @@ rise by 2 a ds and fall by 2 b ds over a cell of length ds. Braking in time for 
 then one pass from the end to the start.
 """
 
+from __future__ import annotations
+
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import accumulate
+from typing import TYPE_CHECKING
 
 import numpy as np
+
+if TYPE_CHECKING:
+    from bev_preheat.arrays import FloatArray
 
 # Longest cell [m] over which the acceleration is constant.
 CELL_M = 2.0
@@ -41,20 +48,20 @@ class RoadLeg:
 class Track:
     """What the road allows, at M points along it; arrays of shape (M,)."""
 
-    distance_m: np.ndarray
-    allowed_speed_mps: np.ndarray
-    standstill_s: np.ndarray
+    distance_m: FloatArray
+    allowed_speed_mps: FloatArray
+    standstill_s: FloatArray
 
 
 @dataclass(frozen=True)
 class RoadDrive:
     """Instants of a drive; arrays of shape (K,). Between two the acceleration is constant."""
 
-    time_s: np.ndarray
-    distance_m: np.ndarray
-    speed_mps: np.ndarray
+    time_s: FloatArray
+    distance_m: FloatArray
+    speed_mps: FloatArray
 
-    def at(self, time_s):
+    def at(self, time_s: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return (distance [m], speed [m/s]) at instants [s]; shapes follow the input."""
         cell = np.searchsorted(self.time_s, time_s, side='right') - 1
         cell = np.clip(cell, 0, len(self.time_s) - 2)
@@ -66,7 +73,7 @@ class RoadDrive:
         return self.distance_m[cell] + 0.5 * (start_mps + speed_mps) * since_s, speed_mps
 
 
-def lay_track(legs, seed):
+def lay_track(legs: Sequence[RoadLeg], seed: int) -> Track:
     """
     Return the Track of a sequence of RoadLeg, which starts and ends at a standstill.
 
@@ -84,12 +91,13 @@ def lay_track(legs, seed):
     return Track(distance_m[first], allowed_mps, np.maximum.reduceat(standstill_s, first))
 
 
-def leg_starts_m(legs):
+def leg_starts_m(legs: Sequence[RoadLeg]) -> list[float]:
     """Return where the legs start [m], and the end of the last one: a list of L + 1."""
     return list(accumulate((leg.length_m for leg in legs), initial=0.0))
 
 
-def drive_along(track, acceleration_mps2, deceleration_mps2, pace=1.0):
+def drive_along(track: Track, acceleration_mps2: float, deceleration_mps2: float,
+                pace: float = 1.0) -> RoadDrive:
     """
     Return the fastest RoadDrive within what a Track allows, times `pace`, and the accelerations.
 
@@ -116,7 +124,8 @@ def drive_along(track, acceleration_mps2, deceleration_mps2, pace=1.0):
                  speed_mps=np.repeat(speed_mps, copies))
 
 
-def _points(leg, start_m, random):
+def _points(leg: RoadLeg, start_m: float,
+            random: np.random.Generator) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Distance, allowed speed and standstill at the points of one leg, its ends included."""
     # Stops must be points, and between two of them there must be one where the car moves.
     between_m = leg.length_m / (leg.stops + 1)

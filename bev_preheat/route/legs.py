@@ -7,18 +7,26 @@ simulated in short steps, which are then joined to segments that keep its energy
 square power.
 """
 
+from __future__ import annotations
+
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import inf
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.checked_yaml import load_checked_yaml
+from bev_preheat.checked_yaml import FileData, load_checked_yaml
 from bev_preheat.configuration import find_configuration
 from bev_preheat.errors import InvalidInput
-from bev_preheat.route.kinematics import drive_along, lay_track, leg_starts_m, RoadLeg
+from bev_preheat.route.kinematics import drive_along, lay_track, leg_starts_m, RoadDrive, RoadLeg
 from bev_preheat.route.road_load import battery_power_w, Load, loaded, wheel_power_w
 from bev_preheat.route.segments import LONGEST_ROUTE_S, make_route, Route
+
+if TYPE_CHECKING:
+    from bev_preheat.arrays import FloatArray
+    from bev_preheat.vehicle.description import Vehicle
 
 SCHEMA = Path(__file__).with_name('legs_schema.yaml')
 
@@ -41,15 +49,15 @@ class LegsRoute:
 
     route: Route
     name: str
-    remarks: tuple
+    remarks: tuple[str, ...]
 
 
-def legs_file(name_or_file):
+def legs_file(name_or_file: str | Path) -> Path:
     """Return the path of a description of legs; raise InvalidInput where there is none."""
     return find_configuration('routes/legs', name_or_file, '.yaml')
 
 
-def load_legs(name_or_file, vehicle):
+def load_legs(name_or_file: str | Path, vehicle: Vehicle) -> LegsRoute:
     """
     Return the LegsRoute of a name (a file in config/routes/legs) or of a YAML file.
 
@@ -65,14 +73,14 @@ def load_legs(name_or_file, vehicle):
         raise InvalidInput([f'{path}: {problem}' for problem in error.problems]) from error
 
 
-def _make(description, vehicle):
+def _make(description: dict[str, FileData], vehicle: Vehicle) -> LegsRoute:
     if vehicle.road_load is None:
         raise InvalidInput(
             f'vehicle {vehicle.name!r} has no road_load, and without it the power on a road is '
             'unknown; add it to the vehicle file, with the figures of the car, such as '
             'road_load: {mass_kg: 1900, frontal_area_m2: 2.4, drag_coefficient: 0.27, '
             'rolling_resistance: 0.010}')
-    remarks = []
+    remarks: list[str] = []
     legs = _legs(description, remarks)
     _check_duration(legs)
     drive = _drive(description, legs, remarks)
@@ -87,7 +95,7 @@ def _make(description, vehicle):
     return LegsRoute(route, description['name'], tuple(remarks))
 
 
-def _legs(description, remarks):
+def _legs(description: dict[str, FileData], remarks: list[str]) -> list[RoadLeg]:
     """Legs of the description, in SI units, as long as `distance_m` wants them."""
     nodes = description['legs']
     scale = 1.0
@@ -124,7 +132,7 @@ def _legs(description, remarks):
     return legs
 
 
-def _check_duration(legs):
+def _check_duration(legs: Sequence[RoadLeg]) -> None:
     """Refuse trips that are far too long before they are simulated."""
     least_s = sum(leg.length_m / leg.speed_limit_mps + leg.stops * leg.stop_duration_s
                   for leg in legs)
@@ -133,15 +141,17 @@ def _check_duration(legs):
                            f'{LONGEST_ROUTE_S:g} s are planned')
 
 
-def _drive(description, legs, remarks):
+def _drive(description: dict[str, FileData], legs: Sequence[RoadLeg],
+           remarks: list[str]) -> RoadDrive:
     """Drive along the legs, as long as `duration_s` wants it; the same for every car."""
     track = lay_track(legs, description.get('seed', 0))
     style = description.get('driving', {})
-    accelerations_mps2 = [float(style.get(key, DEFAULT_ACCELERATION_MPS2))
-                          for key in ('acceleration_mps2', 'deceleration_mps2')]
+    acceleration_mps2, deceleration_mps2 = (
+        float(style.get(key, DEFAULT_ACCELERATION_MPS2))
+        for key in ('acceleration_mps2', 'deceleration_mps2'))
 
-    def at_pace(pace):
-        return drive_along(track, *accelerations_mps2, pace)
+    def at_pace(pace: float) -> RoadDrive:
+        return drive_along(track, acceleration_mps2, deceleration_mps2, pace)
 
     if 'duration_s' not in description:
         return at_pace(1.0)
@@ -162,7 +172,8 @@ def _drive(description, legs, remarks):
     return replace(drive, time_s=drive.time_s * (wanted_s / drive.time_s[-1]))
 
 
-def _simulate(description, vehicle, legs, drive, segment_s):
+def _simulate(description: dict[str, FileData], vehicle: Vehicle, legs: Sequence[RoadLeg],
+              drive: RoadDrive, segment_s: float) -> Route:
     """Route in steps of about STEP_S, of which a segment holds a whole number."""
     step_s = segment_s / np.ceil(segment_s / STEP_S)
     end_s = drive.time_s[-1]
@@ -206,7 +217,7 @@ def _simulate(description, vehicle, legs, drive, segment_s):
     return make_route(columns, vehicle.defaults)
 
 
-def _check_power(power_w, at_m, vehicle):
+def _check_power(power_w: FloatArray, at_m: FloatArray, vehicle: Vehicle) -> None:
     """Refuse what the drivetrain cannot do: the car would be slower than the description says."""
     most_w = vehicle.drivetrain.maximum_power_w
     at = int(np.argmax(power_w))
@@ -217,7 +228,7 @@ def _check_power(power_w, at_m, vehicle):
             'driving.acceleration_mps2 or the speed limit there')
 
 
-def _check_elevations(elevations_m):
+def _check_elevations(elevations_m: FloatArray) -> None:
     low_m, high_m = ELEVATION_RANGE_M
     outside = np.flatnonzero((elevations_m < low_m) | (elevations_m > high_m))
     if outside.size:
@@ -226,7 +237,8 @@ def _check_elevations(elevations_m):
                            f'it must be {low_m:g} ... {high_m:g}')
 
 
-def _calibrated(route, vehicle, energy, remarks):
+def _calibrated(route: Route, vehicle: Vehicle, energy: dict[str, FileData],
+                remarks: list[str]) -> Route:
     """Route with the energies that a certain vehicle needs, if this is the one."""
     if vehicle.name != energy['vehicle']:
         remarks.append(f'propulsion_energy_wh is that of vehicle {energy["vehicle"]} and does not '
@@ -235,7 +247,7 @@ def _calibrated(route, vehicle, energy, remarks):
     return _with_energy(route, energy['total_magnitude'], energy['net'], remarks)
 
 
-def _with_energy(route, total_magnitude, net, remarks):
+def _with_energy(route: Route, total_magnitude: float, net: float, remarks: list[str]) -> Route:
     """Route with driving and regenerated powers scaled to the integrals [Wh] of |P| and of P."""
     if abs(net) > total_magnitude:
         raise InvalidInput(f'propulsion_energy_wh.net: {net:g} is not allowed; its magnitude must '

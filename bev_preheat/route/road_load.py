@@ -1,10 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """The power that a car needs to drive: inertia, slope, rolling and air resistance, drivetrain."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from math import inf
+from typing import TYPE_CHECKING
 
 import numpy as np
+
+if TYPE_CHECKING:
+    from bev_preheat.arrays import FloatArray
+    from bev_preheat.vehicle.description import Vehicle
 
 GRAVITY_MPS2 = 9.80665
 # International standard atmosphere (ISO 2533): pressure over elevation in the troposphere.
@@ -41,7 +48,7 @@ class Load:
     rolling_resistance_factor: float = 1.0
 
 
-def loaded(vehicle, load, maximum_regeneration_power_w=inf):
+def loaded(vehicle: Vehicle, load: Load, maximum_regeneration_power_w: float = inf) -> RoadVehicle:
     """
     Return the RoadVehicle of a Vehicle that has a `road_load`, with a Load.
 
@@ -49,6 +56,7 @@ def loaded(vehicle, load, maximum_regeneration_power_w=inf):
     holds.
     """
     road_load, drivetrain = vehicle.road_load, vehicle.drivetrain
+    assert road_load is not None
     return RoadVehicle(
         mass_kg=road_load.mass_kg + load.payload_kg,
         drag_area_m2=(road_load.drag_coefficient * road_load.frontal_area_m2
@@ -59,14 +67,16 @@ def loaded(vehicle, load, maximum_regeneration_power_w=inf):
                                          maximum_regeneration_power_w))
 
 
-def air_density_kg_per_m3(ambient_temperature_c, elevation_m):
+def air_density_kg_per_m3(ambient_temperature_c: FloatArray,
+                          elevation_m: FloatArray) -> FloatArray:
     """Density of dry air [kg/m^3] at a temperature [deg C] and an elevation [m]."""
     pressure_pa = SEA_LEVEL_PRESSURE_PA * (1.0 - PRESSURE_PER_M * elevation_m)**PRESSURE_EXPONENT
     return pressure_pa / (GAS_CONSTANT_OF_AIR * (ambient_temperature_c + KELVIN_AT_0_C))
 
 
-def wheel_power_w(vehicle, duration_s, distance_m, speed_mps, elevation_m, slope,
-                  ambient_temperature_c, headwind_mps=0.0):
+def wheel_power_w(vehicle: RoadVehicle, duration_s: FloatArray, distance_m: FloatArray,
+                  speed_mps: FloatArray, elevation_m: FloatArray, slope: FloatArray,
+                  ambient_temperature_c: FloatArray, headwind_mps: float = 0.0) -> FloatArray:
     """
     Mean power at the wheels [W] in each of N steps, shape (N,); negative where the car is braked.
 
@@ -88,7 +98,7 @@ def wheel_power_w(vehicle, duration_s, distance_m, speed_mps, elevation_m, slope
     return (kinetic_j + potential_j + rolling_j + air_n * driven_m) / duration_s
 
 
-def battery_power_w(vehicle, power_at_wheels_w):
+def battery_power_w(vehicle: RoadVehicle, power_at_wheels_w: FloatArray) -> FloatArray:
     """Electrical power of the drivetrain [W]; negative = regeneration; shape of the input."""
     efficiency = vehicle.drivetrain_efficiency
     return np.where(

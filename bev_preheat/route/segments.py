@@ -5,11 +5,19 @@ The route: segments of constant speed, power and ambient temperature, checked, s
 Times are seconds after the start of segment 0. Segments need not be equally long.
 """
 
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from bev_preheat.errors import InvalidInput
+
+if TYPE_CHECKING:
+    from bev_preheat.arrays import FloatArray
+    from bev_preheat.vehicle.description import Defaults
 
 # What a segment may hold: (low, high). Wide enough for a truck on a pass, narrow enough that a
 # wrong unit shows: a speed in km/h, a power in kW squared, a temperature in kelvin.
@@ -39,49 +47,49 @@ class Route:
     `cabin_heating_power_w` what the HVCH spends on the cabin.
     """
 
-    duration_s: np.ndarray
-    speed_mps: np.ndarray
-    propulsion_power_w: np.ndarray
-    propulsion_power_rms_w: np.ndarray
-    ambient_temperature_c: np.ndarray
-    cabin_heating_power_w: np.ndarray
-    auxiliary_power_w: np.ndarray
+    duration_s: FloatArray
+    speed_mps: FloatArray
+    propulsion_power_w: FloatArray
+    propulsion_power_rms_w: FloatArray
+    ambient_temperature_c: FloatArray
+    cabin_heating_power_w: FloatArray
+    auxiliary_power_w: FloatArray
 
-    def __len__(self):
+    def __len__(self) -> int:
         """Return the number of segments."""
         return len(self.duration_s)
 
     @property
-    def time_s(self):
+    def time_s(self) -> FloatArray:
         """Instants at which segments start, and the end: shape (N + 1,)."""
         return np.concatenate(([0.0], np.cumsum(self.duration_s)))
 
-    def segment_at(self, elapsed_s):
+    def segment_at(self, elapsed_s: float) -> int:
         """Return the index of the segment at an instant [s]; the first before, the last after it."""
         return int(np.searchsorted(self.time_s[1:-1], elapsed_s, side='right'))
 
-    def with_propulsion(self, factor):
+    def with_propulsion(self, factor: float) -> Route:
         """Return the route with the propulsion power (mean and rms) times a factor."""
         return replace(self, propulsion_power_w=factor * self.propulsion_power_w,
                        propulsion_power_rms_w=abs(factor) * self.propulsion_power_rms_w)
 
     @property
-    def total_duration_s(self):
+    def total_duration_s(self) -> float:
         """Duration of the whole route [s]."""
         # The same sum as time_s: np.sum adds in another order and rounds differently.
         return float(self.time_s[-1])
 
     @property
-    def distance_m(self):
+    def distance_m(self) -> float:
         """Length of the whole route [m]."""
         return float(self.duration_s @ self.speed_mps)
 
     @property
-    def propulsion_power_variance_w2(self):
+    def propulsion_power_variance_w2(self) -> FloatArray:
         """Variance of the propulsion power within each segment [W^2], shape (N,)."""
         return np.maximum(self.propulsion_power_rms_w**2 - self.propulsion_power_w**2, 0.0)
 
-    def after(self, instant_s):
+    def after(self, instant_s: float) -> Route:
         """
         Return the route from an instant on; a partly driven segment keeps its remainder.
 
@@ -97,7 +105,7 @@ class Route:
         rest['duration_s'][0] = ends[first] - instant_s
         return Route(**rest)
 
-    def before(self, instant_s):
+    def before(self, instant_s: float) -> Route:
         """
         Return the route up to an instant; a segment that is partly driven by then is cut.
 
@@ -113,17 +121,17 @@ class Route:
         part['duration_s'][-1] = instant_s - starts[end - 1]
         return Route(**part)
 
-    def followed_by(self, other):
+    def followed_by(self, other: Route) -> Route:
         """Return the route with another one behind it."""
         return Route(**{field.name: np.concatenate(
             (getattr(self, field.name), getattr(other, field.name))) for field in fields(self)})
 
-    def segments(self, first, end):
+    def segments(self, first: int, end: int) -> Route:
         """Return the route from segment `first` to the one before `end`."""
         return Route(**{field.name: getattr(self, field.name)[first:end]
                         for field in fields(self)})
 
-    def divided(self, longest_s):
+    def divided(self, longest_s: float | FloatArray) -> Route:
         """
         Return the route with segments longer than `longest_s` divided into equal parts.
 
@@ -137,7 +145,7 @@ class Route:
         values['duration_s'] = np.repeat(self.duration_s / parts, parts)
         return Route(**values)
 
-    def resampled(self, step_s):
+    def resampled(self, step_s: float) -> Route:
         """
         Return the route in steps of `step_s`, the last one shorter if need be.
 
@@ -153,9 +161,10 @@ class Route:
         new[-1] = old[-1]
         duration_s = np.diff(new)
 
-        def mean(values):
+        def mean(values: FloatArray) -> FloatArray:
             integral = np.concatenate(([0.0], np.cumsum(values * self.duration_s)))
-            return np.diff(np.interp(new, old, integral)) / duration_s
+            means: FloatArray = np.diff(np.interp(new, old, integral)) / duration_s
+            return means
 
         power_w = mean(self.propulsion_power_w)
         mean_square_w2 = mean(self.propulsion_power_rms_w**2)
@@ -169,7 +178,8 @@ class Route:
             auxiliary_power_w=mean(self.auxiliary_power_w))
 
 
-def make_route(columns, defaults, names=None):
+def make_route(columns: Mapping[str, Sequence[float] | FloatArray | None],
+               defaults: Defaults | None, names: dict[str, str] | None = None) -> Route:
     """
     Check columns and return the Route they make.
 
@@ -231,7 +241,7 @@ def make_route(columns, defaults, names=None):
     return route
 
 
-def problem_with_values(array, limits):
+def problem_with_values(array: FloatArray, limits: tuple[float, float]) -> str | None:
     """Return what is wrong with the values of a column, to stand behind its name, or None."""
     if array.ndim != 1:
         return f': has {array.ndim} dimensions; it must be a plain list'

@@ -7,13 +7,21 @@ Commas, semicolons or tabs separate the columns; where commas do not, they may b
 factor of a thousand plans a wrong trip.
 """
 
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable
 import csv
 from dataclasses import dataclass
+from pathlib import Path
 import re
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from bev_preheat.errors import InvalidInput, quoted
+
+if TYPE_CHECKING:
+    from bev_preheat.arrays import FloatArray
 
 SEPARATORS = {',': 'commas', ';': 'semicolons', '\t': 'tabs'}
 NUMBER = re.compile(r'[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?')
@@ -31,19 +39,19 @@ PLAIN_CHARACTERS = frozenset('0123456789.+-eE')
 class TextTable:
     """Cells of a table as texts: `rows` below `header`, and the line of the file of each."""
 
-    path: object
+    path: str | Path
     separator: str
-    header: list
+    header: list[str]
     header_line: int
-    rows: list
-    lines: list
-    comments: list
+    rows: list[list[str]]
+    lines: list[int]
+    comments: list[tuple[int, str]]
 
-    def where(self, row):
+    def where(self, row: int) -> str:
         """Return how messages name a row: file and line."""
         return f'{self.path}, line {self.lines[row]}'
 
-    def numbers(self, names, empty_is_nan=False):
+    def numbers(self, names: Collection[str], empty_is_nan: bool = False) -> list[FloatArray]:
         """
         Return the numbers of the named columns: a list of arrays, each of shape (N,).
 
@@ -52,14 +60,16 @@ class TextTable:
         places = [self.header.index(name) for name in names]
         columns = [[row[place] for row in self.rows] for place in places]
         decimal_comma = self._decimal_mark(names, columns) == ','
-        problems, arrays = [], []
+        problems: list[str] = []
+        arrays = []
         for name, texts in zip(names, columns):
             arrays.append(self._numbers(name, texts, decimal_comma, empty_is_nan, problems))
         if problems:
             raise InvalidInput(problems)
         return arrays
 
-    def _numbers(self, name, texts, decimal_comma, empty_is_nan, problems):
+    def _numbers(self, name: str, texts: list[str], decimal_comma: bool, empty_is_nan: bool,
+                 problems: list[str]) -> FloatArray:
         if decimal_comma:
             read = [text.replace(',', '.') for text in texts]
         else:
@@ -79,7 +89,7 @@ class TextTable:
                 problems.append(f'{self.where(at)}: {name}: {self._why_no_number(text)}')
         return values
 
-    def _why_no_number(self, text):
+    def _why_no_number(self, text: str) -> str:
         grouped = GROUPED.fullmatch(text)
         if grouped and not (self.separator == ',' and AMBIGUOUS.fullmatch(text)):
             whole = ''.join(re.findall('[0-9+-]', grouped[1] + grouped[2]))
@@ -89,7 +99,7 @@ class TextTable:
                     'semicolons')
         return f'{quoted(text)} is not a number'
 
-    def _decimal_mark(self, names, columns):
+    def _decimal_mark(self, names: Collection[str], columns: list[list[str]]) -> str:
         """Comma or point: the one that the numbers have; InvalidInput where it is not clear."""
         if self.separator == ',':
             return '.'
@@ -122,7 +132,7 @@ class TextTable:
         return '.'
 
 
-def read_text_table(path, columns):
+def read_text_table(path: str | Path, columns: Iterable[str]) -> TextTable:
     """
     Return the TextTable of a file.
 
@@ -162,7 +172,7 @@ def read_text_table(path, columns):
     return TextTable(path, separator, header, header_line, rows, lines, comments)
 
 
-def _lines(path):
+def _lines(path: str | Path) -> list[str]:
     try:
         with open(path, encoding='utf-8-sig', newline='') as file:
             return list(file)
@@ -172,7 +182,7 @@ def _lines(path):
         raise InvalidInput(f'{path}: cannot be read: {reason}') from error
 
 
-def _separator(path, number, text, columns):
+def _separator(path: str | Path, number: int, text: str, columns: Iterable[str]) -> str:
     """Return what separates the columns, by the header, whose names hold no separator."""
     if re.match('["\\s]*[+-]?[.,]?[0-9]', text):
         raise InvalidInput(f'{path}, line {number}: holds numbers; the line above them must name '
@@ -189,7 +199,7 @@ def _separator(path, number, text, columns):
     return found[0] if found else ','
 
 
-def _cells(path, number, text, separator):
+def _cells(path: str | Path, number: int, text: str, separator: str) -> list[str]:
     if '"' not in text:
         return [cell.strip() for cell in text.split(separator)]
     try:
@@ -200,7 +210,7 @@ def _cells(path, number, text, separator):
                            f'({error})') from error
 
 
-def _why_another_length(text, separator, cells, header):
+def _why_another_length(text: str, separator: str, cells: list[str], header: list[str]) -> str:
     for other, name in SEPARATORS.items():
         if other not in (separator, ',') and other in text.strip():
             return f'is separated by {name}, the header by {SEPARATORS[separator]}'

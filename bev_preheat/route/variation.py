@@ -1,10 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """Random variation from segment to segment, as traffic makes it."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 
+if TYPE_CHECKING:
+    from bev_preheat.arrays import FloatArray
 
-def vary(random, steps, mean, variability):
+
+def vary(random: np.random.Generator, steps: int, mean: float, variability: float) -> FloatArray:
     """
     Return a positive series that wanders about its mean, as traffic does, shape (steps,).
 

@@ -1,12 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
 """What is usual for cells of a chemistry; the figures and their sources stand in chemistry.yaml."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import yaml
+
+if TYPE_CHECKING:
+    from bev_preheat.arrays import FloatArray
+    from bev_preheat.checked_yaml import FileData
 
 CHEMISTRIES = ('nmc', 'lfp')
 FIGURES = Path(__file__).with_name('chemistry.yaml')
@@ -16,10 +23,10 @@ FIGURES = Path(__file__).with_name('chemistry.yaml')
 class Shares:
     """Power as a share of the most, a product over state of charge and temperature."""
 
-    soc: tuple
-    soc_share: tuple
-    temperature_c: tuple
-    temperature_share: tuple
+    soc: tuple[float, ...]
+    soc_share: tuple[float, ...]
+    temperature_c: tuple[float, ...]
+    temperature_share: tuple[float, ...]
     source: str
 
 
@@ -27,11 +34,11 @@ class Shares:
 class CellVoltage:
     """Open-circuit voltage of a cell [V] over its state of charge."""
 
-    soc: tuple
-    voltage_v: tuple
+    soc: tuple[float, ...]
+    voltage_v: tuple[float, ...]
     source: str
 
-    def at(self, soc):
+    def at(self, soc: FloatArray) -> FloatArray:
         """Return the voltage [V]; shape follows the input."""
         return np.interp(soc, self.soc, self.voltage_v)
 
@@ -46,14 +53,14 @@ class CellResistance:
 
     specific_resistance_ohm_ah: float
     source: str
-    temperature_c: tuple
-    temperature_factor: tuple
+    temperature_c: tuple[float, ...]
+    temperature_factor: tuple[float, ...]
     temperature_source: str
-    soc: tuple
-    soc_factor: tuple
+    soc: tuple[float, ...]
+    soc_factor: tuple[float, ...]
     soc_source: str
 
-    def soc_factor_at(self, soc):
+    def soc_factor_at(self, soc: FloatArray) -> FloatArray:
         """Return the factor at a state of charge of the cell; shape follows the input."""
         return np.interp(soc, self.soc, self.soc_factor)
 
@@ -63,9 +70,9 @@ class Chemistry:
     """Figures of chemistry.yaml, with their units in the names."""
 
     nominal_cell_voltage_v: float
-    nominal_cell_voltage_range_v: tuple
+    nominal_cell_voltage_range_v: tuple[float, float]
     energy_density_wh_per_kg: float
-    energy_density_range_wh_per_kg: tuple
+    energy_density_range_wh_per_kg: tuple[float, float]
     energy_density_source: str
     usable_share: float
     usable_share_source: str
@@ -78,7 +85,7 @@ class Chemistry:
 
 
 @cache
-def load_chemistry(name):
+def load_chemistry(name: str) -> Chemistry:
     """Return the Chemistry of one of CHEMISTRIES."""
     figures = dict(yaml.safe_load(FIGURES.read_text(encoding='utf-8'))[name])
     for key, kind in (('open_circuit_voltage', CellVoltage), ('resistance', CellResistance),
@@ -87,6 +94,6 @@ def load_chemistry(name):
     return Chemistry(**_frozen(figures))
 
 
-def _frozen(figures):
+def _frozen(figures: dict[str, FileData]) -> dict[str, FileData]:
     return {key: tuple(value) if isinstance(value, list) else value
             for key, value in figures.items()}

@@ -7,9 +7,9 @@ at once, see `estimation`); the vehicle that comes of it serves the arithmetic o
 """
 
 from dataclasses import dataclass, replace
-from typing import Any
 
-from bev_preheat.vehicle.description import Leakage
+from bev_preheat.arithmetic import AnyNumber, Arithmetic, Curve, CurveFunction, Number
+from bev_preheat.vehicle.description import Leakage, Vehicle
 
 
 @dataclass(frozen=True)
@@ -20,26 +20,26 @@ class Corrections:
     1 is what the file says. Floats, or arrays of one shape.
     """
 
-    heat_capacity: Any = 1.0
-    leakage: Any = 1.0
-    resistance: Any = 1.0
-    heater_efficiency: Any = 1.0
+    heat_capacity: AnyNumber = 1.0
+    leakage: AnyNumber = 1.0
+    resistance: AnyNumber = 1.0
+    heater_efficiency: AnyNumber = 1.0
 
 
 @dataclass(frozen=True)
 class ScaledCurve:
     """A curve of `vehicle.curves` times a factor."""
 
-    curve: Any
-    factor: Any
+    curve: Curve
+    factor: AnyNumber
 
-    def function(self, arithmetic):
+    def function(self, arithmetic: Arithmetic[Number]) -> CurveFunction[Number]:
         """`f(soc, temperature_c)`, for the given kind of number."""
         value, factor = self.curve.function(arithmetic), self.factor
         return lambda soc, temperature_c: factor * value(soc, temperature_c)
 
 
-def corrected_vehicle(vehicle, corrections):
+def corrected_vehicle(vehicle: Vehicle, corrections: Corrections) -> Vehicle:
     """Return the Vehicle whose quantities are those of `vehicle` times the Corrections."""
     battery, leakage = vehicle.battery, vehicle.battery.leakage
     return replace(

@@ -7,12 +7,19 @@ symbols. State of charge is 0 ... 1, temperature in degrees Celsius; the unit of
 of the curve (V, ohm, W).
 """
 
+from __future__ import annotations
+
 from bisect import bisect_right
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.arithmetic import ARRAYS, FLOATS, SATURATING_FLOATS
+from bev_preheat.arithmetic import AnyNumber, Arithmetic, ARRAYS, CurveFunction, FLOATS, Number, SATURATING_FLOATS
+
+if TYPE_CHECKING:
+    from bev_preheat.arrays import FloatArray
 
 # ln(soc) has no value at an empty battery; below this state of charge the voltage stays level.
 LOWEST_SOC_IN_LOGARITHM = 1e-3
@@ -22,20 +29,20 @@ LOWEST_SOC_IN_LOGARITHM = 1e-3
 class PolynomialVoltage:
     """Open-circuit voltage [V]: c0 + c1 s + c2 s^2 + c3 s^3 + log_soc ln(s), s = state of charge."""
 
-    coefficients_v: tuple
+    coefficients_v: tuple[float, ...]
     log_soc_v: float = 0.0
 
-    def function(self, arithmetic):
+    def function(self, arithmetic: Arithmetic[Number]) -> CurveFunction[Number]:
         """`f(soc, temperature_c)` [V] for the given kind of number."""
         c0, c1, c2, c3 = (tuple(self.coefficients_v) + (0.0,) * 3)[:4]
         log_soc_v, log, maximum = self.log_soc_v, arithmetic.log, arithmetic.maximum
         share = arithmetic.share
 
-        def polynomial(soc, temperature_c):
+        def polynomial(soc: Number, temperature_c: Number) -> Number:
             soc = share(soc)
             return c0 + soc * (c1 + soc * (c2 + soc * c3))
 
-        def polynomial_and_logarithm(soc, temperature_c):
+        def polynomial_and_logarithm(soc: Number, temperature_c: Number) -> Number:
             soc = share(soc)
             return (c0 + soc * (c1 + soc * (c2 + soc * c3))
                     + log_soc_v * log(maximum(soc, LOWEST_SOC_IN_LOGARITHM)))
@@ -50,11 +57,11 @@ class InverseTemperatureResistance:
     k_ohm_k: float
     reference_temperature_c: float
 
-    def function(self, arithmetic):
+    def function(self, arithmetic: Arithmetic[Number]) -> CurveFunction[Number]:
         """`f(soc, temperature_c)` [ohm], for temperature_c > -reference_temperature_c."""
         k_ohm_k, reference_temperature_c = self.k_ohm_k, self.reference_temperature_c
 
-        def resistance(soc, temperature_c):
+        def resistance(soc: Number, temperature_c: Number) -> Number:
             return k_ohm_k / (temperature_c + reference_temperature_c)
 
         return resistance
@@ -69,11 +76,11 @@ class Table:
     not depend on it. `values[i][j]` belongs to soc[i] and temperature_c[j].
     """
 
-    soc: tuple
-    temperature_c: tuple
-    values: tuple
+    soc: tuple[float, ...]
+    temperature_c: tuple[float, ...]
+    values: tuple[tuple[float, ...], ...]
 
-    def function(self, arithmetic):
+    def function(self, arithmetic: Arithmetic[Number]) -> CurveFunction[Number]:
         """`f(soc, temperature_c)`, bilinear, for the given kind of number."""
         if arithmetic is FLOATS or arithmetic is SATURATING_FLOATS:
             return self._function_of_floats()
@@ -83,16 +90,16 @@ class Table:
             return arithmetic.opaque(self._function_of_floats())
         return self._function_of_weights(arithmetic)
 
-    def _function_of_weights(self, arithmetic):
+    def _function_of_weights(self, arithmetic: Arithmetic[AnyNumber]) -> CurveFunction[AnyNumber]:
         """For symbols: no branches, each axis as a weight for each of its points."""
         soc_axis, temperature_axis, values = self.soc, self.temperature_c, self.values
 
-        def lookup(soc, temperature_c):
+        def lookup(soc: AnyNumber, temperature_c: AnyNumber) -> AnyNumber:
             soc_weights = _hat_weights(soc_axis, soc, arithmetic)
             temperature_weights = _hat_weights(temperature_axis, temperature_c, arithmetic)
-            total = 0.0
+            total: AnyNumber = 0.0
             for row, soc_weight in zip(values, soc_weights):
-                along_row = 0.0
+                along_row: AnyNumber = 0.0
                 for value, weight in zip(row, temperature_weights):
                     along_row = along_row + value * weight
                 total = total + soc_weight * along_row
@@ -100,11 +107,11 @@ class Table:
 
         return lookup
 
-    def _function_of_arrays(self):
+    def _function_of_arrays(self) -> CurveFunction[AnyNumber]:
         soc_axis, temperature_axis = np.array(self.soc), np.array(self.temperature_c)
         values, columns = np.array(self.values).ravel(), len(self.temperature_c)
 
-        def lookup(soc, temperature_c):
+        def lookup(soc: FloatArray, temperature_c: FloatArray) -> FloatArray:
             i, next_i, a = _cell(soc_axis, soc)
             j, next_j, b = _cell(temperature_axis, temperature_c)
             low, high = columns * i, columns * next_i
@@ -112,11 +119,12 @@ class Table:
             at_low = at_low + b * (values.take(low + next_j) - at_low)
             at_high = values.take(high + j)
             at_high = at_high + b * (values.take(high + next_j) - at_high)
-            return at_low + a * (at_high - at_low)
+            value: FloatArray = at_low + a * (at_high - at_low)
+            return value
 
         return lookup
 
-    def _function_of_floats(self):
+    def _function_of_floats(self) -> CurveFunction[AnyNumber]:
         soc_axis, temperature_axis, values = self.soc, self.temperature_c, self.values
         if len(soc_axis) == 1 and len(temperature_axis) == 1:
             constant = values[0][0]
@@ -132,7 +140,7 @@ class Table:
         temperature_low, temperature_high = temperature_axis[0], temperature_axis[-1]
         last_row, last_column = len(soc_axis) - 2, len(temperature_axis) - 2
 
-        def lookup(soc, temperature_c):
+        def lookup(soc: float, temperature_c: float) -> float:
             soc = soc_low if soc < soc_low else soc_high if soc > soc_high else soc
             temperature_c = (temperature_low if temperature_c < temperature_low else
                              temperature_high if temperature_c > temperature_high else
@@ -149,13 +157,13 @@ class Table:
         return lookup
 
 
-def _line(axis, values):
+def _line(axis: Sequence[float], values: Sequence[float]) -> Callable[[float], float]:
     """Piecewise linear function of one float, level beyond its ends."""
     slopes = [(v1 - v0) / (x1 - x0)
               for x0, x1, v0, v1 in zip(axis, axis[1:], values, values[1:])]
     low, high, first, last = axis[0], axis[-1], values[0], values[-1]
 
-    def line(x):
+    def line(x: float) -> float:
         if x <= low:
             return first
         if x >= high:
@@ -166,7 +174,7 @@ def _line(axis, values):
     return line
 
 
-def _cell(axis, x):
+def _cell(axis: FloatArray, x: FloatArray) -> tuple[AnyNumber, AnyNumber, AnyNumber]:
     """Index of the axis point below each x, of the one above, and how far x is between them."""
     if len(axis) == 1:
         return 0, 0, 0.0
@@ -176,7 +184,8 @@ def _cell(axis, x):
     return below, below + 1, position - below
 
 
-def _hat_weights(axis, x, arithmetic):
+def _hat_weights(axis: Sequence[float], x: AnyNumber,
+                 arithmetic: Arithmetic[AnyNumber]) -> list[AnyNumber]:
     """Weight of each axis point at x: 1 at the point, falling linearly to 0 at its neighbours."""
     if len(axis) == 1:
         return [1.0]

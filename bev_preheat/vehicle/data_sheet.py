@@ -6,6 +6,7 @@ Typed units are the main risk, so each refusal says what was given, what is plau
 power of ten explains it, which unit was meant.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass, fields
 from difflib import get_close_matches
 
@@ -26,10 +27,10 @@ class Quantity:
 
     option: str
     unit: str
-    plausible: tuple
-    confusions: tuple = ()
+    plausible: tuple[float, float]
+    confusions: tuple[tuple[float, str], ...] = ()
 
-    def problem_with(self, value):
+    def problem_with(self, value: float) -> str | None:
         """Return a sentence on what is wrong with a value, None if nothing is."""
         low, high = self.plausible
         if low <= value <= high:
@@ -97,15 +98,15 @@ class DataSheet:
     frontal_area_m2: float | None = None
     rolling_resistance: float | None = None
     # (name of a figure, where it comes from); a text that begins with "assumed" says that it is.
-    sources: tuple = ()
+    sources: tuple[tuple[str, str], ...] = ()
 
     @property
-    def tells_road_load(self):
+    def tells_road_load(self) -> bool:
         """Whether anything is told of mass, air and rolling resistance."""
         return any(getattr(self, name) is not None for name in ROAD_LOAD)
 
 
-def check_data_sheet(sheet):
+def check_data_sheet(sheet: DataSheet) -> None:
     """
     Raise InvalidInput, one sentence a problem, where a DataSheet cannot be that of a car.
 
@@ -130,14 +131,14 @@ def check_data_sheet(sheet):
         raise InvalidInput(problems)
 
 
-def _problems_with_name(name):
+def _problems_with_name(name: str) -> list[str]:
     if 1 <= len(name) <= 100 and name.isprintable() and name.strip() == name:
         return []
     return [f'--name: {name[:60]!r} is not allowed; it must have 1 ... 100 printable characters and '
             'no space at its ends']
 
 
-def _missing(sheet):
+def _missing(sheet: DataSheet) -> Iterator[str]:
     if sheet.usable_energy_kwh is None and sheet.gross_energy_kwh is None:
         yield ('--usable-energy-kwh or --gross-energy-kwh is needed: what the driver can use, or what '
                'all cells hold (both, if the data sheet has both)')
@@ -148,7 +149,7 @@ def _missing(sheet):
                '--rolling-resistance is given')
 
 
-def _sources_of_nothing(sheet):
+def _sources_of_nothing(sheet: DataSheet) -> Iterator[str]:
     for name, text in sheet.sources:
         option = f'--{name.replace("_", "-")}'
         if name not in QUANTITIES:
@@ -161,7 +162,7 @@ def _sources_of_nothing(sheet):
             yield f'--source: {option} has no text'
 
 
-def _inconsistent_battery(sheet):
+def _inconsistent_battery(sheet: DataSheet) -> Iterator[str]:
     usable_kwh, gross_kwh = sheet.usable_energy_kwh, sheet.gross_energy_kwh
     if usable_kwh is not None and gross_kwh is not None:
         if usable_kwh > gross_kwh:
@@ -183,7 +184,7 @@ def _inconsistent_battery(sheet):
                    f'{high_v * sheet.cells_in_series:.0f} V. Cells in parallel do not count')
 
 
-def _inconsistent_powers(sheet):
+def _inconsistent_powers(sheet: DataSheet) -> Iterator[str]:
     energy_kwh, option = energy_of(sheet)
     low, high = (round(rate * energy_kwh) for rate in CHARGING_RATE_RANGE_PER_H)
     if not low <= sheet.charging_power_kw <= high:
@@ -200,7 +201,7 @@ def _inconsistent_powers(sheet):
                f'{heater_kw:g} kW for the battery; both draw from one heater')
 
 
-def _inconsistent_masses(sheet):
+def _inconsistent_masses(sheet: DataSheet) -> Iterator[str]:
     energy_kwh, option = energy_of(sheet)
     mass_kg = sheet.battery_mass_kg
     if mass_kg is not None:
@@ -218,8 +219,9 @@ def _inconsistent_masses(sheet):
                    f'is implausible; it must be at least {least_kg} kg, battery included')
 
 
-def energy_of(sheet):
+def energy_of(sheet: DataSheet) -> tuple[float, str]:
     """Return (energy [kWh], option): the gross energy where it is told, else the usable one."""
     if sheet.gross_energy_kwh is not None:
         return sheet.gross_energy_kwh, '--gross-energy-kwh'
+    assert sheet.usable_energy_kwh is not None
     return sheet.usable_energy_kwh, '--usable-energy-kwh'

@@ -5,13 +5,20 @@ A car from its data sheet: each value of a vehicle file, with where it comes fro
 What the data sheet does not tell comes from `chemistry.yaml` or is assumed here, and marked so.
 """
 
+from __future__ import annotations
+
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.vehicle.chemistry import load_chemistry
-from bev_preheat.vehicle.data_sheet import check_data_sheet, energy_of
+from bev_preheat.vehicle.chemistry import Chemistry, load_chemistry, Shares
+from bev_preheat.vehicle.data_sheet import check_data_sheet, DataSheet, energy_of
+
+if TYPE_CHECKING:
+    from bev_preheat.arrays import FloatArray
+    from bev_preheat.checked_yaml import FileData
 
 WH_PER_KWH = 1000.0
 W_PER_KW = 1000.0
@@ -42,7 +49,7 @@ RESISTANCE_SOC = (0.0, 0.05, 0.1, 0.2, 0.5, 1.0)
 class Entry:
     """A value of a vehicle file, where it comes from, and whether it is assumed."""
 
-    value: Any
+    value: FileData
     note: str
     assumed: bool = False
 
@@ -55,21 +62,21 @@ class Pack:
     gross_energy_kwh: float
     mass_kg: float
     # The window of the cells' state of charge that the car shows as 0 ... 1.
-    cell_soc: tuple
+    cell_soc: tuple[float, float]
     capacity_ah: float
 
     @property
-    def cell_capacity_ah(self):
+    def cell_capacity_ah(self) -> float:
         """Capacity of all cells in parallel [Ah], from empty to full."""
         return self.capacity_ah / (self.cell_soc[1] - self.cell_soc[0])
 
-    def cell_soc_at(self, soc):
+    def cell_soc_at(self, soc: Sequence[float]) -> FloatArray:
         """State of charge of the cells at one that the car shows; shape follows the input."""
         low, high = self.cell_soc
         return low + (high - low) * np.asarray(soc)
 
 
-def describe_car(sheet):
+def describe_car(sheet: DataSheet) -> dict[str, Entry]:
     """
     Return the entries of a vehicle file by key, for a DataSheet.
 
@@ -79,7 +86,7 @@ def describe_car(sheet):
     return {**_battery(sheet), **_drivetrain(sheet), **_heater(sheet), **_road_load(sheet)}
 
 
-def _battery(sheet):
+def _battery(sheet: DataSheet) -> dict[str, Entry]:
     chemistry = load_chemistry(sheet.chemistry)
     pack, notes = _pack(sheet, chemistry)
     heat_capacity = (CELL_SHARE_OF_PACK_MASS * chemistry.cell_heat_capacity_j_per_kg_k
@@ -136,11 +143,13 @@ def _battery(sheet):
     }
 
 
-def _pack(sheet, chemistry):
+def _pack(sheet: DataSheet, chemistry: Chemistry) -> tuple[Pack, dict[str, str]]:
     """Return (Pack, notes: where its energy, cells and mass come from)."""
     usable_kwh, gross_kwh, notes = sheet.usable_energy_kwh, sheet.gross_energy_kwh, {}
     share = f'{chemistry.usable_share:.0%} usable ({chemistry.usable_share_source})'
+    # check_data_sheet has seen that one of the energies is given, and voltage or number of cells.
     if usable_kwh is None:
+        assert gross_kwh is not None
         usable_kwh = chemistry.usable_share * gross_kwh
         notes['energy'] = (f'{usable_kwh:.1f} kWh usable: {gross_kwh:g} kWh gross '
                            f'({_origin(sheet, "gross_energy_kwh")}), {share}')
@@ -153,6 +162,7 @@ def _pack(sheet, chemistry):
                            f'{gross_kwh:g} kWh gross ({_origin(sheet, "gross_energy_kwh")})')
     cells, notes['cells'] = sheet.cells_in_series, _origin(sheet, 'cells_in_series')
     if cells is None:
+        assert sheet.nominal_voltage_v is not None
         cells = round(sheet.nominal_voltage_v / chemistry.nominal_cell_voltage_v)
         notes['cells'] = (f'{sheet.nominal_voltage_v:g} V ({_origin(sheet, "nominal_voltage_v")}) at '
                           f'{chemistry.nominal_cell_voltage_v:g} V a cell')
@@ -173,13 +183,13 @@ def _pack(sheet, chemistry):
                 round(WH_PER_KWH * usable_kwh / mean_v, 3)), notes
 
 
-def _voltage_table(pack, chemistry):
+def _voltage_table(pack: Pack, chemistry: Chemistry) -> dict[str, FileData]:
     cell_v = chemistry.open_circuit_voltage.at(pack.cell_soc_at(VOLTAGE_SOC))
     return {'soc': list(VOLTAGE_SOC),
             'values': [round(float(pack.cells_in_series * value), 2) for value in cell_v]}
 
 
-def _resistance_table(pack, chemistry):
+def _resistance_table(pack: Pack, chemistry: Chemistry) -> dict[str, FileData]:
     cell = chemistry.resistance
     half_ohm = pack.cells_in_series * cell.specific_resistance_ohm_ah / pack.cell_capacity_ah
     factors = cell.soc_factor_at(pack.cell_soc_at(RESISTANCE_SOC))
@@ -188,7 +198,7 @@ def _resistance_table(pack, chemistry):
                         for factor in cell.temperature_factor] for soc_factor in factors]}
 
 
-def _power_table(pack, shares, most_w):
+def _power_table(pack: Pack, shares: Shares, most_w: float) -> dict[str, FileData]:
     return {'soc': list(map(float, shares.soc)),
             'temperature_c': list(map(float, shares.temperature_c)),
             # + 0.0: no -0 in the file.
@@ -196,7 +206,7 @@ def _power_table(pack, shares, most_w):
                        for soc_share in shares.soc_share]}
 
 
-def _drive_kw(sheet):
+def _drive_kw(sheet: DataSheet) -> tuple[float, str]:
     """Return (power of the drivetrain [kW], note)."""
     if sheet.drive_power_kw is not None:
         return sheet.drive_power_kw, _origin(sheet, 'drive_power_kw')
@@ -206,13 +216,13 @@ def _drive_kw(sheet):
             f'assumed: {DRIVE_KW_PER_KWH:g} kW for each kWh of the battery')
 
 
-def _discharge_kw(sheet, pack):
+def _discharge_kw(sheet: DataSheet, pack: Pack) -> float:
     heater_kw = HEATER_KW if sheet.heater_power_kw is None else sheet.heater_power_kw
     auxiliary_kw = AUXILIARY_KW if sheet.auxiliary_power_kw is None else sheet.auxiliary_power_kw
     return DISCHARGE_RESERVE * _drive_kw(sheet)[0] + heater_kw + auxiliary_kw
 
 
-def _drivetrain(sheet):
+def _drivetrain(sheet: DataSheet) -> dict[str, Entry]:
     drive_kw, note = _drive_kw(sheet)
     regeneration_kw = sheet.regeneration_power_kw
     regeneration_note = _origin(sheet, 'regeneration_power_kw')
@@ -236,7 +246,7 @@ def _drivetrain(sheet):
     }
 
 
-def _heater(sheet):
+def _heater(sheet: DataSheet) -> dict[str, Entry]:
     heater_kw = HEATER_KW if sheet.heater_power_kw is None else sheet.heater_power_kw
     cabin_kw = min(MOST_CABIN_KW, round(CABIN_SHARE * heater_kw, 2))
     return {
@@ -259,7 +269,7 @@ def _heater(sheet):
     }
 
 
-def _road_load(sheet):
+def _road_load(sheet: DataSheet) -> dict[str, Entry]:
     if not sheet.tells_road_load:
         return {}
     return {
@@ -276,23 +286,24 @@ def _road_load(sheet):
     }
 
 
-def _origin(sheet, name):
+def _origin(sheet: DataSheet, name: str) -> str:
     """Return where a figure that is given comes from, as text."""
     text = dict(sheet.sources).get(name, 'given')
     return text if text == 'given' or _is_guessed(sheet, name) else f'source: {text}'
 
 
-def _is_guessed(sheet, name):
+def _is_guessed(sheet: DataSheet, name: str) -> bool:
     return dict(sheet.sources).get(name, '').startswith('assumed')
 
 
-def _given_or_assumed(sheet, name, otherwise, why, scale=1.0):
+def _given_or_assumed(sheet: DataSheet, name: str, otherwise: float, why: str,
+                      scale: float = 1.0) -> Entry:
     given = getattr(sheet, name)
     if given is not None:
         return Entry(_plain(scale * given), _origin(sheet, name), _is_guessed(sheet, name))
     return Entry(_plain(scale * otherwise), f'assumed: {why}', assumed=True)
 
 
-def _plain(value):
+def _plain(value: float) -> float:
     """Return a product of decimal figures without the rounding of its last binary digit."""
     return float(f'{value:.10g}')

@@ -7,7 +7,8 @@ Made from a YAML file by `vehicle.loading`, which checks it; nothing is checked 
 
 from dataclasses import dataclass
 from math import inf
-from typing import Any
+
+from bev_preheat.arithmetic import Curve, Number
 
 
 @dataclass(frozen=True)
@@ -17,7 +18,7 @@ class Leakage:
     gamma_0_w_per_k: float
     gamma_v_w_per_k_per_mps: float
 
-    def coefficient_w_per_k(self, speed_mps):
+    def coefficient_w_per_k(self, speed_mps: Number) -> Number:
         """Gamma of eq. (3) [W/K] at a speed [m/s]; shape follows the input."""
         return self.gamma_0_w_per_k + self.gamma_v_w_per_k_per_mps * speed_mps
 
@@ -34,17 +35,17 @@ class Battery:
 
     capacity_ah: float
     heat_capacity_j_per_k: float
-    open_circuit_voltage: Any
-    resistance: Any
-    discharge_power_limit: Any
-    charge_power_limit: Any
+    open_circuit_voltage: Curve
+    resistance: Curve
+    discharge_power_limit: Curve
+    charge_power_limit: Curve
     leakage: Leakage
-    soc_range: tuple
-    temperature_range_c: tuple
+    soc_range: tuple[float, float]
+    temperature_range_c: tuple[float, float]
     cells_in_series: int | None = None
 
     @property
-    def capacity_as(self):
+    def capacity_as(self) -> float:
         """C_b [A s]."""
         return 3600.0 * self.capacity_ah
 
@@ -64,11 +65,11 @@ class Drivetrain:
     maximum_regeneration_power_w: float = inf
 
     @property
-    def heat_share(self):
+    def heat_share(self) -> float:
         """Part of the magnitude of the propulsion power that reaches the battery as heat."""
         return self.heat_recovery_efficiency * (1.0 - self.efficiency)
 
-    def heat_to_battery_w(self, propulsion_power_w):
+    def heat_to_battery_w(self, propulsion_power_w: Number) -> Number:
         """
         Q_ed of eq. (5) [W]; shape follows the input.
 
@@ -121,4 +122,4 @@ class Vehicle:
     hvch: Hvch
     defaults: Defaults
     road_load: RoadLoad | None = None
-    assumed: tuple = ()
+    assumed: tuple[str, ...] = ()

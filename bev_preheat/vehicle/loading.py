@@ -1,18 +1,25 @@
 # SPDX-License-Identifier: Apache-2.0
 """Makes a Vehicle from a YAML file, and refuses files that cannot be one."""
 
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from difflib import get_close_matches
 from hashlib import sha256
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.arithmetic import ARRAYS
-from bev_preheat.checked_yaml import load_checked_yaml
+from bev_preheat.arithmetic import ARRAYS, Curve
+from bev_preheat.checked_yaml import FileData, load_checked_yaml
 from bev_preheat.configuration import find_configuration
 from bev_preheat.errors import InvalidInput, quoted
 from bev_preheat.vehicle.curves import InverseTemperatureResistance, PolynomialVoltage, Table
 from bev_preheat.vehicle.description import Battery, Defaults, Drivetrain, Hvch, Leakage, RoadLoad, Vehicle
+
+if TYPE_CHECKING:
+    from bev_preheat.arrays import FloatArray
 
 SCHEMA = Path(__file__).with_name('schema.yaml')
 
@@ -27,7 +34,7 @@ DISCHARGE_RANGE_W = (0.0, 2e6)
 CHARGE_RANGE_W = (-2e6, 0.0)
 
 
-def load_vehicle(name_or_file):
+def load_vehicle(name_or_file: str | Path) -> Vehicle:
     """
     Return the Vehicle of a name (a file in config/vehicles) or of a YAML file.
 
@@ -67,7 +74,7 @@ def load_vehicle(name_or_file):
             f'cools within {time_constant_s:.1f} s; it must be at least '
             f'{LEAST_TIME_CONSTANT_S:g} s')
 
-    def curve(key, formula):
+    def curve(key: str, formula: Callable[..., Curve]) -> Curve:
         node = battery[key]
         if 'formula' in node:
             return formula(**node['formula'])
@@ -101,8 +108,8 @@ def load_vehicle(name_or_file):
             discharge_power_limit=discharge,
             charge_power_limit=charge,
             leakage=leakage,
-            soc_range=tuple(map(float, battery['soc_range'])),
-            temperature_range_c=tuple(map(float, battery['temperature_range_c'])),
+            soc_range=_pair(battery['soc_range']),
+            temperature_range_c=_pair(battery['temperature_range_c']),
             cells_in_series=battery.get('cells_in_series')),
         drivetrain=Drivetrain(**_floats(drivetrain)),
         hvch=Hvch(**_floats(contents['hvch'])),
@@ -111,17 +118,17 @@ def load_vehicle(name_or_file):
         assumed=tuple(contents.get('assumed', ())))
 
 
-def vehicle_file(name_or_file):
+def vehicle_file(name_or_file: str | Path) -> Path:
     """Return the path of a vehicle file; raise InvalidInput where there is none."""
     return find_configuration('vehicles', name_or_file, '.yaml')
 
 
-def vehicle_fingerprint(name_or_file):
+def vehicle_fingerprint(name_or_file: str | Path) -> str:
     """Return the SHA-256 of a vehicle file's bytes, as text; the file is one that was loaded."""
     return sha256(vehicle_file(name_or_file).read_bytes()).hexdigest()
 
 
-def _keys_that_are_not_there(contents):
+def _keys_that_are_not_there(contents: dict[str, FileData]) -> Iterator[str]:
     """Sentences on entries of `assumed` that name no value of the file."""
     keys = _keys({name: node for name, node in contents.items() if name != 'assumed'})
     for index, key in enumerate(contents.get('assumed', ())):
@@ -132,7 +139,7 @@ def _keys_that_are_not_there(contents):
         yield f'assumed[{index}]: {quoted(key)} is no key of this file; {hint}'
 
 
-def _keys(node, above=''):
+def _keys(node: dict[str, FileData], above: str = '') -> list[str]:
     """All keys of nested mappings, dotted, in their order; those of tables and formulas too."""
     found = []
     for name, item in node.items():
@@ -142,15 +149,21 @@ def _keys(node, above=''):
     return found
 
 
-def _floats(node):
+def _pair(values: FileData) -> tuple[float, float]:
+    low, high = values
+    return float(low), float(high)
+
+
+def _floats(node: dict[str, FileData]) -> dict[str, float]:
     return {key: float(value) for key, value in node.items()}
 
 
-def _polynomial_voltage(polynomial_v, log_soc_v=0.0):
+def _polynomial_voltage(polynomial_v: Iterable[float],
+                        log_soc_v: float = 0.0) -> PolynomialVoltage:
     return PolynomialVoltage(tuple(map(float, polynomial_v)), float(log_soc_v))
 
 
-def _table(key, node, problems):
+def _table(key: str, node: dict[str, FileData], problems: list[str]) -> Table:
     """Table of a checked node; what is wrong with its axes and its shape goes to problems."""
     axes = {}
     for axis in ('soc', 'temperature_c'):
@@ -174,21 +187,22 @@ def _table(key, node, problems):
                  values=tuple(tuple(map(float, row)) for row in rows))
 
 
-def _grid(battery, curve):
+def _grid(battery: dict[str, FileData], curve: Curve) -> tuple[FloatArray, FloatArray]:
     """Points (soc, temperature) over the whole range in which the model is used."""
     return np.meshgrid(_points(battery['soc_range'], getattr(curve, 'soc', ())),
                        _points(battery['temperature_range_c'],
                                getattr(curve, 'temperature_c', ())), indexing='ij')
 
 
-def _points(limits, axis):
+def _points(limits: tuple[float, float], axis: Sequence[float]) -> FloatArray:
     # A table's extremes lie at its own points, which an even grid can step over.
     low, high = limits
     return np.unique(np.concatenate((
         np.linspace(low, high, 41), [point for point in axis if low < point < high])))
 
 
-def _values_outside(key, curve, grid, allowed, unit):
+def _values_outside(key: str, curve: Curve, grid: tuple[FloatArray, FloatArray],
+                    allowed: tuple[float, float], unit: str) -> Iterator[str]:
     soc, temperature_c = grid
     with np.errstate(all='ignore'):
         values = curve.function(ARRAYS)(soc, temperature_c) + np.zeros_like(soc)
@@ -200,7 +214,7 @@ def _values_outside(key, curve, grid, allowed, unit):
                f'{unit} over the whole soc_range and temperature_range_c')
 
 
-def _voltage_that_falls(curve, grid):
+def _voltage_that_falls(curve: Curve, grid: tuple[FloatArray, FloatArray]) -> Iterator[str]:
     soc, temperature_c = grid
     values = curve.function(ARRAYS)(soc, temperature_c) + np.zeros_like(soc)
     falling = np.diff(values, axis=0) < 0.0

@@ -1,12 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a vehicle file means: figures that a person can compare with a car, and what is unusual."""
 
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 import math
+from typing import Any, TYPE_CHECKING, TypeVar
 
 import numpy as np
 
 from bev_preheat.arithmetic import ARRAYS, FLOATS
+
+if TYPE_CHECKING:
+    from bev_preheat.arrays import FloatArray
+    from bev_preheat.vehicle.description import Battery, Vehicle
 
 WH_PER_KWH = 1000.0
 W_PER_KW = 1000.0
@@ -38,6 +46,8 @@ MOST_COLD_CHARGING_SHARE = 0.5
 LEAST_DISCHARGE_SHARE = 0.8
 FAST_LEAKAGE_RATIO = 8.0
 
+Value = TypeVar('Value')
+
 
 @dataclass(frozen=True)
 class Meaning:
@@ -53,11 +63,11 @@ class Meaning:
     name: str
     energy_kwh: float
     nominal_voltage_v: float
-    cells_in_series: int
+    cells_in_series: int | None
     capacity_ah: float
     heat_capacity_kj_per_k: float
     heat_capacity_kj_per_k_kwh: float
-    resistance_ohm: dict
+    resistance_ohm: dict[float, float]
     one_hour_drop: float
     time_constant_h: float
     time_constant_at_100_kmh_h: float
@@ -65,14 +75,14 @@ class Meaning:
     heating_at_rest_k_per_10_min: float
     heating_at_100_kmh_k_per_10_min: float
     heating_beside_cabin_k_per_10_min: float
-    charging_power_kw: dict
+    charging_power_kw: dict[float, dict[float, float]]
     most_charging_power_kw: float
-    discharging_power_kw: dict
-    open_circuit_voltage_v: dict
-    assumed: tuple
-    warnings: tuple
+    discharging_power_kw: dict[float, float]
+    open_circuit_voltage_v: dict[float, float]
+    assumed: tuple[str, ...]
+    warnings: tuple[str, ...]
 
-    def as_dictionary(self):
+    def as_dictionary(self) -> dict[str, Any]:
         """Return the figures as JSON holds them: texts as keys, lists."""
         values = asdict(self)
         for name in ('resistance_ohm', 'discharging_power_kw', 'open_circuit_voltage_v'):
@@ -82,7 +92,7 @@ class Meaning:
         return {**values, 'assumed': list(self.assumed), 'warnings': list(self.warnings)}
 
 
-def meaning_of(vehicle):
+def meaning_of(vehicle: Vehicle) -> Meaning:
     """Return the Meaning of a Vehicle."""
     battery, heater = vehicle.battery, vehicle.hvch
     energy_kwh = energy_between_kwh(vehicle, *battery.soc_range)
@@ -99,7 +109,7 @@ def meaning_of(vehicle):
     all_w, left_w = heater.maximum_power_w, max(
         heater.maximum_power_w - vehicle.defaults.cabin_heating_power_w, 0.0)
     heat_capacity_kj = battery.heat_capacity_j_per_k / JOULES_PER_KJ
-    figures = {
+    figures: dict[str, Any] = {
         'name': vehicle.name,
         'energy_kwh': energy_kwh,
         'nominal_voltage_v': nominal_v,
@@ -133,7 +143,8 @@ def meaning_of(vehicle):
     return Meaning(**figures, warnings=tuple(_unusual(vehicle, figures)))
 
 
-def energy_between_kwh(vehicle, low_soc, high_soc, temperature_c=25.0):
+def energy_between_kwh(vehicle: Vehicle, low_soc: float, high_soc: float,
+                       temperature_c: float = 25.0) -> float:
     """Energy of the open-circuit voltage [kWh] between two states of charge: integral of U dQ."""
     battery = vehicle.battery
     # Midpoints of a fine grid: exact to a hundred-thousandth for tables and formulas alike.
@@ -144,8 +155,9 @@ def energy_between_kwh(vehicle, low_soc, high_soc, temperature_c=25.0):
     return float(voltage_v.mean() * battery.capacity_ah * (high_soc - low_soc) / WH_PER_KWH)
 
 
-def warmed_by_k(vehicle, heater_w, leakage_w_per_k, from_c=HEATED_FROM_C, ambient_c=AMBIENT_C,
-                duration_s=TEN_MINUTES_S):
+def warmed_by_k(vehicle: Vehicle, heater_w: float, leakage_w_per_k: float,
+                from_c: float = HEATED_FROM_C, ambient_c: float = AMBIENT_C,
+                duration_s: float = TEN_MINUTES_S) -> float:
     """
     Return by how many K the battery warms with constant heater power [W] and leakage [W/K].
 
@@ -160,25 +172,25 @@ def warmed_by_k(vehicle, heater_w, leakage_w_per_k, from_c=HEATED_FROM_C, ambien
     return initial_w / leakage_w_per_k * -math.expm1(-leakage_w_per_k * duration_s / capacity)
 
 
-def _time_constant_h(battery, speed_mps):
+def _time_constant_h(battery: Battery, speed_mps: float) -> float:
     """Thermal time constant [h]; infinite without leakage."""
     leakage = battery.leakage.coefficient_w_per_k(speed_mps)
     return math.inf if leakage == 0.0 else (
         battery.heat_capacity_j_per_k / leakage / SECONDS_PER_H)
 
 
-def _most_charging_kw(battery):
+def _most_charging_kw(battery: Battery) -> float:
     soc, temperature_c = _grid(battery)
     return float(-battery.charge_power_limit.function(ARRAYS)(soc, temperature_c).min()) / W_PER_KW
 
 
-def _grid(battery):
+def _grid(battery: Battery) -> tuple[FloatArray, FloatArray]:
     """Return states of charge and temperatures over the whole range, shape (n, m) each."""
     return np.meshgrid(np.linspace(*battery.soc_range, 41),
                        np.linspace(*battery.temperature_range_c, 41), indexing='ij')
 
 
-def _unusual(vehicle, figures):
+def _unusual(vehicle: Vehicle, figures: dict[str, Any]) -> Iterator[str]:
     """Sentences on what no usual car has, each with its figure."""
     battery, energy_kwh = vehicle.battery, figures['energy_kwh']
     yield from _outside('energy', energy_kwh, 'kWh', ENERGY_KWH,
@@ -204,13 +216,14 @@ def _unusual(vehicle, figures):
     yield from _discharging(vehicle)
 
 
-def _outside(what, value, unit, usual, hint):
+def _outside(what: str, value: float, unit: str, usual: Sequence[float],
+             hint: str) -> Iterator[str]:
     low, high = usual
     if not low <= value <= high:
         yield f'{what}: {value:.3g} {unit}; usual are {low:g} ... {high:g} ({hint})'
 
 
-def _cell_voltages(battery):
+def _cell_voltages(battery: Battery) -> Iterator[str]:
     if battery.cells_in_series is None:
         return
     low, high = CELL_VOLTAGE_V
@@ -222,7 +235,7 @@ def _cell_voltages(battery):
                    f'{battery.cells_in_series} cells in series; usual are {low:g} ... {high:g} V')
 
 
-def _resistance_over_temperature(battery, figures):
+def _resistance_over_temperature(battery: Battery, figures: dict[str, Any]) -> Iterator[str]:
     temperatures_c = np.linspace(max(-30.0, battery.temperature_range_c[0]),
                                  min(40.0, battery.temperature_range_c[1]), 71)
     resistances = battery.resistance.function(ARRAYS)(
@@ -242,7 +255,7 @@ def _resistance_over_temperature(battery, figures):
                             'cold batteries have several times as much')
 
 
-def _charging(figures):
+def _charging(figures: dict[str, Any]) -> Iterator[str]:
     most_kw, energy_kwh = figures['most_charging_power_kw'], figures['energy_kwh']
     yield from _outside('charge limit', most_kw / energy_kwh,
                         f'kW for each kWh (at most {most_kw:.0f} kW)', CHARGING_PER_H,
@@ -256,7 +269,7 @@ def _charging(figures):
                    f'{100 * MOST_COLD_CHARGING_SHARE:.0f} %, and preheating would gain little')
 
 
-def _discharging(vehicle):
+def _discharging(vehicle: Vehicle) -> Iterator[str]:
     limit_w = vehicle.battery.discharge_power_limit.function(FLOATS)(0.8, 25.0)
     if limit_w < LEAST_DISCHARGE_SHARE * vehicle.drivetrain.maximum_power_w:
         yield (f'discharge limit: {limit_w / W_PER_KW:.0f} kW at 25 degC and soc 0.8 for a '
@@ -264,5 +277,5 @@ def _discharging(vehicle):
                'battery usually delivers what the drivetrain takes')
 
 
-def _text_keys(values):
+def _text_keys(values: dict[float, Value]) -> dict[str, Value]:
     return {f'{key:g}': value for key, value in values.items()}

@@ -1,10 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """The text of a vehicle file with a comment at each value."""
 
+from __future__ import annotations
+
+from collections.abc import Iterable
 import json
 from pathlib import Path
 import string
 import textwrap
+from typing import Any, TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from bev_preheat.checked_yaml import FileData
+    from bev_preheat.vehicle.described_car import Entry
 
 WIDTH = 100
 TEMPLATE = Path(__file__).with_name('vehicle_template.yaml')
@@ -22,7 +30,7 @@ class _Template(string.Template):
     braceidpattern = f'(?:{NOTE})?[a-z_][a-z0-9_.]*'
 
 
-def vehicle_text(name, entries, command):
+def vehicle_text(name: str, entries: dict[str, Entry], command: str) -> str:
     """
     Return a vehicle file as text.
 
@@ -40,7 +48,7 @@ def vehicle_text(name, entries, command):
     return _filled(TEMPLATE, values)
 
 
-def assumed_keys(entries):
+def assumed_keys(entries: dict[str, Entry]) -> list[str]:
     """Return the keys of the values that are assumed; two of one table are its parent."""
     limits = ('battery.power_limits.discharge', 'battery.power_limits.charge')
     keys = [key for key, entry in entries.items() if entry.assumed]
@@ -50,11 +58,11 @@ def assumed_keys(entries):
     return keys
 
 
-def _filled(template, values):
+def _filled(template: Path, values: dict[str, str]) -> str:
     return _Template(template.read_text(encoding='utf-8')).substitute(values)
 
 
-def _value_text(key, value):
+def _value_text(key: str, value: FileData) -> str:
     if key in TABLE_INDENTS:
         return _table_text(value, ' ' * TABLE_INDENTS[key])
     if isinstance(value, dict):
@@ -64,7 +72,7 @@ def _value_text(key, value):
     return _number(value)
 
 
-def _table_text(table, indent):
+def _table_text(table: dict[str, Any], indent: str) -> str:
     lines = []
     for key, value in table.items():
         if isinstance(value[0], list):
@@ -75,20 +83,20 @@ def _table_text(table, indent):
     return '\n'.join(lines)
 
 
-def _row(values):
+def _row(values: Iterable[float]) -> str:
     return f'[{", ".join(map(_number, values))}]'
 
 
-def _number(value):
+def _number(value: float) -> str:
     return f'{value:.10g}'
 
 
-def _comment(text, indent, mark='# '):
+def _comment(text: str, indent: int, mark: str = '# ') -> str:
     lead = f'{" " * indent}{mark}'
     return '\n'.join(textwrap.wrap(_one_line(text), WIDTH, initial_indent=lead,
                                    subsequent_indent=lead, break_on_hyphens=False, break_long_words=False))
 
 
-def _one_line(text):
+def _one_line(text: str) -> str:
     """Text as it may stand in a comment, whatever was typed."""
     return ''.join(letter if letter.isprintable() else ' ' for letter in text)
