@@ -30,7 +30,7 @@ HELP = {
     'charging_power_kw': 'most power at a fast charger, direct current [kW]',
     'heater_power_kw': 'power of the coolant heater (HVCH) [kW] (default: assumed 6)',
     'drive_power_kw': 'most power of the drivetrain [kW] (default: assumed 2 kW for each kWh)',
-    'regeneration_power_kw': 'most power of regeneration [kW] (default: assumed 60 % of the power '
+    'regeneration_power_kw': 'most power of regeneration [kW] (default: assumed 60 %% of the power '
                              'for driving)',
     'cabin_heating_power_kw': 'power that the cabin takes of the heater [kW] (default: assumed)',
     'auxiliary_power_kw': 'power of lights, pumps, computers [kW] (default: assumed 0.4)',

@@ -69,6 +69,15 @@ def test_version_is_that_of_the_manifest(capsys):
         f'preheat {ElementTree.parse(manifest).findtext("version")}\n', '')
 
 
+@pytest.mark.parametrize('command', [*SUBCOMMANDS, 'vehicle new', 'vehicle check', 'vehicle list'])
+def test_help_is_printed(capsys, command):
+    with pytest.raises(SystemExit) as ended:
+        main([*command.split(), '--help'])
+    out, err = capsys.readouterr()
+    assert (ended.value.code, err) == (0, '')
+    assert out.startswith(f'usage: preheat {command} ')
+
+
 @pytest.mark.parametrize('arguments, message', [
     (['plan', *SITUATION, '--tmperature', '3'],
      'preheat plan: error: unrecognized arguments: --tmperature; did you mean --temperature?; '
