@@ -2,7 +2,7 @@
 SHELL := bash
 .SHELLFLAGS := -eu -o pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help setup build demo test test-quick test-deep test-oldest test-repeated bench soak soak-monitor lint clean
+.PHONY: help setup build demo test test-quick test-deep test-oldest test-repeated bench soak soak-monitor docs lint clean
 
 DEMO := python3 -m bev_preheat.demo
 BENCH := python3 -m bev_preheat.experiments.cost
@@ -66,6 +66,12 @@ soak: build ## the planner under load for MINUTES (10), in real time
 
 soak-monitor: build ## preheat monitor beside drives at 100 times real time for MINUTES (10)
 	@$(environment); $(local_only); python3 -m bev_preheat.experiments.soak.monitor --minutes $(MINUTES)
+
+# A broken link, an unknown anchor, any other warning is an error. The reference is made from the checkout's code.
+docs: build ## the documentation as a site: out/docs/index.html
+	@scripts/setup.bash docs
+	@$(environment); PYTHONPATH="$$PWD:$$PYTHONPATH" python3 -m sphinx -q -W -n --keep-going -d out/.doctrees docs out/docs
+	@echo out/docs/index.html
 
 # Not every machine has shellcheck.
 lint: setup ## ruff (errors, imports, names, docstrings) and mypy on the Python, shellcheck on the scripts

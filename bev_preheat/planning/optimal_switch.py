@@ -3,7 +3,7 @@
 Method `optimal_switch`: zero, one partial step, then maximum, arriving exactly at the target.
 
 Of all such schedules the one whose forward run, with the NLP's own integrator, arrives at the
-target is the NLP's optimum wherever no limit but the heater's is active (docs/planning.md). The
+target is the NLP's optimum wherever no limit but the heater's is active (docs/explanation/planning.md). The
 paper's crossing is the first guess (found with a step of second order, and the state of charge that
 heating leaves), a few forward runs of the heated part do the rest.
 """

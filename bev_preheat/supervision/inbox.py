@@ -2,7 +2,7 @@
 """
 The inbox: checks every input at the door, keeps the last valid one, and remembers refusals.
 
-A refused input raises InvalidInput, and holds the heater off as docs/safety.md says. Instants are
+A refused input raises InvalidInput, and holds the heater off as docs/explanation/safety.md says. Instants are
 integers, in nanoseconds of the node's clock.
 """
 

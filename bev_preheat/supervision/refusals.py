@@ -4,7 +4,7 @@ What was refused, and for how long that keeps the heater off.
 
 A refused battery state says nothing about the trip, and the next valid one makes it good. A refused
 route may have been a cancellation or another trip: the route before it goes on only where the part
-of the refused one that can be read rules that out (docs/safety.md has the reasons).
+of the refused one that can be read rules that out (docs/explanation/safety.md has the reasons).
 """
 
 from dataclasses import dataclass, replace

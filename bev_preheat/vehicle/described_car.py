@@ -231,7 +231,7 @@ def _drivetrain(sheet: DataSheet) -> dict[str, Entry]:
         regeneration_note = f'assumed: {REGENERATION_SHARE:.0%} of the power for driving'
     return {
         'drivetrain.efficiency': Entry(
-            DRIVETRAIN_EFFICIENCY, 'assumed: as in Table I of the paper (docs/paper.md)',
+            DRIVETRAIN_EFFICIENCY, 'assumed: as in Table I of the paper (docs/explanation/paper.md)',
             assumed=True),
         'drivetrain.heat_recovery_efficiency': Entry(
             HEAT_RECOVERY, 'assumed: half of the losses reach the battery; 0 where the coolant of '
@@ -255,7 +255,7 @@ def _heater(sheet: DataSheet) -> dict[str, Entry]:
             'coolant heaters have 3 ... 10 kW (source: BorgWarner, '
             'OEM & Lieferant 2/2018, p. 115)', W_PER_KW),
         'hvch.efficiency': Entry(
-            HEATER_EFFICIENCY, 'assumed: as in Table I of the paper (docs/paper.md)', assumed=True),
+            HEATER_EFFICIENCY, 'assumed: as in Table I of the paper (docs/explanation/paper.md)', assumed=True),
         'defaults.cabin_heating_power_w': _given_or_assumed(
             sheet, 'cabin_heating_power_kw', cabin_kw, 'a cold day, cabin already warm', W_PER_KW),
         'defaults.auxiliary_power_w': _given_or_assumed(

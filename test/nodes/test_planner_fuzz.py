@@ -2,7 +2,7 @@
 """
 A hundred thousand random and malformed messages, seeded, given to the callbacks of a real PlannerNode.
 
-After each one an oracle holds the last command against docs/safety.md. It knows what is good because
+After each one an oracle holds the last command against docs/explanation/safety.md. It knows what is good because
 the messages are made so: valid, or valid but for one field. It keeps its own book of what
 was accepted and asks nothing of the planner.
 """
@@ -30,7 +30,7 @@ SEED = 20261121
 MESSAGES = 100_000
 NS_PER_S = 1_000_000_000
 START_NS = 1_700_000_000 * NS_PER_S
-# The planner's defaults, as README has them, and the reference vehicle's heater.
+# The planner's defaults, and the reference vehicle's heater.
 TIMEOUT_S, TOLERANCE_S, LEASE_S, HVCH_W = 5.0, 1.0, 2.5, 7000.0
 # A clock that falls back further was set: what was measured before means nothing.
 RESTART_S = 1.0
@@ -172,7 +172,7 @@ class Fuzz:
                 route=self.book.route if self._is_update(message) else ())
 
     def _is_update(self, message):
-        """Whether the trip before a refused route may go on, as docs/safety.md has it."""
+        """Whether the trip before a refused route may go on, as docs/explanation/safety.md has it."""
         if not self.book.route or not message.charging_planned or not message.route_id:
             return False
         start_ns, duration_s, cabin_w, route_id = self.book.route

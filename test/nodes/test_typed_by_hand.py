@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The commands `ros2 topic pub` of README.md, typed as printed, and the installed planner."""
+"""The commands `ros2 topic pub` of the tutorial, typed as printed, and the installed planner."""
 
 from contextlib import contextmanager
 from pathlib import Path
@@ -13,12 +13,12 @@ from bev_preheat.nodes.convert import is_cancellation, time_message
 from bev_preheat.planning.status import Status
 from bev_preheat_msgs.msg import HvchCommand, PreheatPlan, RoutePlan
 
-README = (Path(__file__).parents[2] / 'README.md').read_text()
-COMMANDS = typed_commands(README)
+TUTORIAL = Path(__file__).parents[2] / 'docs/tutorials/by_hand.md'
+COMMANDS = typed_commands(TUTORIAL.read_text())
 
 
 def command_for(message_type, cancels=False):
-    """Return the one command of README.md that publishes a type."""
+    """Return the one command of the tutorial that publishes a type."""
     found = [command for command in COMMANDS if command.message_type is message_type
              and (message_type is not RoutePlan
                   or is_cancellation(command.message(time_message(1))) is cancels)]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a refused route, and a cancellation, do to the trip before it: the rule of docs/safety.md."""
+"""What a refused route, and a cancellation, do to the trip before it: the rule of docs/explanation/safety.md."""
 
 from dataclasses import replace
 
