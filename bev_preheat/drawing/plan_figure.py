@@ -21,10 +21,10 @@ from bev_preheat.drawing.palette import (
     WITHOUT_PREHEATING,
 )
 from bev_preheat.model import make_runge_kutta_4
+from bev_preheat.planning.dynamics import keep_accounts
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.planner import plan_unheated
 from bev_preheat.planning.schedule import Schedule
-from bev_preheat.planning.simulate import keep_accounts
 from bev_preheat.planning.situation import BatteryState, reserve_soc
 from bev_preheat.planning.trip import make_trip
 

@@ -45,7 +45,7 @@ def planner_diagnostics(node_name, supervisor, now_ns, memory=None):
     """
     Return the DiagnosticArray that tells status, reason and the figures behind them.
 
-    `memory` is a remembering.MemoryReport, None where nothing is kept.
+    `memory` is a state_keeper.StateFileReport, None where nothing is kept.
     """
     name, hardware = node_name.lstrip('/'), supervisor.vehicle.name
     message = DiagnosticArray(status=[_preheating(name, hardware, supervisor, now_ns)])

@@ -18,7 +18,7 @@ from bev_preheat.errors import InvalidInput, LONGEST_PROBLEM, shortened
 from bev_preheat.nodes.command_line import Program
 from bev_preheat.nodes.convert import battery_event
 from bev_preheat.nodes.news import News
-from bev_preheat.nodes.optimality import (
+from bev_preheat.nodes.optimality_report import (
     case_of_plan,
     case_of_state,
     checker_diagnostics,

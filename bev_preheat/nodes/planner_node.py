@@ -23,15 +23,14 @@ from bev_preheat.nodes.diagnostics import heater_sentence, planner_diagnostics
 from bev_preheat.nodes.news import News
 from bev_preheat.nodes.parameters import check, declare, Parameter
 from bev_preheat.nodes.process import run_node
-from bev_preheat.nodes.remembering import check_parameter, Remembering, SAVE_PERIOD_S
 from bev_preheat.nodes.route_intake import RouteIntake
 from bev_preheat.nodes.route_listener import RouteListener
 from bev_preheat.nodes.setup_watch import SetupWatch
+from bev_preheat.nodes.state_keeper import check_parameter, SAVE_PERIOD_S, StateKeeper
 from bev_preheat.planning.planner import METHODS
 from bev_preheat.supervision.events import PreheatingSwitched, Reconfigured, RivalsChanged, RouteUnreadable
 from bev_preheat.supervision.inputs import NS_PER_S
-from bev_preheat.supervision.settings import PARAMETERS as SETTINGS_BY_PARAMETER
-from bev_preheat.supervision.settings import Settings, settings_of
+from bev_preheat.supervision.settings import FIELD_OF_PARAMETER, Settings, settings_of
 from bev_preheat.supervision.supervisor import Supervisor
 from bev_preheat.vehicle import load_vehicle, vehicle_file, vehicle_fingerprint
 from bev_preheat.vehicle.assumptions import assumption_warning
@@ -110,8 +109,8 @@ class PlannerNode(Node):
         vehicle, settings = _take_effect(values)
         check_parameter(values['state_file'])
         self._vehicle_fingerprint = vehicle_fingerprint(values['vehicle'])
-        self._remembering = Remembering(self.get_logger())
-        self._supervisor = Supervisor(vehicle, settings, self._remembering.attach(
+        self._state_keeper = StateKeeper(self.get_logger())
+        self._supervisor = Supervisor(vehicle, settings, self._state_keeper.attach(
             values['state_file'], self._vehicle_fingerprint))
         self._told, self._news = _Told(), News()
         self._routes = RouteIntake()
@@ -246,7 +245,7 @@ class PlannerNode(Node):
         fingerprint = vehicle_fingerprint(values['vehicle'])
         is_new_car = fingerprint != self._vehicle_fingerprint
         if is_new_car:
-            self._remembering.save(supervisor.estimate)
+            self._state_keeper.save(supervisor.estimate)
             self._vehicle_fingerprint = fingerprint
         else:
             # The estimation goes on while the vehicle stays the same object.
@@ -257,7 +256,7 @@ class PlannerNode(Node):
             timer.reset()
         self._step(Reconfigured(
             vehicle, settings, self._routes.read_again(supervisor, vehicle, settings),
-            self._remembering.attach(values['state_file'], fingerprint)))
+            self._state_keeper.attach(values['state_file'], fingerprint)))
         if is_new_car:
             self._tell_assumptions(values['vehicle'])
 
@@ -308,7 +307,7 @@ class PlannerNode(Node):
     def _publish_diagnostics(self, now_ns):
         supervisor = self._supervisor
         message = planner_diagnostics(
-            self.get_fully_qualified_name(), supervisor, now_ns, self._remembering.report())
+            self.get_fully_qualified_name(), supervisor, now_ns, self._state_keeper.report())
         message.status.append(self._setup.entry(
             supervisor.vehicle.name,
             f'{supervisor.rivals} also publishes hvch_command' if supervisor.rivals else ''))
@@ -322,7 +321,7 @@ class PlannerNode(Node):
 
     @guarded
     def _on_save_due(self):
-        self._remembering.save(self._supervisor.estimate)
+        self._state_keeper.save(self._supervisor.estimate)
 
     def last_words(self):
         """Publish 0 W before the process ends, and wait a moment until it is out."""
@@ -344,7 +343,7 @@ def _take_effect(values):
             f'command_lease: {values["command_lease"]:g} s must be longer than command_period, '
             f'{values["command_period"]:g} s, or the heater drops out between two commands')
     return load_vehicle(values['vehicle']), settings_of(
-        {name: values[name] for name in SETTINGS_BY_PARAMETER})
+        {name: values[name] for name in FIELD_OF_PARAMETER})
 
 
 def main():

@@ -7,7 +7,7 @@ import math
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from sensor_msgs.msg import BatteryState
 
-from bev_preheat.planning.simulate import Energies
+from bev_preheat.planning.dynamics import Energies
 
 # The name of the entry in /diagnostics begins with that of the node.
 ENTRY = ': trip'

@@ -13,12 +13,12 @@ import numpy as np
 from bev_preheat.model import make_runge_kutta_4
 from bev_preheat.optimum.program import build_program, ENERGY_SCALE_J, Give, POWER_SCALE_W, Program, SOC_SCALE
 from bev_preheat.optimum.symbols import FACTORS
+from bev_preheat.planning.dynamics import JOULES_PER_WH
 from bev_preheat.planning.limits import limits_hold, run_unheated
 from bev_preheat.planning.plan import Plan
 from bev_preheat.planning.planner import finish_plan, plan_without_heating
 from bev_preheat.planning.safeguard import is_described
 from bev_preheat.planning.schedule import HeldBack, Schedule, switched_on_s
-from bev_preheat.planning.simulate import JOULES_PER_WH
 from bev_preheat.planning.situation import BatteryState, check_situation, Goal, reserve_soc
 from bev_preheat.planning.trip import make_trip, Trip
 from bev_preheat.vehicle.corrections import corrected_vehicle, Corrections

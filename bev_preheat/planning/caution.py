@@ -12,9 +12,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bev_preheat.model import make_runge_kutta_4
+from bev_preheat.planning.dynamics import run_forward
 from bev_preheat.planning.limits import drive_as_planned, limits_hold
 from bev_preheat.planning.schedule import HEATING_SHARE, Schedule, switched_on_s
-from bev_preheat.planning.simulate import run_forward
 
 # The end of heating is found to this.
 ARRIVAL_TOLERANCE_K = 1e-3

@@ -13,8 +13,8 @@ import numpy as np
 
 from bev_preheat.arithmetic import ARRAYS, FLOATS
 from bev_preheat.model import make_runge_kutta_4
+from bev_preheat.planning.dynamics import compiled_step, hottest_c, KEPT_VEHICLES
 from bev_preheat.planning.schedule import Schedule, switched_on_s
-from bev_preheat.planning.simulate import compiled_step, hottest_c, KEPT_VEHICLES
 
 # Steps are looked at closely where a limit is this near: the run on which they are chosen may be
 # warmer than the run that is made, by what the friction brake takes from the drivetrain's heat.

@@ -16,10 +16,10 @@ is returned.
 import numpy as np
 
 from bev_preheat.planning.charge_acceptance import find_acceptance_loss, no_acceptance_loss
-from bev_preheat.planning.forward_runs import ForwardRuns
 from bev_preheat.planning.limits import limits_hold, watch_limits, within_limits
 from bev_preheat.planning.optimal_switch import ARRIVAL_TOLERANCE_K, plan_optimal_switch
 from bev_preheat.planning.safeguard import lacking_power, NO_WORSE_W
+from bev_preheat.planning.threshold_search import ThresholdSearch
 from bev_preheat.planning.value_curve import find_thresholds
 
 # The curve is made again where the run it leads to differs more than this in state of charge, or
@@ -44,7 +44,7 @@ def plan_merit_order(trip, state, goal, unheated=None, serves_climbs=True):
         thresholds = find_thresholds(
             trip, watch, schedule, goal.target_temperature_c, loss, serves_climbs)
         assumed_soc = schedule.soc
-        schedule = ForwardRuns(trip, state, watch, thresholds).settle(
+        schedule = ThresholdSearch(trip, state, watch, thresholds).settle(
             goal.target_temperature_c, serves_climbs)
         if best is None or _is_better(trip, schedule, best, goal, serves_climbs):
             best = schedule

@@ -14,9 +14,9 @@ import numpy as np
 
 from bev_preheat.arithmetic import SATURATING_FLOATS
 from bev_preheat.model import make_midpoint, make_rates, make_runge_kutta_4
+from bev_preheat.planning.dynamics import run_forward
 from bev_preheat.planning.paper import find_crossing
 from bev_preheat.planning.schedule import maximum_from, Schedule
-from bev_preheat.planning.simulate import run_forward
 
 # The target is met when the forward run arrives this close [K]: for a large pack, within 1 mWh.
 ARRIVAL_TOLERANCE_K = 5e-6

@@ -4,8 +4,8 @@
 import numpy as np
 
 from bev_preheat.model import make_euler
+from bev_preheat.planning.dynamics import compiled_step, run_forward
 from bev_preheat.planning.schedule import maximum_from, Schedule
-from bev_preheat.planning.simulate import compiled_step, run_forward
 
 # Going backward the temperature may grow without bound (leakage outweighs the heater). This far
 # above the target no forward run can meet it.

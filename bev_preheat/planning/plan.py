@@ -5,8 +5,8 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
+from bev_preheat.planning.dynamics import Energies
 from bev_preheat.planning.schedule import HeldBack
-from bev_preheat.planning.simulate import Energies
 from bev_preheat.planning.status import Status
 from bev_preheat.planning.stranding import Stranding
 

@@ -12,6 +12,7 @@ from bev_preheat.arithmetic import ARRAYS
 from bev_preheat.errors import InvalidInput, PlanningFailure
 from bev_preheat.model import make_runge_kutta_4
 from bev_preheat.planning.caution import heat_early
+from bev_preheat.planning.dynamics import keep_accounts, run_forward
 from bev_preheat.planning.explanation import explain
 from bev_preheat.planning.limits import drive_as_planned, make_terminal_limits
 from bev_preheat.planning.merit_order import plan_merit_order
@@ -20,7 +21,6 @@ from bev_preheat.planning.paper import plan_paper
 from bev_preheat.planning.plan import Plan
 from bev_preheat.planning.safeguard import giving_way, is_described, lacking_power, Safeguard
 from bev_preheat.planning.schedule import Schedule
-from bev_preheat.planning.simulate import keep_accounts, run_forward
 from bev_preheat.planning.situation import check_situation, reserve_soc
 from bev_preheat.planning.status import Status
 from bev_preheat.planning.stranding import find_stranding

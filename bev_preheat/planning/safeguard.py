@@ -13,9 +13,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bev_preheat.arithmetic import ARRAYS, FLOATS
+from bev_preheat.planning.dynamics import hottest_c
 from bev_preheat.planning.limits import drive_as_planned, limits_hold, make_terminal_limits, run_unheated
 from bev_preheat.planning.schedule import HeldBack, Schedule
-from bev_preheat.planning.simulate import hottest_c
 from bev_preheat.planning.situation import reserve_soc
 from bev_preheat.planning.stranding import find_stranding
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bev_preheat.planning.simulate import JOULES_PER_WH
+from bev_preheat.planning.dynamics import JOULES_PER_WH
 
 
 @dataclass(frozen=True)

@@ -7,9 +7,9 @@ from enum import IntEnum
 import numpy as np
 
 from bev_preheat.arithmetic import ARRAYS
+from bev_preheat.planning.dynamics import JOULES_PER_WH
 from bev_preheat.planning.limits import colder, make_terminal_limits
 from bev_preheat.planning.schedule import HEATING_SHARE
-from bev_preheat.planning.simulate import JOULES_PER_WH
 
 # Surplus is told from paid heating to this [W].
 SURPLUS_TOLERANCE_W = 1.0

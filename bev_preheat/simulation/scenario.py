@@ -16,7 +16,7 @@ from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections
 from bev_preheat.simulation.mismatch import Mismatch
 from bev_preheat.simulation.sensors import Sensors
 from bev_preheat.simulation.traffic import ClockJump, Event, Kind
-from bev_preheat.supervision.settings import PARAMETERS
+from bev_preheat.supervision.settings import FIELD_OF_PARAMETER
 from bev_preheat.vehicle import load_vehicle, Vehicle, vehicle_file
 
 SCHEMA = Path(__file__).with_name('scenario_schema.yaml')
@@ -118,9 +118,9 @@ def _scenario(path, contents):
 
 def _planner(parameters):
     for name in parameters:
-        if name not in PARAMETERS:
+        if name not in FIELD_OF_PARAMETER:
             raise InvalidInput(f"planner: {name!r} is none of the planner's parameters that a "
-                               f'scenario may set: {", ".join(PARAMETERS)}')
+                               f'scenario may set: {", ".join(FIELD_OF_PARAMETER)}')
     return parameters
 
 

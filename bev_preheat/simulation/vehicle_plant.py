@@ -6,8 +6,8 @@ from math import ceil, inf, isfinite
 
 from bev_preheat.arithmetic import SATURATING_FLOATS
 from bev_preheat.model import make_rates, make_runge_kutta_4
+from bev_preheat.planning.dynamics import deliverable_power_w, Energies, hottest_c, JOULES_PER_WH, step_of_floats
 from bev_preheat.planning.limits import make_terminal_limits
-from bev_preheat.planning.simulate import deliverable_power_w, Energies, hottest_c, JOULES_PER_WH, step_of_floats
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.route.segments import Route
 

@@ -48,7 +48,7 @@ def defaults_of(vehicle, settings):
 
 
 # Parameters of the planner by name, and the settings that they are.
-PARAMETERS = {
+FIELD_OF_PARAMETER = {
     'method': 'method',
     'target_battery_temperature': 'target_temperature_c',
     'battery_state_timeout': 'battery_state_timeout_s',
@@ -67,9 +67,9 @@ def settings_of(parameters):
     """
     Return the Settings of parameters by name; what is missing keeps its default.
 
-    A target of 0 or NaN is the vehicle's. Raises KeyError where a name is none of PARAMETERS.
+    A target of 0 or NaN is the vehicle's. Raises KeyError where a name is none of FIELD_OF_PARAMETER.
     """
-    values = {PARAMETERS[name]: value for name, value in parameters.items()}
+    values = {FIELD_OF_PARAMETER[name]: value for name, value in parameters.items()}
     target_c = values.get('target_temperature_c')
     if target_c is not None and (target_c == 0.0 or math.isnan(target_c)):
         values['target_temperature_c'] = None

@@ -10,8 +10,8 @@ from bev_preheat.estimation.forecast import arrival_deviation_k, arrival_sensiti
 from bev_preheat.estimation.hypotheses import Heater, HeaterReport
 from bev_preheat.estimation.state import FACTORS, SIZE, SOC, TEMPERATURE
 from bev_preheat.model import make_runge_kutta_4
+from bev_preheat.planning.dynamics import run_forward
 from bev_preheat.planning.planner import plan_preheating
-from bev_preheat.planning.simulate import run_forward
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.route.csv_file import load_route

@@ -8,7 +8,7 @@ import pytest
 from stepwise import Stepwise
 
 from bev_preheat.nodes.convert import mission_from_message, plan_message
-from bev_preheat.nodes.optimality import case_of_plan, case_of_state, says_the_same
+from bev_preheat.nodes.optimality_report import case_of_plan, case_of_state, says_the_same
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.supervision.inputs import Measurement, NS_PER_S
 from bev_preheat.supervision.settings import Settings

@@ -10,6 +10,7 @@ import pytest
 
 from bev_preheat.arithmetic import ARRAYS, FLOATS
 from bev_preheat.model import make_runge_kutta_4
+from bev_preheat.planning.dynamics import keep_accounts, run_forward
 from bev_preheat.planning.limits import (
     drive_as_planned,
     limits_hold,
@@ -20,7 +21,6 @@ from bev_preheat.planning.limits import (
 )
 from bev_preheat.planning.merit_order import plan_merit_order
 from bev_preheat.planning.optimal_switch import plan_optimal_switch
-from bev_preheat.planning.simulate import keep_accounts, run_forward
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.route.segments import make_route

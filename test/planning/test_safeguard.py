@@ -12,9 +12,9 @@ from own_plant import OwnPlant, STEP_S
 import pytest
 
 from bev_preheat.planning.caution import Caution
+from bev_preheat.planning.dynamics import JOULES_PER_WH
 from bev_preheat.planning.limits import limits_hold
 from bev_preheat.planning.planner import as_driven, METHODS, plan_preheating, plan_without_heating
-from bev_preheat.planning.simulate import JOULES_PER_WH
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.status import Status
 from bev_preheat.planning.stretches import Reason

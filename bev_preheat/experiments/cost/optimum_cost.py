@@ -5,8 +5,8 @@ from dataclasses import replace
 
 from bev_preheat.experiments.cost.figures import Figure, turns_s
 from bev_preheat.experiments.cost.planning_cost import GOAL, STATE
+from bev_preheat.planning.dynamics import keep_accounts
 from bev_preheat.planning.planner import METHODS, plan_preheating
-from bev_preheat.planning.simulate import keep_accounts
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.route import load_route
 from bev_preheat.vehicle import load_vehicle

@@ -15,8 +15,8 @@ import numpy as np
 from bev_preheat.model import make_rates, make_runge_kutta_4
 from bev_preheat.optimum.program import ENERGY_SCALE_J, POWER_SCALE_W, SOC_SCALE, SOLVER_OPTIONS
 from bev_preheat.optimum.symbols import SYMBOLS
+from bev_preheat.planning.dynamics import run_forward
 from bev_preheat.planning.schedule import Schedule, switched_on_s
-from bev_preheat.planning.simulate import run_forward
 from bev_preheat.planning.situation import reserve_soc
 
 with warnings.catch_warnings():

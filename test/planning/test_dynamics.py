@@ -10,8 +10,8 @@ import pytest
 
 from bev_preheat.arithmetic import ARRAYS
 from bev_preheat.model import make_euler, make_runge_kutta_4
+from bev_preheat.planning.dynamics import deliverable_power_w, Energies, keep_accounts, run_forward
 from bev_preheat.planning.schedule import Schedule
-from bev_preheat.planning.simulate import deliverable_power_w, Energies, keep_accounts, run_forward
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.route.segments import make_route
 from bev_preheat.vehicle import load_vehicle

@@ -13,7 +13,7 @@ SAVE_PERIOD_S = 60.0
 
 
 @dataclass(frozen=True)
-class MemoryReport:
+class StateFileReport:
     """
     How it stands with the state file.
 
@@ -37,7 +37,7 @@ def check_parameter(path):
                 [f'state_file: {problem}' for problem in error.problems]) from error
 
 
-class Remembering:
+class StateKeeper:
     """
     Reads and writes the file of the parameter `state_file`; nothing happens where it is empty.
 
@@ -99,11 +99,11 @@ class Remembering:
         self._saved, self._problem, self._written_s = estimate, '', time.monotonic()
 
     def report(self):
-        """Return the MemoryReport; None where nothing is to be kept."""
+        """Return the StateFileReport; None where nothing is to be kept."""
         if not self._path:
             return None
         written_s_ago = None if self._written_s is None else time.monotonic() - self._written_s
-        return MemoryReport(self._path, self._problem, written_s_ago, self._kept_aside)
+        return StateFileReport(self._path, self._problem, written_s_ago, self._kept_aside)
 
     def _fail(self, problem):
         if problem != self._problem:

@@ -42,7 +42,7 @@ class _Trial:
     excess: float
 
 
-class ForwardRuns:
+class ThresholdSearch:
     """Forward runs of one trip under one set of thresholds."""
 
     def __init__(self, trip, state, watch, thresholds):
