@@ -1,6 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """`preheat compare`: every method and the nonlinear program side by side."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 from bev_preheat.commands.optimum import add_no_limits_argument, optimum_lines
 from bev_preheat.commands.situation import add_situation_arguments, read_situation
 from bev_preheat.console.output import add_output_arguments, check_output_arguments, print_plans, write_json
@@ -10,8 +14,13 @@ from bev_preheat.optional_packages import require
 from bev_preheat.planning.comparison import difference, energy_gap_wh, SAME_SHORTFALL_K
 from bev_preheat.planning.planner import as_driven, DEFAULT_METHOD, METHODS, plan_preheating
 
+if TYPE_CHECKING:
+    from argparse import Namespace
 
-def add_parser(subparsers):
+    from bev_preheat.commands.arguments import Subparsers
+
+
+def add_parser(subparsers: Subparsers) -> None:
     """Add the subcommand."""
     parser = subparsers.add_parser(
         'compare', help='all methods and the nonlinear program side by side',
@@ -26,7 +35,7 @@ def add_parser(subparsers):
     parser.set_defaults(run=run)
 
 
-def run(arguments):
+def run(arguments: Namespace) -> int:
     """Compare, print, and write what was asked for; returns 0, or 1 where the solver failed."""
     situation = read_situation(arguments)
     check_output_arguments(arguments, situation.files)

@@ -3,12 +3,18 @@
 Shell completion, by argcomplete where it is installed.
 
 The shell runs `preheat` with a variable set; argcomplete then writes what the word may become, and ends
-the process. An argument that takes a name of config/ has a NameCompleter as its `completer`.
+the process. An argument that takes a name of config/ is completed_by() a NameCompleter.
 """
 
+from __future__ import annotations
+
 import os
+from typing import TYPE_CHECKING
 
 from bev_preheat.configuration import configuration_folder
+
+if TYPE_CHECKING:
+    from argparse import Action, ArgumentParser
 
 ASKED = '_ARGCOMPLETE'
 
@@ -16,26 +22,32 @@ ASKED = '_ARGCOMPLETE'
 class NameCompleter:
     """Completes a name of config/, and the paths of files of the same kind."""
 
-    def __init__(self, kind, suffix='.yaml'):
+    def __init__(self, kind: str, suffix: str = '.yaml') -> None:
         """`kind` is the folder below config/."""
         self._kind = kind
         self._suffix = suffix
 
-    def __call__(self, prefix, **_):
+    def __call__(self, prefix: str, **_: object) -> list[str]:
         """Return the names and paths that begin with a prefix."""
         names = [path.stem for path in configuration_folder(self._kind).glob(f'*{self._suffix}')]
         return sorted(name for name in names if name.startswith(prefix)) + self._files(prefix)
 
-    def _files(self, prefix):
+    def _files(self, prefix: str) -> list[str]:
         from argcomplete.completers import FilesCompleter
-        return FilesCompleter(allowednames=(self._suffix,))(prefix)
+        paths: list[str] = FilesCompleter(allowednames=(self._suffix,))(prefix)
+        return paths
 
 
 VEHICLES = NameCompleter('vehicles')
 ROUTES = NameCompleter('routes', '.csv')
 
 
-def complete(parser):
+def completed_by(completer: NameCompleter, argument: Action) -> None:
+    """Have the shell complete an argument of the command line."""
+    argument.completer = completer  # type: ignore[attr-defined]  # argcomplete looks for it there
+
+
+def complete(parser: ArgumentParser) -> None:
     """Answer the shell and end the process, if it was the shell that asked."""
     if ASKED not in os.environ:
         return

@@ -1,9 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """`preheat plan --itinerary`: a trip with stops, leg by leg."""
 
-from dataclasses import replace
+from __future__ import annotations
 
-from bev_preheat.commands.completion import NameCompleter
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from bev_preheat.commands.completion import completed_by, NameCompleter
 from bev_preheat.commands.situation import in_steps, load_planned_vehicle, target_of, warn
 from bev_preheat.console.output import check_output_arguments, print_plans, write_json
 from bev_preheat.console.terminal import result_console
@@ -15,16 +18,21 @@ from bev_preheat.supervision.inputs import check_mission, NS_PER_S
 from bev_preheat.supervision.itinerary import load_itinerary
 from bev_preheat.vehicle import vehicle_file
 
+if TYPE_CHECKING:
+    from argparse import Namespace
 
-def add_itinerary_argument(parser):
+    from bev_preheat.commands.arguments import Alternatives
+
+
+def add_itinerary_argument(parser: Alternatives) -> None:
     """Add the argument that stands in place of `--route`."""
-    parser.add_argument(
+    completed_by(NameCompleter('itineraries'), parser.add_argument(
         '--itinerary', metavar='NAME|FILE',
         help='a trip with stops, each leg with its target: a name in config/itineraries or a YAML '
-        'file').completer = NameCompleter('itineraries')
+        'file'))
 
 
-def run_itinerary(arguments):
+def run_itinerary(arguments: Namespace) -> int:
     """Plan each leg, print, and write what was asked for; returns the exit status."""
     _refuse_what_legs_say(arguments)
     vehicle = load_planned_vehicle(arguments.vehicle)
@@ -62,7 +70,7 @@ def run_itinerary(arguments):
     return 0
 
 
-def _refuse_what_legs_say(arguments):
+def _refuse_what_legs_say(arguments: Namespace) -> None:
     given = [name for name, value in (('--min-soc', arguments.min_soc),
                                       ('--no-charging', arguments.no_charging)) if value]
     if given:

@@ -1,18 +1,28 @@
 # SPDX-License-Identifier: Apache-2.0
 """`preheat monitor`: a running planner, watched in a terminal."""
 
+from __future__ import annotations
+
 import errno
 import os
+from typing import TYPE_CHECKING
 
 from bev_preheat.errors import InvalidInput
 from bev_preheat.monitoring.end_signals import end_signals
 from bev_preheat.output_files import check_outputs, Output
 
+if TYPE_CHECKING:
+    from argparse import Namespace
+
+    from bev_preheat.commands.arguments import Subparsers
+    from bev_preheat.monitoring.end_signals import EndSignals
+    from bev_preheat.monitoring.watch import Watch
+
 # --once waits this long for all topics [s].
 ONCE_LIMIT_S = 15.0
 
 
-def add_parser(subparsers):
+def add_parser(subparsers: Subparsers) -> None:
     """Add the subcommand."""
     parser = subparsers.add_parser(
         'monitor', help='a running planner, watched in a terminal',
@@ -29,7 +39,7 @@ def add_parser(subparsers):
     parser.set_defaults(run=run)
 
 
-def run(arguments):
+def run(arguments: Namespace) -> int:
     """Listen and show; returns the exit status."""
     if arguments.seconds is not None and not 0.0 < arguments.seconds < 1e9:
         raise InvalidInput(f'--seconds: {arguments.seconds:g} is not allowed; it must be above 0')
@@ -47,7 +57,7 @@ def run(arguments):
         raise
 
 
-def _listen(arguments, signals):
+def _listen(arguments: Namespace, signals: EndSignals) -> int:
     """Show what is heard until a signal comes; return the exit status."""
     from rclpy.exceptions import InvalidNamespaceException
     from rich.console import Console
@@ -67,7 +77,7 @@ def _listen(arguments, signals):
         raise InvalidInput(f'--namespace: {arguments.namespace!r}: {error}') from error
 
 
-def _show(arguments, watch):
+def _show(arguments: Namespace, watch: Watch) -> int:
     """Show it in the way that was asked for; return the exit status."""
     exit_status = 0
     try:

@@ -1,14 +1,24 @@
 # SPDX-License-Identifier: Apache-2.0
 """`preheat optimum`: the nonlinear program's answer for this route."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 from bev_preheat.commands.situation import add_situation_arguments, read_situation
 from bev_preheat.console.output import add_output_arguments, check_output_arguments, print_plans, write_json
 from bev_preheat.console.program import FAILED, say
 from bev_preheat.console.terminal import progress_console, result_console
 from bev_preheat.optional_packages import require
 
+if TYPE_CHECKING:
+    from argparse import ArgumentParser, Namespace
 
-def add_parser(subparsers):
+    from bev_preheat.commands.arguments import Subparsers
+    from bev_preheat.optimum.solve import Optimum
+
+
+def add_parser(subparsers: Subparsers) -> None:
     """Add the subcommand."""
     parser = subparsers.add_parser(
         'optimum', help='solve the nonlinear program for a route',
@@ -19,13 +29,13 @@ def add_parser(subparsers):
     parser.set_defaults(run=run)
 
 
-def add_no_limits_argument(parser):
+def add_no_limits_argument(parser: ArgumentParser) -> None:
     """Add `--no-power-limits`."""
     parser.add_argument('--no-power-limits', action='store_true',
                         help="leave out the battery's charge and discharge limits (9i)")
 
 
-def run(arguments):
+def run(arguments: Namespace) -> int:
     """Solve, print, and write what was asked for; returns 0, or 1 where the solver failed."""
     situation = read_situation(arguments)
     check_output_arguments(arguments, situation.files)
@@ -54,7 +64,7 @@ def run(arguments):
     return 0
 
 
-def optimum_lines(optimum):
+def optimum_lines(optimum: Optimum) -> list[str]:
     """Return what the solver says, as lines of text."""
     lines = [f'{optimum.plan.status.name}: {optimum.plan.explanation}',
              f'IPOPT: {optimum.solver_status}, {optimum.iterations} iterations, '

@@ -1,14 +1,23 @@
 # SPDX-License-Identifier: Apache-2.0
 """`preheat plan`: when the heater would start on this route, and what that costs."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 from bev_preheat.commands.itinerary import add_itinerary_argument, run_itinerary
 from bev_preheat.commands.situation import add_situation_arguments, read_situation
 from bev_preheat.console.output import add_output_arguments, check_output_arguments, print_plans, write_json
 from bev_preheat.console.terminal import result_console
 from bev_preheat.planning.planner import DEFAULT_METHOD, METHODS, plan_preheating
 
+if TYPE_CHECKING:
+    from argparse import Namespace
 
-def add_parser(subparsers):
+    from bev_preheat.commands.arguments import Subparsers
+
+
+def add_parser(subparsers: Subparsers) -> None:
     """Add the subcommand."""
     parser = subparsers.add_parser(
         'plan', help='plan the heating of a route',
@@ -23,7 +32,7 @@ def add_parser(subparsers):
     parser.set_defaults(run=run)
 
 
-def run(arguments):
+def run(arguments: Namespace) -> int:
     """Plan, print, and write what was asked for; returns the exit status."""
     if arguments.itinerary is not None:
         return run_itinerary(arguments)

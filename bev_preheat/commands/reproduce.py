@@ -1,7 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """`preheat reproduce`: the paper's Table II beside ours."""
 
+from __future__ import annotations
+
 from dataclasses import asdict
+from typing import TYPE_CHECKING
 
 from bev_preheat.console.output import add_output_arguments, check_output_arguments, write_json
 from bev_preheat.console.terminal import print_records, progress_console, result_console
@@ -10,8 +13,16 @@ from bev_preheat.planning.comparison import difference, energy_gap_wh
 from bev_preheat.route import load_route, route_file
 from bev_preheat.vehicle import load_vehicle, vehicle_file
 
+if TYPE_CHECKING:
+    from argparse import Namespace
 
-def add_parser(subparsers):
+    from rich.console import Console
+
+    from bev_preheat.commands.arguments import Subparsers
+    from bev_preheat.experiments.reproduction.table_two import Reproduction
+
+
+def add_parser(subparsers: Subparsers) -> None:
     """Add the subcommand."""
     parser = subparsers.add_parser(
         'reproduce', help="the paper's Table II beside ours",
@@ -23,7 +34,7 @@ def add_parser(subparsers):
     parser.set_defaults(run=run)
 
 
-def run(arguments):
+def run(arguments: Namespace) -> int:
     """Reproduce, print, and write what was asked for; returns 0."""
     check_output_arguments(arguments, (vehicle_file('reference'), route_file('reference')))
     require('casadi', *(['scipy'] if arguments.fit else []))
@@ -53,7 +64,7 @@ def run(arguments):
     return 0
 
 
-def print_result(console, result):
+def print_result(console: Console, result: Reproduction) -> None:
     """Print a Reproduction."""
     rows, column = [], None
     for cell in result.cells:

@@ -1,12 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """`preheat robustness`: the planner in closed loop with cars that differ from their file."""
 
+from __future__ import annotations
+
 from dataclasses import asdict
+from typing import TYPE_CHECKING
 
 from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn
 from rich.text import Text
 
-from bev_preheat.commands.completion import ROUTES, VEHICLES
+from bev_preheat.commands.completion import completed_by, ROUTES, VEHICLES
 from bev_preheat.commands.situation import load_planned_vehicle, target_of, warn
 from bev_preheat.console.finished import keeping_what_is_finished
 from bev_preheat.console.output import add_output_arguments, check_output_arguments, write_json
@@ -30,6 +33,18 @@ from bev_preheat.experiments.robustness.drawn_cars import (
 from bev_preheat.planning.situation import BatteryState, check_situation, Goal
 from bev_preheat.route import route_for, route_source
 from bev_preheat.vehicle import vehicle_file
+
+if TYPE_CHECKING:
+    from argparse import Namespace
+    from collections.abc import Sequence
+    from typing import Any
+
+    from rich.console import Console
+
+    from bev_preheat.commands.arguments import Subparsers
+    from bev_preheat.console.finished import Ending
+    from bev_preheat.experiments.robustness.car_figures import Figures
+    from bev_preheat.experiments.robustness.car_study import CarResult
 
 # (low, high) of what the options allow.
 LIMITS = {
@@ -67,7 +82,7 @@ ROWS = (
 )
 
 
-def add_parser(subparsers):
+def add_parser(subparsers: Subparsers) -> None:
     """Add the subcommand."""
     parser = subparsers.add_parser(
         'robustness', help='planner in closed loop with cars that differ from their description',
@@ -84,10 +99,12 @@ def add_parser(subparsers):
     parser.add_argument('--jobs', type=int, metavar='N', help='processes (default: all cores)')
     parser.add_argument('--methods', nargs='+', choices=tuple(COMPARED), default=list(COMPARED),
                         metavar='METHOD', help=f'of {", ".join(COMPARED)} (default: all)')
-    parser.add_argument('--vehicle', default='reference', metavar='NAME|FILE',
-                        help='vehicle as described (default: %(default)s)').completer = VEHICLES
-    parser.add_argument('--route', default='reference', metavar='NAME|FILE',
-                        help='route as described, or legs/NAME (default: %(default)s)').completer = ROUTES
+    completed_by(VEHICLES, parser.add_argument(
+        '--vehicle', default='reference', metavar='NAME|FILE',
+        help='vehicle as described (default: %(default)s)'))
+    completed_by(ROUTES, parser.add_argument(
+        '--route', default='reference', metavar='NAME|FILE',
+        help='route as described, or legs/NAME (default: %(default)s)'))
     parser.add_argument('--temperature', type=float, default=-7.0, metavar='DEGC',
                         help='battery temperature at the start [degC] (default: %(default)s)')
     parser.add_argument('--soc', type=float, default=0.9, metavar='0..1',
@@ -104,7 +121,7 @@ def add_parser(subparsers):
     parser.set_defaults(run=run)
 
 
-def run(arguments):
+def run(arguments: Namespace) -> int:
     """Run the study, or one trip of it; returns 0 whether or not the requirements are met."""
     conditions = _conditions(arguments)
     check_output_arguments(
@@ -119,7 +136,7 @@ def run(arguments):
                        TimeElapsedColumn()) as progress):
         task = progress.add_task('trips', total=arguments.trips)
 
-        def report(result):
+        def report(result: CarResult) -> None:
             results.append(result)
             progress.update(task, advance=1)
 
@@ -130,7 +147,8 @@ def run(arguments):
     return 0
 
 
-def _give_out(arguments, results, methods, ending):
+def _give_out(arguments: Namespace, results: list[CarResult], methods: Sequence[str],
+              ending: Ending) -> None:
     summary = summarise_drives(results, methods)
     if arguments.json:
         write_json(arguments.json, {**_described(arguments), 'trips': arguments.trips,
@@ -148,7 +166,7 @@ def _give_out(arguments, results, methods, ending):
     print_summary(console, summary, methods)
 
 
-def _run_one(arguments, conditions, methods):
+def _run_one(arguments: Namespace, conditions: Conditions, methods: Sequence[str]) -> int:
     with progress_console().status('driving …'):
         result, courses = drive_car(conditions, arguments.seed, arguments.only, methods)
     if arguments.json:
@@ -165,7 +183,7 @@ def _run_one(arguments, conditions, methods):
     return 0
 
 
-def _conditions(arguments):
+def _conditions(arguments: Namespace) -> Conditions:
     problems = []
     for name, (low, high) in LIMITS.items():
         value = getattr(arguments, name)
@@ -183,13 +201,13 @@ def _conditions(arguments):
     return Conditions(vehicle, route, state, goal, arguments.period, not arguments.no_power)
 
 
-def _drawn():
+def _drawn() -> dict[str, Any]:
     return {'spread': SPREAD, 'propulsion_power_variability': PROPULSION_POWER_VARIABILITY,
             'temperature_noise_k': TEMPERATURE_NOISE_K,
             'temperature_resolution_k': TEMPERATURE_RESOLUTION_K}
 
 
-def _drawn_sentence():
+def _drawn_sentence() -> str:
     """Return what is drawn for each trip."""
     spread = ', '.join(f'{name.replace("_", " ")} ±{100 * share:.0f} %'
                        for name, share in SPREAD.items())
@@ -199,7 +217,7 @@ def _drawn_sentence():
             f'{TEMPERATURE_RESOLUTION_K:g} K.')
 
 
-def _described(arguments):
+def _described(arguments: Namespace) -> dict[str, Any]:
     """Return what a JSON file says of the conditions."""
     return {'seed': arguments.seed, 'vehicle': arguments.vehicle, 'route': arguments.route,
             'temperature_c': arguments.temperature, 'soc': arguments.soc,
@@ -207,11 +225,11 @@ def _described(arguments):
             'reports_power': not arguments.no_power, 'drawn': _drawn()}
 
 
-def _percent(share):
+def _percent(share: float | None) -> float | None:
     return None if share is None else 100.0 * share
 
 
-def print_summary(console, summary, methods):
+def print_summary(console: Console, summary: Figures, methods: Sequence[str]) -> None:
     """Print the tables of a summary."""
     informed = summary['informed']
     console.print(f'informed (one plan that knows the truth): '
@@ -231,18 +249,18 @@ def print_summary(console, summary, methods):
         console.print(f'{method}: trips to look at (--only NUMBER): {worst}', soft_wrap=True)
 
 
-def _judged(requirement):
+def _judged(requirement: Figures) -> Text:
     value = requirement['value']
     text = _text(value, 'd' if isinstance(value, int) else '+.2f')
     colour, verdict = ('green', 'met') if requirement['met'] else ('red', 'not met')
     return Text.assemble(f'{text} {requirement["unit"]}'.rstrip(), ' ', (verdict, colour))
 
 
-def _text(value, form):
+def _text(value: float | None, form: str) -> str:
     return '–' if value is None else format(value, form)
 
 
-def print_trip(console, result):
+def print_trip(console: Console, result: CarResult) -> None:
     """Print one trip."""
     car = ', '.join(f'{name.replace("_", " ")} {getattr(result.mismatch, name):.3f}'
                     for name in SPREAD)

@@ -1,14 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """`preheat route`: makes a route file from a description of a trip, or from drive logs."""
 
+from __future__ import annotations
+
 from pathlib import Path
 import shlex
+from typing import TYPE_CHECKING
 
 import numpy as np
 from rich.table import Table
 from rich.text import Text
 
-from bev_preheat.commands.completion import NameCompleter, VEHICLES
+from bev_preheat.commands.completion import completed_by, NameCompleter, VEHICLES
 from bev_preheat.console.terminal import result_console
 from bev_preheat.errors import InvalidInput
 from bev_preheat.output_files import check_outputs, expanded, Output, PICTURE_SUFFIXES
@@ -17,28 +20,38 @@ from bev_preheat.route.drive_log import load_drive_logs
 from bev_preheat.route.legs import legs_file, load_legs
 from bev_preheat.vehicle.loading import load_vehicle, vehicle_file
 
+if TYPE_CHECKING:
+    from argparse import Namespace
+    from collections.abc import Sequence
+
+    from bev_preheat.arrays import FloatArray
+    from bev_preheat.commands.arguments import Subparsers
+    from bev_preheat.output_files import AnyPath
+    from bev_preheat.route import Route
+    from bev_preheat.vehicle import Vehicle
+
 JOULES_PER_WH = 3600.0
 DEFAULT_STEP_S = 30.0
 
 
-def add_parser(subparsers):
+def add_parser(subparsers: Subparsers) -> None:
     """Add the subcommand to those of `preheat`."""
     parser = subparsers.add_parser(
         'route', help='make a route file from a description of a trip or from drive logs',
         description='Make a route file from a description of a trip (legs of road with limits, '
                     'slopes and stops) or from drive logs (CSV, one sample a second).')
     source = parser.add_mutually_exclusive_group(required=True)
-    source.add_argument(
+    completed_by(NameCompleter('routes/legs'), source.add_argument(
         '--legs', metavar='NAME|FILE',
-        help='description of a trip: a name in config/routes/legs or a YAML file'
-    ).completer = NameCompleter('routes/legs')
+        help='description of a trip: a name in config/routes/legs or a YAML file'))
     source.add_argument('--log', nargs='+', metavar='FILE',
                         help='drive logs, joined in this order')
     parser.add_argument('--output', required=True, metavar='FILE',
                         help='route file to write (CSV)')
-    parser.add_argument('--vehicle', required=True, metavar='NAME|FILE',
-                        help='with --legs: which car drives; with --log: which car drove, for its '
-                             'auxiliary power; a name in config/vehicles or a YAML file').completer = VEHICLES
+    completed_by(VEHICLES, parser.add_argument(
+        '--vehicle', required=True, metavar='NAME|FILE',
+        help='with --legs: which car drives; with --log: which car drove, for its '
+        'auxiliary power; a name in config/vehicles or a YAML file'))
     parser.add_argument('--step', type=float, metavar='SECONDS',
                         help=f'duration of a segment, with --log (default {DEFAULT_STEP_S:g})')
     parser.add_argument('--plot', metavar='FILE',
@@ -46,7 +59,7 @@ def add_parser(subparsers):
     parser.set_defaults(run=run)
 
 
-def run(arguments):
+def run(arguments: Namespace) -> int:
     """Make the route file, say what is in it, and return the exit status."""
     vehicle = load_vehicle(arguments.vehicle)
     name, route, remarks, inputs = _load(arguments, vehicle)
@@ -69,7 +82,8 @@ def run(arguments):
     return 0
 
 
-def _load(arguments, vehicle):
+def _load(arguments: Namespace,
+          vehicle: Vehicle) -> tuple[str, Route, Sequence[str], Sequence[AnyPath]]:
     """Name, Route and remarks of what the arguments ask for, and the files that were read."""
     if arguments.legs:
         if arguments.step is not None:
@@ -79,11 +93,11 @@ def _load(arguments, vehicle):
         return made.name, made.route, made.remarks, [legs_file(arguments.legs)]
     step_s = DEFAULT_STEP_S if arguments.step is None else arguments.step
     logs = [expanded(path) for path in arguments.log]
-    made = load_drive_logs(logs, vehicle.defaults, step_s)
-    return ' + '.join(Path(path).stem for path in logs), made.route, made.remarks, logs
+    logged = load_drive_logs(logs, vehicle.defaults, step_s)
+    return ' + '.join(Path(path).stem for path in logs), logged.route, logged.remarks, logs
 
 
-def _command(arguments):
+def _command(arguments: Namespace) -> str:
     """Command that makes this route file again."""
     words = ['preheat', 'route']
     for option in ('legs', 'log', 'vehicle', 'step', 'output'):
@@ -93,7 +107,7 @@ def _command(arguments):
     return shlex.join(words)
 
 
-def _table(name, route):
+def _table(name: str, route: Route) -> Table:
     """Summary of a route."""
     duration_s, power_w = route.duration_s, route.propulsion_power_w
     total_s = route.total_duration_s
@@ -121,5 +135,5 @@ def _table(name, route):
     return table
 
 
-def _energy(power_w, duration_s):
+def _energy(power_w: FloatArray, duration_s: FloatArray) -> str:
     return f'{power_w @ duration_s / JOULES_PER_WH:.0f} Wh'

@@ -1,12 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """`preheat scenario`: drives in which something is wrong, and whether they go as expected."""
 
+from __future__ import annotations
+
 import os
+from typing import TYPE_CHECKING
 
 from rich.progress import BarColumn, TaskProgressColumn, TextColumn
 from rich.text import Text
 
-from bev_preheat.commands.completion import NameCompleter
+from bev_preheat.commands.completion import completed_by, NameCompleter
 from bev_preheat.commands.situation import warn
 from bev_preheat.configuration import configuration_folder
 from bev_preheat.console.finished import keeping_what_is_finished
@@ -15,19 +18,29 @@ from bev_preheat.console.terminal import print_records, progress_bar, result_con
 from bev_preheat.errors import InvalidInput
 from bev_preheat.output_files import check_outputs, expanded, Output
 
+if TYPE_CHECKING:
+    from argparse import Namespace
+    from collections.abc import Callable, Mapping, Sequence
+
+    from rich.console import Console
+
+    from bev_preheat.commands.arguments import Subparsers
+    from bev_preheat.simulation.evaluation import DriveRecord, Finding
+    from bev_preheat.simulation.scenario import Scenario
+
 DEFAULT_SPEED_UP = 60.0
 
 
-def add_parser(subparsers):
+def add_parser(subparsers: Subparsers) -> None:
     """Add the subcommand."""
     parser = subparsers.add_parser(
         'scenario', help='drives in which something is wrong, and whether they go as expected',
         description='Drives scenarios (config/scenarios) with the planner, and holds what happened '
         'against what each expects. Exit status 1 where one does not go as expected. Ctrl-C ends it; '
         'the scenarios that are finished are shown.')
-    parser.add_argument(
+    completed_by(NameCompleter('scenarios'), parser.add_argument(
         'scenarios', nargs='*', metavar='NAME|FILE',
-        help='which ones (default: all of config/scenarios)').completer = NameCompleter('scenarios')
+        help='which ones (default: all of config/scenarios)'))
     parser.add_argument('--list', action='store_true', help='list what there is, and end')
     parser.add_argument('--nodes', action='store_true',
                         help='with the installed planner and vehicle_simulator over ROS, not '
@@ -40,7 +53,7 @@ def add_parser(subparsers):
     parser.set_defaults(run=run)
 
 
-def run(arguments):
+def run(arguments: Namespace) -> int:
     """Drive, print, write; returns 0 where all went as expected."""
     from bev_preheat.simulation.evaluation import evaluate
     from bev_preheat.simulation.scenario import load_scenario
@@ -69,9 +82,11 @@ def run(arguments):
         task = progress.add_task('', total=len(scenarios))
         for number, (name, scenario) in enumerate(scenarios):
             progress.update(task, description=scenario.name, completed=number)
-            record = _drive(arguments, name, scenario,
-                            lambda share, number=number: progress.update(
-                                task, completed=number + share))
+
+            def report(share: float, number: int = number) -> None:
+                progress.update(task, completed=number + share)
+
+            record = _drive(arguments, name, scenario, report)
             findings[scenario.name] = evaluate(scenario.expectations, record)
     bad = [name for name, found in findings.items() if not all(item.good for item in found)]
     if findings:
@@ -89,7 +104,7 @@ def run(arguments):
     return 1 if bad else 0
 
 
-def _check_outputs(arguments, scenarios):
+def _check_outputs(arguments: Namespace, scenarios: Sequence[Scenario]) -> None:
     outputs = [json_output(arguments.json)]
     if arguments.nodes and arguments.logs is not None:
         from bev_preheat.experiments.installed_drive import log_files
@@ -98,7 +113,8 @@ def _check_outputs(arguments, scenarios):
     check_outputs(outputs, [path for scenario in scenarios for path in scenario.files])
 
 
-def _drive(arguments, name, scenario, report):
+def _drive(arguments: Namespace, name: str, scenario: Scenario,
+           report: Callable[[float], None]) -> DriveRecord:
     if arguments.nodes:
         from bev_preheat.experiments.installed_drive import drive_with_nodes, ScenarioFailed
         try:
@@ -109,7 +125,7 @@ def _drive(arguments, name, scenario, report):
     return drive_scenario(scenario, lambda time_s, total_s: report(time_s / total_s))
 
 
-def print_findings(console, findings):
+def print_findings(console: Console, findings: Mapping[str, Sequence[Finding]]) -> None:
     """Print the Findings of scenarios, a dictionary by name."""
     rows = []
     for name, found in findings.items():

@@ -1,15 +1,24 @@
 # SPDX-License-Identifier: Apache-2.0
 """The arguments that say what is planned: vehicle, route, state and goal."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 import sys
+from typing import TYPE_CHECKING
 
-from bev_preheat.commands.completion import ROUTES, VEHICLES
+from bev_preheat.commands.completion import completed_by, ROUTES, VEHICLES
 from bev_preheat.errors import InvalidInput
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route import Route, route_for
 from bev_preheat.vehicle import load_vehicle, Vehicle, vehicle_file
 from bev_preheat.vehicle.assumptions import assumption_warning
+
+if TYPE_CHECKING:
+    from argparse import ArgumentParser, Namespace
+    from pathlib import Path
+
+    from bev_preheat.commands.arguments import Alternatives
 
 
 @dataclass(frozen=True)
@@ -24,23 +33,24 @@ class Situation:
     route: Route
     state: BatteryState
     goal: Goal
-    files: tuple
+    files: tuple[Path, ...]
     route_made_for: str | None
 
 
-def add_situation_arguments(parser, route_group=None):
+def add_situation_arguments(parser: ArgumentParser,
+                            route_group: Alternatives | None = None) -> None:
     """
     Add the arguments that `read_situation` reads.
 
     `route_group` is a group of which one argument must be given, where `--route` has alternatives.
     """
-    parser.add_argument(
+    completed_by(VEHICLES, parser.add_argument(
         '--vehicle', required=True, metavar='NAME|FILE',
-        help='vehicle: a name in config/vehicles or a YAML file').completer = VEHICLES
-    (route_group or parser).add_argument(
+        help='vehicle: a name in config/vehicles or a YAML file'))
+    completed_by(ROUTES, (route_group or parser).add_argument(
         '--route', required=route_group is None, metavar='NAME|FILE',
         help='route: a name in config/routes or a CSV file; or a description of its legs, driven '
-        'by the vehicle: legs/NAME or a YAML file').completer = ROUTES
+        'by the vehicle: legs/NAME or a YAML file'))
     parser.add_argument('--temperature', required=True, type=float, metavar='DEGC',
                         help='battery temperature at the start [degC]')
     parser.add_argument('--soc', required=True, type=float, metavar='0..1',
@@ -56,7 +66,7 @@ def add_situation_arguments(parser, route_group=None):
                         help='plan in steps of this length [s]; the rows of the route if not given')
 
 
-def read_situation(arguments):
+def read_situation(arguments: Namespace) -> Situation:
     """Return the Situation of parsed arguments; raise InvalidInput where they make none."""
     vehicle = load_planned_vehicle(arguments.vehicle)
     loaded = route_for(arguments.route, vehicle)
@@ -68,20 +78,20 @@ def read_situation(arguments):
                      (vehicle_file(arguments.vehicle), loaded.file), loaded.made_for)
 
 
-def warn(*sentences):
+def warn(*sentences: str | None) -> None:
     """Print each sentence that is not None to standard error, once."""
     for sentence in dict.fromkeys(filter(None, sentences)):
         print(f'preheat: warning: {sentence}', file=sys.stderr)
 
 
-def load_planned_vehicle(name_or_file):
+def load_planned_vehicle(name_or_file: str) -> Vehicle:
     """Return a Vehicle, and say on standard error what of it is assumed, because plans are as well."""
     vehicle = load_vehicle(name_or_file)
     warn(assumption_warning(vehicle, vehicle_file(name_or_file)))
     return vehicle
 
 
-def in_steps(route, arguments):
+def in_steps(route: Route, arguments: Namespace) -> Route:
     """Return a Route in the steps that `--step` asks for; raise InvalidInput where it may not."""
     if arguments.step is None:
         return route
@@ -91,8 +101,7 @@ def in_steps(route, arguments):
     return route.resampled(arguments.step)
 
 
-def target_of(arguments, vehicle):
+def target_of(arguments: Namespace, vehicle: Vehicle) -> float:
     """Return the target [degC] of parsed arguments, the vehicle's default without one."""
-    if arguments.target is None:
-        return vehicle.defaults.target_battery_temperature_c
-    return arguments.target
+    target_c: float | None = arguments.target
+    return vehicle.defaults.target_battery_temperature_c if target_c is None else target_c

@@ -1,11 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """`preheat sweep`: the methods against the nonlinear program on many random trips."""
 
+from __future__ import annotations
+
 from dataclasses import asdict
+from typing import TYPE_CHECKING
 
 from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn
 
-from bev_preheat.commands.completion import VEHICLES
+from bev_preheat.commands.completion import completed_by, VEHICLES
 from bev_preheat.console.finished import keeping_what_is_finished
 from bev_preheat.console.output import add_output_arguments, check_output_arguments, write_json
 from bev_preheat.console.terminal import print_figures, progress_bar, result_console
@@ -17,11 +20,22 @@ from bev_preheat.planning.comparison import SAME_SHORTFALL_K
 from bev_preheat.planning.planner import METHODS
 from bev_preheat.vehicle import vehicle_file
 
+if TYPE_CHECKING:
+    from argparse import Namespace
+    from collections.abc import Mapping
+
+    from rich.console import Console
+
+    from bev_preheat.commands.arguments import Subparsers
+    from bev_preheat.console.finished import Ending
+    from bev_preheat.experiments.optimality.gap_figures import Figures
+    from bev_preheat.experiments.optimality.gap_study import GapResult
+
 # Disagreements shown for a method; the JSON has all.
 MOST_LISTED = 10
 
 
-def add_parser(subparsers):
+def add_parser(subparsers: Subparsers) -> None:
     """Add the subcommand."""
     parser = subparsers.add_parser(
         'sweep', help='methods against the nonlinear program on random trips',
@@ -36,13 +50,14 @@ def add_parser(subparsers):
                         'tight reserves and a changing cabin demand (default: %(default)s)')
     parser.add_argument('--seed', type=int, default=1, help='default: %(default)s')
     parser.add_argument('--jobs', type=int, metavar='N', help='processes (default: all cores)')
-    parser.add_argument('--vehicle', default='reference', metavar='NAME|FILE',
-                        help='vehicle that is scaled (default: %(default)s)').completer = VEHICLES
+    completed_by(VEHICLES, parser.add_argument(
+        '--vehicle', default='reference', metavar='NAME|FILE',
+        help='vehicle that is scaled (default: %(default)s)'))
     add_output_arguments(parser)
     parser.set_defaults(run=run)
 
 
-def run(arguments):
+def run(arguments: Namespace) -> int:
     """Run the study; returns 0. An interrupted one is summed up as far as it got."""
     from bev_preheat.experiments.optimality.gap_study import run_study
     for name, low, high in (('feasible', 1, 100_000), ('seed', 0, 2**31), ('jobs', 1, 1024)):
@@ -57,7 +72,7 @@ def run(arguments):
                        TimeElapsedColumn()) as progress):
         task = progress.add_task('feasible trips', total=arguments.feasible)
 
-        def report(result):
+        def report(result: GapResult) -> None:
             results.append(result)
             progress.update(task, advance=result.outcome == FEASIBLE,
                             description=f'feasible of {len(results)} trips')
@@ -71,7 +86,7 @@ def run(arguments):
     return 0
 
 
-def _give_out(arguments, results, ending):
+def _give_out(arguments: Namespace, results: list[GapResult], ending: Ending) -> None:
     summary = summarise_gaps(results, METHODS)
     if arguments.json:
         write_json(arguments.json, {'seed': arguments.seed, 'trips': arguments.trips,
@@ -89,7 +104,7 @@ def _give_out(arguments, results, ending):
     print_summary(console, summary)
 
 
-def print_summary(console, summary):
+def print_summary(console: Console, summary: Figures) -> None:
     """Print the tables of a summary."""
     outcomes = ', '.join(f'{count} {name}' for name, count in summary['outcomes'].items())
     console.print(f'{summary["trips"]} trips: {outcomes}', soft_wrap=True)
@@ -124,6 +139,6 @@ def print_summary(console, summary):
                       markup=False, soft_wrap=True)
 
 
-def _distribution(values, factor):
+def _distribution(values: Mapping[str, float], factor: float) -> list[str]:
     """Return the texts of a distribution, which is empty where there were no trips."""
     return [f'{factor * values[name]:.4g}' if values else '–' for name in PERCENTILES]

@@ -1,11 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """`preheat vehicle`: makes a vehicle file from a data sheet, and says what a vehicle file means."""
 
+from __future__ import annotations
+
 from dataclasses import fields
 from pathlib import Path
 import shlex
+from typing import TYPE_CHECKING
 
-from bev_preheat.commands.completion import VEHICLES
+from bev_preheat.commands.completion import completed_by, VEHICLES
 from bev_preheat.configuration import configuration_folder
 from bev_preheat.console.output import add_output_arguments, check_output_arguments, write_json
 from bev_preheat.console.terminal import print_figures, print_records, result_console
@@ -18,6 +21,16 @@ from bev_preheat.vehicle.data_sheet import DataSheet, QUANTITIES
 from bev_preheat.vehicle.described_car import describe_car
 from bev_preheat.vehicle.meaning import meaning_of
 from bev_preheat.vehicle.writing import assumed_keys, vehicle_text
+
+if TYPE_CHECKING:
+    from argparse import Namespace
+    from collections.abc import Iterable
+
+    from rich.console import Console
+
+    from bev_preheat.commands.arguments import Subparsers
+    from bev_preheat.output_files import AnyPath
+    from bev_preheat.vehicle.meaning import Meaning
 
 SUFFIXES = ('.yaml',)
 # What a data sheet may tell; the ranges are those of data_sheet.QUANTITIES.
@@ -43,7 +56,7 @@ HELP = {
 }
 
 
-def add_parser(subparsers):
+def add_parser(subparsers: Subparsers) -> None:
     """Add the subcommand to those of `preheat`."""
     parser = subparsers.add_parser(
         'vehicle', help='make a vehicle file from a data sheet, or say what one means',
@@ -54,9 +67,9 @@ def add_parser(subparsers):
         'check', help='say what a vehicle file means',
         description='Print what a vehicle file means, and what of it is unusual for a car. Exit '
                     'status 0, also with warnings; 2 where the file is refused.')
-    check.add_argument(
+    completed_by(VEHICLES, check.add_argument(
         'vehicle', metavar='NAME|FILE',
-        help='a name in config/vehicles or a YAML file').completer = VEHICLES
+        help='a name in config/vehicles or a YAML file'))
     add_output_arguments(check)
     check.set_defaults(run=run_check)
     actions.add_parser(
@@ -64,7 +77,7 @@ def add_parser(subparsers):
         description='List the cars that come with the package.').set_defaults(run=run_list)
 
 
-def _add_new(actions):
+def _add_new(actions: Subparsers) -> None:
     parser = actions.add_parser(
         'new', help='make a vehicle file from a data sheet',
         description='Make a complete vehicle file, with a comment at each value, from what a data '
@@ -87,7 +100,7 @@ def _add_new(actions):
     parser.set_defaults(run=run_new)
 
 
-def run_new(arguments):
+def run_new(arguments: Namespace) -> int:
     """Write a vehicle file, say what of it is assumed, and return the exit status."""
     output = arguments.output
     check_outputs([Output('--output', output, SUFFIXES)])
@@ -108,7 +121,7 @@ def run_new(arguments):
     return 0
 
 
-def run_check(arguments):
+def run_check(arguments: Namespace) -> int:
     """Print what a vehicle file means, write what was asked for, and return the exit status."""
     file = vehicle_file(arguments.vehicle)
     check_output_arguments(arguments, [file])
@@ -129,7 +142,7 @@ def run_check(arguments):
     return 0
 
 
-def run_list(arguments):
+def run_list(arguments: Namespace) -> int:
     """Print the cars that come with the package; returns the exit status."""
     rows = []
     for file in sorted(configuration_folder('vehicles').glob('*.yaml')):
@@ -144,13 +157,13 @@ def run_list(arguments):
     return 0
 
 
-def _as_file(path):
+def _as_file(path: AnyPath) -> str:
     """Return a path as text that is never taken for a name of config/vehicles."""
     text = str(path)
     return text if '/' in text else f'./{text}'
 
 
-def _sources(texts):
+def _sources(texts: Iterable[str]) -> tuple[tuple[str, str], ...]:
     """Return (name of a figure, source) for each OPTION=TEXT."""
     sources = []
     for text in texts:
@@ -162,7 +175,7 @@ def _sources(texts):
     return tuple(sources)
 
 
-def _command(arguments):
+def _command(arguments: Namespace) -> str:
     """Return the command that makes these values again; sources stand at each value."""
     words = ['preheat', 'vehicle', 'new', '--output', arguments.output]
     if arguments.name is not None:
@@ -175,12 +188,12 @@ def _command(arguments):
     return shlex.join(words)
 
 
-def _print_warnings(console, meaning):
+def _print_warnings(console: Console, meaning: Meaning) -> None:
     for warning in meaning.warnings:
         console.print(f'warning: {warning}', markup=False, soft_wrap=True)
 
 
-def _print_meaning(console, meaning):
+def _print_meaning(console: Console, meaning: Meaning) -> None:
     """Print the figures of a car, its open-circuit voltage, and what cold costs."""
     cells = f', {meaning.cells_in_series} cells in series' if meaning.cells_in_series else ''
     resistances = ' / '.join(f'{1e3 * ohm:.0f}' for ohm in meaning.resistance_ohm.values())

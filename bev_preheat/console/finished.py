@@ -1,23 +1,32 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a study keeps when it is interrupted: all that is finished."""
 
+from __future__ import annotations
+
 from contextlib import contextmanager
+from typing import TYPE_CHECKING
 
 from bev_preheat.console.program import Interrupted, WorkerLost
 from bev_preheat.output_files import STANDARD_OUTPUT
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator
+
+    from bev_preheat.output_files import AnyPath
 
 
 class Ending:
     """How the work of a study ended; `cause` is None where it is complete."""
 
-    cause = None
+    cause: Interrupted | WorkerLost | None = None
 
     @property
-    def is_complete(self):
+    def is_complete(self) -> bool:
         """Whether nothing was interrupted."""
         return self.cause is None
 
-    def tell(self, finished, wanted, what, files):
+    def tell(self, finished: int | str, wanted: int | str, what: str,
+             files: Iterable[AnyPath | None]) -> None:
         """
         Raise the cause again, where there is one, now that what is finished has been kept.
 
@@ -39,7 +48,7 @@ class Ending:
 
 
 @contextmanager
-def keeping_what_is_finished():
+def keeping_what_is_finished() -> Iterator[Ending]:
     """Give an Ending; an interruption ends the block, and may be told later."""
     ending = Ending()
     try:

@@ -1,16 +1,25 @@
 # SPDX-License-Identifier: Apache-2.0
 """A parser of command lines that refuses in one line, and the option --version."""
 
+from __future__ import annotations
+
 import argparse
 from difflib import get_close_matches
+from typing import TYPE_CHECKING
 
 from bev_preheat.console.program import REFUSED, say, write_output
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from typing import Any, NoReturn
 
 
 class OneLineParser(argparse.ArgumentParser):
     """A parser that refuses in one line, and names the option that was probably meant."""
 
-    def parse_known_args(self, args=None, namespace=None):
+    def parse_known_args(  # type: ignore[override]  # argparse has three forms for this one
+            self, args: Sequence[str] | None = None,
+            namespace: Any = None) -> tuple[Any, list[str]]:
         """Parse as argparse does, but refuse a mistyped option before what is missing without it."""
         known = [option for action in self._actions for option in action.option_strings]
         if known and args is not None and self._subparsers is None:
@@ -26,11 +35,11 @@ class OneLineParser(argparse.ArgumentParser):
                         self.error(f'unrecognized arguments: {option}; did you mean {near[0]}?')
         return super().parse_known_args(args, namespace)
 
-    def print_help(self, file=None):
+    def print_help(self, file: Any = None) -> None:
         """Print the help; argparse would keep it to itself that the output is full."""
         write_output(self.format_help())
 
-    def error(self, message):
+    def error(self, message: str) -> NoReturn:
         """Print one line on standard error and exit with status 2."""
         say(f'{self.prog}: error: {message}; see {self.prog} --help')
         self.exit(REFUSED)
@@ -39,7 +48,8 @@ class OneLineParser(argparse.ArgumentParser):
 class VersionAction(argparse.Action):
     """Prints the version of the package and ends the process."""
 
-    def __call__(self, parser, namespace, values, option_string=None):
+    def __call__(self, parser: argparse.ArgumentParser, namespace: argparse.Namespace,
+                 values: object, option_string: str | None = None) -> None:
         """Print it."""
         from bev_preheat.version import version
         write_output(f'{parser.prog} {version()}\n')

@@ -5,11 +5,22 @@ How every command-line program starts and ends: signals, closed and full outputs
 Loads nothing that takes time, because Ctrl-C must be answered while the rest is still loading.
 """
 
+from __future__ import annotations
+
 import codecs
 from contextlib import contextmanager, suppress
 import os
 import signal
 import sys
+
+# As in typing, which takes a while to load.
+TYPE_CHECKING = False
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+    from types import FrameType
+    from typing import Any
+
+    Handler = Callable[[int, FrameType | None], Any] | int | signal.Handlers | None
 
 FAILED, REFUSED, INTERRUPTED = 1, 2, 130
 # The third is raised by this module itself.
@@ -33,7 +44,7 @@ class WorkerLost(Exception):
 
     kept = ''
 
-    def __str__(self):
+    def __str__(self) -> str:
         """Return what happened; nobody knows why."""
         return 'a worker process was killed'
 
@@ -41,12 +52,12 @@ class WorkerLost(Exception):
 class OutputFailed(Exception):
     """Standard output cannot be written, for another reason than that nobody reads it any more."""
 
-    def __init__(self, error):
+    def __init__(self, error: OSError) -> None:
         """`error` is the OSError."""
         super().__init__(f'standard output: cannot be written: {error.strerror}')
 
 
-def run_program(name, load, ends_process):
+def run_program(name: str, load: Callable[[], Callable[[], int]], ends_process: bool) -> int:
     """
     Call `load()`, then the function that it returns, and return the exit status of the program.
 
@@ -86,9 +97,9 @@ def run_program(name, load, ends_process):
     return status
 
 
-def loading(name):
+def loading(name: str) -> None:
     """Let Ctrl-C be one line while the imports of the program `name` are running."""
-    def end(number, frame):
+    def end(number: int, frame: FrameType | None) -> None:
         # Nothing has begun, and an import that is torn apart has its own way to complain.
         say(f'{name}: interrupted')
         os._exit(INTERRUPTED)
@@ -96,20 +107,20 @@ def loading(name):
     _answer_signals(end)
 
 
-def say(text):
+def say(text: str) -> None:
     """Print a line on standard error; whoever closed it does not want to read it."""
     with suppress(OSError, ValueError):
         print(one_line(text), file=sys.stderr, flush=True)
 
 
-def one_line(text):
+def one_line(text: str) -> str:
     """Return a text with line breaks and other control characters written as in Python."""
     return ''.join(character if character.isprintable() or character == ' ' else
                    character.encode('unicode_escape', 'surrogatepass').decode()
                    for character in text)
 
 
-def flush_output():
+def flush_output() -> None:
     """Write what standard output still holds; raise OutputFailed where that is impossible."""
     try:
         if sys.stdout is not None:
@@ -121,7 +132,7 @@ def flush_output():
         raise OutputFailed(error) from error
 
 
-def write_output(text):
+def write_output(text: str) -> None:
     """Write a text to standard output; raise OutputFailed where that is full."""
     try:
         if sys.stdout is not None:
@@ -134,7 +145,7 @@ def write_output(text):
     flush_output()
 
 
-def discard_output():
+def discard_output() -> None:
     """Send standard output nowhere from now on, because its reader has gone or its disk is full."""
     with suppress(OSError, ValueError, AttributeError):
         nowhere = os.open(os.devnull, os.O_WRONLY)
@@ -142,14 +153,15 @@ def discard_output():
         os.close(nowhere)
 
 
-def simplify_streams():
+def simplify_streams() -> None:
     """Let no character that the terminal lacks raise an exception."""
     codecs.register_error(READABLE, _readable)
     with suppress(AttributeError, OSError, ValueError):
-        sys.stdout.reconfigure(errors=READABLE)
+        # A stream that has no such method stays as it is.
+        sys.stdout.reconfigure(errors=READABLE)  # type: ignore[union-attr]
 
 
-def _readable(error):
+def _readable(error: UnicodeError) -> tuple[str, int]:
     if not isinstance(error, UnicodeEncodeError):
         raise error
     missing = error.object[error.start:error.end]
@@ -163,13 +175,13 @@ class _Heard:
 
 
 @contextmanager
-def _signals_heard(heard, ends_process):
+def _signals_heard(heard: _Heard, ends_process: bool) -> Iterator[None]:
     """Let signals raise Interrupted while the block lasts, and note in a _Heard that one came."""
-    def hear(number, frame):
+    def hear(number: int, frame: FrameType | None) -> None:
         heard.any = True
         raise Interrupted
 
-    def on_unraisable(unraisable):
+    def on_unraisable(unraisable: sys.UnraisableHookArgs) -> None:
         if isinstance(unraisable.exc_value, Interrupted):
             # It came within a callback, which cannot pass it on.
             signal.setitimer(signal.ITIMER_REAL, AGAIN_S)
@@ -189,7 +201,7 @@ def _signals_heard(heard, ends_process):
                 signal.signal(number, handler)
 
 
-def _answer_signals(handler):
+def _answer_signals(handler: Handler) -> dict[int, Handler]:
     """Set the handler of all signals that end a program; return those that were set before."""
     try:
         return {number: signal.signal(number, handler) for number in SIGNALS}
@@ -198,7 +210,7 @@ def _answer_signals(handler):
         return {}
 
 
-def _say(name, error):
+def _say(name: str, error: BaseException) -> int:
     """Say what ended the work, and return the exit status; raise what nobody foresaw."""
     from bev_preheat.errors import InvalidInput, PlanningFailure
     if isinstance(error, InvalidInput):

@@ -5,6 +5,10 @@ Consoles: results on standard output, or on standard error where JSON takes that
 Tables never cut a name: where the columns do not fit side by side, they are shown below each other.
 """
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 from rich.console import Console
 from rich.markup import escape
 from rich.progress import Progress
@@ -12,6 +16,15 @@ from rich.table import Table
 from rich.text import Text
 
 from bev_preheat.console.program import discard_output, OutputFailed
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+    from typing import Any
+
+    from rich.progress import ProgressColumn
+
+    # A rich Text where it has a colour.
+    Cell = str | Text
 
 # Of a table, beside the text: a line and a blank on both sides of each column.
 FRAME_WIDTH, COLUMN_FRAME_WIDTH = 1, 3
@@ -23,7 +36,7 @@ class ResultConsole(Console):
 
     reader_has_gone = False
 
-    def print(self, *things, **options):
+    def print(self, *things: Any, **options: Any) -> None:
         """Print as rich does; raise OutputFailed where the output is full."""
         try:
             super().print(*things, **options)
@@ -34,11 +47,11 @@ class ResultConsole(Console):
             if not self.stderr:
                 raise OutputFailed(error) from error
 
-    def on_broken_pipe(self):
+    def on_broken_pipe(self) -> None:
         """Leave it to `print`: newer versions of rich would end the process here."""
         raise  # noqa: PLE0704  rich calls this while it handles the error
 
-    def _discard(self):
+    def _discard(self) -> None:
         self.reader_has_gone = True
         # What could not be written must not be tried again.
         self.quiet = True
@@ -46,17 +59,17 @@ class ResultConsole(Console):
             discard_output()
 
 
-def result_console(json_path=None, **options):
+def result_console(json_path: str | None = None, **options: Any) -> ResultConsole:
     """Return the console for tables and sentences; `json_path` '-' means that JSON has stdout."""
     return ResultConsole(stderr=json_path == '-', highlight=False, **options)
 
 
-def progress_console():
+def progress_console() -> ResultConsole:
     """Return the console for what is of interest only while it lasts."""
     return ResultConsole(stderr=True, highlight=False)
 
 
-def progress_bar(*columns):
+def progress_bar(*columns: str | ProgressColumn) -> Progress:
     """Return a rich Progress that is seen in terminals only, and leaves nothing behind."""
     console = progress_console()
     # Older versions of rich end with an empty line where nothing is shown.
@@ -64,7 +77,8 @@ def progress_bar(*columns):
     return Progress(*columns, console=console, transient=True, disable=console.quiet)
 
 
-def print_figures(console, title, headings, rows):
+def print_figures(console: Console, title: str | None, headings: Sequence[Cell],
+                  rows: Iterable[Sequence[Cell]]) -> None:
     """
     Print a table of figures: the first column says what they are, each other one is an item.
 
@@ -88,7 +102,8 @@ def print_figures(console, title, headings, rows):
         title = None
 
 
-def print_records(console, title, headings, rows, justify=()):
+def print_records(console: Console, title: str, headings: Sequence[Cell],
+                  rows: Iterable[Sequence[Cell]], justify: Sequence[str] = ()) -> None:
     """
     Print a table of records, each a row of texts; below each other where the words do not fit.
 
@@ -109,18 +124,20 @@ def print_records(console, title, headings, rows, justify=()):
             console.print(Text.assemble('  ', line))
 
 
-def _print_table(console, title, columns, justify):
+def _print_table(console: Console, title: str | None, columns: Sequence[Sequence[Text]],
+                 justify: Sequence[str]) -> None:
     """Print columns of Texts, the first of each its heading."""
     table = Table(title=title and escape(title))
     room = console.width - FRAME_WIDTH - COLUMN_FRAME_WIDTH * len(columns)
     for column, side, width in zip(columns, justify, _widths(columns, room)):
-        table.add_column(column[0], justify=side, width=width, overflow='fold')
+        table.add_column(column[0], justify='right' if side == 'right' else 'left', width=width,
+                         overflow='fold')
     for row in zip(*(column[1:] for column in columns)):
         table.add_row(*row)
     console.print(table)
 
 
-def _widths(columns, room):
+def _widths(columns: Sequence[Sequence[Text]], room: int) -> list[int]:
     """Return the widths of columns: no more than `room` together, if no word has to break."""
     widths, least = list(map(_width, columns)), list(map(_longest_word, columns))
     while sum(widths) > room:
@@ -134,13 +151,13 @@ def _widths(columns, room):
     return widths
 
 
-def _text(cell):
+def _text(cell: Cell) -> Text:
     return cell if isinstance(cell, Text) else Text(cell)
 
 
-def _width(column):
+def _width(column: Iterable[Text]) -> int:
     return max(cell.cell_len for cell in column)
 
 
-def _longest_word(column):
+def _longest_word(column: Iterable[Text]) -> int:
     return max((Text(word).cell_len for cell in column for word in cell.plain.split()), default=0)
