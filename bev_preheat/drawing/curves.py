@@ -1,7 +1,21 @@
 # SPDX-License-Identifier: Apache-2.0
 """Curves over time, and axes that show them: units of time, ranges, bounds beyond a panel."""
 
+from __future__ import annotations
+
+from typing import overload, TYPE_CHECKING
+
 import numpy as np
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+    from typing import Any
+
+    from matplotlib.axes import Axes
+    from matplotlib.lines import Line2D
+    from numpy.typing import ArrayLike
+
+    from bev_preheat.arrays import BoolArray, FloatArray
 
 # More points than these are more than a picture has columns.
 MOST_POINTS = 4000
@@ -15,33 +29,40 @@ REACH = 0.6
 class TimeAxis:
     """The time of a trip, in the unit that fits its length; called with seconds, returns units."""
 
-    def __init__(self, duration_s):
+    def __init__(self, duration_s: float) -> None:
         """Choose the unit for a trip of so many seconds."""
         self.seconds, self.unit = next(
             (seconds, unit) for longest_s, seconds, unit in TIME_UNITS if duration_s <= longest_s)
 
-    def __call__(self, seconds):
+    @overload
+    def __call__(self, seconds: float) -> float: ...
+
+    @overload
+    def __call__(self, seconds: Sequence[float] | FloatArray) -> FloatArray: ...
+
+    def __call__(self, seconds: float | Sequence[float] | FloatArray) -> float | FloatArray:
         """Return instants [s] in the unit."""
         return np.asarray(seconds, dtype=float) / self.seconds
 
-    def finish(self, axis, start_s, end_s):
+    def finish(self, axis: Axes, start_s: float, end_s: float) -> None:
         """Label the x axis, and let it span the trip."""
         axis.set_xlabel(f'trip time [{self.unit}]')
         axis.set_xlim(self(start_s), self(end_s))
 
 
-def draw_course(axis, instants, values, **style):
+def draw_course(axis: Axes, instants: ArrayLike, values: ArrayLike, **style: Any) -> Line2D:
     """Draw a curve through values at instants, thinned where there are too many; returns it."""
     line, = axis.plot(*_thinned(np.asarray(instants), np.asarray(values)), **style)
     return line
 
 
-def draw_steps(axis, edges, values, **style):
+def draw_steps(axis: Axes, edges: FloatArray, values: ArrayLike, **style: Any) -> Line2D:
     """Draw one value a step, between its edges, as a staircase; returns it."""
     return draw_course(axis, *_staircase(edges, values), **style)
 
 
-def shade_steps(axis, edges, low, high, **style):
+def shade_steps(axis: Axes, edges: FloatArray, low: ArrayLike, high: ArrayLike,
+                **style: Any) -> None:
     """Shade what lies between two values a step."""
     edges, low = _staircase(edges, np.broadcast_to(low, len(edges) - 1))
     high = np.repeat(np.broadcast_to(high, len(low) // 2), 2)
@@ -49,16 +70,16 @@ def shade_steps(axis, edges, low, high, **style):
     axis.fill_between(edges[kept], low[kept], high[kept], linewidth=0.0, **style)
 
 
-def _staircase(edges, values):
+def _staircase(edges: FloatArray, values: ArrayLike) -> tuple[FloatArray, FloatArray]:
     return np.repeat(edges, 2)[1:-1], np.repeat(values, 2)
 
 
-def _thinned(instants, values):
+def _thinned(instants: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
     kept = _kept(values)
     return instants[kept], values[kept]
 
 
-def _kept(values):
+def _kept(values: FloatArray) -> BoolArray:
     """Which points of a curve are drawn, shape (N,): of many the extremes of each column."""
     kept = np.ones(len(values), dtype=bool)
     if len(values) > MOST_POINTS:
@@ -69,7 +90,8 @@ def _kept(values):
     return kept
 
 
-def show_range(axis, *values, least, bounds=()):
+def show_range(axis: Axes, *values: ArrayLike, least: float,
+               bounds: Iterable[ArrayLike] = ()) -> list[bool]:
     """
     Show all finite values, with a margin, in a span of at least `least`: noise is not blown up.
 
@@ -94,7 +116,7 @@ def show_range(axis, *values, least, bounds=()):
     return shown
 
 
-def _extent(values):
+def _extent(values: Iterable[ArrayLike]) -> tuple[float, float]:
     finite = np.concatenate([np.ravel(part) for part in values])
     finite = finite[np.isfinite(finite)]
     return (float(finite.min()), float(finite.max())) if len(finite) else (0.0, 0.0)

@@ -1,6 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Draws a drive: temperature, heater command and state of charge over time."""
 
+from __future__ import annotations
+
+from typing import Protocol, TYPE_CHECKING
+
 import numpy as np
 
 from bev_preheat.drawing.curves import draw_course, draw_steps, show_range, TimeAxis
@@ -12,15 +16,62 @@ from bev_preheat.planning.situation import BatteryState
 from bev_preheat.supervision.inputs import NS_PER_S
 from bev_preheat.supervision.settings import Settings
 
-PLANNED = {'linewidth': 6.0, 'alpha': 0.3, 'linestyle': '-', 'label': 'planned at the start'}
+if TYPE_CHECKING:
+
+    from matplotlib.figure import Figure
+
+    from bev_preheat.drawing.palette import Style
+    from bev_preheat.output_files import AnyPath
+    from bev_preheat.planning.plan import Plan
+    from bev_preheat.vehicle import Vehicle
+    from bev_preheat_msgs.msg import PreheatPlan, RoutePlan
+
+PLANNED: Style = {'linewidth': 6.0, 'alpha': 0.3, 'linestyle': '-',
+                  'label': 'planned at the start'}
 
 
-def draw_drive(path, drive, vehicle, title):
+class Drive(Protocol):
+    """What is drawn of a drive; a demonstration's `ObservedDrive` says what each is."""
+
+    @property
+    def first_plan(self) -> PreheatPlan:
+        """PreheatPlan that is drawn as the planned one."""
+
+    @property
+    def route(self) -> RoutePlan:
+        """RoutePlan of the drive."""
+
+    @property
+    def states(self) -> list[tuple[float, float, float]]:
+        """(Instant [s], temperature [deg C], state of charge)."""
+
+    @property
+    def commands(self) -> list[tuple[float, float]]:
+        """(Instant [s], power [W])."""
+
+    @property
+    def predictions(self) -> list[tuple[float, float]]:
+        """(Instant [s], arrival temperature [deg C])."""
+
+    @property
+    def start_ns(self) -> int:
+        """Instant at which the route starts [ns]."""
+
+    @property
+    def duration_s(self) -> float:
+        """How long the route takes [s]."""
+
+    @property
+    def target_c(self) -> float:
+        """Battery temperature wanted on arrival [deg C]."""
+
+
+def draw_drive(path: AnyPath, drive: Drive, vehicle: Vehicle, title: str) -> None:
     """Draw an `ObservedDrive` into a file, whose suffix says which kind of picture it is."""
     save_figure(make_drive_figure(drive, vehicle, title), path)
 
 
-def make_drive_figure(drive, vehicle, title):
+def make_drive_figure(drive: Drive, vehicle: Vehicle, title: str) -> Figure:
     """Return the figure of an `ObservedDrive`, over its first plan and the unheated drive."""
     figure, (temperature, heater, charge) = stacked_figure(3, title, panel_height_in=2.3)
     plan, time = drive.first_plan, TimeAxis(drive.duration_s)
@@ -30,7 +81,7 @@ def make_drive_figure(drive, vehicle, title):
     unheated, unheated_from_s = _unheated(drive, vehicle)
     planner, idle = look_of('planner'), look_of(WITHOUT_PREHEATING)
 
-    def line(label):
+    def line(label: str) -> Style:
         return planner.line(linewidth=1.6, label=label)
 
     draw_course(temperature, planned, plan.battery_temperature, **planner.line(**PLANNED))
@@ -72,7 +123,7 @@ def make_drive_figure(drive, vehicle, title):
     return figure
 
 
-def _unheated(drive, vehicle):
+def _unheated(drive: Drive, vehicle: Vehicle) -> tuple[Plan, float]:
     """Return the Plan of the same drive without preheating, and the instant [s] of its start."""
     leg, = mission_from_message(drive.route, vehicle.defaults, Settings.planning_step_s).legs
     instant_s, temperature_c, soc = drive.states[0]

@@ -1,19 +1,34 @@
 # SPDX-License-Identifier: Apache-2.0
 """A soak test as a picture: memory, time between commands, commanded power."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from bev_preheat.drawing.curves import draw_course, show_range, TimeAxis
 from bev_preheat.drawing.figure import save_figure, stacked_figure
 from bev_preheat.drawing.palette import look_of
 
+if TYPE_CHECKING:
+    from collections.abc import Sequence
 
-def draw_endurance(path, commands, memory_samples):
+    from matplotlib.figure import Figure
+
+    from bev_preheat.output_files import AnyPath
+
+    # (instant [s], power [W], age of the latest state [s]), (instant [s], memory [MB]).
+    Commands = Sequence[tuple[float, float, float]]
+    Samples = Sequence[tuple[float, float]]
+
+
+def draw_endurance(path: AnyPath, commands: Commands, memory_samples: Samples) -> None:
     """Draw a soak test into a file, whose suffix says which kind of picture it is."""
     save_figure(make_endurance_figure(commands, memory_samples), path)
 
 
-def make_endurance_figure(commands, memory_samples):
+def make_endurance_figure(commands: Commands, memory_samples: Samples) -> Figure:
     """
     Return the figure of a soak test over its time.
 

@@ -1,17 +1,35 @@
 # SPDX-License-Identifier: Apache-2.0
 """Makes and saves figures without a screen."""
 
+from __future__ import annotations
+
 import io
 import os
 import textwrap
+from typing import TYPE_CHECKING
 import warnings
 
 import matplotlib
 
 matplotlib.use('Agg')
 from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from bev_preheat.output_files import write_whole
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from typing import Any
+
+    from matplotlib.artist import Artist
+    from matplotlib.axes import Axes
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from bev_preheat.output_files import AnyPath
+
+    # Axes in rows and columns; NumPy does not know what objects an array holds.
+    AxesGrid = NDArray[np.object_]
 
 WIDTH_IN = 9.0
 # Characters of a title in a line, lines of a title, and characters of a legend in a row.
@@ -22,11 +40,12 @@ LEGEND_CHARACTERS = 128
 HANDLE_CHARACTERS = 8
 
 
-def grid_figure(rows, columns, title, height_in, **options):
+def grid_figure(rows: int, columns: int, title: str, height_in: float,
+                **options: Any) -> tuple[Figure, AxesGrid]:
     """Return (figure, array of axes): panels in `rows` and `columns` under a title."""
-    figure = Figure(figsize=(WIDTH_IN, height_in), layout='constrained')
+    figure = Figure(figsize=(WIDTH_IN, height_in),
+                    layout=ConstrainedLayoutEngine(h_pad=0.06, w_pad=0.06))
     axes = figure.subplots(rows, columns, squeeze=False, **options)
-    figure.get_layout_engine().set(h_pad=0.06, w_pad=0.06)
     figure.suptitle(literal(title), fontsize='medium')
     for axis in axes.flat:
         axis.grid(True, alpha=0.3)
@@ -36,13 +55,14 @@ def grid_figure(rows, columns, title, height_in, **options):
     return figure, axes
 
 
-def stacked_figure(panels, title, panel_height_in=1.9):
+def stacked_figure(panels: int, title: str,
+                   panel_height_in: float = 1.9) -> tuple[Figure, list[Axes]]:
     """Return (figure, list of axes): panels above each other that share the x axis."""
     figure, axes = grid_figure(panels, 1, title, panel_height_in * panels + 0.8, sharex=True)
     return figure, list(axes[:, 0])
 
 
-def literal(text):
+def literal(text: str) -> str:
     """
     Return a text of several lines as matplotlib draws it: long lines wrapped, nothing a formula.
 
@@ -58,7 +78,8 @@ def literal(text):
     return '\n'.join(lines).replace('$', r'\$')
 
 
-def legend_above(axis, handles=None, title=None, side='left', columns=None):
+def legend_above(axis: Axes, handles: Sequence[Artist] | None = None, title: str | None = None,
+                 side: str = 'left', columns: int | None = None) -> None:
     """
     Put a legend above an axis, where it covers no curve; `handles` are those of the axis if None.
 
@@ -69,12 +90,13 @@ def legend_above(axis, handles=None, title=None, side='left', columns=None):
     handles = axis.get_legend_handles_labels()[0] if handles is None else handles
     if not handles:
         return
-    widths = [HANDLE_CHARACTERS + len(handle.get_label()) for handle in handles]
+    widths = [HANDLE_CHARACTERS + len(str(handle.get_label())) for handle in handles]
     if columns is None:
         columns = (len(widths) if sum(widths) <= LEGEND_CHARACTERS
                    else max(1, LEGEND_CHARACTERS // max(widths)))
     axis.legend(
-        handles=handles, title=title, alignment='left', loc=f'lower {side}',
+        handles=handles, title=title, alignment='left',
+        loc='lower left' if side == 'left' else 'lower right',
         bbox_to_anchor=(0.0 if side == 'left' else 1.0, 1.0), borderaxespad=0.1, borderpad=0.1,
         ncols=columns, fontsize='small', title_fontsize='small',
         frameon=False, handlelength=3.2)
@@ -84,7 +106,7 @@ def legend_above(axis, handles=None, title=None, side='left', columns=None):
         others.set_clip_on(False)
 
 
-def save_figure(figure, path):
+def save_figure(figure: Figure, path: AnyPath) -> None:
     """Write a figure; the suffix of the path, one of PICTURE_SUFFIXES, says as what."""
     drawn = io.BytesIO()
     with warnings.catch_warnings():

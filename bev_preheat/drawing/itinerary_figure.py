@@ -1,6 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """A trip with stops over time: the plans of its legs one after the other, the stops shaded."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 from bev_preheat.drawing.curves import draw_course, draw_steps, show_range, TimeAxis
 from bev_preheat.drawing.figure import legend_above, save_figure, stacked_figure
 from bev_preheat.drawing.palette import (
@@ -18,16 +22,29 @@ from bev_preheat.planning.situation import reserve_soc
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.supervision.inputs import NS_PER_S
 
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from bev_preheat.output_files import AnyPath
+    from bev_preheat.planning.plan import Plan
+    from bev_preheat.supervision.inputs import Leg
+    from bev_preheat.vehicle import Vehicle
+
 # More legs than these are not told one by one.
 MOST_TOLD_LEGS = 6
 
 
-def draw_itinerary(path, vehicle, legs, plans, title):
+def draw_itinerary(path: AnyPath, vehicle: Vehicle, legs: Sequence[Leg], plans: Sequence[Plan],
+                   title: str) -> None:
     """Draw the Plans for the Legs of a trip into a file, whose suffix says which kind it is."""
     save_figure(make_itinerary_figure(vehicle, legs, plans, title), path)
 
 
-def make_itinerary_figure(vehicle, legs, plans, title):
+def make_itinerary_figure(vehicle: Vehicle, legs: Sequence[Leg], plans: Sequence[Plan],
+                          title: str) -> Figure:
     """
     Return the figure of the Plans for the Legs of a trip, and of the same legs without preheating.
 
@@ -45,7 +62,7 @@ def make_itinerary_figure(vehicle, legs, plans, title):
     time = TimeAxis(starts_s[-1] + plans[-1].arrival_time_s - starts_s[0])
     heated, idle = look_of(plans[0].method), look_of(WITHOUT_PREHEATING)
     for number, (leg, plan, alone, start_s) in enumerate(zip(legs, plans, unheated, starts_s)):
-        def named(label, is_first=number == 0):
+        def named(label: str, is_first: bool = number == 0) -> dict[str, str | None]:
             # Once in the legend, not once a leg.
             return {'label': label if is_first else None}
 
@@ -85,7 +102,7 @@ def make_itinerary_figure(vehicle, legs, plans, title):
     return figure
 
 
-def _on_arrival(number, leg, plan, unheated):
+def _on_arrival(number: int, leg: Leg, plan: Plan, unheated: Plan) -> str:
     """Say in a line how a leg ends."""
     target = f'target {plan.target_temperature_c:.1f} °C, ' if leg.charging_planned else ''
     return (f'leg {number}: {plan.status.name}, {target}arrival at '
@@ -94,7 +111,8 @@ def _on_arrival(number, leg, plan, unheated):
                if plan.heating_start_s is not None else ''))
 
 
-def _draw_stops(axes, time, starts_s, plans, colour):
+def _draw_stops(axes: Sequence[Axes], time: TimeAxis, starts_s: Sequence[float],
+                plans: Sequence[Plan], colour: str) -> None:
     """Shade the stops, and join what lies on both sides of each."""
     for number, (start_s, plan, next_start_s, following) in enumerate(
             zip(starts_s, plans, starts_s[1:], plans[1:])):

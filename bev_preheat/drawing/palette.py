@@ -7,23 +7,32 @@ methods apart in black and white. A method that is drawn later is thinner: where
 the wider one below shows on both sides and through the gaps of the one above.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from typing import Any
+
+    # Arguments of matplotlib by name.
+    Style = dict[str, Any]
 
 BLACK, GRAY = '#000000', '#767676'
 BLUE, SKY_BLUE, GREEN = '#0072B2', '#56B4E9', '#009E73'
 ORANGE, VERMILLION, PURPLE = '#E69F00', '#D55E00', '#CC79A7'
 
 # Quantities and bounds that are no method's.
-TARGET = {'color': BLACK, 'linewidth': 0.9, 'linestyle': (0, (4.0, 2.0)), 'zorder': 4.0}
+TARGET: Style = {'color': BLACK, 'linewidth': 0.9, 'linestyle': (0, (4.0, 2.0)), 'zorder': 4.0}
 # Wide and pale, below everything: a battery may be as cold as its surroundings.
-AMBIENT = {'color': SKY_BLUE, 'alpha': 0.6, 'linewidth': 4.0, 'zorder': 1.0,
-           'solid_capstyle': 'butt', 'label': 'ambient'}
+AMBIENT: Style = {'color': SKY_BLUE, 'alpha': 0.6, 'linewidth': 4.0, 'zorder': 1.0,
+                  'solid_capstyle': 'butt', 'label': 'ambient'}
 PREDICTION = PURPLE
 # The same, because the heater mostly runs at its limit.
-HEATER_LIMIT = {'color': GRAY, 'alpha': 0.35, 'linewidth': 6.0, 'zorder': 1.0, 'solid_capstyle': 'butt',
-                'label': 'left by the cabin'}
-DRIVETRAIN = {'color': VERMILLION, 'alpha': 0.55, 'linewidth': 2.6, 'zorder': 2.0,
-              'label': 'drivetrain'}
+HEATER_LIMIT: Style = {'color': GRAY, 'alpha': 0.35, 'linewidth': 6.0, 'zorder': 1.0,
+                       'solid_capstyle': 'butt', 'label': 'left by the cabin'}
+DRIVETRAIN: Style = {'color': VERMILLION, 'alpha': 0.55, 'linewidth': 2.6, 'zorder': 2.0,
+                     'label': 'drivetrain'}
 ROUTE = GRAY
 POWER = VERMILLION
 CHARGE_LIMIT = SKY_BLUE
@@ -41,16 +50,16 @@ class Look:
     """Colour, dashes and width [points] of a method's lines, and its marker."""
 
     colour: str
-    dashes: object
+    dashes: str | tuple[float, tuple[float, ...]]
     width: float
     marker: str
 
-    def line(self, **changes):
+    def line(self, **changes: Any) -> Style:
         """Return the arguments of a line, wide ones below; `changes` have precedence."""
         return {'color': self.colour, 'linestyle': self.dashes, 'linewidth': self.width,
                 'zorder': LINES_ZORDER - 0.1 * self.width, **changes}
 
-    def dots(self, label):
+    def dots(self, label: str) -> Style:
         """Return the arguments of a line without a line: hollow marks, wide ones below."""
         return {'color': self.colour, 'linestyle': '', 'marker': self.marker,
                 'markersize': 3.0 + 1.2 * self.width, 'markerfacecolor': 'none',
@@ -71,6 +80,6 @@ LOOKS = {
 UNKNOWN = Look(PURPLE, 'solid', 1.5, 'D')
 
 
-def look_of(method):
+def look_of(method: str) -> Look:
     """Return the Look of a method, also where its plan is shown as it is driven."""
-    return LOOKS.get(method.split(',')[0], UNKNOWN)
+    return LOOKS.get(method.partition(',')[0], UNKNOWN)

@@ -1,7 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Plans over time: the five panels of the paper's Figure 6, state of charge, and power limits."""
 
+from __future__ import annotations
+
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -28,16 +31,35 @@ from bev_preheat.planning.schedule import Schedule
 from bev_preheat.planning.situation import BatteryState, reserve_soc
 from bev_preheat.planning.trip import make_trip
 
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from matplotlib.lines import Line2D
+    from numpy.typing import ArrayLike
+
+    from bev_preheat.arrays import FloatArray
+    from bev_preheat.output_files import AnyPath
+    from bev_preheat.planning.plan import Plan
+    from bev_preheat.planning.simulate import Accounts
+    from bev_preheat.planning.situation import Goal
+    from bev_preheat.planning.trip import Trip
+    from bev_preheat.route import Route
+    from bev_preheat.vehicle import Vehicle
+
 # Courses that are closer than this lie on each other in a picture [K].
 SAME_COURSE_K = 0.15
 
 
-def draw_plans(path, vehicle, route, goal, plans, title):
+def draw_plans(path: AnyPath, vehicle: Vehicle, route: Route, goal: Goal, plans: Sequence[Plan],
+               title: str) -> None:
     """Draw plans for one route into a file, whose suffix says which kind of picture it is."""
     save_figure(make_plan_figure(vehicle, route, goal, plans, title), path)
 
 
-def make_plan_figure(vehicle, route, goal, plans, title):
+def make_plan_figure(vehicle: Vehicle, route: Route, goal: Goal, plans: Sequence[Plan],
+                     title: str) -> Figure:
     """
     Return the figure of plans for one route, and of the same trip without preheating.
 
@@ -107,7 +129,7 @@ def make_plan_figure(vehicle, route, goal, plans, title):
     return figure
 
 
-def _on_arrival(method, plan, earlier):
+def _on_arrival(method: str, plan: Plan, earlier: Iterable[Plan]) -> str:
     """Say what is found on arrival, and which earlier plan has the same course."""
     if plan.heating_start_s is None and method != WITHOUT_PREHEATING:
         method += ', does not heat'
@@ -120,7 +142,7 @@ def _on_arrival(method, plan, earlier):
             + (f', drawn over {hidden}' if hidden else ''))
 
 
-def _accounts(trip, plan):
+def _accounts(trip: Trip, plan: Plan) -> Accounts:
     schedule = Schedule(
         plan.heating_start_s, plan.hvch_battery_power_w, plan.friction_brake_power_w,
         plan.soc, plan.battery_temperature_c, make_runge_kutta_4,
@@ -128,17 +150,18 @@ def _accounts(trip, plan):
     return keep_accounts(trip, schedule)
 
 
-def _driven_share(trip, plan):
+def _driven_share(trip: Trip, plan: Plan) -> FloatArray:
     """Return the share of each step that is driven, shape (N,): 0 once the battery is empty."""
     empty_s = np.inf if plan.stranding is None else plan.stranding.at_s
     return np.clip((empty_s - trip.time_s[:-1]) / trip.route.duration_s, 0.0, 1.0)
 
 
-def _drawn(axis):
+def _drawn(axis: Axes) -> list[ArrayLike]:
     return [line.get_ydata() for line in axis.get_lines()]
 
 
-def _draw_temperatures(axis, edges, trip, goal, plans, courses):
+def _draw_temperatures(axis: Axes, edges: FloatArray, trip: Trip, goal: Goal,
+                       plans: Sequence[Plan], courses: Sequence[Line2D]) -> None:
     """Draw target and ambient around the courses; their legends stand side by side."""
     others = []
     if goal.charging_planned:
@@ -153,14 +176,14 @@ def _draw_temperatures(axis, edges, trip, goal, plans, courses):
     legend_above(axis, others, side='right')
 
 
-def _draw_reserve(axis, reserve_percent):
+def _draw_reserve(axis: Axes, reserve_percent: float) -> None:
     """Draw the charge to be left, or say that it lies below the panel."""
     shown, = show_range(axis, *_drawn(axis), least=5.0, bounds=[reserve_percent])
     axis.axhline(reserve_percent, color=RESERVE, linewidth=0.9, linestyle='--',
                  label=f'reserve {reserve_percent:.0f} %' + ('' if shown else ', below the panel'))
 
 
-def _draw_limits(axis, edges, trip, plan):
+def _draw_limits(axis: Axes, edges: FloatArray, trip: Trip, plan: Plan) -> None:
     """Draw what the battery may take and deliver along a plan; where it is far off, say how far."""
     battery = trip.vehicle.battery
     states = plan.soc[:-1], plan.battery_temperature_c[:-1]

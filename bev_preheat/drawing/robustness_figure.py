@@ -1,6 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """The planner in closed loop with many cars, and one such trip over time."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 from matplotlib.colors import to_rgba
 from matplotlib.ticker import MaxNLocator
 import numpy as np
@@ -17,27 +21,40 @@ from bev_preheat.experiments.robustness.car_figures import (
     reaches_the_same,
 )
 
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from bev_preheat.arrays import FloatArray
+    from bev_preheat.experiments.robustness.car_study import CarResult
+    from bev_preheat.experiments.robustness.drives import DriveOutcome, DriveTrace
+    from bev_preheat.output_files import AnyPath
+
 BINS = 40
 
 
-def draw_robustness(path, results, methods):
+def draw_robustness(path: AnyPath, results: Sequence[CarResult],
+                    methods: Sequence[str]) -> None:
     """Draw CarResults into a file, whose suffix says which kind of picture it is."""
     save_figure(make_robustness_figure(results, methods), path)
 
 
-def draw_trip_course(path, result, courses, target_c):
+def draw_trip_course(path: AnyPath, result: CarResult, courses: Mapping[str, DriveTrace],
+                     target_c: float) -> None:
     """Draw one trip over time into a file, whose suffix says which kind of picture it is."""
     save_figure(make_trip_figure(result, courses, target_c), path)
 
 
-def make_robustness_figure(results, methods):
+def make_robustness_figure(results: Sequence[CarResult], methods: Sequence[str]) -> Figure:
     """Return the figure of arrival errors, energy above the informed drive and switch-ons."""
     figure, axes = grid_figure(
         2, 2, f'Cars that differ from their description: {len(results)} trips in closed loop',
         height_in=7.0)
     (arrival, energy), (switching, key) = axes
 
-    def figures(figure_of):
+    def figures(figure_of: Callable[[CarResult, DriveOutcome], float]) -> dict[str, FloatArray]:
         return {method: np.array([figure_of(result, result.methods[method]) for result in results],
                                  dtype=float) for method in methods}
 
@@ -66,7 +83,7 @@ def make_robustness_figure(results, methods):
     return figure
 
 
-def _draw_switch_ons(axis, switch_ons):
+def _draw_switch_ons(axis: Axes, switch_ons: Mapping[str, FloatArray]) -> None:
     most = max(values.max() for values in switch_ons.values())
     for method, values in switch_ons.items():
         ordered = np.sort(values)
@@ -82,14 +99,14 @@ def _draw_switch_ons(axis, switch_ons):
     axis.minorticks_off()
 
 
-def _excess_percent(informed, drive):
+def _excess_percent(informed: DriveOutcome, drive: DriveOutcome) -> float:
     """Heating energy above the informed drive's [%]; NaN where they cannot be compared."""
     if informed.heating_energy_wh <= 0.0 or not reaches_the_same(drive, informed):
         return np.nan
     return 100.0 * (drive.heating_energy_wh / informed.heating_energy_wh - 1.0)
 
 
-def _histograms(axis, values, least):
+def _histograms(axis: Axes, values: Mapping[str, FloatArray], least: float) -> None:
     """Draw histograms over each other, hatched differently, in a span of at least `least`."""
     everything = np.concatenate(list(values.values()))
     everything = everything[np.isfinite(everything)]
@@ -99,12 +116,13 @@ def _histograms(axis, values, least):
         edges = np.histogram_bin_edges(everything, BINS, (low - margin, high + margin))
         for (method, own), hatch in zip(values.items(), ('///', '')):
             colour = look_of(method).colour
-            axis.hist(own[np.isfinite(own)], edges, histtype='stepfilled', label=method,
+            axis.hist(own[np.isfinite(own)], edges.tolist(), histtype='stepfilled', label=method,
                       facecolor=to_rgba(colour, 0.4), edgecolor=colour, hatch=hatch)
     axis.yaxis.set_major_locator(MaxNLocator(integer=True))
 
 
-def make_trip_figure(result, courses, target_c):
+def make_trip_figure(result: CarResult, courses: Mapping[str, DriveTrace],
+                     target_c: float) -> Figure:
     """Return the figure of one trip, by DriveTraces: temperatures, prediction and command."""
     mismatch = result.mismatch
     figure, axes = stacked_figure(

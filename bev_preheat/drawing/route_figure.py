@@ -1,19 +1,30 @@
 # SPDX-License-Identifier: Apache-2.0
 """A route over time: speed, propulsion power and ambient temperature."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from bev_preheat.drawing.curves import draw_steps, shade_steps, show_range, TimeAxis
 from bev_preheat.drawing.figure import legend_above, save_figure, stacked_figure
 from bev_preheat.drawing.palette import POWER, ROUTE, SKY_BLUE
 
+if TYPE_CHECKING:
 
-def draw_route(path, name, route):
+    from matplotlib.figure import Figure
+
+    from bev_preheat.output_files import AnyPath
+    from bev_preheat.route import Route
+
+
+def draw_route(path: AnyPath, name: str, route: Route) -> None:
     """Draw a Route into a file, whose suffix says which kind of picture it is."""
     save_figure(make_route_figure(name, route), path)
 
 
-def make_route_figure(name, route):
+def make_route_figure(name: str, route: Route) -> Figure:
     """Return the figure of a Route; shaded is how much the power varies within each segment."""
     time = TimeAxis(route.total_duration_s)
     edges = time(route.time_s)

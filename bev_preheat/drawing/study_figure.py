@@ -1,22 +1,35 @@
 # SPDX-License-Identifier: Apache-2.0
 """A study as a picture: how far each method is from the optimum, and on which trips."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from bev_preheat.drawing.figure import grid_figure, legend_above, save_figure
 from bev_preheat.drawing.palette import GRAY, look_of
 from bev_preheat.experiments.optimality.gap_study import FEASIBLE
 
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+    from matplotlib.figure import Figure
+
+    from bev_preheat.arrays import FloatArray
+    from bev_preheat.experiments.optimality.gap_study import GapResult
+    from bev_preheat.output_files import AnyPath
+
 # Gaps below this are the solver's rounding; a logarithmic axis needs a floor.
 FLOOR_WH = 1e-6
 
 
-def draw_study(path, results, methods):
+def draw_study(path: AnyPath, results: Sequence[GapResult], methods: Iterable[str]) -> None:
     """Draw a study into a file, whose suffix says which kind of picture it is."""
     save_figure(make_study_figure(results, methods), path)
 
 
-def make_study_figure(results, methods):
+def make_study_figure(results: Sequence[GapResult], methods: Iterable[str]) -> Figure:
     """
     Return the figure of GapResults: the distribution of gaps, and the gap over trip length.
 
@@ -28,14 +41,14 @@ def make_study_figure(results, methods):
         1, 2, f'Energy above the nonlinear program: {len(feasible)} feasible trips', height_in=5.0)
     lines, dots = [], []
     for method in methods:
-        reached = [result for result in feasible if result.methods[method].gap_wh is not None]
-        gaps_wh = np.array([max(abs(result.methods[method].gap_wh), FLOOR_WH)
-                            for result in reached])
+        reached = [(result.duration_s / 60.0, max(abs(gap_wh), FLOOR_WH)) for result in feasible
+                   if (gap_wh := result.methods[method].gap_wh) is not None]
+        gaps_wh = np.array([gap_wh for _, gap_wh in reached])
         look, missed = look_of(method), len(feasible) - len(reached)
         lines += shares.step(
             *_distribution(gaps_wh, len(feasible)), where='post', **look.line(
                 label=method + (f', reaches less on {missed}' if missed else '')))
-        dots += over_length.plot([result.duration_s / 60.0 for result in reached], gaps_wh,
+        dots += over_length.plot([duration_min for duration_min, _ in reached], gaps_wh,
                                  **look.dots(method))
     shares.axhline(100.0, color=GRAY, linewidth=0.6)
     shares.set(xscale='log', ylim=(0.0, 104.0), xlabel='energy gap, absolute [Wh]',
@@ -50,7 +63,7 @@ def make_study_figure(results, methods):
     return figure
 
 
-def _distribution(values, whole):
+def _distribution(values: FloatArray, whole: int) -> tuple[FloatArray, FloatArray]:
     """Return the steps of a distribution: values, and how many of `whole` are at most that [%]."""
     ordered = np.sort(values)
     return (np.concatenate((ordered[:1], ordered)),

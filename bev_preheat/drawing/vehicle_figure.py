@@ -1,12 +1,26 @@
 # SPDX-License-Identifier: Apache-2.0
 """A vehicle file as curves: voltage, resistance, limits, leakage, and how the battery warms."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 from matplotlib.figure import Figure
 import numpy as np
 
 from bev_preheat.arithmetic import ARRAYS
 from bev_preheat.drawing.figure import save_figure
 from bev_preheat.vehicle.meaning import AMBIENT_C, KMH_100_MPS, warmed_by_k
+
+if TYPE_CHECKING:
+
+    from matplotlib.axes import Axes
+
+    from bev_preheat.arithmetic import Curve
+    from bev_preheat.arrays import FloatArray
+    from bev_preheat.output_files import AnyPath
+    from bev_preheat.vehicle import Vehicle
+    from bev_preheat.vehicle.description import Battery
 
 SOCS = (0.1, 0.2, 0.5, 0.8)
 SOC_COLOURS = ('tab:purple', 'tab:blue', 'tab:orange', 'tab:green')
@@ -19,7 +33,7 @@ HOUR_MIN = 60.0
 COOLING_FROM_C = 25.0
 
 
-def draw_vehicle(path, vehicle):
+def draw_vehicle(path: AnyPath, vehicle: Vehicle) -> None:
     """
     Draw the curves of a Vehicle; the suffix of the path says which kind of picture it is.
 
@@ -50,8 +64,9 @@ def draw_vehicle(path, vehicle):
     save_figure(figure, path)
 
 
-def _draw_voltage(axis, battery):
-    socs = np.linspace(*battery.soc_range, 401)
+def _draw_voltage(axis: Axes, battery: Battery) -> None:
+    low, high = battery.soc_range
+    socs = np.linspace(low, high, 401)
     voltage_v = battery.open_circuit_voltage.function(ARRAYS)(
         socs, np.full_like(socs, 25.0)) + np.zeros_like(socs)
     axis.plot(100.0 * socs, voltage_v, color='tab:blue')
@@ -60,11 +75,13 @@ def _draw_voltage(axis, battery):
     if battery.cells_in_series:
         cells = battery.cells_in_series
         per_cell = axis.secondary_yaxis(
-            'right', functions=(lambda volt: volt / cells, lambda volt: volt * cells))
+            'right', functions=(lambda volt: np.asarray(volt) / cells,
+                                lambda volt: np.asarray(volt) * cells))
         per_cell.set_ylabel(f'each of {cells} cells [V]')
 
 
-def _draw_over_temperature(axis, curve, temperatures_c, scale):
+def _draw_over_temperature(axis: Axes, curve: Curve, temperatures_c: FloatArray,
+                           scale: float) -> None:
     values = curve.function(ARRAYS)
     for soc, colour, style, width in zip(SOCS, SOC_COLOURS, SOC_STYLES, SOC_WIDTHS):
         axis.plot(temperatures_c, scale * (values(np.full_like(temperatures_c, soc), temperatures_c)
@@ -75,7 +92,7 @@ def _draw_over_temperature(axis, curve, temperatures_c, scale):
     axis.set(xlabel='battery temperature [°C]', xlim=(temperatures_c[0], temperatures_c[-1]))
 
 
-def _draw_leakage(axis, battery):
+def _draw_leakage(axis: Axes, battery: Battery) -> None:
     kmh = np.linspace(0.0, FASTEST_KMH, 51)
     leakage = battery.leakage.coefficient_w_per_k(kmh / 3.6)
     axis.plot(kmh, leakage, color='tab:red')
@@ -83,7 +100,7 @@ def _draw_leakage(axis, battery):
              xlim=(0.0, FASTEST_KMH), ylim=(0.0, 1.15 * max(leakage.max(), 1e-3)))
 
 
-def _draw_warming(axis, vehicle):
+def _draw_warming(axis: Axes, vehicle: Vehicle) -> None:
     minutes = np.linspace(0.0, HOUR_MIN, 61)
     leakage = vehicle.battery.leakage
     heater_w = vehicle.hvch.maximum_power_w
