@@ -1,12 +1,26 @@
 # SPDX-License-Identifier: Apache-2.0
 """A small chart for a terminal: the battery's temperature so far and as planned, and the heater."""
 
+from __future__ import annotations
+
 import math
+from typing import TYPE_CHECKING
 
 from rich.text import Text
 
 from bev_preheat.monitoring.heard import stamp_s
 from bev_preheat.optional_packages import advice, is_installed
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+    from typing import Any
+
+    from bev_preheat.monitoring.heard import Heard
+    from bev_preheat_msgs.msg import PreheatPlan
+
+    Points = list[tuple[float, float]]
+
+    Curve = tuple[list[float], list[float]]
 
 # Rows of the two panels with title and axis; with fewer or narrower nothing can be read from them.
 MOST_HEIGHT, LEAST_HEIGHT, HEATER_HEIGHT = 12, 8, 7
@@ -25,7 +39,7 @@ MOST_VALUE = 1e6
 KNOWN_COLOR, PLANNED_COLOR, TARGET_COLOR = 'cyan', 'orange', 'red'
 
 
-def chart(heard, width, height=MOST_HEIGHT + HEATER_HEIGHT):
+def chart(heard: Heard, width: int, height: int = MOST_HEIGHT + HEATER_HEIGHT) -> Text:
     """
     Return the chart of a Heard as a rich Text of at most so many columns and rows.
 
@@ -40,7 +54,7 @@ def chart(heard, width, height=MOST_HEIGHT + HEATER_HEIGHT):
         return Text('')
 
 
-def _chart(heard, width, height):
+def _chart(heard: Heard, width: int, height: int) -> Text:
     plan = heard.latest.get('preheat_plan')
     measured, commanded = _finite(heard.temperatures), _finite(heard.powers)
     planned, heating = _planned(plan)
@@ -52,7 +66,7 @@ def _chart(heard, width, height):
     now_s = (measured or planned)[-1 if measured else 0][0]
     # Both panels show the same time.
     instants_s = [at_s for at_s, _ in measured + planned]
-    span = tuple((edge_s - now_s) / 60.0 for edge_s in (min(instants_s), max(instants_s)))
+    span = (min(instants_s) - now_s) / 60.0, (max(instants_s) - now_s) / 60.0
     if not LEAST_SPAN_MIN < span[1] - span[0] < MOST_SPAN_MIN:
         return Text('')
     # A line to a point far beyond the panel's end is drawn all the way, in memory.
@@ -76,7 +90,8 @@ def _chart(heard, width, height):
 class _Panel:
     """A picture of plotext, of which there is one at a time."""
 
-    def __init__(self, plotext, width, height, span_min):
+    def __init__(self, plotext: Any, width: int, height: int,
+                 span_min: tuple[float, float]) -> None:
         self._plotext, self._width, self._rows = plotext, width, height - FRAME_HEIGHT
         plotext.clear_figure()
         # Else the terminal would limit the picture too.
@@ -87,11 +102,12 @@ class _Panel:
         minutes = round_numbers(*span_min, width // COLUMNS_A_TICK)
         plotext.xticks(minutes, [f'{minute:g}' for minute in minutes])
 
-    def lines(self):
+    def lines(self) -> str:
         """Return the panel as text with ANSI colors."""
-        return self._plotext.build().rstrip('\n')
+        text: str = self._plotext.build()
+        return text.rstrip('\n')
 
-    def draw_temperature(self, measured, planned, target_c):
+    def draw_temperature(self, measured: Curve, planned: Curve, target_c: float | None) -> None:
         """Draw courses of ([min], [degC]); `target_c` [degC] may be None."""
         values_c = [*measured[1], *planned[1], *(() if target_c is None else (target_c,))]
         low_c, high_c = min(values_c), max(values_c)
@@ -103,28 +119,28 @@ class _Panel:
         self._draw(measured, planned)
         self._set_title('battery (degC)', ', measured and planned, over time from now (min)')
 
-    def draw_heater(self, commanded, planned):
+    def draw_heater(self, commanded: Curve, planned: Curve) -> None:
         """Draw courses of ([min], [kW]) above 0 kW."""
         top_kw = float(max(1, math.ceil(max(commanded[1] + planned[1]))))
         self._set_scale(0.0, top_kw, (0.0, top_kw / 2.0, top_kw))
         self._draw(commanded, planned)
         self._set_title('heater (kW)', ', commanded and planned')
 
-    def _set_scale(self, low, high, ticks):
+    def _set_scale(self, low: float, high: float, ticks: Sequence[float]) -> None:
         self._plotext.ylim(low, high)
         self._plotext.yticks(ticks, [f'{tick:g}'.rjust(LABEL_WIDTH) for tick in ticks])
 
-    def _draw(self, known, planned):
+    def _draw(self, known: Curve, planned: Curve) -> None:
         for (minutes, values), color in ((planned, PLANNED_COLOR), (known, KNOWN_COLOR)):
             if minutes:
                 self._plotext.plot(minutes, values, color=color)
 
-    def _set_title(self, title, details):
+    def _set_title(self, title: str, details: str) -> None:
         self._plotext.title(title + details if len(title + details) < self._width - LABEL_WIDTH - 2
                             else title)
 
 
-def round_numbers(low, high, most):
+def round_numbers(low: float, high: float, most: int) -> list[float]:
     """Return the multiples of 1, 2 or 5 times a power of ten in a range: `most`, or fewer."""
     for exponent in range(math.floor(math.log10(high - low)) - 1, 10):
         for step in (1.0, 2.0, 5.0):
@@ -133,9 +149,10 @@ def round_numbers(low, high, most):
                        for count in range(math.ceil(low / step), math.floor(high / step) + 1)]
             if len(numbers) <= max(1, most):
                 return numbers
+    raise ValueError(f'no round numbers between {low:g} and {high:g}')
 
 
-def _planned(plan):
+def _planned(plan: PreheatPlan | None) -> tuple[Points, Points]:
     """Return the planned (instant [s], deg C) and (instant [s], W); empty where there is no plan."""
     if plan is None or not 1 < len(plan.time) == len(plan.battery_temperature):
         return [], []
@@ -146,16 +163,16 @@ def _planned(plan):
     return _finite(temperatures), _finite(powers)
 
 
-def _finite(points):
+def _finite(points: Iterable[tuple[float, float]]) -> Points:
     """Return the points that are numbers, thinned out where they are many."""
     points = [(at_s, value) for at_s, value in points
               if math.isfinite(at_s) and _is_drawable(value)]
     return points[::max(1, len(points) // MOST_POINTS)]
 
 
-def _is_drawable(value):
+def _is_drawable(value: float) -> bool:
     return math.isfinite(value) and abs(value) < MOST_VALUE
 
 
-def _minutes(points, now_s):
+def _minutes(points: Points, now_s: float) -> Curve:
     return [(at_s - now_s) / 60.0 for at_s, _ in points], [value for _, value in points]

@@ -1,8 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """The signals that end a view, taken note of between two steps instead of in the middle of one."""
 
+from __future__ import annotations
+
 from contextlib import contextmanager
 import signal
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from types import FrameType
 
 # A closed terminal ends the view as Ctrl-C does.
 END_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
@@ -11,11 +18,11 @@ END_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 class EndSignals:
     """Whether SIGINT, SIGTERM or SIGHUP has come; a second one raises KeyboardInterrupt."""
 
-    def __init__(self):
+    def __init__(self) -> None:
         """Nothing has come."""
         self.have_come = False
 
-    def __call__(self, number, frame):
+    def __call__(self, number: int, frame: FrameType | None) -> None:
         """Take a signal; an output that blocks is left by the second one."""
         if self.have_come:
             raise KeyboardInterrupt
@@ -23,7 +30,7 @@ class EndSignals:
 
 
 @contextmanager
-def end_signals():
+def end_signals() -> Iterator[EndSignals]:
     """Give the EndSignals that are taken while the block lasts."""
     taken = EndSignals()
     before = {number: signal.signal(number, taken) for number in END_SIGNALS}

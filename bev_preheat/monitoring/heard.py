@@ -1,8 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """What has been heard of a planner: the latest messages, their arrivals, and a short history."""
 
+from __future__ import annotations
+
 from collections import deque
 import time
+from typing import TYPE_CHECKING
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.qos import qos_profile_sensor_data, QoSDurabilityPolicy, QoSProfile
@@ -10,6 +13,19 @@ from sensor_msgs.msg import BatteryState, Temperature
 
 from bev_preheat.nodes.route_listener import RouteListener
 from bev_preheat_msgs.msg import HvchCommand, PreheatPlan, RoutePlan
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from typing import Any
+
+    from builtin_interfaces.msg import Time
+    from diagnostic_msgs.msg import DiagnosticStatus
+    from rclpy.node import Node
+
+    # A ROS message of any kind: rclpy's have no types.
+    Message = Any
+    # (stamp [s], value).
+    History = deque[tuple[float, float]]
 
 LATCHED = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
 # Topic: (type, QoS, age from which on it is worth a look [s of real time]; None: it comes once).
@@ -32,19 +48,22 @@ class Heard:
     `powers` (stamp [s], W). `entries` are the planner's entries of /diagnostics by name.
     """
 
-    def __init__(self, planner='planner', clock_s=time.monotonic):
+    def __init__(self, planner: str = 'planner',
+                 clock_s: Callable[[], float] = time.monotonic) -> None:
         """Know nothing; `planner` is how the names of its diagnostics begin."""
         self._planner, self._clock_s = planner.lstrip('/'), clock_s
-        self.latest, self.came_s, self.entries = {}, {}, {}
-        self.temperatures = deque(maxlen=HISTORY_POINTS)
-        self.powers = deque(maxlen=HISTORY_POINTS)
+        self.latest: dict[str, Message] = {}
+        self.came_s: dict[str, float] = {}
+        self.entries: dict[str, DiagnosticStatus] = {}
+        self.temperatures: History = deque(maxlen=HISTORY_POINTS)
+        self.powers: History = deque(maxlen=HISTORY_POINTS)
 
     @property
-    def silent_topics(self):
+    def silent_topics(self) -> list[str]:
         """Topics of which nothing has come yet."""
         return [topic for topic in TOPICS if topic not in self.latest]
 
-    def hear(self, topic, message):
+    def hear(self, topic: str, message: Message) -> None:
         """Take a message in."""
         if topic == '/diagnostics':
             own = [status for status in message.status
@@ -58,11 +77,11 @@ class Heard:
         elif topic == 'hvch_command':
             self._note(self.powers, message, message.battery_heating_power)
 
-    def age_s(self, topic):
+    def age_s(self, topic: str) -> float:
         """Return how long ago the latest message of a topic came [s]."""
         return self._clock_s() - self.came_s[topic]
 
-    def _note(self, history, message, value):
+    def _note(self, history: History, message: Message, value: float) -> None:
         instant_s = stamp_s(message.header.stamp)
         if history and instant_s < history[-1][0]:
             # The clock was set back: what lies ahead of it is another drive's.
@@ -70,15 +89,15 @@ class Heard:
         history.append((instant_s, value))
 
 
-def stamp_s(stamp):
+def stamp_s(stamp: Time) -> float:
     """Return a builtin_interfaces/Time in seconds."""
     return stamp.sec + 1e-9 * stamp.nanosec
 
 
-def subscribe(node, heard):
+def subscribe(node: Node, heard: Heard) -> None:
     """Subscribe a node to all topics."""
     for topic, (kind, qos, _) in TOPICS.items():
-        def hear(message, topic=topic):
+        def hear(message: Message, topic: str = topic) -> None:
             heard.hear(topic, message)
 
         if kind is RoutePlan:

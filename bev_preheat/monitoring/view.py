@@ -1,8 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """What has been heard of a planner, as a page for a terminal."""
 
+from __future__ import annotations
+
 import io
 import math
+from typing import TYPE_CHECKING
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from rich.console import Console, Group
@@ -19,6 +22,17 @@ from bev_preheat.nodes.news import without_figures
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.status import Status
 
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from builtin_interfaces.msg import Time
+    from rich.console import RenderableType
+
+    from bev_preheat.monitoring.heard import Heard
+    from bev_preheat_msgs.msg import HvchCommand, PreheatPlan
+
+    Rows = Sequence[tuple[str, str, str, str]]
+
 LEVELS = {DiagnosticStatus.OK: ('OK', 'green'), DiagnosticStatus.WARN: ('WARN', 'yellow'),
           DiagnosticStatus.ERROR: ('ERROR', 'bold red'), DiagnosticStatus.STALE: ('STALE', 'red')}
 UNKNOWN = '-'
@@ -31,7 +45,7 @@ FRAME_COLUMNS, FRAME_ROWS = 4, 2
 LEAST_TABLE_WIDTH = 64
 
 
-def page(heard, width=100, height=None):
+def page(heard: Heard, width: int = 100, height: int | None = None) -> Panel:
     """
     Return the page for what a Heard holds, `width` columns wide.
 
@@ -41,11 +55,12 @@ def page(heard, width=100, height=None):
     inside = width - FRAME_COLUMNS
     plan, command = heard.latest.get('preheat_plan'), heard.latest.get('hvch_command')
     figures = _figures(heard, plan, command)
-    above = [_table(figures) if inside >= LEAST_TABLE_WIDTH else _list(figures)]
+    above: list[RenderableType] = [
+        _table(figures) if inside >= LEAST_TABLE_WIDTH else _list(figures)]
     if plan is not None:
         above.append(Text.from_markup(f'[bold]{_status_name(plan.status)}[/bold]: '
                                       f'{escape(_told(plan)) or UNKNOWN}'))
-    below = [_diagnostics(heard, plan), _ages(heard)]
+    below: list[RenderableType] = [_diagnostics(heard, plan), _ages(heard)]
     if height is None:
         middle, rows = [chart(heard, inside)], None
     else:
@@ -56,13 +71,13 @@ def page(heard, width=100, height=None):
                  title='planner', width=width, height=rows)
 
 
-def _rows(renderable, width):
+def _rows(renderable: RenderableType, width: int) -> int:
     """Return how many rows a renderable takes."""
     console = Console(width=width, file=io.StringIO())
     return len(console.render_lines(renderable, pad=False))
 
 
-def line(heard):
+def line(heard: Heard) -> str:
     """Return the same in one line of text, for an output that is no terminal."""
     plan, command = heard.latest.get('preheat_plan'), heard.latest.get('hvch_command')
     battery = heard.latest.get('battery_state')
@@ -73,7 +88,7 @@ def line(heard):
         f'{_status_name(plan.status)}: {_told(plan)}' if plan else 'no plan yet'))
 
 
-def waiting(heard, publishers, domain_id):
+def waiting(heard: Heard, publishers: Callable[[str], int], domain_id: str) -> str:
     """Return what is waited for: `publishers` tells how many publish each topic."""
     lines = [f'Waiting for a planner in ROS domain {domain_id}.']
     for topic in heard.silent_topics:
@@ -83,7 +98,7 @@ def waiting(heard, publishers, domain_id):
     return '\n'.join(lines)
 
 
-def _figures(heard, plan, command):
+def _figures(heard: Heard, plan: PreheatPlan | None, command: HvchCommand | None) -> Rows:
     """Return the figures as pairs of name and text: those of now, and beside each one of later."""
     battery, route = heard.latest.get('battery_state'), heard.latest.get('route_plan')
     now_s = stamp_s(battery.header.stamp) if battery else math.nan
@@ -102,7 +117,7 @@ def _figures(heard, plan, command):
          'Arrival', _until(plan.arrival if plan else None, now_s)))
 
 
-def _table(figures):
+def _table(figures: Rows) -> Table:
     grid = Table.grid(padding=(0, 2))
     for style in ('bold', None, 'bold', None):
         grid.add_column(style=style)
@@ -111,7 +126,7 @@ def _table(figures):
     return grid
 
 
-def _list(figures):
+def _list(figures: Rows) -> Table:
     grid = Table.grid(padding=(0, 2))
     grid.add_column(style='bold')
     grid.add_column()
@@ -121,11 +136,11 @@ def _list(figures):
     return grid
 
 
-def _told(plan):
+def _told(plan: PreheatPlan) -> str:
     return one_line(shortened(plan.explanation, LONGEST_EXPLANATION))
 
 
-def _command(command):
+def _command(command: HvchCommand | None) -> str:
     if command is None:
         return UNKNOWN
     lease_s = stamp_s(command.valid_until) - stamp_s(command.header.stamp)
@@ -133,7 +148,7 @@ def _command(command):
     return f'{text}, lease {lease_s:.1f} s' if abs(lease_s) < LONGEST_S else text
 
 
-def _heating(plan, command, now_s):
+def _heating(plan: PreheatPlan | None, command: HvchCommand | None, now_s: float) -> str:
     if plan is None or not plan.heating_planned:
         return 'none planned' if plan is not None else UNKNOWN
     if command is not None and command.battery_heating_power > 0.0:
@@ -141,7 +156,7 @@ def _heating(plan, command, now_s):
     return f'starts {_until(plan.heating_start, now_s)}'
 
 
-def _until(instant, now_s):
+def _until(instant: Time | None, now_s: float) -> str:
     if instant is None or (instant.sec, instant.nanosec) == (0, 0):
         return UNKNOWN
     left_s = stamp_s(instant) - now_s
@@ -150,7 +165,7 @@ def _until(instant, now_s):
     return f'in {duration_text(left_s)}' if left_s >= 0.0 else f'{duration_text(-left_s)} ago'
 
 
-def _prediction(heard, plan):
+def _prediction(heard: Heard, plan: PreheatPlan | None) -> str:
     text = _number(plan and plan.predicted_arrival_temperature, 'degC')
     message = heard.latest.get('predicted_arrival_temperature')
     if message is not None and math.isfinite(message.variance) and message.variance > 0.0:
@@ -158,22 +173,22 @@ def _prediction(heard, plan):
     return text
 
 
-def _number(value, unit, digits=1):
+def _number(value: float | None, unit: str, digits: int = 1) -> str:
     return UNKNOWN if value is None or not math.isfinite(value) else f'{value:.{digits}f} {unit}'
 
 
-def _percent(value):
+def _percent(value: float | None) -> str:
     return _number(None if value is None else 100.0 * value, '%')
 
 
-def _status_name(number):
+def _status_name(number: int) -> str:
     try:
         return Status(number).name
     except ValueError:
         return f'status {number}'
 
 
-def _diagnostics(heard, plan):
+def _diagnostics(heard: Heard, plan: PreheatPlan | None) -> Table:
     table = Table.grid(padding=(0, 2))
     shown = plan and f'{_status_name(plan.status)}: {plan.explanation}'
     for name, status in sorted(heard.entries.items()):
@@ -183,12 +198,12 @@ def _diagnostics(heard, plan):
     return table
 
 
-def _says_the_same(sentence, shown):
+def _says_the_same(sentence: str, shown: str | None) -> bool:
     # Made within a second of each other, they differ in what is left until arrival.
     return shown is not None and without_figures(sentence) == without_figures(shown)
 
 
-def _ages(heard):
+def _ages(heard: Heard) -> Text:
     text = Text('Heard: ')
     for topic, (_, _, limit_s) in TOPICS.items():
         if topic not in heard.latest:

@@ -1,9 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """The loop of `preheat monitor`: listen for a moment, show what was heard, and again."""
 
+from __future__ import annotations
+
 import io
 import os
 import time
+from typing import TYPE_CHECKING
 
 from rich.console import Console
 from rich.live import Live
@@ -11,6 +14,15 @@ from rich.text import Text
 
 from bev_preheat.monitoring.view import line, page, waiting
 from bev_preheat.output_files import write_whole
+
+if TYPE_CHECKING:
+
+    from rich.console import RenderableType
+
+    from bev_preheat.monitoring.end_signals import EndSignals
+    from bev_preheat.monitoring.heard import Heard
+    from bev_preheat.nodes.listening import Listener
+    from bev_preheat.output_files import AnyPath
 
 REFRESH_S = 0.25
 LINE_PERIOD_S = 15.0
@@ -27,20 +39,21 @@ class Watch:
     `seconds` (None: with a signal).
     """
 
-    def __init__(self, listener, heard, console, signals, seconds=None):
+    def __init__(self, listener: Listener, heard: Heard, console: Console, signals: EndSignals,
+                 seconds: float | None = None) -> None:
         """Begin; nothing is shown yet."""
         self._listener, self._heard, self._console = listener, heard, console
         self._signals, self._seconds = signals, seconds
         self._started_s = time.monotonic()
 
-    def show(self):
+    def show(self) -> None:
         """Show the page, again and again: on a terminal; elsewhere a line now and then."""
         if self._console.is_terminal and not self._console.is_dumb_terminal:
             self._show_page()
         else:
             self._print_lines()
 
-    def show_once(self):
+    def show_once(self) -> bool:
         """Print the page when every topic has been heard, or not in time; return whether it was."""
         while self._heard.silent_topics and not self._is_over():
             self._listener.listen(REFRESH_S)
@@ -48,7 +61,7 @@ class Watch:
         self._tell_what_is_missing()
         return not self._heard.silent_topics
 
-    def write_picture(self, path):
+    def write_picture(self, path: AnyPath) -> None:
         """Write the page as SVG."""
         recorder = Console(record=True, width=MOST_WIDTH, file=io.StringIO(), force_terminal=True,
                            color_system='truecolor')
@@ -56,17 +69,17 @@ class Watch:
         write_whole(path, recorder.export_svg(title='preheat monitor'))
 
     @property
-    def _width(self):
+    def _width(self) -> int:
         return min(self._console.width, MOST_WIDTH)
 
-    def _elapsed_s(self):
+    def _elapsed_s(self) -> float:
         return time.monotonic() - self._started_s
 
-    def _is_over(self):
+    def _is_over(self) -> bool:
         return self._signals.have_come or (
             self._seconds is not None and self._elapsed_s() >= self._seconds)
 
-    def _show_page(self):
+    def _show_page(self) -> None:
         # On the terminal's other screen: it is drawn anew as a whole, also in a new size, and what
         # stood there before comes back.
         with Live(console=self._console, auto_refresh=False, screen=True) as live:
@@ -75,12 +88,12 @@ class Watch:
                 self._listener.listen(REFRESH_S)
         self._tell_what_is_missing()
 
-    def _view(self):
+    def _view(self) -> RenderableType:
         if not self._heard.latest and self._elapsed_s() > SILENCE_S:
             return self._waiting()
         return page(self._heard, self._width, self._console.height)
 
-    def _print_lines(self):
+    def _print_lines(self) -> None:
         next_s = min(SILENCE_S, LINE_PERIOD_S)
         while not self._is_over():
             self._listener.listen(REFRESH_S)
@@ -89,10 +102,10 @@ class Watch:
                                     else self._waiting(), soft_wrap=True)
                 next_s += LINE_PERIOD_S
 
-    def _tell_what_is_missing(self):
+    def _tell_what_is_missing(self) -> None:
         if self._heard.silent_topics:
             self._console.print(self._waiting(), soft_wrap=True)
 
-    def _waiting(self):
+    def _waiting(self) -> Text:
         return Text(waiting(self._heard, self._listener.node.count_publishers,
                             os.environ.get('ROS_DOMAIN_ID', '0')))
