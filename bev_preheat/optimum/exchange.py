@@ -1,13 +1,22 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the asking process and the solver's process say to each other, and how it is sent."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 import pickle
 import struct
+from typing import TYPE_CHECKING
 
 from bev_preheat.planning.plan import Plan
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route.segments import Route
+
+if TYPE_CHECKING:
+    from typing import Any
+
+    # Whatever was pickled: a Vehicle, READY, or one of the classes below.
+    Thing = Any
 
 # The first word of a process that waits for questions.
 READY = 'ready'
@@ -29,7 +38,7 @@ class Question:
     state: BatteryState
     goal: Goal
     method: str = ''
-    model_factors: tuple = ()
+    model_factors: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -60,7 +69,7 @@ class Solution:
     optimal_plan: Plan
     solver_status: str
     is_optimal: bool
-    infeasible: tuple
+    infeasible: tuple[str, ...]
     solve_time_s: float
     method_plan: Plan | None
     programs_built: int
@@ -74,13 +83,13 @@ class Failure:
     elapsed_s: float
 
 
-def framed(thing):
+def framed(thing: Thing) -> bytes:
     """Return the bytes that stand for an object on the socket."""
     pickled = pickle.dumps(thing)
     return HEADER.pack(len(pickled)) + pickled
 
 
-def unframed(received):
+def unframed(received: bytearray) -> Thing:
     """Take the first object from a bytearray; None where it is not there as a whole."""
     if len(received) < HEADER.size:
         return None

@@ -16,14 +16,26 @@ gives only where even that is not enough: a long climb can heat it beyond its hi
 by Joule heat alone.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from enum import IntEnum
 from functools import lru_cache
+from typing import TYPE_CHECKING
 
 import casadi
 import numpy as np
 
 from bev_preheat.optimum.symbols import FACTORS, symbolic_curve, symbolic_rates, symbolic_step
+
+if TYPE_CHECKING:
+    from typing import Any
+
+    from bev_preheat.arrays import FloatArray
+    from bev_preheat.vehicle import Vehicle
+
+    # What CasADi takes by name; its own hints leave much of that out.
+    ByName = dict[str, Any]
 
 # Scales that bring variables and constraints near 1.
 SOC_SCALE = 0.01
@@ -38,7 +50,7 @@ DISCHARGE_PRICE = 1e4
 # temperature; higher prices keep IPOPT from converging.
 RANGE_PRICE = 1e3
 
-SOLVER_OPTIONS = {
+SOLVER_OPTIONS: ByName = {
     'print_time': False,
     'ipopt.print_level': 0,
     'ipopt.sb': 'yes',
@@ -72,10 +84,10 @@ class Slacks:
     """
 
     target_k: float
-    soc: np.ndarray
-    discharge_w: np.ndarray
-    soc_above: np.ndarray
-    above_k: np.ndarray
+    soc: FloatArray
+    discharge_w: FloatArray
+    soc_above: FloatArray
+    above_k: FloatArray
 
 
 @dataclass(frozen=True)
@@ -96,12 +108,14 @@ class Program:
     give: Give
 
     @property
-    def slack_count(self):
+    def slack_count(self) -> int:
         """Number of slacks."""
         return {Give.NOTHING: 0, Give.DEMANDS: 1 + 2 * self.steps,
                 Give.RANGES: 1 + 4 * self.steps}[self.give]
 
-    def split(self, variables):
+    def split(
+            self,
+            variables: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, Slacks]:
         """Return (soc, temperature [deg C], heater [W], brake [W], Slacks) of a solution."""
         n = self.steps
         flat = np.zeros(4 * n + 2 + 1 + 4 * n)
@@ -116,7 +130,7 @@ class Program:
 
 # Positional only, without defaults: for lru_cache f(1, 2) and f(1, b=2) are different calls.
 @lru_cache(maxsize=16)
-def build_program(vehicle, steps, limited, give, /):
+def build_program(vehicle: Vehicle, steps: int, limited: bool, give: Give) -> Program:
     """
     Return the Program of a vehicle, whatever its corrections, for a number of steps.
 
@@ -160,7 +174,8 @@ def build_program(vehicle, steps, limited, give, /):
         constraints += [((most_w - battery_w) / POWER_SCALE_W + lacking).T,
                         ((battery_w - least_w) / POWER_SCALE_W).T]
     variables = [soc.T, temperature_c.T, heater.T, brake.T]
-    lacking_k, lacking_soc = 0.0, 0.0
+    lacking_k: casadi.MX | float = 0.0
+    lacking_soc: casadi.MX | float = 0.0
     if give:
         variables += [slack_target, slack_soc.T, slack_discharge.T]
         constraints.append((soc[1:] + slack_soc).T)
@@ -173,14 +188,15 @@ def build_program(vehicle, steps, limited, give, /):
         energy += RANGE_PRICE * casadi.sum2(slack_soc_above + slack_above)
     constraints += [temperature_c[-1] - target_c + lacking_k,
                     soc[-1] - final_soc / SOC_SCALE + lacking_soc]
-    solver = casadi.nlpsol('optimum', 'ipopt', {
+    problem: ByName = {
         'x': casadi.vertcat(*variables),
         'p': casadi.vertcat(casadi.vec(route), target_c, final_soc, *factors, heater_efficiency),
         'f': energy,
-        'g': casadi.vertcat(*constraints)}, SOLVER_OPTIONS)
+        'g': casadi.vertcat(*constraints)}
+    solver = casadi.nlpsol('optimum', 'ipopt', problem, SOLVER_OPTIONS)
     return Program(solver, steps, limited, give)
 
 
-def programs_built():
+def programs_built() -> int:
     """Return how many programs this process has built so far."""
     return build_program.cache_info().misses

@@ -1,12 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Solves the nonlinear program for a situation; the result is a Plan with the solver's word."""
 
+from __future__ import annotations
+
 from contextlib import redirect_stderr
 from dataclasses import dataclass, replace
 from io import StringIO
 import math
 import sys
 from time import perf_counter
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -23,6 +26,14 @@ from bev_preheat.planning.situation import BatteryState, check_situation, Goal, 
 from bev_preheat.planning.trip import make_trip, Trip
 from bev_preheat.vehicle.corrections import corrected_vehicle, Corrections
 from bev_preheat.vehicle.description import Vehicle
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+    from typing import Any
+
+    from bev_preheat.arrays import FloatArray
+    from bev_preheat.optimum.program import Slacks
+    from bev_preheat.route import Route
 
 METHOD = 'nlp'
 AS_DESCRIBED = Corrections()
@@ -73,15 +84,15 @@ class Optimum:
     solver_status: str
     iterations: int
     solve_time_s: float
-    lacking: tuple
+    lacking: tuple[Lacking, ...]
     marginal_cost_wh_per_k: float
 
     @property
-    def infeasible(self):
+    def infeasible(self) -> tuple[str, ...]:
         """Sentences on the constraints that cannot be kept, with figures."""
         return tuple(item.text for item in self.lacking)
 
-    def as_dictionary(self):
+    def as_dictionary(self) -> dict[str, Any]:
         """Return the optimum as `preheat optimum --json` writes it."""
         return {**self.plan.as_dictionary(), 'solver_status': self.solver_status,
                 'solve_time_s': self.solve_time_s, 'iterations': self.iterations,
@@ -104,7 +115,8 @@ class _Problem:
     goal: Goal
 
 
-def solve_optimum(vehicle, route, state, goal, limited=True, corrections=AS_DESCRIBED):
+def solve_optimum(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goal,
+                  limited: bool = True, corrections: Corrections = AS_DESCRIBED) -> Optimum:
     """
     Return the Optimum for a vehicle with a battery state at the start of a route.
 
@@ -148,7 +160,7 @@ def solve_optimum(vehicle, route, state, goal, limited=True, corrections=AS_DESC
     return _optimum(trip, goal, runs, lacking, started)
 
 
-def _stranded(trip, goal, unheated, started):
+def _stranded(trip: Trip, goal: Goal, unheated: Schedule, started: float) -> Optimum:
     """Return the Optimum of a trip whose charge runs out: none, and why."""
     plan = finish_plan(trip, goal, unheated, METHOD, started)
     lacking = Lacking(
@@ -159,7 +171,7 @@ def _stranded(trip, goal, unheated, started):
                    lacking=(lacking,), marginal_cost_wh_per_k=math.nan)
 
 
-def prepare_programs(vehicle, route):
+def prepare_programs(vehicle: Vehicle, route: Route) -> None:
     """
     Build and keep the program that `solve_optimum` solves first for this route.
 
@@ -168,12 +180,13 @@ def prepare_programs(vehicle, route):
     build_program(vehicle, len(make_trip(vehicle, route).route), False, Give.NOTHING)
 
 
-def _corrected(vehicle, corrections):
+def _corrected(vehicle: Vehicle, corrections: Corrections) -> Vehicle:
     # What others keep for a vehicle is not kept for its copy.
     return vehicle if corrections == AS_DESCRIBED else corrected_vehicle(vehicle, corrections)
 
 
-def _optimum(trip, goal, runs, lacking, started):
+def _optimum(trip: Trip, goal: Goal, runs: Sequence[_Run], lacking: tuple[Lacking, ...],
+             started: float) -> Optimum:
     """Return the Optimum of the first of the runs, which all had to be made."""
     run, marginal_cost = runs[0] if not lacking else runs[-1], math.nan
     schedule = _schedule(trip, run)
@@ -190,7 +203,7 @@ def _optimum(trip, goal, runs, lacking, started):
         marginal_cost_wh_per_k=marginal_cost)
 
 
-def _schedule(trip, run):
+def _schedule(trip: Trip, run: _Run) -> Schedule:
     soc, temperature_c, heater_w, brake_w, _ = run.split()
     return Schedule(switched_on_s(trip, heater_w), heater_w, brake_w, soc, temperature_c,
                     make_runge_kutta_4)
@@ -201,18 +214,19 @@ class _Run:
     """One call of the solver: its Program, the variables it ended with, its word, its effort."""
 
     program: Program
-    variables: np.ndarray
+    variables: FloatArray
     target_multiplier: float
     status: str
     iterations: int
     time_s: float
 
-    def split(self):
+    def split(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, Slacks]:
         """Return what Program.split makes of the variables."""
         return self.program.split(self.variables)
 
 
-def _run(problem, limited, give=Give.NOTHING, start=None):
+def _run(problem: _Problem, limited: bool, give: Give = Give.NOTHING,
+         start: _Run | None = None) -> _Run:
     """Return the _Run of a program, from another one or, cold, from the trip without heating."""
     trip, state, goal, corrections = (
         problem.trip, problem.state, problem.goal, problem.corrections)
@@ -267,7 +281,7 @@ def _run(problem, limited, give=Give.NOTHING, start=None):
                 statistics['return_status'], int(statistics['iter_count']), time_s)
 
 
-def _lacking(trip, run):
+def _lacking(trip: Trip, run: _Run) -> Iterator[Lacking]:
     """Return what a solution lacks, as Lacking."""
     soc, _, _, _, slacks = run.split()
     if slacks.target_k > TOLERANCE_K:

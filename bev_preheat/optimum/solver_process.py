@@ -7,14 +7,24 @@ over a socket whenever `poll` is called. It loads no CasADi. The process behind 
 starts when it is told to prepare, or else with the first question, and stays for the next.
 """
 
+from __future__ import annotations
+
 import os
 import signal
 import socket
 import subprocess
 import sys
 from time import monotonic
+from typing import TYPE_CHECKING
 
 from bev_preheat.optimum.exchange import CHUNK_BYTES, Failure, framed, Preparation, Prepared, Solution, unframed
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from bev_preheat.optimum.exchange import Question, Thing
+    from bev_preheat.route import Route
+    from bev_preheat.vehicle import Vehicle
 
 # Loading Python, NumPy and CasADi takes a second; where it takes this long something is wrong.
 START_LIMIT_S = 60.0
@@ -34,7 +44,16 @@ class SolverProcess:
     The process knows one vehicle: another needs another SolverProcess.
     """
 
-    def __init__(self, vehicle, start_limit_s=START_LIMIT_S, niceness=MOST_NICE):
+    _process: subprocess.Popen[bytes] | None
+    _socket: socket.socket
+    _question: Question | None
+    _time_limit_s: float | None
+    _start_problem: str | None
+    _route_to_prepare: Route | None
+    _prepared_steps: int | None
+
+    def __init__(self, vehicle: Vehicle, start_limit_s: float = START_LIMIT_S,
+                 niceness: int = MOST_NICE) -> None:
         """
         Start nothing yet; `start_limit_s` [s] is how long the process may take to start.
 
@@ -43,36 +62,36 @@ class SolverProcess:
         self._vehicle, self._niceness = vehicle, niceness
         self._start_limit_s = start_limit_s
         self._process = None
-        self._killed = []
+        self._killed: list[subprocess.Popen[bytes]] = []
         self._forget()
 
     @property
-    def is_busy(self):
+    def is_busy(self) -> bool:
         """Whether a question has no answer yet."""
         return self._time_limit_s is not None
 
     @property
-    def is_solving(self):
+    def is_solving(self) -> bool:
         """Whether the process has a question; while it starts, it has none yet."""
         return self._solves
 
     @property
-    def is_preparing(self):
+    def is_preparing(self) -> bool:
         """Whether the process is starting, or getting ready for a route."""
         return self._process is not None and (
             not self._is_ready or self._prepares or self._route_to_prepare is not None)
 
     @property
-    def prepared_steps(self):
+    def prepared_steps(self) -> int | None:
         """Number of steps of the route that the process prepared last; None where it has none."""
         return self._prepared_steps
 
     @property
-    def process_id(self):
+    def process_id(self) -> int | None:
         """Id of the solver's process; None where there is none."""
         return self._process.pid if self._process else None
 
-    def prepare(self, route=None):
+    def prepare(self, route: Route | None = None) -> None:
         """
         Start the process where there is none, and let it get ready for a Route, if there is one.
 
@@ -87,7 +106,7 @@ class SolverProcess:
         elif self._is_ready:
             self._hand_over_preparation()
 
-    def ask(self, question, time_limit_s):
+    def ask(self, question: Question, time_limit_s: float) -> None:
         """
         Ask a Question, to be answered within `time_limit_s` [s] after the process has started.
 
@@ -101,7 +120,7 @@ class SolverProcess:
         elif self._is_ready:
             self._hand_over()
 
-    def poll(self):
+    def poll(self) -> Solution | Failure | None:
         """
         Exchange what can be exchanged; return a Solution or a Failure when there is one, or None.
 
@@ -125,9 +144,9 @@ class SolverProcess:
             if self._question is not None:
                 self._hand_over()
             self._hand_over_preparation()
-        return self._loss()
+        return self._loss(self._process)
 
-    def close(self):
+    def close(self) -> None:
         """End the process, and wait until it is gone."""
         self._kill()
         for process in self._killed:
@@ -136,14 +155,14 @@ class SolverProcess:
             except subprocess.TimeoutExpired:
                 pass  # exits once the kernel releases it
 
-    def _forget(self):
+    def _forget(self) -> None:
         self._question = self._time_limit_s = self._start_problem = None
         self._route_to_prepare = self._prepared_steps = None
         self._is_ready = self._solves = self._prepares = False
         self._to_send, self._received = bytearray(), bytearray()
         self._since_s = monotonic()
 
-    def _start(self):
+    def _start(self) -> None:
         ours, theirs = socket.socketpair()
         # The modules of this process, and one thread, so that it takes one core at most.
         environment = dict(
@@ -168,7 +187,7 @@ class SolverProcess:
         self._since_s = monotonic()
         self._to_send += framed(self._vehicle)
 
-    def _kill(self):
+    def _kill(self) -> None:
         if self._process is not None:
             self._process.kill()
             self._socket.close()
@@ -176,13 +195,13 @@ class SolverProcess:
             self._process = None
         self._forget()
 
-    def _hand_over(self):
+    def _hand_over(self) -> None:
         self._to_send += framed(self._question)
         self._question, self._solves = None, True
         self._since_s = monotonic()
         self._send()
 
-    def _hand_over_preparation(self):
+    def _hand_over_preparation(self) -> None:
         # One at a time, so that nothing piles up before a process that hangs.
         if self._route_to_prepare is None or self._prepares:
             return
@@ -190,7 +209,7 @@ class SolverProcess:
         self._route_to_prepare, self._prepares = None, True
         self._send()
 
-    def _exchange(self):
+    def _exchange(self) -> Iterator[Thing]:
         self._send()
         try:
             while chunk := self._socket.recv(CHUNK_BYTES):
@@ -200,21 +219,22 @@ class SolverProcess:
         while (message := unframed(self._received)) is not None:
             yield message
 
-    def _send(self):
+    def _send(self) -> None:
         try:
             while self._to_send:
                 del self._to_send[:self._socket.send(self._to_send[:CHUNK_BYTES])]
         except OSError:
             pass
 
-    def _loss(self):
+    def _loss(self, process: subprocess.Popen[bytes]) -> Failure | None:
         """Return a Failure where the process has ended, or has had its time."""
-        status, elapsed_s = self._process.poll(), monotonic() - self._since_s
+        status, elapsed_s = process.poll(), monotonic() - self._since_s
         if status is not None:
             explanation = f'the solver process ended with {_ending(status)}'
         elif not self._is_ready and elapsed_s > self._start_limit_s:
             explanation = f'the solver process did not start within {self._start_limit_s:g} s'
-        elif self._solves and elapsed_s > self._time_limit_s:
+        elif (self._solves and self._time_limit_s is not None
+              and elapsed_s > self._time_limit_s):
             explanation = f'no solution within the time limit of {self._time_limit_s:g} s'
         else:
             return None
@@ -222,7 +242,7 @@ class SolverProcess:
         return Failure(explanation, elapsed_s)
 
 
-def _ending(status):
+def _ending(status: int) -> str:
     if status >= 0:
         return f'exit status {status}'
     try:

@@ -1,11 +1,21 @@
 # SPDX-License-Identifier: Apache-2.0
 """The model's equations as CasADi expressions."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import casadi
 
 from bev_preheat.arithmetic import AnyNumber, Arithmetic
 from bev_preheat.model import make_rates, make_runge_kutta_4
 from bev_preheat.vehicle.corrections import corrected_vehicle, Corrections
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+    from bev_preheat.arithmetic import AnyNumber, Curve
+    from bev_preheat.vehicle import Vehicle
 
 # Below this discriminant [V^2] the power cannot be delivered; the floor keeps derivatives finite.
 LEAST_DISCRIMINANT_V2 = 1e-6
@@ -22,7 +32,7 @@ FACTORS = ('heat_capacity', 'resistance')
 DIFFERENTIATED = frozenset(('soc', 'temperature_c', 'power_w', 'heat_w'))
 
 
-def symbolic_step(vehicle):
+def symbolic_step(vehicle: Vehicle) -> casadi.Function:
     """
     Return the Runge-Kutta step of `model` as a CasADi Function.
 
@@ -38,7 +48,7 @@ def symbolic_step(vehicle):
         'soc_end', 'temperature_end_c', 'mean_temperature_c', 'mean_joule_w'))
 
 
-def symbolic_rates(vehicle):
+def symbolic_rates(vehicle: Vehicle) -> casadi.Function:
     """
     Return the right-hand side of `model` as a CasADi Function.
 
@@ -53,22 +63,23 @@ def symbolic_rates(vehicle):
                      ('soc_rate', 'temperature_rate', 'joule_w'))
 
 
-def symbolic_curve(curve):
+def symbolic_curve(curve: Curve) -> casadi.Function:
     """Return a curve of the vehicle as a CasADi Function of soc and temperature [deg C]."""
     soc, temperature_c = casadi.SX.sym('soc'), casadi.SX.sym('temperature_c')
     return casadi.Function('curve', [soc, temperature_c],
                            [curve.function(SYMBOLS)(soc, temperature_c)])
 
 
-def _function(name, inputs, outputs, input_names, output_names):
+def _function(name: str, inputs: Sequence[casadi.SX], outputs: Iterable[casadi.SX],
+              input_names: Iterable[str], output_names: Iterable[str]) -> casadi.Function:
     return casadi.Function(
         name, inputs, list(outputs), list(input_names), list(output_names),
         {'is_diff_in': [input_name in DIFFERENTIATED for input_name in input_names]})
 
 
-def _symbols(names):
+def _symbols(names: Iterable[str]) -> list[casadi.SX]:
     return [casadi.SX.sym(name) for name in names]
 
 
-def _corrected(vehicle, factors):
+def _corrected(vehicle: Vehicle, factors: Iterable[casadi.SX]) -> Vehicle:
     return corrected_vehicle(vehicle, Corrections(**dict(zip(FACTORS, factors))))

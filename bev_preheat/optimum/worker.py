@@ -6,12 +6,15 @@ It takes only computing time that nobody else wants, and ends by itself when the
 gone.
 """
 
+from __future__ import annotations
+
 import os
 from pathlib import Path
 import queue
 import socket
 import threading
 from time import monotonic
+from typing import TYPE_CHECKING
 
 from bev_preheat.errors import InvalidInput
 from bev_preheat.optimum.exchange import (
@@ -29,16 +32,21 @@ from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route.segments import make_route
 from bev_preheat.vehicle.corrections import corrected_vehicle, Corrections
 
+if TYPE_CHECKING:
+    from bev_preheat.optimum.exchange import Question, Thing
+    from bev_preheat.route import Route
+    from bev_preheat.vehicle import Vehicle
 
-def serve(descriptor, niceness):
+
+def serve(descriptor: int, niceness: int) -> None:
     """Answer the questions that come over a socket (its file descriptor) until it closes."""
     _give_way(niceness)
     connection = socket.socket(fileno=descriptor)
-    messages = queue.SimpleQueue()
+    messages: queue.SimpleQueue[Thing] = queue.SimpleQueue()
     threading.Thread(target=_receive, args=(connection, messages), daemon=True).start()
     vehicle = messages.get()
     _warm_up(vehicle)
-    answer = READY
+    answer: Thing = READY
     while True:
         try:
             connection.sendall(framed(answer))
@@ -51,7 +59,7 @@ def serve(descriptor, niceness):
             answer = _answer(vehicle, message)
 
 
-def _give_way(niceness):
+def _give_way(niceness: int) -> None:
     linux_priorities = {
         # Where memory runs short, the kernel is to take this process and leave the planner.
         '/proc/self/oom_score_adj': 1000,
@@ -64,7 +72,7 @@ def _give_way(niceness):
             pass  # another system, or a kernel without it
 
 
-def _receive(connection, messages):
+def _receive(connection: socket.socket, messages: queue.SimpleQueue[Thing]) -> None:
     # In a thread: CasADi lets other threads run while it solves, so the end is noticed at once.
     received = bytearray()
     try:
@@ -76,7 +84,7 @@ def _receive(connection, messages):
         os._exit(0)
 
 
-def _warm_up(vehicle):
+def _warm_up(vehicle: Vehicle) -> None:
     """Load the solver and solve the least there is to solve, which loads IPOPT as well."""
     try:
         from bev_preheat.optimum.solve import solve_optimum
@@ -91,7 +99,7 @@ def _warm_up(vehicle):
         pass
 
 
-def _prepare(vehicle, route):
+def _prepare(vehicle: Vehicle, route: Route) -> Prepared:
     """Return the Prepared of a Route."""
     try:
         from bev_preheat.optimum.solve import prepare_programs
@@ -101,7 +109,7 @@ def _prepare(vehicle, route):
     return Prepared(len(route))
 
 
-def _answer(vehicle, question):
+def _answer(vehicle: Vehicle, question: Question) -> Solution | Failure:
     """Return the Solution or the Failure of a Question."""
     started_s = monotonic()
     route, corrections = question.route, Corrections()
