@@ -7,6 +7,10 @@ exit status is 0 only where memory stays flat, no command period is missed, and 
 that must not be.
 """
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 from bev_preheat.console.program import loading, run_program
 
 if __name__ == '__main__':
@@ -34,6 +38,15 @@ from bev_preheat.output_files import check_outputs, expanded, Output, PICTURE_SU
 from bev_preheat.supervision.settings import Settings
 from bev_preheat.vehicle import load_vehicle, vehicle_file
 
+if TYPE_CHECKING:
+    from argparse import Namespace
+    from collections.abc import Callable, Sequence
+
+    from bev_preheat.console.finished import Ending
+    from bev_preheat.experiments.soak.judgement import Judgement
+    from bev_preheat.nodes.listening import Listener
+    from bev_preheat.output_files import AnyPath
+
 SAMPLE_PERIOD_S = 1.0
 START_LIMIT_S = 30.0
 # An interrupted run says nothing if it has heard fewer.
@@ -42,12 +55,12 @@ LEAST_COMMANDS = 3
 JSON_SUFFIX, LOG_SUFFIX = '.json', '.planner.log'
 
 
-def main(arguments=None):
+def main(arguments: Sequence[str] | None = None) -> int:
     """Run the soak test and return its exit status."""
     return run_program('soak', lambda: _load(arguments), ends_process=arguments is None)
 
 
-def _load(arguments):
+def _load(arguments: Sequence[str] | None) -> Callable[[], int]:
     parsed = _parse(arguments)
     check_outputs([Output('--output', parsed.output, PICTURE_SUFFIXES, make_folder=True)] + [
         Output('--output', _beside(parsed.output, suffix), make_folder=True)
@@ -56,7 +69,7 @@ def _load(arguments):
     return lambda: _run(parsed)
 
 
-def _run(parsed):
+def _run(parsed: Namespace) -> int:
     """Load the planner, judge and draw what there is; return the exit status."""
     parsed.output.parent.mkdir(parents=True, exist_ok=True)
     console = result_console()
@@ -80,7 +93,7 @@ def _run(parsed):
     return 0 if good else 1
 
 
-def _parse(arguments):
+def _parse(arguments: Sequence[str] | None) -> Namespace:
     parser = OneLineParser(
         prog='python -m bev_preheat.soak', description='The planner under load, in real time.')
     parser.add_argument('--minutes', type=float, default=10.0, help='how long (%(default)s)')
@@ -96,11 +109,11 @@ def _parse(arguments):
     return parsed
 
 
-def _beside(picture, suffix):
+def _beside(picture: AnyPath, suffix: str) -> str:
     return f'{os.path.splitext(picture)[0]}{suffix}'
 
 
-def _soak(parsed):
+def _soak(parsed: Namespace) -> tuple[list[Judgement], Load, list[tuple[float, float]], Ending]:
     """Return (Judgements, Load, samples of the memory, Ending); no Judgements of an early end."""
     heater_w = load_vehicle('reference').hvch.maximum_power_w
     with reserved_domain_id() as domain_id:
@@ -108,7 +121,7 @@ def _soak(parsed):
         with listening('soak') as listener:
             load = Load(listener.node, parsed.rate, parsed.seed, heater_w)
             with NodeProcess('planner', [], _beside(parsed.output, LOG_SUFFIX)) as planner:
-                samples = []
+                samples: list[tuple[float, float]] = []
                 with keeping_what_is_finished() as ending:
                     _watch(listener, planner, load, 60.0 * parsed.minutes, samples)
                 # Ctrl-C in a terminal is the planner's, too.
@@ -120,7 +133,8 @@ def _soak(parsed):
     return judgements, load, samples, ending
 
 
-def _watch(listener, planner, load, duration_s, samples):
+def _watch(listener: Listener, planner: NodeProcess, load: Load, duration_s: float,
+           samples: list[tuple[float, float]]) -> None:
     """Load the planner for so long [s]; add samples (instant [s], resident memory [MB])."""
     import psutil
     limit_s = time.monotonic() + START_LIMIT_S

@@ -1,11 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """A scenario driven by the installed planner and vehicle_simulator, over ROS."""
 
+from __future__ import annotations
+
 from contextlib import contextmanager
 import os
 from pathlib import Path
 import tempfile
 import time
+from typing import TYPE_CHECKING
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.qos import qos_profile_sensor_data, QoSDurabilityPolicy, QoSProfile
@@ -18,6 +21,16 @@ from bev_preheat.nodes.simulator_messages import ARRIVED, outcome_from_diagnosti
 from bev_preheat.planning.status import Status
 from bev_preheat.simulation.evaluation import DriveRecord
 from bev_preheat_msgs.msg import HvchCommand, PreheatPlan
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+    from typing import Any
+
+    from rclpy.node import Node
+
+    from bev_preheat.nodes.listening import Listener
+    from bev_preheat.output_files import AnyPath
+    from bev_preheat.simulation.scenario import Scenario
 
 START_S = 1_700_000_000
 HEATER_ENTRY = 'planner: heater'
@@ -37,7 +50,7 @@ class ScenarioFailed(Exception):
 class _Recorder:
     """Fills a DriveRecord from the topics."""
 
-    def __init__(self, node, target_c):
+    def __init__(self, node: Node, target_c: float) -> None:
         self.record = DriveRecord(target_c)
         self.has_ended = False
         latched = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
@@ -47,7 +60,7 @@ class _Recorder:
             node.create_subscription(PreheatPlan, 'preheat_plan', self._on_plan, latched),
             node.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 1000)]
 
-    def let_start(self):
+    def let_start(self) -> None:
         """Be the second listener to battery states as soon as the planner is heard."""
         if not self._listens_to_states and all(
                 subscription.get_publisher_count() for subscription in self._subscriptions):
@@ -55,18 +68,18 @@ class _Recorder:
             self._node.create_subscription(
                 BatteryState, 'battery_state', lambda message: None, qos_profile_sensor_data)
 
-    def _on_command(self, message):
+    def _on_command(self, message: HvchCommand) -> None:
         reason = Status(message.reason).name
         instant_s = _instant_s(message)
         if instant_s > 0.0:
             self.record.commands.append((instant_s, message.battery_heating_power, reason))
             self.record.statuses.add(reason)
 
-    def _on_plan(self, message):
+    def _on_plan(self, message: PreheatPlan) -> None:
         if _instant_s(message) > 0.0:
             self.record.statuses.add(Status(message.status).name)
 
-    def _on_diagnostics(self, message):
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
             if status.name == HEATER_ENTRY and not self.has_ended:
                 self.record.heater = next(
@@ -77,17 +90,18 @@ class _Recorder:
             self.has_ended = True
 
 
-def _instant_s(message):
+def _instant_s(message: Any) -> float:
     """Seconds after the start; 0 while the clock is held, negative before the planner hears it."""
     return nanoseconds(message.header.stamp) * 1e-9 - START_S
 
 
-def log_files(scenario, folder):
+def log_files(scenario: Scenario, folder: AnyPath) -> list[Path]:
     """Return the paths of the logs of planner and vehicle_simulator, in a folder."""
     return [Path(folder) / f'{scenario.name}.{name}.log' for name in ('planner', 'vehicle_simulator')]
 
 
-def drive_with_nodes(scenario, name_or_file, speed_up, log_folder=None):
+def drive_with_nodes(scenario: Scenario, name_or_file: str, speed_up: float,
+                     log_folder: AnyPath | None = None) -> DriveRecord:
     """
     Return the DriveRecord of a Scenario that the installed executables drive.
 
@@ -115,7 +129,8 @@ def drive_with_nodes(scenario, name_or_file, speed_up, log_folder=None):
             return recorder.record
 
 
-def _follow(listener, recorder, simulator, planner, scenario, speed_up):
+def _follow(listener: Listener, recorder: _Recorder, simulator: NodeProcess, planner: NodeProcess,
+            scenario: Scenario, speed_up: float) -> None:
     """Return when the drive is over."""
     car = scenario.car()
     limit_s = (time.monotonic() + START_LIMIT_S + PATIENCE_S
@@ -136,12 +151,12 @@ def _follow(listener, recorder, simulator, planner, scenario, speed_up):
                              f'{simulator.exit_status}: {simulator.output()[-2000:]}')
 
 
-def _text(value):
+def _text(value: object) -> str:
     return str(value).lower() if isinstance(value, bool) else str(value)
 
 
 @contextmanager
-def _environment(values):
+def _environment(values: Mapping[str, str]) -> Iterator[None]:
     """Set environment variables, which the processes inherit, while the block lasts."""
     before = {name: os.environ.get(name) for name in values}
     os.environ.update(values)

@@ -1,17 +1,25 @@
 # SPDX-License-Identifier: Apache-2.0
 """Runs the installed executables as processes, apart from all other ROS traffic of the machine."""
 
+from __future__ import annotations
+
 from contextlib import contextmanager
 import os
 from pathlib import Path
 import random
 import socket
 import subprocess
+from typing import TYPE_CHECKING
 
 from ament_index_python.packages import get_package_prefix
 import domain_coordinator
 
 from bev_preheat.output_files import existing_file
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator
+
+    from bev_preheat.output_files import AnyPath
 
 # Domains whose UDP ports lie below those that Linux gives out by itself; 0 is everybody's default.
 DOMAIN_IDS = range(1, 101)
@@ -24,7 +32,7 @@ SECONDS_TO_END = 15.0
 
 
 @contextmanager
-def reserved_domain_id():
+def reserved_domain_id() -> Iterator[int]:
     """
     Give a ROS_DOMAIN_ID that nobody on this machine uses, and keep it while the block lasts.
 
@@ -43,7 +51,7 @@ def reserved_domain_id():
         reservation.__exit__(None, None, None)
 
 
-def _next_unused(candidates):
+def _next_unused(candidates: list[int]) -> int:
     """Take candidates away until one is of no running participant, and return that one."""
     while candidates:
         domain_id = candidates.pop()
@@ -52,13 +60,13 @@ def _next_unused(candidates):
     raise RuntimeError(f'ROS domains {DOMAIN_IDS[0]} ... {DOMAIN_IDS[-1]} are all in use')
 
 
-def _is_unused(domain_id):
+def _is_unused(domain_id: int) -> bool:
     # The first participant may be gone and a later one be there.
     first_port = FIRST_PORT + PORTS_PER_DOMAIN * domain_id
     return all(_is_free(first_port + port) for port in PARTICIPANT_PORTS)
 
 
-def _is_free(port):
+def _is_free(port: int) -> bool:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         try:
             probe.bind(('127.0.0.1', port))
@@ -75,7 +83,7 @@ class NodeProcess:
     process on leaving.
     """
 
-    def __init__(self, name, ros_arguments, log_file):
+    def __init__(self, name: str, ros_arguments: Iterable[str], log_file: AnyPath) -> None:
         """
         Start `name` with the texts of `ros_arguments` behind --ros-args.
 
@@ -94,37 +102,37 @@ class NodeProcess:
                 # Plain text in the file, whatever terminal the caller has.
                 env=dict(os.environ, RCUTILS_COLORIZED_OUTPUT='0'))
 
-    def __enter__(self):
+    def __enter__(self) -> NodeProcess:
         """Return the process."""
         return self
 
-    def __exit__(self, *exception):
+    def __exit__(self, *exception: object) -> None:
         """End the process."""
         self.end()
 
     @property
-    def process_id(self):
+    def process_id(self) -> int:
         """Its process id."""
         return self._process.pid
 
     @property
-    def exit_status(self):
+    def exit_status(self) -> int | None:
         """None while it runs; then 0 ... 255, or -N where signal N ended it."""
         return self._process.poll()
 
-    def output(self):
+    def output(self) -> str:
         """Return what it has said so far."""
         return self.log_file.read_text(encoding='utf-8', errors='replace')
 
-    def send_signal(self, number):
+    def send_signal(self, number: int) -> None:
         """Send it a signal."""
         self._process.send_signal(number)
 
-    def wait(self, timeout_s=SECONDS_TO_END):
+    def wait(self, timeout_s: float = SECONDS_TO_END) -> int:
         """Return the exit status; raises subprocess.TimeoutExpired where it runs on."""
         return self._process.wait(timeout_s)
 
-    def end(self):
+    def end(self) -> int:
         """Ask it to end (SIGTERM), insist (SIGKILL) if it does not, and return the exit status."""
         if self._process.poll() is None:
             self._process.terminate()

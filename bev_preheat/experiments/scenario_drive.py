@@ -1,16 +1,27 @@
 # SPDX-License-Identifier: Apache-2.0
 """A scenario driven with the planner's own step, without ROS."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 from bev_preheat.experiments.supervised_drive import moments
 from bev_preheat.simulation.evaluation import DriveRecord
 from bev_preheat.supervision.settings import settings_of
 from bev_preheat.supervision.supervisor import Supervisor
 
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from bev_preheat.simulation.scenario import Scenario
+
 # How long the planner is watched after the arrival [s].
 AFTERWARDS_S = 120.0
 
 
-def drive_scenario(scenario, progress=lambda time_s, total_s: None):
+def drive_scenario(
+        scenario: Scenario,
+        progress: Callable[[float, float], object] = lambda time_s, total_s: None) -> DriveRecord:
     """
     Return the DriveRecord of a Scenario.
 

@@ -7,15 +7,29 @@ route plan at the instant of its arrival, and the timers in between. Unlike in t
 takes no time.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 import math
 from time import process_time
+from typing import TYPE_CHECKING
 
 from bev_preheat.errors import InvalidInput
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.simulation.heater_lease import HeaterLease, NO_LEASE
 from bev_preheat.supervision.events import BatteryStateArrived, BatteryStateUnreadable, RouteArrived
 from bev_preheat.supervision.inputs import Measurement, NS_PER_S
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from bev_preheat.simulation.imperfect_car import ImperfectCar
+    from bev_preheat.simulation.sensors import Reading
+    from bev_preheat.supervision.inputs import Mission
+    from bev_preheat.supervision.supervisor import Output, Supervisor
+
+    # What is delivered here.
+    Event = BatteryStateArrived | BatteryStateUnreadable | RouteArrived
 
 # The drive starts at this instant of the planner's clock; 0 would mean that it has not started.
 START_NS = 1_000_000 * NS_PER_S
@@ -33,13 +47,14 @@ class Moment:
 
     time_s: float
     clock_s: float
-    reading: object
-    outputs: tuple
+    reading: Reading | None
+    outputs: tuple[Output, ...]
     is_last: bool
     cpu_s: float
 
 
-def moments(car, supervisor, until):
+def moments(car: ImperfectCar, supervisor: Supervisor,
+            until: Callable[[], bool]) -> Iterator[Moment]:
     """
     Drive a car under a Supervisor; yield the Moments until `until()`.
 
@@ -55,25 +70,26 @@ def moments(car, supervisor, until):
 
 
 class _Drive:
-    def __init__(self, car, supervisor):
+    def __init__(self, car: ImperfectCar, supervisor: Supervisor) -> None:
         self._car, self._supervisor = car, supervisor
         self._lease = NO_LEASE
         self._ticks = 0
         self._stale_s = supervisor.settings.battery_state_timeout_s
 
-    def planned(self, mission):
+    def planned(self, mission: Mission) -> Mission:
         return mission.in_planning_steps(self._supervisor.settings.planning_step_s)
 
     @property
-    def _tick_s(self):
+    def _tick_s(self) -> float:
         # Numbered, not summed up: sums of periods miss the readings' instants.
         return self._ticks * self._supervisor.settings.command_period_s
 
-    def due_now(self):
+    def due_now(self) -> Iterator[Moment]:
         """Yield the Moments of this instant: what has arrived, then the timers."""
         car = self._car
-        events = [(None, RouteArrived(self.planned(mission)))
-                  for mission in filter(None, [car.route_news(START_NS)])]
+        events: list[tuple[Reading | None, Event]] = [
+            (None, RouteArrived(self.planned(mission)))
+            for mission in filter(None, [car.route_news(START_NS)])]
         events += [(reading, self._battery_event(reading)) for reading in car.readings()]
         ticks = self._tick_s <= car.time_s
         if ticks:
@@ -87,12 +103,12 @@ class _Drive:
         if ticks:
             yield from self.step()
 
-    def go_on(self):
+    def go_on(self) -> None:
         """Drive on to the next instant at which anything happens."""
         self._car.advance_under(self._lease, min(
             self._tick_s, self._stale_s, self._car.next_event_s))
 
-    def _battery_event(self, reading):
+    def _battery_event(self, reading: Reading) -> BatteryStateArrived | BatteryStateUnreadable:
         if math.isnan(reading.temperature_c):
             return BatteryStateUnreadable(InvalidInput('temperature: nan is not a known value'))
         return BatteryStateArrived(Measurement(
@@ -100,7 +116,8 @@ class _Drive:
             START_NS + round(self._car.stamp_s(reading.instant_s) * NS_PER_S),
             reading.voltage_v, reading.current_a))
 
-    def step(self, *events, reading=None, is_last=True):
+    def step(self, *events: Event, reading: Reading | None = None,
+             is_last: bool = True) -> Iterator[Moment]:
         """Yield the Moment of a step, and put its command into effect."""
         car = self._car
         now_ns = START_NS + round(car.clock_s * NS_PER_S)

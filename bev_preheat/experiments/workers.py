@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Worker processes that never outlive the work they were started for."""
 
+from __future__ import annotations
+
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
@@ -9,8 +11,17 @@ from multiprocessing import resource_tracker
 import os
 import signal
 import threading
+from typing import TYPE_CHECKING
 
 from bev_preheat.console.program import WorkerLost
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+    from concurrent.futures import Future
+    from multiprocessing.process import BaseProcess
+    from typing import Any, TypeVar
+
+    Result = TypeVar('Result')
 
 
 class Workers:
@@ -21,27 +32,28 @@ class Workers:
     process that started them, which then leaves the block. They end, too, when that process dies.
     """
 
-    def __init__(self, jobs, prepare, arguments):
+    def __init__(self, jobs: int | None, prepare: Callable[..., object],
+                 arguments: tuple[Any, ...]) -> None:
         """Start nothing yet; each process calls `prepare(*arguments)` before its first task."""
-        self.jobs = jobs or os.cpu_count()
+        self.jobs = jobs or os.cpu_count() or 1
         # A fork would take the solver's threads and the terminal's state along.
         self._pool = ProcessPoolExecutor(
             self.jobs, mp_context=multiprocessing.get_context('spawn'), initializer=_begin,
             initargs=(prepare, arguments))
-        self._others = ()
+        self._others: set[BaseProcess] = set()
 
-    def __enter__(self):
+    def __enter__(self) -> Workers:
         """Return the pool."""
         self._others = set(multiprocessing.active_children())
         return self
 
-    def __exit__(self, *exception):
+    def __exit__(self, *exception: object) -> None:
         """Kill the processes."""
         for process in set(multiprocessing.active_children()) - self._others:
             process.kill()
         self._pool.shutdown(wait=False, cancel_futures=True)
 
-    def submit(self, function, *arguments):
+    def submit(self, function: Callable[..., Result], *arguments: Any) -> Future[Result]:
         """Return the Future of a task, to be asked by `result`; may start a process."""
         with _interrupts_held():
             try:
@@ -50,7 +62,7 @@ class Workers:
                 raise WorkerLost from None
 
     @staticmethod
-    def result(future):
+    def result(future: Future[Result]) -> Result:
         """Return the result of a task, when it is done; raises WorkerLost where a process died."""
         try:
             return future.result()
@@ -59,7 +71,7 @@ class Workers:
 
 
 @contextmanager
-def _interrupts_held():
+def _interrupts_held() -> Iterator[None]:
     """Hold SIGINT back while the block lasts; what is started meanwhile never hears it."""
     # It lifts the mask when it starts, which it otherwise does together with the first process.
     resource_tracker.ensure_running()
@@ -70,11 +82,13 @@ def _interrupts_held():
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def _begin(prepare, arguments):
+def _begin(prepare: Callable[..., object], arguments: tuple[Any, ...]) -> None:
     threading.Thread(target=_end_with_parent, daemon=True).start()
     prepare(*arguments)
 
 
-def _end_with_parent():
-    multiprocessing.parent_process().join()
-    os._exit(1)
+def _end_with_parent() -> None:
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)

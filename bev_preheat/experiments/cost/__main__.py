@@ -1,6 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """`python -m bev_preheat.experiments.cost`: measures, prints a table, writes JSON."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 from bev_preheat.console.program import loading, run_program
 
 if __name__ == '__main__':
@@ -20,6 +24,10 @@ from bev_preheat.output_files import check_outputs
 from bev_preheat.route import route_file
 from bev_preheat.vehicle import vehicle_file
 
+if TYPE_CHECKING:
+    from argparse import Namespace
+    from collections.abc import Callable, Sequence
+
 MEASUREMENTS = {'planning': planning_cost.measure, 'optimum': optimum_cost.measure,
                 'checker': checker_cost.measure, 'process': process_cost.measure,
                 'restart': restart_cost.measure}
@@ -30,12 +38,12 @@ PACKAGES = {'planning': (), 'optimum': ('casadi', 'do_mpc'), 'checker': ('casadi
 ROUTES = ('reference', 'alpine_pass')
 
 
-def main(arguments=None):
+def main(arguments: Sequence[str] | None = None) -> int:
     """Run the measurements and report them; returns the exit status."""
     return run_program('benchmark', lambda: _load(arguments), ends_process=arguments is None)
 
 
-def _load(arguments):
+def _load(arguments: Sequence[str] | None) -> Callable[[], int]:
     parser = OneLineParser(prog='python -m bev_preheat.experiments.cost', description=__doc__)
     parser.add_argument('--only', choices=sorted(MEASUREMENTS), help='one group of measurements')
     parser.add_argument('--json', default='out/benchmark.json', metavar='FILE',
@@ -47,7 +55,7 @@ def _load(arguments):
     return lambda: _measure(parsed)
 
 
-def _measure(arguments):
+def _measure(arguments: Namespace) -> int:
     wanted = [name for name in MEASUREMENTS if arguments.only in (None, name)]
     progress, figures, finished = progress_console(), [], []
     with keeping_what_is_finished() as ending:

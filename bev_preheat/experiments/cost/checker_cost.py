@@ -1,8 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a check costs the solver's process: the first one and later ones, programs new and kept."""
 
+from __future__ import annotations
+
 from statistics import median
 from time import monotonic, sleep
+from typing import TYPE_CHECKING
 
 from bev_preheat.experiments.cost.figures import Figure
 from bev_preheat.experiments.cost.planning_cost import GOAL, STATE
@@ -10,6 +13,13 @@ from bev_preheat.optimum.exchange import Question, Solution
 from bev_preheat.optimum.solver_process import SolverProcess
 from bev_preheat.route import load_route
 from bev_preheat.vehicle import load_vehicle
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from bev_preheat.optimum.exchange import Failure
+    from bev_preheat.route import Route
+    from bev_preheat.vehicle import Vehicle
 
 ROUNDS = 5
 PATIENCE_S = 300.0
@@ -20,7 +30,7 @@ DRIVEN_S = 60.0
 FACTORS = (1.03, 0.96, 1.04, 0.99, 1.02)
 
 
-def measure(log):
+def measure(log: Callable[[str], object]) -> list[Figure]:
     """Return the Figures; `log` takes a line of progress."""
     vehicle = load_vehicle('reference')
     route = load_route('reference', vehicle.defaults)
@@ -46,7 +56,7 @@ def measure(log):
         Figure(f'resident memory: solver after {ROUNDS} checks', used_mb, 'MB')]
 
 
-def _one_round(vehicle, route):
+def _one_round(vehicle: Vehicle, route: Route) -> tuple[float, float, float, float, float, float]:
     """Return durations of checks [s] (cold, prepared, new steps, same steps) and memory [MB]."""
     cold = SolverProcess(vehicle)
     prepared = SolverProcess(vehicle)
@@ -69,7 +79,7 @@ def _one_round(vehicle, route):
         prepared.close()
 
 
-def _check_s(solver, route):
+def _check_s(solver: SolverProcess, route: Route) -> float:
     started_s = monotonic()
     solver.ask(Question(route, STATE, GOAL, 'merit_order', FACTORS), PATIENCE_S)
     while (answer := _poll(solver)) is None:
@@ -79,11 +89,11 @@ def _check_s(solver, route):
     return monotonic() - started_s
 
 
-def _poll(solver):
+def _poll(solver: SolverProcess) -> Solution | Failure | None:
     sleep(POLL_S)
     return solver.poll()
 
 
-def _memory_mb(solver):
+def _memory_mb(solver: SolverProcess) -> float:
     import psutil
     return psutil.Process(solver.process_id).memory_info().rss / 2**20

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The floor: a node of the planner's shape that plans nothing."""
 
+from __future__ import annotations
+
 from diagnostic_msgs.msg import DiagnosticArray
 import rclpy
 from rclpy.node import Node
@@ -18,7 +20,7 @@ class EmptyNode(Node):
     But for the command: once a route has come it asks for heat, so that one hears it has.
     """
 
-    def __init__(self):
+    def __init__(self) -> None:
         """Make publishers, subscriptions, service and timer as the planner does."""
         super().__init__('planner')
         latched = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
@@ -35,16 +37,16 @@ class EmptyNode(Node):
         self.create_service(SetBool, '~/enable', lambda request, response: response)
         self.create_timer(1.0, lambda: self._diagnostics.publish(DiagnosticArray()))
 
-    def _on_route_plan(self, message):
+    def _on_route_plan(self, message: RoutePlan) -> None:
         self._heating_w = 1.0
 
-    def _on_battery_state(self, message):
+    def _on_battery_state(self, message: BatteryState) -> None:
         self._command.publish(HvchCommand(battery_heating_power=self._heating_w))
         self._temperature.publish(Temperature())
         self._plan.publish(PreheatPlan())
 
 
-def main():
+def main() -> None:
     """Spin until killed."""
     rclpy.init()
     rclpy.spin(EmptyNode())

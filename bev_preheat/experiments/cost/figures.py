@@ -1,9 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """One measured figure, and how repeated timings become one."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from statistics import median
 from time import perf_counter
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from typing import Any
 
 
 @dataclass(frozen=True)
@@ -17,19 +24,19 @@ class Figure:
     sense: str = '<='
 
     @property
-    def within(self):
+    def within(self) -> bool | None:
         """Return whether the bound is kept; None where there is none."""
         if self.bound is None:
             return None
         return self.value <= self.bound if self.sense == '<=' else self.value >= self.bound
 
-    def as_dictionary(self):
+    def as_dictionary(self) -> dict[str, Any]:
         """Return plain values for JSON."""
         return {'what': self.what, 'value': self.value, 'unit': self.unit,
                 'bound': self.bound, 'sense': self.sense, 'within': self.within}
 
 
-def median_time_s(function, repetitions):
+def median_time_s(function: Callable[[], object], repetitions: int) -> float:
     """Return the median duration of a call [s], after one that does not count."""
     function()
     durations_s = []
@@ -40,12 +47,14 @@ def median_time_s(function, repetitions):
     return median(durations_s)
 
 
-def turns_s(first, second, rounds):
+def turns_s(first: Callable[[], object], second: Callable[[], object],
+            rounds: int) -> tuple[float, float]:
     """Return the median durations of two calls that take turns [s]; the first turn is left out."""
-    durations_s = ([], [])
+    durations_s: tuple[list[float], list[float]] = ([], [])
     for _ in range(rounds + 1):
         for call, own_s in zip((first, second), durations_s):
             started = perf_counter()
             call()
             own_s.append(perf_counter() - started)
-    return tuple(median(own_s[1:]) for own_s in durations_s)
+    first_s, second_s = (median(own_s[1:]) for own_s in durations_s)
+    return first_s, second_s

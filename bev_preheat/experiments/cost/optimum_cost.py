@@ -1,7 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the nonlinear program costs: against the planning methods, and against do-mpc."""
 
+from __future__ import annotations
+
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 from bev_preheat.experiments.cost.figures import Figure, turns_s
 from bev_preheat.experiments.cost.planning_cost import GOAL, STATE
@@ -10,6 +13,11 @@ from bev_preheat.planning.planner import METHODS, plan_preheating
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.route import load_route
 from bev_preheat.vehicle import load_vehicle
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from bev_preheat.optimum.solve import Optimum
 
 # What is compared takes turns, so that both meet the same load of the machine.
 ROUNDS = 15
@@ -21,7 +29,7 @@ MOST_OF_PEER = 0.5
 SAME_ENERGY_WH = 1.0
 
 
-def measure(log):
+def measure(log: Callable[[str], object]) -> list[Figure]:
     """Return the Figures; `log` takes a line of progress."""
     from bev_preheat.experiments.cost.peer_problem import PeerProblem
     from bev_preheat.optimum.solve import solve_optimum
@@ -29,10 +37,10 @@ def measure(log):
     route = load_route('reference', vehicle.defaults)
     trip = make_trip(vehicle, route)
 
-    def solve(limited=True):
+    def solve(limited: bool = True) -> Optimum:
         return solve_optimum(vehicle, route, STATE, GOAL, limited)
 
-    def set_up_and_solve():
+    def set_up_and_solve() -> None:
         # What is kept for a vehicle is not kept for its copy.
         solve_optimum(replace(vehicle), route, STATE, GOAL)
 
@@ -76,7 +84,7 @@ def measure(log):
         Figure('set-up and cold solve, program / do-mpc', program_setup_s / peer_setup_s, '',
                MOST_OF_PEER)]
     for method in METHODS:
-        def plans(method=method):
+        def plans(method: str = method) -> None:
             for _ in range(PLANS_A_TURN):
                 plan_preheating(vehicle, route, STATE, GOAL, method)
 

@@ -7,6 +7,9 @@ variables, scales, bounds, power limits, cost and IPOPT options. do-mpc writes o
 steps and starts from the initial state everywhere, as its own users would have it.
 """
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
 import warnings
 
 import casadi
@@ -19,6 +22,10 @@ from bev_preheat.planning.dynamics import run_forward
 from bev_preheat.planning.schedule import Schedule, switched_on_s
 from bev_preheat.planning.situation import reserve_soc
 
+if TYPE_CHECKING:
+    from bev_preheat.planning.situation import BatteryState, Goal
+    from bev_preheat.planning.trip import Trip
+
 with warnings.catch_warnings():
     # It tells of each optional feature that is not installed.
     warnings.simplefilter('ignore')
@@ -28,14 +35,14 @@ with warnings.catch_warnings():
 class PeerProblem:
     """One trip as do-mpc's MPC with the whole trip as its horizon."""
 
-    def __init__(self, trip, state, goal, limited=True):
+    def __init__(self, trip: Trip, state: BatteryState, goal: Goal, limited: bool = True) -> None:
         """Set the problem up; `limited`: with the power limits of the battery (9i)."""
         self._trip, self._state, self._limited = trip, state, limited
         model = self._model()
         self._mpc = do_mpc.controller.MPC(model)
         self._configure(model, goal)
 
-    def solve(self):
+    def solve(self) -> None:
         """Solve, cold; raise RuntimeError where IPOPT finds no optimum."""
         mpc = self._mpc
         mpc.reset_history()
@@ -48,7 +55,7 @@ class PeerProblem:
         if not mpc.solver_stats['success']:
             raise RuntimeError(f'do-mpc: {mpc.solver_stats["return_status"]}')
 
-    def schedule(self):
+    def schedule(self) -> Schedule:
         """Return the Schedule of the solution, its states from a forward run."""
         trip, state = self._trip, self._state
         powers_w = np.array([np.asarray(self._mpc.opt_x_num_unscaled['_u', k, 0]).ravel()
@@ -60,7 +67,7 @@ class PeerProblem:
         return Schedule(switched_on_s(trip, heater_w), heater_w, brake_w, np.array(soc),
                         np.array(temperature_c), make_runge_kutta_4)
 
-    def _model(self):
+    def _model(self) -> do_mpc.model.Model:
         vehicle = self._trip.vehicle
         model = do_mpc.model.Model('discrete', 'SX')
         soc, temperature_c = (model.set_variable('_x', name) for name in ('soc', 'temperature'))
@@ -86,7 +93,7 @@ class PeerProblem:
         model.setup()
         return model
 
-    def _configure(self, model, goal):
+    def _configure(self, model: do_mpc.model.Model, goal: Goal) -> None:
         trip, mpc, battery = self._trip, self._mpc, self._trip.vehicle.battery
         steps = len(trip.route)
         # The step stands for nothing here: how long each is, is among what varies.

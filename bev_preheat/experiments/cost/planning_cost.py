@@ -1,13 +1,22 @@
 # SPDX-License-Identifier: Apache-2.0
 """What one plan costs in process, and how the cost grows with the number of segments."""
 
+from __future__ import annotations
+
+from functools import partial
 import math
+from typing import TYPE_CHECKING
 
 from bev_preheat.experiments.cost.figures import Figure, median_time_s, turns_s
 from bev_preheat.planning.planner import METHODS, plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route import load_route
 from bev_preheat.vehicle import load_vehicle
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from bev_preheat.vehicle import Vehicle
 
 # The paper's trip, Table I.
 STATE = BatteryState(-7.0, 0.9)
@@ -18,7 +27,7 @@ MERIT_ORDER_RATIO = 3.0
 ROUNDS = 200
 
 
-def measure(log):
+def measure(log: Callable[[str], object]) -> list[Figure]:
     """Return the Figures; `log` takes a line of progress."""
     vehicle = load_vehicle('reference')
     route = load_route('reference', vehicle.defaults)
@@ -28,7 +37,7 @@ def measure(log):
         for count in SEGMENT_COUNTS:
             split = route.resampled(route.total_duration_s / count)
             times_s[count] = median_time_s(
-                lambda split=split, method=method: plan_preheating(vehicle, split, STATE, GOAL, method),
+                partial(plan_preheating, vehicle, split, STATE, GOAL, method),
                 repetitions=max(5, 60000 // count))
             log(f'{method}, N = {count}: {1e3 * times_s[count]:.3f} ms')
         figures.append(Figure(f'plan, {method}, N = {len(route)}, median',
@@ -40,12 +49,12 @@ def measure(log):
     return figures + [_merit_order_ratio(vehicle, name) for name in ('reference', 'alpine_pass')]
 
 
-def _merit_order_ratio(vehicle, name):
+def _merit_order_ratio(vehicle: Vehicle, name: str) -> Figure:
     """Return what minding the power limits adds to a plan, where none is active and where some are."""
     route = load_route(name, vehicle.defaults)
     # In turns, so that both meet the same load of the machine.
-    merit_order_s, switch_s = turns_s(*(
-        lambda method=method: plan_preheating(vehicle, route, STATE, GOAL, method)
-        for method in ('merit_order', 'optimal_switch')), rounds=ROUNDS)
+    merit_order_s, switch_s = turns_s(
+        lambda: plan_preheating(vehicle, route, STATE, GOAL, 'merit_order'),
+        lambda: plan_preheating(vehicle, route, STATE, GOAL, 'optimal_switch'), ROUNDS)
     return Figure(f'plan on {name}, N = {len(route)}, merit_order / optimal_switch',
                   merit_order_s / switch_s, '', MERIT_ORDER_RATIO)

@@ -1,9 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """How long the heater waits for a new planner when the old one was killed while it heated."""
 
+from __future__ import annotations
+
 import os
 from statistics import median
 from time import perf_counter
+from typing import TYPE_CHECKING
 
 import rclpy
 from rclpy.node import Node
@@ -18,6 +21,9 @@ from bev_preheat.supervision.inputs import Leg, Mission
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat_msgs.msg import HvchCommand, RoutePlan
 
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
 RESTARTS = 10
 STATE_PERIOD_S = 0.1
 # Too short for the target: it is heated from the first instant.
@@ -30,7 +36,7 @@ SILENCE_S = 0.3
 class Car(Node):
     """Trip planner, battery and heater, which stay while planners come and go."""
 
-    def __init__(self):
+    def __init__(self) -> None:
         """Publish a latched route that needs heat at once, and battery states all the time."""
         super().__init__('car')
         latched = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
@@ -44,15 +50,15 @@ class Car(Node):
             self.get_clock().now().nanoseconds, target_temperature_c=25.0),))))
         self.create_timer(STATE_PERIOD_S, self._send_state)
 
-    def _send_state(self):
+    def _send_state(self) -> None:
         state = BatteryState(temperature=-7.0, percentage=0.9)
         state.header.stamp = self.get_clock().now().to_msg()
         self._states.publish(state)
 
-    def _on_command(self, message):
+    def _on_command(self, message: HvchCommand) -> None:
         self.heats = message.battery_heating_power > 0.0
 
-    def spin_while(self, condition, patience_s):
+    def spin_while(self, condition: Callable[[], bool], patience_s: float) -> bool:
         """Spin while a condition holds; return whether it has ended in time."""
         end = perf_counter() + patience_s
         while condition():
@@ -62,7 +68,7 @@ class Car(Node):
         return True
 
 
-def measure(log):
+def measure(log: Callable[[str], object]) -> list[Figure]:
     """Return the Figures; `log` takes a line of progress."""
     os.environ['ROS_DOMAIN_ID'] = DOMAIN
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
@@ -81,7 +87,7 @@ def measure(log):
         rclpy.try_shutdown()
 
 
-def _restarts_s(process):
+def _restarts_s(process: list[str]) -> list[float]:
     """Return the times from the start of a process to its heat [s]; the first is left out."""
     car = Car()
     times_s = []

@@ -1,7 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Draws random trips: vehicle, route, state and goal, each from its own seed."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -10,7 +13,15 @@ from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route.segments import make_route, Route
 from bev_preheat.route.variation import vary
 from bev_preheat.vehicle import Vehicle
-from bev_preheat.vehicle.curves import InverseTemperatureResistance
+from bev_preheat.vehicle.curves import InverseTemperatureResistance, Table
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.random import Generator
+
+    from bev_preheat.arithmetic import Curve
+    from bev_preheat.arrays import FloatArray
 
 STEP_S = 30.0
 # Turns energy into charge, roughly, where a reserve is drawn.
@@ -40,7 +51,7 @@ class DrawnTrip:
     goal: Goal
 
 
-def draw_trip(vehicle, seed, number):
+def draw_trip(vehicle: Vehicle, seed: int, number: int) -> DrawnTrip:
     """Return trip `number` of a study, without regeneration and far from the power limits."""
     random = np.random.default_rng([seed, number])
     size = random.uniform(*SIZE)
@@ -61,7 +72,7 @@ def draw_trip(vehicle, seed, number):
     return DrawnTrip(seed, number, scaled, route, state, Goal(float(random.uniform(*TARGET_C))))
 
 
-def draw_limit_trip(vehicle, seed, number):
+def draw_limit_trip(vehicle: Vehicle, seed: int, number: int) -> DrawnTrip:
     """
     Return trip `number` of a study in which limits matter.
 
@@ -76,7 +87,8 @@ def draw_limit_trip(vehicle, seed, number):
     start_c, soc = ambient_c + random.uniform(0.0, 6.0), random.uniform(0.6, 0.95)
     parts = [_cruise(random, 5.0, 50.0)]
     if 'climb' in chosen:
-        most_w = float(vehicle.battery.discharge_power_limit.function(ARRAYS)(soc, start_c + 3.0))
+        most_w = float(vehicle.battery.discharge_power_limit.function(ARRAYS)(
+            np.asarray(soc), np.asarray(start_c + 3.0)))
         steps = int(random.integers(4, 16))
         parts += [np.full(steps, most_w * random.uniform(0.8, 1.15)),
                   _cruise(random, 3.0, 30.0)]
@@ -109,12 +121,12 @@ def draw_limit_trip(vehicle, seed, number):
                      Goal(float(random.uniform(5.0, 30.0)), reserve))
 
 
-def _cruise(random, shortest_min, longest_min):
+def _cruise(random: Generator, shortest_min: float, longest_min: float) -> FloatArray:
     steps = int(random.uniform(shortest_min, longest_min) * 60.0 / STEP_S)
     return vary(random, steps, random.uniform(6e3, 30e3), random.uniform(0.0, 0.4))
 
 
-def scale_vehicle(vehicle, size, heater, power_limits):
+def scale_vehicle(vehicle: Vehicle, size: float, heater: float, power_limits: float) -> Vehicle:
     """Return the vehicle with another pack size, heater and limits, as multiples of its own."""
     battery = vehicle.battery
     resistance = battery.resistance
@@ -137,10 +149,13 @@ def scale_vehicle(vehicle, size, heater, power_limits):
         hvch=replace(vehicle.hvch, maximum_power_w=vehicle.hvch.maximum_power_w * heater))
 
 
-def _scale_table(table, factor):
+def _scale_table(table: Curve, factor: float) -> Table:
+    if not isinstance(table, Table):
+        raise TypeError('only a vehicle whose power limits are tables can be scaled')
     return replace(table, values=tuple(
         tuple(factor * value for value in row) for row in table.values))
 
 
-# What `preheat sweep --trips` may ask for.
-DRAWS = {'free': draw_trip, 'limits': draw_limit_trip}
+# What `preheat sweep --trips` may ask for: draw(vehicle, seed, number).
+DRAWS: dict[str, Callable[[Vehicle, int, int], DrawnTrip]] = {
+    'free': draw_trip, 'limits': draw_limit_trip}

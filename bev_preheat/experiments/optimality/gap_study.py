@@ -1,10 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Runs the methods and the nonlinear program on many trips, on all cores."""
 
+from __future__ import annotations
+
 from collections import deque
 from dataclasses import dataclass
 from itertools import count
-from typing import Any
+from typing import Any, TYPE_CHECKING
 
 import numpy as np
 
@@ -17,6 +19,15 @@ from bev_preheat.planning.planner import as_driven, DEFAULT_METHOD, METHODS, pla
 from bev_preheat.planning.status import Status
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.vehicle import load_vehicle
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable
+    from concurrent.futures import Future
+
+    from bev_preheat.experiments.optimality.drawn_trips import DrawnTrip
+    from bev_preheat.optimum.solve import Optimum
+    from bev_preheat.planning.plan import Plan
+    from bev_preheat.vehicle import Vehicle
 
 # Outcomes of a trip, told by the nonlinear program, not by the methods.
 FEASIBLE = 'feasible'
@@ -64,10 +75,10 @@ class GapResult:
     optimal_arrival_c: float | None
     optimal_arrival_soc: float | None
     solve_time_s: float | None
-    methods: dict
+    methods: dict[str, MethodResult]
 
 
-def solve_trip(vehicle, seed, number, trips='free'):
+def solve_trip(vehicle: Vehicle, seed: int, number: int, trips: str = 'free') -> GapResult:
     """
     Return the GapResult of one drawn trip.
 
@@ -110,7 +121,7 @@ def solve_trip(vehicle, seed, number, trips='free'):
             planning_time_s=plans[method].planning_time_s) for method, plan in driven.items()})
 
 
-def _violation(drawn, plan):
+def _violation(drawn: DrawnTrip, plan: Plan) -> float:
     """Largest share by which a step breaks a power limit at its start."""
     trip = make_trip(drawn.vehicle, drawn.route)
     terminal_w = (trip.idle_power_w + plan.hvch_battery_power_w + plan.friction_brake_power_w)
@@ -120,7 +131,7 @@ def _violation(drawn, plan):
     return max(0.0, float((beyond_w / np.maximum(np.abs(terminal_w), 1.0)).max()))
 
 
-def _outcome(optimum):
+def _outcome(optimum: Optimum) -> tuple[str, str]:
     from bev_preheat.optimum.solve import ARRIVAL_SOC, TARGET
     if optimum.lacking:
         lacking = {item.constraint for item in optimum.lacking}
@@ -145,7 +156,7 @@ EXPECTED = {
 }
 
 
-def disagreements(results, method):
+def disagreements(results: Iterable[GapResult], method: str) -> list[GapResult]:
     """
     Return the results in which a method's status contradicts the program.
 
@@ -153,11 +164,12 @@ def disagreements(results, method):
     """
     return [result for result in results if result.outcome in EXPECTED
             and result.methods[method].status not in EXPECTED[result.outcome]
-            and not (result.outcome == UNREACHABLE
+            and not (result.outcome == UNREACHABLE and result.optimal_arrival_c is not None
                      and result.target_c - result.optimal_arrival_c < SHORTFALL_TOLERANCE_K)]
 
 
-def run_study(vehicle_name, feasible, seed, jobs, report, trips='free'):
+def run_study(vehicle_name: str, feasible: int, seed: int, jobs: int | None,
+              report: Callable[[GapResult], object], trips: str = 'free') -> list[GapResult]:
     """
     Run trips 0, 1, 2 … until `feasible` of them are feasible; return their GapResults in order.
 
@@ -165,9 +177,11 @@ def run_study(vehicle_name, feasible, seed, jobs, report, trips='free'):
     as it and all before it are done, so that an interrupted study leaves what is finished. Which
     trips are run does not depend on `jobs`. Raises WorkerLost where a process dies.
     """
-    results, found = [], 0
+    results: list[GapResult] = []
+    found = 0
     with Workers(jobs, _prepare, (vehicle_name, seed, trips)) as workers:
-        numbers, waiting = count(), deque()
+        numbers = count()
+        waiting: deque[Future[GapResult]] = deque()
         while found < feasible:
             while len(waiting) < 3 * workers.jobs:
                 waiting.append(workers.submit(_run_in_worker, next(numbers)))
@@ -181,9 +195,9 @@ def run_study(vehicle_name, feasible, seed, jobs, report, trips='free'):
 _worker: dict[str, Any] = {}
 
 
-def _prepare(vehicle_name, seed, trips):
+def _prepare(vehicle_name: str, seed: int, trips: str) -> None:
     _worker.update(vehicle=load_vehicle(vehicle_name), seed=seed, trips=trips)
 
 
-def _run_in_worker(number):
+def _run_in_worker(number: int) -> GapResult:
     return solve_trip(_worker['vehicle'], _worker['seed'], number, _worker['trips'])

@@ -7,7 +7,10 @@ They are fitted to three cells of the heuristic column; the route is made so tha
 heat and the column's sum hold. Everything else is predicted.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,6 +18,14 @@ from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route import load_route
 from bev_preheat.vehicle import load_vehicle
+from bev_preheat.vehicle.curves import InverseTemperatureResistance
+
+if TYPE_CHECKING:
+    from bev_preheat.arrays import FloatArray
+    from bev_preheat.optimum.solve import Optimum
+    from bev_preheat.planning.plan import Plan
+    from bev_preheat.route import Route
+    from bev_preheat.vehicle import Vehicle
 
 # Table I.
 STATE = BatteryState(temperature_c=-7.0, soc=0.9)
@@ -60,7 +71,7 @@ class Cell:
     origin: str
 
     @property
-    def difference_percent(self):
+    def difference_percent(self) -> float:
         """Ours above the paper's [%]."""
         return 100.0 * (self.ours - self.paper) / abs(self.paper)
 
@@ -69,13 +80,13 @@ class Cell:
 class Reproduction:
     """Every cell, and the plans they were read off."""
 
-    cells: tuple
-    heuristic: object
-    optimal_switch: object
-    optimum: object
+    cells: tuple[Cell, ...]
+    heuristic: Plan
+    optimal_switch: Plan
+    optimum: Optimum
 
 
-def reproduce(vehicle=None):
+def reproduce(vehicle: Vehicle | None = None) -> Reproduction:
     """Return the Reproduction, with the reference vehicle or another one."""
     from bev_preheat.optimum.solve import solve_optimum
     vehicle = vehicle or load_vehicle('reference')
@@ -84,18 +95,18 @@ def reproduce(vehicle=None):
     optimal_switch = plan_preheating(vehicle, route, STATE, GOAL, 'optimal_switch')
     optimum = solve_optimum(vehicle, route, STATE, GOAL)
     cells = []
-    for column, plan, which in (('heuristic', heuristic, 1), ('NLP', optimum.plan, 2)):
-        for line in TABLE_II:
-            cells.append(Cell(column, line[0], 'Wh', line[which],
-                              getattr(plan.energy_wh, line[0]),
-                              ORIGINS.get((column, line[0]), 'predicted')))
+    for column, plan, which in (('heuristic', heuristic, 0), ('NLP', optimum.plan, 1)):
+        for row, *papers_wh in TABLE_II:
+            cells.append(Cell(column, row, 'Wh', papers_wh[which],
+                              getattr(plan.energy_wh, row),
+                              ORIGINS.get((column, row), 'predicted')))
         cells.append(Cell(column, 'heating lasts', 's', HEATING_BEFORE_ARRIVAL_S,
                           plan.arrival_time_s - plan.heating_start_s,
                           ORIGINS.get((column, 'heating lasts'), 'predicted')))
     return Reproduction(tuple(cells), heuristic, optimal_switch, optimum)
 
 
-def _heuristic(vehicle, route):
+def _heuristic(vehicle: Vehicle, route: Route) -> Plan:
     return plan_preheating(vehicle, route, STATE, GOAL, 'paper', safeguarded=False,
                            terminal_soc=TERMINAL_SOC)
 
@@ -111,7 +122,7 @@ class Fit:
     message: str | None
 
 
-def fit_reference():
+def fit_reference() -> Fit:
     """
     Return the Fit of heat capacity, leakage and resistance to the heuristic column.
 
@@ -122,11 +133,13 @@ def fit_reference():
     from scipy.optimize import root
     vehicle = load_vehicle('reference')
     route = load_route('reference', vehicle.defaults)
-    battery = vehicle.battery
+    battery, resistance = vehicle.battery, vehicle.battery.resistance
+    if not isinstance(resistance, InverseTemperatureResistance):
+        raise TypeError('only a vehicle whose resistance is a formula can be fitted')
     wanted = {row: heuristic for row, heuristic, _ in TABLE_II}
 
-    def scaled(factors):
-        capacity, leakage, resistance = factors
+    def scaled(factors: FloatArray) -> Vehicle:
+        capacity, leakage, resistance_factor = factors
         return replace(vehicle, battery=replace(
             battery,
             heat_capacity_j_per_k=battery.heat_capacity_j_per_k * capacity,
@@ -134,10 +147,9 @@ def fit_reference():
                 battery.leakage,
                 gamma_0_w_per_k=battery.leakage.gamma_0_w_per_k * leakage,
                 gamma_v_w_per_k_per_mps=battery.leakage.gamma_v_w_per_k_per_mps * leakage),
-            resistance=replace(battery.resistance,
-                               k_ohm_k=battery.resistance.k_ohm_k * resistance)))
+            resistance=replace(resistance, k_ohm_k=resistance.k_ohm_k * resistance_factor)))
 
-    def misses(factors):
+    def misses(factors: FloatArray) -> list[float]:
         plan = _heuristic(scaled(factors), route)
         heated_s = plan.arrival_time_s - plan.heating_start_s
         return [heated_s - HEATING_BEFORE_ARRIVAL_S,
@@ -147,5 +159,5 @@ def fit_reference():
     found = root(misses, np.ones(3), options={'eps': 1e-5})
     fitted = scaled(found.x).battery
     return Fit(fitted.heat_capacity_j_per_k, fitted.leakage.gamma_0_w_per_k,
-               fitted.leakage.gamma_v_w_per_k_per_mps, fitted.resistance.k_ohm_k,
+               fitted.leakage.gamma_v_w_per_k_per_mps, resistance.k_ohm_k * found.x[2],
                None if found.success else found.message)

@@ -1,11 +1,23 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a study says of each method, and whether that is good enough."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from bev_preheat.planning.comparison import SAME_SHORTFALL_K
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Sequence
+    from typing import Any
+
+    from bev_preheat.experiments.robustness.car_study import CarResult
+    from bev_preheat.experiments.robustness.drives import DriveOutcome
+
+    Figures = dict[str, Any]
 
 # What is asked of a planner in the car, besides that it refuses no good input.
 LEAST_ARRIVAL_ERROR_K = -0.5
@@ -25,7 +37,7 @@ class Requirement:
     met: bool
 
 
-def summarise_drives(results, methods):
+def summarise_drives(results: Sequence[CarResult], methods: Iterable[str]) -> Figures:
     """
     Return the summary of CarResults as a dictionary of plain values: one entry a method.
 
@@ -33,7 +45,7 @@ def summarise_drives(results, methods):
     that of the sums. Shares are None where the informed drive did not heat.
     """
     informed = [result.informed for result in results]
-    summary = {'informed': {
+    summary: Figures = {'informed': {
         'arrival_error_k': _errors(informed),
         'heating_energy_wh': _mean([drive.heating_energy_wh for drive in informed]),
         'battery_energy_wh': _mean([drive.battery_energy_wh for drive in informed])}}
@@ -61,7 +73,7 @@ def summarise_drives(results, methods):
     return summary
 
 
-def requirements(figures):
+def requirements(figures: Figures) -> list[Requirement]:
     """Return the Requirements on a method's figures in a summary."""
     errors, excess = figures['arrival_error_k'], figures['heating_excess']['mean']
     return [
@@ -82,7 +94,7 @@ def requirements(figures):
     ]
 
 
-def _errors(drives):
+def _errors(drives: Iterable[DriveOutcome]) -> dict[str, float]:
     errors_k = [drive.arrival_error_k for drive in drives]
     return {'5 %': float(np.percentile(errors_k, 5.0)),
             'median': float(np.percentile(errors_k, 50.0)),
@@ -90,7 +102,8 @@ def _errors(drives):
             'worst': max(errors_k, key=abs)}
 
 
-def energy_excess(results, method, field):
+def energy_excess(results: Iterable[CarResult], method: str,
+                  field: str) -> dict[str, float | None]:
     """
     Return by which share a method spent more than the informed drives: {'mean', '95 %', 'trips'}.
 
@@ -101,7 +114,7 @@ def energy_excess(results, method, field):
     """
     compared = [result for result in results
                 if reaches_the_same(result.methods[method], result.informed)]
-    excess = {'mean': None, '95 %': None, 'trips': len(compared)}
+    excess: dict[str, float | None] = {'mean': None, '95 %': None, 'trips': len(compared)}
     own = np.array([getattr(result.methods[method], field) for result in compared])
     best = np.array([getattr(result.informed, field) for result in compared])
     if best.sum() > 0.0:
@@ -111,15 +124,15 @@ def energy_excess(results, method, field):
     return excess
 
 
-def reaches_the_same(drive, informed):
+def reaches_the_same(drive: DriveOutcome, informed: DriveOutcome) -> bool:
     """Return whether a DriveOutcome misses the target by no more than the informed one."""
     return (min(drive.arrival_error_k, 0.0) >= min(informed.arrival_error_k, 0.0) - SAME_SHORTFALL_K
             and not drive.ran_empty)
 
 
-def _worst(results, method):
+def _worst(results: Sequence[CarResult], method: str) -> dict[str, int]:
     """Return the numbers of the trips that are worth another look."""
-    def number_of(figure):
+    def number_of(figure: Callable[[CarResult], float]) -> int:
         return max(results, key=figure).number
 
     return {
@@ -131,5 +144,5 @@ def _worst(results, method):
                             - result.informed.heating_energy_wh))}
 
 
-def _mean(values):
+def _mean(values: Sequence[float]) -> float:
     return float(np.mean(values))

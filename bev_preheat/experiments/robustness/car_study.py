@@ -1,15 +1,23 @@
 # SPDX-License-Identifier: Apache-2.0
 """Runs many drawn trips on all cores."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass, replace
 from time import process_time
-from typing import Any
+from typing import Any, TYPE_CHECKING
 
 from bev_preheat.experiments.robustness.drawn_cars import draw_car
 from bev_preheat.experiments.robustness.drives import drive_informed, drive_with_planner, DriveOutcome
 from bev_preheat.experiments.workers import Workers
 from bev_preheat.simulation.mismatch import Mismatch
 from bev_preheat.supervision.settings import Settings
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Sequence
+
+    from bev_preheat.experiments.robustness.drawn_cars import Conditions
+    from bev_preheat.experiments.robustness.drives import DriveTrace
 
 # What is compared, by what the planner is set to.
 COMPARED = {
@@ -35,11 +43,11 @@ class CarResult:
     number: int
     mismatch: Mismatch
     informed: DriveOutcome
-    methods: dict
+    methods: dict[str, DriveOutcome]
     cpu_s: float
 
 
-def settings_of_compared(method, period_s):
+def settings_of_compared(method: str, period_s: float) -> Settings:
     """Return the Settings of one of COMPARED for battery states and commands every period [s]."""
     settings = COMPARED[method]
     return replace(
@@ -49,7 +57,8 @@ def settings_of_compared(method, period_s):
                                     TIMEOUT_PERIODS * period_s))
 
 
-def drive_car(conditions, seed, number, methods):
+def drive_car(conditions: Conditions, seed: int, number: int,
+              methods: Iterable[str]) -> tuple[CarResult, dict[str, DriveTrace]]:
     """Return (CarResult, {method: DriveTrace}) of one drawn trip."""
     started = process_time()
     trip, goal = draw_car(conditions, seed, number), conditions.goal
@@ -67,7 +76,8 @@ def drive_car(conditions, seed, number, methods):
     return result, {method: course for method, (_, course) in drives.items()}
 
 
-def run_study(conditions, trips, seed, jobs, methods, report):
+def run_study(conditions: Conditions, trips: int, seed: int, jobs: int | None,
+              methods: Sequence[str], report: Callable[[CarResult], object]) -> list[CarResult]:
     """
     Return the CarResults of trips 0 … `trips` - 1 in order; they do not depend on `jobs`.
 
@@ -86,9 +96,9 @@ def run_study(conditions, trips, seed, jobs, methods, report):
 _worker: dict[str, Any] = {}
 
 
-def _prepare(conditions, seed, methods):
+def _prepare(conditions: Conditions, seed: int, methods: Sequence[str]) -> None:
     _worker.update(conditions=conditions, seed=seed, methods=methods)
 
 
-def _run_in_worker(number):
+def _run_in_worker(number: int) -> CarResult:
     return drive_car(_worker['conditions'], _worker['seed'], number, _worker['methods'])[0]

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Draws cars that differ from their description, each from its own seed."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import numpy as np
@@ -53,7 +55,7 @@ class DrawnCar:
     conditions: Conditions
     mismatch: Mismatch
 
-    def car(self):
+    def car(self) -> ImperfectCar:
         """Return the car at its start; each one drives, and is measured, in the same way."""
         conditions = self.conditions
         sensors = Sensors(
@@ -66,7 +68,7 @@ class DrawnCar:
             Imperfections(self.mismatch, sensors), [self.seed, self.number])
 
 
-def draw_car(conditions, seed, number):
+def draw_car(conditions: Conditions, seed: int, number: int) -> DrawnCar:
     """Return trip `number` of a study."""
     random = np.random.default_rng([seed, number])
     factors = {name: float(random.uniform(1.0 - spread, 1.0 + spread))

@@ -1,8 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """One drive: the planner's Supervisor and a simulated car, each second or so, without ROS."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 import math
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,6 +16,16 @@ from bev_preheat.planning.status import Status
 from bev_preheat.supervision.inputs import in_planning_steps
 from bev_preheat.supervision.settings import Settings
 from bev_preheat.supervision.supervisor import Supervisor
+
+if TYPE_CHECKING:
+    from typing import Any
+
+    from bev_preheat.arrays import FloatArray
+    from bev_preheat.planning.situation import Goal
+    from bev_preheat.route import Route
+    from bev_preheat.simulation.imperfect_car import ImperfectCar
+    from bev_preheat.simulation.vehicle_plant import VehiclePlant
+    from bev_preheat.vehicle import Vehicle
 
 # Less than this share of what the cabin leaves is partial duty.
 FULL_SHARE = 0.95
@@ -55,23 +68,24 @@ class DriveTrace:
     predicts it for the arrival (NaN where it does not); command [W].
     """
 
-    time_s: np.ndarray
-    true_c: np.ndarray
-    measured_c: np.ndarray
-    estimated_c: np.ndarray
-    predicted_arrival_c: np.ndarray
-    command_w: np.ndarray
+    time_s: FloatArray
+    true_c: FloatArray
+    measured_c: FloatArray
+    estimated_c: FloatArray
+    predicted_arrival_c: FloatArray
+    command_w: FloatArray
 
 
 class _Tally:
     """What commands amount to: each holds until the next."""
 
-    def __init__(self, vehicle, route):
+    def __init__(self, vehicle: Vehicle, route: Route) -> None:
         self._vehicle, self._route = vehicle, route
-        self.switch_ons, self.first_switch_on_s, self.partial_duty_s = 0, None, 0.0
+        self.switch_ons, self.partial_duty_s = 0, 0.0
+        self.first_switch_on_s: float | None = None
         self._power_w, self._since_s = 0.0, 0.0
 
-    def note(self, now_s, power_w):
+    def note(self, now_s: float, power_w: float) -> None:
         """Note that a power [W] is commanded from an instant [s] on."""
         now_s = min(now_s, self._route.total_duration_s)
         if self._is_partial():
@@ -82,14 +96,15 @@ class _Tally:
                 self.first_switch_on_s = now_s
         self._power_w, self._since_s = power_w, now_s
 
-    def _is_partial(self):
+    def _is_partial(self) -> bool:
         cabin_w = float(
             self._route.cabin_heating_power_w[self._route.segment_at(self._since_s)])
         most_w = self._vehicle.hvch.maximum_power_w - cabin_w
         return 0.0 < self._power_w < FULL_SHARE * most_w
 
 
-def drive_with_planner(car, goal, settings):
+def drive_with_planner(car: ImperfectCar, goal: Goal,
+                       settings: Settings) -> tuple[DriveOutcome, DriveTrace]:
     """Return (DriveOutcome, DriveTrace) of a car under a Supervisor with `settings`."""
     supervisor, plant = Supervisor(car.vehicle, settings), car.plant
     tally, rows, cpu_s = _Tally(car.vehicle, plant.route), [], 0.0
@@ -118,7 +133,7 @@ def drive_with_planner(car, goal, settings):
     return drive, DriveTrace(*np.array(rows).T)
 
 
-def drive_informed(car, goal):
+def drive_informed(car: ImperfectCar, goal: Goal) -> DriveOutcome:
     """
     Return the DriveOutcome of a car under one plan that knows the true car and drive.
 
@@ -141,7 +156,7 @@ def drive_informed(car, goal):
     return _drive(plant, goal, tally)
 
 
-def _drive(plant, goal, tally, **counted):
+def _drive(plant: VehiclePlant, goal: Goal, tally: _Tally, **counted: Any) -> DriveOutcome:
     energy_wh = plant.energy_wh
     return DriveOutcome(
         arrival_error_k=plant.temperature_c - goal.target_temperature_c,

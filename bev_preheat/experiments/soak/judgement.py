@@ -1,9 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the figures of a soak test amount to."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import ArrayLike
+
+    from bev_preheat.experiments.soak.load import Load
 
 # Memory may grow so much in ten minutes [MB], after the first part in which caches fill.
 MOST_GROWTH_MB_IN_10_MIN = 1.0
@@ -22,7 +32,7 @@ class Judgement:
     good: bool
 
 
-def memory_growth_mb_in_10_min(instants_s, memory_mb):
+def memory_growth_mb_in_10_min(instants_s: ArrayLike, memory_mb: ArrayLike) -> float:
     """
     Return the growth of the memory after the warm-up, from samples [s], [MB].
 
@@ -40,7 +50,8 @@ def memory_growth_mb_in_10_min(instants_s, memory_mb):
     return float(np.median(slopes)) * 600.0
 
 
-def judge(load, memory_samples, command_period_s, exit_status):
+def judge(load: Load, memory_samples: Sequence[tuple[float, float]], command_period_s: float,
+          exit_status: int | None) -> list[Judgement]:
     """
     Return the Judgements of a soak test.
 

@@ -1,10 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the planner is given in a soak test, and what it says: good states, routes, and garbage."""
 
+from __future__ import annotations
+
 from array import array
 import math
 import random
 import time
+from typing import TYPE_CHECKING
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
@@ -16,6 +19,11 @@ from std_srvs.srv import SetBool
 
 from bev_preheat.nodes.convert import nanoseconds, time_message
 from bev_preheat_msgs.msg import HvchCommand, RoutePlan
+
+if TYPE_CHECKING:
+    from builtin_interfaces.msg import Time
+    from rclpy.node import Node
+    from rclpy.timer import Timer
 
 NS_PER_S = 1_000_000_000
 CABIN_W = 1700.0
@@ -42,9 +50,10 @@ class Load:
     the command was made [s]) of each command; `wrong` holds sentences on forbidden commands.
     """
 
-    def __init__(self, node, rate_hz, seed, heater_w):
+    def __init__(self, node: Node, rate_hz: float, seed: int, heater_w: float) -> None:
         """Advertise and subscribe; `heater_w` is the heater's maximum [W]."""
-        self._node, self._period_s, self._timer = node, 1.0 / rate_hz, None
+        self._node, self._period_s = node, 1.0 / rate_hz
+        self._timer: Timer | None = None
         self._random = random.Random(seed)
         self._most_w = heater_w - CABIN_W
         latched = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
@@ -54,30 +63,32 @@ class Load:
         self._set_parameters = node.create_client(SetParameters, 'planner/set_parameters')
         node.create_subscription(HvchCommand, 'hvch_command', self._on_command, 100)
         node.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 100)
-        self.commands, self.wrong = [], []
+        self.commands: list[tuple[float, float, float]] = []
+        self.wrong: list[str] = []
         self.states_sent = self.garbage_sent = self.routes_sent = self.calls = 0
         self.heating_commands = self.internal_errors = 0
         self._temperature_c, self._power_w = AMBIENT_C, 0.0
         self._last_good_s = -math.inf
         self._next_state_s = self._next_route_s = self._next_call_s = -math.inf
 
-    def start(self):
+    def start(self) -> None:
         """Begin to publish."""
         self._timer = self._node.create_timer(
             self._period_s, self._on_due, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
-    def stop(self):
+    def stop(self) -> None:
         """End it."""
-        self._timer.cancel()
+        if self._timer is not None:
+            self._timer.cancel()
 
     @property
-    def is_connected(self):
+    def is_connected(self) -> bool:
         """Whether a planner is there."""
         return (self._states.get_subscription_count() > 0
                 and self._routes.get_subscription_count() > 0
                 and self._node.count_publishers('hvch_command') > 0)
 
-    def _on_due(self):
+    def _on_due(self) -> None:
         now_s = time.monotonic()
         if now_s >= self._next_route_s:
             self._send_route()
@@ -90,11 +101,11 @@ class Load:
             self._send_state()
             self._next_state_s += self._period_s
 
-    def _stamp(self, ago_s=0.0):
+    def _stamp(self, ago_s: float = 0.0) -> Time:
         return time_message(
             self._node.get_clock().now().nanoseconds - round(ago_s * NS_PER_S))
 
-    def _send_state(self):
+    def _send_state(self) -> None:
         self._temperature_c += self._period_s * (
             HEATING_K_PER_J * self._power_w
             - COOLING_PER_S * (self._temperature_c - AMBIENT_C))
@@ -117,7 +128,7 @@ class Load:
         self._states.publish(message)
         self.states_sent += 1
 
-    def _send_route(self):
+    def _send_route(self) -> None:
         # Now and then one that the battery is too cold for, so that there is always heat.
         heats = self.routes_sent % HEATING_ROUTES == 0
         count = 20 if heats else self._random.choice((20, 60, 120, 300))
@@ -139,15 +150,16 @@ class Load:
         message.header.stamp = self._stamp(self._random.uniform(0.0, 30.0))
         if not heats and self._random.random() < BAD_ROUTES:
             self.garbage_sent += 1
-            field, value = self._random.choice((
+            wrong: tuple[tuple[str, float | list[float]], ...] = (
                 ('speed', [-3.0]), ('propulsion_power', [math.nan] * count), ('speed', []),
                 ('segment_duration', [0.0] * count), ('ambient_temperature', [270.0]),
-                ('minimum_arrival_soc', 55.0)))
-            setattr(message, field, array('d', value) if isinstance(value, list) else value)
+                ('minimum_arrival_soc', 55.0))
+            name, bad = self._random.choice(wrong)
+            setattr(message, name, array('d', bad) if isinstance(bad, list) else bad)
         self._routes.publish(message)
         self.routes_sent += 1
 
-    def _call(self):
+    def _call(self) -> None:
         self.calls += 1
         if self._random.random() < 0.4:
             self._enable.call_async(SetBool.Request(data=False))
@@ -160,7 +172,7 @@ class Load:
             name=name, value=ParameterValue(
                 type=ParameterType.PARAMETER_DOUBLE, double_value=value))]))
 
-    def _on_command(self, message):
+    def _on_command(self, message: HvchCommand) -> None:
         now_s = time.monotonic()
         self._power_w = message.battery_heating_power
         self.heating_commands += self._power_w > 0.0
@@ -172,10 +184,10 @@ class Load:
             self._note_wrong(f'a lease of {lease_s:.3f} s')
         self.internal_errors += message.reason == HvchCommand.INTERNAL_ERROR
 
-    def _on_diagnostics(self, message):
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
             self.internal_errors += status.message.startswith('INTERNAL_ERROR')
 
-    def _note_wrong(self, sentence):
+    def _note_wrong(self, sentence: str) -> None:
         if len(self.wrong) < 100:
             self.wrong.append(sentence)

@@ -7,6 +7,10 @@ monitor never stops showing what is new, says nothing but its page, keeps its me
 Ctrl-C and leaves the terminal as it was.
 """
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 from bev_preheat.console.program import loading, run_program
 
 if __name__ == '__main__':
@@ -34,6 +38,15 @@ from bev_preheat.output_files import check_outputs, expanded, Output
 from bev_preheat.route import route_file
 from bev_preheat.vehicle import vehicle_file
 
+if TYPE_CHECKING:
+    from argparse import Namespace
+    from collections.abc import Callable, Sequence
+
+    from rich.console import Console
+
+    from bev_preheat.console.finished import Ending
+    from bev_preheat.output_files import AnyPath
+
 COLUMNS, ROWS = 110, 45
 START_S = 1_700_000_000
 # Drives follow each other in simulated time, but after so many the clock falls back to the first.
@@ -54,23 +67,23 @@ TEMPERATURE = re.compile(r'Battery +(-?\d+\.\d degC)')
 class Seen:
     """What was seen of the monitor; `memory` holds (instant [s], resident memory [MB])."""
 
-    memory: list = field(default_factory=list)
+    memory: list[tuple[float, float]] = field(default_factory=list)
     drives: int = 0
     views: int = 0
     longest_between_views_s: float = 0.0
     oldest_shown_s: float = 0.0
-    temperatures: set = field(default_factory=set)
+    temperatures: set[str] = field(default_factory=set)
     said: str = ''
     exit_status: int | None = None
     restores_terminal: bool = False
 
 
-def main(arguments=None):
+def main(arguments: Sequence[str] | None = None) -> int:
     """Run it and return the exit status."""
     return run_program('soak-monitor', lambda: _load(arguments), ends_process=arguments is None)
 
 
-def _load(arguments):
+def _load(arguments: Sequence[str] | None) -> Callable[[], int]:
     parsed = _parse(arguments)
     check_outputs(
         [Output('--output', parsed.output, ('.json',), make_folder=True)]
@@ -81,7 +94,7 @@ def _load(arguments):
     return lambda: _run(parsed)
 
 
-def _run(parsed):
+def _run(parsed: Namespace) -> int:
     """Watch the monitor, judge, and write what there is; return the exit status."""
     parsed.output.parent.mkdir(parents=True, exist_ok=True)
     console = result_console()
@@ -104,7 +117,7 @@ def _run(parsed):
     return 0 if good else 1
 
 
-def judge(seen):
+def judge(seen: Seen) -> list[Judgement]:
     """Return the Judgements of what was Seen."""
     growth_mb = memory_growth_mb_in_10_min(*zip(*seen.memory))
     return [
@@ -130,7 +143,7 @@ def judge(seen):
     ]
 
 
-def _parse(arguments):
+def _parse(arguments: Sequence[str] | None) -> Namespace:
     parser = OneLineParser(
         prog='python -m bev_preheat.experiments.soak.monitor',
         description='preheat monitor in a terminal, beside one simulated drive after another.')
@@ -147,11 +160,11 @@ def _parse(arguments):
     return parsed
 
 
-def _log_file(output, name):
+def _log_file(output: AnyPath, name: str) -> str:
     return f'{os.path.splitext(output)[0]}.{name}.log'
 
 
-def _watch(parsed, console):
+def _watch(parsed: Namespace, console: Console) -> tuple[Seen, Ending]:
     """Return what was Seen, and the Ending of the run."""
     seen = Seen()
     with reserved_domain_id() as domain_id:
@@ -176,18 +189,19 @@ def _watch(parsed, console):
 class _Drives:
     """One simulated drive after another."""
 
-    def __init__(self, parsed):
+    def __init__(self, parsed: Namespace) -> None:
         self._parsed, self._started, self.arrived = parsed, 0, 0
-        self._simulator = None
+        self._simulator: NodeProcess | None = None
 
-    def __enter__(self):
+    def __enter__(self) -> _Drives:
         self.go_on()
         return self
 
-    def __exit__(self, *exception):
-        self._simulator.end()
+    def __exit__(self, *exception: object) -> None:
+        if self._simulator is not None:
+            self._simulator.end()
 
-    def go_on(self):
+    def go_on(self) -> None:
         """Start a drive if there is none."""
         if self._simulator is not None:
             if self._simulator.exit_status is None:
@@ -203,7 +217,8 @@ class _Drives:
         self._started += 1
 
 
-def _look(monitor, drives, seen, duration_s, console):
+def _look(monitor: TerminalProcess, drives: _Drives, seen: Seen, duration_s: float,
+          console: Console) -> None:
     """Fill what is Seen for so long [s], or until the monitor ends."""
     import psutil
     process, limit_s = psutil.Process(monitor.process_id), time.monotonic() + START_LIMIT_S

@@ -1,10 +1,21 @@
 # SPDX-License-Identifier: Apache-2.0
 """Tells what the figures of a soak test amount to."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 from bev_preheat.console.terminal import print_records
 
+if TYPE_CHECKING:
+    from collections.abc import Sequence
 
-def tell(console, name, title, judgements):
+    from rich.console import Console
+
+    from bev_preheat.experiments.soak.judgement import Judgement
+
+
+def tell(console: Console, name: str, title: str, judgements: Sequence[Judgement]) -> bool:
     """Print the Judgements of a soak test of this name; return whether all are good."""
     print_records(console, title, ('what', 'figure', 'allowed', ''), [
         (item.what, item.value, item.allowed,

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """A process in a terminal of its own, as a person would have started it, and what is on its screen."""
 
+from __future__ import annotations
+
 import errno
 import fcntl
 import os
@@ -11,6 +13,10 @@ import struct
 import subprocess
 import termios
 import time
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
 
 # What moves the cursor to the top, and so begins a new view of the whole screen.
 HOME = b'\x1b[H'
@@ -31,9 +37,11 @@ class TerminalProcess:
     `views` counts the views of the whole screen that it has drawn, `tail` is what it wrote last.
     """
 
-    def __init__(self, command, columns, rows, environment=None):
+    def __init__(self, command: Sequence[str], columns: int, rows: int,
+                 environment: Mapping[str, str] | None = None) -> None:
         """Start a command (a list) in a terminal of so many columns and rows."""
         self._terminal, theirs = pty.openpty()
+        self._is_open = True
         self.resize(columns, rows)
         os.set_blocking(self._terminal, False)
         self._process = subprocess.Popen(
@@ -43,11 +51,11 @@ class TerminalProcess:
         os.close(theirs)
         self.views, self.tail = 0, b''
 
-    def __enter__(self):
+    def __enter__(self) -> TerminalProcess:
         """Return the process."""
         return self
 
-    def __exit__(self, *exception):
+    def __exit__(self, *exception: object) -> None:
         """End the process."""
         if self._process.poll() is None:
             self._process.kill()
@@ -55,37 +63,37 @@ class TerminalProcess:
         self.close()
 
     @property
-    def process_id(self):
+    def process_id(self) -> int:
         """Its process id."""
         return self._process.pid
 
     @property
-    def exit_status(self):
+    def exit_status(self) -> int | None:
         """None while it runs; then 0 ... 255, or -N where signal N ended it."""
         return self._process.poll()
 
     @property
-    def view(self):
+    def view(self) -> str:
         """The latest view that was drawn as a whole, as text without colors."""
         parts = self.tail.split(HOME)
         drawn = parts[-2] if len(parts) > 2 else b''
         return CONTROL_SEQUENCE.sub('', drawn.decode('utf-8', 'replace')).replace('\r', '')
 
     @property
-    def has_left_terminal_as_it_was(self):
+    def has_left_terminal_as_it_was(self) -> bool:
         """Whether the cursor is visible and the first screen is back, if they ever were not."""
         return (self.tail.rfind(SHOW_CURSOR) >= self.tail.rfind(HIDE_CURSOR)
                 and self.tail.rfind(FIRST_SCREEN) >= self.tail.rfind(OTHER_SCREEN))
 
-    def resize(self, columns, rows):
+    def resize(self, columns: int, rows: int) -> None:
         """Give the terminal so many columns and rows."""
         fcntl.ioctl(self._terminal, termios.TIOCSWINSZ, struct.pack('HHHH', rows, columns, 0, 0))
 
-    def type(self, keys):
+    def type(self, keys: bytes) -> None:
         """Type bytes."""
         os.write(self._terminal, keys)
 
-    def read(self, duration_s):
+    def read(self, duration_s: float) -> bytes:
         """Read what it writes for so long [s], or until it ends; return what came, as bytes."""
         end_s, came = time.monotonic() + duration_s, bytearray()
         while (left_s := end_s - time.monotonic()) > 0.0:
@@ -104,7 +112,7 @@ class TerminalProcess:
         self.tail = (self.tail + came)[-MOST_BYTES:]
         return bytes(came)
 
-    def wait(self, timeout_s=SECONDS_TO_END):
+    def wait(self, timeout_s: float = SECONDS_TO_END) -> int | None:
         """Return the exit status, reading on; None where it has not ended by then."""
         end_s = time.monotonic() + timeout_s
         while self.exit_status is None and time.monotonic() < end_s:
@@ -112,18 +120,18 @@ class TerminalProcess:
         self.read(0.05)
         return self.exit_status
 
-    def close(self):
+    def close(self) -> None:
         """Close the terminal, as its window would."""
-        if self._terminal is not None:
+        if self._is_open:
             os.close(self._terminal)
-            self._terminal = None
+            self._is_open = False
 
 
-def _without_size(environment):
+def _without_size(environment: Mapping[str, str]) -> dict[str, str]:
     """Return an environment that does not claim to know the size of the terminal."""
     return {name: value for name, value in environment.items() if name not in ('COLUMNS', 'LINES')}
 
 
-def _take_terminal():
+def _take_terminal() -> None:
     """Make standard input the controlling terminal: Ctrl-C then reaches the process."""
     fcntl.ioctl(0, termios.TIOCSCTTY, 0)
