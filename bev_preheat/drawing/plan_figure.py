@@ -41,8 +41,8 @@ if TYPE_CHECKING:
 
     from bev_preheat.arrays import FloatArray
     from bev_preheat.output_files import AnyPath
+    from bev_preheat.planning.dynamics import Accounts
     from bev_preheat.planning.plan import Plan
-    from bev_preheat.planning.simulate import Accounts
     from bev_preheat.planning.situation import Goal
     from bev_preheat.planning.trip import Trip
     from bev_preheat.route import Route
