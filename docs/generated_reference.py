@@ -26,6 +26,7 @@ SCHEMAS = {'vehicle': 'vehicle/schema.yaml', 'legs': 'route/legs_schema.yaml',
            'scenario': 'simulation/scenario_schema.yaml'}
 LEVEL_NAMES = {DiagnosticStatus.OK: 'OK', DiagnosticStatus.WARN: 'WARN',
                DiagnosticStatus.ERROR: 'ERROR'}
+INDENT = 3 * '&nbsp;'
 # A unit stands in square brackets in the comment of a field.
 UNIT = re.compile(r' ?\[(deg C|K|s|m|m/s|W|Wh)\]')
 
@@ -140,7 +141,7 @@ def field_row(comment, definitions, said_before):
     elif not units and comment and len(UNIT.findall(said_before)) == 1:
         units = UNIT.findall(said_before)
     return ('<br>'.join(map(code, names)), '<br>'.join(map(code, kinds)),
-            units[0] if len(units) == 1 else '', plain(comment) or 'as said above')
+            units[0].replace('deg C', '°C') if len(units) == 1 else '', plain(comment) or 'as said above')
 
 
 def _constant(definition):
@@ -182,7 +183,7 @@ def allowed(parameter):
     low, high = parameter.limits
     unit = f' {parameter.unit}' if parameter.unit else ''
     unset = f'; 0 or NaN: {parameter.unset_means}' if parameter.unset_means else ''
-    return f'{low:g} … {high:g}{unit}{unset}'.replace('e+0', 'e')
+    return (f'{low:g} … {high:g}{unit}'.replace(' ', '\N{NO-BREAK SPACE}') + unset).replace('e+0', 'e')
 
 
 def statuses():
@@ -212,28 +213,35 @@ def schema_keys(path):
     rows = list(key_rows(schema, comments, schema, ()))
     for name, node in schema.get('definitions', {}).items():
         # What several keys refer to is described once.
-        rows += key_rows(schema, comments, node, ('definitions', name), f'({name})')
+        below = list(key_rows(schema, comments, node, ('definitions', name), 1))
+        rows += [(f'a {name}:', '', '', ''), *below] if below else []
     return table(('key', 'type and range', 'needed', 'meaning'), rows)
 
 
-def key_rows(schema, comments, node, keys, name=''):
-    """Yield the rows of the keys below a node of the schema; `keys` lead to it in the file."""
+def key_rows(schema, comments, node, keys, depth=0, mark=''):
+    """
+    Yield the rows of the keys below a node of the schema, indented; `keys` lead to it in the file.
+
+    `mark` stands before the first of them.
+    """
     for key, value in node.get('properties', {}).items():
         place = (*keys, 'properties', key)
         resolved, resolved_place = resolve(schema, value, place)
         # Keys that older files may have, and that are refused with advice.
         if 'not' in resolved:
             continue
-        full = f'{name}.{key}' if name else key
         is_shared = resolved_place != place and 'properties' in resolved
         said = comments.get(place) or ('' if is_shared else comments.get(resolved_place, ''))
-        yield (code(full), resolved_place[-1] if is_shared else value_text(resolved, schema),
+        kind = resolved_place[-1] if is_shared else value_text(resolved, schema)
+        yield (INDENT * depth + mark + code(key), kind,
                'yes' if key in node.get('required', ()) else '', plain(said))
+        # The keys of one item begin below each other.
+        mark = '&nbsp;&nbsp;' if mark else ''
         if is_shared:
             continue
-        yield from key_rows(schema, comments, resolved, resolved_place, full)
+        yield from key_rows(schema, comments, resolved, resolved_place, depth + 1)
         items, items_place = resolve(schema, resolved.get('items', {}), (*resolved_place, 'items'))
-        yield from key_rows(schema, comments, items, items_place, f'{full}[]')
+        yield from key_rows(schema, comments, items, items_place, depth + 1, '-&nbsp;')
 
 
 def resolve(schema, node, place):
@@ -291,7 +299,7 @@ def range_text(node):
     if above is not None and end:
         return f'{start}, at most {end}'
     if start and end:
-        return f'{start} … {end}'
+        return f'{start}\N{NO-BREAK SPACE}…\N{NO-BREAK SPACE}{end}'
     return start if above is not None else f'at least {start}' if start else end
 
 
