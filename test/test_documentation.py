@@ -1,0 +1,229 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+README and docs: what is typed in them works, what they link to exists, and the reference is complete.
+
+In a ```console block each line that begins with `$ preheat` is run, and the lines below it, up to the next
+command, must be in its output; an ellipsis stands for what is left out. The exit status must be 0, or 2
+where a line `preheat: error:` is shown. The commands of one page run one after the other in one folder,
+in which the code blocks with a caption are files. What is not to be run stands in ```bash or ```text.
+"""
+
+from dataclasses import dataclass
+from importlib.util import module_from_spec, spec_from_file_location
+from pathlib import Path
+import re
+import shlex
+
+import pytest
+
+from bev_preheat.commands.main import main, SUBCOMMANDS
+from bev_preheat.planning.status import Status
+
+ROOT = Path(__file__).resolve().parents[1]
+PAGES = [ROOT / 'README.md', ROOT / 'CONTRIBUTING.md', ROOT / 'QUALITY_DECLARATION.md',
+         *sorted(path for path in (ROOT / 'docs').rglob('*.md') if path.parent.name != 'generated')]
+NEED_CASADI = {'optimum', 'compare', 'reproduce', 'sweep'}
+FENCE = re.compile(r'^```(\S*)[^\n]*\n(.*?)^```', re.MULTILINE | re.DOTALL)
+
+
+@dataclass(frozen=True)
+class Command:
+    """A command of a page: its words after `$ preheat`, and the lines that are shown below it."""
+
+    words: list
+    shown: list
+
+    @property
+    def status(self):
+        return 2 if any(line.startswith('preheat: error:') for line in self.shown) else 0
+
+
+def commands_of(text):
+    """Return the commands in the console blocks of a page."""
+    found = []
+    for language, block in FENCE.findall(text):
+        if language != 'console':
+            continue
+        for line in block.replace('\\\n', ' ').splitlines():
+            if line.startswith('$ '):
+                words = shlex.split(line.removeprefix('$ '))
+                assert words[0] == 'preheat', f'not to be run, so it belongs into ```bash: {line}'
+                found.append(Command(words[1:], []))
+            elif line.strip():
+                found[-1].shown.append(line)
+    return found
+
+
+def files_of(text):
+    """Return {name: content} of the code blocks with a caption."""
+    files = {}
+    for _, block in FENCE.findall(text):
+        captioned = re.match(r':caption: (\S+)\n\n(.*)', block, re.DOTALL)
+        if captioned:
+            files[captioned.group(1)] = captioned.group(2)
+    return files
+
+
+def name_of(page):
+    return page.relative_to(ROOT).as_posix()
+
+
+def typed_pages():
+    for page in PAGES:
+        commands = commands_of(page.read_text())
+        if commands:
+            needs_casadi = any(command.words[0] in NEED_CASADI for command in commands)
+            yield pytest.param(page, id=name_of(page),
+                               marks=[pytest.mark.needs('casadi')] * needs_casadi)
+
+
+def words(text):
+    return ' '.join(text.split())
+
+
+@pytest.mark.costly
+@pytest.mark.parametrize('page', list(typed_pages()))
+def test_what_is_typed_gives_what_is_shown(page, tmp_path, monkeypatch, capfd):
+    monkeypatch.chdir(tmp_path)
+    # Wide enough for every table.
+    monkeypatch.setenv('COLUMNS', '250')
+    text = page.read_text()
+    for name, content in files_of(text).items():
+        (tmp_path / name).write_text(content)
+    for command in commands_of(text):
+        assert main(command.words) == command.status, command.words
+        output = words(''.join(capfd.readouterr()))
+        for line in command.shown:
+            rest = output
+            for part in filter(None, map(str.strip, words(line).split('…'))):
+                _, found, rest = rest.partition(part)
+                assert found, f'not in the output of {command.words}: {part}'
+
+
+def test_the_pages_have_commands_that_are_run():
+    pages = {name_of(page.values[0]) for page in typed_pages()}
+    assert pages >= {'README.md', 'docs/tutorials/first_plan.md', 'docs/tutorials/your_car.md',
+                     'docs/tutorials/your_route.md'}
+
+
+def test_a_text_that_is_not_in_the_output_is_found():
+    [command] = commands_of('```console\n$ preheat vehicle \\\n  list\nname … energy\n```\n'
+                            '```text\n$ preheat sweep\n```\n')
+    assert command == Command(['vehicle', 'list'], ['name … energy'])
+    assert command.status == 0
+
+
+def test_the_readme_is_a_page():
+    assert len((ROOT / 'README.md').read_text().splitlines()) <= 150
+
+
+# --- links ---
+
+
+@pytest.fixture(scope='module')
+def generated(tmp_path_factory):
+    """Return {name: text} of the generated parts of the reference."""
+    spec = spec_from_file_location('generated_reference', ROOT / 'docs/generated_reference.py')
+    module = module_from_spec(spec)
+    spec.loader.exec_module(module)
+    folder = tmp_path_factory.mktemp('generated')
+    module.write_reference(folder)
+    return {path.stem: path.read_text() for path in folder.iterdir()}
+
+
+def anchors(path, generated):
+    """Return the anchors of a page's headings, as Git hosts and the site make them."""
+    text = path.read_text()
+    for name in re.findall(r'```{include} generated/(\w+)\.md', text):
+        text += generated[name]
+    headings = re.findall(r'^#+ (.*)$', FENCE.sub('', text), re.MULTILINE)
+    return {re.sub(r'[^\w\- ]', '', heading.lower()).replace(' ', '-') for heading in headings}
+
+
+@pytest.mark.parametrize('page', PAGES, ids=name_of)
+def test_links_lead_somewhere(page, generated):
+    for target in re.findall(r'\]\(([^)\s]+)\)', FENCE.sub('', page.read_text())):
+        if target.startswith(('https://', 'http://')):
+            continue
+        name, _, anchor = target.partition('#')
+        path = (page.parent / name).resolve() if name else page
+        assert path.exists(), f'{name_of(page)} links to {target}'
+        if anchor:
+            assert anchor in anchors(path, generated), f'{name_of(page)} links to {target}'
+
+
+def test_code_comments_name_pages_that_exist():
+    for folder in ('bev_preheat', 'config', 'test', 'scripts'):
+        for path in (ROOT / folder).rglob('*'):
+            if path.suffix in ('.py', '.yaml', '.txt', '.bash'):
+                for name in re.findall(r'docs/[\w/-]+\.(?:md|py)', path.read_text()):
+                    assert (ROOT / name).exists(), f'{name_of(path)} names {name}'
+
+
+# --- the reference ---
+
+
+def cells(table):
+    """Return the rows of a Markdown table, the code marks taken away."""
+    return [[cell.strip().strip('`') for cell in re.split(r'(?<!\\)\|', line)[1:-1]]
+            for line in table.splitlines() if line.startswith('| ')]
+
+
+def test_every_status_is_explained(generated):
+    rows = cells(generated['statuses'])[1:]
+    assert [(int(number), name) for number, name, *_ in rows] == [
+        (status.value, status.name) for status in Status]
+    assert all(meaning and level in ('OK', 'WARN', 'ERROR') for *_, meaning, level in rows)
+
+
+def test_every_field_of_a_message_is_listed_once(generated):
+    sections = generated['messages'].split('## ')[1:]
+    assert len(sections) == len(list((ROOT / 'msg_defs/msg').glob('*.msg')))
+    for section in sections:
+        name = section.split('\n', 1)[0]
+        defined = re.findall(r'^[\w/]+(?:\[\])? (\w+)\s*(?:#.*)?$',
+                             (ROOT / f'msg_defs/msg/{name}.msg').read_text(), re.MULTILINE)
+        listed = [field.strip('`') for row in cells(section) if len(row) == 4 and row[0] != 'field'
+                  for field in row[0].split('<br>')]
+        assert listed == defined
+
+
+def test_units_are_taken_from_the_comments(generated):
+    units = {row[0]: row[2] for row in cells(generated['messages']) if len(row) == 4}
+    assert (units['propulsion_power'], units['ambient_temperature'], units['joule_energy']) == (
+        'W', '°C', 'Wh')
+
+
+def test_parameters_have_default_range_and_meaning(generated):
+    rows = {row[0]: row for row in cells(generated['parameters'].split('## ')[1])}
+    assert rows['battery_state_timeout'] == [
+        'battery_state_timeout', '5.0', '0.1\N{NO-BREAK SPACE}…\N{NO-BREAK SPACE}60\N{NO-BREAK SPACE}s',
+        'A battery state older than this is stale', 'yes']
+    simulator = {row[0]: row[-1] for row in cells(generated['parameters'].split('## ')[3])}
+    assert (simulator['route'], simulator['speed_up']) == ('no', 'yes')
+
+
+def test_every_subcommand_is_listed(generated):
+    titles = re.findall(r'^## `preheat (\w+)', generated['command_line'], re.MULTILINE)
+    assert list(dict.fromkeys(titles)) == list(SUBCOMMANDS)
+    assert '`preheat vehicle new`' in generated['command_line']
+    assert '60 % of the power' in generated['command_line']
+
+
+def test_keys_of_files_have_range_and_comment(generated):
+    rows = {row[0].replace('&nbsp;', ''): row[1:] for row in cells(generated['vehicle_keys'])}
+    rows = {name.strip('`'): rest for name, rest in rows.items()}
+    assert rows['capacity_ah'][:2] == ['number 1\N{NO-BREAK SPACE}…\N{NO-BREAK SPACE}2000', 'yes']
+    assert rows['soc_range'][2] == '\\[low, high\\]; the low end is kept as a reserve.'
+    assert '-acceleration_mps2' not in generated['legs_keys']
+    # Keys that older files have are refused with advice, and not offered.
+    assert 'road_vehicle' not in generated['legs_keys']
+
+
+def test_every_topic_is_described():
+    from bev_preheat.nodes import nlp_checker_node, planner_node, vehicle_simulator_node
+    page = (ROOT / 'docs/reference/topics.md').read_text()
+    for node in planner_node, nlp_checker_node, vehicle_simulator_node:
+        program = node.PROGRAM
+        for name, _ in (*program.subscribes, *program.publishes, *program.services):
+            assert f'`{name}`' in page, f'{program.name}: {name}'
