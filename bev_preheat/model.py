@@ -17,7 +17,7 @@ arrays (a whole trajectory at once) and CasADi symbols (the NLP).
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from typing import Protocol, TYPE_CHECKING
 
 from bev_preheat.arithmetic import Arithmetic, Number
 
@@ -29,6 +29,16 @@ Rates = Callable[[Number, Number, Number, Number, Number, Number], tuple[Number,
 # `step(soc, temperature_c, dt_s, power_w, variance_w2, heat_w, leakage_w_per_k)`.
 Step = Callable[[Number, Number, Number, Number, Number, Number, Number],
                 tuple[Number, Number, Number, Number]]
+
+
+class Integrator(Protocol):
+    """One of the integration methods below."""
+
+    def __call__(self, rates: Rates[Number], /) -> Step[Number]:
+        """Return one step of the method."""
+
+    def __hash__(self) -> int:
+        """Return a hash: what is made with a method is cached by it."""
 
 
 def make_rates(vehicle: Vehicle, arithmetic: Arithmetic[Number]) -> Rates[Number]:

@@ -7,7 +7,10 @@ until arrival. So the last stretch of heating begins early by what is uncertain,
 it is enough. While it lasts it is not interrupted for a pause that is not worth a switching.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,6 +18,10 @@ from bev_preheat.model import make_runge_kutta_4
 from bev_preheat.planning.dynamics import run_forward
 from bev_preheat.planning.limits import drive_as_planned, limits_hold
 from bev_preheat.planning.schedule import HEATING_SHARE, Schedule, switched_on_s
+
+if TYPE_CHECKING:
+    from bev_preheat.planning.situation import BatteryState
+    from bev_preheat.planning.trip import Trip
 
 # The end of heating is found to this.
 ARRIVAL_TOLERANCE_K = 1e-3
@@ -39,7 +46,8 @@ class Caution:
     least_heating_s: float = 0.0
 
 
-def heat_early(trip, state, schedule, target_c, caution):
+def heat_early(trip: Trip, state: BatteryState, schedule: Schedule, target_c: float,
+               caution: Caution) -> Schedule:
     """Return the Schedule with its last stretch of heating begun as early as Caution asks."""
     window = _last_stretch(trip, schedule)
     if window is None:
@@ -61,7 +69,7 @@ def heat_early(trip, state, schedule, target_c, caution):
     return _enough(_Window(trip, state, schedule, first, early_s, limited=True), target_c, guess_s)
 
 
-def _last_stretch(trip, schedule):
+def _last_stretch(trip: Trip, schedule: Schedule) -> tuple[int, float] | None:
     """Return (first step, instant [s]) of the heating that lasts until arrival; None without."""
     heated = schedule.heater_power_w > HEATING_SHARE * trip.heater_limit_w
     if not len(heated) or not heated[-1]:
@@ -69,10 +77,11 @@ def _last_stretch(trip, schedule):
     pauses = np.flatnonzero(~heated)
     first = int(pauses[-1]) + 1 if len(pauses) else 0
     stretch_w = np.where(np.arange(len(heated)) >= first, schedule.heater_power_w, 0.0)
-    return first, switched_on_s(trip, stretch_w)
+    start_s = switched_on_s(trip, stretch_w)
+    return None if start_s is None else (first, start_s)
 
 
-def _lead_s(trip, step, lead_k):
+def _lead_s(trip: Trip, step: int, lead_k: float) -> float:
     """How long the heater takes for so many kelvin [s]."""
     heat_w = trip.vehicle.hvch.efficiency * float(trip.heater_limit_w[step])
     return lead_k * trip.vehicle.battery.heat_capacity_j_per_k / heat_w
@@ -81,7 +90,8 @@ def _lead_s(trip, step, lead_k):
 class _Window:
     """A schedule whose last stretch of heating begins at an instant, and ends at another."""
 
-    def __init__(self, trip, state, schedule, first, start_s, limited=False):
+    def __init__(self, trip: Trip, state: BatteryState, schedule: Schedule, first: int,
+                 start_s: float, limited: bool = False) -> None:
         """`first` is the step of `start_s`; `limited`: runs keep the battery's limits."""
         self._trip, self._state, self._schedule = trip, state, schedule
         self._first, self.start_s, self._limited = first, start_s, limited
@@ -89,11 +99,11 @@ class _Window:
             np.arange(len(trip.route)) < first, schedule.heater_power_w, 0.0)
 
     @property
-    def last_s(self):
+    def last_s(self) -> float:
         """The instant of arrival [s]."""
         return float(self._trip.time_s[-1])
 
-    def rate_k_per_s(self, end_s):
+    def rate_k_per_s(self, end_s: float) -> float:
         """How much warmer the battery arrives for each second that heating lasts longer, about."""
         trip = self._trip
         step = trip.route.segment_at(end_s)
@@ -102,7 +112,7 @@ class _Window:
         return gained * float(np.exp(
             -trip.leakage_w_per_k[step] / capacity * (self.last_s - end_s)))
 
-    def drive(self, end_s):
+    def drive(self, end_s: float) -> Schedule:
         """Return the Schedule that heats until `end_s`."""
         trip, before, first = self._trip, self._schedule, self._first
         overlap_s = (np.minimum(trip.time_s[1:], end_s)
@@ -127,7 +137,7 @@ class _Window:
             heating_end_s)
 
 
-def _enough(window, target_c, guess_s):
+def _enough(window: _Window, target_c: float, guess_s: float) -> Schedule:
     """Return the Schedule that ends its heating where the battery arrives at the target."""
     # Arrival is the warmer, the later heating ends.
     low_s, high_s = window.start_s, window.last_s

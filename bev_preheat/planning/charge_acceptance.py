@@ -7,12 +7,20 @@ battery takes less, and the friction brake or the heater gets the difference. A 
 on heat before a descent costs less than a joule for the same reason.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from bev_preheat.arithmetic import ARRAYS
-from bev_preheat.planning.limits import make_terminal_limits
+from bev_preheat.planning.limits import make_terminal_limits, Watch
+
+if TYPE_CHECKING:
+    from bev_preheat.arrays import FloatArray
+    from bev_preheat.planning.schedule import Schedule
+    from bev_preheat.planning.trip import Trip
 
 # The slope of the charge limit over the state of charge is taken over this difference.
 SOC_DIFFERENCE = 1e-4
@@ -26,27 +34,27 @@ class AcceptanceLoss:
     `to_brake` goes to the friction brake, `to_heater` to the heater.
     """
 
-    to_brake: np.ndarray
-    to_heater: np.ndarray
+    to_brake: FloatArray
+    to_heater: FloatArray
 
     @property
-    def any(self):
+    def any(self) -> bool:
         """Whether there is any."""
         return bool(self.to_brake.any() or self.to_heater.any())
 
-    def blended(self, other):
+    def blended(self, other: AcceptanceLoss) -> AcceptanceLoss:
         """Return the mean of this and another AcceptanceLoss."""
         return AcceptanceLoss(0.5 * (self.to_brake + other.to_brake),
                               0.5 * (self.to_heater + other.to_heater))
 
 
-def no_acceptance_loss(trip):
+def no_acceptance_loss(trip: Trip) -> AcceptanceLoss:
     """Return the AcceptanceLoss of a battery whose charge limit is the same at each charge."""
     nothing = np.zeros(len(trip.route))
     return AcceptanceLoss(nothing, nothing)
 
 
-def find_acceptance_loss(trip, watch, run):
+def find_acceptance_loss(trip: Trip, watch: Watch, run: Schedule) -> AcceptanceLoss:
     """Return the AcceptanceLoss along a run (a Schedule) in which surplus goes to the heater."""
     battery = trip.vehicle.battery
     soc, temperature_c = run.soc[:-1], run.temperature_c[:-1]

@@ -6,14 +6,21 @@ A plan that arrives colder, eats into the reserve or lacks power spends less bec
 a plan gives beyond the target nobody asked for: it counts as waste, not as more reached.
 """
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 from bev_preheat.planning.planner import SAME_SOC, SHORTFALL_TOLERANCE_K
+
+if TYPE_CHECKING:
+    from bev_preheat.planning.plan import Plan
 
 # Arrivals that miss the target by as much as each other, within this, are the same [K].
 SAME_SHORTFALL_K = SHORTFALL_TOLERANCE_K
 SAME_POWER_W = 10.0
 
 
-def difference(plan, optimum):
+def difference(plan: Plan, optimum: Plan) -> str:
     """
     Return how a plan reaches something else than the optimum, in words; '' where both reach the same.
 
@@ -34,7 +41,7 @@ def difference(plan, optimum):
     return ''
 
 
-def energy_gap_wh(plan, optimum):
+def energy_gap_wh(plan: Plan, optimum: Plan) -> float | None:
     """Return the battery energy of a Plan above the optimum's [Wh]; None where they differ."""
     if difference(plan, optimum):
         return None

@@ -1,14 +1,24 @@
 # SPDX-License-Identifier: Apache-2.0
 """Runs of the model over a trip, forward and backward, and the energies of a forward run."""
 
+from __future__ import annotations
+
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.arithmetic import ARRAYS, FLOATS, SATURATING_FLOATS
-from bev_preheat.model import make_rates
-from bev_preheat.straight_line import compile_step
+from bev_preheat.arithmetic import ARRAYS, CurveFunction, FLOATS, SATURATING_FLOATS
+from bev_preheat.model import Integrator, make_rates, Step
+from bev_preheat.straight_line import compile_step, Roll, StepOfStates
+
+if TYPE_CHECKING:
+    from bev_preheat.arrays import FloatArray
+    from bev_preheat.planning.schedule import Schedule
+    from bev_preheat.planning.trip import Trip
+    from bev_preheat.vehicle.description import Vehicle
 
 JOULES_PER_WH = 3600.0
 # A hard drive may heat the battery this far beyond its range before the car's own cooling, which
@@ -19,13 +29,15 @@ KEPT_VEHICLES = 8
 
 
 @lru_cache(maxsize=KEPT_VEHICLES)
-def step_of_floats(vehicle, make_integrator, saturating=False):
+def step_of_floats(vehicle: Vehicle, make_integrator: Integrator,
+                   saturating: bool = False) -> Step[float]:
     """One step of the vehicle's model for floats; made once, as making it costs more than a step."""
     return make_integrator(make_rates(vehicle, SATURATING_FLOATS if saturating else FLOATS))
 
 
 @lru_cache(maxsize=KEPT_VEHICLES)
-def compiled_step(vehicle, make_integrator, saturating=False):
+def compiled_step(vehicle: Vehicle, make_integrator: Integrator,
+                  saturating: bool = False) -> tuple[StepOfStates, Roll]:
     """
     Return the same step, states only, compiled (`straight_line`): (step, roll).
 
@@ -36,7 +48,8 @@ def compiled_step(vehicle, make_integrator, saturating=False):
         SATURATING_FLOATS if saturating else FLOATS)
 
 
-def run_forward(vehicle, make_integrator, soc, temperature_c, inputs):
+def run_forward(vehicle: Vehicle, make_integrator: Integrator, soc: float, temperature_c: float,
+                inputs: Iterable[FloatArray]) -> tuple[list[float], list[float]]:
     """
     Roll the model out over the steps of `inputs` (Trip.inputs, whole or sliced).
 
@@ -53,7 +66,7 @@ def run_forward(vehicle, make_integrator, soc, temperature_c, inputs):
         return roll(soc, temperature_c, columns)
 
 
-def hottest_c(vehicle):
+def hottest_c(vehicle: Vehicle) -> float:
     """
     Hottest battery that is planned with [deg C].
 
@@ -89,13 +102,13 @@ class Accounts:
     """
 
     energy_wh: Energies
-    joule_heat_w: np.ndarray
-    leakage_w: np.ndarray
-    battery_power_w: np.ndarray
-    undeliverable_power_w: np.ndarray
+    joule_heat_w: FloatArray
+    leakage_w: FloatArray
+    battery_power_w: FloatArray
+    undeliverable_power_w: FloatArray
 
 
-def keep_accounts(trip, schedule, deliverable=False):
+def keep_accounts(trip: Trip, schedule: Schedule, deliverable: bool = False) -> Accounts:
     """
     Return the Accounts of a Schedule's forward run.
 
@@ -141,17 +154,19 @@ def keep_accounts(trip, schedule, deliverable=False):
 
 
 @lru_cache(maxsize=KEPT_VEHICLES)
-def _step_of_arrays(vehicle, make_integrator):
+def _step_of_arrays(vehicle: Vehicle, make_integrator: Integrator) -> Step[FloatArray]:
     return make_integrator(make_rates(vehicle, ARRAYS))
 
 
-def deliverable_power_w(vehicle, soc, temperature_c):
+def deliverable_power_w(vehicle: Vehicle, soc: FloatArray,
+                        temperature_c: FloatArray) -> FloatArray:
     """Most terminal power [W] that the circuit can give, U_oc^2/(4 R); shape of the inputs."""
     open_circuit_voltage, resistance = _circuit_of_arrays(vehicle)
     return open_circuit_voltage(soc, temperature_c)**2 / (4.0 * resistance(soc, temperature_c))
 
 
 @lru_cache(maxsize=KEPT_VEHICLES)
-def _circuit_of_arrays(vehicle):
+def _circuit_of_arrays(
+        vehicle: Vehicle) -> tuple[CurveFunction[FloatArray], CurveFunction[FloatArray]]:
     battery = vehicle.battery
     return battery.open_circuit_voltage.function(ARRAYS), battery.resistance.function(ARRAYS)

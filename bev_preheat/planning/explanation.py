@@ -1,23 +1,34 @@
 # SPDX-License-Identifier: Apache-2.0
 """One sentence for each outcome, with the figures that decided it."""
 
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
 from bev_preheat.planning.schedule import HeldBack
 from bev_preheat.planning.status import Status
 from bev_preheat.planning.stretches import Reason
+
+if TYPE_CHECKING:
+    from bev_preheat.planning.plan import Plan
+    from bev_preheat.planning.stranding import Stranding
 
 # A route that begins sooner begins now.
 LEAST_TOLD_S = 0.5
 
 
-def duration_text(seconds):
+def duration_text(seconds: float) -> str:
     """Return a duration as 1:02:03 h or 12:34 min."""
     total = round(seconds)
     hours, minutes, rest = total // 3600, total // 60 % 60, total % 60
     return f'{hours}:{minutes:02d}:{rest:02d} h' if hours else f'{minutes}:{rest:02d} min'
 
 
-def explain(status, plan, reserve, starts_in_s=0.0, unheated='no heating',
-            too_cold_because='The cabin leaves the heater no power', heated_s=0.0):
+def explain(status: Status, plan: Plan, reserve: float, starts_in_s: float = 0.0,
+            unheated: str = 'no heating',
+            too_cold_because: str = 'The cabin leaves the heater no power',
+            heated_s: float = 0.0) -> str:
     """
     Return the sentence for the status of a Plan; `reserve` is the state of charge to be left.
 
@@ -31,8 +42,9 @@ def explain(status, plan, reserve, starts_in_s=0.0, unheated='no heating',
         status, plan, reserve, starts_in_s, unheated, too_cold_because, heated_s)
 
 
-def _outcome(status, plan, reserve, starts_in_s, unheated, too_cold_because, heated_s):
-    def from_now(plan_s):
+def _outcome(status: Status, plan: Plan, reserve: float, starts_in_s: float, unheated: str,
+             too_cold_because: str, heated_s: float) -> str:
+    def from_now(plan_s: float) -> str:
         return duration_text(max(0.0, plan_s + starts_in_s))
 
     arrival = (f'arrival in {from_now(plan.arrival_time_s)} at '
@@ -43,7 +55,7 @@ def _outcome(status, plan, reserve, starts_in_s, unheated, too_cold_because, hea
             return (f'No fast charging at the end of this route: {unheated}. '
                     f'{_stranding_sentence(plan.stranding, from_now)}')
         return f'No fast charging at the end of this route: {unheated}; {arrival}.'
-    if status is Status.OUT_OF_CHARGE:
+    if status is Status.OUT_OF_CHARGE and plan.stranding is not None:
         heating = (unheated if plan.heating_start_s is None else
                    'only surplus regeneration is used for heating'
                    if all(stretch.reason is Reason.SURPLUS for stretch in plan.stretches) else
@@ -54,7 +66,7 @@ def _outcome(status, plan, reserve, starts_in_s, unheated, too_cold_because, hea
             return (f'Heating is finished after {duration_text(heated_s)} of heating: {arrival}, '
                     f'{target}.')
         return f'The battery gets warm enough without further heating: {arrival}, {target}.'
-    if status is Status.WAITING:
+    if status is Status.WAITING and plan.heating_start_s is not None:
         verb = 'resumes' if heated_s > 0.0 else 'starts'
         return f'Heating {verb} in {from_now(plan.heating_start_s)}: {arrival}, {target}.'
     if status is Status.HEATING:
@@ -68,24 +80,24 @@ def _outcome(status, plan, reserve, starts_in_s, unheated, too_cold_because, hea
                'heating is on' if plan.heating_start_s == 0.0 and starts_in_s <= 0.0 else
                f'heating starts in {from_now(plan.heating_start_s)}')
     if status is Status.SOC_LIMITED:
-        reserve = f'{100 * reserve:.1f} %'
+        reserve_text = f'{100 * reserve:.1f} %'
         if plan.soc_shortfall > 0.0:
-            return (f'The battery arrives {100 * plan.soc_shortfall:.1f} % below the {reserve} that '
+            return (f'The battery arrives {100 * plan.soc_shortfall:.1f} % below the {reserve_text} that '
                     f'must be left: {heating}; {arrival}, {target}.')
         if plan.held_back is HeldBack.POWER:
             return (f'A battery that is emptier by more heating could not deliver what the route asks '
                     f'for; the target is missed by {plan.shortfall_k:.1f} K: {heating}; {arrival}, '
                     f'{target}.')
-        return (f'To leave {reserve} in the battery the target is missed by '
+        return (f'To leave {reserve_text} in the battery the target is missed by '
                 f'{plan.shortfall_k:.1f} K: {heating}; {arrival}, {target}.')
-    if status is Status.POWER_LIMITED:
+    if status is Status.POWER_LIMITED and plan.undeliverable_at_s is not None:
         return (f'In {from_now(plan.undeliverable_at_s)} the route asks for '
                 f'{plan.undeliverable_power_w / 1000:.1f} kW more than the battery can deliver; '
                 f'{heating}; {arrival}, {target}.')
     raise ValueError(f'{status!r} is no outcome of planning')
 
 
-def _stranding_sentence(stranding, from_now):
+def _stranding_sentence(stranding: Stranding, from_now: Callable[[float], str]) -> str:
     """Return where the charge runs out, and how much is lacking."""
     return (f'The charge does not carry this trip: the battery is empty in '
             f'{from_now(stranding.at_s)}, at km {stranding.at_m / 1000.0:.1f}; '

@@ -6,15 +6,26 @@ Limits are on P_b; here they are turned into limits on the terminal power P_t, w
 drivetrain and friction brake add up to. They are kept at the start of each step, as in the program.
 """
 
+from __future__ import annotations
+
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.arithmetic import ARRAYS, FLOATS
+from bev_preheat.arithmetic import AnyNumber, Arithmetic, ARRAYS, FLOATS, Number
 from bev_preheat.model import make_runge_kutta_4
 from bev_preheat.planning.dynamics import compiled_step, hottest_c, KEPT_VEHICLES
 from bev_preheat.planning.schedule import Schedule, switched_on_s
+
+if TYPE_CHECKING:
+    from bev_preheat.arrays import BoolArray, FloatArray
+    from bev_preheat.planning.situation import BatteryState
+    from bev_preheat.planning.trip import Trip
+    from bev_preheat.straight_line import StepOfStates
+    from bev_preheat.vehicle.description import Vehicle
 
 # Steps are looked at closely where a limit is this near: the run on which they are chosen may be
 # warmer than the run that is made, by what the friction brake takes from the drivetrain's heat.
@@ -26,9 +37,13 @@ BISECTIONS = 50
 # The highest temperature is kept to this by heating.
 HIGHEST_TOLERANCE_K = 1e-6
 
+# `limits(soc, temperature_c, power_variance_w2)` -> least and most terminal power [W].
+TerminalLimits = Callable[[Number, Number, Number], tuple[Number, Number]]
+
 
 @lru_cache(maxsize=KEPT_VEHICLES)
-def make_terminal_limits(vehicle, arithmetic):
+def make_terminal_limits(vehicle: Vehicle,
+                         arithmetic: Arithmetic[Number]) -> TerminalLimits[AnyNumber]:
     """
     Return `limits(soc, temperature_c, power_variance_w2)` -> least and most terminal power [W].
 
@@ -42,7 +57,8 @@ def make_terminal_limits(vehicle, arithmetic):
     discharge = battery.discharge_power_limit.function(arithmetic)
     minimum = arithmetic.minimum
 
-    def limits(soc, temperature_c, power_variance_w2):
+    def limits(soc: Number, temperature_c: Number,
+               power_variance_w2: Number) -> tuple[Number, Number]:
         u = open_circuit_voltage(soc, temperature_c)
         r = resistance(soc, temperature_c)
         ripple_w = r * power_variance_w2 / (u * u)
@@ -54,7 +70,7 @@ def make_terminal_limits(vehicle, arithmetic):
     return limits
 
 
-def colder(vehicle, temperature_c):
+def colder(vehicle: Vehicle, temperature_c: FloatArray) -> FloatArray:
     """Temperatures COLDER_BY_K below these [deg C], but none below the vehicle's range."""
     return np.maximum(temperature_c - COLDER_BY_K, vehicle.battery.temperature_range_c[0])
 
@@ -63,16 +79,16 @@ def colder(vehicle, temperature_c):
 class Watch:
     """Steps in which a limit may matter, shape (N,): regeneration, or drive and heater."""
 
-    charge: np.ndarray
-    discharge: np.ndarray
+    charge: BoolArray
+    discharge: BoolArray
 
     @property
-    def any(self):
+    def any(self) -> bool:
         """Whether there is any such step."""
         return bool(self.charge.any() or self.discharge.any())
 
 
-def watch_limits(trip, soc, temperature_c):
+def watch_limits(trip: Trip, soc: FloatArray, temperature_c: FloatArray) -> Watch:
     """Return the Watch of a trip, from a run (N + 1 values) not much warmer than any other."""
     least_w, most_w = make_terminal_limits(trip.vehicle, ARRAYS)(
         soc[:-1], colder(trip.vehicle, temperature_c[:-1]), trip.power_variance_w2)
@@ -81,7 +97,7 @@ def watch_limits(trip, soc, temperature_c):
         discharge=trip.idle_power_w + trip.heater_limit_w > most_w)
 
 
-def limits_hold(trip, schedule):
+def limits_hold(trip: Trip, schedule: Schedule) -> bool:
     """Return whether a schedule made without regard to limits keeps them all."""
     battery = trip.vehicle.battery
     lowest_c, highest_c = battery.temperature_range_c
@@ -95,7 +111,9 @@ def limits_hold(trip, schedule):
     return bool(((terminal_w >= least_w) & (terminal_w <= most_w)).all())
 
 
-def run_within_limits(trip, state, watch, paid_power_w, take_surplus, first=0, before=None):
+def run_within_limits(trip: Trip, state: BatteryState, watch: Watch,
+                      paid_power_w: Callable[[int, float], float], take_surplus: bool,
+                      first: int = 0, before: Schedule | None = None) -> Schedule:
     """
     Return the Schedule of a forward run that keeps the limits.
 
@@ -184,7 +202,8 @@ def run_within_limits(trip, state, watch, paid_power_w, take_surplus, first=0, b
                     empty_at_s=empty_at_s, driven_share=driven_share)
 
 
-def _filled(step, least_w, most_w):
+def _filled(step: Callable[[float], tuple[float, float]], least_w: float,
+            most_w: float) -> tuple[float, float, float]:
     """
     Return (brake power [W], state of charge, temperature) of a step that just fills the battery.
 
@@ -200,7 +219,8 @@ def _filled(step, least_w, most_w):
     return most_w, min(soc, 1.0), temperature_c
 
 
-def _stranded(trip, step, empty, start, heater_w, brake_w):
+def _stranded(trip: Trip, step: StepOfStates, empty: int, start: tuple[float, float],
+              heater_w: float, brake_w: float) -> tuple[FloatArray, list[float]]:
     """
     Return how a run ends whose charge runs out in step `empty`, which begins at `start`.
 
@@ -212,7 +232,7 @@ def _stranded(trip, step, empty, start, heater_w, brake_w):
     efficiency, heat_share = vehicle.hvch.efficiency, vehicle.drivetrain.heat_share
     driven_share = np.where(np.arange(len(trip.route)) < empty, 1.0, 0.0)
 
-    def drive_step(driven, k, state):
+    def drive_step(driven: Trip, k: int, state: tuple[float, float]) -> tuple[float, float]:
         share = driven_share[k]
         return step(
             *state, float(trip.route.duration_s[k]),
@@ -237,7 +257,7 @@ def _stranded(trip, step, empty, start, heater_w, brake_w):
     return driven_share, temperatures_c
 
 
-def run_unheated(trip, state):
+def run_unheated(trip: Trip, state: BatteryState) -> Schedule:
     """Return the Schedule of a forward run that keeps the limits, heated with free surplus only."""
     everywhere = np.ones(len(trip.route), dtype=bool)
     return run_within_limits(
@@ -245,7 +265,8 @@ def run_unheated(trip, state):
         lambda k, temperature_c: 0.0, take_surplus=True)
 
 
-def drive_as_planned(trip, state, heater_power_w, take_surplus=False):
+def drive_as_planned(trip: Trip, state: BatteryState, heater_power_w: FloatArray,
+                     take_surplus: bool = False) -> Schedule:
     """Return the Schedule of a forward run that keeps the limits under heater powers [W] (N,)."""
     wanted_w = heater_power_w.tolist()
     everywhere = np.ones(len(trip.route), dtype=bool)
@@ -254,7 +275,7 @@ def drive_as_planned(trip, state, heater_power_w, take_surplus=False):
         lambda k, temperature_c: wanted_w[k], take_surplus)
 
 
-def within_limits(trip, state, schedule):
+def within_limits(trip: Trip, state: BatteryState, schedule: Schedule) -> Schedule:
     """Return a Schedule itself if no limit was missed that it can keep, else as it can be driven."""
     least_w, most_w = make_terminal_limits(trip.vehicle, ARRAYS)(
         schedule.soc[:-1], schedule.temperature_c[:-1], trip.power_variance_w2)

@@ -13,6 +13,10 @@ Where no limit is active all that is left is the end of the trip: `optimal_switc
 is returned.
 """
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from bev_preheat.planning.charge_acceptance import find_acceptance_loss, no_acceptance_loss
@@ -22,13 +26,19 @@ from bev_preheat.planning.safeguard import lacking_power, NO_WORSE_W
 from bev_preheat.planning.threshold_search import ThresholdSearch
 from bev_preheat.planning.value_curve import find_thresholds
 
+if TYPE_CHECKING:
+    from bev_preheat.planning.schedule import Schedule
+    from bev_preheat.planning.situation import BatteryState, Goal
+    from bev_preheat.planning.trip import Trip
+
 # The curve is made again where the run it leads to differs more than this in state of charge, or
 # takes less regeneration than it was made for. The best of the runs is the plan.
 SOC_AGREEMENT = 5e-4
 MOST_PASSES = 3
 
 
-def plan_merit_order(trip, state, goal, unheated=None, serves_climbs=True):
+def plan_merit_order(trip: Trip, state: BatteryState, goal: Goal, unheated: Schedule | None = None,
+                     serves_climbs: bool = True) -> Schedule:
     """
     Return the Schedule with the least battery energy that reaches the target within limits.
 
@@ -38,7 +48,8 @@ def plan_merit_order(trip, state, goal, unheated=None, serves_climbs=True):
     schedule = plan_optimal_switch(trip, state, goal, unheated)
     if limits_hold(trip, schedule):
         return schedule
-    loss, best = no_acceptance_loss(trip), None
+    loss = no_acceptance_loss(trip)
+    best: Schedule | None = None
     for _ in range(MOST_PASSES):
         watch = watch_limits(trip, schedule.soc, schedule.temperature_c)
         thresholds = find_thresholds(
@@ -55,10 +66,11 @@ def plan_merit_order(trip, state, goal, unheated=None, serves_climbs=True):
         if (np.abs(schedule.soc - assumed_soc).max() <= SOC_AGREEMENT
                 and assumed_loss.any == loss.any):
             break
-    return within_limits(trip, state, best)
+    return within_limits(trip, state, best or schedule)
 
 
-def _is_better(trip, schedule, other, goal, serves_climbs):
+def _is_better(trip: Trip, schedule: Schedule, other: Schedule, goal: Goal,
+               serves_climbs: bool) -> bool:
     """Return whether a Schedule lacks less than another, or costs less where both lack the same."""
     if (schedule.empty_at_s is None) != (other.empty_at_s is None):
         return schedule.empty_at_s is None

@@ -8,7 +8,10 @@ paper's crossing is the first guess (found with a step of second order, and the 
 heating leaves), a few forward runs of the heated part do the rest.
 """
 
+from __future__ import annotations
+
 import math
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,6 +21,10 @@ from bev_preheat.planning.dynamics import run_forward
 from bev_preheat.planning.paper import find_crossing
 from bev_preheat.planning.schedule import maximum_from, Schedule
 
+if TYPE_CHECKING:
+    from bev_preheat.planning.situation import BatteryState, Goal
+    from bev_preheat.planning.trip import Trip
+
 # The target is met when the forward run arrives this close [K]: for a large pack, within 1 mWh.
 ARRIVAL_TOLERANCE_K = 5e-6
 # What leaks on the way makes heating take about this many times what the target lacks.
@@ -26,7 +33,8 @@ HEATING_ALLOWANCE = 1.1
 MOST_RUNS = 60
 
 
-def plan_optimal_switch(trip, state, goal, unheated=None):
+def plan_optimal_switch(trip: Trip, state: BatteryState, goal: Goal,
+                        unheated: Schedule | None = None) -> Schedule:
     """
     Return the Schedule whose forward run arrives at the target, switching on once.
 
@@ -47,7 +55,7 @@ def plan_optimal_switch(trip, state, goal, unheated=None):
     return refine_switching_instant(trip, goal.target_temperature_c, idle, guess_s or 0.0)
 
 
-def _terminal_soc(trip, idle, target_c):
+def _terminal_soc(trip: Trip, idle: tuple[list[float], list[float]], target_c: float) -> float:
     """State of charge on arrival, about: that of the unheated run less what heating will take."""
     battery = trip.vehicle.battery
     heating_j = (HEATING_ALLOWANCE * battery.heat_capacity_j_per_k * (target_c - idle[1][-1])
@@ -56,7 +64,8 @@ def _terminal_soc(trip, idle, target_c):
     return max(idle[0][-1] - heating_j / (voltage_v * battery.capacity_as), 0.0)
 
 
-def refine_switching_instant(trip, target_c, idle, guess_s):
+def refine_switching_instant(trip: Trip, target_c: float, idle: tuple[list[float], list[float]],
+                             guess_s: float) -> Schedule:
     """
     Return the Schedule that arrives at the target, from a first guess of the switching instant [s].
 
@@ -68,7 +77,7 @@ def refine_switching_instant(trip, target_c, idle, guess_s):
     instant_s = min(max(guess_s, early_s), late_s)
     schedule = _switch_at(trip, idle, instant_s)
     excess_k = float(schedule.temperature_c[-1]) - target_c
-    slope_k_per_s = _arrival_slope_k_per_s(trip, schedule)
+    slope_k_per_s = _arrival_slope_k_per_s(trip, schedule, instant_s)
     for _ in range(MOST_RUNS):
         if abs(excess_k) <= ARRIVAL_TOLERANCE_K or (instant_s <= 0.0 and excess_k < 0.0):
             break
@@ -91,7 +100,7 @@ def refine_switching_instant(trip, target_c, idle, guess_s):
     return schedule
 
 
-def _switch_at(trip, idle, instant_s):
+def _switch_at(trip: Trip, idle: tuple[list[float], list[float]], instant_s: float) -> Schedule:
     """Schedule with one switching instant; before it the run is the unheated one."""
     heater_power_w = maximum_from(trip, instant_s)
     first = _step_at(trip, instant_s)
@@ -103,18 +112,18 @@ def _switch_at(trip, idle, instant_s):
                     make_runge_kutta_4)
 
 
-def _arrival_slope_k_per_s(trip, schedule):
+def _arrival_slope_k_per_s(trip: Trip, schedule: Schedule, instant_s: float) -> float:
     """
-    Change of the arrival temperature with the switching instant [K/s], a first estimate.
+    Change of the arrival temperature with the Schedule's switching instant [K/s], an estimate.
 
     What the heater adds to the rate of change at the switching instant, less the part of it that
     leaks until arrival, or that a warmer battery does not make as Joule heat.
     """
-    first = _step_at(trip, schedule.heating_start_s)
+    first = _step_at(trip, instant_s)
     rates = make_rates(trip.vehicle, SATURATING_FLOATS)
     soc, temperature_c = schedule.soc, schedule.temperature_c
 
-    def rate(step, warmer_k, heater_w):
+    def rate(step: int, warmer_k: float, heater_w: float) -> float:
         return rates(
             soc[step], temperature_c[step] + warmer_k, trip.idle_power_w[step] + heater_w,
             trip.power_variance_w2[step],
@@ -126,9 +135,9 @@ def _arrival_slope_k_per_s(trip, schedule):
     full_w = trip.heater_limit_w[middle]
     damping_per_s = rate(middle, 0.0, full_w) - rate(middle, 1.0, full_w)
     return float(-gained_k_per_s * math.exp(
-        -damping_per_s * (float(trip.time_s[-1]) - schedule.heating_start_s)))
+        -damping_per_s * (float(trip.time_s[-1]) - instant_s)))
 
 
-def _step_at(trip, instant_s):
+def _step_at(trip: Trip, instant_s: float) -> int:
     """Index of the step in which an instant lies."""
     return min(int(np.searchsorted(trip.time_s, instant_s, side='right')), len(trip.route)) - 1

@@ -1,18 +1,28 @@
 # SPDX-License-Identifier: Apache-2.0
 """Algorithms 1 and 2 of the paper, as printed: method `paper`."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 
-from bev_preheat.model import make_euler
+from bev_preheat.model import Integrator, make_euler
 from bev_preheat.planning.dynamics import compiled_step, run_forward
 from bev_preheat.planning.schedule import maximum_from, Schedule
+
+if TYPE_CHECKING:
+    from bev_preheat.planning.situation import BatteryState, Goal
+    from bev_preheat.planning.trip import Trip
+    from bev_preheat.straight_line import StepOfStates
 
 # Going backward the temperature may grow without bound (leakage outweighs the heater). This far
 # above the target no forward run can meet it.
 LOST_ABOVE_TARGET_K = 100.0
 
 
-def plan_paper(trip, state, goal, terminal_soc=None, unheated=None):
+def plan_paper(trip: Trip, state: BatteryState, goal: Goal, terminal_soc: float | None = None,
+               unheated: Schedule | None = None) -> Schedule:
     """
     Return the Schedule of the forward and the backward simulation.
 
@@ -49,7 +59,9 @@ def plan_paper(trip, state, goal, terminal_soc=None, unheated=None):
         np.array(idle_temperature_c[:first] + heated_temperature_c), make_euler)
 
 
-def find_crossing(trip, target_c, terminal_soc, idle_temperature_c, make_integrator=make_euler):
+def find_crossing(trip: Trip, target_c: float, terminal_soc: float,
+                  idle_temperature_c: list[float],
+                  make_integrator: Integrator = make_euler) -> float | None:
     """
     Return the instant [s] at which Algorithm 2 meets the unheated run; None if it never does.
 
@@ -65,7 +77,8 @@ def find_crossing(trip, target_c, terminal_soc, idle_temperature_c, make_integra
                          columns, target_c, terminal_soc, idle_temperature_c)
 
 
-def _backward(step, trip, columns, target_c, soc, idle_temperature_c):
+def _backward(step: StepOfStates, trip: Trip, columns: list[list[float]], target_c: float,
+              soc: float, idle_temperature_c: list[float]) -> float | None:
     temperature_c = target_c
     above_k = target_c - idle_temperature_c[-1]
     steps = zip(range(len(trip.route) - 1, -1, -1), *(reversed(column) for column in columns))

@@ -1,7 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """The result of planning, of the same type for every method and for the NLP."""
 
+from __future__ import annotations
+
 from dataclasses import asdict, dataclass
+from typing import Any, TYPE_CHECKING
 
 import numpy as np
 
@@ -9,6 +12,10 @@ from bev_preheat.planning.dynamics import Energies
 from bev_preheat.planning.schedule import HeldBack
 from bev_preheat.planning.status import Status
 from bev_preheat.planning.stranding import Stranding
+
+if TYPE_CHECKING:
+    from bev_preheat.arrays import FloatArray
+    from bev_preheat.planning.stretches import HeatingStretch
 
 
 @dataclass(frozen=True)
@@ -33,38 +40,38 @@ class Plan:
     method: str
     target_temperature_c: float
     heating_start_s: float | None
-    time_s: np.ndarray
-    battery_temperature_c: np.ndarray
-    soc: np.ndarray
-    hvch_battery_power_w: np.ndarray
-    friction_brake_power_w: np.ndarray
+    time_s: FloatArray
+    battery_temperature_c: FloatArray
+    soc: FloatArray
+    hvch_battery_power_w: FloatArray
+    friction_brake_power_w: FloatArray
     energy_wh: Energies
     shortfall_k: float
     soc_shortfall: float
     undeliverable_power_w: float
     undeliverable_at_s: float | None
-    stretches: tuple
+    stretches: tuple[HeatingStretch, ...]
     planning_time_s: float
     heating_end_s: float | None = None
     held_back: HeldBack | None = None
     stranding: Stranding | None = None
 
     @property
-    def arrival_time_s(self):
+    def arrival_time_s(self) -> float:
         """Instant of arrival [s]."""
         return float(self.time_s[-1])
 
     @property
-    def arrival_temperature_c(self):
+    def arrival_temperature_c(self) -> float:
         """Battery temperature on arrival [deg C]."""
         return float(self.battery_temperature_c[-1])
 
     @property
-    def arrival_soc(self):
+    def arrival_soc(self) -> float:
         """State of charge on arrival, 0 ... 1."""
         return float(self.soc[-1])
 
-    def power_at_w(self, elapsed_s):
+    def power_at_w(self, elapsed_s: float) -> float:
         """
         Return the electrical heater power [W] at an instant [s] of the plan, 0 before it starts.
 
@@ -79,7 +86,7 @@ class Plan:
         heated_s = min(end_s, last_s) - max(start_s, self.heating_start_s)
         return float(self.hvch_battery_power_w[step] * (end_s - start_s) / heated_s)
 
-    def as_dictionary(self):
+    def as_dictionary(self) -> dict[str, Any]:
         """Return the plan as `preheat plan --json` writes it: plain numbers, texts and lists."""
         return {
             'status': self.status.name,

@@ -1,17 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
 """Makes a plan: checks, runs a method, and says what comes of it."""
 
+from __future__ import annotations
+
 from dataclasses import replace
 from functools import partial
 import math
 from time import perf_counter
+from typing import Any, TYPE_CHECKING
 
 import numpy as np
 
 from bev_preheat.arithmetic import ARRAYS
 from bev_preheat.errors import InvalidInput, PlanningFailure
-from bev_preheat.model import make_runge_kutta_4
-from bev_preheat.planning.caution import heat_early
+from bev_preheat.model import Integrator, make_runge_kutta_4
+from bev_preheat.planning.caution import Caution, heat_early
 from bev_preheat.planning.dynamics import keep_accounts, run_forward
 from bev_preheat.planning.explanation import explain
 from bev_preheat.planning.limits import drive_as_planned, make_terminal_limits
@@ -19,22 +22,26 @@ from bev_preheat.planning.merit_order import plan_merit_order
 from bev_preheat.planning.optimal_switch import plan_optimal_switch
 from bev_preheat.planning.paper import plan_paper
 from bev_preheat.planning.plan import Plan
-from bev_preheat.planning.safeguard import giving_way, is_described, lacking_power, Safeguard
-from bev_preheat.planning.schedule import Schedule
-from bev_preheat.planning.situation import check_situation, reserve_soc
+from bev_preheat.planning.safeguard import giving_way, is_described, lacking_power, Proposal, Safeguard
+from bev_preheat.planning.schedule import Method, Schedule
+from bev_preheat.planning.situation import BatteryState, check_situation, Goal, reserve_soc
 from bev_preheat.planning.status import Status
 from bev_preheat.planning.stranding import find_stranding
 from bev_preheat.planning.stretches import heating_stretches
-from bev_preheat.planning.trip import heated_throughout, make_trip
+from bev_preheat.planning.trip import heated_throughout, make_trip, Trip
 
-METHODS = {
+if TYPE_CHECKING:
+    from bev_preheat.route.segments import Route
+    from bev_preheat.vehicle.description import Vehicle
+
+METHODS: dict[str, Method] = {
     'merit_order': plan_merit_order,
     'optimal_switch': plan_optimal_switch,
     'paper': plan_paper,
 }
 # What each method proposes to drive by, the most demanding first: where a proposal would be worse
 # than not heating, the next one is tried (see `safeguard`).
-PROPOSALS = {
+PROPOSALS: dict[str, tuple[Method, ...]] = {
     'merit_order': (plan_merit_order, partial(plan_merit_order, serves_climbs=False)),
     'optimal_switch': (giving_way(plan_optimal_switch),),
     'paper': (giving_way(plan_paper),),
@@ -51,8 +58,10 @@ SAME_SOC = 5e-4
 NOW_S = 1e-6
 
 
-def plan_preheating(vehicle, route, state, goal, method=DEFAULT_METHOD, caution=None,
-                    heater_share=1.0, heats_throughout=False, safeguarded=True, **options):
+def plan_preheating(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goal,
+                    method: str = DEFAULT_METHOD, caution: Caution | None = None,
+                    heater_share: float = 1.0, heats_throughout: bool = False,
+                    safeguarded: bool = True, **options: Any) -> Plan:
     """
     Return the Plan for a vehicle with a battery state at the start of a route.
 
@@ -77,14 +86,15 @@ def plan_preheating(vehicle, route, state, goal, method=DEFAULT_METHOD, caution=
     return finish_plan(trip, goal, schedule, method, started)
 
 
-def _schedule(trip, state, goal, method, caution, safeguarded, options):
+def _schedule(trip: Trip, state: BatteryState, goal: Goal, method: str, caution: Caution | None,
+              safeguarded: bool, options: dict[str, Any]) -> Schedule:
     unheated = plan_without_heating(trip, state)
     if not goal.charging_planned:
         return as_described(trip, state, unheated)
     highest_c = trip.vehicle.battery.temperature_range_c[1]
 
-    def proposal(propose):
-        def schedule_for(target_c):
+    def proposal(propose: Method) -> Proposal:
+        def schedule_for(target_c: float) -> Schedule:
             if caution is not None:
                 target_c = min(target_c + caution.margin_k, highest_c)
             schedule = propose(trip, state, replace(goal, target_temperature_c=target_c),
@@ -100,14 +110,14 @@ def _schedule(trip, state, goal, method, caution, safeguarded, options):
         [proposal(propose) for propose in PROPOSALS[method]])
 
 
-def as_described(trip, state, schedule):
+def as_described(trip: Trip, state: BatteryState, schedule: Schedule) -> Schedule:
     """Return a Schedule itself if the model describes its run, else as it is driven in limits."""
     if is_described(trip, schedule):
         return schedule
     return drive_as_planned(trip, state, schedule.heater_power_w)
 
 
-def as_driven(plan, vehicle, route, state, goal):
+def as_driven(plan: Plan, vehicle: Vehicle, route: Route, state: BatteryState, goal: Goal) -> Plan:
     """Return a plan as it would be driven: itself where it keeps (9i), else within the limits."""
     trip = make_trip(vehicle, route)
     driven = drive_as_planned(trip, state, plan.hvch_battery_power_w)
@@ -118,13 +128,14 @@ def as_driven(plan, vehicle, route, state, goal):
                        perf_counter() - plan.planning_time_s)
 
 
-def plan_unheated(vehicle, route, state, goal):
+def plan_unheated(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goal) -> Plan:
     """Return the Plan that never heats, as it is driven within the limits: what plans save."""
     goal = replace(goal, charging_planned=False)
     return as_driven(plan_preheating(vehicle, route, state, goal), vehicle, route, state, goal)
 
 
-def plan_without_heating(trip, state, make_integrator=make_runge_kutta_4):
+def plan_without_heating(trip: Trip, state: BatteryState,
+                         make_integrator: Integrator = make_runge_kutta_4) -> Schedule:
     """Return the Schedule that never heats, limits left aside."""
     idle_w = np.zeros(len(trip.route))
     soc, temperature_c = run_forward(
@@ -132,7 +143,7 @@ def plan_without_heating(trip, state, make_integrator=make_runge_kutta_4):
     return Schedule(None, idle_w, idle_w, np.array(soc), np.array(temperature_c), make_integrator)
 
 
-def finish_plan(trip, goal, schedule, method, started):
+def finish_plan(trip: Trip, goal: Goal, schedule: Schedule, method: str, started: float) -> Plan:
     """Return the Plan of a schedule: energies, status and sentence; `started`: perf_counter()."""
     arrival_c, arrival_soc = float(schedule.temperature_c[-1]), float(schedule.soc[-1])
     # NaN propagates, so checking the final state is enough.
@@ -172,7 +183,7 @@ def finish_plan(trip, goal, schedule, method, started):
                    planning_time_s=perf_counter() - started)
 
 
-def _status(plan, goal):
+def _status(plan: Plan, goal: Goal) -> Status:
     if not goal.charging_planned:
         return Status.NO_CHARGING_PLANNED
     if plan.stranding is not None:

@@ -8,16 +8,24 @@ battery lacks power for the drive, a plan that makes it lack more is no plan: he
 battery, but an empty one only gets emptier.
 """
 
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any, TYPE_CHECKING
 
 import numpy as np
 
 from bev_preheat.arithmetic import ARRAYS, FLOATS
 from bev_preheat.planning.dynamics import hottest_c
 from bev_preheat.planning.limits import drive_as_planned, limits_hold, make_terminal_limits, run_unheated
-from bev_preheat.planning.schedule import HeldBack, Schedule
-from bev_preheat.planning.situation import reserve_soc
+from bev_preheat.planning.schedule import HeldBack, Method, Schedule
+from bev_preheat.planning.situation import BatteryState, Goal, reserve_soc
 from bev_preheat.planning.stranding import find_stranding
+
+if TYPE_CHECKING:
+    from bev_preheat.arrays import FloatArray
+    from bev_preheat.planning.trip import Trip
 
 # A power that is lacking by less than this share is rounding. Where power lacks in any case, a plan
 # that lacks so many watts more is no worse.
@@ -32,6 +40,9 @@ MOST_TARGETS = 8
 # So much lacking power counts like the whole charge.
 POWER_WEIGHT_W = 1e6
 
+# Returns the Schedule for a target [deg C].
+Proposal = Callable[[float], Schedule]
+
 
 @dataclass(frozen=True)
 class Lacking:
@@ -41,12 +52,12 @@ class Lacking:
     `worst_w` is 0 where nothing but rounding is lacking; `at` is the worst step.
     """
 
-    power_w: np.ndarray
+    power_w: FloatArray
     worst_w: float
     at: int
 
 
-def lacking_power(trip, schedule, most_w=None):
+def lacking_power(trip: Trip, schedule: Schedule, most_w: FloatArray | None = None) -> Lacking:
     """
     Return what is Lacking in a Schedule of a Trip.
 
@@ -68,7 +79,7 @@ def lacking_power(trip, schedule, most_w=None):
 class Safeguard:
     """Holds proposals for one trip, state and goal against the trip without paid heating."""
 
-    def __init__(self, trip, state, goal, unheated):
+    def __init__(self, trip: Trip, state: BatteryState, goal: Goal, unheated: Schedule) -> None:
         """`unheated` is the Schedule without any heating, limits left aside."""
         self._trip, self._goal = trip, goal
         self._reserve = reserve_soc(trip.vehicle, goal)
@@ -79,7 +90,7 @@ class Safeguard:
         lacking_w = lacking_power(trip, self.unheated).worst_w
         self._allowed_w = lacking_w + NO_WORSE_W if lacking_w > 0.0 else 0.0
 
-    def serve(self, proposals):
+    def serve(self, proposals: Sequence[Proposal]) -> Schedule:
         """
         Return the Schedule of the first proposal that is allowed, the unheated one if none is.
 
@@ -100,7 +111,7 @@ class Safeguard:
                 return replace(found, held_back=held_back)
         return replace(self.unheated, held_back=held_back)
 
-    def _spare_soc(self, schedule):
+    def _spare_soc(self, schedule: Schedule) -> float:
         """
         Charge to spare: on arrival above what must be left, on the way above the lowest.
 
@@ -116,11 +127,11 @@ class Safeguard:
             0.0, float(schedule.temperature_c[-1]))
         return spare - max(stranding.lacking_wh / whole_wh, SOC_TOLERANCE)
 
-    def _spare_power_w(self, schedule):
+    def _spare_power_w(self, schedule: Schedule) -> float:
         """How much more power may be lacking [W] before a schedule is worse than not heating."""
         return self._allowed_w - lacking_power(self._trip, schedule).worst_w
 
-    def _warmest(self, proposal, wanted):
+    def _warmest(self, proposal: Proposal, wanted: Schedule) -> Schedule | None:
         """Return the proposal's warmest Schedule that is allowed; None if none is."""
         # Driving alone meets this target, so only heating that pays for itself is left.
         lowest_c = self._trip.vehicle.battery.temperature_range_c[0]
@@ -150,7 +161,7 @@ class Safeguard:
                 high, high_margin, low_margin = middle, middle.margin, 0.5 * low_margin
         return low.schedule
 
-    def _trial(self, target_c, schedule):
+    def _trial(self, target_c: float, schedule: Schedule) -> _Trial:
         spare_soc, spare_w = self._spare_soc(schedule), self._spare_power_w(schedule)
         # Power to spare does not make heat affordable; power that lacks forbids it.
         return _Trial(target_c, schedule, spare_w < 0.0, spare_soc if spare_w >= 0.0 else
@@ -171,9 +182,9 @@ class _Trial:
     margin: float
 
 
-def giving_way(method):
+def giving_way(method: Method) -> Method:
     """Return the method with its heater cut where the drive needs the power that it would take."""
-    def plan(trip, state, goal, **options):
+    def plan(trip: Trip, state: BatteryState, goal: Goal, **options: Any) -> Schedule:
         schedule = method(trip, state, goal, **options)
         if lacking_power(trip, schedule).worst_w == 0.0 and is_described(trip, schedule):
             return schedule
@@ -181,7 +192,7 @@ def giving_way(method):
     return plan
 
 
-def is_described(trip, schedule):
+def is_described(trip: Trip, schedule: Schedule) -> bool:
     """Return whether a run stays within the charge, and the heat, that the model describes."""
     return bool(schedule.soc.min() > 0.0 and schedule.soc.max() <= 1.0
                 and schedule.temperature_c.max() <= hottest_c(trip.vehicle))

@@ -1,11 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a planning method decides: when to heat. Everything else of a Plan follows from it."""
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
+from typing import TYPE_CHECKING
 
 import numpy as np
+
+if TYPE_CHECKING:
+    from bev_preheat.arrays import FloatArray
+    from bev_preheat.model import Integrator
+    from bev_preheat.planning.trip import Trip
 
 # A heater power below this share of what the cabin leaves is rounding.
 HEATING_SHARE = 1e-4
@@ -35,18 +43,22 @@ class Schedule:
     """
 
     heating_start_s: float | None
-    heater_power_w: np.ndarray
-    brake_power_w: np.ndarray
-    soc: np.ndarray
-    temperature_c: np.ndarray
-    make_integrator: Callable
+    heater_power_w: FloatArray
+    brake_power_w: FloatArray
+    soc: FloatArray
+    temperature_c: FloatArray
+    make_integrator: Integrator
     heating_end_s: float | None = None
     empty_at_s: float | None = None
-    driven_share: np.ndarray | None = None
+    driven_share: FloatArray | None = None
     held_back: HeldBack | None = None
 
 
-def maximum_from(trip, switching_instant_s):
+# A method's `plan_NAME(trip, state, goal, unheated=None)`, with options of its own.
+Method = Callable[..., Schedule]
+
+
+def maximum_from(trip: Trip, switching_instant_s: float) -> FloatArray:
     """
     Heater power [W] of each step, shape (N,): zero, one partial step, then what the cabin leaves.
 
@@ -58,7 +70,7 @@ def maximum_from(trip, switching_instant_s):
     return share_on * trip.heater_limit_w
 
 
-def switched_on_s(trip, heater_power_w):
+def switched_on_s(trip: Trip, heater_power_w: FloatArray) -> float | None:
     """
     Return the first instant of heating [s] under heater powers [W] (N,); None if there is none.
 

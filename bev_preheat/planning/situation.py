@@ -1,10 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a plan is made from besides vehicle and route: the battery's state and the goal."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 import math
+from typing import TYPE_CHECKING
 
 from bev_preheat.errors import InvalidInput
+
+if TYPE_CHECKING:
+    from bev_preheat.route.segments import Route
+    from bev_preheat.vehicle.description import Vehicle
 
 
 @dataclass(frozen=True)
@@ -24,12 +31,13 @@ class Goal:
     charging_planned: bool = True
 
 
-def reserve_soc(vehicle, goal):
+def reserve_soc(vehicle: Vehicle, goal: Goal) -> float:
     """State of charge that must be left on arrival: the goal's, at least the vehicle's lowest."""
     return max(goal.minimum_arrival_soc, vehicle.battery.soc_range[0])
 
 
-def check_situation(vehicle, route=None, state=None, goal=None):
+def check_situation(vehicle: Vehicle, route: Route | None = None,
+                    state: BatteryState | None = None, goal: Goal | None = None) -> None:
     """
     Raise InvalidInput, one problem a quantity, where the vehicle's model does not hold.
 

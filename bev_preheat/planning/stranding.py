@@ -1,11 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """Where along a trip the charge runs out, and how much is lacking to arrive."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from bev_preheat.planning.dynamics import JOULES_PER_WH
+
+if TYPE_CHECKING:
+    from bev_preheat.planning.schedule import Schedule
+    from bev_preheat.planning.trip import Trip
 
 
 @dataclass(frozen=True)
@@ -22,9 +29,9 @@ class Stranding:
     lacking_wh: float
 
 
-def find_stranding(trip, schedule):
+def find_stranding(trip: Trip, schedule: Schedule) -> Stranding | None:
     """Return the Stranding of a Schedule of a Trip; None where the charge carries the trip."""
-    if schedule.empty_at_s is None:
+    if schedule.empty_at_s is None or schedule.driven_share is None:
         return None
     distance_m = np.concatenate(([0.0], np.cumsum(trip.route.duration_s * trip.route.speed_mps)))
     rest_j = np.cumsum(

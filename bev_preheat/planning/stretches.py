@@ -1,15 +1,22 @@
 # SPDX-License-Identifier: Apache-2.0
 """Why a plan heats where it does: its heating in stretches, each with a reason."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from enum import IntEnum
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from bev_preheat.arithmetic import ARRAYS
 from bev_preheat.planning.dynamics import JOULES_PER_WH
 from bev_preheat.planning.limits import colder, make_terminal_limits
-from bev_preheat.planning.schedule import HEATING_SHARE
+from bev_preheat.planning.schedule import HEATING_SHARE, Schedule
+
+if TYPE_CHECKING:
+    from bev_preheat.arrays import FloatArray, IntArray
+    from bev_preheat.planning.trip import Trip
 
 # Surplus is told from paid heating to this [W].
 SURPLUS_TOLERANCE_W = 1.0
@@ -42,7 +49,8 @@ class HeatingStretch:
     reason: Reason
 
 
-def heating_stretches(trip, schedule, least_w):
+def heating_stretches(trip: Trip, schedule: Schedule,
+                      least_w: FloatArray) -> tuple[HeatingStretch, ...]:
     """
     Return the HeatingStretches of a Schedule, in order.
 
@@ -74,7 +82,8 @@ def heating_stretches(trip, schedule, least_w):
     return tuple(stretches)
 
 
-def _stretch(trip, schedule, first, last, reason):
+def _stretch(trip: Trip, schedule: Schedule, first: int, last: int,
+             reason: Reason) -> HeatingStretch:
     """HeatingStretch of the steps first ... last - 1."""
     start_s = float(trip.time_s[first])
     if schedule.heating_start_s is not None:
@@ -85,7 +94,7 @@ def _stretch(trip, schedule, first, last, reason):
                           reason)
 
 
-def _events(trip, schedule):
+def _events(trip: Trip, schedule: Schedule) -> IntArray:
     """Reason that a step gives for heating before it, shape (N,); -1 where it gives none."""
     least_w, most_w = make_terminal_limits(trip.vehicle, ARRAYS)(
         schedule.soc[:-1], colder(trip.vehicle, schedule.temperature_c[:-1]),

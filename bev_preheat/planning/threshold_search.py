@@ -8,14 +8,24 @@ that a cold battery only just delivers, do. Between one such requirement and the
 are moved together, by the little that is needed.
 """
 
+from __future__ import annotations
+
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from bev_preheat.arithmetic import ARRAYS
-from bev_preheat.planning.limits import colder, make_terminal_limits, run_within_limits
+from bev_preheat.planning.limits import colder, make_terminal_limits, run_within_limits, TerminalLimits, Watch
 from bev_preheat.planning.optimal_switch import ARRIVAL_TOLERANCE_K
 from bev_preheat.planning.schedule import Schedule
+
+if TYPE_CHECKING:
+    from bev_preheat.arrays import FloatArray
+    from bev_preheat.planning.situation import BatteryState
+    from bev_preheat.planning.trip import Trip
+    from bev_preheat.planning.value_curve import Thresholds
 
 # Thresholds are moved by a little first, then by as much as they may be wrong, then out of the way
 # [K]: what is lacking then cannot be met by heating.
@@ -32,6 +42,9 @@ MOST_RUNS = 12
 POWER_SURPLUS = 1e-5
 MOST_CLIMBS = 6
 
+# By how much a run is above what is required of it.
+Excess = Callable[[Schedule], float]
+
 
 @dataclass(frozen=True)
 class _Trial:
@@ -45,17 +58,18 @@ class _Trial:
 class ThresholdSearch:
     """Forward runs of one trip under one set of thresholds."""
 
-    def __init__(self, trip, state, watch, thresholds):
+    def __init__(self, trip: Trip, state: BatteryState, watch: Watch,
+                 thresholds: Thresholds) -> None:
         """Take the trip, the state at its start, its Watch and its Thresholds."""
         self._trip, self._state, self._watch = trip, state, watch
-        self._cap_w = trip.heater_limit_w.tolist()
+        self._cap_w: list[float] = trip.heater_limit_w.tolist()
         self._thresholds = thresholds
-        self._limits = make_terminal_limits(trip.vehicle, ARRAYS)
+        self._limits: TerminalLimits[FloatArray] = make_terminal_limits(trip.vehicle, ARRAYS)
         self._shift_k = np.zeros(len(trip.route))
         # The run so far: what lies before a requirement that is met does not change any more.
-        self._kept = None
+        self._kept: Schedule | None = None
 
-    def settle(self, target_c, serves_climbs=True):
+    def settle(self, target_c: float, serves_climbs: bool = True) -> Schedule:
         """
         Return the Schedule that delivers every climb it can, and arrives at the target.
 
@@ -66,7 +80,7 @@ class ThresholdSearch:
         start = free = 0
         for first, last in self._climbs(schedule) if serves_climbs else ():
             if first > start:
-                def spare_w(run, climb=slice(first, last)):
+                def spare_w(run: Schedule, climb: slice = slice(first, last)) -> float:
                     return float(self._spare_power_w(run)[climb].min())
 
                 tolerance_w = POWER_SURPLUS * float(self._trip.idle_power_w[first:last].max())
@@ -82,7 +96,7 @@ class ThresholdSearch:
                 start = free = last
         end = len(self._trip.route)
 
-        def above_target_k(run):
+        def above_target_k(run: Schedule) -> float:
             return float(run.temperature_c[-1]) - target_c
 
         if free < start:
@@ -95,7 +109,7 @@ class ThresholdSearch:
             schedule = self._move(0, end, schedule, above_target_k, ARRIVAL_TOLERANCE_K)
         return schedule
 
-    def _climbs(self, schedule):
+    def _climbs(self, schedule: Schedule) -> list[tuple[int, int]]:
         """(first, last + 1) of the stretches that a battery a little colder could not deliver."""
         _, most_w = self._limits(
             schedule.soc[:-1], colder(self._trip.vehicle, schedule.temperature_c[:-1]),
@@ -104,7 +118,8 @@ class ThresholdSearch:
         edges = np.flatnonzero(np.diff(np.concatenate(([False], demanding, [False]))))
         return list(zip(edges[::2].tolist(), edges[1::2].tolist()))[:MOST_CLIMBS]
 
-    def _better_unheated(self, first, last, schedule, excess_of):
+    def _better_unheated(self, first: int, last: int, schedule: Schedule,
+                         excess_of: Excess) -> Schedule:
         """Schedule, or the one without paid heating in steps first ... last - 1 if that has more."""
         shift_k = self._shift_k.copy()
         self._shift_k[first:last] = 0.0
@@ -114,7 +129,8 @@ class ThresholdSearch:
             return schedule
         return self._keep(first, last, unheated)
 
-    def _without_more_lacking(self, first, schedule, change):
+    def _without_more_lacking(self, first: int, schedule: Schedule,
+                              change: Callable[[], Schedule]) -> Schedule:
         """Schedule that `change()` returns, or this one if less can be delivered from `first` on."""
         shift_k = self._shift_k.copy()
         changed = change()
@@ -125,7 +141,7 @@ class ThresholdSearch:
         self._shift_k, self._kept = shift_k, schedule
         return schedule
 
-    def _meet_target(self, first, schedule, above_target_k):
+    def _meet_target(self, first: int, schedule: Schedule, above_target_k: Excess) -> Schedule:
         """Schedule moved from step `first` on so that it meets the target, and no more."""
         end = len(self._trip.route)
         if above_target_k(schedule) > ARRIVAL_TOLERANCE_K:
@@ -135,7 +151,8 @@ class ThresholdSearch:
                 return schedule
         return self._move(first, end, schedule, above_target_k, ARRIVAL_TOLERANCE_K)
 
-    def _move(self, first, last, schedule, excess_of, tolerance):
+    def _move(self, first: int, last: int, schedule: Schedule, excess_of: Excess,
+              tolerance: float) -> Schedule:
         """
         Schedule whose thresholds in steps first ... last - 1 are moved until the excess is about 0.
 
@@ -170,31 +187,31 @@ class ThresholdSearch:
                 low, low_excess, high_excess = middle, middle.excess, 0.5 * high_excess
         return self._keep(first, last, high)
 
-    def _keep(self, first, last, trial):
+    def _keep(self, first: int, last: int, trial: _Trial) -> Schedule:
         self._shift_k = self._shifts_k(first, last, trial.shift_k)
         self._kept = trial.schedule
         return trial.schedule
 
-    def _shifts_k(self, first, last, shift_k):
+    def _shifts_k(self, first: int, last: int, shift_k: float) -> FloatArray:
         shifts_k = self._shift_k.copy()
         # A step that is moved for the second time never gets colder.
         moved = shifts_k[first:last]
         shifts_k[first:last] = np.where(moved == 0.0, shift_k, np.maximum(moved, shift_k))
         return shifts_k
 
-    def _try(self, first, last, shift_k, excess_of):
+    def _try(self, first: int, last: int, shift_k: float, excess_of: Excess) -> _Trial:
         schedule = self._run(first, last, shift_k)
         return _Trial(shift_k, schedule, excess_of(schedule))
 
-    def _run(self, first=0, last=0, shift_k=0.0):
+    def _run(self, first: int = 0, last: int = 0, shift_k: float = 0.0) -> Schedule:
         shifts_k = self._shifts_k(first, last, shift_k)
         moved_k = shifts_k[:, np.newaxis]
-        bands = [list(zip(*band)) for band in zip(
+        bands: list[list[tuple[float, float, float]]] = [list(zip(*band)) for band in zip(
             self._thresholds.floor_c.tolist(), (self._thresholds.low_c + moved_k).tolist(),
             (self._thresholds.high_c + moved_k).tolist())]
         cap_w = self._cap_w
 
-        def paid_power_w(k, temperature_c):
+        def paid_power_w(k: int, temperature_c: float) -> float:
             for floor_c, low_c, high_c in bands[k]:
                 if floor_c <= temperature_c < high_c:
                     if temperature_c <= low_c:
@@ -206,7 +223,7 @@ class ThresholdSearch:
             self._trip, self._state, self._watch, paid_power_w, take_surplus=True,
             first=first, before=self._kept)
 
-    def _spare_power_w(self, schedule):
+    def _spare_power_w(self, schedule: Schedule) -> FloatArray:
         """Return what the battery can give beyond what each step asks without heating [W], shape (N,)."""
         _, most_w = self._limits(
             schedule.soc[:-1], schedule.temperature_c[:-1], self._trip.power_variance_w2)

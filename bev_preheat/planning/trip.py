@@ -1,18 +1,26 @@
 # SPDX-License-Identifier: Apache-2.0
 """A route as one vehicle drives it: the inputs of each step of the model."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
 from bev_preheat.route.segments import Route
 from bev_preheat.vehicle.description import Vehicle
 
+if TYPE_CHECKING:
+    from bev_preheat.arrays import FloatArray
+
 # Longer steps are divided, because Euler's error grows with the step.
 LONGEST_STEP_S = 300.0
 # So are steps beyond this share of the battery's thermal time constant: the explicit methods lose
 # their accuracy near the time constant itself, and their stability from twice that on.
 TIME_CONSTANT_SHARE = 0.5
+# Columns of a step's arguments in `model`, after the states.
+Inputs: TypeAlias = 'tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]'
 
 
 @dataclass(frozen=True)
@@ -26,15 +34,17 @@ class Trip:
 
     vehicle: Vehicle
     route: Route
-    time_s: np.ndarray
-    idle_power_w: np.ndarray
-    power_variance_w2: np.ndarray
-    idle_heat_w: np.ndarray
-    drivetrain_heat_w: np.ndarray
-    leakage_w_per_k: np.ndarray
-    heater_limit_w: np.ndarray
+    time_s: FloatArray
+    idle_power_w: FloatArray
+    power_variance_w2: FloatArray
+    idle_heat_w: FloatArray
+    drivetrain_heat_w: FloatArray
+    leakage_w_per_k: FloatArray
+    heater_limit_w: FloatArray
 
-    def inputs(self, heater_power_w=None, brake_power_w=None):
+    def inputs(
+            self, heater_power_w: FloatArray | float | None = None,
+            brake_power_w: FloatArray | float | None = None) -> Inputs:
         """
         Return the inputs of `model` steps under a heater and a friction brake power [W], a tuple of arrays.
 
@@ -52,7 +62,7 @@ class Trip:
         return (self.route.duration_s, power_w, self.power_variance_w2, heat_w,
                 self.leakage_w_per_k)
 
-    def driven(self, share):
+    def driven(self, share: FloatArray) -> Trip:
         """
         Return the Trip of which only a share (N,) of each step is driven; the rest it stands.
 
@@ -65,7 +75,7 @@ class Trip:
             drivetrain_heat_w=share * self.drivetrain_heat_w)
 
 
-def make_trip(vehicle, route, heater_share=1.0):
+def make_trip(vehicle: Vehicle, route: Route, heater_share: float = 1.0) -> Trip:
     """
     Return the Trip of a vehicle on a route, whose long segments are divided for it.
 
@@ -88,7 +98,7 @@ def make_trip(vehicle, route, heater_share=1.0):
             vehicle.hvch.maximum_power_w - route.cabin_heating_power_w, 0.0))
 
 
-def _longest_steps_s(vehicle, route):
+def _longest_steps_s(vehicle: Vehicle, route: Route) -> FloatArray:
     """Longest step that the model is integrated with in each segment [s], shape (N,)."""
     leakage_w_per_k = vehicle.battery.leakage.coefficient_w_per_k(route.speed_mps)
     stiff_w_per_k = (TIME_CONSTANT_SHARE / LONGEST_STEP_S) * vehicle.battery.heat_capacity_j_per_k
@@ -96,7 +106,7 @@ def _longest_steps_s(vehicle, route):
         leakage_w_per_k, stiff_w_per_k))
 
 
-def heated_throughout(trip):
+def heated_throughout(trip: Trip) -> Trip:
     """Return the Trip of a heater that takes all that the cabin leaves, whatever is commanded."""
     heater_w = trip.heater_limit_w
     return replace(

@@ -17,13 +17,23 @@ The curve's points move with the vehicle's own dynamics, heated below the thresh
 above it, so its kinks stay sharp.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from bev_preheat.arithmetic import ARRAYS
 from bev_preheat.model import make_rates, make_runge_kutta_4
-from bev_preheat.planning.limits import make_terminal_limits
+from bev_preheat.planning.limits import make_terminal_limits, Watch
+
+if TYPE_CHECKING:
+    from bev_preheat.arrays import BoolArray, FloatArray, IntArray
+    from bev_preheat.planning.charge_acceptance import AcceptanceLoss
+    from bev_preheat.planning.schedule import Schedule
+    from bev_preheat.planning.trip import Trip
+    from bev_preheat.vehicle.description import Vehicle
 
 # Steps in which no limit matters are taken together up to this long: the curve changes slowly.
 LONGEST_STRIDE_S = 60.0
@@ -46,6 +56,8 @@ BANDS = 2
 SLOPE_K = 1.0
 # Thresholds of one stride and the next that are further apart belong to different bands [K].
 NEIGHBOUR_K = 3.0
+# Floor, low and high of Thresholds [deg C].
+Band = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
@@ -59,42 +71,43 @@ class Thresholds:
     band has floor_c = inf.
     """
 
-    floor_c: np.ndarray
-    low_c: np.ndarray
-    high_c: np.ndarray
+    floor_c: FloatArray
+    low_c: FloatArray
+    high_c: FloatArray
 
 
 @dataclass(frozen=True)
 class _Strides:
     """The trip in strides: steps taken together where no limit matters; arrays of shape (M,)."""
 
-    first: np.ndarray
-    duration_s: np.ndarray
-    columns: tuple
-    cap_w: np.ndarray
-    propulsion_w: np.ndarray
-    soc: np.ndarray
-    end_c: np.ndarray
-    loss_to_brake: np.ndarray
-    loss_to_heater: np.ndarray
-    may_overcharge: np.ndarray
-    may_overdraw: np.ndarray
+    first: IntArray
+    duration_s: FloatArray
+    columns: tuple[FloatArray, ...]
+    cap_w: FloatArray
+    propulsion_w: FloatArray
+    soc: FloatArray
+    end_c: FloatArray
+    loss_to_brake: FloatArray
+    loss_to_heater: FloatArray
+    may_overcharge: BoolArray
+    may_overdraw: BoolArray
 
 
-def _make_strides(trip, watch, run, loss):
+def _make_strides(trip: Trip, watch: Watch, run: Schedule, loss: AcceptanceLoss) -> _Strides:
     limited = (watch.charge | watch.discharge).tolist()
     durations = trip.route.duration_s.tolist()
-    first, length_s, before_limited = [], np.inf, True
+    starts: list[int] = []
+    length_s, before_limited = np.inf, True
     for k, (duration_s, is_limited) in enumerate(zip(durations, limited)):
         if is_limited or before_limited or length_s + duration_s > LONGEST_STRIDE_S:
-            first.append(k)
+            starts.append(k)
             length_s = 0.0
         length_s += duration_s
         before_limited = is_limited
-    first = np.array(first)
+    first = np.array(starts)
     duration_s = np.add.reduceat(trip.route.duration_s, first)
 
-    def mean(values):
+    def mean(values: FloatArray) -> FloatArray:
         return np.add.reduceat(values * trip.route.duration_s, first) / duration_s
 
     return _Strides(
@@ -109,7 +122,8 @@ def _make_strides(trip, watch, run, loss):
         may_overcharge=watch.charge[first], may_overdraw=watch.discharge[first])
 
 
-def find_thresholds(trip, watch, run, target_c, loss, serves_climbs=True):
+def find_thresholds(trip: Trip, watch: Watch, run: Schedule, target_c: float, loss: AcceptanceLoss,
+                    serves_climbs: bool = True) -> Thresholds:
     """
     Return the Thresholds of a trip, by running the value curve backward.
 
@@ -164,7 +178,8 @@ def find_thresholds(trip, watch, run, target_c, loss, serves_climbs=True):
     return _in_steps(strides.first, len(trip.route), *bands_c)
 
 
-def _choose(full_c, full_j, idle_c, idle_j, pays):
+def _choose(full_c: FloatArray, full_j: FloatArray, idle_c: FloatArray, idle_j: FloatArray,
+            pays: BoolArray) -> tuple[FloatArray, FloatArray, list[Band]]:
     """
     Take the cheaper of the two branches of the curve before a stride.
 
@@ -195,7 +210,8 @@ def _choose(full_c, full_j, idle_c, idle_j, pays):
     return mesh_c[keep], np.minimum(heated_j, unheated_j)[keep], bands
 
 
-def _in_steps(first, steps, floor_c, low_c, high_c):
+def _in_steps(first: IntArray, steps: int, floor_c: FloatArray, low_c: FloatArray,
+              high_c: FloatArray) -> Thresholds:
     """Thresholds of steps from those of strides, arrays (M, BANDS): in between along a line."""
     step = np.arange(steps)
     stride = np.searchsorted(first, step, side='right') - 1
@@ -203,28 +219,32 @@ def _in_steps(first, steps, floor_c, low_c, high_c):
     share = ((step - first[stride])
              / np.maximum(first[following] - first[stride], 1))[:, np.newaxis]
 
-    def between(values_c):
+    def between(values_c: FloatArray) -> FloatArray:
         here_c, there_c = values_c[stride], values_c[following]
         # A band that begins or ends, or another one in its place, is no neighbour.
         near = np.isfinite(here_c) & np.isfinite(there_c)
         change_c = np.where(near, there_c, 0.0) - np.where(near, here_c, 0.0)
-        return here_c + share * np.where(np.abs(change_c) < NEIGHBOUR_K, change_c, 0.0)
+        between_c: FloatArray = here_c + share * np.where(np.abs(change_c) < NEIGHBOUR_K, change_c, 0.0)
+        return between_c
 
     return Thresholds(floor_c[stride], between(low_c), between(high_c))
 
 
-def _slope(temperature_c, curve_c, value_j):
+def _slope(temperature_c: float, curve_c: FloatArray, value_j: FloatArray) -> float:
     """Return what a kelvin is worth [J/K] about a temperature, never less than nothing."""
     cooler_j, warmer_j = np.interp(
         (temperature_c - 0.5 * SLOPE_K, temperature_c + 0.5 * SLOPE_K), curve_c, value_j)
-    return max(cooler_j - warmer_j, 0.0) / SLOPE_K
+    worth_j_per_k: float = max(cooler_j - warmer_j, 0.0) / SLOPE_K
+    return worth_j_per_k
 
 
-def _after(step_map, m, grid_c, start_c, ends_c, ends_j, worth):
+def _after(step_map: _StepMap, m: int, grid_c: FloatArray, start_c: float, ends_c: FloatArray,
+           ends_j: FloatArray, worth: float) -> float:
     """Value at a temperature before stride m, from the curve (ends_c, ends_j) after it."""
     end_c = np.interp(start_c, grid_c, step_map.end_c[m])
-    return (np.interp(end_c, ends_c, ends_j)
-            + worth * np.interp(start_c, grid_c, step_map.energy_j[m]))
+    value_j: float = (np.interp(end_c, ends_c, ends_j)
+                      + worth * np.interp(start_c, grid_c, step_map.energy_j[m]))
+    return value_j
 
 
 @dataclass(frozen=True)
@@ -236,12 +256,13 @@ class _StepMap:
     without heating; -inf where it always does.
     """
 
-    end_c: np.ndarray
-    energy_j: np.ndarray
-    needed_c: np.ndarray
+    end_c: FloatArray
+    energy_j: FloatArray
+    needed_c: FloatArray
 
 
-def _step_maps(vehicle, strides, grid_c, penalty):
+def _step_maps(vehicle: Vehicle, strides: _Strides, grid_c: FloatArray,
+               penalty: float) -> tuple[_StepMap, _StepMap]:
     """
     Return the maps of all strides with free heating only, and with all the heating there is.
 
@@ -272,7 +293,7 @@ def _step_maps(vehicle, strides, grid_c, penalty):
     step = make_runge_kutta_4(make_rates(vehicle, ARRAYS))
     free_w = np.minimum(cap_w, surplus_w)
 
-    def map_of(heater_w):
+    def map_of(heater_w: FloatArray) -> _StepMap:
         brake_w = surplus_w - np.minimum(heater_w, surplus_w)
         terminal_w = power_w + heater_w + brake_w
         _, end_c, _, joule_w = step(
@@ -285,7 +306,8 @@ def _step_maps(vehicle, strides, grid_c, penalty):
     return map_of(free_w), map_of(np.maximum(room_w, free_w))
 
 
-def _mesh(curve_c, value_j, coldest_c, warmest_c):
+def _mesh(curve_c: FloatArray, value_j: FloatArray, coldest_c: float,
+          warmest_c: float) -> tuple[FloatArray, FloatArray]:
     """Keep the curve's points dense enough, few enough, and where the trip can come."""
     first = max(int(np.searchsorted(curve_c, coldest_c)) - 1, 0)
     last = int(np.searchsorted(curve_c, warmest_c)) + 1
