@@ -8,6 +8,10 @@ the kinds of sensor noise are held beside each other. Readings in whole steps ar
 are, intervals (`truncated_normal`).
 """
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from bev_preheat.estimation.hypotheses import heater_power_w, NOISES_K, prior_weights, SHARES, transitions
@@ -25,6 +29,10 @@ from bev_preheat.estimation.state import (
     TEMPERATURE,
 )
 from bev_preheat.estimation.truncated_normal import truncated_moments
+
+if TYPE_CHECKING:
+    from bev_preheat.arrays import FloatArray
+    from bev_preheat.vehicle.description import Vehicle
 
 # Standard deviation of the factors' logarithms at first: those of even spreads of +-10 % (heat
 # capacity), +-20 % (leakage, resistance), +-5 % (heater), and of a route's consumption.
@@ -57,7 +65,8 @@ class Belief:
     `predict` lets time pass, the `see_…` methods take readings into account.
     """
 
-    def __init__(self, vehicle, factors=None, factor_covariance=None):
+    def __init__(self, vehicle: Vehicle, factors: FloatArray | None = None,
+                 factor_covariance: FloatArray | None = None) -> None:
         """Begin with factors (5,) (logarithms) and their covariance (5, 5), or the prior."""
         self._vehicle = vehicle
         self.weights = prior_weights()
@@ -67,7 +76,8 @@ class Belief:
         self.covariance[..., FACTORS, FACTORS] = (
             prior_factor_covariance() if factor_covariance is None else factor_covariance)
 
-    def place(self, temperature_c, temperature_variance, soc, soc_variance):
+    def place(self, temperature_c: float, temperature_variance: float, soc: float,
+              soc_variance: float) -> None:
         """Set temperature and state of charge anew; what was learned of the factors stays."""
         self.mean[..., TEMPERATURE], self.mean[..., SOC] = temperature_c, soc
         for index, variance in ((TEMPERATURE, temperature_variance), (SOC, soc_variance)):
@@ -75,7 +85,8 @@ class Belief:
             self.covariance[..., :, index] = 0.0
             self.covariance[..., index, index] = variance
 
-    def predict(self, duration_s, drive, command_w, limit_w):
+    def predict(self, duration_s: float, drive: DriveInputs | None, command_w: float,
+                limit_w: float) -> None:
         """
         Let `duration_s` pass in a DriveInputs under a heater command.
 
@@ -105,20 +116,20 @@ class Belief:
                 POWER_NOISE_LASTS_S * duration_s * moved[..., :, np.newaxis]
                 * moved[..., np.newaxis, :])
 
-    def see_temperature(self, reading_c, resolution_k):
+    def see_temperature(self, reading_c: float, resolution_k: float) -> None:
         """Take a reading of the temperature [deg C] into account, rounded to `resolution_k` [K]."""
         noise_variance = np.square(NOISES_K)
         variance = self.covariance[..., TEMPERATURE, TEMPERATURE] + noise_variance
         self._see_interval(TEMPERATURE, variance, reading_c - 0.5 * resolution_k,
                            reading_c + 0.5 * resolution_k)
 
-    def see_soc(self, reading, resolution):
+    def see_soc(self, reading: float, resolution: float) -> None:
         """Take a reading of the state of charge (0 ... 1) into account."""
         variance = self.covariance[..., SOC, SOC] + SOC_NOISE**2
         self._see_interval(SOC, variance, reading - 0.5 * resolution, reading + 0.5 * resolution,
                            tells_hypotheses=False)
 
-    def see_propulsion_power(self, seen_w, route_w, duration_s):
+    def see_propulsion_power(self, seen_w: float, route_w: float, duration_s: float) -> None:
         """Compare the mean propulsion power seen [W] with the route's over `duration_s` [s]."""
         deviation_w = POWER_NOISE * max(abs(route_w), LEAST_POWER_W)
         variance = deviation_w**2 * max(1.0, POWER_NOISE_LASTS_S / duration_s)
@@ -133,7 +144,7 @@ class Belief:
                             / total[..., np.newaxis, np.newaxis])
         self._keep_bounds()
 
-    def see_share(self, share, deviation, most_evidence):
+    def see_share(self, share: float, deviation: float, most_evidence: float) -> None:
         """
         Take the share of a command that was seen to be answered into account (heaters differ).
 
@@ -147,7 +158,7 @@ class Belief:
         self.weights *= np.exp(likelihoods)[:, np.newaxis]
         self.weights /= self.weights.sum()
 
-    def expected(self):
+    def expected(self) -> tuple[FloatArray, FloatArray]:
         """Mean (SIZE,) and covariance (SIZE, SIZE) over all hypotheses."""
         weights = self.weights[..., np.newaxis]
         mean = (weights * self.mean).sum(axis=(0, 1))
@@ -156,7 +167,8 @@ class Belief:
             self.covariance + off[..., :, np.newaxis] * off[..., np.newaxis, :])).sum(axis=(0, 1))
         return mean, covariance
 
-    def _see_interval(self, index, variance, low, high, tells_hypotheses=True):
+    def _see_interval(self, index: int, variance: FloatArray, low: float, high: float,
+                      tells_hypotheses: bool = True) -> None:
         """Kalman update of one element; `variance` is that of the element and its noise."""
         variance = np.maximum(variance, LEAST_VARIANCE)
         means = self.mean[..., index]
@@ -176,7 +188,7 @@ class Belief:
             self.weights = np.maximum(self.weights, 1e-12)
             self.weights /= self.weights.sum()
 
-    def _mix(self, duration_s):
+    def _mix(self, duration_s: float) -> None:
         """Mix the filters of the heaters, as one may have turned into another by now."""
         matrix = transitions(duration_s)
         # share[from, to, noise]: how much of `to` was `from` before.
@@ -190,16 +202,16 @@ class Belief:
             + np.einsum('abn,abni,abnj->bnij', share, off, off))
         self.mean, self.weights = mean, total
 
-    def _add_noise(self, variances):
+    def _add_noise(self, variances: FloatArray) -> None:
         self.covariance[..., range(SIZE), range(SIZE)] += variances
 
-    def _keep_bounds(self):
+    def _keep_bounds(self) -> None:
         factors = self.mean[..., FACTORS]
         np.minimum(factors, BOUNDS, out=factors)
         np.maximum(factors, -BOUNDS, out=factors)
 
 
-def prior_factor_covariance():
+def prior_factor_covariance() -> FloatArray:
     """Covariance (5, 5) of the factors' logarithms of a car of which only its file is known."""
     return np.diag([FACTOR_DEVIATIONS[index]**2
                     for index in (HEAT_CAPACITY, LEAKAGE, RESISTANCE, HEATER, PROPULSION)])

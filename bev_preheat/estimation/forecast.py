@@ -1,15 +1,24 @@
 # SPDX-License-Identifier: Apache-2.0
 """How sure the temperature on arrival is: the uncertainty of an estimate, carried along a plan."""
 
+from __future__ import annotations
+
 import math
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from bev_preheat.estimation.belief import LEAST_POWER_W, POWER_NOISE, POWER_NOISE_LASTS_S
 from bev_preheat.estimation.state import DriveInputs, PROPULSION, rates_and_slopes, SIZE, SOC, TEMPERATURE
 
+if TYPE_CHECKING:
+    from bev_preheat.arrays import FloatArray
+    from bev_preheat.estimation.estimator import Estimate
+    from bev_preheat.planning.plan import Plan
+    from bev_preheat.planning.trip import Trip
 
-def arrival_sensitivities(trip, plan):
+
+def arrival_sensitivities(trip: Trip, plan: Plan) -> tuple[FloatArray, FloatArray]:
     """
     Change of the arrival temperature [K] with each element of `state` at the plan's start, (SIZE,).
 
@@ -36,7 +45,7 @@ def arrival_sensitivities(trip, plan):
     return total, by_step[:, PROPULSION]
 
 
-def arrival_deviation_k(trip, plan, estimate):
+def arrival_deviation_k(trip: Trip, plan: Plan, estimate: Estimate) -> float:
     """
     Return the standard deviation [K] of the temperature on arrival, if the plan is driven as it is.
 

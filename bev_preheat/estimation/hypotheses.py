@@ -1,10 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """Heater-fault and sensor-noise hypotheses, run in parallel."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from enum import Enum
+from typing import TYPE_CHECKING
 
 import numpy as np
+
+if TYPE_CHECKING:
+    from bev_preheat.arrays import FloatArray
 
 
 class Heater(Enum):
@@ -30,16 +36,17 @@ FAILURE_S = 200.0 * 3600.0
 REPAIR_S = 1800.0
 
 
-def prior_weights():
+def prior_weights() -> FloatArray:
     """Probability of each hypothesis at first, shape (heaters, noises)."""
     faulty = REPAIR_S / FAILURE_S
     heaters = np.full(len(SHARES), faulty / (len(SHARES) - 1))
     heaters[0] = 1.0 - faulty
     noises = np.full(len(NOISES_K), 1.0 / len(NOISES_K))
-    return heaters[:, np.newaxis] * noises
+    weights: FloatArray = heaters[:, np.newaxis] * noises
+    return weights
 
 
-def transitions(duration_s):
+def transitions(duration_s: float) -> FloatArray:
     """Probability that a heater of one kind (row) is of another (column) after so long [s]."""
     fails = 1.0 - np.exp(-duration_s / FAILURE_S)
     repaired = 1.0 - np.exp(-duration_s / REPAIR_S)
@@ -50,7 +57,7 @@ def transitions(duration_s):
     return matrix
 
 
-def heater_power_w(command_w, limit_w):
+def heater_power_w(command_w: float, limit_w: float) -> FloatArray:
     """Return the power [W] that the heater takes under a command, shape (heaters,)."""
     power_w = np.minimum(np.array(SHARES) * command_w, limit_w)
     power_w[STUCK] = limit_w
@@ -73,7 +80,7 @@ TAKEN_BACK_BELOW = 0.2
 TIMES_AS_LIKELY = 3.0
 
 
-def judge(weights, before):
+def judge(weights: FloatArray, before: HeaterReport | None) -> HeaterReport:
     """Return the HeaterReport of hypotheses' weights (heaters,); `before` is the latest report."""
     by_kind = {kind: float(sum(weight for weight, own in zip(weights, HEATERS) if own is kind))
                for kind in Heater}
@@ -82,7 +89,7 @@ def judge(weights, before):
     told = Heater.ANSWERS if before is None else before.heater
     if faulty < (TOLD_FROM if told is Heater.ANSWERS else TAKEN_BACK_BELOW):
         return HeaterReport(Heater.ANSWERS, by_kind[Heater.ANSWERS], 1.0)
-    fault = max((kind for kind in Heater if kind is not Heater.ANSWERS), key=by_kind.get)
+    fault = max((kind for kind in Heater if kind is not Heater.ANSWERS), key=by_kind.__getitem__)
     if told is not Heater.ANSWERS and by_kind[fault] < TIMES_AS_LIKELY * by_kind[told]:
         fault = told
     shares = np.array(SHARES)

@@ -1,14 +1,22 @@
 # SPDX-License-Identifier: Apache-2.0
 """What was learned of a car, so that the next drive begins with it, and how a file holds it."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 import math
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from bev_preheat.errors import InvalidInput
 from bev_preheat.estimation.belief import FACTOR_BOUNDS, prior_factor_covariance
 from bev_preheat.estimation.state import FACTOR_NAMES, FACTORS, PROPULSION
+
+if TYPE_CHECKING:
+    from bev_preheat.arrays import FloatArray
+    from bev_preheat.checked_yaml import FileData
+    from bev_preheat.estimation.estimator import Estimate
 
 # What a route's consumption was wrong by says nothing of the next route.
 REMEMBERED = slice(0, PROPULSION - FACTORS.start)
@@ -21,11 +29,11 @@ OVERNIGHT = 0.01
 class Learned:
     """Logarithms of the factors (5,) and their covariance (5, 5), in the order of `state`."""
 
-    factors: np.ndarray
-    covariance: np.ndarray
+    factors: FloatArray
+    covariance: FloatArray
 
 
-def learned_from(estimate):
+def learned_from(estimate: Estimate) -> Learned:
     """Return what an Estimate has Learned of the car."""
     bounds = np.array([FACTOR_BOUNDS[index] for index in range(FACTORS.start, FACTORS.stop)])
     # A mean over filters that are at a bound may lie beyond it by rounding.
@@ -41,13 +49,13 @@ def learned_from(estimate):
     return Learned(factors, covariance * np.outer(shrink, shrink))
 
 
-def as_entry(learned):
+def as_entry(learned: Learned) -> dict[str, FileData]:
     """Return what of a Learned is kept, as plain values for JSON."""
     return {'log_factors': dict(zip(NAMES, learned.factors[REMEMBERED].tolist())),
             'covariance': learned.covariance[REMEMBERED, REMEMBERED].tolist()}
 
 
-def from_entry(entry):
+def from_entry(entry: FileData) -> Learned:
     """
     Return the Learned of an entry that was read, a night later.
 
@@ -65,7 +73,7 @@ def from_entry(entry):
     return Learned(factors, whole)
 
 
-def _check(logs, covariance):
+def _check(logs: FloatArray, covariance: FloatArray) -> None:
     size = len(NAMES)
     bounds = [FACTOR_BOUNDS[FACTORS.start + index] for index in range(size)]
     for name, value, bound in zip(NAMES, logs, bounds):
@@ -83,5 +91,5 @@ def _check(logs, covariance):
                            f'(standard deviations {", ".join(_roots(variances))})')
 
 
-def _roots(variances):
+def _roots(variances: FloatArray) -> list[str]:
     return [f'{math.sqrt(value):.3g}' if value >= 0.0 else 'none' for value in variances]

@@ -25,6 +25,8 @@ LEAST_SWITCHED_W = 1000.0
 FLOOR_W = 150.0
 # Quiet steps are forgotten at this rate.
 FORGETTING = 0.03
+# Instant [s], power [W], command [W].
+Sample = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
@@ -38,13 +40,13 @@ class Answer:
 class PowerResponse:
     """Watches the battery's terminal power and the heater's command."""
 
-    def __init__(self):
+    def __init__(self) -> None:
         """Know nothing yet."""
-        self._samples = deque()
+        self._samples: deque[Sample] = deque()
         self._variance_w2, self._steps = 0.0, 0
         self._next_s = -math.inf
 
-    def see(self, instant_s, power_w, command_w):
+    def see(self, instant_s: float, power_w: float, command_w: float) -> Answer | None:
         """
         Take a sample in; return an Answer where one is due, else None.
 
@@ -83,7 +85,7 @@ class PowerResponse:
         return Answer(step_w / switched_w, deviation_w / abs(switched_w))
 
 
-def _mean(before, after, column):
+def _mean(before: list[Sample], after: list[Sample], column: int) -> float:
     """Mean of a column after minus before."""
     return (sum(sample[column] for sample in after) / len(after)
             - sum(sample[column] for sample in before) / len(before))

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Finds the step in which a sensor reports, from what it reports."""
 
+from collections.abc import Sequence
+
 # Steps of temperature signals [K] and of state-of-charge signals (0 ... 1) in use.
 TEMPERATURE_STEPS_K = (1.0, 0.5, 0.25, 0.2, 0.1)
 SOC_STEPS = (0.01, 0.005, 0.004, 0.0025, 0.002, 0.001)
@@ -16,13 +18,13 @@ class Resolution:
     A signal counts as coarse until a value shows that it is finer.
     """
 
-    def __init__(self, steps):
+    def __init__(self, steps: Sequence[float]) -> None:
         """Know nothing yet; `steps` fall."""
         self._steps = steps
-        self._seen = set()
+        self._seen: set[float] = set()
         self.step = steps[0]
 
-    def see(self, value):
+    def see(self, value: float) -> None:
         """Take a value into account."""
         if self.step == 0.0 or value in self._seen:
             return
@@ -34,5 +36,5 @@ class Resolution:
                 _is_multiple(seen, step) for seen in (value, *self._seen))), 0.0)
 
 
-def _is_multiple(value, step):
+def _is_multiple(value: float, step: float) -> bool:
     return abs(value / step - round(value / step)) <= ROUNDING

@@ -8,14 +8,20 @@ that the route foresees. The equations are those of `model`, for a vehicle whose
 arrays (`vehicle.corrections`).
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.arithmetic import ARRAYS
+from bev_preheat.arithmetic import AnyNumber, ARRAYS
 from bev_preheat.model import make_rates
 from bev_preheat.vehicle.corrections import corrected_vehicle, Corrections
+
+if TYPE_CHECKING:
+    from bev_preheat.arrays import FloatArray
+    from bev_preheat.vehicle.description import Vehicle
 
 TEMPERATURE, SOC, HEAT_CAPACITY, LEAKAGE, RESISTANCE, HEATER, PROPULSION = range(7)
 SIZE = 7
@@ -35,17 +41,18 @@ class DriveInputs:
     `heater_power_w` is what the HVCH takes for the battery.
     """
 
-    speed_mps: Any
-    ambient_temperature_c: Any
-    propulsion_power_w: Any
-    power_variance_w2: Any
-    cabin_heating_power_w: Any
-    auxiliary_power_w: Any
-    heater_power_w: Any
-    terminal_power_w: Any = None
+    speed_mps: AnyNumber
+    ambient_temperature_c: AnyNumber
+    propulsion_power_w: AnyNumber
+    power_variance_w2: AnyNumber
+    cabin_heating_power_w: AnyNumber
+    auxiliary_power_w: AnyNumber
+    heater_power_w: AnyNumber
+    terminal_power_w: AnyNumber = None
 
 
-def state_rates(vehicle, state, drive):
+def state_rates(vehicle: Vehicle, state: FloatArray,
+                drive: DriveInputs) -> tuple[FloatArray, FloatArray]:
     """
     Return (dT/dt [K/s], d soc/dt [1/s]) of states (..., SIZE) in DriveInputs, arrays (...).
 
@@ -73,7 +80,8 @@ def state_rates(vehicle, state, drive):
     return temperature_rate, soc_rate
 
 
-def rates_and_slopes(vehicle, state, drive):
+def rates_and_slopes(vehicle: Vehicle, state: FloatArray,
+                     drive: DriveInputs) -> tuple[FloatArray, FloatArray]:
     """
     Return the rates of states (..., SIZE), shape (..., 2), and their slopes (..., 2, SIZE).
 

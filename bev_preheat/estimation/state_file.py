@@ -8,16 +8,22 @@ A file of its own that is damaged is kept aside, under a name that is free, befo
 its place. What was learned with another vehicle file stays in the file.
 """
 
+from __future__ import annotations
+
 from contextlib import suppress
 from dataclasses import dataclass
 from itertools import count
 import json
 import os
 import re
+from typing import TYPE_CHECKING
 
 from bev_preheat.errors import InvalidInput
 from bev_preheat.estimation.memory import as_entry, from_entry, Learned
-from bev_preheat.output_files import existing_file, expanded, target_of, write_whole
+from bev_preheat.output_files import AnyPath, existing_file, expanded, target_of, write_whole
+
+if TYPE_CHECKING:
+    from bev_preheat.checked_yaml import FileData
 
 FORMAT_KEY, FORMAT = 'bev_preheat_state_file', 2
 # How the files of both formats begin; it recognises one that no longer parses.
@@ -41,16 +47,16 @@ class Recalled:
 class _Found:
     """Entries by fingerprint, oldest first; `damage` says what is damaged in the file."""
 
-    cars: dict
+    cars: dict[str, FileData]
     damage: str = ''
 
 
-def check_state_file(path):
+def check_state_file(path: AnyPath) -> None:
     """Raise InvalidInput where a path is neither free nor a state file's; nothing is changed."""
     _find(path)
 
 
-def load_learned(path, fingerprint):
+def load_learned(path: AnyPath, fingerprint: str) -> Recalled:
     """
     Return what is Recalled of the car with this fingerprint.
 
@@ -61,7 +67,7 @@ def load_learned(path, fingerprint):
     return Recalled(None if entry is None else from_entry(entry), found.damage)
 
 
-def save_learned(path, fingerprint, learned):
+def save_learned(path: AnyPath, fingerprint: str, learned: Learned) -> str | None:
     """
     Write what was Learned of a car, beside what the file holds of others.
 
@@ -83,7 +89,7 @@ def save_learned(path, fingerprint, learned):
     return aside
 
 
-def _find(path):
+def _find(path: AnyPath) -> _Found:
     raw = _read(path)
     if raw is None:
         return _Found({})
@@ -113,7 +119,7 @@ def _find(path):
     raise InvalidInput(_not_ours(path))
 
 
-def _sound(cars):
+def _sound(cars: FileData) -> _Found:
     """Return as _Found the entries that hold; the others are damage."""
     if not isinstance(cars, dict):
         return _Found({}, 'its format or its list of cars is damaged')
@@ -129,7 +135,7 @@ def _sound(cars):
     return _Found(sound, '; '.join(problems)[:LONGEST_SENTENCE])
 
 
-def _read(path):
+def _read(path: AnyPath) -> bytes | None:
     """Return the first bytes of a file, None where there is none."""
     if existing_file(path) is None:
         if os.path.islink(expanded(path)):
@@ -145,13 +151,15 @@ def _read(path):
         raise InvalidInput(f'{path}: cannot be read: {error.strerror}') from error
 
 
-def _not_ours(path, finding='it is not a state file of this planner'):
+def _not_ours(path: AnyPath, finding: str = 'it is not a state file of this planner') -> str:
     return f'{path}: is not written over: {finding}; name a file that does not exist yet'
 
 
-def _move_aside(path, target):
+def _move_aside(path: AnyPath, target: str) -> str:
     """Move a damaged file to a name that is free, and return that."""
-    for number in count(1):
+    numbers = count(1)
+    while True:
+        number = next(numbers)
         aside = f'{target}.damaged' if number == 1 else f'{target}.damaged.{number}'
         try:
             # Takes the name, which a plain rename would take from another file.

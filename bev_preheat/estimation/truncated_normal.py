@@ -15,7 +15,8 @@ LOG_ROOT_2_PI = 0.5 * log(2.0 * pi)
 TAIL = 8.0
 
 
-def truncated_moments(mean, variance, low, high):
+def truncated_moments(mean: float, variance: float, low: float,
+                      high: float) -> tuple[float, float, float]:
     """
     Return (mean, variance, log of the probability) of a normal variable that is in [low, high].
 
@@ -44,7 +45,7 @@ def truncated_moments(mean, variance, low, high):
     return (mean + deviation * shift, variance * max(spread, 0.0), log(probability))
 
 
-def _tail(distance, width):
+def _tail(distance: float, width: float) -> tuple[float, float, float]:
     """
     Return (mean beyond `distance`, variance, log of the probability) in the standard normal's tail.
 
