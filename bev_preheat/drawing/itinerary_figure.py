@@ -50,8 +50,7 @@ def make_itinerary_figure(vehicle: Vehicle, legs: Sequence[Leg], plans: Sequence
 
     During a stop, the line from arrival to the departure that was given is dotted.
     """
-    unheated = [plan_unheated(vehicle, leg.route, leg.departure, leg.goal(plan.target_temperature_c))
-                for leg, plan in zip(legs, plans)]
+    unheated = [_plan_unheated(vehicle, leg, plan) for leg, plan in zip(legs, plans)]
     told = [_on_arrival(number, leg, *both) for number, (leg, *both) in enumerate(
         zip(legs, plans, unheated), start=1)]
     if len(told) > MOST_TOLD_LEGS:
@@ -90,9 +89,9 @@ def make_itinerary_figure(vehicle: Vehicle, legs: Sequence[Leg], plans: Sequence
                     color=RESERVE, linestyle='--', linewidth=0.9, **named('reserve'))
         draw_steps(drive, edges, trip.route.speed_mps * 3.6, color=ROUTE)
     _draw_stops(axes, time, starts_s, plans, heated.colour)
-    for axis, least, values in ((temperature, 5.0, []), (heater, 1.0, [0.0]), (charge, 5.0, []),
+    for axis, least, shown in ((temperature, 5.0, []), (heater, 1.0, [0.0]), (charge, 5.0, []),
                                 (drive, 20.0, [0.0])):
-        show_range(axis, values, *(line.get_ydata() for line in axis.get_lines()), least=least)
+        show_range(axis, shown, *(line.get_ydata() for line in axis.get_lines()), least=least)
         legend_above(axis)
     for axis, label in zip(axes, ('temperature\n[°C]', 'HVCH for\nbattery [kW]',
                                   'state of\ncharge [%]', 'speed\n[km/h]')):
@@ -109,6 +108,12 @@ def _on_arrival(number: int, leg: Leg, plan: Plan, unheated: Plan) -> str:
             f'{plan.arrival_temperature_c:.1f} °C'
             + (f', without preheating at {unheated.arrival_temperature_c:.1f} °C'
                if plan.heating_start_s is not None else ''))
+
+
+def _plan_unheated(vehicle: Vehicle, leg: Leg, plan: Plan) -> Plan:
+    """Return the Plan that never heats on a Leg that begins at a known state."""
+    assert leg.departure is not None
+    return plan_unheated(vehicle, leg.route, leg.departure, leg.goal(plan.target_temperature_c))
 
 
 def _draw_stops(axes: Sequence[Axes], time: TimeAxis, starts_s: Sequence[float],

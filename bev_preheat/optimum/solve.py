@@ -163,6 +163,7 @@ def solve_optimum(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goa
 def _stranded(trip: Trip, goal: Goal, unheated: Schedule, started: float) -> Optimum:
     """Return the Optimum of a trip whose charge runs out: none, and why."""
     plan = finish_plan(trip, goal, unheated, METHOD, started)
+    assert plan.stranding is not None
     lacking = Lacking(
         CHARGE, plan.stranding.lacking_wh, 'Wh',
         f'charge: {plan.stranding.lacking_wh / 1e3:.2f} kWh are lacking to arrive; the battery is '

@@ -101,7 +101,7 @@ def reproduce(vehicle: Vehicle | None = None) -> Reproduction:
                               getattr(plan.energy_wh, row),
                               ORIGINS.get((column, row), 'predicted')))
         cells.append(Cell(column, 'heating lasts', 's', HEATING_BEFORE_ARRIVAL_S,
-                          plan.arrival_time_s - plan.heating_start_s,
+                          _heated_s(plan),
                           ORIGINS.get((column, 'heating lasts'), 'predicted')))
     return Reproduction(tuple(cells), heuristic, optimal_switch, optimum)
 
@@ -109,6 +109,12 @@ def reproduce(vehicle: Vehicle | None = None) -> Reproduction:
 def _heuristic(vehicle: Vehicle, route: Route) -> Plan:
     return plan_preheating(vehicle, route, STATE, GOAL, 'paper', safeguarded=False,
                            terminal_soc=TERMINAL_SOC)
+
+
+def _heated_s(plan: Plan) -> float:
+    """Return how long before arrival a Plan that heats begins to [s]."""
+    assert plan.heating_start_s is not None
+    return plan.arrival_time_s - plan.heating_start_s
 
 
 @dataclass(frozen=True)
@@ -151,7 +157,7 @@ def fit_reference() -> Fit:
 
     def misses(factors: FloatArray) -> list[float]:
         plan = _heuristic(scaled(factors), route)
-        heated_s = plan.arrival_time_s - plan.heating_start_s
+        heated_s = _heated_s(plan)
         return [heated_s - HEATING_BEFORE_ARRIVAL_S,
                 plan.energy_wh.joule - wanted['joule'],
                 plan.energy_wh.leakage - wanted['leakage']]
