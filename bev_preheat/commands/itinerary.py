@@ -14,7 +14,7 @@ from bev_preheat.errors import InvalidInput
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState
-from bev_preheat.supervision.inputs import check_mission, NS_PER_S
+from bev_preheat.supervision.inputs import check_mission, Leg, NS_PER_S
 from bev_preheat.supervision.itinerary import load_itinerary
 from bev_preheat.vehicle import vehicle_file
 
@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     from argparse import Namespace
 
     from bev_preheat.commands.arguments import Alternatives
+    from bev_preheat.planning.plan import Plan
+    from bev_preheat.vehicle.description import Vehicle
 
 
 def add_itinerary_argument(parser: Alternatives) -> None:
@@ -42,11 +44,10 @@ def run_itinerary(arguments: Namespace) -> int:
     # The first leg departs as measured.
     first, *others = itinerary.mission.legs
     first = replace(first, departure=BatteryState(arguments.temperature, arguments.soc))
-    legs = [replace(leg, route=in_steps(leg.route, arguments)) for leg in (first, *others)]
+    legs = tuple(replace(leg, route=in_steps(leg.route, arguments)) for leg in (first, *others))
     target_c = target_of(arguments, vehicle)
     check_mission(vehicle, replace(itinerary.mission, legs=legs), target_c)
-    plans = [plan_preheating(vehicle, leg.route, leg.departure, leg.goal(target_c),
-                             arguments.method) for leg in legs]
+    plans = [_plan(vehicle, leg, target_c, arguments.method) for leg in legs]
     starts_s = [leg.start_ns / NS_PER_S for leg in legs]
     headings = [f'{number}: {name}' for number, name in enumerate(itinerary.route_names, start=1)]
     title = f'vehicle {vehicle.name}, itinerary {itinerary.mission.route_id}'
@@ -68,6 +69,12 @@ def run_itinerary(arguments: Namespace) -> int:
         console.print(f'{heading}: {plan.status.name}: {plan.explanation}', markup=False,
                       soft_wrap=True)
     return 0
+
+
+def _plan(vehicle: Vehicle, leg: Leg, target_c: float, method: str) -> Plan:
+    """Return the Plan of a Leg from its departure on."""
+    assert leg.departure is not None
+    return plan_preheating(vehicle, leg.route, leg.departure, leg.goal(target_c), method)
 
 
 def _refuse_what_legs_say(arguments: Namespace) -> None:

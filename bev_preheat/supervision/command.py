@@ -6,14 +6,22 @@ The one gate between plans and the heater: 0 W unless every condition for heatin
 command with a lease. Nothing is planned here.
 """
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 from bev_preheat.planning.status import Status
 from bev_preheat.supervision.command_history import CommandHistory
 from bev_preheat.supervision.decision import Command, Decision
 from bev_preheat.supervision.heater_switch import HeaterSwitch
-from bev_preheat.supervision.inputs import NS_PER_S
+from bev_preheat.supervision.inputs import Leg, NS_PER_S
+
+if TYPE_CHECKING:
+    from bev_preheat.supervision.inbox import Inbox
+    from bev_preheat.vehicle.description import Vehicle
 
 
-def find_obstacle(inbox, now_ns):
+def find_obstacle(inbox: Inbox, now_ns: int) -> Decision | None:
     """Return a Decision that keeps the heater off at an instant [ns]; None if nothing forbids heating."""
     if not inbox.is_enabled:
         return Decision(Status.DISABLED, 'Preheating is switched off through ~/enable.')
@@ -40,34 +48,35 @@ def find_obstacle(inbox, now_ns):
 class Commander:
     """Gives the heater's commands and remembers them; instants in nanoseconds."""
 
-    def __init__(self):
+    def __init__(self) -> None:
         """Start with the heater off."""
         self.history = CommandHistory()
         self._switch = HeaterSwitch()
 
     @property
-    def is_heating(self):
+    def is_heating(self) -> bool:
         """Whether the heater is switched on."""
         return self._switch.is_on
 
-    def allow_switching(self):
+    def allow_switching(self) -> None:
         """Let the heater be switched at once: the reason for its waiting time is gone."""
         self._switch.allow()
 
-    def off(self, now_ns, lease_s, reason):
+    def off(self, now_ns: int, lease_s: float, reason: Status) -> Command:
         """Return a Command of 0 W for a reason; it counts as given."""
         self._switch.force_off()
         self.history.note(now_ns, 0.0)
         return Command(0.0, now_ns + round(lease_s * NS_PER_S), reason)
 
-    def give(self, now_ns, inbox, decision):
+    def give(self, now_ns: int, inbox: Inbox, decision: Decision) -> Command:
         """Return the Command that a Decision allows at an instant; it counts as given."""
         settings = inbox.settings
         decision = find_obstacle(inbox, now_ns) or decision
         reason = self._reason_for_off(now_ns, decision)
         if reason is not None:
             return self.off(now_ns, settings.lease_s, reason)
-        plan = decision.commanded or decision.plan
+        plan, measurement = decision.commanded or decision.plan, inbox.measurement
+        assert plan is not None and decision.leg is not None and measurement is not None
         # A partial step's power is computed and may round to slightly more than the limit.
         limit_w = _heater_limit_w(inbox.vehicle, decision.leg, now_ns)
         elapsed_s = (now_ns - decision.plan_start_ns) / NS_PER_S
@@ -84,12 +93,12 @@ class Commander:
         elif power_w == 0.0 and reason is Status.HEATING:
             reason = Status.WAITING
         # No lease outlives the battery state that it rests on.
-        stale_ns = inbox.measurement.stamp_ns + round(settings.battery_state_timeout_s * NS_PER_S)
+        stale_ns = measurement.stamp_ns + round(settings.battery_state_timeout_s * NS_PER_S)
         lease_end_ns = now_ns + round(settings.lease_s * NS_PER_S)
         return Command(power_w, min(lease_end_ns, stale_ns), reason)
 
     @staticmethod
-    def _reason_for_off(now_ns, decision):
+    def _reason_for_off(now_ns: int, decision: Decision) -> Status | None:
         """Return the Status that keeps the heater off under a Decision; None if it may heat."""
         plan = decision.commanded or decision.plan
         if plan is None:
@@ -103,7 +112,7 @@ class Commander:
         return None
 
 
-def _heater_limit_w(vehicle, leg, now_ns):
+def _heater_limit_w(vehicle: Vehicle, leg: Leg, now_ns: int) -> float:
     """Return the heater power that the cabin leaves [W] at an instant on a leg."""
     segment = leg.route.segment_at((now_ns - leg.start_ns) / NS_PER_S)
     cabin_w = float(leg.route.cabin_heating_power_w[segment])

@@ -12,12 +12,12 @@ KEPT_NS = 70_000_000_000
 class CommandHistory:
     """The heater's commanded power [W] over the last minutes; instants in nanoseconds."""
 
-    def __init__(self):
+    def __init__(self) -> None:
         """No command so far: 0 W."""
         self._changes = deque([(0, 0.0)])
         self._heated_ns = 0
 
-    def note(self, instant_ns, power_w):
+    def note(self, instant_ns: int, power_w: float) -> None:
         """Note that from an instant on this is commanded; instants do not fall."""
         changes = self._changes
         if changes[-1][0] > instant_ns:
@@ -31,19 +31,19 @@ class CommandHistory:
         while len(changes) > 2 and changes[1][0] < instant_ns - KEPT_NS:
             changes.popleft()
 
-    def heated_s(self, now_ns):
+    def heated_s(self, now_ns: int) -> float:
         """Return for how long [s] heating has been commanded since `forget_heating`."""
         return (self._heated_ns + self._heating_for_ns(now_ns)) / NS_PER_S
 
-    def forget_heating(self, now_ns):
+    def forget_heating(self, now_ns: int) -> None:
         """Count the time of heating from 0 again, because another drive begins."""
         self._heated_ns = -self._heating_for_ns(now_ns)
 
-    def _heating_for_ns(self, now_ns):
+    def _heating_for_ns(self, now_ns: int) -> int:
         since_ns, power_w = self._changes[-1]
         return max(0, now_ns - since_ns) if power_w > 0.0 else 0
 
-    def mean_w(self, from_ns, to_ns):
+    def mean_w(self, from_ns: int, to_ns: int) -> float:
         """Return the mean commanded power [W] between two instants; at one, where they are one."""
         later_ns, energy = to_ns, 0.0
         for changed_ns, power_w in reversed(self._changes):

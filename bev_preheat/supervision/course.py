@@ -1,12 +1,22 @@
 # SPDX-License-Identifier: Apache-2.0
 """The drive that the route plans between two instants, for the estimator."""
 
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
 from bev_preheat.estimation.estimator import Stretch
 from bev_preheat.estimation.state import DriveInputs
-from bev_preheat.supervision.inputs import NS_PER_S
+from bev_preheat.supervision.inputs import Mission, NS_PER_S
+
+if TYPE_CHECKING:
+    from bev_preheat.supervision.command_history import CommandHistory
+    from bev_preheat.vehicle.description import Vehicle
 
 
-def stretches_between(edges_ns, vehicle, mission, commands):
+def stretches_between(edges_ns: Sequence[int], vehicle: Vehicle, mission: Mission | None,
+                      commands: CommandHistory) -> tuple[Stretch, ...]:
     """
     Return the estimation.estimator.Stretch between each of the instants [ns] and the next.
 
@@ -20,7 +30,8 @@ def stretches_between(edges_ns, vehicle, mission, commands):
     return tuple(stretches)
 
 
-def _planned_between(vehicle, mission, from_ns, to_ns):
+def _planned_between(vehicle: Vehicle, mission: Mission | None, from_ns: int,
+                     to_ns: int) -> tuple[DriveInputs | None, float]:
     """
     Return (DriveInputs, heater power left by the cabin [W]) for the middle of two instants [ns].
 

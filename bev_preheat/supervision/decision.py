@@ -35,8 +35,8 @@ class Decision:
     plan: Plan | None = None
     plan_start_ns: int = 0
     leg: Leg | None = None
-    later_legs: tuple = ()
+    later_legs: tuple[Leg, ...] = ()
     arrival_deviation_k: float = math.nan
     commanded: Plan | None = None
     command_share: float = 1.0
-    model_factors: tuple = ()
+    model_factors: tuple[float, ...] = ()

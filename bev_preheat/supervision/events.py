@@ -6,14 +6,20 @@ Everything that a step of the planner can be given.
 `source` names the input in log lines, '' where it cannot be refused.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, TYPE_CHECKING
 
 from bev_preheat.errors import InvalidInput
 from bev_preheat.supervision.inputs import Measurement, Mission
 from bev_preheat.supervision.refusals import BATTERY, RefusedRoute, ROUTE
 from bev_preheat.supervision.settings import Settings
 from bev_preheat.vehicle.description import Vehicle
+
+if TYPE_CHECKING:
+    from bev_preheat.arrays import FloatArray
+    from bev_preheat.supervision.inbox import Inbox
 
 
 @dataclass(frozen=True)
@@ -24,7 +30,7 @@ class BatteryStateArrived:
     measurement: Measurement
     hint: str = ''
 
-    def deliver(self, inbox, now_ns):
+    def deliver(self, inbox: Inbox, now_ns: int) -> None:
         """Accept it, or refuse it with the hint."""
         try:
             inbox.accept_battery(self.measurement, now_ns)
@@ -42,7 +48,7 @@ class BatteryStateUnreadable:
     source: ClassVar[str] = BATTERY
     error: InvalidInput
 
-    def deliver(self, inbox, now_ns):
+    def deliver(self, inbox: Inbox, now_ns: int) -> None:
         """Refuse it."""
         inbox.refuse_battery(self.error)
         raise self.error
@@ -55,7 +61,7 @@ class RouteArrived:
     source: ClassVar[str] = ROUTE
     mission: Mission
 
-    def deliver(self, inbox, now_ns):
+    def deliver(self, inbox: Inbox, now_ns: int) -> None:
         """Accept it, or refuse it."""
         inbox.accept_mission(self.mission)
 
@@ -68,7 +74,7 @@ class RouteUnreadable:
     error: InvalidInput
     refused: RefusedRoute = RefusedRoute()
 
-    def deliver(self, inbox, now_ns):
+    def deliver(self, inbox: Inbox, now_ns: int) -> None:
         """Refuse it."""
         inbox.refuse_route(self.error, self.refused)
         raise self.error
@@ -80,7 +86,7 @@ class TripCancelled:
 
     source: ClassVar[str] = ROUTE
 
-    def deliver(self, inbox, now_ns):
+    def deliver(self, inbox: Inbox, now_ns: int) -> None:
         """Drop the route."""
         inbox.cancel()
 
@@ -92,7 +98,7 @@ class PreheatingSwitched:
     source: ClassVar[str] = ''
     is_enabled: bool
 
-    def deliver(self, inbox, now_ns):
+    def deliver(self, inbox: Inbox, now_ns: int) -> None:
         """Note it."""
         inbox.is_enabled = self.is_enabled
 
@@ -104,7 +110,7 @@ class RivalsChanged:
     source: ClassVar[str] = ''
     names: str
 
-    def deliver(self, inbox, now_ns):
+    def deliver(self, inbox: Inbox, now_ns: int) -> None:
         """Note them."""
         inbox.rivals = self.names
 
@@ -124,9 +130,9 @@ class Reconfigured:
     vehicle: Vehicle
     settings: Settings
     mission: Mission | InvalidInput | None = None
-    learned: tuple | None = None
+    learned: tuple[FloatArray, FloatArray] | None = None
 
-    def deliver(self, inbox, now_ns):
+    def deliver(self, inbox: Inbox, now_ns: int) -> None:
         """Apply them; the route is refused where it does not fit the vehicle."""
         inbox.vehicle, inbox.settings = self.vehicle, self.settings
         if isinstance(self.mission, InvalidInput):
@@ -134,3 +140,8 @@ class Reconfigured:
             raise self.mission
         if self.mission is not None:
             inbox.revise_mission(self.mission)
+
+
+# What Supervisor.step is given.
+Event = (BatteryStateArrived | BatteryStateUnreadable | RouteArrived | RouteUnreadable | TripCancelled
+         | PreheatingSwitched | RivalsChanged | Reconfigured)

@@ -12,21 +12,22 @@ class HeaterSwitch:
     no waiting time behind.
     """
 
-    def __init__(self):
+    def __init__(self) -> None:
         """Start with the heater off."""
         self.is_on = False
-        self._since_ns = None
+        self._since_ns: int | None = None
         self._power_w = 0.0
 
-    def force_off(self):
+    def force_off(self) -> None:
         """Switch off because something is in doubt, or there is nothing to heat for."""
         self.is_on, self._since_ns, self._power_w = False, None, 0.0
 
-    def allow(self):
+    def allow(self) -> None:
         """Let the heater be switched at once: what made it wait is no longer true."""
         self._since_ns = None
 
-    def power_w(self, now_ns, wanted_w, limit_w, minimum_on_time_s, minimum_off_time_s):
+    def power_w(self, now_ns: int, wanted_w: float, limit_w: float, minimum_on_time_s: float,
+                minimum_off_time_s: float) -> float:
         """
         Return the power [W] to command: `wanted_w`, unless the latest switching was too recent.
 
@@ -43,7 +44,7 @@ class HeaterSwitch:
         self._power_w = min(self._power_w, limit_w)
         return self._power_w
 
-    def _must_wait(self, now_ns, least_s):
+    def _must_wait(self, now_ns: int, least_s: float) -> bool:
         # A clock that was set back tells nothing of how long ago it was.
         return (self._since_ns is not None
                 and 0 <= now_ns - self._since_ns < round(least_s * NS_PER_S))

@@ -9,11 +9,11 @@ integers, in nanoseconds of the node's clock.
 from dataclasses import dataclass, replace
 
 from bev_preheat.errors import InvalidInput
-from bev_preheat.planning.situation import check_situation
-from bev_preheat.supervision.inputs import check_mission, Measurement, Mission, NS_PER_S
+from bev_preheat.planning.situation import check_situation, Goal
+from bev_preheat.supervision.inputs import check_mission, Leg, Measurement, Mission, NS_PER_S
 from bev_preheat.supervision.refusals import Refusals, RefusedRoute
 from bev_preheat.supervision.settings import defaults_of, Settings
-from bev_preheat.vehicle.description import Vehicle
+from bev_preheat.vehicle.description import Defaults, Vehicle
 
 # A clock that falls back by more than this was set or restarted; stamps before it mean nothing.
 CLOCK_RESTART_S = 1.0
@@ -29,7 +29,7 @@ class Changes:
     `clock_restarted`: stamps before this mean nothing.
     """
 
-    measurements: tuple = ()
+    measurements: tuple[Measurement, ...] = ()
     has_new_mission: bool = False
     has_new_trip: bool = False
     clock_restarted: bool = False
@@ -38,7 +38,7 @@ class Changes:
 class Inbox:
     """Keeps the last valid inputs; `vehicle`, `settings`, `is_enabled` and `rivals` may be set."""
 
-    def __init__(self, vehicle: Vehicle, settings: Settings):
+    def __init__(self, vehicle: Vehicle, settings: Settings) -> None:
         """Start without input."""
         self.vehicle, self.settings = vehicle, settings
         self.is_enabled = True
@@ -48,27 +48,27 @@ class Inbox:
         self.latest_mission: Mission | None = None
         self.measurement: Measurement | None = None
         self.is_cancelled = False  # By the latest route plan.
-        self._route_id = None  # Of the latest valid route, also after that was dropped.
+        self._route_id: str | None = None  # Of the latest valid route, also after that was dropped.
         self._refusals = Refusals()
         self._latest_ns = 0
         self._changes = Changes()
 
     @property
-    def refusal(self):
+    def refusal(self) -> str | None:
         """The sentence of the latest refusal that holds the heater off; None if none does."""
         return self._refusals.obstacle
 
     @property
-    def refused_route(self):
+    def refused_route(self) -> str | None:
         """The sentence of the latest route plan's refusal; None after a valid one."""
         return self._refusals.route
 
     @property
-    def defaults(self):
+    def defaults(self) -> Defaults:
         """The Defaults of vehicle and settings, for reading routes."""
         return defaults_of(self.vehicle, self.settings)
 
-    def goal_of(self, leg):
+    def goal_of(self, leg: Leg) -> Goal:
         """Return the Goal of a leg; settings and vehicle fill in what the leg leaves open."""
         goal = leg.goal(self.defaults.target_battery_temperature_c)
         if goal.minimum_arrival_soc > 0.0:
@@ -76,14 +76,14 @@ class Inbox:
             goal = replace(goal, minimum_arrival_soc=reserve)
         return goal
 
-    def take_changes(self):
+    def take_changes(self) -> Changes:
         """Return the Changes since the last call."""
         changes, self._changes = self._changes, Changes()
         return changes
 
     # Battery states
 
-    def accept_battery(self, measurement, now_ns):
+    def accept_battery(self, measurement: Measurement, now_ns: int) -> None:
         """Keep a Measurement, or refuse it and keep the one before."""
         if now_ns < self._latest_ns - CLOCK_RESTART_S * NS_PER_S:
             self.measurement = None
@@ -99,11 +99,11 @@ class Inbox:
             self._changes, measurements=(*self._changes.measurements, measurement))
         self._refusals.lift_by_battery()
 
-    def refuse_battery(self, error):
+    def refuse_battery(self, error: InvalidInput) -> None:
         """Note that a battery state was refused: 0 W until a valid one arrives."""
         self._refusals.note_battery(error)
 
-    def _check_battery(self, measurement, now_ns):
+    def _check_battery(self, measurement: Measurement, now_ns: int) -> None:
         if now_ns == 0:
             raise InvalidInput('use_sim_time is set and no /clock has arrived: time stands at 0')
         check_situation(self.vehicle, state=measurement.state)
@@ -120,7 +120,7 @@ class Inbox:
 
     # Routes
 
-    def accept_mission(self, mission):
+    def accept_mission(self, mission: Mission) -> None:
         """Replace the route by a new one, or refuse it as `refuse_route` does."""
         try:
             self._check_mission(mission)
@@ -132,7 +132,7 @@ class Inbox:
         self._follow(mission, is_new_trip)
         self._refusals.lift_by_route()
 
-    def revise_mission(self, mission):
+    def revise_mission(self, mission: Mission) -> None:
         """
         Replace the current route by the same one under other parameters.
 
@@ -147,28 +147,28 @@ class Inbox:
         self._follow(mission)
         self._refusals.lift_misfit()
 
-    def drop_misfit(self, error):
+    def drop_misfit(self, error: InvalidInput) -> None:
         """Drop the current route, which does not fit the parameters, but remember that it is there."""
         latest_mission = self.latest_mission
         self._follow(None)
         self.latest_mission = latest_mission
         self._refusals.note_misfit(error)
 
-    def cancel(self):
+    def cancel(self) -> None:
         """Drop the route: there is nothing to heat for until a new one arrives."""
         self._follow(None, is_new_trip=True)
         self.is_cancelled = True
         self._refusals.lift_by_route()
 
-    def refuse_route(self, error, refused=RefusedRoute()):
+    def refuse_route(self, error: InvalidInput, refused: RefusedRoute = RefusedRoute()) -> None:
         """Note that a route was refused: 0 W, for how long depends on its RefusedRoute."""
         if not self._refusals.note_route(error, refused, self.mission, self._latest_ns):
             self._follow(None)
 
-    def _check_mission(self, mission):
+    def _check_mission(self, mission: Mission) -> None:
         check_mission(self.vehicle, mission, self.defaults.target_battery_temperature_c)
 
-    def _follow(self, mission, is_new_trip=False):
+    def _follow(self, mission: Mission | None, is_new_trip: bool = False) -> None:
         self.mission = self.latest_mission = mission
         self.is_cancelled = False
         self._changes = replace(

@@ -1,12 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
 """Inputs of the supervisor, stamped: the battery's state, and the trip ahead."""
 
+from __future__ import annotations
+
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 from bev_preheat.errors import InvalidInput
 from bev_preheat.planning.situation import BatteryState, check_situation, Goal
 from bev_preheat.route.segments import Route
 from bev_preheat.supervision.settings import MOST_PLANNED_STEPS
+
+if TYPE_CHECKING:
+    from bev_preheat.vehicle.description import Vehicle
 
 NS_PER_S = 1_000_000_000
 
@@ -25,7 +32,7 @@ class Measurement:
     current_a: float | None = None
 
     @property
-    def power_w(self):
+    def power_w(self) -> float | None:
         """Power that the battery gives at its terminals [W]; None where it is not known."""
         if self.voltage_v is None or self.current_a is None:
             return None
@@ -49,22 +56,22 @@ class Leg:
     minimum_arrival_soc: float = 0.0
     departure: BatteryState | None = None
 
-    def goal(self, default_target_c):
+    def goal(self, default_target_c: float) -> Goal:
         """Return the Goal of the leg; `default_target_c` [deg C] is for one without a target."""
         target_c = self.target_temperature_c
         return Goal(default_target_c if target_c is None else target_c,
                     self.minimum_arrival_soc, self.charging_planned)
 
     @property
-    def arrival_ns(self):
+    def arrival_ns(self) -> int:
         """Instant at which the leg ends [ns]."""
         return self.start_ns + round(self.route.total_duration_s * NS_PER_S)
 
-    def ended_for_s(self, instant_ns):
+    def ended_for_s(self, instant_ns: int) -> float:
         """Return how long ago [s] the leg ended, at an instant [ns]; negative before its end."""
         return (instant_ns - self.start_ns) / NS_PER_S - self.route.total_duration_s
 
-    def route_ahead(self, instant_ns):
+    def route_ahead(self, instant_ns: int) -> Route | None:
         """Return the Route from an instant [ns] on: all before the start, None after the end."""
         elapsed_s = (instant_ns - self.start_ns) / NS_PER_S
         if elapsed_s >= self.route.total_duration_s:
@@ -77,31 +84,31 @@ class Mission:
     """A trip: at least one Leg, in driving order, with a stop between each and the next."""
 
     route_id: str
-    legs: tuple
+    legs: tuple[Leg, ...]
 
     @property
-    def start_ns(self):
+    def start_ns(self) -> int:
         """Instant at which the first leg starts [ns]."""
         return self.legs[0].start_ns
 
-    def in_planning_steps(self, planning_step_s):
+    def in_planning_steps(self, planning_step_s: float) -> Mission:
         """Return the Mission with its legs in steps of `planning_step_s` seconds or longer."""
         return replace(self, legs=tuple(
             replace(leg, route=in_planning_steps(leg.route, planning_step_s))
             for leg in self.legs))
 
-    def leg_number(self, instant_ns):
+    def leg_number(self, instant_ns: int) -> int:
         """Return the index of the latest leg begun at an instant [ns]; 0 before the trip."""
         begun = sum(leg.start_ns <= instant_ns for leg in self.legs)
         return max(0, begun - 1)
 
 
-def in_planning_steps(route, planning_step_s):
+def in_planning_steps(route: Route, planning_step_s: float) -> Route:
     """Return the Route in steps of `planning_step_s` seconds, longer where it is a long one."""
     return route.resampled(max(planning_step_s, route.total_duration_s / MOST_PLANNED_STEPS))
 
 
-def with_stops(legs, stop_durations_s):
+def with_stops(legs: Sequence[Leg], stop_durations_s: Sequence[float]) -> tuple[Leg, ...]:
     """Return the Legs with each one starting [s] after the end of the one before it."""
     placed = list(legs[:1])
     for leg, stop_s in zip(legs[1:], stop_durations_s):
@@ -111,7 +118,7 @@ def with_stops(legs, stop_durations_s):
     return tuple(placed)
 
 
-def check_mission(vehicle, mission, default_target_c):
+def check_mission(vehicle: Vehicle, mission: Mission, default_target_c: float) -> None:
     """Raise InvalidInput, one problem a quantity, where the vehicle's model does not fit."""
     problems = []
     for number, leg in enumerate(mission.legs, start=1):

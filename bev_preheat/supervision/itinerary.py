@@ -1,15 +1,21 @@
 # SPDX-License-Identifier: Apache-2.0
 """A trip with stops as a YAML file (see itinerary_schema.yaml)."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from bev_preheat.checked_yaml import load_checked_yaml
+from bev_preheat.checked_yaml import FileData, load_checked_yaml
 from bev_preheat.configuration import find_configuration
 from bev_preheat.errors import InvalidInput
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.route import route_for
 from bev_preheat.supervision.inputs import Leg, Mission, with_stops
+
+if TYPE_CHECKING:
+    from bev_preheat.vehicle.description import Vehicle
 
 SCHEMA = Path(__file__).with_name('itinerary_schema.yaml')
 STOP_KEYS = ('stop_duration_s', 'departure_temperature_c', 'departure_soc')
@@ -26,13 +32,13 @@ class Itinerary:
     """
 
     mission: Mission
-    route_names: tuple
-    routes_made_for: tuple
-    files: tuple
-    warnings: tuple
+    route_names: tuple[str, ...]
+    routes_made_for: tuple[str | None, ...]
+    files: tuple[Path, ...]
+    warnings: tuple[str, ...]
 
 
-def load_itinerary(name_or_file, vehicle):
+def load_itinerary(name_or_file: str | Path, vehicle: Vehicle) -> Itinerary:
     """
     Return the Itinerary of a name (a file in config/itineraries) or of a YAML file.
 
@@ -61,14 +67,15 @@ def load_itinerary(name_or_file, vehicle):
             departure = BatteryState(node['departure_temperature_c'], node['departure_soc'])
     if problems:
         raise InvalidInput([f'{path}: {problem}' for problem in problems])
-    legs = with_stops(legs, [node['stop_duration_s'] for node in nodes[:-1]])
     return Itinerary(
-        Mission(description['name'], legs), tuple(node['route'] for node in nodes),
+        Mission(description['name'], with_stops(
+            legs, [node['stop_duration_s'] for node in nodes[:-1]])),
+        tuple(node['route'] for node in nodes),
         tuple(route.made_for for route in loaded), (path, *(route.file for route in loaded)),
         tuple(dict.fromkeys(route.warning for route in loaded if route.warning)))
 
 
-def _stop_problems(nodes):
+def _stop_problems(nodes: list[dict[str, FileData]]) -> list[str]:
     """Return what is wrong with the stops, which are between the legs and nowhere else."""
     problems = []
     for index, node in enumerate(nodes[:-1]):

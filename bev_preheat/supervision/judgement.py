@@ -6,19 +6,31 @@ Only the current leg is planned from the battery's state, again with every input
 from the departure that the route gives; its plan is made once.
 """
 
+from __future__ import annotations
+
+from collections.abc import Iterable
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from bev_preheat.errors import InvalidInput, PlanningFailure
-from bev_preheat.estimation.estimator import Estimator
+from bev_preheat.estimation.estimator import Estimate, Estimator
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.status import Status
 from bev_preheat.supervision.course import stretches_between
 from bev_preheat.supervision.decision import Decision
-from bev_preheat.supervision.inputs import NS_PER_S
+from bev_preheat.supervision.inputs import Leg, Measurement, Mission, NS_PER_S
 from bev_preheat.supervision.outlook import OutlookMaker, seen_from_now
+
+if TYPE_CHECKING:
+    from bev_preheat.arrays import FloatArray
+    from bev_preheat.planning.situation import BatteryState
+    from bev_preheat.supervision.command_history import CommandHistory
+    from bev_preheat.supervision.inbox import Inbox
+    from bev_preheat.supervision.settings import Settings
+    from bev_preheat.vehicle.description import Vehicle
 
 # A state this near to the plan's forecast, within this time, is on track.
 ON_TRACK_FOR_S = 60.0
@@ -29,34 +41,37 @@ ON_TRACK_SOC = 5e-4
 class Judgement:
     """Learns from battery states and makes Decisions for one vehicle."""
 
-    def __init__(self, vehicle, factors=None, factor_covariance=None):
+    def __init__(self, vehicle: Vehicle, factors: FloatArray | None = None,
+                 factor_covariance: FloatArray | None = None) -> None:
         """Start from the vehicle file, or from remembered factors: see estimation.belief.Belief."""
         self._vehicle = vehicle
         self._outlooks = OutlookMaker(vehicle)
         self._estimator = Estimator(vehicle, factors, factor_covariance)
         # Decisions by Leg, and the settings that they were made with.
-        self._later_decisions, self._later_settings = {}, None
+        self._later_decisions: dict[Leg, Decision] = {}
+        self._later_settings: Settings | None = None
 
     @property
-    def vehicle(self):
+    def vehicle(self) -> Vehicle:
         """The Vehicle, as its file describes it."""
         return self._vehicle
 
     @property
-    def estimate(self):
+    def estimate(self) -> Estimate | None:
         """The latest estimation.estimator.Estimate; None before the first battery state."""
         return self._estimator.estimate
 
-    def follow_new_mission(self):
+    def follow_new_mission(self) -> None:
         """Drop the plans and the arrival's uncertainty of the route before."""
         self._later_decisions.clear()
         self._outlooks.forget_deviation()
 
-    def lose_time(self):
+    def lose_time(self) -> None:
         """Take the temperature from the next reading alone, because the clock was restarted."""
         self._estimator.lose_time()
 
-    def learn(self, measurements, mission, commands):
+    def learn(self, measurements: Iterable[Measurement], mission: Mission | None,
+              commands: CommandHistory) -> None:
         """Take Measurements in, on a Mission and under a CommandHistory."""
         for measurement in measurements:
             stamp_ns = measurement.stamp_ns
@@ -65,13 +80,14 @@ class Judgement:
                 stretches_between(
                     self._estimator.edges_ns(stamp_ns), self._vehicle, mission, commands))
 
-    def decide(self, inbox, now_ns, is_heating, heated_s):
+    def decide(self, inbox: Inbox, now_ns: int, is_heating: bool, heated_s: float) -> Decision:
         """
         Return the Decision for valid inputs at an instant [ns].
 
         `is_heating`: the heater is on; it has heated the battery for `heated_s` [s] on this trip.
         """
         mission = inbox.mission
+        assert mission is not None
         number = mission.leg_number(now_ns)
         leg, later_legs = mission.legs[number], mission.legs[number + 1:]
         ended_for_s = leg.ended_for_s(now_ns)
@@ -84,24 +100,28 @@ class Judgement:
         return Decision(Status.ARRIVED,
                         f'The route has ended: arrived {duration_text(ended_for_s)} ago.')
 
-    def _plan_current(self, inbox, leg, now_ns, is_heating, heated_s):
+    def _plan_current(self, inbox: Inbox, leg: Leg, now_ns: int, is_heating: bool,
+                      heated_s: float) -> Decision:
         """Return the Decision for the current leg, from the battery's present state."""
-        settings, goal = inbox.settings, inbox.goal_of(leg)
+        settings, goal, measurement = inbox.settings, inbox.goal_of(leg), inbox.measurement
+        assert measurement is not None
         estimate = self.estimate if settings.estimation else None
-        stamp_ns = inbox.measurement.stamp_ns if estimate is None else estimate.stamp_ns
+        stamp_ns = measurement.stamp_ns if estimate is None else estimate.stamp_ns
         # A stamp ahead of this clock must not delay what the plan wants now.
         start_ns = max(min(stamp_ns, now_ns), leg.start_ns)
         starts_in_s = (start_ns - now_ns) / NS_PER_S
         if estimate is None:
-            decision = self._plan(inbox, leg, inbox.measurement.state, start_ns)
+            decision = self._plan(inbox, leg, measurement.state, start_ns)
             if decision.plan is None:
                 return decision
             plan = seen_from_now(
                 decision.plan, self._vehicle, goal, starts_in_s, heated_s=heated_s)
             return replace(decision, status=plan.status, explanation=plan.explanation, plan=plan)
+        route = leg.route_ahead(start_ns)
+        assert route is not None
         try:
             outlook = self._outlooks.make(
-                estimate, leg.route_ahead(start_ns), goal, settings, is_heating, starts_in_s,
+                estimate, route, goal, settings, is_heating, starts_in_s,
                 heated_s)
         except (InvalidInput, PlanningFailure) as error:
             return Decision(Status.INVALID_INPUT, str(error))
@@ -111,25 +131,28 @@ class Judgement:
                         commanded=outlook.commanded, command_share=outlook.command_share,
                         model_factors=outlook.model_factors)
 
-    def _plan(self, inbox, leg, state, start_ns):
+    def _plan(self, inbox: Inbox, leg: Leg, state: BatteryState, start_ns: int) -> Decision:
         """Return the Decision for a leg from a state at an instant [ns] before its end on."""
+        route = leg.route_ahead(start_ns)
+        assert route is not None
         try:
-            plan = plan_preheating(self._vehicle, leg.route_ahead(start_ns), state,
-                                   inbox.goal_of(leg), inbox.settings.method)
+            plan = plan_preheating(
+                self._vehicle, route, state, inbox.goal_of(leg), inbox.settings.method)
         except (InvalidInput, PlanningFailure) as error:
             return Decision(Status.INVALID_INPUT, str(error))
         return Decision(plan.status, plan.explanation, plan, start_ns, leg)
 
-    def decide_later(self, inbox, decision):
+    def decide_later(self, inbox: Inbox, decision: Decision) -> tuple[Decision, ...]:
         """Return a Decision for each later leg of a Decision, from its departure on."""
         if inbox.settings != self._later_settings:
             self._later_decisions, self._later_settings = {}, inbox.settings
         for leg in decision.later_legs:
             if leg not in self._later_decisions:
+                assert leg.departure is not None
                 self._later_decisions[leg] = self._plan(inbox, leg, leg.departure, leg.start_ns)
         return tuple(self._later_decisions[leg] for leg in decision.later_legs)
 
-    def is_on_track(self, inbox, decision):
+    def is_on_track(self, inbox: Inbox, decision: Decision) -> bool:
         """
         Return whether the latest state is close to the forecast of the plan at hand.
 
@@ -151,7 +174,7 @@ class Judgement:
                     and abs(state.soc - forecast_soc) <= ON_TRACK_SOC)
 
 
-def _charging_sentence(leg, now_ns):
+def _charging_sentence(leg: Leg, now_ns: int) -> str:
     """Return the sentence on the stop before a leg and the drive after it."""
     end = 'to a fast charger' if leg.charging_planned else 'without fast charging at its end'
     return (f'Charging until departure in {duration_text((leg.start_ns - now_ns) / NS_PER_S)}; '

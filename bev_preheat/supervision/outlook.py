@@ -6,8 +6,11 @@ That is the estimated state, the corrected model, a margin for the uncertainty, 
 answers.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass, replace
 import math
+from typing import Any, TYPE_CHECKING
 
 import numpy as np
 
@@ -19,10 +22,17 @@ from bev_preheat.planning.caution import Caution
 from bev_preheat.planning.explanation import explain
 from bev_preheat.planning.plan import Plan
 from bev_preheat.planning.planner import plan_preheating
-from bev_preheat.planning.situation import BatteryState, reserve_soc
+from bev_preheat.planning.situation import BatteryState, Goal, reserve_soc
 from bev_preheat.planning.status import Status
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.vehicle.corrections import corrected_vehicle, Corrections
+
+if TYPE_CHECKING:
+    from bev_preheat.arrays import FloatArray
+    from bev_preheat.estimation.estimator import Estimate
+    from bev_preheat.route.segments import Route
+    from bev_preheat.supervision.settings import Settings
+    from bev_preheat.vehicle.description import Vehicle
 
 # The battery is to arrive warmer than the target by so many deviations of what cannot be made good
 # any more once heating has ended, at most by MOST_MARGIN_K.
@@ -68,10 +78,11 @@ class Outlook:
     arrival_deviation_k: float
     commanded: Plan | None = None
     command_share: float = 1.0
-    model_factors: tuple = ()
+    model_factors: tuple[float, ...] = ()
 
 
-def seen_from_now(plan, vehicle, goal, starts_in_s, **words):
+def seen_from_now(plan: Plan, vehicle: Vehicle, goal: Goal, starts_in_s: float,
+                  **words: Any) -> Plan:
     """
     Return a Plan whose status and sentence hold now; its time 0 lies `starts_in_s` [s] ahead.
 
@@ -87,17 +98,18 @@ def seen_from_now(plan, vehicle, goal, starts_in_s, **words):
 class OutlookMaker:
     """Makes Outlooks for one vehicle; keeps the corrected vehicle while it holds."""
 
-    def __init__(self, vehicle):
+    def __init__(self, vehicle: Vehicle) -> None:
         """Take the vehicle as its file describes it."""
         self._vehicle = vehicle
-        self._factors, self._corrected = None, vehicle
-        self._deviation_k = None
+        self._factors: FloatArray | None = None
+        self._corrected = vehicle
+        self._deviation_k: float | None = None
 
-    def forget_deviation(self):
+    def forget_deviation(self) -> None:
         """Forget how sure the arrival was: the route has changed."""
         self._deviation_k = None
 
-    def vehicle(self, estimate):
+    def vehicle(self, estimate: Estimate) -> Vehicle:
         """Return the corrected vehicle of an Estimate; the same one while the factors stay."""
         factors = estimate.mean[FACTORS][:PROPULSION - FACTORS.start]
         if self._factors is None or (
@@ -107,7 +119,8 @@ class OutlookMaker:
                 self._vehicle, Corrections(*np.exp(factors).tolist()))
         return self._corrected
 
-    def make(self, estimate, route, goal, settings, is_heating, starts_in_s=0.0, heated_s=0.0):
+    def make(self, estimate: Estimate, route: Route, goal: Goal, settings: Settings,
+             is_heating: bool, starts_in_s: float = 0.0, heated_s: float = 0.0) -> Outlook:
         """
         Return the Outlook for a route from the estimate's instant on.
 
@@ -120,7 +133,7 @@ class OutlookMaker:
         route = route.with_propulsion(estimate.propulsion_factor)
         share = heater.share if heater.heater is Heater.DERATED else 1.0
 
-        def plan(**outlook):
+        def plan(**outlook: Any) -> Plan:
             return plan_preheating(
                 vehicle, route, state, goal, settings.method,
                 self._caution(estimate, settings, is_heating), **outlook)
@@ -146,15 +159,18 @@ class OutlookMaker:
                         'target is certain.')
         else:
             sentence += expected.explanation
-        factors = () if heater.heater is not Heater.ANSWERS else (
-            *np.exp(self._factors).tolist(), estimate.propulsion_factor)
+        factors: tuple[float, ...] = ()
+        if heater.heater is Heater.ANSWERS:
+            assert self._factors is not None
+            factors = (*np.exp(self._factors).tolist(), estimate.propulsion_factor)
         return Outlook(replace(expected, explanation=sentence), self._deviation_k, commanded,
                        share, factors)
 
-    def _deviation(self, vehicle, route, share, plan, estimate):
+    def _deviation(self, vehicle: Vehicle, route: Route, share: float, plan: Plan,
+                   estimate: Estimate) -> float:
         return arrival_deviation_k(make_trip(vehicle, route, share), plan, estimate)
 
-    def _caution(self, estimate, settings, is_heating):
+    def _caution(self, estimate: Estimate, settings: Settings, is_heating: bool) -> Caution:
         lead_k = 0.0 if self._deviation_k is None else LEAD_DEVIATIONS * self._deviation_k
         return Caution(
             margin_k=min(MARGIN_DEVIATIONS * estimate.temperature_deviation_k, MOST_MARGIN_K),

@@ -7,10 +7,16 @@ route may have been a cancellation or another trip: the route before it goes on 
 of the refused one that can be read rules that out (docs/explanation/safety.md has the reasons).
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass, replace
 from enum import Enum
+from typing import Self, TYPE_CHECKING
 
-from bev_preheat.errors import quoted
+from bev_preheat.errors import InvalidInput, quoted
+
+if TYPE_CHECKING:
+    from bev_preheat.supervision.inputs import Mission
 
 BATTERY, ROUTE, VEHICLE = 'battery_state', 'route_plan', 'vehicle'
 # Sums of the same durations in other steps differ by less.
@@ -34,15 +40,15 @@ class RefusedRoute:
 
     route_id: str = ''
     charging_planned: bool = False
-    arrivals_ns: tuple | None = None
+    arrivals_ns: tuple[int, ...] | None = None
 
     @classmethod
-    def of_mission(cls, mission):
+    def of_mission(cls, mission: Mission) -> Self:
         """Return what a Mission says that was read, but does not fit the vehicle."""
         return cls(mission.route_id, mission.legs[-1].charging_planned,
                    tuple(leg.arrival_ns for leg in mission.legs))
 
-    def objection_to(self, mission, now_ns):
+    def objection_to(self, mission: Mission, now_ns: int) -> str:
         """
         Return why a Mission must not go on after this refusal, '' where it may.
 
@@ -69,7 +75,7 @@ class RefusedRoute:
         return ''
 
     @staticmethod
-    def _is_earlier(instant_ns, other_ns):
+    def _is_earlier(instant_ns: int, other_ns: int) -> bool:
         return instant_ns < other_ns - ROUNDING_NS
 
 
@@ -88,27 +94,28 @@ class Refusals:
     until a valid route comes.
     """
 
-    def __init__(self):
+    def __init__(self) -> None:
         """Begin with none."""
-        self._by_source = {}
+        self._by_source: dict[str, _Refusal] = {}
 
     @property
-    def obstacle(self):
+    def obstacle(self) -> str | None:
         """The sentence of the latest refusal that holds the heater off; None if none does."""
         holding = [refusal.sentence for refusal in self._by_source.values() if refusal.holds]
         return holding[-1] if holding else None
 
     @property
-    def route(self):
+    def route(self) -> str | None:
         """The sentence of the refused route, until a valid one comes; None if there is none."""
         refusal = self._by_source.get(ROUTE)
         return refusal.sentence if refusal else None
 
-    def note_battery(self, error):
+    def note_battery(self, error: InvalidInput) -> None:
         """Note that a battery state was refused."""
         self._note(BATTERY, f'{BATTERY} refused: {error}', Until.VALID_STATE)
 
-    def note_route(self, error, refused, mission, now_ns):
+    def note_route(self, error: InvalidInput, refused: RefusedRoute, mission: Mission | None,
+                   now_ns: int) -> bool:
         """
         Note that a route was refused; return whether the one before it, `mission`, may go on.
 
@@ -125,26 +132,26 @@ class Refusals:
         self._note(ROUTE, f'{ROUTE} refused: {error}. {consequence}', until)
         return not objection
 
-    def note_misfit(self, error):
+    def note_misfit(self, error: InvalidInput) -> None:
         """Note that the present route does not fit a new vehicle or new settings."""
         self._note(VEHICLE, f'{ROUTE} refused: {error}', Until.VALID_ROUTE)
 
-    def lift_by_battery(self):
+    def lift_by_battery(self) -> None:
         """Clear the refusals that a valid battery state makes good."""
         self._by_source.pop(BATTERY, None)
         self._by_source = {
             source: replace(refusal, holds=refusal.until is Until.VALID_ROUTE)
             for source, refusal in self._by_source.items()}
 
-    def lift_by_route(self):
+    def lift_by_route(self) -> None:
         """Clear the refusals that a valid route, or a cancellation, makes good."""
         self._by_source.pop(ROUTE, None)
         self.lift_misfit()
 
-    def lift_misfit(self):
+    def lift_misfit(self) -> None:
         """Let a vehicle that the route fits lift the misfit."""
         self._by_source.pop(VEHICLE, None)
 
-    def _note(self, source, sentence, until):
+    def _note(self, source: str, sentence: str, until: Until) -> None:
         self._by_source.pop(source, None)
         self._by_source[source] = _Refusal(sentence, until)

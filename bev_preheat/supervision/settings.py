@@ -1,10 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """What an integrator may set; the one source of the defaults."""
 
+from __future__ import annotations
+
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 import math
+from typing import Any, TYPE_CHECKING
 
 from bev_preheat.planning.planner import DEFAULT_METHOD
+
+if TYPE_CHECKING:
+    from bev_preheat.vehicle.description import Defaults, Vehicle
 
 # Longer legs are planned in longer steps, so that a plan never keeps the next command waiting.
 MOST_PLANNED_STEPS = 360
@@ -40,7 +47,7 @@ class Settings:
     minimum_off_time_s: float = 120.0
 
 
-def defaults_of(vehicle, settings):
+def defaults_of(vehicle: Vehicle, settings: Settings) -> Defaults:
     """Return a vehicle's Defaults, with the target of the settings where they have one."""
     target_c = settings.target_temperature_c
     return vehicle.defaults if target_c is None else replace(
@@ -63,7 +70,7 @@ FIELD_OF_PARAMETER = {
 }
 
 
-def settings_of(parameters):
+def settings_of(parameters: Mapping[str, Any]) -> Settings:
     """
     Return the Settings of parameters by name; what is missing keeps its default.
 

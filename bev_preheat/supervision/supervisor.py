@@ -6,15 +6,26 @@ The node, the simulated drives and every replay call `Supervisor.step`, and noth
 the planner does. Instants are integers, in nanoseconds of the node's clock.
 """
 
+from __future__ import annotations
+
+from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from bev_preheat.errors import InvalidInput, LONGEST_PROBLEM, shortened
 from bev_preheat.planning.status import Status
 from bev_preheat.supervision.command import Commander, find_obstacle
 from bev_preheat.supervision.decision import Command, Decision
-from bev_preheat.supervision.events import BatteryStateArrived, Reconfigured
+from bev_preheat.supervision.events import BatteryStateArrived, Event, Reconfigured
 from bev_preheat.supervision.inbox import Inbox
 from bev_preheat.supervision.judgement import Judgement
+
+if TYPE_CHECKING:
+    from bev_preheat.arrays import FloatArray
+    from bev_preheat.estimation.estimator import Estimate
+    from bev_preheat.supervision.inputs import Measurement, Mission
+    from bev_preheat.supervision.settings import Settings
+    from bev_preheat.vehicle.description import Vehicle
 
 
 @dataclass(frozen=True)
@@ -37,9 +48,9 @@ class Output:
 
     command: Command | None = None
     decision: Decision | None = None
-    later_decisions: tuple = ()
+    later_decisions: tuple[Decision, ...] = ()
     has_new_status: bool = False
-    refusals: tuple = ()
+    refusals: tuple[Refusal, ...] = ()
     failure: str = ''
 
 
@@ -50,7 +61,8 @@ class Supervisor:
     The properties show the state after the latest step; asking for them changes nothing.
     """
 
-    def __init__(self, vehicle, settings, learned=None):
+    def __init__(self, vehicle: Vehicle, settings: Settings,
+                 learned: tuple[FloatArray, FloatArray] | None = None) -> None:
         """
         Start without input.
 
@@ -61,10 +73,10 @@ class Supervisor:
         self._judgement = Judgement(vehicle, *learned or ())
         self._commander = Commander()
         self._decision = Decision(Status.NO_ROUTE, 'No route plan has arrived yet.')
-        self._latest_command = None
-        self._published_status = None
+        self._latest_command: Command | None = None
+        self._published_status: Status | None = None
 
-    def step(self, now_ns, *events):
+    def step(self, now_ns: int, *events: Event) -> Iterator[Output]:
         """
         Yield the Outputs of an instant, the urgent ones first; take them all.
 
@@ -77,7 +89,7 @@ class Supervisor:
         except Exception as error:
             yield self.fail(now_ns, f'{type(error).__name__}: {error}')
 
-    def _react(self, now_ns, events):
+    def _react(self, now_ns: int, events: tuple[Event, ...]) -> Iterator[Output]:
         refusals = tuple(filter(None, (self._deliver(event, now_ns) for event in events)))
         self._attend_to_changes(now_ns, events)
         answer = None
@@ -92,82 +104,82 @@ class Supervisor:
         # Nor does the command wait for the plans of later legs.
         yield self._publication()
 
-    def _let_time_pass(self, now_ns):
+    def _let_time_pass(self, now_ns: int) -> Iterator[Output]:
         self._decision = find_obstacle(self._inbox, now_ns) or self._decision
         yield Output(command=self._command(now_ns))
         if self._decision.status is not self._published_status:
             yield self._publication()
 
-    def fail(self, now_ns, what):
+    def fail(self, now_ns: int, what: str) -> Output:
         """Return the Output that switches the heater off after an exception, told in words."""
         what = shortened(what, LONGEST_PROBLEM)
         self._decision = Decision(Status.INTERNAL_ERROR, f'Planning failed: {what}')
         return Output(command=self._off(now_ns, Status.INTERNAL_ERROR), failure=what)
 
-    def stop(self, now_ns):
+    def stop(self, now_ns: int) -> Output:
         """Return the Output that leaves the heater off when the process ends."""
         return Output(command=self._off(now_ns, Status.SHUTTING_DOWN))
 
     # The state after the latest step
 
     @property
-    def vehicle(self):
+    def vehicle(self) -> Vehicle:
         """The Vehicle, as its file describes it."""
         return self._inbox.vehicle
 
     @property
-    def settings(self):
+    def settings(self) -> Settings:
         """The Settings."""
         return self._inbox.settings
 
     @property
-    def is_enabled(self):
+    def is_enabled(self) -> bool:
         """Whether preheating is switched on."""
         return self._inbox.is_enabled
 
     @property
-    def rivals(self):
+    def rivals(self) -> str:
         """Names of other nodes that command the same heater; '' for none."""
         return self._inbox.rivals
 
     @property
-    def mission(self):
+    def mission(self) -> Mission | None:
         """The current Mission; None without a route."""
         return self._inbox.mission
 
     @property
-    def latest_mission(self):
+    def latest_mission(self) -> Mission | None:
         """The Mission, or the one that was dropped because it does not fit the parameters."""
         return self._inbox.latest_mission
 
     @property
-    def measurement(self):
+    def measurement(self) -> Measurement | None:
         """The latest valid Measurement; None before the first."""
         return self._inbox.measurement
 
     @property
-    def refused_route(self):
+    def refused_route(self) -> str | None:
         """The sentence of the latest route plan's refusal; None after a valid one."""
         return self._inbox.refused_route
 
     @property
-    def estimate(self):
+    def estimate(self) -> Estimate | None:
         """The latest estimation.estimator.Estimate; None without one."""
         return self._judgement.estimate if self.settings.estimation else None
 
     @property
-    def decision(self):
+    def decision(self) -> Decision:
         """The current Decision."""
         return self._decision
 
     @property
-    def latest_command(self):
+    def latest_command(self) -> Command | None:
         """The latest Command; None before the first."""
         return self._latest_command
 
     # Parts of a step
 
-    def _deliver(self, event, now_ns):
+    def _deliver(self, event: Event, now_ns: int) -> Refusal | None:
         """Return the Refusal of an event; None if it is accepted."""
         try:
             event.deliver(self._inbox, now_ns)
@@ -175,7 +187,7 @@ class Supervisor:
             return Refusal(event.source, error)
         return None
 
-    def _attend_to_changes(self, now_ns, events):
+    def _attend_to_changes(self, now_ns: int, events: tuple[Event, ...]) -> None:
         changes = self._inbox.take_changes()
         for event in events:
             if isinstance(event, Reconfigured) and (
@@ -192,11 +204,11 @@ class Supervisor:
             self._judgement.learn(
                 changes.measurements, self._inbox.mission, self._commander.history)
 
-    def _is_on_track(self, now_ns):
+    def _is_on_track(self, now_ns: int) -> bool:
         return (find_obstacle(self._inbox, now_ns) is None
                 and self._judgement.is_on_track(self._inbox, self._decision))
 
-    def _decide(self, now_ns):
+    def _decide(self, now_ns: int) -> None:
         obstacle = find_obstacle(self._inbox, now_ns)
         if obstacle is not None:
             self._decision = obstacle
@@ -207,15 +219,15 @@ class Supervisor:
         if self._decision.status in (Status.CHARGING, Status.ARRIVED):
             history.forget_heating(now_ns)
 
-    def _command(self, now_ns):
+    def _command(self, now_ns: int) -> Command:
         self._latest_command = self._commander.give(now_ns, self._inbox, self._decision)
         return self._latest_command
 
-    def _off(self, now_ns, reason):
+    def _off(self, now_ns: int, reason: Status) -> Command:
         self._latest_command = self._commander.off(now_ns, self.settings.lease_s, reason)
         return self._latest_command
 
-    def _publication(self):
+    def _publication(self) -> Output:
         later_decisions = self._judgement.decide_later(self._inbox, self._decision)
         status, before = self._decision.status, self._published_status
         self._published_status = status
