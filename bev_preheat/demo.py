@@ -7,6 +7,10 @@ say, and ends with a table and a picture. The exit status is 0 only where the ba
 within ARRIVAL_TOLERANCE_K of its target.
 """
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 from bev_preheat.console.program import Interrupted, loading, run_program, say
 
 if __name__ == '__main__':
@@ -33,6 +37,17 @@ from bev_preheat.output_files import check_outputs, expanded, Output, PICTURE_SU
 from bev_preheat.route import route_for
 from bev_preheat.vehicle import load_vehicle, vehicle_file
 
+if TYPE_CHECKING:
+    from argparse import Namespace
+    from collections.abc import Callable, Mapping, Sequence
+    from typing import Any
+
+    from rich.console import Console
+
+    from bev_preheat.demonstration.observer import ObservedDrive
+    from bev_preheat.nodes.listening import Listener
+    from bev_preheat.output_files import AnyPath
+
 ARRIVAL_TOLERANCE_K = 1.0
 # Real time for the processes to find each other, and between two battery states [s].
 START_LIMIT_S = 30.0
@@ -47,7 +62,7 @@ class DemoFailed(Exception):
     """The drive could not be brought to its end; the message says why."""
 
 
-def parse_arguments(arguments):
+def parse_arguments(arguments: Sequence[str] | None) -> Namespace:
     """Return the parsed command line."""
     parser = OneLineParser(
         prog='python -m bev_preheat.demo',
@@ -69,7 +84,7 @@ def parse_arguments(arguments):
     return parsed
 
 
-def check_files(parsed):
+def check_files(parsed: Namespace) -> str | None:
     """
     Return a warning about the route, or None.
 
@@ -83,17 +98,17 @@ def check_files(parsed):
     return route.warning
 
 
-def log_file(output, name):
+def log_file(output: AnyPath, name: str) -> str:
     """Return the path of the log of a process, beside the picture."""
     return f'{os.path.splitext(output)[0]}.{name}.log'
 
 
-def main(arguments=None):
+def main(arguments: Sequence[str] | None = None) -> int:
     """Run the demonstration and return its exit status."""
     return run_program('demo', lambda: _load(arguments), ends_process=arguments is None)
 
 
-def _load(arguments):
+def _load(arguments: Sequence[str] | None) -> Callable[[], int]:
     parsed = parse_arguments(arguments)
     if not 1.0 <= parsed.speed_up <= 1000.0:
         raise InvalidInput(f'--speed-up: {parsed.speed_up:g} is not allowed; it must be 1 ... 1000')
@@ -103,7 +118,7 @@ def _load(arguments):
     return lambda: _drive(parsed)
 
 
-def _drive(parsed):
+def _drive(parsed: Namespace) -> int:
     console = result_console()
     try:
         good, sentence = run(parsed, console)
@@ -122,7 +137,7 @@ def _drive(parsed):
     return 0 if good else 1
 
 
-def run(parsed, console):
+def run(parsed: Namespace, console: Console) -> tuple[bool, str]:
     """Drive, draw and sum up; return (whether it went well, a sentence)."""
     parsed.output.parent.mkdir(parents=True, exist_ok=True)
     with ExitStack() as stack:
@@ -155,7 +170,7 @@ def run(parsed, console):
     return good, sentence
 
 
-def _simulator_parameters(parsed):
+def _simulator_parameters(parsed: Namespace) -> dict[str, Any]:
     parameters = {
         'vehicle': parsed.vehicle,
         'route': parsed.route,
@@ -173,11 +188,12 @@ def _simulator_parameters(parsed):
     return parameters
 
 
-def _planner_parameters(parsed):
+def _planner_parameters(parsed: Namespace) -> dict[str, Any]:
     return {'vehicle': parsed.vehicle, 'use_sim_time': 'true'}
 
 
-def _start(stack, parsed, name, parameters):
+def _start(stack: ExitStack, parsed: Namespace, name: str,
+           parameters: Mapping[str, Any]) -> NodeProcess:
     ros_arguments = []
     for key, value in parameters.items():
         ros_arguments += ['-p', f'{key}:={value}']
@@ -185,7 +201,7 @@ def _start(stack, parsed, name, parameters):
         NodeProcess(name, ros_arguments, log_file(parsed.output, name)))
 
 
-def _wait_for_planner(listener, observer, planner):
+def _wait_for_planner(listener: Listener, observer: Observer, planner: NodeProcess) -> None:
     limit_s = time.monotonic() + START_LIMIT_S
     while not observer.hears_planner:
         if planner.exit_status is not None:
@@ -195,7 +211,8 @@ def _wait_for_planner(listener, observer, planner):
         listener.listen(REFRESH_S)
 
 
-def _follow(listener, drive, processes, show):
+def _follow(listener: Listener, drive: ObservedDrive, processes: Sequence[NodeProcess],
+            show: Callable[[], object]) -> None:
     """Return when the vehicle stands; raise DemoFailed where that will not happen."""
     limit_s = time.monotonic() + START_LIMIT_S
     while not drive.is_over:
@@ -214,12 +231,12 @@ def _follow(listener, drive, processes, show):
     show()
 
 
-def _ended(process):
+def _ended(process: NodeProcess) -> str:
     return (f'{process.name} ended with exit status {process.exit_status}. '
             f'{_last_lines(process)}')
 
 
-def _last_lines(process):
+def _last_lines(process: NodeProcess) -> str:
     lines = process.output().splitlines()[-LOG_LINES_SHOWN:]
     return '\n  '.join([f'{process.log_file} ends with:', *lines])
 

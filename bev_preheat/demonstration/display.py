@@ -1,8 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Shows a drive while it lasts, and sums it up."""
 
+from __future__ import annotations
+
 from contextlib import contextmanager
 import math
+from typing import TYPE_CHECKING
 
 from rich.console import Group
 from rich.live import Live
@@ -15,12 +18,22 @@ from bev_preheat.nodes.convert import ENERGY_FIELDS, nanoseconds
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.status import Status
 
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from rich.console import Console, RenderableType
+
+    from bev_preheat.demonstration.observer import ObservedDrive
+    from bev_preheat.nodes.simulator_messages import Outcome
+
+    Row = tuple[str, str, str]
+
 # Simulated time between two lines where the output is no terminal [s].
 LINE_PERIOD_S = 120.0
 
 
 @contextmanager
-def shown(drive, console):
+def shown(drive: ObservedDrive, console: Console) -> Iterator[Callable[[], None]]:
     """Give a function that shows the state of an `ObservedDrive`; call it every now and then."""
     if console.is_terminal:
         with Live(console=console, auto_refresh=False) as live:
@@ -32,13 +45,13 @@ def shown(drive, console):
 class _Lines:
     """A line for each change of status, and one every couple of simulated minutes."""
 
-    def __init__(self, drive, console):
+    def __init__(self, drive: ObservedDrive, console: Console) -> None:
         self._drive = drive
         self._console = console
         self._next_s = 0.0
-        self._status = None
+        self._status: Status | None = None
 
-    def show(self):
+    def show(self) -> None:
         drive = self._drive
         if not (drive.states and drive.commands and drive.plan):
             return
@@ -58,7 +71,7 @@ class _Lines:
             soft_wrap=True)
 
 
-def _figures(drive):
+def _figures(drive: ObservedDrive) -> dict[str, str]:
     """Texts of the latest state, command and prediction."""
     _, temperature_c, soc = drive.states[-1]
     return {
@@ -69,7 +82,7 @@ def _figures(drive):
     }
 
 
-def _picture_of_now(drive):
+def _picture_of_now(drive: ObservedDrive) -> RenderableType:
     """Return what a terminal shows."""
     if drive.route is None or not drive.states:
         return 'Waiting for the simulated vehicle and the planner ...'
@@ -96,13 +109,13 @@ def _picture_of_now(drive):
                        f'{escape(drive.plan.explanation)}')
 
 
-def _bar(value, total):
+def _bar(value: float, total: float) -> ProgressBar:
     return ProgressBar(total=total, completed=max(0.0, value), width=40)
 
 
-def summary_rows(drive):
+def summary_rows(drive: ObservedDrive) -> tuple[Row, list[Row]]:
     """Return (headings, rows) of a table: what was planned at the start, and what happened."""
-    plan = drive.first_plan
+    plan, outcome = drive.first_plan, _outcome(drive)
     instants_s = drive.switched_on_s
     planned_s = ((nanoseconds(plan.heating_start) - drive.start_ns) * 1e-9
                  if plan.heating_planned else None)
@@ -111,7 +124,7 @@ def summary_rows(drive):
         ('Heating starts', _instant_text(planned_s),
          _instant_text(instants_s[0] if instants_s else None)),
         ('Heater switched on [times]', str(int(plan.heating_planned)), str(len(instants_s))),
-        ('No valid command [s]', '0.0', f'{drive.outcome.without_command_s:.1f}'),
+        ('No valid command [s]', '0.0', f'{outcome.without_command_s:.1f}'),
         ('Arrival temperature [degC]', f'{plan.predicted_arrival_temperature:.2f}',
          f'{temperature_c:.2f}'),
         ('Target [degC]', f'{plan.target_battery_temperature:.2f}',
@@ -119,19 +132,25 @@ def summary_rows(drive):
         ('Arrival state of charge [%]', f'{100 * plan.predicted_arrival_soc:.2f}',
          f'{100 * soc:.2f}')]
     rows += [(heading, f'{getattr(plan, ENERGY_FIELDS[field]):.1f}',
-              f'{getattr(drive.outcome.energy_wh, field):.1f}') for heading, field in ENERGY_ROWS]
+              f'{getattr(outcome.energy_wh, field):.1f}') for heading, field in ENERGY_ROWS]
     return ('', 'planned at the start', 'what happened'), rows
 
 
-def _instant_text(instant_s):
+def _outcome(drive: ObservedDrive) -> Outcome:
+    if drive.outcome is None:
+        raise ValueError('the drive is not over')
+    return drive.outcome
+
+
+def _instant_text(instant_s: float | None) -> str:
     return 'never' if instant_s is None else f'after {duration_text(max(0.0, instant_s))}'
 
 
-def verdict(drive, tolerance_k):
+def verdict(drive: ObservedDrive, tolerance_k: float) -> tuple[bool, str]:
     """Return (whether the battery arrived within `tolerance_k` of its target, a sentence)."""
     _, temperature_c, _ = drive.states[-1]
     if not drive.has_arrived:
-        return False, f'{drive.outcome.state} after {duration_text(drive.time_s)}: no arrival.'
+        return False, f'{_outcome(drive).state} after {duration_text(drive.time_s)}: no arrival.'
     if math.isnan(drive.target_c):
         return False, 'the planner never had a target.'
     error_k = temperature_c - drive.target_c

@@ -1,8 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Follows a simulated drive over its topics and keeps what is said."""
 
+from __future__ import annotations
+
 import math
 import time
+from typing import TYPE_CHECKING
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.qos import QoSDurabilityPolicy, QoSProfile, QoSReliabilityPolicy
@@ -12,6 +15,14 @@ from bev_preheat.nodes.convert import nanoseconds
 from bev_preheat.nodes.simulator_messages import ARRIVED, DRIVING, outcome_from_diagnostics
 from bev_preheat.planning.status import Status
 from bev_preheat_msgs.msg import HvchCommand, PreheatPlan, RoutePlan
+
+if TYPE_CHECKING:
+    from typing import Any
+
+    from rclpy.node import Node
+
+    from bev_preheat.nodes.simulator_messages import Outcome
+
 
 # Statuses of a planner that does not know yet what it is about.
 NOT_READY = (Status.NO_ROUTE, Status.NO_BATTERY_STATE)
@@ -29,51 +40,51 @@ class ObservedDrive:
     Outcome. None: not heard yet. `heard_at_s` is when the vehicle was last heard (time.monotonic).
     """
 
-    def __init__(self):
+    def __init__(self) -> None:
         """Know nothing."""
-        self.route = None
-        self.first_plan = None
-        self.plan = None
-        self.states = []
-        self.commands = []
-        self.predictions = []
-        self.outcome = None
+        self.route: RoutePlan = None
+        self.first_plan: PreheatPlan = None
+        self.plan: PreheatPlan = None
+        self.states: list[tuple[float, float, float]] = []
+        self.commands: list[tuple[float, float]] = []
+        self.predictions: list[tuple[float, float]] = []
+        self.outcome: Outcome | None = None
         self.heard_at_s = time.monotonic()
 
     @property
-    def start_ns(self):
+    def start_ns(self) -> int:
         """Instant at which the route starts [ns]."""
         return nanoseconds(self.route.header.stamp)
 
     @property
-    def duration_s(self):
+    def duration_s(self) -> float:
         """How long the route takes [s]."""
         return math.fsum(self.route.segment_duration)
 
     @property
-    def time_s(self):
+    def time_s(self) -> float:
         """How far the drive is [s]."""
         return min(self.states[-1][0], self.duration_s) if self.states else 0.0
 
     @property
-    def is_over(self):
+    def is_over(self) -> bool:
         """Whether the vehicle has come to stand, and its last battery state is here."""
         if self.has_arrived:
             return bool(self.states) and self.states[-1][0] >= self.duration_s - ROUNDING_S
         return self.outcome is not None and self.outcome.state != DRIVING
 
     @property
-    def has_arrived(self):
+    def has_arrived(self) -> bool:
         """Whether the vehicle stands at the end of the route."""
         return self.outcome is not None and self.outcome.state == ARRIVED
 
     @property
-    def target_c(self):
+    def target_c(self) -> float:
         """Battery temperature wanted on arrival [deg C], NaN if there is none."""
         return self.first_plan.target_battery_temperature if self.first_plan else math.nan
 
     @property
-    def switched_on_s(self):
+    def switched_on_s(self) -> list[float]:
         """Instants at which the command went from 0 W to more [s]."""
         powers_w = [0.0] + [power_w for _, power_w in self.commands]
         return [instant_s for (instant_s, power_w), before_w in zip(self.commands, powers_w)
@@ -83,7 +94,7 @@ class ObservedDrive:
 class Observer:
     """Fills an `ObservedDrive` from the topics of a node."""
 
-    def __init__(self, node):
+    def __init__(self, node: Node) -> None:
         """Subscribe."""
         self.drive = ObservedDrive()
         latched = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
@@ -98,45 +109,45 @@ class Observer:
             subscribe(Temperature, 'predicted_arrival_temperature', self._on_prediction, 100)]
 
     @property
-    def hears_planner(self):
+    def hears_planner(self) -> bool:
         """Whether a planner is connected, so that its first plan will not be missed."""
         return all(subscription.get_publisher_count() for subscription in self._from_planner)
 
-    def _on_route(self, message):
+    def _on_route(self, message: RoutePlan) -> None:
         # A cancellation does not change where the drive is.
         if message.segment_duration:
             self.drive.route = message
 
-    def _instant_s(self, message):
+    def _instant_s(self, message: Any) -> float | None:
         """Seconds after the start of the route; None while the route is not known."""
         if self.drive.route is None:
             return None
         return (nanoseconds(message.header.stamp) - self.drive.start_ns) * 1e-9
 
-    def _on_plan(self, message):
+    def _on_plan(self, message: PreheatPlan) -> None:
         if message.status in NOT_READY:
             return
         if self.drive.first_plan is None and message.time:
             self.drive.first_plan = message
         self.drive.plan = message
 
-    def _on_state(self, message):
+    def _on_state(self, message: BatteryState) -> None:
         self.drive.heard_at_s = time.monotonic()
         instant_s = self._instant_s(message)
         if instant_s is not None:
             self.drive.states.append((instant_s, message.temperature, message.percentage))
 
-    def _on_command(self, message):
+    def _on_command(self, message: HvchCommand) -> None:
         instant_s = self._instant_s(message)
         if instant_s is not None:
             self.drive.commands.append((instant_s, message.battery_heating_power))
 
-    def _on_prediction(self, message):
+    def _on_prediction(self, message: Temperature) -> None:
         instant_s = self._instant_s(message)
         if instant_s is not None:
             self.drive.predictions.append((instant_s, message.temperature))
 
-    def _on_diagnostics(self, message):
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
         outcome = outcome_from_diagnostics(message)
         if outcome is not None:
             self.drive.outcome = outcome
