@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from types import FrameType
     from typing import Any
 
+    # What signal.signal takes and returns.
     Handler = Callable[[int, FrameType | None], Any] | int | signal.Handlers | None
 
 FAILED, REFUSED, INTERRUPTED = 1, 2, 130

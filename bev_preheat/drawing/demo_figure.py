@@ -129,5 +129,7 @@ def _unheated(drive: Drive, vehicle: Vehicle) -> tuple[Plan, float]:
     instant_s, temperature_c, soc = drive.states[0]
     from_s = max(instant_s, 0.0)
     route = leg.route_ahead(leg.start_ns + round(from_s * NS_PER_S))
+    if route is None:
+        raise ValueError('the drive begins after the end of its route')
     return plan_unheated(vehicle, route, BatteryState(temperature_c, soc),
                          leg.goal(drive.target_c)), from_s

@@ -25,11 +25,9 @@ if TYPE_CHECKING:
 
     from bev_preheat.simulation.imperfect_car import ImperfectCar
     from bev_preheat.simulation.sensors import Reading
+    from bev_preheat.supervision.events import Event
     from bev_preheat.supervision.inputs import Mission
     from bev_preheat.supervision.supervisor import Output, Supervisor
-
-    # What is delivered here.
-    Event = BatteryStateArrived | BatteryStateUnreadable | RouteArrived
 
 # The drive starts at this instant of the planner's clock; 0 would mean that it has not started.
 START_NS = 1_000_000 * NS_PER_S

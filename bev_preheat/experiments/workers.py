@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from multiprocessing.process import BaseProcess
     from typing import Any, TypeVar
 
+    # What a task returns.
     Result = TypeVar('Result')
 
 

@@ -18,8 +18,9 @@ if TYPE_CHECKING:
     from bev_preheat.monitoring.heard import Heard
     from bev_preheat_msgs.msg import PreheatPlan
 
+    # (Instant [s], value).
     Points = list[tuple[float, float]]
-
+    # Instants and values.
     Curve = tuple[list[float], list[float]]
 
 # Rows of the two panels with title and axis; with fewer or narrower nothing can be read from them.

@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from bev_preheat.monitoring.heard import Heard
     from bev_preheat_msgs.msg import HvchCommand, PreheatPlan
 
+    # Name and text, twice a row.
     Rows = Sequence[tuple[str, str, str, str]]
 
 LEVELS = {DiagnosticStatus.OK: ('OK', 'green'), DiagnosticStatus.WARN: ('WARN', 'yellow'),

@@ -1,12 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """The command line of the nodes: `--help`, and one line on standard error for what is wrong."""
 
+from __future__ import annotations
+
 import argparse
 from contextlib import contextmanager
 from dataclasses import dataclass
 import re
 import sys
 import textwrap
+from typing import TYPE_CHECKING
 
 from rclpy.exceptions import NameValidationException, ParameterException
 from rclpy.impl.implementation_singleton import rclpy_implementation
@@ -14,6 +17,12 @@ from rclpy.logging import get_logger_level, LoggingSeverity, set_logger_level
 from rclpy.qos import InvalidQoSProfileException
 
 from bev_preheat.errors import InvalidInput
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Sequence
+    from typing import NoReturn
+
+    from bev_preheat.nodes.parameters import Parameter
 
 # What rclpy raises where arguments, names or parameter values cannot be used.
 START_ERRORS = (
@@ -26,7 +35,7 @@ RCL_LOGGER = 'rcl'
 
 
 @contextmanager
-def silent_rcl():
+def silent_rcl() -> Iterator[None]:
     """Keep rcl from logging of its own, in other words, what print_error() says."""
     set_logger_level(RCL_LOGGER, LoggingSeverity.FATAL)
     try:
@@ -43,12 +52,12 @@ class Program:
 
     name: str
     description: str
-    parameters: tuple
-    subscribes: tuple = ()
-    publishes: tuple = ()
-    services: tuple = ()
+    parameters: tuple[Parameter, ...]
+    subscribes: tuple[tuple[str, str], ...] = ()
+    publishes: tuple[tuple[str, str], ...] = ()
+    services: tuple[tuple[str, str], ...] = ()
 
-    def check_arguments(self, arguments):
+    def check_arguments(self, arguments: Sequence[str]) -> None:
         """
         Print the help and exit with status 0 if it is asked for; refuse what ROS does not know.
 
@@ -61,7 +70,7 @@ class Program:
             formatter_class=argparse.RawDescriptionHelpFormatter)
         parser.parse_args(_without_ros_arguments(arguments[1:]))
 
-    def _epilog(self):
+    def _epilog(self) -> str:
         example = self.parameters[0]
         lines = [
             'set a parameter:',
@@ -80,15 +89,15 @@ class Program:
 
 
 class _Parser(argparse.ArgumentParser):
-    def error(self, message):
+    def error(self, message: str) -> NoReturn:
         self.exit(2, f'{self.prog}: error: {message}; see {self.prog} --help\n')
 
 
-def _indented(text):
+def _indented(text: str) -> list[str]:
     return textwrap.wrap(text, HELP_WIDTH, initial_indent='      ', subsequent_indent='      ')
 
 
-def _without_ros_arguments(arguments):
+def _without_ros_arguments(arguments: Iterable[str]) -> list[str]:
     """Return the arguments that are not between --ros-args and --, the end, or the next of them."""
     others, is_ros = [], False
     for argument in arguments:
@@ -101,13 +110,13 @@ def _without_ros_arguments(arguments):
     return others
 
 
-def print_error(error, program=None):
+def print_error(error: Exception | str, program: Program | None = None) -> None:
     """Print an exception of START_ERRORS as one line on standard error."""
     name = program.name if program else sys.argv[0].rpartition('/')[2]
     print(f'{name}: error: {_sentence(error)}', file=sys.stderr)
 
 
-def _sentence(error):
+def _sentence(error: Exception | str) -> str:
     if isinstance(error, rclpy_implementation.UnknownROSArgsError):
         return f'unknown ROS arguments: {error}'
     # rcl tells its own source lines, and on several lines where several functions had a say.
@@ -124,7 +133,7 @@ def _sentence(error):
     return text
 
 
-def _file_sentence(path, problem):
+def _file_sentence(path: str, problem: str) -> str:
     try:
         with open(path, encoding='utf-8'):
             pass

@@ -1,6 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Publishes the heater's commands, and notices another node that commands the same heater."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 from rclpy.duration import Duration
 from rclpy.qos import LivelinessPolicy, QoSProfile
 from rclpy.serialization import deserialize_message
@@ -9,6 +13,11 @@ from bev_preheat.nodes.convert import nanoseconds
 from bev_preheat.nodes.listening_publisher import ListeningPublisher
 from bev_preheat.supervision.inputs import NS_PER_S
 from bev_preheat_msgs.msg import HvchCommand
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from rclpy.node import Node
 
 LONGEST_LEASE_NS = 30 * NS_PER_S
 
@@ -21,7 +30,8 @@ class CommandPublisher(ListeningPublisher):
     the graph shows a second publisher.
     """
 
-    def __init__(self, node, lease_ns, on_rival):
+    def __init__(self, node: Node, lease_ns: Callable[[], int],
+                 on_rival: Callable[[], object]) -> None:
         """
         Advertise.
 
@@ -37,17 +47,18 @@ class CommandPublisher(ListeningPublisher):
                          liveliness_lease_duration=lease)
         super().__init__(node, HvchCommand, 'hvch_command', qos, self._on_other_command)
         self._lease_ns, self._on_rival = lease_ns, on_rival
-        self._heard_ns = self._believed_ns = None
+        self._heard_ns: int | None = None
+        self._believed_ns = 0
         self._names = ''
 
-    def look(self):
+    def look(self) -> None:
         """Listen while the graph shows another publisher; call it now and then."""
         super().look()
         if self._heard_ns is not None:
             # A publisher is discovered a little before the name of its node.
             self._names = self.names_of_others()
 
-    def rivals(self, now_ns):
+    def rivals(self, now_ns: int) -> str:
         """Return the names of the nodes that command too at an instant [ns]; '' where none does."""
         if self._heard_ns is None:
             return ''
@@ -56,14 +67,14 @@ class CommandPublisher(ListeningPublisher):
             self._names = ''
         return self._names
 
-    def _on_other_command(self, serialized):
+    def _on_other_command(self, serialized: bytes) -> None:
         self._heard_ns = self._node.get_clock().now().nanoseconds
         self._believed_ns = max(self._lease_ns(), min(_lease_ns(serialized), LONGEST_LEASE_NS))
         self._names = self._names or self.names_of_others()
         self._on_rival()
 
 
-def _lease_ns(serialized):
+def _lease_ns(serialized: bytes) -> int:
     """Return how long a serialized HvchCommand is valid [ns]; 0 where it cannot be read."""
     try:
         message = deserialize_message(serialized, HvchCommand)

@@ -5,8 +5,11 @@ Messages to the types of planning and back; units and shapes are checked at this
 Messages carry SI units and degrees Celsius, as the types do; only energies are in Wh.
 """
 
+from __future__ import annotations
+
 from array import array
 import math
+from typing import TYPE_CHECKING
 
 from builtin_interfaces.msg import Time
 import numpy as np
@@ -19,6 +22,19 @@ from bev_preheat.route.segments import make_route, MOST_SEGMENTS
 from bev_preheat.supervision.events import BatteryStateArrived, BatteryStateUnreadable
 from bev_preheat.supervision.inputs import in_planning_steps, Leg, Measurement, Mission, NS_PER_S, with_stops
 from bev_preheat_msgs.msg import HvchCommand, PreheatPlan, RoutePlan
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import ArrayLike
+    from sensor_msgs.msg import BatteryState as BatteryStateMessage
+
+    from bev_preheat.nodes.stops import Stop
+    from bev_preheat.planning.plan import Plan
+    from bev_preheat.planning.stranding import Stranding
+    from bev_preheat.route import Route
+    from bev_preheat.supervision.decision import Command, Decision
+    from bev_preheat.vehicle.description import Defaults
 
 # The last second that a builtin_interfaces/Time can hold.
 LATEST_S = 2**31 - 1
@@ -50,17 +66,17 @@ ENERGY_FIELDS = {
 }
 
 
-def nanoseconds(stamp):
+def nanoseconds(stamp: Time) -> int:
     """Nanoseconds of a builtin_interfaces/Time."""
     return stamp.sec * NS_PER_S + stamp.nanosec
 
 
-def time_message(instant_ns):
+def time_message(instant_ns: int) -> Time:
     """Return the builtin_interfaces/Time of an instant [ns]."""
     return Time(sec=instant_ns // NS_PER_S, nanosec=instant_ns % NS_PER_S)
 
 
-def measurement_from_message(message):
+def measurement_from_message(message: BatteryStateMessage) -> Measurement:
     """Return the Measurement of a sensor_msgs/BatteryState; raise InvalidInput on unknown values."""
     problems = [f'{field}: {value} is not a known value; it must be {allowed}'
                 for field, value, allowed in (
@@ -81,7 +97,8 @@ def measurement_from_message(message):
         nanoseconds(message.header.stamp), *_voltage_and_current(message))
 
 
-def battery_event(message, hint=''):
+def battery_event(message: BatteryStateMessage,
+                  hint: str = '') -> BatteryStateArrived | BatteryStateUnreadable:
     """Return the event of a sensor_msgs/BatteryState; `hint` is added to a refusal."""
     try:
         return BatteryStateArrived(measurement_from_message(message), hint)
@@ -89,13 +106,13 @@ def battery_event(message, hint=''):
         return BatteryStateUnreadable(InvalidInput([*error.problems, hint]) if hint else error)
 
 
-def _shows_a_battery(message):
+def _shows_a_battery(message: BatteryStateMessage) -> bool:
     return message.present or any(
         value != 0.0 and not math.isnan(value)
         for value in (getattr(message, field) for field in EVIDENCE_OF_A_BATTERY))
 
 
-def _voltage_and_current(message):
+def _voltage_and_current(message: BatteryStateMessage) -> tuple[float, float] | tuple[None, None]:
     """
     Return the voltage [V] and the current [A], positive = discharging; (None, None): not known.
 
@@ -107,7 +124,7 @@ def _voltage_and_current(message):
     return (voltage_v, current_a) if known else (None, None)
 
 
-def is_cancellation(message):
+def is_cancellation(message: RoutePlan) -> bool:
     """
     Return whether a RoutePlan calls the trip off: no charging planned, no segments and no stops.
 
@@ -117,7 +134,8 @@ def is_cancellation(message):
         len(getattr(message, field)) for field in (*ROUTE_FIELDS.values(), *STOP_FIELDS))
 
 
-def mission_from_message(message, defaults, planning_step_s):
+def mission_from_message(message: RoutePlan, defaults: Defaults,
+                         planning_step_s: float) -> Mission:
     """
     Return the Mission of a RoutePlan, its legs in steps of `planning_step_s` seconds or longer.
 
@@ -132,7 +150,8 @@ def mission_from_message(message, defaults, planning_step_s):
     problems += _target_problems(message)
     columns = {field: np.asarray(getattr(message, name), dtype=float)
                for field, name in ROUTE_FIELDS.items()}
-    route, stops = None, ()
+    route: Route | None = None
+    stops: tuple[Stop, ...] = ()
     try:
         route = make_route(columns, defaults, ROUTE_FIELDS)
     except InvalidInput as error:
@@ -146,12 +165,12 @@ def mission_from_message(message, defaults, planning_step_s):
                               + sum(stop.duration_s for stop in stops) > LATEST_S):
         problems.append(f'header.stamp: {message.header.stamp.sec} s is too late: the route '
                         'would end after the last instant that a stamp can hold')
-    if problems:
+    if problems or route is None:
         raise InvalidInput(problems)
     return Mission(message.route_id, _legs(message, route, stops, planning_step_s))
 
 
-def _check_sizes(message):
+def _check_sizes(message: RoutePlan) -> None:
     """Raise InvalidInput on what is too large to be looked at more closely."""
     problems = [f'{name}: has {len(getattr(message, name))} values; at most {MOST_SEGMENTS} '
                 'segments are planned'
@@ -163,7 +182,7 @@ def _check_sizes(message):
         raise InvalidInput(problems)
 
 
-def _target_problems(message):
+def _target_problems(message: RoutePlan) -> list[str]:
     target_c = message.target_battery_temperature
     if message.has_target_battery_temperature and not math.isfinite(target_c):
         return [f'target_battery_temperature: {target_c:g} is not allowed where '
@@ -174,7 +193,7 @@ def _target_problems(message):
     return []
 
 
-def _target_c(message):
+def _target_c(message: RoutePlan) -> float | None:
     """Return the target [deg C] of a RoutePlan that was found to be good; None: not given."""
     target_c = message.target_battery_temperature
     is_given = message.has_target_battery_temperature or not (target_c == 0.0 or
@@ -182,7 +201,8 @@ def _target_c(message):
     return target_c if is_given else None
 
 
-def _legs(message, route, stops, planning_step_s):
+def _legs(message: RoutePlan, route: Route, stops: Sequence[Stop],
+          planning_step_s: float) -> tuple[Leg, ...]:
     """Return the Legs between the stops of a RoutePlan that was found to be good."""
     edges = [0, *(stop.after_segment + 1 for stop in stops), len(route)]
     goals = [*((True, stop.target_temperature_c, stop.minimum_arrival_soc) for stop in stops),
@@ -195,7 +215,7 @@ def _legs(message, route, stops, planning_step_s):
     return with_stops(legs, [stop.duration_s for stop in stops])
 
 
-def _stamp_problems(stamp):
+def _stamp_problems(stamp: Time) -> list[str]:
     if stamp.sec == 0 and stamp.nanosec == 0:
         return ['header.stamp: is 0; it must be set, as "header: auto" of ros2 topic pub does']
     if stamp.nanosec >= NS_PER_S:
@@ -204,7 +224,7 @@ def _stamp_problems(stamp):
     return []
 
 
-def route_plan_message(mission):
+def route_plan_message(mission: Mission) -> RoutePlan:
     """Return the RoutePlan of a Mission."""
     message = RoutePlan(route_id=mission.route_id)
     message.header.stamp = time_message(mission.start_ns)
@@ -220,7 +240,7 @@ def route_plan_message(mission):
     return message
 
 
-def command_message(command, now_ns):
+def command_message(command: Command, now_ns: int) -> HvchCommand:
     """Return the HvchCommand of a Command made now."""
     message = HvchCommand(battery_heating_power=command.battery_heating_power_w,
                           valid_until=time_message(command.valid_until_ns),
@@ -229,7 +249,8 @@ def command_message(command, now_ns):
     return message
 
 
-def plan_message(decision, mission, now_ns, later_decisions=()):
+def plan_message(decision: Decision, mission: Mission | None, now_ns: int,
+                 later_decisions: Sequence[Decision] = ()) -> PreheatPlan:
     """
     Return the PreheatPlan of a Decision; without a plan its figures are NaN.
 
@@ -252,7 +273,7 @@ def plan_message(decision, mission, now_ns, later_decisions=()):
     message.method = plan.method
     message.heating_planned = plan.heating_start_s is not None
     message.heating_start, message.arrival = _heating_and_arrival(decision)
-    message.heating_end = _heating_end(decision, message.arrival)
+    message.heating_end = _heating_end(decision, plan, message.arrival)
     message.predicted_arrival_temperature = plan.arrival_temperature_c
     message.predicted_arrival_temperature_deviation = decision.arrival_deviation_k
     message.predicted_arrival_soc = plan.arrival_soc
@@ -276,7 +297,7 @@ def plan_message(decision, mission, now_ns, later_decisions=()):
     return message
 
 
-def _write_stranding(message, stranding, start_ns):
+def _write_stranding(message: PreheatPlan, stranding: Stranding | None, start_ns: int) -> None:
     message.charge_runs_out_distance = message.lacking_energy = math.nan
     if stranding is not None:
         message.charge_runs_out = time_message(start_ns + round(stranding.at_s * NS_PER_S))
@@ -284,7 +305,7 @@ def _write_stranding(message, stranding, start_ns):
         message.lacking_energy = stranding.lacking_wh
 
 
-def _write_later(message, decisions):
+def _write_later(message: PreheatPlan, decisions: Sequence[Decision]) -> None:
     plans = [decision.plan for decision in decisions]
     instants = [_heating_and_arrival(decision) for decision in decisions]
     message.later_heating_start = [heating_start for heating_start, _ in instants]
@@ -296,7 +317,7 @@ def _write_later(message, decisions):
     message.later_status = bytes(int(decision.status) for decision in decisions)
 
 
-def _heating_and_arrival(decision):
+def _heating_and_arrival(decision: Decision) -> tuple[Time, Time]:
     """Return the instants of a decision's plan as Time messages; 0: none."""
     plan = decision.plan
     return tuple(
@@ -305,9 +326,8 @@ def _heating_and_arrival(decision):
         for after_s in ((plan.heating_start_s, plan.arrival_time_s) if plan else (None, None)))
 
 
-def _heating_end(decision, arrival):
+def _heating_end(decision: Decision, plan: Plan, arrival: Time) -> Time:
     """Return the instant at which heating ends for good as a Time message; 0: no heating."""
-    plan = decision.plan
     if plan.heating_start_s is None:
         return Time()
     if plan.heating_end_s is None:
@@ -315,16 +335,18 @@ def _heating_end(decision, arrival):
     return time_message(decision.plan_start_ns + round(plan.heating_end_s * NS_PER_S))
 
 
-def temperature_message(decision, now_ns):
+def temperature_message(decision: Decision, now_ns: int) -> Temperature:
     """Return the predicted arrival temperature of a Decision; variance 0 means unknown."""
-    deviation_k = decision.arrival_deviation_k
-    message = Temperature(temperature=decision.plan.arrival_temperature_c,
+    plan, deviation_k = decision.plan, decision.arrival_deviation_k
+    if plan is None:
+        raise ValueError('without a plan no arrival is predicted')
+    message = Temperature(temperature=plan.arrival_temperature_c,
                           variance=0.0 if math.isnan(deviation_k) else deviation_k**2)
     message.header.stamp = time_message(now_ns)
     return message
 
 
-def _sequence(values):
+def _sequence(values: ArrayLike) -> array[float]:
     """Return an array as rclpy takes it without a copy of each element."""
     sequence = array('d')
     sequence.frombytes(np.ascontiguousarray(values, dtype=float).tobytes())

@@ -1,7 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """The planner's entries in /diagnostics: preheating, heater, estimation, state file."""
 
+from __future__ import annotations
+
 import math
+from typing import TYPE_CHECKING
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
@@ -11,6 +14,14 @@ from bev_preheat.nodes.convert import time_message
 from bev_preheat.planning.status import Status
 from bev_preheat.supervision.inputs import NS_PER_S
 from bev_preheat.vehicle.assumptions import assumed_in_words
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from bev_preheat.estimation.estimator import Estimate
+    from bev_preheat.estimation.hypotheses import HeaterReport
+    from bev_preheat.nodes.state_keeper import StateFileReport
+    from bev_preheat.supervision.supervisor import Supervisor
 
 # WARN: works, but someone should know. ERROR: an input or the planner itself is at fault.
 LEVELS = {
@@ -41,7 +52,8 @@ HEATER_SENTENCES = {
 RESET_SHOWN_S = 60.0
 
 
-def planner_diagnostics(node_name, supervisor, now_ns, memory=None):
+def planner_diagnostics(node_name: str, supervisor: Supervisor, now_ns: int,
+                        memory: StateFileReport | None = None) -> DiagnosticArray:
     """
     Return the DiagnosticArray that tells status, reason and the figures behind them.
 
@@ -49,16 +61,17 @@ def planner_diagnostics(node_name, supervisor, now_ns, memory=None):
     """
     name, hardware = node_name.lstrip('/'), supervisor.vehicle.name
     message = DiagnosticArray(status=[_preheating(name, hardware, supervisor, now_ns)])
-    if supervisor.estimate is not None:
-        message.status.append(_heater(name, hardware, supervisor.estimate.heater))
-        message.status.append(_estimation(name, hardware, supervisor, now_ns))
+    estimate = supervisor.estimate
+    if estimate is not None:
+        message.status.append(_heater(name, hardware, estimate.heater))
+        message.status.append(_estimation(name, hardware, supervisor, estimate, now_ns))
     if memory is not None:
         message.status.append(_state_file(name, hardware, memory))
     message.header.stamp = time_message(now_ns)
     return message
 
 
-def _preheating(name, hardware, supervisor, now_ns):
+def _preheating(name: str, hardware: str, supervisor: Supervisor, now_ns: int) -> DiagnosticStatus:
     decision = supervisor.decision
     values = {
         'vehicle': supervisor.vehicle.name,
@@ -90,13 +103,13 @@ def _preheating(name, hardware, supervisor, now_ns):
     return _entry(f'{name}: preheating', hardware, level, f'{decision.status.name}: {text}', values)
 
 
-def heater_sentence(report):
+def heater_sentence(report: HeaterReport) -> str:
     """Return what a HeaterReport says, in words."""
     sentence = HEATER_SENTENCES[report.heater].format(share=100.0 * report.share)
     return f'{report.heater.value}: {sentence}'
 
 
-def _heater(name, hardware, report):
+def _heater(name: str, hardware: str, report: HeaterReport) -> DiagnosticStatus:
     return _entry(f'{name}: heater', hardware, HEATER_LEVELS[report.heater],
                   heater_sentence(report), {
                       'heater': report.heater.value,
@@ -104,8 +117,9 @@ def _heater(name, hardware, report):
                       'share of the command [1]': f'{report.share:.2f}'})
 
 
-def _estimation(name, hardware, supervisor, now_ns):
-    estimate, decision = supervisor.estimate, supervisor.decision
+def _estimation(name: str, hardware: str, supervisor: Supervisor, estimate: Estimate,
+                now_ns: int) -> DiagnosticStatus:
+    decision = supervisor.decision
     values = {
         'battery temperature [degC]': f'{estimate.temperature_c:.2f}',
         'its standard deviation [K]': f'{estimate.temperature_deviation_k:.2f}',
@@ -127,7 +141,7 @@ def _estimation(name, hardware, supervisor, now_ns):
                   values)
 
 
-def _state_file(name, hardware, memory):
+def _state_file(name: str, hardware: str, memory: StateFileReport) -> DiagnosticStatus:
     written = ('nothing written yet' if memory.written_s_ago is None
                else f'written {memory.written_s_ago:.0f} s ago')
     return _entry(f'{name}: state file', hardware,
@@ -137,7 +151,8 @@ def _state_file(name, hardware, memory):
                    'damaged file kept as': memory.kept_aside})
 
 
-def _entry(name, hardware, level, message, values):
+def _entry(name: str, hardware: str, level: bytes, message: str,
+           values: Mapping[str, str]) -> DiagnosticStatus:
     return DiagnosticStatus(
         name=name, hardware_id=hardware, level=level, message=message,
         values=[KeyValue(key=key, value=value) for key, value in values.items()])

@@ -1,12 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
 """A node beside other work, for programs that follow nodes and are none themselves."""
 
+from __future__ import annotations
+
 from contextlib import contextmanager
 from time import monotonic
+from typing import TYPE_CHECKING
 
 import rclpy
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from rclpy.node import Node
 
 # How long one wait for a message lasts at most [s]: Python handles signals between two waits. It is
 # always the same, because an executor whose timeout changes prefers the first subscriptions.
@@ -20,11 +28,11 @@ class Listener:
     What the callbacks fill therefore needs no lock, and does not change while it is drawn or judged.
     """
 
-    def __init__(self, node, executor):
+    def __init__(self, node: Node, executor: SingleThreadedExecutor) -> None:
         """Take a node and the executor that it was added to."""
         self.node, self._executor = node, executor
 
-    def listen(self, duration_s):
+    def listen(self, duration_s: float) -> None:
         """Run callbacks for so long [s of real time]; a callback's exception passes through."""
         end_s = monotonic() + duration_s
         while monotonic() < end_s:
@@ -32,7 +40,7 @@ class Listener:
 
 
 @contextmanager
-def listening(name, domain_id=None, namespace=''):
+def listening(name: str, domain_id: int | None = None, namespace: str = '') -> Iterator[Listener]:
     """
     Give the Listener of a new node while the block lasts; signals remain the caller's business.
 

@@ -6,12 +6,26 @@ What counts is what is heard: a process that was killed stays in the graph for s
 not keep its successor from working. The graph tells when listening is worth while, and the names.
 """
 
+from __future__ import annotations
+
 from collections import deque
 import time
+from typing import TYPE_CHECKING
 
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 
 from bev_preheat.nodes.surroundings import endpoint_name
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+    from typing import Any
+
+    from rclpy.duration import Duration
+    from rclpy.node import Node
+    from rclpy.subscription import Subscription
+
+    # A ROS message: rclpy's have no types.
+    Message = Any
 
 # Matches reliable and best-effort publishers.
 LISTENING = QoSProfile(depth=20, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -27,29 +41,30 @@ class ListeningPublisher:
     It listens only while the graph shows another publisher, so that it costs nothing otherwise.
     """
 
-    def __init__(self, node, message_type, topic, qos, on_other):
+    def __init__(self, node: Node, message_type: type[Message], topic: str, qos: QoSProfile | int,
+                 on_other: Callable[[bytes], object]) -> None:
         """Advertise."""
         self._node, self._message_type, self._on_other = node, message_type, on_other
         self.publisher = node.create_publisher(message_type, topic, qos)
-        self._publications = deque(maxlen=PUBLICATIONS_KEPT)
-        self._subscription = None
+        self._publications: deque[tuple[int, int]] = deque(maxlen=PUBLICATIONS_KEPT)
+        self._subscription: Subscription | None = None
 
     @property
-    def is_alone(self):
+    def is_alone(self) -> bool:
         """Whether the graph showed no other publisher at the last look."""
         return self._subscription is None
 
-    def publish(self, message):
+    def publish(self, message: Message) -> None:
         """Publish a message of this node's own."""
         before_ns = time.time_ns()
         self.publisher.publish(message)
         self._publications.append((before_ns - ROUNDING_NS, time.time_ns() + ROUNDING_NS))
 
-    def wait_for_all_acked(self, duration):
+    def wait_for_all_acked(self, duration: Duration) -> bool:
         """Wait until all subscribers have all messages, at most an rclpy Duration."""
         return self.publisher.wait_for_all_acked(duration)
 
-    def look(self):
+    def look(self) -> None:
         """Listen while the graph shows another publisher; call it now and then."""
         topic = self.publisher.topic_name
         has_others = self._node.count_publishers(topic) > 1
@@ -60,7 +75,7 @@ class ListeningPublisher:
             self._node.destroy_subscription(self._subscription)
             self._subscription = None
 
-    def names_of_others(self):
+    def names_of_others(self) -> str:
         """Return the names of the nodes that the graph shows as publishers beside this one."""
         own = self._node.get_fully_qualified_name()
         names = [endpoint_name(endpoint) for endpoint in
@@ -70,7 +85,7 @@ class ListeningPublisher:
             others.append(f'another node of the same name, {own},')
         return ' and '.join(others) or 'another node'
 
-    def _on_message(self, serialized, info):
+    def _on_message(self, serialized: bytes, info: Mapping[str, int]) -> None:
         # This node's own come back too; they were sent while `publish` ran. What is older than all
         # that is known of them is nobody's.
         sent_ns = info['source_timestamp']

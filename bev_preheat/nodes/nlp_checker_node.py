@@ -1,10 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """`nlp_checker`: how far the planner's plan is from the optimum of the nonlinear program."""
 
+from __future__ import annotations
+
 from collections import deque
 from functools import wraps
 import sys
 from time import monotonic
+from typing import TYPE_CHECKING
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import SetParametersResult
@@ -35,12 +38,34 @@ from bev_preheat.nodes.setup_watch import SetupWatch
 from bev_preheat.optimum.exchange import Failure
 from bev_preheat.optimum.solver_process import MOST_NICE, SolverProcess
 from bev_preheat.optional_packages import require
-from bev_preheat.supervision.events import Reconfigured, RouteUnreadable, TripCancelled
+from bev_preheat.supervision.events import (
+    BatteryStateArrived,
+    Reconfigured,
+    RouteUnreadable,
+    TripCancelled,
+)
 from bev_preheat.supervision.inbox import Inbox
 from bev_preheat.supervision.inputs import NS_PER_S
 from bev_preheat.supervision.settings import Settings
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat_msgs.msg import OptimalityReport, PreheatPlan
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Sequence
+    from typing import Any
+
+    from rclpy.parameter import Parameter as RosParameter
+
+    from bev_preheat.nodes.optimality_report import Case
+    from bev_preheat.supervision.events import Event
+    from bev_preheat.supervision.inputs import Measurement
+    from bev_preheat.vehicle import Vehicle
+    from bev_preheat_msgs.msg import RoutePlan
+
+    # A method that ROS calls.
+    Callback = Callable[..., Any]
+    # Values of parameters by name; the table of parameters says their types.
+    Values = dict[str, Any]
 
 DEFAULTS = Settings()
 PARAMETERS = (
@@ -80,10 +105,10 @@ PLAN_WAIT_S = 1.0
 STATES_KEPT = 16
 
 
-def guarded(callback):
+def guarded(callback: Callback) -> Callback:
     """Wrap a callback: an unforeseen exception is logged and ends neither node nor check."""
     @wraps(callback)
-    def wrapper(self, *arguments):
+    def wrapper(self: NlpCheckerNode, *arguments: Any) -> Any:
         try:
             return callback(self, *arguments)
         except Exception as error:
@@ -103,7 +128,7 @@ class NlpCheckerNode(Node):
     wanted for a new route or on demand cancels the check that is under way.
     """
 
-    def __init__(self):
+    def __init__(self) -> None:
         """Declare the parameters and start; raises InvalidInput where one is not allowed."""
         require('casadi')
         super().__init__('nlp_checker')
@@ -115,13 +140,16 @@ class NlpCheckerNode(Node):
         self._solver = self._solver_of(vehicle)
         # Loading it takes longer than solving: the first check must not wait for that.
         self._solver.prepare()
-        self._measurements = deque(maxlen=STATES_KEPT)
-        self._routes, self._plan = RouteIntake(), None
+        self._measurements: deque[Measurement] = deque(maxlen=STATES_KEPT)
+        self._routes = RouteIntake()
+        self._plan: PreheatPlan | None = None
         # Instants are time.monotonic(), but the last check's, which is the node's clock's.
         self._is_wanted = self._is_urgent = False
-        self._ready_since_s = None
-        self._case = self._report = self._last_check_ns = None
-        self._problems = {}
+        self._ready_since_s: float | None = None
+        self._case: Case | None = None
+        self._report: OptimalityReport | None = None
+        self._last_check_ns: int | None = None
+        self._problems: dict[str, str] = {}
         self._counts = {'reports': 0, 'failures': 0, 'superseded': 0, 'programs built': 0}
 
         latched = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
@@ -147,10 +175,10 @@ class NlpCheckerNode(Node):
     # Input
 
     @guarded
-    def _on_battery_state(self, message):
+    def _on_battery_state(self, message: BatteryState) -> None:
         now_ns = self._now_ns()
         event = battery_event(message, self._setup.clock_hint(message.header.stamp))
-        if not self._is_accepted(event):
+        if not self._is_accepted(event) or not isinstance(event, BatteryStateArrived):
             return
         measurement = event.measurement
         if self._measurements and measurement.stamp_ns < self._measurements[-1].stamp_ns:
@@ -162,7 +190,7 @@ class NlpCheckerNode(Node):
         self._begin_if_possible()
 
     @guarded
-    def _on_route_plan(self, message):
+    def _on_route_plan(self, message: RoutePlan) -> None:
         before = self._inbox.mission
         known = self._routes.message_of(self._inbox.latest_mission)
         if (known is not None and 'route_plan' not in self._problems
@@ -179,7 +207,7 @@ class NlpCheckerNode(Node):
         self._want(is_urgent=before is None or before.route_id != message.route_id)
         self._begin_if_possible()
 
-    def _is_accepted(self, event):
+    def _is_accepted(self, event: Event) -> bool:
         """Deliver an event to the inbox; return whether it is accepted."""
         try:
             event.deliver(self._inbox, self._now_ns())
@@ -189,7 +217,7 @@ class NlpCheckerNode(Node):
         self._problems.pop(event.source, None)
         return True
 
-    def _prepare_solver(self):
+    def _prepare_solver(self) -> None:
         mission = self._inbox.mission
         route = None
         if mission is not None:
@@ -198,16 +226,16 @@ class NlpCheckerNode(Node):
         self._poll_timer.reset()
 
     @guarded
-    def _on_refused_route(self, error):
+    def _on_refused_route(self, error: InvalidInput) -> None:
         self._is_accepted(RouteUnreadable(error))
 
     @guarded
-    def _on_preheat_plan(self, message):
+    def _on_preheat_plan(self, message: PreheatPlan) -> None:
         self._plan = message
         self._begin_if_possible()
 
     @guarded
-    def _on_check(self, request, response):
+    def _on_check(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         obstacle = self._obstacle()
         response.success = obstacle is None
         if response.success:
@@ -218,7 +246,7 @@ class NlpCheckerNode(Node):
             response.message = obstacle
         return response
 
-    def _refuse(self, source, error):
+    def _refuse(self, source: str, error: InvalidInput) -> None:
         self._problems[source] = f'{source} refused: {error}.'
         # The planner calls it an error; for the car it is none here.
         if self._news.has(self._problems[source]):
@@ -226,7 +254,7 @@ class NlpCheckerNode(Node):
 
     # When to check
 
-    def _is_due(self, now_ns):
+    def _is_due(self, now_ns: int) -> bool:
         if (self._is_wanted or self._solver.is_busy or self._last_check_ns is None
                 or self._values['check_period'] == 0.0):
             return False
@@ -234,11 +262,11 @@ class NlpCheckerNode(Node):
         elapsed_s = (now_ns - self._last_check_ns) / NS_PER_S
         return not 0.0 <= elapsed_s < self._values['check_period']
 
-    def _want(self, is_urgent):
+    def _want(self, is_urgent: bool) -> None:
         self._is_wanted = True
         self._is_urgent = self._is_urgent or is_urgent
 
-    def _obstacle(self):
+    def _obstacle(self) -> str | None:
         """Return why nothing can be checked now, as a sentence; None where it can."""
         mission, measurement = self._inbox.mission, self._inbox.measurement
         if mission is None:
@@ -255,7 +283,7 @@ class NlpCheckerNode(Node):
             return 'The route has ended.' if has_ended else 'The route has a stop now.'
         return None
 
-    def _begin_if_possible(self):
+    def _begin_if_possible(self) -> None:
         if not self._is_wanted or (self._solver.is_busy and not self._is_urgent):
             return
         if self._obstacle() is not None:
@@ -269,23 +297,26 @@ class NlpCheckerNode(Node):
         elif self._poll_timer.is_canceled():
             self._poll_timer.reset()
 
-    def _case_to_check(self):
+    def _case_to_check(self) -> Case | None:
         """Return the Case of the planner's own plan, or of the latest state if none comes."""
         inbox = self._inbox
+        mission, measurement = inbox.mission, inbox.measurement
+        if mission is None or measurement is None:
+            return None
         if self._plan is not None:
             oldest_ns = self._now_ns() - round(
                 self._values['battery_state_timeout'] * NS_PER_S)
             fresh = [measurement for measurement in self._measurements
                      if measurement.stamp_ns >= oldest_ns]
-            case = case_of_plan(inbox.mission, inbox.goal_of, fresh, self._plan)
+            case = case_of_plan(mission, inbox.goal_of, fresh, self._plan)
             if case is not None:
                 return case
-        if monotonic() - self._ready_since_s < PLAN_WAIT_S:
+        if self._ready_since_s is None or monotonic() - self._ready_since_s < PLAN_WAIT_S:
             return None
-        return case_of_state(inbox.mission, inbox.goal_of, inbox.measurement, self._plan)
+        return case_of_state(mission, inbox.goal_of, measurement, self._plan)
 
-    def _begin(self, case):
-        if self._solver.is_busy:
+    def _begin(self, case: Case) -> None:
+        if self._solver.is_busy and self._case is not None:
             self._counts['superseded'] += 1
             self.get_logger().info(
                 f'Route {self._case.route_id!r}: superseded by a newer check.')
@@ -299,14 +330,14 @@ class NlpCheckerNode(Node):
     # What comes of it
 
     @guarded
-    def _on_poll(self):
+    def _on_poll(self) -> None:
         self._poll_solver()
         self._begin_if_possible()
         if not (self._solver.is_busy or self._solver.is_preparing
                 or self._ready_since_s is not None):
             self._poll_timer.cancel()
 
-    def _poll_solver(self):
+    def _poll_solver(self) -> None:
         was_busy, outcome = self._solver.is_busy, self._solver.poll()
         if outcome is None:
             return
@@ -317,7 +348,7 @@ class NlpCheckerNode(Node):
                 f'{outcome.explanation}; the next check is not affected.')
         else:
             self._problems.pop('solver', None)
-        if was_busy:
+        if was_busy and self._case is not None:
             self._report = report_message(self._case, outcome)
             self._report_publisher.publish(self._report)
             self._counts['reports'] += 1
@@ -326,12 +357,12 @@ class NlpCheckerNode(Node):
         self._publish_diagnostics()
 
     @guarded
-    def _on_diagnostics(self):
+    def _on_diagnostics(self) -> None:
         # A process that has nothing to do may end too.
         self._poll_solver()
         self._publish_diagnostics()
 
-    def _publish_diagnostics(self):
+    def _publish_diagnostics(self) -> None:
         solver = self._solver
         values = {
             'state': 'solving' if solver.is_solving else
@@ -353,7 +384,7 @@ class NlpCheckerNode(Node):
 
     # Parameters
 
-    def _check_parameters(self, parameters):
+    def _check_parameters(self, parameters: Sequence[RosParameter]) -> SetParametersResult:
         values = _own_values(parameters)
         try:
             check(PARAMETERS, values)
@@ -369,7 +400,7 @@ class NlpCheckerNode(Node):
         return SetParametersResult(successful=True)
 
     @guarded
-    def _apply_parameters(self, parameters):
+    def _apply_parameters(self, parameters: Sequence[RosParameter]) -> None:
         values = _own_values(parameters)
         if not values:
             return
@@ -392,31 +423,31 @@ class NlpCheckerNode(Node):
                 self._want(is_urgent=True)
                 self._begin_if_possible()
 
-    def _solver_of(self, vehicle):
+    def _solver_of(self, vehicle: Vehicle) -> SolverProcess:
         return SolverProcess(vehicle, niceness=self._values['solver_niceness'])
 
-    def _now_ns(self):
+    def _now_ns(self) -> int:
         return self.get_clock().now().nanoseconds
 
-    def destroy_node(self):
+    def destroy_node(self) -> None:
         """End the solver's process too."""
         self._solver.close()
         super().destroy_node()
 
 
-def _own_values(parameters):
+def _own_values(parameters: Iterable[RosParameter]) -> Values:
     return {parameter.name: parameter.value for parameter in parameters
             if parameter.name in _OWN}
 
 
-def _settings(values):
+def _settings(values: Values) -> Settings:
     return Settings(battery_state_timeout_s=values['battery_state_timeout'],
                     clock_tolerance_s=values['clock_tolerance'],
                     planning_step_s=values['planning_step'],
                     estimation=False)
 
 
-def main():
+def main() -> None:
     """Run the checker until it is told to end."""
     sys.exit(run_node(NlpCheckerNode, PROGRAM))
 

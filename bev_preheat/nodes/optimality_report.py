@@ -6,9 +6,12 @@ Like is compared with like: plan and optimum start at the same instant, from the
 state, on the same steps of the same route, with the same goal.
 """
 
+from __future__ import annotations
+
 from array import array
 from dataclasses import dataclass, replace
 import math
+from typing import TYPE_CHECKING
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 import numpy as np
@@ -22,6 +25,20 @@ from bev_preheat.planning.planner import METHODS
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.supervision.inputs import NS_PER_S
 from bev_preheat_msgs.msg import OptimalityReport
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Mapping, Sequence
+    from typing import Any
+
+    from bev_preheat.optimum.exchange import Failure
+    from bev_preheat.planning.plan import Plan
+    from bev_preheat.planning.situation import Goal
+    from bev_preheat.route import Route
+    from bev_preheat.supervision.inputs import Leg, Measurement, Mission
+    from bev_preheat_msgs.msg import PreheatPlan, RoutePlan
+
+    # Inbox.goal_of.
+    GoalOf = Callable[[Leg], Goal]
 
 # Two computations of the same steps differ by rounding only.
 ROUNDING_S = 1e-3
@@ -65,9 +82,9 @@ class Case:
     cautious_energy_wh: float = math.nan
 
 
-def says_the_same(route_message, other):
+def says_the_same(route_message: RoutePlan, other: RoutePlan) -> bool:
     """Whether two RoutePlan messages hold the same; a NaN is the same as a NaN."""
-    def is_same(value, other_value):
+    def is_same(value: Any, other_value: Any) -> bool:
         if isinstance(value, array):
             return np.array_equal(value, other_value, equal_nan=True)
         return value == other_value or (value != value and other_value != other_value)
@@ -76,7 +93,8 @@ def says_the_same(route_message, other):
                for field in route_message.get_fields_and_field_types())
 
 
-def case_of_plan(mission, goal_of, measurements, plan):
+def case_of_plan(mission: Mission, goal_of: GoalOf, measurements: Iterable[Measurement],
+                 plan: PreheatPlan) -> Case | None:
     """
     Return the Case of a PreheatPlan; None where it is not known what it was made from.
 
@@ -109,7 +127,7 @@ def case_of_plan(mission, goal_of, measurements, plan):
     return None
 
 
-def part_ahead(mission, stamp_ns):
+def part_ahead(mission: Mission, stamp_ns: int) -> tuple[Leg, int, Route | None]:
     """
     Return (leg, start [ns], route) of what is ahead of an instant [ns] on its leg.
 
@@ -120,7 +138,8 @@ def part_ahead(mission, stamp_ns):
     return leg, start_ns, leg.route_ahead(start_ns)
 
 
-def case_of_state(mission, goal_of, measurement, plan):
+def case_of_state(mission: Mission, goal_of: GoalOf, measurement: Measurement,
+                  plan: PreheatPlan | None) -> Case | None:
     """
     Return the Case of a measurement; None at a stop and where the route has ended.
 
@@ -137,27 +156,27 @@ def case_of_state(mission, goal_of, measurement, plan):
                 Question(route, measurement.state, goal, method if method in METHODS else ''))
 
 
-def _with_target_of(plan, leg, goal):
+def _with_target_of(plan: PreheatPlan, leg: Leg, goal: Goal) -> Goal:
     # Where the route names no target the planner's own parameter holds, which only its plan tells.
     if leg.target_temperature_c is None and math.isfinite(plan.target_battery_temperature):
         return replace(goal, target_temperature_c=plan.target_battery_temperature)
     return goal
 
 
-def _figures_of_message(plan):
+def _figures_of_message(plan: PreheatPlan) -> Figures:
     return Figures(plan.battery_energy, plan.predicted_arrival_temperature,
                    nanoseconds(plan.heating_start) if plan.heating_planned else None,
                    plan.shortfall, plan.soc_shortfall, plan.undeliverable_power)
 
 
-def _figures_of_plan(plan, start_ns):
-    heats = plan.heating_start_s is not None
+def _figures_of_plan(plan: Plan, start_ns: int) -> Figures:
     return Figures(plan.energy_wh.battery_total, plan.arrival_temperature_c,
-                   start_ns + round(plan.heating_start_s * NS_PER_S) if heats else None,
+                   None if plan.heating_start_s is None
+                   else start_ns + round(plan.heating_start_s * NS_PER_S),
                    plan.shortfall_k, plan.soc_shortfall, plan.undeliverable_power_w)
 
 
-def report_message(case, outcome):
+def report_message(case: Case, outcome: Solution | Failure) -> OptimalityReport:
     """Return the OptimalityReport of a Case and what became of it: a Solution or a Failure."""
     message = OptimalityReport(
         route_id=case.route_id, method=shortened(case.method, LONGEST_QUOTE))
@@ -182,15 +201,15 @@ def report_message(case, outcome):
     message.plan_arrival_temperature = planned.arrival_temperature_c
     message.optimal_arrival_temperature = optimal.arrival_temperature_c
     message.plan_heating = planned.heating_start_ns is not None
-    if message.plan_heating:
+    if planned.heating_start_ns is not None:
         message.plan_heating_start = time_message(planned.heating_start_ns)
     message.optimal_heating = optimal.heating_start_ns is not None
-    if message.optimal_heating:
+    if optimal.heating_start_ns is not None:
         message.optimal_heating_start = time_message(optimal.heating_start_ns)
     return message
 
 
-def report_sentence(report):
+def report_sentence(report: OptimalityReport) -> str:
     """Return an OptimalityReport in one sentence."""
     about = f'Route {report.route_id!r}: {report.solver_status}'
     if math.isnan(report.optimal_energy):
@@ -208,7 +227,8 @@ def report_sentence(report):
             f'{report.energy_gap:+.3f} Wh and arrives at {warmer_k:+.3f} K.')
 
 
-def checker_diagnostics(node_name, vehicle_name, problems, values, now_ns):
+def checker_diagnostics(node_name: str, vehicle_name: str, problems: Sequence[str],
+                        values: Mapping[str, str], now_ns: int) -> DiagnosticArray:
     """
     Return the DiagnosticArray of the checker: WARN with its problems, a list of sentences, or OK.
 

@@ -1,13 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
 """Parameters with a description, a unit and a range, declared and checked from one table."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 import math
-from typing import Any
+from typing import Any, TYPE_CHECKING
 
 from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
 
 from bev_preheat.errors import InvalidInput, quoted
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, Sequence
+
+    from rclpy.node import Node
 
 
 @dataclass(frozen=True)
@@ -24,15 +31,15 @@ class Parameter:
     default: Any
     description: str
     unit: str = ''
-    limits: tuple | None = None
+    limits: tuple[float, float] | None = None
     unset_means: str = ''
-    choices: tuple = ()
+    choices: tuple[str, ...] = ()
     read_only: bool = False
 
-    def descriptor(self):
+    def descriptor(self) -> ParameterDescriptor:
         """Return what `ros2 param describe` shows."""
         constraints = []
-        if self.unset_means:
+        if self.limits and self.unset_means:
             constraints.append(f'{self.limits[0]:g} ... {self.limits[1]:g}; 0 or NaN: '
                                f'{self.unset_means}')
         if self.choices:
@@ -47,13 +54,13 @@ class Parameter:
             additional_constraints='; '.join(constraints),
             floating_point_range=ranges, read_only=self.read_only)
 
-    def default_text(self):
+    def default_text(self) -> str:
         """Return the default as a person writes it."""
         if isinstance(self.default, bool):
             return str(self.default).lower()
         return str(self.default) if self.default != '' else 'empty'
 
-    def help_text(self):
+    def help_text(self) -> str:
         """Return what --help says: description, unit, range."""
         text = self.description.rstrip('.')
         unit = f' {self.unit}' if self.unit else ''
@@ -64,7 +71,7 @@ class Parameter:
             text += f'; one of {", ".join(self.choices)}'
         return f'{text}.'
 
-    def problem_with(self, value):
+    def problem_with(self, value: Any) -> str | None:
         """Return a sentence on what is wrong with a value, None if nothing is."""
         unit = f' {self.unit}' if self.unit else ''
         if self.choices and value not in self.choices:
@@ -78,7 +85,7 @@ class Parameter:
         return None
 
 
-def declare(node, parameters):
+def declare(node: Node, parameters: Sequence[Parameter]) -> dict[str, Any]:
     """Declare the parameters and return their values by name; raise InvalidInput on a bad one."""
     values = {}
     for parameter in parameters:
@@ -88,7 +95,7 @@ def declare(node, parameters):
     return values
 
 
-def check(parameters, values):
+def check(parameters: Iterable[Parameter], values: Mapping[str, Any]) -> None:
     """Raise InvalidInput, one problem a value, where values (a dictionary by name) are wrong."""
     problems = [problem for parameter in parameters
                 if parameter.name in values

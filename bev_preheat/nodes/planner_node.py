@@ -1,9 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """`planner`: battery state and route in, heater command and predicted arrival temperature out."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from functools import wraps
 import sys
+from typing import TYPE_CHECKING
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import SetParametersResult
@@ -35,6 +38,22 @@ from bev_preheat.supervision.supervisor import Supervisor
 from bev_preheat.vehicle import load_vehicle, vehicle_file, vehicle_fingerprint
 from bev_preheat.vehicle.assumptions import assumption_warning
 from bev_preheat_msgs.msg import PreheatPlan
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Sequence
+    from typing import Any
+
+    from rclpy.parameter import Parameter as RosParameter
+
+    from bev_preheat.supervision.events import Event
+    from bev_preheat.supervision.supervisor import Output, Refusal
+    from bev_preheat.vehicle import Vehicle
+    from bev_preheat_msgs.msg import RoutePlan
+
+    # A method that ROS calls.
+    Callback = Callable[..., Any]
+    # Values of parameters by name; the table of parameters says their types.
+    Values = dict[str, Any]
 
 DEFAULTS = Settings()
 PARAMETERS = (
@@ -87,10 +106,10 @@ class _Told:
     resets: int = 0
 
 
-def guarded(callback):
+def guarded(callback: Callback) -> Callback:
     """Wrap a callback: an unforeseen exception is logged, and the heater is switched off."""
     @wraps(callback)
-    def wrapper(self, *arguments):
+    def wrapper(self: PlannerNode, *arguments: Any) -> Any:
         try:
             return callback(self, *arguments)
         except Exception as error:
@@ -102,7 +121,7 @@ def guarded(callback):
 class PlannerNode(Node):
     """Wires topics, parameters and clock to a `supervision.supervisor.Supervisor`."""
 
-    def __init__(self):
+    def __init__(self) -> None:
         """Declare the parameters and start; raises InvalidInput where one is not allowed."""
         super().__init__('planner')
         values = declare(self, PARAMETERS)
@@ -147,21 +166,21 @@ class PlannerNode(Node):
     # Input
 
     @guarded
-    def _on_battery_state(self, message):
+    def _on_battery_state(self, message: BatteryState) -> None:
         event = battery_event(message, self._setup.clock_hint(message.header.stamp))
         if self._step(event):
             self._stale_timer.reset()
 
     @guarded
-    def _on_route_plan(self, message):
+    def _on_route_plan(self, message: RoutePlan) -> None:
         if self._step(self._routes.read(message, self._supervisor)):
             self._tell_route()
 
     @guarded
-    def _on_refused_route(self, error):
+    def _on_refused_route(self, error: InvalidInput) -> None:
         self._step(RouteUnreadable(error))
 
-    def _tell_route(self):
+    def _tell_route(self) -> None:
         mission = self._supervisor.mission
         if mission is None:
             self.get_logger().info('The trip was cancelled.')
@@ -174,7 +193,7 @@ class PlannerNode(Node):
             f'stops on the way: {len(routes) - 1}.')
 
     @guarded
-    def _on_rival(self):
+    def _on_rival(self) -> None:
         """Switch the heater off while another node commands it, and on again after that."""
         rivals = self._command_publisher.rivals(self._now_ns())
         if rivals == self._supervisor.rivals:
@@ -186,25 +205,25 @@ class PlannerNode(Node):
         self._step(RivalsChanged(rivals))
 
     @guarded
-    def _on_standing_clock(self):
+    def _on_standing_clock(self) -> None:
         # The timers of a clock that stands never fire.
         if self._setup.clock_stands:
             self._publish_diagnostics(self._now_ns())
 
     @guarded
-    def _on_enable(self, request, response):
+    def _on_enable(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         response.success = True
         response.message = f'Preheating is switched {"on" if request.data else "off"}.'
         self.get_logger().info(response.message)
         self._step(PreheatingSwitched(request.data))
         return response
 
-    def _tell_assumptions(self, name_or_file):
+    def _tell_assumptions(self, name_or_file: str) -> None:
         warning = assumption_warning(self._supervisor.vehicle, vehicle_file(name_or_file))
         if warning is not None:
             self.get_logger().warning(f'{warning}.')
 
-    def _tell_findings(self):
+    def _tell_findings(self) -> None:
         """Log what the estimation has found out, once."""
         estimate = self._supervisor.estimate
         if estimate is None:
@@ -217,7 +236,7 @@ class PlannerNode(Node):
 
     # Parameters
 
-    def _check_parameters(self, parameters):
+    def _check_parameters(self, parameters: Sequence[RosParameter]) -> SetParametersResult:
         if not _OWN.intersection(parameter.name for parameter in parameters):
             return SetParametersResult(successful=True)
         try:
@@ -236,7 +255,7 @@ class PlannerNode(Node):
         return SetParametersResult(successful=True)
 
     @guarded
-    def _apply_parameters(self, parameters):
+    def _apply_parameters(self, parameters: Sequence[RosParameter]) -> None:
         if not _OWN.intersection(parameter.name for parameter in parameters):
             return
         supervisor = self._supervisor
@@ -260,7 +279,7 @@ class PlannerNode(Node):
         if is_new_car:
             self._tell_assumptions(values['vehicle'])
 
-    def _values_with(self, parameters):
+    def _values_with(self, parameters: Iterable[RosParameter]) -> Values:
         values = {name: self.get_parameter(name).value for name in _OWN}
         values.update((parameter.name, parameter.value) for parameter in parameters
                       if parameter.name in _OWN)
@@ -268,9 +287,10 @@ class PlannerNode(Node):
 
     # Output
 
-    def _step(self, *events):
+    def _step(self, *events: Event) -> bool:
         """Run a step of the supervisor and publish its outputs; return whether all was accepted."""
-        now_ns, refusals, has_failed = self._now_ns(), (), False
+        now_ns, has_failed = self._now_ns(), False
+        refusals: tuple[Refusal, ...] = ()
         for output in self._supervisor.step(now_ns, *events):
             self._publish(output, now_ns)
             refusals += output.refusals
@@ -282,7 +302,7 @@ class PlannerNode(Node):
         self._tell_findings()
         return not refusals and not has_failed
 
-    def _publish(self, output, now_ns):
+    def _publish(self, output: Output, now_ns: int) -> None:
         if output.command is not None:
             self._command_publisher.publish(command_message(output.command, now_ns))
         if output.failure:
@@ -300,11 +320,11 @@ class PlannerNode(Node):
             self._publish_diagnostics(now_ns)
 
     @guarded
-    def _on_repeat(self):
+    def _on_repeat(self) -> None:
         self._step()
         self._publish_diagnostics(self._now_ns())
 
-    def _publish_diagnostics(self, now_ns):
+    def _publish_diagnostics(self, now_ns: int) -> None:
         supervisor = self._supervisor
         message = planner_diagnostics(
             self.get_fully_qualified_name(), supervisor, now_ns, self._state_keeper.report())
@@ -313,17 +333,17 @@ class PlannerNode(Node):
             f'{supervisor.rivals} also publishes hvch_command' if supervisor.rivals else ''))
         self._diagnostics_publisher.publish(message)
 
-    def fail(self, where, error):
+    def fail(self, where: str, error: Exception) -> None:
         """Switch the heater off after an exception outside of a step, and log it."""
         now_ns = self._now_ns()
         self._publish(
             self._supervisor.fail(now_ns, f'{where}: {type(error).__name__}: {error}'), now_ns)
 
     @guarded
-    def _on_save_due(self):
+    def _on_save_due(self) -> None:
         self._state_keeper.save(self._supervisor.estimate)
 
-    def last_words(self):
+    def last_words(self) -> None:
         """Publish 0 W before the process ends, and wait a moment until it is out."""
         # With a lease like any other: a heater's controller may ignore a command that has expired.
         now_ns = self._now_ns()
@@ -331,11 +351,11 @@ class PlannerNode(Node):
         self._on_save_due()
         self._command_publisher.wait_for_all_acked(LAST_WORDS_TIME)
 
-    def _now_ns(self):
+    def _now_ns(self) -> int:
         return self.get_clock().now().nanoseconds
 
 
-def _take_effect(values):
+def _take_effect(values: Values) -> tuple[Vehicle, Settings]:
     """Return (Vehicle, Settings) of parameter values; raise InvalidInput where they are wrong."""
     check(PARAMETERS, values)
     if values['command_lease'] <= values['command_period']:
@@ -346,7 +366,7 @@ def _take_effect(values):
         {name: values[name] for name in FIELD_OF_PARAMETER})
 
 
-def main():
+def main() -> None:
     """Run the planner until it is told to end."""
     sys.exit(run_node(PlannerNode, PROGRAM))
 

@@ -1,10 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """The main loop that the executables share: clean start, clean end."""
 
+from __future__ import annotations
+
 import os
 import signal
 import sys
 import threading
+from typing import TYPE_CHECKING
 
 import rclpy
 from rclpy.executors import (
@@ -18,10 +21,17 @@ from rclpy.task import Future
 
 from bev_preheat.nodes.command_line import print_error, silent_rcl, START_ERRORS
 
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from rclpy.node import Node
+
+    from bev_preheat.nodes.command_line import Program
+
 END_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
-def run_node(make_node, program=None):
+def run_node(make_node: Callable[[], Node], program: Program | None = None) -> int:
     """
     Make a node, spin it until SIGINT, SIGTERM or its own `finished` future, and end it.
 
@@ -59,7 +69,7 @@ def run_node(make_node, program=None):
         rclpy.try_shutdown()
 
 
-def _spin_until(executor, finished):
+def _spin_until(executor: SingleThreadedExecutor, finished: Future) -> None:
     """
     Execute callbacks until the future is done.
 
@@ -77,7 +87,7 @@ def _spin_until(executor, finished):
         task.result()
 
 
-def _pipe_of_signals():
+def _pipe_of_signals() -> int:
     """
     Return a file descriptor on which a byte appears for each end signal.
 
@@ -92,7 +102,7 @@ def _pipe_of_signals():
     return reader
 
 
-def _wait_for_signal(told_to_end, finished):
+def _wait_for_signal(told_to_end: int, finished: Future) -> None:
     os.read(told_to_end, 1)
     if not finished.done():
         finished.set_result(None)

@@ -1,6 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Reads route plans: a route, a cancellation, or what is legible of an unreadable one."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from bev_preheat.errors import InvalidInput
@@ -18,6 +22,14 @@ from bev_preheat.supervision.inputs import NS_PER_S
 from bev_preheat.supervision.refusals import RefusedRoute
 from bev_preheat.supervision.settings import defaults_of, MOST_STOPS
 
+if TYPE_CHECKING:
+    from bev_preheat.supervision.inbox import Inbox
+    from bev_preheat.supervision.inputs import Mission
+    from bev_preheat.supervision.settings import Settings
+    from bev_preheat.supervision.supervisor import Supervisor
+    from bev_preheat.vehicle import Vehicle
+    from bev_preheat_msgs.msg import RoutePlan
+
 
 class RouteIntake:
     """
@@ -26,15 +38,16 @@ class RouteIntake:
     It remembers the messages, so that the current route can be read again with other parameters.
     """
 
-    def __init__(self):
+    def __init__(self) -> None:
         """Start without a message."""
-        self._messages = {}
+        self._messages: dict[Mission, RoutePlan] = {}
 
-    def message_of(self, mission):
+    def message_of(self, mission: Mission | None) -> RoutePlan | None:
         """Return the message that a Mission was read from; None where there is none."""
-        return self._messages.get(mission)
+        return None if mission is None else self._messages.get(mission)
 
-    def read(self, message, holder):
+    def read(self, message: RoutePlan,
+             holder: Supervisor | Inbox) -> RouteArrived | TripCancelled | RouteUnreadable:
         """
         Return the event of a message: RouteArrived, TripCancelled or RouteUnreadable.
 
@@ -51,7 +64,8 @@ class RouteIntake:
             what = f'{type(error).__name__}: {error}' if str(error) else type(error).__name__
             return RouteUnreadable(InvalidInput(f'cannot be read: {what}'))
 
-    def read_again(self, holder, vehicle, settings):
+    def read_again(self, holder: Supervisor | Inbox, vehicle: Vehicle,
+                   settings: Settings) -> Mission | InvalidInput | None:
         """
         Return the holder's latest Mission as read for another vehicle or with other settings.
 
@@ -64,24 +78,24 @@ class RouteIntake:
         except InvalidInput as error:
             return error
 
-    def _forget_all_but(self, kept):
+    def _forget_all_but(self, kept: Mission | None) -> None:
         self._messages = {mission: message for mission, message in self._messages.items()
                           if mission is kept}
 
-    def _mission(self, message, vehicle, settings):
+    def _mission(self, message: RoutePlan, vehicle: Vehicle, settings: Settings) -> Mission:
         mission = mission_from_message(
             message, defaults_of(vehicle, settings), settings.planning_step_s)
         self._messages[mission] = message
         return mission
 
 
-def refused_route_of(message):
+def refused_route_of(message: RoutePlan) -> RefusedRoute:
     """Return the RefusedRoute of a RoutePlan; what is not to be trusted counts as unreadable."""
     return RefusedRoute(message.route_id[:LONGEST_ROUTE_ID + 1], message.charging_planned,
                         _arrivals_ns(message))
 
 
-def _arrivals_ns(message):
+def _arrivals_ns(message: RoutePlan) -> tuple[int, ...] | None:
     """Return the instants [ns] at which the legs of a RoutePlan end, None where unreadable."""
     stamp, durations_s = message.header.stamp, message.segment_duration
     lengths = {len(getattr(message, name)) for name in ROUTE_FIELDS.values()} - {0}

@@ -6,7 +6,10 @@ No single subscription suits all publishers: one that gets a latched sample does
 publishers, and one that matches best-effort publishers may lose parts of a long route.
 """
 
+from __future__ import annotations
+
 from collections import deque
+from typing import TYPE_CHECKING
 
 from rclpy.clock import Clock, ClockType
 from rclpy.event_handler import SubscriptionEventCallbacks
@@ -18,6 +21,12 @@ from bev_preheat.errors import InvalidInput
 from bev_preheat.nodes.news import News
 from bev_preheat.route.segments import MOST_SEGMENTS
 from bev_preheat_msgs.msg import RoutePlan
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from rclpy.node import Node
+    from rclpy.subscription import Subscription
 
 TOPIC = 'route_plan'
 RELIABLE = QoSProfile(depth=1)
@@ -41,12 +50,14 @@ class RouteListener:
     is handled once. One that is longer than the longest route is refused before it is converted.
     """
 
-    def __init__(self, node, on_route, on_refused):
+    def __init__(self, node: Node, on_route: Callable[[RoutePlan], object],
+                 on_refused: Callable[[InvalidInput], object]) -> None:
         """Subscribe; raises InvalidInput where an override of the quality of service is wrong."""
         self._node, self._on_route, self._on_refused = node, on_route, on_refused
         check_overrides(node)
-        self._handled, self._news = deque(maxlen=MESSAGES_REMEMBERED), News()
-        self._publishers_of_long_route, self._hears_best_effort = None, False
+        self._handled: deque[tuple[int, int, int]] = deque(maxlen=MESSAGES_REMEMBERED)
+        self._publishers_of_long_route: set[tuple[int, ...]] | None = None
+        self._news, self._hears_best_effort = News(), False
         first = self._subscribe(
             QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL),
             QoSOverridingOptions(POLICIES))
@@ -56,21 +67,22 @@ class RouteListener:
         node.create_timer(LOOK_PERIOD_S, self._on_timer, clock=Clock(
             clock_type=ClockType.STEADY_TIME))
 
-    def _subscribe(self, profile, overriding=None):
+    def _subscribe(self, profile: QoSProfile,
+                   overriding: QoSOverridingOptions | None = None) -> Subscription:
         return self._node.create_subscription(
             RoutePlan, TOPIC, self._on_bytes, profile, raw=True,
             # Together they match every publisher, so one that does not match is nothing to report.
             event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
             qos_overriding_options=overriding)
 
-    def _on_bytes(self, serialized, info):
+    def _on_bytes(self, serialized: bytes, info: Mapping[str, int]) -> None:
         try:
             self._handle(serialized, info)
         except Exception as error:
             self._on_refused(InvalidInput(
                 f'the message cannot be read: {type(error).__name__}: {error}'))
 
-    def _handle(self, serialized, info):
+    def _handle(self, serialized: bytes, info: Mapping[str, int]) -> None:
         key = (info['source_timestamp'], info['publication_sequence_number'], len(serialized))
         if key in self._handled:
             return
@@ -87,19 +99,19 @@ class RouteListener:
 
     # The middleware keeps a buffer of the longest message for as long as a subscription exists.
 
-    def _free_buffers(self):
+    def _free_buffers(self) -> None:
         """Subscribe anew, but not to latched samples: the long one would come at once."""
         for subscription in self._subscriptions:
             self._node.destroy_subscription(subscription)
         self._subscriptions, self._hears_best_effort = [self._subscribe(RELIABLE)], False
         self._publishers_of_long_route = self._publishers()
 
-    def _latch_again(self):
+    def _latch_again(self) -> None:
         if self._publishers_of_long_route is not None:
             self._publishers_of_long_route = None
             self._subscriptions.append(self._subscribe(self._latching_profile))
 
-    def _on_timer(self):
+    def _on_timer(self) -> None:
         try:
             self._look()
         except Exception as error:
@@ -107,7 +119,7 @@ class RouteListener:
             if self._news.has(sentence):
                 self._node.get_logger().error(sentence)
 
-    def _look(self):
+    def _look(self) -> None:
         endpoints = self._node.get_publishers_info_by_topic(TOPIC)
         if not self._hears_best_effort and any(
                 endpoint.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT
@@ -119,12 +131,12 @@ class RouteListener:
                 and self._publishers() != self._publishers_of_long_route):
             self._latch_again()
 
-    def _publishers(self):
+    def _publishers(self) -> set[tuple[int, ...]]:
         return {tuple(endpoint.endpoint_gid)
                 for endpoint in self._node.get_publishers_info_by_topic(TOPIC)}
 
 
-def check_overrides(node):
+def check_overrides(node: Node) -> None:
     """Raise InvalidInput where a qos_overrides parameter for the route's subscription is wrong."""
     topic = node.resolve_topic_name(TOPIC)
     problems = []
@@ -143,7 +155,7 @@ def check_overrides(node):
         raise InvalidInput(problems)
 
 
-def _value_problems(name, policy, value):
+def _value_problems(name: str, policy: str, value: object) -> list[str]:
     texts = {'durability': DurabilityPolicy, 'reliability': ReliabilityPolicy,
              'history': HistoryPolicy}.get(policy)
     if texts is not None:

@@ -1,8 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """What is set up wrongly around a node: parameters, clock, and with whom it cannot talk."""
 
+from __future__ import annotations
+
 import difflib
 import sys
+from typing import TYPE_CHECKING
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.clock import Clock, ClockType
@@ -11,6 +14,12 @@ from bev_preheat.nodes.convert import nanoseconds
 from bev_preheat.nodes.news import News
 from bev_preheat.nodes.surroundings import Surroundings
 from bev_preheat.supervision.inputs import NS_PER_S
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Sequence
+
+    from builtin_interfaces.msg import Time
+    from rclpy.node import Node
 
 # In real time: with simulated time that stands, the node's own timers stand too.
 LOOK_PERIOD_S = 0.5
@@ -31,7 +40,8 @@ class SetupWatch:
     `problems` are the sentences that hold now.
     """
 
-    def __init__(self, node, subscribes, publishes, also=()):
+    def __init__(self, node: Node, subscribes: Iterable[str], publishes: Iterable[str],
+                 also: Sequence[Callable[[], object]] = ()) -> None:
         """
         Begin to look; call it when all parameters are declared.
 
@@ -41,12 +51,14 @@ class SetupWatch:
         self._node, self._also = node, also
         self._surroundings = Surroundings(node, subscribes, publishes)
         self._unknown = unknown_parameters(node)
-        self._logged, self._found, self._looks_at_zero = set(), [], 0
+        self._logged: set[str] = set()
+        self._found: list[str] = []
+        self._looks_at_zero = 0
         self._news = News()
         self._note(self._unknown)
         node.create_timer(LOOK_PERIOD_S, self._on_timer, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
-    def _on_timer(self):
+    def _on_timer(self) -> None:
         try:
             self._look()
         except Exception as error:
@@ -54,7 +66,7 @@ class SetupWatch:
             if self._news.has(sentence):
                 self._node.get_logger().error(sentence)
 
-    def _look(self):
+    def _look(self) -> None:
         found, before = self._surroundings.problems(), self._found
         self._found = found
         # What shows once may be half discovered, or on its way to be mended.
@@ -65,14 +77,14 @@ class SetupWatch:
         for function in self._also:
             function()
 
-    def _clock_stands(self):
+    def _clock_stands(self) -> bool:
         stands = (self._node.get_parameter('use_sim_time').value
                   and self._node.get_clock().now().nanoseconds == 0)
         self._looks_at_zero = self._looks_at_zero + 1 if stands else 0
         # Discovering who publishes it takes a moment.
         return self._looks_at_zero >= CLOCK_PATIENCE_LOOKS
 
-    def _note(self, problems):
+    def _note(self, problems: Sequence[str]) -> None:
         self.problems = problems
         for problem in problems:
             if problem is CLOCK_STANDS:
@@ -82,11 +94,11 @@ class SetupWatch:
                 self._node.get_logger().warning(problem)
 
     @property
-    def clock_stands(self):
+    def clock_stands(self) -> bool:
         """Whether simulated time is asked for and has not begun."""
         return CLOCK_STANDS in self.problems
 
-    def entry(self, hardware, error=''):
+    def entry(self, hardware: str, error: str = '') -> DiagnosticStatus:
         """Return the DiagnosticStatus `NODE: setup`; `error` is a sentence that makes it ERROR."""
         sentences = [error, *self.problems] if error else self.problems
         return DiagnosticStatus(
@@ -96,13 +108,13 @@ class SetupWatch:
                    DiagnosticStatus.WARN if sentences else DiagnosticStatus.OK),
             message='; '.join(sentences) or 'parameters, clock and topics fit')
 
-    def clock_hint(self, stamp):
+    def clock_hint(self, stamp: Time) -> str:
         """Return the hint at the clocks that a message's stamp calls for, '' for none."""
         return clock_hint(self._node.get_parameter('use_sim_time').value,
                           self._node.get_clock().now().nanoseconds, nanoseconds(stamp))
 
 
-def clock_hint(uses_sim_time, now_ns, stamp_ns):
+def clock_hint(uses_sim_time: bool, now_ns: int, stamp_ns: int) -> str:
     """Return which clock is likely wrong where now and a stamp [ns] are far apart; '' elsewhere."""
     apart_days = (stamp_ns - now_ns) / NS_PER_S / 86400.0
     if not now_ns or not stamp_ns or abs(apart_days) < FAR_DAYS:
@@ -116,7 +128,7 @@ def clock_hint(uses_sim_time, now_ns, stamp_ns):
             'not set')
 
 
-def unknown_parameters(node):
+def unknown_parameters(node: Node) -> list[str]:
     """Return a sentence for each parameter that was given and that the node does not have."""
     # rclpy has no public list of the parameters that were given and declared.
     given, known = node._parameter_overrides, list(node._parameters)

@@ -8,7 +8,10 @@ nothing any more, though the graph shows it for some 20 s. A publisher of `/cloc
 cannot be asked to end, so the simulator ends.
 """
 
+from __future__ import annotations
+
 import time
+from typing import TYPE_CHECKING
 import uuid
 
 from rclpy.clock import Clock as NodeClock
@@ -22,6 +25,13 @@ from bev_preheat.nodes.convert import nanoseconds, time_message
 from bev_preheat.nodes.listening_publisher import ListeningPublisher
 from bev_preheat.simulation.pace import Pace
 from bev_preheat.supervision.inputs import NS_PER_S
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+    from typing import Any
+
+    from builtin_interfaces.msg import Time
+    from rclpy.node import Node
 
 # As rclcpp's ClockQoS and rclpy's own subscription have it.
 CLOCK_QOS = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -46,7 +56,8 @@ class OwnTime:
     `on_lost(sentence)` is called once when `/clock` turns out to be another's.
     """
 
-    def __init__(self, node, start_ns, speed_up, on_lost):
+    def __init__(self, node: Node, start_ns: int, speed_up: float,
+                 on_lost: Callable[[str], object]) -> None:
         """Claim the clock; simulated time starts at `start_ns` [ns], 0: now."""
         self.start_ns = start_ns or time.time_ns()
         self.pace = Pace(speed_up)
@@ -55,7 +66,9 @@ class OwnTime:
         self._steady_clock = NodeClock(clock_type=ClockType.STEADY_TIME)
         self._clock = ListeningPublisher(node, Clock, '/clock', CLOCK_QOS, self._on_other_tick)
         self._started_s = time.monotonic()
-        self._other_first_s = self._other_last_s = self._later_claim_s = None
+        self._other_first_s: float | None = None
+        self._other_last_s: float | None = None
+        self._later_claim_s: float | None = None
         self._own_claim = Header(
             stamp=time_message(time.time_ns()),
             frame_id=f'{node.get_fully_qualified_name()} {uuid.uuid4().hex}')
@@ -65,7 +78,7 @@ class OwnTime:
         self._looked_s, self._is_settled = -LOOK_PERIOD_S, False
 
     @property
-    def has_started(self):
+    def has_started(self) -> bool:
         """Whether time may run: nobody else's clock was heard at the start. Ask at each tick."""
         now_s = time.monotonic()
         if now_s - self._looked_s >= LOOK_PERIOD_S:
@@ -76,19 +89,19 @@ class OwnTime:
             self._is_settled = (self._other_last_s is None and now_s - self._started_s >= wait_s)
         return self._is_settled and not self._is_lost
 
-    def elapsed_s(self):
+    def elapsed_s(self) -> float:
         """Return the simulated time since the start [s], moving it on."""
         return self.pace.follow(self._steady_clock.now().nanoseconds * 1e-9)
 
-    def stand(self):
+    def stand(self) -> None:
         """Let no simulated time pass."""
         self.pace.stand(self._steady_clock.now().nanoseconds * 1e-9)
 
-    def publish(self, stamp):
+    def publish(self, stamp: Time) -> None:
         """Publish `/clock`."""
         self._clock.publish(Clock(clock=stamp))
 
-    def _look(self, now_s):
+    def _look(self, now_s: float) -> None:
         self._clock.look()
         if self._other_last_s is None:
             return
@@ -96,15 +109,15 @@ class OwnTime:
             # A simulator that started later has ended.
             self._other_first_s = self._other_last_s = None
             return
-        since_s = max(self._other_first_s, self._later_claim_s or 0.0)
+        since_s = max(self._other_first_s or 0.0, self._later_claim_s or 0.0)
         if now_s - since_s > CLAIM_TIME_S:
             self._lose(self._clock.names_of_others())
 
-    def _on_other_tick(self, serialized):
+    def _on_other_tick(self, serialized: bytes) -> None:
         self._other_last_s = time.monotonic()
         self._other_first_s = self._other_first_s or self._other_last_s
 
-    def _on_claim(self, claim):
+    def _on_claim(self, claim: Header) -> None:
         if claim.frame_id == self._own_claim.frame_id:
             return
         if _order(claim) < _order(self._own_claim):
@@ -114,7 +127,7 @@ class OwnTime:
         else:
             self._later_claim_s = time.monotonic()
 
-    def _lose(self, names):
+    def _lose(self, names: str) -> None:
         if self._is_lost:
             return
         self._is_lost = True
@@ -122,14 +135,14 @@ class OwnTime:
                       'use_sim_time:=true) to drive by that clock')
 
 
-def _order(claim):
+def _order(claim: Header) -> tuple[int, str]:
     return nanoseconds(claim.stamp), claim.frame_id
 
 
 class NodeTime:
     """The node's time: another's `/clock` with use_sim_time, the system's without."""
 
-    def __init__(self, node, values):
+    def __init__(self, node: Node, values: Mapping[str, Any]) -> None:
         """Raise InvalidInput where parameter values ask for what only the clock's owner can do."""
         problems = [f'{name}: {values[name]} is not allowed with publish_clock:=false; it must be '
                     f'{allowed}' for name, allowed in (
@@ -138,18 +151,19 @@ class NodeTime:
         if problems:
             raise InvalidInput(problems)
         self._node = node
-        self.start_ns = None
+        # 0: not known yet.
+        self.start_ns = 0
         self.pace = Pace(1.0)
         self._latest_ns = 0
 
     @property
-    def has_started(self):
+    def has_started(self) -> bool:
         """Whether the clock shows a time; the start is the first one seen."""
-        if self.start_ns is None:
-            self.start_ns = self._node.get_clock().now().nanoseconds or None
-        return self.start_ns is not None
+        if self.start_ns == 0:
+            self.start_ns = self._node.get_clock().now().nanoseconds
+        return self.start_ns != 0
 
-    def elapsed_s(self):
+    def elapsed_s(self) -> float:
         """Return the time since the start [s]; raise InvalidInput where the clock was set back."""
         now_ns = self._node.get_clock().now().nanoseconds
         if now_ns < self._latest_ns - RESTART_S * NS_PER_S:
@@ -159,5 +173,8 @@ class NodeTime:
         self._latest_ns = max(self._latest_ns, now_ns)
         return (self._latest_ns - self.start_ns) / NS_PER_S
 
-    def publish(self, stamp):
+    def stand(self) -> None:
+        """Do nothing: the clock is another's."""
+
+    def publish(self, stamp: Time) -> None:
         """Publish nothing: the clock is another's."""

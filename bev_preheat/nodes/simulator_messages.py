@@ -1,13 +1,25 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the simulated vehicle says, as messages."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass, fields
 import math
+from typing import TYPE_CHECKING
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from sensor_msgs.msg import BatteryState
 
 from bev_preheat.planning.dynamics import Energies
+
+if TYPE_CHECKING:
+    from dataclasses import Field
+    from typing import Any
+
+    from builtin_interfaces.msg import Time
+
+    from bev_preheat.simulation.sensors import Reading
+    from bev_preheat.simulation.vehicle_plant import VehiclePlant
 
 # The name of the entry in /diagnostics begins with that of the node.
 ENTRY = ': trip'
@@ -29,7 +41,7 @@ class Outcome:
     without_command_s: float
 
 
-def battery_state_message(reading, capacity_ah, stamp):
+def battery_state_message(reading: Reading, capacity_ah: float, stamp: Time) -> BatteryState:
     """Return the BatteryState of a Reading [capacity: Ah]; what it does not hold is NaN."""
     current_a = math.nan if reading.current_a is None else reading.current_a
     message = BatteryState(
@@ -49,7 +61,7 @@ def battery_state_message(reading, capacity_ah, stamp):
     return message
 
 
-def _supply_status(current_a):
+def _supply_status(current_a: float) -> int:
     if current_a > 0.0:
         return BatteryState.POWER_SUPPLY_STATUS_DISCHARGING
     if current_a < 0.0:
@@ -59,7 +71,7 @@ def _supply_status(current_a):
     return BatteryState.POWER_SUPPLY_STATUS_NOT_CHARGING
 
 
-def trip_diagnostics(node_name, plant, stamp):
+def trip_diagnostics(node_name: str, plant: VehiclePlant, stamp: Time) -> DiagnosticArray:
     """Return the DiagnosticArray with what really happened on the trip so far."""
     if plant.empty_at_s is not None:
         level, text = DiagnosticStatus.ERROR, EMPTY
@@ -83,7 +95,7 @@ def trip_diagnostics(node_name, plant, stamp):
     return message
 
 
-def outcome_from_diagnostics(message):
+def outcome_from_diagnostics(message: DiagnosticArray) -> Outcome | None:
     """Return the Outcome in a DiagnosticArray of the simulator's; None if it is not one."""
     for status in message.status:
         if status.name.endswith(ENTRY):
@@ -96,11 +108,11 @@ def outcome_from_diagnostics(message):
     return None
 
 
-def true_temperature_c(message):
+def true_temperature_c(message: DiagnosticArray) -> float:
     """Return the battery's true temperature [deg C] in a DiagnosticArray of the simulator's."""
     (status,) = (status for status in message.status if status.name.endswith(ENTRY))
     return next(float(item.value) for item in status.values if item.key == TEMPERATURE)
 
 
-def _energy_key(field):
+def _energy_key(field: Field[Any]) -> str:
     return f'{field.name.replace("_", " ")} energy [Wh]'

@@ -1,13 +1,22 @@
 # SPDX-License-Identifier: Apache-2.0
 """Keeps what the planner has learned of the car across restarts of its process."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 import time
+from typing import TYPE_CHECKING
 
 from bev_preheat.errors import InvalidInput
 from bev_preheat.estimation.memory import learned_from
 from bev_preheat.estimation.state_file import check_state_file, load_learned, save_learned
 from bev_preheat.output_files import check_writable
+
+if TYPE_CHECKING:
+    from rclpy.impl.rcutils_logger import RcutilsLogger
+
+    from bev_preheat.arrays import FloatArray
+    from bev_preheat.estimation.estimator import Estimate
 
 SAVE_PERIOD_S = 60.0
 
@@ -27,7 +36,7 @@ class StateFileReport:
     kept_aside: str
 
 
-def check_parameter(path):
+def check_parameter(path: str) -> None:
     """Raise InvalidInput where the parameter `state_file` names what must not be written over."""
     if path:
         try:
@@ -44,17 +53,18 @@ class StateKeeper:
     What goes wrong is logged and reported: preheating works without a memory.
     """
 
-    def __init__(self, logger):
+    def __init__(self, logger: RcutilsLogger) -> None:
         """Take the node's logger."""
         self._logger = logger
         self._path, self._fingerprint = '', ''
-        self._saved = None
+        self._saved: Estimate | None = None
         self._forget_report()
 
-    def _forget_report(self):
-        self._problem, self._written_s, self._kept_aside = '', None, ''
+    def _forget_report(self) -> None:
+        self._problem, self._kept_aside = '', ''
+        self._written_s: float | None = None
 
-    def attach(self, path, fingerprint):
+    def attach(self, path: str, fingerprint: str) -> tuple[FloatArray, FloatArray] | None:
         """
         Use a file for the car with this fingerprint.
 
@@ -82,7 +92,7 @@ class StateKeeper:
         self._logger.info(f'state_file: {path}: the estimation begins with what was learned.')
         return recalled.learned.factors, recalled.learned.covariance
 
-    def save(self, estimate):
+    def save(self, estimate: Estimate | None) -> None:
         """Write what has been learned, an Estimate or None, if it is news."""
         if not self._path or estimate is None or estimate is self._saved:
             return
@@ -98,14 +108,14 @@ class StateKeeper:
             self._logger.info(f'state_file: {self._path} is written again.')
         self._saved, self._problem, self._written_s = estimate, '', time.monotonic()
 
-    def report(self):
+    def report(self) -> StateFileReport | None:
         """Return the StateFileReport; None where nothing is to be kept."""
         if not self._path:
             return None
         written_s_ago = None if self._written_s is None else time.monotonic() - self._written_s
         return StateFileReport(self._path, self._problem, written_s_ago, self._kept_aside)
 
-    def _fail(self, problem):
+    def _fail(self, problem: str) -> None:
         if problem != self._problem:
             self._logger.warning(f'state_file: {problem}.')
         self._problem = problem

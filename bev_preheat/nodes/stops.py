@@ -1,13 +1,22 @@
 # SPDX-License-Identifier: Apache-2.0
 """The stops of a RoutePlan: its arrays of one element a stop, checked at the door, and written."""
 
+from __future__ import annotations
+
 from array import array
 from dataclasses import dataclass
 import math
+from typing import TYPE_CHECKING
 
 from bev_preheat.errors import InvalidInput
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.supervision.settings import MOST_STOPS
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+    from bev_preheat.supervision.inputs import Leg
+    from bev_preheat_msgs.msg import RoutePlan
 
 # Fields of RoutePlan beside stop_after_segment: (low, high), as the message states them.
 LIMITS = {
@@ -47,7 +56,8 @@ class Stop:
     departure: BatteryState
 
 
-def stops_from_message(message, segments, default_target_c):
+def stops_from_message(message: RoutePlan, segments: int | None,
+                       default_target_c: float) -> tuple[Stop, ...]:
     """
     Return the Stops of a RoutePlan of so many segments, in driving order.
 
@@ -74,17 +84,17 @@ def stops_from_message(message, segments, default_target_c):
     return tuple(_stop(message, at, default_target_c) for at in range(count))
 
 
-def _stop(message, at, default_target_c):
+def _stop(message: RoutePlan, at: int, default_target_c: float) -> Stop:
     """Return a Stop of a message that was found to be good."""
-    def value(field):
+    def value(field: str) -> float:
         """Return an element; NaN where nothing is given."""
         values = getattr(message, field)
         return values[at] if len(values) else math.nan
 
-    target_c = value('stop_target_battery_temperature')
+    wanted_c = value('stop_target_battery_temperature')
     has_target = any(getattr(message, HAS_TARGET)[at:at + 1])
-    if math.isnan(target_c) or (target_c == 0.0 and not has_target):
-        target_c = None
+    is_given = not math.isnan(wanted_c) and (wanted_c != 0.0 or has_target)
+    target_c = wanted_c if is_given else None
     least_soc = value('stop_minimum_arrival_soc')
     departure_c, departure_soc = value('departure_battery_temperature'), value('departure_soc')
     if math.isnan(departure_c):
@@ -96,12 +106,12 @@ def _stop(message, at, default_target_c):
                 BatteryState(departure_c, departure_soc))
 
 
-def _length_problem(field, length, count):
+def _length_problem(field: str, length: int, count: int) -> str:
     empty = '' if field in REQUIRED else ', or none'
     return f'{field}: has {length} values; it must have {count}, as stop_after_segment has{empty}'
 
 
-def order_problems(after_segment, segments):
+def order_problems(after_segment: Sequence[int], segments: int | None) -> list[str]:
     """Return what is wrong with the order of the stops; `segments` is None where not known."""
     for at, (before, segment) in enumerate(zip((-1, *after_segment), after_segment)):
         if segment <= before:
@@ -113,7 +123,7 @@ def order_problems(after_segment, segments):
     return []
 
 
-def value_problems(field, values):
+def value_problems(field: str, values: Iterable[float]) -> list[str]:
     """Return what is wrong with the values of a field of LIMITS."""
     low, high = LIMITS[field]
     unknown = f', or NaN: {NAN_MEANS[field]}' if field in NAN_MEANS else ''
@@ -125,7 +135,7 @@ def value_problems(field, values):
     return []
 
 
-def _flag_problems(message):
+def _flag_problems(message: RoutePlan) -> list[str]:
     """Return whether a target is said to be there and is not."""
     targets = message.stop_target_battery_temperature
     for at, has_target in enumerate(getattr(message, HAS_TARGET)):
@@ -135,11 +145,14 @@ def _flag_problems(message):
     return []
 
 
-def write_stops(message, legs):
+def write_stops(message: RoutePlan, legs: Sequence[Leg]) -> None:
     """Write the stops between the Legs of a Mission into its RoutePlan."""
     after_segment, columns = array('I'), {field: array('d') for field in LIMITS}
     driven, has_target = 0, []
     for leg, following in zip(legs, legs[1:]):
+        departure = following.departure
+        if departure is None:
+            raise ValueError('a leg after a stop has no state at its departure')
         driven += len(leg.route)
         after_segment.append(driven - 1)
         has_target.append(leg.target_temperature_c is not None)
@@ -147,8 +160,8 @@ def write_stops(message, legs):
                 leg.ended_for_s(following.start_ns),
                 leg.target_temperature_c or 0.0,
                 leg.minimum_arrival_soc,
-                following.departure.temperature_c,
-                following.departure.soc)):
+                departure.temperature_c,
+                departure.soc)):
             columns[field].append(value)
     message.stop_after_segment = after_segment
     message.stop_has_target_battery_temperature = has_target

@@ -1,7 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
 """Who else is on a node's topics, and with whom of them it cannot talk."""
 
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING
+
 from rclpy.qos import qos_check_compatible, QoSCompatibility
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Sequence
+
+    from rclpy.node import Node
+    from rclpy.qos import QoSProfile
+    from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 # What rmw calls an endpoint whose node it has not heard of, or not yet.
 NAMELESS = '_NODE_NAME_UNKNOWN_'
@@ -9,7 +21,7 @@ NAMELESS = '_NODE_NAME_UNKNOWN_'
 HASH = 'RIHS01_'
 
 
-def endpoint_name(endpoint):
+def endpoint_name(endpoint: TopicEndpointInfo) -> str:
     """Return the full name of the node that a TopicEndpointInfo belongs to."""
     if endpoint.node_name == NAMELESS:
         return 'a node whose name is unknown'
@@ -19,35 +31,36 @@ def endpoint_name(endpoint):
 class Surroundings:
     """Finds publishers and subscriptions that do not fit a node's own in type or quality of service."""
 
-    def __init__(self, node, subscribes, publishes):
+    def __init__(self, node: Node, subscribes: Iterable[str], publishes: Iterable[str]) -> None:
         """Look after the topics that the node subscribes to and publishes."""
         self._node = node
         self._subscribes = [node.resolve_topic_name(topic) for topic in subscribes]
         self._publishes = [node.resolve_topic_name(topic) for topic in publishes]
 
-    def problems(self):
+    def problems(self) -> list[str]:
         """Return a sentence for each endpoint with which nothing can be exchanged."""
         node, problems = self._node, []
         for topic in self._subscribes:
             own = self._own(node.get_subscriptions_info_by_topic(topic))
             for other in node.get_publishers_info_by_topic(topic):
                 problems.append(_problem(
-                    other, f'publishes {topic}', own,
-                    lambda mine, other=other: qos_check_compatible(other.qos_profile, mine)))
+                    other, f'publishes {topic}', own, partial(
+                        qos_check_compatible, other.qos_profile)))
         for topic in self._publishes:
             own = self._own(node.get_publishers_info_by_topic(topic))
             for other in node.get_subscriptions_info_by_topic(topic):
                 problems.append(_problem(
-                    other, f'subscribes to {topic}', own,
-                    lambda mine, other=other: qos_check_compatible(mine, other.qos_profile)))
+                    other, f'subscribes to {topic}', own, partial(
+                        qos_check_compatible, subscription_qos=other.qos_profile)))
         return [problem for problem in problems if problem]
 
-    def _own(self, endpoints):
+    def _own(self, endpoints: Iterable[TopicEndpointInfo]) -> list[TopicEndpointInfo]:
         own_name = self._node.get_fully_qualified_name()
         return [endpoint for endpoint in endpoints if endpoint_name(endpoint) == own_name]
 
 
-def _problem(other, what, own, check):
+def _problem(other: TopicEndpointInfo, what: str, own: Sequence[TopicEndpointInfo],
+             check: Callable[[QoSProfile], tuple[QoSCompatibility, str]]) -> str:
     """Return a sentence on an endpoint that does not fit any of the node's own; '' if one fits."""
     if not own:
         return ''
@@ -60,7 +73,7 @@ def _problem(other, what, own, check):
     if version != other_version and version.startswith(HASH) and other_version.startswith(HASH):
         return (f'{sentence} as another version of {expected}; build both nodes from the same '
                 'message definitions')
-    reasons = set()
+    reasons: set[str] = set()
     for endpoint in own:
         compatibility, reason = check(endpoint.qos_profile)
         if compatibility != QoSCompatibility.ERROR:

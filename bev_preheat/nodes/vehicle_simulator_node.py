@@ -1,11 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """`vehicle_simulator`: drives a route in simulated time and heats as `hvch_command` allows."""
 
+from __future__ import annotations
+
 from dataclasses import replace
 from functools import wraps
 import math
 from pathlib import Path
 import sys
+from typing import TYPE_CHECKING
 
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
@@ -39,6 +42,19 @@ from bev_preheat.simulation.sensors import Sensors
 from bev_preheat.supervision.inputs import NS_PER_S
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat_msgs.msg import HvchCommand, RoutePlan
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Sequence
+    from typing import Any
+
+    from rclpy.parameter import Parameter as RosParameter
+
+    from bev_preheat.simulation.sensors import Reading
+
+    # A method that ROS calls.
+    Callback = Callable[..., Any]
+    # Values of parameters by name; the table of parameters says their types.
+    Values = dict[str, Any]
 
 PARAMETERS = (
     Parameter('scenario', '', 'What goes wrong: a name in config/scenarios or a YAML file; the '
@@ -99,10 +115,10 @@ TOLERATED_LOSS = 0.2
 NOT_READY = (HvchCommand.NO_ROUTE, HvchCommand.NO_BATTERY_STATE)
 
 
-def guarded(callback):
+def guarded(callback: Callback) -> Callback:
     """Wrap a callback: an unforeseen exception is logged and ends the simulation."""
     @wraps(callback)
-    def wrapper(self, *arguments):
+    def wrapper(self: VehicleSimulatorNode, *arguments: Any) -> Any:
         try:
             return callback(self, *arguments)
         except Exception as error:
@@ -118,7 +134,7 @@ class VehicleSimulatorNode(Node):
     arrival on. `exit_status` is that of the process, when `finished` is done.
     """
 
-    def __init__(self):
+    def __init__(self) -> None:
         """Declare the parameters and start; raises InvalidInput where one is not allowed."""
         super().__init__('vehicle_simulator')
         values = declare(self, PARAMETERS)
@@ -141,7 +157,7 @@ class VehicleSimulatorNode(Node):
         self._patience = Patience() if self._waits_for_planner else None
         self._listeners_awaited = values['wait_for_listeners']
         self._is_held = self._waits_for_planner or self._listeners_awaited > 0
-        self._stood_since_s = None
+        self._stood_since_s: tuple[float, float] | None = None
         self._published_s = 0.0
 
         self._state_publisher = self.create_publisher(BatteryStateMessage, 'battery_state', 1)
@@ -172,7 +188,7 @@ class VehicleSimulatorNode(Node):
     # Time
 
     @guarded
-    def _on_tick(self):
+    def _on_tick(self) -> None:
         plant = self._plant
         if not self._time.has_started:
             return
@@ -207,17 +223,17 @@ class VehicleSimulatorNode(Node):
             for reading in self._car.readings()[-1:]:
                 self._publish_reading(reading)
         if self._stood_since_s is not None:
-            self._leave_in_time(real_s)
+            self._leave_in_time(real_s, *self._stood_since_s)
 
     @guarded
-    def _on_hold(self):
+    def _on_hold(self) -> None:
         if self._is_held:
             self._publish_reading(self._car.readings_of.read(self._plant))
             self._start_if_ready()
         else:
             self._hold_timer.cancel()
 
-    def _start_if_ready(self):
+    def _start_if_ready(self) -> None:
         if self._waits_for_planner:
             return
         publisher = self._state_publisher
@@ -230,7 +246,7 @@ class VehicleSimulatorNode(Node):
             self.get_logger().info(
                 f'Planner and listeners are ready ({names} listening); the clock starts.')
 
-    def _stand(self, real_s):
+    def _stand(self, real_s: float) -> None:
         """Tell that the drive is over."""
         plant = self._plant
         self._stood_since_s = (real_s, plant.time_s)
@@ -253,8 +269,8 @@ class VehicleSimulatorNode(Node):
                 f'The battery lacked up to {plant.undeliverable_power_w / 1000:.1f} kW, '
                 f'{plant.undeliverable_energy_wh:.1f} Wh in all.')
 
-    def _leave_in_time(self, real_s):
-        stood_real_s, stood_simulated_s = self._stood_since_s
+    def _leave_in_time(self, real_s: float, stood_real_s: float,
+                       stood_simulated_s: float) -> None:
         if (self.get_parameter('exit_on_arrival').value and not self.finished.done()
                 and real_s - stood_real_s >= LINGER_REAL_S
                 and self._plant.time_s - stood_simulated_s >= LINGER_SIMULATED_S):
@@ -263,9 +279,9 @@ class VehicleSimulatorNode(Node):
     # Topics
 
     @guarded
-    def _on_command(self, message):
+    def _on_command(self, message: HvchCommand) -> None:
         plant = self._plant
-        if plant.is_standing or self._time.start_ns is None:
+        if plant.is_standing or self._time.start_ns == 0:
             return
         if self._patience:
             self._patience.hear(
@@ -287,7 +303,7 @@ class VehicleSimulatorNode(Node):
             self._waits_for_planner = False
             self._start_if_ready()
 
-    def _publish_reading(self, reading):
+    def _publish_reading(self, reading: Reading) -> None:
         # What was under way when the last one was told has come too late.
         if reading.instant_s < self._published_s:
             return
@@ -300,7 +316,7 @@ class VehicleSimulatorNode(Node):
             battery_state_message(reading, self._plant.vehicle.battery.capacity_ah, stamp))
 
     @guarded
-    def _on_diagnostics_due(self):
+    def _on_diagnostics_due(self) -> None:
         self._publish_diagnostics()
         lost_s, self._pace.lost_s = self._pace.lost_s, 0.0
         share = lost_s / (DIAGNOSTICS_PERIOD_S * self._pace.speed_up)
@@ -309,19 +325,19 @@ class VehicleSimulatorNode(Node):
                 f'Simulated time runs {100 * share:.0f} % slower than speed_up '
                 f'{self._pace.speed_up:g}: this computer is too busy.', throttle_duration_sec=10.0)
 
-    def _publish_diagnostics(self):
+    def _publish_diagnostics(self) -> None:
         message = trip_diagnostics(self.get_fully_qualified_name(), self._plant, self._stamp())
         message.status.append(self._setup.entry(self._plant.vehicle.name))
         self._diagnostics_publisher.publish(message)
 
-    def _stamp(self):
-        if self._time.start_ns is None:
+    def _stamp(self) -> Time:
+        if self._time.start_ns == 0:
             return Time()
         return time_message(self._time.start_ns + round(self._car.clock_s * NS_PER_S))
 
     # Parameters
 
-    def _check_parameters(self, parameters):
+    def _check_parameters(self, parameters: Sequence[RosParameter]) -> SetParametersResult:
         values = {parameter.name: parameter.value for parameter in parameters}
         try:
             check(PARAMETERS, values)
@@ -332,7 +348,7 @@ class VehicleSimulatorNode(Node):
         return SetParametersResult(successful=True)
 
     @guarded
-    def _apply_parameters(self, parameters):
+    def _apply_parameters(self, parameters: Sequence[RosParameter]) -> None:
         values = {parameter.name: parameter.value for parameter in parameters}
         if 'speed_up' in values:
             self._pace.speed_up = values['speed_up']
@@ -344,30 +360,30 @@ class VehicleSimulatorNode(Node):
 
     # End
 
-    def _on_lost_clock(self, sentence):
+    def _on_lost_clock(self, sentence: str) -> None:
         self._end(2, sentence)
 
-    def _end(self, exit_status, error):
+    def _end(self, exit_status: int, error: Exception | str) -> None:
         """End the process because of something the user has to change."""
         print_error(error, PROGRAM)
         self._finish(exit_status)
 
-    def fail(self, where, error):
+    def fail(self, where: str, error: Exception) -> None:
         """End the simulation after an exception nobody foresaw."""
         self.get_logger().error(f'{where}: {type(error).__name__}: {error}; the simulation ends')
         self._finish(1)
 
-    def _finish(self, exit_status):
+    def _finish(self, exit_status: int) -> None:
         if not self.finished.done():
             self.exit_status = exit_status
             self.finished.set_result(None)
 
-    def last_words(self):
+    def last_words(self) -> None:
         """Wait a moment until the listeners have what was told last."""
         self._diagnostics_publisher.wait_for_all_acked(Duration(seconds=1))
 
 
-def _departure(values):
+def _departure(values: Values) -> tuple[ImperfectCar, str, Iterable[str]]:
     """
     Return (ImperfectCar, name of its route, warnings) of parameter values.
 
@@ -391,11 +407,11 @@ def _departure(values):
         route_id=name), name, filter(None, [loaded.warning])
 
 
-def main():
+def main() -> None:
     """Run the simulated vehicle until it is told to end, or arrives with exit_on_arrival."""
     made = []
 
-    def make_node():
+    def make_node() -> VehicleSimulatorNode:
         made.append(VehicleSimulatorNode())
         return made[0]
 

@@ -8,7 +8,7 @@ a plan gives beyond the target nobody asked for: it counts as waste, not as more
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import Protocol, TYPE_CHECKING
 
 from bev_preheat.planning.planner import SAME_SOC, SHORTFALL_TOLERANCE_K
 
@@ -20,12 +20,27 @@ SAME_SHORTFALL_K = SHORTFALL_TOLERANCE_K
 SAME_POWER_W = 10.0
 
 
-def difference(plan: Plan, optimum: Plan) -> str:
+class Reached(Protocol):
+    """What a plan reaches: a Plan, or figures read off one."""
+
+    @property
+    def shortfall_k(self) -> float:
+        """By how much the target is missed [K]."""
+
+    @property
+    def soc_shortfall(self) -> float:
+        """By how much the reserve is missed, 0 ... 1."""
+
+    @property
+    def undeliverable_power_w(self) -> float:
+        """Power that the battery lacks at worst [W]."""
+
+
+def difference(plan: Reached, optimum: Reached) -> str:
     """
     Return how a plan reaches something else than the optimum, in words; '' where both reach the same.
 
-    Both have `shortfall_k` [K], `soc_shortfall` (0 ... 1) and `undeliverable_power_w` [W], as a Plan
-    has; NaN: unknown.
+    NaN: unknown.
     """
     colder_k = plan.shortfall_k - optimum.shortfall_k
     lacking_w = plan.undeliverable_power_w - optimum.undeliverable_power_w

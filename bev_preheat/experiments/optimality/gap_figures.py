@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
     from bev_preheat.experiments.optimality.gap_study import GapResult
 
+    # Plain values, as JSON holds them.
     Figures = dict[str, Any]
 
 PERCENTILES = {'median': 50.0, '95 %': 95.0, 'worst': 100.0}

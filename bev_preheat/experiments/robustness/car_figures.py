@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from bev_preheat.experiments.robustness.car_study import CarResult
     from bev_preheat.experiments.robustness.drives import DriveOutcome
 
+    # Plain values, as JSON holds them.
     Figures = dict[str, Any]
 
 # What is asked of a planner in the car, besides that it refuses no good input.
