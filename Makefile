@@ -2,7 +2,7 @@
 SHELL := bash
 .SHELLFLAGS := -eu -o pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help setup build demo test test-quick test-deep test-oldest test-repeated bench soak soak-monitor docs lint clean
+.PHONY: help setup build demo test test-quick test-deep test-oldest test-repeated coverage bench soak soak-monitor docs lint clean
 
 DEMO := python3 -m bev_preheat.demo
 BENCH := python3 -m bev_preheat.experiments.cost
@@ -56,6 +56,12 @@ test-oldest: build ## all tests with the oldest supported versions (scripts/requ
 
 test-repeated: build ## make test 20 times, half of them beside one busy loop for each core
 	@scripts/repeat_tests.bash
+
+# Not part of make test: measuring makes Python that computes take nearly twice as long. The floor is in setup.cfg.
+coverage: build ## all tests, with the lines and branches that they execute, those of the nodes' processes too
+	@$(environment); $(local_only); export COVERAGE_FILE="$$PWD/out/coverage/data"; mkdir -p out/coverage; rm -f out/coverage/data*; \
+	    python3 -m coverage run -m pytest -q $(several_files_at_once) $(TESTS); \
+	    python3 -m coverage combine -q; python3 -m coverage html -q -d out/coverage/html --fail-under=0; python3 -m coverage report
 
 bench: build ## speed and cost against other ways to plan
 	@scripts/setup.bash bench
