@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.arithmetic import ARRAYS, CurveFunction, FLOATS, SATURATING_FLOATS
+from bev_preheat.arithmetic import AnyNumber, ARRAYS, CurveFunction, FLOATS, SATURATING_FLOATS
 from bev_preheat.model import Integrator, make_rates, Step
 from bev_preheat.straight_line import compile_step, Roll, StepOfStates
 
@@ -158,8 +158,7 @@ def _step_of_arrays(vehicle: Vehicle, make_integrator: Integrator) -> Step[Float
     return make_integrator(make_rates(vehicle, ARRAYS))
 
 
-def deliverable_power_w(vehicle: Vehicle, soc: FloatArray,
-                        temperature_c: FloatArray) -> FloatArray:
+def deliverable_power_w(vehicle: Vehicle, soc: AnyNumber, temperature_c: AnyNumber) -> AnyNumber:
     """Most terminal power [W] that the circuit can give, U_oc^2/(4 R); shape of the inputs."""
     open_circuit_voltage, resistance = _circuit_of_arrays(vehicle)
     return open_circuit_voltage(soc, temperature_c)**2 / (4.0 * resistance(soc, temperature_c))

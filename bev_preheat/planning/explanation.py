@@ -82,8 +82,8 @@ def _outcome(status: Status, plan: Plan, reserve: float, starts_in_s: float, unh
     if status is Status.SOC_LIMITED:
         reserve_text = f'{100 * reserve:.1f} %'
         if plan.soc_shortfall > 0.0:
-            return (f'The battery arrives {100 * plan.soc_shortfall:.1f} % below the {reserve_text} that '
-                    f'must be left: {heating}; {arrival}, {target}.')
+            return (f'The battery arrives {100 * plan.soc_shortfall:.1f} % below the '
+                    f'{reserve_text} that must be left: {heating}; {arrival}, {target}.')
         if plan.held_back is HeldBack.POWER:
             return (f'A battery that is emptier by more heating could not deliver what the route asks '
                     f'for; the target is missed by {plan.shortfall_k:.1f} K: {heating}; {arrival}, '

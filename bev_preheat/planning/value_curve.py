@@ -224,7 +224,8 @@ def _in_steps(first: IntArray, steps: int, floor_c: FloatArray, low_c: FloatArra
         # A band that begins or ends, or another one in its place, is no neighbour.
         near = np.isfinite(here_c) & np.isfinite(there_c)
         change_c = np.where(near, there_c, 0.0) - np.where(near, here_c, 0.0)
-        between_c: FloatArray = here_c + share * np.where(np.abs(change_c) < NEIGHBOUR_K, change_c, 0.0)
+        between_c: FloatArray = here_c + share * np.where(
+            np.abs(change_c) < NEIGHBOUR_K, change_c, 0.0)
         return between_c
 
     return Thresholds(floor_c[stride], between(low_c), between(high_c))

@@ -1,8 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Whether a drive went as its scenario expects."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass, field
 import math
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from bev_preheat.simulation.scenario import Expectations
 
 
 @dataclass
@@ -16,13 +22,13 @@ class DriveRecord:
     """
 
     target_c: float
-    commands: list = field(default_factory=list)
-    statuses: set = field(default_factory=set)
+    commands: list[tuple[float, float, str]] = field(default_factory=list)
+    statuses: set[str] = field(default_factory=set)
     heater: str = ''
     arrival_c: float = math.nan
 
     @property
-    def switch_ons(self):
+    def switch_ons(self) -> int:
         """How often the command rose from 0 W."""
         powers_w = [0.0, *(power_w for _, power_w, _ in self.commands)]
         return sum(before == 0.0 < after for before, after in zip(powers_w, powers_w[1:]))
@@ -38,11 +44,11 @@ class Finding:
     good: bool
 
 
-def evaluate(expectations, record):
+def evaluate(expectations: Expectations, record: DriveRecord) -> list[Finding]:
     """Return a Finding for each of a scenario's Expectations, held against a DriveRecord."""
-    findings = []
+    findings: list[Finding] = []
 
-    def find(what, expected, seen, good):
+    def find(what: str, expected: str, seen: str, good: bool) -> None:
         findings.append(Finding(what, expected, seen, bool(good)))
 
     if expectations.arrival_error_k is not None:
@@ -75,5 +81,5 @@ def evaluate(expectations, record):
     return findings
 
 
-def _powers_w(record, from_s, until_s):
+def _powers_w(record: DriveRecord, from_s: float, until_s: float) -> list[float]:
     return [power_w for instant_s, power_w, _ in record.commands if from_s <= instant_s < until_s]

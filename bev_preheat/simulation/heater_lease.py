@@ -22,7 +22,8 @@ class HeaterLease:
 NO_LEASE = HeaterLease(0.0, -math.inf)
 
 
-def lease_of_command(power_w, until_s, now_s, maximum_power_w):
+def lease_of_command(power_w: float, until_s: float, now_s: float,
+                     maximum_power_w: float) -> HeaterLease:
     """
     Return the HeaterLease of a command; raise InvalidInput where it is none.
 

@@ -1,18 +1,27 @@
 # SPDX-License-Identifier: Apache-2.0
 """A simulated car that differs from its description, in traffic, seen through its sensors."""
 
+from __future__ import annotations
+
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 import math
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.simulation.heater_faults import fault_at, next_change_s
+from bev_preheat.simulation.heater_faults import fault_at, HeaterFault, next_change_s
 from bev_preheat.simulation.heater_lease import HeaterLease
 from bev_preheat.simulation.mismatch import Mismatch, true_route, true_vehicle
-from bev_preheat.simulation.sensors import SensorReadings, Sensors
-from bev_preheat.simulation.traffic import clock_offset_s, drive_with_events
+from bev_preheat.simulation.sensors import Reading, SensorReadings, Sensors
+from bev_preheat.simulation.traffic import clock_offset_s, ClockJump, drive_with_events, Event
 from bev_preheat.simulation.vehicle_plant import VehiclePlant
 from bev_preheat.supervision.inputs import Leg, Mission, NS_PER_S
+
+if TYPE_CHECKING:
+    from bev_preheat.planning.situation import BatteryState, Goal
+    from bev_preheat.route.segments import Route
+    from bev_preheat.vehicle.description import Vehicle
 
 
 @dataclass(frozen=True)
@@ -21,9 +30,9 @@ class Imperfections:
 
     mismatch: Mismatch = field(default_factory=Mismatch)
     sensors: Sensors = field(default_factory=Sensors)
-    heater_faults: tuple = ()
-    events: tuple = ()
-    clock_jumps: tuple = ()
+    heater_faults: tuple[HeaterFault, ...] = ()
+    events: tuple[Event, ...] = ()
+    clock_jumps: tuple[ClockJump, ...] = ()
 
 
 class ImperfectCar:
@@ -34,8 +43,9 @@ class ImperfectCar:
     the start; the same arguments make the same car.
     """
 
-    def __init__(self, vehicle, route, state, goal, imperfections=Imperfections(), seed=0,
-                 route_id='simulated'):
+    def __init__(self, vehicle: Vehicle, route: Route, state: BatteryState, goal: Goal,
+                 imperfections: Imperfections = Imperfections(), seed: int | Sequence[int] = 0,
+                 route_id: str = 'simulated') -> None:
         """Put the car at the start of a Route, with its battery in `state`; see numpy for `seed`."""
         drive_seed, sensor_seed = np.random.SeedSequence(seed).spawn(2)
         self.vehicle = vehicle
@@ -52,24 +62,24 @@ class ImperfectCar:
         self.readings_of.take(self.plant)
 
     @property
-    def time_s(self):
+    def time_s(self) -> float:
         """Time since the start [s]."""
         return self.plant.time_s
 
     @property
-    def clock_s(self):
+    def clock_s(self) -> float:
         """What a clock that started with the drive shows [s]: the time, and its jumps."""
         return self.stamp_s(self.plant.time_s)
 
-    def stamp_s(self, instant_s):
+    def stamp_s(self, instant_s: float) -> float:
         """Return what the clock showed at an instant [s]."""
         return instant_s + clock_offset_s(self.imperfections.clock_jumps, instant_s)
 
-    def mission(self, start_ns):
+    def mission(self, start_ns: int) -> Mission:
         """Return the Mission that the trip planner sends at the start, at an instant [ns]."""
         return self._mission(self._route, start_ns, self._goal.charging_planned)
 
-    def route_news(self, start_ns):
+    def route_news(self, start_ns: int) -> Mission | None:
         """
         Return the Mission that the trip planner sends now; None where it has nothing to say.
 
@@ -90,23 +100,23 @@ class ImperfectCar:
                              due.charging_planned)
 
     @property
-    def next_event_s(self):
+    def next_event_s(self) -> float:
         """When the next battery state is taken or arrives, or the next route plan does [s]."""
         news_s = [news.at_s for news in self._news[:1]]
         return min([self.readings_of.next_s, self.readings_of.next_arrival_s, *news_s])
 
-    def advance_under(self, lease, to_s):
+    def advance_under(self, lease: HeaterLease, to_s: float) -> None:
         """Drive on to `to_s` [s] under a HeaterLease, and take the readings that are due."""
         while (due_s := self.readings_of.next_s) <= to_s:
             self._drive(lease, max(due_s, self.time_s))
             self.readings_of.take(self.plant)
         self._drive(lease, to_s)
 
-    def readings(self):
+    def readings(self) -> list[Reading]:
         """Return the Readings that have arrived since the last call, oldest first."""
         return self.readings_of.arrived(self.time_s)
 
-    def _drive(self, lease, to_s):
+    def _drive(self, lease: HeaterLease, to_s: float) -> None:
         faults = self.imperfections.heater_faults
         while self.time_s < to_s:
             until_s = min(to_s, next_change_s(faults, self.time_s))
@@ -119,7 +129,7 @@ class ImperfectCar:
                 self.plant.advance_under(
                     HeaterLease(fault.share * lease.power_w, lease.until_s), until_s)
 
-    def _mission(self, route, start_ns, charging_planned):
+    def _mission(self, route: Route, start_ns: int, charging_planned: bool) -> Mission:
         goal = self._goal
         return Mission(self._route_id, (Leg(
             route, start_ns, charging_planned,

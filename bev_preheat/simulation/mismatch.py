@@ -1,10 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
 """A car and a drive that differ from what vehicle and route file say."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 from bev_preheat.route.variation import vary
 from bev_preheat.vehicle.corrections import corrected_vehicle, Corrections
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from bev_preheat.route.segments import Route
+    from bev_preheat.vehicle.description import Vehicle
 
 
 @dataclass(frozen=True)
@@ -24,7 +33,7 @@ class Mismatch:
     propulsion_power_variability: float = 0.0
 
 
-def true_vehicle(vehicle, mismatch):
+def true_vehicle(vehicle: Vehicle, mismatch: Mismatch) -> Vehicle:
     """Return the Vehicle as it really is."""
     factors = (mismatch.heat_capacity, mismatch.leakage, mismatch.resistance, mismatch.heater)
     if factors == (1.0,) * 4:
@@ -32,7 +41,7 @@ def true_vehicle(vehicle, mismatch):
     return corrected_vehicle(vehicle, Corrections(*factors))
 
 
-def true_route(route, mismatch, random):
+def true_route(route: Route, mismatch: Mismatch, random: np.random.Generator) -> Route:
     """Return the Route as it is really driven: other propulsion power, same speed and times."""
     factor = vary(random, len(route), mismatch.propulsion_power,
                   mismatch.propulsion_power_variability)

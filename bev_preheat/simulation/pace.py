@@ -22,25 +22,25 @@ class Pace:
     up the simulated seconds that were left out so.
     """
 
-    def __init__(self, speed_up):
+    def __init__(self, speed_up: float) -> None:
         """Stand at 0 until the first call of `follow`."""
         self.speed_up = speed_up
         self.elapsed_s = 0.0
         self.lost_s = 0.0
-        self._real_s = None
+        self._real_s: float | None = None
 
     @property
-    def real_tick_s(self):
+    def real_tick_s(self) -> float:
         """Real time between two calls of `follow` that suits the speed [s]."""
         return min(LONGEST_REAL_TICK_S, TICK_S / self.speed_up)
 
-    def stand(self, real_s):
+    def stand(self, real_s: float) -> None:
         """Let no simulated time pass until a real instant [s of any steady clock]."""
         if self._real_s is not None:
             self.lost_s += (real_s - self._real_s) * self.speed_up
         self._real_s = real_s
 
-    def follow(self, real_s):
+    def follow(self, real_s: float) -> float:
         """Return the simulated seconds at a real instant [s of any steady clock]."""
         if self._real_s is not None:
             tick_s = (real_s - self._real_s) * self.speed_up
@@ -59,23 +59,24 @@ class Patience:
     until it commands again. All other instants are those of simulated time [s].
     """
 
-    def __init__(self):
+    def __init__(self) -> None:
         """Wait for nobody: nothing has been told."""
-        self._unanswered_s = self._waiting_since_s = None
+        self._unanswered_s: float | None = None
+        self._waiting_since_s: float | None = None
 
-    def tell(self, instant_s):
+    def tell(self, instant_s: float) -> None:
         """Note that a battery state was published."""
         if self._unanswered_s is None or instant_s < self._unanswered_s:
             # The first that is not answered; an earlier one where the clock was set back.
             self._unanswered_s = instant_s
 
-    def hear(self, instant_s):
+    def hear(self, instant_s: float) -> None:
         """Note a command that was made at an instant of the planner's clock, which may lag a little."""
         self._waiting_since_s = None
         if self._unanswered_s is not None and instant_s >= self._unanswered_s - CLOCK_LAG_S:
             self._unanswered_s = None
 
-    def lets_go_on(self, clock_s, real_s):
+    def lets_go_on(self, clock_s: float, real_s: float) -> bool:
         """Return whether time may go on, at an instant and a real instant [s of any clock]."""
         if self._unanswered_s is None or clock_s - self._unanswered_s <= MOST_AHEAD_S:
             return True

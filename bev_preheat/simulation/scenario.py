@@ -1,10 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """A drive in which something is wrong, and what is expected of the planner: a YAML file."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from bev_preheat.checked_yaml import load_checked_yaml
+from bev_preheat.checked_yaml import FileData, load_checked_yaml
 from bev_preheat.configuration import find_configuration
 from bev_preheat.errors import InvalidInput
 from bev_preheat.planning.situation import BatteryState, check_situation, Goal
@@ -14,10 +17,13 @@ from bev_preheat.route.segments import Route
 from bev_preheat.simulation.heater_faults import HeaterFault
 from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections
 from bev_preheat.simulation.mismatch import Mismatch
-from bev_preheat.simulation.sensors import Sensors
+from bev_preheat.simulation.sensors import Sensors, Span
 from bev_preheat.simulation.traffic import ClockJump, Event, Kind
 from bev_preheat.supervision.settings import FIELD_OF_PARAMETER
 from bev_preheat.vehicle import load_vehicle, Vehicle, vehicle_file
+
+if TYPE_CHECKING:
+    from bev_preheat.route.for_vehicle import RouteForVehicle
 
 SCHEMA = Path(__file__).with_name('scenario_schema.yaml')
 
@@ -26,12 +32,12 @@ SCHEMA = Path(__file__).with_name('scenario_schema.yaml')
 class Expectations:
     """What a scenario expects; see scenario_schema.yaml. None and empty: nothing."""
 
-    arrival_error_k: tuple | None = None
+    arrival_error_k: tuple[float, float] | None = None
     most_switch_ons: int | None = None
-    statuses: tuple = ()
-    never: tuple = ()
-    off_during: tuple = ()
-    heats_during: tuple = ()
+    statuses: tuple[str, ...] = ()
+    never: tuple[str, ...] = ()
+    off_during: tuple[Span, ...] = ()
+    heats_during: tuple[Span, ...] = ()
     heater: str | None = None
 
 
@@ -55,17 +61,17 @@ class Scenario:
     seed: int
     imperfections: Imperfections
     expectations: Expectations
-    planner: dict = field(default_factory=dict)
-    files: tuple = ()
-    warnings: tuple = ()
+    planner: dict[str, FileData] = field(default_factory=dict)
+    files: tuple[Path, ...] = ()
+    warnings: tuple[str, ...] = ()
 
-    def car(self):
+    def car(self) -> ImperfectCar:
         """Return the ImperfectCar at its start."""
         return ImperfectCar(self.vehicle, self.route, self.state, self.goal, self.imperfections,
                             self.seed, self.name)
 
 
-def load_scenario(name_or_file):
+def load_scenario(name_or_file: str | Path) -> Scenario:
     """
     Return the Scenario of a name (a file in config/scenarios) or of a YAML file.
 
@@ -79,7 +85,7 @@ def load_scenario(name_or_file):
         raise InvalidInput([f'{path}: {problem}' for problem in error.problems]) from error
 
 
-def _scenario(path, contents):
+def _scenario(path: Path, contents: dict[str, FileData]) -> Scenario:
     drive, folder = contents['drive'], path.parent
     vehicle_name = _seen_from(folder, drive['vehicle'])
     vehicle = load_vehicle(vehicle_name)
@@ -116,7 +122,7 @@ def _scenario(path, contents):
         warnings=tuple(dict.fromkeys(each.warning for each in routes if each.warning)))
 
 
-def _planner(parameters):
+def _planner(parameters: dict[str, FileData]) -> dict[str, FileData]:
     for name in parameters:
         if name not in FIELD_OF_PARAMETER:
             raise InvalidInput(f"planner: {name!r} is none of the planner's parameters that a "
@@ -124,12 +130,12 @@ def _planner(parameters):
     return parameters
 
 
-def _seen_from(folder, name_or_file):
+def _seen_from(folder: Path, name_or_file: str) -> str:
     is_file = '/' in name_or_file or name_or_file.endswith('.yaml')
     return str(folder / name_or_file) if is_file else name_or_file
 
 
-def _spans(node, key, where):
+def _spans(node: dict[str, FileData], key: str, where: str) -> tuple[Span, ...]:
     spans = tuple(map(tuple, node.get(key, ())))
     for at, (from_s, until_s) in enumerate(spans):
         if not from_s < until_s:
@@ -137,17 +143,18 @@ def _spans(node, key, where):
     return spans
 
 
-def _sensors(node):
+def _sensors(node: dict[str, FileData]) -> Sensors:
     spans = {key: _spans(node, key, 'sensors') for key in ('drop_outs', 'stuck', 'invalid')}
     return Sensors(**{**node, **spans})
 
 
 # Keys that an event of a kind must have besides its instant, and no other has.
-OWN_KEYS = {Kind.STOP: {'duration_s'}, Kind.OTHER_PACE: {'duration_s', 'factor'},
-            Kind.DETOUR: {'route'}, Kind.CANCEL_CHARGING: set(), Kind.ARRIVE_EARLY: set()}
+OWN_KEYS: dict[Kind, set[str]] = {
+    Kind.STOP: {'duration_s'}, Kind.OTHER_PACE: {'duration_s', 'factor'},
+    Kind.DETOUR: {'route'}, Kind.CANCEL_CHARGING: set(), Kind.ARRIVE_EARLY: set()}
 
 
-def _event(at, node, detour):
+def _event(at: int, node: dict[str, FileData], detour: RouteForVehicle | None) -> Event:
     kind = Kind(node['event'])
     own = {key: value for key, value in node.items()
            if key not in ('event', 'at_s', 'route_plan_after_s')}
@@ -155,20 +162,21 @@ def _event(at, node, detour):
         raise InvalidInput(f'traffic[{at}]: {kind.value} has '
                            f'{", ".join(sorted(own)) or "nothing"} besides its instant; it must '
                            f'have {", ".join(sorted(OWN_KEYS[kind])) or "nothing"}')
-    if 'route' in own:
+    if detour is not None:
         own['route'] = detour.route
     return Event(kind, float(node['at_s']), node.get('route_plan_after_s', 0.0), **own)
 
 
-def _expectations(node):
+def _expectations(node: dict[str, FileData]) -> Expectations:
     known = {status.name for status in Status}
     for key in ('statuses', 'never'):
         for at, name in enumerate(node.get(key, ())):
             if name not in known:
                 raise InvalidInput(f'expect.{key}[{at}]: {name!r} is not one of '
                                    f'{", ".join(sorted(known))}')
-    values = {key: tuple(value) if isinstance(value, list) else value
-              for key, value in node.items()}
+    values: dict[str, FileData] = {
+        key: tuple(value) if isinstance(value, list) else value
+        for key, value in node.items()}
     for key in ('off_during', 'heats_during'):
         values[key] = _spans(node, key, 'expect')
     return Expectations(**values)

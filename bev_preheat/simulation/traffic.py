@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What happens to a drive on its way, and what the trip planner says about it, and when."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from enum import Enum
 import math
@@ -54,7 +55,8 @@ class News:
     charging_planned: bool
 
 
-def drive_with_events(route, events, charging_planned=True):
+def drive_with_events(route: Route, events: Iterable[Event],
+                      charging_planned: bool = True) -> tuple[Route, list[News]]:
     """
     Return (the Route that is driven, the News that the trip planner sends, in order).
 
@@ -74,7 +76,7 @@ def drive_with_events(route, events, charging_planned=True):
     return route, news
 
 
-def _after(route, event):
+def _after(route: Route, event: Event) -> Route:
     """Return the route with what an event makes of it."""
     at_s = event.at_s
     if event.kind is Kind.CANCEL_CHARGING:
@@ -89,11 +91,12 @@ def _after(route, event):
         if end_s < route.total_duration_s:
             changed = changed.followed_by(route.after(end_s))
     else:
+        assert event.route is not None
         changed = event.route
     return route.before(at_s).followed_by(changed) if at_s > 0.0 else changed
 
 
-def _standing(route, duration_s):
+def _standing(route: Route, duration_s: float) -> Route:
     """One segment of standing where a route begins."""
     first = route.segments(0, 1)
     zero = np.zeros(1)
@@ -101,7 +104,7 @@ def _standing(route, duration_s):
                    propulsion_power_w=zero, propulsion_power_rms_w=zero)
 
 
-def _at_pace(route, factor):
+def _at_pace(route: Route, factor: float) -> Route:
     return replace(route, duration_s=factor * route.duration_s, speed_mps=route.speed_mps / factor,
                    propulsion_power_w=route.propulsion_power_w / factor**2,
                    propulsion_power_rms_w=route.propulsion_power_rms_w / factor**2)
@@ -115,6 +118,6 @@ class ClockJump:
     by_s: float
 
 
-def clock_offset_s(jumps, instant_s):
+def clock_offset_s(jumps: Iterable[ClockJump], instant_s: float) -> float:
     """Return by how much the clock is off at an instant of the drive [s]."""
     return math.fsum(jump.by_s for jump in jumps if jump.at_s <= instant_s)

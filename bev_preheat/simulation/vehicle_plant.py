@@ -1,15 +1,23 @@
 # SPDX-License-Identifier: Apache-2.0
 """The simulated vehicle: drives a route, and warms its battery as it is told."""
 
+from __future__ import annotations
+
 from dataclasses import fields
 from math import ceil, inf, isfinite
+from typing import TYPE_CHECKING
 
 from bev_preheat.arithmetic import SATURATING_FLOATS
 from bev_preheat.model import make_rates, make_runge_kutta_4
 from bev_preheat.planning.dynamics import deliverable_power_w, Energies, hottest_c, JOULES_PER_WH, step_of_floats
-from bev_preheat.planning.limits import make_terminal_limits
+from bev_preheat.planning.limits import make_terminal_limits, TerminalLimits
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.route.segments import Route
+
+if TYPE_CHECKING:
+    from bev_preheat.planning.situation import BatteryState
+    from bev_preheat.simulation.heater_lease import HeaterLease
+    from bev_preheat.vehicle.description import Vehicle
 
 LONGEST_STEP_S = 1.0
 
@@ -30,7 +38,7 @@ class VehiclePlant:
     command [s].
     """
 
-    def __init__(self, vehicle, route, state):
+    def __init__(self, vehicle: Vehicle, route: Route, state: BatteryState) -> None:
         """Put a vehicle at the start of a route, with the battery in `state` (a BatteryState)."""
         self.vehicle = vehicle
         # In it, segments that are too long for one Trip step are divided.
@@ -41,35 +49,36 @@ class VehiclePlant:
         self.heater_power_w = 0.0
         self.brake_power_w = 0.0
         self.undeliverable_power_w = 0.0
-        self.empty_at_s = None
+        self.empty_at_s: float | None = None
         self.without_lease_s = 0.0
-        self._ends_s = self.route.time_s[1:].tolist()
+        self._ends_s: list[float] = self.route.time_s[1:].tolist()
         self._joule_j = self._drivetrain_j = self._heater_j = self._leakage_j = 0.0
         self._battery_j = self._undeliverable_j = self._brake_j = 0.0
-        self._terminal_limits = make_terminal_limits(vehicle, SATURATING_FLOATS)
+        self._terminal_limits: TerminalLimits[float] = make_terminal_limits(
+            vehicle, SATURATING_FLOATS)
         self._enter_segment(0)
 
     @property
-    def duration_s(self):
+    def duration_s(self) -> float:
         """How long the route takes [s]."""
         return self._ends_s[-1]
 
     @property
-    def has_arrived(self):
+    def has_arrived(self) -> bool:
         """Whether the route has ended."""
         return self._segment == len(self._ends_s)
 
     @property
-    def is_standing(self):
+    def is_standing(self) -> bool:
         """Whether the vehicle drives no further: arrived, or the battery is empty."""
         return self.has_arrived or self.empty_at_s is not None
 
     @property
-    def end_s(self):
+    def end_s(self) -> float:
         """Instant at which the drive ends, as far as that is known [s]."""
         return self.duration_s if self.empty_at_s is None else self.empty_at_s
 
-    def advance(self, to_s, heater_power_w):
+    def advance(self, to_s: float, heater_power_w: float) -> None:
         """Drive on to `to_s` [s] with a heater power [W], as far as limits allow it."""
         if not self.time_s <= to_s < inf:
             raise ValueError(f'to_s: {to_s} is no finite instant from {self.time_s} on')
@@ -84,7 +93,7 @@ class VehiclePlant:
             self.heater_power_w = self.brake_power_w = 0.0
         self.time_s = to_s
 
-    def advance_under(self, lease, to_s):
+    def advance_under(self, lease: HeaterLease, to_s: float) -> None:
         """Drive on to `to_s` [s] with the power of a HeaterLease, and with 0 W from its end on."""
         if self.time_s < lease.until_s:
             self.advance(min(to_s, lease.until_s), lease.power_w)
@@ -93,14 +102,14 @@ class VehiclePlant:
             self.advance(to_s, 0.0)
             self.without_lease_s += max(0.0, min(to_s, self.end_s) - since_s)
 
-    def _enter_segment(self, index):
+    def _enter_segment(self, index: int) -> None:
         self._segment = index
         if index < len(self._ends_s):
             self._trip = make_trip(self.vehicle, Route(**{
                 field.name: getattr(self.route, field.name)[index:index + 1]
                 for field in fields(Route)}))
 
-    def _drive_within_segment(self, to_s, heater_power_w):
+    def _drive_within_segment(self, to_s: float, heater_power_w: float) -> None:
         steps = ceil((to_s - self.time_s) / LONGEST_STEP_S)
         step_s = (to_s - self.time_s) / steps
         for _ in range(steps):
@@ -112,7 +121,7 @@ class VehiclePlant:
         # Sums of steps do not end exactly where they should.
         self.time_s = to_s
 
-    def _keep_limits(self, wanted_w):
+    def _keep_limits(self, wanted_w: float) -> None:
         """Set heater and friction brake to what cabin and battery leave them; [W] is wanted."""
         trip = self._trip
         idle_w = trip.idle_power_w.item()
@@ -126,12 +135,13 @@ class VehiclePlant:
         self.brake_power_w = min(
             regenerated_w, max(0.0, least_w - idle_w - self.heater_power_w))
 
-    def _inputs(self):
+    def _inputs(self) -> tuple[float, float, float, float]:
         """Power, power variance, heat and leakage: what a step of the model takes now."""
-        return tuple(column.item() for column in self._trip.inputs(
-            self.heater_power_w, self.brake_power_w)[1:])
+        _, power_w, variance_w2, heat_w, leakage_w_per_k = self._trip.inputs(
+            self.heater_power_w, self.brake_power_w)
+        return power_w.item(), variance_w2.item(), heat_w.item(), leakage_w_per_k.item()
 
-    def _step(self, step_s):
+    def _step(self, step_s: float) -> None:
         inputs = power_w, _, _, leakage_w_per_k = self._inputs()
         lacking_w = 0.0
         try:
@@ -163,7 +173,7 @@ class VehiclePlant:
         self._brake_j += step_s * self.brake_power_w
 
     @property
-    def energy_wh(self):
+    def energy_wh(self) -> Energies:
         """Energies of what really happened so far [Wh]."""
         return Energies(
             joule=self._joule_j / JOULES_PER_WH,
@@ -174,17 +184,17 @@ class VehiclePlant:
             battery_total=self._battery_j / JOULES_PER_WH)
 
     @property
-    def undeliverable_energy_wh(self):
+    def undeliverable_energy_wh(self) -> float:
         """Energy that the route asked for and the battery could not give [Wh]."""
         return self._undeliverable_j / JOULES_PER_WH
 
     @property
-    def friction_brake_energy_wh(self):
+    def friction_brake_energy_wh(self) -> float:
         """Energy that the battery could not take back, so that the brakes had to [Wh]."""
         return self._brake_j / JOULES_PER_WH
 
     @property
-    def current_a(self):
+    def current_a(self) -> float:
         """Mean battery current now [A]; positive = discharging, 0 where the vehicle stands."""
         if self.is_standing:
             return 0.0
@@ -193,7 +203,7 @@ class VehiclePlant:
         return -soc_rate * self.vehicle.battery.capacity_as
 
     @property
-    def terminal_voltage_v(self):
+    def terminal_voltage_v(self) -> float:
         """Battery voltage now [V], under that current."""
         battery = self.vehicle.battery
         voltage_v, resistance_ohm = (

@@ -143,5 +143,5 @@ class Reconfigured:
 
 
 # What Supervisor.step is given.
-Event = (BatteryStateArrived | BatteryStateUnreadable | RouteArrived | RouteUnreadable | TripCancelled
-         | PreheatingSwitched | RivalsChanged | Reconfigured)
+Event = (BatteryStateArrived | BatteryStateUnreadable | RouteArrived | RouteUnreadable
+         | TripCancelled | PreheatingSwitched | RivalsChanged | Reconfigured)

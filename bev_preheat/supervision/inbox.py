@@ -48,7 +48,8 @@ class Inbox:
         self.latest_mission: Mission | None = None
         self.measurement: Measurement | None = None
         self.is_cancelled = False  # By the latest route plan.
-        self._route_id: str | None = None  # Of the latest valid route, also after that was dropped.
+        # Of the latest valid route, also after that was dropped.
+        self._route_id: str | None = None
         self._refusals = Refusals()
         self._latest_ns = 0
         self._changes = Changes()
