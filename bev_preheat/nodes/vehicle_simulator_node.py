@@ -262,7 +262,7 @@ class VehicleSimulatorNode(Node):
             self.get_logger().info(f'Arrived after {duration_text(plant.duration_s)}: {figures}.')
         else:
             self.get_logger().error(
-                f'The battery is empty after {duration_text(plant.empty_at_s)}: the vehicle '
+                f'The battery is empty after {duration_text(plant.end_s)}: the vehicle '
                 f'stands. {figures}.')
         if plant.undeliverable_power_w > 0.0:
             self.get_logger().warning(
