@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.model import make_runge_kutta_4
+from bev_preheat.planning.bracketing import follow_slope, Trial
 from bev_preheat.planning.dynamics import run_forward
 from bev_preheat.planning.limits import drive_as_planned, limits_hold
 from bev_preheat.planning.schedule import HEATING_SHARE, Schedule, switched_on_s
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
 
 # The end of heating is found to this.
 ARRIVAL_TOLERANCE_K = 1e-3
+END_RESOLUTION_S = 1e-3
 MOST_RUNS = 12
 
 
@@ -139,26 +141,12 @@ class _Window:
 
 def _enough(window: _Window, target_c: float, guess_s: float) -> Schedule:
     """Return the Schedule that ends its heating where the battery arrives at the target."""
-    # Arrival is the warmer, the later heating ends.
-    low_s, high_s = window.start_s, window.last_s
-    end_s = min(max(guess_s, low_s), high_s)
-    slope = window.rate_k_per_s(end_s)
-    for _ in range(MOST_RUNS):
+    def heated_until(end_s: float) -> Trial[Schedule]:
         schedule = window.drive(end_s)
-        excess_k = float(schedule.temperature_c[-1]) - target_c
-        if abs(excess_k) <= ARRIVAL_TOLERANCE_K or (end_s >= high_s and excess_k < 0.0):
-            break
-        if excess_k > 0.0:
-            high_s = end_s
-        else:
-            low_s = end_s
-        next_s = end_s - excess_k / slope
-        if not low_s < next_s < high_s:
-            if next_s >= window.last_s and high_s == window.last_s:
-                next_s = window.last_s
-            else:
-                next_s = 0.5 * (low_s + high_s)
-        if abs(next_s - end_s) < 1e-3:
-            break
-        end_s = next_s
-    return schedule
+        return Trial(end_s, float(schedule.temperature_c[-1]) - target_c, schedule)
+
+    # The later heating ends, the warmer the battery arrives.
+    first = heated_until(min(max(guess_s, window.start_s), window.last_s))
+    return follow_slope(
+        window.last_s, window.start_s, first, window.rate_k_per_s(first.value), heated_until,
+        ARRIVAL_TOLERANCE_K, END_RESOLUTION_S, MOST_RUNS).outcome

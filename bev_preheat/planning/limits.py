@@ -17,6 +17,7 @@ import numpy as np
 
 from bev_preheat.arithmetic import AnyNumber, Arithmetic, ARRAYS, FLOATS, Number
 from bev_preheat.model import make_runge_kutta_4
+from bev_preheat.planning.bracketing import halve
 from bev_preheat.planning.dynamics import compiled_step, hottest_c, KEPT_VEHICLES
 from bev_preheat.planning.schedule import Schedule, switched_on_s
 
@@ -24,7 +25,6 @@ if TYPE_CHECKING:
     from bev_preheat.arrays import BoolArray, FloatArray
     from bev_preheat.planning.situation import BatteryState
     from bev_preheat.planning.trip import Trip
-    from bev_preheat.straight_line import StepOfStates
     from bev_preheat.vehicle.description import Vehicle
 
 # Steps are looked at closely where a limit is this near: the run on which they are chosen may be
@@ -32,13 +32,15 @@ if TYPE_CHECKING:
 COLDER_BY_K = 5.0
 # A limit counts as active where it takes more than this [W].
 ACTIVE_W = 1e-3
-# Halvings that find the share of a step at which the battery is empty, or full, to rounding.
-BISECTIONS = 50
 # The highest temperature is kept to this by heating.
 HIGHEST_TOLERANCE_K = 1e-6
 
 # `limits(soc, temperature_c, power_variance_w2)` -> least and most terminal power [W].
 TerminalLimits = Callable[[Number, Number, Number], tuple[Number, Number]]
+# `paid_power_w(step, temperature_c)` -> heater power [W].
+PaidPower = Callable[[int, float], float]
+# `drive(step, soc, temperature_c)` -> state of charge, temperature, heater and brake power [W].
+StepWithinLimits = Callable[[int, float, float], tuple[float, float, float, float]]
 
 
 @lru_cache(maxsize=KEPT_VEHICLES)
@@ -112,7 +114,7 @@ def limits_hold(trip: Trip, schedule: Schedule) -> bool:
 
 
 def run_within_limits(trip: Trip, state: BatteryState, watch: Watch,
-                      paid_power_w: Callable[[int, float], float], take_surplus: bool,
+                      paid_power_w: PaidPower, take_surplus: bool,
                       first: int = 0, before: Schedule | None = None) -> Schedule:
     """
     Return the Schedule of a forward run that keeps the limits.
@@ -125,65 +127,30 @@ def run_within_limits(trip: Trip, state: BatteryState, watch: Watch,
     The state of charge stays within 0 ... 1: what would overfill the battery goes to the friction
     brake, and where the charge runs out the vehicle stands for the rest of the trip.
     """
-    vehicle = trip.vehicle
-    step, _ = compiled_step(vehicle, make_runge_kutta_4, saturating=True)
-    limits = make_terminal_limits(vehicle, FLOATS)
-    highest_c, most_c = vehicle.battery.temperature_range_c[1], hottest_c(vehicle)
-    efficiency, heat_share = vehicle.hvch.efficiency, vehicle.drivetrain.heat_share
-    joules_per_k = vehicle.battery.heat_capacity_j_per_k / efficiency
+    drive = _step_within_limits(trip, watch, paid_power_w, take_surplus)
     if before is None or before.empty_at_s is not None:
         first = 0
-        socs, temperatures_c, heaters_w, brakes_w = [state.soc], [state.temperature_c], [], []
+        socs, temperatures_c = [state.soc], [state.temperature_c]
+        heaters_w: list[float] = []
+        brakes_w: list[float] = []
     else:
         socs, temperatures_c, heaters_w, brakes_w = (values.tolist() for values in (
             before.soc[:first + 1], before.temperature_c[:first + 1],
             before.heater_power_w[:first], before.brake_power_w[:first]))
-    soc, temperature_c = socs[-1], temperatures_c[-1]
-    columns = zip(range(first, len(trip.route)), *(column[first:].tolist() for column in (
-        trip.route.duration_s, trip.idle_power_w, trip.power_variance_w2, trip.idle_heat_w,
-        trip.leakage_w_per_k, trip.heater_limit_w, watch.charge, watch.discharge)))
-    propulsion_w = trip.route.propulsion_power_w.tolist()
-    empty = None
-    for (k, duration_s, power_w, variance_w2, heat_w, leakage_w_per_k, cap_w,
-         may_overcharge, may_overdraw) in columns:
-        if temperature_c >= highest_c:
-            heater_w = cap_w = 0.0
-        else:
-            heater_w = paid_power_w(k, temperature_c)
-        if may_overcharge or may_overdraw:
-            least_w, most_w = limits(soc, temperature_c, variance_w2)
-            heater_w = max(0.0, min(heater_w, most_w - power_w))
-            if may_overcharge and take_surplus:
-                heater_w = max(heater_w, min(cap_w, least_w - power_w))
-        while True:
-            brake_w = 0.0
-            if may_overcharge:
-                brake_w = min(max(0.0, least_w - power_w - heater_w), -propulsion_w[k])
-            soc_end, end_c = step(
-                soc, temperature_c, duration_s, power_w + heater_w + brake_w, variance_w2,
-                heat_w + efficiency * heater_w - heat_share * brake_w, leakage_w_per_k)
-            if heater_w <= 0.0 or end_c <= highest_c + HIGHEST_TOLERANCE_K:
-                break
-            heater_w = max(0.0, heater_w - (end_c - highest_c) * joules_per_k / duration_s)
-        if soc_end <= 0.0:
+    most_c, empty = hottest_c(trip.vehicle), None
+    for k in range(first, len(trip.route)):
+        soc, end_c, heater_w, brake_w = drive(k, socs[-1], temperatures_c[-1])
+        if soc <= 0.0:
             empty = k
             break
-        if soc_end > 1.0:
-            brake_w, soc_end, end_c = _filled(
-                # Called before the loop goes on: nothing of what it uses has changed.
-                lambda braked_w: step(
-                    soc, temperature_c, duration_s, power_w + heater_w + braked_w, variance_w2,  # noqa: B023
-                    heat_w + efficiency * heater_w - heat_share * braked_w, leakage_w_per_k),  # noqa: B023
-                brake_w, max(0.0, -propulsion_w[k]))
-        soc, temperature_c = soc_end, min(end_c, most_c)
         socs.append(soc)
-        temperatures_c.append(temperature_c)
+        temperatures_c.append(min(end_c, most_c))
         heaters_w.append(heater_w)
         brakes_w.append(brake_w)
     driven_share = empty_at_s = None
     if empty is not None:
         driven_share, standing_c = _stranded(
-            trip, step, empty, (soc, temperature_c), heater_w, brake_w)
+            trip, empty, (socs[-1], temperatures_c[-1]), heater_w, brake_w)
         empty_at_s = float(
             trip.time_s[empty] + driven_share[empty] * trip.route.duration_s[empty])
         temperatures_c += standing_c
@@ -202,25 +169,65 @@ def run_within_limits(trip: Trip, state: BatteryState, watch: Watch,
                     empty_at_s=empty_at_s, driven_share=driven_share)
 
 
-def _filled(step: Callable[[float], tuple[float, float]], least_w: float,
-            most_w: float) -> tuple[float, float, float]:
+def _step_within_limits(trip: Trip, watch: Watch, paid_power_w: PaidPower,
+                        take_surplus: bool) -> StepWithinLimits:
     """
-    Return (brake power [W], state of charge, temperature) of a step that just fills the battery.
+    Return `drive(k, soc, temperature_c)`, which drives step k from that state within the limits.
 
-    `step(brake_w)` returns the state at its end, overfull with the brake at `least_w` [W].
+    It returns the state of charge and the temperature at the end of the step, and the powers [W] of
+    heater and friction brake. A state of charge of 0 or less is a step that the charge does not
+    carry. The arguments are those of `run_within_limits`.
     """
-    for _ in range(BISECTIONS):
-        middle_w = 0.5 * (least_w + most_w)
-        if step(middle_w)[0] > 1.0:
-            least_w = middle_w
+    vehicle = trip.vehicle
+    step, _ = compiled_step(vehicle, make_runge_kutta_4, saturating=True)
+    limits: TerminalLimits[float] = make_terminal_limits(vehicle, FLOATS)
+    highest_c = vehicle.battery.temperature_range_c[1]
+    efficiency, heat_share = vehicle.hvch.efficiency, vehicle.drivetrain.heat_share
+    joules_per_k = vehicle.battery.heat_capacity_j_per_k / efficiency
+    columns = list(zip(*(column.tolist() for column in (
+        trip.route.duration_s, trip.idle_power_w, trip.power_variance_w2, trip.idle_heat_w,
+        trip.leakage_w_per_k, trip.heater_limit_w, trip.route.propulsion_power_w, watch.charge,
+        watch.discharge))))
+
+    def drive(k: int, soc: float, temperature_c: float) -> tuple[float, float, float, float]:
+        (duration_s, power_w, variance_w2, heat_w, leakage_w_per_k, cap_w, propulsion_w,
+         may_overcharge, may_overdraw) = columns[k]
+
+        def end_of(heater_w: float, brake_w: float) -> tuple[float, float]:
+            return step(
+                soc, temperature_c, duration_s, power_w + heater_w + brake_w, variance_w2,
+                heat_w + efficiency * heater_w - heat_share * brake_w, leakage_w_per_k)
+
+        if temperature_c >= highest_c:
+            heater_w = cap_w = 0.0
         else:
-            most_w = middle_w
-    soc, temperature_c = step(most_w)
-    return most_w, min(soc, 1.0), temperature_c
+            heater_w = paid_power_w(k, temperature_c)
+        if may_overcharge or may_overdraw:
+            least_w, most_w = limits(soc, temperature_c, variance_w2)
+            heater_w = max(0.0, min(heater_w, most_w - power_w))
+            if may_overcharge and take_surplus:
+                heater_w = max(heater_w, min(cap_w, least_w - power_w))
+        while True:
+            brake_w = 0.0
+            if may_overcharge:
+                brake_w = min(max(0.0, least_w - power_w - heater_w), -propulsion_w)
+            soc_end, end_c = end_of(heater_w, brake_w)
+            if heater_w <= 0.0 or end_c <= highest_c + HIGHEST_TOLERANCE_K:
+                break
+            heater_w = max(0.0, heater_w - (end_c - highest_c) * joules_per_k / duration_s)
+        if soc_end > 1.0:
+            # The brake takes what would overfill the battery.
+            brake_w = halve(max(0.0, -propulsion_w), brake_w,
+                            lambda braked_w: end_of(heater_w, braked_w)[0] <= 1.0)
+            soc_end, end_c = end_of(heater_w, brake_w)
+            soc_end = min(soc_end, 1.0)
+        return soc_end, end_c, heater_w, brake_w
+
+    return drive
 
 
-def _stranded(trip: Trip, step: StepOfStates, empty: int, start: tuple[float, float],
-              heater_w: float, brake_w: float) -> tuple[FloatArray, list[float]]:
+def _stranded(trip: Trip, empty: int, start: tuple[float, float], heater_w: float,
+              brake_w: float) -> tuple[FloatArray, list[float]]:
     """
     Return how a run ends whose charge runs out in step `empty`, which begins at `start`.
 
@@ -228,7 +235,9 @@ def _stranded(trip: Trip, step: StepOfStates, empty: int, start: tuple[float, fl
     from then on the vehicle stands. Returns (driven share of each step (N,), temperatures [deg C] at
     the ends of step `empty` and those after it).
     """
-    vehicle, temperatures_c = trip.vehicle, []
+    vehicle = trip.vehicle
+    step, _ = compiled_step(vehicle, make_runge_kutta_4, saturating=True)
+    temperatures_c: list[float] = []
     efficiency, heat_share = vehicle.hvch.efficiency, vehicle.drivetrain.heat_share
     driven_share = np.where(np.arange(len(trip.route)) < empty, 1.0, 0.0)
 
@@ -241,14 +250,11 @@ def _stranded(trip: Trip, step: StepOfStates, empty: int, start: tuple[float, fl
             float(driven.idle_heat_w[k]) + share * (efficiency * heater_w - heat_share * brake_w),
             float(trip.leakage_w_per_k[k]))
 
-    enough, too_much = 0.0, 1.0
-    for _ in range(BISECTIONS):
-        driven_share[empty] = 0.5 * (enough + too_much)
-        if drive_step(trip.driven(driven_share), empty, start)[0] > 0.0:
-            enough = driven_share[empty]
-        else:
-            too_much = driven_share[empty]
-    driven_share[empty] = enough
+    def carries(share: float) -> bool:
+        driven_share[empty] = share
+        return drive_step(trip.driven(driven_share), empty, start)[0] > 0.0
+
+    driven_share[empty] = halve(0.0, 1.0, carries)
     state, driven = start, trip.driven(driven_share)
     for k in range(empty, len(trip.route)):
         _, end_c = drive_step(driven, k, state)

@@ -17,6 +17,7 @@ import numpy as np
 
 from bev_preheat.arithmetic import SATURATING_FLOATS
 from bev_preheat.model import make_midpoint, make_rates, make_runge_kutta_4
+from bev_preheat.planning.bracketing import follow_slope, Trial
 from bev_preheat.planning.dynamics import run_forward
 from bev_preheat.planning.paper import find_crossing
 from bev_preheat.planning.schedule import maximum_from, Schedule
@@ -72,32 +73,16 @@ def refine_switching_instant(trip: Trip, target_c: float, idle: tuple[list[float
     `idle` is the unheated run (soc, temperature_c) that arrives below the target. Where heating all
     the way is not enough, the schedule heats all the way.
     """
-    # Arrival is the warmer, the earlier the heater starts: `early_s` is too warm, `late_s` too cold.
-    early_s, late_s = 0.0, float(trip.time_s[-1])
-    instant_s = min(max(guess_s, early_s), late_s)
-    schedule = _switch_at(trip, idle, instant_s)
-    excess_k = float(schedule.temperature_c[-1]) - target_c
-    slope_k_per_s = _arrival_slope_k_per_s(trip, schedule, instant_s)
-    for _ in range(MOST_RUNS):
-        if abs(excess_k) <= ARRIVAL_TOLERANCE_K or (instant_s <= 0.0 and excess_k < 0.0):
-            break
-        if excess_k > 0.0:
-            early_s = instant_s
-        else:
-            late_s = instant_s
-        next_s = instant_s - excess_k / slope_k_per_s if slope_k_per_s < 0.0 else math.nan
-        if next_s <= 0.0 and early_s == 0.0:
-            # Whether all the way is enough is not known before it has been tried.
-            next_s = 0.0
-        elif not early_s < next_s < late_s:
-            next_s = 0.5 * (early_s + late_s)
-        if next_s == instant_s:
-            break
-        schedule = _switch_at(trip, idle, next_s)
-        next_excess_k = float(schedule.temperature_c[-1]) - target_c
-        slope_k_per_s = (next_excess_k - excess_k) / (next_s - instant_s)
-        instant_s, excess_k = next_s, next_excess_k
-    return schedule
+    def switched_on_at(instant_s: float) -> Trial[Schedule]:
+        schedule = _switch_at(trip, idle, instant_s)
+        return Trial(instant_s, float(schedule.temperature_c[-1]) - target_c, schedule)
+
+    # The earlier the heater starts, the warmer the battery arrives.
+    earliest_s, latest_s = 0.0, float(trip.time_s[-1])
+    first = switched_on_at(min(max(guess_s, earliest_s), latest_s))
+    return follow_slope(
+        earliest_s, latest_s, first, _arrival_slope_k_per_s(trip, first.outcome, first.value),
+        switched_on_at, ARRIVAL_TOLERANCE_K, most_trials=MOST_RUNS).outcome
 
 
 def _switch_at(trip: Trip, idle: tuple[list[float], list[float]], instant_s: float) -> Schedule:

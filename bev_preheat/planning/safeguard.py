@@ -17,6 +17,7 @@ from typing import Any, TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.arithmetic import ARRAYS, FLOATS
+from bev_preheat.planning.bracketing import close_in, Trial
 from bev_preheat.planning.dynamics import hottest_c
 from bev_preheat.planning.limits import drive_as_planned, limits_hold, make_terminal_limits, run_unheated
 from bev_preheat.planning.schedule import HeldBack, Method, Schedule
@@ -142,44 +143,31 @@ class Safeguard:
         if self._spare_soc(found) <= 0.0:
             pays = self._spare_soc(found) >= min(self._spare_soc(self.unheated), 0.0)
             return found if pays else None
-        low = self._trial(cold_c, found)
-        high = self._trial(float(wanted.temperature_c[-1]), wanted)
-        low = replace(low, target_c=max(cold_c, float(found.temperature_c[-1])))
-        low_margin, high_margin = low.margin, high.margin
-        for _ in range(MOST_TARGETS):
-            width_k = TARGET_TOLERANCE_OF_POWER_K if high.lacks_power else TARGET_TOLERANCE_K
-            if low.margin <= SOC_TOLERANCE or high.target_c - low.target_c <= width_k:
-                break
-            # Energy grows almost in proportion to the temperature; a side that has stood still for
-            # a step counts half (Illinois), or the other would creep.
-            share = low_margin / (low_margin - high_margin)
-            target_c = low.target_c + share * (high.target_c - low.target_c)
-            middle = self._trial(target_c, proposal(target_c))
-            if middle.margin >= 0.0:
-                low, low_margin, high_margin = middle, middle.margin, 0.5 * high_margin
-            else:
-                high, high_margin, low_margin = middle, middle.margin, 0.5 * low_margin
-        return low.schedule
+        warmest = close_in(
+            self._trial(max(cold_c, float(found.temperature_c[-1])), found),
+            self._trial(float(wanted.temperature_c[-1]), wanted),
+            lambda target_c: self._trial(target_c, proposal(target_c)), _is_close, MOST_TARGETS)
+        return warmest.outcome.schedule
 
-    def _trial(self, target_c: float, schedule: Schedule) -> _Trial:
+    def _trial(self, target_c: float, schedule: Schedule) -> Trial[_Proposed]:
+        """Return a target with its excess: what it leaves to spare [share of the charge]."""
         spare_soc, spare_w = self._spare_soc(schedule), self._spare_power_w(schedule)
         # Power to spare does not make heat affordable; power that lacks forbids it.
-        return _Trial(target_c, schedule, spare_w < 0.0, spare_soc if spare_w >= 0.0 else
-                      min(spare_soc, spare_w / POWER_WEIGHT_W))
+        excess = spare_soc if spare_w >= 0.0 else min(spare_soc, spare_w / POWER_WEIGHT_W)
+        return Trial(target_c, excess, _Proposed(schedule, spare_w < 0.0))
 
 
 @dataclass(frozen=True)
-class _Trial:
-    """
-    A proposal for a target, and how far it is within what is allowed [share of the charge].
+class _Proposed:
+    """A proposal for a target; `lacks_power`: more than is allowed."""
 
-    `lacks_power`: more than is allowed.
-    """
-
-    target_c: float
     schedule: Schedule
     lacks_power: bool
-    margin: float
+
+
+def _is_close(allowed: Trial[_Proposed], forbidden: Trial[_Proposed]) -> bool:
+    width_k = TARGET_TOLERANCE_OF_POWER_K if forbidden.outcome.lacks_power else TARGET_TOLERANCE_K
+    return allowed.excess <= SOC_TOLERANCE or forbidden.value - allowed.value <= width_k
 
 
 def giving_way(method: Method) -> Method:

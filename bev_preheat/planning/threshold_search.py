@@ -11,12 +11,12 @@ are moved together, by the little that is needed.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from bev_preheat.arithmetic import ARRAYS
+from bev_preheat.planning.bracketing import close_in, Trial
 from bev_preheat.planning.limits import colder, make_terminal_limits, run_within_limits, TerminalLimits, Watch
 from bev_preheat.planning.optimal_switch import ARRIVAL_TOLERANCE_K
 from bev_preheat.planning.schedule import Schedule
@@ -44,15 +44,6 @@ MOST_CLIMBS = 6
 
 # By how much a run is above what is required of it.
 Excess = Callable[[Schedule], float]
-
-
-@dataclass(frozen=True)
-class _Trial:
-    """A forward run, and how far it is above what is required of it."""
-
-    shift_k: float
-    schedule: Schedule
-    excess: float
 
 
 class ThresholdSearch:
@@ -158,7 +149,7 @@ class ThresholdSearch:
 
         It ends within the tolerance above 0, or as close to it as shifts get.
         """
-        best = here = _Trial(0.0, schedule, excess_of(schedule))
+        best = here = Trial(0.0, excess_of(schedule), schedule)
         if 0.0 <= here.excess <= tolerance:
             return schedule
         direction = 1.0 if here.excess < 0.0 else -1.0
@@ -171,26 +162,16 @@ class ThresholdSearch:
             best = min(best, there, key=lambda trial: abs(trial.excess))
         else:
             return self._keep(first, last, best)
-        low, high = (here, there) if here.excess < 0.0 else (there, here)
-        low_excess, high_excess = low.excess, high.excess
-        for _ in range(MOST_RUNS):
-            if high.excess <= tolerance:
-                break
-            # Aim at the middle of what is tolerated: either side of it ends the search. A side that
-            # has stood still for a step counts half (Illinois), or the other would creep.
-            share = (0.5 * tolerance - low_excess) / (high_excess - low_excess)
-            shift_k = low.shift_k + share * (high.shift_k - low.shift_k)
-            middle = self._try(first, last, shift_k, excess_of)
-            if middle.excess >= 0.0:
-                high, high_excess, low_excess = middle, middle.excess, 0.5 * low_excess
-            else:
-                low, low_excess, high_excess = middle, middle.excess, 0.5 * high_excess
-        return self._keep(first, last, high)
+        # Aim at the middle of what is tolerated: either side of it ends the search.
+        return self._keep(first, last, close_in(
+            *((there, here) if here.excess < 0.0 else (here, there)),
+            lambda shift_k: self._try(first, last, shift_k, excess_of),
+            lambda enough, _: enough.excess <= tolerance, MOST_RUNS, aim=0.5 * tolerance))
 
-    def _keep(self, first: int, last: int, trial: _Trial) -> Schedule:
-        self._shift_k = self._shifts_k(first, last, trial.shift_k)
-        self._kept = trial.schedule
-        return trial.schedule
+    def _keep(self, first: int, last: int, trial: Trial[Schedule]) -> Schedule:
+        self._shift_k = self._shifts_k(first, last, trial.value)
+        self._kept = trial.outcome
+        return trial.outcome
 
     def _shifts_k(self, first: int, last: int, shift_k: float) -> FloatArray:
         shifts_k = self._shift_k.copy()
@@ -199,9 +180,9 @@ class ThresholdSearch:
         shifts_k[first:last] = np.where(moved == 0.0, shift_k, np.maximum(moved, shift_k))
         return shifts_k
 
-    def _try(self, first: int, last: int, shift_k: float, excess_of: Excess) -> _Trial:
+    def _try(self, first: int, last: int, shift_k: float, excess_of: Excess) -> Trial[Schedule]:
         schedule = self._run(first, last, shift_k)
-        return _Trial(shift_k, schedule, excess_of(schedule))
+        return Trial(shift_k, excess_of(schedule), schedule)
 
     def _run(self, first: int = 0, last: int = 0, shift_k: float = 0.0) -> Schedule:
         shifts_k = self._shifts_k(first, last, shift_k)

@@ -1,0 +1,97 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Searches between a value with too much and one with too little.
+
+Each value that is tried is a simulated drive or a step of one, so what counts is how few are tried.
+(Planning never loads SciPy, whose solvers keep the value but not what came of it.)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+import math
+from typing import Generic, TypeVar
+
+Outcome = TypeVar('Outcome')
+
+
+@dataclass(frozen=True)
+class Trial(Generic[Outcome]):
+    """A value that was tried, what came of it, and by how much that is more than required."""
+
+    value: float
+    excess: float
+    outcome: Outcome
+
+
+def halve(enough: float, too_little: float, is_enough: Callable[[float], bool],
+          halvings: int = 50) -> float:
+    """
+    Return the value nearest to `too_little` that is still enough, to 2^-halvings of the bracket.
+
+    `enough` is, and `too_little` is not; nothing else is known of the values in between.
+    """
+    for _ in range(halvings):
+        middle = 0.5 * (enough + too_little)
+        if is_enough(middle):
+            enough = middle
+        else:
+            too_little = middle
+    return enough
+
+
+def close_in(enough: Trial[Outcome], too_little: Trial[Outcome],
+             attempt: Callable[[float], Trial[Outcome]],
+             is_close: Callable[[Trial[Outcome], Trial[Outcome]], bool], most_trials: int,
+             aim: float = 0.0) -> Trial[Outcome]:
+    """
+    Return the last Trial that is enough (excess >= 0) once `is_close(enough, too_little)`.
+
+    For an excess that is almost proportional to the value: each next value is where the straight
+    line between both has the excess `aim`. A side that has stood still for a trial counts half
+    (the Illinois rule), or the other would creep. At most `most_trials` are made.
+    """
+    more, less = enough.excess, too_little.excess
+    for _ in range(most_trials):
+        if is_close(enough, too_little):
+            break
+        share = (aim - less) / (more - less)
+        trial = attempt(too_little.value + share * (enough.value - too_little.value))
+        if trial.excess >= 0.0:
+            enough, more, less = trial, trial.excess, 0.5 * less
+        else:
+            too_little, less, more = trial, trial.excess, 0.5 * more
+    return enough
+
+
+def follow_slope(most: float, least: float, first: Trial[Outcome], slope: float,
+                 attempt: Callable[[float], Trial[Outcome]], tolerance: float,
+                 resolution: float = 0.0, most_trials: int = 60) -> Trial[Outcome]:
+    """
+    Return the Trial whose excess is within `tolerance` of 0, from a first one and its slope.
+
+    For a smooth excess that is greatest at the value `most` and falls towards `least`: a secant,
+    kept within the bracket. Where not even `most` is enough, its Trial is returned. The search also
+    ends where values differ by no more than `resolution`, and after `most_trials`.
+    """
+    direction = 1.0 if most > least else -1.0
+    enough, too_little, trial = most, least, first
+    for _ in range(most_trials):
+        if abs(trial.excess) <= tolerance or (trial.value == most and trial.excess < 0.0):
+            break
+        if trial.excess > 0.0:
+            enough = trial.value
+        else:
+            too_little = trial.value
+        following = trial.value - trial.excess / slope if slope * direction > 0.0 else math.nan
+        if enough == most and (following - most) * direction >= 0.0:
+            # Whether the utmost is enough is not known before it has been tried.
+            following = most
+        elif not min(enough, too_little) < following < max(enough, too_little):
+            following = 0.5 * (enough + too_little)
+        if abs(following - trial.value) <= resolution:
+            break
+        before, trial = trial, attempt(following)
+        slope = (trial.excess - before.excess) / (trial.value - before.value)
+    return trial

@@ -1,0 +1,102 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Searches in a bracket: they find closed-form roots, with few trials, and never leave the bracket."""
+
+import math
+
+from hypothesis import given
+from hypothesis import strategies as st
+import pytest
+
+from bev_preheat.planning.bracketing import close_in, follow_slope, halve, Trial
+
+ROOTS = st.floats(-50.0, 50.0)
+STRETCHES = st.floats(0.05, 20.0)
+
+
+class Counted:
+    """An excess with a known root, which remembers the values that were tried."""
+
+    def __init__(self, excess):
+        self.excess, self.values = excess, []
+
+    def __call__(self, value):
+        self.values.append(value)
+        return Trial(value, self.excess(value), f'at {value}')
+
+
+@given(root=ROOTS, width=STRETCHES, rises=st.booleans())
+def test_halving_finds_the_last_value_that_is_enough(root, width, rises):
+    enough, too_little = (root + width, root - 2.0 * width)[::1 if rises else -1]
+
+    def is_enough(value):
+        return value >= root if rises else value <= root
+
+    found = halve(enough, too_little, is_enough)
+    assert is_enough(found)
+    assert found == pytest.approx(root, abs=1e-12 * (1.0 + abs(root) + width))
+
+
+@pytest.mark.parametrize('answer, found', [(True, 3.0), (False, 7.0)])
+def test_halving_goes_to_the_end_that_the_answers_point_to(answer, found):
+    assert halve(7.0, 3.0, lambda value: answer) == pytest.approx(found, abs=1e-12)
+
+
+def bent(root, stretch, bend):
+    """Return a rising function with a root, straight for bend = 0."""
+    return lambda value: math.sinh(bend * (value - root) / stretch) / bend if bend else (
+        (value - root) / stretch)
+
+
+@given(root=ROOTS, width=STRETCHES, bend=st.sampled_from([0.0, 0.3, 2.0]), rises=st.booleans())
+def test_closing_in_ends_on_the_side_that_is_enough(root, width, bend, rises):
+    sign = 1.0 if rises else -1.0
+    attempt = Counted(lambda value: sign * bent(root, width, bend)(value))
+    enough, too_little = attempt(root + sign * width), attempt(root - 2.0 * sign * width)
+    attempt.values.clear()
+    found = close_in(enough, too_little, attempt, lambda above, _: above.excess <= 1e-6,
+                     most_trials=60, aim=5e-7)
+    assert 0.0 <= found.excess <= 1e-6
+    assert found.outcome == f'at {found.value}'
+    # One trial for a straight line, and never many.
+    assert len(attempt.values) <= (2 if bend == 0.0 else 25)
+    low, high = sorted((enough.value, too_little.value))
+    assert all(low <= value <= high for value in attempt.values)
+
+
+def test_closing_in_makes_no_more_trials_than_allowed_and_keeps_the_best_that_is_enough():
+    attempt = Counted(lambda value: 1.0 if value > 0.3 else -1e9)
+    found = close_in(attempt(1.0), attempt(0.0), attempt, lambda *_: False, most_trials=5)
+    assert len(attempt.values) == 2 + 5
+    assert found.excess == 1.0 and found.value == min(
+        value for value in attempt.values if value > 0.3)
+
+
+@given(root=ROOTS, stretch=STRETCHES, bend=st.sampled_from([0.0, 0.5, 2.0]), rises=st.booleans(),
+       start=st.floats(0.0, 1.0), slope=st.sampled_from([1.0, 0.2, 3.0, 0.0, -1.0]))
+def test_following_the_slope_finds_the_root_from_anywhere(root, stretch, bend, rises, start, slope):
+    sign = 1.0 if rises else -1.0
+    attempt = Counted(lambda value: sign * bent(root, stretch, bend)(value))
+    most, least = root + sign * stretch, root - 1.5 * sign * stretch
+    first = attempt(least + start * (most - least))
+    found = follow_slope(most, least, first, sign * slope / stretch, attempt, tolerance=1e-9)
+    assert abs(found.excess) <= 1e-9
+    low, high = sorted((most, least))
+    assert all(low <= value <= high for value in attempt.values)
+    assert len(attempt.values) <= 40
+
+
+@given(most=st.floats(-5.0, 5.0), span=STRETCHES, rises=st.booleans(), start=st.floats(0.0, 1.0))
+def test_where_the_utmost_is_not_enough_it_is_what_is_found(most, span, rises, start):
+    sign = 1.0 if rises else -1.0
+    least = most - sign * span
+    attempt = Counted(lambda value: sign * (value - most) / span - 0.5)
+    found = follow_slope(most, least, attempt(least + start * (most - least)), sign / span, attempt,
+                         tolerance=1e-6)
+    assert (found.value, found.outcome) == (most, f'at {most}')
+
+
+def test_a_jump_ends_the_search_at_its_resolution():
+    attempt = Counted(lambda value: 1.0 if value > 0.25 else -1.0)
+    found = follow_slope(1.0, 0.0, attempt(1.0), 1.0, attempt, tolerance=1e-6, resolution=1e-3)
+    assert found.value == pytest.approx(0.25, abs=2e-3)
+    assert len(attempt.values) < 15
