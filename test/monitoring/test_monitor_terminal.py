@@ -56,7 +56,7 @@ def test_it_fills_any_terminal_follows_its_size_and_gives_it_back_on_ctrl_c(term
         process.resize(*size)
         wait_for_view(process, has_size(*size))
     process.type(CTRL_C)
-    assert process.wait() == 0, process.tail
+    assert process.wait(LIMIT_S) == 0, process.tail
     assert process.has_left_terminal_as_it_was
     assert b'Traceback' not in process.tail
 
@@ -66,7 +66,7 @@ def test_a_signal_ends_it_and_the_terminal_is_as_before(terminal, number):
     process = terminal(80, 24)
     wait_for_view(process, has_size(80, 24))
     os.kill(process.process_id, number)
-    assert process.wait() == 0, process.tail
+    assert process.wait(LIMIT_S) == 0, process.tail
     assert process.has_left_terminal_as_it_was
     assert b'Traceback' not in process.tail
 

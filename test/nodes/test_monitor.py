@@ -87,7 +87,7 @@ def test_the_live_view_follows_the_planner_until_ctrl_c(heating):
             process.read(0.1)
             assert process.exit_status is None and time.monotonic() < end_s, process.view
         process.type(CTRL_C)
-        assert process.wait() == 0, process.tail
+        assert process.wait(LIMIT_S) == 0, process.tail
         assert process.has_left_terminal_as_it_was and b'Traceback' not in process.tail
 
 
