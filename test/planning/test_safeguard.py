@@ -398,14 +398,34 @@ def falling_charges(draw):
 @given(situation=falling_charges())
 def test_less_charge_never_means_more_paid_heating(method, situation):
     name, route, state, goal, socs = situation
-    fuller_wh = math.inf
+    efficiency, fuller_wh, fuller_joule_wh = CARS[name].hvch.efficiency, math.inf, 0.0
     for soc in socs:
         state = replace(state, soc=soc)
         assert keeps_limits(name, route, state)
-        wh = paid_wh(plan_preheating(CARS[name], route, state, goal, method))
-        # An emptier battery makes more Joule heat, so it needs less; half a watt-hour is rounding.
-        assert wh <= fuller_wh + 0.5
-        fuller_wh = wh
+        plan = plan_preheating(CARS[name], route, state, goal, method)
+        wh, joule_wh = paid_wh(plan), plan.energy_wh.joule
+        # An emptier battery has less voltage, so it makes more Joule heat and needs less of the
+        # heater's; unless its resistance falls with the charge, then the heater makes up for that.
+        # Half a watt-hour is rounding.
+        assert wh <= fuller_wh + max(0.0, fuller_joule_wh - joule_wh) / efficiency + 0.5
+        fuller_wh, fuller_joule_wh = wh, joule_wh
+
+
+@pytest.mark.parametrize('method', METHODS)
+def test_the_heater_makes_up_for_joule_heat_that_less_charge_does_not_make(method):
+    """An LFP battery has 2 % less resistance half full than three quarters full."""
+    car = CARS['mid_size_lfp']
+    route = make_route({
+        'duration_s': [30.0] * 37, 'speed_mps': [0.0],
+        'propulsion_power_w': [2e3] * 9 + [13450.0] * 28, 'ambient_temperature_c': [0.0],
+        'cabin_heating_power_w': [0.0], 'auxiliary_power_w': [0.0]}, car.defaults)
+    fuller, emptier = (plan_preheating(car, route, BatteryState(0.0, soc), Goal(3.0), method)
+                       for soc in (0.75, 0.5))
+    assert emptier.energy_wh.joule < fuller.energy_wh.joule
+    assert paid_wh(emptier) > paid_wh(fuller)
+    made_up_wh = car.hvch.efficiency * (paid_wh(emptier) - paid_wh(fuller))
+    assert made_up_wh == pytest.approx(
+        fuller.energy_wh.joule - emptier.energy_wh.joule, abs=0.05)
 
 
 @pytest.mark.costly

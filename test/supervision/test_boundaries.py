@@ -13,7 +13,7 @@ from bev_preheat.route.segments import make_route
 from bev_preheat.supervision.events import BatteryStateArrived, PreheatingSwitched, RouteArrived
 from bev_preheat.supervision.heater_switch import HeaterSwitch
 from bev_preheat.supervision.inbox import Inbox
-from bev_preheat.supervision.inputs import check_mission, Leg, Measurement, Mission, NS_PER_S
+from bev_preheat.supervision.inputs import check_mission, in_planning_steps, Leg, Measurement, Mission, NS_PER_S
 from bev_preheat.supervision.settings import Settings
 from bev_preheat.supervision.supervisor import Output, Supervisor
 from bev_preheat.vehicle import load_vehicle
@@ -152,3 +152,19 @@ def test_a_command_of_0_w_says_that_it_waits_only_where_it_was_to_heat(status):
     command = step(2, state(2, BatteryState(cold_c, 0.8)))
     assert (command.battery_heating_power_w, supervisor.decision.status) == (0.0, status)
     assert command.reason is (Status.WAITING if status is Status.HEATING else status)
+
+
+@pytest.mark.parametrize('duration_s, step_s, count', [(1.0, 30.0, 40), (30.0, 30.0, 40), (1.0, 300.0, 4)])
+def test_a_route_is_planned_in_steps_of_the_length_asked_for(duration_s, step_s, count):
+    route = leg(duration_s=[duration_s] * round(1200.0 / duration_s)).route
+    assert len(in_planning_steps(route, step_s)) == count
+
+
+@pytest.mark.parametrize('before_ns, heats', [(NS_PER_S // 2, False), (1, False), (0, True)])
+def test_a_trip_that_begins_in_a_moment_is_not_heated_for_before_it_does(before_ns, heats):
+    """Heating all the way is not even enough."""
+    supervisor = Supervisor(VEHICLE, Settings(estimation=False))
+    now_ns = NOW_NS - before_ns
+    list(supervisor.step(now_ns, RouteArrived(Mission('home', (leg(),)))))
+    list(supervisor.step(now_ns, BatteryStateArrived(Measurement(STATE, now_ns))))
+    assert (supervisor.latest_command.battery_heating_power_w > 0.0) is heats
