@@ -38,7 +38,10 @@ def modules_of(room):
 
 def with_path(folder):
     """Return the environment of a process that imports from a folder first, then as this one."""
-    return dict(os.environ, PYTHONPATH=os.pathsep.join([str(folder), *filter(None, sys.path)]))
+    environment = dict(os.environ, PYTHONPATH=os.pathsep.join([str(folder), *filter(None, sys.path)]))
+    # What measures coverage loads packages of its own.
+    environment.pop('COVERAGE_PROCESS_CONFIG', None)
+    return environment
 
 
 def loaded_by(groups, unwanted):

@@ -15,6 +15,12 @@ PLAN = [sys.executable, '-m', 'bev_preheat', 'plan', '--vehicle', 'reference', '
         '--temperature', '-7', '--soc', '0.9']
 
 
+@pytest.fixture(autouse=True)
+def unmeasured(monkeypatch):
+    """What measures coverage would write to the full output, too."""
+    monkeypatch.delenv('COVERAGE_PROCESS_CONFIG', raising=False)
+
+
 def ended(command, **options):
     """Return (exit status, standard output, standard error) of a command, bytes as Latin-1."""
     done = subprocess.run(command, stderr=subprocess.PIPE, timeout=100, check=False,
