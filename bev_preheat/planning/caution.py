@@ -21,6 +21,9 @@ from bev_preheat.planning.limits import drive_as_planned, limits_hold
 from bev_preheat.planning.schedule import HEATING_SHARE, Schedule, switched_on_s
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from bev_preheat.arrays import FloatArray
     from bev_preheat.planning.situation import BatteryState
     from bev_preheat.planning.trip import Trip
 
@@ -51,24 +54,25 @@ class Caution:
 def heat_early(trip: Trip, state: BatteryState, schedule: Schedule, target_c: float,
                caution: Caution) -> Schedule:
     """Return the Schedule with its last stretch of heating begun as early as Caution asks."""
-    window = _last_stretch(trip, schedule)
-    if window is None:
+    last = _last_stretch(trip, schedule)
+    if last is None:
         return schedule
-    first, start_s = window
-    end_s = float(trip.time_s[-1])
-    if not caution.is_heating and end_s - start_s < caution.least_heating_s:
-        return _Window(trip, state, schedule, first, end_s, limited=True).drive(end_s)
+    first, start_s = last
+    arrival_s = float(trip.time_s[-1])
+    if not caution.is_heating and arrival_s - start_s < caution.least_heating_s:
+        return _LastStretch(trip, state, schedule, first, start_s).without()
     early_s = max(0.0, start_s - _lead_s(trip, first, caution.lead_k))
     if caution.is_heating and early_s <= caution.least_pause_s:
         early_s = 0.0
     if early_s >= start_s:
         return schedule
-    first = trip.route.segment_at(early_s)
-    guess_s = end_s - (start_s - early_s)
-    early = _enough(_Window(trip, state, schedule, first, early_s), target_c, guess_s)
+    stretch = _LastStretch(trip, state, schedule, trip.route.segment_at(early_s), early_s)
+    # What is heated earlier need not be heated later.
+    guess_s = arrival_s - (start_s - early_s)
+    early = _as_long_as_needed(stretch, stretch.until, target_c, guess_s)
     if limits_hold(trip, early):
         return early
-    return _enough(_Window(trip, state, schedule, first, early_s, limited=True), target_c, guess_s)
+    return _as_long_as_needed(stretch, stretch.until_within_limits, target_c, guess_s)
 
 
 def _last_stretch(trip: Trip, schedule: Schedule) -> tuple[int, float] | None:
@@ -78,75 +82,92 @@ def _last_stretch(trip: Trip, schedule: Schedule) -> tuple[int, float] | None:
         return None
     pauses = np.flatnonzero(~heated)
     first = int(pauses[-1]) + 1 if len(pauses) else 0
-    stretch_w = np.where(np.arange(len(heated)) >= first, schedule.heater_power_w, 0.0)
-    start_s = switched_on_s(trip, stretch_w)
+    start_s = switched_on_s(
+        trip, np.where(np.arange(len(heated)) >= first, schedule.heater_power_w, 0.0))
     return None if start_s is None else (first, start_s)
+
+
+def _heat_w(trip: Trip, step: int) -> float:
+    """Most heat that the heater can give in a step [W]."""
+    return trip.vehicle.hvch.efficiency * float(trip.heater_limit_w[step])
 
 
 def _lead_s(trip: Trip, step: int, lead_k: float) -> float:
     """How long the heater takes for so many kelvin [s]."""
-    heat_w = trip.vehicle.hvch.efficiency * float(trip.heater_limit_w[step])
-    return lead_k * trip.vehicle.battery.heat_capacity_j_per_k / heat_w
+    return lead_k * trip.vehicle.battery.heat_capacity_j_per_k / _heat_w(trip, step)
 
 
-class _Window:
-    """A schedule whose last stretch of heating begins at an instant, and ends at another."""
+class _LastStretch:
+    """What becomes of a Schedule whose last stretch of heating begins at an instant of its own."""
 
     def __init__(self, trip: Trip, state: BatteryState, schedule: Schedule, first: int,
-                 start_s: float, limited: bool = False) -> None:
-        """`first` is the step of `start_s`; `limited`: runs keep the battery's limits."""
+                 start_s: float) -> None:
+        """Take the step `first` in which the stretch is to begin, and its instant `start_s` [s]."""
         self._trip, self._state, self._schedule = trip, state, schedule
-        self._first, self.start_s, self._limited = first, start_s, limited
+        self._first, self.start_s = first, start_s
+        # What is heated before stays.
         self._before_w = np.where(
             np.arange(len(trip.route)) < first, schedule.heater_power_w, 0.0)
 
     @property
-    def last_s(self) -> float:
+    def arrival_s(self) -> float:
         """The instant of arrival [s]."""
         return float(self._trip.time_s[-1])
 
     def rate_k_per_s(self, end_s: float) -> float:
         """How much warmer the battery arrives for each second that heating lasts longer, about."""
-        trip = self._trip
-        step = trip.route.segment_at(end_s)
+        trip, step = self._trip, self._trip.route.segment_at(end_s)
         capacity = trip.vehicle.battery.heat_capacity_j_per_k
-        gained = trip.vehicle.hvch.efficiency * float(trip.heater_limit_w[step]) / capacity
-        return gained * float(np.exp(
-            -trip.leakage_w_per_k[step] / capacity * (self.last_s - end_s)))
+        left = float(np.exp(-trip.leakage_w_per_k[step] / capacity * (self.arrival_s - end_s)))
+        return _heat_w(trip, step) / capacity * left
 
-    def drive(self, end_s: float) -> Schedule:
-        """Return the Schedule that heats until `end_s`."""
-        trip, before, first = self._trip, self._schedule, self._first
-        overlap_s = (np.minimum(trip.time_s[1:], end_s)
-                     - np.maximum(trip.time_s[:-1], self.start_s))
-        share = np.clip(overlap_s / trip.route.duration_s, 0.0, 1.0)
-        heater_w = np.maximum(self._before_w, share * trip.heater_limit_w)
-        heating_end_s = end_s if self.start_s < end_s < self.last_s else None
-        if self._limited:
-            return replace(drive_as_planned(trip, self._state, heater_w, take_surplus=True),
-                           heating_end_s=heating_end_s)
+    def without(self) -> Schedule:
+        """Return the Schedule that leaves the stretch out, within the battery's limits."""
+        return drive_as_planned(self._trip, self._state, self._before_w, take_surplus=True)
+
+    def until_within_limits(self, end_s: float) -> Schedule:
+        """Return the Schedule that heats until `end_s` [s] as far as the battery's limits let it."""
+        return replace(
+            drive_as_planned(self._trip, self._state, self._heater_w(end_s), take_surplus=True),
+            heating_end_s=self._heating_end_s(end_s))
+
+    def until(self, end_s: float) -> Schedule:
+        """Return the Schedule that heats until `end_s` [s], limits left aside."""
+        trip, planned, first = self._trip, self._schedule, self._first
+        heater_w = self._heater_w(end_s)
         soc, temperature_c = run_forward(
-            trip.vehicle, make_runge_kutta_4, float(before.soc[first]),
-            float(before.temperature_c[first]),
-            [column[first:] for column in trip.inputs(heater_w, before.brake_power_w)])
-        start_s = switched_on_s(trip, self._before_w)
-        if start_s is None and end_s > self.start_s:
-            start_s = self.start_s
+            trip.vehicle, make_runge_kutta_4, float(planned.soc[first]),
+            float(planned.temperature_c[first]),
+            [column[first:] for column in trip.inputs(heater_w, planned.brake_power_w)])
+        heating_start_s = switched_on_s(trip, self._before_w)
+        if heating_start_s is None and end_s > self.start_s:
+            heating_start_s = self.start_s
         return Schedule(
-            start_s, heater_w, before.brake_power_w,
-            np.concatenate((before.soc[:first], soc)),
-            np.concatenate((before.temperature_c[:first], temperature_c)), make_runge_kutta_4,
-            heating_end_s)
+            heating_start_s, heater_w, planned.brake_power_w,
+            np.concatenate((planned.soc[:first], soc)),
+            np.concatenate((planned.temperature_c[:first], temperature_c)), make_runge_kutta_4,
+            self._heating_end_s(end_s))
+
+    def _heater_w(self, end_s: float) -> FloatArray:
+        """Mean heater power of each step [W], shape (N,)."""
+        trip = self._trip
+        heated_s = np.minimum(trip.time_s[1:], end_s) - np.maximum(trip.time_s[:-1], self.start_s)
+        share = np.clip(heated_s / trip.route.duration_s, 0.0, 1.0)
+        return np.maximum(self._before_w, share * trip.heater_limit_w)
+
+    def _heating_end_s(self, end_s: float) -> float | None:
+        return end_s if self.start_s < end_s < self.arrival_s else None
 
 
-def _enough(window: _Window, target_c: float, guess_s: float) -> Schedule:
+def _as_long_as_needed(stretch: _LastStretch, until: Callable[[float], Schedule], target_c: float,
+                       guess_s: float) -> Schedule:
     """Return the Schedule that ends its heating where the battery arrives at the target."""
     def heated_until(end_s: float) -> Trial[Schedule]:
-        schedule = window.drive(end_s)
+        schedule = until(end_s)
         return Trial(end_s, float(schedule.temperature_c[-1]) - target_c, schedule)
 
     # The later heating ends, the warmer the battery arrives.
-    first = heated_until(min(max(guess_s, window.start_s), window.last_s))
+    first = heated_until(min(max(guess_s, stretch.start_s), stretch.arrival_s))
     return follow_slope(
-        window.last_s, window.start_s, first, window.rate_k_per_s(first.value), heated_until,
+        stretch.arrival_s, stretch.start_s, first, stretch.rate_k_per_s(first.value), heated_until,
         ARRIVAL_TOLERANCE_K, END_RESOLUTION_S, MOST_RUNS).outcome

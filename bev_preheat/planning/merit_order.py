@@ -4,7 +4,7 @@ Method `merit_order`: heat where a watt-hour of battery energy brings the most.
 
 Steps in which the battery may not take what the drivetrain regenerates come first: heating with the
 surplus costs nothing. Then come those in which a kelvin is worth the most to the rest of the trip
-for what it takes (`value_curve`): before a descent, so that a warmer battery takes more of it;
+for what it takes (`thresholds`): before a descent, so that a warmer battery takes more of it;
 before a climb that the cold battery cannot deliver; and, by leakage, the later the better, before
 arrival. Heating stops where the target or the highest temperature is met. What it may cost of the
 charge, and that it serves what it is for, `safeguard` sees to.
@@ -24,7 +24,7 @@ from bev_preheat.planning.limits import limits_hold, watch_limits, within_limits
 from bev_preheat.planning.optimal_switch import ARRIVAL_TOLERANCE_K, plan_optimal_switch
 from bev_preheat.planning.safeguard import lacking_power, NO_WORSE_W
 from bev_preheat.planning.threshold_search import ThresholdSearch
-from bev_preheat.planning.value_curve import find_thresholds
+from bev_preheat.planning.thresholds import find_thresholds
 
 if TYPE_CHECKING:
     from bev_preheat.planning.schedule import Schedule

@@ -24,8 +24,8 @@ from bev_preheat.planning.schedule import Schedule
 if TYPE_CHECKING:
     from bev_preheat.arrays import FloatArray
     from bev_preheat.planning.situation import BatteryState
+    from bev_preheat.planning.thresholds import Thresholds
     from bev_preheat.planning.trip import Trip
-    from bev_preheat.planning.value_curve import Thresholds
 
 # Thresholds are moved by a little first, then by as much as they may be wrong, then out of the way
 # [K]: what is lacking then cannot be met by heating.
