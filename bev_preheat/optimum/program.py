@@ -26,6 +26,7 @@ from typing import TYPE_CHECKING
 import casadi
 import numpy as np
 
+from bev_preheat.optimum.layout import Block, Layout
 from bev_preheat.optimum.symbols import FACTORS, symbolic_curve, symbolic_rates, symbolic_step
 
 if TYPE_CHECKING:
@@ -91,41 +92,71 @@ class Slacks:
 
 
 @dataclass(frozen=True)
+class Solution:
+    """States (N + 1,) and powers [W] (N,) of a solution, and what its constraints lack."""
+
+    soc: FloatArray
+    temperature_c: FloatArray
+    heater_w: FloatArray
+    brake_w: FloatArray
+    slacks: Slacks
+
+
+@dataclass(frozen=True)
 class Program:
     """
-    A CasADi solver and where its variables and constraints lie.
+    A CasADi solver, and where its variables and constraints lie.
 
-    Variables, in this order: soc (N + 1), temperature (N + 1), heater (N), brake (N), then slacks:
-    target (1), soc and discharge (N each) with DEMANDS, soc above and temperature above (N each)
-    with RANGES. Constraints: 2 N defects; if limited, N of discharge and N of charge power; with
-    DEMANDS, N of the lowest soc; with RANGES, N each of the highest soc and temperature; the
-    target and the final soc.
+    Variables: `soc` and `temperature` at each instant, `heater` and `brake` in each step, then the
+    slacks: `lacking_k` (of the target), `lacking_soc`, `lacking_w` (of the discharge power) with
+    Give.DEMANDS, `soc_above` and `k_above` with RANGES. Constraints: `soc_defect` and
+    `temperature_defect`; if limited, `discharge` and `charge`, what is left to either limit; with
+    DEMANDS `lowest_soc`, with RANGES `highest_soc` and `highest_temperature`, each with its slack;
+    `target` and `final_soc`, by how much either is surpassed.
     """
 
     solver: casadi.Function
-    steps: int
+    variables: Layout
+    constraints: Layout
     limited: bool
     give: Give
 
-    @property
-    def slack_count(self) -> int:
-        """Number of slacks."""
-        return {Give.NOTHING: 0, Give.DEMANDS: 1 + 2 * self.steps,
-                Give.RANGES: 1 + 4 * self.steps}[self.give]
+    def solution(self, variables: FloatArray) -> Solution:
+        """Return the Solution that the program's variables, scaled, stand for."""
+        found = self.variables.unpack(variables)
+        nothing = np.zeros(len(found['heater']))
+        return Solution(
+            found['soc'], found['temperature'], found['heater'], found['brake'], Slacks(
+                float(found['lacking_k'][0]) if 'lacking_k' in found else 0.0,
+                found.get('lacking_soc', nothing), found.get('lacking_w', nothing),
+                found.get('soc_above', nothing), found.get('k_above', nothing)))
 
-    def split(
-            self,
-            variables: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, Slacks]:
-        """Return (soc, temperature [deg C], heater [W], brake [W], Slacks) of a solution."""
-        n = self.steps
-        flat = np.zeros(4 * n + 2 + 1 + 4 * n)
-        solution = np.asarray(variables).ravel()
-        flat[:len(solution)] = solution
-        soc, temperature_c, heater, brake, target_k, *slacks = np.split(
-            flat, np.cumsum([n + 1, n + 1, n, n, 1, n, n, n]))
-        return (soc * SOC_SCALE, temperature_c, heater * POWER_SCALE_W, brake * POWER_SCALE_W,
-                Slacks(float(target_k[0]), slacks[0] * SOC_SCALE, slacks[1] * POWER_SCALE_W,
-                       slacks[2] * SOC_SCALE, slacks[3]))
+
+class _Blocks:
+    """Named expressions on their way into a program."""
+
+    def __init__(self) -> None:
+        self._blocks: list[Block] = []
+        self._expressions: list[casadi.MX] = []
+
+    def add(self, name: str, row: casadi.MX, scale: float = 1.0) -> None:
+        """Add a row vector, scaled."""
+        self._blocks.append(Block(name, row.shape[1], scale))
+        self._expressions.append(row.T)
+
+    def variable(self, name: str, count: int, scale: float = 1.0) -> casadi.MX:
+        """Add and return a row of variables, scaled."""
+        row = casadi.MX.sym(name, 1, count)
+        self.add(name, row, scale)
+        return row
+
+    def layout(self) -> Layout:
+        """Return where they lie."""
+        return Layout(tuple(self._blocks))
+
+    def vector(self) -> casadi.MX:
+        """Return all of them, one below the other."""
+        return casadi.vertcat(*self._expressions)
 
 
 # Positional only, without defaults: for lru_cache f(1, 2) and f(1, b=2) are different calls.
@@ -136,14 +167,11 @@ def build_program(vehicle: Vehicle, steps: int, limited: bool, give: Give) -> Pr
 
     `limited`: with the power limits of the battery (9i); `give`: elastic, and how far.
     """
-    soc = casadi.MX.sym('soc', 1, steps + 1)
-    temperature_c = casadi.MX.sym('temperature', 1, steps + 1)
-    heater = casadi.MX.sym('heater', 1, steps)
-    brake = casadi.MX.sym('brake', 1, steps)
-    slack_target = casadi.MX.sym('slack_target')
-    slack_soc, slack_discharge, slack_soc_above, slack_above = (
-        casadi.MX.sym(name, 1, steps)
-        for name in ('slack_soc', 'slack_discharge', 'slack_soc_above', 'slack_above'))
+    variables, constraints = _Blocks(), _Blocks()
+    soc = variables.variable('soc', steps + 1, SOC_SCALE)
+    temperature_c = variables.variable('temperature', steps + 1)
+    heater = variables.variable('heater', steps, POWER_SCALE_W)
+    brake = variables.variable('brake', steps, POWER_SCALE_W)
     # Rows: duration, idle power, power variance, idle heat, leakage; then target and final soc,
     # and the corrections, so that a car whose factors are being learned needs no new program.
     route = casadi.MX.sym('route', 5, steps)
@@ -161,7 +189,16 @@ def build_program(vehicle: Vehicle, steps: int, limited: bool, give: Give) -> Pr
         soc[:-1] * SOC_SCALE, temperature_c[:-1], duration_s, power_w, variance_w2, heat_w,
         leakage_w_per_k, *factors)
     energy = casadi.sum2(duration_s * (power_w + mean_joule_w)) / ENERGY_SCALE_J
-    constraints = [(soc_end / SOC_SCALE - soc[1:]).T, (temperature_end_c - temperature_c[1:]).T]
+    constraints.add('soc_defect', soc_end / SOC_SCALE - soc[1:], SOC_SCALE)
+    constraints.add('temperature_defect', temperature_end_c - temperature_c[1:])
+    # What is lacking of each demand: nothing, unless the program is elastic.
+    lacking_k = lacking_soc = lacking_w = casadi.MX(0.0)
+    if give:
+        lacking_k = variables.variable('lacking_k', 1)
+        lacking_soc = variables.variable('lacking_soc', steps, SOC_SCALE)
+        lacking_w = variables.variable('lacking_w', steps, POWER_SCALE_W)
+        energy += (TARGET_PRICE * lacking_k + SOC_PRICE * casadi.sum2(lacking_soc)
+                   + DISCHARGE_PRICE * casadi.sum2(lacking_w))
     if limited:
         soc_start, start_c = soc[:-1] * SOC_SCALE, temperature_c[:-1]
         joule_w = symbolic_rates(vehicle).map(steps)(
@@ -170,31 +207,27 @@ def build_program(vehicle: Vehicle, steps: int, limited: bool, give: Give) -> Pr
             soc_start, start_c)
         least_w = symbolic_curve(vehicle.battery.charge_power_limit).map(steps)(soc_start, start_c)
         battery_w = power_w + joule_w
-        lacking = slack_discharge if give else 0.0
-        constraints += [((most_w - battery_w) / POWER_SCALE_W + lacking).T,
-                        ((battery_w - least_w) / POWER_SCALE_W).T]
-    variables = [soc.T, temperature_c.T, heater.T, brake.T]
-    lacking_k: casadi.MX | float = 0.0
-    lacking_soc: casadi.MX | float = 0.0
+        constraints.add(
+            'discharge', (most_w - battery_w) / POWER_SCALE_W + lacking_w, POWER_SCALE_W)
+        constraints.add('charge', (battery_w - least_w) / POWER_SCALE_W, POWER_SCALE_W)
     if give:
-        variables += [slack_target, slack_soc.T, slack_discharge.T]
-        constraints.append((soc[1:] + slack_soc).T)
-        lacking_k, lacking_soc = slack_target, slack_soc[-1]
-        energy += (TARGET_PRICE * slack_target + SOC_PRICE * casadi.sum2(slack_soc)
-                   + DISCHARGE_PRICE * casadi.sum2(slack_discharge))
+        constraints.add('lowest_soc', soc[1:] + lacking_soc, SOC_SCALE)
     if give is Give.RANGES:
-        variables += [slack_soc_above.T, slack_above.T]
-        constraints += [(soc[1:] - slack_soc_above).T, (temperature_c[1:] - slack_above).T]
-        energy += RANGE_PRICE * casadi.sum2(slack_soc_above + slack_above)
-    constraints += [temperature_c[-1] - target_c + lacking_k,
-                    soc[-1] - final_soc / SOC_SCALE + lacking_soc]
+        soc_above = variables.variable('soc_above', steps, SOC_SCALE)
+        k_above = variables.variable('k_above', steps)
+        constraints.add('highest_soc', soc[1:] - soc_above, SOC_SCALE)
+        constraints.add('highest_temperature', temperature_c[1:] - k_above)
+        energy += RANGE_PRICE * casadi.sum2(soc_above + k_above)
+    constraints.add('target', temperature_c[-1] - target_c + lacking_k)
+    constraints.add(
+        'final_soc', soc[-1] - final_soc / SOC_SCALE + lacking_soc[-1], SOC_SCALE)
     problem: ByName = {
-        'x': casadi.vertcat(*variables),
+        'x': variables.vector(),
         'p': casadi.vertcat(casadi.vec(route), target_c, final_soc, *factors, heater_efficiency),
         'f': energy,
-        'g': casadi.vertcat(*constraints)}
+        'g': constraints.vector()}
     solver = casadi.nlpsol('optimum', 'ipopt', problem, SOLVER_OPTIONS)
-    return Program(solver, steps, limited, give)
+    return Program(solver, variables.layout(), constraints.layout(), limited, give)
 
 
 def programs_built() -> int:

@@ -118,8 +118,9 @@ def _answer(vehicle: Vehicle, question: Question) -> Solution | Failure:
         route = route.with_propulsion(question.model_factors[-1])
     situation = route, question.state, question.goal
     try:
+        from bev_preheat.optimum.attempt import SUCCESS
         from bev_preheat.optimum.program import programs_built
-        from bev_preheat.optimum.solve import solve_optimum, SUCCESS
+        from bev_preheat.optimum.solve import solve_optimum
         built_before = programs_built()
         method_plan = plan_preheating(corrected_vehicle(vehicle, corrections), *situation,
                                       question.method) if question.method else None

@@ -15,19 +15,9 @@ import pytest
 from bev_preheat.errors import InvalidInput
 from bev_preheat.experiments.optimality.drawn_trips import draw_limit_trip
 from bev_preheat.optimum import program, solve
-from bev_preheat.optimum.solve import (
-    ARRIVAL_SOC,
-    CHARGE,
-    HIGHEST_SOC,
-    HIGHEST_TEMPERATURE,
-    LOWEST_SOC,
-    NOT_SOLVED,
-    prepare_programs,
-    solve_optimum,
-    SolverFailure,
-    SUCCESS,
-    TARGET,
-)
+from bev_preheat.optimum.attempt import SUCCESS
+from bev_preheat.optimum.lacking import ARRIVAL_SOC, CHARGE, HIGHEST_SOC, HIGHEST_TEMPERATURE, LOWEST_SOC, TARGET
+from bev_preheat.optimum.solve import NOT_SOLVED, prepare_programs, solve_optimum, SolverFailure
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.status import Status
@@ -499,16 +489,16 @@ def failing_runs(monkeypatch):
 
     The first of them is the one without power limits.
     """
-    limit, run = {'runs': 0}, solve._run
+    limit, attempt = {'runs': 0}, solve.attempt
 
-    def _run(*arguments, **options):
-        result = run(*arguments, **options)
+    def failing(*arguments, **options):
+        result = attempt(*arguments, **options)
         if result.program.give is program.Give.NOTHING and limit['runs'] > 0:
             limit['runs'] -= 1
             return replace(result, status='Restoration_Failed')
         return result
 
-    monkeypatch.setattr(solve, '_run', _run)
+    monkeypatch.setattr(solve, 'attempt', failing)
     return limit
 
 

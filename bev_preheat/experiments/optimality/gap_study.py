@@ -132,7 +132,7 @@ def _violation(drawn: DrawnTrip, plan: Plan) -> float:
 
 
 def _outcome(optimum: Optimum) -> tuple[str, str]:
-    from bev_preheat.optimum.solve import ARRIVAL_SOC, TARGET
+    from bev_preheat.optimum.lacking import ARRIVAL_SOC, TARGET
     if optimum.lacking:
         lacking = {item.constraint for item in optimum.lacking}
         outcome = (UNREACHABLE if lacking == {TARGET} else
