@@ -10,20 +10,19 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 import math
-from typing import Protocol, TYPE_CHECKING
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from bev_preheat.estimation.belief import Belief
-from bev_preheat.estimation.hypotheses import HeaterReport, judge
+from bev_preheat.estimation.estimate import Estimate
+from bev_preheat.estimation.hypotheses import judge
 from bev_preheat.estimation.power_response import PowerResponse
-from bev_preheat.estimation.resolution import Resolution, SOC_STEPS, TEMPERATURE_STEPS_K
-from bev_preheat.estimation.state import DriveInputs, FACTORS, PROPULSION, SOC, TEMPERATURE
-from bev_preheat.vehicle.corrections import Corrections
+from bev_preheat.estimation.readings import Measurement, ReadingCheck, Verdict
+from bev_preheat.estimation.state import DriveInputs, TEMPERATURE
 
 if TYPE_CHECKING:
     from bev_preheat.arrays import FloatArray
-    from bev_preheat.planning.situation import BatteryState
     from bev_preheat.vehicle.description import Vehicle
 
 NS_PER_S = 1_000_000_000
@@ -33,10 +32,6 @@ LEAST_INTERVAL_S = 0.95
 LONGEST_STEP_S = 10.0
 # After a longer silence the temperature is taken from the next reading alone.
 LONGEST_GAP_S = 60.0
-# A reading this many deviations off is not believed, until a second one says the same.
-IMPLAUSIBLE_DEVIATIONS = 6.0
-LEAST_DEVIATION_K = 0.3
-LEAST_SOC_DEVIATION = 0.01
 # Standard deviation of a single reading's noise, where nothing else is known of it.
 READING_NOISE_K = 0.3
 READING_NOISE_SOC = 0.005
@@ -47,80 +42,6 @@ MOST_OTHER_POWER_W = 20e3
 MOST_DEVIATION_K = 50.0
 # One switching of the heater tells no more than this (nats), or a single odd step would decide.
 EVIDENCE_OF_A_SWITCHING = 5.0
-# Element of `state`, reading, step of the signal, least standard deviation.
-Look = tuple[int, float, float, float]
-
-
-class Measurement(Protocol):
-    """What is measured at an instant [ns]; `power_w` is None where it is not."""
-
-    @property
-    def stamp_ns(self) -> int:
-        """Instant of the measurement [ns]."""
-
-    @property
-    def state(self) -> BatteryState:
-        """Temperature and state of charge."""
-
-    @property
-    def power_w(self) -> float | None:
-        """Terminal power of the battery [W]."""
-
-
-@dataclass(frozen=True, eq=False)
-class Estimate:
-    """
-    What is believed of the battery at an instant [ns].
-
-    `mean` (7,) and `covariance` (7, 7) are those of the elements of `state`.
-
-    `heater` says how the heater answers, `temperature_resolution_k` in which steps the temperature
-    is reported (0: continuous), `resets` how often the estimator was reset, why and when last.
-    """
-
-    stamp_ns: int
-    mean: FloatArray
-    covariance: FloatArray
-    heater: HeaterReport
-    temperature_resolution_k: float
-    resets: int = 0
-    reset_reason: str = ''
-    reset_at_ns: int | None = None
-
-    @property
-    def log_factors(self) -> FloatArray:
-        """Logarithms of the factors (5,), in the order of `state`."""
-        return self.mean[FACTORS]
-
-    @property
-    def temperature_c(self) -> float:
-        """Battery temperature [deg C]."""
-        return float(self.mean[TEMPERATURE])
-
-    @property
-    def temperature_deviation_k(self) -> float:
-        """Standard deviation of the battery temperature [K]."""
-        return math.sqrt(max(self.covariance[TEMPERATURE, TEMPERATURE], 0.0))
-
-    @property
-    def soc(self) -> float:
-        """State of charge, 0 ... 1."""
-        return min(max(float(self.mean[SOC]), 0.0), 1.0)
-
-    @property
-    def corrections(self) -> Corrections:
-        """Corrections of the vehicle file."""
-        return Corrections(*(math.exp(value) for value in self.mean[FACTORS][:4]))
-
-    @property
-    def propulsion_factor(self) -> float:
-        """Propulsion power of the car as a multiple of the route's."""
-        return math.exp(self.mean[PROPULSION])
-
-    @property
-    def factor_deviations(self) -> FloatArray:
-        """Standard deviations of the five factors, as shares of them, in the order of `state`."""
-        return np.sqrt(np.maximum(np.diag(self.covariance)[FACTORS], 0.0))
 
 
 @dataclass(frozen=True)
@@ -156,12 +77,9 @@ class Estimator:
     def _begin(self) -> None:
         self._belief = Belief(self._vehicle, *self._learned)
         self._response = PowerResponse()
-        self._temperature_steps = Resolution(TEMPERATURE_STEPS_K)
-        self._soc_steps = Resolution(SOC_STEPS)
+        self._readings = ReadingCheck()
         self._stamp_ns: int | None = None
         self._powers_w: list[float] = []
-        # A reading that was not believed, waiting for a second one.
-        self._doubted: Measurement | None = None
 
     def lose_time(self) -> None:
         """Take the temperature from the next reading alone: stamps so far mean nothing."""
@@ -199,8 +117,7 @@ class Estimator:
         between each of `edges_ns(measurement.stamp_ns)` and the next.
         """
         state = measurement.state
-        self._temperature_steps.see(state.temperature_c)
-        self._soc_steps.see(state.soc)
+        self._readings.see(state)
         stamp_ns = measurement.stamp_ns
         if self._stamp_ns is None:
             self._place(measurement)
@@ -209,34 +126,35 @@ class Estimator:
         if elapsed_s > LONGEST_GAP_S:
             self._place(measurement)
             return
-        if not self._is_plausible(state, self._belief.expected()):
-            if self._doubted is None or stamp_ns == self._doubted.stamp_ns:
-                self._doubted = measurement
-            elif self._agree(self._doubted.state, state):
-                assert self.estimate is not None
-                self.restart(f'battery_state jumped to {state.temperature_c:.1f} degC, '
-                             f'{100 * state.soc:.1f} %: {self.estimate.temperature_c:.1f} degC, '
-                             f'{100 * self.estimate.soc:.1f} % were expected', stamp_ns)
-                self.observe(measurement, command_w, ())
-                return
-            else:
-                self._doubted = measurement
-        else:
-            self._doubted = None
+        verdict = self._readings.judge(measurement, *self._belief.expected())
+        if verdict is Verdict.JUMPED:
+            self._jump(measurement, command_w)
+            return
         self._see_power(measurement, command_w)
         if elapsed_s < LEAST_INTERVAL_S:
             return
         self._advance(stretches)
-        if self._doubted is None:
-            self._belief.see_temperature(state.temperature_c, self._temperature_steps.step)
-            self._belief.see_soc(state.soc, self._soc_steps.step)
+        if verdict is Verdict.BELIEVED:
+            self._belief.see_temperature(
+                state.temperature_c, self._readings.temperature_resolution_k)
+            self._belief.see_soc(state.soc, self._readings.soc_resolution)
         self._conclude(measurement)
+
+    def _jump(self, measurement: Measurement, command_w: float) -> None:
+        """Begin anew from a reading that is not what was expected."""
+        assert self.estimate is not None
+        state = measurement.state
+        self.restart(f'battery_state jumped to {state.temperature_c:.1f} degC, '
+                     f'{100 * state.soc:.1f} %: {self.estimate.temperature_c:.1f} degC, '
+                     f'{100 * self.estimate.soc:.1f} % were expected', measurement.stamp_ns)
+        self.observe(measurement, command_w, ())
 
     def _place(self, measurement: Measurement) -> None:
         state = measurement.state
         self._belief.place(
-            state.temperature_c, self._temperature_steps.step**2 / 12.0 + READING_NOISE_K**2,
-            state.soc, self._soc_steps.step**2 / 12.0 + READING_NOISE_SOC**2)
+            state.temperature_c,
+            self._readings.temperature_resolution_k**2 / 12.0 + READING_NOISE_K**2,
+            state.soc, self._readings.soc_resolution**2 / 12.0 + READING_NOISE_SOC**2)
         power_w = self._plausible_power_w(measurement)
         self._powers_w = [] if power_w is None else [power_w]
         self._conclude(measurement)
@@ -276,27 +194,6 @@ class Estimator:
                     drive.propulsion_power_w, duration_s)
         self._powers_w = self._powers_w[-1:]
 
-    def _is_plausible(self, state: BatteryState, belief: tuple[FloatArray, FloatArray]) -> bool:
-        """Whether readings are what is believed, (mean (SIZE,), covariance), or may be."""
-        mean, covariance = belief
-        return all(
-            abs(reading - mean[index]) <= 0.5 * step + IMPLAUSIBLE_DEVIATIONS * max(
-                math.sqrt(max(covariance[index, index], 0.0)), least)
-            for index, reading, step, least in self._looks_at(state))
-
-    def _agree(self, one: BatteryState, other: BatteryState) -> bool:
-        """Whether two readings that were not believed say the same."""
-        return all(
-            abs(reading - before) <= step + IMPLAUSIBLE_DEVIATIONS * least
-            for (_, before, _, _), (_, reading, step, least) in zip(
-                self._looks_at(one), self._looks_at(other)))
-
-    def _looks_at(self, state: BatteryState) -> tuple[Look, Look]:
-        """(element, reading, step of the signal, least standard deviation) of both readings."""
-        return ((TEMPERATURE, state.temperature_c, self._temperature_steps.step,
-                 LEAST_DEVIATION_K),
-                (SOC, state.soc, self._soc_steps.step, LEAST_SOC_DEVIATION))
-
     def _conclude(self, measurement: Measurement) -> None:
         stamp_ns = self._stamp_ns = measurement.stamp_ns
         mean, covariance = self._belief.expected()
@@ -307,7 +204,7 @@ class Estimator:
         report = judge(self._belief.weights.sum(axis=1),
                        self.estimate.heater if self.estimate else None)
         self.estimate = Estimate(
-            stamp_ns, mean, covariance, report, self._temperature_steps.step, self._resets,
+            stamp_ns, mean, covariance, report, self._readings.temperature_resolution_k, self._resets,
             self._reason, self._reset_at_ns)
 
 

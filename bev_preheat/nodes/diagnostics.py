@@ -18,7 +18,7 @@ from bev_preheat.vehicle.assumptions import assumed_in_words
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from bev_preheat.estimation.estimator import Estimate
+    from bev_preheat.estimation.estimate import Estimate
     from bev_preheat.estimation.hypotheses import HeaterReport
     from bev_preheat.nodes.state_keeper import StateFileReport
     from bev_preheat.supervision.supervisor import Supervisor

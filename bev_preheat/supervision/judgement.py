@@ -15,7 +15,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.errors import InvalidInput, PlanningFailure
-from bev_preheat.estimation.estimator import Estimate, Estimator
+from bev_preheat.estimation.estimate import Estimate
+from bev_preheat.estimation.estimator import Estimator
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.status import Status
@@ -58,7 +59,7 @@ class Judgement:
 
     @property
     def estimate(self) -> Estimate | None:
-        """The latest estimation.estimator.Estimate; None before the first battery state."""
+        """The latest estimation.estimate.Estimate; None before the first battery state."""
         return self._estimator.estimate
 
     def follow_new_mission(self) -> None:

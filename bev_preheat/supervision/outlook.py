@@ -29,7 +29,8 @@ from bev_preheat.vehicle.corrections import corrected_vehicle, Corrections
 
 if TYPE_CHECKING:
     from bev_preheat.arrays import FloatArray
-    from bev_preheat.estimation.estimator import Estimate
+    from bev_preheat.estimation.estimate import Estimate
+    from bev_preheat.estimation.hypotheses import HeaterReport
     from bev_preheat.route.segments import Route
     from bev_preheat.supervision.settings import Settings
     from bev_preheat.vehicle.description import Vehicle
@@ -133,42 +134,39 @@ class OutlookMaker:
         route = route.with_propulsion(estimate.propulsion_factor)
         share = heater.share if heater.heater is Heater.DERATED else 1.0
 
-        def plan(**outlook: Any) -> Plan:
+        def plan(**heater_as: Any) -> Plan:
             return plan_preheating(
                 vehicle, route, state, goal, settings.method,
-                self._caution(estimate, settings, is_heating), **outlook)
+                self._caution(estimate, settings, is_heating), **heater_as)
+
+        def deviation_k(of: Plan) -> float:
+            return arrival_deviation_k(make_trip(vehicle, route, share), of, estimate)
 
         wanted = plan(heater_share=share)
         if self._deviation_k is None:
             # The lead needs to know how sure the arrival is, and that needs a plan.
-            self._deviation_k = self._deviation(vehicle, route, share, wanted, estimate)
+            self._deviation_k = deviation_k(wanted)
             wanted = plan(heater_share=share)
+        # A heater that does not obey is commanded as if it did, and something else is expected.
         expected, commanded = wanted, None
         if heater.heater is Heater.DEAD:
             expected, commanded = plan(heater_share=0.0), wanted
         elif heater.heater is Heater.STUCK_ON:
             expected = plan(heats_throughout=True)
-        self._deviation_k = self._deviation(vehicle, route, share, expected, estimate)
+        self._deviation_k = deviation_k(expected)
         expected = seen_from_now(
             expected, vehicle, goal, starts_in_s, heated_s=heated_s,
             **UNHEATED.get(heater.heater, {}))
-        sentence = SENTENCES.get(heater.heater, '').format(share=100.0 * heater.share)
-        if expected.heating_end_s is not None:
-            sentence = (f'{sentence}{expected.explanation} Uncertainty '
-                        f'+-{self._deviation_k:.1f} K (1 sigma): heating starts early and stops once the '
-                        'target is certain.')
-        else:
-            sentence += expected.explanation
-        factors: tuple[float, ...] = ()
-        if heater.heater is Heater.ANSWERS:
-            assert self._factors is not None
-            factors = (*np.exp(self._factors).tolist(), estimate.propulsion_factor)
-        return Outlook(replace(expected, explanation=sentence), self._deviation_k, commanded,
-                       share, factors)
+        return Outlook(
+            replace(expected, explanation=_in_words(expected, heater, self._deviation_k)),
+            self._deviation_k, commanded, share, self._model_factors(estimate))
 
-    def _deviation(self, vehicle: Vehicle, route: Route, share: float, plan: Plan,
-                   estimate: Estimate) -> float:
-        return arrival_deviation_k(make_trip(vehicle, route, share), plan, estimate)
+    def _model_factors(self, estimate: Estimate) -> tuple[float, ...]:
+        """Factors of the corrected car; () where a heater that does not obey is beyond them."""
+        if estimate.heater.heater is not Heater.ANSWERS:
+            return ()
+        assert self._factors is not None
+        return (*np.exp(self._factors).tolist(), estimate.propulsion_factor)
 
     def _caution(self, estimate: Estimate, settings: Settings, is_heating: bool) -> Caution:
         lead_k = 0.0 if self._deviation_k is None else LEAD_DEVIATIONS * self._deviation_k
@@ -178,3 +176,13 @@ class OutlookMaker:
             is_heating=is_heating,
             least_pause_s=max(settings.minimum_off_time_s, LEAST_PAUSE_S),
             least_heating_s=settings.minimum_on_time_s)
+
+
+def _in_words(plan: Plan, heater: HeaterReport, deviation_k: float) -> str:
+    """Return a plan's sentence with what the heater does, and what is uncertain."""
+    sentence = SENTENCES.get(heater.heater, '').format(share=100.0 * heater.share)
+    sentence += plan.explanation
+    if plan.heating_end_s is not None:
+        sentence += (f' Uncertainty +-{deviation_k:.1f} K (1 sigma): heating starts early and stops '
+                     'once the target is certain.')
+    return sentence

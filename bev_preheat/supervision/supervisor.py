@@ -22,7 +22,7 @@ from bev_preheat.supervision.judgement import Judgement
 
 if TYPE_CHECKING:
     from bev_preheat.arrays import FloatArray
-    from bev_preheat.estimation.estimator import Estimate
+    from bev_preheat.estimation.estimate import Estimate
     from bev_preheat.supervision.inputs import Measurement, Mission
     from bev_preheat.supervision.settings import Settings
     from bev_preheat.vehicle.description import Vehicle
@@ -164,7 +164,7 @@ class Supervisor:
 
     @property
     def estimate(self) -> Estimate | None:
-        """The latest estimation.estimator.Estimate; None without one."""
+        """The latest estimation.estimate.Estimate; None without one."""
         return self._judgement.estimate if self.settings.estimation else None
 
     @property

@@ -4,7 +4,7 @@
 import numpy as np
 
 from bev_preheat.estimation.belief import prior_factor_covariance
-from bev_preheat.estimation.estimator import Estimate
+from bev_preheat.estimation.estimate import Estimate
 from bev_preheat.estimation.hypotheses import Heater, HeaterReport
 from bev_preheat.estimation.state import FACTORS, SIZE
 

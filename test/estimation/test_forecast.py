@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from bev_preheat.estimation.belief import Belief, POWER_NOISE, POWER_NOISE_LASTS_S
-from bev_preheat.estimation.estimator import Estimate
+from bev_preheat.estimation.estimate import Estimate
 from bev_preheat.estimation.forecast import arrival_deviation_k, arrival_sensitivities
 from bev_preheat.estimation.hypotheses import Heater, HeaterReport
 from bev_preheat.estimation.state import FACTORS, SIZE, SOC, TEMPERATURE

@@ -1,0 +1,73 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the estimator says of the battery."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from bev_preheat.estimation.hypotheses import HeaterReport
+from bev_preheat.estimation.state import FACTORS, PROPULSION, SOC, TEMPERATURE
+from bev_preheat.vehicle.corrections import Corrections
+
+if TYPE_CHECKING:
+    from bev_preheat.arrays import FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """
+    What is believed of the battery at an instant [ns].
+
+    `mean` (7,) and `covariance` (7, 7) are those of the elements of `state`.
+
+    `heater` says how the heater answers, `temperature_resolution_k` in which steps the temperature
+    is reported (0: continuous), `resets` how often the estimator was reset, why and when last.
+    """
+
+    stamp_ns: int
+    mean: FloatArray
+    covariance: FloatArray
+    heater: HeaterReport
+    temperature_resolution_k: float
+    resets: int = 0
+    reset_reason: str = ''
+    reset_at_ns: int | None = None
+
+    @property
+    def log_factors(self) -> FloatArray:
+        """Logarithms of the factors (5,), in the order of `state`."""
+        return self.mean[FACTORS]
+
+    @property
+    def temperature_c(self) -> float:
+        """Battery temperature [deg C]."""
+        return float(self.mean[TEMPERATURE])
+
+    @property
+    def temperature_deviation_k(self) -> float:
+        """Standard deviation of the battery temperature [K]."""
+        return math.sqrt(max(self.covariance[TEMPERATURE, TEMPERATURE], 0.0))
+
+    @property
+    def soc(self) -> float:
+        """State of charge, 0 ... 1."""
+        return min(max(float(self.mean[SOC]), 0.0), 1.0)
+
+    @property
+    def corrections(self) -> Corrections:
+        """Corrections of the vehicle file."""
+        return Corrections(*(math.exp(value) for value in self.mean[FACTORS][:4]))
+
+    @property
+    def propulsion_factor(self) -> float:
+        """Propulsion power of the car as a multiple of the route's."""
+        return math.exp(self.mean[PROPULSION])
+
+    @property
+    def factor_deviations(self) -> FloatArray:
+        """Standard deviations of the five factors, as shares of them, in the order of `state`."""
+        return np.sqrt(np.maximum(np.diag(self.covariance)[FACTORS], 0.0))

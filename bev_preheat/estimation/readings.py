@@ -1,0 +1,105 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The readings of the battery, and whether one is to be believed."""
+
+from __future__ import annotations
+
+from enum import Enum
+import math
+from typing import Protocol, TYPE_CHECKING
+
+from bev_preheat.estimation.resolution import Resolution, SOC_STEPS, TEMPERATURE_STEPS_K
+from bev_preheat.estimation.state import SOC, TEMPERATURE
+
+if TYPE_CHECKING:
+    from bev_preheat.arrays import FloatArray
+    from bev_preheat.planning.situation import BatteryState
+
+# A reading this many deviations off is not believed, until a second one says the same.
+IMPLAUSIBLE_DEVIATIONS = 6.0
+LEAST_DEVIATION_K = 0.3
+LEAST_SOC_DEVIATION = 0.01
+# Element of `state`, reading, step of the signal, least standard deviation.
+Look = tuple[int, float, float, float]
+
+
+class Measurement(Protocol):
+    """What is measured at an instant [ns]; `power_w` is None where it is not."""
+
+    @property
+    def stamp_ns(self) -> int:
+        """Instant of the measurement [ns]."""
+
+    @property
+    def state(self) -> BatteryState:
+        """Temperature and state of charge."""
+
+    @property
+    def power_w(self) -> float | None:
+        """Terminal power of the battery [W]."""
+
+
+class Verdict(Enum):
+    """What is to be done with a reading."""
+
+    BELIEVED = 'is what is expected'
+    DOUBTED = 'is too far off, and the first to say so'
+    JUMPED = 'is too far off, and the second to say so'
+
+
+class ReadingCheck:
+    """Watches in which steps the signals come, and holds readings against what is expected."""
+
+    def __init__(self) -> None:
+        """Know nothing yet."""
+        self._temperature_steps = Resolution(TEMPERATURE_STEPS_K)
+        self._soc_steps = Resolution(SOC_STEPS)
+        # A reading that was not believed, waiting for a second one.
+        self._doubted: Measurement | None = None
+
+    @property
+    def temperature_resolution_k(self) -> float:
+        """Steps in which the temperature is reported [K]; 0: continuous."""
+        return self._temperature_steps.step
+
+    @property
+    def soc_resolution(self) -> float:
+        """Steps in which the state of charge is reported; 0: continuous."""
+        return self._soc_steps.step
+
+    def see(self, state: BatteryState) -> None:
+        """Take a reading's steps in; every one, before it is judged."""
+        self._temperature_steps.see(state.temperature_c)
+        self._soc_steps.see(state.soc)
+
+    def judge(self, measurement: Measurement, mean: FloatArray, covariance: FloatArray) -> Verdict:
+        """Return the Verdict on a Measurement; `mean` and `covariance` are what is expected."""
+        if self._is_plausible(measurement.state, mean, covariance):
+            self._doubted = None
+            return Verdict.BELIEVED
+        before, self._doubted = self._doubted, measurement
+        # The same reading twice is no second one.
+        if (before is None or before.stamp_ns == measurement.stamp_ns
+                or not self._agree(before.state, measurement.state)):
+            return Verdict.DOUBTED
+        return Verdict.JUMPED
+
+    def _is_plausible(self, state: BatteryState, mean: FloatArray,
+                      covariance: FloatArray) -> bool:
+        """Whether readings are what is expected, or may be."""
+        return all(
+            abs(reading - mean[index]) <= 0.5 * step + IMPLAUSIBLE_DEVIATIONS * max(
+                math.sqrt(max(covariance[index, index], 0.0)), least)
+            for index, reading, step, least in self._looks_at(state))
+
+    def _agree(self, one: BatteryState, other: BatteryState) -> bool:
+        """Whether two readings that were not believed say the same."""
+        return all(
+            abs(reading - before) <= step + IMPLAUSIBLE_DEVIATIONS * least
+            for (_, before, _, _), (_, reading, step, least) in zip(
+                self._looks_at(one), self._looks_at(other)))
+
+    def _looks_at(self, state: BatteryState) -> tuple[Look, Look]:
+        """(element, reading, step of the signal, least standard deviation) of both readings."""
+        return ((TEMPERATURE, state.temperature_c, self._temperature_steps.step,
+                 LEAST_DEVIATION_K),
+                (SOC, state.soc, self._soc_steps.step, LEAST_SOC_DEVIATION))
