@@ -39,20 +39,20 @@ demo: build ## a simulated drive to the fast charger
 	@$(environment); $(local_only); $(DEMO)
 
 test: build ## all tests
-	@$(environment); $(local_only); python3 -m pytest -q $(several_files_at_once) $(TESTS)
+	@$(environment); $(local_only); python3 -m pytest -q $(several_files_at_once) -m "not deep and not linter" $(TESTS)
 
 # Python is tested as it is in the checkout, so only new messages need a build.
 test-quick: setup ## the tests without DDS, but for the costly ones, for the person who edits
 	@[ -e install/.built ] && [ -z "$$(find msg_defs -newer install/.built -print -quit)" ] || scripts/build.bash
-	@$(environment); $(local_only); PYTHONPATH="$$PWD:$$PYTHONPATH" python3 -m pytest -q $(several_without_nodes) -m "not dds and not deep and not costly" $(TESTS)
+	@$(environment); $(local_only); PYTHONPATH="$$PWD:$$PYTHONPATH" python3 -m pytest -q $(several_without_nodes) -m "not dds and not deep and not costly and not linter" $(TESTS)
 
 test-deep: build ## all tests, those too that take long: all scenarios over DDS, EXAMPLES (1000) for each property
-	@$(environment); $(local_only); BEV_PREHEAT_EXAMPLES=$(EXAMPLES) python3 -m pytest -q $(several_files_at_once) -m "deep or not deep" --hypothesis-profile deep -o timeout=7200 $(TESTS)
+	@$(environment); $(local_only); BEV_PREHEAT_EXAMPLES=$(EXAMPLES) python3 -m pytest -q $(several_files_at_once) -m "not linter" --hypothesis-profile deep -o timeout=7200 $(TESTS)
 
 # In .oldest: an environment and a build of their own.
 test-oldest: export BEV_PREHEAT_OLDEST := 1
 test-oldest: build ## all tests with the oldest supported versions (scripts/requirements-oldest.txt), no optional package
-	@$(environment); $(local_only); python3 -m pytest -q $(several_files_at_once) $(TESTS)
+	@$(environment); $(local_only); python3 -m pytest -q $(several_files_at_once) -m "not deep and not linter" $(TESTS)
 
 test-repeated: build ## make test 20 times, half of them beside one busy loop for each core
 	@scripts/repeat_tests.bash
@@ -60,7 +60,7 @@ test-repeated: build ## make test 20 times, half of them beside one busy loop fo
 # Not part of make test: measuring makes Python that computes take nearly twice as long. The floor is in setup.cfg.
 coverage: build ## all tests, with the lines and branches that they execute, those of the nodes' processes too
 	@$(environment); $(local_only); export COVERAGE_FILE="$$PWD/out/coverage/data"; mkdir -p out/coverage; rm -f out/coverage/data*; \
-	    python3 -m coverage run -m pytest -q $(several_files_at_once) $(TESTS); \
+	    python3 -m coverage run -m pytest -q $(several_files_at_once) -m "not deep and not linter" $(TESTS); \
 	    python3 -m coverage combine -q; python3 -m coverage html -q -d out/coverage/html --fail-under=0; python3 -m coverage report
 
 bench: build ## speed and cost against other ways to plan
@@ -80,10 +80,11 @@ docs: build ## the documentation as a site: out/docs/index.html
 	@echo out/docs/index.html
 
 # Not every machine has shellcheck.
-lint: setup ## ruff (errors, imports, names, docstrings) and mypy on the Python, shellcheck on the scripts
+lint: setup ## ruff (errors, imports, names, docstrings), mypy, ament_flake8 and ament_pep257 on the Python, shellcheck on the scripts
 	@scripts/setup.bash lint
 	@$(environment); ruff check --quiet
 	@$(environment); mypy
+	@$(environment); python3 -m pytest -q -p no:cacheprovider -m linter test/test_ament_style.py
 	@if command -v shellcheck >/dev/null; then shellcheck -x scripts/*.bash .ci/run; fi
 
 clean: ## what build and tests made; .venv stays

@@ -11,7 +11,7 @@ sys.path[:0] = [str(HERE), str(HERE.parent)]
 from generated_reference import write_reference  # noqa: E402
 
 project = 'bev_preheat'
-copyright = 'bev_preheat maintainers, Apache-2.0'
+project_copyright = 'bev_preheat maintainers, Apache-2.0'
 version = release = ElementTree.parse(HERE.parent / 'package.xml').findtext('version')
 
 extensions = ['myst_parser']

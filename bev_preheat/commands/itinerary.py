@@ -83,4 +83,3 @@ def _refuse_what_legs_say(arguments: Namespace) -> None:
     if given:
         raise InvalidInput(f'{", ".join(given)}: not allowed with --itinerary, where each leg '
                            'says it itself')
-

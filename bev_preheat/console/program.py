@@ -225,4 +225,3 @@ def _say(name: str, error: BaseException) -> int:
         say(f'{name}: error: {error} {getattr(error, "kept", "")}'.rstrip())
         return FAILED
     raise error
-

@@ -9,9 +9,6 @@ import textwrap
 from typing import TYPE_CHECKING
 import warnings
 
-import matplotlib
-
-matplotlib.use('Agg')
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 

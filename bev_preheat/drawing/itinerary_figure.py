@@ -90,7 +90,7 @@ def make_itinerary_figure(vehicle: Vehicle, legs: Sequence[Leg], plans: Sequence
         draw_steps(drive, edges, trip.route.speed_mps * 3.6, color=ROUTE)
     _draw_stops(axes, time, starts_s, plans, heated.colour)
     for axis, least, shown in ((temperature, 5.0, []), (heater, 1.0, [0.0]), (charge, 5.0, []),
-                                (drive, 20.0, [0.0])):
+                               (drive, 20.0, [0.0])):
         show_range(axis, shown, *(line.get_ydata() for line in axis.get_lines()), least=least)
         legend_above(axis)
     for axis, label in zip(axes, ('temperature\n[°C]', 'HVCH for\nbattery [kW]',

@@ -14,7 +14,7 @@ from bev_preheat.vehicle.corrections import corrected_vehicle, Corrections
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-    from bev_preheat.arithmetic import AnyNumber, Curve
+    from bev_preheat.arithmetic import Curve
     from bev_preheat.vehicle import Vehicle
 
 # Below this discriminant [V^2] the power cannot be delivered; the floor keeps derivatives finite.

@@ -119,9 +119,9 @@ def drive_along(track: Track, acceleration_mps2: float, deceleration_mps2: float
     waits = track.standstill_s > 0.0
     departure_s = arrival_s[waits] + track.standstill_s[waits]
     copies = 1 + waits
-    return RoadDrive(time_s=np.sort(np.concatenate((arrival_s, departure_s)), kind='stable'),
-                 distance_m=np.repeat(at_m, copies),
-                 speed_mps=np.repeat(speed_mps, copies))
+    return RoadDrive(
+        time_s=np.sort(np.concatenate((arrival_s, departure_s)), kind='stable'),
+        distance_m=np.repeat(at_m, copies), speed_mps=np.repeat(speed_mps, copies))
 
 
 def _points(leg: RoadLeg, start_m: float,

@@ -108,7 +108,7 @@ def test_mean_energies_are_where_they_are(robustness):
 def test_a_trip_shows_what_was_true_on_arrival():
     instants = np.arange(0.0, 600.0)
     course = DriveTrace(instants, instants / 30.0, np.round(instants / 30.0), instants / 30.0,
-                    np.full(600, 19.0), np.full(600, 4000.0))
+                        np.full(600, 19.0), np.full(600, 4000.0))
     result = SimpleNamespace(number=3, mismatch=Mismatch(), methods={
         'planner': SimpleNamespace(arrival_error_k=-0.4)})
     battery, predicted, command = make_trip_figure(result, {'planner': course}, 20.0).axes

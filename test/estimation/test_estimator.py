@@ -264,8 +264,8 @@ def test_a_hundred_states_a_second_are_worth_one():
         measurement = car.drive()
         observed(slow, measurement, Course(), car.commands)
         for part in range(100):
-            observed(fast, replace(measurement, stamp_ns=measurement.stamp_ns
-                                 + part * NS_PER_S // 100), Course(), car.commands)
+            stamp_ns = measurement.stamp_ns + part * NS_PER_S // 100
+            observed(fast, replace(measurement, stamp_ns=stamp_ns), Course(), car.commands)
     assert fast.estimate.temperature_c == pytest.approx(slow.estimate.temperature_c, abs=0.05)
     assert fast.estimate.temperature_deviation_k == pytest.approx(
         slow.estimate.temperature_deviation_k, rel=0.05)
@@ -286,7 +286,7 @@ def test_a_power_that_no_car_has_is_not_known(power_w):
         measurement = car.drive()
         observed(without, measurement, Course(), car.commands)
         observed(with_nonsense, replace(measurement, voltage_v=1e4, current_a=power_w / 1e4),
-                              Course(), car.commands)
+                 Course(), car.commands)
     assert with_nonsense.estimate.mean.tolist() == without.estimate.mean.tolist()
 
 

@@ -14,9 +14,9 @@ from bev_preheat.vehicle import load_vehicle
 
 VEHICLES = {name: load_vehicle(name) for name in ('reference', 'small_car')}
 STATE = np.array([3.7, 0.63, 0.08, -0.15, 0.11, -0.04, 0.07])
-DRIVE = DriveInputs(speed_mps=23.0, ambient_temperature_c=-11.0, propulsion_power_w=17e3,
-              power_variance_w2=4e7, cabin_heating_power_w=1300.0, auxiliary_power_w=450.0,
-              heater_power_w=3100.0)
+DRIVE = DriveInputs(
+    speed_mps=23.0, ambient_temperature_c=-11.0, propulsion_power_w=17e3, power_variance_w2=4e7,
+    cabin_heating_power_w=1300.0, auxiliary_power_w=450.0, heater_power_w=3100.0)
 
 
 def by_hand(vehicle, state, drive):
@@ -65,6 +65,6 @@ def test_slopes_are_central_differences(index):
         np.array([[value]]) for value in vars(DRIVE).values() if value is not None)))
     step = np.zeros(SIZE)
     step[index] = 1e-4
-    above, below = (np.array(by_hand(vehicle, state, DRIVE)) for state in (STATE + step,
-                                                                             STATE - step))
+    above, below = (
+        np.array(by_hand(vehicle, state, DRIVE)) for state in (STATE + step, STATE - step))
     assert slopes[0, :, index] == pytest.approx((above - below) / 2e-4, rel=5e-3, abs=1e-12)

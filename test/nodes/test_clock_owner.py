@@ -98,6 +98,7 @@ def test_another_simulator_drives_by_the_clock_of_the_first(bench, wait_until):
     # One state a second of the first one's time, and no second clock.
     assert 15 <= last.header.stamp.sec - first.header.stamp.sec <= 25
     assert last.percentage < first.percentage
+
     def topics_of_second():
         try:
             return dict(bench.node.get_publisher_names_and_types_by_node(

@@ -86,7 +86,8 @@ def test_the_parameter_file_has_every_parameter_with_its_default(name):
                       if parameter.name != 'vehicle'}
     for parameter in NODES[name].PARAMETERS:
         # An integer for a double would be refused.
-        assert type(values.get(parameter.name, 'reference')) is type(parameter.default)
+        value = values.get(parameter.name, 'reference')
+        assert value.__class__ is parameter.default.__class__
 
 
 def test_what_it_starts_drives_in_a_namespace(launch, record, start_executable, tmp_path):

@@ -65,8 +65,8 @@ class Trip:
             plans = self._plans.messages
             return command is not None and plans and what(command, plans[-1])
 
-        self.wait_until(answered, f'at {second} s: the last command '
-                         f'{self._commands.messages[-1:]}')
+        self.wait_until(
+            answered, f'at {second} s: the last command {self._commands.messages[-1:]}')
 
 
 @pytest.fixture(scope='module')

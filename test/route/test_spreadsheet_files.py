@@ -97,7 +97,7 @@ def test_the_length_of_segments_stands_for_duration_or_speed(route, length, give
 
 
 def test_a_german_spreadsheet(tmp_path):
-    """Byte order mark, CRLF, quoted comment, lines filled with separators, blank rows, sep=;"""
+    """Byte order mark, CRLF, quoted comment, lines filled with separators, blank rows, `sep=;`."""
     route = load_route(file_of(tmp_path, '\ufeffsep=;\r\n"# nach Hause; im Winter";;;\r\n'
                                f'{HEADER};;\r\n;;;;;\r\n30;36;-5,25;-7;;\r\n'
                                '12,5;90;17;"-6,5";;\r\n;;;;;\r\n'), DEFAULTS)

@@ -23,8 +23,8 @@ def leg(start_s, powers_w, rms_w=None, cabin_w=1500.0):
 
 # A stop of 400 s lies between the two.
 MISSION = Mission('two legs', (
-    leg(START_S, [10e3, 20e3, -5e3], rms_w=[10e3, 25e3, 6e3]), leg(START_S + 580, [7e3],
-                                                                  cabin_w=9000.0)))
+    leg(START_S, [10e3, 20e3, -5e3], rms_w=[10e3, 25e3, 6e3]),
+    leg(START_S + 580, [7e3], cabin_w=9000.0)))
 
 
 def between(from_s, to_s, mission=MISSION):

@@ -1,0 +1,29 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The style as ament_flake8 and ament_pep257 see it: what `colcon test` asks of a ROS package."""
+
+import logging
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+PLACES = [str(ROOT / name) for name in ('bev_preheat', 'docs', 'scripts', 'setup.py', 'test')]
+# As in setup.cfg: properties are named for what they are.
+DOCSTRING_RULES_LEFT_OUT = ('D401', 'D402', 'D403')
+
+pytestmark = pytest.mark.linter
+
+
+@pytest.mark.needs('ament_flake8')
+def test_flake8():
+    from ament_flake8.main import main_with_errors
+    status, errors = main_with_errors(argv=['--config', str(ROOT / 'setup.cfg'), *PLACES])
+    assert (status, errors) == (0, [])
+
+
+@pytest.mark.needs('ament_pep257')
+def test_pep257():
+    from ament_pep257.main import main
+    # It names each file that it looks at, as an information.
+    logging.getLogger('pydocstyle.utils').setLevel(logging.ERROR)
+    assert main(argv=['--add-ignore', *DOCSTRING_RULES_LEFT_OUT, '--', *PLACES]) == 0
