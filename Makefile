@@ -10,7 +10,7 @@ BENCH := python3 -m bev_preheat.experiments.cost
 MINUTES := 10
 # make test-deep EXAMPLES=10000
 EXAMPLES := 1000
-# make test TESTS="test/test_model.py -k joule"
+# make test TESTS="test/vehicle/test_model.py -k joule"
 TESTS := test
 # The tests of one file stay together and share nodes; much of their time is waiting for them, so there are more workers than
 # cores. Files with few tests are the slow ones and must not come last, as newer versions of xdist would have it. Not every ROS

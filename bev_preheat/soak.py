@@ -32,9 +32,9 @@ from bev_preheat.experiments.processes import NodeProcess, reserved_domain_id
 from bev_preheat.experiments.soak.judgement import judge
 from bev_preheat.experiments.soak.load import Load
 from bev_preheat.experiments.soak.report import tell
+from bev_preheat.files.output_files import check_outputs, expanded, Output, PICTURE_SUFFIXES
 from bev_preheat.nodes.listening import listening
 from bev_preheat.optional_packages import require
-from bev_preheat.output_files import check_outputs, expanded, Output, PICTURE_SUFFIXES
 from bev_preheat.supervision.settings import Settings
 from bev_preheat.vehicle import load_vehicle, vehicle_file
 
@@ -44,8 +44,8 @@ if TYPE_CHECKING:
 
     from bev_preheat.console.finished import Ending
     from bev_preheat.experiments.soak.judgement import Judgement
+    from bev_preheat.files.output_files import AnyPath
     from bev_preheat.nodes.listening import Listener
-    from bev_preheat.output_files import AnyPath
 
 SAMPLE_PERIOD_S = 1.0
 START_LIMIT_S = 30.0

@@ -3,8 +3,8 @@
 
 import pytest
 
-from bev_preheat.configuration import find_configuration
 from bev_preheat.errors import InvalidInput, quoted, shortened
+from bev_preheat.files.configuration import find_configuration
 
 
 @pytest.mark.parametrize('text, expected', [

@@ -8,8 +8,8 @@ import os
 from typing import TYPE_CHECKING
 
 from bev_preheat.errors import InvalidInput
+from bev_preheat.files.output_files import check_outputs, Output
 from bev_preheat.monitoring.end_signals import end_signals
-from bev_preheat.output_files import check_outputs, Output
 
 if TYPE_CHECKING:
     from argparse import Namespace

@@ -14,7 +14,7 @@ from rich.text import Text
 from bev_preheat.commands.completion import completed_by, NameCompleter, VEHICLES
 from bev_preheat.console.terminal import result_console
 from bev_preheat.errors import InvalidInput
-from bev_preheat.output_files import check_outputs, expanded, Output, PICTURE_SUFFIXES
+from bev_preheat.files.output_files import check_outputs, expanded, Output, PICTURE_SUFFIXES
 from bev_preheat.route.csv_file import rounded, save_route
 from bev_preheat.route.drive_log import load_drive_logs
 from bev_preheat.route.legs import legs_file, load_legs
@@ -24,9 +24,9 @@ if TYPE_CHECKING:
     from argparse import Namespace
     from collections.abc import Sequence
 
-    from bev_preheat.arrays import FloatArray
     from bev_preheat.commands.arguments import Subparsers
-    from bev_preheat.output_files import AnyPath
+    from bev_preheat.files.output_files import AnyPath
+    from bev_preheat.numbers.arrays import FloatArray
     from bev_preheat.route import Route
     from bev_preheat.vehicle import Vehicle
 

@@ -11,12 +11,12 @@ from rich.text import Text
 
 from bev_preheat.commands.completion import completed_by, NameCompleter
 from bev_preheat.commands.situation import warn
-from bev_preheat.configuration import configuration_folder
 from bev_preheat.console.finished import keeping_what_is_finished
 from bev_preheat.console.output import add_json_argument, json_output, write_json
 from bev_preheat.console.terminal import print_records, progress_bar, result_console
 from bev_preheat.errors import InvalidInput
-from bev_preheat.output_files import check_outputs, expanded, Output
+from bev_preheat.files.configuration import configuration_folder
+from bev_preheat.files.output_files import check_outputs, expanded, Output
 
 if TYPE_CHECKING:
     from argparse import Namespace

@@ -9,11 +9,11 @@ import shlex
 from typing import TYPE_CHECKING
 
 from bev_preheat.commands.completion import completed_by, VEHICLES
-from bev_preheat.configuration import configuration_folder
 from bev_preheat.console.output import add_output_arguments, check_output_arguments, write_json
 from bev_preheat.console.terminal import print_figures, print_records, result_console
 from bev_preheat.errors import InvalidInput
-from bev_preheat.output_files import check_outputs, existing_file, Output, write_whole
+from bev_preheat.files.configuration import configuration_folder
+from bev_preheat.files.output_files import check_outputs, existing_file, Output, write_whole
 from bev_preheat.vehicle import load_vehicle, vehicle_file
 from bev_preheat.vehicle.assumptions import assumption_warning, key_in_words
 from bev_preheat.vehicle.chemistry import CHEMISTRIES
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from bev_preheat.commands.arguments import Subparsers
-    from bev_preheat.output_files import AnyPath
+    from bev_preheat.files.output_files import AnyPath
     from bev_preheat.vehicle.meaning import Meaning
 
 SUFFIXES = ('.yaml',)

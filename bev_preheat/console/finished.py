@@ -7,12 +7,12 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from bev_preheat.console.program import Interrupted, WorkerLost
-from bev_preheat.output_files import STANDARD_OUTPUT
+from bev_preheat.files.output_files import STANDARD_OUTPUT
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
-    from bev_preheat.output_files import AnyPath
+    from bev_preheat.files.output_files import AnyPath
 
 
 class Ending:

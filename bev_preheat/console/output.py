@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from bev_preheat.console.program import write_output
 from bev_preheat.console.terminal import print_figures
-from bev_preheat.output_files import check_outputs, Output, PICTURE_SUFFIXES, STANDARD_OUTPUT, write_whole
+from bev_preheat.files.output_files import check_outputs, Output, PICTURE_SUFFIXES, STANDARD_OUTPUT, write_whole
 from bev_preheat.planning.explanation import duration_text
 
 if TYPE_CHECKING:
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from rich.console import Console
 
-    from bev_preheat.output_files import AnyPath
+    from bev_preheat.files.output_files import AnyPath
     from bev_preheat.planning.plan import Plan
 
     # What JSON holds: dictionaries, lists, texts, numbers, None.

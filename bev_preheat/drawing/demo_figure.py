@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from bev_preheat.drawing.palette import Style
-    from bev_preheat.output_files import AnyPath
+    from bev_preheat.files.output_files import AnyPath
     from bev_preheat.planning.plan import Plan
     from bev_preheat.vehicle import Vehicle
     from bev_preheat_msgs.msg import PreheatPlan, RoutePlan

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     from matplotlib.figure import Figure
 
-    from bev_preheat.output_files import AnyPath
+    from bev_preheat.files.output_files import AnyPath
 
     # (instant [s], power [W], age of the latest state [s]), (instant [s], memory [MB]).
     Commands = Sequence[tuple[float, float, float]]

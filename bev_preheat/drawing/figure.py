@@ -12,7 +12,7 @@ import warnings
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-from bev_preheat.output_files import write_whole
+from bev_preheat.files.output_files import write_whole
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from bev_preheat.output_files import AnyPath
+    from bev_preheat.files.output_files import AnyPath
 
     # Axes in rows and columns; NumPy does not know what objects an array holds.
     AxesGrid = NDArray[np.object_]

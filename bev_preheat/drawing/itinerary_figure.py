@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from bev_preheat.output_files import AnyPath
+    from bev_preheat.files.output_files import AnyPath
     from bev_preheat.planning.plan import Plan
     from bev_preheat.supervision.inputs import Leg
     from bev_preheat.vehicle import Vehicle

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.arithmetic import ARRAYS
 from bev_preheat.drawing.curves import draw_course, draw_steps, shade_steps, show_range, TimeAxis
 from bev_preheat.drawing.figure import legend_above, save_figure, stacked_figure
 from bev_preheat.drawing.palette import (
@@ -23,13 +22,14 @@ from bev_preheat.drawing.palette import (
     TARGET,
     WITHOUT_PREHEATING,
 )
-from bev_preheat.model import make_runge_kutta_4
+from bev_preheat.numbers.arithmetic import ARRAYS
 from bev_preheat.planning.dynamics import keep_accounts
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.planner import plan_unheated
 from bev_preheat.planning.schedule import Schedule
 from bev_preheat.planning.situation import BatteryState, reserve_soc
 from bev_preheat.planning.trip import make_trip
+from bev_preheat.vehicle.model import make_runge_kutta_4
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -39,8 +39,8 @@ if TYPE_CHECKING:
     from matplotlib.lines import Line2D
     from numpy.typing import ArrayLike
 
-    from bev_preheat.arrays import FloatArray
-    from bev_preheat.output_files import AnyPath
+    from bev_preheat.files.output_files import AnyPath
+    from bev_preheat.numbers.arrays import FloatArray
     from bev_preheat.planning.dynamics import Accounts
     from bev_preheat.planning.plan import Plan
     from bev_preheat.planning.situation import Goal

@@ -27,10 +27,10 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from bev_preheat.arrays import FloatArray
     from bev_preheat.experiments.robustness.car_study import CarResult
     from bev_preheat.experiments.robustness.drives import DriveOutcome, DriveTrace
-    from bev_preheat.output_files import AnyPath
+    from bev_preheat.files.output_files import AnyPath
+    from bev_preheat.numbers.arrays import FloatArray
 
 BINS = 40
 

@@ -8,17 +8,17 @@ from typing import TYPE_CHECKING
 from matplotlib.figure import Figure
 import numpy as np
 
-from bev_preheat.arithmetic import ARRAYS
 from bev_preheat.drawing.figure import save_figure
+from bev_preheat.numbers.arithmetic import ARRAYS
 from bev_preheat.vehicle.meaning import AMBIENT_C, KMH_100_MPS, warmed_by_k
 
 if TYPE_CHECKING:
 
     from matplotlib.axes import Axes
 
-    from bev_preheat.arithmetic import Curve
-    from bev_preheat.arrays import FloatArray
-    from bev_preheat.output_files import AnyPath
+    from bev_preheat.files.output_files import AnyPath
+    from bev_preheat.numbers.arithmetic import Curve
+    from bev_preheat.numbers.arrays import FloatArray
     from bev_preheat.vehicle import Vehicle
     from bev_preheat.vehicle.description import Battery
 

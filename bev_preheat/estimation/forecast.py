@@ -12,8 +12,8 @@ from bev_preheat.estimation.belief import LEAST_POWER_W, POWER_NOISE, POWER_NOIS
 from bev_preheat.estimation.state import DriveInputs, PROPULSION, rates_and_slopes, SIZE, SOC, TEMPERATURE
 
 if TYPE_CHECKING:
-    from bev_preheat.arrays import FloatArray
     from bev_preheat.estimation.estimate import Estimate
+    from bev_preheat.numbers.arrays import FloatArray
     from bev_preheat.planning.plan import Plan
     from bev_preheat.planning.trip import Trip
 

@@ -14,9 +14,9 @@ from bev_preheat.estimation.belief import FACTOR_BOUNDS, prior_factor_covariance
 from bev_preheat.estimation.state import FACTOR_NAMES, FACTORS, PROPULSION
 
 if TYPE_CHECKING:
-    from bev_preheat.arrays import FloatArray
-    from bev_preheat.checked_yaml import FileData
     from bev_preheat.estimation.estimate import Estimate
+    from bev_preheat.files.checked_yaml import FileData
+    from bev_preheat.numbers.arrays import FloatArray
 
 # What a route's consumption was wrong by says nothing of the next route.
 REMEMBERED = slice(0, PROPULSION - FACTORS.start)

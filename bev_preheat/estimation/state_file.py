@@ -20,10 +20,10 @@ from typing import TYPE_CHECKING
 
 from bev_preheat.errors import InvalidInput
 from bev_preheat.estimation.memory import as_entry, from_entry, Learned
-from bev_preheat.output_files import AnyPath, existing_file, expanded, target_of, write_whole
+from bev_preheat.files.output_files import AnyPath, existing_file, expanded, target_of, write_whole
 
 if TYPE_CHECKING:
-    from bev_preheat.checked_yaml import FileData
+    from bev_preheat.files.checked_yaml import FileData
 
 FORMAT_KEY, FORMAT = 'bev_preheat_state_file', 2
 # How the files of both formats begin; it recognises one that no longer parses.

@@ -28,8 +28,8 @@ if TYPE_CHECKING:
 
     from rclpy.node import Node
 
+    from bev_preheat.files.output_files import AnyPath
     from bev_preheat.nodes.listening import Listener
-    from bev_preheat.output_files import AnyPath
     from bev_preheat.simulation.scenario import Scenario
 
 START_S = 1_700_000_000

@@ -14,12 +14,12 @@ from typing import TYPE_CHECKING
 from ament_index_python.packages import get_package_prefix
 import domain_coordinator
 
-from bev_preheat.output_files import existing_file
+from bev_preheat.files.output_files import existing_file
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
-    from bev_preheat.output_files import AnyPath
+    from bev_preheat.files.output_files import AnyPath
 
 # Domains whose UDP ports lie below those that Linux gives out by itself; 0 is everybody's default.
 DOMAIN_IDS = range(1, 101)

@@ -12,17 +12,17 @@ from rich.console import Console
 from rich.live import Live
 from rich.text import Text
 
+from bev_preheat.files.output_files import write_whole
 from bev_preheat.monitoring.view import line, page, waiting
-from bev_preheat.output_files import write_whole
 
 if TYPE_CHECKING:
 
     from rich.console import RenderableType
 
+    from bev_preheat.files.output_files import AnyPath
     from bev_preheat.monitoring.end_signals import EndSignals
     from bev_preheat.monitoring.heard import Heard
     from bev_preheat.nodes.listening import Listener
-    from bev_preheat.output_files import AnyPath
 
 REFRESH_S = 0.25
 LINE_PERIOD_S = 15.0

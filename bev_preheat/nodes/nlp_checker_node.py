@@ -38,6 +38,7 @@ from bev_preheat.nodes.setup_watch import SetupWatch
 from bev_preheat.optimum.exchange import Failure
 from bev_preheat.optimum.solver_process import MOST_NICE, SolverProcess
 from bev_preheat.optional_packages import require
+from bev_preheat.supervision.decision import WITHOUT_ROUTE
 from bev_preheat.supervision.events import (
     BatteryStateArrived,
     Reconfigured,
@@ -272,7 +273,7 @@ class NlpCheckerNode(Node):
         if mission is None:
             return self._inbox.refused_route or (
                 'The trip was cancelled.' if self._inbox.is_cancelled else
-                'No valid route plan has arrived yet.')
+                WITHOUT_ROUTE.explanation)
         if measurement is None:
             return 'No valid battery state has arrived yet.'
         age_s = (self._now_ns() - measurement.stamp_ns) / NS_PER_S

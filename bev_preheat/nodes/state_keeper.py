@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING
 from bev_preheat.errors import InvalidInput
 from bev_preheat.estimation.memory import learned_from
 from bev_preheat.estimation.state_file import check_state_file, load_learned, save_learned
-from bev_preheat.output_files import check_writable
+from bev_preheat.files.output_files import check_writable
 
 if TYPE_CHECKING:
     from rclpy.impl.rcutils_logger import RcutilsLogger
 
-    from bev_preheat.arrays import FloatArray
     from bev_preheat.estimation.estimate import Estimate
+    from bev_preheat.numbers.arrays import FloatArray
 
 SAVE_PERIOD_S = 60.0
 

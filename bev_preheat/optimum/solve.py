@@ -8,7 +8,6 @@ import math
 from time import perf_counter
 from typing import TYPE_CHECKING
 
-from bev_preheat.model import make_runge_kutta_4
 from bev_preheat.optimum.attempt import Attempt, attempt, Problem, SUCCESS
 from bev_preheat.optimum.lacking import CHARGE, find_lacking, Lacking, SOC_TOLERANCE
 from bev_preheat.optimum.program import build_program, ENERGY_SCALE_J, Give
@@ -22,6 +21,7 @@ from bev_preheat.planning.situation import BatteryState, check_situation, Goal, 
 from bev_preheat.planning.trip import make_trip, Trip
 from bev_preheat.vehicle.corrections import corrected_vehicle, Corrections
 from bev_preheat.vehicle.description import Vehicle
+from bev_preheat.vehicle.model import make_runge_kutta_4
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

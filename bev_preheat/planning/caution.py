@@ -14,16 +14,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.model import make_runge_kutta_4
 from bev_preheat.planning.bracketing import follow_slope, Trial
 from bev_preheat.planning.dynamics import run_forward
 from bev_preheat.planning.limits import drive_as_planned, limits_hold
 from bev_preheat.planning.schedule import HEATING_SHARE, Schedule, switched_on_s
+from bev_preheat.vehicle.model import make_runge_kutta_4
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from bev_preheat.arrays import FloatArray
+    from bev_preheat.numbers.arrays import FloatArray
     from bev_preheat.planning.situation import BatteryState
     from bev_preheat.planning.trip import Trip
 

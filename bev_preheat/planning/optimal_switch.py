@@ -15,12 +15,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.arithmetic import SATURATING_FLOATS
-from bev_preheat.model import make_midpoint, make_rates, make_runge_kutta_4
+from bev_preheat.numbers.arithmetic import SATURATING_FLOATS
 from bev_preheat.planning.bracketing import follow_slope, Trial
 from bev_preheat.planning.dynamics import run_forward
 from bev_preheat.planning.paper import find_crossing
 from bev_preheat.planning.schedule import maximum_from, Schedule
+from bev_preheat.vehicle.model import make_midpoint, make_rates, make_runge_kutta_4
 
 if TYPE_CHECKING:
     from bev_preheat.planning.situation import BatteryState, Goal

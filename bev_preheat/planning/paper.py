@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.model import Integrator, make_euler
 from bev_preheat.planning.dynamics import compiled_step, run_forward
 from bev_preheat.planning.schedule import maximum_from, Schedule
+from bev_preheat.vehicle.model import Integrator, make_euler
 
 if TYPE_CHECKING:
     from bev_preheat.planning.situation import BatteryState, Goal
+    from bev_preheat.planning.straight_line import StepOfStates
     from bev_preheat.planning.trip import Trip
-    from bev_preheat.straight_line import StepOfStates
 
 # Going backward the temperature may grow without bound (leakage outweighs the heater). This far
 # above the target no forward run can meet it.

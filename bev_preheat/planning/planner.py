@@ -11,9 +11,8 @@ from typing import Any, TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.arithmetic import ARRAYS
 from bev_preheat.errors import InvalidInput, PlanningFailure
-from bev_preheat.model import Integrator, make_runge_kutta_4
+from bev_preheat.numbers.arithmetic import ARRAYS
 from bev_preheat.planning.caution import Caution, heat_early
 from bev_preheat.planning.dynamics import keep_accounts, run_forward
 from bev_preheat.planning.explanation import explain
@@ -29,6 +28,7 @@ from bev_preheat.planning.status import Status
 from bev_preheat.planning.stranding import find_stranding
 from bev_preheat.planning.stretches import heating_stretches
 from bev_preheat.planning.trip import heated_throughout, make_trip, Trip
+from bev_preheat.vehicle.model import Integrator, make_runge_kutta_4
 
 if TYPE_CHECKING:
     from bev_preheat.route.segments import Route

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
-    from bev_preheat.arrays import FloatArray
-    from bev_preheat.model import Integrator
+    from bev_preheat.numbers.arrays import FloatArray
     from bev_preheat.planning.trip import Trip
+    from bev_preheat.vehicle.model import Integrator
 
 # A heater power below this share of what the cabin leaves is rounding.
 HEATING_SHARE = 1e-4

@@ -13,15 +13,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.configuration import find_configuration
 from bev_preheat.errors import InvalidInput
-from bev_preheat.output_files import AnyPath, write_whole
+from bev_preheat.files.configuration import find_configuration
+from bev_preheat.files.output_files import AnyPath, write_whole
 from bev_preheat.route.columns import advice, alternatives, Column, doubled, power_columns, speed_columns
 from bev_preheat.route.segments import LIMITS, make_route, problem_with_values, Route
 from bev_preheat.route.text_table import read_text_table, TextTable
 
 if TYPE_CHECKING:
-    from bev_preheat.arrays import FloatArray
+    from bev_preheat.numbers.arrays import FloatArray
     from bev_preheat.vehicle.description import Defaults
 
 # Length of a segment [m]; with the speed it gives the duration, with the duration the speed.

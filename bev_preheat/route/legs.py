@@ -17,15 +17,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.checked_yaml import FileData, load_checked_yaml
-from bev_preheat.configuration import find_configuration
 from bev_preheat.errors import InvalidInput
+from bev_preheat.files.checked_yaml import FileData, load_checked_yaml
+from bev_preheat.files.configuration import find_configuration
 from bev_preheat.route.kinematics import drive_along, lay_track, leg_starts_m, RoadDrive, RoadLeg
 from bev_preheat.route.road_load import battery_power_w, Load, loaded, wheel_power_w
 from bev_preheat.route.segments import LONGEST_ROUTE_S, make_route, Route
 
 if TYPE_CHECKING:
-    from bev_preheat.arrays import FloatArray
+    from bev_preheat.numbers.arrays import FloatArray
     from bev_preheat.vehicle.description import Vehicle
 
 SCHEMA = Path(__file__).with_name('legs_schema.yaml')

@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bev_preheat.checked_yaml import FileData, load_checked_yaml
-from bev_preheat.configuration import find_configuration
 from bev_preheat.errors import InvalidInput
+from bev_preheat.files.checked_yaml import FileData, load_checked_yaml
+from bev_preheat.files.configuration import find_configuration
 from bev_preheat.planning.situation import BatteryState, check_situation, Goal
 from bev_preheat.planning.status import Status
 from bev_preheat.route import route_for

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from bev_preheat.planning.status import Status
 from bev_preheat.supervision.command_history import CommandHistory
-from bev_preheat.supervision.decision import Command, Decision
+from bev_preheat.supervision.decision import Command, Decision, WITHOUT_ROUTE
 from bev_preheat.supervision.heater_switch import HeaterSwitch
 from bev_preheat.supervision.inputs import Leg, NS_PER_S
 
@@ -34,7 +34,7 @@ def find_obstacle(inbox: Inbox, now_ns: int) -> Decision | None:
         return Decision(Status.NO_CHARGING_PLANNED,
                         'The trip was cancelled: no heating until a new route plan arrives.')
     if inbox.mission is None:
-        return Decision(Status.NO_ROUTE, 'No valid route plan has arrived yet.')
+        return WITHOUT_ROUTE
     if inbox.measurement is None:
         return Decision(Status.NO_BATTERY_STATE, 'No valid battery state has arrived yet.')
     age_s = (now_ns - inbox.measurement.stamp_ns) / NS_PER_S

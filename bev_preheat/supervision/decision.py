@@ -40,3 +40,7 @@ class Decision:
     commanded: Plan | None = None
     command_share: float = 1.0
     model_factors: tuple[float, ...] = ()
+
+
+# Before anything has arrived, and until a valid route plan has.
+WITHOUT_ROUTE = Decision(Status.NO_ROUTE, 'No valid route plan has arrived yet.')

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bev_preheat.checked_yaml import FileData, load_checked_yaml
-from bev_preheat.configuration import find_configuration
 from bev_preheat.errors import InvalidInput
+from bev_preheat.files.checked_yaml import FileData, load_checked_yaml
+from bev_preheat.files.configuration import find_configuration
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.route import route_for
 from bev_preheat.supervision.inputs import Leg, Mission, with_stops

@@ -15,14 +15,14 @@ from typing import TYPE_CHECKING
 from bev_preheat.errors import InvalidInput, LONGEST_PROBLEM, shortened
 from bev_preheat.planning.status import Status
 from bev_preheat.supervision.command import Commander, find_obstacle
-from bev_preheat.supervision.decision import Command, Decision
+from bev_preheat.supervision.decision import Command, Decision, WITHOUT_ROUTE
 from bev_preheat.supervision.events import BatteryStateArrived, Event, Reconfigured
 from bev_preheat.supervision.inbox import Inbox
 from bev_preheat.supervision.judgement import Judgement
 
 if TYPE_CHECKING:
-    from bev_preheat.arrays import FloatArray
     from bev_preheat.estimation.estimate import Estimate
+    from bev_preheat.numbers.arrays import FloatArray
     from bev_preheat.supervision.inputs import Measurement, Mission
     from bev_preheat.supervision.settings import Settings
     from bev_preheat.vehicle.description import Vehicle
@@ -72,7 +72,7 @@ class Supervisor:
         self._inbox = Inbox(vehicle, settings)
         self._judgement = Judgement(vehicle, *learned or ())
         self._commander = Commander()
-        self._decision = Decision(Status.NO_ROUTE, 'No route plan has arrived yet.')
+        self._decision = WITHOUT_ROUTE
         self._latest_command: Command | None = None
         self._published_status: Status | None = None
 

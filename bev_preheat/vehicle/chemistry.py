@@ -12,8 +12,8 @@ import numpy as np
 import yaml
 
 if TYPE_CHECKING:
-    from bev_preheat.arrays import FloatArray
-    from bev_preheat.checked_yaml import FileData
+    from bev_preheat.files.checked_yaml import FileData
+    from bev_preheat.numbers.arrays import FloatArray
 
 CHEMISTRIES = ('nmc', 'lfp')
 FIGURES = Path(__file__).with_name('chemistry.yaml')

@@ -16,10 +16,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.arithmetic import AnyNumber, Arithmetic, ARRAYS, CurveFunction, FLOATS, Number, SATURATING_FLOATS
+from bev_preheat.numbers.arithmetic import (
+    AnyNumber,
+    Arithmetic,
+    ARRAYS,
+    CurveFunction,
+    FLOATS,
+    Number,
+    SATURATING_FLOATS,
+)
 
 if TYPE_CHECKING:
-    from bev_preheat.arrays import FloatArray
+    from bev_preheat.numbers.arrays import FloatArray
 
 # ln(soc) has no value at an empty battery; below this state of charge the voltage stays level.
 LOWEST_SOC_IN_LOGARITHM = 1e-3

@@ -17,8 +17,8 @@ from bev_preheat.vehicle.chemistry import Chemistry, load_chemistry, Shares
 from bev_preheat.vehicle.data_sheet import check_data_sheet, DataSheet, energy_of
 
 if TYPE_CHECKING:
-    from bev_preheat.arrays import FloatArray
-    from bev_preheat.checked_yaml import FileData
+    from bev_preheat.files.checked_yaml import FileData
+    from bev_preheat.numbers.arrays import FloatArray
 
 WH_PER_KWH = 1000.0
 W_PER_KW = 1000.0

@@ -11,15 +11,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.arithmetic import ARRAYS, Curve
-from bev_preheat.checked_yaml import FileData, load_checked_yaml
-from bev_preheat.configuration import find_configuration
 from bev_preheat.errors import InvalidInput, quoted
+from bev_preheat.files.checked_yaml import FileData, load_checked_yaml
+from bev_preheat.files.configuration import find_configuration
+from bev_preheat.numbers.arithmetic import ARRAYS, Curve
 from bev_preheat.vehicle.curves import InverseTemperatureResistance, PolynomialVoltage, Table
 from bev_preheat.vehicle.description import Battery, Defaults, Drivetrain, Hvch, Leakage, RoadLoad, Vehicle
 
 if TYPE_CHECKING:
-    from bev_preheat.arrays import FloatArray
+    from bev_preheat.numbers.arrays import FloatArray
 
 SCHEMA = Path(__file__).with_name('schema.yaml')
 

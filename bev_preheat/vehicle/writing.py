@@ -11,7 +11,7 @@ import textwrap
 from typing import Any, TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from bev_preheat.checked_yaml import FileData
+    from bev_preheat.files.checked_yaml import FileData
     from bev_preheat.vehicle.described_car import Entry
 
 WIDTH = 100

@@ -7,7 +7,7 @@ import pytest
 import yaml
 
 from bev_preheat.commands.main import main
-from bev_preheat.configuration import configuration_folder
+from bev_preheat.files.configuration import configuration_folder
 from bev_preheat.supervision.inputs import NS_PER_S
 from bev_preheat.supervision.itinerary import load_itinerary, SCHEMA
 from bev_preheat.supervision.settings import MOST_STOPS

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from bev_preheat.commands.main import main
-from bev_preheat.configuration import configuration_folder
+from bev_preheat.files.configuration import configuration_folder
 
 CAR, ROUTE, OTHER_ROUTE, LEGS, LOG, TRIP, DRIVE = (
     'car.yaml', 'route.csv', 'other.csv', 'legs.yaml', 'log.csv', 'trip.yaml', 'drive.yaml')
@@ -156,7 +156,7 @@ def test_scenarios_of_one_name_do_not_share_their_logs(capsys):
 
 
 @pytest.mark.parametrize('program, suffixes', [
-    ('bev_preheat.demo', ['.png', '.planner.log', '.vehicle_simulator.log']),
+    ('bev_preheat.demo.__main__', ['.png', '.planner.log', '.vehicle_simulator.log']),
     ('bev_preheat.soak', ['.png', '.json', '.planner.log'])], ids=['demo', 'soak'])
 def test_the_long_runs_check_their_files_first(refusal, program, suffixes):
     program_main = import_module(program).main
@@ -173,7 +173,7 @@ def test_the_long_runs_check_their_files_first(refusal, program, suffixes):
 def test_the_demonstration_does_not_write_over_its_route(refusal):
     Path('route.csv').rename('route.png')
     line = refusal('--route', './route.png', '--output', 'route.png',
-                   command=import_module('bev_preheat.demo').main)
+                   command=import_module('bev_preheat.demo.__main__').main)
     Path('route.png').rename('route.csv')
     assert line == ('demo: error: --output: route.png: is the same file as the input route.png, '
                     'which must not be written over')

@@ -13,9 +13,9 @@ import pytest
 from bev_preheat.commands import robustness
 from bev_preheat.commands.completion import NameCompleter
 from bev_preheat.commands.main import main, SUBCOMMANDS
-from bev_preheat.configuration import configuration_folder
 from bev_preheat.experiments import scenario_drive
 from bev_preheat.experiments.optimality import gap_study as study_run
+from bev_preheat.files.configuration import configuration_folder
 from bev_preheat.simulation.evaluation import DriveRecord
 
 SITUATION = ['--vehicle', 'reference', '--route', 'winter_commute', '--temperature', '-5', '--soc',

@@ -9,7 +9,7 @@ import pytest
 import yaml
 
 from bev_preheat.commands.main import main
-from bev_preheat.configuration import configuration_folder
+from bev_preheat.files.configuration import configuration_folder
 from bev_preheat.vehicle import load_vehicle
 
 ID4 = ['vehicle', 'new', '--chemistry', 'nmc', '--usable-energy-kwh', '77', '--gross-energy-kwh',

@@ -7,7 +7,7 @@ from builtin_interfaces.msg import Time
 import numpy as np
 import pytest
 
-from bev_preheat.demonstration.observer import ObservedDrive
+from bev_preheat.demo.observer import ObservedDrive
 from bev_preheat.drawing.demo_figure import make_drive_figure
 from bev_preheat.drawing.palette import look_of
 from bev_preheat.vehicle import load_vehicle

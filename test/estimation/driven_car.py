@@ -5,14 +5,14 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from bev_preheat.arithmetic import FLOATS
 from bev_preheat.estimation.estimator import Stretch
 from bev_preheat.estimation.state import DriveInputs
-from bev_preheat.model import make_rates
+from bev_preheat.numbers.arithmetic import FLOATS
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.supervision.inputs import Measurement, NS_PER_S
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.corrections import corrected_vehicle, Corrections
+from bev_preheat.vehicle.model import make_rates
 
 VEHICLE = load_vehicle('reference')
 CABIN_W, AUXILIARY_W, AMBIENT_C, SPEED_MPS = 1400.0, 500.0, -10.0, 24.0

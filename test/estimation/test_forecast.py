@@ -9,7 +9,6 @@ from bev_preheat.estimation.estimate import Estimate
 from bev_preheat.estimation.forecast import arrival_deviation_k, arrival_sensitivities
 from bev_preheat.estimation.hypotheses import Heater, HeaterReport
 from bev_preheat.estimation.state import FACTORS, SIZE, SOC, TEMPERATURE
-from bev_preheat.model import make_runge_kutta_4
 from bev_preheat.planning.dynamics import run_forward
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal
@@ -17,6 +16,7 @@ from bev_preheat.planning.trip import make_trip
 from bev_preheat.route.csv_file import load_route
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.corrections import corrected_vehicle, Corrections
+from bev_preheat.vehicle.model import make_runge_kutta_4
 
 TRIPS = {
     'reference': (load_vehicle('reference'), 'reference', BatteryState(-8.0, 0.85)),

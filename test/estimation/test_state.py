@@ -7,10 +7,10 @@ from math import exp
 import numpy as np
 import pytest
 
-from bev_preheat.arithmetic import FLOATS
 from bev_preheat.estimation.state import DriveInputs, rates_and_slopes, SIZE, state_rates
-from bev_preheat.model import make_rates
+from bev_preheat.numbers.arithmetic import FLOATS
 from bev_preheat.vehicle import load_vehicle
+from bev_preheat.vehicle.model import make_rates
 
 VEHICLES = {name: load_vehicle(name) for name in ('reference', 'small_car')}
 STATE = np.array([3.7, 0.63, 0.08, -0.15, 0.11, -0.04, 0.07])

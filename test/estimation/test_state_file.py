@@ -12,12 +12,12 @@ from learned_cars import an_estimate, FACTORS_SEEN
 import numpy as np
 import pytest
 
-from bev_preheat.configuration import configuration_folder
 from bev_preheat.errors import InvalidInput
 from bev_preheat.estimation import state_file as module
 from bev_preheat.estimation.belief import prior_factor_covariance
 from bev_preheat.estimation.memory import as_entry, Learned, learned_from
 from bev_preheat.estimation.state_file import check_state_file, load_learned, MOST_CARS, save_learned
+from bev_preheat.files.configuration import configuration_folder
 
 CAR, OTHER = 'a' * 64, 'b' * 64
 NAMES = ('heat_capacity', 'leakage', 'resistance', 'heater_efficiency')

@@ -11,7 +11,7 @@ from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import SetParameters
 from sensor_msgs.msg import BatteryState
 
-from bev_preheat.configuration import configuration_folder
+from bev_preheat.files.configuration import configuration_folder
 from bev_preheat.nodes.convert import time_message
 
 VEHICLE = (configuration_folder('vehicles') / 'reference.yaml').read_bytes()

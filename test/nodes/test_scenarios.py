@@ -17,8 +17,8 @@ import sys
 import pytest
 import yaml
 
-from bev_preheat.configuration import configuration_folder
 from bev_preheat.experiments.scenario_drive import drive_scenario
+from bev_preheat.files.configuration import configuration_folder
 from bev_preheat.simulation.evaluation import evaluate
 from bev_preheat.simulation.scenario import load_scenario
 

@@ -7,11 +7,11 @@ import casadi
 import numpy as np
 import pytest
 
-from bev_preheat.arithmetic import FLOATS, SATURATING_FLOATS
-from bev_preheat.model import make_rates, make_runge_kutta_4
+from bev_preheat.numbers.arithmetic import FLOATS, SATURATING_FLOATS
 from bev_preheat.optimum.symbols import symbolic_curve, symbolic_rates, symbolic_step
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.corrections import corrected_vehicle, Corrections
+from bev_preheat.vehicle.model import make_rates, make_runge_kutta_4
 
 # Formulas, and tables.
 VEHICLES = {name: load_vehicle(name) for name in ('reference', 'small_car')}

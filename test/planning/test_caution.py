@@ -8,8 +8,7 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 
-from bev_preheat.arithmetic import FLOATS
-from bev_preheat.model import make_rates
+from bev_preheat.numbers.arithmetic import FLOATS
 from bev_preheat.planning.caution import ARRIVAL_TOLERANCE_K, Caution
 from bev_preheat.planning.limits import make_terminal_limits
 from bev_preheat.planning.planner import plan_preheating
@@ -18,6 +17,7 @@ from bev_preheat.planning.status import Status
 from bev_preheat.route.csv_file import load_route
 from bev_preheat.route.segments import make_route
 from bev_preheat.vehicle import load_vehicle
+from bev_preheat.vehicle.model import make_rates
 
 CAR = load_vehicle('reference')
 START = BatteryState(temperature_c=-4.0, soc=0.82)

@@ -8,8 +8,7 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 
-from bev_preheat.arithmetic import ARRAYS
-from bev_preheat.model import make_euler, make_runge_kutta_4
+from bev_preheat.numbers.arithmetic import ARRAYS
 from bev_preheat.planning.dynamics import deliverable_power_w, Energies, keep_accounts, run_forward
 from bev_preheat.planning.schedule import Schedule
 from bev_preheat.planning.trip import make_trip
@@ -17,6 +16,7 @@ from bev_preheat.route.segments import make_route
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.curves import InverseTemperatureResistance, PolynomialVoltage
 from bev_preheat.vehicle.description import Drivetrain, Hvch, Leakage
+from bev_preheat.vehicle.model import make_euler, make_runge_kutta_4
 
 SMALL_CAR = load_vehicle('small_car')
 # The numbers that are written out below; the shipped car's are fitted, and may be again.

@@ -8,8 +8,7 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 
-from bev_preheat.arithmetic import ARRAYS, FLOATS
-from bev_preheat.model import make_runge_kutta_4
+from bev_preheat.numbers.arithmetic import ARRAYS, FLOATS
 from bev_preheat.planning.dynamics import keep_accounts, run_forward
 from bev_preheat.planning.limits import (
     drive_as_planned,
@@ -27,6 +26,7 @@ from bev_preheat.route.segments import make_route
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.curves import InverseTemperatureResistance, PolynomialVoltage, Table
 from bev_preheat.vehicle.description import Drivetrain, Hvch, Leakage
+from bev_preheat.vehicle.model import make_runge_kutta_4
 
 # Corners of the limits [W] at states of charge 0 and 1 (rows), -30 and 30 degC.
 DISCHARGE_W = ((10e3, 90e3), (70e3, 310e3))

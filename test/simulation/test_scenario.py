@@ -6,8 +6,8 @@ import re
 import pytest
 import yaml
 
-from bev_preheat.configuration import configuration_folder
 from bev_preheat.errors import InvalidInput
+from bev_preheat.files.configuration import configuration_folder
 from bev_preheat.simulation.evaluation import evaluate
 from bev_preheat.simulation.scenario import load_scenario
 from bev_preheat.simulation.traffic import Kind

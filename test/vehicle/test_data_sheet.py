@@ -12,11 +12,10 @@ import numpy as np
 import pytest
 import yaml
 
-from bev_preheat.arithmetic import FLOATS
 from bev_preheat.commands.main import main
-from bev_preheat.configuration import configuration_folder
 from bev_preheat.errors import InvalidInput
-from bev_preheat.model import make_rates
+from bev_preheat.files.configuration import configuration_folder
+from bev_preheat.numbers.arithmetic import FLOATS
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route import load_route
@@ -25,6 +24,7 @@ from bev_preheat.vehicle.chemistry import CHEMISTRIES, load_chemistry
 from bev_preheat.vehicle.data_sheet import check_data_sheet, DataSheet
 from bev_preheat.vehicle.described_car import describe_car
 from bev_preheat.vehicle.meaning import meaning_of
+from bev_preheat.vehicle.model import make_rates
 from bev_preheat.vehicle.writing import assumed_keys, vehicle_text
 
 ID4 = DataSheet('id4', 'nmc', charging_power_kw=135.0, usable_energy_kwh=77.0,

@@ -19,8 +19,8 @@ from bev_preheat.console.output import json_output, write_json
 from bev_preheat.console.parser import OneLineParser
 from bev_preheat.console.terminal import print_records, progress_console, result_console
 from bev_preheat.experiments.cost import checker_cost, optimum_cost, planning_cost, process_cost, restart_cost
+from bev_preheat.files.output_files import check_outputs
 from bev_preheat.optional_packages import require
-from bev_preheat.output_files import check_outputs
 from bev_preheat.route import route_file
 from bev_preheat.vehicle import vehicle_file
 

@@ -15,12 +15,12 @@ import warnings
 import casadi
 import numpy as np
 
-from bev_preheat.model import make_rates, make_runge_kutta_4
 from bev_preheat.optimum.program import ENERGY_SCALE_J, POWER_SCALE_W, SOC_SCALE, SOLVER_OPTIONS
 from bev_preheat.optimum.symbols import SYMBOLS
 from bev_preheat.planning.dynamics import run_forward
 from bev_preheat.planning.schedule import Schedule, switched_on_s
 from bev_preheat.planning.situation import reserve_soc
+from bev_preheat.vehicle.model import make_rates, make_runge_kutta_4
 
 if TYPE_CHECKING:
     from bev_preheat.planning.situation import BatteryState, Goal

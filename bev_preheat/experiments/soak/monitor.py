@@ -33,8 +33,8 @@ from bev_preheat.experiments.processes import NodeProcess, reserved_domain_id
 from bev_preheat.experiments.soak.judgement import Judgement, memory_growth_mb_in_10_min, MOST_GROWTH_MB_IN_10_MIN
 from bev_preheat.experiments.soak.report import tell
 from bev_preheat.experiments.soak.terminal import CTRL_C, TerminalProcess
+from bev_preheat.files.output_files import check_outputs, expanded, Output
 from bev_preheat.optional_packages import require
-from bev_preheat.output_files import check_outputs, expanded, Output
 from bev_preheat.route import route_file
 from bev_preheat.vehicle import vehicle_file
 
@@ -45,7 +45,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from bev_preheat.console.finished import Ending
-    from bev_preheat.output_files import AnyPath
+    from bev_preheat.files.output_files import AnyPath
 
 COLUMNS, ROWS = 110, 45
 START_S = 1_700_000_000

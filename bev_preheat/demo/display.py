@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     from rich.console import Console, RenderableType
 
-    from bev_preheat.demonstration.observer import ObservedDrive
+    from bev_preheat.demo.observer import ObservedDrive
     from bev_preheat.nodes.simulator_messages import Outcome
 
     Row = tuple[str, str, str]

@@ -27,13 +27,13 @@ from ament_index_python.packages import PackageNotFoundError
 
 from bev_preheat.console.parser import OneLineParser
 from bev_preheat.console.terminal import print_figures, result_console
-from bev_preheat.demonstration.display import shown, summary_rows, verdict
-from bev_preheat.demonstration.observer import Observer
+from bev_preheat.demo.display import shown, summary_rows, verdict
+from bev_preheat.demo.observer import Observer
 from bev_preheat.drawing.demo_figure import draw_drive
 from bev_preheat.errors import InvalidInput
 from bev_preheat.experiments.processes import NodeProcess, reserved_domain_id
+from bev_preheat.files.output_files import check_outputs, expanded, Output, PICTURE_SUFFIXES
 from bev_preheat.nodes.listening import listening
-from bev_preheat.output_files import check_outputs, expanded, Output, PICTURE_SUFFIXES
 from bev_preheat.route import route_for
 from bev_preheat.vehicle import load_vehicle, vehicle_file
 
@@ -44,9 +44,9 @@ if TYPE_CHECKING:
 
     from rich.console import Console
 
-    from bev_preheat.demonstration.observer import ObservedDrive
+    from bev_preheat.demo.observer import ObservedDrive
+    from bev_preheat.files.output_files import AnyPath
     from bev_preheat.nodes.listening import Listener
-    from bev_preheat.output_files import AnyPath
 
 ARRIVAL_TOLERANCE_K = 1.0
 # Real time for the processes to find each other, and between two battery states [s].

@@ -8,10 +8,10 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 
-from bev_preheat.arithmetic import ARRAYS, FLOATS, SATURATING_FLOATS
-from bev_preheat.model import make_euler, make_rates, make_runge_kutta_4
+from bev_preheat.numbers.arithmetic import ARRAYS, FLOATS, SATURATING_FLOATS
 from bev_preheat.vehicle.curves import InverseTemperatureResistance, PolynomialVoltage, Table
 from bev_preheat.vehicle.description import Battery, Defaults, Drivetrain, Hvch, Leakage, Vehicle
+from bev_preheat.vehicle.model import make_euler, make_rates, make_runge_kutta_4
 
 # One car; every number is different from every other, so that a swapped pair shows.
 C0_V, C1_V, C2_V, C3_V = 340.0, 70.0, -30.0, 25.0

@@ -11,7 +11,7 @@ MANIFEST = 'package.xml'
 
 def version() -> str:
     """Return the version of the sources that run, or of the installed package, as a text."""
-    manifest = Path(__file__).resolve().parent.parent / MANIFEST
+    manifest = Path(__file__).resolve().parents[2] / MANIFEST
     if not manifest.is_file():
         manifest = Path(get_package_share_directory('bev_preheat')) / MANIFEST
     return ElementTree.parse(manifest).findtext('version', '').strip()

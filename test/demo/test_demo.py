@@ -9,7 +9,7 @@ import sys
 import psutil
 import pytest
 
-from bev_preheat.demo import main
+from bev_preheat.demo.__main__ import main
 
 ROUTE = """# four minutes
 duration_s,speed_mps,propulsion_power_w,ambient_temperature_c

@@ -10,7 +10,7 @@ from ament_index_python.packages import get_package_share_directory
 from bev_preheat.errors import InvalidInput, LONGEST_QUOTE, quoted
 
 # Where the sources are read in place, their own files are the ones that belong to them.
-_SOURCES = Path(__file__).resolve().parent.parent
+_SOURCES = Path(__file__).resolve().parents[2]
 
 
 def configuration_folder(kind: str) -> Path:

@@ -12,9 +12,9 @@ import sys
 
 import pytest
 
-from bev_preheat import output_files
 from bev_preheat.errors import InvalidInput
-from bev_preheat.output_files import (
+from bev_preheat.files import output_files
+from bev_preheat.files.output_files import (
     check_outputs,
     check_writable,
     existing_file,
@@ -178,7 +178,7 @@ def test_new_contents_take_the_place_of_the_old(old):
 
 CRASH = """
 import os, signal, sys
-from bev_preheat import output_files
+from bev_preheat.files import output_files
 {where}
 output_files.write_whole(sys.argv[1], b'new' * 100_000)
 """
@@ -198,7 +198,7 @@ def test_a_process_that_is_killed_while_it_writes_leaves_the_old_file_whole(old,
 # As `ulimit -f` does; Python ignores the signal, so the write fails.
 FULL_DISK = """
 import resource, sys
-from bev_preheat.output_files import write_whole
+from bev_preheat.files.output_files import write_whole
 resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))
 try:
     write_whole(sys.argv[1], b'x' * 100_000)
@@ -343,7 +343,7 @@ def test_an_old_result_may_be_written_over(old):
 
 
 def test_the_file_that_standard_output_goes_to_is_refused(tmp_path):
-    code = ('from bev_preheat.output_files import *\n'
+    code = ('from bev_preheat.files.output_files import *\n'
             'try: check_outputs([Output("--json", "shown.txt")])\n'
             'except ValueError as error: print(error)')
     with open('shown.txt', 'wb') as shown:

@@ -19,10 +19,10 @@ from functools import lru_cache
 from types import CodeType
 from typing import Any, TYPE_CHECKING, TypeAlias
 
-from bev_preheat.arithmetic import AnyNumber, Arithmetic, CurveFunction, FLOATS
+from bev_preheat.numbers.arithmetic import AnyNumber, Arithmetic, CurveFunction, FLOATS
 
 if TYPE_CHECKING:
-    from bev_preheat.model import Step
+    from bev_preheat.vehicle.model import Step
 
 ARGUMENTS = ('soc', 'temperature_c', 'duration_s', 'power_w', 'variance_w2', 'heat_w',
              'leakage_w_per_k')
