@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
     from bev_preheat.commands.arguments import Subparsers
     from bev_preheat.files.output_files import AnyPath
-    from bev_preheat.numbers.arrays import FloatArray
+    from bev_preheat.numerics.arrays import FloatArray
     from bev_preheat.route import Route
     from bev_preheat.vehicle import Vehicle
 

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from matplotlib.lines import Line2D
     from numpy.typing import ArrayLike
 
-    from bev_preheat.numbers.arrays import BoolArray, FloatArray
+    from bev_preheat.numerics.arrays import BoolArray, FloatArray
 
 # More points than these are more than a picture has columns.
 MOST_POINTS = 4000

@@ -22,7 +22,7 @@ from bev_preheat.drawing.palette import (
     TARGET,
     WITHOUT_PREHEATING,
 )
-from bev_preheat.numbers.arithmetic import ARRAYS
+from bev_preheat.numerics.arithmetic import ARRAYS
 from bev_preheat.planning.dynamics import keep_accounts
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.planner import plan_unheated
@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from bev_preheat.files.output_files import AnyPath
-    from bev_preheat.numbers.arrays import FloatArray
+    from bev_preheat.numerics.arrays import FloatArray
     from bev_preheat.planning.dynamics import Accounts
     from bev_preheat.planning.plan import Plan
     from bev_preheat.planning.situation import Goal

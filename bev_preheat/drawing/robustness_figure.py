@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from bev_preheat.experiments.robustness.car_study import CarResult
     from bev_preheat.experiments.robustness.drives import DriveOutcome, DriveTrace
     from bev_preheat.files.output_files import AnyPath
-    from bev_preheat.numbers.arrays import FloatArray
+    from bev_preheat.numerics.arrays import FloatArray
 
 BINS = 40
 

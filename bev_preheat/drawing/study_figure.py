@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from bev_preheat.experiments.optimality.gap_study import GapResult
     from bev_preheat.files.output_files import AnyPath
-    from bev_preheat.numbers.arrays import FloatArray
+    from bev_preheat.numerics.arrays import FloatArray
 
 # Gaps below this are the solver's rounding; a logarithmic axis needs a floor.
 FLOOR_WH = 1e-6

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 import numpy as np
 
 from bev_preheat.drawing.figure import save_figure
-from bev_preheat.numbers.arithmetic import ARRAYS
+from bev_preheat.numerics.arithmetic import ARRAYS
 from bev_preheat.vehicle.meaning import AMBIENT_C, KMH_100_MPS, warmed_by_k
 
 if TYPE_CHECKING:
@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from bev_preheat.files.output_files import AnyPath
-    from bev_preheat.numbers.arithmetic import Curve
-    from bev_preheat.numbers.arrays import FloatArray
+    from bev_preheat.numerics.arithmetic import Curve
+    from bev_preheat.numerics.arrays import FloatArray
     from bev_preheat.vehicle import Vehicle
     from bev_preheat.vehicle.description import Battery
 

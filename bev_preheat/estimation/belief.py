@@ -31,7 +31,7 @@ from bev_preheat.estimation.state import (
 from bev_preheat.estimation.truncated_normal import truncated_moments
 
 if TYPE_CHECKING:
-    from bev_preheat.numbers.arrays import FloatArray
+    from bev_preheat.numerics.arrays import FloatArray
     from bev_preheat.vehicle.description import Vehicle
 
 # Standard deviation of the factors' logarithms at first: those of even spreads of +-10 % (heat

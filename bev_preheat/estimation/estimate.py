@@ -14,7 +14,7 @@ from bev_preheat.estimation.state import FACTORS, PROPULSION, SOC, TEMPERATURE
 from bev_preheat.vehicle.corrections import Corrections
 
 if TYPE_CHECKING:
-    from bev_preheat.numbers.arrays import FloatArray
+    from bev_preheat.numerics.arrays import FloatArray
 
 
 @dataclass(frozen=True, eq=False)

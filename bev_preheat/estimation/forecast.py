@@ -13,7 +13,7 @@ from bev_preheat.estimation.state import DriveInputs, PROPULSION, rates_and_slop
 
 if TYPE_CHECKING:
     from bev_preheat.estimation.estimate import Estimate
-    from bev_preheat.numbers.arrays import FloatArray
+    from bev_preheat.numerics.arrays import FloatArray
     from bev_preheat.planning.plan import Plan
     from bev_preheat.planning.trip import Trip
 

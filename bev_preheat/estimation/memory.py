@@ -16,7 +16,7 @@ from bev_preheat.estimation.state import FACTOR_NAMES, FACTORS, PROPULSION
 if TYPE_CHECKING:
     from bev_preheat.estimation.estimate import Estimate
     from bev_preheat.files.checked_yaml import FileData
-    from bev_preheat.numbers.arrays import FloatArray
+    from bev_preheat.numerics.arrays import FloatArray
 
 # What a route's consumption was wrong by says nothing of the next route.
 REMEMBERED = slice(0, PROPULSION - FACTORS.start)

@@ -11,7 +11,7 @@ from bev_preheat.estimation.resolution import Resolution, SOC_STEPS, TEMPERATURE
 from bev_preheat.estimation.state import SOC, TEMPERATURE
 
 if TYPE_CHECKING:
-    from bev_preheat.numbers.arrays import FloatArray
+    from bev_preheat.numerics.arrays import FloatArray
     from bev_preheat.planning.situation import BatteryState
 
 # A reading this many deviations off is not believed, until a second one says the same.

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from rclpy.impl.rcutils_logger import RcutilsLogger
 
     from bev_preheat.estimation.estimate import Estimate
-    from bev_preheat.numbers.arrays import FloatArray
+    from bev_preheat.numerics.arrays import FloatArray
 
 SAVE_PERIOD_S = 60.0
 

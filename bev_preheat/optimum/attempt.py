@@ -21,7 +21,7 @@ from bev_preheat.vehicle.corrections import Corrections
 from bev_preheat.vehicle.description import Vehicle
 
 if TYPE_CHECKING:
-    from bev_preheat.numbers.arrays import FloatArray
+    from bev_preheat.numerics.arrays import FloatArray
     from bev_preheat.optimum.layout import Values
 
 SUCCESS = 'Solve_Succeeded'

@@ -32,7 +32,7 @@ from bev_preheat.optimum.symbols import FACTORS, symbolic_curve, symbolic_rates,
 if TYPE_CHECKING:
     from typing import Any
 
-    from bev_preheat.numbers.arrays import FloatArray
+    from bev_preheat.numerics.arrays import FloatArray
     from bev_preheat.vehicle import Vehicle
 
     # What CasADi takes by name; its own hints leave much of that out.

@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING
 
 import casadi
 
-from bev_preheat.numbers.arithmetic import AnyNumber, Arithmetic
+from bev_preheat.numerics.arithmetic import AnyNumber, Arithmetic
 from bev_preheat.vehicle.corrections import corrected_vehicle, Corrections
 from bev_preheat.vehicle.model import make_rates, make_runge_kutta_4
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-    from bev_preheat.numbers.arithmetic import Curve
+    from bev_preheat.numerics.arithmetic import Curve
     from bev_preheat.vehicle import Vehicle
 
 # Below this discriminant [V^2] the power cannot be delivered; the floor keeps derivatives finite.

@@ -23,7 +23,7 @@ from bev_preheat.vehicle.model import make_runge_kutta_4
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from bev_preheat.numbers.arrays import FloatArray
+    from bev_preheat.numerics.arrays import FloatArray
     from bev_preheat.planning.situation import BatteryState
     from bev_preheat.planning.trip import Trip
 

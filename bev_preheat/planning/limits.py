@@ -15,14 +15,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.numbers.arithmetic import AnyNumber, Arithmetic, ARRAYS, FLOATS, Number
+from bev_preheat.numerics.arithmetic import AnyNumber, Arithmetic, ARRAYS, FLOATS, Number
 from bev_preheat.planning.bracketing import halve
 from bev_preheat.planning.dynamics import compiled_step, hottest_c, KEPT_VEHICLES
 from bev_preheat.planning.schedule import Schedule, switched_on_s
 from bev_preheat.vehicle.model import make_runge_kutta_4
 
 if TYPE_CHECKING:
-    from bev_preheat.numbers.arrays import BoolArray, FloatArray
+    from bev_preheat.numerics.arrays import BoolArray, FloatArray
     from bev_preheat.planning.situation import BatteryState
     from bev_preheat.planning.trip import Trip
     from bev_preheat.vehicle.description import Vehicle

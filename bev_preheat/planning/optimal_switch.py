@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.numbers.arithmetic import SATURATING_FLOATS
+from bev_preheat.numerics.arithmetic import SATURATING_FLOATS
 from bev_preheat.planning.bracketing import follow_slope, Trial
 from bev_preheat.planning.dynamics import run_forward
 from bev_preheat.planning.paper import find_crossing

@@ -14,7 +14,7 @@ from bev_preheat.planning.status import Status
 from bev_preheat.planning.stranding import Stranding
 
 if TYPE_CHECKING:
-    from bev_preheat.numbers.arrays import FloatArray
+    from bev_preheat.numerics.arrays import FloatArray
     from bev_preheat.planning.stretches import HeatingStretch
 
 

@@ -12,7 +12,7 @@ from typing import Any, TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.errors import InvalidInput, PlanningFailure
-from bev_preheat.numbers.arithmetic import ARRAYS
+from bev_preheat.numerics.arithmetic import ARRAYS
 from bev_preheat.planning.caution import Caution, heat_early
 from bev_preheat.planning.dynamics import keep_accounts, run_forward
 from bev_preheat.planning.explanation import explain

@@ -16,7 +16,7 @@ from typing import Any, TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.numbers.arithmetic import ARRAYS, FLOATS
+from bev_preheat.numerics.arithmetic import ARRAYS, FLOATS
 from bev_preheat.planning.bracketing import close_in, Trial
 from bev_preheat.planning.dynamics import hottest_c
 from bev_preheat.planning.limits import drive_as_planned, limits_hold, make_terminal_limits, run_unheated
@@ -25,7 +25,7 @@ from bev_preheat.planning.situation import BatteryState, Goal, reserve_soc
 from bev_preheat.planning.stranding import find_stranding
 
 if TYPE_CHECKING:
-    from bev_preheat.numbers.arrays import FloatArray
+    from bev_preheat.numerics.arrays import FloatArray
     from bev_preheat.planning.trip import Trip
 
 # A power that is lacking by less than this share is rounding. Where power lacks in any case, a plan

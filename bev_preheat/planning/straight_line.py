@@ -19,7 +19,7 @@ from functools import lru_cache
 from types import CodeType
 from typing import Any, TYPE_CHECKING, TypeAlias
 
-from bev_preheat.numbers.arithmetic import AnyNumber, Arithmetic, CurveFunction, FLOATS
+from bev_preheat.numerics.arithmetic import AnyNumber, Arithmetic, CurveFunction, FLOATS
 
 if TYPE_CHECKING:
     from bev_preheat.vehicle.model import Step

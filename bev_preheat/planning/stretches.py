@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.numbers.arithmetic import ARRAYS
+from bev_preheat.numerics.arithmetic import ARRAYS
 from bev_preheat.planning.dynamics import JOULES_PER_WH
 from bev_preheat.planning.limits import colder, make_terminal_limits
 from bev_preheat.planning.schedule import HEATING_SHARE, Schedule
 
 if TYPE_CHECKING:
-    from bev_preheat.numbers.arrays import FloatArray, IntArray
+    from bev_preheat.numerics.arrays import FloatArray, IntArray
     from bev_preheat.planning.trip import Trip
 
 # Surplus is told from paid heating to this [W].

@@ -13,12 +13,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.numbers.arithmetic import ARRAYS
+from bev_preheat.numerics.arithmetic import ARRAYS
 from bev_preheat.planning.limits import make_terminal_limits, Watch
 from bev_preheat.vehicle.model import make_rates, make_runge_kutta_4
 
 if TYPE_CHECKING:
-    from bev_preheat.numbers.arrays import BoolArray, FloatArray, IntArray
+    from bev_preheat.numerics.arrays import BoolArray, FloatArray, IntArray
     from bev_preheat.planning.charge_acceptance import AcceptanceLoss
     from bev_preheat.planning.schedule import Schedule
     from bev_preheat.planning.trip import Trip

@@ -15,14 +15,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.numbers.arithmetic import ARRAYS
+from bev_preheat.numerics.arithmetic import ARRAYS
 from bev_preheat.planning.bracketing import close_in, Trial
 from bev_preheat.planning.limits import colder, make_terminal_limits, run_within_limits, TerminalLimits, Watch
 from bev_preheat.planning.optimal_switch import ARRIVAL_TOLERANCE_K
 from bev_preheat.planning.schedule import Schedule
 
 if TYPE_CHECKING:
-    from bev_preheat.numbers.arrays import FloatArray
+    from bev_preheat.numerics.arrays import FloatArray
     from bev_preheat.planning.situation import BatteryState
     from bev_preheat.planning.thresholds import Thresholds
     from bev_preheat.planning.trip import Trip

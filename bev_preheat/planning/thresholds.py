@@ -24,7 +24,7 @@ from bev_preheat.planning.strides import make_strides, map_strides
 from bev_preheat.planning.value_curve import cheaper_branch, heating_pays, ValueCurve
 
 if TYPE_CHECKING:
-    from bev_preheat.numbers.arrays import FloatArray, IntArray
+    from bev_preheat.numerics.arrays import FloatArray, IntArray
     from bev_preheat.planning.charge_acceptance import AcceptanceLoss
     from bev_preheat.planning.limits import Watch
     from bev_preheat.planning.schedule import Schedule

@@ -12,7 +12,7 @@ from bev_preheat.route.segments import Route
 from bev_preheat.vehicle.description import Vehicle
 
 if TYPE_CHECKING:
-    from bev_preheat.numbers.arrays import FloatArray
+    from bev_preheat.numerics.arrays import FloatArray
 
 # Longer steps are divided, because Euler's error grows with the step.
 LONGEST_STEP_S = 300.0

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
-    from bev_preheat.numbers.arrays import BoolArray, FloatArray
+    from bev_preheat.numerics.arrays import BoolArray, FloatArray
     from bev_preheat.planning.strides import StrideMap
 
 # The curve's points: not further apart, and if there are more, those that say less [J] go.

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from bev_preheat.errors import quoted
 
 if TYPE_CHECKING:
-    from bev_preheat.numbers.arrays import FloatArray
+    from bev_preheat.numerics.arrays import FloatArray
 
 # How people write units, and how a column's name ends.
 ENDINGS = {'km/h': 'kmh', 'kph': 'kmh', 'm/s': 'mps', '°c': 'c', 'degc': 'c', 'celsius': 'c',

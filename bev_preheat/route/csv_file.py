@@ -21,7 +21,7 @@ from bev_preheat.route.segments import LIMITS, make_route, problem_with_values, 
 from bev_preheat.route.text_table import read_text_table, TextTable
 
 if TYPE_CHECKING:
-    from bev_preheat.numbers.arrays import FloatArray
+    from bev_preheat.numerics.arrays import FloatArray
     from bev_preheat.vehicle.description import Defaults
 
 # Length of a segment [m]; with the speed it gives the duration, with the duration the speed.

@@ -24,7 +24,7 @@ from bev_preheat.route.segments import LIMITS, make_route, Route
 from bev_preheat.route.text_table import read_text_table
 
 if TYPE_CHECKING:
-    from bev_preheat.numbers.arrays import FloatArray, IntArray
+    from bev_preheat.numerics.arrays import FloatArray, IntArray
     from bev_preheat.vehicle.description import Defaults
 
 # What a sample may hold: (low, high). The sensors of a car give nothing else, their faults do.

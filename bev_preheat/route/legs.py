@@ -25,7 +25,7 @@ from bev_preheat.route.road_load import battery_power_w, Load, loaded, wheel_pow
 from bev_preheat.route.segments import LONGEST_ROUTE_S, make_route, Route
 
 if TYPE_CHECKING:
-    from bev_preheat.numbers.arrays import FloatArray
+    from bev_preheat.numerics.arrays import FloatArray
     from bev_preheat.vehicle.description import Vehicle
 
 SCHEMA = Path(__file__).with_name('legs_schema.yaml')

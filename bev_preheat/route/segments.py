@@ -16,7 +16,7 @@ import numpy as np
 from bev_preheat.errors import InvalidInput
 
 if TYPE_CHECKING:
-    from bev_preheat.numbers.arrays import FloatArray
+    from bev_preheat.numerics.arrays import FloatArray
     from bev_preheat.vehicle.description import Defaults
 
 # What a segment may hold: (low, high). Wide enough for a truck on a pass, narrow enough that a

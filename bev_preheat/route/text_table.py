@@ -21,7 +21,7 @@ import numpy as np
 from bev_preheat.errors import InvalidInput, quoted
 
 if TYPE_CHECKING:
-    from bev_preheat.numbers.arrays import FloatArray
+    from bev_preheat.numerics.arrays import FloatArray
 
 SEPARATORS = {',': 'commas', ';': 'semicolons', '\t': 'tabs'}
 NUMBER = re.compile(r'[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?')

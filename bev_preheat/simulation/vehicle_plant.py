@@ -7,7 +7,7 @@ from dataclasses import fields
 from math import ceil, inf, isfinite
 from typing import TYPE_CHECKING
 
-from bev_preheat.numbers.arithmetic import SATURATING_FLOATS
+from bev_preheat.numerics.arithmetic import SATURATING_FLOATS
 from bev_preheat.planning.dynamics import deliverable_power_w, Energies, hottest_c, JOULES_PER_WH, step_of_floats
 from bev_preheat.planning.limits import make_terminal_limits, TerminalLimits
 from bev_preheat.planning.trip import make_trip

@@ -18,7 +18,7 @@ from bev_preheat.supervision.settings import Settings
 from bev_preheat.vehicle.description import Vehicle
 
 if TYPE_CHECKING:
-    from bev_preheat.numbers.arrays import FloatArray
+    from bev_preheat.numerics.arrays import FloatArray
     from bev_preheat.supervision.inbox import Inbox
 
 

@@ -26,7 +26,7 @@ from bev_preheat.supervision.inputs import Leg, Measurement, Mission, NS_PER_S
 from bev_preheat.supervision.outlook import OutlookMaker, seen_from_now
 
 if TYPE_CHECKING:
-    from bev_preheat.numbers.arrays import FloatArray
+    from bev_preheat.numerics.arrays import FloatArray
     from bev_preheat.planning.situation import BatteryState
     from bev_preheat.supervision.command_history import CommandHistory
     from bev_preheat.supervision.inbox import Inbox

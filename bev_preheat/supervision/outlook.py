@@ -30,7 +30,7 @@ from bev_preheat.vehicle.corrections import corrected_vehicle, Corrections
 if TYPE_CHECKING:
     from bev_preheat.estimation.estimate import Estimate
     from bev_preheat.estimation.hypotheses import HeaterReport
-    from bev_preheat.numbers.arrays import FloatArray
+    from bev_preheat.numerics.arrays import FloatArray
     from bev_preheat.route.segments import Route
     from bev_preheat.supervision.settings import Settings
     from bev_preheat.vehicle.description import Vehicle

@@ -22,7 +22,7 @@ from bev_preheat.supervision.judgement import Judgement
 
 if TYPE_CHECKING:
     from bev_preheat.estimation.estimate import Estimate
-    from bev_preheat.numbers.arrays import FloatArray
+    from bev_preheat.numerics.arrays import FloatArray
     from bev_preheat.supervision.inputs import Measurement, Mission
     from bev_preheat.supervision.settings import Settings
     from bev_preheat.vehicle.description import Vehicle

@@ -8,7 +8,7 @@ at once, see `estimation`); the vehicle that comes of it serves the arithmetic o
 
 from dataclasses import dataclass, replace
 
-from bev_preheat.numbers.arithmetic import AnyNumber, Arithmetic, Curve, CurveFunction, Number
+from bev_preheat.numerics.arithmetic import AnyNumber, Arithmetic, Curve, CurveFunction, Number
 from bev_preheat.vehicle.description import Leakage, Vehicle
 
 

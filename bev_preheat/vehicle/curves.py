@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.numbers.arithmetic import (
+from bev_preheat.numerics.arithmetic import (
     AnyNumber,
     Arithmetic,
     ARRAYS,
@@ -27,7 +27,7 @@ from bev_preheat.numbers.arithmetic import (
 )
 
 if TYPE_CHECKING:
-    from bev_preheat.numbers.arrays import FloatArray
+    from bev_preheat.numerics.arrays import FloatArray
 
 # ln(soc) has no value at an empty battery; below this state of charge the voltage stays level.
 LOWEST_SOC_IN_LOGARITHM = 1e-3

@@ -18,7 +18,7 @@ from bev_preheat.vehicle.data_sheet import check_data_sheet, DataSheet, energy_o
 
 if TYPE_CHECKING:
     from bev_preheat.files.checked_yaml import FileData
-    from bev_preheat.numbers.arrays import FloatArray
+    from bev_preheat.numerics.arrays import FloatArray
 
 WH_PER_KWH = 1000.0
 W_PER_KW = 1000.0

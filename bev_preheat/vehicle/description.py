@@ -8,7 +8,7 @@ Made from a YAML file by `vehicle.loading`, which checks it; nothing is checked 
 from dataclasses import dataclass
 from math import inf
 
-from bev_preheat.numbers.arithmetic import Curve, Number
+from bev_preheat.numerics.arithmetic import Curve, Number
 
 
 @dataclass(frozen=True)

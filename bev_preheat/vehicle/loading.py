@@ -14,12 +14,12 @@ import numpy as np
 from bev_preheat.errors import InvalidInput, quoted
 from bev_preheat.files.checked_yaml import FileData, load_checked_yaml
 from bev_preheat.files.configuration import find_configuration
-from bev_preheat.numbers.arithmetic import ARRAYS, Curve
+from bev_preheat.numerics.arithmetic import ARRAYS, Curve
 from bev_preheat.vehicle.curves import InverseTemperatureResistance, PolynomialVoltage, Table
 from bev_preheat.vehicle.description import Battery, Defaults, Drivetrain, Hvch, Leakage, RoadLoad, Vehicle
 
 if TYPE_CHECKING:
-    from bev_preheat.numbers.arrays import FloatArray
+    from bev_preheat.numerics.arrays import FloatArray
 
 SCHEMA = Path(__file__).with_name('schema.yaml')
 

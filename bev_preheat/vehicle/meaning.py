@@ -10,10 +10,10 @@ from typing import Any, TYPE_CHECKING, TypeVar
 
 import numpy as np
 
-from bev_preheat.numbers.arithmetic import ARRAYS, FLOATS
+from bev_preheat.numerics.arithmetic import ARRAYS, FLOATS
 
 if TYPE_CHECKING:
-    from bev_preheat.numbers.arrays import FloatArray
+    from bev_preheat.numerics.arrays import FloatArray
     from bev_preheat.vehicle.description import Battery, Vehicle
 
 WH_PER_KWH = 1000.0

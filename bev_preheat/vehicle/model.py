@@ -19,7 +19,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Protocol, TYPE_CHECKING
 
-from bev_preheat.numbers.arithmetic import Arithmetic, Number
+from bev_preheat.numerics.arithmetic import Arithmetic, Number
 
 if TYPE_CHECKING:
     from bev_preheat.vehicle.description import Vehicle

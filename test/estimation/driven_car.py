@@ -7,7 +7,7 @@ import numpy as np
 
 from bev_preheat.estimation.estimator import Stretch
 from bev_preheat.estimation.state import DriveInputs
-from bev_preheat.numbers.arithmetic import FLOATS
+from bev_preheat.numerics.arithmetic import FLOATS
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.supervision.inputs import Measurement, NS_PER_S
 from bev_preheat.vehicle import load_vehicle

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from bev_preheat.estimation.state import DriveInputs, rates_and_slopes, SIZE, state_rates
-from bev_preheat.numbers.arithmetic import FLOATS
+from bev_preheat.numerics.arithmetic import FLOATS
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.model import make_rates
 

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 
-from bev_preheat.numbers.arithmetic import FLOATS
+from bev_preheat.numerics.arithmetic import FLOATS
 from bev_preheat.planning.caution import ARRIVAL_TOLERANCE_K, Caution
 from bev_preheat.planning.limits import make_terminal_limits
 from bev_preheat.planning.planner import plan_preheating

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 
-from bev_preheat.numbers.arithmetic import ARRAYS, FLOATS
+from bev_preheat.numerics.arithmetic import ARRAYS, FLOATS
 from bev_preheat.planning.dynamics import keep_accounts, run_forward
 from bev_preheat.planning.limits import (
     drive_as_planned,

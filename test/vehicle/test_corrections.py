@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 
-from bev_preheat.numbers.arithmetic import ARRAYS, FLOATS
+from bev_preheat.numerics.arithmetic import ARRAYS, FLOATS
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.corrections import corrected_vehicle, Corrections
 

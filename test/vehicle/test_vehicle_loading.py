@@ -9,7 +9,7 @@ import yaml
 
 from bev_preheat.errors import InvalidInput
 from bev_preheat.files.configuration import configuration_folder
-from bev_preheat.numbers.arithmetic import FLOATS
+from bev_preheat.numerics.arithmetic import FLOATS
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.description import RoadLoad
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.numbers.arithmetic import ARRAYS
+from bev_preheat.numerics.arithmetic import ARRAYS
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route.segments import make_route, Route
 from bev_preheat.route.variation import vary
@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 
     from numpy.random import Generator
 
-    from bev_preheat.numbers.arithmetic import Curve
-    from bev_preheat.numbers.arrays import FloatArray
+    from bev_preheat.numerics.arithmetic import Curve
+    from bev_preheat.numerics.arrays import FloatArray
 
 STEP_S = 30.0
 # Turns energy into charge, roughly, where a reserve is drawn.

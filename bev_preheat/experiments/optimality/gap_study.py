@@ -12,7 +12,7 @@ import numpy as np
 
 from bev_preheat.experiments.optimality.drawn_trips import DRAWS
 from bev_preheat.experiments.workers import Workers
-from bev_preheat.numbers.arithmetic import ARRAYS
+from bev_preheat.numerics.arithmetic import ARRAYS
 from bev_preheat.planning.comparison import difference, energy_gap_wh
 from bev_preheat.planning.limits import make_terminal_limits
 from bev_preheat.planning.planner import as_driven, DEFAULT_METHOD, METHODS, plan_preheating, SHORTFALL_TOLERANCE_K

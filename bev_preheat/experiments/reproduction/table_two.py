@@ -21,7 +21,7 @@ from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.curves import InverseTemperatureResistance
 
 if TYPE_CHECKING:
-    from bev_preheat.numbers.arrays import FloatArray
+    from bev_preheat.numerics.arrays import FloatArray
     from bev_preheat.optimum.solve import Optimum
     from bev_preheat.planning.plan import Plan
     from bev_preheat.route import Route

@@ -20,7 +20,7 @@ from bev_preheat.supervision.supervisor import Supervisor
 if TYPE_CHECKING:
     from typing import Any
 
-    from bev_preheat.numbers.arrays import FloatArray
+    from bev_preheat.numerics.arrays import FloatArray
     from bev_preheat.planning.situation import Goal
     from bev_preheat.route import Route
     from bev_preheat.simulation.imperfect_car import ImperfectCar

@@ -16,7 +16,7 @@ from typing import Any, Generic, Protocol, TYPE_CHECKING, TypeVar
 import numpy as np
 
 if TYPE_CHECKING:
-    from bev_preheat.numbers.arrays import FloatArray
+    from bev_preheat.numerics.arrays import FloatArray
 
 # A number of any kind, where its kind is known only when the program runs. CasADi has no types, so
 # its expressions are of this type, too.
