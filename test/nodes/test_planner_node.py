@@ -156,10 +156,13 @@ class Car:
         """
         def tick():
             latest = self.commands.latest
+            next_ns = self.now_ns + round(TICK_S * NS_PER_S)
             if latest is not None:
-                limit_ns = nanoseconds(latest.header.stamp) + round(period_s * NS_PER_S)
-                self.now_ns = max(
-                    self.now_ns, min(self.now_ns + round(TICK_S * NS_PER_S), limit_ns))
+                next_ns = min(
+                    next_ns, nanoseconds(latest.header.stamp) + round(period_s * NS_PER_S))
+            # Time goes on too while no command is heard: the planner may have found this listener
+            # only after its first one, and where time stands still there is no second.
+            self.now_ns = max(self.now_ns, next_ns)
             self.send_clock()
 
         return repeating(tick, POLL_S)
