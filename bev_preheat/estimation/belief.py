@@ -10,6 +10,7 @@ are, intervals (`truncated_normal`).
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -99,10 +100,8 @@ class Belief:
             self._add_noise(WANDER_UNKNOWN**2 * hours)
             return
         heater_w = heater_power_w(command_w, limit_w)[:, np.newaxis, np.newaxis]
-        rates, slopes = rates_and_slopes(self._vehicle, self.mean, DriveInputs(
-            drive.speed_mps, drive.ambient_temperature_c, drive.propulsion_power_w,
-            drive.power_variance_w2, drive.cabin_heating_power_w, drive.auxiliary_power_w,
-            heater_w, drive.terminal_power_w))
+        rates, slopes = rates_and_slopes(self._vehicle, self.mean, replace(
+            drive, heater_power_w=heater_w))
         step = np.zeros((*SHAPE, SIZE, SIZE))
         step[..., :2, :] = duration_s * slopes
         step[..., range(SIZE), range(SIZE)] += 1.0

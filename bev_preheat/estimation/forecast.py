@@ -32,7 +32,8 @@ def arrival_sensitivities(trip: Trip, plan: Plan) -> tuple[FloatArray, FloatArra
     states[:, SOC] = plan.soc[:-1]
     drive = DriveInputs(*(column[:, np.newaxis] for column in (
         route.speed_mps, route.ambient_temperature_c, route.propulsion_power_w,
-        trip.power_variance_w2, route.cabin_heating_power_w, route.auxiliary_power_w,
+        trip.power_variance_w2, route.propulsion_power_magnitude_w, route.cabin_heating_power_w,
+        route.auxiliary_power_w,
         plan.hvch_battery_power_w)))
     _, slopes = rates_and_slopes(trip.vehicle, states, drive)
     slopes = slopes[:, TEMPERATURE] * route.duration_s[:, np.newaxis]

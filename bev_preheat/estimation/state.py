@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.numerics.arithmetic import AnyNumber, ARRAYS
+from bev_preheat.numerics.folded_normal import mean_magnitude
 from bev_preheat.vehicle.corrections import corrected_vehicle, Corrections
 from bev_preheat.vehicle.model import make_rates
 
@@ -36,7 +37,8 @@ class DriveInputs:
     """
     What the car does in one step, floats or arrays: the inputs of the model before they are summed.
 
-    `propulsion_power_w` (mean) and `power_variance_w2` are the route's, cabin and auxiliaries too.
+    `propulsion_power_w` (mean), `power_variance_w2` and `propulsion_power_magnitude_w` (mean of
+    |P|) are the route's, cabin and auxiliaries too.
     `terminal_power_w` is what the battery was seen to give; None where only the route is known.
     `heater_power_w` is what the HVCH takes for the battery.
     """
@@ -45,6 +47,7 @@ class DriveInputs:
     ambient_temperature_c: AnyNumber
     propulsion_power_w: AnyNumber
     power_variance_w2: AnyNumber
+    propulsion_power_magnitude_w: AnyNumber
     cabin_heating_power_w: AnyNumber
     auxiliary_power_w: AnyNumber
     heater_power_w: AnyNumber
@@ -67,13 +70,14 @@ def state_rates(vehicle: Vehicle, state: FloatArray,
     if drive.terminal_power_w is None:
         propulsion_w = propulsion * drive.propulsion_power_w
         terminal_w, variance_w2 = propulsion_w + others_w, propulsion**2 * drive.power_variance_w2
+        magnitude_w = propulsion * drive.propulsion_power_magnitude_w
     else:
         terminal_w, variance_w2 = drive.terminal_power_w, drive.power_variance_w2
-        propulsion_w = terminal_w - others_w
+        magnitude_w = mean_magnitude(terminal_w - others_w, variance_w2)
     leakage_w_per_k = car.battery.leakage.coefficient_w_per_k(drive.speed_mps)
     heat_w = (car.hvch.efficiency * drive.heater_power_w
               + leakage_w_per_k * drive.ambient_temperature_c
-              + car.drivetrain.heat_to_battery_w(propulsion_w))
+              + car.drivetrain.heat_to_battery_w(magnitude_w))
     soc_rate, temperature_rate, _ = make_rates(car, ARRAYS)(
         state[..., SOC], state[..., TEMPERATURE], terminal_w, variance_w2, heat_w,
         leakage_w_per_k)

@@ -52,6 +52,7 @@ ROUTE_FIELDS = {
     'ambient_temperature_c': 'ambient_temperature',
     'cabin_heating_power_w': 'cabin_heating_power',
     'auxiliary_power_w': 'auxiliary_power',
+    'propulsion_power_magnitude_w': 'propulsion_power_magnitude',
 }
 # Fields of a BatteryState that are 0 or NaN where nobody filled in more than the percentage.
 EVIDENCE_OF_A_BATTERY = ('voltage', 'current', 'charge', 'capacity', 'design_capacity')

@@ -83,7 +83,7 @@ def make_trip(vehicle: Vehicle, route: Route, heater_share: float = 1.0) -> Trip
     """
     route = route.divided(_longest_steps_s(vehicle, route))
     leakage_w_per_k = vehicle.battery.leakage.coefficient_w_per_k(route.speed_mps)
-    drivetrain_heat_w = vehicle.drivetrain.heat_to_battery_w(route.propulsion_power_w)
+    drivetrain_heat_w = vehicle.drivetrain.heat_to_battery_w(route.propulsion_power_magnitude_w)
     return Trip(
         vehicle=vehicle,
         route=route,

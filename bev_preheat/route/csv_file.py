@@ -38,6 +38,7 @@ COLUMNS = {
     'ambient_temperature_c': Column('ambient_temperature_c'),
     **power_columns('cabin_heating_power_w'),
     **power_columns('auxiliary_power_w'),
+    **power_columns('propulsion_power_magnitude_w'),
 }
 # Units of the quantities that a file may hold in others.
 UNITS = {'duration_s': 's', 'speed_mps': 'm/s', LENGTH: 'm'} | {

@@ -89,7 +89,7 @@ def _make(description: dict[str, FileData], vehicle: Vehicle) -> LegsRoute:
     fine = _simulate(description, vehicle, legs, drive, segment_s)
     route = fine.resampled(segment_s)
     if not description.get('within_segment_variation', True):
-        route = replace(route, propulsion_power_rms_w=np.abs(route.propulsion_power_w))
+        route = route.without_variation()
     if 'propulsion_energy_wh' in description:
         route = _calibrated(route, vehicle, description['propulsion_energy_wh'], remarks)
     return LegsRoute(route, description['name'], tuple(remarks))
@@ -268,5 +268,4 @@ def _with_energy(route: Route, total_magnitude: float, net: float, remarks: list
         scales[chosen] = wanted_wh / energy_wh
         remarks.append(f'powers of {what} segments, {energy_wh:.1f} Wh, are scaled by '
                        f'{wanted_wh / energy_wh:.4f} to {wanted_wh:g} Wh')
-    return replace(route, propulsion_power_w=power_w * scales,
-                   propulsion_power_rms_w=route.propulsion_power_rms_w * scales)
+    return route.with_propulsion(scales)

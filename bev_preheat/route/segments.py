@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.errors import InvalidInput
+from bev_preheat.numerics.folded_normal import mean_magnitude
 
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray
@@ -29,12 +30,13 @@ LIMITS = {
     'ambient_temperature_c': (-60.0, 60.0),
     'cabin_heating_power_w': (0.0, 50e3),
     'auxiliary_power_w': (0.0, 50e3),
+    'propulsion_power_magnitude_w': (0.0, 2e6),
 }
 # Longest route [s] and most segments that are planned; more is refused.
 LONGEST_ROUTE_S = 24 * 3600.0
 MOST_SEGMENTS = 200_000
-# The root mean square may fall short of |mean| by rounding only.
-RMS_ROUNDING = 1e-6
+# The root mean square may fall short of the mean magnitude, and that of |mean|, by rounding only.
+POWER_ROUNDING = 1e-6
 
 
 @dataclass(frozen=True)
@@ -44,7 +46,8 @@ class Route:
 
     Powers are electrical: `propulsion_power_w` is the drivetrain's mean including its losses
     (negative = regeneration), `propulsion_power_rms_w` its root mean square within the segment,
-    `cabin_heating_power_w` what the HVCH spends on the cabin.
+    `propulsion_power_magnitude_w` the mean of its magnitude there, which is what heats the
+    drivetrain, `cabin_heating_power_w` what the HVCH spends on the cabin.
     """
 
     duration_s: FloatArray
@@ -54,6 +57,7 @@ class Route:
     ambient_temperature_c: FloatArray
     cabin_heating_power_w: FloatArray
     auxiliary_power_w: FloatArray
+    propulsion_power_magnitude_w: FloatArray
 
     def __len__(self) -> int:
         """Return the number of segments."""
@@ -68,10 +72,22 @@ class Route:
         """Return the index of the segment at an instant [s]; the first before, the last after it."""
         return int(np.searchsorted(self.time_s[1:-1], elapsed_s, side='right'))
 
-    def with_propulsion(self, factor: float) -> Route:
-        """Return the route with the propulsion power (mean and rms) times a factor."""
-        return replace(self, propulsion_power_w=factor * self.propulsion_power_w,
-                       propulsion_power_rms_w=abs(factor) * self.propulsion_power_rms_w)
+    def with_propulsion(self, factor: float | FloatArray) -> Route:
+        """
+        Return the route with the propulsion power times a factor: mean, rms and mean magnitude.
+
+        `factor` is one number, or one for each segment, shape (N,).
+        """
+        return replace(
+            self, propulsion_power_w=factor * self.propulsion_power_w,
+            propulsion_power_rms_w=np.abs(factor) * self.propulsion_power_rms_w,
+            propulsion_power_magnitude_w=np.abs(factor) * self.propulsion_power_magnitude_w)
+
+    def without_variation(self) -> Route:
+        """Return the route with a propulsion power that is constant within each segment."""
+        constant_w = np.abs(self.propulsion_power_w)
+        return replace(self, propulsion_power_rms_w=constant_w,
+                       propulsion_power_magnitude_w=constant_w)
 
     @property
     def total_duration_s(self) -> float:
@@ -149,8 +165,8 @@ class Route:
         """
         Return the route in steps of `step_s`, the last one shorter if need be.
 
-        Energy, mean square power, distance and duration are kept; a step's mean square holds what
-        varied between the segments in it too.
+        Energy, mean magnitude and mean square of the power, distance and duration are kept; the
+        mean square and the magnitude of a step hold what varied between the segments in it too.
         """
         if not 0.0 < step_s < np.inf:
             raise ValueError(f'step {step_s} s must be above 0 and finite')
@@ -173,6 +189,7 @@ class Route:
             speed_mps=mean(self.speed_mps),
             propulsion_power_w=power_w,
             propulsion_power_rms_w=np.sqrt(np.maximum(mean_square_w2, power_w**2)),
+            propulsion_power_magnitude_w=mean(self.propulsion_power_magnitude_w),
             ambient_temperature_c=mean(self.ambient_temperature_c),
             cabin_heating_power_w=mean(self.cabin_heating_power_w),
             auxiliary_power_w=mean(self.auxiliary_power_w))
@@ -184,10 +201,11 @@ def make_route(columns: Mapping[str, Sequence[float] | FloatArray | None],
     Check columns and return the Route they make.
 
     `columns` maps the fields of Route to arrays of N numbers or of 1 (the same in each segment).
-    `propulsion_power_rms_w`, `cabin_heating_power_w` and `auxiliary_power_w` may be None or empty:
-    |mean| and the vehicle's `defaults` (vehicle.description.Defaults) then hold; `defaults` may be
-    None where both powers are given. `names` maps fields to what the source calls them, for the
-    messages.
+    `propulsion_power_rms_w`, `propulsion_power_magnitude_w`, `cabin_heating_power_w` and
+    `auxiliary_power_w` may be None or empty: |mean|, the mean magnitude of a power that varies
+    normally with that mean and rms, and the vehicle's `defaults` (vehicle.description.Defaults)
+    then hold; `defaults` may be None where the last two are given. `names` maps fields to what the
+    source calls them, for the messages.
 
     Raises InvalidInput with one problem a field.
     """
@@ -203,7 +221,8 @@ def make_route(columns: Mapping[str, Sequence[float] | FloatArray | None],
             problems.append(f'{names.get(field, field)}{problem}')
         arrays[field] = array
 
-    optional = ('propulsion_power_rms_w', 'cabin_heating_power_w', 'auxiliary_power_w')
+    optional = ('propulsion_power_rms_w', 'propulsion_power_magnitude_w', 'cabin_heating_power_w',
+                'auxiliary_power_w')
     missing = [names.get(field, field) for field in LIMITS
                if field not in arrays and field not in optional]
     if missing:
@@ -220,25 +239,42 @@ def make_route(columns: Mapping[str, Sequence[float] | FloatArray | None],
         raise InvalidInput(problems)
 
     arrays = {field: np.broadcast_to(array, count) for field, array in arrays.items()}
-    arrays.setdefault('propulsion_power_rms_w', np.abs(arrays['propulsion_power_w']))
     for field in ('cabin_heating_power_w', 'auxiliary_power_w'):
         if field not in arrays:
             arrays[field] = np.full(count, getattr(defaults, field))
-    magnitude_w = np.abs(arrays['propulsion_power_w'])
-    short = arrays['propulsion_power_rms_w'] < magnitude_w * (1.0 - RMS_ROUNDING)
-    if short.any():
-        at = int(np.argmax(short))
-        raise InvalidInput(
-            f'{names.get("propulsion_power_rms_w", "propulsion_power_rms_w")}[{at}]: '
-            f'{arrays["propulsion_power_rms_w"][at]:g} is below the magnitude of the mean, '
-            f'{magnitude_w[at]:g}')
-    arrays['propulsion_power_rms_w'] = np.maximum(arrays['propulsion_power_rms_w'], magnitude_w)
+    _complete_powers(arrays, names)
     route = Route(**arrays)
     if route.total_duration_s > LONGEST_ROUTE_S:
         raise InvalidInput(f'{names.get("duration_s", "duration_s")}: the route lasts '
                            f'{route.total_duration_s:g} s; at most {LONGEST_ROUTE_S:g} s are '
                            'planned')
     return route
+
+
+def _complete_powers(arrays: dict[str, FloatArray], names: dict[str, str]) -> None:
+    """Put rms and mean magnitude of the power where they lack; |mean| <= magnitude <= rms."""
+    mean_w = np.abs(arrays['propulsion_power_w'])
+    rms_w = arrays.get('propulsion_power_rms_w', mean_w)
+    _check_order(rms_w, mean_w, 'propulsion_power_rms_w', 'the magnitude of the mean', names)
+    rms_w = arrays['propulsion_power_rms_w'] = np.maximum(rms_w, mean_w)
+    name = 'propulsion_power_magnitude_w'
+    if name in arrays:
+        magnitude_w = arrays[name]
+        _check_order(magnitude_w, mean_w, name, 'the magnitude of the mean', names)
+        _check_order(rms_w, magnitude_w, 'propulsion_power_rms_w', 'the mean magnitude', names)
+    else:
+        magnitude_w = mean_magnitude(arrays['propulsion_power_w'], rms_w**2 - mean_w**2)
+    arrays[name] = np.clip(magnitude_w, mean_w, rms_w)
+
+
+def _check_order(large_w: FloatArray, small_w: FloatArray, name: str, than: str,
+                 names: dict[str, str]) -> None:
+    """Raise InvalidInput where one power is below another by more than rounding."""
+    short = large_w < small_w * (1.0 - POWER_ROUNDING)
+    if short.any():
+        at = int(np.argmax(short))
+        raise InvalidInput(f'{names.get(name, name)}[{at}]: {large_w[at]:g} is below {than}, '
+                           f'{small_w[at]:g}')
 
 
 def problem_with_values(array: FloatArray, limits: tuple[float, float]) -> str | None:

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from bev_preheat.route.variation import vary
@@ -45,5 +45,4 @@ def true_route(route: Route, mismatch: Mismatch, random: np.random.Generator) ->
     """Return the Route as it is really driven: other propulsion power, same speed and times."""
     factor = vary(random, len(route), mismatch.propulsion_power,
                   mismatch.propulsion_power_variability)
-    return replace(route, propulsion_power_w=factor * route.propulsion_power_w,
-                   propulsion_power_rms_w=factor * route.propulsion_power_rms_w)
+    return route.with_propulsion(factor)

@@ -101,13 +101,13 @@ def _standing(route: Route, duration_s: float) -> Route:
     first = route.segments(0, 1)
     zero = np.zeros(1)
     return replace(first, duration_s=np.array([duration_s]), speed_mps=zero,
-                   propulsion_power_w=zero, propulsion_power_rms_w=zero)
+                   propulsion_power_w=zero, propulsion_power_rms_w=zero,
+                   propulsion_power_magnitude_w=zero)
 
 
 def _at_pace(route: Route, factor: float) -> Route:
-    return replace(route, duration_s=factor * route.duration_s, speed_mps=route.speed_mps / factor,
-                   propulsion_power_w=route.propulsion_power_w / factor**2,
-                   propulsion_power_rms_w=route.propulsion_power_rms_w / factor**2)
+    return replace(route.with_propulsion(1.0 / factor**2), duration_s=factor * route.duration_s,
+                   speed_mps=route.speed_mps / factor)
 
 
 @dataclass(frozen=True)

@@ -53,6 +53,7 @@ def _planned_between(vehicle: Vehicle, mission: Mission | None, from_ns: int,
         ambient_temperature_c=float(route.ambient_temperature_c[at]),
         propulsion_power_w=power_w,
         power_variance_w2=max(rms_w**2 - power_w**2, 0.0),
+        propulsion_power_magnitude_w=float(route.propulsion_power_magnitude_w[at]),
         cabin_heating_power_w=cabin_w,
         auxiliary_power_w=float(route.auxiliary_power_w[at]),
         heater_power_w=0.0)

@@ -69,14 +69,15 @@ class Drivetrain:
         """Part of the magnitude of the propulsion power that reaches the battery as heat."""
         return self.heat_recovery_efficiency * (1.0 - self.efficiency)
 
-    def heat_to_battery_w(self, propulsion_power_w: Number) -> Number:
+    def heat_to_battery_w(self, propulsion_power_magnitude_w: Number) -> Number:
         """
-        Q_ed of eq. (5) [W]; shape follows the input.
+        Q_ed of eq. (5) [W] for the mean magnitude of the propulsion power; shape of the input.
 
         The paper's equation is signed, so that braking would cool the battery; a loss is positive
-        both ways, so the magnitude is taken.
+        both ways, so the magnitude is taken. Where the power changes its sign within a step, the
+        mean of the magnitude is more than the magnitude of the mean.
         """
-        return self.heat_share * abs(propulsion_power_w)
+        return self.heat_share * propulsion_power_magnitude_w
 
 
 @dataclass(frozen=True)

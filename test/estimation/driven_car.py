@@ -31,7 +31,7 @@ class Course:
         if not self.known:
             return None, 0.0
         return DriveInputs(
-            SPEED_MPS, AMBIENT_C, PROPULSION_W, 0.0, CABIN_W, AUXILIARY_W, 0.0), LIMIT_W
+            SPEED_MPS, AMBIENT_C, PROPULSION_W, 0.0, abs(PROPULSION_W), CABIN_W, AUXILIARY_W, 0.0), LIMIT_W
 
 
 class Commands:
@@ -97,7 +97,7 @@ class DrivenCar:
             terminal_w = propulsion_w + CABIN_W + AUXILIARY_W + heater_w
             gamma = self._car.battery.leakage.coefficient_w_per_k(SPEED_MPS)
             heat_w = (self._car.hvch.efficiency * heater_w + gamma * AMBIENT_C
-                      + self._car.drivetrain.heat_to_battery_w(propulsion_w))
+                      + self._car.drivetrain.heat_to_battery_w(abs(propulsion_w)))
             soc_rate, temperature_rate, _ = self._rates(
                 self.soc, self.temperature_c, terminal_w, 0.0, heat_w, gamma)
             self.soc += soc_rate

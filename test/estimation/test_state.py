@@ -2,10 +2,11 @@
 """The rates of the estimated state against the model that plans, and their slopes."""
 
 from dataclasses import replace
-from math import exp
+from math import exp, sqrt
 
 import numpy as np
 import pytest
+from scipy.stats import foldnorm
 
 from bev_preheat.estimation.state import DriveInputs, rates_and_slopes, SIZE, state_rates
 from bev_preheat.numerics.arithmetic import FLOATS
@@ -16,7 +17,8 @@ VEHICLES = {name: load_vehicle(name) for name in ('reference', 'small_car')}
 STATE = np.array([3.7, 0.63, 0.08, -0.15, 0.11, -0.04, 0.07])
 DRIVE = DriveInputs(
     speed_mps=23.0, ambient_temperature_c=-11.0, propulsion_power_w=17e3, power_variance_w2=4e7,
-    cabin_heating_power_w=1300.0, auxiliary_power_w=450.0, heater_power_w=3100.0)
+    propulsion_power_magnitude_w=17.7e3, cabin_heating_power_w=1300.0, auxiliary_power_w=450.0,
+    heater_power_w=3100.0)
 
 
 def by_hand(vehicle, state, drive):
@@ -27,16 +29,19 @@ def by_hand(vehicle, state, drive):
     terminal_w = propulsion_w + (drive.cabin_heating_power_w + drive.auxiliary_power_w
                                  + drive.heater_power_w)
     variance_w2 = exp(propulsion)**2 * drive.power_variance_w2
+    magnitude_w = exp(propulsion) * drive.propulsion_power_magnitude_w
     if drive.terminal_power_w is not None:
         terminal_w, variance_w2 = drive.terminal_power_w, drive.power_variance_w2
         propulsion_w = terminal_w - (drive.cabin_heating_power_w + drive.auxiliary_power_w
                                      + drive.heater_power_w)
+        deviation_w = sqrt(variance_w2)
+        magnitude_w = foldnorm(abs(propulsion_w) / deviation_w, scale=deviation_w).mean()
     gamma = exp(leakage) * (battery.leakage.gamma_0_w_per_k
                             + battery.leakage.gamma_v_w_per_k_per_mps * drive.speed_mps)
     heat_w = (exp(heater) * vehicle.hvch.efficiency * drive.heater_power_w
               + gamma * (drive.ambient_temperature_c - temperature_c)
               + vehicle.drivetrain.heat_recovery_efficiency
-              * (1.0 - vehicle.drivetrain.efficiency) * abs(propulsion_w))
+              * (1.0 - vehicle.drivetrain.efficiency) * magnitude_w)
 
     class Scaled:
         def function(self, arithmetic):

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 from sensor_msgs.msg import BatteryState as BatteryStateMessage
+from varying_power import magnitude_w
 
 from bev_preheat.errors import InvalidInput
 from bev_preheat.nodes.convert import (
@@ -62,6 +63,7 @@ def route_message(stamp=STAMP, **fields):
         'speed': [11.0, 12.0, 13.0], 'propulsion_power': [1e3, -2e3, 3e3],
         'propulsion_power_rms': [1.5e3, 2.5e3, 3.5e3], 'ambient_temperature': [-4.0, -5.0, -6.0],
         'cabin_heating_power': [710.0, 720.0, 730.0], 'auxiliary_power': [310.0, 320.0, 330.0],
+        'propulsion_power_magnitude': [1.2e3, 2.2e3, 3.2e3],
         'charging_planned': True, 'target_battery_temperature': 27.0, 'minimum_arrival_soc': 0.15,
         **fields})
     message.header.stamp = stamp
@@ -146,7 +148,7 @@ LIMITS_TEXT = {
     'segment_duration': '0.001 ... 86400', 'speed': '0 ... 100',
     'propulsion_power': '-2e+06 ... 2e+06', 'propulsion_power_rms': '0 ... 2e+06',
     'ambient_temperature': '-60 ... 60', 'cabin_heating_power': '0 ... 50000',
-    'auxiliary_power': '0 ... 50000'}
+    'auxiliary_power': '0 ... 50000', 'propulsion_power_magnitude': '0 ... 2e+06'}
 
 
 @pytest.mark.parametrize('value, text', [(nan, 'nan'), (inf, 'inf'), (-inf, '-inf')])
@@ -226,8 +228,8 @@ def test_too_many_segments_are_refused_before_they_are_looked_at(name):
 
 def test_as_many_segments_as_are_planned_are_accepted():
     route = convert_leg(segment_duration=array('d', [0.01]) * 200_000, **{
-        name: [5.0 if name == 'propulsion_power_rms' else 1.0] for name in ARRAYS
-        if name != 'segment_duration'}).route
+        name: [{'propulsion_power_rms': 5.0, 'propulsion_power_magnitude': 4.0}.get(name, 1.0)]
+        for name in ARRAYS if name != 'segment_duration'}).route
     assert route.total_duration_s == pytest.approx(2000.0)
 
 
@@ -311,9 +313,12 @@ def test_each_array_goes_to_its_field(field, name):
 
 @pytest.mark.parametrize('name', [name for name in ARRAYS if name != 'segment_duration'])
 def test_an_array_of_one_holds_in_every_segment(name):
-    value = 4e3 if name == 'propulsion_power_rms' else 7.0
+    value = {'propulsion_power_rms': 4e3, 'propulsion_power_magnitude': 3.3e3}.get(name, 7.0)
     field = next(field for field, other in ROUTE_FIELDS.items() if other == name)
-    rest = {'propulsion_power_rms': [8e3]} if name == 'propulsion_power' else {}
+    # What varies in the route is constant in some of these.
+    rest = {} if name == 'propulsion_power_magnitude' else {'propulsion_power_magnitude': []}
+    if name in ('propulsion_power', 'propulsion_power_magnitude'):
+        rest['propulsion_power_rms'] = [8e3]
     route = convert_leg(step_s=10.0, **rest, **{name: [value]}).route
     assert getattr(route, field).tolist() == pytest.approx([value] * 6)
 
@@ -326,9 +331,12 @@ def test_a_single_duration_holds_in_every_segment():
     ('cabin_heating_power', 'cabin_heating_power_w', [1111.0] * 6),
     ('auxiliary_power', 'auxiliary_power_w', [222.0] * 6),
     ('propulsion_power_rms', 'propulsion_power_rms_w', [1e3, 2e3, 2e3, 3e3, 3e3, 3e3]),
+    ('propulsion_power_magnitude', 'propulsion_power_magnitude_w', [
+        magnitude_w(*powers) for powers in ((1e3, 1.5e3), *[(-2e3, 2.5e3)] * 2,
+                                            *[(3e3, 3.5e3)] * 3)]),
 ])
 def test_an_empty_optional_array_takes_its_default(name, field, expected):
-    route = convert_leg(step_s=10.0, **{name: []}).route
+    route = convert_leg(step_s=10.0, **{'propulsion_power_magnitude': [], name: []}).route
     assert getattr(route, field).tolist() == pytest.approx(expected)
 
 
@@ -340,7 +348,8 @@ def test_steps_keep_what_a_route_sums_up_to(name, step_s):
     powers_w = [seeded.uniform(-9e3, 50e3) for _ in range(50)]
     values = {
         'segment_duration': durations_s, 'propulsion_power': powers_w,
-        'propulsion_power_rms': [abs(power) + seeded.uniform(0.0, 5e3) for power in powers_w],
+        'propulsion_power_magnitude': [abs(power) + seeded.uniform(0.0, 2e3) for power in powers_w],
+        'propulsion_power_rms': [abs(power) + seeded.uniform(2e3, 5e3) for power in powers_w],
         **{other: [seeded.uniform(0.0, 50.0) for _ in range(50)] for other in (
             'speed', 'ambient_temperature', 'cabin_heating_power', 'auxiliary_power')}}
     route = convert_leg(step_s=step_s, **values).route

@@ -67,7 +67,7 @@ class Car:
         drive = self.vehicle.drivetrain
         # The brake takes what would be regenerated through the drivetrain.
         drivetrain_w = drive.heat_recovery_efficiency * (1.0 - drive.efficiency) * (
-            abs(segment['propulsion_power_w']) - brake_w)
+            segment['propulsion_power_magnitude_w'] - brake_w)
         heat_w = (self.vehicle.hvch.efficiency * heater_w + drivetrain_w + joule_w
                   + gamma * (segment['ambient_temperature_c'] - temperature_c))
         return joule_w, heat_w, terminal_w + joule_w, current_a + ripple_w / u
@@ -250,8 +250,11 @@ def test_power_limits_hold_at_the_start_of_each_step(trip):
 @pytest.mark.parametrize('name', UNLIMITED)
 def test_energy_is_that_of_the_best_switching_instant(name):
     _, energy_wh = cheapest_switch_of(name)
-    # A continuous drive may switch within a step, and has no integration error.
-    assert solution_of(name).plan.energy_wh.battery_total == pytest.approx(energy_wh, abs=0.1)
+    vehicle, route, state, goal = TRIPS[name]
+    # A continuous drive may switch within a step, which the program only can to within 10 s here,
+    # and has no integration error.
+    plan = solve_optimum(vehicle, route.divided(10.0), state, goal).plan
+    assert plan.energy_wh.battery_total == pytest.approx(energy_wh, abs=0.02)
 
 
 @pytest.mark.parametrize('name', UNLIMITED)
@@ -430,7 +433,9 @@ def test_a_trip_that_the_charge_does_not_carry_is_not_given_to_the_solver():
     assert (optimum.plan.status, optimum.plan.soc.min(), optimum.plan.energy_wh.hvch_electric) == (
         Status.OUT_OF_CHARGE, 0.0, 0.0)
     minutes, seconds = divmod(round(optimum.plan.stranding.at_s), 60)
-    assert f'{minutes}:{seconds:02d} min' in optimum.plan.explanation
+    instant = (f'{minutes}:{seconds:02d} min' if minutes < 60 else
+               f'{minutes // 60}:{minutes % 60:02d}:{seconds:02d} h')
+    assert f'empty in {instant}' in optimum.plan.explanation
     assert optimum.infeasible == (
         f'charge: {optimum.plan.stranding.lacking_wh / 1e3:.2f} kWh are lacking to arrive; the '
         f'battery is empty at {optimum.plan.stranding.at_s:.0f} s',)

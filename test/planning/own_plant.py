@@ -91,9 +91,9 @@ class OwnPlant:
         soc, temperature_c, lowest_soc = state.soc, state.temperature_c, state.soc
         lacking_w, now_s = 0.0, 0.0
         columns = (route.duration_s, route.speed_mps, route.propulsion_power_w,
-                   route.propulsion_power_rms_w, route.ambient_temperature_c,
+                   route.propulsion_power_rms_w, route.propulsion_power_magnitude_w, route.ambient_temperature_c,
                    route.cabin_heating_power_w + route.auxiliary_power_w, heater_w)
-        for duration_s, speed, drive_w, rms_w, ambient_c, others_w, heat_w in zip(
+        for duration_s, speed, drive_w, rms_w, magnitude_w, ambient_c, others_w, heat_w in zip(
                 *(column.tolist() for column in columns)):
             leakage = (self._leakage['gamma_0_w_per_k']
                        + self._leakage['gamma_v_w_per_k_per_mps'] * speed)
@@ -113,7 +113,7 @@ class OwnPlant:
                 soc -= (current_a + ripple_w / u) / self._charge_as * step_s
                 temperature_c += step_s / self._heat_capacity * (
                     self._heater_efficiency * heat_w + leakage * (ambient_c - temperature_c)
-                    + r * current_a**2 + ripple_w + self._heat_share * (abs(drive_w) - brake_w))
+                    + r * current_a**2 + ripple_w + self._heat_share * (magnitude_w - brake_w))
                 now_s += step_s
                 lowest_soc = min(lowest_soc, soc)
                 if soc <= 0.0:

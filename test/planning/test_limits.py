@@ -7,6 +7,7 @@ from hypothesis import assume, example, given
 from hypothesis import strategies as st
 import numpy as np
 import pytest
+from varying_power import magnitude_w
 
 from bev_preheat.numerics.arithmetic import ARRAYS, FLOATS
 from bev_preheat.planning.dynamics import keep_accounts, run_forward
@@ -314,7 +315,8 @@ def test_energy_balance_closes_with_the_brake(segments, state):
 @given(segments=SEGMENTS, state=STATES)
 def test_what_the_brake_takes_makes_no_heat_in_the_drivetrain(segments, state):
     trip, _, schedule = drawn_run(segments, state)
-    driven_w = np.abs(trip.route.propulsion_power_w) - schedule.brake_power_w
+    driven_w = np.array([magnitude_w(*powers) for powers in zip(
+        trip.route.propulsion_power_w, trip.route.propulsion_power_rms_w)]) - schedule.brake_power_w
     assert keep_accounts(trip, schedule).energy_wh.drivetrain_heat == pytest.approx(
         0.08 * trip.route.duration_s @ driven_w / 3600.0, rel=1e-9, abs=1e-9)
 

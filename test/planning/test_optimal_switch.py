@@ -8,6 +8,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 import numpy as np
 import pytest
+from varying_power import spread_magnitude_w
 
 from bev_preheat.planning.optimal_switch import plan_optimal_switch
 from bev_preheat.planning.planner import plan_preheating
@@ -51,7 +52,8 @@ def change(segment, soc, t, heater_w):
     u, r = 361.0 + 72.0 * soc + 13.0 * soc**3, 4.4 / (t + 46.0)
     ripple_w = r * segment['spread_w']**2 / u**2
     current_a = (u - math.sqrt(u**2 - 4.0 * r * terminal_w)) / (2.0 * r)
-    heat_w = (0.86 * heater_w + 0.7 * (1.0 - 0.91) * abs(power_w) + r * current_a**2 + ripple_w
+    heat_w = (0.86 * heater_w + 0.7 * (1.0 - 0.91) * spread_magnitude_w(power_w, segment['spread_w'])
+              + r * current_a**2 + ripple_w
               + (31.0 + 0.6 * segment['speed_mps']) * (segment['ambient_temperature_c'] - t))
     return np.array([-(current_a + ripple_w / u) / (3600.0 * 190.0), heat_w / 371000.0])
 

@@ -271,7 +271,7 @@ def test_a_single_switch_that_misses_its_target_when_driven_is_not_waiting():
     assert driven.heating_start_s > 600.0
     assert driven.arrival_temperature_c < 24.5
     assert driven.status is Status.TARGET_UNREACHABLE
-    assert driven.explanation.startswith('Heating from 49:00 min on is not enough: ')
+    assert driven.explanation.startswith('Heating from 49:30 min on is not enough: ')
 
 
 # Inputs at the edge of what is allowed

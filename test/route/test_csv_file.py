@@ -19,6 +19,7 @@ DEFAULTS = Defaults(cabin_heating_power_w=1111.0, auxiliary_power_w=222.0,
                     target_battery_temperature_c=21.0)
 HEADER = ('duration_s,speed_mps,propulsion_power_w,propulsion_power_rms_w,ambient_temperature_c,'
           'cabin_heating_power_w,auxiliary_power_w')
+ALL = f'{HEADER},propulsion_power_magnitude_w'
 SEGMENT = st.tuples(
     st.floats(1e-3, 400.0), st.floats(0.0, 100.0), st.floats(-2e6, 1.9e6), st.floats(0.0, 1e4),
     st.floats(-60.0, 60.0), st.floats(0.0, 5e4), st.floats(0.0, 5e4))
@@ -60,11 +61,12 @@ def test_what_is_saved_is_loaded_bit_for_bit(rows):
 def test_the_file_has_the_columns_of_the_contract(tmp_path):
     route = make_route({
         'duration_s': [30.0, 12.5], 'speed_mps': [10.0], 'propulsion_power_w': [-5e3, 0.125],
-        'propulsion_power_rms_w': [6e3], 'ambient_temperature_c': [-7.0]}, DEFAULTS)
+        'propulsion_power_rms_w': [6e3], 'ambient_temperature_c': [-7.0],
+        'propulsion_power_magnitude_w': [5.5e3]}, DEFAULTS)
     save_route(tmp_path / 'trip.csv', route, ['first', 'second'])
     assert (tmp_path / 'trip.csv').read_text(encoding='utf-8') == (
-        f'# first\n# second\n{HEADER}\n'
-        '30,10,-5000,6000,-7,1111,222\n12.5,10,0.125,6000,-7,1111,222\n')
+        f'# first\n# second\n{ALL}\n'
+        '30,10,-5000,6000,-7,1111,222,5500\n12.5,10,0.125,6000,-7,1111,222,5500\n')
 
 
 def test_columns_are_found_by_name_and_optional_ones_may_be_missing(tmp_path):
@@ -144,7 +146,7 @@ def test_rows_of_another_length_are_refused(tmp_path):
      'known: duration_s, duration_min, length_m, length_km, speed_mps, speed_kmh, '
      'propulsion_power_w, propulsion_power_kw, propulsion_power_rms_w, propulsion_power_rms_kw, '
      'ambient_temperature_c, cabin_heating_power_w, cabin_heating_power_kw, auxiliary_power_w, '
-     'auxiliary_power_kw'),
+     'auxiliary_power_kw, propulsion_power_magnitude_w, propulsion_power_magnitude_kw'),
     (f'{HEADER},speed_mps', 'column speed_mps is named more than once'),
     (f'{HEADER},speed_kmh', 'columns speed_mps and speed_kmh hold the same quantity; keep one of '
      'them'),
@@ -163,7 +165,7 @@ def test_a_route_without_segments_is_refused(tmp_path):
 
 def test_an_empty_file_is_refused(tmp_path):
     assert problems_with(tmp_path, '# nothing\n') == [
-        f': is empty; its first line must name the columns: {HEADER.replace(",", ", ")}']
+        f': is empty; its first line must name the columns: {ALL.replace(",", ", ")}']
 
 
 def test_a_file_that_is_no_text_is_refused(tmp_path):

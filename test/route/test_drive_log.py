@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Drive logs: means, root mean squares, gaps and faults, on small logs made here."""
 
-from dataclasses import fields
+from dataclasses import fields, replace
 import os
 from pathlib import Path
 
@@ -9,9 +9,13 @@ import numpy as np
 import pytest
 
 from bev_preheat.errors import InvalidInput
+from bev_preheat.planning.dynamics import run_forward
+from bev_preheat.planning.trip import make_trip
 from bev_preheat.route.drive_log import load_drive_logs
-from bev_preheat.route.segments import Route
+from bev_preheat.route.segments import make_route, Route
+from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.description import Defaults
+from bev_preheat.vehicle.model import make_runge_kutta_4
 
 DEFAULTS = Defaults(cabin_heating_power_w=1111.0, auxiliary_power_w=222.0,
                     target_battery_temperature_c=21.0)
@@ -301,9 +305,12 @@ def measured_logs():
     return sorted(folder.glob('Trip*.csv'))
 
 
-@pytest.mark.skipif(not measured_logs(), reason=(
+needs_measured_logs = pytest.mark.skipif(not measured_logs(), reason=(
     'needs the measured winter drives of a BMW i3 (TU Munich, doi 10.21227/6jr9-5235) in the '
     'folder BEV_PREHEAT_DRIVE_LOGS'))
+
+
+@needs_measured_logs
 def test_measured_drives():
     for path in measured_logs():
         made = load_drive_logs([path], DEFAULTS)
@@ -320,3 +327,27 @@ def test_measured_drives():
         # A third or more of the mean square is variation that the means do not show.
         assert (route.propulsion_power_rms_w**2 @ route.duration_s
                 > 1.5 * route.propulsion_power_w**2 @ route.duration_s)
+
+
+@needs_measured_logs
+def test_a_measured_hour_in_steps_of_half_a_minute_warms_as_it_was_driven():
+    """At the paper's share of the drivetrain's heat, against the model driven second by second."""
+    car = load_vehicle('small_car')
+    car = replace(car, drivetrain=replace(
+        car.drivetrain, efficiency=0.9, heat_recovery_efficiency=0.8))
+
+    def arrival_c(route):
+        trip = make_trip(car, route)
+        return run_forward(car, make_runge_kutta_4, 0.9, 0.0, trip.inputs())[1][-1]
+
+    hour = measured_logs()[:3]
+    driven = load_drive_logs(hour, car.defaults, 1.0).route
+    planned = load_drive_logs(hour, car.defaults, 30.0).route
+    unknown = make_route({**vars(planned), 'propulsion_power_magnitude_w': None}, None)
+    assert driven.total_duration_s > 3600.0
+    driven_c = arrival_c(driven)
+    assert arrival_c(planned) == pytest.approx(driven_c, abs=0.5)
+    assert arrival_c(unknown) == pytest.approx(driven_c, abs=0.5)
+    # From the magnitude of the mean alone it would not be.
+    still = replace(planned, propulsion_power_magnitude_w=np.abs(planned.propulsion_power_w))
+    assert arrival_c(still) < driven_c - 1.5

@@ -7,6 +7,7 @@ from hypothesis import assume, example, given
 from hypothesis import strategies as st
 import numpy as np
 import pytest
+from varying_power import magnitude_w
 
 from bev_preheat.errors import InvalidInput
 from bev_preheat.route.segments import LIMITS, make_route, MOST_SEGMENTS, Route
@@ -38,20 +39,22 @@ def integrals(route, start_s=0.0, end_s=np.inf):
     """
     Integrals over a stretch of time, segment by segment: the reference of the tests below.
 
-    Duration, distance, energy, mean square, ambient temperature, cabin and auxiliary energy.
+    Duration, distance, energy, mean square, ambient temperature, cabin and auxiliary energy, mean
+    magnitude.
     """
-    total, at_s = np.zeros(7), 0.0
-    for duration, speed, mean, rms, ambient, cabin, auxiliary in zip(
+    total, at_s = np.zeros(8), 0.0
+    for duration, speed, mean, rms, ambient, cabin, auxiliary, magnitude in zip(
             *(getattr(route, field.name) for field in fields(Route))):
         inside_s = max(0.0, min(end_s, at_s + duration) - max(start_s, at_s))
-        total += inside_s * np.array([1.0, speed, mean, rms**2, ambient, cabin, auxiliary])
+        total += inside_s * np.array([1.0, speed, mean, rms**2, ambient, cabin, auxiliary,
+                                       magnitude])
         at_s += duration
     return total
 
 
 def tolerance(route):
     """Rounding of the integrals, from their magnitudes."""
-    largest = np.array([1.0, 50.0, 1.5e5, 4e10, 30.0, 6e3, 3e3])
+    largest = np.array([1.0, 50.0, 1.5e5, 4e10, 30.0, 6e3, 3e3, 2e5])
     return 1e-11 * (1.0 + route.total_duration_s) * largest
 
 
@@ -155,6 +158,8 @@ def test_a_step_holds_what_varies_between_the_segments_in_it():
     assert step.propulsion_power_w == pytest.approx([6e3])
     assert step.propulsion_power_rms_w == pytest.approx([1e3 * np.sqrt(324.0)])
     assert step.propulsion_power_variance_w2 == pytest.approx([(324.0 - 36.0) * 1e6])
+    # (10 * 30 + 20 * 6) / 30 kW: more than the magnitude of the mean.
+    assert step.propulsion_power_magnitude_w == pytest.approx([14e3])
     assert step.speed_mps == pytest.approx([5.0])
     assert step.ambient_temperature_c == pytest.approx([-2.0])
 
@@ -186,6 +191,7 @@ def columns(**changes):
         'ambient_temperature_c': [-7.0, -8.0, -9.0],
         'cabin_heating_power_w': [1500.0, 1600.0, 1700.0],
         'auxiliary_power_w': [300.0, 400.0, 500.0],
+        'propulsion_power_magnitude_w': [5.5e3, 4.5e3, 3.5e3],
     }
     valid.update(changes)
     return {name: values for name, values in valid.items() if values is not None}
@@ -212,7 +218,8 @@ def test_one_value_holds_in_each_segment():
 @pytest.mark.parametrize('missing', [None, []])
 def test_defaults_hold_where_optional_columns_say_nothing(missing):
     route = make_route(columns(propulsion_power_rms_w=missing, cabin_heating_power_w=missing,
-                               auxiliary_power_w=missing), DEFAULTS)
+                               auxiliary_power_w=missing,
+                               propulsion_power_magnitude_w=missing), DEFAULTS)
     assert route.propulsion_power_rms_w.tolist() == [5e3, 4e3, 3e3]
     assert route.cabin_heating_power_w.tolist() == [1111.0] * 3
     assert route.auxiliary_power_w.tolist() == [222.0] * 3
@@ -270,13 +277,28 @@ def test_root_mean_square_below_the_mean_is_refused():
 
 
 def test_root_mean_square_below_the_mean_by_rounding_is_lifted():
-    route = make_route(columns(propulsion_power_rms_w=[6e3, 4e3 * (1.0 - 1e-9), 4e3]), DEFAULTS)
+    route = make_route(columns(propulsion_power_rms_w=[6e3, 4e3 * (1.0 - 1e-9), 4e3],
+                               propulsion_power_magnitude_w=None), DEFAULTS)
     assert route.propulsion_power_rms_w[1] == 4e3
+
+
+@pytest.mark.parametrize('magnitude_w, problem', [
+    ([5.5e3, 3.9e3, 3.5e3], 'propulsion_power_magnitude_w[1]: 3900 is below the magnitude of the mean, 4000'),
+    ([5.5e3, 4.5e3, 4.1e3], 'propulsion_power_rms_w[2]: 4000 is below the mean magnitude, 4100')])
+def test_a_mean_magnitude_that_cannot_be_is_refused(magnitude_w, problem):
+    assert problems_with(propulsion_power_magnitude_w=magnitude_w) == [problem]
+
+
+def test_a_mean_magnitude_that_is_not_given_is_that_of_a_normal_power():
+    route = make_route(columns(propulsion_power_magnitude_w=None), DEFAULTS)
+    assert route.propulsion_power_magnitude_w.tolist() == pytest.approx(
+        [magnitude_w(5e3, 6e3), magnitude_w(-4e3, 5e3), magnitude_w(3e3, 4e3)], rel=1e-12)
 
 
 def test_too_many_segments_are_refused():
     assert problems_with(duration_s=np.full(MOST_SEGMENTS + 1, 0.1), speed_mps=[1.0],
                          propulsion_power_w=[1.0], propulsion_power_rms_w=None,
+                         propulsion_power_magnitude_w=None,
                          ambient_temperature_c=[1.0], cabin_heating_power_w=None,
                          auxiliary_power_w=None) == [
         'has 200001 segments; at most 200000 are planned']

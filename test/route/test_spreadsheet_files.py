@@ -171,7 +171,8 @@ def test_one_clear_number_decides_for_the_others(tmp_path):
 
 
 ROUTE_COLUMNS = ('duration_s, speed_mps, propulsion_power_w, propulsion_power_rms_w, '
-                 'ambient_temperature_c, cabin_heating_power_w, auxiliary_power_w')
+                 'ambient_temperature_c, cabin_heating_power_w, auxiliary_power_w, '
+                 'propulsion_power_magnitude_w')
 
 
 @pytest.mark.parametrize('header, problem', [

@@ -5,6 +5,7 @@ from dataclasses import replace
 import math
 
 import pytest
+from varying_power import magnitude_w
 
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.route import make_route
@@ -85,7 +86,8 @@ def test_heat_balance_closes():
 def test_heat_sources_are_those_of_the_route():
     plant = winter_plant()
     plant.advance(plant.duration_s, 0.0)
-    magnitude_ws = 18e3 * 31.0 + 7e3 * 47.5 + 42e3 * 60.0
+    magnitude_ws = (magnitude_w(18e3, 24e3) * 31.0 + magnitude_w(-7e3, 9e3) * 47.5
+                    + 42e3 * 60.0)
     assert plant.energy_wh.drivetrain_heat == pytest.approx(0.6 * 0.12 * magnitude_ws / 3600.0)
     assert plant.energy_wh.hvch_heat == plant.energy_wh.hvch_electric == 0.0
 

@@ -1,0 +1,34 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The mean magnitude of what varies about a mean."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from bev_preheat.numerics.arrays import FloatArray
+
+_erf = np.vectorize(math.erf, otypes=[float])
+# A mean that is so many deviations from 0 changes its sign too seldom to matter.
+CERTAIN_DEVIATIONS = 9.0
+
+
+def mean_magnitude(mean: FloatArray | float, variance: FloatArray | float) -> FloatArray:
+    """
+    Return the mean of |x|, where x is normal with a mean and a variance; shape of the two together.
+
+    That is the mean of the folded normal distribution (Leone, Nelson, Nottingham, Technometrics
+    3(4), 1961): between |mean| and the root of mean^2 + variance; |mean| where nothing varies.
+    """
+    magnitude = np.abs(mean)
+    varies = np.asarray(variance > np.square(magnitude / CERTAIN_DEVIATIONS))
+    if not varies.any():
+        return np.broadcast_to(magnitude, varies.shape)
+    deviation = np.sqrt(np.where(varies, variance, 1.0))
+    standard = np.minimum(magnitude / (math.sqrt(2.0) * deviation), CERTAIN_DEVIATIONS)
+    return np.where(
+        varies, math.sqrt(2.0 / math.pi) * deviation * np.exp(-np.square(standard))
+        + magnitude * _erf(standard), magnitude)
