@@ -46,8 +46,8 @@ def integrals(route, start_s=0.0, end_s=np.inf):
     for duration, speed, mean, rms, ambient, cabin, auxiliary, magnitude in zip(
             *(getattr(route, field.name) for field in fields(Route))):
         inside_s = max(0.0, min(end_s, at_s + duration) - max(start_s, at_s))
-        total += inside_s * np.array([1.0, speed, mean, rms**2, ambient, cabin, auxiliary,
-                                       magnitude])
+        total += inside_s * np.array(
+            [1.0, speed, mean, rms**2, ambient, cabin, auxiliary, magnitude])
         at_s += duration
     return total
 
