@@ -515,11 +515,11 @@ def test_compares_what_the_planner_says_where_its_situation_is_known(alone):
     plans = alone.bench.publisher(PreheatPlan, '/alone/preheat_plan', LATCHED)
     plans.wait_for_subscription(2)
     stamp_ns = alone.now_ns()
-    route = route_plan(stamp_ns, 'told', 90, target_battery_temperature=2.5)
+    route = route_plan(stamp_ns, 'told', 90, target_battery_temperature=2.6)
     plan = PreheatPlan(
         route_id='told', method='oracle', time=[0.0, 30.0, 60.0, 90.0],
         battery_temperature=[TEMPERATURE_C] * 4, soc=[SOC] * 4,
-        target_battery_temperature=2.5, battery_energy=12345.0,
+        target_battery_temperature=2.6, battery_energy=12345.0,
         predicted_arrival_temperature=3.75, heating_planned=True,
         heating_start=time_message(stamp_ns + 7))
     plan.header.stamp = time_message(stamp_ns)
@@ -533,7 +533,7 @@ def test_compares_what_the_planner_says_where_its_situation_is_known(alone):
     assert report.energy_gap == 12345.0 - report.optimal_energy
     assert report.plan_arrival_temperature == 3.75
     assert nanoseconds(report.plan_heating_start) == stamp_ns + 7
-    assert report.optimal_arrival_temperature == pytest.approx(2.5, abs=1e-3)
+    assert report.optimal_arrival_temperature == pytest.approx(2.6, abs=1e-3)
 
 
 # What goes wrong
