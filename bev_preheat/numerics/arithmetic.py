@@ -45,6 +45,7 @@ class Arithmetic(Generic[Number]):
 
     root: Callable[[Number], Number]
     log: Callable[[Number], Number]
+    exp: Callable[[Number], Number]
     maximum: Callable[[Number, Number | float], Number]
     minimum: Callable[[Number, Number | float], Number]
     opaque: Callable[[CurveFunction[float]], CurveFunction[Number]] | None = None
@@ -56,11 +57,11 @@ def _saturating_root(value: float) -> float:
 
 
 # The fast one: a negative discriminant raises ValueError, which costs nothing where it is not.
-FLOATS: Arithmetic[float] = Arithmetic(math.sqrt, math.log, max, min)
+FLOATS: Arithmetic[float] = Arithmetic(math.sqrt, math.log, math.exp, max, min)
 # The same for steps in which the battery cannot deliver the power: the current stays at U_oc/(2 R).
 # An empty battery is driven on with it, too, until the step is cut where the charge runs out.
 SATURATING_FLOATS: Arithmetic[float] = Arithmetic(
-    _saturating_root, math.log, max, min, share=lambda value: min(max(value, 0.0), 1.0))
+    _saturating_root, math.log, math.exp, max, min, share=lambda value: min(max(value, 0.0), 1.0))
 ARRAYS: Arithmetic[FloatArray] = Arithmetic(
-    lambda value: np.sqrt(np.maximum(value, 0.0)), np.log, np.maximum, np.minimum,
+    lambda value: np.sqrt(np.maximum(value, 0.0)), np.log, np.exp, np.maximum, np.minimum,
     share=lambda value: np.minimum(np.maximum(value, 0.0), 1.0))

@@ -22,7 +22,7 @@ LEAST_DISCRIMINANT_V2 = 1e-6
 
 SYMBOLS: Arithmetic[AnyNumber] = Arithmetic(
     root=lambda value: casadi.sqrt(casadi.fmax(value, LEAST_DISCRIMINANT_V2)),
-    log=casadi.log, maximum=casadi.fmax, minimum=casadi.fmin)
+    log=casadi.log, exp=casadi.exp, maximum=casadi.fmax, minimum=casadi.fmin)
 
 # Corrections of the vehicle that are inputs, so that they may differ from call to call; leakage
 # and heat are inputs anyway.

@@ -83,7 +83,7 @@ def compile_step(make_step: Callable[[Arithmetic[AnyNumber]], Step[AnyNumber]],
     columns (those of ARGUMENTS after the states) and returns the lists of states, one longer.
     """
     names: dict[str, Any] = {
-        'root': floats.root, 'log': floats.log, 'maximum': floats.maximum,
+        'root': floats.root, 'log': floats.log, 'exp': floats.exp, 'maximum': floats.maximum,
         'minimum': floats.minimum, 'share': floats.share}
 
     def opaque(function: CurveFunction[float]) -> CurveFunction[AnyNumber]:
@@ -94,6 +94,7 @@ def compile_step(make_step: Callable[[Arithmetic[AnyNumber]], Step[AnyNumber]],
     symbols = Arithmetic(
         root=lambda value: _Symbol('root({})', value),
         log=lambda value: _Symbol('log({})', value),
+        exp=lambda value: _Symbol('exp({})', value),
         maximum=lambda a, b: _Symbol('maximum({}, {})', a, b),
         minimum=lambda a, b: _Symbol('minimum({}, {})', a, b),
         opaque=opaque,

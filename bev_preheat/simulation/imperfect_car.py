@@ -17,6 +17,7 @@ from bev_preheat.simulation.sensors import Reading, SensorReadings, Sensors
 from bev_preheat.simulation.traffic import clock_offset_s, ClockJump, drive_with_events, Event
 from bev_preheat.simulation.vehicle_plant import VehiclePlant
 from bev_preheat.supervision.inputs import Leg, Mission, NS_PER_S
+from bev_preheat.vehicle.heat_path import DIRECT, HeatPath
 
 if TYPE_CHECKING:
     from bev_preheat.planning.situation import BatteryState, Goal
@@ -29,6 +30,7 @@ class Imperfections:
     """All deviations of the simulated drive from vehicle and route file; none by default."""
 
     mismatch: Mismatch = field(default_factory=Mismatch)
+    heat_path: HeatPath = DIRECT
     sensors: Sensors = field(default_factory=Sensors)
     heater_faults: tuple[HeaterFault, ...] = ()
     events: tuple[Event, ...] = ()
@@ -55,7 +57,7 @@ class ImperfectCar:
             route, imperfections.events, goal.charging_planned)
         mismatch = imperfections.mismatch
         self.plant = VehiclePlant(
-            true_vehicle(vehicle, mismatch),
+            true_vehicle(vehicle, mismatch, imperfections.heat_path),
             true_route(driven, mismatch, np.random.default_rng(drive_seed)), state)
         self.readings_of = SensorReadings(
             imperfections.sensors, np.random.default_rng(sensor_seed))

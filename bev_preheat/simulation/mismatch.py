@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from bev_preheat.route.variation import vary
@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 
     from bev_preheat.route.segments import Route
     from bev_preheat.vehicle.description import Vehicle
+    from bev_preheat.vehicle.heat_path import HeatPath
 
 
 @dataclass(frozen=True)
@@ -33,12 +34,12 @@ class Mismatch:
     propulsion_power_variability: float = 0.0
 
 
-def true_vehicle(vehicle: Vehicle, mismatch: Mismatch) -> Vehicle:
-    """Return the Vehicle as it really is."""
+def true_vehicle(vehicle: Vehicle, mismatch: Mismatch, heat_path: HeatPath) -> Vehicle:
+    """Return the Vehicle as it really is, with a HeatPath."""
     factors = (mismatch.heat_capacity, mismatch.leakage, mismatch.resistance, mismatch.heater)
-    if factors == (1.0,) * 4:
-        return vehicle
-    return corrected_vehicle(vehicle, Corrections(*factors))
+    if factors != (1.0,) * 4:
+        vehicle = corrected_vehicle(vehicle, Corrections(*factors))
+    return vehicle if heat_path == vehicle.heat_path else replace(vehicle, heat_path=heat_path)
 
 
 def true_route(route: Route, mismatch: Mismatch, random: np.random.Generator) -> Route:

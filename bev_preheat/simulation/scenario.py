@@ -21,6 +21,7 @@ from bev_preheat.simulation.sensors import Sensors, Span
 from bev_preheat.simulation.traffic import ClockJump, Event, Kind
 from bev_preheat.supervision.settings import FIELD_OF_PARAMETER
 from bev_preheat.vehicle import load_vehicle, Vehicle, vehicle_file
+from bev_preheat.vehicle.heat_path import HeatPath
 
 if TYPE_CHECKING:
     from bev_preheat.route.for_vehicle import RouteForVehicle
@@ -111,6 +112,7 @@ def _scenario(path: Path, contents: dict[str, FileData]) -> Scenario:
         vehicle=vehicle, route=route, state=state, goal=goal, seed=contents.get('seed', 0),
         imperfections=Imperfections(
             mismatch=Mismatch(**contents.get('mismatch', {})),
+            heat_path=_heat_path(contents.get('heat_path', {})),
             sensors=_sensors(contents.get('sensors', {})),
             heater_faults=tuple(HeaterFault(**node) for node in contents.get('heater_faults', ())),
             events=tuple(_event(at, node, detour) for at, (node, detour) in enumerate(
@@ -141,6 +143,14 @@ def _spans(node: dict[str, FileData], key: str, where: str) -> tuple[Span, ...]:
         if not from_s < until_s:
             raise InvalidInput(f'{where}.{key}[{at}]: [{from_s:g}, {until_s:g}] must rise')
     return spans
+
+
+def _heat_path(node: dict[str, FileData]) -> HeatPath:
+    path = HeatPath(**node)
+    if path.has_coolant and path.coolant_conductance_w_per_k == 0.0:
+        raise InvalidInput('heat_path: coolant_heat_capacity_j_per_k needs '
+                           'coolant_conductance_w_per_k beside it, or no heat arrives')
+    return path
 
 
 def _sensors(node: dict[str, FileData]) -> Sensors:

@@ -92,7 +92,7 @@ class SensorReadings:
         """Return the Reading of a plant now, whether it is due or not."""
         sensors, random, now_s = self.sensors, self._random, plant.time_s
         temperature_c = _measured(
-            random, plant.temperature_c + sensors.temperature_offset_k,
+            random, plant.sensor_c + sensors.temperature_offset_k,
             sensors.temperature_noise_k, sensors.temperature_resolution_k)
         if not _within(now_s, sensors.stuck):
             self._stuck_at_c = None

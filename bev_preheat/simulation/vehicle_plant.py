@@ -12,6 +12,7 @@ from bev_preheat.planning.dynamics import deliverable_power_w, Energies, hottest
 from bev_preheat.planning.limits import make_terminal_limits, TerminalLimits
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.route.segments import Route
+from bev_preheat.vehicle.heat_path import make_heat_step, sensor_reading_c
 from bev_preheat.vehicle.model import make_rates, make_runge_kutta_4
 
 if TYPE_CHECKING:
@@ -32,7 +33,9 @@ class VehiclePlant:
     sums stay. Cabin and battery come first: the heater gets what they leave, and what the battery
     must not take back goes into the friction brake.
 
-    `heater_power_w` and `brake_power_w` are what these really take now [W],
+    `heater_power_w` and `brake_power_w` are what these really take now [W], `coolant_c` and
+    `sensor_c` the temperatures [deg C] of the coolant between heater and battery and of the sensor,
+    where the vehicle has a `heat_path` (else those of the battery),
     `undeliverable_power_w` is the most that the battery has lacked so far [W], `empty_at_s` when
     it ran empty [s], None if it did not, and `without_lease_s` how long it drove without a valid
     command [s].
@@ -45,8 +48,12 @@ class VehiclePlant:
         self.route = make_trip(vehicle, route).route
         self.time_s = 0.0
         self.soc = state.soc
-        self.temperature_c = state.temperature_c
+        self.temperature_c = self.coolant_c = self.sensor_c = state.temperature_c
         self.heater_power_w = 0.0
+        self._command_w = self._power_at_end_w = 0.0
+        self._heat_step = (None if vehicle.heat_path.is_direct
+                           else make_heat_step(vehicle, SATURATING_FLOATS))
+        self._started_c = state.temperature_c
         self.brake_power_w = 0.0
         self.undeliverable_power_w = 0.0
         self.empty_at_s: float | None = None
@@ -90,7 +97,7 @@ class VehiclePlant:
             if self.time_s == end_s and self.empty_at_s is None:
                 self._enter_segment(self._segment + 1)
         if self.is_standing:
-            self.heater_power_w = self.brake_power_w = 0.0
+            self.heater_power_w = self.brake_power_w = self._power_at_end_w = 0.0
         self.time_s = to_s
 
     def advance_under(self, lease: HeaterLease, to_s: float) -> None:
@@ -122,15 +129,17 @@ class VehiclePlant:
         self.time_s = to_s
 
     def _keep_limits(self, wanted_w: float) -> None:
-        """Set heater and friction brake to what cabin and battery leave them; [W] is wanted."""
+        """Command heater and friction brake what cabin and battery leave them; [W] is wanted."""
         trip = self._trip
         idle_w = trip.idle_power_w.item()
         least_w, most_w = self._terminal_limits(
             self.soc, self.temperature_c, trip.power_variance_w2.item())
-        self.heater_power_w = max(0.0, min(
+        self._command_w = max(0.0, min(
             wanted_w, trip.heater_limit_w.item(), most_w - idle_w))
         if self.temperature_c >= self.vehicle.battery.temperature_range_c[1]:
-            self.heater_power_w = 0.0
+            self._command_w = 0.0
+        # A heater that lags takes what it takes.
+        self.heater_power_w = self._command_w if self._heat_step is None else self._power_at_end_w
         regenerated_w = max(0.0, -trip.route.propulsion_power_w.item())
         self.brake_power_w = min(
             regenerated_w, max(0.0, least_w - idle_w - self.heater_power_w))
@@ -141,8 +150,28 @@ class VehiclePlant:
             self.heater_power_w, self.brake_power_w)
         return power_w.item(), variance_w2.item(), heat_w.item(), leakage_w_per_k.item()
 
+    def _heat_on_its_way(self, step_s: float) -> float:
+        """
+        Let heater and coolant go on; return how much less heat arrives than is made [W].
+
+        All other heat is that at the start of the step.
+        """
+        if self._heat_step is None:
+            return 0.0
+        efficiency = self.vehicle.hvch.efficiency
+        power_w, variance_w2, heat_w, leakage_w_per_k = self._inputs()
+        _, warming_k_per_s, _ = make_rates(self.vehicle, SATURATING_FLOATS)(
+            self.soc, self.temperature_c, power_w, variance_w2,
+            heat_w - efficiency * self.heater_power_w, leakage_w_per_k)
+        self.heater_power_w, heat_w, self._power_at_end_w, self.coolant_c = self._heat_step(
+            self._power_at_end_w, self.coolant_c, self.temperature_c, step_s, self._command_w,
+            warming_k_per_s * self.vehicle.battery.heat_capacity_j_per_k)
+        return efficiency * self.heater_power_w - heat_w
+
     def _step(self, step_s: float) -> None:
-        inputs = power_w, _, _, leakage_w_per_k = self._inputs()
+        kept_w = self._heat_on_its_way(step_s)
+        power_w, variance_w2, heat_w, leakage_w_per_k = self._inputs()
+        inputs = power_w, variance_w2, heat_w - kept_w, leakage_w_per_k
         lacking_w = 0.0
         try:
             soc, temperature_c, mean_temperature_c, joule_w = step_of_floats(
@@ -153,9 +182,15 @@ class VehiclePlant:
             soc, temperature_c, mean_temperature_c, joule_w = step_of_floats(
                 self.vehicle, make_runge_kutta_4, saturating=True)(
                     self.soc, self.temperature_c, step_s, *inputs)
+        started_c = self.temperature_c
         # Neither can a battery be emptier than empty, nor does a car let it get any hotter.
         self.soc = min(max(soc, 0.0), 1.0)
         self.temperature_c = min(temperature_c, hottest_c(self.vehicle))
+        if not self.vehicle.heat_path.has_coolant:
+            self.coolant_c = self.temperature_c
+        self.sensor_c = sensor_reading_c(
+            self.vehicle.heat_path, self.sensor_c, started_c, self.temperature_c, step_s,
+            SATURATING_FLOATS)
         cooled_j = self.vehicle.battery.heat_capacity_j_per_k * (temperature_c - self.temperature_c)
         self.time_s += step_s
         self.undeliverable_power_w = max(self.undeliverable_power_w, lacking_w)
@@ -182,6 +217,12 @@ class VehiclePlant:
             leakage=self._leakage_j / JOULES_PER_WH,
             hvch_electric=self._heater_j / JOULES_PER_WH,
             battery_total=self._battery_j / JOULES_PER_WH)
+
+    @property
+    def coolant_heat_wh(self) -> float:
+        """Heat that the coolant has taken up since the start [Wh]; 0 without coolant."""
+        capacity_j_per_k = self.vehicle.heat_path.coolant_heat_capacity_j_per_k
+        return capacity_j_per_k * (self.coolant_c - self._started_c) / JOULES_PER_WH
 
     @property
     def undeliverable_energy_wh(self) -> float:

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from math import inf
 
 from bev_preheat.numerics.arithmetic import Curve, Number
+from bev_preheat.vehicle.heat_path import DIRECT, HeatPath
 
 
 @dataclass(frozen=True)
@@ -113,7 +114,8 @@ class Vehicle:
     One car; compared by identity, so that what is made from one can be kept beside it.
 
     `road_load` is None where the file does not give it: routes with fixed powers can then be
-    planned, descriptions of a road cannot. `assumed` are the keys of the file whose values nobody has
+    planned, descriptions of a road cannot. `heat_path` is how the heater's heat arrives; the
+    simulated car has it, plans take it as direct. `assumed` are the keys of the file whose values nobody has
     measured or stated for this car.
     """
 
@@ -124,3 +126,4 @@ class Vehicle:
     defaults: Defaults
     road_load: RoadLoad | None = None
     assumed: tuple[str, ...] = ()
+    heat_path: HeatPath = DIRECT

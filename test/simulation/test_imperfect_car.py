@@ -15,6 +15,7 @@ from bev_preheat.simulation.mismatch import Mismatch, true_route, true_vehicle
 from bev_preheat.simulation.sensors import Sensors
 from bev_preheat.simulation.traffic import ClockJump, Event, Kind
 from bev_preheat.vehicle import load_vehicle
+from bev_preheat.vehicle.heat_path import DIRECT, HeatPath
 
 VEHICLE = load_vehicle('reference')
 ROUTE = load_route('reference', VEHICLE.defaults)
@@ -44,7 +45,7 @@ def temperatures_c(to_s=900.0, seed=5, **sensors):
 # Mismatch
 
 def test_each_factor_changes_its_own_quantity():
-    battery, true = VEHICLE.battery, true_vehicle(VEHICLE, MISMATCH)
+    battery, true = VEHICLE.battery, true_vehicle(VEHICLE, MISMATCH, DIRECT)
     assert true.battery.heat_capacity_j_per_k == pytest.approx(
         0.93 * battery.heat_capacity_j_per_k)
     assert true.battery.leakage.coefficient_w_per_k(20.0) == pytest.approx(
@@ -55,7 +56,24 @@ def test_each_factor_changes_its_own_quantity():
 
 
 def test_a_car_as_its_file_says_is_that_of_the_file():
-    assert true_vehicle(VEHICLE, Mismatch()) is VEHICLE
+    assert true_vehicle(VEHICLE, Mismatch(), DIRECT) is VEHICLE
+
+
+def test_a_heat_path_is_that_of_the_true_car_alone():
+    path = HeatPath(heater_lag_s=60.0, sensor_lag_s=30.0)
+    car = make_car(heat_path=path)
+    assert (car.plant.vehicle.heat_path, car.vehicle.heat_path) == (path, DIRECT)
+
+
+def test_a_lagging_sensor_shows_what_the_battery_was():
+    car = make_car(heat_path=HeatPath(sensor_lag_s=120.0))
+    prompt = make_car()
+    late, now = (drive(each, 400.0) for each in (car, prompt))
+    # A battery that warms steadily is seen as it was a lag before.
+    warming_k_per_s = (now[-1].temperature_c - now[-101].temperature_c) / 100.0
+    assert now[-1].temperature_c - late[-1].temperature_c == pytest.approx(
+        120.0 * warming_k_per_s, rel=0.15)
+    assert late[0].temperature_c == now[0].temperature_c
 
 
 def test_without_variability_the_power_is_scaled_evenly():

@@ -15,6 +15,7 @@ from bev_preheat.simulation.vehicle_plant import VehiclePlant
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.curves import Table
 from bev_preheat.vehicle.description import Drivetrain, Hvch, Leakage
+from bev_preheat.vehicle.heat_path import HeatPath
 
 HEAT_CAPACITY_J_PER_K = 361e3
 CAPACITY_AH = 170.0
@@ -289,3 +290,62 @@ def test_current_and_voltage_are_those_of_the_circuit():
 def test_misuse_is_told(to_s, power_w, message):
     with pytest.raises(ValueError, match=message):
         winter_plant().advance(to_s, power_w)
+
+
+# Heat on its way
+
+SLOW = HeatPath(heater_lag_s=60.0, coolant_heat_capacity_j_per_k=20e3,
+                coolant_conductance_w_per_k=400.0, sensor_lag_s=90.0)
+
+
+def slow_plant(vehicle=VEHICLE, path=SLOW):
+    return winter_plant(replace(vehicle, heat_path=path))
+
+
+def test_heat_on_its_way_is_in_the_books():
+    plant = slow_plant()
+    plant.advance(80.0, 4000.0)
+    plant.advance(plant.duration_s, 0.0)
+    energy = plant.energy_wh
+    assert plant.coolant_heat_wh > 20.0
+    stored_j = HEAT_CAPACITY_J_PER_K * (plant.temperature_c - 3.0)
+    assert stored_j == pytest.approx(3600.0 * (
+        energy.joule + energy.drivetrain_heat + energy.hvch_heat + energy.leakage
+        - plant.coolant_heat_wh), rel=1e-9)
+
+
+def test_a_slow_heater_takes_later_what_it_was_told():
+    plant = slow_plant(path=HeatPath(heater_lag_s=10.0))
+    plant.advance(40.0, 4000.0)
+    plant.advance(plant.duration_s, 0.0)
+    # All but what is still to come after more than ten lags.
+    assert plant.energy_wh.hvch_electric == pytest.approx(4000.0 * 40.0 / 3600.0, rel=1e-4)
+    assert plant.energy_wh.hvch_heat == pytest.approx(0.93 * plant.energy_wh.hvch_electric)
+
+
+def test_heat_that_is_late_warms_the_same_battery_later():
+    prompt, slow = winter_plant(), slow_plant()
+    for plant in (prompt, slow):
+        plant.advance(60.0, 4000.0)
+    assert slow.temperature_c < prompt.temperature_c - 0.1
+    assert slow.coolant_c > slow.temperature_c
+    assert slow.sensor_c < slow.temperature_c
+
+
+def test_a_heat_path_does_not_depend_on_the_steps(monkeypatch):
+    ends = []
+    for step_s in (1.0, 0.25):
+        monkeypatch.setattr(vehicle_plant, 'LONGEST_STEP_S', step_s)
+        plant = slow_plant()
+        plant.advance(plant.duration_s, 3500.0)
+        ends.append((plant.temperature_c, plant.coolant_c, plant.sensor_c, plant.soc))
+    assert ends[0] == pytest.approx(ends[1], abs=2e-5)
+
+
+def test_a_very_quick_path_is_a_direct_one():
+    quick, direct = slow_plant(path=HeatPath(1e-3, 1.0, 1e3, 1e-3)), winter_plant()
+    for plant in (quick, direct):
+        plant.advance(plant.duration_s, 3500.0)
+    assert quick.temperature_c == pytest.approx(direct.temperature_c, abs=1e-4)
+    assert quick.energy_wh.hvch_electric == pytest.approx(
+        direct.energy_wh.hvch_electric, rel=1e-4)

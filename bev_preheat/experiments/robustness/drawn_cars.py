@@ -65,7 +65,7 @@ class DrawnCar:
             period_s=conditions.period_s)
         return ImperfectCar(
             conditions.vehicle, conditions.route, conditions.state, conditions.goal,
-            Imperfections(self.mismatch, sensors), [self.seed, self.number])
+            Imperfections(self.mismatch, sensors=sensors), [self.seed, self.number])
 
 
 def draw_car(conditions: Conditions, seed: int, number: int) -> DrawnCar:

@@ -28,7 +28,7 @@ MEASURED = Settings(estimation=False)
 
 def make_car(conditions=CONDITIONS, mismatch=Mismatch(), make=ImperfectCar):
     return make(conditions.vehicle, conditions.route, conditions.state, conditions.goal,
-                Imperfections(mismatch, Sensors(period_s=conditions.period_s)), seed=1)
+                Imperfections(mismatch, sensors=Sensors(period_s=conditions.period_s)), seed=1)
 
 
 def every_two_seconds(settings):
