@@ -25,6 +25,7 @@ from bev_preheat.experiments.robustness.car_figures import summarise_drives
 from bev_preheat.experiments.robustness.car_study import COMPARED, drive_car, run_study
 from bev_preheat.experiments.robustness.drawn_cars import (
     Conditions,
+    PLANTS,
     PROPULSION_POWER_VARIABILITY,
     SPREAD,
     TEMPERATURE_NOISE_K,
@@ -74,6 +75,7 @@ ROWS = (
      '+.2f'),
     ('Partial duty, mean [s]', lambda figures: figures['partial_duty_s']['mean'], '.1f'),
     ('… most', lambda figures: figures['partial_duty_s']['most'], '.1f'),
+    ('Drives with a heater verdict', lambda figures: figures['verdicts'], 'd'),
     ('Refused inputs', lambda figures: figures['refused_inputs'], 'd'),
     ('Updates without a plan', lambda figures: figures['updates_without_plan'], 'd'),
     ('Trips that ran empty', lambda figures: figures['ran_empty'], 'd'),
@@ -103,8 +105,13 @@ def add_parser(subparsers: Subparsers) -> None:
         '--vehicle', default='reference', metavar='NAME|FILE',
         help='vehicle as described (default: %(default)s)'))
     completed_by(ROUTES, parser.add_argument(
-        '--route', default='reference', metavar='NAME|FILE',
-        help='route as described, or legs/NAME (default: %(default)s)'))
+        '--route', nargs='+', default=['reference'], metavar='NAME|FILE',
+        help='route as described, or legs/NAME; of several, trips take one after the other '
+        '(default: reference)'))
+    parser.add_argument('--plant', choices=tuple(PLANTS), default='nominal',
+                        help='what the true car has that the model has not: a heater that lags, coolant '
+                        'to be warmed, a sensor that lags, a ripple of the current that is not measured '
+                        '(default: %(default)s)')
     parser.add_argument('--temperature', type=float, default=-7.0, metavar='DEGC',
                         help='battery temperature at the start [degC] (default: %(default)s)')
     parser.add_argument('--soc', type=float, default=0.9, metavar='0..1',
@@ -125,7 +132,7 @@ def run(arguments: Namespace) -> int:
     """Run the study, or one trip of it; returns 0 whether or not the requirements are met."""
     conditions = _conditions(arguments)
     check_output_arguments(
-        arguments, (vehicle_file(arguments.vehicle), route_source(arguments.route)))
+        arguments, (vehicle_file(arguments.vehicle), *map(route_source, arguments.route)))
     # Each once, in the order in which they were asked for.
     methods = list(dict.fromkeys(arguments.methods))
     if arguments.only is not None:
@@ -192,13 +199,17 @@ def _conditions(arguments: Namespace) -> Conditions:
     if problems:
         raise InvalidInput(problems)
     vehicle = load_planned_vehicle(arguments.vehicle)
-    loaded = route_for(arguments.route, vehicle)
-    warn(loaded.warning)
-    route = loaded.route
+    routes = []
+    for name in arguments.route:
+        loaded = route_for(name, vehicle)
+        warn(loaded.warning)
+        routes.append(loaded.route)
     state = BatteryState(arguments.temperature, arguments.soc)
     goal = Goal(target_of(arguments, vehicle))
-    check_situation(vehicle, route, state, goal)
-    return Conditions(vehicle, route, state, goal, arguments.period, not arguments.no_power)
+    for route in routes:
+        check_situation(vehicle, route, state, goal)
+    return Conditions(vehicle, tuple(routes), state, goal, arguments.period,
+                      not arguments.no_power, arguments.plant)
 
 
 def _drawn() -> dict[str, Any]:
@@ -220,6 +231,7 @@ def _drawn_sentence() -> str:
 def _described(arguments: Namespace) -> dict[str, Any]:
     """Return what a JSON file says of the conditions."""
     return {'seed': arguments.seed, 'vehicle': arguments.vehicle, 'route': arguments.route,
+            'plant': arguments.plant,
             'temperature_c': arguments.temperature, 'soc': arguments.soc,
             'target_temperature_c': arguments.target, 'period_s': arguments.period,
             'reports_power': not arguments.no_power, 'drawn': _drawn()}

@@ -6,7 +6,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from bev_preheat.route.variation import vary
+from bev_preheat.route.variation import vary, with_cycles
 from bev_preheat.vehicle.corrections import corrected_vehicle, Corrections
 
 if TYPE_CHECKING:
@@ -23,7 +23,9 @@ class Mismatch:
     What the true car and drive are, as multiples of what vehicle and route file say.
 
     `heater` is a factor on the efficiency of the HVCH, `propulsion_power_variability` the standard
-    deviation of the logarithm of a factor that wanders from segment to segment about 1.
+    deviation of the logarithm of a factor that wanders from segment to segment about 1. With
+    `visible_variation` the power that a route says to vary within a segment does so over seconds,
+    and the sensors see it; without, it is a ripple that they do not see.
     """
 
     heat_capacity: float = 1.0
@@ -32,6 +34,7 @@ class Mismatch:
     heater: float = 1.0
     propulsion_power: float = 1.0
     propulsion_power_variability: float = 0.0
+    visible_variation: bool = False
 
 
 def true_vehicle(vehicle: Vehicle, mismatch: Mismatch, heat_path: HeatPath) -> Vehicle:
@@ -46,4 +49,5 @@ def true_route(route: Route, mismatch: Mismatch, random: np.random.Generator) ->
     """Return the Route as it is really driven: other propulsion power, same speed and times."""
     factor = vary(random, len(route), mismatch.propulsion_power,
                   mismatch.propulsion_power_variability)
-    return route.with_propulsion(factor)
+    route = route.with_propulsion(factor)
+    return with_cycles(route) if mismatch.visible_variation else route

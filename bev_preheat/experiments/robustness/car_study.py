@@ -12,6 +12,7 @@ from bev_preheat.experiments.robustness.drives import drive_informed, drive_with
 from bev_preheat.experiments.workers import Workers
 from bev_preheat.simulation.mismatch import Mismatch
 from bev_preheat.supervision.settings import Settings
+from bev_preheat.vehicle.heat_path import HeatPath
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
@@ -42,6 +43,7 @@ class CarResult:
 
     number: int
     mismatch: Mismatch
+    heat_path: HeatPath
     informed: DriveOutcome
     methods: dict[str, DriveOutcome]
     cpu_s: float
@@ -71,7 +73,7 @@ def drive_car(conditions: Conditions, seed: int, number: int,
         error.add_note(f'in trip {number} of seed {seed}')
         raise
     result = CarResult(
-        number, trip.mismatch, informed,
+        number, trip.mismatch, trip.heat_path, informed,
         {method: drive for method, (drive, _) in drives.items()}, process_time() - started)
     return result, {method: course for method, (_, course) in drives.items()}
 

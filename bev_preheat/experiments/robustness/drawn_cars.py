@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections
 from bev_preheat.simulation.mismatch import Mismatch
 from bev_preheat.simulation.sensors import Sensors
 from bev_preheat.vehicle import Vehicle
+from bev_preheat.vehicle.heat_path import DIRECT, HeatPath
 
 # Each factor is drawn evenly within 1 +- this.
 SPREAD = {
@@ -29,21 +30,36 @@ TEMPERATURE_NOISE_K = 0.2
 TEMPERATURE_RESOLUTION_K = 1.0
 
 
+# Each is drawn evenly between these: lag of the heater [s], heat capacity [J/K] and conductance
+# [W/K] of the coolant, lag of the sensor [s].
+HEATER_LAG_S = (0.0, 90.0)
+COOLANT_J_PER_K = (5e3, 40e3)
+COOLANT_W_PER_K = (200.0, 1000.0)
+SENSOR_LAG_S = (0.0, 120.0)
+# What of the heat's path each plant has, and whether its power's variation is not seen.
+PLANTS: dict[str, frozenset[str]] = {
+    'nominal': frozenset(), 'lag': frozenset(('lag',)), 'coolant': frozenset(('coolant',)),
+    'sensor_lag': frozenset(('sensor_lag',)), 'ripple': frozenset(('ripple',)),
+    'all': frozenset(('lag', 'coolant', 'sensor_lag', 'ripple'))}
+
+
 @dataclass(frozen=True)
 class Conditions:
     """
     What all trips of a study have in common.
 
-    Vehicle and Route as described, the state at the start, the goal, the time between two battery
-    states and between two commands [s], and whether battery states carry voltage and current.
+    Vehicle and Routes as described (trips take them in turn), the state at the start, the goal, the
+    time between two battery states and between two commands [s], whether battery states carry
+    voltage and current, and one of PLANTS by name.
     """
 
     vehicle: Vehicle
-    route: Route
+    routes: tuple[Route, ...]
     state: BatteryState
     goal: Goal
     period_s: float = 1.0
     reports_power: bool = True
+    plant: str = 'nominal'
 
 
 @dataclass(frozen=True)
@@ -54,6 +70,13 @@ class DrawnCar:
     number: int
     conditions: Conditions
     mismatch: Mismatch
+    heat_path: HeatPath = DIRECT
+
+    @property
+    def route(self) -> Route:
+        """The route as described."""
+        routes = self.conditions.routes
+        return routes[self.number % len(routes)]
 
     def car(self) -> ImperfectCar:
         """Return the car at its start; each one drives, and is measured, in the same way."""
@@ -64,8 +87,8 @@ class DrawnCar:
             reports_power=conditions.reports_power,
             period_s=conditions.period_s)
         return ImperfectCar(
-            conditions.vehicle, conditions.route, conditions.state, conditions.goal,
-            Imperfections(self.mismatch, sensors=sensors), [self.seed, self.number])
+            conditions.vehicle, self.route, conditions.state, conditions.goal,
+            Imperfections(self.mismatch, self.heat_path, sensors), [self.seed, self.number])
 
 
 def draw_car(conditions: Conditions, seed: int, number: int) -> DrawnCar:
@@ -73,5 +96,23 @@ def draw_car(conditions: Conditions, seed: int, number: int) -> DrawnCar:
     random = np.random.default_rng([seed, number])
     factors = {name: float(random.uniform(1.0 - spread, 1.0 + spread))
                for name, spread in SPREAD.items()}
+    parts = PLANTS[conditions.plant]
     return DrawnCar(seed, number, conditions, Mismatch(
-        **factors, propulsion_power_variability=PROPULSION_POWER_VARIABILITY))
+        **factors, propulsion_power_variability=PROPULSION_POWER_VARIABILITY,
+        visible_variation='ripple' not in parts), _draw_heat_path(random, parts))
+
+
+def _draw_heat_path(random: np.random.Generator, parts: frozenset[str]) -> HeatPath:
+    """Return a HeatPath that has what a plant has; every plant takes the same random numbers."""
+    heater_lag_s, coolant_j_per_k, coolant_w_per_k, sensor_lag_s = (
+        float(random.uniform(*span))
+        for span in (HEATER_LAG_S, COOLANT_J_PER_K, COOLANT_W_PER_K, SENSOR_LAG_S))
+    path = DIRECT
+    if 'lag' in parts:
+        path = replace(path, heater_lag_s=heater_lag_s)
+    if 'coolant' in parts:
+        path = replace(path, coolant_heat_capacity_j_per_k=coolant_j_per_k,
+                       coolant_conductance_w_per_k=coolant_w_per_k)
+    if 'sensor_lag' in parts:
+        path = replace(path, sensor_lag_s=sensor_lag_s)
+    return path

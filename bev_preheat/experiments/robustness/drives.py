@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from bev_preheat.estimation.hypotheses import Heater
 from bev_preheat.experiments.supervised_drive import moments
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState
@@ -41,6 +42,7 @@ class DriveOutcome:
     counts how often the command rose from 0 W, first at `first_switch_on_s` [s], None where it
     never did; `partial_duty_s` is how long it was more than 0 W and less than FULL_SHARE of what
     the cabin leaves.
+    `verdicts` are the faults that the planner found in the heater on the way, in order.
     `refused_inputs` counts battery states that were refused, `updates_without_plan` the updates
     after which nothing could be planned, `updates` all. `planner_cpu_s` is the planner's time.
     """
@@ -53,6 +55,7 @@ class DriveOutcome:
     first_switch_on_s: float | None
     partial_duty_s: float
     ran_empty: bool
+    verdicts: tuple[str, ...] = ()
     refused_inputs: int = 0
     updates_without_plan: int = 0
     updates: int = 0
@@ -110,6 +113,7 @@ def drive_with_planner(car: ImperfectCar, goal: Goal,
     tally, rows, cpu_s = _Tally(car.vehicle, plant.route), [], 0.0
     refused, without_plan, updates, measured_c = 0, 0, 0, math.nan
     power_w = 0.0
+    verdicts: dict[str, float] = {}
     for moment in moments(car, supervisor, lambda: plant.is_standing):
         cpu_s += moment.cpu_s
         if moment.reading is not None:
@@ -124,12 +128,15 @@ def drive_with_planner(car: ImperfectCar, goal: Goal,
             continue
         tally.note(moment.time_s, power_w)
         estimate, plan = supervisor.estimate, supervisor.decision.plan
+        if estimate is not None and estimate.heater.heater is not Heater.ANSWERS:
+            verdicts.setdefault(estimate.heater.heater.value, moment.time_s)
         rows.append((moment.time_s, plant.temperature_c, measured_c,
                      math.nan if estimate is None else estimate.temperature_c,
                      math.nan if plan is None else plan.arrival_temperature_c, power_w))
     tally.note(plant.time_s, 0.0)
     drive = _drive(plant, goal, tally, refused_inputs=refused, updates_without_plan=without_plan,
-                   updates=updates, planner_cpu_s=cpu_s)
+                   updates=updates, planner_cpu_s=cpu_s,
+                   verdicts=tuple(verdicts))
     return drive, DriveTrace(*np.array(rows).T)
 
 

@@ -10,6 +10,7 @@ from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route import make_route
 from bev_preheat.simulation.mismatch import Mismatch
 from bev_preheat.vehicle import load_vehicle
+from bev_preheat.vehicle.heat_path import DIRECT
 
 VEHICLE = load_vehicle('reference')
 STEPS = 16
@@ -26,8 +27,8 @@ def short_conditions(period_s=2.0, **changes):
         'cabin_heating_power_w': np.full(STEPS, 1500.0),
         'auxiliary_power_w': np.full(STEPS, 400.0)}, VEHICLE.defaults)
     return Conditions(**{
-        'vehicle': VEHICLE, 'route': route, 'state': BatteryState(15.0, 0.8), 'goal': Goal(18.0),
-        'period_s': period_s, **changes})
+        'vehicle': VEHICLE, 'routes': (route,), 'state': BatteryState(15.0, 0.8), 'goal': Goal(18.0),
+        'period_s': period_s, 'plant': 'ripple', **changes})
 
 
 def made_drive(**changes):
@@ -41,4 +42,4 @@ def made_drive(**changes):
 
 def made_result(number, informed=None, **methods):
     """Return a CarResult of made-up drives."""
-    return CarResult(number, Mismatch(), informed or made_drive(), methods, cpu_s=1.0)
+    return CarResult(number, Mismatch(), DIRECT, informed or made_drive(), methods, cpu_s=1.0)

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """What is drawn for a study."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from short_drives import short_conditions
@@ -61,3 +63,34 @@ def test_power_is_reported_if_wanted():
     for reports in (True, False):
         reading, = draw_car(short_conditions(reports_power=reports), 1, 2).car().readings()
         assert (reading.voltage_v is not None) is reports
+
+
+@pytest.mark.parametrize('plant, has', [
+    ('nominal', ()), ('lag', ('heater_lag_s',)), ('ripple', ()), ('sensor_lag', ('sensor_lag_s',)),
+    ('coolant', ('coolant_heat_capacity_j_per_k', 'coolant_conductance_w_per_k')),
+    ('all', ('heater_lag_s', 'coolant_heat_capacity_j_per_k', 'coolant_conductance_w_per_k',
+             'sensor_lag_s'))])
+def test_a_plant_has_what_its_name_says_drawn_from_its_range(plant, has):
+    ranges = {'heater_lag_s': (0.0, 90.0), 'coolant_heat_capacity_j_per_k': (5e3, 40e3),
+              'coolant_conductance_w_per_k': (200.0, 1000.0), 'sensor_lag_s': (0.0, 120.0)}
+    conditions = short_conditions(plant=plant)
+    paths = [vars(draw_car(conditions, 1, number).heat_path) for number in range(40)]
+    for name, (low, high) in ranges.items():
+        values = [path[name] for path in paths]
+        if name not in has:
+            assert set(values) == {0.0}
+            continue
+        middle, quarter = 0.5 * (low + high), 0.25 * (high - low)
+        assert low <= min(values) < middle - quarter < middle + quarter < max(values) <= high
+
+
+def test_plants_differ_in_their_path_alone():
+    factors = [replace(draw_car(short_conditions(plant=plant), 1, 7).mismatch, visible_variation=False)
+               for plant in ('nominal', 'lag', 'all')]
+    assert factors[0] == factors[1] == factors[2]
+
+
+def test_routes_are_taken_in_turn():
+    one, other = short_conditions().routes[0], short_conditions().routes[0].with_propulsion(0.9)
+    conditions = short_conditions(routes=(one, other))
+    assert [draw_car(conditions, 1, number).route for number in range(4)] == [one, other, one, other]

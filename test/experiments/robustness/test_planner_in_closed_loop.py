@@ -27,7 +27,7 @@ MEASURED = Settings(estimation=False)
 
 
 def make_car(conditions=CONDITIONS, mismatch=Mismatch(), make=ImperfectCar):
-    return make(conditions.vehicle, conditions.route, conditions.state, conditions.goal,
+    return make(conditions.vehicle, conditions.routes[0], conditions.state, conditions.goal,
                 Imperfections(mismatch, sensors=Sensors(period_s=conditions.period_s)), seed=1)
 
 
@@ -114,10 +114,10 @@ def test_planner_hears_each_reading_once_when_it_is_taken(scripted):
 
 
 def test_route_is_planned_in_steps_of_the_settings(scripted):
-    route = CONDITIONS.route
+    route = CONDITIONS.routes[0]
     fine = replace(route, **{name: np.repeat(values, 10) for name, values in vars(route).items()})
     fine = replace(fine, duration_s=fine.duration_s / 10.0)
-    _, _, script = scripted([], settings=replace(MEASURED, planning_step_s=60.0), route=fine)
+    _, _, script = scripted([], settings=replace(MEASURED, planning_step_s=60.0), routes=(fine,))
     assert script.mission.legs[0].route.duration_s.tolist() == [60.0] * 8
 
 

@@ -194,4 +194,5 @@ def test_where_nothing_is_to_be_heated_nothing_may_be(heating_wh, is_met):
 @pytest.mark.costly
 def test_results_are_plain_values():
     drive = asdict(drive_car(CONDITIONS, 7, 4, ['planner'])[0])['methods']['planner']
-    assert {type(value) for value in drive.values()} <= {bool, int, float, type(None)}
+    assert {type(value) for value in drive.values()} <= {bool, int, float, type(None), tuple}
+    assert drive['verdicts'] == ()
