@@ -20,19 +20,26 @@ from bev_preheat.estimation.state import (
     DriveInputs,
     FACTORS,
     HEAT_CAPACITY,
+    HEAT_LAG,
     HEATER,
     LEAKAGE,
+    moved_with_slopes,
+    MOVING,
+    NOMINAL_HEAT_LAG_S,
+    NOMINAL_SENSOR_LAG_S,
     PROPULSION,
-    rates_and_slopes,
     RESISTANCE,
+    SENSOR,
+    SENSOR_LAG,
     SIZE,
     SOC,
     TEMPERATURE,
+    UNDER_WAY,
 )
 from bev_preheat.estimation.truncated_normal import truncated_moments
 
 if TYPE_CHECKING:
-    from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.numerics.arrays import BoolArray, FloatArray
     from bev_preheat.vehicle.description import Vehicle
 
 # Standard deviation of the factors' logarithms at first: those of even spreads of +-10 % (heat
@@ -41,12 +48,30 @@ FACTOR_DEVIATIONS = {HEAT_CAPACITY: 0.058, LEAKAGE: 0.115, RESISTANCE: 0.115, HE
                      PROPULSION: 0.08}
 # The logarithms are kept within these bounds around the vehicle file's values.
 FACTOR_BOUNDS = {HEAT_CAPACITY: 0.25, LEAKAGE: 0.6, RESISTANCE: 0.6, HEATER: 0.15, PROPULSION: 0.5}
-BOUNDS = np.array([FACTOR_BOUNDS[index] for index in range(FACTORS.start, SIZE)])
+# What is known of the lags of a car of which nothing else is: logarithms over the nominal ones.
+LAG_DEVIATIONS = {HEAT_LAG: 1.0, SENSOR_LAG: 1.0}
+# Shortest and longest lag [s]: a heater of up to 90 s and coolant of up to 200 s; a sensor of up to 120 s.
+LAG_RANGES_S = {HEAT_LAG: (2.0, 250.0), SENSOR_LAG: (2.0, 150.0)}
+BOUNDED = slice(FACTORS.start, SENSOR_LAG + 1)
+HIGHEST = np.array([*(FACTOR_BOUNDS[index] for index in range(FACTORS.start, FACTORS.stop)),
+                    np.log(LAG_RANGES_S[HEAT_LAG][1] / NOMINAL_HEAT_LAG_S),
+                    np.log(LAG_RANGES_S[SENSOR_LAG][1] / NOMINAL_SENSOR_LAG_S)])
+LOWEST = np.array([*(-FACTOR_BOUNDS[index] for index in range(FACTORS.start, FACTORS.stop)),
+                   np.log(LAG_RANGES_S[HEAT_LAG][0] / NOMINAL_HEAT_LAG_S),
+                   np.log(LAG_RANGES_S[SENSOR_LAG][0] / NOMINAL_SENSOR_LAG_S)])
 # How fast the truth wanders: standard deviation after an hour. The heat that no model has is what
 # makes temperature wander, a wrong capacity the state of charge.
-WANDER_IN_AN_HOUR = np.array([0.25, 0.004, 0.01, 0.02, 0.02, 0.01, 0.1])
+WANDER_IN_AN_HOUR = np.array(
+    [0.25, 0.004, 0.01, 0.02, 0.02, 0.01, 0.1, 0.05, 0.05, 0.1, 0.1])
 # Where the route says nothing of what the car does, it may do anything.
-WANDER_UNKNOWN = np.array([10.0, 0.3, 0.0, 0.0, 0.0, 0.0, 0.1])
+WANDER_UNKNOWN = np.array([10.0, 0.3, 0.0, 0.0, 0.0, 0.0, 0.1, 0.0, 0.0, 1.0, 0.1])
+# What may be under way [K] after a silence, and how far battery and sensor may then be apart [K].
+UNKNOWN_UNDER_WAY_K = 0.5
+UNKNOWN_APART_K = 0.5
+# No lag sets battery and sensor further apart [K], and no coolant holds more heat [K]. The filter of
+# a heater that is out of the question may believe so.
+MOST_APART_K = 8.0
+MOST_UNDER_WAY_K = 8.0
 SOC_NOISE = 0.001
 # A route's power is wrong by this share of it (and of this power at least) for this long.
 POWER_NOISE = 0.3
@@ -54,6 +79,9 @@ LEAST_POWER_W = 3000.0
 POWER_NOISE_LASTS_S = 60.0
 # Readings further off than so many deviations are clipped here.
 MOST_DEVIATIONS = 2.5
+# Shares of a switching that a heater without a lag, and ones that lag by up to 90 s, show in the
+# windows of `power_response`, 20 to 30 s after it.
+SHOWN = np.array([1.0, 0.92, 0.71, 0.45, 0.27])
 # Rounding may leave a variance a little below 0.
 LEAST_VARIANCE = 1e-12
 SHAPE = (len(SHARES), len(NOISES_K))
@@ -76,15 +104,30 @@ class Belief:
         self.mean[..., FACTORS] = 0.0 if factors is None else factors
         self.covariance[..., FACTORS, FACTORS] = (
             prior_factor_covariance() if factor_covariance is None else factor_covariance)
+        for index, deviation in LAG_DEVIATIONS.items():
+            self.covariance[..., index, index] = deviation**2
+        self._has_stood = True
 
     def place(self, temperature_c: float, temperature_variance: float, soc: float,
               soc_variance: float) -> None:
-        """Set temperature and state of charge anew; what was learned of the factors stays."""
+        """
+        Set temperature and state of charge anew; what was learned of the factors stays.
+
+        The first time nothing is under way, and the sensor shows the battery; later that is open.
+        """
         self.mean[..., TEMPERATURE], self.mean[..., SOC] = temperature_c, soc
-        for index, variance in ((TEMPERATURE, temperature_variance), (SOC, soc_variance)):
+        self.mean[..., SENSOR], self.mean[..., UNDER_WAY] = temperature_c, 0.0
+        under_way_k, apart_k = (0.0, 0.0) if self._has_stood else (
+            UNKNOWN_UNDER_WAY_K, UNKNOWN_APART_K)
+        self._has_stood = False
+        for index, variance in ((TEMPERATURE, temperature_variance + apart_k**2),
+                                (SOC, soc_variance), (UNDER_WAY, under_way_k**2),
+                                (SENSOR, temperature_variance)):
             self.covariance[..., index, :] = 0.0
             self.covariance[..., :, index] = 0.0
             self.covariance[..., index, index] = variance
+        self.covariance[..., TEMPERATURE, SENSOR] = temperature_variance
+        self.covariance[..., SENSOR, TEMPERATURE] = temperature_variance
 
     def predict(self, duration_s: float, drive: DriveInputs | None, command_w: float,
                 limit_w: float) -> None:
@@ -97,20 +140,24 @@ class Belief:
         self._mix(duration_s)
         hours = duration_s / 3600.0
         if drive is None:
+            # The sensor goes with the battery.
             self._add_noise(WANDER_UNKNOWN**2 * hours)
+            wandered = WANDER_UNKNOWN[TEMPERATURE]**2 * hours
+            for row, column in ((SENSOR, SENSOR), (TEMPERATURE, SENSOR), (SENSOR, TEMPERATURE)):
+                self.covariance[..., row, column] += wandered
             return
         heater_w = heater_power_w(command_w, limit_w)[:, np.newaxis, np.newaxis]
-        rates, slopes = rates_and_slopes(self._vehicle, self.mean, replace(
-            drive, heater_power_w=heater_w))
+        after, slopes = moved_with_slopes(
+            self._vehicle, self.mean, replace(drive, heater_power_w=heater_w), duration_s)
         step = np.zeros((*SHAPE, SIZE, SIZE))
-        step[..., :2, :] = duration_s * slopes
-        step[..., range(SIZE), range(SIZE)] += 1.0
-        self.mean[..., :2] += duration_s * rates
+        step[..., range(SIZE), range(SIZE)] = 1.0
+        step[..., MOVING, :] = slopes
+        self.mean[..., MOVING] = after
         self.covariance = step @ self.covariance @ np.swapaxes(step, -1, -2)
         self._add_noise(WANDER_IN_AN_HOUR**2 * hours)
         if drive.terminal_power_w is None:
             # What traffic adds to the route's power is not seen; it moves both for a while.
-            moved = POWER_NOISE * slopes[..., PROPULSION]
+            moved = POWER_NOISE / duration_s * slopes[..., :2, PROPULSION]
             self.covariance[..., :2, :2] += (
                 POWER_NOISE_LASTS_S * duration_s * moved[..., :, np.newaxis]
                 * moved[..., np.newaxis, :])
@@ -118,8 +165,8 @@ class Belief:
     def see_temperature(self, reading_c: float, resolution_k: float) -> None:
         """Take a reading of the temperature [deg C] into account, rounded to `resolution_k` [K]."""
         noise_variance = np.square(NOISES_K)
-        variance = self.covariance[..., TEMPERATURE, TEMPERATURE] + noise_variance
-        self._see_interval(TEMPERATURE, variance, reading_c - 0.5 * resolution_k,
+        variance = self.covariance[..., SENSOR, SENSOR] + noise_variance
+        self._see_interval(SENSOR, variance, reading_c - 0.5 * resolution_k,
                            reading_c + 0.5 * resolution_k)
 
     def see_soc(self, reading: float, resolution: float) -> None:
@@ -151,8 +198,10 @@ class Belief:
         """
         expected = np.array(SHARES)
         expected[-1] = 0.0
-        # A heavy tail (Student's t, 3 degrees of freedom): traffic makes large errors likely.
-        likelihoods = -2.0 * np.log1p(((share - expected) / deviation)**2 / 3.0)
+        # A heavy tail (Student's t, 3 degrees of freedom): traffic makes large errors likely. A
+        # heater that lags has shown a part of its answer only.
+        errors = (share - np.multiply.outer(SHOWN, expected)) / deviation
+        likelihoods = np.log(((1.0 + errors**2 / 3.0)**-2.0).mean(axis=0))
         likelihoods = np.maximum(likelihoods - likelihoods.max(), -most_evidence)
         self.weights *= np.exp(likelihoods)[:, np.newaxis]
         self.weights /= self.weights.sum()
@@ -205,9 +254,26 @@ class Belief:
         self.covariance[..., range(SIZE), range(SIZE)] += variances
 
     def _keep_bounds(self) -> None:
-        factors = self.mean[..., FACTORS]
-        np.minimum(factors, BOUNDS, out=factors)
-        np.maximum(factors, -BOUNDS, out=factors)
+        bounded = self.mean[..., BOUNDED]
+        np.minimum(bounded, HIGHEST, out=bounded)
+        np.maximum(bounded, LOWEST, out=bounded)
+        lost = ((np.abs(self.mean[..., TEMPERATURE] - self.mean[..., SENSOR]) > MOST_APART_K)
+                | (np.abs(self.mean[..., UNDER_WAY]) > MOST_UNDER_WAY_K))
+        if lost.any():
+            self._find_again(lost)
+
+    def _find_again(self, lost: BoolArray) -> None:
+        """Begin the filters (heaters, noises) of the lags anew that no longer mean anything."""
+        mean, covariance = self.mean[lost], self.covariance[lost]
+        mean[:, TEMPERATURE] = mean[:, SENSOR]
+        mean[:, [HEAT_LAG, SENSOR_LAG, UNDER_WAY]] = 0.0
+        for index in (TEMPERATURE, HEAT_LAG, SENSOR_LAG, UNDER_WAY):
+            covariance[:, index, :] = covariance[:, :, index] = 0.0
+        for index, deviation in {**LAG_DEVIATIONS, UNDER_WAY: UNKNOWN_UNDER_WAY_K}.items():
+            covariance[:, index, index] = deviation**2
+        covariance[:, TEMPERATURE, TEMPERATURE] = (
+            covariance[:, SENSOR, SENSOR] + UNKNOWN_APART_K**2)
+        self.mean[lost], self.covariance[lost] = mean, covariance
 
 
 def prior_factor_covariance() -> FloatArray:

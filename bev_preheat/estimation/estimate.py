@@ -10,7 +10,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.estimation.hypotheses import HeaterReport
-from bev_preheat.estimation.state import FACTORS, PROPULSION, SOC, TEMPERATURE
+from bev_preheat.estimation.state import (
+    FACTORS,
+    HEAT_LAG,
+    NOMINAL_HEAT_LAG_S,
+    NOMINAL_SENSOR_LAG_S,
+    PROPULSION,
+    SENSOR_LAG,
+    SOC,
+    TEMPERATURE,
+    UNDER_WAY,
+)
 from bev_preheat.vehicle.corrections import Corrections
 
 if TYPE_CHECKING:
@@ -22,7 +32,7 @@ class Estimate:
     """
     What is believed of the battery at an instant [ns].
 
-    `mean` (7,) and `covariance` (7, 7) are those of the elements of `state`.
+    `mean` (SIZE,) and `covariance` (SIZE, SIZE) are those of the elements of `state`.
 
     `heater` says how the heater answers, `temperature_resolution_k` in which steps the temperature
     is reported (0: continuous), `resets` how often the estimator was reset, why and when last.
@@ -51,6 +61,21 @@ class Estimate:
     def temperature_deviation_k(self) -> float:
         """Standard deviation of the battery temperature [K]."""
         return math.sqrt(max(self.covariance[TEMPERATURE, TEMPERATURE], 0.0))
+
+    @property
+    def under_way_k(self) -> float:
+        """Heat that the heater made and that has not arrived: what it will bring [K]."""
+        return max(float(self.mean[UNDER_WAY]), 0.0)
+
+    @property
+    def heat_lag_s(self) -> float:
+        """How late the heater's heat arrives [s]."""
+        return NOMINAL_HEAT_LAG_S * math.exp(self.mean[HEAT_LAG])
+
+    @property
+    def sensor_lag_s(self) -> float:
+        """How late the temperature sensor is [s]."""
+        return NOMINAL_SENSOR_LAG_S * math.exp(self.mean[SENSOR_LAG])
 
     @property
     def soc(self) -> float:

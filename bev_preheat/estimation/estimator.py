@@ -7,6 +7,7 @@ Instants are integers, in nanoseconds of the clock that stamps the battery state
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 import math
@@ -32,6 +33,8 @@ LEAST_INTERVAL_S = 0.95
 LONGEST_STEP_S = 10.0
 # After a longer silence the temperature is taken from the next reading alone.
 LONGEST_GAP_S = 60.0
+# Within a segment of a route the power varies over so long [s], about.
+VARIATION_S = 40.0
 # Standard deviation of a single reading's noise, where nothing else is known of it.
 READING_NOISE_K = 0.3
 READING_NOISE_SOC = 0.005
@@ -80,10 +83,13 @@ class Estimator:
         self._readings = ReadingCheck()
         self._stamp_ns: int | None = None
         self._powers_w: list[float] = []
+        # Instant [s] and power [W] of the latest samples, for what varies from one to the other.
+        self._latest: deque[tuple[float, float]] = deque()
 
     def lose_time(self) -> None:
         """Take the temperature from the next reading alone: stamps so far mean nothing."""
         self._stamp_ns, self._powers_w = None, []
+        self._latest.clear()
         self._response = PowerResponse()
 
     def restart(self, reason: str, at_ns: int) -> None:
@@ -170,6 +176,10 @@ class Estimator:
             self._powers_w = []
             return
         self._powers_w.append(power_w)
+        instant_s = measurement.stamp_ns / NS_PER_S
+        self._latest.append((instant_s, power_w))
+        while self._latest[0][0] < instant_s - VARIATION_S:
+            self._latest.popleft()
         answer = self._response.see(measurement.stamp_ns / NS_PER_S, power_w, command_w)
         if answer is not None:
             self._belief.see_share(answer.share, answer.deviation, EVIDENCE_OF_A_SWITCHING)
@@ -184,7 +194,9 @@ class Estimator:
         for stretch in stretches:
             drive, duration_s = stretch.drive, stretch.duration_s
             if drive is not None and seen_w is not None:
-                drive = replace(drive, terminal_power_w=seen_w, power_variance_w2=variance_w2)
+                drive = replace(
+                    drive, terminal_power_w=seen_w, power_variance_w2=variance_w2,
+                    hidden_variance_w2=max(0.0, drive.power_variance_w2 - self._seen_variance_w2()))
             self._belief.predict(duration_s, drive, stretch.command_w, stretch.limit_w)
             if drive is not None and seen_w is not None:
                 heater_w = stretch.command_w if self.estimate is None else (
@@ -193,6 +205,10 @@ class Estimator:
                     seen_w - heater_w - drive.cabin_heating_power_w - drive.auxiliary_power_w,
                     drive.propulsion_power_w, duration_s)
         self._powers_w = self._powers_w[-1:]
+
+    def _seen_variance_w2(self) -> float:
+        """Variance [W^2] of the power over as long as a route's segments last, as it was seen."""
+        return float(np.var([power_w for _, power_w in self._latest]))
 
     def _conclude(self, measurement: Measurement) -> None:
         stamp_ns = self._stamp_ns = measurement.stamp_ns

@@ -9,7 +9,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.estimation.belief import LEAST_POWER_W, POWER_NOISE, POWER_NOISE_LASTS_S
-from bev_preheat.estimation.state import DriveInputs, PROPULSION, rates_and_slopes, SIZE, SOC, TEMPERATURE
+from bev_preheat.estimation.state import (
+    DriveInputs,
+    PROPULSION,
+    rates_and_slopes,
+    SIZE,
+    SOC,
+    TEMPERATURE,
+    UNDER_WAY,
+)
 
 if TYPE_CHECKING:
     from bev_preheat.estimation.estimate import Estimate
@@ -42,7 +50,8 @@ def arrival_sensitivities(trip: Trip, plan: Plan) -> tuple[FloatArray, FloatArra
     worth = np.concatenate((np.cumprod(kept[:0:-1])[::-1], [1.0]))
     by_step = worth[:, np.newaxis] * slopes
     total = by_step.sum(axis=0)
-    total[TEMPERATURE] = float(np.prod(kept))
+    # What is under way arrives.
+    total[TEMPERATURE] = total[UNDER_WAY] = float(np.prod(kept))
     return total, by_step[:, PROPULSION]
 
 

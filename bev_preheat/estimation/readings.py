@@ -8,7 +8,7 @@ import math
 from typing import Protocol, TYPE_CHECKING
 
 from bev_preheat.estimation.resolution import Resolution, SOC_STEPS, TEMPERATURE_STEPS_K
-from bev_preheat.estimation.state import SOC, TEMPERATURE
+from bev_preheat.estimation.state import SENSOR, SOC
 
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray
@@ -100,6 +100,6 @@ class ReadingCheck:
 
     def _looks_at(self, state: BatteryState) -> tuple[Look, Look]:
         """(element, reading, step of the signal, least standard deviation) of both readings."""
-        return ((TEMPERATURE, state.temperature_c, self._temperature_steps.step,
+        return ((SENSOR, state.temperature_c, self._temperature_steps.step,
                  LEAST_DEVIATION_K),
                 (SOC, state.soc, self._soc_steps.step, LEAST_SOC_DEVIATION))

@@ -126,6 +126,9 @@ def _estimation(name: str, hardware: str, supervisor: Supervisor, estimate: Esti
         'state of charge [1]': f'{estimate.soc:.4f}',
         'arrival temperature standard deviation [K]': f'{decision.arrival_deviation_k:.2f}',
         'resolution of battery_state.temperature [K]': f'{estimate.temperature_resolution_k:g}',
+        'heat under way [K]': f'{estimate.under_way_k:.2f}',
+        'lag of the heat [s]': f'{estimate.heat_lag_s:.0f}',
+        'lag of the temperature sensor [s]': f'{estimate.sensor_lag_s:.0f}',
         'resets': str(estimate.resets),
     }
     for factor, log, deviation in zip(

@@ -77,10 +77,13 @@ def heat_early(trip: Trip, state: BatteryState, schedule: Schedule, target_c: fl
 
 def _last_stretch(trip: Trip, schedule: Schedule) -> tuple[int, float] | None:
     """Return (first step, instant [s]) of the heating that lasts until arrival; None without."""
+    # Steps in which nothing can be heated are no pause.
+    possible = trip.heater_limit_w > 0.0
     heated = schedule.heater_power_w > HEATING_SHARE * trip.heater_limit_w
-    if not len(heated) or not heated[-1]:
+    last = np.flatnonzero(possible)[-1:]
+    if not heated[last].any():
         return None
-    pauses = np.flatnonzero(~heated)
+    pauses = np.flatnonzero(possible & ~heated)
     first = int(pauses[-1]) + 1 if len(pauses) else 0
     start_s = switched_on_s(
         trip, np.where(np.arange(len(heated)) >= first, schedule.heater_power_w, 0.0))

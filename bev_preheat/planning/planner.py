@@ -61,13 +61,14 @@ NOW_S = 1e-6
 def plan_preheating(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goal,
                     method: str = DEFAULT_METHOD, caution: Caution | None = None,
                     heater_share: float = 1.0, heats_throughout: bool = False,
-                    safeguarded: bool = True, **options: Any) -> Plan:
+                    heat_lag_s: float = 0.0, safeguarded: bool = True, **options: Any) -> Plan:
     """
     Return the Plan for a vehicle with a battery state at the start of a route.
 
     `method` is one of METHODS, `options` are its own. `caution` (a Caution) makes it heat a little
     more and earlier; `heater_share` (0 ... 1) is what the heater gives of its power; with
-    `heats_throughout` it heats whatever is planned. Without `safeguarded` the plan is what the
+    `heats_throughout` it heats whatever is planned. Its heat arrives `heat_lag_s` [s] late; what
+    would come after the end is not made. Without `safeguarded` the plan is what the
     method makes of it, even if that is worse than not heating: for comparing methods, never for
     driving. Raises InvalidInput where state, goal or route are outside what the vehicle's model
     describes, or the method is unknown; PlanningFailure where the model yields no numbers.
@@ -76,7 +77,7 @@ def plan_preheating(vehicle: Vehicle, route: Route, state: BatteryState, goal: G
     if method not in METHODS:
         raise InvalidInput(f'method: {method!r} is not one of {", ".join(METHODS)}')
     check_situation(vehicle, route, state, goal)
-    trip = make_trip(vehicle, route, heater_share)
+    trip = make_trip(vehicle, route, heater_share, heat_lag_s)
     if heats_throughout:
         trip = heated_throughout(trip)
     try:

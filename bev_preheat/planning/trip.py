@@ -75,11 +75,14 @@ class Trip:
             drivetrain_heat_w=share * self.drivetrain_heat_w)
 
 
-def make_trip(vehicle: Vehicle, route: Route, heater_share: float = 1.0) -> Trip:
+def make_trip(vehicle: Vehicle, route: Route, heater_share: float = 1.0,
+              heat_lag_s: float = 0.0) -> Trip:
     """
     Return the Trip of a vehicle on a route, whose long segments are divided for it.
 
-    Of what the cabin leaves of the heater, `heater_share` (0 ... 1) is there for the battery.
+    Of what the cabin leaves of the heater, `heater_share` (0 ... 1) is there for the battery. Heat
+    that arrives `heat_lag_s` [s] late is not made in the steps before arrival from which it comes
+    too late.
     """
     route = route.divided(_longest_steps_s(vehicle, route))
     leakage_w_per_k = vehicle.battery.leakage.coefficient_w_per_k(route.speed_mps)
@@ -94,8 +97,14 @@ def make_trip(vehicle: Vehicle, route: Route, heater_share: float = 1.0) -> Trip
         idle_heat_w=leakage_w_per_k * route.ambient_temperature_c + drivetrain_heat_w,
         drivetrain_heat_w=drivetrain_heat_w,
         leakage_w_per_k=leakage_w_per_k,
-        heater_limit_w=heater_share * np.maximum(
+        heater_limit_w=heater_share * _in_time(route, heat_lag_s) * np.maximum(
             vehicle.hvch.maximum_power_w - route.cabin_heating_power_w, 0.0))
+
+
+def _in_time(route: Route, heat_lag_s: float) -> FloatArray:
+    """1 in the steps of which the heat arrives before the end, for the most part, 0 in the others."""
+    left_s = route.total_duration_s - route.time_s[1:] + 0.5 * route.duration_s
+    return np.where(left_s > heat_lag_s, 1.0, 0.0)
 
 
 def _longest_steps_s(vehicle: Vehicle, route: Route) -> FloatArray:

@@ -130,14 +130,16 @@ class OutlookMaker:
         """
         vehicle, heater = self.vehicle(estimate), estimate.heater
         lowest_c, highest_c = vehicle.battery.temperature_range_c
-        state = BatteryState(min(max(estimate.temperature_c, lowest_c), highest_c), estimate.soc)
+        # What is under way arrives, or is known to be late for the end of the route.
+        state = BatteryState(min(max(
+            estimate.temperature_c + estimate.under_way_k, lowest_c), highest_c), estimate.soc)
         route = route.with_propulsion(estimate.propulsion_factor)
         share = heater.share if heater.heater is Heater.DERATED else 1.0
 
-        def plan(**heater_as: Any) -> Plan:
+        def plan(heat_lag_s: float = estimate.heat_lag_s, **heater_as: Any) -> Plan:
             return plan_preheating(
                 vehicle, route, state, goal, settings.method,
-                self._caution(estimate, settings, is_heating), **heater_as)
+                self._caution(estimate, settings, is_heating), heat_lag_s=heat_lag_s, **heater_as)
 
         def deviation_k(of: Plan) -> float:
             return arrival_deviation_k(make_trip(vehicle, route, share), of, estimate)
@@ -153,6 +155,9 @@ class OutlookMaker:
             expected, commanded = plan(heater_share=0.0), wanted
         elif heater.heater is Heater.STUCK_ON:
             expected = plan(heats_throughout=True)
+        elif wanted.status is Status.TARGET_UNREACHABLE:
+            # Then some of the heat that is mostly late is better than none.
+            commanded = plan(heat_lag_s=0.0, heater_share=share)
         self._deviation_k = deviation_k(expected)
         expected = seen_from_now(
             expected, vehicle, goal, starts_in_s, heated_s=heated_s,

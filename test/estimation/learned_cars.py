@@ -22,5 +22,5 @@ def an_estimate(covariance=None):
     """Return an Estimate with FACTORS_SEEN."""
     whole = np.eye(SIZE)
     whole[FACTORS, FACTORS] = some_covariance() if covariance is None else covariance
-    return Estimate(0, np.concatenate(([12.0, 0.7], FACTORS_SEEN)), whole,
+    return Estimate(0, np.concatenate(([12.0, 0.7], FACTORS_SEEN, np.zeros(SIZE - 7))), whole,
                     HeaterReport(Heater.ANSWERS, 1.0, 1.0), 0.0)

@@ -9,7 +9,18 @@ import pytest
 
 from bev_preheat.estimation.belief import Belief, FACTOR_BOUNDS, prior_factor_covariance, SHAPE, WANDER_IN_AN_HOUR
 from bev_preheat.estimation.hypotheses import NOISES_K, SHARES
-from bev_preheat.estimation.state import FACTORS, HEATER, PROPULSION, SIZE, TEMPERATURE
+from bev_preheat.estimation.state import (
+    FACTORS,
+    HEAT_LAG,
+    HEATER,
+    NOMINAL_HEAT_LAG_S,
+    NOMINAL_SENSOR_LAG_S,
+    PROPULSION,
+    SENSOR,
+    SENSOR_LAG,
+    TEMPERATURE,
+    UNDER_WAY,
+)
 
 ROUTE_DRIVE, _ = Course().between(0, 0)
 # No Joule heat, no drivetrain heat: only leakage moves the temperature.
@@ -27,24 +38,35 @@ def eigenvalues(belief):
     return np.linalg.eigvalsh(belief.covariance)
 
 
-def test_temperature_is_that_of_a_scalar_kalman_filter():
-    # The factors are known, so temperature stands alone; a continuous sensor, one kind of noise.
+def test_temperature_is_that_of_a_kalman_filter_written_here():
+    # Factors and lags are known, so battery and sensor stand alone; a continuous sensor, one noise.
     belief = placed(factors=np.zeros(5), factor_covariance=np.zeros((5, 5)))
+    for index in (HEAT_LAG, SENSOR_LAG):
+        belief.covariance[..., index, index] = 0.0
     gamma = VEHICLE.battery.leakage.coefficient_w_per_k(0.0)
-    decay = gamma / VEHICLE.battery.heat_capacity_j_per_k
+    decay = 10.0 * gamma / VEHICLE.battery.heat_capacity_j_per_k
     noise = NOISES_K.index(0.2)
-    mean, variance = -5.0, 0.4
+    # Over 10 s the sensor follows a battery that changes evenly.
+    left = np.exp(-10.0 / NOMINAL_SENSOR_LAG_S)
+    behind = NOMINAL_SENSOR_LAG_S / 10.0 * (1.0 - left)
+    battery = np.array([1.0 - decay, 0.0])
+    sensor = np.array([1.0 - left, left]) + (1.0 - behind) * (battery - [1.0, 0.0])
+    step = np.stack((battery, sensor))
+    constant = decay * AMBIENT_C * np.array([1.0, 1.0 - behind])
+    mean, covariance = np.full(2, -5.0), np.full((2, 2), 0.4)
     for reading_c in (-4.2, -5.6, -5.1, -4.9, -6.0):
-        mean += 10.0 * decay * (AMBIENT_C - mean)
-        variance = (1.0 - 10.0 * decay)**2 * variance + (
-            WANDER_IN_AN_HOUR[TEMPERATURE]**2 * 10.0 / 3600.0)
-        gain = variance / (variance + 0.2**2)
-        mean, variance = mean + gain * (reading_c - mean), (1.0 - gain) * variance
+        mean = step @ mean + constant
+        covariance = step @ covariance @ step.T + np.diag(
+            WANDER_IN_AN_HOUR[[TEMPERATURE, SENSOR]]**2 * 10.0 / 3600.0)
+        gain = covariance[:, 1] / (covariance[1, 1] + 0.2**2)
+        mean = mean + gain * (reading_c - mean[1])
+        covariance = covariance - np.outer(gain, covariance[1])
         belief.predict(10.0, STILL, 0.0, LIMIT_W)
         belief.see_temperature(reading_c, 0.0)
-    answers = belief.mean[0, noise, TEMPERATURE], belief.covariance[0, noise, 0, 0]
+    seen = np.ix_([TEMPERATURE, SENSOR], [TEMPERATURE, SENSOR])
     # The other heaters' filters hardly mix in: they fail once in hundreds of hours.
-    assert answers == pytest.approx((mean, variance), rel=1e-4)
+    assert belief.mean[0, noise, [TEMPERATURE, SENSOR]] == pytest.approx(mean, rel=1e-4)
+    assert belief.covariance[0, noise][seen] == pytest.approx(covariance, rel=5e-3)
 
 
 def test_weights_follow_the_likelihoods():
@@ -58,7 +80,7 @@ def test_weights_follow_the_likelihoods():
 
 def test_mixing_keeps_mean_and_spread_of_all():
     belief, drawn = placed(), np.random.default_rng(4)
-    belief.mean += drawn.normal(size=belief.mean.shape) * [1.0, 0.01, *[0.02] * 5]
+    belief.mean += drawn.normal(size=belief.mean.shape) * [1.0, 0.01, *[0.02] * 5, 0.1, 0.1, 0.1, 1.0]
     belief.weights = drawn.dirichlet(np.ones(belief.weights.size)).reshape(SHAPE)
     mean, covariance = belief.expected()
     belief._mix(600.0)
@@ -71,8 +93,9 @@ def test_mixing_keeps_mean_and_spread_of_all():
 def test_each_hypothesis_sees_its_own_heater():
     belief = placed()
     cold = belief.mean[..., TEMPERATURE].copy()
+    # What has not arrived is under way.
     belief.predict(10.0, replace(ROUTE_DRIVE, terminal_power_w=20e3), LIMIT_W, LIMIT_W)
-    gained_k = (belief.mean - cold[..., np.newaxis])[:, 0, TEMPERATURE]
+    gained_k = (belief.mean[..., TEMPERATURE] + belief.mean[..., UNDER_WAY] - cold)[:, 0]
     by_share = dict(zip(SHARES[:-1], gained_k))
     full_k = by_share[1.0] - by_share[0.0]
     # What the heater takes, the drive does not: its heat is missing.
@@ -99,7 +122,9 @@ def test_place_forgets_what_the_state_was_correlated_with():
     belief.place(10.0, 0.3, 0.5, 1e-5)
     assert belief.mean[..., FACTORS] == pytest.approx(learned)
     assert (belief.covariance[..., TEMPERATURE, FACTORS] == 0.0).all()
-    assert (belief.covariance[..., TEMPERATURE, TEMPERATURE] == 0.3).all()
+    # After a silence battery and sensor may be apart.
+    assert (belief.covariance[..., SENSOR, SENSOR] == 0.3).all()
+    assert belief.covariance[..., TEMPERATURE, TEMPERATURE] == pytest.approx(0.3 + 0.5**2)
 
 
 @pytest.mark.parametrize('share', [0.0, 0.5, 1.0])
@@ -161,4 +186,37 @@ def test_the_prior_is_that_of_the_spreads_that_are_allowed_for():
     # An even spread of +-w has a standard deviation of w / sqrt(3).
     assert np.sqrt(np.diag(prior_factor_covariance()))[:4] == pytest.approx(
         np.array([0.1, 0.2, 0.2, 0.05]) / np.sqrt(3.0), rel=0.01)
-    assert SIZE == 7
+
+
+def test_lags_are_open_over_what_they_may_be():
+    belief = placed()
+    deviations = np.sqrt(belief.covariance[0, 0, [HEAT_LAG, SENSOR_LAG], [HEAT_LAG, SENSOR_LAG]])
+    nominal_s = np.array([NOMINAL_HEAT_LAG_S, NOMINAL_SENSOR_LAG_S])
+    # Two standard deviations up: heater and coolant of 90 s and 200 s, a sensor of 120 s.
+    assert (nominal_s * np.exp(2.0 * deviations) > [250.0, 120.0]).all()
+    # And down: hardly any.
+    assert (nominal_s * np.exp(-2.0 * deviations) < 6.0).all()
+
+
+def test_heat_under_way_arrives_and_the_sensor_shows_it_later():
+    belief = placed()
+    belief.mean[..., UNDER_WAY] = 1.0
+    start_c = belief.mean[..., TEMPERATURE].copy()
+    for _ in range(60):
+        belief.predict(10.0, STILL, 0.0, LIMIT_W)
+        behind_k = belief.mean[..., TEMPERATURE] - belief.mean[..., SENSOR]
+    # Ten minutes of leakage at rest, towards the ambient, and a kelvin.
+    gamma = VEHICLE.battery.leakage.coefficient_w_per_k(0.0)
+    leaked_k = gamma * 600.0 * (AMBIENT_C - start_c) / VEHICLE.battery.heat_capacity_j_per_k
+    gained_k = belief.mean[..., TEMPERATURE] - start_c - leaked_k
+    assert gained_k[0] == pytest.approx(np.ones(len(NOISES_K)), abs=0.05)
+    assert np.abs(behind_k[0]).max() < 0.05
+
+
+def test_a_filter_that_means_nothing_any_more_begins_anew():
+    belief = placed()
+    belief.mean[0, 0, TEMPERATURE] = 500.0
+    belief.covariance[0, 0, TEMPERATURE, TEMPERATURE] = 1e4
+    belief.see_temperature(-5.0, 0.0)
+    assert belief.mean[0, 0, TEMPERATURE] == pytest.approx(belief.mean[0, 0, SENSOR])
+    assert belief.covariance[0, 0, TEMPERATURE, TEMPERATURE] < 1.0

@@ -8,7 +8,7 @@ from bev_preheat.estimation.belief import Belief, POWER_NOISE, POWER_NOISE_LASTS
 from bev_preheat.estimation.estimate import Estimate
 from bev_preheat.estimation.forecast import arrival_deviation_k, arrival_sensitivities
 from bev_preheat.estimation.hypotheses import Heater, HeaterReport
-from bev_preheat.estimation.state import FACTORS, SIZE, SOC, TEMPERATURE
+from bev_preheat.estimation.state import FACTORS, PROPULSION, SIZE, SOC, TEMPERATURE, UNDER_WAY
 from bev_preheat.planning.dynamics import run_forward
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal
@@ -44,7 +44,7 @@ def arrival_c(vehicle, route, state, plan, moved, powers=None):
     route = route.with_propulsion(propulsion if powers is None else propulsion * powers)
     _, temperature_c = run_forward(
         car, make_runge_kutta_4, state.soc + moved[SOC],
-        state.temperature_c + moved[TEMPERATURE],
+        state.temperature_c + moved[TEMPERATURE] + moved[UNDER_WAY],
         make_trip(car, route).inputs(plan.hvch_battery_power_w, plan.friction_brake_power_w))
     return temperature_c[-1]
 
@@ -66,7 +66,7 @@ def test_sensitivities_are_central_differences_of_drives(name, index):
 def test_sensitivity_to_each_segments_power_adds_up_to_that_of_all(name):
     vehicle, route, _, plan = planned(name)
     total, by_step = arrival_sensitivities(make_trip(vehicle, route), plan)
-    assert by_step.sum() == pytest.approx(total[-1])
+    assert by_step.sum() == pytest.approx(total[PROPULSION])
 
 
 def estimate_with(covariance):

@@ -8,13 +8,27 @@ import numpy as np
 import pytest
 from scipy.stats import foldnorm
 
-from bev_preheat.estimation.state import DriveInputs, rates_and_slopes, SIZE, state_rates
+from bev_preheat.estimation.state import (
+    DriveInputs,
+    HEAT_CAPACITY,
+    HEAT_LAG,
+    HEATER,
+    moved,
+    MOVING,
+    NOMINAL_HEAT_LAG_S,
+    NOMINAL_SENSOR_LAG_S,
+    PROPULSION,
+    rates_and_slopes,
+    SENSOR_LAG,
+    SIZE,
+    state_rates,
+)
 from bev_preheat.numerics.arithmetic import FLOATS
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.model import make_rates
 
 VEHICLES = {name: load_vehicle(name) for name in ('reference', 'small_car')}
-STATE = np.array([3.7, 0.63, 0.08, -0.15, 0.11, -0.04, 0.07])
+STATE = np.array([3.7, 0.63, 0.08, -0.15, 0.11, -0.04, 0.07, 0.3, -0.4, 0.9, 3.1])
 DRIVE = DriveInputs(
     speed_mps=23.0, ambient_temperature_c=-11.0, propulsion_power_w=17e3, power_variance_w2=4e7,
     propulsion_power_magnitude_w=17.7e3, cabin_heating_power_w=1300.0, auxiliary_power_w=450.0,
@@ -23,7 +37,7 @@ DRIVE = DriveInputs(
 
 def by_hand(vehicle, state, drive):
     """Rates of a car whose every quantity is multiplied by hand, from the scalar model."""
-    temperature_c, soc, capacity, leakage, resistance, heater, propulsion = state
+    temperature_c, soc, capacity, leakage, resistance, heater, propulsion = state[:7]
     battery = vehicle.battery
     propulsion_w = exp(propulsion) * drive.propulsion_power_w
     terminal_w = propulsion_w + (drive.cabin_heating_power_w + drive.auxiliary_power_w
@@ -66,10 +80,46 @@ def test_rates_are_those_of_the_car_by_hand(name, seen_w):
 @pytest.mark.parametrize('index', range(SIZE))
 def test_slopes_are_central_differences(index):
     vehicle = VEHICLES['reference']
-    _, slopes = rates_and_slopes(vehicle, STATE[np.newaxis], DriveInputs(*(
-        np.array([[value]]) for value in vars(DRIVE).values() if value is not None)))
+    _, slopes = rates_and_slopes(vehicle, STATE[np.newaxis], DriveInputs(**{
+        name: np.array([[value]]) for name, value in vars(DRIVE).items() if value is not None}))
     step = np.zeros(SIZE)
     step[index] = 1e-4
     above, below = (
         np.array(by_hand(vehicle, state, DRIVE)) for state in (STATE + step, STATE - step))
     assert slopes[0, :, index] == pytest.approx((above - below) / 2e-4, rel=5e-3, abs=1e-12)
+
+
+@pytest.mark.parametrize('duration_s', [1.0, 10.0])
+def test_what_moves_is_what_a_fine_integration_moves(duration_s):
+    """Heat under way and sensor, by hand in small steps; the battery's other heat is held (Euler)."""
+    from scipy.integrate import solve_ivp
+    vehicle = VEHICLES['reference']
+    temperature_rate, soc_rate = by_hand(vehicle, STATE, DRIVE)
+    made = (exp(STATE[HEATER] - STATE[HEAT_CAPACITY]) * vehicle.hvch.efficiency
+            * DRIVE.heater_power_w / vehicle.battery.heat_capacity_j_per_k)
+    heat_lag_s = NOMINAL_HEAT_LAG_S * exp(STATE[HEAT_LAG])
+    sensor_lag_s = NOMINAL_SENSOR_LAG_S * exp(STATE[SENSOR_LAG])
+
+    def rates(_, moving):
+        temperature_c, _, under_way_k, sensor_c = moving
+        arrives = under_way_k / heat_lag_s
+        return (temperature_rate - made + arrives, soc_rate, made - arrives,
+                (temperature_c - sensor_c) / sensor_lag_s)
+
+    start = STATE[list(MOVING)]
+    fine = solve_ivp(rates, (0.0, duration_s), start, rtol=1e-11, atol=1e-12).y[:, -1]
+    # That the battery warms evenly within a step costs the sensor a little.
+    assert moved(vehicle, STATE, DRIVE, duration_s) == pytest.approx(fine, rel=1e-9, abs=2e-3)
+    assert moved(vehicle, STATE, DRIVE, duration_s)[:3] == pytest.approx(fine[:3], rel=1e-9)
+
+
+def test_what_was_hidden_warms_as_the_route_says_it_does():
+    """Seen without its variation, the power warms as the route's with it."""
+    vehicle = VEHICLES['reference']
+    state = STATE.copy()
+    state[PROPULSION] = 0.0
+    others_w = DRIVE.cabin_heating_power_w + DRIVE.auxiliary_power_w + DRIVE.heater_power_w
+    hidden = replace(DRIVE, terminal_power_w=DRIVE.propulsion_power_w + others_w,
+                     power_variance_w2=0.0, hidden_variance_w2=DRIVE.power_variance_w2)
+    assert np.array(state_rates(vehicle, state, hidden)) == pytest.approx(
+        np.array(state_rates(vehicle, state, DRIVE)), rel=1e-12)

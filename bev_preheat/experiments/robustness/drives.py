@@ -17,6 +17,7 @@ from bev_preheat.planning.status import Status
 from bev_preheat.supervision.inputs import in_planning_steps
 from bev_preheat.supervision.settings import Settings
 from bev_preheat.supervision.supervisor import Supervisor
+from bev_preheat.vehicle.corrections import corrected_vehicle, Corrections
 
 if TYPE_CHECKING:
     from typing import Any
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
     from bev_preheat.simulation.imperfect_car import ImperfectCar
     from bev_preheat.simulation.vehicle_plant import VehiclePlant
     from bev_preheat.vehicle import Vehicle
+    from bev_preheat.vehicle.heat_path import HeatPath
 
 # Less than this share of what the cabin leaves is partial duty.
 FULL_SHARE = 0.95
@@ -149,7 +151,8 @@ def drive_informed(car: ImperfectCar, goal: Goal) -> DriveOutcome:
     plant = car.plant
     state = BatteryState(plant.temperature_c, plant.soc)
     route = in_planning_steps(plant.route, Settings.planning_step_s)
-    plan = plan_preheating(plant.vehicle, route, state, goal)
+    plan = plan_preheating(_with_coolant(plant.vehicle), route, state, goal,
+                           heat_lag_s=_heat_lag_s(plant.vehicle.heat_path))
     switchings_s = [instant_s for instant_s in (plan.heating_start_s, plan.heating_end_s)
                     if instant_s is not None]
     # Between two of these the plan's power does not change.
@@ -161,6 +164,20 @@ def drive_informed(car: ImperfectCar, goal: Goal) -> DriveOutcome:
         plant.advance(to_s, power_w)
     tally.note(plant.time_s, 0.0)
     return _drive(plant, goal, tally)
+
+
+def _with_coolant(vehicle: Vehicle) -> Vehicle:
+    """Return a vehicle whose battery has the coolant's heat capacity too: both get warm."""
+    return corrected_vehicle(vehicle, Corrections(
+        heat_capacity=1.0 + vehicle.heat_path.coolant_heat_capacity_j_per_k
+        / vehicle.battery.heat_capacity_j_per_k))
+
+
+def _heat_lag_s(path: HeatPath) -> float:
+    """How late heat arrives in all: by heater and coolant [s]."""
+    if not path.has_coolant:
+        return path.heater_lag_s
+    return path.heater_lag_s + path.coolant_heat_capacity_j_per_k / path.coolant_conductance_w_per_k
 
 
 def _drive(plant: VehiclePlant, goal: Goal, tally: _Tally, **counted: Any) -> DriveOutcome:
