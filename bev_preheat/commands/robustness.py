@@ -25,6 +25,7 @@ from bev_preheat.experiments.robustness.car_figures import summarise_drives
 from bev_preheat.experiments.robustness.car_study import COMPARED, drive_car, run_study
 from bev_preheat.experiments.robustness.drawn_cars import (
     Conditions,
+    FAULTS,
     PLANTS,
     PROPULSION_POWER_VARIABILITY,
     SPREAD,
@@ -76,6 +77,10 @@ ROWS = (
     ('Partial duty, mean [s]', lambda figures: figures['partial_duty_s']['mean'], '.1f'),
     ('… most', lambda figures: figures['partial_duty_s']['most'], '.1f'),
     ('Drives with a heater verdict', lambda figures: figures['verdicts'], 'd'),
+    ('Fault of the heater shows in', lambda figures: figures['fault']['shown'], 'd'),
+    ('… is found [%]', lambda figures: _percent(figures['fault']['found']), '.0f'),
+    ('… after, median [s]', lambda figures: figures['fault']['median_s'], '.0f'),
+    ('… after, most [s]', lambda figures: figures['fault']['most_s'], '.0f'),
     ('Refused inputs', lambda figures: figures['refused_inputs'], 'd'),
     ('Updates without a plan', lambda figures: figures['updates_without_plan'], 'd'),
     ('Trips that ran empty', lambda figures: figures['ran_empty'], 'd'),
@@ -108,6 +113,8 @@ def add_parser(subparsers: Subparsers) -> None:
         '--route', nargs='+', default=['reference'], metavar='NAME|FILE',
         help='route as described, or legs/NAME; of several, trips take one after the other '
         '(default: reference)'))
+    parser.add_argument('--fault', choices=tuple(FAULTS), default='none',
+                        help='a fault that the heater really has from some instant on (default: %(default)s)')
     parser.add_argument('--plant', choices=tuple(PLANTS), default='nominal',
                         help='what the true car has that the model has not: a heater that lags, coolant '
                         'to be warmed, a sensor that lags, a ripple of the current that is not measured '
@@ -209,7 +216,7 @@ def _conditions(arguments: Namespace) -> Conditions:
     for route in routes:
         check_situation(vehicle, route, state, goal)
     return Conditions(vehicle, tuple(routes), state, goal, arguments.period,
-                      not arguments.no_power, arguments.plant)
+                      not arguments.no_power, arguments.plant, arguments.fault)
 
 
 def _drawn() -> dict[str, Any]:
@@ -231,7 +238,7 @@ def _drawn_sentence() -> str:
 def _described(arguments: Namespace) -> dict[str, Any]:
     """Return what a JSON file says of the conditions."""
     return {'seed': arguments.seed, 'vehicle': arguments.vehicle, 'route': arguments.route,
-            'plant': arguments.plant,
+            'plant': arguments.plant, 'fault': arguments.fault,
             'temperature_c': arguments.temperature, 'soc': arguments.soc,
             'target_temperature_c': arguments.target, 'period_s': arguments.period,
             'reports_power': not arguments.no_power, 'drawn': _drawn()}

@@ -73,6 +73,12 @@ class Estimate:
         return NOMINAL_HEAT_LAG_S * math.exp(self.mean[HEAT_LAG])
 
     @property
+    def later_heat_s(self) -> float:
+        """How much later than believed the heater's heat may arrive: a standard deviation [s]."""
+        deviation = math.sqrt(max(self.covariance[HEAT_LAG, HEAT_LAG], 0.0))
+        return self.heat_lag_s * math.expm1(deviation)
+
+    @property
     def sensor_lag_s(self) -> float:
         """How late the temperature sensor is [s]."""
         return NOMINAL_SENSOR_LAG_S * math.exp(self.mean[SENSOR_LAG])

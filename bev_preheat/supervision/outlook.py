@@ -42,7 +42,7 @@ MOST_MARGIN_K = 0.15
 # The last stretch of heating begins early by so many deviations of the temperature on arrival, at
 # most by MOST_LEAD_K: until it begins more will be learned.
 LEAD_DEVIATIONS = 2.0
-MOST_LEAD_K = 2.5
+MOST_LEAD_K = 3.5
 # A pause that is shorter saves less than a switching is worth.
 LEAST_PAUSE_S = 300.0
 # The corrected vehicle is made anew where a factor has moved by more than this share of what is
@@ -139,7 +139,8 @@ class OutlookMaker:
         def plan(heat_lag_s: float = estimate.heat_lag_s, **heater_as: Any) -> Plan:
             return plan_preheating(
                 vehicle, route, state, goal, settings.method,
-                self._caution(estimate, settings, is_heating), heat_lag_s=heat_lag_s, **heater_as)
+                self._caution(vehicle, estimate, settings, is_heating), heat_lag_s=heat_lag_s,
+                **heater_as)
 
         def deviation_k(of: Plan) -> float:
             return arrival_deviation_k(make_trip(vehicle, route, share), of, estimate)
@@ -173,8 +174,13 @@ class OutlookMaker:
         assert self._factors is not None
         return (*np.exp(self._factors).tolist(), estimate.propulsion_factor)
 
-    def _caution(self, estimate: Estimate, settings: Settings, is_heating: bool) -> Caution:
+    def _caution(self, vehicle: Vehicle, estimate: Estimate, settings: Settings,
+                 is_heating: bool) -> Caution:
         lead_k = 0.0 if self._deviation_k is None else LEAD_DEVIATIONS * self._deviation_k
+        # What may come later than believed is begun with earlier.
+        lead_k += estimate.later_heat_s * (
+            vehicle.hvch.efficiency * vehicle.hvch.maximum_power_w
+            / vehicle.battery.heat_capacity_j_per_k)
         return Caution(
             margin_k=min(MARGIN_DEVIATIONS * estimate.temperature_deviation_k, MOST_MARGIN_K),
             lead_k=min(lead_k, MOST_LEAD_K) if math.isfinite(lead_k) else MOST_LEAD_K,

@@ -56,6 +56,7 @@ def summarise_drives(results: Sequence[CarResult], methods: Iterable[str]) -> Fi
         summary[method] = {
             'arrival_error_k': _errors(drives, informed),
             'verdicts': sum(bool(drive.verdicts) for drive in drives),
+            'fault': _fault_figures(drives),
             'switch_ons': {'mean': _mean([drive.switch_ons for drive in drives]),
                            'most': max(drive.switch_ons for drive in drives)},
             'heating_energy_wh': _mean([drive.heating_energy_wh for drive in drives]),
@@ -94,6 +95,16 @@ def requirements(figures: Figures) -> list[Requirement]:
         Requirement('refused inputs', 'none', figures['refused_inputs'], '',
                     figures['refused_inputs'] == 0),
     ]
+
+
+def _fault_figures(drives: Iterable[DriveOutcome]) -> dict[str, float | None]:
+    """Of the drives in which a heater's fault showed: the share that found it, and after how long [s]."""
+    shown_s = [drive.fault_found_after_s for drive in drives if drive.fault_shown]
+    found_s = [seconds for seconds in shown_s if seconds is not None]
+    return {'shown': len(shown_s),
+            'found': len(found_s) / len(shown_s) if shown_s else None,
+            'median_s': float(np.median(found_s)) if found_s else None,
+            'most_s': max(found_s, default=None)}
 
 
 def _errors(drives: Iterable[DriveOutcome],

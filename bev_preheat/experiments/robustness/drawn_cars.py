@@ -9,6 +9,7 @@ import numpy as np
 
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route.segments import Route
+from bev_preheat.simulation.heater_faults import HeaterFault
 from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections
 from bev_preheat.simulation.mismatch import Mismatch
 from bev_preheat.simulation.sensors import Sensors
@@ -43,6 +44,14 @@ PLANTS: dict[str, frozenset[str]] = {
     'all': frozenset(('lag', 'coolant', 'sensor_lag', 'ripple'))}
 
 
+# Real faults of the heater by name: what it gives of its command, or that it heats uncommanded.
+FAULTS: dict[str, HeaterFault | None] = {
+    'none': None, 'dead': HeaterFault(0.0, share=0.0), 'derated': HeaterFault(0.0, share=0.5),
+    'stuck_on': HeaterFault(0.0, stuck_on=True)}
+# A fault begins in this part of the drive, drawn evenly.
+FAULT_BEGINS = (0.1, 0.5)
+
+
 @dataclass(frozen=True)
 class Conditions:
     """
@@ -50,7 +59,7 @@ class Conditions:
 
     Vehicle and Routes as described (trips take them in turn), the state at the start, the goal, the
     time between two battery states and between two commands [s], whether battery states carry
-    voltage and current, and one of PLANTS by name.
+    voltage and current, one of PLANTS by name, and one of FAULTS by name.
     """
 
     vehicle: Vehicle
@@ -60,6 +69,7 @@ class Conditions:
     period_s: float = 1.0
     reports_power: bool = True
     plant: str = 'nominal'
+    fault: str = 'none'
 
 
 @dataclass(frozen=True)
@@ -71,6 +81,7 @@ class DrawnCar:
     conditions: Conditions
     mismatch: Mismatch
     heat_path: HeatPath = DIRECT
+    heater_faults: tuple[HeaterFault, ...] = ()
 
     @property
     def route(self) -> Route:
@@ -88,7 +99,8 @@ class DrawnCar:
             period_s=conditions.period_s)
         return ImperfectCar(
             conditions.vehicle, self.route, conditions.state, conditions.goal,
-            Imperfections(self.mismatch, self.heat_path, sensors), [self.seed, self.number])
+            Imperfections(self.mismatch, self.heat_path, sensors, self.heater_faults),
+            [self.seed, self.number])
 
 
 def draw_car(conditions: Conditions, seed: int, number: int) -> DrawnCar:
@@ -97,9 +109,14 @@ def draw_car(conditions: Conditions, seed: int, number: int) -> DrawnCar:
     factors = {name: float(random.uniform(1.0 - spread, 1.0 + spread))
                for name, spread in SPREAD.items()}
     parts = PLANTS[conditions.plant]
-    return DrawnCar(seed, number, conditions, Mismatch(
+    car = DrawnCar(seed, number, conditions, Mismatch(
         **factors, propulsion_power_variability=PROPULSION_POWER_VARIABILITY,
         visible_variation='ripple' not in parts), _draw_heat_path(random, parts))
+    fault = FAULTS[conditions.fault]
+    if fault is None:
+        return car
+    begins_s = float(random.uniform(*FAULT_BEGINS)) * car.route.total_duration_s
+    return replace(car, heater_faults=(replace(fault, from_s=begins_s),))
 
 
 def _draw_heat_path(random: np.random.Generator, parts: frozenset[str]) -> HeatPath:

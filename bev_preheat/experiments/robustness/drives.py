@@ -20,11 +20,14 @@ from bev_preheat.supervision.supervisor import Supervisor
 from bev_preheat.vehicle.corrections import corrected_vehicle, Corrections
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
     from typing import Any
 
+    from bev_preheat.estimation.estimate import Estimate
     from bev_preheat.numerics.arrays import FloatArray
     from bev_preheat.planning.situation import Goal
     from bev_preheat.route import Route
+    from bev_preheat.simulation.heater_faults import HeaterFault
     from bev_preheat.simulation.imperfect_car import ImperfectCar
     from bev_preheat.simulation.vehicle_plant import VehiclePlant
     from bev_preheat.vehicle import Vehicle
@@ -44,7 +47,9 @@ class DriveOutcome:
     counts how often the command rose from 0 W, first at `first_switch_on_s` [s], None where it
     never did; `partial_duty_s` is how long it was more than 0 W and less than FULL_SHARE of what
     the cabin leaves.
-    `verdicts` are the faults that the planner found in the heater on the way, in order.
+    `verdicts` are the faults that the planner found in the heater on the way, in order;
+    `fault_shown` says whether one that the heater really had showed (a dead heater that is not
+    commanded does not), and `fault_found_after_s` how long after that it was found [s]; None: never.
     `refused_inputs` counts battery states that were refused, `updates_without_plan` the updates
     after which nothing could be planned, `updates` all. `planner_cpu_s` is the planner's time.
     """
@@ -58,6 +63,8 @@ class DriveOutcome:
     partial_duty_s: float
     ran_empty: bool
     verdicts: tuple[str, ...] = ()
+    fault_shown: bool = False
+    fault_found_after_s: float | None = None
     refused_inputs: int = 0
     updates_without_plan: int = 0
     updates: int = 0
@@ -108,6 +115,33 @@ class _Tally:
         return 0.0 < self._power_w < FULL_SHARE * most_w
 
 
+class _FaultWatch:
+    """How long the planner takes to find the fault that the heater really has; the first of them."""
+
+    def __init__(self, faults: Sequence[HeaterFault]) -> None:
+        self._fault = faults[0] if faults else None
+        self.shows_s: float | None = None
+        self.found_after_s: float | None = None
+
+    def note(self, now_s: float, command_w: float, estimate: Estimate | None) -> None:
+        """Note the command [W] and what is believed at an instant [s]."""
+        fault = self._fault
+        if fault is None or now_s < fault.from_s or self.found_after_s is not None:
+            return
+        # Uncommanded heat shows where none is commanded, a heater that gives less where some is.
+        if self.shows_s is None and (command_w == 0.0) == fault.stuck_on:
+            self.shows_s = now_s
+        if (self.shows_s is not None and estimate is not None
+                and estimate.heater.heater is _kind_of(fault)):
+            self.found_after_s = now_s - self.shows_s
+
+
+def _kind_of(fault: HeaterFault) -> Heater:
+    if fault.stuck_on:
+        return Heater.STUCK_ON
+    return Heater.DEAD if fault.share == 0.0 else Heater.DERATED
+
+
 def drive_with_planner(car: ImperfectCar, goal: Goal,
                        settings: Settings) -> tuple[DriveOutcome, DriveTrace]:
     """Return (DriveOutcome, DriveTrace) of a car under a Supervisor with `settings`."""
@@ -116,6 +150,7 @@ def drive_with_planner(car: ImperfectCar, goal: Goal,
     refused, without_plan, updates, measured_c = 0, 0, 0, math.nan
     power_w = 0.0
     verdicts: dict[str, float] = {}
+    fault = _FaultWatch(car.imperfections.heater_faults)
     for moment in moments(car, supervisor, lambda: plant.is_standing):
         cpu_s += moment.cpu_s
         if moment.reading is not None:
@@ -132,13 +167,15 @@ def drive_with_planner(car: ImperfectCar, goal: Goal,
         estimate, plan = supervisor.estimate, supervisor.decision.plan
         if estimate is not None and estimate.heater.heater is not Heater.ANSWERS:
             verdicts.setdefault(estimate.heater.heater.value, moment.time_s)
+        fault.note(moment.time_s, power_w, estimate)
         rows.append((moment.time_s, plant.temperature_c, measured_c,
                      math.nan if estimate is None else estimate.temperature_c,
                      math.nan if plan is None else plan.arrival_temperature_c, power_w))
     tally.note(plant.time_s, 0.0)
     drive = _drive(plant, goal, tally, refused_inputs=refused, updates_without_plan=without_plan,
                    updates=updates, planner_cpu_s=cpu_s,
-                   verdicts=tuple(verdicts))
+                   verdicts=tuple(verdicts), fault_shown=fault.shows_s is not None,
+                   fault_found_after_s=fault.found_after_s)
     return drive, DriveTrace(*np.array(rows).T)
 
 

@@ -10,6 +10,8 @@ from short_drives import made_drive, made_result, short_conditions
 from bev_preheat.experiments.robustness import car_study
 from bev_preheat.experiments.robustness.car_figures import summarise_drives
 from bev_preheat.experiments.robustness.car_study import COMPARED, drive_car, run_study, settings_of_compared
+from bev_preheat.planning.situation import BatteryState, Goal
+from bev_preheat.route import load_route
 
 CONDITIONS = short_conditions(period_s=10.0)
 
@@ -196,3 +198,43 @@ def test_results_are_plain_values():
     drive = asdict(drive_car(CONDITIONS, 7, 4, ['planner'])[0])['methods']['planner']
     assert {type(value) for value in drive.values()} <= {bool, int, float, type(None), tuple}
     assert drive['verdicts'] == ()
+
+
+# Heaters that are slow, and heaters that fail
+
+WARMER = {'goal': Goal(30.0), 'period_s': 1.0}
+
+
+@pytest.mark.costly
+@pytest.mark.parametrize('plant', ['lag', 'sensor_lag', 'all'])
+def test_a_slow_heater_is_not_accused(plant):
+    conditions = short_conditions(plant=plant, **WARMER)
+    for number in range(2):
+        drive = drive_car(conditions, 3, number, ['planner'])[0].methods['planner']
+        assert drive.verdicts == ()
+        assert not drive.fault_shown
+
+
+@pytest.mark.costly
+# One is commanded, the other heats where no heat is needed.
+@pytest.mark.parametrize('fault, verdict, target_c', [
+    ('dead', 'dead', 9.0), ('stuck_on', 'stuck on', -4.0)])
+def test_a_heater_that_fails_is_found_in_a_slow_car_too(fault, verdict, target_c):
+    route = load_route('reference', None).before(1500.0)
+    conditions = short_conditions(
+        routes=(route,), plant='all', fault=fault, state=BatteryState(-7.0, 0.9), goal=Goal(target_c),
+        period_s=1.0)
+    result, _ = drive_car(conditions, 5, 1, ['planner'])
+    drive = result.methods['planner']
+    assert drive.fault_shown
+    assert verdict in drive.verdicts
+    assert 30.0 < drive.fault_found_after_s < 480.0
+    figures = summarise_drives([result], ['planner'])['planner']
+    assert figures['verdicts'] == 1
+    assert figures['fault'] == {'shown': 1, 'found': 1.0, 'median_s': drive.fault_found_after_s,
+                                'most_s': drive.fault_found_after_s}
+
+
+def test_a_fault_that_never_shows_is_not_missed():
+    figures = summarise_drives([made_result(0, planner=made_drive())], ['planner'])['planner']
+    assert figures['fault'] == {'shown': 0, 'found': None, 'median_s': None, 'most_s': None}
