@@ -35,6 +35,8 @@ LONGEST_STEP_S = 10.0
 LONGEST_GAP_S = 60.0
 # Within a segment of a route the power varies over so long [s], about.
 VARIATION_S = 40.0
+# After so long [s] most of the heat that was commanded has arrived, and the sensor shows it.
+LONGEST_LAGS_S = 300.0
 # Standard deviation of a single reading's noise, where nothing else is known of it.
 READING_NOISE_K = 0.3
 READING_NOISE_SOC = 0.005
@@ -83,6 +85,8 @@ class Estimator:
         self._readings = ReadingCheck()
         self._stamp_ns: int | None = None
         self._powers_w: list[float] = []
+        # How long nothing has been commanded [s].
+        self._quiet_s = math.inf
         # Instant [s] and power [W] of the latest samples, for what varies from one to the other.
         self._latest: deque[tuple[float, float]] = deque()
 
@@ -197,6 +201,7 @@ class Estimator:
                 drive = replace(
                     drive, terminal_power_w=seen_w, power_variance_w2=variance_w2,
                     hidden_variance_w2=max(0.0, drive.power_variance_w2 - self._seen_variance_w2()))
+            self._quiet_s = 0.0 if stretch.command_w > 0.0 else self._quiet_s + duration_s
             self._belief.predict(duration_s, drive, stretch.command_w, stretch.limit_w)
             if drive is not None and seen_w is not None:
                 heater_w = stretch.command_w if self.estimate is None else (
@@ -218,7 +223,8 @@ class Estimator:
             self._place(measurement)
             return
         report = judge(self._belief.weights.sum(axis=1),
-                       self.estimate.heater if self.estimate else None)
+                       self.estimate.heater if self.estimate else None,
+                       self._quiet_s >= LONGEST_LAGS_S)
         self.estimate = Estimate(
             stamp_ns, mean, covariance, report, self._readings.temperature_resolution_k, self._resets,
             self._reason, self._reset_at_ns)

@@ -80,8 +80,14 @@ TAKEN_BACK_BELOW = 0.2
 TIMES_AS_LIKELY = 3.0
 
 
-def judge(weights: FloatArray, before: HeaterReport | None) -> HeaterReport:
-    """Return the HeaterReport of hypotheses' weights (heaters,); `before` is the latest report."""
+def judge(weights: FloatArray, before: HeaterReport | None,
+          is_quiet: bool = True) -> HeaterReport:
+    """
+    Return the HeaterReport of hypotheses' weights (heaters,); `before` is the latest report.
+
+    `is_quiet` says that all heat that was commanded has arrived: only then a battery that gets
+    warm tells of a heater that is stuck on, else of one that answers sooner than was thought.
+    """
     by_kind = {kind: float(sum(weight for weight, own in zip(weights, HEATERS) if own is kind))
                for kind in Heater}
     # Which fault it is may be open where it is clear that there is one.
@@ -92,6 +98,8 @@ def judge(weights: FloatArray, before: HeaterReport | None) -> HeaterReport:
     fault = max((kind for kind in Heater if kind is not Heater.ANSWERS), key=by_kind.__getitem__)
     if told is not Heater.ANSWERS and by_kind[fault] < TIMES_AS_LIKELY * by_kind[told]:
         fault = told
+    if fault is Heater.STUCK_ON and told is not fault and not is_quiet:
+        return HeaterReport(told, by_kind[told], 1.0) if before is None else before
     shares = np.array(SHARES)
     own = np.array([kind is fault for kind in HEATERS]) * weights
     return HeaterReport(fault, by_kind[fault], float(own @ shares / own.sum()))

@@ -92,3 +92,15 @@ def test_share_of_a_derated_heater_is_the_mean_of_what_is_likely():
     weights = np.zeros(COUNT)
     weights[SHARES.index(0.4)], weights[SHARES.index(0.6)] = 0.75, 0.25
     assert judge(weights, None).share == pytest.approx(0.45)
+
+
+def test_stuck_on_is_not_told_while_commanded_heat_may_still_arrive():
+    weights = np.full(len(SHARES), 1e-3)
+    weights[STUCK] = 1.0 - weights[:-1].sum()
+    healthy = HeaterReport(Heater.ANSWERS, 0.9, 1.0)
+    assert judge(weights, healthy, is_quiet=False) == healthy
+    assert judge(weights, None, is_quiet=False).heater is Heater.ANSWERS
+    assert judge(weights, healthy, is_quiet=True).heater is Heater.STUCK_ON
+    # What has been told stays told when the heater is commanded again.
+    stuck = judge(weights, healthy, is_quiet=True)
+    assert judge(weights, stuck, is_quiet=False).heater is Heater.STUCK_ON

@@ -27,7 +27,8 @@ pytestmark = pytest.mark.costly
 ALL = {path.stem for path in configuration_folder('scenarios').glob('*.yaml')}
 WITHOUT_ROS = {'ahead_of_plan', 'detour', 'early_arrival', 'fast_battery_state', 'heavy_cold_car',
                'late_without_a_word', 'light_warm_car', 'nominal', 'slow_battery_state',
-               'slow_traffic', 'stop_in_traffic', 'temperature_stuck', 'whole_degrees'}
+               'slow_heater', 'slow_sensor', 'slow_traffic', 'stop_in_traffic',
+               'temperature_stuck', 'whole_degrees'}
 OVER_DDS = ALL - WITHOUT_ROS
 # Each begins as one that comes along, nearer to its target and to its end.
 SHORT = {
