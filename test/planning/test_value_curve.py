@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The value curve: against curves that can be written down, and what holds for every curve."""
 
-from hypothesis import assume, given
+from hypothesis import given
 from hypothesis import strategies as st
 import numpy as np
 import pytest
@@ -131,7 +131,8 @@ def test_the_cheaper_branch_costs_no_more_than_either(fall_j, warmer_k, energy_j
     heated, unheated = after.before(stride(warmer_k, energy_j), 1.0), after.before(stride(0.0, 0.0), 1.0)
     curve, bands = cheaper_branch(heated, unheated, heating_pays(after, heated, unheated, 60.0))
     # One band down to the coldest battery is judged piece by piece, by slopes.
-    assume(len(bands) > 1 or (bands and np.isfinite(bands[0][0])))
+    if len(bands) < 2 and not (bands and np.isfinite(bands[0][0])):
+        return
     for temperature_c in curve.temperature_c:
         if heated.temperature_c[0] <= temperature_c <= heated.temperature_c[-1]:
             assert curve.at(temperature_c) <= heated.at(temperature_c) + INDIFFERENCE_J
