@@ -37,6 +37,7 @@ from bev_preheat.estimation.state import (
     UNDER_WAY,
 )
 from bev_preheat.estimation.truncated_normal import truncated_moments
+from bev_preheat.numerics.arithmetic import array_exp, array_log
 
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import BoolArray, FloatArray
@@ -179,7 +180,7 @@ class Belief:
         """Compare the mean propulsion power seen [W] with the route's over `duration_s` [s]."""
         deviation_w = POWER_NOISE * max(abs(route_w), LEAST_POWER_W)
         variance = deviation_w**2 * max(1.0, POWER_NOISE_LASTS_S / duration_s)
-        factor = np.exp(self.mean[..., PROPULSION])
+        factor = array_exp(self.mean[..., PROPULSION])
         slope = factor * route_w
         gain = self.covariance[..., PROPULSION] * slope[..., np.newaxis]
         total = slope**2 * self.covariance[..., PROPULSION, PROPULSION] + variance
@@ -201,9 +202,9 @@ class Belief:
         # A heavy tail (Student's t, 3 degrees of freedom): traffic makes large errors likely. A
         # heater that lags has shown a part of its answer only.
         errors = (share - np.multiply.outer(SHOWN, expected)) / deviation
-        likelihoods = np.log(((1.0 + errors**2 / 3.0)**-2.0).mean(axis=0))
+        likelihoods = array_log(((1.0 + errors**2 / 3.0)**-2.0).mean(axis=0))
         likelihoods = np.maximum(likelihoods - likelihoods.max(), -most_evidence)
-        self.weights *= np.exp(likelihoods)[:, np.newaxis]
+        self.weights *= array_exp(likelihoods)[:, np.newaxis]
         self.weights /= self.weights.sum()
 
     def expected(self) -> tuple[FloatArray, FloatArray]:
@@ -232,7 +233,7 @@ class Belief:
                             * kept[..., np.newaxis, np.newaxis])
         self._keep_bounds()
         if tells_hypotheses:
-            self.weights *= np.exp(logs - logs.max())
+            self.weights *= array_exp(logs - logs.max())
             self.weights = np.maximum(self.weights, 1e-12)
             self.weights /= self.weights.sum()
 

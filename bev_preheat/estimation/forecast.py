@@ -18,6 +18,7 @@ from bev_preheat.estimation.state import (
     TEMPERATURE,
     UNDER_WAY,
 )
+from bev_preheat.numerics.arithmetic import array_exp
 
 if TYPE_CHECKING:
     from bev_preheat.estimation.estimate import Estimate
@@ -46,7 +47,7 @@ def arrival_sensitivities(trip: Trip, plan: Plan) -> tuple[FloatArray, FloatArra
     _, slopes = rates_and_slopes(trip.vehicle, states, drive)
     slopes = slopes[:, TEMPERATURE] * route.duration_s[:, np.newaxis]
     # Worth on arrival of a kelvin at the end of each step.
-    kept = np.exp(slopes[:, TEMPERATURE])
+    kept = array_exp(slopes[:, TEMPERATURE])
     worth = np.concatenate((np.cumprod(kept[:0:-1])[::-1], [1.0]))
     by_step = worth[:, np.newaxis] * slopes
     total = by_step.sum(axis=0)

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Enum
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -48,8 +49,8 @@ def prior_weights() -> FloatArray:
 
 def transitions(duration_s: float) -> FloatArray:
     """Probability that a heater of one kind (row) is of another (column) after so long [s]."""
-    fails = 1.0 - np.exp(-duration_s / FAILURE_S)
-    repaired = 1.0 - np.exp(-duration_s / REPAIR_S)
+    fails = 1.0 - math.exp(-duration_s / FAILURE_S)
+    repaired = 1.0 - math.exp(-duration_s / REPAIR_S)
     matrix = np.diag(np.full(len(SHARES), 1.0 - repaired))
     matrix[:, 0] += repaired
     matrix[0, :] = fails / (len(SHARES) - 1)

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.numerics.arithmetic import AnyNumber, ARRAYS
+from bev_preheat.numerics.arithmetic import AnyNumber, array_exp, ARRAYS
 from bev_preheat.numerics.folded_normal import mean_magnitude
 from bev_preheat.vehicle.corrections import corrected_vehicle, Corrections
 from bev_preheat.vehicle.model import make_rates
@@ -77,7 +77,7 @@ def state_rates(vehicle: Vehicle, state: FloatArray,
     Where the battery's power was seen, the propulsion power is what it leaves of it; else it is the
     route's, times its factor.
     """
-    factors = np.exp(state[..., FACTORS])
+    factors = array_exp(state[..., FACTORS])
     heat_capacity, leakage, resistance, heater_efficiency, propulsion = np.moveaxis(factors, -1, 0)
     car = corrected_vehicle(vehicle, Corrections(
         heat_capacity, leakage, resistance, heater_efficiency))
@@ -113,18 +113,18 @@ def moved(vehicle: Vehicle, state: FloatArray, drive: DriveInputs,
     """
     temperature_rate, soc_rate = state_rates(vehicle, state, drive)
     made_k = duration_s * (
-        np.exp(state[..., HEATER] - state[..., HEAT_CAPACITY]) * vehicle.hvch.efficiency
+        array_exp(state[..., HEATER] - state[..., HEAT_CAPACITY]) * vehicle.hvch.efficiency
         / vehicle.battery.heat_capacity_j_per_k * drive.heater_power_w)
-    heat_lag_s = NOMINAL_HEAT_LAG_S * np.exp(state[..., HEAT_LAG])
-    sensor_lag_s = NOMINAL_SENSOR_LAG_S * np.exp(state[..., SENSOR_LAG])
-    left = np.exp(-duration_s / heat_lag_s)
+    heat_lag_s = NOMINAL_HEAT_LAG_S * array_exp(state[..., HEAT_LAG])
+    sensor_lag_s = NOMINAL_SENSOR_LAG_S * array_exp(state[..., SENSOR_LAG])
+    left = array_exp(-duration_s / heat_lag_s)
     under_way_k = (state[..., UNDER_WAY] * left
                    + made_k * heat_lag_s / duration_s * (1.0 - left))
     warmer_k = duration_s * temperature_rate - (under_way_k - state[..., UNDER_WAY])
     behind_k = warmer_k * sensor_lag_s / duration_s
     end_c = state[..., TEMPERATURE] + warmer_k
     sensor_c = end_c - behind_k + (
-        state[..., SENSOR] - state[..., TEMPERATURE] + behind_k) * np.exp(-duration_s / sensor_lag_s)
+        state[..., SENSOR] - state[..., TEMPERATURE] + behind_k) * array_exp(-duration_s / sensor_lag_s)
     return np.stack((end_c, state[..., SOC] + duration_s * soc_rate, under_way_k, sensor_c), axis=-1)
 
 

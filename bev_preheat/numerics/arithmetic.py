@@ -56,6 +56,22 @@ def _saturating_root(value: float) -> float:
     return math.sqrt(value) if value > 0.0 else 0.0
 
 
+def array_exp(value: FloatArray | float) -> Any:
+    """
+    Return e^value, of the type and shape that `numpy.exp` gives.
+
+    The same numbers give the same bits wherever in memory they lie: of what is not contiguous,
+    NumPy before 2 computes some elements another way, depending on their addresses, and the last
+    digit differs between two processes.
+    """
+    return np.exp(np.asarray(value, dtype=float, order='C'))
+
+
+def array_log(value: FloatArray | float) -> Any:
+    """Return the natural logarithm; as `array_exp`."""
+    return np.log(np.asarray(value, dtype=float, order='C'))
+
+
 # The fast one: a negative discriminant raises ValueError, which costs nothing where it is not.
 FLOATS: Arithmetic[float] = Arithmetic(math.sqrt, math.log, math.exp, max, min)
 # The same for steps in which the battery cannot deliver the power: the current stays at U_oc/(2 R).
@@ -63,5 +79,5 @@ FLOATS: Arithmetic[float] = Arithmetic(math.sqrt, math.log, math.exp, max, min)
 SATURATING_FLOATS: Arithmetic[float] = Arithmetic(
     _saturating_root, math.log, math.exp, max, min, share=lambda value: min(max(value, 0.0), 1.0))
 ARRAYS: Arithmetic[FloatArray] = Arithmetic(
-    lambda value: np.sqrt(np.maximum(value, 0.0)), np.log, np.exp, np.maximum, np.minimum,
+    lambda value: np.sqrt(np.maximum(value, 0.0)), array_log, array_exp, np.maximum, np.minimum,
     share=lambda value: np.minimum(np.maximum(value, 0.0), 1.0))

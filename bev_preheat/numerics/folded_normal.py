@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from bev_preheat.numerics.arithmetic import array_exp
+
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray
 
@@ -30,5 +32,5 @@ def mean_magnitude(mean: FloatArray | float, variance: FloatArray | float) -> Fl
     deviation = np.sqrt(np.where(varies, variance, 1.0))
     standard = np.minimum(magnitude / (math.sqrt(2.0) * deviation), CERTAIN_DEVIATIONS)
     return np.where(
-        varies, math.sqrt(2.0 / math.pi) * deviation * np.exp(-np.square(standard))
+        varies, math.sqrt(2.0 / math.pi) * deviation * array_exp(-np.square(standard))
         + magnitude * _erf(standard), magnitude)

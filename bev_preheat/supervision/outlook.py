@@ -18,6 +18,7 @@ from bev_preheat.estimation.belief import prior_factor_covariance
 from bev_preheat.estimation.forecast import arrival_deviation_k
 from bev_preheat.estimation.hypotheses import Heater
 from bev_preheat.estimation.state import FACTORS, PROPULSION
+from bev_preheat.numerics.arithmetic import array_exp
 from bev_preheat.planning.caution import Caution
 from bev_preheat.planning.explanation import explain
 from bev_preheat.planning.plan import Plan
@@ -117,7 +118,7 @@ class OutlookMaker:
                 np.abs(factors - self._factors) > FACTOR_STEP * VEHICLE_DEVIATIONS).any():
             self._factors = factors.copy()
             self._corrected = corrected_vehicle(
-                self._vehicle, Corrections(*np.exp(factors).tolist()))
+                self._vehicle, Corrections(*array_exp(factors).tolist()))
         return self._corrected
 
     def make(self, estimate: Estimate, route: Route, goal: Goal, settings: Settings,
@@ -172,7 +173,7 @@ class OutlookMaker:
         if estimate.heater.heater is not Heater.ANSWERS:
             return ()
         assert self._factors is not None
-        return (*np.exp(self._factors).tolist(), estimate.propulsion_factor)
+        return (*array_exp(self._factors).tolist(), estimate.propulsion_factor)
 
     def _caution(self, vehicle: Vehicle, estimate: Estimate, settings: Settings,
                  is_heating: bool) -> Caution:
