@@ -206,13 +206,14 @@ WARMER = {'goal': Goal(30.0), 'period_s': 1.0}
 
 
 @pytest.mark.costly
+@pytest.mark.parametrize('number', [0, *(
+    pytest.param(number, marks=pytest.mark.deep) for number in range(1, 4))])
 @pytest.mark.parametrize('plant', ['lag', 'sensor_lag', 'all'])
-def test_a_slow_heater_is_not_accused(plant):
+def test_a_slow_heater_is_not_accused(plant, number):
     conditions = short_conditions(plant=plant, **WARMER)
-    for number in range(2):
-        drive = drive_car(conditions, 3, number, ['planner'])[0].methods['planner']
-        assert drive.verdicts == ()
-        assert not drive.fault_shown
+    drive = drive_car(conditions, 3, number, ['planner'])[0].methods['planner']
+    assert drive.verdicts == ()
+    assert not drive.fault_shown
 
 
 @pytest.mark.costly
