@@ -29,7 +29,7 @@ from bev_preheat.console.output import write_json
 from bev_preheat.console.parser import OneLineParser
 from bev_preheat.console.terminal import progress_bar, result_console
 from bev_preheat.experiments.processes import NodeProcess, reserved_domain_id
-from bev_preheat.experiments.soak.judgement import judge
+from bev_preheat.experiments.soak.assessment import judge
 from bev_preheat.experiments.soak.load import Load
 from bev_preheat.experiments.soak.report import tell
 from bev_preheat.files.output_files import check_outputs, expanded, Output, PICTURE_SUFFIXES
@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from bev_preheat.console.finished import Ending
-    from bev_preheat.experiments.soak.judgement import Judgement
+    from bev_preheat.experiments.soak.assessment import Assessment
     from bev_preheat.files.output_files import AnyPath
     from bev_preheat.nodes.listening import Listener
 
@@ -74,20 +74,20 @@ def _run(parsed: Namespace) -> int:
     parsed.output.parent.mkdir(parents=True, exist_ok=True)
     console = result_console()
     try:
-        judgements, load, samples, ending = _soak(parsed)
+        assessments, load, samples, ending = _soak(parsed)
     except TimeoutError as error:
         console.print(f'soak: failed: {error}', style='red', markup=False, soft_wrap=True)
         return 1
-    if not judgements:
+    if not assessments:
         ending.tell(0, f'{parsed.minutes:g}', 'min', ())
     minutes = samples[-1][0] / 60.0
     write_json(_beside(parsed.output, JSON_SUFFIX), {
         'complete': ending.is_complete,
-        'judgements': [vars(item) for item in judgements], 'memory': samples})
+        'judgements': [vars(item) for item in assessments], 'memory': samples})
     from bev_preheat.drawing.endurance_figure import draw_endurance
     draw_endurance(parsed.output, load.commands, samples)
     good = tell(console, 'soak', f'{minutes if not ending.is_complete else parsed.minutes:.3g} min, '
-                f'battery state at {parsed.rate:g} Hz', judgements)
+                f'battery state at {parsed.rate:g} Hz', assessments)
     console.print(f'Picture: {parsed.output}', markup=False, soft_wrap=True)
     ending.tell(f'{minutes:.3g}', f'{parsed.minutes:g}', 'min', (parsed.output,))
     return 0 if good else 1
@@ -113,8 +113,8 @@ def _beside(picture: AnyPath, suffix: str) -> str:
     return f'{os.path.splitext(picture)[0]}{suffix}'
 
 
-def _soak(parsed: Namespace) -> tuple[list[Judgement], Load, list[tuple[float, float]], Ending]:
-    """Return (Judgements, Load, samples of the memory, Ending); no Judgements of an early end."""
+def _soak(parsed: Namespace) -> tuple[list[Assessment], Load, list[tuple[float, float]], Ending]:
+    """Return (Assessments, Load, samples of the memory, Ending); no Assessments of an early end."""
     heater_w = load_vehicle('reference').hvch.maximum_power_w
     with reserved_domain_id() as domain_id:
         os.environ.update(ROS_DOMAIN_ID=str(domain_id), ROS_AUTOMATIC_DISCOVERY_RANGE='LOCALHOST')
@@ -127,10 +127,10 @@ def _soak(parsed: Namespace) -> tuple[list[Judgement], Load, list[tuple[float, f
                 # Ctrl-C in a terminal is the planner's, too.
                 ended_by_itself = ending.is_complete and planner.exit_status is not None
                 exit_status = None if ended_by_itself else planner.end()
-    judgements = []
+    assessments = []
     if ending.is_complete or len(load.commands) >= LEAST_COMMANDS:
-        judgements = judge(load, samples, Settings.command_period_s, exit_status)
-    return judgements, load, samples, ending
+        assessments = judge(load, samples, Settings.command_period_s, exit_status)
+    return assessments, load, samples, ending
 
 
 def _watch(listener: Listener, planner: NodeProcess, load: Load, duration_s: float,

@@ -30,7 +30,11 @@ from bev_preheat.console.parser import OneLineParser
 from bev_preheat.console.terminal import result_console
 from bev_preheat.errors import InvalidInput
 from bev_preheat.experiments.processes import NodeProcess, reserved_domain_id
-from bev_preheat.experiments.soak.judgement import Judgement, memory_growth_mb_in_10_min, MOST_GROWTH_MB_IN_10_MIN
+from bev_preheat.experiments.soak.assessment import (
+    Assessment,
+    memory_growth_mb_in_10_min,
+    MOST_GROWTH_MB_IN_10_MIN,
+)
 from bev_preheat.experiments.soak.report import tell
 from bev_preheat.experiments.soak.terminal import CTRL_C, TerminalProcess
 from bev_preheat.files.output_files import check_outputs, expanded, Output
@@ -106,40 +110,40 @@ def _run(parsed: Namespace) -> int:
     if len(seen.memory) < LEAST_SAMPLES:
         ending.tell(0, f'{parsed.minutes:g}', 'min', ())
     minutes = f'{seen.memory[-1][0] / 60.0:.3g}' if seen.memory else '0'
-    judgements = judge(seen)
+    assessments = judge(seen)
     write_json(parsed.output, {'complete': ending.is_complete,
-                               'judgements': [vars(item) for item in judgements],
+                               'judgements': [vars(item) for item in assessments],
                                'memory': seen.memory})
     title = (f'preheat monitor, {parsed.minutes if ending.is_complete else float(minutes):g} min '
              f'at {parsed.speed_up:g} times real time')
-    good = tell(console, 'soak-monitor', title, judgements)
+    good = tell(console, 'soak-monitor', title, assessments)
     ending.tell(minutes, f'{parsed.minutes:g}', 'min', (parsed.output,))
     return 0 if good else 1
 
 
-def judge(seen: Seen) -> list[Judgement]:
-    """Return the Judgements of what was Seen."""
+def judge(seen: Seen) -> list[Assessment]:
+    """Return the Assessments of what was Seen."""
     growth_mb = memory_growth_mb_in_10_min(*zip(*seen.memory))
     return [
-        Judgement('monitor', 'ended cleanly' if seen.exit_status == 0 else
-                  f'status {seen.exit_status}', 'ends with Ctrl-C', seen.exit_status == 0),
-        Judgement('terminal', 'as before' if seen.restores_terminal else 'not restored',
-                  'as before', seen.restores_terminal),
-        Judgement('said beside its page', seen.said[-2000:] or 'nothing', 'nothing',
-                  not seen.said),
-        Judgement('resident memory, growth in 10 min', f'{growth_mb:+.3f} MB',
-                  f'at most {MOST_GROWTH_MB_IN_10_MIN:g} MB',
-                  growth_mb <= MOST_GROWTH_MB_IN_10_MIN),
-        Judgement('resident memory at the end', f'{seen.memory[-1][1]:.1f} MB', '', True),
-        Judgement('longest time between two views', f'{seen.longest_between_views_s:.2f} s',
-                  f'at most {MOST_BETWEEN_VIEWS_S:g} s',
-                  seen.longest_between_views_s <= MOST_BETWEEN_VIEWS_S),
-        Judgement('oldest battery state shown', f'{seen.oldest_shown_s:.1f} s',
-                  f'at most {MOST_AGE_S:g} s', seen.oldest_shown_s <= MOST_AGE_S),
-        Judgement('views', str(seen.views), '', True),
-        Judgement('different temperatures shown', str(len(seen.temperatures)), 'at least 10',
-                  len(seen.temperatures) >= 10),
-        Judgement('drives that arrived', str(seen.drives), 'some', seen.drives > 0),
+        Assessment('monitor', 'ended cleanly' if seen.exit_status == 0 else
+                   f'status {seen.exit_status}', 'ends with Ctrl-C', seen.exit_status == 0),
+        Assessment('terminal', 'as before' if seen.restores_terminal else 'not restored',
+                   'as before', seen.restores_terminal),
+        Assessment('said beside its page', seen.said[-2000:] or 'nothing', 'nothing',
+                   not seen.said),
+        Assessment('resident memory, growth in 10 min', f'{growth_mb:+.3f} MB',
+                   f'at most {MOST_GROWTH_MB_IN_10_MIN:g} MB',
+                   growth_mb <= MOST_GROWTH_MB_IN_10_MIN),
+        Assessment('resident memory at the end', f'{seen.memory[-1][1]:.1f} MB', '', True),
+        Assessment('longest time between two views', f'{seen.longest_between_views_s:.2f} s',
+                   f'at most {MOST_BETWEEN_VIEWS_S:g} s',
+                   seen.longest_between_views_s <= MOST_BETWEEN_VIEWS_S),
+        Assessment('oldest battery state shown', f'{seen.oldest_shown_s:.1f} s',
+                   f'at most {MOST_AGE_S:g} s', seen.oldest_shown_s <= MOST_AGE_S),
+        Assessment('views', str(seen.views), '', True),
+        Assessment('different temperatures shown', str(len(seen.temperatures)), 'at least 10',
+                   len(seen.temperatures) >= 10),
+        Assessment('drives that arrived', str(seen.drives), 'some', seen.drives > 0),
     ]
 
 

@@ -12,14 +12,14 @@ if TYPE_CHECKING:
 
     from rich.console import Console
 
-    from bev_preheat.experiments.soak.judgement import Judgement
+    from bev_preheat.experiments.soak.assessment import Assessment
 
 
-def tell(console: Console, name: str, title: str, judgements: Sequence[Judgement]) -> bool:
-    """Print the Judgements of a soak test of this name; return whether all are good."""
+def tell(console: Console, name: str, title: str, assessments: Sequence[Assessment]) -> bool:
+    """Print the Assessments of a soak test of this name; return whether all are good."""
     print_records(console, title, ('what', 'figure', 'allowed', ''), [
         (item.what, item.value, item.allowed,
-         '' if not item.allowed else 'good' if item.good else 'BAD') for item in judgements])
-    good = all(item.good for item in judgements)
+         '' if not item.allowed else 'good' if item.good else 'BAD') for item in assessments])
+    good = all(item.good for item in assessments)
     console.print(f'{name}: {"good" if good else "failed"}', style='green' if good else 'red')
     return good

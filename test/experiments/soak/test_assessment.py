@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The judgement of a soak test sees what it is there to see."""
+"""The assessment of a soak test sees what it is there to see."""
 
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from bev_preheat.experiments.soak.judgement import judge, memory_growth_mb_in_10_min
+from bev_preheat.experiments.soak.assessment import judge, memory_growth_mb_in_10_min
 
 
 def load(instants_s, **changed):

@@ -23,7 +23,7 @@ LATE_BY_S = 0.5
 
 
 @dataclass(frozen=True)
-class Judgement:
+class Assessment:
     """One figure: what it is, its value as text, what is allowed, and whether it is."""
 
     what: str
@@ -51,9 +51,9 @@ def memory_growth_mb_in_10_min(instants_s: ArrayLike, memory_mb: ArrayLike) -> f
 
 
 def judge(load: Load, memory_samples: Sequence[tuple[float, float]], command_period_s: float,
-          exit_status: int | None) -> list[Judgement]:
+          exit_status: int | None) -> list[Assessment]:
     """
-    Return the Judgements of a soak test.
+    Return the Assessments of a soak test.
 
     `load` is a finished Load, `memory_samples` are (instant [s], resident memory [MB]),
     `exit_status` is that of the planner after SIGTERM, None where it had died before.
@@ -64,24 +64,24 @@ def judge(load: Load, memory_samples: Sequence[tuple[float, float]], command_per
     growth_mb = memory_growth_mb_in_10_min(*zip(*memory_samples))
     longest_s = float(intervals_s.max()) if len(intervals_s) else float('inf')
     return [
-        Judgement('process', 'ended cleanly' if exit_status == 0 else f'status {exit_status}',
-                  'ends cleanly on SIGTERM', exit_status == 0),
-        Judgement('resident memory, growth in 10 min', f'{growth_mb:+.3f} MB',
-                  f'at most {MOST_GROWTH_MB_IN_10_MIN:g} MB',
-                  growth_mb <= MOST_GROWTH_MB_IN_10_MIN),
-        Judgement('resident memory at the end', f'{memory_samples[-1][1]:.1f} MB', '', True),
-        Judgement('command periods missed', str(missed), '0', missed == 0),
-        Judgement('longest time without a command', f'{longest_s:.3f} s',
-                  f'at most {command_period_s + LATE_BY_S:g} s',
-                  longest_s <= command_period_s + LATE_BY_S),
-        Judgement('forbidden commands', '; '.join(load.wrong[:3]) or '0', '0',
-                  not load.wrong),
-        Judgement('internal errors', str(load.internal_errors), '0', load.internal_errors == 0),
-        Judgement('battery states sent', str(load.states_sent), '', True),
-        Judgement('of messages, garbage', str(load.garbage_sent), 'some', load.garbage_sent > 0),
-        Judgement('routes sent', str(load.routes_sent), '', True),
-        Judgement('service calls', str(load.calls), '', True),
-        Judgement('commands heard', str(len(load.commands)), '', True),
-        Judgement('of these, heating', str(load.heating_commands), 'some',
-                  load.heating_commands > 0),
+        Assessment('process', 'ended cleanly' if exit_status == 0 else f'status {exit_status}',
+                   'ends cleanly on SIGTERM', exit_status == 0),
+        Assessment('resident memory, growth in 10 min', f'{growth_mb:+.3f} MB',
+                   f'at most {MOST_GROWTH_MB_IN_10_MIN:g} MB',
+                   growth_mb <= MOST_GROWTH_MB_IN_10_MIN),
+        Assessment('resident memory at the end', f'{memory_samples[-1][1]:.1f} MB', '', True),
+        Assessment('command periods missed', str(missed), '0', missed == 0),
+        Assessment('longest time without a command', f'{longest_s:.3f} s',
+                   f'at most {command_period_s + LATE_BY_S:g} s',
+                   longest_s <= command_period_s + LATE_BY_S),
+        Assessment('forbidden commands', '; '.join(load.wrong[:3]) or '0', '0',
+                   not load.wrong),
+        Assessment('internal errors', str(load.internal_errors), '0', load.internal_errors == 0),
+        Assessment('battery states sent', str(load.states_sent), '', True),
+        Assessment('of messages, garbage', str(load.garbage_sent), 'some', load.garbage_sent > 0),
+        Assessment('routes sent', str(load.routes_sent), '', True),
+        Assessment('service calls', str(load.calls), '', True),
+        Assessment('commands heard', str(len(load.commands)), '', True),
+        Assessment('of these, heating', str(load.heating_commands), 'some',
+                   load.heating_commands > 0),
     ]
