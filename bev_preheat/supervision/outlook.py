@@ -78,9 +78,9 @@ class Outlook:
 
     plan: Plan
     arrival_deviation_k: float
-    commanded: Plan | None = None
-    command_share: float = 1.0
-    model_factors: tuple[float, ...] = ()
+    commanded: Plan | None
+    command_share: float
+    model_factors: tuple[float, ...]
 
 
 def seen_from_now(plan: Plan, vehicle: Vehicle, goal: Goal, starts_in_s: float,
@@ -122,7 +122,7 @@ class OutlookMaker:
         return self._corrected
 
     def make(self, estimate: Estimate, route: Route, goal: Goal, settings: Settings,
-             is_heating: bool, starts_in_s: float = 0.0, heated_s: float = 0.0) -> Outlook:
+             is_heating: bool, starts_in_s: float, heated_s: float) -> Outlook:
         """
         Return the Outlook for a route from the estimate's instant on.
 
