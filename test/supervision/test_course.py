@@ -36,7 +36,11 @@ def between(from_s, to_s, mission=MISSION):
 
 @pytest.mark.parametrize('from_s, to_s, power_w', [
     (0.0, 1.0, 10e3), (58.0, 59.9, 10e3), (59.0, 62.0, 20e3), (120.0, 179.0, -5e3),
-    (590.0, 591.0, 7e3)])
+    (590.0, 591.0, 7e3),
+    # With the middle on the very start of the trip, of a segment and of the second leg.
+    (-1.0, 1.0, 10e3), (55.0, 65.0, 20e3), (579.0, 581.0, 7e3),
+    # Within a nanosecond of the end.
+    (178.0, 181.999_999_998, -5e3)])
 def test_the_segment_of_the_middle_is_what_is_driven(from_s, to_s, power_w):
     assert between(from_s, to_s)[0].propulsion_power_w == power_w
 
@@ -48,7 +52,23 @@ def test_all_of_a_segment_is_told():
     # 25^2 - 20^2 = 15^2
     assert drive.power_variance_w2 == pytest.approx(15e3**2)
     assert drive.terminal_power_w is None
+    # What the heater takes is the command's.
+    assert drive.heater_power_w == 0.0
     assert limit_w == VEHICLE.hvch.maximum_power_w - 1500.0
+
+
+def test_steady_power_does_not_vary():
+    assert between(10.0, 20.0)[0].power_variance_w2 == 0.0
+
+
+def test_segments_may_be_shorter_than_a_second():
+    columns = {'duration_s': [0.25] * 4, 'speed_mps': [20.0], 'ambient_temperature_c': [-7.0],
+               'propulsion_power_w': [1e3, 2e3, 3e3, 4e3]}
+    mission = Mission('a second', (
+        Leg(make_route(columns, VEHICLE.defaults), START_S * NS_PER_S),))
+    powers_w = [between(at_s, at_s + 0.25, mission)[0].propulsion_power_w
+                for at_s in (0.0, 0.25, 0.5, 0.75)]
+    assert powers_w == [1e3, 2e3, 3e3, 4e3]
 
 
 def test_a_cabin_that_takes_all_leaves_nothing():
@@ -56,8 +76,10 @@ def test_a_cabin_that_takes_all_leaves_nothing():
 
 
 @pytest.mark.parametrize('from_s, to_s', [(-10.0, -8.0), (-3.0, 1.0), (181.0, 182.0),
-                                          (300.0, 500.0), (700.0, 701.0)],
-                         ids=['before', 'begins', 'stop', 'at the stop', 'after'])
+                                          (300.0, 500.0), (700.0, 701.0), (179.0, 181.0),
+                                          (639.0, 641.0)],
+                         ids=['before', 'begins', 'stop', 'at the stop', 'after', 'end of the leg',
+                              'end of the trip'])
 def test_beyond_the_route_nothing_is_known(from_s, to_s):
     assert between(from_s, to_s) == (None, 0.0)
 
