@@ -34,12 +34,15 @@ def load_checked_yaml(path: str | Path, schema_path: Path) -> dict[str, FileData
         raise InvalidInput(f'{path}: cannot be read: {reason}') from error
     try:
         contents = yaml.load(text, Loader=_LoaderOfUniqueKeys)
+        problems = list(_numbers_that_are_not_finite(contents, ''))
+    except RecursionError as error:
+        # Thousands of brackets, or an alias within the very value that it stands for.
+        raise InvalidInput(f'{path}: cannot be read: its values are nested too deeply') from error
     except (yaml.YAMLError, ValueError) as error:
         # ValueError: what looks like a date or a number but is none, such as 2024-13-45.
         raise InvalidInput(f'{path}: is not YAML: {" ".join(str(error).split())}') from error
     if not isinstance(contents, dict):
         raise InvalidInput(f'{path}: must be a mapping of keys to values')
-    problems = list(_numbers_that_are_not_finite(contents, ''))
     errors = sorted(_validator(schema_path).iter_errors(contents),
                     key=lambda error: [str(part) for part in error.absolute_path])
     problems += [sentence for error in errors for sentence in _in_words(error)]

@@ -324,6 +324,15 @@ def test_text_that_is_no_mapping(tmp_path, text, problem):
     assert [found[:len(problem)] for found in problems_of(written(tmp_path, text))] == [problem]
 
 
+@pytest.mark.parametrize('text', [
+    pytest.param('[' * 100_000, marks=pytest.mark.costly), '{a: ' * 100_000,
+    'name: &itself [*itself]', 'battery: &itself {capacity_ah: *itself}'],
+    ids=['brackets', 'braces', 'list in itself', 'mapping in itself'])
+def test_values_that_are_nested_too_deeply(tmp_path, text):
+    assert problems_of(written(tmp_path, text)) == [
+        'cannot be read: its values are nested too deeply']
+
+
 def test_key_written_twice_is_refused(tmp_path):
     text = yaml.safe_dump(GOOD).replace('  efficiency: 0.86',
                                         '  efficiency: 0.86\n  efficiency: 0.68')
