@@ -210,22 +210,29 @@ def schema_keys(path):
     """Return the table of the keys that a YAML schema allows; comments in it are the meanings."""
     text = path.read_text()
     schema, comments = yaml.safe_load(text), key_comments(text)
-    rows = list(key_rows(schema, comments, schema, ()))
+    rows = list(key_rows(path, schema, comments, schema, ()))
     for name, node in schema.get('definitions', {}).items():
         # What several keys refer to is described once.
-        below = list(key_rows(schema, comments, node, ('definitions', name), 1))
+        below = list(key_rows(path, schema, comments, node, ('definitions', name), 1))
         rows += [(f'a {name}:', '', '', ''), *below] if below else []
     return table(('key', 'type and range', 'needed', 'meaning'), rows)
 
 
-def key_rows(schema, comments, node, keys, depth=0, mark=''):
+def key_rows(path, schema, comments, node, keys, depth=0, mark=''):
     """
     Yield the rows of the keys below a node of the schema, indented; `keys` lead to it in the file.
 
-    `mark` stands before the first of them.
+    A key may refer to the schema of another file, seen from the folder of this one's `path`. `mark` stands before the first of them.
     """
     for key, value in node.get('properties', {}).items():
         place = (*keys, 'properties', key)
+        if str(value.get('$ref', '#')).endswith('.yaml'):
+            yield (INDENT * depth + mark + code(key), 'keys',
+                   'yes' if key in node.get('required', ()) else '', plain(comments.get(place, '')))
+            text = (path.parent / value['$ref']).read_text()
+            other = yaml.safe_load(text)
+            yield from key_rows(path, other, key_comments(text), other, (), depth + 1)
+            continue
         resolved, resolved_place = resolve(schema, value, place)
         # Keys that older files may have, and that are refused with advice.
         if 'not' in resolved:
@@ -239,9 +246,9 @@ def key_rows(schema, comments, node, keys, depth=0, mark=''):
         mark = '&nbsp;&nbsp;' if mark else ''
         if is_shared:
             continue
-        yield from key_rows(schema, comments, resolved, resolved_place, depth + 1)
+        yield from key_rows(path, schema, comments, resolved, resolved_place, depth + 1)
         items, items_place = resolve(schema, resolved.get('items', {}), (*resolved_place, 'items'))
-        yield from key_rows(schema, comments, items, items_place, depth + 1, '-&nbsp;')
+        yield from key_rows(path, schema, comments, items, items_place, depth + 1, '-&nbsp;')
 
 
 def resolve(schema, node, place):

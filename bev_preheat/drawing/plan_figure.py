@@ -146,7 +146,7 @@ def _accounts(trip: Trip, plan: Plan) -> Accounts:
     schedule = Schedule(
         plan.heating_start_s, plan.hvch_battery_power_w, plan.friction_brake_power_w,
         plan.soc, plan.battery_temperature_c, make_runge_kutta_4,
-        driven_share=_driven_share(trip, plan))
+        driven_share=_driven_share(trip, plan), heat=plan.heat)
     return keep_accounts(trip, schedule)
 
 

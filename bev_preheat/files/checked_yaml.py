@@ -69,8 +69,19 @@ class _LoaderOfUniqueKeys(yaml.SafeLoader):
 
 @cache
 def _validator(schema_path: Path) -> Draft7Validator:
-    schema = yaml.safe_load(Path(schema_path).read_text(encoding='utf-8'))
-    return Draft7Validator(schema)
+    return Draft7Validator(load_schema(schema_path))
+
+
+def load_schema(path: Path) -> FileData:
+    """Return a schema (YAML); a `$ref` to another file, seen from its folder, is replaced by it."""
+    def whole(node: FileData) -> FileData:
+        if isinstance(node, dict):
+            if str(node.get('$ref', '#')).endswith('.yaml'):
+                return load_schema(path.parent / node['$ref'])
+            return {key: whole(item) for key, item in node.items()}
+        return [whole(item) for item in node] if isinstance(node, list) else node
+
+    return whole(yaml.safe_load(path.read_text(encoding='utf-8')))
 
 
 def _key(parts: Iterable[str | int]) -> str:

@@ -113,10 +113,14 @@ def _variable_bounds(problem: Problem, program: Program) -> tuple[Values, Values
     low: Values = {
         'soc': from_start(state.soc, lowest_soc),
         'temperature': from_start(state.temperature_c, coldest_c),
+        'heater_power': from_start(state.heater_power_w, -np.inf),
+        'coolant_excess': from_start(state.coolant_excess_k, -np.inf),
         'heater': 0.0, 'brake': 0.0, **dict.fromkeys(slacks, 0.0)}
     high: Values = {
         'soc': from_start(state.soc, highest_soc),
         'temperature': from_start(state.temperature_c, warmest_c),
+        'heater_power': from_start(state.heater_power_w, np.inf),
+        'coolant_excess': from_start(state.coolant_excess_k, np.inf),
         'heater': trip.heater_limit_w,
         # Only where power limits count does the friction brake have anything to do.
         'brake': np.maximum(-trip.route.propulsion_power_w, 0.0) if program.limited else 0.0,
@@ -128,11 +132,13 @@ def _constraint_bounds(problem: Problem) -> tuple[Values, Values]:
     """Return what the constraints may be at least and at most."""
     (lowest_soc, highest_soc), (_, warmest_c) = _ranges(problem)
     low: Values = {
-        'soc_defect': 0.0, 'temperature_defect': 0.0, 'discharge': 0.0, 'charge': 0.0,
+        'soc_defect': 0.0, 'temperature_defect': 0.0, 'heater_power_defect': 0.0,
+        'coolant_excess_defect': 0.0, 'discharge': 0.0, 'charge': 0.0,
         'lowest_soc': lowest_soc, 'highest_soc': -np.inf, 'highest_temperature': -np.inf,
         'target': 0.0, 'final_soc': 0.0}
     high: Values = {
-        'soc_defect': 0.0, 'temperature_defect': 0.0, 'discharge': np.inf, 'charge': np.inf,
+        'soc_defect': 0.0, 'temperature_defect': 0.0, 'heater_power_defect': 0.0,
+        'coolant_excess_defect': 0.0, 'discharge': np.inf, 'charge': np.inf,
         'lowest_soc': np.inf, 'highest_soc': highest_soc, 'highest_temperature': warmest_c,
         'target': np.inf, 'final_soc': np.inf}
     return low, high
@@ -141,7 +147,10 @@ def _constraint_bounds(problem: Problem) -> tuple[Values, Values]:
 def _unheated(problem: Problem) -> Values:
     """Return the variables of the trip without heating."""
     idle = plan_without_heating(problem.trip, problem.state)
+    heat = idle.heat
     return {'soc': idle.soc, 'temperature': idle.temperature_c, 'heater': 0.0, 'brake': 0.0,
+            'heater_power': 0.0 if heat is None else heat.heater_power_w,
+            'coolant_excess': 0.0 if heat is None else heat.coolant_excess_k,
             'lacking_k': 0.0, 'lacking_soc': 0.0, 'lacking_w': 0.0, 'soc_above': 0.0,
             'k_above': 0.0}
 

@@ -3,7 +3,9 @@
 The nonlinear program (9a)-(9j), built once for a vehicle and a number of steps.
 
 Multiple shooting with the Runge-Kutta step of `model`. Variables: state of charge and temperature
-at each instant; in each step the heater's power and the power of the friction brake. The brake is
+at each instant; in each step the heater's power and the power of the friction brake. Where the
+vehicle has a heat path, heater and coolant are states too, and what a heater that lags takes after
+arrival is paid for. The brake is
 not in the paper: where the battery may not take what the drivetrain regenerates (9i), the rest
 must go somewhere, or every descent with a cold battery would make the program infeasible. It takes
 from regeneration only, and what it takes no longer passes the drivetrain, whose heat shrinks with
@@ -27,9 +29,16 @@ import casadi
 import numpy as np
 
 from bev_preheat.optimum.layout import Block, Layout
-from bev_preheat.optimum.symbols import FACTORS, symbolic_curve, symbolic_rates, symbolic_step
+from bev_preheat.optimum.symbols import (
+    FACTORS,
+    symbolic_curve,
+    symbolic_heated_step,
+    symbolic_rates,
+    symbolic_step,
+)
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
     from typing import Any
 
     from bev_preheat.numerics.arrays import FloatArray
@@ -93,13 +102,20 @@ class Slacks:
 
 @dataclass(frozen=True)
 class Solution:
-    """States (N + 1,) and powers [W] (N,) of a solution, and what its constraints lack."""
+    """
+    States (N + 1,) and powers [W] (N,) of a solution, and what its constraints lack.
+
+    `heater_w` is what is commanded; `heater_power_w`, what the heater takes, and `coolant_excess_k`
+    are states (N + 1,) where the vehicle's heat path has them, else None.
+    """
 
     soc: FloatArray
     temperature_c: FloatArray
     heater_w: FloatArray
     brake_w: FloatArray
     slacks: Slacks
+    heater_power_w: FloatArray | None = None
+    coolant_excess_k: FloatArray | None = None
 
 
 @dataclass(frozen=True)
@@ -107,10 +123,11 @@ class Program:
     """
     A CasADi solver, and where its variables and constraints lie.
 
-    Variables: `soc` and `temperature` at each instant, `heater` and `brake` in each step, then the
-    slacks: `lacking_k` (of the target), `lacking_soc`, `lacking_w` (of the discharge power) with
+    Variables: `soc` and `temperature` at each instant, `heater` and `brake` in each step;
+    `heater_power` and `coolant_excess` at each instant, where the vehicle's heat path has them; then
+    the slacks: `lacking_k` (of the target), `lacking_soc`, `lacking_w` (of the discharge power) with
     Give.DEMANDS, `soc_above` and `k_above` with RANGES. Constraints: `soc_defect` and
-    `temperature_defect`; if limited, `discharge` and `charge`, what is left to either limit; with
+    `temperature_defect`, and one for each state of a heat path; if limited, `discharge` and `charge`, what is left to either limit; with
     DEMANDS `lowest_soc`, with RANGES `highest_soc` and `highest_temperature`, each with its slack;
     `target` and `final_soc`, by how much either is surpassed.
     """
@@ -129,7 +146,8 @@ class Program:
             found['soc'], found['temperature'], found['heater'], found['brake'], Slacks(
                 float(found['lacking_k'][0]) if 'lacking_k' in found else 0.0,
                 found.get('lacking_soc', nothing), found.get('lacking_w', nothing),
-                found.get('soc_above', nothing), found.get('k_above', nothing)))
+                found.get('soc_above', nothing), found.get('k_above', nothing)),
+            found.get('heater_power'), found.get('coolant_excess'))
 
 
 class _Blocks:
@@ -181,14 +199,22 @@ def build_program(vehicle: Vehicle, steps: int, limited: bool, give: Give) -> Pr
     duration_s, idle_power_w, variance_w2, idle_heat_w, leakage_w_per_k = (
         route[row, :] for row in range(5))
     heater_w, brake_w = heater * POWER_SCALE_W, brake * POWER_SCALE_W
-    power_w = idle_power_w + heater_w + brake_w
-    heat_w = (idle_heat_w + heater_efficiency * heater_w
-              - vehicle.drivetrain.heat_share * brake_w)
-
-    soc_end, temperature_end_c, _, mean_joule_w = symbolic_step(vehicle).map(steps)(
-        soc[:-1] * SOC_SCALE, temperature_c[:-1], duration_s, power_w, variance_w2, heat_w,
-        leakage_w_per_k, *factors)
-    energy = casadi.sum2(duration_s * (power_w + mean_joule_w)) / ENERGY_SCALE_J
+    lost_j = 0.0
+    if vehicle.heat_path.is_direct:
+        power_w = idle_power_w + heater_w + brake_w
+        heat_w = (idle_heat_w + heater_efficiency * heater_w
+                  - vehicle.drivetrain.heat_share * brake_w)
+        soc_end, temperature_end_c, _, mean_joule_w = symbolic_step(vehicle).map(steps)(
+            soc[:-1] * SOC_SCALE, temperature_c[:-1], duration_s, power_w, variance_w2, heat_w,
+            leakage_w_per_k, *factors)
+    else:
+        heat_w = idle_heat_w - vehicle.drivetrain.heat_share * brake_w
+        soc_end, temperature_end_c, mean_joule_w, drawn_w, lost_j = _heated_steps(
+            vehicle, variables, constraints, (soc[:-1] * SOC_SCALE, temperature_c[:-1]),
+            (duration_s, idle_power_w + brake_w, variance_w2, heat_w, leakage_w_per_k, heater_w,
+             *factors, heater_efficiency))
+        power_w = idle_power_w + drawn_w + brake_w
+    energy = (casadi.sum2(duration_s * (power_w + mean_joule_w)) + lost_j) / ENERGY_SCALE_J
     constraints.add('soc_defect', soc_end / SOC_SCALE - soc[1:], SOC_SCALE)
     constraints.add('temperature_defect', temperature_end_c - temperature_c[1:])
     # What is lacking of each demand: nothing, unless the program is elastic.
@@ -228,6 +254,39 @@ def build_program(vehicle: Vehicle, steps: int, limited: bool, give: Give) -> Pr
         'g': constraints.vector()}
     solver = casadi.nlpsol('optimum', 'ipopt', problem, SOLVER_OPTIONS)
     return Program(solver, variables.layout(), constraints.layout(), limited, give)
+
+
+def _heated_steps(
+        vehicle: Vehicle, variables: _Blocks, constraints: _Blocks,
+        start: tuple[casadi.MX, casadi.MX],
+        inputs: Sequence[casadi.MX]) -> tuple[casadi.MX, ...]:
+    """
+    Add the states of a heat path to a program, with their defects, and return what its steps do.
+
+    `start` are state of charge and temperature [deg C] at the start of each step, `inputs` the other
+    arguments of `symbolic_heated_step`, in its order. Returns state of charge and temperature at the
+    ends, mean Joule heat [W], what the heater takes [W], and what it takes after arrival [J].
+    """
+    path, steps = vehicle.heat_path, start[0].shape[1]
+    heater_power = excess_k = None
+    # What does not lag is no state: it would be a variable without a choice.
+    if path.heater_lag_s > 0.0:
+        heater_power = variables.variable('heater_power', steps + 1, POWER_SCALE_W)
+    if path.has_coolant:
+        excess_k = variables.variable('coolant_excess', steps + 1)
+    nothing = casadi.MX.zeros(1, steps)
+    soc_end, temperature_end_c, heater_end_w, excess_end_k, _, mean_joule_w, drawn_w, _ = (
+        symbolic_heated_step(vehicle).map(steps)(
+            *start, nothing if heater_power is None else heater_power[:-1] * POWER_SCALE_W,
+            nothing if excess_k is None else excess_k[:-1], *inputs))
+    lost_j = casadi.MX(0.0)
+    if heater_power is not None:
+        constraints.add('heater_power_defect', heater_end_w / POWER_SCALE_W - heater_power[1:],
+                        POWER_SCALE_W)
+        lost_j = path.heater_lag_s * POWER_SCALE_W * heater_power[-1]
+    if excess_k is not None:
+        constraints.add('coolant_excess_defect', excess_end_k - excess_k[1:])
+    return soc_end, temperature_end_c, mean_joule_w, drawn_w, lost_j
 
 
 def programs_built() -> int:

@@ -8,10 +8,13 @@ import math
 from time import perf_counter
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from bev_preheat.optimum.attempt import Attempt, attempt, Problem, SUCCESS
 from bev_preheat.optimum.lacking import CHARGE, find_lacking, Lacking, SOC_TOLERANCE
 from bev_preheat.optimum.program import build_program, ENERGY_SCALE_J, Give
 from bev_preheat.planning.dynamics import JOULES_PER_WH
+from bev_preheat.planning.heat_run import along_states
 from bev_preheat.planning.limits import limits_hold, run_unheated
 from bev_preheat.planning.plan import Plan
 from bev_preheat.planning.planner import finish_plan, plan_without_heating
@@ -162,6 +165,16 @@ def _optimum(trip: Trip, goal: Goal, runs: Sequence[Attempt], lacking: tuple[Lac
 
 def _schedule(trip: Trip, run: Attempt) -> Schedule:
     solution = run.solution
+    if not trip.vehicle.heat_path.is_direct:
+        command_w = solution.heater_w
+        # What does not lag takes what is commanded; without coolant there is no excess.
+        states = (solution.soc, solution.temperature_c,
+                  np.append(command_w[:1], command_w) if solution.heater_power_w is None
+                  else solution.heater_power_w,
+                  np.zeros(len(command_w) + 1) if solution.coolant_excess_k is None
+                  else solution.coolant_excess_k)
+        return along_states(trip, states, command_w, solution.brake_w,
+                            switched_on_s(trip, command_w))
     return Schedule(
         switched_on_s(trip, solution.heater_w), solution.heater_w, solution.brake_w, solution.soc,
         solution.temperature_c, make_runge_kutta_4)

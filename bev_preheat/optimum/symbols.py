@@ -3,12 +3,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import casadi
 
 from bev_preheat.numerics.arithmetic import AnyNumber, Arithmetic
 from bev_preheat.vehicle.corrections import corrected_vehicle, Corrections
+from bev_preheat.vehicle.heat_path import make_heated_step
 from bev_preheat.vehicle.model import make_rates, make_runge_kutta_4
 
 if TYPE_CHECKING:
@@ -29,7 +31,8 @@ SYMBOLS: Arithmetic[AnyNumber] = Arithmetic(
 FACTORS = ('heat_capacity', 'resistance')
 # Inputs that depend on the program's variables. CasADi leaves out the derivatives with respect to
 # all others, which makes a solution up to a sixth cheaper.
-DIFFERENTIATED = frozenset(('soc', 'temperature_c', 'power_w', 'heat_w'))
+DIFFERENTIATED = frozenset(('soc', 'temperature_c', 'power_w', 'heat_w', 'heater_w', 'excess_k',
+                            'command_w'))
 
 
 def symbolic_step(vehicle: Vehicle) -> casadi.Function:
@@ -46,6 +49,28 @@ def symbolic_step(vehicle: Vehicle) -> casadi.Function:
     step = make_runge_kutta_4(make_rates(_corrected(vehicle, factors), SYMBOLS))
     return _function('step', inputs + factors, step(*inputs), (*names, *FACTORS), (
         'soc_end', 'temperature_end_c', 'mean_temperature_c', 'mean_joule_w'))
+
+
+def symbolic_heated_step(vehicle: Vehicle) -> casadi.Function:
+    """
+    Return the step of `heat_path`, for a vehicle that has one, as a CasADi Function.
+
+    Inputs: soc, temperature [deg C], heater power [W], coolant excess [K], duration [s], terminal
+    power [W] and heat [W] without the heater's, with the variance [W^2] between them, leakage [W/K],
+    command [W], then FACTORS and the heater's efficiency. Outputs: the four states at the end, mean
+    temperature, mean Joule heat [W], means of heater power and of heat into the battery [W].
+    """
+    names = ('soc', 'temperature_c', 'heater_w', 'excess_k', 'duration_s', 'power_w', 'variance_w2',
+             'heat_w', 'leakage_w_per_k', 'command_w')
+    inputs, factors, efficiency = _symbols(names), _symbols(FACTORS), casadi.SX.sym('efficiency')
+    corrected = _corrected(vehicle, factors)
+    step = make_heated_step(
+        replace(corrected, hvch=replace(corrected.hvch, efficiency=efficiency)), SYMBOLS)
+    return _function(
+        'heated_step', [*inputs, *factors, efficiency], step(*inputs),
+        (*names, *FACTORS, 'efficiency'),
+        ('soc_end', 'temperature_end_c', 'heater_end_w', 'excess_end_k', 'mean_temperature_c',
+         'mean_joule_w', 'drawn_w', 'arriving_w'))
 
 
 def symbolic_rates(vehicle: Vehicle) -> casadi.Function:

@@ -14,6 +14,8 @@ import math
 from typing import Generic, TypeVar
 
 Outcome = TypeVar('Outcome')
+# Each value that is tried by the golden section leaves this share of the bracket.
+GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
 
 
 @dataclass(frozen=True)
@@ -95,3 +97,31 @@ def follow_slope(most: float, least: float, first: Trial[Outcome], slope: float,
         before, trial = trial, attempt(following)
         slope = (trial.excess - before.excess) / (trial.value - before.value)
     return trial
+
+
+def least_of(low: float, high: float, attempt: Callable[[float], Trial[Outcome]],
+             resolution: float) -> Trial[Outcome]:
+    """
+    Return the Trial with the least excess between `low` and `high`, to `resolution` of the value.
+
+    For an excess that falls to one minimum and rises from there on, and may have kinks: the golden
+    section. The ends of the last bracket are tried, too.
+    """
+    nearer, further = (attempt(low + share * (high - low)) for share in (1.0 - GOLDEN, GOLDEN))
+    best = min(nearer, further, key=_excess)
+    while high - low > resolution:
+        if nearer.excess <= further.excess:
+            high, further = further.value, nearer
+            nearer = following = attempt(low + (1.0 - GOLDEN) * (high - low))
+        else:
+            low, nearer = nearer.value, further
+            further = following = attempt(low + GOLDEN * (high - low))
+        best = min(best, following, key=_excess)
+    # The minimum may lie at an end, which the section only comes near to.
+    for end in (low, high):
+        best = min(best, attempt(end), key=_excess)
+    return best
+
+
+def _excess(trial: Trial[Outcome]) -> float:
+    return trial.excess

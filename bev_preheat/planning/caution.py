@@ -16,6 +16,7 @@ import numpy as np
 
 from bev_preheat.planning.bracketing import follow_slope, Trial
 from bev_preheat.planning.dynamics import run_forward
+from bev_preheat.planning.heat_run import run_heated, states_at
 from bev_preheat.planning.limits import drive_as_planned, limits_hold
 from bev_preheat.planning.schedule import HEATING_SHARE, Schedule, switched_on_s
 from bev_preheat.vehicle.model import make_runge_kutta_4
@@ -58,8 +59,8 @@ def heat_early(trip: Trip, state: BatteryState, schedule: Schedule, target_c: fl
     if last is None:
         return schedule
     first, start_s = last
-    arrival_s = float(trip.time_s[-1])
-    if not caution.is_heating and arrival_s - start_s < caution.least_heating_s:
+    end_s = _latest_end_s(trip, schedule)
+    if not caution.is_heating and end_s - start_s < caution.least_heating_s:
         return _LastStretch(trip, state, schedule, first, start_s).without()
     early_s = max(0.0, start_s - _lead_s(trip, first, caution.lead_k))
     if caution.is_heating and early_s <= caution.least_pause_s:
@@ -68,7 +69,7 @@ def heat_early(trip: Trip, state: BatteryState, schedule: Schedule, target_c: fl
         return schedule
     stretch = _LastStretch(trip, state, schedule, trip.route.segment_at(early_s), early_s)
     # What is heated earlier need not be heated later.
-    guess_s = arrival_s - (start_s - early_s)
+    guess_s = end_s - (start_s - early_s)
     early = _as_long_as_needed(stretch, stretch.until, target_c, guess_s)
     if limits_hold(trip, early):
         return early
@@ -78,7 +79,7 @@ def heat_early(trip: Trip, state: BatteryState, schedule: Schedule, target_c: fl
 def _last_stretch(trip: Trip, schedule: Schedule) -> tuple[int, float] | None:
     """Return (first step, instant [s]) of the heating that lasts until arrival; None without."""
     # Steps in which nothing can be heated are no pause.
-    possible = trip.heater_limit_w > 0.0
+    possible = (trip.heater_limit_w > 0.0) & (trip.time_s[:-1] < _latest_end_s(trip, schedule))
     heated = schedule.heater_power_w > HEATING_SHARE * trip.heater_limit_w
     last = np.flatnonzero(possible)[-1:]
     if not heated[last].any():
@@ -88,6 +89,13 @@ def _last_stretch(trip: Trip, schedule: Schedule) -> tuple[int, float] | None:
     start_s = switched_on_s(
         trip, np.where(np.arange(len(heated)) >= first, schedule.heater_power_w, 0.0))
     return None if start_s is None else (first, start_s)
+
+
+def _latest_end_s(trip: Trip, schedule: Schedule) -> float:
+    """Return the instant [s] from which on heat would come too late: the arrival, without a lag."""
+    if schedule.heat is None or schedule.heating_end_s is None:
+        return float(trip.time_s[-1])
+    return schedule.heating_end_s
 
 
 def _heat_w(trip: Trip, step: int) -> float:
@@ -117,6 +125,11 @@ class _LastStretch:
         """The instant of arrival [s]."""
         return float(self._trip.time_s[-1])
 
+    @property
+    def latest_end_s(self) -> float:
+        """The instant from which on heat would come too late [s]."""
+        return _latest_end_s(self._trip, self._schedule)
+
     def rate_k_per_s(self, end_s: float) -> float:
         """How much warmer the battery arrives for each second that heating lasts longer, about."""
         trip, step = self._trip, self._trip.route.segment_at(end_s)
@@ -138,13 +151,18 @@ class _LastStretch:
         """Return the Schedule that heats until `end_s` [s], limits left aside."""
         trip, planned, first = self._trip, self._schedule, self._first
         heater_w = self._heater_w(end_s)
+        heating_start_s = switched_on_s(trip, self._before_w)
+        if heating_start_s is None and end_s > self.start_s:
+            heating_start_s = self.start_s
+        if planned.heat is not None:
+            run = run_heated(trip, states_at(planned, first), heater_w, planned.brake_power_w, first,
+                             planned)
+            return replace(run, heating_start_s=heating_start_s,
+                           heating_end_s=self._heating_end_s(end_s))
         soc, temperature_c = run_forward(
             trip.vehicle, make_runge_kutta_4, float(planned.soc[first]),
             float(planned.temperature_c[first]),
             [column[first:] for column in trip.inputs(heater_w, planned.brake_power_w)])
-        heating_start_s = switched_on_s(trip, self._before_w)
-        if heating_start_s is None and end_s > self.start_s:
-            heating_start_s = self.start_s
         return Schedule(
             heating_start_s, heater_w, planned.brake_power_w,
             np.concatenate((planned.soc[:first], soc)),
@@ -170,7 +188,7 @@ def _as_long_as_needed(stretch: _LastStretch, until: Callable[[float], Schedule]
         return Trial(end_s, float(schedule.temperature_c[-1]) - target_c, schedule)
 
     # The later heating ends, the warmer the battery arrives.
-    first = heated_until(min(max(guess_s, stretch.start_s), stretch.arrival_s))
+    first = heated_until(min(max(guess_s, stretch.start_s), stretch.latest_end_s))
     return follow_slope(
-        stretch.arrival_s, stretch.start_s, first, stretch.rate_k_per_s(first.value), heated_until,
+        stretch.latest_end_s, stretch.start_s, first, stretch.rate_k_per_s(first.value), heated_until,
         ARRIVAL_TOLERANCE_K, END_RESOLUTION_S, MOST_RUNS).outcome

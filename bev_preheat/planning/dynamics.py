@@ -81,7 +81,9 @@ class Energies:
     Energies of a forward run [Wh]; the first four rows are those of the paper's Table II.
 
     `leakage` is negative where heat is lost. `battery_total` is what the cells give, losses
-    included: the integral of U_oc I_b.
+    included: the integral of U_oc I_b. Where the vehicle has a heat path, `hvch_heat` is what
+    reaches the battery before arrival; `hvch_electric` and `battery_total` include what a heater that
+    lags takes after arrival.
     """
 
     joule: float
@@ -121,8 +123,8 @@ def keep_accounts(trip: Trip, schedule: Schedule, deliverable: bool = False) -> 
     if schedule.driven_share is not None:
         trip = trip.driven(schedule.driven_share)
     heater_power_w, soc, temperature_c = (
-        schedule.heater_power_w, schedule.soc, schedule.temperature_c)
-    inputs = trip.inputs(heater_power_w, schedule.brake_power_w)
+        schedule.drawn_power_w, schedule.soc, schedule.temperature_c)
+    inputs = schedule.inputs(trip)
     duration_s, terminal_power_w = inputs[:2]
     hours = duration_s / JOULES_PER_WH
     _, end_c, mean_temperature_c, joule_heat_w = _step_of_arrays(
@@ -139,14 +141,18 @@ def keep_accounts(trip: Trip, schedule: Schedule, deliverable: bool = False) -> 
             0.0) * vehicle.battery.heat_capacity_j_per_k / duration_s
     battery_power_w = terminal_power_w - undeliverable_w + joule_heat_w
     hvch_electric_wh = float(hours @ heater_power_w)
+    hvch_heat_wh, lost_wh = vehicle.hvch.efficiency * hvch_electric_wh, 0.0
+    if schedule.heat is not None:
+        hvch_heat_wh, lost_wh = (
+            float(hours @ schedule.heat.arriving_heat_w), schedule.heat.lost_electric_wh)
     return Accounts(
         energy_wh=Energies(
             joule=float(hours @ joule_heat_w),
             drivetrain_heat=float(hours @ drivetrain_heat_w),
-            hvch_heat=vehicle.hvch.efficiency * hvch_electric_wh,
+            hvch_heat=hvch_heat_wh,
             leakage=float(hours @ leakage_w),
-            hvch_electric=hvch_electric_wh,
-            battery_total=float(hours @ battery_power_w)),
+            hvch_electric=hvch_electric_wh + lost_wh,
+            battery_total=float(hours @ battery_power_w) + lost_wh),
         joule_heat_w=joule_heat_w,
         leakage_w=leakage_w,
         battery_power_w=battery_power_w,

@@ -18,6 +18,7 @@ import numpy as np
 from bev_preheat.numerics.arithmetic import AnyNumber, Arithmetic, ARRAYS, FLOATS, Number
 from bev_preheat.planning.bracketing import halve
 from bev_preheat.planning.dynamics import compiled_step, hottest_c, KEPT_VEHICLES
+from bev_preheat.planning.heated_limits import run_heated_within_limits
 from bev_preheat.planning.schedule import Schedule, switched_on_s
 from bev_preheat.vehicle.model import make_runge_kutta_4
 
@@ -107,7 +108,7 @@ def limits_hold(trip: Trip, schedule: Schedule) -> bool:
     if (temperature_c.max() > highest_c or temperature_c.min() < lowest_c
             or soc.min() <= 0.0 or soc.max() > 1.0):
         return False
-    terminal_w = trip.idle_power_w + schedule.heater_power_w
+    terminal_w = trip.idle_power_w + schedule.drawn_power_w
     least_w, most_w = make_terminal_limits(trip.vehicle, ARRAYS)(
         schedule.soc[:-1], temperature_c[:-1], trip.power_variance_w2)
     return bool(((terminal_w >= least_w) & (terminal_w <= most_w)).all())
@@ -127,6 +128,10 @@ def run_within_limits(trip: Trip, state: BatteryState, watch: Watch,
     The state of charge stays within 0 ... 1: what would overfill the battery goes to the friction
     brake, and where the charge runs out the vehicle stands for the rest of the trip.
     """
+    if not trip.vehicle.heat_path.is_direct:
+        return run_heated_within_limits(
+            trip, state, watch, make_terminal_limits(trip.vehicle, FLOATS), paid_power_w,
+            take_surplus, first, before)
     drive = _step_within_limits(trip, watch, paid_power_w, take_surplus)
     if before is None or before.empty_at_s is not None:
         first = 0
@@ -285,10 +290,10 @@ def within_limits(trip: Trip, state: BatteryState, schedule: Schedule) -> Schedu
     """Return a Schedule itself if no limit was missed that it can keep, else as it can be driven."""
     least_w, most_w = make_terminal_limits(trip.vehicle, ARRAYS)(
         schedule.soc[:-1], schedule.temperature_c[:-1], trip.power_variance_w2)
-    terminal_w = trip.idle_power_w + schedule.heater_power_w + schedule.brake_power_w
+    terminal_w = trip.idle_power_w + schedule.drawn_power_w + schedule.brake_power_w
     overcharged_w = np.minimum(
         least_w - terminal_w, -trip.route.propulsion_power_w - schedule.brake_power_w)
-    overdrawn_w = np.minimum(terminal_w - most_w, schedule.heater_power_w)
+    overdrawn_w = np.minimum(terminal_w - most_w, schedule.drawn_power_w)
     if max(overcharged_w.max(), overdrawn_w.max()) <= ACTIVE_W:
         return schedule
     return drive_as_planned(trip, state, schedule.heater_power_w, take_surplus=True)

@@ -15,16 +15,19 @@ is returned.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from bev_preheat.planning.charge_acceptance import find_acceptance_loss, no_acceptance_loss
+from bev_preheat.planning.heat_run import with_coolant_in_battery
 from bev_preheat.planning.limits import limits_hold, watch_limits, within_limits
 from bev_preheat.planning.optimal_switch import ARRIVAL_TOLERANCE_K, plan_optimal_switch
 from bev_preheat.planning.safeguard import lacking_power, NO_WORSE_W
 from bev_preheat.planning.threshold_search import ThresholdSearch
 from bev_preheat.planning.thresholds import find_thresholds
+from bev_preheat.planning.two_switches import paid_until
 
 if TYPE_CHECKING:
     from bev_preheat.planning.schedule import Schedule
@@ -48,14 +51,20 @@ def plan_merit_order(trip: Trip, state: BatteryState, goal: Goal, unheated: Sche
     schedule = plan_optimal_switch(trip, state, goal, unheated)
     if limits_hold(trip, schedule):
         return schedule
+    # Thresholds are worked out as if heat arrived at once, in battery and coolant; later than a plan
+    # without limits nothing is paid for.
+    paid_w, lumped = trip.heater_limit_w, trip
+    if not trip.vehicle.heat_path.is_direct:
+        paid_w = paid_until(trip, schedule.heating_end_s)
+        lumped = replace(trip, vehicle=with_coolant_in_battery(trip.vehicle), heater_limit_w=paid_w)
     loss = no_acceptance_loss(trip)
     best: Schedule | None = None
     for _ in range(MOST_PASSES):
         watch = watch_limits(trip, schedule.soc, schedule.temperature_c)
         thresholds = find_thresholds(
-            trip, watch, schedule, goal.target_temperature_c, loss, serves_climbs)
+            lumped, watch, schedule, goal.target_temperature_c, loss, serves_climbs)
         assumed_soc = schedule.soc
-        schedule = ThresholdSearch(trip, state, watch, thresholds).settle(
+        schedule = ThresholdSearch(trip, state, watch, thresholds, paid_w).settle(
             goal.target_temperature_c, serves_climbs)
         if best is None or _is_better(trip, schedule, best, goal, serves_climbs):
             best = schedule

@@ -20,6 +20,7 @@ from bev_preheat.planning.bracketing import follow_slope, Trial
 from bev_preheat.planning.dynamics import run_forward
 from bev_preheat.planning.paper import find_crossing
 from bev_preheat.planning.schedule import maximum_from, Schedule
+from bev_preheat.planning.two_switches import plan_two_switches
 from bev_preheat.vehicle.model import make_midpoint, make_rates, make_runge_kutta_4
 
 if TYPE_CHECKING:
@@ -39,8 +40,11 @@ def plan_optimal_switch(trip: Trip, state: BatteryState, goal: Goal,
     """
     Return the Schedule whose forward run arrives at the target, switching on once.
 
+    Where the vehicle has a heat path it is switched off before arrival, too (`two_switches`).
     `unheated` is the Schedule without any heating, limits left aside, where it is known already.
     """
+    if not trip.vehicle.heat_path.is_direct:
+        return plan_two_switches(trip, state, goal, unheated)
     idle_w = np.zeros(len(trip.route))
     if unheated is None:
         idle = run_forward(

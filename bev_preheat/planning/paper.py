@@ -3,11 +3,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from bev_preheat.planning.dynamics import compiled_step, run_forward
+from bev_preheat.planning.heat_run import initial_states, run_heated, without_heat_path
 from bev_preheat.planning.schedule import maximum_from, Schedule
 from bev_preheat.vehicle.model import Integrator, make_euler
 
@@ -34,8 +36,15 @@ def plan_paper(trip: Trip, state: BatteryState, goal: Goal, terminal_soc: float 
     (`terminal_soc`, its soc_f), is that of the forward run where none is given. The trajectories
     are those of a forward run under the heater power so found, not the two halves put together,
     which would jump at the crossing. `unheated`, which other methods begin with, is not the paper's:
-    its runs are Euler's.
+    its runs are Euler's. Where the vehicle has a heat path, the switching instant is found without
+    it, and the trajectories are those with it.
     """
+    if not trip.vehicle.heat_path.is_direct:
+        # The paper knows no heat path: it switches as if there were none.
+        planned = plan_paper(replace(trip, vehicle=without_heat_path(trip.vehicle)), state, goal,
+                             terminal_soc)
+        driven = run_heated(trip, initial_states(state), planned.heater_power_w)
+        return replace(driven, heating_start_s=planned.heating_start_s)
     idle_w = np.zeros(len(trip.route))
     idle_soc, idle_temperature_c = run_forward(
         trip.vehicle, make_euler, state.soc, state.temperature_c, trip.inputs())

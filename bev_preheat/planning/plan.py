@@ -9,6 +9,7 @@ from typing import Any, TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.planning.dynamics import Energies
+from bev_preheat.planning.heat_run import HeatRun
 from bev_preheat.planning.schedule import HeldBack
 from bev_preheat.planning.status import Status
 from bev_preheat.planning.stranding import Stranding
@@ -32,7 +33,8 @@ class Plan:
     out; None where it does not. Shapes: `time_s`,
     `battery_temperature_c` and `soc` (N + 1,), `hvch_battery_power_w` (N,), the mean electrical
     power in each step, `friction_brake_power_w` (N,), what the friction brake takes because the
-    battery may not.
+    battery may not. Where the vehicle has a heat path, `hvch_battery_power_w` is what is commanded,
+    and `heat` (planning.heat_run.HeatRun) what becomes of it; else None.
     """
 
     status: Status
@@ -55,6 +57,12 @@ class Plan:
     heating_end_s: float | None = None
     held_back: HeldBack | None = None
     stranding: Stranding | None = None
+    heat: HeatRun | None = None
+
+    @property
+    def drawn_power_w(self) -> FloatArray:
+        """What the heater takes in each step, on average [W], shape (N,)."""
+        return self.hvch_battery_power_w if self.heat is None else self.heat.drawn_power_w
 
     @property
     def arrival_time_s(self) -> float:
@@ -115,4 +123,5 @@ class Plan:
             'soc': self.soc.tolist(),
             'hvch_battery_power_w': self.hvch_battery_power_w.tolist(),
             'friction_brake_power_w': self.friction_brake_power_w.tolist(),
+            **({} if self.heat is None else {'heat': self.heat.as_dictionary()}),
         }

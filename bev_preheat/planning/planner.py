@@ -16,6 +16,7 @@ from bev_preheat.numerics.arithmetic import ARRAYS
 from bev_preheat.planning.caution import Caution, heat_early
 from bev_preheat.planning.dynamics import keep_accounts, run_forward
 from bev_preheat.planning.explanation import explain
+from bev_preheat.planning.heat_run import initial_states, run_heated
 from bev_preheat.planning.limits import drive_as_planned, make_terminal_limits
 from bev_preheat.planning.merit_order import plan_merit_order
 from bev_preheat.planning.optimal_switch import plan_optimal_switch
@@ -68,7 +69,8 @@ def plan_preheating(vehicle: Vehicle, route: Route, state: BatteryState, goal: G
     `method` is one of METHODS, `options` are its own. `caution` (a Caution) makes it heat a little
     more and earlier; `heater_share` (0 ... 1) is what the heater gives of its power; with
     `heats_throughout` it heats whatever is planned. Its heat arrives `heat_lag_s` [s] late; what
-    would come after the end is not made. Without `safeguarded` the plan is what the
+    would come after the end is not made. (For a vehicle without a heat path; one that has a heat
+    path is planned with it, and `state` says what is under way.) Without `safeguarded` the plan is what the
     method makes of it, even if that is worse than not heating: for comparing methods, never for
     driving. Raises InvalidInput where state, goal or route are outside what the vehicle's model
     describes, or the method is unknown; PlanningFailure where the model yields no numbers.
@@ -139,6 +141,8 @@ def plan_without_heating(trip: Trip, state: BatteryState,
                          make_integrator: Integrator = make_runge_kutta_4) -> Schedule:
     """Return the Schedule that never heats, limits left aside."""
     idle_w = np.zeros(len(trip.route))
+    if not trip.vehicle.heat_path.is_direct:
+        return run_heated(trip, initial_states(state), idle_w)
     soc, temperature_c = run_forward(
         trip.vehicle, make_integrator, state.soc, state.temperature_c, trip.inputs())
     return Schedule(None, idle_w, idle_w, np.array(soc), np.array(temperature_c), make_integrator)
@@ -178,7 +182,8 @@ def finish_plan(trip: Trip, goal: Goal, schedule: Schedule, method: str, started
         planning_time_s=0.0,
         heating_end_s=schedule.heating_end_s,
         held_back=schedule.held_back,
-        stranding=find_stranding(trip, schedule))
+        stranding=find_stranding(trip, schedule),
+        heat=schedule.heat)
     status = _status(plan, goal)
     return replace(plan, status=status, explanation=explain(status, plan, reserve),
                    planning_time_s=perf_counter() - started)

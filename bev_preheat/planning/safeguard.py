@@ -67,7 +67,7 @@ def lacking_power(trip: Trip, schedule: Schedule, most_w: FloatArray | None = No
     if most_w is None:
         _, most_w = make_terminal_limits(trip.vehicle, ARRAYS)(
             schedule.soc[:-1], schedule.temperature_c[:-1], trip.power_variance_w2)
-    power_w = np.maximum(trip.idle_power_w + schedule.heater_power_w - most_w, 0.0)
+    power_w = np.maximum(trip.idle_power_w + schedule.drawn_power_w - most_w, 0.0)
     if schedule.driven_share is not None:
         # What a vehicle that stands does not get is lacking charge, not power.
         power_w = np.where(schedule.driven_share < 1.0, 0.0, power_w)

@@ -12,7 +12,8 @@ import numpy as np
 
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray
-    from bev_preheat.planning.trip import Trip
+    from bev_preheat.planning.heat_run import HeatRun
+    from bev_preheat.planning.trip import Inputs, Trip
     from bev_preheat.vehicle.model import Integrator
 
 # A heater power below this share of what the cabin leaves is rounding.
@@ -39,7 +40,8 @@ class Schedule:
     `empty_at_s` is the instant at which the charge runs out, None where it does not; from then on
     the vehicle stands, and `driven_share` (N,) is the share of each step that it drives (None: all).
     `held_back` (HeldBack) is why a warmer battery was ruled out; None: it was
-    not.
+    not. Where the vehicle has a heat path, `heater_power_w` is what is commanded, and `heat` (a
+    HeatRun) what becomes of it; None: the heater takes what is commanded.
     """
 
     heating_start_s: float | None
@@ -52,6 +54,21 @@ class Schedule:
     empty_at_s: float | None = None
     driven_share: FloatArray | None = None
     held_back: HeldBack | None = None
+    heat: HeatRun | None = None
+
+    @property
+    def drawn_power_w(self) -> FloatArray:
+        """Return what the heater takes in each step, on average [W], shape (N,)."""
+        return self.heater_power_w if self.heat is None else self.heat.drawn_power_w
+
+    def inputs(self, trip: Trip) -> Inputs:
+        """Return the inputs of the model's steps along this run of a Trip; see Trip.inputs."""
+        if self.heat is None:
+            return trip.inputs(self.heater_power_w, self.brake_power_w)
+        duration_s, power_w, variance_w2, heat_w, leakage_w_per_k = trip.inputs(
+            None, self.brake_power_w)
+        return (duration_s, power_w + self.heat.drawn_power_w, variance_w2,
+                heat_w + self.heat.arriving_heat_w, leakage_w_per_k)
 
 
 # A method's `plan_NAME(trip, state, goal, unheated=None)`, with options of its own.

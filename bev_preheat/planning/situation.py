@@ -13,13 +13,23 @@ if TYPE_CHECKING:
     from bev_preheat.route.segments import Route
     from bev_preheat.vehicle.description import Vehicle
 
+# No coolant is this much colder or warmer than the battery.
+MOST_EXCESS_K = 150.0
+
 
 @dataclass(frozen=True)
 class BatteryState:
-    """Battery temperature [deg C] and state of charge (0 ... 1), measured."""
+    """
+    Battery temperature [deg C] and state of charge (0 ... 1), measured.
+
+    Where the vehicle has a heat path: the electrical power that its heater takes [W], and how much
+    warmer than the battery the coolant is [K]. What a vehicle without one says there is not used.
+    """
 
     temperature_c: float
     soc: float
+    heater_power_w: float = 0.0
+    coolant_excess_k: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -50,7 +60,11 @@ def check_situation(vehicle: Vehicle, route: Route | None = None,
     checks = []
     if state is not None:
         checks += [('battery temperature', state.temperature_c, in_battery_range),
-                   ('state of charge', state.soc, share)]
+                   ('state of charge', state.soc, share),
+                   ('heater power', state.heater_power_w, (
+                       0.0, vehicle.hvch.maximum_power_w, 'W')),
+                   ('coolant excess temperature', state.coolant_excess_k, (
+                       -MOST_EXCESS_K, MOST_EXCESS_K, 'K'))]
     if goal is not None:
         checks.append(('minimum arrival state of charge', goal.minimum_arrival_soc, share))
         if goal.charging_planned:

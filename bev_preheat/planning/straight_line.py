@@ -21,9 +21,6 @@ from typing import Any, TYPE_CHECKING, TypeAlias
 
 from bev_preheat.numerics.arithmetic import AnyNumber, Arithmetic, CurveFunction, FLOATS
 
-if TYPE_CHECKING:
-    from bev_preheat.vehicle.model import Step
-
 ARGUMENTS = ('soc', 'temperature_c', 'duration_s', 'power_w', 'variance_w2', 'heat_w',
              'leakage_w_per_k')
 # The kinds of equations that vehicle files, integrators and arithmetics make, with room to spare.
@@ -32,6 +29,8 @@ Operand: TypeAlias = '_Symbol | float'
 # What `compile_step` returns.
 StepOfStates = Callable[[float, float, float, float, float, float, float], tuple[float, float]]
 Roll = Callable[[float, float, Iterable[Sequence[float]]], tuple[list[float], list[float]]]
+# A step of `vehicle.model` or `vehicle.heat_path`, whose first results are the states at its end.
+AnyStep = Callable[..., Sequence[AnyNumber]]
 
 
 class _Symbol:
@@ -72,7 +71,7 @@ class _Symbol:
         raise TypeError('a branch cannot be noted as straight-line code')
 
 
-def compile_step(make_step: Callable[[Arithmetic[AnyNumber]], Step[AnyNumber]],
+def compile_step(make_step: Callable[[Arithmetic[AnyNumber]], AnyStep],
                  floats: Arithmetic[float]) -> tuple[StepOfStates, Roll]:
     """
     Return (step, roll) for plain floats.
@@ -81,6 +80,20 @@ def compile_step(make_step: Callable[[Arithmetic[AnyNumber]], Step[AnyNumber]],
     end); `floats` is the Arithmetic for floats that it is compiled for. `step(*ARGUMENTS)` returns
     (soc, temperature [deg C]); `roll(soc, temperature_c, columns)` makes a step for each row of the
     columns (those of ARGUMENTS after the states) and returns the lists of states, one longer.
+    """
+    step: StepOfStates
+    roll: Roll
+    step, roll = compile_states(make_step, floats, ARGUMENTS, states=2, results=2)
+    return step, roll
+
+
+def compile_states(make_step: Callable[[Arithmetic[AnyNumber]], AnyStep],
+                   floats: Arithmetic[float], arguments: Sequence[str],
+                   states: int, results: int) -> tuple[Callable[..., Any], Callable[..., Any]]:
+    """
+    Return (step, roll) for plain floats, of a step whose first `arguments` are states.
+
+    As `compile_step` does for the model's two states; the step returns its first `results`.
     """
     names: dict[str, Any] = {
         'root': floats.root, 'log': floats.log, 'exp': floats.exp, 'maximum': floats.maximum,
@@ -100,29 +113,27 @@ def compile_step(make_step: Callable[[Arithmetic[AnyNumber]], Step[AnyNumber]],
         opaque=opaque,
         share=lambda value: value if floats.share is FLOATS.share else _Symbol(
             'share({})', value))
-    results = make_step(symbols)(*(_Symbol(name) for name in ARGUMENTS))[:2]
-    lines, (soc, temperature_c), numbers = _written_out(results)
+    results = make_step(symbols)(*(_Symbol(name) for name in arguments))[:results]
+    lines, ends, numbers = _written_out(results)
     names.update(numbers)
     # As defaults they are local variables, which Python reads faster than global ones.
     own = ', '.join(f'{name}={name}' for name in names)
+    state_names, inputs = arguments[:states], arguments[states:]
     source = '\n'.join([
-        f'def step({", ".join(ARGUMENTS)}, *, {own}):',
+        f'def step({", ".join(arguments)}, *, {own}):',
         *(f'    {line}' for line in lines),
-        f'    return {soc}, {temperature_c}',
+        f'    return {", ".join(ends)}',
         '',
-        f'def roll(soc, temperature_c, columns, *, {own}):',
-        '    socs, temperatures_c = [soc], [temperature_c]',
-        f'    for {", ".join(ARGUMENTS[2:])} in zip(*columns):',
+        f'def roll({", ".join(state_names)}, columns, *, {own}):',
+        *(f'    all_{name} = [{name}]' for name in state_names),
+        f'    for {", ".join(inputs)} in zip(*columns):',
         *(f'        {line}' for line in lines),
-        f'        soc, temperature_c = {soc}, {temperature_c}',
-        '        socs.append(soc)',
-        '        temperatures_c.append(temperature_c)',
-        '    return socs, temperatures_c',
+        f'        {", ".join(state_names)} = {", ".join(ends[:states])}',
+        *(f'        all_{name}.append({name})' for name in state_names),
+        f'    return {", ".join(f"all_{name}" for name in state_names)}',
     ])
     exec(_compiled(source), names)
-    step: StepOfStates = names['step']
-    roll: Roll = names['roll']
-    return step, roll
+    return names['step'], names['roll']
 
 
 @lru_cache(maxsize=KEPT_SOURCES)

@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 
 # Surplus is told from paid heating to this [W].
 SURPLUS_TOLERANCE_W = 1.0
+# Heating that ends so many lags of the heat path before arrival, or later, is for the arrival.
+TOO_LATE_LAGS = 12.0
 
 
 class Reason(IntEnum):
@@ -64,9 +66,14 @@ def heating_stretches(trip: Trip, schedule: Schedule,
     surplus = (heated & regenerates
                & (heater_w <= least_w - trip.idle_power_w + SURPLUS_TOLERANCE_W))
     first = int(heated.argmax())
-    if heated[first:].all() and not surplus.any():
+    # Where heat would come too late, heating ends before arrival.
+    too_late, last_of_all = len(heated), int(np.flatnonzero(heated)[-1]) + 1
+    if schedule.heat is not None and (trip.time_s[-1] - trip.time_s[last_of_all]
+                                      <= TOO_LATE_LAGS * trip.vehicle.heat_path.heat_lag_s):
+        too_late = last_of_all
+    if heated[first:too_late].all() and not surplus.any():
         # The usual case: from one instant on until arrival.
-        return (_stretch(trip, schedule, first, len(heated), Reason.ARRIVAL),)
+        return (_stretch(trip, schedule, first, too_late, Reason.ARRIVAL),)
     kinds = np.where(surplus, int(Reason.SURPLUS), np.where(heated, int(Reason.ARRIVAL), -1))
     edges = np.concatenate(([0], np.flatnonzero(np.diff(kinds)) + 1, [len(kinds)]))
     stretches, events = [], None
@@ -74,7 +81,7 @@ def heating_stretches(trip: Trip, schedule: Schedule,
         if kinds[first] < 0:
             continue
         reason = Reason(int(kinds[first]))
-        if reason is Reason.ARRIVAL and last < len(kinds):
+        if reason is Reason.ARRIVAL and last < too_late:
             events = _events(trip, schedule) if events is None else events
             ahead = events[last:][events[last:] >= 0]
             reason = Reason(int(ahead[0])) if len(ahead) else Reason.ARRIVAL
@@ -89,7 +96,10 @@ def _stretch(trip: Trip, schedule: Schedule, first: int, last: int,
     if schedule.heating_start_s is not None:
         start_s = max(start_s, schedule.heating_start_s)
     heater_w, duration_s = schedule.heater_power_w, trip.route.duration_s
-    return HeatingStretch(start_s, float(trip.time_s[last]),
+    end_s = float(trip.time_s[last])
+    if schedule.heat is not None and schedule.heating_end_s is not None:
+        end_s = min(end_s, schedule.heating_end_s)
+    return HeatingStretch(start_s, end_s,
                           float(heater_w[first:last] @ duration_s[first:last]) / JOULES_PER_WH,
                           reason)
 

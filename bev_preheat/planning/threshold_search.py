@@ -50,10 +50,14 @@ class ThresholdSearch:
     """Forward runs of one trip under one set of thresholds."""
 
     def __init__(self, trip: Trip, state: BatteryState, watch: Watch,
-                 thresholds: Thresholds) -> None:
-        """Take the trip, the state at its start, its Watch and its Thresholds."""
+                 thresholds: Thresholds, paid_w: FloatArray) -> None:
+        """
+        Take the trip, the state at its start, its Watch and its Thresholds.
+
+        `paid_w` is the most heater power [W] that each step (N,) is to be paid for.
+        """
         self._trip, self._state, self._watch = trip, state, watch
-        self._cap_w: list[float] = trip.heater_limit_w.tolist()
+        self._cap_w: list[float] = paid_w.tolist()
         self._thresholds = thresholds
         self._limits: TerminalLimits[FloatArray] = make_terminal_limits(trip.vehicle, ARRAYS)
         self._shift_k = np.zeros(len(trip.route))

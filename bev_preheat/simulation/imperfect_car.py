@@ -17,7 +17,7 @@ from bev_preheat.simulation.sensors import Reading, SensorReadings, Sensors
 from bev_preheat.simulation.traffic import clock_offset_s, ClockJump, drive_with_events, Event
 from bev_preheat.simulation.vehicle_plant import VehiclePlant
 from bev_preheat.supervision.inputs import Leg, Mission, NS_PER_S
-from bev_preheat.vehicle.heat_path import DIRECT, HeatPath
+from bev_preheat.vehicle.heat_path import HeatPath
 
 if TYPE_CHECKING:
     from bev_preheat.planning.situation import BatteryState, Goal
@@ -27,10 +27,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Imperfections:
-    """All deviations of the simulated drive from vehicle and route file; none by default."""
+    """
+    All deviations of the simulated drive from vehicle and route file; none by default.
+
+    `heat_path` is None where the car's is that of its vehicle file.
+    """
 
     mismatch: Mismatch = field(default_factory=Mismatch)
-    heat_path: HeatPath = DIRECT
+    heat_path: HeatPath | None = None
     sensors: Sensors = field(default_factory=Sensors)
     heater_faults: tuple[HeaterFault, ...] = ()
     events: tuple[Event, ...] = ()

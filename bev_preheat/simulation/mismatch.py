@@ -37,12 +37,14 @@ class Mismatch:
     visible_variation: bool = False
 
 
-def true_vehicle(vehicle: Vehicle, mismatch: Mismatch, heat_path: HeatPath) -> Vehicle:
-    """Return the Vehicle as it really is, with a HeatPath."""
+def true_vehicle(vehicle: Vehicle, mismatch: Mismatch, heat_path: HeatPath | None) -> Vehicle:
+    """Return the Vehicle as it really is, with a HeatPath; None: its own."""
     factors = (mismatch.heat_capacity, mismatch.leakage, mismatch.resistance, mismatch.heater)
     if factors != (1.0,) * 4:
         vehicle = corrected_vehicle(vehicle, Corrections(*factors))
-    return vehicle if heat_path == vehicle.heat_path else replace(vehicle, heat_path=heat_path)
+    if heat_path is None or heat_path == vehicle.heat_path:
+        return vehicle
+    return replace(vehicle, heat_path=heat_path)
 
 
 def true_route(route: Route, mismatch: Mismatch, random: np.random.Generator) -> Route:

@@ -22,6 +22,7 @@ from bev_preheat.simulation.traffic import ClockJump, Event, Kind
 from bev_preheat.supervision.settings import FIELD_OF_PARAMETER
 from bev_preheat.vehicle import load_vehicle, Vehicle, vehicle_file
 from bev_preheat.vehicle.heat_path import HeatPath
+from bev_preheat.vehicle.loading import heat_path_problems
 
 if TYPE_CHECKING:
     from bev_preheat.route.for_vehicle import RouteForVehicle
@@ -112,7 +113,7 @@ def _scenario(path: Path, contents: dict[str, FileData]) -> Scenario:
         vehicle=vehicle, route=route, state=state, goal=goal, seed=contents.get('seed', 0),
         imperfections=Imperfections(
             mismatch=Mismatch(**contents.get('mismatch', {})),
-            heat_path=_heat_path(contents.get('heat_path', {})),
+            heat_path=_heat_path(contents),
             sensors=_sensors(contents.get('sensors', {})),
             heater_faults=tuple(HeaterFault(**node) for node in contents.get('heater_faults', ())),
             events=tuple(_event(at, node, detour) for at, (node, detour) in enumerate(
@@ -145,11 +146,14 @@ def _spans(node: dict[str, FileData], key: str, where: str) -> tuple[Span, ...]:
     return spans
 
 
-def _heat_path(node: dict[str, FileData]) -> HeatPath:
-    path = HeatPath(**node)
-    if path.has_coolant and path.coolant_conductance_w_per_k == 0.0:
-        raise InvalidInput('heat_path: coolant_heat_capacity_j_per_k needs '
-                           'coolant_conductance_w_per_k beside it, or no heat arrives')
+def _heat_path(contents: dict[str, FileData]) -> HeatPath | None:
+    """Return the HeatPath that a scenario gives its car; None: that of the vehicle file."""
+    if 'heat_path' not in contents:
+        return None
+    path = HeatPath(**contents['heat_path'])
+    problems = list(heat_path_problems(path))
+    if problems:
+        raise InvalidInput(problems)
     return path
 
 

@@ -7,12 +7,12 @@ from dataclasses import fields
 from math import ceil, inf, isfinite
 from typing import TYPE_CHECKING
 
-from bev_preheat.numerics.arithmetic import SATURATING_FLOATS
+from bev_preheat.numerics.arithmetic import FLOATS, SATURATING_FLOATS
 from bev_preheat.planning.dynamics import deliverable_power_w, Energies, hottest_c, JOULES_PER_WH, step_of_floats
 from bev_preheat.planning.limits import make_terminal_limits, TerminalLimits
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.route.segments import Route
-from bev_preheat.vehicle.heat_path import make_heat_step, sensor_reading_c
+from bev_preheat.vehicle.heat_path import HeatedStep, make_heated_step, sensor_reading_c
 from bev_preheat.vehicle.model import make_rates, make_runge_kutta_4
 
 if TYPE_CHECKING:
@@ -48,12 +48,13 @@ class VehiclePlant:
         self.route = make_trip(vehicle, route).route
         self.time_s = 0.0
         self.soc = state.soc
-        self.temperature_c = self.coolant_c = self.sensor_c = state.temperature_c
+        self.temperature_c = self.sensor_c = state.temperature_c
+        self.coolant_c = state.temperature_c + state.coolant_excess_k
         self.heater_power_w = 0.0
-        self._command_w = self._power_at_end_w = 0.0
-        self._heat_step = (None if vehicle.heat_path.is_direct
-                           else make_heat_step(vehicle, SATURATING_FLOATS))
-        self._started_c = state.temperature_c
+        self._command_w, self._power_at_end_w = 0.0, state.heater_power_w
+        self._heated_step: HeatedStep[float] = make_heated_step(vehicle, FLOATS)
+        self._saturating_step: HeatedStep[float] = make_heated_step(vehicle, SATURATING_FLOATS)
+        self._coolant_started_c = self.coolant_c
         self.brake_power_w = 0.0
         self.undeliverable_power_w = 0.0
         self.empty_at_s: float | None = None
@@ -139,7 +140,8 @@ class VehiclePlant:
         if self.temperature_c >= self.vehicle.battery.temperature_range_c[1]:
             self._command_w = 0.0
         # A heater that lags takes what it takes.
-        self.heater_power_w = self._command_w if self._heat_step is None else self._power_at_end_w
+        self.heater_power_w = (
+            self._command_w if self.vehicle.heat_path.is_direct else self._power_at_end_w)
         regenerated_w = max(0.0, -trip.route.propulsion_power_w.item())
         self.brake_power_w = min(
             regenerated_w, max(0.0, least_w - idle_w - self.heater_power_w))
@@ -150,38 +152,33 @@ class VehiclePlant:
             self.heater_power_w, self.brake_power_w)
         return power_w.item(), variance_w2.item(), heat_w.item(), leakage_w_per_k.item()
 
-    def _heat_on_its_way(self, step_s: float) -> float:
-        """
-        Let heater and coolant go on; return how much less heat arrives than is made [W].
-
-        All other heat is that at the start of the step.
-        """
-        if self._heat_step is None:
-            return 0.0
-        efficiency = self.vehicle.hvch.efficiency
-        power_w, variance_w2, heat_w, leakage_w_per_k = self._inputs()
-        _, warming_k_per_s, _ = make_rates(self.vehicle, SATURATING_FLOATS)(
-            self.soc, self.temperature_c, power_w, variance_w2,
-            heat_w - efficiency * self.heater_power_w, leakage_w_per_k)
-        self.heater_power_w, heat_w, self._power_at_end_w, self.coolant_c = self._heat_step(
-            self._power_at_end_w, self.coolant_c, self.temperature_c, step_s, self._command_w,
-            warming_k_per_s * self.vehicle.battery.heat_capacity_j_per_k)
-        return efficiency * self.heater_power_w - heat_w
+    def _model_step(self, step_s: float, saturating: bool) -> tuple[float, float, float, float]:
+        """Return what the model's step does; heater and coolant go on with it."""
+        if self.vehicle.heat_path.is_direct:
+            return step_of_floats(self.vehicle, make_runge_kutta_4, saturating)(
+                self.soc, self.temperature_c, step_s, *self._inputs())
+        step = self._saturating_step if saturating else self._heated_step
+        _, *unheated = self._trip.inputs(None, self.brake_power_w)
+        soc, temperature_c, end_w, excess_k, mean_temperature_c, joule_w, drawn_w, _ = step(
+            self.soc, self.temperature_c, self._power_at_end_w,
+            self.coolant_c - self.temperature_c, step_s, *(column.item() for column in unheated),
+            self._command_w)
+        self.heater_power_w, self._power_at_end_w = drawn_w, end_w
+        self.coolant_c = temperature_c + excess_k
+        return soc, temperature_c, mean_temperature_c, joule_w
 
     def _step(self, step_s: float) -> None:
-        kept_w = self._heat_on_its_way(step_s)
-        power_w, variance_w2, heat_w, leakage_w_per_k = self._inputs()
-        inputs = power_w, variance_w2, heat_w - kept_w, leakage_w_per_k
         lacking_w = 0.0
         try:
-            soc, temperature_c, mean_temperature_c, joule_w = step_of_floats(
-                self.vehicle, make_runge_kutta_4)(self.soc, self.temperature_c, step_s, *inputs)
+            soc, temperature_c, mean_temperature_c, joule_w = self._model_step(
+                step_s, saturating=False)
+            power_w, _, _, leakage_w_per_k = self._inputs()
         except ValueError:
+            soc, temperature_c, mean_temperature_c, joule_w = self._model_step(
+                step_s, saturating=True)
+            power_w, _, _, leakage_w_per_k = self._inputs()
             lacking_w = max(0.0, power_w - float(
                 deliverable_power_w(self.vehicle, self.soc, self.temperature_c)))
-            soc, temperature_c, mean_temperature_c, joule_w = step_of_floats(
-                self.vehicle, make_runge_kutta_4, saturating=True)(
-                    self.soc, self.temperature_c, step_s, *inputs)
         started_c = self.temperature_c
         # Neither can a battery be emptier than empty, nor does a car let it get any hotter.
         self.soc = min(max(soc, 0.0), 1.0)
@@ -222,7 +219,7 @@ class VehiclePlant:
     def coolant_heat_wh(self) -> float:
         """Heat that the coolant has taken up since the start [Wh]; 0 without coolant."""
         capacity_j_per_k = self.vehicle.heat_path.coolant_heat_capacity_j_per_k
-        return capacity_j_per_k * (self.coolant_c - self._started_c) / JOULES_PER_WH
+        return capacity_j_per_k * (self.coolant_c - self._coolant_started_c) / JOULES_PER_WH
 
     @property
     def undeliverable_energy_wh(self) -> float:

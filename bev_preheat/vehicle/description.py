@@ -114,9 +114,9 @@ class Vehicle:
     One car; compared by identity, so that what is made from one can be kept beside it.
 
     `road_load` is None where the file does not give it: routes with fixed powers can then be
-    planned, descriptions of a road cannot. `heat_path` is how the heater's heat arrives; the
-    simulated car has it, plans take it as direct. `assumed` are the keys of the file whose values nobody has
-    measured or stated for this car.
+    planned, descriptions of a road cannot. `heat_path` is how the heater's heat
+    arrives: DIRECT where the file does not say. `assumed` are the keys of the file whose values
+    nobody has measured or stated for this car.
     """
 
     name: str

@@ -12,7 +12,8 @@ heater and battery has to get warm first, and the sensor sits on a cell that war
 
 The coolant's time constant may be a few seconds, far below the steps that plans are made in. So
 heater and coolant are not integrated in steps but solved: within a step the command, and all other
-heat of the battery, are constant, and what is left is linear.
+heat of the battery, are constant, and what is left is linear. `make_heat_step` is that solution,
+`make_heated_step` the model's step with it: for the simulated car, for plans and for the program.
 """
 
 from __future__ import annotations
@@ -22,17 +23,24 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from bev_preheat.numerics.arithmetic import Arithmetic, Number
+from bev_preheat.vehicle.model import make_rates, make_runge_kutta_4
 
 if TYPE_CHECKING:
     from bev_preheat.vehicle.description import Vehicle
+    from bev_preheat.vehicle.model import Integrator
 
-# Two time constants that are closer than this (relative) are taken this far apart: the solution for
-# equal ones has another form, and the same values.
-APART = 1e-6
+# The solution for two equal time constants has another form. So the numbers of time constants that
+# a step lasts are taken at least this far apart, which moves the result by 4e-8 of itself.
+APART_SQUARED = 1e-6
 
 # `step(power_w, coolant_c, temperature_c, duration_s, command_w, other_heat_w)`.
 HeatStep = Callable[[Number, Number, Number, Number, Number, Number],
                     tuple[Number, Number, Number, Number]]
+# `step(soc, temperature_c, heater_w, excess_k, duration_s, power_w, variance_w2, heat_w,
+# leakage_w_per_k, command_w)`.
+HeatedStep = Callable[
+    [Number, Number, Number, Number, Number, Number, Number, Number, Number, Number],
+    tuple[Number, Number, Number, Number, Number, Number, Number, Number]]
 
 
 @dataclass(frozen=True)
@@ -57,6 +65,18 @@ class HeatPath:
     def is_direct(self) -> bool:
         """Whether heat arrives when it is commanded."""
         return self.heater_lag_s == 0.0 and not self.has_coolant
+
+    @property
+    def coolant_lag_s(self) -> float:
+        """How late heat arrives by the coolant, next to a battery of any size [s]."""
+        if not self.has_coolant:
+            return 0.0
+        return self.coolant_heat_capacity_j_per_k / self.coolant_conductance_w_per_k
+
+    @property
+    def heat_lag_s(self) -> float:
+        """How late heat arrives in all [s]: its mean time from command to battery."""
+        return self.heater_lag_s + self.coolant_lag_s
 
 
 DIRECT = HeatPath()
@@ -104,33 +124,70 @@ def make_heat_step(vehicle: Vehicle, arithmetic: Arithmetic[Number]) -> HeatStep
     battery_j_per_k = vehicle.battery.heat_capacity_j_per_k
     # Of the difference between coolant and battery, which share one heat.
     rate_per_s = conductance_w_per_k * (1.0 / coolant_j_per_k + 1.0 / battery_j_per_k)
-    time_constant_s = 1.0 / rate_per_s
-    lag_s = path.heater_lag_s
-    if abs(lag_s / time_constant_s - 1.0) < APART:
-        lag_s = time_constant_s * (1.0 + APART)
+    lag_s, root = path.heater_lag_s, arithmetic.root
 
     def through_coolant(
             power_w: Number, coolant_c: Number, temperature_c: Number, duration_s: Number,
             command_w: Number, other_heat_w: Number) -> tuple[Number, Number, Number, Number]:
         mean_w, end_w = heater(power_w, duration_s, command_w)
         excess_k = coolant_c - temperature_c
-        # Where the difference settles under the command, and what the heater's lag adds to it.
+        # Where the difference settles under the command, and how many time constants there are.
         settled_k = (efficiency * command_w / coolant_j_per_k
-                     - other_heat_w / battery_j_per_k) * time_constant_s
-        _, average = decay(duration_s, time_constant_s)
-        if lag_s == 0.0:
-            mean_excess_k = settled_k + (excess_k - settled_k) * average
-        else:
-            _, lag_average = decay(duration_s, lag_s)
-            lagging_k = (efficiency * (power_w - command_w) / coolant_j_per_k
-                         / (rate_per_s - 1.0 / lag_s))
-            mean_excess_k = (settled_k + (excess_k - settled_k - lagging_k) * average
-                             + lagging_k * lag_average)
+                     - other_heat_w / battery_j_per_k) / rate_per_s
+        decays = duration_s * rate_per_s
+        mean_excess_k = settled_k + (excess_k - settled_k) * ((1.0 - exp(-decays)) / decays)
+        if lag_s > 0.0:
+            # What the heater's own lag adds: one decay that follows another, over the step [s].
+            lags = duration_s / lag_s
+            apart = root((lags - decays) * (lags - decays) + APART_SQUARED)
+            both_s = (duration_s * exp(-0.5 * (lags + decays - apart))
+                      * (1.0 - exp(-apart)) / apart)
+            mean_excess_k = mean_excess_k + (
+                efficiency * (power_w - command_w) / coolant_j_per_k
+                * (lag_s * (1.0 - exp(-lags)) - both_s) / decays)
         heat_w = conductance_w_per_k * mean_excess_k
         return (mean_w, heat_w, end_w,
                 coolant_c + (efficiency * mean_w - heat_w) * duration_s / coolant_j_per_k)
 
     return through_coolant
+
+
+def make_heated_step(vehicle: Vehicle, arithmetic: Arithmetic[Number],
+                     make_integrator: Integrator = make_runge_kutta_4) -> HeatedStep[Number]:
+    """
+    Return one step of the model of a vehicle with its `heat_path`.
+
+    `step(soc, temperature_c, heater_w, excess_k, duration_s, power_w, variance_w2, heat_w,
+    leakage_w_per_k, command_w)` takes the states at its start: state of charge, battery temperature
+    [deg C], the heater's electrical power [W], and how much warmer than the battery the coolant is
+    [K]. Of the inputs, which are those of `model`, power [W] and heat [W] are without the heater's;
+    `command_w` [W] is what the heater is to take. It returns the four states at the end, the means of
+    temperature [deg C] and Joule heat [W], and the means of what the heater takes and of the heat
+    that reaches the battery [W]. All heat goes into battery and coolant, to rounding.
+    """
+    path = vehicle.heat_path
+    rates = make_rates(vehicle, arithmetic)
+    integrate = make_integrator(rates)
+    heat_step = make_heat_step(vehicle, arithmetic)
+    battery_j_per_k = vehicle.battery.heat_capacity_j_per_k
+
+    def step(soc: Number, temperature_c: Number, heater_w: Number, excess_k: Number,
+             duration_s: Number, power_w: Number, variance_w2: Number, heat_w: Number,
+             leakage_w_per_k: Number, command_w: Number) -> tuple[
+                 Number, Number, Number, Number, Number, Number, Number, Number]:
+        # All other heat is that at the start of the step; only the coolant asks for it.
+        other_heat_w = heat_w if not path.has_coolant else battery_j_per_k * rates(
+            soc, temperature_c, power_w + command_w, variance_w2, heat_w, leakage_w_per_k)[1]
+        drawn_w, arriving_w, heater_end_w, coolant_end_c = heat_step(
+            heater_w, temperature_c + excess_k, temperature_c, duration_s, command_w, other_heat_w)
+        soc_end, end_c, mean_c, joule_w = integrate(
+            soc, temperature_c, duration_s, power_w + drawn_w, variance_w2, heat_w + arriving_w,
+            leakage_w_per_k)
+        return (soc_end, end_c, heater_end_w,
+                coolant_end_c - end_c if path.has_coolant else excess_k,
+                mean_c, joule_w, drawn_w, arriving_w)
+
+    return step
 
 
 def sensor_reading_c(path: HeatPath, reading_c: Number, start_c: Number, end_c: Number,

@@ -17,6 +17,7 @@ from bev_preheat.files.configuration import find_configuration
 from bev_preheat.numerics.arithmetic import ARRAYS, Curve
 from bev_preheat.vehicle.curves import InverseTemperatureResistance, PolynomialVoltage, Table
 from bev_preheat.vehicle.description import Battery, Defaults, Drivetrain, Hvch, Leakage, RoadLoad, Vehicle
+from bev_preheat.vehicle.heat_path import HeatPath
 
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray
@@ -27,6 +28,8 @@ SCHEMA = Path(__file__).with_name('schema.yaml')
 # file is wrong by a power of ten somewhere.
 LEAST_TIME_CONSTANT_S = 20.0
 FAST_MPS = 40.0
+# Heat that takes longer from coolant to battery is wrong by a power of ten, too.
+MOST_COOLANT_LAG_S = 3600.0
 # What the numbers of a curve may be: (low, high, unit).
 VOLTAGE_RANGE_V = (10.0, 2000.0)
 RESISTANCE_RANGE_OHM = (1e-6, 100.0)
@@ -64,6 +67,8 @@ def load_vehicle(name_or_file: str | Path) -> Vehicle:
             f'{drivetrain["maximum_power_w"]}')
 
     problems += _keys_that_are_not_there(contents)
+    path_of_heat = HeatPath(**_floats(contents.get('heat_path', {})))
+    problems += heat_path_problems(path_of_heat)
     leakage = Leakage(**_floats(battery['leakage']))
     time_constant_s = battery['heat_capacity_j_per_k'] / max(
         leakage.coefficient_w_per_k(FAST_MPS), 1e-9)
@@ -115,7 +120,22 @@ def load_vehicle(name_or_file: str | Path) -> Vehicle:
         hvch=Hvch(**_floats(contents['hvch'])),
         defaults=Defaults(**_floats(contents['defaults'])),
         road_load=RoadLoad(**_floats(contents['road_load'])) if 'road_load' in contents else None,
-        assumed=tuple(contents.get('assumed', ())))
+        assumed=tuple(contents.get('assumed', ())),
+        heat_path=path_of_heat)
+
+
+def heat_path_problems(path: HeatPath) -> Iterator[str]:
+    """Return sentences on what a HeatPath of a file cannot be."""
+    if not path.has_coolant:
+        return
+    if path.coolant_conductance_w_per_k == 0.0:
+        yield ('heat_path: coolant_heat_capacity_j_per_k needs coolant_conductance_w_per_k beside '
+               'it, or no heat arrives')
+    elif path.coolant_lag_s > MOST_COOLANT_LAG_S:
+        yield (f'heat_path.coolant_conductance_w_per_k: {path.coolant_conductance_w_per_k:g} W/K '
+               f'take {path.coolant_lag_s:.0f} s for the heat of '
+               f'{path.coolant_heat_capacity_j_per_k:g} J/K; it must be at most '
+               f'{MOST_COOLANT_LAG_S:g} s')
 
 
 def vehicle_file(name_or_file: str | Path) -> Path:

@@ -57,7 +57,7 @@ class Meaning:
     `resistance_ohm` is by temperature [degC], `charging_power_kw` by temperature, then by state of
     charge; `discharging_power_kw` at half charge by temperature, `open_circuit_voltage_v` at 25 degC by
     state of charge. `heating_…` are K in the first 10 min: all of the heater's power, at rest and at
-    100 km/h, and what the vehicle's default for the cabin leaves.
+    100 km/h, and what the vehicle's default for the cabin leaves. `heat_path` says how heat arrives.
     """
 
     name: str
@@ -79,6 +79,7 @@ class Meaning:
     most_charging_power_kw: float
     discharging_power_kw: dict[float, float]
     open_circuit_voltage_v: dict[float, float]
+    heat_path: str
     assumed: tuple[str, ...]
     warnings: tuple[str, ...]
 
@@ -138,9 +139,36 @@ def meaning_of(vehicle: Vehicle) -> Meaning:
         'open_circuit_voltage_v': {
             soc: battery.open_circuit_voltage.function(FLOATS)(soc, warm_c)
             for soc in VOLTAGE_SOCS},
+        'heat_path': heat_path_in_words(vehicle),
         'assumed': vehicle.assumed,
     }
     return Meaning(**figures, warnings=tuple(_unusual(vehicle, figures)))
+
+
+def heat_path_in_words(vehicle: Vehicle) -> str:
+    """Return how late heat arrives and is seen, and what of it is lost after arrival."""
+    path = vehicle.heat_path
+    if path.is_direct and path.sensor_lag_s == 0.0:
+        return 'The heat of the heater arrives at once, and the sensor shows it.'
+    parts = []
+    if path.is_direct:
+        parts.append('the heat of the heater arrives at once')
+    if path.heater_lag_s > 0.0:
+        parts.append(f'the heater follows its command with {path.heater_lag_s:.0f} s')
+    if path.has_coolant:
+        heat_w = vehicle.hvch.efficiency * vehicle.hvch.maximum_power_w
+        parts.append(
+            f'the coolant passes its heat on with {path.coolant_lag_s:.0f} s and gets '
+            f'{heat_w / path.coolant_conductance_w_per_k:.0f} K warmer than the battery under all '
+            'of the heater')
+    if not path.is_direct:
+        late_wh = path.heat_lag_s * vehicle.hvch.maximum_power_w / SECONDS_PER_H
+        parts.append(f'{late_wh:.0f} Wh are under way when all of the heater is switched off, and '
+                     'lost from what arrives after the drive')
+    if path.sensor_lag_s > 0.0:
+        parts.append(f'the sensor follows the battery with {path.sensor_lag_s:.0f} s')
+    text = '; '.join(parts)
+    return f'{text[0].upper()}{text[1:]}.'
 
 
 def energy_between_kwh(vehicle: Vehicle, low_soc: float, high_soc: float,

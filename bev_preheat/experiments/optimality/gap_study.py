@@ -124,7 +124,7 @@ def solve_trip(vehicle: Vehicle, seed: int, number: int, trips: str = 'free') ->
 def _violation(drawn: DrawnTrip, plan: Plan) -> float:
     """Largest share by which a step breaks a power limit at its start."""
     trip = make_trip(drawn.vehicle, drawn.route)
-    terminal_w = (trip.idle_power_w + plan.hvch_battery_power_w + plan.friction_brake_power_w)
+    terminal_w = (trip.idle_power_w + plan.drawn_power_w + plan.friction_brake_power_w)
     least_w, most_w = make_terminal_limits(drawn.vehicle, ARRAYS)(
         plan.soc[:-1], plan.battery_temperature_c[:-1], trip.power_variance_w2)
     beyond_w = np.maximum(terminal_w - most_w, least_w - terminal_w)

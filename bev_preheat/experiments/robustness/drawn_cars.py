@@ -14,7 +14,7 @@ from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections
 from bev_preheat.simulation.mismatch import Mismatch
 from bev_preheat.simulation.sensors import Sensors
 from bev_preheat.vehicle import Vehicle
-from bev_preheat.vehicle.heat_path import DIRECT, HeatPath
+from bev_preheat.vehicle.heat_path import HeatPath
 
 # Each factor is drawn evenly within 1 +- this.
 SPREAD = {
@@ -80,7 +80,7 @@ class DrawnCar:
     number: int
     conditions: Conditions
     mismatch: Mismatch
-    heat_path: HeatPath = DIRECT
+    heat_path: HeatPath
     heater_faults: tuple[HeaterFault, ...] = ()
 
     @property
@@ -111,7 +111,8 @@ def draw_car(conditions: Conditions, seed: int, number: int) -> DrawnCar:
     parts = PLANTS[conditions.plant]
     car = DrawnCar(seed, number, conditions, Mismatch(
         **factors, propulsion_power_variability=PROPULSION_POWER_VARIABILITY,
-        visible_variation='ripple' not in parts), _draw_heat_path(random, parts))
+        visible_variation='ripple' not in parts), _draw_heat_path(
+            random, parts, conditions.vehicle.heat_path))
     fault = FAULTS[conditions.fault]
     if fault is None:
         return car
@@ -119,12 +120,17 @@ def draw_car(conditions: Conditions, seed: int, number: int) -> DrawnCar:
     return replace(car, heater_faults=(replace(fault, from_s=begins_s),))
 
 
-def _draw_heat_path(random: np.random.Generator, parts: frozenset[str]) -> HeatPath:
-    """Return a HeatPath that has what a plant has; every plant takes the same random numbers."""
+def _draw_heat_path(random: np.random.Generator, parts: frozenset[str],
+                    described: HeatPath) -> HeatPath:
+    """
+    Return a HeatPath that has what a plant has; every plant takes the same random numbers.
+
+    What the plant leaves alone is as described in the vehicle file.
+    """
     heater_lag_s, coolant_j_per_k, coolant_w_per_k, sensor_lag_s = (
         float(random.uniform(*span))
         for span in (HEATER_LAG_S, COOLANT_J_PER_K, COOLANT_W_PER_K, SENSOR_LAG_S))
-    path = DIRECT
+    path = described
     if 'lag' in parts:
         path = replace(path, heater_lag_s=heater_lag_s)
     if 'coolant' in parts:

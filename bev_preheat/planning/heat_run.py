@@ -1,0 +1,204 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Forward runs of a vehicle with a heat path: heater and coolant are states beside charge and temperature.
+
+The equations are those of `vehicle.heat_path`. A vehicle without one has no HeatRun: its runs are
+those of `dynamics`, to the last bit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+import math
+from typing import Any, TYPE_CHECKING
+
+import numpy as np
+
+from bev_preheat.numerics.arithmetic import ARRAYS, FLOATS, SATURATING_FLOATS
+from bev_preheat.planning.dynamics import JOULES_PER_WH, KEPT_VEHICLES
+from bev_preheat.planning.schedule import HEATING_SHARE, Schedule
+from bev_preheat.planning.straight_line import compile_states
+from bev_preheat.vehicle.corrections import corrected_vehicle, Corrections
+from bev_preheat.vehicle.heat_path import DIRECT, HeatedStep, make_heated_step
+from bev_preheat.vehicle.model import make_runge_kutta_4
+
+if TYPE_CHECKING:
+    from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.planning.situation import BatteryState
+    from bev_preheat.planning.trip import Trip
+    from bev_preheat.vehicle.description import Vehicle
+    from bev_preheat.vehicle.heat_path import HeatPath
+
+ARGUMENTS = ('soc', 'temperature_c', 'heater_w', 'excess_k', 'duration_s', 'power_w', 'variance_w2',
+             'heat_w', 'leakage_w_per_k', 'command_w')
+STATES = 4
+RESULTS = 8
+
+# State of charge, battery temperature [deg C], heater power [W], coolant excess [K].
+States = tuple[float, float, float, float]
+
+
+@dataclass(frozen=True)
+class HeatRun:
+    """
+    What becomes of a plan's heat between heater and battery.
+
+    At each instant (N + 1 values) what the heater takes, `heater_power_w` [W, electrical], and how
+    much warmer than the battery the coolant is, `coolant_excess_k` [K]. In each step (N values) the
+    means of what the heater takes, `drawn_power_w`, and of the heat that reaches the battery,
+    `arriving_heat_w` [W]. `lost_electric_wh` is what a heater that lags takes after arrival.
+    """
+
+    heater_power_w: FloatArray
+    coolant_excess_k: FloatArray
+    drawn_power_w: FloatArray
+    arriving_heat_w: FloatArray
+    lost_electric_wh: float
+
+    def as_dictionary(self) -> dict[str, Any]:
+        """Return it as JSON holds it: numbers and lists."""
+        return {'heater_power_w': self.heater_power_w.tolist(),
+                'coolant_excess_k': self.coolant_excess_k.tolist(),
+                'drawn_power_w': self.drawn_power_w.tolist(),
+                'arriving_heat_w': self.arriving_heat_w.tolist(),
+                'lost_electric_wh': self.lost_electric_wh}
+
+
+def make_heat_run(path: HeatPath, heater_power_w: FloatArray, coolant_excess_k: FloatArray,
+                  drawn_power_w: FloatArray, arriving_heat_w: FloatArray) -> HeatRun:
+    """Return the HeatRun of a HeatPath; the arguments are its fields."""
+    return HeatRun(heater_power_w, coolant_excess_k, drawn_power_w, arriving_heat_w,
+                   path.heater_lag_s * float(heater_power_w[-1]) / JOULES_PER_WH)
+
+
+@lru_cache(maxsize=KEPT_VEHICLES)
+def compiled_heated_step(vehicle: Vehicle,
+                         saturating: bool) -> tuple[Callable[..., Any], Callable[..., Any]]:
+    """
+    Return (step, roll) of `make_heated_step`, compiled (`straight_line`).
+
+    `step(*ARGUMENTS)` returns all its RESULTS, `roll(*states, columns)` lists of the STATES. Without
+    `saturating`, a power that cannot be delivered raises ValueError.
+    """
+    return compile_states(
+        lambda arithmetic: make_heated_step(vehicle, arithmetic),
+        SATURATING_FLOATS if saturating else FLOATS, ARGUMENTS, STATES, RESULTS)
+
+
+@lru_cache(maxsize=KEPT_VEHICLES)
+def _heated_step_of_arrays(vehicle: Vehicle) -> HeatedStep[FloatArray]:
+    return make_heated_step(vehicle, ARRAYS)
+
+
+def initial_states(state: BatteryState) -> States:
+    """Return the States at the start of a trip."""
+    return state.soc, state.temperature_c, state.heater_power_w, state.coolant_excess_k
+
+
+def states_at(schedule: Schedule, instant: int) -> States:
+    """Return the States of a Schedule with a HeatRun at the start of a step."""
+    assert schedule.heat is not None
+    return (float(schedule.soc[instant]), float(schedule.temperature_c[instant]),
+            float(schedule.heat.heater_power_w[instant]),
+            float(schedule.heat.coolant_excess_k[instant]))
+
+
+def roll_heated(trip: Trip, start: States, command_w: FloatArray, first: int = 0,
+                brake_power_w: FloatArray | None = None) -> tuple[list[float], ...]:
+    """
+    Return the States, as four lists, from step `first` on under heater commands [W] (N,).
+
+    Limits are left aside; a step whose power cannot be delivered is driven with the most that the
+    battery can.
+    """
+    columns = [column[first:].tolist()
+               for column in (*trip.inputs(None, brake_power_w), command_w)]
+    try:
+        _, roll = compiled_heated_step(trip.vehicle, False)
+        return tuple(roll(*start, columns))
+    except (ValueError, ArithmeticError):
+        _, roll = compiled_heated_step(trip.vehicle, True)
+        return tuple(roll(*start, columns))
+
+
+def run_heated(trip: Trip, start: States, command_w: FloatArray,
+               brake_power_w: FloatArray | None = None, first: int = 0,
+               before: Schedule | None = None) -> Schedule:
+    """
+    Return the Schedule of a forward run under heater commands [W] (N,), limits left aside.
+
+    It starts with `start` at step `first`; what was before is that of the Schedule `before`. Its
+    switching instants are the first and the last of the steps that are heated.
+    """
+    run = roll_heated(trip, start, command_w, first, brake_power_w)
+    states = [np.array(values) for values in run]
+    if before is not None and before.heat is not None:
+        states = [np.concatenate((kept[:first], values)) for kept, values in zip((
+            before.soc, before.temperature_c, before.heat.heater_power_w,
+            before.heat.coolant_excess_k), states)]
+    heated = np.flatnonzero(command_w)
+    return along_states(trip, states, command_w,
+                        np.zeros(len(trip.route)) if brake_power_w is None else brake_power_w,
+                        float(trip.time_s[heated[0]]) if len(heated) else None)
+
+
+def along_states(trip: Trip, states: Sequence[FloatArray], command_w: FloatArray,
+                 brake_power_w: FloatArray, heating_start_s: float | None) -> Schedule:
+    """
+    Return the Schedule of a run whose States at each instant are known, four arrays (N + 1,).
+
+    Under heater commands [W] (N,) and friction brake powers [W] (N,), heating from `heating_start_s`.
+    """
+    soc, temperature_c, heater_w, excess_k = states
+    *_, drawn_w, arriving_w = _heated_step_of_arrays(trip.vehicle)(
+        *(values[:-1] for values in states), *trip.inputs(None, brake_power_w), command_w)
+    return Schedule(
+        heating_start_s, command_w, brake_power_w, soc, temperature_c, make_runge_kutta_4,
+        ends_before_arrival_s(trip, command_w),
+        heat=make_heat_run(trip.vehicle.heat_path, heater_w, excess_k, drawn_w, arriving_w))
+
+
+def ends_before_arrival_s(trip: Trip, command_w: FloatArray) -> float | None:
+    """Return the end of the last heated step [s]; None where that is the arrival, or there is none."""
+    heated = np.flatnonzero(command_w > HEATING_SHARE * trip.heater_limit_w)
+    if not len(heated) or heated[-1] + 1 == len(trip.route):
+        return None
+    return float(trip.time_s[heated[-1] + 1])
+
+
+def heat_to_come_k(vehicle: Vehicle) -> tuple[float, float]:
+    """
+    Return what a watt of heater power, and a kelvin of coolant excess, will still bring [K].
+
+    That is the temperature at which battery and coolant meet after the heater is switched off, less
+    the battery's own.
+    """
+    path = vehicle.heat_path
+    both_j_per_k = vehicle.battery.heat_capacity_j_per_k + path.coolant_heat_capacity_j_per_k
+    return (vehicle.hvch.efficiency * path.heater_lag_s / both_j_per_k,
+            path.coolant_heat_capacity_j_per_k / both_j_per_k)
+
+
+@lru_cache(maxsize=KEPT_VEHICLES)
+def without_heat_path(vehicle: Vehicle) -> Vehicle:
+    """Return the Vehicle whose heat arrives at once; the same one for the same vehicle."""
+    return replace(vehicle, heat_path=DIRECT)
+
+
+@lru_cache(maxsize=KEPT_VEHICLES)
+def with_coolant_in_battery(vehicle: Vehicle) -> Vehicle:
+    """Return the Vehicle whose heat arrives at once in a battery that has the coolant's capacity too."""
+    battery_j_per_k = vehicle.battery.heat_capacity_j_per_k
+    return replace(corrected_vehicle(vehicle, Corrections(
+        heat_capacity=1.0 + vehicle.heat_path.coolant_heat_capacity_j_per_k / battery_j_per_k)),
+        heat_path=DIRECT)
+
+
+def mean_share_left(path: HeatPath, duration_s: FloatArray) -> FloatArray:
+    """Return what is left of a difference between heater and command, on average over steps (N,)."""
+    if path.heater_lag_s == 0.0:
+        return np.zeros(len(duration_s))
+    return np.array([-math.expm1(-each_s / path.heater_lag_s) * path.heater_lag_s / each_s
+                     for each_s in duration_s.tolist()])
