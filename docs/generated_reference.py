@@ -222,7 +222,8 @@ def key_rows(path, schema, comments, node, keys, depth=0, mark=''):
     """
     Yield the rows of the keys below a node of the schema, indented; `keys` lead to it in the file.
 
-    A key may refer to the schema of another file, seen from the folder of this one's `path`. `mark` stands before the first of them.
+    A key may refer to the schema of another file, seen from the folder of this one's `path`. `mark`
+    stands before the first of them.
     """
     for key, value in node.get('properties', {}).items():
         place = (*keys, 'properties', key)

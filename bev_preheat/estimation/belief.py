@@ -11,6 +11,7 @@ are, intervals (`truncated_normal`).
 from __future__ import annotations
 
 from dataclasses import replace
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -38,10 +39,12 @@ from bev_preheat.estimation.state import (
 )
 from bev_preheat.estimation.truncated_normal import truncated_moments
 from bev_preheat.numerics.arithmetic import array_exp, array_log
+from bev_preheat.planning.heat_run import with_coolant_in_battery
 
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import BoolArray, FloatArray
     from bev_preheat.vehicle.description import Vehicle
+    from bev_preheat.vehicle.heat_path import HeatPath
 
 # Standard deviation of the factors' logarithms at first: those of even spreads of +-10 % (heat
 # capacity), +-20 % (leakage, resistance), +-5 % (heater), and of a route's consumption.
@@ -51,6 +54,8 @@ FACTOR_DEVIATIONS = {HEAT_CAPACITY: 0.058, LEAKAGE: 0.115, RESISTANCE: 0.115, HE
 FACTOR_BOUNDS = {HEAT_CAPACITY: 0.25, LEAKAGE: 0.6, RESISTANCE: 0.6, HEATER: 0.15, PROPULSION: 0.5}
 # What is known of the lags of a car of which nothing else is: logarithms over the nominal ones.
 LAG_DEVIATIONS = {HEAT_LAG: 1.0, SENSOR_LAG: 1.0}
+# What is uncertain of a lag that the vehicle file gives, logarithm.
+GIVEN_LAG_DEVIATION = 0.25
 # Shortest and longest lag [s]: a heater of up to 90 s and coolant of up to 200 s; a sensor of up to 120 s.
 LAG_RANGES_S = {HEAT_LAG: (2.0, 250.0), SENSOR_LAG: (2.0, 150.0)}
 BOUNDED = slice(FACTORS.start, SENSOR_LAG + 1)
@@ -88,6 +93,18 @@ LEAST_VARIANCE = 1e-12
 SHAPE = (len(SHARES), len(NOISES_K))
 
 
+def prior_lags(path: HeatPath) -> dict[int, tuple[float, float]]:
+    """Return (mean, standard deviation) of each lag's logarithm before a drive, by element."""
+    prior = {index: (0.0, deviation) for index, deviation in LAG_DEVIATIONS.items()}
+    for index, lag_s, nominal_s in ((HEAT_LAG, path.heat_lag_s, NOMINAL_HEAT_LAG_S),
+                                    (SENSOR_LAG, path.sensor_lag_s, NOMINAL_SENSOR_LAG_S)):
+        shortest_s, longest_s = LAG_RANGES_S[index]
+        if lag_s > 0.0:
+            prior[index] = (math.log(min(max(lag_s, shortest_s), longest_s) / nominal_s),
+                            GIVEN_LAG_DEVIATION)
+    return prior
+
+
 class Belief:
     """
     Means (heaters, noises, SIZE), covariances (…, SIZE, SIZE) and weights (heaters, noises).
@@ -98,14 +115,17 @@ class Belief:
     def __init__(self, vehicle: Vehicle, factors: FloatArray | None = None,
                  factor_covariance: FloatArray | None = None) -> None:
         """Begin with factors (5,) (logarithms) and their covariance (5, 5), or the prior."""
-        self._vehicle = vehicle
+        # Coolant that gets warm with the battery counts as battery; how late it does is a lag.
+        self._vehicle = (with_coolant_in_battery(vehicle) if vehicle.heat_path.has_coolant
+                         else vehicle)
         self.weights = prior_weights()
         self.mean = np.zeros((*SHAPE, SIZE))
         self.covariance = np.zeros((*SHAPE, SIZE, SIZE))
         self.mean[..., FACTORS] = 0.0 if factors is None else factors
         self.covariance[..., FACTORS, FACTORS] = (
             prior_factor_covariance() if factor_covariance is None else factor_covariance)
-        for index, deviation in LAG_DEVIATIONS.items():
+        for index, (lag, deviation) in prior_lags(vehicle.heat_path).items():
+            self.mean[..., index] = lag
             self.covariance[..., index, index] = deviation**2
         self._has_stood = True
 

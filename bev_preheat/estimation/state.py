@@ -7,7 +7,7 @@ vehicle file's heat capacity, leakage, resistance and HVCH efficiency, and on th
 that the route foresees. The equations are those of `model`, for a vehicle whose quantities are
 arrays (`vehicle.corrections`).
 
-Of the heat's path (`vehicle.heat_path`) no vehicle file tells, and a temperature in whole degrees
+Few vehicle files tell of the heat's path (`vehicle.heat_path`), and a temperature in whole degrees
 hardly tells a heater that lags from coolant that has to get warm. So one lag stands for both: the
 heater's heat that has not arrived, as the kelvin that it will bring, arrives with a time constant.
 The sensor follows the battery with another. Both are estimated as logarithms, over a nominal lag.

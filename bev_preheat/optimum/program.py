@@ -126,10 +126,11 @@ class Program:
     Variables: `soc` and `temperature` at each instant, `heater` and `brake` in each step;
     `heater_power` and `coolant_excess` at each instant, where the vehicle's heat path has them; then
     the slacks: `lacking_k` (of the target), `lacking_soc`, `lacking_w` (of the discharge power) with
-    Give.DEMANDS, `soc_above` and `k_above` with RANGES. Constraints: `soc_defect` and
-    `temperature_defect`, and one for each state of a heat path; if limited, `discharge` and `charge`, what is left to either limit; with
-    DEMANDS `lowest_soc`, with RANGES `highest_soc` and `highest_temperature`, each with its slack;
-    `target` and `final_soc`, by how much either is surpassed.
+    Give.DEMANDS, `soc_above` and `k_above` with RANGES. Constraints: `soc_defect`,
+    `temperature_defect`, and one for each state of a heat path; if limited, `discharge` and
+    `charge`, what is left to either limit; with DEMANDS `lowest_soc`, with RANGES `highest_soc` and
+    `highest_temperature`, each with its slack; `target` and `final_soc`, by how much either is
+    surpassed.
     """
 
     solver: casadi.Function
@@ -199,7 +200,7 @@ def build_program(vehicle: Vehicle, steps: int, limited: bool, give: Give) -> Pr
     duration_s, idle_power_w, variance_w2, idle_heat_w, leakage_w_per_k = (
         route[row, :] for row in range(5))
     heater_w, brake_w = heater * POWER_SCALE_W, brake * POWER_SCALE_W
-    lost_j = 0.0
+    lost_j = casadi.MX(0.0)
     if vehicle.heat_path.is_direct:
         power_w = idle_power_w + heater_w + brake_w
         heat_w = (idle_heat_w + heater_efficiency * heater_w

@@ -62,7 +62,8 @@ def symbolic_heated_step(vehicle: Vehicle) -> casadi.Function:
     """
     names = ('soc', 'temperature_c', 'heater_w', 'excess_k', 'duration_s', 'power_w', 'variance_w2',
              'heat_w', 'leakage_w_per_k', 'command_w')
-    inputs, factors, efficiency = _symbols(names), _symbols(FACTORS), casadi.SX.sym('efficiency')
+    inputs, factors = _symbols(names), _symbols(FACTORS)
+    efficiency: AnyNumber = casadi.SX.sym('efficiency')
     corrected = _corrected(vehicle, factors)
     step = make_heated_step(
         replace(corrected, hvch=replace(corrected.hvch, efficiency=efficiency)), SYMBOLS)

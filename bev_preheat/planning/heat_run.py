@@ -19,6 +19,7 @@ import numpy as np
 from bev_preheat.numerics.arithmetic import ARRAYS, FLOATS, SATURATING_FLOATS
 from bev_preheat.planning.dynamics import JOULES_PER_WH, KEPT_VEHICLES
 from bev_preheat.planning.schedule import HEATING_SHARE, Schedule
+from bev_preheat.planning.situation import BatteryState
 from bev_preheat.planning.straight_line import compile_states
 from bev_preheat.vehicle.corrections import corrected_vehicle, Corrections
 from bev_preheat.vehicle.heat_path import DIRECT, HeatedStep, make_heated_step
@@ -26,7 +27,6 @@ from bev_preheat.vehicle.model import make_runge_kutta_4
 
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray
-    from bev_preheat.planning.situation import BatteryState
     from bev_preheat.planning.trip import Trip
     from bev_preheat.vehicle.description import Vehicle
     from bev_preheat.vehicle.heat_path import HeatPath
@@ -153,7 +153,8 @@ def along_states(trip: Trip, states: Sequence[FloatArray], command_w: FloatArray
     """
     soc, temperature_c, heater_w, excess_k = states
     *_, drawn_w, arriving_w = _heated_step_of_arrays(trip.vehicle)(
-        *(values[:-1] for values in states), *trip.inputs(None, brake_power_w), command_w)
+        soc[:-1], temperature_c[:-1], heater_w[:-1], excess_k[:-1],
+        *trip.inputs(None, brake_power_w), command_w)
     return Schedule(
         heating_start_s, command_w, brake_power_w, soc, temperature_c, make_runge_kutta_4,
         ends_before_arrival_s(trip, command_w),
@@ -179,6 +180,23 @@ def heat_to_come_k(vehicle: Vehicle) -> tuple[float, float]:
     both_j_per_k = vehicle.battery.heat_capacity_j_per_k + path.coolant_heat_capacity_j_per_k
     return (vehicle.hvch.efficiency * path.heater_lag_s / both_j_per_k,
             path.coolant_heat_capacity_j_per_k / both_j_per_k)
+
+
+def state_with_heat_under_way(vehicle: Vehicle, temperature_c: float, soc: float,
+                              under_way_k: float) -> BatteryState:
+    """
+    Return the BatteryState of a vehicle whose heat under way will bring so many kelvin.
+
+    In coolant and heater as under a steady command, whose share in either does not depend on it: how
+    the heat is divided between them is not measured.
+    """
+    path, heater = vehicle.heat_path, vehicle.hvch
+    under_way_j = under_way_k * (vehicle.battery.heat_capacity_j_per_k
+                                 + path.coolant_heat_capacity_j_per_k)
+    heater_w = min(under_way_j / (heater.efficiency * path.heat_lag_s), heater.maximum_power_w)
+    excess_k = (heater.efficiency * heater_w / path.coolant_conductance_w_per_k
+                if path.has_coolant else 0.0)
+    return BatteryState(temperature_c, soc, heater_w, excess_k)
 
 
 @lru_cache(maxsize=KEPT_VEHICLES)

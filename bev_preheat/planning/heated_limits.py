@@ -116,7 +116,8 @@ def _drive_within_limits(trip: Trip, watch: Watch, limits: TerminalLimits[float]
 
         def command_for(drawn_w: float) -> float:
             """Return the command with which the heater takes so much on average."""
-            return (drawn_w - left * heater_w) / (1.0 - left)
+            command_w: float = (drawn_w - left * heater_w) / (1.0 - left)
+            return command_w
 
         settled_c = temperature_c + k_per_watt * heater_w + share_of_excess * excess_k
         if settled_c >= highest_c:

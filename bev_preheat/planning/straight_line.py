@@ -17,7 +17,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from functools import lru_cache
 from types import CodeType
-from typing import Any, TYPE_CHECKING, TypeAlias
+from typing import Any, TypeAlias
 
 from bev_preheat.numerics.arithmetic import AnyNumber, Arithmetic, CurveFunction, FLOATS
 
@@ -113,8 +113,8 @@ def compile_states(make_step: Callable[[Arithmetic[AnyNumber]], AnyStep],
         opaque=opaque,
         share=lambda value: value if floats.share is FLOATS.share else _Symbol(
             'share({})', value))
-    results = make_step(symbols)(*(_Symbol(name) for name in arguments))[:results]
-    lines, ends, numbers = _written_out(results)
+    lines, ends, numbers = _written_out(
+        make_step(symbols)(*(_Symbol(name) for name in arguments))[:results])
     names.update(numbers)
     # As defaults they are local variables, which Python reads faster than global ones.
     own = ', '.join(f'{name}={name}' for name in names)

@@ -158,11 +158,12 @@ class VehiclePlant:
             return step_of_floats(self.vehicle, make_runge_kutta_4, saturating)(
                 self.soc, self.temperature_c, step_s, *self._inputs())
         step = self._saturating_step if saturating else self._heated_step
-        _, *unheated = self._trip.inputs(None, self.brake_power_w)
+        _, power_w, variance_w2, heat_w, leakage_w_per_k = (
+            column.item() for column in self._trip.inputs(None, self.brake_power_w))
         soc, temperature_c, end_w, excess_k, mean_temperature_c, joule_w, drawn_w, _ = step(
             self.soc, self.temperature_c, self._power_at_end_w,
-            self.coolant_c - self.temperature_c, step_s, *(column.item() for column in unheated),
-            self._command_w)
+            self.coolant_c - self.temperature_c, step_s, power_w, variance_w2, heat_w,
+            leakage_w_per_k, self._command_w)
         self.heater_power_w, self._power_at_end_w = drawn_w, end_w
         self.coolant_c = temperature_c + excess_k
         return soc, temperature_c, mean_temperature_c, joule_w

@@ -21,6 +21,7 @@ from bev_preheat.estimation.state import FACTORS, PROPULSION
 from bev_preheat.numerics.arithmetic import array_exp
 from bev_preheat.planning.caution import Caution
 from bev_preheat.planning.explanation import explain
+from bev_preheat.planning.heat_run import state_with_heat_under_way
 from bev_preheat.planning.plan import Plan
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal, reserve_soc
@@ -131,13 +132,19 @@ class OutlookMaker:
         """
         vehicle, heater = self.vehicle(estimate), estimate.heater
         lowest_c, highest_c = vehicle.battery.temperature_range_c
-        # What is under way arrives, or is known to be late for the end of the route.
-        state = BatteryState(min(max(
-            estimate.temperature_c + estimate.under_way_k, lowest_c), highest_c), estimate.soc)
+        if vehicle.heat_path.is_direct:
+            # What is under way arrives, or is known to be late for the end of the route.
+            lag_s, state = estimate.heat_lag_s, BatteryState(min(max(
+                estimate.temperature_c + estimate.under_way_k, lowest_c), highest_c), estimate.soc)
+        else:
+            # The plan itself knows what is under way, and what would come too late.
+            lag_s, state = 0.0, state_with_heat_under_way(
+                vehicle, min(max(estimate.temperature_c, lowest_c), highest_c), estimate.soc,
+                estimate.under_way_k)
         route = route.with_propulsion(estimate.propulsion_factor)
         share = heater.share if heater.heater is Heater.DERATED else 1.0
 
-        def plan(heat_lag_s: float = estimate.heat_lag_s, **heater_as: Any) -> Plan:
+        def plan(heat_lag_s: float = lag_s, **heater_as: Any) -> Plan:
             return plan_preheating(
                 vehicle, route, state, goal, settings.method,
                 self._caution(vehicle, estimate, settings, is_heating), heat_lag_s=heat_lag_s,
@@ -157,7 +164,7 @@ class OutlookMaker:
             expected, commanded = plan(heater_share=0.0), wanted
         elif heater.heater is Heater.STUCK_ON:
             expected = plan(heats_throughout=True)
-        elif wanted.status is Status.TARGET_UNREACHABLE:
+        elif wanted.status is Status.TARGET_UNREACHABLE and lag_s > 0.0:
             # Then some of the heat that is mostly late is better than none.
             commanded = plan(heat_lag_s=0.0, heater_share=share)
         self._deviation_k = deviation_k(expected)
@@ -194,7 +201,7 @@ def _in_words(plan: Plan, heater: HeaterReport, deviation_k: float) -> str:
     """Return a plan's sentence with what the heater does, and what is uncertain."""
     sentence = SENTENCES.get(heater.heater, '').format(share=100.0 * heater.share)
     sentence += plan.explanation
-    if plan.heating_end_s is not None:
+    if plan.heating_end_s is not None and plan.heat is None:
         sentence += (f' Uncertainty +-{deviation_k:.1f} K (1 sigma): heating starts early and stops '
                      'once the target is certain.')
     return sentence

@@ -17,7 +17,6 @@ from bev_preheat.planning.status import Status
 from bev_preheat.supervision.inputs import in_planning_steps
 from bev_preheat.supervision.settings import Settings
 from bev_preheat.supervision.supervisor import Supervisor
-from bev_preheat.vehicle.corrections import corrected_vehicle, Corrections
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -31,7 +30,6 @@ if TYPE_CHECKING:
     from bev_preheat.simulation.imperfect_car import ImperfectCar
     from bev_preheat.simulation.vehicle_plant import VehiclePlant
     from bev_preheat.vehicle import Vehicle
-    from bev_preheat.vehicle.heat_path import HeatPath
 
 # Less than this share of what the cabin leaves is partial duty.
 FULL_SHARE = 0.95
@@ -181,15 +179,14 @@ def drive_with_planner(car: ImperfectCar, goal: Goal,
 
 def drive_informed(car: ImperfectCar, goal: Goal) -> DriveOutcome:
     """
-    Return the DriveOutcome of a car under one plan that knows the true car and drive.
+    Return the DriveOutcome of a car under one plan that knows the true car, its heat path, and drive.
 
     It is planned in steps as long as the planner's and driven without looking at the battery.
     """
     plant = car.plant
     state = BatteryState(plant.temperature_c, plant.soc)
     route = in_planning_steps(plant.route, Settings.planning_step_s)
-    plan = plan_preheating(_with_coolant(plant.vehicle), route, state, goal,
-                           heat_lag_s=_heat_lag_s(plant.vehicle.heat_path))
+    plan = plan_preheating(plant.vehicle, route, state, goal)
     switchings_s = [instant_s for instant_s in (plan.heating_start_s, plan.heating_end_s)
                     if instant_s is not None]
     # Between two of these the plan's power does not change.
@@ -201,20 +198,6 @@ def drive_informed(car: ImperfectCar, goal: Goal) -> DriveOutcome:
         plant.advance(to_s, power_w)
     tally.note(plant.time_s, 0.0)
     return _drive(plant, goal, tally)
-
-
-def _with_coolant(vehicle: Vehicle) -> Vehicle:
-    """Return a vehicle whose battery has the coolant's heat capacity too: both get warm."""
-    return corrected_vehicle(vehicle, Corrections(
-        heat_capacity=1.0 + vehicle.heat_path.coolant_heat_capacity_j_per_k
-        / vehicle.battery.heat_capacity_j_per_k))
-
-
-def _heat_lag_s(path: HeatPath) -> float:
-    """How late heat arrives in all: by heater and coolant [s]."""
-    if not path.has_coolant:
-        return path.heater_lag_s
-    return path.heater_lag_s + path.coolant_heat_capacity_j_per_k / path.coolant_conductance_w_per_k
 
 
 def _drive(plant: VehiclePlant, goal: Goal, tally: _Tally, **counted: Any) -> DriveOutcome:
