@@ -63,6 +63,12 @@ class Estimate:
         return math.sqrt(max(self.covariance[TEMPERATURE, TEMPERATURE], 0.0))
 
     @property
+    def settled_deviation_k(self) -> float:
+        """Standard deviation of the battery temperature once the heat under way has arrived [K]."""
+        both = [TEMPERATURE, UNDER_WAY]
+        return math.sqrt(max(float(self.covariance[np.ix_(both, both)].sum()), 0.0))
+
+    @property
     def under_way_k(self) -> float:
         """Heat that the heater made and that has not arrived: what it will bring [K]."""
         return max(float(self.mean[UNDER_WAY]), 0.0)
@@ -72,11 +78,10 @@ class Estimate:
         """How late the heater's heat arrives [s]."""
         return NOMINAL_HEAT_LAG_S * math.exp(self.mean[HEAT_LAG])
 
-    @property
-    def later_heat_s(self) -> float:
-        """How much later than believed the heater's heat may arrive: a standard deviation [s]."""
+    def later_heat_s(self, deviations: float) -> float:
+        """How much later than believed the heater's heat arrives if so many deviations off [s]."""
         deviation = math.sqrt(max(self.covariance[HEAT_LAG, HEAT_LAG], 0.0))
-        return self.heat_lag_s * math.expm1(deviation)
+        return self.heat_lag_s * math.expm1(deviations * deviation)
 
     @property
     def sensor_lag_s(self) -> float:

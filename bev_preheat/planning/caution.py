@@ -62,7 +62,7 @@ def heat_early(trip: Trip, state: BatteryState, schedule: Schedule, target_c: fl
     end_s = _latest_end_s(trip, schedule)
     if not caution.is_heating and end_s - start_s < caution.least_heating_s:
         return _LastStretch(trip, state, schedule, first, start_s).without()
-    early_s = max(0.0, start_s - _lead_s(trip, first, caution.lead_k))
+    early_s = _earlier_s(trip, start_s, caution.lead_k)
     if caution.is_heating and early_s <= caution.least_pause_s:
         early_s = 0.0
     if early_s >= start_s:
@@ -103,9 +103,21 @@ def _heat_w(trip: Trip, step: int) -> float:
     return trip.vehicle.hvch.efficiency * float(trip.heater_limit_w[step])
 
 
-def _lead_s(trip: Trip, step: int, lead_k: float) -> float:
-    """How long the heater takes for so many kelvin [s]."""
-    return lead_k * trip.vehicle.battery.heat_capacity_j_per_k / _heat_w(trip, step)
+def _earlier_s(trip: Trip, until_s: float, lead_k: float) -> float:
+    """
+    Return the instant [s] from which the heater gives so many kelvin by `until_s` [s].
+
+    It is never one at which the cabin takes the whole heater; at the earliest the first other one.
+    """
+    if lead_k <= 0.0:
+        return until_s
+    heat_w = trip.vehicle.hvch.efficiency * trip.heater_limit_w
+    given_j = np.concatenate(([0.0], np.cumsum(heat_w * trip.route.duration_s)))
+    wanted_j = max(0.0, float(np.interp(until_s, trip.time_s, given_j))
+                   - lead_k * trip.vehicle.battery.heat_capacity_j_per_k)
+    # The last step that begins with no more than that gives some, so its power is not 0.
+    step = int(np.searchsorted(given_j, wanted_j, side='right')) - 1
+    return min(float(trip.time_s[step] + (wanted_j - given_j[step]) / heat_w[step]), until_s)
 
 
 class _LastStretch:

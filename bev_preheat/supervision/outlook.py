@@ -41,10 +41,12 @@ if TYPE_CHECKING:
 # any more once heating has ended, at most by MOST_MARGIN_K.
 MARGIN_DEVIATIONS = 1.3
 MOST_MARGIN_K = 0.15
-# The last stretch of heating begins early by so many deviations of the temperature on arrival, at
-# most by MOST_LEAD_K: until it begins more will be learned.
+# The last stretch of heating begins early by so many deviations of the temperature on arrival, and
+# by the heat that is made while its lag is so many deviations longer than believed; together at most
+# by MOST_LEAD_K: until it begins more will be learned. Both found on `preheat robustness`.
 LEAD_DEVIATIONS = 2.0
-MOST_LEAD_K = 3.5
+LATER_DEVIATIONS = 1.6
+MOST_LEAD_K = 7.0
 # A pause that is shorter saves less than a switching is worth.
 LEAST_PAUSE_S = 300.0
 # The corrected vehicle is made anew where a factor has moved by more than this share of what is
@@ -186,11 +188,11 @@ class OutlookMaker:
                  is_heating: bool) -> Caution:
         lead_k = 0.0 if self._deviation_k is None else LEAD_DEVIATIONS * self._deviation_k
         # What may come later than believed is begun with earlier.
-        lead_k += estimate.later_heat_s * (
+        lead_k += estimate.later_heat_s(LATER_DEVIATIONS) * (
             vehicle.hvch.efficiency * vehicle.hvch.maximum_power_w
             / vehicle.battery.heat_capacity_j_per_k)
         return Caution(
-            margin_k=min(MARGIN_DEVIATIONS * estimate.temperature_deviation_k, MOST_MARGIN_K),
+            margin_k=min(MARGIN_DEVIATIONS * estimate.settled_deviation_k, MOST_MARGIN_K),
             lead_k=min(lead_k, MOST_LEAD_K) if math.isfinite(lead_k) else MOST_LEAD_K,
             is_heating=is_heating,
             least_pause_s=max(settings.minimum_off_time_s, LEAST_PAUSE_S),

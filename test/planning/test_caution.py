@@ -82,6 +82,39 @@ def test_lead_is_so_many_kelvin_of_heating(plain, lead_k):
     assert earlier_s * heat_w / CAR.battery.heat_capacity_j_per_k == pytest.approx(lead_k)
 
 
+def test_lead_reaches_back_over_where_the_cabin_takes_the_whole_heater(plain):
+    taken = (1740.0, 2340.0)
+    start_s = plain.heating_start_s
+    assert taken[1] < start_s < taken[1] + 300.0
+    cabin_w = [CAR.hvch.maximum_power_w if taken[0] <= 60.0 * step < taken[1] else CABIN_W
+               for step in range(60)]
+    route = steady_route(cabin_heating_power_w=cabin_w)
+    late, careful = planned(route), planned(route, lead_k=7.0)
+    kelvin_per_s = (CAR.hvch.efficiency * (CAR.hvch.maximum_power_w - CABIN_W)
+                    / CAR.battery.heat_capacity_j_per_k)
+    assert late.heating_start_s > taken[1]
+    assert careful.heating_start_s == pytest.approx(
+        late.heating_start_s - (taken[1] - taken[0]) - 7.0 / kelvin_per_s)
+    assert careful.arrival_temperature_c == pytest.approx(20.0, abs=ARRIVAL_TOLERANCE_K)
+
+
+def test_lead_never_begins_where_the_cabin_takes_the_whole_heater():
+    cabin_w = [CAR.hvch.maximum_power_w] * 40 + [CABIN_W] * 20
+    careful = planned(steady_route(cabin_heating_power_w=cabin_w), lead_k=7.0)
+    assert careful.heating_start_s == 2400.0
+    assert careful.status is Status.WAITING
+
+
+def test_lead_of_a_stretch_that_fills_all_that_can_be_heated_is_planned():
+    """That was a division by 0, a failed plan, and a heater that stayed off."""
+    route = steady_route(cabin_heating_power_w=[CAR.hvch.maximum_power_w] * 40 + [CABIN_W] * 20)
+    plain, careful = (planned(route, goal=Goal(40.0), **caution)
+                      for caution in ({}, {'lead_k': 7.0}))
+    assert careful.status is plain.status is Status.TARGET_UNREACHABLE
+    assert careful.hvch_battery_power_w.tolist() == plain.hvch_battery_power_w.tolist()
+    assert careful.hvch_battery_power_w[40:] == pytest.approx(CAR.hvch.maximum_power_w - CABIN_W)
+
+
 @pytest.mark.parametrize('lead_k', [0.3, 1.0, 2.5])
 def test_heating_ends_where_continuous_time_arrives_at_the_target(plain, lead_k):
     from scipy.optimize import brentq
