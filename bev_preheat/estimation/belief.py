@@ -11,25 +11,26 @@ are, intervals (`truncated_normal`).
 from __future__ import annotations
 
 from dataclasses import replace
-import math
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from bev_preheat.estimation.hypotheses import heater_power_w, NOISES_K, prior_weights, SHARES, transitions
+from bev_preheat.estimation.prior import (
+    described_lags,
+    FACTOR_BOUNDS,
+    LAG_BOUNDS,
+    LAGS,
+    Learned,
+    nothing_learned,
+)
 from bev_preheat.estimation.state import (
     DriveInputs,
     FACTORS,
-    HEAT_CAPACITY,
     HEAT_LAG,
-    HEATER,
-    LEAKAGE,
     moved_with_slopes,
     MOVING,
-    NOMINAL_HEAT_LAG_S,
-    NOMINAL_SENSOR_LAG_S,
     PROPULSION,
-    RESISTANCE,
     SENSOR,
     SENSOR_LAG,
     SIZE,
@@ -44,27 +45,11 @@ from bev_preheat.planning.heat_run import with_coolant_in_battery
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import BoolArray, FloatArray
     from bev_preheat.vehicle.description import Vehicle
-    from bev_preheat.vehicle.heat_path import HeatPath
 
-# Standard deviation of the factors' logarithms at first: those of even spreads of +-10 % (heat
-# capacity), +-20 % (leakage, resistance), +-5 % (heater), and of a route's consumption.
-FACTOR_DEVIATIONS = {HEAT_CAPACITY: 0.058, LEAKAGE: 0.115, RESISTANCE: 0.115, HEATER: 0.029,
-                     PROPULSION: 0.08}
-# The logarithms are kept within these bounds around the vehicle file's values.
-FACTOR_BOUNDS = {HEAT_CAPACITY: 0.25, LEAKAGE: 0.6, RESISTANCE: 0.6, HEATER: 0.15, PROPULSION: 0.5}
-# What is known of the lags of a car of which nothing else is: logarithms over the nominal ones.
-LAG_DEVIATIONS = {HEAT_LAG: 1.0, SENSOR_LAG: 1.0}
-# What is uncertain of a lag that the vehicle file gives, logarithm.
-GIVEN_LAG_DEVIATION = 0.25
-# Shortest and longest lag [s]: a heater of up to 90 s and coolant of up to 200 s; a sensor of up to 120 s.
-LAG_RANGES_S = {HEAT_LAG: (2.0, 250.0), SENSOR_LAG: (2.0, 150.0)}
 BOUNDED = slice(FACTORS.start, SENSOR_LAG + 1)
-HIGHEST = np.array([*(FACTOR_BOUNDS[index] for index in range(FACTORS.start, FACTORS.stop)),
-                    np.log(LAG_RANGES_S[HEAT_LAG][1] / NOMINAL_HEAT_LAG_S),
-                    np.log(LAG_RANGES_S[SENSOR_LAG][1] / NOMINAL_SENSOR_LAG_S)])
-LOWEST = np.array([*(-FACTOR_BOUNDS[index] for index in range(FACTORS.start, FACTORS.stop)),
-                   np.log(LAG_RANGES_S[HEAT_LAG][0] / NOMINAL_HEAT_LAG_S),
-                   np.log(LAG_RANGES_S[SENSOR_LAG][0] / NOMINAL_SENSOR_LAG_S)])
+LOWEST, HIGHEST = np.concatenate((
+    [(-FACTOR_BOUNDS[index], FACTOR_BOUNDS[index]) for index in range(FACTORS.start, FACTORS.stop)],
+    LAG_BOUNDS)).T
 # How fast the truth wanders: standard deviation after an hour. The heat that no model has is what
 # makes temperature wander, a wrong capacity the state of charge.
 WANDER_IN_AN_HOUR = np.array(
@@ -93,18 +78,6 @@ LEAST_VARIANCE = 1e-12
 SHAPE = (len(SHARES), len(NOISES_K))
 
 
-def prior_lags(path: HeatPath) -> dict[int, tuple[float, float]]:
-    """Return (mean, standard deviation) of each lag's logarithm before a drive, by element."""
-    prior = {index: (0.0, deviation) for index, deviation in LAG_DEVIATIONS.items()}
-    for index, lag_s, nominal_s in ((HEAT_LAG, path.heat_lag_s, NOMINAL_HEAT_LAG_S),
-                                    (SENSOR_LAG, path.sensor_lag_s, NOMINAL_SENSOR_LAG_S)):
-        shortest_s, longest_s = LAG_RANGES_S[index]
-        if lag_s > 0.0:
-            prior[index] = (math.log(min(max(lag_s, shortest_s), longest_s) / nominal_s),
-                            GIVEN_LAG_DEVIATION)
-    return prior
-
-
 class Belief:
     """
     Means (heaters, noises, SIZE), covariances (…, SIZE, SIZE) and weights (heaters, noises).
@@ -112,21 +85,21 @@ class Belief:
     `predict` lets time pass, the `see_…` methods take readings into account.
     """
 
-    def __init__(self, vehicle: Vehicle, factors: FloatArray | None = None,
-                 factor_covariance: FloatArray | None = None) -> None:
-        """Begin with factors (5,) (logarithms) and their covariance (5, 5), or the prior."""
+    def __init__(self, vehicle: Vehicle, learned: Learned | None = None) -> None:
+        """Begin with what was Learned of the car, None: the vehicle file alone is known."""
         # Coolant that gets warm with the battery counts as battery; how late it does is a lag.
         self._vehicle = (with_coolant_in_battery(vehicle) if vehicle.heat_path.has_coolant
                          else vehicle)
+        learned = (nothing_learned(described_lags(vehicle.heat_path)) if learned is None
+                   else learned)
         self.weights = prior_weights()
         self.mean = np.zeros((*SHAPE, SIZE))
         self.covariance = np.zeros((*SHAPE, SIZE, SIZE))
-        self.mean[..., FACTORS] = 0.0 if factors is None else factors
-        self.covariance[..., FACTORS, FACTORS] = (
-            prior_factor_covariance() if factor_covariance is None else factor_covariance)
-        for index, (lag, deviation) in prior_lags(vehicle.heat_path).items():
-            self.mean[..., index] = lag
-            self.covariance[..., index, index] = deviation**2
+        self.mean[..., FACTORS] = learned.factors
+        self.covariance[..., FACTORS, FACTORS] = learned.covariance
+        self._lags = learned.lags
+        self.mean[..., LAGS] = self._lags.logs
+        self.covariance[..., LAGS, LAGS] = self._lags.variances
         self._has_stood = True
 
     def place(self, temperature_c: float, temperature_variance: float, soc: float,
@@ -286,18 +259,12 @@ class Belief:
     def _find_again(self, lost: BoolArray) -> None:
         """Begin the filters (heaters, noises) of the lags anew that no longer mean anything."""
         mean, covariance = self.mean[lost], self.covariance[lost]
-        mean[:, TEMPERATURE] = mean[:, SENSOR]
-        mean[:, [HEAT_LAG, SENSOR_LAG, UNDER_WAY]] = 0.0
+        mean[:, TEMPERATURE], mean[:, UNDER_WAY] = mean[:, SENSOR], 0.0
+        mean[:, LAGS] = self._lags.logs
         for index in (TEMPERATURE, HEAT_LAG, SENSOR_LAG, UNDER_WAY):
             covariance[:, index, :] = covariance[:, :, index] = 0.0
-        for index, deviation in {**LAG_DEVIATIONS, UNDER_WAY: UNKNOWN_UNDER_WAY_K}.items():
-            covariance[:, index, index] = deviation**2
+        covariance[:, LAGS, LAGS] = self._lags.variances
+        covariance[:, UNDER_WAY, UNDER_WAY] = UNKNOWN_UNDER_WAY_K**2
         covariance[:, TEMPERATURE, TEMPERATURE] = (
             covariance[:, SENSOR, SENSOR] + UNKNOWN_APART_K**2)
         self.mean[lost], self.covariance[lost] = mean, covariance
-
-
-def prior_factor_covariance() -> FloatArray:
-    """Covariance (5, 5) of the factors' logarithms of a car of which only its file is known."""
-    return np.diag([FACTOR_DEVIATIONS[index]**2
-                    for index in (HEAT_CAPACITY, LEAKAGE, RESISTANCE, HEATER, PROPULSION)])

@@ -23,6 +23,7 @@ from bev_preheat.estimation.readings import Measurement, ReadingCheck, Verdict
 from bev_preheat.estimation.state import DriveInputs, TEMPERATURE
 
 if TYPE_CHECKING:
+    from bev_preheat.estimation.prior import Learned
     from bev_preheat.numerics.arrays import FloatArray
     from bev_preheat.vehicle.description import Vehicle
 
@@ -67,20 +68,19 @@ class Stretch:
 class Estimator:
     """Keeps the belief; `observe` takes a measurement in and updates `estimate`."""
 
-    def __init__(self, vehicle: Vehicle, factors: FloatArray | None = None,
-                 factor_covariance: FloatArray | None = None) -> None:
-        """Begin with the vehicle file, or with what was learned before: see Belief."""
+    def __init__(self, vehicle: Vehicle, learned: Learned | None = None) -> None:
+        """Begin with the vehicle file, or with what was Learned before."""
         self._vehicle = vehicle
         self._most_power_w = (vehicle.drivetrain.maximum_power_w + vehicle.hvch.maximum_power_w
                               + MOST_OTHER_POWER_W)
-        self._learned = (factors, factor_covariance)
+        self._learned = learned
         self.estimate: Estimate | None = None
         self._resets, self._reason = 0, ''
         self._reset_at_ns: int | None = None
         self._begin()
 
     def _begin(self) -> None:
-        self._belief = Belief(self._vehicle, *self._learned)
+        self._belief = Belief(self._vehicle, self._learned)
         self._response = PowerResponse()
         self._readings = ReadingCheck()
         self._stamp_ns: int | None = None
@@ -98,7 +98,7 @@ class Estimator:
 
     def restart(self, reason: str, at_ns: int) -> None:
         """Forget the temperature, and all that was learned since the vehicle file."""
-        self._learned = (None, None)
+        self._learned = None
         self._resets += 1
         self._reason, self._reset_at_ns = reason, at_ns
         self._begin()

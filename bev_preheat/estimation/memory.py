@@ -3,14 +3,23 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 import math
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from bev_preheat.errors import InvalidInput
-from bev_preheat.estimation.belief import FACTOR_BOUNDS, prior_factor_covariance
+from bev_preheat.estimation.hypotheses import Heater
+from bev_preheat.estimation.prior import (
+    FACTOR_BOUNDS,
+    LAG_BOUNDS,
+    LAG_DEVIATION,
+    Lags,
+    LAGS,
+    Learned,
+    prior_factor_covariance,
+    unknown_lags,
+)
 from bev_preheat.estimation.state import FACTOR_NAMES, FACTORS, PROPULSION
 
 if TYPE_CHECKING:
@@ -21,16 +30,11 @@ if TYPE_CHECKING:
 # What a route's consumption was wrong by says nothing of the next route.
 REMEMBERED = slice(0, PROPULSION - FACTORS.start)
 NAMES = FACTOR_NAMES[REMEMBERED]
+LAG_NAMES = ('heat', 'sensor')
+# Of an entry; versions before 0.3.0 wrote the first two.
+KEYS = ('log_factors', 'covariance', 'log_lags', 'lag_variances')
 # Standard deviation that a night adds to each logarithm: a car changes a little.
 OVERNIGHT = 0.01
-
-
-@dataclass(frozen=True, eq=False)
-class Learned:
-    """Logarithms of the factors (5,) and their covariance (5, 5), in the order of `state`."""
-
-    factors: FloatArray
-    covariance: FloatArray
 
 
 def learned_from(estimate: Estimate) -> Learned:
@@ -46,13 +50,23 @@ def learned_from(estimate: Estimate) -> Learned:
     covariance[route, route] = prior[route, route]
     # A car that was hardly seen wanders off; it is never less known than one never seen.
     shrink = np.sqrt(np.minimum(1.0, np.diag(prior) / np.diag(covariance)))
-    return Learned(factors, covariance * np.outer(shrink, shrink))
+    return Learned(factors, covariance * np.outer(shrink, shrink), _lags_from(estimate))
+
+
+def _lags_from(estimate: Estimate) -> Lags:
+    """Return the Lags of an Estimate; a heater that does not obey tells nothing of them."""
+    if estimate.heater.heater is not Heater.ANSWERS:
+        return unknown_lags()
+    return Lags(np.clip(estimate.mean[[*LAGS]], LAG_BOUNDS[:, 0], LAG_BOUNDS[:, 1]),
+                np.minimum(np.diag(estimate.covariance)[[*LAGS]], LAG_DEVIATION**2))
 
 
 def as_entry(learned: Learned) -> dict[str, FileData]:
     """Return what of a Learned is kept, as plain values for JSON."""
     return {'log_factors': dict(zip(NAMES, learned.factors[REMEMBERED].tolist())),
-            'covariance': learned.covariance[REMEMBERED, REMEMBERED].tolist()}
+            'covariance': learned.covariance[REMEMBERED, REMEMBERED].tolist(),
+            'log_lags': dict(zip(LAG_NAMES, learned.lags.logs.tolist())),
+            'lag_variances': dict(zip(LAG_NAMES, learned.lags.variances.tolist()))}
 
 
 def from_entry(entry: FileData) -> Learned:
@@ -70,7 +84,28 @@ def from_entry(entry: FileData) -> Learned:
     factors, whole = np.zeros(len(FACTOR_NAMES)), prior_factor_covariance()
     factors[REMEMBERED] = logs
     whole[REMEMBERED, REMEMBERED] = covariance + OVERNIGHT**2 * np.eye(len(NAMES))
-    return Learned(factors, whole)
+    return Learned(factors, whole, _lags_of(entry))
+
+
+def _lags_of(entry: dict[str, FileData]) -> Lags:
+    """Return the Lags of an entry a night later, unknown ones where it is of a version without."""
+    if 'log_lags' not in entry and 'lag_variances' not in entry:
+        return unknown_lags()
+    try:
+        logs, variances = (np.array([entry[key][name] for name in LAG_NAMES], dtype=float)
+                           for key in ('log_lags', 'lag_variances'))
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
+        raise InvalidInput(f'log_lags or lag_variances is damaged: {error}') from error
+    for name, value, (low, high) in zip(LAG_NAMES, logs, LAG_BOUNDS):
+        if not low <= value <= high:
+            raise InvalidInput(f'log_lags.{name}: {value:g} is not allowed; it must be '
+                               f'{low:.3f} ... {high:.3f}')
+    most = LAG_DEVIATION**2
+    for name, value in zip(LAG_NAMES, variances):
+        if not 0.0 <= value <= most:
+            raise InvalidInput(f'lag_variances.{name}: {value:g} is not allowed; it must be '
+                               f'0 ... {most:g}')
+    return Lags(logs, np.minimum(variances + OVERNIGHT**2, most))
 
 
 def _check(logs: FloatArray, covariance: FloatArray) -> None:

@@ -19,10 +19,11 @@ import re
 from typing import TYPE_CHECKING
 
 from bev_preheat.errors import InvalidInput
-from bev_preheat.estimation.memory import as_entry, from_entry, Learned
+from bev_preheat.estimation.memory import as_entry, from_entry, KEYS
 from bev_preheat.files.output_files import AnyPath, existing_file, expanded, target_of, write_whole
 
 if TYPE_CHECKING:
+    from bev_preheat.estimation.prior import Learned
     from bev_preheat.files.checked_yaml import FileData
 
 FORMAT_KEY, FORMAT = 'bev_preheat_state_file', 2
@@ -130,7 +131,7 @@ def _sound(cars: FileData) -> _Found:
         except InvalidInput as error:
             problems.append(f'car {fingerprint[:12]}: {error}')
         else:
-            sound[fingerprint] = {key: entry[key] for key in ('log_factors', 'covariance')}
+            sound[fingerprint] = {key: entry[key] for key in KEYS if key in entry}
     # It goes into a line of the log, however long the text that was found is.
     return _Found(sound, '; '.join(problems)[:LONGEST_SENTENCE])
 

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from rclpy.impl.rcutils_logger import RcutilsLogger
 
     from bev_preheat.estimation.estimate import Estimate
-    from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.estimation.prior import Learned
 
 SAVE_PERIOD_S = 60.0
 
@@ -64,12 +64,11 @@ class StateKeeper:
         self._problem, self._kept_aside = '', ''
         self._written_s: float | None = None
 
-    def attach(self, path: str, fingerprint: str) -> tuple[FloatArray, FloatArray] | None:
+    def attach(self, path: str, fingerprint: str) -> Learned | None:
         """
         Use a file for the car with this fingerprint.
 
-        Returns (factors, covariance) for a Supervisor that the file holds; None where it holds none
-        or was attached before.
+        Returns the Learned that the file holds; None where it holds none or was attached before.
         """
         if (path, fingerprint) == (self._path, self._fingerprint):
             return None
@@ -90,7 +89,7 @@ class StateKeeper:
             self._logger.info(f'state_file: {path}: nothing was learned of this vehicle yet.')
             return None
         self._logger.info(f'state_file: {path}: the estimation begins with what was learned.')
-        return recalled.learned.factors, recalled.learned.covariance
+        return recalled.learned
 
     def save(self, estimate: Estimate | None) -> None:
         """Write what has been learned, an Estimate or None, if it is news."""

@@ -18,7 +18,7 @@ from bev_preheat.supervision.settings import Settings
 from bev_preheat.vehicle.description import Vehicle
 
 if TYPE_CHECKING:
-    from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.estimation.prior import Learned
     from bev_preheat.supervision.inbox import Inbox
 
 
@@ -122,15 +122,15 @@ class Reconfigured:
 
     `mission` is the current route as read with the new parameters, or the InvalidInput where it
     cannot be read with them; None: there is no route.
-    `learned` is (factors, covariance) of estimation.belief.Belief that the estimation restarts
-    with, None to keep it where the vehicle stays.
+    `learned` is the Learned that the estimation restarts with, None to keep it where the vehicle
+    stays.
     """
 
     source: ClassVar[str] = ROUTE
     vehicle: Vehicle
     settings: Settings
     mission: Mission | InvalidInput | None = None
-    learned: tuple[FloatArray, FloatArray] | None = None
+    learned: Learned | None = None
 
     def deliver(self, inbox: Inbox, now_ns: int) -> None:
         """Apply them; the route is refused where it does not fit the vehicle."""

@@ -26,7 +26,7 @@ from bev_preheat.supervision.inputs import Leg, Measurement, Mission, NS_PER_S
 from bev_preheat.supervision.outlook import OutlookMaker, seen_from_now
 
 if TYPE_CHECKING:
-    from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.estimation.prior import Learned
     from bev_preheat.planning.situation import BatteryState
     from bev_preheat.supervision.command_history import CommandHistory
     from bev_preheat.supervision.inbox import Inbox
@@ -42,12 +42,11 @@ ON_TRACK_SOC = 5e-4
 class Judgement:
     """Learns from battery states and makes Decisions for one vehicle."""
 
-    def __init__(self, vehicle: Vehicle, factors: FloatArray | None = None,
-                 factor_covariance: FloatArray | None = None) -> None:
-        """Start from the vehicle file, or from remembered factors: see estimation.belief.Belief."""
+    def __init__(self, vehicle: Vehicle, learned: Learned | None = None) -> None:
+        """Start from the vehicle file, or from what was Learned on drives before."""
         self._vehicle = vehicle
         self._outlooks = OutlookMaker(vehicle)
-        self._estimator = Estimator(vehicle, factors, factor_covariance)
+        self._estimator = Estimator(vehicle, learned)
         # Decisions by Leg, and the settings that they were made with.
         self._later_decisions: dict[Leg, Decision] = {}
         self._later_settings: Settings | None = None

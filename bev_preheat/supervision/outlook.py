@@ -14,9 +14,9 @@ from typing import Any, TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.estimation.belief import prior_factor_covariance
 from bev_preheat.estimation.forecast import arrival_deviation_k
 from bev_preheat.estimation.hypotheses import Heater
+from bev_preheat.estimation.prior import prior_factor_covariance
 from bev_preheat.estimation.state import FACTORS, PROPULSION
 from bev_preheat.numerics.arithmetic import array_exp
 from bev_preheat.planning.caution import Caution

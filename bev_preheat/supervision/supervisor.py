@@ -22,7 +22,7 @@ from bev_preheat.supervision.judgement import Judgement
 
 if TYPE_CHECKING:
     from bev_preheat.estimation.estimate import Estimate
-    from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.estimation.prior import Learned
     from bev_preheat.supervision.inputs import Measurement, Mission
     from bev_preheat.supervision.settings import Settings
     from bev_preheat.vehicle.description import Vehicle
@@ -62,15 +62,14 @@ class Supervisor:
     """
 
     def __init__(self, vehicle: Vehicle, settings: Settings,
-                 learned: tuple[FloatArray, FloatArray] | None = None) -> None:
+                 learned: Learned | None = None) -> None:
         """
         Start without input.
 
-        `learned` is (factors, covariance) of estimation.belief.Belief, None to start from the
-        vehicle file.
+        `learned` is what was Learned on drives before, None to start from the vehicle file.
         """
         self._inbox = Inbox(vehicle, settings)
-        self._judgement = Judgement(vehicle, *learned or ())
+        self._judgement = Judgement(vehicle, learned)
         self._commander = Commander()
         self._decision = WITHOUT_ROUTE
         self._latest_command: Command | None = None
@@ -192,7 +191,7 @@ class Supervisor:
         for event in events:
             if isinstance(event, Reconfigured) and (
                     event.learned or event.vehicle is not self._judgement.vehicle):
-                self._judgement = Judgement(event.vehicle, *event.learned or ())
+                self._judgement = Judgement(event.vehicle, event.learned)
         if changes.clock_restarted:
             self._judgement.lose_time()
         if changes.has_new_mission:

@@ -3,12 +3,13 @@
 
 import numpy as np
 
-from bev_preheat.estimation.belief import prior_factor_covariance
 from bev_preheat.estimation.estimate import Estimate
 from bev_preheat.estimation.hypotheses import Heater, HeaterReport
-from bev_preheat.estimation.state import FACTORS, SIZE
+from bev_preheat.estimation.prior import LAGS, prior_factor_covariance
+from bev_preheat.estimation.state import FACTORS, SIZE, SOC, TEMPERATURE
 
 FACTORS_SEEN = np.array([0.07, -0.2, 0.11, -0.03, 0.4])
+LAGS_SEEN, LAG_VARIANCES_SEEN = np.array([0.6, -0.9]), np.array([0.04, 0.2])
 
 
 def some_covariance():
@@ -18,9 +19,10 @@ def some_covariance():
     return correlation * np.outer(deviations, deviations)
 
 
-def an_estimate(covariance=None):
-    """Return an Estimate with FACTORS_SEEN."""
-    whole = np.eye(SIZE)
+def an_estimate(covariance=None, heater=Heater.ANSWERS):
+    """Return an Estimate with FACTORS_SEEN and LAGS_SEEN."""
+    mean, whole = np.zeros(SIZE), np.eye(SIZE)
+    mean[[TEMPERATURE, SOC]], mean[FACTORS], mean[[*LAGS]] = (12.0, 0.7), FACTORS_SEEN, LAGS_SEEN
     whole[FACTORS, FACTORS] = some_covariance() if covariance is None else covariance
-    return Estimate(0, np.concatenate(([12.0, 0.7], FACTORS_SEEN, np.zeros(SIZE - 7))), whole,
-                    HeaterReport(Heater.ANSWERS, 1.0, 1.0), 0.0)
+    whole[LAGS, LAGS] = LAG_VARIANCES_SEEN
+    return Estimate(0, mean, whole, HeaterReport(heater, 1.0, 1.0), 0.0)

@@ -7,8 +7,16 @@ from driven_car import AMBIENT_C, Course, LIMIT_W, VEHICLE
 import numpy as np
 import pytest
 
-from bev_preheat.estimation.belief import Belief, FACTOR_BOUNDS, prior_factor_covariance, SHAPE, WANDER_IN_AN_HOUR
+from bev_preheat.estimation.belief import Belief, SHAPE, WANDER_IN_AN_HOUR
 from bev_preheat.estimation.hypotheses import NOISES_K, SHARES
+from bev_preheat.estimation.prior import (
+    described_lags,
+    FACTOR_BOUNDS,
+    Lags,
+    Learned,
+    nothing_learned,
+    prior_factor_covariance,
+)
 from bev_preheat.estimation.state import (
     FACTORS,
     HEAT_LAG,
@@ -21,6 +29,7 @@ from bev_preheat.estimation.state import (
     TEMPERATURE,
     UNDER_WAY,
 )
+from bev_preheat.vehicle.heat_path import HeatPath
 
 ROUTE_DRIVE, _ = Course().between(0, 0)
 # No Joule heat, no drivetrain heat: only leakage moves the temperature.
@@ -28,8 +37,8 @@ STILL = replace(ROUTE_DRIVE, speed_mps=0.0, propulsion_power_w=0.0, cabin_heatin
                 auxiliary_power_w=0.0, terminal_power_w=0.0)
 
 
-def placed(**factors):
-    belief = Belief(VEHICLE, **factors)
+def placed(learned=None):
+    belief = Belief(VEHICLE, learned)
     belief.place(-5.0, 0.4, 0.8, 1e-4)
     return belief
 
@@ -40,9 +49,7 @@ def eigenvalues(belief):
 
 def test_temperature_is_that_of_a_kalman_filter_written_here():
     # Factors and lags are known, so battery and sensor stand alone; a continuous sensor, one noise.
-    belief = placed(factors=np.zeros(5), factor_covariance=np.zeros((5, 5)))
-    for index in (HEAT_LAG, SENSOR_LAG):
-        belief.covariance[..., index, index] = 0.0
+    belief = placed(Learned(np.zeros(5), np.zeros((5, 5)), Lags(np.zeros(2), np.zeros(2))))
     gamma = VEHICLE.battery.leakage.coefficient_w_per_k(0.0)
     decay = 10.0 * gamma / VEHICLE.battery.heat_capacity_j_per_k
     noise = NOISES_K.index(0.2)
@@ -186,6 +193,30 @@ def test_the_prior_is_that_of_the_spreads_that_are_allowed_for():
     # An even spread of +-w has a standard deviation of w / sqrt(3).
     assert np.sqrt(np.diag(prior_factor_covariance()))[:4] == pytest.approx(
         np.array([0.1, 0.2, 0.2, 0.05]) / np.sqrt(3.0), rel=0.01)
+
+
+def test_lags_that_a_vehicle_file_describes_are_begun_with():
+    path = HeatPath(30.0, 20e3, 400.0, 60.0)
+    belief = placed(nothing_learned(described_lags(path)))
+    lags_s = np.exp(belief.mean[0, 0, [HEAT_LAG, SENSOR_LAG]]) * [
+        NOMINAL_HEAT_LAG_S, NOMINAL_SENSOR_LAG_S]
+    # The coolant's time constant is 20 kJ/K / 400 W/K.
+    assert lags_s == pytest.approx([80.0, 60.0])
+    unknown = placed()
+    for index in (HEAT_LAG, SENSOR_LAG):
+        assert (belief.covariance[..., index, index] < unknown.covariance[..., index, index]).all()
+
+
+def test_a_lag_that_the_vehicle_file_leaves_out_is_unknown():
+    described, unknown = described_lags(HeatPath(heater_lag_s=30.0)), described_lags(HeatPath())
+    assert described.logs.tolist() == [np.log(30.0 / NOMINAL_HEAT_LAG_S), 0.0]
+    assert described.variances[0] < unknown.variances[0]
+    assert described.variances[1] == unknown.variances[1]
+    assert unknown.logs.tolist() == [0.0, 0.0]
+
+
+def test_a_lag_beyond_what_is_estimated_is_begun_with_at_the_bound():
+    assert described_lags(HeatPath(heater_lag_s=300.0)).logs[0] == np.log(250.0 / NOMINAL_HEAT_LAG_S)
 
 
 def test_lags_are_open_over_what_they_may_be():

@@ -3,14 +3,17 @@
 
 import json
 
-from learned_cars import an_estimate, FACTORS_SEEN, some_covariance
+from learned_cars import an_estimate, FACTORS_SEEN, LAG_VARIANCES_SEEN, LAGS_SEEN, some_covariance
 import numpy as np
 import pytest
 
 from bev_preheat.errors import InvalidInput
-from bev_preheat.estimation.belief import FACTOR_BOUNDS, prior_factor_covariance
+from bev_preheat.estimation.belief import Belief
+from bev_preheat.estimation.hypotheses import Heater
 from bev_preheat.estimation.memory import as_entry, from_entry, learned_from, OVERNIGHT
+from bev_preheat.estimation.prior import FACTOR_BOUNDS, LAG_BOUNDS, LAGS, prior_factor_covariance, unknown_lags
 from bev_preheat.estimation.state import FACTORS
+from bev_preheat.vehicle import load_vehicle
 
 NAMES = ('heat_capacity', 'leakage', 'resistance', 'heater_efficiency')
 
@@ -84,3 +87,67 @@ def test_a_covariance_that_is_none_is_refused(entry, covariance):
     entry['covariance'] = covariance
     with pytest.raises(InvalidInput, match='covariance'):
         from_entry(entry)
+
+
+def test_lags_are_remembered_and_a_night_makes_them_less_sure(entry):
+    lags = from_entry(entry).lags
+    assert lags.logs == pytest.approx(LAGS_SEEN)
+    assert lags.variances == pytest.approx(LAG_VARIANCES_SEEN + OVERNIGHT**2)
+
+
+def test_the_next_drive_begins_with_narrower_lags(entry):
+    unknown = Belief(load_vehicle('reference'))
+    remembered = Belief(load_vehicle('reference'), from_entry(entry))
+    for index, log in zip(LAGS, LAGS_SEEN):
+        assert remembered.mean[..., index] == pytest.approx(log)
+        assert (remembered.covariance[..., index, index]
+                < 0.5 * unknown.covariance[..., index, index]).all()
+
+
+def test_lags_are_never_known_less_than_those_of_a_car_never_seen(entry):
+    estimate = an_estimate()
+    estimate.covariance[LAGS, LAGS] = 4.0
+    lags = from_entry(as_entry(learned_from(estimate))).lags
+    assert lags.variances.tolist() == unknown_lags().variances.tolist()
+
+
+@pytest.mark.parametrize('heater', [kind for kind in Heater if kind is not Heater.ANSWERS])
+def test_a_heater_that_does_not_obey_tells_nothing_of_lags(heater):
+    lags = learned_from(an_estimate(heater=heater)).lags
+    assert lags.logs.tolist() == unknown_lags().logs.tolist()
+    assert lags.variances.tolist() == unknown_lags().variances.tolist()
+
+
+def test_an_entry_of_a_version_without_lags_is_read(entry):
+    del entry['log_lags'], entry['lag_variances']
+    learned = from_entry(entry)
+    assert learned.factors[:4] == pytest.approx(FACTORS_SEEN[:4])
+    assert learned.lags.variances.tolist() == unknown_lags().variances.tolist()
+
+
+@pytest.mark.parametrize('key', ['log_lags', 'lag_variances'])
+@pytest.mark.parametrize('value', [
+    None, 7, [], {}, {'heat': 0.1}, {'heat': 'x', 'sensor': 0.1}, {'heat': [0.1], 'sensor': 0.1},
+    {'heat': float('nan'), 'sensor': 0.1}, {'heat': 0.1, 'sensor': float('inf')},
+    {'heat': 0.1, 'sensor': -9.0}, {'heat': 10**400, 'sensor': 0.1}])
+def test_lags_that_are_none_are_refused(entry, key, value):
+    entry[key] = value
+    with pytest.raises(InvalidInput, match='log_lags|lag_variances'):
+        from_entry(entry)
+
+
+@pytest.mark.parametrize('missing', ['log_lags', 'lag_variances'])
+def test_one_half_of_what_was_learned_of_lags_is_refused(entry, missing):
+    del entry[missing]
+    with pytest.raises(InvalidInput, match=f'is damaged: .*{missing}'):
+        from_entry(entry)
+
+
+@pytest.mark.parametrize('at, name', [(0, 'heat'), (1, 'sensor')])
+def test_a_lag_at_its_bound_is_allowed_and_beyond_is_not(entry, at, name):
+    for bound in LAG_BOUNDS[at].tolist():
+        entry['log_lags'][name] = bound
+        assert from_entry(entry).lags.logs[at] == bound
+        entry['log_lags'][name] = 1.01 * bound
+        with pytest.raises(InvalidInput, match=f'log_lags.{name}'):
+            from_entry(entry)

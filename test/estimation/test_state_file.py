@@ -8,20 +8,20 @@ import socket
 
 from hypothesis import given
 from hypothesis import strategies as st
-from learned_cars import an_estimate, FACTORS_SEEN
+from learned_cars import an_estimate, FACTORS_SEEN, LAGS_SEEN
 import numpy as np
 import pytest
 
 from bev_preheat.errors import InvalidInput
 from bev_preheat.estimation import state_file as module
-from bev_preheat.estimation.belief import prior_factor_covariance
-from bev_preheat.estimation.memory import as_entry, Learned, learned_from
+from bev_preheat.estimation.memory import as_entry, learned_from
+from bev_preheat.estimation.prior import nothing_learned
 from bev_preheat.estimation.state_file import check_state_file, load_learned, MOST_CARS, save_learned
 from bev_preheat.files.configuration import configuration_folder
 
 CAR, OTHER = 'a' * 64, 'b' * 64
 NAMES = ('heat_capacity', 'leakage', 'resistance', 'heater_efficiency')
-UNKNOWN = Learned(np.zeros(5), prior_factor_covariance())
+UNKNOWN = nothing_learned()
 
 
 def learned():
@@ -37,7 +37,9 @@ def state_file(tmp_path):
 
 def format_1(fingerprint=CAR):
     """Version 0.2.0 wrote this, with indent=1 and the keys in this order."""
-    return {'format': 1, 'vehicle_file_sha256': fingerprint, **as_entry(learned())}
+    entry = as_entry(learned())
+    return {'format': 1, 'vehicle_file_sha256': fingerprint,
+            **{key: entry[key] for key in ('log_factors', 'covariance')}}
 
 
 def written_by_version_0_2(contents):
@@ -109,6 +111,22 @@ def test_a_file_of_format_1_is_read_and_becomes_one_of_the_present_format(tmp_pa
     save_learned(path, OTHER, UNKNOWN)
     assert load_learned(path, CAR).learned.factors[:4] == pytest.approx(FACTORS_SEEN[:4])
     assert set(json.loads(path.read_text())['cars']) == {CAR, OTHER}
+
+
+def test_lags_come_back_and_outlive_other_cars(state_file):
+    save_learned(state_file, OTHER, UNKNOWN)
+    assert load_learned(state_file, CAR).learned.lags.logs == pytest.approx(LAGS_SEEN)
+
+
+def test_a_car_without_lags_stays_one_without(tmp_path):
+    """Versions before 0.3.0 wrote none."""
+    path = tmp_path / 'state.json'
+    path.write_text(written_by_version_0_2(format_1()))
+    save_learned(path, OTHER, UNKNOWN)
+    assert set(json.loads(path.read_text())['cars'][CAR]) == {'log_factors', 'covariance'}
+    recalled = load_learned(path, CAR)
+    assert recalled.damage == ''
+    assert recalled.learned.lags.variances.tolist() == UNKNOWN.lags.variances.tolist()
 
 
 def test_home_is_expanded(tmp_path, monkeypatch):
@@ -255,6 +273,8 @@ DAMAGED = {
     'no entry': ('{"bev_preheat_state_file": 2, "cars": {"c": 7}}', 'car c: log_factors or'),
     'factor out of bounds': (with_entry(log_factors=dict.fromkeys(NAMES, 9.0)),
                              'car aaaaaaaaaaaa: log_factors.heat_capacity: 9 is not allowed'),
+    'lag out of bounds': (with_entry(log_lags={'heat': 9.0, 'sensor': 0.0}),
+                          'car aaaaaaaaaaaa: log_lags.heat: 9 is not allowed'),
     'no covariance': (with_entry(covariance='x' * 10_000), 'car aaaaaaaaaaaa: log_factors or'),
     'format 1, cut off': (written_by_version_0_2(format_1())[:100], 'it cannot be read: '),
     'format 1, covariance': (format_1_with(covariance=[]), 'car aaaaaaaaaaaa: covariance: must'),

@@ -1,0 +1,96 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is known of a car before its first battery state: from its file alone, or from drives before."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from bev_preheat.estimation.state import (
+    HEAT_CAPACITY,
+    HEAT_LAG,
+    HEATER,
+    LEAKAGE,
+    NOMINAL_HEAT_LAG_S,
+    NOMINAL_SENSOR_LAG_S,
+    PROPULSION,
+    RESISTANCE,
+    SENSOR_LAG,
+)
+
+if TYPE_CHECKING:
+    from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.vehicle.heat_path import HeatPath
+
+# Standard deviation of the factors' logarithms at first: those of even spreads of +-10 % (heat
+# capacity), +-20 % (leakage, resistance), +-5 % (heater), and of a route's consumption.
+FACTOR_DEVIATIONS = {HEAT_CAPACITY: 0.058, LEAKAGE: 0.115, RESISTANCE: 0.115, HEATER: 0.029,
+                     PROPULSION: 0.08}
+# The logarithms are kept within these bounds around the vehicle file's values.
+FACTOR_BOUNDS = {HEAT_CAPACITY: 0.25, LEAKAGE: 0.6, RESISTANCE: 0.6, HEATER: 0.15, PROPULSION: 0.5}
+LAGS = (HEAT_LAG, SENSOR_LAG)
+NOMINAL_LAGS_S = np.array([NOMINAL_HEAT_LAG_S, NOMINAL_SENSOR_LAG_S])
+# Standard deviation of the lags' logarithms, over the nominal ones, of a car whose file does not
+# name them, and of one whose file does: coolant flows as the pump is driven.
+LAG_DEVIATION = 1.0
+DESCRIBED_LAG_DEVIATION = 0.3
+# Shortest and longest lag [s]: a heater of up to 90 s and coolant of up to 200 s; a sensor of up to 120 s.
+LAG_RANGES_S = {HEAT_LAG: (2.0, 250.0), SENSOR_LAG: (2.0, 150.0)}
+# Bounds of the lags' logarithms, in the order of LAGS.
+LAG_BOUNDS = np.log(np.array([LAG_RANGES_S[index] for index in LAGS]) / NOMINAL_LAGS_S[:, np.newaxis])
+
+
+@dataclass(frozen=True, eq=False)
+class Lags:
+    """Logarithms of the lags over the nominal ones (2,) and their variances (2,), as in LAGS."""
+
+    logs: FloatArray
+    variances: FloatArray
+
+
+def unknown_lags() -> Lags:
+    """Return the Lags of a car of which nothing is known."""
+    return Lags(np.zeros(2), np.full(2, LAG_DEVIATION**2))
+
+
+def described_lags(path: HeatPath) -> Lags:
+    """
+    Return the Lags that a HeatPath describes: heater and coolant together, and the sensor.
+
+    What it does not have is not described, so it is unknown.
+    """
+    lags = unknown_lags()
+    for at, lag_s in enumerate((path.heat_lag_s, path.sensor_lag_s)):
+        if lag_s > 0.0:
+            low, high = LAG_BOUNDS[at]
+            lags.logs[at] = min(max(math.log(lag_s / NOMINAL_LAGS_S[at]), low), high)
+            lags.variances[at] = DESCRIBED_LAG_DEVIATION**2
+    return lags
+
+
+@dataclass(frozen=True, eq=False)
+class Learned:
+    """
+    What was learned of a car.
+
+    Logarithms of the factors (5,) and their covariance (5, 5), in the order of `state`; its Lags.
+    """
+
+    factors: FloatArray
+    covariance: FloatArray
+    lags: Lags = field(default_factory=unknown_lags)
+
+
+def nothing_learned(lags: Lags | None = None) -> Learned:
+    """Return the Learned of a car of which only the file is known, which may describe its Lags."""
+    return Learned(np.zeros(len(FACTOR_DEVIATIONS)), prior_factor_covariance(),
+                   unknown_lags() if lags is None else lags)
+
+
+def prior_factor_covariance() -> FloatArray:
+    """Covariance (5, 5) of the factors' logarithms of a car of which only its file is known."""
+    return np.diag([FACTOR_DEVIATIONS[index]**2
+                    for index in (HEAT_CAPACITY, LEAKAGE, RESISTANCE, HEATER, PROPULSION)])
