@@ -10,14 +10,15 @@ of these pairs the one that takes the least from the battery is searched for.
 
 from __future__ import annotations
 
+from dataclasses import replace
 import math
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from bev_preheat.planning.bracketing import follow_slope, least_of, Trial
-from bev_preheat.planning.dynamics import keep_accounts
-from bev_preheat.planning.heat_run import initial_states, roll_heated, run_heated, states_at
+from bev_preheat.planning.dynamics import JOULES_PER_WH, keep_accounts
+from bev_preheat.planning.heat_run import along_states, initial_states, roll_heated, run_heated, states_at
 from bev_preheat.planning.schedule import Schedule
 
 if TYPE_CHECKING:
@@ -25,12 +26,14 @@ if TYPE_CHECKING:
     from bev_preheat.planning.situation import BatteryState, Goal
     from bev_preheat.planning.trip import Trip
 
-# The target is met when the forward run arrives this close [K], as with one switch.
+# The target is met when the forward run arrives this close [K], as with one switch. While instants of
+# switching off are compared, this close is enough: what it lacks, or is too much, is worth its energy.
 ARRIVAL_TOLERANCE_K = 5e-6
-# So many lags before arrival all heat but a few parts in a million has arrived.
-MOST_LAGS = 12.0
+COMPARED_TOLERANCE_K = 2e-4
+# So many lags before arrival all heat but a thousandth has arrived.
+MOST_LAGS = 7.0
 # Around the best instant of switching off the energy hardly changes.
-OFF_RESOLUTION_S = 0.5
+OFF_RESOLUTION_S = 2.0
 MOST_RUNS = 60
 # A kelvin that is lacking counts more than any energy.
 LACKING_WH_PER_K = 1e9
@@ -60,7 +63,8 @@ def plan_two_switches(trip: Trip, state: BatteryState, goal: Goal,
     if throughout.temperature_c[-1] <= goal.target_temperature_c:
         return throughout
     earliest_s = max(0.0, arrival_s - MOST_LAGS * trip.vehicle.heat_path.heat_lag_s)
-    return least_of(earliest_s, arrival_s, search.until, OFF_RESOLUTION_S).outcome
+    best = least_of(earliest_s, arrival_s, search.until, OFF_RESOLUTION_S)
+    return search.arriving(best.value, best.outcome)
 
 
 class _Search:
@@ -68,58 +72,82 @@ class _Search:
 
     def __init__(self, trip: Trip, unheated: Schedule, target_c: float) -> None:
         self._trip, self._unheated, self._target_c = trip, unheated, target_c
+        self._arrival_s = float(trip.time_s[-1])
         vehicle = trip.vehicle
         self._capacity_j_per_k = (vehicle.battery.heat_capacity_j_per_k
                                   + vehicle.heat_path.coolant_heat_capacity_j_per_k)
-        mean_w = vehicle.hvch.efficiency * float(
-            trip.heater_limit_w @ trip.route.duration_s) / float(trip.time_s[-1])
-        lacking_k = target_c - float(unheated.temperature_c[-1])
-        # For how long about to heat: where the search for the next switching-on begins.
-        self._heated_s = lacking_k * self._capacity_j_per_k / max(mean_w, 1.0)
+        # Pairs of instants that were found, off and on: where the search for the next one begins.
+        self._found: list[tuple[float, float]] = []
 
     def schedule(self, on_s: float, off_s: float) -> Schedule:
         """Return the Schedule that heats between two instants [s]."""
-        command_w = maximum_between(self._trip, on_s, off_s)
-        first = self._first_step(on_s)
-        run = run_heated(self._trip, states_at(self._unheated, first), command_w, first=first,
-                         before=self._unheated)
-        return Schedule(
-            on_s if command_w.any() else None, command_w, run.brake_power_w, run.soc,
-            run.temperature_c, run.make_integrator,
-            off_s if command_w.any() and off_s < self._trip.time_s[-1] else None, heat=run.heat)
+        return self._along(on_s, off_s, self._roll(on_s, off_s))
 
-    def until(self, off_s: float) -> Trial[Schedule]:
-        """Return the Schedule that is switched off at an instant [s], with the energy it takes [Wh]."""
-        on_s = self._switched_on_s(off_s)
-        self._heated_s = off_s - on_s
-        schedule = self.schedule(on_s, off_s)
-        lacking_k = self._target_c - float(schedule.temperature_c[-1])
+    def until(self, off_s: float) -> Trial[float]:
+        """Return a Trial of an instant of switching off [s]: energy [Wh], and when to switch on [s]."""
+        found = self._switched_on(off_s, self._guess_s(off_s), COMPARED_TOLERANCE_K)
+        on_s, above_k = found.value, found.excess
+        self._found.append((off_s, on_s))
+        schedule = self._along(on_s, off_s, found.outcome)
         taken_wh = keep_accounts(self._trip, schedule, deliverable=True).energy_wh.battery_total
-        if lacking_k > ARRIVAL_TOLERANCE_K:
-            taken_wh += LACKING_WH_PER_K * lacking_k
-        return Trial(off_s, taken_wh, schedule)
+        if above_k < -COMPARED_TOLERANCE_K:
+            taken_wh -= LACKING_WH_PER_K * above_k
+        elif (slope := self._slope_k_per_s(on_s)) < 0.0:
+            heater_w = float(self._trip.heater_limit_w[self._first_step(on_s)])
+            taken_wh += above_k * heater_w / JOULES_PER_WH / slope
+        return Trial(off_s, taken_wh, on_s)
 
-    def _switched_on_s(self, off_s: float) -> float:
+    def arriving(self, off_s: float, guess_s: float) -> Schedule:
+        """Return the Schedule that is switched off at an instant [s] and arrives at the target."""
+        found = self._switched_on(off_s, guess_s, ARRIVAL_TOLERANCE_K)
+        return self._along(found.value, off_s, found.outcome)
+
+    def _switched_on(self, off_s: float, guess_s: float,
+                     tolerance_k: float) -> Trial[tuple[list[float], ...]]:
         """Return the instant [s] of switching on with which the battery arrives at the target."""
-        def switched_on_at(on_s: float) -> Trial[None]:
-            first = self._first_step(on_s)
-            _, temperature_c, _, _ = roll_heated(
-                self._trip, states_at(self._unheated, first),
-                maximum_between(self._trip, on_s, off_s), first)
-            return Trial(on_s, temperature_c[-1] - self._target_c, None)
+        def switched_on_at(on_s: float) -> Trial[tuple[list[float], ...]]:
+            states = self._roll(on_s, off_s)
+            return Trial(on_s, states[1][-1] - self._target_c, states)
 
-        if off_s == 0.0:
-            return 0.0
-        first = switched_on_at(min(max(off_s - self._heated_s, 0.0), off_s))
+        first = switched_on_at(min(max(guess_s, 0.0), off_s))
         return follow_slope(0.0, off_s, first, self._slope_k_per_s(first.value), switched_on_at,
-                            ARRIVAL_TOLERANCE_K, most_trials=MOST_RUNS).value
+                            tolerance_k, most_trials=MOST_RUNS)
+
+    def _guess_s(self, off_s: float) -> float:
+        """Return about when to switch on [s]: along a line through the pairs next to this one."""
+        if len(self._found) < 2:
+            lacking_k = self._target_c - float(self._unheated.temperature_c[-1])
+            mean_w = float(self._trip.heater_limit_w @ self._trip.route.duration_s) / self._arrival_s
+            return off_s - lacking_k * self._capacity_j_per_k / max(
+                self._trip.vehicle.hvch.efficiency * mean_w, 1.0)
+        (off_a_s, on_a_s), (off_b_s, on_b_s) = sorted(
+            self._found, key=lambda pair: abs(pair[0] - off_s))[:2]
+        return on_a_s + (on_b_s - on_a_s) * (off_s - off_a_s) / (off_b_s - off_a_s)
+
+    def _roll(self, on_s: float, off_s: float) -> tuple[list[float], ...]:
+        """Return the States from the step on in which the heater is switched on."""
+        first = self._first_step(on_s)
+        return roll_heated(self._trip, states_at(self._unheated, first),
+                           maximum_between(self._trip, on_s, off_s), first)
+
+    def _along(self, on_s: float, off_s: float, states: tuple[list[float], ...]) -> Schedule:
+        """Return the Schedule of such a roll; before it the run is the unheated one."""
+        unheated, first = self._unheated, self._first_step(on_s)
+        assert unheated.heat is not None
+        command_w = maximum_between(self._trip, on_s, off_s)
+        is_heated = bool(command_w.any())
+        run = along_states(self._trip, [np.concatenate((before[:first], after)) for before, after in zip((
+            unheated.soc, unheated.temperature_c, unheated.heat.heater_power_w,
+            unheated.heat.coolant_excess_k), states)], command_w, unheated.brake_power_w,
+            on_s if is_heated else None)
+        return replace(run, heating_end_s=off_s if is_heated and off_s < self._arrival_s else None)
 
     def _slope_k_per_s(self, on_s: float) -> float:
         """Change of the arrival temperature with the instant of switching on [K/s], an estimate."""
         trip, step = self._trip, self._first_step(on_s)
         leaks_per_s = float(trip.leakage_w_per_k[step]) / self._capacity_j_per_k
         return (-trip.vehicle.hvch.efficiency * float(trip.heater_limit_w[step])
-                / self._capacity_j_per_k * math.exp(-leaks_per_s * (float(trip.time_s[-1]) - on_s)))
+                / self._capacity_j_per_k * math.exp(-leaks_per_s * (self._arrival_s - on_s)))
 
     def _first_step(self, instant_s: float) -> int:
         return min(int(np.searchsorted(self._trip.time_s, instant_s, side='right')),

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 import pytest
 
-from bev_preheat.planning.bracketing import close_in, follow_slope, halve, Trial
+from bev_preheat.planning.bracketing import close_in, follow_slope, halve, least_of, Trial
 
 ROOTS = st.floats(-50.0, 50.0)
 STRETCHES = st.floats(0.05, 20.0)
@@ -100,3 +100,29 @@ def test_a_jump_ends_the_search_at_its_resolution():
     found = follow_slope(1.0, 0.0, attempt(1.0), 1.0, attempt, tolerance=1e-6, resolution=1e-3)
     assert found.value == pytest.approx(0.25, abs=2e-3)
     assert len(attempt.values) < 15
+
+
+def valley(lowest, left, right):
+    """Return a function with its minimum at `lowest`, and a slope of its own on either side."""
+    return lambda value: (left * (lowest - value) if value < lowest else right * (value - lowest))
+
+
+@given(share=st.floats(0.0, 1.0), low=ROOTS, width=STRETCHES,
+       left=st.floats(0.01, 100.0), right=st.floats(0.01, 100.0), round_below=st.booleans())
+def test_golden_section_finds_the_least(share, low, width, left, right, round_below):
+    lowest = low + share * width
+    kinked = valley(lowest, left, right)
+    attempt = Counted((lambda value: kinked(value)**2) if round_below else kinked)
+    found = least_of(low, low + width, attempt, 0.01 * width)
+    assert abs(found.value - lowest) <= 0.01 * width * (1.0 + 1e-9)
+    assert found.outcome == f'at {found.value}'
+    assert all(low <= value <= low + width for value in attempt.values)
+    # Each trial leaves 0.618 of the bracket: ten to a hundredth, two to start with, two ends.
+    assert len(attempt.values) <= 14
+    assert found.excess == min(attempt.excess(value) for value in attempt.values)
+
+
+@pytest.mark.parametrize('end', [3.0, 7.0])
+def test_golden_section_finds_a_minimum_at_an_end(end):
+    found = least_of(3.0, 7.0, Counted(lambda value: abs(value - end)), 0.5)
+    assert found.value == end

@@ -1,0 +1,83 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The program with heater and coolant as states: against plans, and against a drive of its powers."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bev_preheat.experiments.optimality.drawn_trips import draw_trip
+from bev_preheat.numerics.arithmetic import FLOATS
+from bev_preheat.optimum.attempt import SUCCESS
+from bev_preheat.optimum.solve import solve_optimum
+from bev_preheat.planning.planner import plan_preheating
+from bev_preheat.planning.situation import BatteryState, Goal
+from bev_preheat.planning.trip import make_trip
+from bev_preheat.route import load_route
+from bev_preheat.vehicle import load_vehicle
+from bev_preheat.vehicle.corrections import corrected_vehicle, Corrections
+from bev_preheat.vehicle.heat_path import HeatPath, make_heated_step
+
+pytestmark = [pytest.mark.costly, pytest.mark.needs('casadi')]
+
+REFERENCE = load_vehicle('reference')
+LAG = HeatPath(heater_lag_s=60.0)
+COOLANT = HeatPath(coolant_heat_capacity_j_per_k=20e3, coolant_conductance_w_per_k=400.0)
+BOTH = HeatPath(45.0, 15e3, 300.0)
+
+
+def situation(path, name='reference'):
+    """A vehicle with a heat path, route, state and goal: the paper's trip, or a drawn one."""
+    if name == 'reference':
+        return (replace(REFERENCE, heat_path=path), load_route('reference', REFERENCE.defaults),
+                BatteryState(-7.0, 0.9), Goal(25.0))
+    trip = draw_trip(REFERENCE, 4, int(name))
+    return replace(trip.vehicle, heat_path=path), trip.route, trip.state, trip.goal
+
+
+@pytest.mark.parametrize('name', ['reference', '2'])
+@pytest.mark.parametrize('path', [LAG, COOLANT, BOTH])
+def test_plans_without_limits_are_within_a_tenth_of_a_watt_hour(name, path):
+    inputs = situation(path, name)
+    optimum = solve_optimum(*inputs, False)
+    assert optimum.solver_status == SUCCESS
+    plan = plan_preheating(*inputs)
+    assert plan.heating_start_s is not None
+    assert plan.arrival_temperature_c == pytest.approx(optimum.plan.arrival_temperature_c, abs=1e-5)
+    assert -0.01 < plan.energy_wh.battery_total - optimum.plan.energy_wh.battery_total < 0.1
+    assert optimum.plan.heating_start_s == pytest.approx(plan.heating_start_s, abs=60.0)
+
+
+@pytest.mark.parametrize('path', [LAG, COOLANT, BOTH])
+def test_its_states_are_those_of_a_drive_under_its_commands(path):
+    vehicle, route, state, goal = situation(path)
+    state = replace(state, heater_power_w=2e3 if path.heater_lag_s else 0.0,
+                    coolant_excess_k=4.0 if path.has_coolant else 0.0)
+    plan = solve_optimum(vehicle, route, state, goal).plan
+    trip, step = make_trip(vehicle, route), make_heated_step(vehicle, FLOATS)
+    states = [(state.soc, state.temperature_c, state.heater_power_w, state.coolant_excess_k)]
+    for row in zip(*(column.tolist() for column in (*trip.inputs(), plan.hvch_battery_power_w))):
+        states.append(step(*states[-1], *row)[:4])
+    soc, temperature_c, heater_w, excess_k = np.array(states).T
+    assert plan.soc == pytest.approx(soc, abs=1e-9)
+    assert plan.battery_temperature_c == pytest.approx(temperature_c, abs=1e-6)
+    assert plan.heat.coolant_excess_k == pytest.approx(excess_k, abs=1e-6)
+    if path.heater_lag_s:
+        assert plan.heat.heater_power_w == pytest.approx(heater_w, abs=1e-3)
+
+
+def test_corrections_give_the_optimum_of_the_corrected_car():
+    vehicle, *others = situation(BOTH)
+    corrections = Corrections(1.08, 0.9, 1.1, 0.96)
+    together = solve_optimum(vehicle, *others, corrections=corrections).plan
+    alone = solve_optimum(corrected_vehicle(vehicle, corrections), *others).plan
+    assert together.energy_wh.battery_total == pytest.approx(alone.energy_wh.battery_total, abs=1e-3)
+    assert together.battery_temperature_c == pytest.approx(alone.battery_temperature_c, abs=1e-4)
+
+
+def test_unreachable_target_is_heated_for_all_the_way():
+    vehicle, route, state, _ = situation(BOTH)
+    optimum = solve_optimum(vehicle, route, state, Goal(45.0))
+    plan = plan_preheating(vehicle, route, state, Goal(45.0))
+    assert 'target temperature' in optimum.infeasible[0]
+    assert optimum.plan.arrival_temperature_c == pytest.approx(plan.arrival_temperature_c, abs=1e-3)

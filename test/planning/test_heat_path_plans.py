@@ -1,0 +1,308 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Plans for vehicles with a heat path, against a fine drive of the equations written here."""
+
+from dataclasses import asdict, replace
+from functools import cache
+from math import sqrt
+
+from hypothesis import given
+from hypothesis import strategies as st
+import numpy as np
+import pytest
+
+from bev_preheat.errors import InvalidInput
+from bev_preheat.numerics.arithmetic import FLOATS
+from bev_preheat.planning.caution import Caution
+from bev_preheat.planning.heat_run import state_with_heat_under_way
+from bev_preheat.planning.planner import METHODS, plan_preheating
+from bev_preheat.planning.situation import BatteryState, Goal
+from bev_preheat.planning.status import Status
+from bev_preheat.planning.stretches import Reason
+from bev_preheat.planning.trip import make_trip
+from bev_preheat.route import load_route
+from bev_preheat.route.segments import make_route
+from bev_preheat.vehicle import load_vehicle
+from bev_preheat.vehicle.heat_path import HeatPath
+
+REFERENCE = load_vehicle('reference')
+ROUTE = load_route('reference', REFERENCE.defaults)
+STATE, GOAL = BatteryState(-7.0, 0.9), Goal(25.0)
+LAG = HeatPath(heater_lag_s=60.0)
+COOLANT = HeatPath(coolant_heat_capacity_j_per_k=20e3, coolant_conductance_w_per_k=400.0)
+BOTH = HeatPath(45.0, 15e3, 300.0)
+SLOW = (LAG, COOLANT, BOTH)
+PATHS = st.sampled_from([LAG, COOLANT, BOTH, HeatPath(5.0, 40e3, 250.0)])
+SEGMENT = st.fixed_dictionaries({
+    'duration_s': st.floats(5.0, 90.0), 'speed_mps': st.floats(0.0, 35.0),
+    'propulsion_power_w': st.floats(-3e3, 30e3), 'ambient_temperature_c': st.floats(-15.0, 6.0),
+    'cabin_heating_power_w': st.floats(0.0, 4e3), 'auxiliary_power_w': st.floats(0.0, 2e3)})
+SEGMENTS = st.lists(SEGMENT, min_size=10, max_size=40)
+
+
+def slow(path, vehicle=REFERENCE):
+    return replace(vehicle, heat_path=path)
+
+
+@cache
+def plan_of(path, method='optimal_switch', target_c=25.0):
+    return plan_preheating(slow(path), ROUTE, STATE, Goal(target_c), method)
+
+
+def without_time(plan):
+    return {key: value for key, value in plan.as_dictionary().items() if key != 'planning_time_s'}
+
+
+def drive(path, route, state, command_of, step_s=0.5):
+    """
+    Drive the equations by short Euler steps: battery and coolant [deg C], soc, energies [J].
+
+    `command_of(instant_s, segment)` is what is commanded [W].
+    """
+    battery, efficiency = REFERENCE.battery, REFERENCE.hvch.efficiency
+    voltage = battery.open_circuit_voltage.function(FLOATS)
+    soc, battery_c, heater_w = state.soc, state.temperature_c, state.heater_power_w
+    coolant_c = battery_c + state.coolant_excess_k
+    drawn_j = cells_j = instant_s = 0.0
+    columns = {name: values.tolist() for name, values in vars(route).items()}
+    for k, duration_s in enumerate(columns['duration_s']):
+        idle_w = sum(columns[name][k] for name in (
+            'propulsion_power_w', 'cabin_heating_power_w', 'auxiliary_power_w'))
+        variance_w2 = columns['propulsion_power_rms_w'][k]**2 - columns['propulsion_power_w'][k]**2
+        leakage = battery.leakage.gamma_0_w_per_k + (
+            battery.leakage.gamma_v_w_per_k_per_mps * columns['speed_mps'][k])
+        other_w = REFERENCE.drivetrain.heat_share * columns['propulsion_power_magnitude_w'][k]
+        parts = max(1, round(duration_s / step_s))
+        h = duration_s / parts
+        for part in range(parts):
+            command_w = command_of(instant_s + (part + 0.5) * h, k)
+            before_w = command_w if path.heater_lag_s == 0.0 else heater_w
+            if path.heater_lag_s > 0.0:
+                heater_w += h * (command_w - heater_w) / path.heater_lag_s
+            taken_w = 0.5 * (before_w + (heater_w if path.heater_lag_s > 0.0 else command_w))
+            u = voltage(soc, battery_c)
+            r = battery.resistance.k_ohm_k / (
+                battery_c + battery.resistance.reference_temperature_c)
+            current_a = (u - sqrt(u * u - 4.0 * r * (idle_w + taken_w))) / (2.0 * r)
+            joule_w = r * current_a**2 + r * variance_w2 / u**2
+            flow_w = efficiency * taken_w
+            if path.has_coolant:
+                flow_w = path.coolant_conductance_w_per_k * (coolant_c - battery_c)
+                coolant_c += h * (efficiency * taken_w - flow_w) / path.coolant_heat_capacity_j_per_k
+            battery_c += h * (flow_w + other_w + joule_w + leakage * (
+                columns['ambient_temperature_c'][k] - battery_c)) / battery.heat_capacity_j_per_k
+            soc -= h * (current_a + r * variance_w2 / u**3) / battery.capacity_as
+            drawn_j += h * taken_w
+            cells_j += h * (idle_w + taken_w + joule_w)
+        instant_s += duration_s
+    lost_j = path.heater_lag_s * heater_w
+    return battery_c, coolant_c if path.has_coolant else battery_c, soc, drawn_j + lost_j, cells_j + lost_j
+
+
+def between(on_s, off_s):
+    limit_w = (REFERENCE.hvch.maximum_power_w - ROUTE.cabin_heating_power_w).tolist()
+    return lambda instant_s, segment: limit_w[segment] if on_s <= instant_s < off_s else 0.0
+
+
+# --- Nothing given ---
+
+
+@pytest.mark.parametrize('method', METHODS)
+@pytest.mark.parametrize('name', ['reference', 'alpine_pass'])
+def test_a_path_of_zeros_changes_no_bit(method, name):
+    route = load_route(name, REFERENCE.defaults)
+    plain, zeros = (plan_preheating(vehicle, route, STATE, GOAL, method) for vehicle in (
+        REFERENCE, slow(HeatPath(0.0, 0.0, 250.0, 30.0))))
+    assert without_time(plain) == without_time(zeros)
+    assert plain.heat is None and 'heat' not in plain.as_dictionary()
+
+
+def test_the_shorter_the_lags_the_closer_to_heat_at_once():
+    at_once = plan_of(HeatPath())
+    gaps_wh = [plan_of(HeatPath(lag_s, 400.0 * lag_s, 400.0)).energy_wh.battery_total
+               - at_once.energy_wh.battery_total for lag_s in (8.0, 2.0, 0.01)]
+    assert gaps_wh[0] > gaps_wh[1] > gaps_wh[2] > -0.01
+    assert gaps_wh[2] < 0.2
+
+
+# --- One stretch, two instants ---
+
+
+@pytest.mark.parametrize('path', SLOW)
+def test_a_fine_drive_of_the_plan_arrives_as_planned(path):
+    plan = plan_of(path)
+    battery_c, coolant_c, soc, drawn_j, cells_j = drive(
+        path, ROUTE, STATE, between(plan.heating_start_s, plan.heating_end_s))
+    assert plan.arrival_temperature_c == pytest.approx(25.0, abs=1e-5)
+    assert battery_c == pytest.approx(25.0, abs=0.02)
+    assert coolant_c - battery_c == pytest.approx(plan.heat.coolant_excess_k[-1], abs=0.05)
+    assert soc == pytest.approx(plan.arrival_soc, abs=1e-5)
+    assert drawn_j / 3600.0 == pytest.approx(plan.energy_wh.hvch_electric, abs=1.0)
+    assert cells_j / 3600.0 == pytest.approx(plan.energy_wh.battery_total, abs=1.5)
+
+
+@pytest.mark.parametrize('path', SLOW)
+def test_switched_off_sooner_or_later_it_costs_more(path):
+    """Each with the instant of switching on that meets the target, both found by fine drives."""
+    from scipy.optimize import brentq
+    plan = plan_of(path)
+
+    def cells_wh(off_s):
+        def above_k(on_s):
+            return drive(path, ROUTE, STATE, between(on_s, off_s), 5.0)[0] - 25.0
+
+        on_s = brentq(above_k, 600.0, off_s, xtol=0.2)
+        # Steps of 5 s meet the target to a few mK, which are worth some 0.1 Wh each.
+        run = drive(path, ROUTE, STATE, between(on_s, off_s), 5.0)
+        return run[4] / 3600.0 - (run[0] - 25.0) * 1.15 * REFERENCE.battery.heat_capacity_j_per_k / 3600.0
+
+    best_wh = cells_wh(plan.heating_end_s)
+    for sooner_s in (-240.0, 85.0 if path is BOTH else 60.0):
+        assert cells_wh(plan.heating_end_s + sooner_s) > best_wh
+
+
+@pytest.mark.parametrize('path', SLOW)
+def test_it_heats_fully_from_one_instant_to_another(path):
+    plan = plan_of(path)
+    trip = make_trip(slow(path), ROUTE)
+    share = plan.hvch_battery_power_w / trip.heater_limit_w
+    inside = (trip.time_s[:-1] >= plan.heating_start_s) & (trip.time_s[1:] <= plan.heating_end_s)
+    outside = (trip.time_s[1:] <= plan.heating_start_s) | (trip.time_s[:-1] >= plan.heating_end_s)
+    assert (share[inside] == 1.0).all() and (share[outside] == 0.0).all()
+    assert inside.sum() + outside.sum() >= len(share) - 2
+    # Of what is switched on at the end, not even two thirds would arrive in time.
+    assert plan.arrival_time_s - 4.0 * path.heat_lag_s < plan.heating_end_s < plan.arrival_time_s - 20.0
+    assert [stretch.reason for stretch in plan.stretches] == [Reason.ARRIVAL]
+    assert plan.stretches[0].end_s == plan.heating_end_s
+    assert plan.power_at_w(plan.heating_end_s - 1.0) == pytest.approx(trip.heater_limit_w[-4])
+    assert plan.power_at_w(plan.heating_end_s) == 0.0
+
+
+@given(SEGMENTS, st.floats(-10.0, 10.0), st.floats(0.02, 0.98), PATHS)
+def test_on_drawn_trips_it_meets_the_target_and_keeps_its_accounts(segments, start_c, share, path):
+    route = make_route({name: [segment[name] for segment in segments] for name in segments[0]},
+                       REFERENCE.defaults)
+    vehicle, state = slow(path), BatteryState(start_c, 0.8)
+    cold, hot = (plan_preheating(vehicle, route, state, Goal(target_c), 'optimal_switch',
+                                 safeguarded=False) for target_c in (-40.0, 60.0))
+    target_c = cold.arrival_temperature_c + share * (
+        hot.arrival_temperature_c - cold.arrival_temperature_c)
+    if hot.arrival_temperature_c - cold.arrival_temperature_c < 0.01:
+        return
+    plan = plan_preheating(vehicle, route, state, Goal(target_c), 'optimal_switch',
+                           safeguarded=False)
+    assert plan.arrival_temperature_c == pytest.approx(target_c, abs=6e-6)
+    if plan.heating_end_s is not None:
+        late = plan.time_s[:-1] >= plan.heating_end_s
+        assert not plan.hvch_battery_power_w[late].any()
+    battery, energy, heat = vehicle.battery, plan.energy_wh, plan.heat
+    warmed_k = plan.arrival_temperature_c - start_c
+    # What battery and coolant have taken up, and what the heater made of what it took until arrival.
+    assert battery.heat_capacity_j_per_k * warmed_k / 3600.0 == pytest.approx(
+        energy.joule + energy.drivetrain_heat + energy.hvch_heat + energy.leakage, abs=1e-6)
+    coolant_wh = path.coolant_heat_capacity_j_per_k * (
+        warmed_k + heat.coolant_excess_k[-1]) / 3600.0
+    assert vehicle.hvch.efficiency * (energy.hvch_electric - heat.lost_electric_wh) == pytest.approx(
+        energy.hvch_heat + coolant_wh, abs=1e-6)
+    # All that is commanded is drawn, sooner or later.
+    hours = np.diff(plan.time_s) / 3600.0
+    assert energy.hvch_electric == pytest.approx(float(hours @ plan.hvch_battery_power_w), abs=1e-6)
+    assert energy.battery_total == pytest.approx(
+        float(hours @ (make_trip(vehicle, route).idle_power_w + heat.drawn_power_w))
+        + energy.joule + heat.lost_electric_wh, abs=1e-6)
+
+
+@given(st.floats(1.0, 90.0), st.floats(1.05, 3.0), st.sampled_from([0.0, 15e3]))
+def test_more_lag_never_costs_less(lag_s, factor, coolant_j_per_k):
+    paths = [HeatPath(each_s, coolant_j_per_k, 400.0) for each_s in (lag_s, factor * lag_s)]
+    sooner, later = (plan_preheating(slow(path), ROUTE, STATE, GOAL, 'optimal_switch')
+                     for path in paths)
+    assert later.energy_wh.battery_total > sooner.energy_wh.battery_total - 2e-3
+
+
+# --- The ends ---
+
+
+def test_a_target_out_of_reach_is_heated_for_all_the_way():
+    plan = plan_preheating(slow(BOTH), ROUTE, STATE, Goal(45.0))
+    assert plan.status is Status.TARGET_UNREACHABLE
+    assert (plan.heating_start_s, plan.heating_end_s) == (0.0, None)
+    assert drive(BOTH, ROUTE, STATE, between(0.0, 1e9))[0] == pytest.approx(
+        plan.arrival_temperature_c, abs=0.05)
+
+
+def test_heat_under_way_at_the_start_is_heat_that_need_not_be_made():
+    warm = replace(STATE, heater_power_w=5e3, coolant_excess_k=12.0)
+    plan = plan_preheating(slow(BOTH), ROUTE, warm, GOAL)
+    cold = plan_of(BOTH, 'merit_order')
+    assert plan.heat.heater_power_w[0] == 5e3 and plan.heat.coolant_excess_k[0] == 12.0
+    assert plan.heating_start_s > cold.heating_start_s + 10.0
+    battery_c = drive(BOTH, ROUTE, warm, between(plan.heating_start_s, plan.heating_end_s))[0]
+    assert battery_c == pytest.approx(25.0, abs=0.02)
+
+
+def test_heat_under_way_may_be_all_that_is_needed():
+    route = ROUTE.segments(0, 10)
+    cold = plan_preheating(slow(BOTH), route, STATE, Goal(-40.0))
+    state = replace(STATE, heater_power_w=6e3, coolant_excess_k=15.0)
+    for target_c, status in ((cold.arrival_temperature_c + 0.5, Status.NOT_NEEDED),
+                             (cold.arrival_temperature_c + 1.5, Status.WAITING)):
+        plan = plan_preheating(slow(BOTH), route, state, Goal(target_c))
+        assert plan.status is status
+        assert plan.arrival_temperature_c >= target_c - 1e-5
+
+
+def test_a_battery_that_arrives_warm_is_not_heated():
+    plan = plan_preheating(slow(BOTH), ROUTE, STATE, Goal(-20.0))
+    assert plan.status is Status.NOT_NEEDED and not plan.hvch_battery_power_w.any()
+
+
+def test_the_method_of_the_paper_knows_no_path_and_arrives_colder():
+    plain = plan_preheating(REFERENCE, ROUTE, STATE, GOAL, 'paper')
+    plan = plan_preheating(slow(COOLANT), ROUTE, STATE, GOAL, 'paper')
+    assert plan.heating_start_s == plain.heating_start_s
+    assert (plan.hvch_battery_power_w == plain.hvch_battery_power_w).all()
+    assert drive(COOLANT, ROUTE, STATE, between(plan.heating_start_s, 1e9))[0] == pytest.approx(
+        plan.arrival_temperature_c, abs=0.02)
+    assert plan.arrival_temperature_c < plain.arrival_temperature_c - 1.0
+
+
+@pytest.mark.parametrize('field, value', [('heater_power_w', 7001.0), ('heater_power_w', -1.0),
+                                          ('coolant_excess_k', 200.0)])
+def test_impossible_states_of_heater_and_coolant_are_refused(field, value):
+    with pytest.raises(InvalidInput, match=f'{value:g} is not allowed'):
+        plan_preheating(slow(BOTH), ROUTE, replace(STATE, **{field: value}), GOAL)
+
+
+def test_heat_under_way_is_shared_as_under_a_steady_command():
+    state = state_with_heat_under_way(slow(BOTH), 3.0, 0.7, 0.8)
+    under_way_j = REFERENCE.hvch.efficiency * 45.0 * state.heater_power_w + (
+        15e3 * state.coolant_excess_k)
+    assert under_way_j == pytest.approx(0.8 * (REFERENCE.battery.heat_capacity_j_per_k + 15e3))
+    assert 300.0 * state.coolant_excess_k == pytest.approx(
+        REFERENCE.hvch.efficiency * state.heater_power_w)
+
+
+def test_caution_begins_early_and_ends_early():
+    plan, cautious = plan_of(BOTH, 'merit_order'), plan_preheating(
+        slow(BOTH), ROUTE, STATE, GOAL, caution=Caution(margin_k=0.1, lead_k=1.0))
+    assert cautious.heating_start_s < plan.heating_start_s - 30.0
+    assert cautious.heating_end_s < plan.heating_end_s - 30.0
+    assert cautious.arrival_temperature_c == pytest.approx(25.1, abs=2e-3)
+    assert drive(BOTH, ROUTE, STATE, between(cautious.heating_start_s, cautious.heating_end_s))[
+        0] == pytest.approx(25.1, abs=0.02)
+
+
+def test_caution_leaves_out_heating_that_is_too_short():
+    unheated = plan_preheating(slow(BOTH), ROUTE, STATE, Goal(-30.0))
+    goal = Goal(unheated.arrival_temperature_c + 0.05)
+    assert plan_preheating(slow(BOTH), ROUTE, STATE, goal).heating_start_s is not None
+    assert plan_preheating(slow(BOTH), ROUTE, STATE, goal, caution=Caution(
+        least_heating_s=300.0)).heating_start_s is None
+
+
+def test_json_holds_the_course_of_the_heat():
+    plan = plan_of(BOTH)
+    heat = plan.as_dictionary()['heat']
+    assert heat == {key: value.tolist() if hasattr(value, 'tolist') else value
+                    for key, value in asdict(plan.heat).items()}
+    assert len(heat['heater_power_w']) == len(plan.time_s) == len(heat['drawn_power_w']) + 1

@@ -1,0 +1,155 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One step of the model with a heat path against closed forms, a fine integration and its halves."""
+
+from dataclasses import replace
+from math import exp, sqrt
+
+from hypothesis import given
+from hypothesis import strategies as st
+import numpy as np
+import pytest
+
+from bev_preheat.numerics.arithmetic import ARRAYS, FLOATS
+from bev_preheat.vehicle import load_vehicle
+from bev_preheat.vehicle.description import Leakage
+from bev_preheat.vehicle.heat_path import HeatPath, make_heated_step
+from bev_preheat.vehicle.model import make_rates, make_runge_kutta_4
+
+REFERENCE = load_vehicle('reference')
+BATTERY_J_PER_K = REFERENCE.battery.heat_capacity_j_per_k
+EFFICIENCY = REFERENCE.hvch.efficiency
+LAG = HeatPath(heater_lag_s=60.0)
+COOLANT = HeatPath(coolant_heat_capacity_j_per_k=20e3, coolant_conductance_w_per_k=400.0)
+BOTH = HeatPath(45.0, 15e3, 300.0)
+PATHS = st.builds(
+    HeatPath, heater_lag_s=st.sampled_from([0.0, 3.0, 20.0, 47.0, 90.0]),
+    coolant_heat_capacity_j_per_k=st.sampled_from([0.0, 5e3, 18e3, 40e3]),
+    coolant_conductance_w_per_k=st.sampled_from([200.0, 430.0, 1000.0]))
+# Duration, terminal power, its variance, heat, leakage; the command.
+INPUTS = st.tuples(st.floats(1.0, 60.0), st.floats(-10e3, 40e3), st.floats(0.0, 1e8),
+                   st.floats(-2e3, 3e3), st.floats(0.0, 150.0), st.floats(0.0, 7e3))
+STATES = st.tuples(st.floats(0.3, 0.95), st.floats(-20.0, 30.0), st.floats(0.0, 7e3),
+                   st.floats(-5.0, 20.0))
+
+
+def stepper(path, arithmetic=FLOATS):
+    return make_heated_step(replace(REFERENCE, heat_path=path), arithmetic)
+
+
+@given(STATES, INPUTS)
+def test_without_a_path_it_is_the_models_own_step(states, inputs):
+    soc, temperature_c, _, _ = states
+    duration_s, power_w, variance_w2, heat_w, leakage_w_per_k, command_w = inputs
+    plain = make_runge_kutta_4(make_rates(REFERENCE, FLOATS))(
+        soc, temperature_c, duration_s, power_w + command_w, variance_w2,
+        heat_w + EFFICIENCY * command_w, leakage_w_per_k)
+    found = stepper(HeatPath())(*states[:2], 0.0, 0.0, *inputs)
+    assert found == (*plain[:2], command_w, 0.0, *plain[2:], command_w, EFFICIENCY * command_w)
+
+
+def test_battery_behind_a_lagging_heater_warms_as_the_closed_form_says():
+    # At a steady current of 0 A: what the heater takes on average is given back.
+    duration_s, command_w = 90.0, 5e3
+    mean_w = command_w * (1.0 - 60.0 * (1.0 - exp(-1.5)) / duration_s)
+    soc, end_c, heater_w, excess_k, _, joule_w, drawn_w, arriving_w = stepper(LAG)(
+        0.8, 5.0, 0.0, 0.0, duration_s, -mean_w, 0.0, 0.0, 0.0, command_w)
+    assert (soc, joule_w, excess_k) == (pytest.approx(0.8, abs=1e-12), pytest.approx(0.0, abs=1e-6), 0.0)
+    assert heater_w == pytest.approx(command_w * (1.0 - exp(-1.5)), rel=1e-13)
+    assert (drawn_w, arriving_w) == (pytest.approx(mean_w), pytest.approx(EFFICIENCY * mean_w))
+    assert end_c == pytest.approx(5.0 + EFFICIENCY * command_w / BATTERY_J_PER_K * (
+        duration_s - 60.0 * (1.0 - exp(-1.5))), abs=1e-9)
+
+
+def test_two_masses_approach_each_other_as_the_closed_form_says():
+    states = (0.8, 0.0, 0.0, 40.0)
+    rate_per_s = 400.0 / 20e3 + 400.0 / BATTERY_J_PER_K
+    for _ in range(7):
+        states = stepper(COOLANT)(*states, 10.0, 0.0, 0.0, 0.0, 0.0, 0.0)[:4]
+    assert states[3] == pytest.approx(40.0 * exp(-rate_per_s * 70.0), rel=1e-9)
+    both_j_per_k = BATTERY_J_PER_K + 20e3
+    assert states[1] == pytest.approx(
+        20e3 * 40.0 / both_j_per_k * (1.0 - exp(-rate_per_s * 70.0)), rel=1e-9)
+
+
+@given(PATHS, STATES, INPUTS)
+def test_all_heat_goes_into_battery_and_coolant(path, states, inputs):
+    soc, temperature_c, heater_w, excess_k = states
+    excess_k = excess_k if path.has_coolant else 0.0
+    duration_s, _, _, heat_w, leakage_w_per_k, _ = inputs
+    _, end_c, _, excess_end_k, mean_c, joule_w, drawn_w, arriving_w = stepper(path)(
+        soc, temperature_c, heater_w, excess_k, *inputs)
+    warmed_j = BATTERY_J_PER_K * (end_c - temperature_c)
+    coolant_j = path.coolant_heat_capacity_j_per_k * (
+        end_c + excess_end_k - temperature_c - excess_k)
+    made_j = EFFICIENCY * drawn_w * duration_s
+    other_j = duration_s * (heat_w - leakage_w_per_k * mean_c + joule_w)
+    assert warmed_j + coolant_j == pytest.approx(made_j + other_j, rel=1e-9, abs=0.01)
+    assert warmed_j == pytest.approx(arriving_w * duration_s + other_j, rel=1e-9, abs=0.01)
+
+
+def fine(path, states, inputs):
+    """States after a step by an integration of the equations as they stand in the docstring."""
+    from scipy.integrate import solve_ivp
+    duration_s, power_w, variance_w2, heat_w, leakage_w_per_k, command_w = inputs
+    battery = REFERENCE.battery
+    voltage = battery.open_circuit_voltage.function(FLOATS)
+
+    def rates(_, y):
+        soc, temperature_c, heater_w, excess_k = y
+        if path.heater_lag_s == 0.0:
+            heater_w = command_w
+        u = voltage(soc, temperature_c)
+        r = battery.resistance.k_ohm_k / (temperature_c + battery.resistance.reference_temperature_c)
+        current_a = (u - sqrt(u * u - 4.0 * r * (power_w + heater_w))) / (2.0 * r)
+        ripple_w = r * variance_w2 / u**2
+        flow_w = path.coolant_conductance_w_per_k * excess_k if path.has_coolant else (
+            EFFICIENCY * heater_w)
+        warming = (flow_w + heat_w - leakage_w_per_k * temperature_c + r * current_a**2
+                   + ripple_w) / BATTERY_J_PER_K
+        return (-(current_a + ripple_w / u) / battery.capacity_as, warming,
+                0.0 if path.heater_lag_s == 0.0 else (command_w - heater_w) / path.heater_lag_s,
+                (EFFICIENCY * heater_w - flow_w) / path.coolant_heat_capacity_j_per_k - warming
+                if path.has_coolant else 0.0)
+
+    end = solve_ivp(rates, (0.0, duration_s), states, rtol=1e-11, atol=1e-11).y[:, -1]
+    if path.heater_lag_s == 0.0:
+        end[2] = command_w
+    return end
+
+
+START = (0.7, -6.0, 700.0, 3.0)
+DRIVE = (-5e3, 4e7, 900.0, 60.0, 5e3)
+
+
+@pytest.mark.parametrize('path', [LAG, COOLANT, BOTH, HeatPath(5.0, 30e3, 900.0)])
+def test_halved_steps_come_closer_to_a_fine_integration(path):
+    start = START if path.has_coolant else (*START[:3], 0.0)
+    truth = fine(path, start, (60.0, *DRIVE))
+    errors = []
+    for parts in (2, 4, 8):
+        states = start
+        for _ in range(parts):
+            states = stepper(path)(*states, 60.0 / parts, *DRIVE)[:4]
+        errors.append(abs(np.array(states) - truth))
+    # Steps of 30 s, as long as a plan's: far below what a plan is measured by.
+    assert (errors[0] < (1e-6, 2e-4, 1e-6, 5e-3)).all()
+    for state in (0, 1, 3):
+        assert errors[2][state] <= 0.6 * errors[0][state] + 1e-9
+
+
+def test_arrays_are_the_same_as_floats():
+    random = np.random.default_rng(5)
+    columns = [random.uniform(low, high, 20) for low, high in (
+        (0.4, 0.9), (-15.0, 30.0), (0.0, 7e3), (-3.0, 15.0), (1.0, 60.0), (-5e3, 30e3), (0.0, 1e8),
+        (-1e3, 3e3), (0.0, 120.0), (0.0, 7e3))]
+    together = np.array(stepper(BOTH, ARRAYS)(*columns)).T
+    one_by_one = [stepper(BOTH)(*row) for row in zip(*(column.tolist() for column in columns))]
+    assert together == pytest.approx(np.array(one_by_one), rel=1e-11)
+
+
+def test_leakage_acts_on_the_battery_alone():
+    """Coolant that is as warm as the battery stays warmer once the battery leaks."""
+    step = make_heated_step(replace(REFERENCE, heat_path=COOLANT, battery=replace(
+        REFERENCE.battery, leakage=Leakage(100.0, 0.0))), FLOATS)
+    _, end_c, _, excess_k, *_ = step(0.8, 20.0, 0.0, 0.0, 30.0, 0.0, 0.0, 100.0 * -10.0, 100.0, 0.0)
+    assert end_c < 20.0 and 0.0 < excess_k < 20.0 - end_c
