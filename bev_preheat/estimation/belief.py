@@ -123,6 +123,10 @@ class Belief:
         self.covariance[..., TEMPERATURE, SENSOR] = temperature_variance
         self.covariance[..., SENSOR, TEMPERATURE] = temperature_variance
 
+    def stand(self) -> None:
+        """Note that the car has stood: nothing is under way, and the sensor shows the battery."""
+        self._has_stood = True
+
     def predict(self, duration_s: float, drive: DriveInputs | None, command_w: float,
                 limit_w: float) -> None:
         """

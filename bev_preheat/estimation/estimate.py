@@ -36,6 +36,7 @@ class Estimate:
 
     `heater` says how the heater answers, `temperature_resolution_k` in which steps the temperature
     is reported (0: continuous), `resets` how often the estimator was reset, why and when last.
+    `sensor_offset_k` is what was subtracted from the readings [K].
     """
 
     stamp_ns: int
@@ -46,6 +47,7 @@ class Estimate:
     resets: int = 0
     reset_reason: str = ''
     reset_at_ns: int | None = None
+    sensor_offset_k: float = 0.0
 
     @property
     def log_factors(self) -> FloatArray:

@@ -20,10 +20,12 @@ from bev_preheat.estimation.estimate import Estimate
 from bev_preheat.estimation.hypotheses import judge
 from bev_preheat.estimation.power_response import PowerResponse
 from bev_preheat.estimation.readings import Measurement, ReadingCheck, Verdict
-from bev_preheat.estimation.state import DriveInputs, TEMPERATURE
+from bev_preheat.estimation.standing import expected_offset_k
+from bev_preheat.estimation.state import DriveInputs, SENSOR, TEMPERATURE
 
 if TYPE_CHECKING:
     from bev_preheat.estimation.prior import Learned
+    from bev_preheat.estimation.standing import Standing
     from bev_preheat.numerics.arrays import FloatArray
     from bev_preheat.vehicle.description import Vehicle
 
@@ -84,6 +86,9 @@ class Estimator:
         self._response = PowerResponse()
         self._readings = ReadingCheck()
         self._stamp_ns: int | None = None
+        # What the next reading is of, where the car stood, and what is subtracted from readings [K].
+        self._standing: Standing | None = None
+        self._offset_k = 0.0
         self._powers_w: list[float] = []
         # How long nothing has been commanded [s].
         self._quiet_s = math.inf
@@ -95,6 +100,12 @@ class Estimator:
         self._stamp_ns, self._powers_w = None, []
         self._latest.clear()
         self._response = PowerResponse()
+
+    def rely_on(self, standing: Standing) -> None:
+        """Take the sensor's offset from the next reading, which is of a battery in Standing."""
+        self._standing = standing
+        self._belief.stand()
+        self.lose_time()
 
     def restart(self, reason: str, at_ns: int) -> None:
         """Forget the temperature, and all that was learned since the vehicle file."""
@@ -136,7 +147,9 @@ class Estimator:
         if elapsed_s > LONGEST_GAP_S:
             self._place(measurement)
             return
-        verdict = self._readings.judge(measurement, *self._belief.expected())
+        mean, covariance = self._belief.expected()
+        mean[SENSOR] += self._offset_k
+        verdict = self._readings.judge(measurement, mean, covariance)
         if verdict is Verdict.JUMPED:
             self._jump(measurement, command_w)
             return
@@ -146,7 +159,7 @@ class Estimator:
         self._advance(stretches)
         if verdict is Verdict.BELIEVED:
             self._belief.see_temperature(
-                state.temperature_c, self._readings.temperature_resolution_k)
+                state.temperature_c - self._offset_k, self._readings.temperature_resolution_k)
             self._belief.see_soc(state.soc, self._readings.soc_resolution)
         self._conclude(measurement)
 
@@ -161,10 +174,13 @@ class Estimator:
 
     def _place(self, measurement: Measurement) -> None:
         state = measurement.state
+        variance = self._readings.temperature_resolution_k**2 / 12.0 + READING_NOISE_K**2
+        if self._standing is not None:
+            self._offset_k = expected_offset_k(self._standing, state.temperature_c, variance)
+            self._standing = None
         self._belief.place(
-            state.temperature_c,
-            self._readings.temperature_resolution_k**2 / 12.0 + READING_NOISE_K**2,
-            state.soc, self._readings.soc_resolution**2 / 12.0 + READING_NOISE_SOC**2)
+            state.temperature_c - self._offset_k, variance, state.soc,
+            self._readings.soc_resolution**2 / 12.0 + READING_NOISE_SOC**2)
         power_w = self._plausible_power_w(measurement)
         self._powers_w = [] if power_w is None else [power_w]
         self._conclude(measurement)
@@ -227,7 +243,7 @@ class Estimator:
                        self._quiet_s >= LONGEST_LAGS_S)
         self.estimate = Estimate(
             stamp_ns, mean, covariance, report, self._readings.temperature_resolution_k, self._resets,
-            self._reason, self._reset_at_ns)
+            self._reason, self._reset_at_ns, self._offset_k)
 
 
 def _is_sound(mean: FloatArray, covariance: FloatArray) -> bool:

@@ -148,6 +148,9 @@ def mission_from_message(message: RoutePlan, defaults: Defaults,
     soc = message.minimum_arrival_soc
     if not 0.0 <= soc <= 1.0:
         problems.append(f'minimum_arrival_soc: {soc:g} is not allowed; it must be 0 ... 1')
+    if not 0.0 <= message.standing_time < math.inf:
+        problems.append(f'standing_time: {message.standing_time:g} is not allowed; it must be '
+                        'finite and at least 0 s (0: not known)')
     problems += _target_problems(message)
     columns = {field: np.asarray(getattr(message, name), dtype=float)
                for field, name in ROUTE_FIELDS.items()}
@@ -168,7 +171,8 @@ def mission_from_message(message: RoutePlan, defaults: Defaults,
                         'would end after the last instant that a stamp can hold')
     if problems or route is None:
         raise InvalidInput(problems)
-    return Mission(message.route_id, _legs(message, route, stops, planning_step_s))
+    return Mission(message.route_id, _legs(message, route, stops, planning_step_s),
+                   message.standing_time)
 
 
 def _check_sizes(message: RoutePlan) -> None:
@@ -227,7 +231,7 @@ def _stamp_problems(stamp: Time) -> list[str]:
 
 def route_plan_message(mission: Mission) -> RoutePlan:
     """Return the RoutePlan of a Mission."""
-    message = RoutePlan(route_id=mission.route_id)
+    message = RoutePlan(route_id=mission.route_id, standing_time=mission.standing_time_s)
     message.header.stamp = time_message(mission.start_ns)
     for field, name in ROUTE_FIELDS.items():
         setattr(message, name, _sequence(np.concatenate(

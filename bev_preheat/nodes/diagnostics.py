@@ -129,6 +129,7 @@ def _estimation(name: str, hardware: str, supervisor: Supervisor, estimate: Esti
         'heat under way [K]': f'{estimate.under_way_k:.2f}',
         'lag of the heat [s]': f'{estimate.heat_lag_s:.0f}',
         'lag of the temperature sensor [s]': f'{estimate.sensor_lag_s:.0f}',
+        'offset of the temperature sensor [K]': f'{estimate.sensor_offset_k:.2f}',
         'resets': str(estimate.resets),
     }
     for factor, log, deviation in zip(
@@ -137,10 +138,16 @@ def _estimation(name: str, hardware: str, supervisor: Supervisor, estimate: Esti
             f'{math.exp(log):.3f} +- {math.exp(log) * deviation:.3f}')
     has_reset = (estimate.reset_at_ns is not None
                  and 0 <= now_ns - estimate.reset_at_ns < RESET_SHOWN_S * NS_PER_S)
+    stand = supervisor.stand_report
+    if stand is not None:
+        values['temperature expected after standing [degC]'] = (
+            f'{stand.standing.temperature_c:.2f} +- {stand.standing.deviation_k:.2f}')
+    warning = f'reset: {estimate.reset_reason}' if has_reset else (
+        '' if stand is None else stand.contradiction)
     return _entry(f'{name}: estimation', hardware,
-                  DiagnosticStatus.WARN if has_reset else DiagnosticStatus.OK,
-                  f'reset: {estimate.reset_reason}' if has_reset else
-                  f'{estimate.temperature_c:.2f} +- {estimate.temperature_deviation_k:.2f} degC',
+                  DiagnosticStatus.WARN if warning else DiagnosticStatus.OK,
+                  warning or f'{estimate.temperature_c:.2f} '
+                  f'+- {estimate.temperature_deviation_k:.2f} degC',
                   values)
 
 

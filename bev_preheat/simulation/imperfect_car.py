@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 import math
 from typing import TYPE_CHECKING
 
@@ -51,12 +51,17 @@ class ImperfectCar:
 
     def __init__(self, vehicle: Vehicle, route: Route, state: BatteryState, goal: Goal,
                  imperfections: Imperfections = Imperfections(), seed: int | Sequence[int] = 0,
-                 route_id: str = 'simulated') -> None:
-        """Put the car at the start of a Route, with its battery in `state`; see numpy for `seed`."""
+                 route_id: str = 'simulated', standing_time_s: float = 0.0) -> None:
+        """
+        Put the car at the start of a Route, with its battery in `state`; see numpy for `seed`.
+
+        The trip planner says that it stood for `standing_time_s` [s] before; 0: it does not know.
+        """
         drive_seed, sensor_seed = np.random.SeedSequence(seed).spawn(2)
         self.vehicle = vehicle
         self.imperfections = imperfections
         self._goal, self._route, self._route_id = goal, route, route_id
+        self._standing_time_s = standing_time_s
         driven, self._news = drive_with_events(
             route, imperfections.events, goal.charging_planned)
         mismatch = imperfections.mismatch
@@ -83,7 +88,8 @@ class ImperfectCar:
 
     def mission(self, start_ns: int) -> Mission:
         """Return the Mission that the trip planner sends at the start, at an instant [ns]."""
-        return self._mission(self._route, start_ns, self._goal.charging_planned)
+        mission = self._mission(self._route, start_ns, self._goal.charging_planned)
+        return replace(mission, standing_time_s=self._standing_time_s)
 
     def route_news(self, start_ns: int) -> Mission | None:
         """

@@ -48,7 +48,8 @@ class Scenario:
     """
     A drive, what is wrong with it, and what is expected.
 
-    `planner` holds parameters of the node `planner` by name, `vehicle_name` what the file calls the
+    The car stood for `standing_time_s` [s] before (0: not known). `planner` holds parameters of the
+    node `planner` by name, `vehicle_name` what the file calls the
     vehicle: a name, or a file's path. `files` are the paths of all files that were read;
     `warnings` are sentences on routes that were made for another vehicle.
     """
@@ -66,11 +67,12 @@ class Scenario:
     planner: dict[str, FileData] = field(default_factory=dict)
     files: tuple[Path, ...] = ()
     warnings: tuple[str, ...] = ()
+    standing_time_s: float = 0.0
 
     def car(self) -> ImperfectCar:
         """Return the ImperfectCar at its start."""
         return ImperfectCar(self.vehicle, self.route, self.state, self.goal, self.imperfections,
-                            self.seed, self.name)
+                            self.seed, self.name, self.standing_time_s)
 
 
 def load_scenario(name_or_file: str | Path) -> Scenario:
@@ -121,6 +123,7 @@ def _scenario(path: Path, contents: dict[str, FileData]) -> Scenario:
             clock_jumps=tuple(ClockJump(**node) for node in contents.get('clock_jumps', ()))),
         expectations=_expectations(contents['expect']),
         planner=_planner(contents.get('planner', {})),
+        standing_time_s=float(drive.get('standing_time_s', 0.0)),
         files=(path, vehicle_file(vehicle_name), *(each.file for each in routes)),
         warnings=tuple(dict.fromkeys(each.warning for each in routes if each.warning)))
 

@@ -81,10 +81,15 @@ class Leg:
 
 @dataclass(frozen=True)
 class Mission:
-    """A trip: at least one Leg, in driving order, with a stop between each and the next."""
+    """
+    A trip: at least one Leg, in driving order, with a stop between each and the next.
+
+    The vehicle stood for `standing_time_s` [s] before it; 0: that is not known.
+    """
 
     route_id: str
     legs: tuple[Leg, ...]
+    standing_time_s: float = 0.0
 
     @property
     def start_ns(self) -> int:

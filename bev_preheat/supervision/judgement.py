@@ -24,6 +24,7 @@ from bev_preheat.supervision.course import stretches_between
 from bev_preheat.supervision.decision import Decision
 from bev_preheat.supervision.inputs import Leg, Measurement, Mission, NS_PER_S
 from bev_preheat.supervision.outlook import OutlookMaker, seen_from_now
+from bev_preheat.supervision.stand_watch import StandReport, StandWatch
 
 if TYPE_CHECKING:
     from bev_preheat.estimation.prior import Learned
@@ -47,6 +48,7 @@ class Judgement:
         self._vehicle = vehicle
         self._outlooks = OutlookMaker(vehicle)
         self._estimator = Estimator(vehicle, learned)
+        self._stand_watch = StandWatch(vehicle)
         # Decisions by Leg, and the settings that they were made with.
         self._later_decisions: dict[Leg, Decision] = {}
         self._later_settings: Settings | None = None
@@ -60,6 +62,11 @@ class Judgement:
     def estimate(self) -> Estimate | None:
         """The latest estimation.estimate.Estimate; None before the first battery state."""
         return self._estimator.estimate
+
+    @property
+    def stand_report(self) -> StandReport | None:
+        """What the first battery state of the trip says of the sensor; None: nothing."""
+        return self._stand_watch.report
 
     def follow_new_mission(self) -> None:
         """Drop the plans and the arrival's uncertainty of the route before."""
@@ -75,6 +82,9 @@ class Judgement:
         """Take Measurements in, on a Mission and under a CommandHistory."""
         for measurement in measurements:
             stamp_ns = measurement.stamp_ns
+            standing = self._stand_watch.look(mission, measurement)
+            if standing is not None:
+                self._estimator.rely_on(standing)
             self._estimator.observe(
                 measurement, commands.mean_w(stamp_ns, stamp_ns),
                 stretches_between(
@@ -167,10 +177,11 @@ class Judgement:
         # One reading of a coarse signal moves the estimate by no more than this.
         estimate = self.estimate if inbox.settings.estimation else None
         coarse_k = estimate.temperature_resolution_k if estimate else 0.0
+        offset_k = estimate.sensor_offset_k if estimate else 0.0
         forecast_c = np.interp(elapsed_s, plan.time_s, plan.battery_temperature_c)
         forecast_soc = np.interp(elapsed_s, plan.time_s, plan.soc)
         state = measurement.state
-        return bool(abs(state.temperature_c - forecast_c) <= ON_TRACK_K + coarse_k
+        return bool(abs(state.temperature_c - offset_k - forecast_c) <= ON_TRACK_K + coarse_k
                     and abs(state.soc - forecast_soc) <= ON_TRACK_SOC)
 
 

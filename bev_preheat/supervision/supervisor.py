@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from bev_preheat.estimation.prior import Learned
     from bev_preheat.supervision.inputs import Measurement, Mission
     from bev_preheat.supervision.settings import Settings
+    from bev_preheat.supervision.stand_watch import StandReport
     from bev_preheat.vehicle.description import Vehicle
 
 
@@ -165,6 +166,11 @@ class Supervisor:
     def estimate(self) -> Estimate | None:
         """The latest estimation.estimate.Estimate; None without one."""
         return self._judgement.estimate if self.settings.estimation else None
+
+    @property
+    def stand_report(self) -> StandReport | None:
+        """What the first battery state of the trip says of the sensor; None: nothing."""
+        return self._judgement.stand_report if self.settings.estimation else None
 
     @property
     def decision(self) -> Decision:

@@ -377,12 +377,24 @@ def legs_strategy(draw):
     return with_stops(legs, [draw(st.floats(1.0, 86400.0)) for _ in legs[1:]])
 
 
+@pytest.mark.parametrize('standing_time_s', [float('nan'), float('inf'), float('-inf'), -1.0])
+def test_a_standing_time_that_is_none_is_refused(standing_time_s):
+    assert problems_of(lambda: convert(standing_time=standing_time_s)) == [
+        f'standing_time: {standing_time_s:g} is not allowed; it must be finite and at least 0 s '
+        '(0: not known)']
+
+
+@pytest.mark.parametrize('standing_time_s', [0.0, 1.0, 1e300])
+def test_any_other_standing_time_is_taken(standing_time_s):
+    assert convert(standing_time=standing_time_s).standing_time_s == standing_time_s
+
+
 @given(st.composite(legs_strategy)())
 @example((Leg(convert_leg(step_s=10.0).route, 10**18, True, 0.0),))
 @example((Leg(convert_leg(step_s=10.0).route, 10**18, True, None),))
 def test_mission_to_message_and_back(legs):
-    mission = mission_from_message(route_plan_message(Mission('x', legs)), DEFAULTS, 10.0)
-    assert (mission.route_id, len(mission.legs)) == ('x', len(legs))
+    mission = mission_from_message(route_plan_message(Mission('x', legs, 5e4)), DEFAULTS, 10.0)
+    assert (mission.route_id, len(mission.legs), mission.standing_time_s) == ('x', len(legs), 5e4)
     for back, leg in zip(mission.legs, legs):
         assert (back.charging_planned, back.target_temperature_c, back.minimum_arrival_soc,
                 back.departure) == (

@@ -1,0 +1,56 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the entry `planner: estimation` says of a temperature sensor that is off."""
+
+import re
+
+from diagnostic_msgs.msg import DiagnosticStatus
+import pytest
+from stepwise import Stepwise
+
+from bev_preheat.nodes.diagnostics import planner_diagnostics, RESET_SHOWN_S
+from bev_preheat.planning.situation import BatteryState
+from bev_preheat.route.csv_file import load_route
+from bev_preheat.supervision.inputs import Leg, Measurement, Mission, NS_PER_S
+from bev_preheat.supervision.settings import Settings
+from bev_preheat.vehicle import load_vehicle
+
+VEHICLE = load_vehicle('reference')
+START_NS = 1_700_000_000 * NS_PER_S
+
+
+def estimation_entry(temperatures_c, standing_time_s):
+    """Return the entry after battery states of these temperatures, one a second."""
+    supervisor = Stepwise(VEHICLE, Settings())
+    now_ns = START_NS
+    supervisor.run(now_ns)
+    supervisor.accept_mission(Mission('morning', (
+        Leg(load_route('reference', VEHICLE.defaults), START_NS, True, 20.0),), standing_time_s))
+    for number, temperature_c in enumerate(temperatures_c):
+        now_ns = START_NS + number * NS_PER_S
+        supervisor.accept_battery(Measurement(BatteryState(temperature_c, 0.8), now_ns), now_ns)
+    entry, = (status for status in planner_diagnostics('planner', supervisor, now_ns).status
+              if status.name == 'planner: estimation')
+    return entry, {value.key: value.value for value in entry.values}
+
+
+def test_a_sensor_that_contradicts_the_standing_time_is_a_warning():
+    entry, values = estimation_entry([-2.0], 36_000.0)
+    assert entry.level == DiagnosticStatus.WARN
+    assert entry.message.startswith('battery_state.temperature was -2.0 degC after 10:00:00 h of ')
+    assert 'check the sensor, and standing_time of route_plan' in entry.message
+    assert re.fullmatch(r'-6\.\d\d \+- 1\.\d\d',
+                        values['temperature expected after standing [degC]'])
+    assert float(values['offset of the temperature sensor [K]']) > 1.0
+
+
+@pytest.mark.parametrize('temperature_c, standing_time_s', [(-7.0, 36_000.0), (-2.0, 0.0)])
+def test_a_sensor_that_agrees_or_cannot_be_told_is_none(temperature_c, standing_time_s):
+    entry, values = estimation_entry([temperature_c], standing_time_s)
+    assert entry.level == DiagnosticStatus.OK
+    assert ('temperature expected after standing [degC]' in values) is (standing_time_s > 0.0)
+
+
+def test_a_reset_is_said_first():
+    assert RESET_SHOWN_S > 2.0
+    entry, _ = estimation_entry([-2.0, 9.0, 9.0], 36_000.0)
+    assert entry.message.startswith('reset: ')
