@@ -71,6 +71,13 @@ def test_segments_may_be_shorter_than_a_second():
     assert powers_w == [1e3, 2e3, 3e3, 4e3]
 
 
+def test_a_simulated_clock_may_have_begun_a_moment_ago():
+    mission = Mission('soon', (leg(1, [10e3, 20e3, -5e3]),))
+    edges_ns = [at_s * NS_PER_S for at_s in (1, 60, 62, 120, 180)]
+    stretches = stretches_between(edges_ns, VEHICLE, mission, CommandHistory())
+    assert [stretch.drive.propulsion_power_w for stretch in stretches] == [10e3, 20e3, 20e3, -5e3]
+
+
 def test_a_cabin_that_takes_all_leaves_nothing():
     assert between(590.0, 591.0)[1] == 0.0
 
@@ -96,6 +103,13 @@ def test_each_stretch_has_its_mean_command():
     stretches = stretches_between(edges_ns, VEHICLE, MISSION, commands)
     assert [(stretch.duration_s, stretch.command_w) for stretch in stretches] == [
         (10.0, 1000.0), (10.0, 2500.0)]
+
+
+def test_stretches_need_not_last_whole_seconds():
+    # On a simulated clock that began a moment ago.
+    edges_ns = [round(at_s * NS_PER_S) for at_s in (1.0, 2.5, 12.0, 12.25)]
+    stretches = stretches_between(edges_ns, VEHICLE, None, CommandHistory())
+    assert [stretch.duration_s for stretch in stretches] == [1.5, 9.5, 0.25]
 
 
 def test_between_no_instants_there_is_no_stretch():

@@ -142,6 +142,8 @@ def test_time_alone_ends_the_last_leg():
 
 @pytest.mark.parametrize('elapsed_s, sentence', [
     (660.0, 'Charging until departure in 4:00 min; then 10:00 min of driving to a fast charger.'),
+    # 239.6 s
+    (660.4, 'Charging until departure in 4:00 min; then 10:00 min of driving to a fast charger.'),
     (1605.0, 'Charging until departure in 1:35 min; then 5:00 min of driving without fast '
      'charging at its end.')])
 def test_a_stop_is_explained(elapsed_s, sentence):
@@ -229,6 +231,10 @@ def set_settings(supervisor):
     supervisor.settings = replace(MEASURED, target_temperature_c=12.0)
 
 
+def set_equal_settings(supervisor):
+    supervisor.settings = replace(MEASURED)
+
+
 def set_route(supervisor):
     supervisor.accept_mission(make_mission())
 
@@ -239,7 +245,8 @@ def switch_off_and_on(supervisor):
 
 
 @pytest.mark.parametrize('change, planned_again', [
-    (set_vehicle, True), (set_settings, True), (set_route, True), (switch_off_and_on, False)])
+    (set_vehicle, True), (set_settings, True), (set_route, True), (switch_off_and_on, False),
+    (set_equal_settings, False)])
 def test_later_legs_are_planned_again_where_they_must(planned_states, change, planned_again):
     supervisor = supervisor_at(0.0)
     planned_states.clear()

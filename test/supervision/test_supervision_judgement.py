@@ -1,13 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whether a battery state is close enough to the forecast to be answered before the next plan."""
+"""How a battery state is judged: whether it is on track and may be answered at once, and what is told of it."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from bev_preheat.errors import InvalidInput, PlanningFailure
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal
+from bev_preheat.planning.status import Status
 from bev_preheat.route.segments import make_route
 from bev_preheat.supervision.command_history import CommandHistory
 from bev_preheat.supervision.decision import Decision
@@ -43,12 +45,12 @@ DECISION = decision_on(make_a_route())
 def is_on_track(after_ns, warmer_k=0.0, fuller=0.0, decision=DECISION, judgement=None,
                 settings=MEASURED):
     """Return the answer to a state that is off the forecast of `decision` by so much."""
-    plan, after_s = decision.plan, after_ns / NS_PER_S
+    start_ns, plan, after_s = decision.plan_start_ns, decision.plan, after_ns / NS_PER_S
     state = BatteryState(
         float(np.interp(after_s, plan.time_s, plan.battery_temperature_c)) + warmer_k,
         float(np.interp(after_s, plan.time_s, plan.soc)) + fuller)
     inbox = Inbox(VEHICLE, settings)
-    inbox.accept_battery(Measurement(state, START_NS + after_ns), START_NS + after_ns)
+    inbox.accept_battery(Measurement(state, start_ns + after_ns), start_ns + after_ns)
     return (judgement or Judgement(VEHICLE)).is_on_track(inbox, decision)
 
 
@@ -65,6 +67,12 @@ assert DECISION.plan.battery_temperature_c[2] > STATE.temperature_c + 0.6
     (ns(60.0) + 1, False), (ns(600.0), False)])
 def test_a_forecast_holds_for_a_minute(after_ns, expected):
     assert is_on_track(after_ns) is expected
+
+
+def test_a_simulated_clock_may_have_begun_a_moment_ago():
+    decision = replace(DECISION, plan_start_ns=ns(5.0))
+    assert [is_on_track(ns(after_s), decision=decision) for after_s in (0.0, 31.5, 60.0, 62.0)] == [
+        True, True, True, False]
 
 
 @pytest.mark.parametrize('after_ns, expected', [
@@ -113,6 +121,26 @@ def test_without_a_plan_or_a_state_nothing_is_on_track():
     inbox.accept_battery(Measurement(STATE, START_NS), START_NS)
     assert judgement.is_on_track(inbox, DECISION)
     assert not judgement.is_on_track(inbox, replace(DECISION, plan=None))
+
+
+@pytest.mark.parametrize('estimation', [False, True])
+@pytest.mark.parametrize('error', [InvalidInput('beyond the model'), PlanningFailure('beyond the model')],
+                         ids=lambda error: type(error).__name__)
+def test_what_cannot_be_planned_is_told_and_not_heated(monkeypatch, estimation, error):
+    def fail(*_, **__):
+        raise error
+
+    supervisor = Supervisor(VEHICLE, Settings(estimation=estimation))
+    list(supervisor.step(START_NS, RouteArrived(Mission('home', (
+        Leg(make_a_route(), START_NS, True, 25.0),)))))
+    for module in ('judgement', 'outlook'):
+        monkeypatch.setattr(f'bev_preheat.supervision.{module}.plan_preheating', fail)
+    outputs = list(supervisor.step(START_NS, BatteryStateArrived(Measurement(STATE, START_NS))))
+    assert (supervisor.decision.status, supervisor.decision.explanation) == (
+        Status.INVALID_INPUT, 'beyond the model')
+    assert supervisor.latest_command.battery_heating_power_w == 0.0
+    # It was foreseen.
+    assert not any(output.failure for output in outputs)
 
 
 @pytest.mark.parametrize('estimation', [False, True])
