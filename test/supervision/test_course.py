@@ -78,6 +78,18 @@ def test_a_simulated_clock_may_have_begun_a_moment_ago():
     assert [stretch.drive.propulsion_power_w for stretch in stretches] == [10e3, 20e3, 20e3, -5e3]
 
 
+def test_instants_of_today_are_not_rounded():
+    # As a float, this one is a nanosecond earlier.
+    start_ns = 1_700_000_000_000_000_001
+    drive = Leg(MISSION.legs[0].route, start_ns)
+    stretches = stretches_between((start_ns - 2, start_ns, start_ns + 2), VEHICLE,
+                                  Mission('today', (drive,)), CommandHistory())
+    assert [stretch.drive is None for stretch in stretches] == [True, False]
+    begins, = stretches_between((start_ns - 1, start_ns + 1), VEHICLE, Mission('today', (drive,)),
+                                CommandHistory())
+    assert begins.drive.propulsion_power_w == 10e3
+
+
 def test_a_cabin_that_takes_all_leaves_nothing():
     assert between(590.0, 591.0)[1] == 0.0
 
