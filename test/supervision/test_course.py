@@ -23,7 +23,7 @@ def leg(start_s, powers_w, rms_w=None, cabin_w=1500.0):
 
 # A stop of 400 s lies between the two.
 MISSION = Mission('two legs', (
-    leg(START_S, [10e3, 20e3, -5e3], rms_w=[10e3, 25e3, 6e3]),
+    leg(START_S, [10e3, 20e3, -5e3], rms_w=[10e3, 25e3, 13e3]),
     leg(START_S + 580, [7e3], cabin_w=9000.0)))
 
 
@@ -57,8 +57,10 @@ def test_all_of_a_segment_is_told():
     assert limit_w == VEHICLE.hvch.maximum_power_w - 1500.0
 
 
-def test_steady_power_does_not_vary():
+def test_power_varies_by_what_its_mean_leaves_of_the_mean_square():
     assert between(10.0, 20.0)[0].power_variance_w2 == 0.0
+    # 13^2 - 5^2 = 12^2
+    assert between(130.0, 140.0)[0].power_variance_w2 == pytest.approx(12e3**2)
 
 
 def test_segments_may_be_shorter_than_a_second():

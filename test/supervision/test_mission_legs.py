@@ -150,6 +150,14 @@ def test_a_stop_is_explained(elapsed_s, sentence):
     assert supervisor_at(elapsed_s).decision.explanation == sentence
 
 
+def test_a_stop_may_last_longer_than_a_simulated_clock_has_run():
+    supervisor = Stepwise(VEHICLE, MEASURED)
+    supervisor.accept_mission(Mission('a long stop', with_stops(
+        make_mission(start_ns=0).legs, (1000.0, 200.0))))
+    assert feed(supervisor, ns(700.0)).explanation.startswith(
+        'Charging until departure in 15:00 min; ')
+
+
 def test_switched_off_is_off_at_a_stop_too():
     supervisor = supervisor_at(700.0)
     supervisor.enabled = False
