@@ -97,7 +97,7 @@ class Belief:
         self.covariance = np.zeros((*SHAPE, SIZE, SIZE))
         self.mean[..., FACTORS] = learned.factors
         self.covariance[..., FACTORS, FACTORS] = learned.covariance
-        self._lags = learned.lags
+        self._lags = described_lags(vehicle.heat_path) if learned.lags is None else learned.lags
         self.mean[..., LAGS] = self._lags.logs
         self.covariance[..., LAGS, LAGS] = self._lags.variances
         self._has_stood = True

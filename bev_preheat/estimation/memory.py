@@ -18,7 +18,6 @@ from bev_preheat.estimation.prior import (
     Lags,
     Learned,
     prior_factor_covariance,
-    unknown_lags,
 )
 from bev_preheat.estimation.state import FACTOR_NAMES, FACTORS, PROPULSION
 
@@ -31,7 +30,7 @@ if TYPE_CHECKING:
 REMEMBERED = slice(0, PROPULSION - FACTORS.start)
 NAMES = FACTOR_NAMES[REMEMBERED]
 LAG_NAMES = ('heat', 'sensor')
-# Of an entry; versions before 0.3.0 wrote the first two.
+# Of an entry; the first two are always there, the others where something was learned of the lags.
 KEYS = ('log_factors', 'covariance', 'log_lags', 'lag_variances')
 # Standard deviation that a night adds to each logarithm: a car changes a little.
 OVERNIGHT = 0.01
@@ -53,20 +52,22 @@ def learned_from(estimate: Estimate) -> Learned:
     return Learned(factors, covariance * np.outer(shrink, shrink), _lags_from(estimate))
 
 
-def _lags_from(estimate: Estimate) -> Lags:
-    """Return the Lags of an Estimate; a heater that does not obey tells nothing of them."""
+def _lags_from(estimate: Estimate) -> Lags | None:
+    """Return the Lags of an Estimate; None: a heater that does not obey tells nothing of them."""
     if estimate.heater.heater is not Heater.ANSWERS:
-        return unknown_lags()
+        return None
     return Lags(np.clip(estimate.mean[[*LAGS]], LAG_BOUNDS[:, 0], LAG_BOUNDS[:, 1]),
                 np.minimum(np.diag(estimate.covariance)[[*LAGS]], LAG_DEVIATION**2))
 
 
 def as_entry(learned: Learned) -> dict[str, FileData]:
     """Return what of a Learned is kept, as plain values for JSON."""
-    return {'log_factors': dict(zip(NAMES, learned.factors[REMEMBERED].tolist())),
-            'covariance': learned.covariance[REMEMBERED, REMEMBERED].tolist(),
-            'log_lags': dict(zip(LAG_NAMES, learned.lags.logs.tolist())),
-            'lag_variances': dict(zip(LAG_NAMES, learned.lags.variances.tolist()))}
+    entry = {'log_factors': dict(zip(NAMES, learned.factors[REMEMBERED].tolist())),
+             'covariance': learned.covariance[REMEMBERED, REMEMBERED].tolist()}
+    if learned.lags is not None:
+        entry['log_lags'] = dict(zip(LAG_NAMES, learned.lags.logs.tolist()))
+        entry['lag_variances'] = dict(zip(LAG_NAMES, learned.lags.variances.tolist()))
+    return entry
 
 
 def from_entry(entry: FileData) -> Learned:
@@ -87,10 +88,10 @@ def from_entry(entry: FileData) -> Learned:
     return Learned(factors, whole, _lags_of(entry))
 
 
-def _lags_of(entry: dict[str, FileData]) -> Lags:
-    """Return the Lags of an entry a night later, unknown ones where it is of a version without."""
+def _lags_of(entry: dict[str, FileData]) -> Lags | None:
+    """Return the Lags of an entry a night later, None where it has none."""
     if 'log_lags' not in entry and 'lag_variances' not in entry:
-        return unknown_lags()
+        return None
     try:
         logs, variances = (np.array([entry[key][name] for name in LAG_NAMES], dtype=float)
                            for key in ('log_lags', 'lag_variances'))

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 import math
 from typing import TYPE_CHECKING
 
@@ -76,18 +76,18 @@ class Learned:
     """
     What was learned of a car.
 
-    Logarithms of the factors (5,) and their covariance (5, 5), in the order of `state`; its Lags.
+    Logarithms of the factors (5,) and their covariance (5, 5), in the order of `state`; its Lags,
+    None where nothing was learned of them.
     """
 
     factors: FloatArray
     covariance: FloatArray
-    lags: Lags = field(default_factory=unknown_lags)
+    lags: Lags | None = None
 
 
-def nothing_learned(lags: Lags | None = None) -> Learned:
-    """Return the Learned of a car of which only the file is known, which may describe its Lags."""
-    return Learned(np.zeros(len(FACTOR_DEVIATIONS)), prior_factor_covariance(),
-                   unknown_lags() if lags is None else lags)
+def nothing_learned() -> Learned:
+    """Return the Learned of a car of which only the file is known."""
+    return Learned(np.zeros(len(FACTOR_DEVIATIONS)), prior_factor_covariance())
 
 
 def prior_factor_covariance() -> FloatArray:

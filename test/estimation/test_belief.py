@@ -197,14 +197,20 @@ def test_the_prior_is_that_of_the_spreads_that_are_allowed_for():
 
 def test_lags_that_a_vehicle_file_describes_are_begun_with():
     path = HeatPath(30.0, 20e3, 400.0, 60.0)
-    belief = placed(nothing_learned(described_lags(path)))
+    belief, unknown = Belief(replace(VEHICLE, heat_path=path)), Belief(VEHICLE)
     lags_s = np.exp(belief.mean[0, 0, [HEAT_LAG, SENSOR_LAG]]) * [
         NOMINAL_HEAT_LAG_S, NOMINAL_SENSOR_LAG_S]
     # The coolant's time constant is 20 kJ/K / 400 W/K.
     assert lags_s == pytest.approx([80.0, 60.0])
-    unknown = placed()
     for index in (HEAT_LAG, SENSOR_LAG):
         assert (belief.covariance[..., index, index] < unknown.covariance[..., index, index]).all()
+
+
+def test_lags_that_were_learned_count_more_than_those_of_the_vehicle_file():
+    learned = replace(nothing_learned(), lags=Lags(np.array([0.3, -0.4]), np.array([0.01, 0.02])))
+    belief = Belief(replace(VEHICLE, heat_path=HeatPath(30.0, 20e3, 400.0, 60.0)), learned)
+    assert belief.mean[0, 0, [HEAT_LAG, SENSOR_LAG]].tolist() == [0.3, -0.4]
+    assert belief.covariance[0, 0, HEAT_LAG, HEAT_LAG] == 0.01
 
 
 def test_a_lag_that_the_vehicle_file_leaves_out_is_unknown():

@@ -1,11 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """The supervisor with estimation, on simulated cars: what is unsure, and heaters that do not obey."""
 
+import json
 import re
 
+import numpy as np
 import pytest
 from stepwise import Stepwise
 
+from bev_preheat.estimation.memory import as_entry, from_entry, learned_from
+from bev_preheat.estimation.prior import LAG_DEVIATION
+from bev_preheat.estimation.state import NOMINAL_HEAT_LAG_S
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.status import Status
 from bev_preheat.route import load_route
@@ -18,6 +23,7 @@ from bev_preheat.supervision.inputs import Leg, Measurement, Mission, NS_PER_S
 from bev_preheat.supervision.outlook import MOST_MARGIN_K
 from bev_preheat.supervision.settings import Settings
 from bev_preheat.vehicle import load_vehicle
+from bev_preheat.vehicle.heat_path import HeatPath
 
 pytestmark = pytest.mark.costly
 
@@ -33,11 +39,12 @@ START_NS = 1000 * NS_PER_S
 class Ride:
     """A car and the supervisor that heats its battery, every PERIOD_S."""
 
-    def __init__(self, temperature_c=10.0, settings=Settings(), seed=3, **imperfections):
+    def __init__(self, temperature_c=10.0, settings=Settings(), seed=3, learned=None,
+                 **imperfections):
         self.car = ImperfectCar(
             VEHICLE, ROUTE, BatteryState(temperature_c, 0.8), GOAL,
             Imperfections(**{'sensors': COARSE, **imperfections}), seed)
-        self.supervisor = Stepwise(VEHICLE, settings)
+        self.supervisor = Stepwise(VEHICLE, settings, learned)
         mission = self.car.mission(START_NS)
         leg, = mission.legs
         self.supervisor.accept_mission(Mission(mission.route_id, (
@@ -106,6 +113,26 @@ def test_the_model_that_was_planned_with_is_told(healthy):
     factors = healthy.seen[-3][1].model_factors
     assert len(factors) == 5
     assert factors == pytest.approx([1.0] * 5, abs=0.25)
+
+
+def test_a_second_drive_begins_with_the_lags_of_the_first_and_heats_later():
+    slow = HeatPath(60.0, 20e3, 500.0, 60.0)
+    first = Ride(temperature_c=18.0, heat_path=slow)
+    first.until(1490.0)
+    learned = from_entry(json.loads(json.dumps(as_entry(
+        learned_from(first.supervisor.estimate)))))
+    second = Ride(temperature_c=18.0, seed=4, learned=learned, heat_path=slow)
+    second.until(1490.0)
+    starts_s = []
+    for ride in (first, second):
+        starts_s.append(next(at_s for at_s, _, command_w in ride.seen if command_w > 0.0))
+        assert ride.car.plant.temperature_c == pytest.approx(25.0, abs=0.5)
+    # Of the heat's lag less is unknown, so less is heated beforehand for it.
+    assert starts_s[1] > starts_s[0] + 60.0
+    assert np.sqrt(learned.lags.variances[0]) < 0.5 * LAG_DEVIATION
+    # 60 s of the heater, and 20 kJ/K / 500 W/K of the coolant.
+    lag_s = NOMINAL_HEAT_LAG_S * np.exp(learned.lags.logs[0])
+    assert 0.7 * 100.0 < lag_s < 1.5 * 100.0
 
 
 def test_without_estimation_nothing_is_estimated():
