@@ -90,8 +90,7 @@ class Belief:
         # Coolant that gets warm with the battery counts as battery; how late it does is a lag.
         self._vehicle = (with_coolant_in_battery(vehicle) if vehicle.heat_path.has_coolant
                          else vehicle)
-        learned = (nothing_learned(described_lags(vehicle.heat_path)) if learned is None
-                   else learned)
+        learned = nothing_learned() if learned is None else learned
         self.weights = prior_weights()
         self.mean = np.zeros((*SHAPE, SIZE))
         self.covariance = np.zeros((*SHAPE, SIZE, SIZE))

@@ -181,7 +181,7 @@ def test_reference_is_the_car_of_the_papers_table_1():
      'maximum_regeneration_power_w'),
     ('hvch.colour', 'red', "hvch: unknown key 'colour'; known keys: maximum_power_w, efficiency"),
     ('batery', {}, "the file: unknown key 'batery'; did you mean 'battery'? "
-     'known keys: name, battery, drivetrain, hvch, defaults, road_load, assumed'),
+     'known keys: name, battery, drivetrain, hvch, heat_path, defaults, road_load, assumed'),
     ('assumed', ['battery.resistanc'], "assumed[0]: 'battery.resistanc' is no key of this file; did "
      "you mean 'battery.resistance'?"),
     ('assumed', ['hvch.efficiency', 'wheels'], "assumed[1]: 'wheels' is no key of this "
