@@ -36,7 +36,7 @@ NOMINAL_LAGS_S = np.array([NOMINAL_HEAT_LAG_S, NOMINAL_SENSOR_LAG_S])
 # Standard deviation of the lags' logarithms, over the nominal ones, of a car whose file does not
 # name them, and of one whose file does: coolant flows as the pump is driven.
 LAG_DEVIATION = 1.0
-DESCRIBED_LAG_DEVIATION = 0.3
+DESCRIBED_LAG_DEVIATION = 0.5
 # Shortest and longest lag [s]: a heater of up to 90 s and coolant of up to 200 s; a sensor of up to 120 s.
 LAG_RANGES_S = {HEAT_LAG: (2.0, 250.0), SENSOR_LAG: (2.0, 150.0)}
 # Bounds of the lags' logarithms, in the order of LAGS.

@@ -51,12 +51,13 @@ def plan_merit_order(trip: Trip, state: BatteryState, goal: Goal, unheated: Sche
     schedule = plan_optimal_switch(trip, state, goal, unheated)
     if limits_hold(trip, schedule):
         return schedule
-    # Thresholds are worked out as if heat arrived at once, in battery and coolant; later than a plan
-    # without limits nothing is paid for.
+    # Thresholds are worked out as if heat arrived at once, in battery and coolant; what is heated now
+    # is held against those of the step in which it arrives. Later than a plan without limits nothing
+    # is paid for.
     paid_w, lumped = trip.heater_limit_w, trip
     if not trip.vehicle.heat_path.is_direct:
         paid_w = paid_until(trip, schedule.heating_end_s)
-        lumped = replace(trip, vehicle=with_coolant_in_battery(trip.vehicle), heater_limit_w=paid_w)
+        lumped = replace(trip, vehicle=with_coolant_in_battery(trip.vehicle))
     loss = no_acceptance_loss(trip)
     best: Schedule | None = None
     for _ in range(MOST_PASSES):

@@ -17,6 +17,7 @@ import numpy as np
 
 from bev_preheat.numerics.arithmetic import ARRAYS
 from bev_preheat.planning.bracketing import close_in, Trial
+from bev_preheat.planning.heat_run import mean_share_left
 from bev_preheat.planning.limits import colder, make_terminal_limits, run_within_limits, TerminalLimits, Watch
 from bev_preheat.planning.optimal_switch import ARRIVAL_TOLERANCE_K
 from bev_preheat.planning.schedule import Schedule
@@ -61,6 +62,10 @@ class ThresholdSearch:
         self._thresholds = thresholds
         self._limits: TerminalLimits[FloatArray] = make_terminal_limits(trip.vehicle, ARRAYS)
         self._shift_k = np.zeros(len(trip.route))
+        # The step in which most of the heat of each step arrives.
+        self._arrives_in_step = np.minimum(np.searchsorted(
+            trip.time_s[:-1], trip.time_s[:-1] + trip.vehicle.heat_path.heat_lag_s,
+            side='right') - 1, len(trip.route) - 1).tolist()
         # The run so far: what lies before a requirement that is met does not change any more.
         self._kept: Schedule | None = None
 
@@ -195,6 +200,9 @@ class ThresholdSearch:
             self._thresholds.floor_c.tolist(), (self._thresholds.low_c + moved_k).tolist(),
             (self._thresholds.high_c + moved_k).tolist())]
         cap_w = self._cap_w
+        if not self._trip.vehicle.heat_path.is_direct:
+            # What is heated now arrives then.
+            bands = [bands[then] for then in self._arrives_in_step]
 
         def paid_power_w(k: int, temperature_c: float) -> float:
             for floor_c, low_c, high_c in bands[k]:
@@ -212,4 +220,9 @@ class ThresholdSearch:
         """Return what the battery can give beyond what each step asks without heating [W], shape (N,)."""
         _, most_w = self._limits(
             schedule.soc[:-1], schedule.temperature_c[:-1], self._trip.power_variance_w2)
-        return most_w - self._trip.idle_power_w
+        spare_w = most_w - self._trip.idle_power_w
+        if schedule.heat is not None:
+            # A heater that lags goes on taking power after it was switched off.
+            spare_w = spare_w - schedule.heat.heater_power_w[:-1] * mean_share_left(
+                self._trip.vehicle.heat_path, self._trip.route.duration_s)
+        return spare_w
