@@ -42,7 +42,7 @@ class Caution:
     `margin_k`: how much warmer than the target the battery is to arrive [K]. `lead_k`: how many
     kelvin of heating the last stretch begins early. `is_heating`: the heater is on now; it then
     pauses only for longer than `least_pause_s`. A heater that is off is not switched on for less
-    than `least_heating_s` of heating before arrival.
+    than `least_heating_s` of heating before arrival, nor where most of its heat would come too late.
     """
 
     margin_k: float = 0.0
@@ -60,7 +60,8 @@ def heat_early(trip: Trip, state: BatteryState, schedule: Schedule, target_c: fl
         return schedule
     first, start_s = last
     end_s = _latest_end_s(trip, schedule)
-    if not caution.is_heating and end_s - start_s < caution.least_heating_s:
+    if not caution.is_heating and (end_s - start_s < caution.least_heating_s
+                                   or _comes_too_late(trip, schedule, start_s)):
         return _LastStretch(trip, state, schedule, first, start_s).without()
     early_s = _earlier_s(trip, start_s, caution.lead_k)
     if caution.is_heating and early_s <= caution.least_pause_s:
@@ -96,6 +97,12 @@ def _latest_end_s(trip: Trip, schedule: Schedule) -> float:
     if schedule.heat is None or schedule.heating_end_s is None:
         return float(trip.time_s[-1])
     return schedule.heating_end_s
+
+
+def _comes_too_late(trip: Trip, schedule: Schedule, start_s: float) -> bool:
+    """Return whether most of the heat from an instant [s] on would be under way on arrival."""
+    return (schedule.heat is not None
+            and float(trip.time_s[-1]) - start_s < trip.vehicle.heat_path.heat_lag_s)
 
 
 def _heat_w(trip: Trip, step: int) -> float:

@@ -257,3 +257,32 @@ def test_a_filter_that_means_nothing_any_more_begins_anew():
     belief.see_temperature(-5.0, 0.0)
     assert belief.mean[0, 0, TEMPERATURE] == pytest.approx(belief.mean[0, 0, SENSOR])
     assert belief.covariance[0, 0, TEMPERATURE, TEMPERATURE] < 1.0
+
+
+def test_lags_of_the_vehicle_file_are_where_the_estimation_begins():
+    path = HeatPath(30.0, 12e3, 400.0, 25.0)
+    belief = Belief(replace(VEHICLE, heat_path=path))
+    unknown = Belief(VEHICLE)
+    for index, nominal_s, lag_s in ((HEAT_LAG, NOMINAL_HEAT_LAG_S, 60.0),
+                                    (SENSOR_LAG, NOMINAL_SENSOR_LAG_S, 25.0)):
+        assert nominal_s * np.exp(belief.mean[..., index]) == pytest.approx(
+            np.full(SHAPE, lag_s))
+        assert not unknown.mean[..., index].any()
+        assert (belief.covariance[..., index, index] < unknown.covariance[..., index, index]).all()
+
+
+def test_coolant_gets_warm_with_the_battery():
+    """Of the heater's heat the battery gets its share of both heat capacities, in the end."""
+    path = HeatPath(0.0, 40e3, 400.0)
+    warmed_k = []
+    for vehicle in (VEHICLE, replace(VEHICLE, heat_path=path)):
+        belief = Belief(vehicle)
+        belief.place(-5.0, 0.4, 0.8, 1e-4)
+        still = replace(STILL, ambient_temperature_c=-5.0)
+        start_c = belief.mean[0, 0, TEMPERATURE]
+        for _ in range(60):
+            belief.predict(10.0, still, 5e3, LIMIT_W)
+        warmed_k.append(belief.mean[0, 0, TEMPERATURE] + belief.mean[0, 0, UNDER_WAY] - start_c)
+    battery_j_per_k = VEHICLE.battery.heat_capacity_j_per_k
+    assert warmed_k[1] / warmed_k[0] == pytest.approx(
+        battery_j_per_k / (battery_j_per_k + 40e3), rel=0.02)

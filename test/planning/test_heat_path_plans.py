@@ -300,6 +300,16 @@ def test_caution_leaves_out_heating_that_is_too_short():
         least_heating_s=300.0)).heating_start_s is None
 
 
+def test_caution_does_not_switch_on_what_mostly_comes_too_late():
+    route, state = ROUTE.segments(117, 120), BatteryState(24.5, 0.6)
+    assert route.total_duration_s < BOTH.heat_lag_s + 1.0
+    goal = Goal(plan_preheating(slow(BOTH), route, state, Goal(-30.0)).arrival_temperature_c + 0.02)
+    assert plan_preheating(slow(BOTH), route, state, goal).heating_start_s is not None
+    for is_heating, heats in ((False, False), (True, True)):
+        plan = plan_preheating(slow(BOTH), route, state, goal, caution=Caution(is_heating=is_heating))
+        assert (plan.heating_start_s is not None) is heats
+
+
 def test_json_holds_the_course_of_the_heat():
     plan = plan_of(BOTH)
     heat = plan.as_dictionary()['heat']

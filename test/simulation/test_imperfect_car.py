@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A simulated car that is not what its files say: mismatch, sensors, heater faults, clock."""
 
+from dataclasses import replace
 from math import isnan
 
 import numpy as np
@@ -63,6 +64,15 @@ def test_a_heat_path_is_that_of_the_true_car_alone():
     path = HeatPath(heater_lag_s=60.0, sensor_lag_s=30.0)
     car = make_car(heat_path=path)
     assert (car.plant.vehicle.heat_path, car.vehicle.heat_path) == (path, DIRECT)
+
+
+def test_the_heat_path_of_a_vehicle_file_is_simulated_unless_said_otherwise():
+    path = HeatPath(heater_lag_s=60.0, sensor_lag_s=30.0)
+    vehicle = replace(VEHICLE, heat_path=path)
+    for said, driven in ((None, path), (DIRECT, DIRECT), (HeatPath(10.0), HeatPath(10.0))):
+        assert true_vehicle(vehicle, MISMATCH, said).heat_path == driven
+        assert true_vehicle(vehicle, Mismatch(), said).heat_path == driven
+    assert Imperfections().heat_path is None
 
 
 def test_a_lagging_sensor_shows_what_the_battery_was():

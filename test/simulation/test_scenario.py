@@ -11,6 +11,7 @@ from bev_preheat.files.configuration import configuration_folder
 from bev_preheat.simulation.evaluation import evaluate
 from bev_preheat.simulation.scenario import load_scenario
 from bev_preheat.simulation.traffic import Kind
+from bev_preheat.vehicle.heat_path import HeatPath
 
 FOLDER = configuration_folder('scenarios')
 NAMES = sorted(path.stem for path in FOLDER.glob('*.yaml'))
@@ -103,6 +104,13 @@ def test_every_key_takes_effect(tmp_path):
     assert (expected.off_during, expected.heats_during) == (((30, 40),), ((500, 600),))
 
 
+def test_a_heat_path_is_that_of_the_vehicle_file_unless_the_scenario_has_its_own(tmp_path):
+    assert load(tmp_path, GOOD).imperfections.heat_path is None
+    for node, path in (({}, HeatPath()), ({'heater_lag_s': 30}, HeatPath(30.0))):
+        contents = {**GOOD, 'heat_path': node}
+        assert load(tmp_path, contents).imperfections.heat_path == path
+
+
 @pytest.mark.parametrize('path, value, problem', [
     (('expect',), None, 'missing expect'),
     (('name',), '../up', r"name: '../up' is not allowed; it must be one line of text without a "
@@ -119,6 +127,7 @@ def test_every_key_takes_effect(tmp_path):
     (('mismatch', 'heat_capacity'), 5.0, 'mismatch.heat_capacity: 5.0'),
     (('sensors', 'no_such'), 1.0, 'no_such'),
     (('sensors', 'drop_outs'), [[20, 10]], r'sensors.drop_outs\[0\]: \[20, 10\] must rise'),
+    (('heat_path',), {'coolant_heat_capacity_j_per_k': 1e4}, 'heat_path: .* needs coolant_cond'),
     (('heater_faults', 0, 'share'), 1.5, r'heater_faults\[0\].share: 1.5'),
     (('traffic', 0, 'event'), 'earthquake', r'traffic\[0\].event'),
     (('traffic', 0, 'factor'), 2.0, r'traffic\[0\]: stop has duration_s, factor'),

@@ -12,6 +12,7 @@ from bev_preheat.files.configuration import configuration_folder
 from bev_preheat.numerics.arithmetic import FLOATS
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.description import RoadLoad
+from bev_preheat.vehicle.heat_path import DIRECT, HeatPath
 
 GOOD = {
     'name': 'test car',
@@ -139,6 +140,15 @@ def test_assumed_keys_may_name_tables_and_groups(tmp_path):
     assert (vehicle.assumed, vehicle.battery.cells_in_series) == (tuple(keys), 97)
 
 
+def test_the_path_of_the_heat_is_optional_and_so_is_each_part_of_it(tmp_path):
+    assert load_vehicle(written(tmp_path, GOOD)).heat_path == DIRECT
+    whole = {'heater_lag_s': 35, 'coolant_heat_capacity_j_per_k': 12000,
+             'coolant_conductance_w_per_k': 480, 'sensor_lag_s': 15}
+    for node, path in ((whole, HeatPath(35.0, 12e3, 480.0, 15.0)), ({}, DIRECT),
+                       ({'sensor_lag_s': 20}, HeatPath(sensor_lag_s=20.0))):
+        assert load_vehicle(written(tmp_path, with_change('heat_path', node))).heat_path == path
+
+
 def test_leakage_rises_with_speed(tmp_path):
     leakage = load_vehicle(written(tmp_path, GOOD)).battery.leakage
     # 31 + 0.7 * 20
@@ -218,6 +228,18 @@ def test_reference_is_the_car_of_the_papers_table_1():
      '-60000 is not allowed; it must be at least 0 and at most 2000000'),
     ('drivetrain.maximum_regeneration_power_w', 123001, 'drivetrain.maximum_regeneration_power_w: '
      '123001 is above drivetrain.maximum_power_w, 123000'),
+    # The heat's path.
+    ('heat_path', {'heater_lag_s': -1}, 'heat_path.heater_lag_s: -1 is not allowed; it must be at '
+     'least 0 and at most 300'),
+    ('heat_path', {'heater_lag': 30}, "heat_path: unknown key 'heater_lag'; did you mean "
+     "'heater_lag_s'? known keys: heater_lag_s, coolant_heat_capacity_j_per_k, "
+     'coolant_conductance_w_per_k, sensor_lag_s'),
+    ('heat_path', {'coolant_heat_capacity_j_per_k': 15000}, 'heat_path: '
+     'coolant_heat_capacity_j_per_k needs coolant_conductance_w_per_k beside it, or no heat '
+     'arrives'),
+    ('heat_path', {'coolant_heat_capacity_j_per_k': 15000, 'coolant_conductance_w_per_k': 0.5},
+     'heat_path.coolant_conductance_w_per_k: 0.5 W/K take 30000 s for the heat of 15000 J/K; it '
+     'must be at most 3600 s'),
     # Numbers that are none.
     ('battery.heat_capacity_j_per_k', float('nan'),
      'battery.heat_capacity_j_per_k: nan is not a finite number'),

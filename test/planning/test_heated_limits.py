@@ -1,0 +1,134 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Runs within limits of a vehicle with a heat path: the limits hold, as far as a lagging heater lets them."""
+
+from dataclasses import replace
+
+from hypothesis import given
+from hypothesis import strategies as st
+import numpy as np
+import pytest
+
+from bev_preheat.experiments.optimality.drawn_trips import draw_limit_trip
+from bev_preheat.numerics.arithmetic import ARRAYS, FLOATS
+from bev_preheat.planning.limits import drive_as_planned, make_terminal_limits
+from bev_preheat.planning.planner import plan_preheating
+from bev_preheat.planning.situation import BatteryState, Goal
+from bev_preheat.planning.status import Status
+from bev_preheat.planning.trip import make_trip
+from bev_preheat.route.segments import make_route
+from bev_preheat.vehicle import load_vehicle
+from bev_preheat.vehicle.heat_path import HeatPath, make_heated_step
+
+REFERENCE = load_vehicle('reference')
+LAG = HeatPath(heater_lag_s=60.0)
+COOLANT = HeatPath(coolant_heat_capacity_j_per_k=20e3, coolant_conductance_w_per_k=400.0)
+BOTH = HeatPath(45.0, 15e3, 300.0)
+PATHS = st.sampled_from([LAG, COOLANT, BOTH])
+SEGMENT = st.fixed_dictionaries({
+    'duration_s': st.floats(5.0, 60.0), 'speed_mps': st.floats(0.0, 35.0),
+    'propulsion_power_w': st.floats(-60e3, 120e3), 'ambient_temperature_c': st.floats(-20.0, 5.0),
+    'cabin_heating_power_w': st.floats(0.0, 7e3), 'wanted_share': st.floats(0.0, 1.0)})
+SEGMENTS = st.lists(SEGMENT, min_size=1, max_size=25)
+STATES = st.builds(BatteryState, st.floats(-20.0, 30.0), st.floats(0.3, 0.99),
+                   st.floats(0.0, 7e3), st.floats(-2.0, 15.0))
+
+
+def driven(segments, state, path, take_surplus=True):
+    columns = {name: np.array([segment[name] for segment in segments]) for name in segments[0]}
+    share = columns.pop('wanted_share')
+    trip = make_trip(replace(REFERENCE, heat_path=path), make_route(columns, REFERENCE.defaults))
+    return trip, drive_as_planned(trip, state, share * trip.heater_limit_w, take_surplus)
+
+
+@given(SEGMENTS, STATES, PATHS)
+def test_the_run_is_that_of_the_model_under_its_commands(segments, state, path):
+    trip, schedule = driven(segments, state, path)
+    if schedule.empty_at_s is not None:
+        return
+    step = make_heated_step(trip.vehicle, replace(FLOATS, root=lambda value: max(value, 0.0)**0.5))
+    states = state.soc, state.temperature_c, state.heater_power_w, state.coolant_excess_k
+    columns = (*trip.inputs(None, schedule.brake_power_w), schedule.heater_power_w)
+    heat = schedule.heat
+    for k, row in enumerate(zip(*(column.tolist() for column in columns))):
+        *states, _, _, drawn_w, arriving_w = step(*states, *row)
+        assert (min(states[0], 1.0), *states[1:]) == pytest.approx((
+            schedule.soc[k + 1], schedule.temperature_c[k + 1], heat.heater_power_w[k + 1],
+            heat.coolant_excess_k[k + 1]), rel=1e-9, abs=1e-9)
+        assert (drawn_w, arriving_w) == pytest.approx(
+            (heat.drawn_power_w[k], heat.arriving_heat_w[k]), rel=1e-9, abs=1e-6)
+        states[0] = min(states[0], 1.0)
+
+
+@given(SEGMENTS, STATES, PATHS, st.booleans())
+def test_commands_and_brake_stay_within_theirs(segments, state, path, take_surplus):
+    trip, schedule = driven(segments, state, path, take_surplus)
+    assert ((schedule.heater_power_w >= 0.0)
+            & (schedule.heater_power_w <= trip.heater_limit_w * (1.0 + 1e-12))).all()
+    assert ((schedule.brake_power_w >= 0.0)
+            & (schedule.brake_power_w <= np.maximum(-trip.route.propulsion_power_w, 0.0))).all()
+    assert ((schedule.soc >= 0.0) & (schedule.soc <= 1.0)).all()
+
+
+@given(SEGMENTS, STATES, PATHS)
+def test_a_command_never_asks_for_more_than_the_battery_can_give(segments, state, path):
+    trip, schedule = driven(segments, state, path)
+    if schedule.empty_at_s is not None:
+        return
+    _, most_w = make_terminal_limits(trip.vehicle, ARRAYS)(
+        schedule.soc[:-1], schedule.temperature_c[:-1], trip.power_variance_w2)
+    # What a heater takes that was commanded nothing is the rest of what it was commanded before.
+    beyond_w = (trip.idle_power_w + schedule.drawn_power_w - most_w)[schedule.heater_power_w > 0.0]
+    surplus = (trip.route.propulsion_power_w < 0.0)[schedule.heater_power_w > 0.0]
+    assert (beyond_w <= 1e-6 * np.abs(most_w).max())[~surplus].all()
+
+
+def test_heat_on_its_way_counts_at_the_highest_temperature():
+    vehicle = replace(REFERENCE, heat_path=BOTH)
+    highest_c = vehicle.battery.temperature_range_c[1]
+    route = make_route({'duration_s': [30.0] * 60, 'speed_mps': [0.0], 'propulsion_power_w': [0.0],
+                        'ambient_temperature_c': [20.0], 'cabin_heating_power_w': [0.0]},
+                       vehicle.defaults)
+    trip = make_trip(vehicle, route)
+    schedule = drive_as_planned(trip, BatteryState(highest_c - 4.0, 0.8), trip.heater_limit_w)
+    # The heat that keeps it there against the leakage is on its way all the time.
+    settled_c = schedule.temperature_c[-1] + (
+        15e3 * schedule.heat.coolant_excess_k[-1]
+        + vehicle.hvch.efficiency * 45.0 * schedule.heat.heater_power_w[-1]) / (
+            vehicle.battery.heat_capacity_j_per_k + 15e3)
+    assert settled_c == pytest.approx(highest_c, abs=1e-5)
+    assert highest_c - 1.0 < schedule.temperature_c.max() <= highest_c
+
+
+@pytest.mark.costly
+@pytest.mark.parametrize('path', [LAG, COOLANT, BOTH])
+@pytest.mark.parametrize('number', [3, 10, 20, 35])
+def test_climbs_that_heat_helps_with_are_delivered(path, number):
+    trip = draw_limit_trip(REFERENCE, 1, number)
+    at_once, late = (plan_preheating(
+        replace(REFERENCE, heat_path=each), trip.route, trip.state, trip.goal)
+        for each in (HeatPath(), path))
+    assert at_once.undeliverable_power_w == late.undeliverable_power_w == 0.0
+    assert at_once.heating_start_s is not None
+    assert late.heating_start_s < at_once.heating_start_s
+
+
+@pytest.mark.costly
+@pytest.mark.parametrize('number', [25, 39])
+def test_before_a_descent_heat_comes_in_time_and_the_target_is_met(number):
+    trip = draw_limit_trip(REFERENCE, 1, number)
+    plan = plan_preheating(replace(REFERENCE, heat_path=BOTH), trip.route, trip.state, trip.goal)
+    assert plan.shortfall_k < 1e-4
+    descent_s = float(plan.time_s[np.argmax(trip.route.propulsion_power_w < 0.0)])
+    assert plan.heating_start_s < descent_s - BOTH.heat_lag_s
+
+
+def test_an_empty_battery_strands_with_its_coolant_cooling():
+    route = make_route({'duration_s': [30.0] * 40, 'speed_mps': [20.0],
+                        'propulsion_power_w': [40e3], 'ambient_temperature_c': [-10.0],
+                        'cabin_heating_power_w': [0.0]}, REFERENCE.defaults)
+    state = BatteryState(-5.0, 0.1, 3e3, 10.0)
+    plan = plan_preheating(replace(REFERENCE, heat_path=BOTH), route, state, Goal(20.0))
+    assert plan.status is Status.OUT_OF_CHARGE
+    assert (plan.soc[-5:] == 0.0).all()
+    assert 0.0 <= plan.heat.coolant_excess_k[-1] < 0.5
+    assert plan.heat.lost_electric_wh == 0.0
