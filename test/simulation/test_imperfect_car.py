@@ -252,6 +252,15 @@ def test_the_trip_planner_knows_the_route_as_described():
     assert (leg.route.propulsion_power_w == ROUTE.propulsion_power_w).all()
 
 
+def test_the_trip_planner_says_at_the_start_how_long_the_car_stood_and_not_again():
+    car = ImperfectCar(VEHICLE, ROUTE, BatteryState(-7.0, 0.9), Goal(25.0), Imperfections(
+        events=(Event(Kind.CANCEL_CHARGING, 50.0, 5.0),)), standing_time_s=7200.0)
+    assert car.mission(NS_PER_S).standing_time_s == 7200.0
+    drive(car, 55.0)
+    assert car.route_news(0).standing_time_s == 0.0
+    assert make_car().mission(NS_PER_S).standing_time_s == 0.0
+
+
 def test_news_come_once_when_they_are_due():
     car = make_car(events=(Event(Kind.CANCEL_CHARGING, 50.0, 5.0),))
     drive(car, 54.0)

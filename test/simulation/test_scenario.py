@@ -11,6 +11,7 @@ from bev_preheat.files.configuration import configuration_folder
 from bev_preheat.simulation.evaluation import evaluate
 from bev_preheat.simulation.scenario import load_scenario
 from bev_preheat.simulation.traffic import Kind
+from bev_preheat.supervision.inputs import NS_PER_S
 from bev_preheat.vehicle.heat_path import HeatPath
 
 FOLDER = configuration_folder('scenarios')
@@ -19,7 +20,7 @@ NAMES = sorted(path.stem for path in FOLDER.glob('*.yaml'))
 GOOD = {
     'name': 'tried', 'description': 'All that a file can say.', 'seed': 3,
     'drive': {'vehicle': 'reference', 'route': 'reference', 'ends_after_s': 1200,
-              'initial_battery_temperature_c': -5, 'initial_soc': 0.8,
+              'initial_battery_temperature_c': -5, 'initial_soc': 0.8, 'standing_time_s': 7200,
               'target_battery_temperature_c': 20, 'minimum_arrival_soc': 0.1,
               'charging_planned': True},
     'planner': {'minimum_off_time': 60.0, 'estimation': False},
@@ -92,6 +93,7 @@ def test_every_key_takes_effect(tmp_path):
     assert scenario.route.total_duration_s == pytest.approx(1200.0)
     assert (scenario.state.temperature_c, scenario.state.soc) == (-5.0, 0.8)
     assert (scenario.goal.target_temperature_c, scenario.goal.minimum_arrival_soc) == (20.0, 0.1)
+    assert scenario.car().mission(NS_PER_S).standing_time_s == 7200.0
     assert scenario.planner == {'minimum_off_time': 60.0, 'estimation': False}
     assert imperfections.mismatch.heat_capacity == 1.1
     assert imperfections.sensors.drop_outs == ((10, 20),)
@@ -118,6 +120,8 @@ def test_a_heat_path_is_that_of_the_vehicle_file_unless_the_scenario_has_its_own
     (('name',), 'two\nlines', 'name: .* is not allowed; it must be one line'),
     (('name',), '', "name: '' is not allowed; it must be one line"),
     (('drive', 'initial_soc'), 1.2, 'drive.initial_soc: 1.2'),
+    (('drive', 'standing_time_s'), -1, 'drive.standing_time_s: -1'),
+    (('drive', 'standing_time_s'), float('nan'), 'drive.standing_time_s: nan'),
     (('drive', 'initial_soc'), None, 'drive: missing initial_soc'),
     (('drive', 'vehicle'), 'no_such', "vehicle 'no_such' is unknown"),
     (('drive', 'route'), 'no_such', "route 'no_such' is unknown"),
