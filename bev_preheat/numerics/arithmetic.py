@@ -72,12 +72,17 @@ def array_log(value: FloatArray | float) -> Any:
     return np.log(np.asarray(value, dtype=float, order='C'))
 
 
+def _share(value: float) -> float:
+    # Nearly all are within, and a comparison costs less than two calls.
+    return value if 0.0 <= value <= 1.0 else min(max(value, 0.0), 1.0)
+
+
 # The fast one: a negative discriminant raises ValueError, which costs nothing where it is not.
 FLOATS: Arithmetic[float] = Arithmetic(math.sqrt, math.log, math.exp, max, min)
 # The same for steps in which the battery cannot deliver the power: the current stays at U_oc/(2 R).
 # An empty battery is driven on with it, too, until the step is cut where the charge runs out.
 SATURATING_FLOATS: Arithmetic[float] = Arithmetic(
-    _saturating_root, math.log, math.exp, max, min, share=lambda value: min(max(value, 0.0), 1.0))
+    _saturating_root, math.log, math.exp, max, min, share=_share)
 ARRAYS: Arithmetic[FloatArray] = Arithmetic(
     lambda value: np.sqrt(np.maximum(value, 0.0)), array_log, array_exp, np.maximum, np.minimum,
     share=lambda value: np.minimum(np.maximum(value, 0.0), 1.0))

@@ -198,11 +198,6 @@ def _step_within_limits(trip: Trip, watch: Watch, paid_power_w: PaidPower,
         (duration_s, power_w, variance_w2, heat_w, leakage_w_per_k, cap_w, propulsion_w,
          may_overcharge, may_overdraw) = columns[k]
 
-        def end_of(heater_w: float, brake_w: float) -> tuple[float, float]:
-            return step(
-                soc, temperature_c, duration_s, power_w + heater_w + brake_w, variance_w2,
-                heat_w + efficiency * heater_w - heat_share * brake_w, leakage_w_per_k)
-
         if temperature_c >= highest_c:
             heater_w = cap_w = 0.0
         else:
@@ -216,15 +211,22 @@ def _step_within_limits(trip: Trip, watch: Watch, paid_power_w: PaidPower,
             brake_w = 0.0
             if may_overcharge:
                 brake_w = min(max(0.0, least_w - power_w - heater_w), -propulsion_w)
-            soc_end, end_c = end_of(heater_w, brake_w)
+            soc_end, end_c = step(
+                soc, temperature_c, duration_s, power_w + heater_w + brake_w, variance_w2,
+                heat_w + efficiency * heater_w - heat_share * brake_w, leakage_w_per_k)
             if heater_w <= 0.0 or end_c <= highest_c + HIGHEST_TOLERANCE_K:
                 break
             heater_w = max(0.0, heater_w - (end_c - highest_c) * joules_per_k / duration_s)
         if soc_end > 1.0:
             # The brake takes what would overfill the battery.
+            def end_of(brake_w: float) -> tuple[float, float]:
+                return step(
+                    soc, temperature_c, duration_s, power_w + heater_w + brake_w, variance_w2,
+                    heat_w + efficiency * heater_w - heat_share * brake_w, leakage_w_per_k)
+
             brake_w = halve(max(0.0, -propulsion_w), brake_w,
-                            lambda braked_w: end_of(heater_w, braked_w)[0] <= 1.0)
-            soc_end, end_c = end_of(heater_w, brake_w)
+                            lambda braked_w: end_of(braked_w)[0] <= 1.0)
+            soc_end, end_c = end_of(brake_w)
             soc_end = min(soc_end, 1.0)
         return soc_end, end_c, heater_w, brake_w
 

@@ -117,11 +117,13 @@ class Table:
 
     def _function_of_arrays(self) -> CurveFunction[AnyNumber]:
         soc_axis, temperature_axis = np.array(self.soc), np.array(self.temperature_c)
+        soc_cells, temperature_cells = (
+            np.arange(len(axis), dtype=float) for axis in (soc_axis, temperature_axis))
         values, columns = np.array(self.values).ravel(), len(self.temperature_c)
 
         def lookup(soc: FloatArray, temperature_c: FloatArray) -> FloatArray:
-            i, next_i, a = _cell(soc_axis, soc)
-            j, next_j, b = _cell(temperature_axis, temperature_c)
+            i, next_i, a = _cell(soc_axis, soc_cells, soc)
+            j, next_j, b = _cell(temperature_axis, temperature_cells, temperature_c)
             low, high = columns * i, columns * next_i
             at_low = values.take(low + j)
             at_low = at_low + b * (values.take(low + next_j) - at_low)
@@ -182,12 +184,13 @@ def _line(axis: Sequence[float], values: Sequence[float]) -> Callable[[float], f
     return line
 
 
-def _cell(axis: FloatArray, x: FloatArray) -> tuple[AnyNumber, AnyNumber, AnyNumber]:
+def _cell(axis: FloatArray, cells: FloatArray,
+          x: FloatArray) -> tuple[AnyNumber, AnyNumber, AnyNumber]:
     """Index of the axis point below each x, of the one above, and how far x is between them."""
     if len(axis) == 1:
         return 0, 0, 0.0
     # Position along the axis in units of its cells; level beyond the ends.
-    position = np.interp(x, axis, np.arange(len(axis), dtype=float))
+    position = np.interp(x, axis, cells)
     below = np.minimum(position.astype(int), len(axis) - 2)
     return below, below + 1, position - below
 
