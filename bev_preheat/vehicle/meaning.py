@@ -154,7 +154,7 @@ def heat_path_in_words(vehicle: Vehicle) -> str:
     if path.is_direct:
         parts.append('the heat of the heater arrives at once')
     if path.heater_lag_s > 0.0:
-        parts.append(f'the heater follows its command with {path.heater_lag_s:.0f} s')
+        parts.append(f'the heater follows its command with a time constant of {path.heater_lag_s:.0f} s')
     if path.has_coolant:
         heat_w = vehicle.hvch.efficiency * vehicle.hvch.maximum_power_w
         parts.append(
@@ -163,10 +163,10 @@ def heat_path_in_words(vehicle: Vehicle) -> str:
             'of the heater')
     if not path.is_direct:
         late_wh = path.heat_lag_s * vehicle.hvch.maximum_power_w / SECONDS_PER_H
-        parts.append(f'{late_wh:.0f} Wh are under way when all of the heater is switched off, and '
-                     'lost from what arrives after the drive')
+        parts.append(f'{late_wh:.0f} Wh are still under way when the heater is switched off at full '
+                     'power; what arrives after the drive is lost')
     if path.sensor_lag_s > 0.0:
-        parts.append(f'the sensor follows the battery with {path.sensor_lag_s:.0f} s')
+        parts.append(f'the sensor follows the battery with a time constant of {path.sensor_lag_s:.0f} s')
     text = '; '.join(parts)
     return f'{text[0].upper()}{text[1:]}.'
 

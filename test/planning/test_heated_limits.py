@@ -95,7 +95,7 @@ def test_heat_on_its_way_counts_at_the_highest_temperature():
         15e3 * schedule.heat.coolant_excess_k[-1]
         + vehicle.hvch.efficiency * 45.0 * schedule.heat.heater_power_w[-1]) / (
             vehicle.battery.heat_capacity_j_per_k + 15e3)
-    assert settled_c == pytest.approx(highest_c, abs=1e-5)
+    assert settled_c == pytest.approx(highest_c, abs=1e-3)
     assert highest_c - 1.0 < schedule.temperature_c.max() <= highest_c
 
 

@@ -167,9 +167,10 @@ def test_the_path_of_the_heat_is_said_in_words(plain):
     path = {'heater_lag_s': 40, 'coolant_heat_capacity_j_per_k': 20000,
             'coolant_conductance_w_per_k': 400, 'sensor_lag_s': 25}
     assert meaning_of(plain(heat_path=path)).heat_path == (
-        'The heater follows its command with 40 s; the coolant passes its heat on with 50 s and '
-        'gets 12 K warmer than the battery under all of the heater; 150 Wh are under way when all '
-        'of the heater is switched off, and lost from what arrives after the drive; the sensor '
-        'follows the battery with 25 s.')
+        'The heater follows its command with a time constant of 40 s; the coolant passes its heat '
+        'on with 50 s and gets 12 K warmer than the battery under all of the heater; 150 Wh are '
+        'still under way when the heater is switched off at full power; what arrives after the '
+        'drive is lost; the sensor follows the battery with a time constant of 25 s.')
     assert meaning_of(plain(heat_path={'sensor_lag_s': 25})).heat_path == (
-        'The heat of the heater arrives at once; the sensor follows the battery with 25 s.')
+        'The heat of the heater arrives at once; the sensor follows the battery with a time '
+        'constant of 25 s.')
