@@ -10,6 +10,7 @@ from short_drives import short_conditions
 from bev_preheat.experiments.robustness import drives
 from bev_preheat.experiments.robustness.drawn_cars import draw_car
 from bev_preheat.experiments.robustness.drives import drive_informed, drive_with_planner
+from bev_preheat.experiments.supervised_drive import moments
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.planning.status import Status
 from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections
@@ -18,7 +19,8 @@ from bev_preheat.simulation.sensors import Sensors
 from bev_preheat.supervision.decision import Command, Decision
 from bev_preheat.supervision.events import RouteArrived
 from bev_preheat.supervision.settings import Settings
-from bev_preheat.supervision.supervisor import Output
+from bev_preheat.supervision.supervisor import Output, Supervisor
+from bev_preheat.vehicle.heat_path import HeatPath
 
 CONDITIONS = short_conditions()
 # What the cabin leaves of the heater [W].
@@ -192,3 +194,35 @@ def test_plan_that_does_not_know_the_truth_misses_by_more():
     informed = drive_informed(weak, CONDITIONS.goal)
     assert informed.heating_energy_wh > 1.1 * believed.heating_energy_wh
     assert abs(informed.arrival_error_k) < 0.01
+
+
+PATH = HeatPath(30.0, 12e3, 400.0)
+SLOW = short_conditions(vehicle=replace(CONDITIONS.vehicle, heat_path=PATH))
+
+
+def test_informed_drive_knows_the_heat_path():
+    car = make_car(SLOW)
+    assert car.plant.vehicle.heat_path == PATH
+    informed, at_once = drive_informed(car, SLOW.goal), drive_informed(make_car(), CONDITIONS.goal)
+    # Plans in steps of 30 s, a drive in steps of 1 s.
+    assert informed.arrival_error_k == pytest.approx(0.0, abs=0.01)
+    assert informed.switch_ons == 1
+    # The coolant gets 3 K warmer, too.
+    assert informed.heating_energy_wh > at_once.heating_energy_wh + 12e3 * 3.0 / 0.87 / 3600.0
+    assert informed.first_switch_on_s < at_once.first_switch_on_s
+
+
+@pytest.mark.costly
+def test_planner_uses_the_heat_path_of_the_vehicle_file():
+    """It plans from heat that is under way, and switches off before arrival."""
+    supervisor, car = Supervisor(SLOW.vehicle, every_two_seconds(Settings())), make_car(SLOW)
+    under_way_w, ends_s = [], []
+    for moment in moments(car, supervisor, lambda: car.plant.is_standing):
+        plan = supervisor.decision.plan
+        if plan is not None and car.plant.heater_power_w > 4e3:
+            under_way_w.append(plan.heat.heater_power_w[0])
+            ends_s.append(moment.time_s + (plan.heating_end_s or 0.0))
+    # The estimation divides what is under way as under a steady command.
+    assert np.median(under_way_w) == pytest.approx(LIMIT_W, rel=0.4)
+    assert max(ends_s) < car.plant.duration_s - 15.0
+    assert car.plant.temperature_c == pytest.approx(SLOW.goal.target_temperature_c, abs=0.4)
