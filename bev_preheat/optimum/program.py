@@ -28,17 +28,12 @@ from typing import TYPE_CHECKING
 import casadi
 import numpy as np
 
-from bev_preheat.optimum.layout import Block, Layout
-from bev_preheat.optimum.symbols import (
-    FACTORS,
-    symbolic_curve,
-    symbolic_heated_step,
-    symbolic_rates,
-    symbolic_step,
-)
+from bev_preheat.optimum.blocks import Blocks, POWER_SCALE_W
+from bev_preheat.optimum.heated_steps import add_heated_steps
+from bev_preheat.optimum.layout import Layout
+from bev_preheat.optimum.symbols import FACTORS, symbolic_curve, symbolic_rates, symbolic_step
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
     from typing import Any
 
     from bev_preheat.numerics.arrays import FloatArray
@@ -49,7 +44,6 @@ if TYPE_CHECKING:
 
 # Scales that bring variables and constraints near 1.
 SOC_SCALE = 0.01
-POWER_SCALE_W = 1e3
 ENERGY_SCALE_J = 1e6
 # What a kelvin, a per cent and a kilowatt that are lacking cost, in scaled joules: more than
 # heating could ever save, and charge before warmth.
@@ -151,33 +145,6 @@ class Program:
             found.get('heater_power'), found.get('coolant_excess'))
 
 
-class _Blocks:
-    """Named expressions on their way into a program."""
-
-    def __init__(self) -> None:
-        self._blocks: list[Block] = []
-        self._expressions: list[casadi.MX] = []
-
-    def add(self, name: str, row: casadi.MX, scale: float = 1.0) -> None:
-        """Add a row vector, scaled."""
-        self._blocks.append(Block(name, row.shape[1], scale))
-        self._expressions.append(row.T)
-
-    def variable(self, name: str, count: int, scale: float = 1.0) -> casadi.MX:
-        """Add and return a row of variables, scaled."""
-        row = casadi.MX.sym(name, 1, count)
-        self.add(name, row, scale)
-        return row
-
-    def layout(self) -> Layout:
-        """Return where they lie."""
-        return Layout(tuple(self._blocks))
-
-    def vector(self) -> casadi.MX:
-        """Return all of them, one below the other."""
-        return casadi.vertcat(*self._expressions)
-
-
 # Positional only, without defaults: for lru_cache f(1, 2) and f(1, b=2) are different calls.
 @lru_cache(maxsize=16)
 def build_program(vehicle: Vehicle, steps: int, limited: bool, give: Give) -> Program:
@@ -186,7 +153,7 @@ def build_program(vehicle: Vehicle, steps: int, limited: bool, give: Give) -> Pr
 
     `limited`: with the power limits of the battery (9i); `give`: elastic, and how far.
     """
-    variables, constraints = _Blocks(), _Blocks()
+    variables, constraints = Blocks(), Blocks()
     soc = variables.variable('soc', steps + 1, SOC_SCALE)
     temperature_c = variables.variable('temperature', steps + 1)
     heater = variables.variable('heater', steps, POWER_SCALE_W)
@@ -210,7 +177,7 @@ def build_program(vehicle: Vehicle, steps: int, limited: bool, give: Give) -> Pr
             leakage_w_per_k, *factors)
     else:
         heat_w = idle_heat_w - vehicle.drivetrain.heat_share * brake_w
-        soc_end, temperature_end_c, mean_joule_w, drawn_w, lost_j = _heated_steps(
+        soc_end, temperature_end_c, mean_joule_w, drawn_w, lost_j = add_heated_steps(
             vehicle, variables, constraints, (soc[:-1] * SOC_SCALE, temperature_c[:-1]),
             (duration_s, idle_power_w + brake_w, variance_w2, heat_w, leakage_w_per_k, heater_w,
              *factors, heater_efficiency))
@@ -255,39 +222,6 @@ def build_program(vehicle: Vehicle, steps: int, limited: bool, give: Give) -> Pr
         'g': constraints.vector()}
     solver = casadi.nlpsol('optimum', 'ipopt', problem, SOLVER_OPTIONS)
     return Program(solver, variables.layout(), constraints.layout(), limited, give)
-
-
-def _heated_steps(
-        vehicle: Vehicle, variables: _Blocks, constraints: _Blocks,
-        start: tuple[casadi.MX, casadi.MX],
-        inputs: Sequence[casadi.MX]) -> tuple[casadi.MX, ...]:
-    """
-    Add the states of a heat path to a program, with their defects, and return what its steps do.
-
-    `start` are state of charge and temperature [deg C] at the start of each step, `inputs` the other
-    arguments of `symbolic_heated_step`, in its order. Returns state of charge and temperature at the
-    ends, mean Joule heat [W], what the heater takes [W], and what it takes after arrival [J].
-    """
-    path, steps = vehicle.heat_path, start[0].shape[1]
-    heater_power = excess_k = None
-    # What does not lag is no state: it would be a variable without a choice.
-    if path.heater_lag_s > 0.0:
-        heater_power = variables.variable('heater_power', steps + 1, POWER_SCALE_W)
-    if path.has_coolant:
-        excess_k = variables.variable('coolant_excess', steps + 1)
-    nothing = casadi.MX.zeros(1, steps)
-    soc_end, temperature_end_c, heater_end_w, excess_end_k, _, mean_joule_w, drawn_w, _ = (
-        symbolic_heated_step(vehicle).map(steps)(
-            *start, nothing if heater_power is None else heater_power[:-1] * POWER_SCALE_W,
-            nothing if excess_k is None else excess_k[:-1], *inputs))
-    lost_j = casadi.MX(0.0)
-    if heater_power is not None:
-        constraints.add('heater_power_defect', heater_end_w / POWER_SCALE_W - heater_power[1:],
-                        POWER_SCALE_W)
-        lost_j = path.heater_lag_s * POWER_SCALE_W * heater_power[-1]
-    if excess_k is not None:
-        constraints.add('coolant_excess_defect', excess_end_k - excess_k[1:])
-    return soc_end, temperature_end_c, mean_joule_w, drawn_w, lost_j
 
 
 def programs_built() -> int:

@@ -1,0 +1,39 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Named expressions on their way into a nonlinear program."""
+
+from __future__ import annotations
+
+import casadi
+
+from bev_preheat.optimum.layout import Block, Layout
+
+# The scale that brings powers near 1.
+POWER_SCALE_W = 1e3
+
+
+class Blocks:
+    """Expressions of a program, or its variables, in the order in which they lie in its vector."""
+
+    def __init__(self) -> None:
+        """Begin without any."""
+        self._blocks: list[Block] = []
+        self._expressions: list[casadi.MX] = []
+
+    def add(self, name: str, row: casadi.MX, scale: float = 1.0) -> None:
+        """Add a row vector, scaled."""
+        self._blocks.append(Block(name, row.shape[1], scale))
+        self._expressions.append(row.T)
+
+    def variable(self, name: str, count: int, scale: float = 1.0) -> casadi.MX:
+        """Add and return a row of variables, scaled."""
+        row = casadi.MX.sym(name, 1, count)
+        self.add(name, row, scale)
+        return row
+
+    def layout(self) -> Layout:
+        """Return where they lie."""
+        return Layout(tuple(self._blocks))
+
+    def vector(self) -> casadi.MX:
+        """Return all of them, one below the other."""
+        return casadi.vertcat(*self._expressions)

@@ -1,0 +1,73 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a heater that lags must be commanded now, for the steps after this one."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from bev_preheat.planning.heat_run import mean_share_left
+
+if TYPE_CHECKING:
+    from bev_preheat.planning.heat_run import States
+    from bev_preheat.planning.limits import TerminalLimits, Watch
+    from bev_preheat.planning.trip import Trip
+
+# So many lags after it was switched off, a heater takes nothing worth naming.
+LAGS_AHEAD = 5.0
+# Surplus is taken while it lasts for so many lags more: after that the heater goes on, paid for. Where
+# heat is worth half of what it costs, that is the best (the logarithm of 2).
+LASTING_LAGS = 0.7
+
+
+class Foresight:
+    """Looks ahead along one trip, with the limits of the battery's state now."""
+
+    def __init__(self, trip: Trip, watch: Watch, limits: TerminalLimits[float]) -> None:
+        """Take a trip, its Watch, and the terminal limits for floats."""
+        self._limits, self._lag_s = limits, trip.vehicle.heat_path.heater_lag_s
+        self._duration_s: list[float] = trip.route.duration_s.tolist()
+        self._idle_power_w: list[float] = trip.idle_power_w.tolist()
+        self._variance_w2: list[float] = trip.power_variance_w2.tolist()
+        self._may_overdraw: list[bool] = watch.discharge.tolist()
+        self._decay = [math.exp(-each_s / self._lag_s) for each_s in self._duration_s]
+        self._mean_left: list[float] = mean_share_left(
+            trip.vehicle.heat_path, trip.route.duration_s).tolist()
+        ahead_s, starts_s = LAGS_AHEAD * self._lag_s, trip.time_s[:-1][watch.discharge]
+        self._before_climbs = frozenset(
+            k for k in range(len(trip.route))
+            if ((starts_s > trip.time_s[k]) & (starts_s < trip.time_s[k + 1] + ahead_s)).any())
+
+    def _steps_after(self, k: int, duration_s: float) -> range:
+        """Return the steps that begin within so long after the end of step k."""
+        last = k
+        while last + 1 < len(self._duration_s) and duration_s > 0.0:
+            last += 1
+            duration_s -= self._duration_s[last]
+        return range(k + 1, last + 1)
+
+    def off_in_time_w(self, k: int, states: States) -> float:
+        """Return the command [W] after which the heater, switched off, leaves a climb its power."""
+        if k not in self._before_climbs:
+            return math.inf
+        soc, temperature_c, heater_w, _ = states
+        allowed_w = math.inf
+        for j in reversed(self._steps_after(k, LAGS_AHEAD * self._lag_s)):
+            allowed_w /= self._decay[j]
+            if self._may_overdraw[j]:
+                _, most_w = self._limits(soc, temperature_c, self._variance_w2[j])
+                # What the drive lacks without any heating is not for the heater to give.
+                allowed_w = min(allowed_w, max(
+                    most_w - self._idle_power_w[j], 0.0) / self._mean_left[j])
+        return (allowed_w - self._decay[k] * heater_w) / (1.0 - self._decay[k])
+
+    def lasting_surplus_w(self, k: int, states: States) -> float:
+        """Return what of the surplus [W] goes on: what the heater takes afterwards is paid for."""
+        soc, temperature_c, _, _ = states
+        ahead_s = LASTING_LAGS * self._lag_s
+        steps = self._steps_after(k, ahead_s)
+        if sum(self._duration_s[j] for j in steps) < ahead_s:
+            # The rest would be taken after arrival.
+            return 0.0
+        return max(0.0, min(self._limits(soc, temperature_c, self._variance_w2[j])[0]
+                            - self._idle_power_w[j] for j in steps))
