@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from bev_preheat.experiments.cost.figures import Figure, turns_s
-from bev_preheat.experiments.cost.planning_cost import GOAL, STATE
+from bev_preheat.experiments.cost.planning_cost import GOAL, SLOW, STATE
 from bev_preheat.planning.dynamics import keep_accounts
 from bev_preheat.planning.planner import METHODS, plan_preheating
 from bev_preheat.planning.trip import make_trip
@@ -65,6 +65,9 @@ def measure(log: Callable[[str], object]) -> list[Figure]:
     alpine_s, alpine_peer_s = turns_s(
         lambda: solve_optimum(vehicle, alpine_route, STATE, GOAL), alpine_peer.solve, ROUNDS)
     log(f'alpine_pass: program {1e3 * alpine_s:.1f} ms, do-mpc {1e3 * alpine_peer_s:.1f} ms')
+    slow = replace(vehicle, heat_path=SLOW)
+    slow_s, direct_s = turns_s(
+        lambda: solve_optimum(slow, route, STATE, GOAL), solve, ROUNDS)
     program_setup_s, peer_setup_s = turns_s(
         set_up_and_solve, lambda: PeerProblem(trip, STATE, GOAL).solve(), ROUNDS_WITH_SETUP)
     log(f'with set-up: program {program_setup_s:.2f} s, do-mpc {peer_setup_s:.2f} s')
@@ -79,6 +82,7 @@ def measure(log: Callable[[str], object]) -> list[Figure]:
                unlimited_s / unlimited_peer_s, ''),
         Figure('cold solve on alpine_pass, where limits are active, program / do-mpc',
                alpine_s / alpine_peer_s, ''),
+        Figure('program, cold solve, with a heat path / without', slow_s / direct_s, ''),
         Figure('program, set-up and cold solve, median', 1e3 * program_setup_s, 'ms'),
         Figure('do-mpc, set-up and cold solve, median', 1e3 * peer_setup_s, 'ms'),
         Figure('set-up and cold solve, program / do-mpc', program_setup_s / peer_setup_s, '',

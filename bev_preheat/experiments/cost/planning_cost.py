@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 import math
 from typing import TYPE_CHECKING
@@ -12,6 +13,7 @@ from bev_preheat.planning.planner import METHODS, plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route import load_route
 from bev_preheat.vehicle import load_vehicle
+from bev_preheat.vehicle.heat_path import HeatPath
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -25,6 +27,8 @@ BOUNDS_MS = {'paper': 0.3, 'optimal_switch': 0.8}
 SEGMENT_COUNTS = (120, 1440, 14400)
 MERIT_ORDER_RATIO = 3.0
 ROUNDS = 200
+# Heater 45 s late, coolant 50 s, the sensor 30 s.
+SLOW = HeatPath(45.0, 15e3, 300.0, 30.0)
 
 
 def measure(log: Callable[[str], object]) -> list[Figure]:
@@ -46,7 +50,9 @@ def measure(log: Callable[[str], object]) -> list[Figure]:
         exponent = math.log(times_s[last] / times_s[first]) / math.log(last / first)
         figures.append(Figure(f'growth of {method} with N from {first} to {last}: exponent',
                               exponent, '', 1.1))
-    return figures + [_merit_order_ratio(vehicle, name) for name in ('reference', 'alpine_pass')]
+    for name in ('reference', 'alpine_pass'):
+        figures += [_merit_order_ratio(vehicle, name), _heat_path_ratio(vehicle, name)]
+    return figures
 
 
 def _merit_order_ratio(vehicle: Vehicle, name: str) -> Figure:
@@ -58,3 +64,14 @@ def _merit_order_ratio(vehicle: Vehicle, name: str) -> Figure:
         lambda: plan_preheating(vehicle, route, STATE, GOAL, 'optimal_switch'), ROUNDS)
     return Figure(f'plan on {name}, N = {len(route)}, merit_order / optimal_switch',
                   merit_order_s / switch_s, '', MERIT_ORDER_RATIO)
+
+
+def _heat_path_ratio(vehicle: Vehicle, name: str) -> Figure:
+    """Return what heater and coolant as states add to a plan."""
+    route = load_route(name, vehicle.defaults)
+    slow = replace(vehicle, heat_path=SLOW)
+    with_path_s, direct_s = turns_s(
+        lambda: plan_preheating(slow, route, STATE, GOAL),
+        lambda: plan_preheating(vehicle, route, STATE, GOAL), ROUNDS)
+    return Figure(f'plan on {name}, N = {len(route)}, with a heat path / without',
+                  with_path_s / direct_s, '')
