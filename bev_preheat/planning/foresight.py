@@ -53,7 +53,8 @@ class Foresight:
         soc, temperature_c, heater_w, _ = states
         allowed_w = math.inf
         for j in reversed(self._steps_after(k, LAGS_AHEAD * self._lag_s)):
-            allowed_w /= self._decay[j]
+            # Of a lag that is short beside a step nothing is left at its end.
+            allowed_w = allowed_w / self._decay[j] if self._decay[j] > 0.0 else math.inf
             if self._may_overdraw[j]:
                 _, most_w = self._limits(soc, temperature_c, self._variance_w2[j])
                 # What the drive lacks without any heating is not for the heater to give.
@@ -64,8 +65,12 @@ class Foresight:
     def lasting_surplus_w(self, k: int, states: States) -> float:
         """Return what of the surplus [W] goes on: what the heater takes afterwards is paid for."""
         soc, temperature_c, _, _ = states
-        ahead_s = LASTING_LAGS * self._lag_s
+        # Counted from the middle of the step: where it is long beside the lag, its own surplus is
+        # worth taking whatever follows.
+        ahead_s = LASTING_LAGS * self._lag_s - 0.5 * self._duration_s[k]
         steps = self._steps_after(k, ahead_s)
+        if not steps:
+            return math.inf
         if sum(self._duration_s[j] for j in steps) < ahead_s:
             # The rest would be taken after arrival.
             return 0.0

@@ -90,7 +90,9 @@ class _Search:
         self._found.append((off_s, on_s))
         schedule = self._along(on_s, off_s, found.outcome)
         taken_wh = keep_accounts(self._trip, schedule, deliverable=True).energy_wh.battery_total
-        if above_k < -COMPARED_TOLERANCE_K:
+        # Heated from the first instant on, what is lacking cannot be made up for.
+        allowed_k = COMPARED_TOLERANCE_K if on_s > 0.0 else ARRIVAL_TOLERANCE_K
+        if above_k < -allowed_k:
             taken_wh -= LACKING_WH_PER_K * above_k
         elif (slope := self._slope_k_per_s(on_s)) < 0.0:
             heater_w = float(self._trip.heater_limit_w[self._first_step(on_s)])

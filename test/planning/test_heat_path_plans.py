@@ -316,3 +316,24 @@ def test_json_holds_the_course_of_the_heat():
     assert heat == {key: value.tolist() if hasattr(value, 'tolist') else value
                     for key, value in asdict(plan.heat).items()}
     assert len(heat['heater_power_w']) == len(plan.time_s) == len(heat['drawn_power_w']) + 1
+
+
+def test_heated_from_the_first_instant_it_arrives_at_the_target_too():
+    # Found by the property above: what is heated early is not lost here, so the heater is off as
+    # early as can be, and an instant a little too early for the target was taken.
+    route = make_route({
+        'duration_s': [*[5.0] * 7, 20.0, 10.0, 28.5, 34.5, 5.0, 37.5, 68.5, 34.0, 5.0, 11.0, 78.5, 63.375],
+        'speed_mps': [*[0.0] * 15, 3.0, 0.0, 0.0, 2.0],
+        'propulsion_power_w': [*[0.0] * 9, 9503.0, *[0.0] * 5, 1.0, 0.0, 7332.0, 0.0],
+        'ambient_temperature_c': [*[0.0] * 17, 6.0, 0.0],
+        'cabin_heating_power_w': [*[0.0] * 3, 3.0, 1818.0, 3146.0, 201.0, 0.0, 0.0, 337.0, 0.0, 448.0, 0.0,
+                                  0.0, 956.0, 0.0, 0.0, 3.0, 139.0],
+        'auxiliary_power_w': [*[0.0] * 5, 2.0, *[0.0] * 9, 4.0, 0.0, 2000.0, 3.0]},
+        REFERENCE.defaults)
+    vehicle, state = slow(COOLANT), BatteryState(0.0, 0.8)
+    cold_c, hot_c = (plan_preheating(
+        vehicle, route, state, Goal(target_c), 'optimal_switch',
+        safeguarded=False).arrival_temperature_c for target_c in (-40.0, 60.0))
+    target_c = 0.25 * cold_c + 0.75 * hot_c
+    plan = plan_preheating(vehicle, route, state, Goal(target_c), 'optimal_switch', safeguarded=False)
+    assert plan.arrival_temperature_c == pytest.approx(target_c, abs=6e-6)

@@ -15,6 +15,7 @@ from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.status import Status
 from bev_preheat.planning.trip import make_trip
+from bev_preheat.route import load_route
 from bev_preheat.route.segments import make_route
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.heat_path import HeatPath, make_heated_step
@@ -132,3 +133,17 @@ def test_an_empty_battery_strands_with_its_coolant_cooling():
     assert (plan.soc[-5:] == 0.0).all()
     assert 0.0 <= plan.heat.coolant_excess_k[-1] < 0.5
     assert plan.heat.lost_electric_wh == 0.0
+
+
+@pytest.mark.costly
+@pytest.mark.parametrize('lag_s', [1e-9, 0.02])
+def test_a_lag_that_is_nothing_beside_the_steps_changes_nothing(lag_s):
+    # Over the pass climbs are heated for, and descents give surplus: of a lag nothing is left there.
+    route = load_route('alpine_pass', REFERENCE.defaults)
+    direct, lagging = (
+        plan_preheating(replace(REFERENCE, heat_path=path), route, BatteryState(-7.0, 0.9), Goal(25.0))
+        for path in (HeatPath(), HeatPath(lag_s)))
+    assert lagging.arrival_temperature_c == pytest.approx(direct.arrival_temperature_c, abs=1e-3)
+    # Each of some twelve switchings moves 7 kW by the lag.
+    assert lagging.energy_wh.battery_total == pytest.approx(
+        direct.energy_wh.battery_total, abs=0.05 + 12 * 7e3 * lag_s / 3600.0)
