@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The installed `planner` on a trip with two stops: what it commands and promises leg by leg."""
 
+from itertools import count
 from math import nan
 
 from builtin_interfaces.msg import Time
@@ -74,12 +75,17 @@ def shared_trip(module_bench):
     return Trip(module_bench)
 
 
+TRIP_NUMBERS = count()
+
+
 @pytest.fixture
 def trip(shared_trip, wait_until):
     """Return the trip that the tests share, with the route with two stops."""
     shared_trip.wait_until = wait_until
-    shared_trip.routes.publish(route_message())
-    shared_trip.at(START_S, lambda command, plan: plan.status == HEATS)
+    # A name that no plan has yet: of two routes in quick succession the planner hears the second only.
+    route_id = f'two stops {next(TRIP_NUMBERS)}'
+    shared_trip.routes.publish(route_message(route_id=route_id))
+    shared_trip.at(START_S, lambda command, plan: (plan.route_id, plan.status) == (route_id, HEATS))
     return shared_trip
 
 
