@@ -6,7 +6,6 @@ from math import exp, sqrt
 
 import numpy as np
 import pytest
-from scipy.stats import foldnorm
 
 from bev_preheat.estimation.state import (
     DriveInputs,
@@ -49,6 +48,7 @@ def by_hand(vehicle, state, drive):
         propulsion_w = terminal_w - (drive.cabin_heating_power_w + drive.auxiliary_power_w
                                      + drive.heater_power_w)
         deviation_w = sqrt(variance_w2)
+        from scipy.stats import foldnorm
         magnitude_w = foldnorm(abs(propulsion_w) / deviation_w, scale=deviation_w).mean()
     gamma = exp(leakage) * (battery.leakage.gamma_0_w_per_k
                             + battery.leakage.gamma_v_w_per_k_per_mps * drive.speed_mps)
