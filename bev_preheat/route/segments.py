@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -63,10 +64,12 @@ class Route:
         """Return the number of segments."""
         return len(self.duration_s)
 
-    @property
+    @cached_property
     def time_s(self) -> FloatArray:
-        """Instants at which segments start, and the end: shape (N + 1,)."""
-        return np.concatenate(([0.0], np.cumsum(self.duration_s)))
+        """Instants at which segments start, and the end: shape (N + 1,), not to be written to."""
+        time_s = np.concatenate(([0.0], np.cumsum(self.duration_s)))
+        time_s.flags.writeable = False
+        return time_s
 
     def segment_at(self, elapsed_s: float) -> int:
         """Return the index of the segment at an instant [s]; the first before, the last after it."""

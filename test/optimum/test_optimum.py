@@ -6,7 +6,7 @@ The car's equations stand below a second time, for plain arrays. A switching ins
 them by a root finder gives the energy that the program must not exceed, and can hardly fall below.
 """
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 import math
 
 import numpy as np
@@ -118,7 +118,7 @@ class Car:
 
 
 def segments_of(route):
-    columns = {name: values.tolist() for name, values in vars(route).items()}
+    columns = {name: values.tolist() for name, values in asdict(route).items()}
     return [dict(zip(columns, row)) for row in zip(*columns.values())]
 
 

@@ -63,7 +63,7 @@ def drive(path, route, state, command_of, step_s=0.5):
     soc, battery_c, heater_w = state.soc, state.temperature_c, state.heater_power_w
     coolant_c = battery_c + state.coolant_excess_k
     drawn_j = cells_j = instant_s = 0.0
-    columns = {name: values.tolist() for name, values in vars(route).items()}
+    columns = {name: values.tolist() for name, values in asdict(route).items()}
     for k, duration_s in enumerate(columns['duration_s']):
         idle_w = sum(columns[name][k] for name in (
             'propulsion_power_w', 'cabin_heating_power_w', 'auxiliary_power_w'))

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Drive logs: means, root mean squares, gaps and faults, on small logs made here."""
 
-from dataclasses import fields, replace
+from dataclasses import asdict, fields, replace
 import os
 from pathlib import Path
 
@@ -343,7 +343,7 @@ def test_a_measured_hour_in_steps_of_half_a_minute_warms_as_it_was_driven():
     hour = measured_logs()[:3]
     driven = load_drive_logs(hour, car.defaults, 1.0).route
     planned = load_drive_logs(hour, car.defaults, 30.0).route
-    unknown = make_route({**vars(planned), 'propulsion_power_magnitude_w': None}, None)
+    unknown = make_route({**asdict(planned), 'propulsion_power_magnitude_w': None}, None)
     assert driven.total_duration_s > 3600.0
     driven_c = arrival_c(driven)
     assert arrival_c(planned) == pytest.approx(driven_c, abs=0.5)

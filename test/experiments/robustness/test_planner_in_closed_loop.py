@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """One drive: what is commanded, what is counted, and what a drive that knows the truth costs."""
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
@@ -117,7 +117,7 @@ def test_planner_hears_each_reading_once_when_it_is_taken(scripted):
 
 def test_route_is_planned_in_steps_of_the_settings(scripted):
     route = CONDITIONS.routes[0]
-    fine = replace(route, **{name: np.repeat(values, 10) for name, values in vars(route).items()})
+    fine = replace(route, **{name: np.repeat(values, 10) for name, values in asdict(route).items()})
     fine = replace(fine, duration_s=fine.duration_s / 10.0)
     _, _, script = scripted([], settings=replace(MEASURED, planning_step_s=60.0), routes=(fine,))
     assert script.mission.legs[0].route.duration_s.tolist() == [60.0] * 8

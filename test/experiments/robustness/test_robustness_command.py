@@ -2,6 +2,7 @@
 """`preheat robustness`: tables, files, pictures, and what it refuses."""
 
 from contextlib import suppress
+from dataclasses import asdict
 import json
 import os
 import pty
@@ -31,7 +32,7 @@ pytestmark = pytest.mark.costly
 @pytest.fixture
 def arguments(tmp_path):
     """The short trip as command line arguments."""
-    route = vars(short_conditions().routes[0])
+    route = asdict(short_conditions().routes[0])
     file = tmp_path / 'short.csv'
     rows = [','.join(route), *(','.join(map(str, row)) for row in zip(*route.values()))]
     file.write_text('\n'.join(rows) + '\n', encoding='utf-8')
