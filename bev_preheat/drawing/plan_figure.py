@@ -27,7 +27,7 @@ from bev_preheat.planning.dynamics import keep_accounts
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.planner import plan_unheated
 from bev_preheat.planning.schedule import Schedule
-from bev_preheat.planning.situation import BatteryState, reserve_soc
+from bev_preheat.planning.situation import reserve_soc
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.vehicle.model import make_runge_kutta_4
 
@@ -48,6 +48,8 @@ if TYPE_CHECKING:
     from bev_preheat.route import Route
     from bev_preheat.vehicle import Vehicle
 
+# What comes of a command in the vehicle's heat path.
+LATER = {'linestyle': (0, (1.0, 1.0)), 'linewidth': 1.6, 'zorder': 4.0}
 # Courses that are closer than this lie on each other in a picture [K].
 SAME_COURSE_K = 0.15
 
@@ -68,8 +70,7 @@ def make_plan_figure(vehicle: Vehicle, route: Route, goal: Goal, plans: Sequence
     first = plans[0]
     if len(plans) == 1:
         title = f'{title}\n{first.status.name}: {first.explanation}'
-    unheated = plan_unheated(
-        vehicle, route, BatteryState(first.battery_temperature_c[0], first.soc[0]), goal)
+    unheated = plan_unheated(vehicle, route, first.start_state, goal)
     trip = make_trip(vehicle, route)
     time = TimeAxis(first.arrival_time_s)
     edges = time(trip.time_s)
@@ -90,6 +91,12 @@ def make_plan_figure(vehicle: Vehicle, route: Route, goal: Goal, plans: Sequence
             continue
         accounts = _accounts(trip, plan)
         draw_steps(heater, edges, plan.hvch_battery_power_w / 1e3, **look.line())
+        if plan.heat is not None:
+            later = {**look.line(), **LATER}
+            draw_steps(heater, edges, plan.heat.drawn_power_w / 1e3,
+                       **later, label='what the heater takes' if plan is first else None)
+            draw_steps(heat, edges, plan.heat.arriving_heat_w / 1e3,
+                       **later, label='HVCH' if plan is first else None)
         draw_steps(power, edges, accounts.battery_power_w / 1e3, **look.line())
         draw_steps(heat, edges, accounts.joule_heat_w / 1e3,
                    **look.line(label='Joule' if plan is first else None))

@@ -293,6 +293,9 @@ def plan_message(decision: Decision, mission: Mission | None, now_ns: int,
     message.battery_temperature = _sequence(plan.battery_temperature_c)
     message.soc = _sequence(plan.soc)
     message.hvch_power = _sequence(plan.hvch_battery_power_w)
+    if plan.heat is not None:
+        message.heater_power = _sequence(plan.heat.heater_power_w)
+        message.coolant_excess_temperature = _sequence(plan.heat.coolant_excess_k)
     message.stretch_start = _sequence([stretch.start_s for stretch in plan.stretches])
     message.stretch_end = _sequence([stretch.end_s for stretch in plan.stretches])
     message.stretch_energy = _sequence([stretch.energy_wh for stretch in plan.stretches])

@@ -101,12 +101,15 @@ def case_of_plan(mission: Mission, goal_of: GoalOf, measurements: Iterable[Measu
     It must be for a leg of this mission, in its steps, and start from one of the measurements, or
     when one of them was made, from what was estimated; `goal_of` is Inbox.goal_of.
     """
+    under_way = plan.heater_power, plan.coolant_excess_temperature
     if (plan.route_id != mission.route_id
-            or not 0 < len(plan.time) == len(plan.battery_temperature) == len(plan.soc)):
+            or not 0 < len(plan.time) == len(plan.battery_temperature) == len(plan.soc)
+            or {len(values) for values in under_way} not in ({0}, {len(plan.time)})):
         return None
     plan_start_ns = nanoseconds(plan.header.stamp)
     leg = mission.legs[mission.leg_number(plan_start_ns)]
-    state = BatteryState(plan.battery_temperature[0], plan.soc[0])
+    state = BatteryState(plan.battery_temperature[0], plan.soc[0],
+                         *(values[0] for values in under_way if values))
     factors = tuple(plan.model_factors)
     for measurement in measurements:
         start_ns = max(measurement.stamp_ns, leg.start_ns)

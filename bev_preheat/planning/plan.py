@@ -11,6 +11,7 @@ import numpy as np
 from bev_preheat.planning.dynamics import Energies
 from bev_preheat.planning.heat_run import HeatRun
 from bev_preheat.planning.schedule import HeldBack
+from bev_preheat.planning.situation import BatteryState
 from bev_preheat.planning.status import Status
 from bev_preheat.planning.stranding import Stranding
 
@@ -63,6 +64,13 @@ class Plan:
     def drawn_power_w(self) -> FloatArray:
         """What the heater takes in each step, on average [W], shape (N,)."""
         return self.hvch_battery_power_w if self.heat is None else self.heat.drawn_power_w
+
+    @property
+    def start_state(self) -> BatteryState:
+        """What the plan starts from, with the heat that is under way then."""
+        under_way = () if self.heat is None else (
+            float(self.heat.heater_power_w[0]), float(self.heat.coolant_excess_k[0]))
+        return BatteryState(float(self.battery_temperature_c[0]), float(self.soc[0]), *under_way)
 
     @property
     def arrival_time_s(self) -> float:

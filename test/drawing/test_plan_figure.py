@@ -17,6 +17,7 @@ from bev_preheat.planning.trip import make_trip
 from bev_preheat.route import load_route, make_route
 from bev_preheat.supervision.inputs import Leg, NS_PER_S
 from bev_preheat.vehicle import load_vehicle
+from bev_preheat.vehicle.heat_path import HeatPath
 
 VEHICLE = load_vehicle('reference')
 STATE = BatteryState(-7.0, 0.9)
@@ -62,6 +63,24 @@ def alpine():
 @pytest.fixture(scope='module')
 def compared():
     return panels_of(constant_route(), methods=METHODS)
+
+
+def test_of_a_heat_path_command_and_what_comes_of_it_are_drawn():
+    vehicle = replace(VEHICLE, heat_path=HeatPath(60.0, 20e3, 400.0))
+    warm = BatteryState(12.0, 0.9, 4000.0, 8.0)
+    panels, (plan,) = panels_of(constant_route(), warm, vehicle=vehicle)
+    colour = look_of('merit_order').colour
+    commanded, drawn = curves(panels['heater'], colour)
+    for line, power_w in ((commanded, plan.hvch_battery_power_w), (drawn, plan.heat.drawn_power_w)):
+        assert set(line.get_ydata()) == set(power_w / 1e3)
+    assert 'HVCH' in texts(panels['heat'])
+    # What is under way at the start warms the battery without preheating too.
+    unheated = plan_unheated(vehicle, constant_route(), warm, Goal(25.0))
+    cold = plan_unheated(vehicle, constant_route(), BatteryState(12.0, 0.9), Goal(25.0))
+    assert plan.start_state == warm
+    assert unheated.arrival_temperature_c > cold.arrival_temperature_c + 0.1
+    assert any(np.array_equal(line.get_ydata()[:len(plan.time_s)], unheated.battery_temperature_c)
+               for line in panels['temperature'].get_lines())
 
 
 def test_without_limits_the_unheated_drive_is_the_model_without_heater():

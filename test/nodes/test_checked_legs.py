@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The checker on a route with stops: it checks the current leg."""
 
+from dataclasses import replace
 from math import nan
 
 from builtin_interfaces.msg import Time
@@ -13,6 +14,7 @@ from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.supervision.inputs import Measurement, NS_PER_S
 from bev_preheat.supervision.settings import Settings
 from bev_preheat.vehicle import load_vehicle
+from bev_preheat.vehicle.heat_path import HeatPath
 from bev_preheat_msgs.msg import RoutePlan
 
 VEHICLE = load_vehicle('reference')
@@ -74,6 +76,35 @@ def test_what_the_planner_says_at_a_stop_is_no_plan_to_check(inputs):
     plan = plan_message(inputs.replan(measurement.stamp_ns), inputs.mission, measurement.stamp_ns,
                         inputs.later_decisions())
     assert case_of_plan(inputs.mission, inputs.goal_of, [measurement], plan) is None
+
+
+@pytest.fixture
+def heated():
+    """Return (mission, goal_of, measurement, plan) of a plan with heat under way at its start."""
+    vehicle = replace(VEHICLE, heat_path=HeatPath(60.0, 20e3, 400.0))
+    supervisor = Stepwise(vehicle, Settings(target_temperature_c=40.0))
+    supervisor.accept_mission(mission_from_message(
+        route_message(stop_target_battery_temperature=[nan]), vehicle.defaults, 30.0))
+    for elapsed_s in range(0, 120, 5):
+        supervisor.accept_battery(at(elapsed_s), at(elapsed_s).stamp_ns)
+    plan = plan_message(supervisor.replan(at(elapsed_s).stamp_ns), supervisor.mission, 0)
+    return supervisor.mission, supervisor.goal_of, at(elapsed_s), plan
+
+
+def test_a_plan_is_checked_with_the_heat_under_way(heated):
+    mission, goal_of, measurement, plan = heated
+    case = case_of_plan(mission, goal_of, [measurement], plan)
+    assert plan.heater_power[0] > 1000.0 and plan.coolant_excess_temperature[0] > 1.0
+    assert (case.question.state.heater_power_w, case.question.state.coolant_excess_k) == (
+        plan.heater_power[0], plan.coolant_excess_temperature[0])
+
+
+@pytest.mark.parametrize('field', ['heater_power', 'coolant_excess_temperature'])
+@pytest.mark.parametrize('values', [[], [0.0]])
+def test_heat_under_way_of_another_length_is_no_plan_to_check(heated, field, values):
+    mission, goal_of, measurement, plan = heated
+    setattr(plan, field, values)
+    assert case_of_plan(mission, goal_of, [measurement], plan) is None
 
 
 @pytest.mark.parametrize('changed, same', [

@@ -39,6 +39,7 @@ from bev_preheat.supervision.decision import Command, Decision
 from bev_preheat.supervision.inputs import Leg, Mission, NS_PER_S, with_stops
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.description import Defaults
+from bev_preheat.vehicle.heat_path import HeatPath
 from bev_preheat_msgs.msg import HvchCommand, PreheatPlan, RoutePlan
 
 VEHICLE = load_vehicle('reference')
@@ -464,6 +465,19 @@ def test_energy_of_a_plan(message, decision, field, energy):
     ('hvch_power', 'hvch_battery_power_w')])
 def test_trajectory_of_a_plan(message, decision, field, attribute):
     assert list(getattr(message, field)) == getattr(decision.plan, attribute).tolist()
+
+
+def test_heat_under_way_of_a_plan(message):
+    vehicle = replace(VEHICLE, heat_path=HeatPath(60.0, 20e3, 400.0))
+    route = make_route({'duration_s': [30.0] * 40, 'speed_mps': [20.0], 'propulsion_power_w': [20e3],
+                        'ambient_temperature_c': [-7.0]}, vehicle.defaults)
+    plan = plan_preheating(vehicle, route, BatteryState(18.0, 0.8, 3000.0, 4.0), Goal(24.0))
+    heated = plan_message(Decision(plan.status, '', plan, 0), EAST, 0)
+    assert (list(heated.heater_power), list(heated.coolant_excess_temperature)) == (
+        plan.heat.heater_power_w.tolist(), plan.heat.coolant_excess_k.tolist())
+    assert len(heated.heater_power) == len(heated.time)
+    assert (heated.heater_power[0], heated.coolant_excess_temperature[0]) == (3000.0, 4.0)
+    assert not message.heater_power and not message.coolant_excess_temperature
 
 
 def test_instants_of_a_plan(message, decision):
