@@ -135,7 +135,8 @@ def run_check(arguments: Namespace) -> int:
         draw_vehicle(arguments.plot, vehicle)
     console = result_console(arguments.json)
     _print_meaning(console, meaning)
-    console.print(meaning.heat_path, markup=False, soft_wrap=True)
+    for sentence in (meaning.heat_path, meaning.charging):
+        console.print(sentence, markup=False, soft_wrap=True)
     warning = assumption_warning(vehicle, file)
     console.print(warning or f'vehicle {vehicle.name}: nothing is marked as assumed', markup=False,
                   soft_wrap=True)

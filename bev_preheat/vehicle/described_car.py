@@ -83,7 +83,8 @@ def describe_car(sheet: DataSheet) -> dict[str, Entry]:
     Raises InvalidInput where the data sheet cannot be that of a car.
     """
     check_data_sheet(sheet)
-    return {**_battery(sheet), **_drivetrain(sheet), **_heater(sheet), **_road_load(sheet)}
+    return {**_battery(sheet), **_drivetrain(sheet), **_heater(sheet), **_charging(sheet),
+            **_road_load(sheet)}
 
 
 def _battery(sheet: DataSheet) -> dict[str, Entry]:
@@ -266,6 +267,19 @@ def _heater(sheet: DataSheet) -> dict[str, Entry]:
             _origin(sheet, 'target_temperature_c')
             if sheet.target_temperature_c is not None else
             'chosen: from here on the charging power above is at its most'),
+    }
+
+
+def _charging(sheet: DataSheet) -> dict[str, Entry]:
+    return {
+        'charging.battery_heating': Entry(
+            True, 'assumed: cars that can heat their battery mostly do so at a fast charger as well',
+            assumed=True),
+        'charging.heating_limit_c': Entry(
+            TARGET_C, 'assumed: from here on the charging power above is at its most', assumed=True),
+        'charging.maximum_inlet_power_w': Entry(
+            _plain(W_PER_KW * sheet.charging_power_kw), _origin(sheet, 'charging_power_kw'),
+            _is_guessed(sheet, 'charging_power_kw')),
     }
 
 

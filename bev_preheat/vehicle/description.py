@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from math import inf
 
 from bev_preheat.numerics.arithmetic import Curve, Number
+from bev_preheat.vehicle.charging import Charging
 from bev_preheat.vehicle.heat_path import DIRECT, HeatPath
 
 
@@ -115,8 +116,9 @@ class Vehicle:
 
     `road_load` is None where the file does not give it: routes with fixed powers can then be
     planned, descriptions of a road cannot. `heat_path` is how the heater's heat
-    arrives: DIRECT where the file does not say. `assumed` are the keys of the file whose values
-    nobody has measured or stated for this car.
+    arrives: DIRECT where the file does not say. `charging` is what the car does at a fast charger,
+    None where the file does not say. `assumed` are the keys of the file whose values nobody has
+    measured or stated for this car.
     """
 
     name: str
@@ -127,3 +129,4 @@ class Vehicle:
     road_load: RoadLoad | None = None
     assumed: tuple[str, ...] = ()
     heat_path: HeatPath = DIRECT
+    charging: Charging | None = None

@@ -15,6 +15,7 @@ from bev_preheat.errors import InvalidInput, quoted
 from bev_preheat.files.checked_yaml import FileData, load_checked_yaml
 from bev_preheat.files.configuration import find_configuration
 from bev_preheat.numerics.arithmetic import ARRAYS, Curve
+from bev_preheat.vehicle.charging import Charging, charging_problems
 from bev_preheat.vehicle.curves import InverseTemperatureResistance, PolynomialVoltage, Table
 from bev_preheat.vehicle.description import Battery, Defaults, Drivetrain, Hvch, Leakage, RoadLoad, Vehicle
 from bev_preheat.vehicle.heat_path import HeatPath
@@ -90,14 +91,16 @@ def load_vehicle(name_or_file: str | Path) -> Vehicle:
     resistance = curve('resistance', InverseTemperatureResistance)
     discharge = _table('battery.power_limits.discharge', limits['discharge'], problems)
     charge = _table('battery.power_limits.charge', limits['charge'], problems)
+    charging = _charging(contents, charge, problems)
     if not problems:
-        for key, function, allowed, unit in (
-                ('open_circuit_voltage', open_circuit_voltage, VOLTAGE_RANGE_V, 'V'),
-                ('resistance', resistance, RESISTANCE_RANGE_OHM, 'ohm'),
-                ('power_limits.discharge', discharge, DISCHARGE_RANGE_W, 'W'),
-                ('power_limits.charge', charge, CHARGE_RANGE_W, 'W')):
-            problems += _values_outside(
-                f'battery.{key}', function, _grid(battery, function), allowed, unit)
+        curves = [('battery.open_circuit_voltage', open_circuit_voltage, VOLTAGE_RANGE_V, 'V'),
+                  ('battery.resistance', resistance, RESISTANCE_RANGE_OHM, 'ohm'),
+                  ('battery.power_limits.discharge', discharge, DISCHARGE_RANGE_W, 'W'),
+                  ('battery.power_limits.charge', charge, CHARGE_RANGE_W, 'W')]
+        if charging is not None:
+            curves.append(('charging.power_limit', charging.power_limit, CHARGE_RANGE_W, 'W'))
+        for key, function, allowed, unit in curves:
+            problems += _values_outside(key, function, _grid(battery, function), allowed, unit)
         problems += _voltage_that_falls(
             open_circuit_voltage, _grid(battery, open_circuit_voltage))
     if problems:
@@ -121,7 +124,23 @@ def load_vehicle(name_or_file: str | Path) -> Vehicle:
         defaults=Defaults(**_floats(contents['defaults'])),
         road_load=RoadLoad(**_floats(contents['road_load'])) if 'road_load' in contents else None,
         assumed=tuple(contents.get('assumed', ())),
-        heat_path=path_of_heat)
+        heat_path=path_of_heat,
+        charging=charging)
+
+
+def _charging(contents: dict[str, FileData], charge: Table,
+              problems: list[str]) -> Charging | None:
+    """Return the Charging of a checked file, None without the block; problems go to `problems`."""
+    if 'charging' not in contents:
+        return None
+    node, limit = dict(contents['charging']), charge
+    has_own_limit = 'power_limit' in node
+    if has_own_limit:
+        limit = _table('charging.power_limit', node.pop('power_limit'), problems)
+    heating = node.pop('battery_heating', None)
+    charging = Charging(limit, heating, has_own_limit=has_own_limit, **_floats(node))
+    problems += charging_problems(charging, _pair(contents['battery']['temperature_range_c']))
+    return charging
 
 
 def heat_path_problems(path: HeatPath) -> Iterator[str]:

@@ -11,6 +11,7 @@ from typing import Any, TYPE_CHECKING, TypeVar
 import numpy as np
 
 from bev_preheat.numerics.arithmetic import ARRAYS, FLOATS
+from bev_preheat.vehicle.charging import charging_in_words
 
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray
@@ -57,7 +58,8 @@ class Meaning:
     `resistance_ohm` is by temperature [degC], `charging_power_kw` by temperature, then by state of
     charge; `discharging_power_kw` at half charge by temperature, `open_circuit_voltage_v` at 25 degC by
     state of charge. `heating_…` are K in the first 10 min: all of the heater's power, at rest and at
-    100 km/h, and what the vehicle's default for the cabin leaves. `heat_path` says how heat arrives.
+    100 km/h, and what the vehicle's default for the cabin leaves. `heat_path` says how heat arrives,
+    `charging` what the car does at a charger.
     """
 
     name: str
@@ -80,6 +82,7 @@ class Meaning:
     discharging_power_kw: dict[float, float]
     open_circuit_voltage_v: dict[float, float]
     heat_path: str
+    charging: str
     assumed: tuple[str, ...]
     warnings: tuple[str, ...]
 
@@ -140,6 +143,7 @@ def meaning_of(vehicle: Vehicle) -> Meaning:
             soc: battery.open_circuit_voltage.function(FLOATS)(soc, warm_c)
             for soc in VOLTAGE_SOCS},
         'heat_path': heat_path_in_words(vehicle),
+        'charging': charging_in_words(vehicle),
         'assumed': vehicle.assumed,
     }
     return Meaning(**figures, warnings=tuple(_unusual(vehicle, figures)))

@@ -69,6 +69,8 @@ def _value_text(key: str, value: FileData) -> str:
         return '{' + ', '.join(f'{name}: {_number(item)}' for name, item in value.items()) + '}'
     if isinstance(value, list):
         return _row(value)
+    if isinstance(value, bool):
+        return 'true' if value else 'false'
     return _number(value)
 
 

@@ -208,7 +208,8 @@ def test_every_number_of_a_shipped_car_says_where_it_comes_from(name):
                 'resistance', 'discharge', 'charge', 'leakage', 'temperature_range_c', 'efficiency',
                 'heat_recovery_efficiency', 'maximum_power_w', 'maximum_regeneration_power_w',
                 'cabin_heating_power_w', 'auxiliary_power_w', 'mass_kg', 'frontal_area_m2',
-                'drag_coefficient', 'rolling_resistance'):
+                'drag_coefficient', 'rolling_resistance', 'battery_heating', 'heating_limit_c',
+                'maximum_inlet_power_w'):
         assert 'source: ' in notes[key] or 'assumed' in notes[key], key
         assert 'given' not in notes[key], key
 

@@ -174,3 +174,20 @@ def test_the_path_of_the_heat_is_said_in_words(plain):
     assert meaning_of(plain(heat_path={'sensor_lag_s': 25})).heat_path == (
         'The heat of the heater arrives at once; the sensor follows the battery with a time '
         'constant of 25 s.')
+
+
+@pytest.mark.parametrize('charging, words', [
+    (None, 'The file does not say whether the car heats its battery while it charges '
+     '(charging.battery_heating): plans need not know, charging sessions do.'),
+    ({'maximum_inlet_power_w': 100000}, 'The file does not say whether the car heats its battery while '
+     'it charges (charging.battery_heating): plans need not know, charging sessions do.'),
+    ({'battery_heating': False, 'maximum_inlet_power_w': 100000}, 'While it charges the car does not '
+     "heat its battery; its inlet takes at most 100 kW; the charging power is limited by the battery's "
+     'charge limit.'),
+    ({'battery_heating': True, 'heating_limit_c': 18.5,
+      'power_limit': {'temperature_c': [0, 20], 'values': [-10e3, -90e3]}}, 'While it charges the car '
+     'heats its battery up to 18.5 degC with what the cabin leaves, 4.0 kW; its inlet is not limited; '
+     'the charging power is limited by a map of its own.')])
+def test_what_the_car_does_at_a_charger_in_words(plain, charging, words):
+    changes = {} if charging is None else {'charging': charging}
+    assert meaning_of(plain(**changes)).charging == words

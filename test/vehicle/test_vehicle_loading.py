@@ -2,6 +2,7 @@
 """Vehicle files: what a good one becomes, and the words in which a bad one is refused."""
 
 from copy import deepcopy
+import math
 from pathlib import Path
 
 import pytest
@@ -11,6 +12,7 @@ from bev_preheat.errors import InvalidInput
 from bev_preheat.files.configuration import configuration_folder
 from bev_preheat.numerics.arithmetic import FLOATS
 from bev_preheat.vehicle import load_vehicle
+from bev_preheat.vehicle.charging import Charging, charging_of
 from bev_preheat.vehicle.description import RoadLoad
 from bev_preheat.vehicle.heat_path import DIRECT, HeatPath
 
@@ -149,6 +151,35 @@ def test_the_path_of_the_heat_is_optional_and_so_is_each_part_of_it(tmp_path):
         assert load_vehicle(written(tmp_path, with_change('heat_path', node))).heat_path == path
 
 
+def test_what_the_car_does_at_a_charger_is_optional(tmp_path):
+    assert load_vehicle(written(tmp_path, GOOD)).charging is None
+    node = {'battery_heating': True, 'heating_limit_c': 18, 'maximum_inlet_power_w': 88000}
+    vehicle = load_vehicle(written(tmp_path, with_change('charging', node)))
+    assert vehicle.charging == Charging(vehicle.battery.charge_power_limit, True, 18.0, 88e3)
+    assert vehicle.charging.heated_below_c == 18.0
+    empty = load_vehicle(written(tmp_path, with_change('charging', {})))
+    assert empty.charging == Charging(empty.battery.charge_power_limit)
+    with pytest.raises(InvalidInput):
+        charging_of(empty)
+
+
+def test_a_car_that_does_not_heat_while_it_charges_heats_at_no_temperature(tmp_path):
+    node = {'battery_heating': False, 'heating_limit_c': 18}
+    charging = load_vehicle(written(tmp_path, with_change('charging', node))).charging
+    assert charging.heated_below_c == -math.inf
+
+
+def test_a_map_for_fast_charging_has_the_form_of_a_limit(tmp_path):
+    node = {'battery_heating': False, 'power_limit': {
+        'soc': [0.0, 1.0], 'temperature_c': [0, 20],
+        'values': [[-10000, -90000], [-4000, -20000]]}}
+    vehicle = load_vehicle(written(tmp_path, with_change('charging', node)))
+    assert vehicle.charging.has_own_limit
+    # Half way: the mean of the corners.
+    assert vehicle.charging.power_limit.function(FLOATS)(0.5, 10.0) == pytest.approx(-31000.0)
+    assert vehicle.battery.charge_power_limit.function(FLOATS)(0.5, 10.0) == pytest.approx(-70000.0)
+
+
 def test_leakage_rises_with_speed(tmp_path):
     leakage = load_vehicle(written(tmp_path, GOOD)).battery.leakage
     # 31 + 0.7 * 20
@@ -191,7 +222,7 @@ def test_reference_is_the_car_of_the_papers_table_1():
      'maximum_regeneration_power_w'),
     ('hvch.colour', 'red', "hvch: unknown key 'colour'; known keys: maximum_power_w, efficiency"),
     ('batery', {}, "the file: unknown key 'batery'; did you mean 'battery'? "
-     'known keys: name, battery, drivetrain, hvch, heat_path, defaults, road_load, assumed'),
+     'known keys: name, battery, drivetrain, hvch, heat_path, charging, defaults, road_load, assumed'),
     ('assumed', ['battery.resistanc'], "assumed[0]: 'battery.resistanc' is no key of this file; did "
      "you mean 'battery.resistance'?"),
     ('assumed', ['hvch.efficiency', 'wheels'], "assumed[1]: 'wheels' is no key of this "
@@ -240,6 +271,17 @@ def test_reference_is_the_car_of_the_papers_table_1():
     ('heat_path', {'coolant_heat_capacity_j_per_k': 15000, 'coolant_conductance_w_per_k': 0.5},
      'heat_path.coolant_conductance_w_per_k: 0.5 W/K take 30000 s for the heat of 15000 J/K; it '
      'must be at most 3600 s'),
+    # The charger.
+    ('charging', {'battery_heating': True}, 'charging: battery_heating needs heating_limit_c beside '
+     'it, the battery temperature up to which the car heats'),
+    ('charging', {'battery_heating': True, 'heating_limit_c': 58}, 'charging.heating_limit_c: 58 is '
+     'outside battery.temperature_range_c -33 ... 57'),
+    ('charging', {'maximum_inlet_power_w': 150}, 'charging.maximum_inlet_power_w: 150 is not allowed; '
+     'it must be at least 1000 and at most 2000000'),
+    ('charging', {'power_limit': {'temperature_c': [-20, 10], 'values': [2000, 70000]}},
+     f'charging.power_limit: 2000 W at soc 0.04 and -33 degC; it must be -2e+06 ... 0 W {EVERYWHERE}'),
+    ('charging', {'power_limit': {'temperature_c': [10, -20], 'values': [-2000, -7000]}},
+     'charging.power_limit.temperature_c: [10.0, -20.0] must rise from point to point'),
     # Numbers that are none.
     ('battery.heat_capacity_j_per_k', float('nan'),
      'battery.heat_capacity_j_per_k: nan is not a finite number'),

@@ -1,0 +1,88 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+What a car does at a fast charger: what it takes, and whether it heats its battery meanwhile.
+
+Whether it heats decides what preheating is worth, and cars differ in it. So it is never assumed: a file
+that does not say it serves for plans, but not for charging sessions.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from math import inf
+from typing import TYPE_CHECKING
+
+from bev_preheat.errors import InvalidInput
+
+if TYPE_CHECKING:
+    from bev_preheat.numerics.arithmetic import Curve
+    from bev_preheat.vehicle.description import Vehicle
+
+W_PER_KW = 1000.0
+
+
+@dataclass(frozen=True)
+class Charging:
+    """
+    A car at a fast charger.
+
+    `power_limit` is the most charging power [W, negative] over (state of charge, temperature): the
+    battery's own charge limit where the file has no map for fast charging. `battery_heating` says
+    whether the car heats its battery while it charges, None where the file does not;
+    `heating_limit_c` is the battery temperature [deg C] up to which it does. All that the car takes
+    of the charger is at most `maximum_inlet_power_w` [W]. `has_own_limit`: the file has such a map.
+    """
+
+    power_limit: Curve
+    battery_heating: bool | None = None
+    heating_limit_c: float | None = None
+    maximum_inlet_power_w: float = inf
+    has_own_limit: bool = False
+
+    @property
+    def heated_below_c(self) -> float:
+        """Battery temperature [deg C] below which the car heats, -inf where it never does."""
+        if not self.battery_heating or self.heating_limit_c is None:
+            return -inf
+        return self.heating_limit_c
+
+
+def charging_of(vehicle: Vehicle) -> Charging:
+    """Return the Charging of a Vehicle; raise InvalidInput where its file does not say enough."""
+    charging = vehicle.charging
+    if charging is None or charging.battery_heating is None:
+        raise InvalidInput(
+            f'vehicle {vehicle.name}: charging.battery_heating is missing; say in the vehicle file '
+            'whether the car heats its battery while it charges (true or false), because what '
+            'preheating gains depends on it')
+    return charging
+
+
+def charging_problems(charging: Charging, temperature_range_c: tuple[float, float]) -> Iterator[str]:
+    """Return sentences on what a Charging of a file cannot be."""
+    limit_c, (lowest_c, highest_c) = charging.heating_limit_c, temperature_range_c
+    if limit_c is None and charging.battery_heating:
+        yield ('charging: battery_heating needs heating_limit_c beside it, the battery temperature up '
+               'to which the car heats')
+    if limit_c is not None and not lowest_c <= limit_c <= highest_c:
+        yield (f'charging.heating_limit_c: {limit_c:g} is outside battery.temperature_range_c '
+               f'{lowest_c:g} ... {highest_c:g}')
+
+
+def charging_in_words(vehicle: Vehicle) -> str:
+    """Return what the car does at a charger, or that its file does not say it."""
+    charging = vehicle.charging
+    if charging is None or charging.battery_heating is None:
+        return ('The file does not say whether the car heats its battery while it charges '
+                '(charging.battery_heating): plans need not know, charging sessions do.')
+    if charging.battery_heating:
+        left_w = max(0.0, vehicle.hvch.maximum_power_w - vehicle.defaults.cabin_heating_power_w)
+        heating = (f'heats its battery up to {charging.heating_limit_c:g} degC with what the cabin '
+                   f'leaves, {left_w / W_PER_KW:.1f} kW')
+    else:
+        heating = 'does not heat its battery'
+    inlet = ('its inlet is not limited' if charging.maximum_inlet_power_w == inf else
+             f'its inlet takes at most {charging.maximum_inlet_power_w / W_PER_KW:.0f} kW')
+    limit = 'a map of its own' if charging.has_own_limit else "the battery's charge limit"
+    return (f'While it charges the car {heating}; {inlet}; the charging power is limited by {limit}.')
