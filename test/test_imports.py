@@ -15,7 +15,7 @@ import sys
 
 import pytest
 
-ROOMS = ('planning', 'vehicle', 'route', 'estimation', 'supervision', 'simulation',
+ROOMS = ('planning', 'vehicle', 'route', 'estimation', 'charging', 'supervision', 'simulation',
          'experiments.robustness', 'experiments.scenario_drive')
 PACKAGE = Path(find_spec('bev_preheat').origin).parent
 CHECKOUT = Path(__file__).resolve().parent.parent

@@ -44,26 +44,43 @@ def add_situation_arguments(parser: ArgumentParser,
 
     `route_group` is a group of which one argument must be given, where `--route` has alternatives.
     """
-    completed_by(VEHICLES, parser.add_argument(
-        '--vehicle', required=True, metavar='NAME|FILE',
-        help='vehicle: a name in config/vehicles or a YAML file'))
+    add_drive_arguments(parser, route_group)
+    parser.add_argument('--no-charging', action='store_true',
+                        help='no fast charging at the end of the route')
+
+
+def add_drive_arguments(parser: ArgumentParser, route_group: Alternatives | None = None,
+                        needs_state: bool = True) -> None:
+    """
+    Add the arguments of a drive to a charger, all that `read_situation` needs.
+
+    `route_group` is as in `add_situation_arguments`; without `needs_state` temperature and state of
+    charge at the start may be left out.
+    """
+    add_vehicle_argument(parser)
     completed_by(ROUTES, (route_group or parser).add_argument(
         '--route', required=route_group is None, metavar='NAME|FILE',
         help='route: a name in config/routes or a CSV file; or a description of its legs, driven '
         'by the vehicle: legs/NAME or a YAML file'))
-    parser.add_argument('--temperature', required=True, type=float, metavar='DEGC',
+    parser.add_argument('--temperature', required=needs_state, type=float, metavar='DEGC',
                         help='battery temperature at the start [degC]')
-    parser.add_argument('--soc', required=True, type=float, metavar='0..1',
+    parser.add_argument('--soc', required=needs_state, type=float, metavar='0..1',
                         help='state of charge at the start')
     parser.add_argument('--target', type=float, metavar='DEGC',
                         help="battery temperature wanted on arrival [degC]; the vehicle's default "
                         'if not given')
     parser.add_argument('--min-soc', type=float, default=0.0, metavar='0..1',
                         help='state of charge that must be left on arrival (default: 0)')
-    parser.add_argument('--no-charging', action='store_true',
-                        help='no fast charging at the end of the route')
     parser.add_argument('--step', type=float, metavar='S',
                         help='plan in steps of this length [s]; the rows of the route if not given')
+    parser.set_defaults(no_charging=False)
+
+
+def add_vehicle_argument(parser: ArgumentParser) -> None:
+    """Add `--vehicle`."""
+    completed_by(VEHICLES, parser.add_argument(
+        '--vehicle', required=True, metavar='NAME|FILE',
+        help='vehicle: a name in config/vehicles or a YAML file'))
 
 
 def read_situation(arguments: Namespace) -> Situation:

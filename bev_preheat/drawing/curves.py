@@ -44,9 +44,9 @@ class TimeAxis:
         """Return instants [s] in the unit."""
         return np.asarray(seconds, dtype=float) / self.seconds
 
-    def finish(self, axis: Axes, start_s: float, end_s: float) -> None:
+    def finish(self, axis: Axes, start_s: float, end_s: float, name: str = 'trip time') -> None:
         """Label the x axis, and let it span the trip."""
-        axis.set_xlabel(f'trip time [{self.unit}]')
+        axis.set_xlabel(f'{name} [{self.unit}]')
         axis.set_xlim(self(start_s), self(end_s))
 
 

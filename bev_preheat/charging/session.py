@@ -1,0 +1,367 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+A charging session: the model's own equations, with the terminal power that charger and battery allow.
+
+    P_c = min(P_max - P_aux - P_cabin - P_h, |P_limit(s, T)|) >= 0     into the battery's terminals
+    P_h = P_hvch_max - P_cabin while the car heats at the charger and T is below its limit, else 0
+
+P_max is what charger and inlet give. Of it cabin and auxiliaries come first, then the heater, which gives
+way where the charger is weak, then the battery. Equations, integrator and heat path are those of
+`vehicle`; only the power is chosen here, at each stage of a step. Steps end where heating ends and where
+the departure's state of charge is reached.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+import math
+from typing import Any, TYPE_CHECKING
+
+import numpy as np
+
+from bev_preheat.charging.stop import check_stop
+from bev_preheat.numerics.arithmetic import FLOATS
+from bev_preheat.planning.bracketing import close_in, follow_slope, Trial
+from bev_preheat.planning.dynamics import hottest_c, JOULES_PER_WH
+from bev_preheat.vehicle.charging import charging_of
+from bev_preheat.vehicle.heat_path import make_heat_step
+from bev_preheat.vehicle.model import make_rates, make_runge_kutta_4
+
+if TYPE_CHECKING:
+    from bev_preheat.charging.stop import Stop
+    from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.planning.situation import BatteryState
+    from bev_preheat.vehicle.description import Vehicle
+    from bev_preheat.vehicle.model import Rates
+
+# A step lasts at most so long [s], and takes at most so much of the charge.
+STEP_S = 10.0
+STEP_SOC = 0.005
+# … and at most this share of the battery's thermal time constant: explicit methods need that.
+TIME_CONSTANT_SHARE = 0.5
+# Nobody waits longer [s].
+LONGEST_SESSION_S = 24.0 * 3600.0
+# Less than this [W] into the battery is no charging.
+LEAST_POWER_W = 50.0
+# Temperatures, from now to where the battery settles, at which it is asked whether power comes back.
+OUTLOOK_POINTS = 101
+# Steps end this close to the temperature [K] and the state of charge at which they are to end.
+TEMPERATURE_TOLERANCE_K = 1e-6
+SOC_TOLERANCE = 1e-12
+MOST_TRIALS = 60
+
+
+@dataclass(frozen=True)
+class SessionEnergies:
+    """
+    Energies of a session [Wh].
+
+    `bought` goes to `terminal` (into the battery's terminals), `hvch_electric`, `cabin` and
+    `auxiliary`. Of `terminal`, `joule` becomes heat and `stored` charge (the integral of U_oc dQ).
+    Heat of the battery: `joule`, `hvch_heat` and `leakage`, which is negative where heat is lost.
+    """
+
+    bought: float
+    terminal: float
+    stored: float
+    joule: float
+    hvch_electric: float
+    hvch_heat: float
+    cabin: float
+    auxiliary: float
+    leakage: float
+
+
+@dataclass(frozen=True, eq=False)
+class Session:
+    """
+    A charging session; times in seconds after plugging in.
+
+    `problem` says why it does not reach the departure's state of charge, None where it does. Shapes:
+    `time_s`, `battery_temperature_c` and `soc` (N + 1,); `charging_power_w` (into the terminals) and
+    `hvch_battery_power_w` (N,), the mean in each step [W].
+    """
+
+    problem: str | None
+    time_s: FloatArray
+    battery_temperature_c: FloatArray
+    soc: FloatArray
+    charging_power_w: FloatArray
+    hvch_battery_power_w: FloatArray
+    energy_wh: SessionEnergies
+
+    @property
+    def charging_time_s(self) -> float:
+        """How long it takes to the departure's state of charge [s]; infinite where it never does."""
+        return float(self.time_s[-1]) if self.problem is None else math.inf
+
+    @property
+    def bought_energy_wh(self) -> float:
+        """What is bought until then [Wh]; infinite where the session never ends."""
+        return self.energy_wh.bought if self.problem is None else math.inf
+
+    def as_dictionary(self) -> dict[str, Any]:
+        """Return the session as JSON holds it: plain numbers, texts and lists."""
+        return {
+            'problem': self.problem,
+            'arrival_temperature_c': float(self.battery_temperature_c[0]),
+            'arrival_soc': float(self.soc[0]),
+            'charging_time_s': self.charging_time_s,
+            'bought_energy_wh': self.bought_energy_wh,
+            'departure_temperature_c': float(self.battery_temperature_c[-1]),
+            'departure_soc': float(self.soc[-1]),
+            'energy_wh': dict(vars(self.energy_wh)),
+            'time_s': self.time_s.tolist(),
+            'battery_temperature_c': self.battery_temperature_c.tolist(),
+            'soc': self.soc.tolist(),
+            'charging_power_w': self.charging_power_w.tolist(),
+            'hvch_battery_power_w': self.hvch_battery_power_w.tolist()}
+
+
+@dataclass(frozen=True)
+class _State:
+    """State of charge, battery temperature [deg C], heater's power [W], coolant's excess [K]."""
+
+    soc: float
+    temperature_c: float
+    heater_w: float
+    excess_k: float
+
+
+@dataclass(frozen=True)
+class _Step:
+    """One step [s]: its end, and the means of powers [W] and of the battery's temperature [deg C]."""
+
+    duration_s: float
+    end: _State
+    terminal_w: float
+    drawn_w: float
+    arriving_w: float
+    leakage_w: float
+
+
+def charge(vehicle: Vehicle, stop: Stop, state: BatteryState, step_s: float = STEP_S) -> Session:
+    """
+    Return the Session of a vehicle that arrives at a Stop with a BatteryState.
+
+    It is simulated in steps of at most `step_s` [s]. A session that cannot reach the departure's
+    state of charge ends with a `problem`, after LONGEST_SESSION_S at the latest. Raises InvalidInput
+    where vehicle, stop or state are not allowed (`stop.check_stop`).
+    """
+    check_stop(vehicle, stop, state)
+    plug = _Plug(vehicle, stop, step_s)
+    now = _State(state.soc, state.temperature_c, state.heater_power_w, state.coolant_excess_k)
+    states, steps, elapsed_s, problem = [now], [], 0.0, None
+    while problem is None and now.soc < stop.departure_soc:
+        problem = plug.problem_at(now)
+        if problem is None and elapsed_s >= LONGEST_SESSION_S:
+            problem = (f'the battery has {100.0 * now.soc:.1f} % after '
+                       f'{LONGEST_SESSION_S / 3600.0:.0f} h')
+        if problem is None:
+            step = plug.step_from(now)
+            now, elapsed_s = step.end, elapsed_s + step.duration_s
+            states.append(now)
+            steps.append(step)
+    return _session(vehicle, stop, problem, states, steps)
+
+
+class _Plug:
+    """One vehicle at one charger: the step that follows a state."""
+
+    def __init__(self, vehicle: Vehicle, stop: Stop, step_s: float) -> None:
+        self._vehicle, self._stop = vehicle, stop
+        charging, battery = charging_of(vehicle), vehicle.battery
+        self._limit_w = charging.power_limit.function(FLOATS)
+        self._voltage_v = battery.open_circuit_voltage.function(FLOATS)
+        # What charger and inlet leave beside cabin and auxiliaries [W].
+        self._supply_w = (min(stop.charger_power_w, charging.maximum_inlet_power_w)
+                          - stop.cabin_heating_power_w - stop.auxiliary_power_w)
+        self._heater_w = max(0.0, min(
+            vehicle.hvch.maximum_power_w - stop.cabin_heating_power_w, self._supply_w))
+        self._heated_below_c = charging.heated_below_c
+        self._leakage_w_per_k = battery.leakage.coefficient_w_per_k(0.0)
+        self._idle_heat_w = self._leakage_w_per_k * stop.ambient_c
+        self._rates = make_rates(vehicle, FLOATS)
+        self._integrate = make_runge_kutta_4(self._with_charging_power(self._rates))
+        self._heat_step = make_heat_step(vehicle, FLOATS)
+        self._hottest_c = hottest_c(vehicle)
+        self._step_s = step_s
+        if self._leakage_w_per_k > 0.0:
+            self._step_s = min(step_s, TIME_CONSTANT_SHARE * battery.heat_capacity_j_per_k
+                               / self._leakage_w_per_k)
+
+    def _with_charging_power(self, rates: Rates[float]) -> Rates[float]:
+        """
+        Return the model's rates under the charging power at each state.
+
+        In place of the terminal power they take what is left for the battery, negative, and in
+        place of the Joule heat they return the charging power [W].
+        """
+        power_w = self._power_w
+
+        def charged(soc: float, temperature_c: float, left_w: float, variance_w2: float,
+                    heat_w: float, leakage_w_per_k: float) -> tuple[float, float, float]:
+            terminal_w = power_w(soc, temperature_c, -left_w)
+            soc_rate, temperature_rate, _ = rates(
+                soc, temperature_c, -terminal_w, variance_w2, heat_w, leakage_w_per_k)
+            return soc_rate, temperature_rate, terminal_w
+
+        return charged
+
+    def _power_w(self, soc: float, temperature_c: float, left_w: float) -> float:
+        """P_c [W] at a state, of which `left_w` [W] is left by all others."""
+        return max(0.0, min(left_w, -self._limit_w(soc, temperature_c)))
+
+    def _command_w(self, temperature_c: float) -> float:
+        return self._heater_w if temperature_c < self._heated_below_c else 0.0
+
+    def problem_at(self, state: _State) -> str | None:
+        """Return why the battery is never charged further from a state, None if it may be."""
+        soc, temperature_c, stop = state.soc, state.temperature_c, self._stop
+        if self._supply_w <= LEAST_POWER_W:
+            given_w = self._supply_w + stop.cabin_heating_power_w + stop.auxiliary_power_w
+            return (f'cabin and auxiliaries take all of the {given_w / 1000.0:.1f} kW that charger and '
+                    'inlet give')
+
+        def may_charge(at_c: float) -> bool:
+            left_w = self._supply_w - self._command_w(at_c)
+            return self._power_w(soc, at_c, left_w) > LEAST_POWER_W
+
+        if may_charge(temperature_c):
+            return None
+        settled_c = self._settled_c(temperature_c, self._command_w(temperature_c))
+        # Heat that is under way comes on top.
+        late_k = max(0.0, state.excess_k) + (
+            self._vehicle.heat_path.heater_lag_s * self._vehicle.hvch.efficiency * state.heater_w
+            / self._vehicle.battery.heat_capacity_j_per_k)
+        if late_k > 0.0:
+            settled_c = max(settled_c, temperature_c) + late_k
+        if any(map(may_charge, np.linspace(temperature_c, settled_c, OUTLOOK_POINTS).tolist())):
+            return None
+        at = f'at {100.0 * soc:.1f} % and {temperature_c:.1f} degC'
+        if -self._limit_w(soc, settled_c) > LEAST_POWER_W:
+            return (f'{at} the heater takes all that the charger leaves, and the battery gets no warmer '
+                    f'than {settled_c:.1f} degC')
+        warmer = (f', and the battery gets no warmer than {settled_c:.1f} degC'
+                  if settled_c > temperature_c else '')
+        return f'{at} the battery takes less than {LEAST_POWER_W:g} W{warmer}'
+
+    def _settled_c(self, temperature_c: float, command_w: float) -> float:
+        """Where a battery that is not charged settles [deg C]."""
+        heat_w = self._vehicle.hvch.efficiency * command_w
+        if self._leakage_w_per_k == 0.0:
+            settled_c = self._hottest_c if heat_w > 0.0 else temperature_c
+        else:
+            settled_c = self._stop.ambient_c + heat_w / self._leakage_w_per_k
+        # Where heating ends it goes on without.
+        return max(temperature_c, min(settled_c, self._heated_below_c)) if command_w else settled_c
+
+    def step_from(self, state: _State) -> _Step:
+        """Return the step from a state, which ends where heating or the session is to end."""
+        above_k = state.temperature_c - self._heated_below_c
+        command_w, is_direct = self._command_w(state.temperature_c), self._vehicle.heat_path.is_direct
+        length_s = self._length_s(state)
+        if is_direct and abs(above_k) <= TEMPERATURE_TOLERANCE_K:
+            command_w = self._holding_w(state, length_s)
+        step = self._step(state, command_w, length_s)
+        if abs(above_k) > TEMPERATURE_TOLERANCE_K:
+            # Late heat has cycles of its own around the limit: that it falls below is seen a step later.
+            side = math.copysign(1.0, -above_k)
+            if side * (step.end.temperature_c - self._heated_below_c) > 0.0 and (
+                    side > 0.0 or is_direct):
+                step = self._cut(state, command_w, step, lambda end: side * (
+                    end.temperature_c - self._heated_below_c), TEMPERATURE_TOLERANCE_K)
+        if step.end.soc > self._stop.departure_soc:
+            step = self._cut(state, command_w, step,
+                             lambda end: end.soc - self._stop.departure_soc, SOC_TOLERANCE)
+        return step
+
+    def _holding_w(self, state: _State, length_s: float) -> float:
+        """
+        Return the heater power [W] that holds the battery at the limit of heating for a step [s].
+
+        That is what heating below the limit, and not above it, is on average. None of it, or all,
+        where the battery leaves the limit whatever the heater does.
+        """
+        def attempt(command_w: float) -> Trial[float]:
+            end = self._step(state, command_w, length_s).end
+            return Trial(command_w, end.temperature_c - self._heated_below_c, command_w)
+
+        idle = attempt(0.0)
+        if idle.excess >= 0.0:
+            return 0.0
+        warming_k_per_w = length_s * self._vehicle.hvch.efficiency / (
+            self._vehicle.battery.heat_capacity_j_per_k)
+        return follow_slope(self._heater_w, 0.0, idle, warming_k_per_w, attempt,
+                            TEMPERATURE_TOLERANCE_K).outcome
+
+    def _length_s(self, state: _State) -> float:
+        """Return how long a step from a state may be [s], whatever the heater takes."""
+        power_w = self._power_w(state.soc, state.temperature_c, self._supply_w)
+        if power_w == 0.0:
+            return self._step_s
+        full_s = (self._vehicle.battery.capacity_as
+                  * self._voltage_v(state.soc, state.temperature_c) / power_w)
+        return min(self._step_s, STEP_SOC * full_s)
+
+    def _step(self, state: _State, command_w: float, duration_s: float) -> _Step:
+        soc, temperature_c = state.soc, state.temperature_c
+        other_heat_w = 0.0
+        if self._vehicle.heat_path.has_coolant:
+            other_heat_w = self._vehicle.battery.heat_capacity_j_per_k * self._rates(
+                soc, temperature_c, -self._power_w(soc, temperature_c, self._supply_w - command_w),
+                0.0, self._idle_heat_w, self._leakage_w_per_k)[1]
+        drawn_w, arriving_w, heater_w, coolant_c = self._heat_step(
+            state.heater_w, temperature_c + state.excess_k, temperature_c, duration_s, command_w,
+            other_heat_w)
+        soc, end_c, mean_c, terminal_w = self._integrate(
+            soc, temperature_c, duration_s, drawn_w - self._supply_w, 0.0,
+            self._idle_heat_w + arriving_w, self._leakage_w_per_k)
+        leakage_w = self._idle_heat_w - self._leakage_w_per_k * mean_c
+        if end_c > self._hottest_c:
+            # The car's own cooling, which the model does not describe.
+            leakage_w -= ((end_c - self._hottest_c) * self._vehicle.battery.heat_capacity_j_per_k
+                          / duration_s)
+            end_c = self._hottest_c
+        excess_k = coolant_c - end_c if self._vehicle.heat_path.has_coolant else state.excess_k
+        return _Step(duration_s, _State(soc, end_c, heater_w, excess_k), terminal_w, drawn_w,
+                     arriving_w, leakage_w)
+
+    def _cut(self, state: _State, command_w: float, whole: _Step,
+             excess_of: Callable[[_State], float], tolerance: float) -> _Step:
+        """Return the part of a step after which `excess_of` its end is just above 0."""
+        def attempt(duration_s: float) -> Trial[_Step]:
+            step = self._step(state, command_w, duration_s)
+            return Trial(duration_s, excess_of(step.end), step)
+
+        return close_in(
+            Trial(whole.duration_s, excess_of(whole.end), whole), Trial(0.0, excess_of(state), whole),
+            attempt, lambda enough, too_little: enough.excess <= tolerance, MOST_TRIALS,
+            aim=0.5 * tolerance).outcome
+
+
+def _session(vehicle: Vehicle, stop: Stop, problem: str | None, states: list[_State],
+             steps: list[_Step]) -> Session:
+    """Return the Session of what was simulated; its energies close the balance of heat to rounding."""
+    hours = np.array([step.duration_s for step in steps]) / JOULES_PER_WH
+    terminal_w, drawn_w, arriving_w, leakage_w = (
+        np.array([getattr(step, name) for step in steps])
+        for name in ('terminal_w', 'drawn_w', 'arriving_w', 'leakage_w'))
+    terminal, drawn, arriving, leakage = (
+        float(hours @ power_w) for power_w in (terminal_w, drawn_w, arriving_w, leakage_w))
+    side, temperature_c = float(hours.sum()), np.array([state.temperature_c for state in states])
+    joule = (vehicle.battery.heat_capacity_j_per_k * float(temperature_c[-1] - temperature_c[0])
+             / JOULES_PER_WH - arriving - leakage)
+    cabin, auxiliary = side * stop.cabin_heating_power_w, side * stop.auxiliary_power_w
+    return Session(
+        problem=problem,
+        time_s=np.concatenate(([0.0], np.cumsum(hours) * JOULES_PER_WH)),
+        battery_temperature_c=temperature_c,
+        soc=np.array([state.soc for state in states]),
+        charging_power_w=terminal_w,
+        hvch_battery_power_w=drawn_w,
+        energy_wh=SessionEnergies(
+            bought=terminal + drawn + cabin + auxiliary, terminal=terminal, stored=terminal - joule,
+            joule=joule, hvch_electric=drawn, hvch_heat=arriving, cabin=cabin, auxiliary=auxiliary,
+            leakage=leakage))

@@ -1,0 +1,191 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`preheat charge`: the charging session after a drive, with preheating and without."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import TYPE_CHECKING
+
+from bev_preheat.charging.session import charge
+from bev_preheat.charging.stop import arrival_state, Stop, stop_after
+from bev_preheat.commands.situation import add_drive_arguments, load_planned_vehicle, read_situation
+from bev_preheat.console.output import add_output_arguments, check_output_arguments, write_json
+from bev_preheat.console.terminal import print_figures, result_console
+from bev_preheat.errors import InvalidInput
+from bev_preheat.planning.explanation import duration_text
+from bev_preheat.planning.planner import plan_preheating, plan_unheated
+from bev_preheat.planning.situation import BatteryState
+from bev_preheat.vehicle import vehicle_file
+
+if TYPE_CHECKING:
+    from argparse import ArgumentParser, Namespace
+    from collections.abc import Callable
+    from typing import Any
+
+    from bev_preheat.charging.session import Session
+    from bev_preheat.commands.arguments import Subparsers
+    from bev_preheat.planning.plan import Plan
+    from bev_preheat.vehicle import Vehicle
+
+WH_PER_KWH = 1000.0
+W_PER_KW = 1000.0
+MOST_TEMPERATURES = 2
+PREHEATED, UNHEATED = 'preheated', 'without preheating'
+# What belongs to which of the two ways of saying how the battery arrives.
+OF_A_DRIVE = ('temperature', 'soc', 'target', 'step')
+OF_AN_ARRIVAL = ('arrival_soc', 'ambient', 'cabin_heating_power', 'auxiliary_power')
+
+
+def add_parser(subparsers: Subparsers) -> None:
+    """Add the subcommand."""
+    parser = subparsers.add_parser(
+        'charge', help='the charging session after a drive',
+        description='How long does charging take after this drive, with preheating and without, and '
+        'how much is bought? Or after arriving with one or two given temperatures.')
+    group = parser.add_mutually_exclusive_group(required=True)
+    add_drive_arguments(parser, group, needs_state=False)
+    group.add_argument('--arrival-temperature', type=float, nargs='+', metavar='DEGC',
+                       help='no drive: one or two battery temperatures on arrival [degC]')
+    parser.add_argument('--arrival-soc', type=float, metavar='0..1',
+                        help='no drive: state of charge on arrival')
+    parser.add_argument('--ambient', type=float, metavar='DEGC',
+                        help='no drive: ambient temperature at the charger [degC]; after a drive '
+                        'that of its last segment')
+    parser.add_argument('--cabin-heating-power', type=float, metavar='W',
+                        help='no drive: what the cabin takes of the heater [W]; after a drive as in '
+                        "its last segment (default: the vehicle's)")
+    parser.add_argument('--auxiliary-power', type=float, metavar='W',
+                        help='no drive: lights, pumps, computers [W]; after a drive as in its last '
+                        "segment (default: the vehicle's)")
+    add_charger_arguments(parser)
+    add_output_arguments(parser)
+    parser.set_defaults(run=run)
+
+
+def add_charger_arguments(parser: ArgumentParser) -> None:
+    """Add `--charger-power` and `--departure-soc`."""
+    parser.add_argument('--charger-power', required=True, type=float, metavar='W',
+                        help="what the charger gives at most, at the vehicle's inlet [W]")
+    parser.add_argument('--departure-soc', required=True, type=float, metavar='0..1',
+                        help='state of charge to leave with')
+
+
+def run(arguments: Namespace) -> int:
+    """Simulate, print, and write what was asked for; returns the exit status."""
+    after_drive = arguments.route is not None
+    _refuse_other_arguments(arguments, after_drive)
+    vehicle, stop, sessions, more = (_after_drive if after_drive else _after_arrival)(arguments)
+    title = (f'vehicle {vehicle.name}, charger {arguments.charger_power / W_PER_KW:g} kW, ambient '
+             f'{stop.ambient_c:g} degC, to {100.0 * stop.departure_soc:g} %')
+    if arguments.json:
+        write_json(arguments.json, {
+            **asdict(stop), 'sessions': [{'name': name, **session.as_dictionary()}
+                                         for name, session in sessions.items()],
+            **more, 'vehicle_assumed': list(vehicle.assumed)})
+    if arguments.plot:
+        from bev_preheat.drawing.charging_figure import draw_sessions
+        draw_sessions(arguments.plot, vehicle, stop, sessions, title)
+    console = result_console(arguments.json)
+    rows: tuple[tuple[str, Callable[[Session], str]], ...] = (
+        ('Arrival temp. [degC]', lambda session: f'{session.battery_temperature_c[0]:.2f}'),
+        ('Arrival SoC [%]', lambda session: f'{100 * session.soc[0]:.2f}'),
+        ('Charging time', _time_text),
+        ('Bought energy [kWh]', _energy_text),
+        ('… by the heater', lambda session: f'{session.energy_wh.hvch_electric / WH_PER_KWH:.2f}'),
+        ('… by cabin and auxiliaries', lambda session: (
+            f'{(session.energy_wh.cabin + session.energy_wh.auxiliary) / WH_PER_KWH:.2f}')),
+        ('Joule heat [kWh]', lambda session: f'{session.energy_wh.joule / WH_PER_KWH:.2f}'),
+        ('Highest power [kW]', lambda session: (
+            f'{max(session.charging_power_w, default=0.0) / W_PER_KW:.1f}')),
+        ('Departure temp. [degC]', lambda session: f'{session.battery_temperature_c[-1]:.2f}'),
+        ('Departure SoC [%]', lambda session: f'{100 * session.soc[-1]:.2f}'))
+    print_figures(console, title, ['', *sessions], [
+        (heading, *map(figure, sessions.values())) for heading, figure in rows])
+    for sentence in _sentences(sessions):
+        console.print(sentence, markup=False, soft_wrap=True)
+    return 0
+
+
+def refuse_stranded(plan: Plan) -> None:
+    """Raise InvalidInput where the charge does not carry the drive to the charger."""
+    if plan.stranding is not None:
+        raise InvalidInput(
+            f'--soc: {100.0 * plan.soc[0]:g} % do not carry this trip, even without heating: the '
+            f'battery is empty in {duration_text(plan.stranding.at_s)}, '
+            f'{plan.stranding.lacking_wh / WH_PER_KWH:.2f} kWh are lacking')
+
+
+def _refuse_other_arguments(arguments: Namespace, after_drive: bool) -> None:
+    """Raise InvalidInput where an argument belongs to the other way, or one is missing."""
+    given, other, mine, needed = (
+        ('--route', '--arrival-temperature', OF_AN_ARRIVAL, ('temperature', 'soc')) if after_drive
+        else ('--arrival-temperature', '--route', OF_A_DRIVE, ('arrival_soc', 'ambient')))
+    problems = [f'{_option(name)}: not allowed with {given}, only with {other}' for name in mine
+                if getattr(arguments, name) is not None]
+    problems += [f'{_option(name)}: needed with {given}' for name in needed
+                 if getattr(arguments, name) is None]
+    if not after_drive:
+        if arguments.min_soc:
+            problems.append('--min-soc: not allowed with --arrival-temperature, only with --route')
+        if len(arguments.arrival_temperature) > MOST_TEMPERATURES:
+            problems.append(f'--arrival-temperature: {len(arguments.arrival_temperature)} '
+                            f'temperatures; it must be one or {MOST_TEMPERATURES}')
+    if problems:
+        raise InvalidInput(problems)
+
+
+def _option(name: str) -> str:
+    return f'--{name.replace("_", "-")}'
+
+
+def _after_drive(
+        arguments: Namespace) -> tuple[Vehicle, Stop, dict[str, Session], dict[str, Any]]:
+    """Return vehicle, stop, sessions by name, and what else goes into the JSON."""
+    situation = read_situation(arguments)
+    check_output_arguments(arguments, situation.files)
+    inputs = situation.vehicle, situation.route, situation.state, situation.goal
+    unheated = plan_unheated(*inputs)
+    refuse_stranded(unheated)
+    plan = plan_preheating(*inputs)
+    stop = stop_after(situation.route, arguments.charger_power, arguments.departure_soc)
+    return situation.vehicle, stop, {
+        name: charge(situation.vehicle, stop, arrival_state(drive))
+        for name, drive in ((PREHEATED, plan), (UNHEATED, unheated))}, {
+            'plan': plan.as_dictionary(), 'route_made_for': situation.route_made_for}
+
+
+def _after_arrival(
+        arguments: Namespace) -> tuple[Vehicle, Stop, dict[str, Session], dict[str, Any]]:
+    vehicle = load_planned_vehicle(arguments.vehicle)
+    check_output_arguments(arguments, [vehicle_file(arguments.vehicle)])
+    cabin_w, auxiliary_w = arguments.cabin_heating_power, arguments.auxiliary_power
+    stop = Stop(
+        arguments.charger_power, arguments.departure_soc, arguments.ambient,
+        vehicle.defaults.cabin_heating_power_w if cabin_w is None else cabin_w,
+        vehicle.defaults.auxiliary_power_w if auxiliary_w is None else auxiliary_w)
+    return vehicle, stop, {
+        f'from {at_c:g} degC': charge(vehicle, stop, BatteryState(at_c, arguments.arrival_soc))
+        for at_c in arguments.arrival_temperature}, {}
+
+
+def _time_text(session: Session) -> str:
+    return 'never' if session.problem else duration_text(session.charging_time_s)
+
+
+def _energy_text(session: Session) -> str:
+    return '–' if session.problem else f'{session.bought_energy_wh / WH_PER_KWH:.2f}'
+
+
+def _sentences(sessions: dict[str, Session]) -> list[str]:
+    """Return what the sessions say: what cannot be charged, and which of two is faster."""
+    sentences = [f'{name[0].upper()}{name[1:]}: not charged to the end: {session.problem}.'
+                 for name, session in sessions.items() if session.problem]
+    if len(sessions) == MOST_TEMPERATURES and not sentences:
+        (name, one), (other_name, other) = sessions.items()
+        saved_s = other.charging_time_s - one.charging_time_s
+        more_kwh = (one.bought_energy_wh - other.bought_energy_wh) / WH_PER_KWH
+        sentences.append(
+            f'{name[0].upper()}{name[1:]}, charging takes {_time_text(one)}, '
+            f'{duration_text(abs(saved_s))} {"less" if saved_s >= 0.0 else "more"} than {other_name}, '
+            f'and buys {abs(more_kwh):.2f} kWh {"more" if more_kwh >= 0.0 else "less"}.')
+    return sentences

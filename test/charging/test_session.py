@@ -1,0 +1,271 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The charging session: closed forms, balances, halved steps, an integration of its own, no end."""
+
+from dataclasses import replace
+import math
+
+from hypothesis import given
+from hypothesis import strategies as st
+import numpy as np
+from plain_car import (
+    CAPACITY_AH,
+    constant,
+    HEAT_CAPACITY_J_PER_K,
+    HEATER_EFFICIENCY,
+    HEATER_W,
+    own_session,
+    plain_car,
+    stored_wh,
+    VOLTAGE_V,
+)
+import pytest
+
+from bev_preheat.charging.session import charge, LONGEST_SESSION_S
+from bev_preheat.charging.stop import arrival_state, check_stop, Stop, stop_after
+from bev_preheat.errors import InvalidInput
+from bev_preheat.planning.planner import plan_preheating
+from bev_preheat.planning.situation import BatteryState, Goal
+from bev_preheat.route import load_route
+from bev_preheat.vehicle import load_vehicle
+from bev_preheat.vehicle.charging import Charging
+from bev_preheat.vehicle.curves import Table
+from bev_preheat.vehicle.heat_path import HeatPath
+
+REFERENCE, SMALL = load_vehicle('reference'), load_vehicle('small_car')
+# -10 degC outside, 1.2 kW for the cabin, 300 W of auxiliaries.
+STOP = Stop(60e3, 0.8, -10.0, 1200.0, 300.0)
+SUPPLY_W = 60e3 - 1500.0
+
+
+def test_constant_power_without_resistance():
+    session = charge(plain_car(), STOP, BatteryState(5.0, 0.25))
+    # 350 V * 120 Ah * 0.55 at 58.5 kW
+    hours = VOLTAGE_V * CAPACITY_AH * 0.55 / SUPPLY_W
+    assert session.charging_time_s == pytest.approx(3600.0 * hours, rel=1e-7)
+    assert session.bought_energy_wh == pytest.approx(60e3 * hours, rel=1e-7)
+    assert session.battery_temperature_c == pytest.approx(np.full(len(session.time_s), 5.0))
+
+
+def test_constant_power_through_a_resistance():
+    ohm = 0.2
+    session = charge(plain_car(resistance_ohm=ohm), STOP, BatteryState(5.0, 0.25))
+    current_a = (math.sqrt(VOLTAGE_V**2 + 4.0 * ohm * SUPPLY_W) - VOLTAGE_V) / (2.0 * ohm)
+    seconds = 3600.0 * CAPACITY_AH * 0.55 / current_a
+    assert session.charging_time_s == pytest.approx(seconds, rel=1e-9)
+    assert session.battery_temperature_c[-1] == pytest.approx(
+        5.0 + ohm * current_a**2 * seconds / HEAT_CAPACITY_J_PER_K, rel=1e-9)
+    assert session.energy_wh.joule == pytest.approx(ohm * current_a**2 * seconds / 3600.0, rel=1e-9)
+
+
+def test_a_power_limit_that_falls_with_the_charge():
+    # P = 80 kW (1 - s) from 0.25 to 0.8, below the charger's: ln(0.75 / 0.2) * 350 V 120 Ah / 80 kW
+    limit = Table((0.0, 1.0), (0.0,), ((-80e3,), (0.0,)))
+    session = charge(plain_car(limit=limit), replace(STOP, charger_power_w=500e3),
+                     BatteryState(5.0, 0.25))
+    assert session.charging_time_s == pytest.approx(
+        3600.0 * math.log(0.75 / 0.2) * VOLTAGE_V * CAPACITY_AH / 80e3, rel=1e-7)
+
+
+def test_heating_warms_in_closed_form_up_to_the_limit_and_holds_there():
+    leakage = 100.0
+    session = charge(plain_car(leakage_w_per_k=leakage, heats=True),
+                     replace(STOP, charger_power_w=20e3), BatteryState(2.0, 0.25))
+    heater_w = HEATER_W - 1200.0
+    settled_c = -10.0 + HEATER_EFFICIENCY * heater_w / leakage
+    reached_s = HEAT_CAPACITY_J_PER_K / leakage * math.log((settled_c - 2.0) / (settled_c - 22.0))
+    on = session.time_s <= reached_s
+    assert session.battery_temperature_c[on] == pytest.approx(
+        settled_c - (settled_c - 2.0) * np.exp(
+            -leakage * session.time_s[on] / HEAT_CAPACITY_J_PER_K), abs=1e-6)
+    assert session.battery_temperature_c[~on] == pytest.approx(
+        np.full((~on).sum(), 22.0), abs=1e-5)
+    # From there on what leaks out at 32 K is made up for.
+    holding_w = leakage * 32.0 / HEATER_EFFICIENCY
+    assert session.hvch_battery_power_w[-1] == pytest.approx(holding_w, rel=1e-4)
+    # What is not for the heater is for the battery: 18.5 kW less 4.8 kW, then less 3.76 kW.
+    stored = VOLTAGE_V * CAPACITY_AH * 0.55 - (18500.0 - heater_w) * reached_s / 3600.0
+    assert session.charging_time_s == pytest.approx(
+        reached_s + 3600.0 * stored / (18500.0 - holding_w), rel=1e-5)
+
+
+def test_a_battery_that_cools_at_the_charger_is_held_at_the_limit():
+    session = charge(plain_car(leakage_w_per_k=100.0, heats=True),
+                     replace(STOP, charger_power_w=20e3), BatteryState(22.7, 0.25))
+    assert session.battery_temperature_c.min() == pytest.approx(22.0, abs=1e-5)
+    assert (session.hvch_battery_power_w[session.battery_temperature_c[:-1] > 22.0001] == 0.0).all()
+
+
+def test_the_inlet_limits_what_the_charger_could_give():
+    weaker, limited = (charge(plain_car(inlet_w=inlet_w), replace(STOP, charger_power_w=charger_w),
+                              BatteryState(5.0, 0.25))
+                       for inlet_w, charger_w in ((math.inf, 40e3), (40e3, 400e3)))
+    assert limited.charging_time_s == weaker.charging_time_s
+    assert limited.bought_energy_wh == pytest.approx(40e3 * limited.charging_time_s / 3600.0)
+
+
+@pytest.mark.parametrize('vehicle, charger_w, temperature_c, soc', [
+    (REFERENCE, 150e3, -5.0, 0.2), (REFERENCE, 50e3, 12.0, 0.33), (SMALL, 100e3, 1.0, 0.15)],
+    ids=['150 kW, cold', '50 kW, held at the limit', 'no heating'])
+def test_a_session_is_that_of_an_own_fine_integration(vehicle, charger_w, temperature_c, soc):
+    stop = Stop(charger_w, 0.62, -9.0, 1700.0, 450.0)
+    session = charge(vehicle, stop, BatteryState(temperature_c, soc))
+    time_s, bought_wh, departure_c = own_session(vehicle, stop, temperature_c, soc, 0.1)
+    assert session.charging_time_s == pytest.approx(time_s, rel=2e-4)
+    assert session.bought_energy_wh == pytest.approx(bought_wh, rel=2e-4)
+    assert session.battery_temperature_c[-1] == pytest.approx(departure_c, abs=0.01)
+
+
+@pytest.mark.parametrize('vehicle, charger_w', [
+    (REFERENCE, 150e3), (REFERENCE, 50e3), (REFERENCE, 11e3), (SMALL, 100e3),
+    (replace(REFERENCE, heat_path=HeatPath(30.0, 15e3, 500.0)), 150e3)],
+    ids=['150 kW', '50 kW', '11 kW', 'small_car', 'heat path'])
+def test_halving_the_steps_changes_nothing_that_counts(vehicle, charger_w):
+    stop = Stop(charger_w, 0.8, -9.0, 1700.0, 450.0)
+    whole, half = (charge(vehicle, stop, BatteryState(-5.0, 0.4), step_s) for step_s in (10.0, 5.0))
+    assert whole.charging_time_s == pytest.approx(half.charging_time_s, rel=2e-5, abs=0.01)
+    assert whole.bought_energy_wh == pytest.approx(half.bought_energy_wh, rel=2e-5)
+
+
+@given(name=st.sampled_from(['reference', 'small', 'late heat']), charger_w=st.floats(3e3, 400e3),
+       temperature_c=st.floats(-25.0, 45.0), soc=st.floats(0.05, 0.9), more=st.floats(0.0, 0.5),
+       ambient_c=st.floats(-30.0, 40.0), cabin_w=st.floats(0.0, 4e3))
+def test_energy_is_kept_and_no_limit_is_broken(
+        name, charger_w, temperature_c, soc, more, ambient_c, cabin_w):
+    vehicle = {'reference': REFERENCE, 'small': SMALL, 'late heat': replace(
+        REFERENCE, heat_path=HeatPath(40.0, 20e3, 700.0))}[name]
+    stop = Stop(charger_w, min(0.98, soc + more), ambient_c, cabin_w, 350.0)
+    session = charge(vehicle, stop, BatteryState(temperature_c, soc), step_s=60.0)
+    energy, hours = session.energy_wh, session.time_s[-1] / 3600.0
+    # The heat balance closes the energies; that what is left of the terminals' energy is charge is
+    # another matter, and so is what the charger may give.
+    assert energy.stored == pytest.approx(stored_wh(
+        vehicle, session.soc, session.battery_temperature_c), rel=1e-4, abs=0.5)
+    assert energy.joule >= -1e-6
+    assert energy.bought == pytest.approx(
+        energy.terminal + energy.hvch_electric + hours * (cabin_w + 350.0), rel=1e-12)
+    # A heater that lags may take what the battery got, for a moment.
+    assert energy.bought <= hours * max(charger_w, cabin_w + 350.0) + 100.0 * (name == 'late heat') + 1e-6
+    assert session.charging_power_w.min(initial=0.0) >= 0.0
+    most_w = max(0.0, vehicle.hvch.maximum_power_w - cabin_w)
+    assert session.hvch_battery_power_w.max(initial=0.0) <= most_w + 1e-6
+    assert (np.diff(session.time_s) > 0.0).all() and (np.diff(session.soc) >= 0.0).all()
+    assert session.time_s[-1] <= LONGEST_SESSION_S + 60.0
+    assert (session.soc[-1] == pytest.approx(stop.departure_soc, abs=1e-9)) == (not session.problem)
+
+
+def test_no_power_is_taken_that_the_map_does_not_allow():
+    session = charge(REFERENCE, replace(STOP, charger_power_w=400e3), BatteryState(8.0, 0.3))
+    table = REFERENCE.charging.power_limit
+    # By hand at the first step: 0.3 between 0.2 and 0.5, 8 degC between 0 and 10 degC.
+    assert table.soc[1:3] == (0.2, 0.5) and table.temperature_c[3:5] == (0.0, 10.0)
+    low, high = (0.2 * row[3] + 0.8 * row[4] for row in table.values[1:3])
+    assert session.charging_power_w[0] == pytest.approx(-(low + (high - low) / 3.0), rel=0.01)
+
+
+def test_a_map_for_fast_charging_takes_the_place_of_the_charge_limit():
+    half = Charging(constant(-30e3), False)
+    session = charge(replace(REFERENCE, charging=half), STOP, BatteryState(25.0, 0.3))
+    assert session.charging_power_w == pytest.approx(np.full(len(session.time_s) - 1, 30e3))
+
+
+def test_a_battery_that_has_enough_is_not_charged():
+    session = charge(REFERENCE, STOP, BatteryState(5.0, 0.8))
+    assert (session.charging_time_s, session.bought_energy_wh, session.problem) == (0.0, 0.0, None)
+
+
+# --- sessions without an end ---
+
+
+@pytest.mark.parametrize('vehicle, stop, temperature_c, problem', [
+    (SMALL, replace(STOP, ambient_c=-25.0), -22.0,
+     'at 30.0 % and -22.0 degC the battery takes less than 50 W'),
+    (REFERENCE, replace(STOP, charger_power_w=1400.0), 10.0,
+     'cabin and auxiliaries take all of the 1.4 kW that charger and inlet give'),
+    # 500 W of 2 kW are left for the heater: 435 W of heat against 34.9 W/K.
+    (REFERENCE, replace(STOP, charger_power_w=2000.0), -10.0,
+     'at 30.0 % and -10.0 degC the heater takes all that the charger leaves, and the battery gets no '
+     'warmer than 2.5 degC'),
+    (plain_car(limit=Table((0.0,), (0.0, 20.0), ((0.0, -9e4),)), leakage_w_per_k=900.0, heats=True),
+     STOP, -10.0, 'at 30.0 % and -10.0 degC the battery takes less than 50 W, and the battery gets no '
+     'warmer than -5.5 degC')], ids=['too cold', 'eaten by the cabin', 'eaten by the heater', 'leaks'])
+def test_a_session_that_cannot_begin_says_why(vehicle, stop, temperature_c, problem):
+    session = charge(vehicle, stop, BatteryState(temperature_c, 0.3))
+    assert session.problem == problem
+    assert (session.charging_time_s, session.bought_energy_wh) == (math.inf, math.inf)
+    assert len(session.time_s) == 1
+
+
+def test_a_full_battery_takes_less_and_less_and_the_session_says_so():
+    session = charge(REFERENCE, replace(STOP, departure_soc=1.0), BatteryState(25.0, 0.9), 60.0)
+    assert 'the battery takes less than 50 W' in session.problem
+    assert session.soc[-1] > 0.999 and session.time_s[-1] < 4.0 * 3600.0
+
+
+def test_a_session_of_more_than_a_day_ends():
+    session = charge(plain_car(), replace(STOP, charger_power_w=1700.0), BatteryState(5.0, 0.25), 300.0)
+    # 200 W * 24 h of 42 kWh
+    assert session.problem == f'the battery has {25.0 + 480.0 / 42.0:.1f} % after 24 h'
+
+
+def test_a_frozen_battery_is_warmed_first_where_the_car_can():
+    session = charge(REFERENCE, replace(STOP, ambient_c=-30.0), BatteryState(-30.0, 0.3))
+    assert session.problem is None
+    assert session.charging_power_w[0] < 200.0 and session.charging_power_w.max() > 50e3
+
+
+# --- after a drive, and what is refused ---
+
+
+def test_a_stop_after_a_drive_goes_on_as_the_drive_ended():
+    route = load_route('reference', REFERENCE.defaults)
+    stop = stop_after(route, 150e3, 0.8)
+    assert stop == Stop(150e3, 0.8, -7.0, 1978.0, 500.0)
+
+
+def test_heat_under_way_at_arrival_arrives_at_the_charger():
+    vehicle = replace(REFERENCE, heat_path=HeatPath(30.0, 15e3, 500.0))
+    route = load_route('reference', vehicle.defaults)
+    plan = plan_preheating(vehicle, route, BatteryState(-20.0, 0.9), Goal(40.0))
+    state = arrival_state(plan)
+    assert state.coolant_excess_k > 5.0
+    stop = stop_after(route, 150e3, 0.8)
+    assert charge(vehicle, stop, state).charging_time_s < charge(
+        vehicle, stop, BatteryState(state.temperature_c, state.soc)).charging_time_s - 1.0
+
+
+NAN = math.nan
+
+
+@pytest.mark.parametrize('changes, state, problem', [
+    ({'charger_power_w': 0.0}, (5.0, 0.2), 'charger power: 0 is not allowed; it must be 1000 ... 2e+06 W'),
+    ({'charger_power_w': NAN}, (5.0, 0.2), 'charger power: nan is not allowed; it must be 1000 ... '
+     '2e+06 W'),
+    ({'charger_power_w': 150.0}, (5.0, 0.2), 'charger power: 150 is not allowed; it must be 1000 ... '
+     '2e+06 W'),
+    ({'departure_soc': 1.1}, (5.0, 0.2), 'departure state of charge: 1.1 is not allowed; it must be '
+     "0.05 ... 1 (the vehicle's soc_range)"),
+    ({'departure_soc': 0.3}, (5.0, 0.41239), 'departure state of charge: 0.3 is below the 0.412 that '
+     'the battery arrives with; it must be at least that'),
+    ({'ambient_c': -41.0}, (5.0, 0.2), 'ambient temperature: -41 is not allowed; it must be -40 ... 60 '
+     'degC'),
+    ({'cabin_heating_power_w': -1.0}, (5.0, 0.2), 'cabin heating power: -1 is not allowed; it must be '
+     '0 ... 50000 W'),
+    ({'auxiliary_power_w': NAN}, (5.0, 0.2), 'auxiliary power: nan is not allowed; it must be 0 ... '
+     '50000 W'),
+    ({}, (NAN, 0.2), 'battery temperature: nan is not allowed; it must be -40 ... 60 degC, the range of '
+     "the vehicle's battery"),
+    ({}, (5.0, NAN), 'state of charge: nan is not allowed; it must be 0 ... 1')])
+def test_refused_in_words(changes, state, problem):
+    with pytest.raises(InvalidInput) as error:
+        charge(REFERENCE, replace(STOP, **changes), BatteryState(*state))
+    assert error.value.problems == [problem]
+
+
+@pytest.mark.parametrize('charging', [None, Charging(constant(-1e5))])
+def test_a_vehicle_that_does_not_say_whether_it_heats_is_refused(charging):
+    with pytest.raises(InvalidInput) as error:
+        check_stop(replace(REFERENCE, charging=charging), STOP)
+    assert error.value.problems == [
+        'vehicle reference: charging.battery_heating is missing; say in the vehicle file whether the '
+        'car heats its battery while it charges (true or false), because what preheating gains depends '
+        'on it']

@@ -1,0 +1,114 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`preheat charge`: tables, JSON and picture of sessions, and what is refused."""
+
+import json
+
+from matplotlib.image import imread
+import pytest
+import yaml
+
+from bev_preheat.charging.session import charge
+from bev_preheat.charging.stop import Stop
+from bev_preheat.commands.main import main
+from bev_preheat.files.configuration import configuration_folder
+from bev_preheat.planning.planner import plan_preheating, plan_unheated
+from bev_preheat.planning.situation import BatteryState, Goal
+from bev_preheat.route import load_route
+from bev_preheat.vehicle import load_vehicle
+
+DRIVE = ['charge', '--vehicle', 'reference', '--route', 'reference', '--temperature', '-7', '--soc',
+         '0.7', '--charger-power', '150000', '--departure-soc', '0.8']
+ARRIVAL = ['charge', '--vehicle', 'small_car', '--arrival-soc', '0.3', '--ambient', '-4',
+           '--charger-power', '90000', '--departure-soc', '0.6', '--arrival-temperature']
+# At such temperatures this car takes no charge, and does not warm its battery.
+FROZEN = [*(word.replace('-4', '-30') for word in ARRIVAL), '-25']
+
+
+@pytest.fixture
+def said(capsys, tmp_path, monkeypatch):
+    """Return (exit status, standard output, standard error) of a command in a folder of its own."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv('COLUMNS', '200')
+
+    def run(*arguments):
+        status = main(list(arguments))
+        return status, *capsys.readouterr()
+    return run
+
+
+def test_the_sessions_after_a_drive_are_those_of_its_plans(said, tmp_path):
+    status, output, errors = said(*DRIVE, '--json', 'charge.json')
+    assert (status, errors) == (0, '')
+    written = json.loads((tmp_path / 'charge.json').read_text())
+    vehicle = load_vehicle('reference')
+    route = load_route('reference', vehicle.defaults)
+    inputs = vehicle, route, BatteryState(-7.0, 0.7), Goal(25.0)
+    stop = Stop(150e3, 0.8, -7.0, 1978.0, 500.0)
+    assert {key: written[key] for key in vars(stop)} == vars(stop)
+    for session, plan, name in zip(written['sessions'], (plan_preheating(*inputs), plan_unheated(*inputs)),
+                                   ('preheated', 'without preheating')):
+        expected = charge(vehicle, stop, BatteryState(plan.arrival_temperature_c, plan.arrival_soc))
+        assert session == {'name': name, **expected.as_dictionary()}
+    assert written['plan']['status'] == 'WAITING' and written['vehicle_assumed'] == []
+    preheated, unheated = written['sessions']
+    saved_s = unheated['charging_time_s'] - preheated['charging_time_s']
+    assert saved_s > 120.0
+    assert f'{int(saved_s + 0.5) // 60}:{int(saved_s + 0.5) % 60:02d} min less than' in output
+
+
+def test_a_given_arrival_needs_no_drive(said):
+    status, output, errors = said(*ARRIVAL, '5')
+    assert (status, errors) == (0, '') and 'from 5 degC' in output
+    status, output, _ = said(*ARRIVAL, '-3', '24')
+    assert 'From -3 degC, charging takes ' in output and ' more than from 24 degC, and buys ' in output
+
+
+def test_json_on_standard_output_is_all_of_it(said):
+    output = said(*ARRIVAL, '5', '--cabin-heating-power', '0', '--auxiliary-power', '100', '--json',
+                  '-')[1]
+    written = json.loads(output)
+    assert (written['cabin_heating_power_w'], written['auxiliary_power_w']) == (0.0, 100.0)
+
+
+def test_a_session_without_an_end_is_null_in_json_and_says_why(said):
+    status, output, errors = said(*FROZEN, '20', '--json', '-')
+    cold, warm = json.loads(output)['sessions']
+    assert status == 0 and cold['charging_time_s'] is None and warm['charging_time_s'] > 0.0
+    assert 'From -25 degC: not charged to the end: at 30.0 % and -25.0 degC the battery takes' in errors
+
+
+@pytest.mark.costly
+@pytest.mark.parametrize('arguments', [DRIVE, [*FROZEN, '20'], FROZEN],
+                         ids=['drive', 'one never ends', 'none begins'])
+def test_sessions_are_drawn(said, tmp_path, arguments):
+    assert said(*arguments, '--plot', 'charge.png')[0] == 0
+    picture = imread(tmp_path / 'charge.png')
+    assert picture.shape[0] > 700 and picture.std() > 0.05
+
+
+@pytest.mark.parametrize('arguments, problem', [
+    ([*DRIVE, '--charger-power', '0'], 'charger power: 0 is not allowed; it must be 1000 ... 2e+06 W'),
+    ([*DRIVE, '--charger-power', 'nan'], 'charger power: nan is not allowed; '),
+    ([*DRIVE, '--departure-soc', '0.3'], 'departure state of charge: 0.3 is below the 0.4'),
+    ([*DRIVE, '--soc', '0.2'], '--soc: 20 % do not carry this trip, even without heating: the battery '
+     'is empty in 38:46 min, 6.60 kWh are lacking'),
+    ([*DRIVE, '--ambient', '3'], '--ambient: not allowed with --route, only with --arrival-temperature'),
+    ([*ARRIVAL, '3', '--soc', '0.3'], '--soc: not allowed with --arrival-temperature, only with --route'),
+    ([*ARRIVAL, '3', '--min-soc', '0.3'], '--min-soc: not allowed with --arrival-temperature, only with '
+     '--route'),
+    ([*ARRIVAL, '3', '4', '5'], '--arrival-temperature: 3 temperatures; it must be one or 2'),
+    ([word for word in DRIVE if word not in ('--temperature', '-7')], '--temperature: needed with '
+     '--route')])
+def test_refused_in_one_line(said, arguments, problem):
+    status, output, errors = said(*arguments)
+    assert (status, output) == (2, '')
+    assert errors.startswith(f'preheat: error: {problem}') and errors.count('\n') == 1
+
+
+def test_a_vehicle_that_does_not_say_whether_it_heats_is_refused(said, tmp_path):
+    contents = yaml.safe_load((configuration_folder('vehicles') / 'small_car.yaml').read_text())
+    del contents['charging']
+    (tmp_path / 'mine.yaml').write_text(yaml.safe_dump(contents))
+    status, _, errors = said(*ARRIVAL, '5', '--vehicle', 'mine.yaml')
+    assert status == 2 and errors.count('\n') == 1
+    assert 'vehicle small_car: charging.battery_heating is missing; say in the vehicle file' in errors
