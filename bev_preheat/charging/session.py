@@ -36,8 +36,10 @@ if TYPE_CHECKING:
     from bev_preheat.vehicle.model import Rates
 
 # A step lasts at most so long [s], and takes at most so much of the charge.
-STEP_S = 10.0
+STEP_S = 20.0
 STEP_SOC = 0.005
+# Where the temperature is held only the state of charge changes: steps may be so much longer.
+HELD_STEPS = 3.0
 # … and at most this share of the battery's thermal time constant: explicit methods need that.
 TIME_CONSTANT_SHARE = 0.5
 # Nobody waits longer [s].
@@ -187,9 +189,8 @@ class _Plug:
         self._heat_step = make_heat_step(vehicle, FLOATS)
         self._hottest_c = hottest_c(vehicle)
         self._step_s = step_s
-        if self._leakage_w_per_k > 0.0:
-            self._step_s = min(step_s, TIME_CONSTANT_SHARE * battery.heat_capacity_j_per_k
-                               / self._leakage_w_per_k)
+        self._most_step_s = math.inf if self._leakage_w_per_k == 0.0 else (
+            TIME_CONSTANT_SHARE * battery.heat_capacity_j_per_k / self._leakage_w_per_k)
 
     def _with_charging_power(self, rates: Rates[float]) -> Rates[float]:
         """
@@ -261,8 +262,9 @@ class _Plug:
         """Return the step from a state, which ends where heating or the session is to end."""
         above_k = state.temperature_c - self._heated_below_c
         command_w, is_direct = self._command_w(state.temperature_c), self._vehicle.heat_path.is_direct
-        length_s = self._length_s(state)
-        if is_direct and abs(above_k) <= TEMPERATURE_TOLERANCE_K:
+        is_held = is_direct and abs(above_k) <= TEMPERATURE_TOLERANCE_K
+        length_s = self._length_s(state, HELD_STEPS if is_held else 1.0)
+        if is_held:
             command_w = self._holding_w(state, length_s)
         step = self._step(state, command_w, length_s)
         if abs(above_k) > TEMPERATURE_TOLERANCE_K:
@@ -288,22 +290,24 @@ class _Plug:
             end = self._step(state, command_w, length_s).end
             return Trial(command_w, end.temperature_c - self._heated_below_c, command_w)
 
-        idle = attempt(0.0)
-        if idle.excess >= 0.0:
-            return 0.0
         warming_k_per_w = length_s * self._vehicle.hvch.efficiency / (
             self._vehicle.battery.heat_capacity_j_per_k)
-        return follow_slope(self._heater_w, 0.0, idle, warming_k_per_w, attempt,
+        # What held it in the step before is nearly enough.
+        first = attempt(min(state.heater_w, self._heater_w))
+        if first.excess > TEMPERATURE_TOLERANCE_K and attempt(0.0).excess >= 0.0:
+            return 0.0
+        return follow_slope(self._heater_w, 0.0, first, warming_k_per_w, attempt,
                             TEMPERATURE_TOLERANCE_K).outcome
 
-    def _length_s(self, state: _State) -> float:
+    def _length_s(self, state: _State, longer: float) -> float:
         """Return how long a step from a state may be [s], whatever the heater takes."""
+        step_s = min(longer * self._step_s, self._most_step_s)
         power_w = self._power_w(state.soc, state.temperature_c, self._supply_w)
         if power_w == 0.0:
-            return self._step_s
+            return step_s
         full_s = (self._vehicle.battery.capacity_as
                   * self._voltage_v(state.soc, state.temperature_c) / power_w)
-        return min(self._step_s, STEP_SOC * full_s)
+        return min(step_s, STEP_SOC * full_s)
 
     def _step(self, state: _State, command_w: float, duration_s: float) -> _Step:
         soc, temperature_c = state.soc, state.temperature_c

@@ -8,6 +8,7 @@ import math
 from typing import TYPE_CHECKING
 
 from bev_preheat.errors import InvalidInput
+from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.situation import BatteryState, check_situation
 from bev_preheat.vehicle.charging import charging_of
 
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
 
 # The weakest charger gives more than this; below it kilowatts were meant.
 CHARGER_RANGE_W = (1000.0, 2e6)
+WH_PER_KWH = 1000.0
 MOST_SIDE_POWER_W = 50e3
 HOTTEST_AMBIENT_C = 60.0
 
@@ -50,6 +52,15 @@ def arrival_state(plan: Plan) -> BatteryState:
         return BatteryState(plan.arrival_temperature_c, plan.arrival_soc)
     return BatteryState(plan.arrival_temperature_c, plan.arrival_soc,
                         float(plan.heat.heater_power_w[-1]), float(plan.heat.coolant_excess_k[-1]))
+
+
+def refuse_stranded(plan: Plan) -> None:
+    """Raise InvalidInput where the charge does not carry an unheated drive to the charger."""
+    if plan.stranding is not None:
+        raise InvalidInput(
+            f'state of charge: {100.0 * plan.soc[0]:g} % do not carry this trip, even without heating: '
+            f'the battery is empty in {duration_text(plan.stranding.at_s)}, '
+            f'{plan.stranding.lacking_wh / WH_PER_KWH:.2f} kWh are lacking')
 
 
 def check_stop(vehicle: Vehicle, stop: Stop, state: BatteryState | None = None) -> None:

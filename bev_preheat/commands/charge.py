@@ -7,7 +7,7 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 from bev_preheat.charging.session import charge
-from bev_preheat.charging.stop import arrival_state, Stop, stop_after
+from bev_preheat.charging.stop import arrival_state, refuse_stranded, Stop, stop_after
 from bev_preheat.commands.situation import add_drive_arguments, load_planned_vehicle, read_situation
 from bev_preheat.console.output import add_output_arguments, check_output_arguments, write_json
 from bev_preheat.console.terminal import print_figures, result_console
@@ -24,7 +24,6 @@ if TYPE_CHECKING:
 
     from bev_preheat.charging.session import Session
     from bev_preheat.commands.arguments import Subparsers
-    from bev_preheat.planning.plan import Plan
     from bev_preheat.vehicle import Vehicle
 
 WH_PER_KWH = 1000.0
@@ -104,15 +103,6 @@ def run(arguments: Namespace) -> int:
     for sentence in _sentences(sessions):
         console.print(sentence, markup=False, soft_wrap=True)
     return 0
-
-
-def refuse_stranded(plan: Plan) -> None:
-    """Raise InvalidInput where the charge does not carry the drive to the charger."""
-    if plan.stranding is not None:
-        raise InvalidInput(
-            f'--soc: {100.0 * plan.soc[0]:g} % do not carry this trip, even without heating: the '
-            f'battery is empty in {duration_text(plan.stranding.at_s)}, '
-            f'{plan.stranding.lacking_wh / WH_PER_KWH:.2f} kWh are lacking')
 
 
 def _refuse_other_arguments(arguments: Namespace, after_drive: bool) -> None:

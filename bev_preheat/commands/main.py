@@ -12,8 +12,8 @@ if TYPE_CHECKING:
 
 # Modules with add_parser(subparsers), which sets `run`, a function of the parsed arguments that
 # returns the exit status.
-SUBCOMMANDS = ('plan', 'charge', 'optimum', 'compare', 'reproduce', 'sweep', 'robustness', 'scenario',
-               'route', 'vehicle', 'monitor')
+SUBCOMMANDS = ('plan', 'charge', 'worth', 'optimum', 'compare', 'reproduce', 'sweep', 'robustness',
+               'scenario', 'route', 'vehicle', 'monitor')
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -1,0 +1,68 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How sure the minutes at the charger are: what the spreads of the model make of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+import math
+from typing import TYPE_CHECKING
+
+from bev_preheat.charging.session import charge
+from bev_preheat.charging.stop import arrival_state, stop_after
+from bev_preheat.estimation.prior import FACTOR_DEVIATIONS
+from bev_preheat.estimation.state import HEAT_CAPACITY, HEATER, LEAKAGE, PROPULSION, RESISTANCE
+from bev_preheat.planning.planner import plan_preheating, plan_unheated
+from bev_preheat.vehicle.corrections import corrected_vehicle, Corrections
+
+if TYPE_CHECKING:
+    from bev_preheat.planning.situation import BatteryState, Goal
+    from bev_preheat.route.segments import Route
+    from bev_preheat.vehicle.description import Vehicle
+
+
+@dataclass(frozen=True)
+class TimeDeviation:
+    """
+    Standard deviations [s] of the charging time without heating, with it, and of what it saves.
+
+    Infinite where a session within the spread never ends.
+    """
+
+    without_heating_s: float
+    heated_s: float
+    saved_s: float
+
+    def as_dictionary(self) -> dict[str, float]:
+        """Return it as JSON holds it."""
+        return dict(vars(self))
+
+
+def time_deviation(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goal,
+                   charger_power_w: float, departure_soc: float) -> TimeDeviation:
+    """
+    Return the TimeDeviation of heating to the target of a Goal.
+
+    The spreads are those of a car of which only its file is known (`estimation.prior`): heat capacity,
+    leakage, resistance, heater, consumption, each by its own, added as squares. The planner learns
+    them on the way and reaches its target all the same, so each car is planned as it is. The map of
+    the charging power is taken as it is in the file.
+    """
+    squares = [0.0, 0.0, 0.0]
+    for index, deviation in FACTOR_DEVIATIONS.items():
+        ends = []
+        for factor in (math.exp(-deviation), math.exp(deviation)):
+            car = corrected_vehicle(vehicle, Corrections(**{
+                name: factor if index == at else 1.0 for name, at in (
+                    ('heat_capacity', HEAT_CAPACITY), ('leakage', LEAKAGE),
+                    ('resistance', RESISTANCE), ('heater_efficiency', HEATER))}))
+            driven = route.with_propulsion(factor) if index == PROPULSION else route
+            stop = stop_after(driven, charger_power_w, departure_soc)
+            without_s, heated_s = (
+                charge(car, stop, arrival_state(plan)).charging_time_s for plan in (
+                    plan_unheated(car, driven, state, goal),
+                    plan_preheating(car, driven, state, goal)))
+            ends.append((without_s, heated_s, without_s - heated_s))
+        for at, (low_s, high_s) in enumerate(zip(*ends)):
+            squares[at] += (0.5 * (high_s - low_s))**2
+    return TimeDeviation(*(math.sqrt(value) if math.isfinite(value) else math.inf
+                           for value in squares))

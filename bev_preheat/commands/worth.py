@@ -1,0 +1,121 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`preheat worth`: whether heating before the charger is worth it, and to which temperature."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+import math
+from typing import TYPE_CHECKING
+
+from bev_preheat.charging.spread import time_deviation
+from bev_preheat.charging.worth import find_worth, Prices
+from bev_preheat.commands.charge import add_charger_arguments
+from bev_preheat.commands.situation import add_drive_arguments, read_situation
+from bev_preheat.console.output import add_output_arguments, check_output_arguments, write_json
+from bev_preheat.console.terminal import print_records, result_console
+from bev_preheat.planning.explanation import duration_text
+
+if TYPE_CHECKING:
+    from argparse import Namespace
+
+    from bev_preheat.charging.spread import TimeDeviation
+    from bev_preheat.charging.worth import TargetWorth, Worth
+    from bev_preheat.commands.arguments import Subparsers
+
+WH_PER_KWH = 1000.0
+W_PER_KW = 1000.0
+# Shown in the table; the JSON has all targets.
+SHOWN_EACH_K = 5.0
+# Not a recommendation: the verdict says from which value of time on heating pays.
+ENERGY_PRICE, VALUE_OF_TIME = 0.60, 10.0
+
+
+def add_parser(subparsers: Subparsers) -> None:
+    """Add the subcommand."""
+    parser = subparsers.add_parser(
+        'worth', help='whether heating before the charger is worth it, and to which temperature',
+        description='Which target costs least, if energy has a price and time at the charger a value? '
+        'And from which value of time on does heating pay?')
+    add_drive_arguments(parser)
+    add_charger_arguments(parser)
+    parser.add_argument('--energy-price', type=float, default=ENERGY_PRICE, metavar='PER_KWH',
+                        help='price of energy at the charger, per kWh (default: %(default)s)')
+    parser.add_argument('--value-of-time', type=float, default=VALUE_OF_TIME, metavar='PER_H',
+                        help='what an hour at the charger is worth to the driver (default: %(default)s)')
+    add_output_arguments(parser)
+    parser.set_defaults(run=run)
+
+
+def run(arguments: Namespace) -> int:
+    """Find the best target, print, and write what was asked for; returns the exit status."""
+    situation = read_situation(arguments)
+    check_output_arguments(arguments, situation.files)
+    prices = Prices(arguments.energy_price, arguments.value_of_time)
+    inputs = situation.vehicle, situation.route, situation.state
+    charger = arguments.charger_power, arguments.departure_soc
+    worth = find_worth(*inputs, situation.goal, *charger, prices)
+    shown = worth.fixed if worth.best is worth.without_heating else worth.best
+    deviation = time_deviation(
+        *inputs, replace(situation.goal, target_temperature_c=shown.target_c), *charger)
+    title = (f'vehicle {situation.vehicle.name}, route {arguments.route}, charger '
+             f'{arguments.charger_power / W_PER_KW:g} kW to {100.0 * arguments.departure_soc:g} %\n'
+             f'{prices.energy_per_kwh:g} per kWh, {prices.time_per_h:g} per h')
+    if arguments.json:
+        write_json(arguments.json, {
+            **worth.as_dictionary(), 'energy_price_per_kwh': prices.energy_per_kwh,
+            'value_of_time_per_h': prices.time_per_h, 'charger_power_w': arguments.charger_power,
+            'departure_soc': arguments.departure_soc,
+            'charging_time_deviation_s': {'target_c': shown.target_c, **deviation.as_dictionary()},
+            'route_made_for': situation.route_made_for,
+            'vehicle_assumed': list(situation.vehicle.assumed)})
+    if arguments.plot:
+        from bev_preheat.drawing.worth_figure import draw_worth
+        draw_worth(arguments.plot, worth, title)
+    console = result_console(arguments.json)
+    print_records(
+        console, title.replace('\n', ', '),
+        ('target [degC]', 'arrival [degC]', 'SoC [%]', 'heater [Wh]', 'charging', 'bought [kWh]',
+         'cost', ''), [_row(worth, target) for target in _shown(worth)], (*('right',) * 7, 'left'))
+    console.print(worth.verdict, markup=False, soft_wrap=True)
+    sentence = _deviation_sentence(worth, shown, deviation)
+    if sentence:
+        console.print(sentence, markup=False, soft_wrap=True)
+    return 0
+
+
+def _shown(worth: Worth) -> list[TargetWorth]:
+    """Return the targets of the table: each fifth degree that is reached, and those with a name."""
+    named = (worth.without_heating, worth.best, worth.fixed)
+    shown, warmest_c = [], -math.inf
+    for target in worth.targets:
+        is_round = target.target_c % SHOWN_EACH_K == 0.0
+        if target in named or (is_round and target.arrival_temperature_c > warmest_c):
+            shown.append(target)
+            warmest_c = target.arrival_temperature_c
+    return shown
+
+
+def _row(worth: Worth, target: TargetWorth) -> tuple[str, ...]:
+    names = [name for name, other in (('no heating', worth.without_heating), ('best', worth.best),
+                                      ('fixed', worth.fixed)) if target == other]
+    ends = math.isfinite(target.cost)
+    return ('–' if target == worth.without_heating else f'{target.target_c:.2f}',
+            f'{target.arrival_temperature_c:.2f}', f'{100.0 * target.arrival_soc:.2f}',
+            f'{target.hvch_electric_wh:.0f}',
+            duration_text(target.charging_time_s) if ends else 'never',
+            f'{target.bought_energy_wh / WH_PER_KWH:.2f}' if ends else '–',
+            f'{target.cost:.2f}' if ends else '–', ', '.join(names))
+
+
+def _deviation_sentence(worth: Worth, shown: TargetWorth, deviation: TimeDeviation) -> str | None:
+    """Return how sure the minutes are, None where there is nothing to be sure of."""
+    without = worth.without_heating
+    if shown is without or not all(map(math.isfinite, (
+            shown.charging_time_s, without.charging_time_s, deviation.saved_s))):
+        return None
+    saved_s = without.charging_time_s - shown.charging_time_s
+    return (f'Uncertainty of the model (1 sigma): {duration_text(without.charging_time_s)} '
+            f'+-{duration_text(deviation.without_heating_s)} without heating, '
+            f'{duration_text(shown.charging_time_s)} +-{duration_text(deviation.heated_s)} with '
+            f'{shown.target_c:.1f} degC; {"saved" if saved_s >= 0.0 else "lost"} '
+            f'{duration_text(abs(saved_s))} +-{duration_text(deviation.saved_s)}.')

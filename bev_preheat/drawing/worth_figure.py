@@ -1,0 +1,61 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What heating is worth: cost over the target, and minutes at the charger over energy bought."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from bev_preheat.drawing.curves import show_range
+from bev_preheat.drawing.figure import grid_figure, legend_above, save_figure
+from bev_preheat.drawing.palette import BLACK, BLUE, GRAY, look_of, ORANGE, WITHOUT_PREHEATING
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from bev_preheat.charging.worth import TargetWorth, Worth
+    from bev_preheat.files.output_files import AnyPath
+
+    # Where a target is on the axes: x, y.
+    Place = Callable[[TargetWorth], tuple[float, float]]
+
+MARK_POINTS = 9.0
+
+
+def draw_worth(path: AnyPath, worth: Worth, title: str) -> None:
+    """Draw a Worth into a file, whose suffix says which kind of picture it is."""
+    save_figure(make_worth_figure(worth, title), path)
+
+
+def make_worth_figure(worth: Worth, title: str) -> Figure:
+    """Return the figure of a Worth; targets whose session never ends have no place in it."""
+    figure, ((cost, minutes),) = grid_figure(1, 2, title, height_in=4.8)
+    _draw(cost, worth, lambda target: (target.target_c, target.cost))
+    cost.set(xlabel='target [°C]', ylabel='cost of energy and time at the charger')
+    _draw(minutes, worth, lambda target: (
+        target.bought_energy_wh / 1000.0, target.charging_time_s / 60.0))
+    minutes.set(xlabel='energy bought [kWh]', ylabel='time at the charger [min]')
+    legend_above(cost, columns=3)
+    return figure
+
+
+def _draw(axis: Axes, worth: Worth, place: Place) -> None:
+    """Draw the curve of all targets, and mark no heating, the fixed target and the best one."""
+    points = np.array([place(target) for target in worth.targets])
+    finite = points[np.isfinite(points).all(axis=1)]
+    axis.plot(finite[:, 0], finite[:, 1], color=GRAY, linewidth=1.6)
+    look = look_of(WITHOUT_PREHEATING)
+    for target, name, colour, marker, size in (
+            (worth.without_heating, 'no heating', look.colour, look.marker, 1.2 * MARK_POINTS),
+            (worth.fixed, f'fixed, {worth.fixed.target_c:g} °C', ORANGE, 's', MARK_POINTS),
+            (worth.best, 'best' if worth.best is worth.without_heating else
+             f'best, {worth.best.target_c:.1f} °C', BLUE, 'o', 0.7 * MARK_POINTS)):
+        at = place(target)
+        if np.isfinite(at).all():
+            axis.plot(*at, linestyle='', marker=marker, color=colour, markersize=size,
+                      markeredgecolor=BLACK, markeredgewidth=0.6, label=name)
+    show_range(axis, finite[:, 1], least=1e-3)

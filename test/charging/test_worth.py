@@ -1,0 +1,234 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Is it worth it: the best target against a scan of its own, break-even, verdicts, what is refused."""
+
+from dataclasses import replace
+import math
+
+import numpy as np
+from plain_car import constant, plain_car
+import pytest
+
+from bev_preheat.charging.session import charge
+from bev_preheat.charging.spread import time_deviation
+from bev_preheat.charging.stop import Stop
+from bev_preheat.charging.worth import find_worth, minima, pays_from_per_h, Prices, targets_between, TargetWorth
+from bev_preheat.errors import InvalidInput
+from bev_preheat.planning.planner import plan_preheating, plan_unheated
+from bev_preheat.planning.situation import BatteryState, Goal
+from bev_preheat.route import Route
+from bev_preheat.vehicle import load_vehicle
+from bev_preheat.vehicle.charging import Charging
+from bev_preheat.vehicle.curves import Table
+
+REFERENCE = load_vehicle('reference')
+PRICES = Prices(0.55, 12.0)
+# Warm enough that heating is not for free, because the heater at the charger takes long for it.
+STATE, GOAL = BatteryState(6.0, 0.35), Goal(25.0)
+COLD = BatteryState(-5.0, 0.35)
+
+
+def drive(minutes=25, ambient_c=-8.0, cabin_w=1500.0):
+    """Return a Route of one-minute steps at 90 km/h and 15 kW."""
+    return Route(np.full(minutes, 60.0), *(np.full(minutes, value) for value in (
+        25.0, 15e3, 15e3, ambient_c, cabin_w, 400.0, 15e3)))
+
+
+def cost(vehicle, route, target_c, charger_w, prices=PRICES, state=STATE):
+    """Return what one target costs: plan, session and money one after the other."""
+    plan = (plan_unheated(vehicle, route, state, GOAL) if target_c is None else
+            plan_preheating(vehicle, route, state, Goal(target_c)))
+    stop = Stop(charger_w, 0.8, float(route.ambient_temperature_c[-1]),
+                float(route.cabin_heating_power_w[-1]), 400.0)
+    session = charge(vehicle, stop, BatteryState(plan.arrival_temperature_c, plan.arrival_soc))
+    return (prices.energy_per_kwh * session.bought_energy_wh / 1000.0
+            + prices.time_per_h * session.charging_time_s / 3600.0)
+
+
+@pytest.fixture(scope='module')
+def usual():
+    """Return the Worth of the reference at 150 kW."""
+    return find_worth(REFERENCE, drive(), STATE, GOAL, 150e3, 0.8, PRICES)
+
+
+# Full power only in a narrow range of temperatures: one minimum there, another one further down.
+CORNERS = Table((0.0,), (-20.0, 0.0, 2.0, 12.0, 13.0, 40.0), (
+    (-30e3, -40e3, -80e3, -82e3, -140e3, -150e3),))
+
+
+@pytest.mark.parametrize('vehicle, charger_w', [
+    (REFERENCE, 150e3), (replace(REFERENCE, charging=Charging(CORNERS, False)), 140e3)],
+    ids=['reference', 'corners'])
+def test_the_best_target_is_that_of_a_fine_scan(vehicle, charger_w):
+    route = drive()
+    worth = find_worth(vehicle, route, STATE, GOAL, charger_w, 0.8, PRICES)
+    # Every half degree, and closely around its lowest.
+    scan_c = np.arange(math.ceil(worth.without_heating.target_c), 24.0, 0.5)
+    lowest_c = scan_c[int(np.argmin([
+        cost(vehicle, route, target_c, charger_w) for target_c in scan_c]))]
+    scan_c = np.arange(lowest_c - 0.45, lowest_c + 0.45, 0.05)
+    scanned = [cost(vehicle, route, target_c, charger_w) for target_c in scan_c]
+    assert worth.best.cost <= min(scanned) + 1e-6
+    assert worth.best.target_c == pytest.approx(scan_c[int(np.argmin(scanned))], abs=0.075)
+    assert worth.best.cost == pytest.approx(
+        cost(vehicle, route, worth.best.target_c, charger_w), rel=1e-9)
+    assert worth.without_heating.cost == pytest.approx(cost(vehicle, route, None, charger_w), rel=1e-9)
+
+
+def test_targets_go_from_no_heating_to_the_vehicles_maximum(usual):
+    targets_c = [target.target_c for target in usual.targets]
+    assert targets_c == sorted(targets_c) and targets_c[-1] == 60.0
+    assert usual.targets[0] == usual.without_heating and usual.without_heating.hvch_electric_wh == 0.0
+    assert max(np.diff(targets_c)) <= 1.0
+    assert usual.best in usual.targets and usual.fixed.target_c == 25.0
+
+
+def test_a_target_that_the_battery_reaches_by_itself_is_no_heating():
+    worth = find_worth(REFERENCE, drive(ambient_c=10.0), BatteryState(18.0, 0.35), Goal(10.0), 150e3,
+                       0.8, PRICES)
+    assert worth.fixed == replace(worth.without_heating, target_c=10.0)
+
+
+def test_break_even_is_the_value_of_time_at_which_the_best_target_changes(usual):
+    break_even = usual.break_even_value_of_time_per_h
+    assert 0.1 < break_even < 12.0
+    below, above = (find_worth(REFERENCE, drive(), STATE, GOAL, 150e3, 0.8, Prices(0.55, per_h))
+                    for per_h in (0.9 * break_even, 1.1 * break_even))
+    assert below.best == below.without_heating and above.best != above.without_heating
+    assert below.break_even_value_of_time_per_h == pytest.approx(break_even, rel=0.02)
+    assert below.verdict == (f'Not worth it at {0.9 * break_even:.2f} an hour: heating pays as soon as an '
+                             f'hour is worth {below.break_even_value_of_time_per_h:.2f} to you.')
+
+
+def test_costs_follow_from_energy_and_time(usual):
+    for target in usual.targets:
+        assert target.cost == pytest.approx(0.55 * target.bought_energy_wh / 1e3
+                                            + 12.0 * target.charging_time_s / 3600.0)
+
+
+@pytest.mark.parametrize('more_wh, saved_s, per_h', [
+    # 0.5 a kWh: 0.4 for a tenth of an hour.
+    (800.0, 360.0, 4.0), (-100.0, 360.0, 0.0), (0.0, 360.0, 0.0), (800.0, 0.0, math.inf),
+    (800.0, -60.0, math.inf), (-800.0, -60.0, math.inf)])
+def test_from_which_value_of_time_on_a_target_pays(more_wh, saved_s, per_h):
+    without = TargetWorth(5.0, 5.0, 0.2, 0.0, 2000.0, 40e3, 1.0)
+    heated = TargetWorth(9.0, 9.0, 0.2, 900.0, 2000.0 - saved_s, 40e3 + more_wh, 1.0)
+    assert pays_from_per_h(heated, without, 0.5) == pytest.approx(per_h)
+
+
+def test_minima_of_a_grid():
+    inf = math.inf
+    assert minima([3.0, 1.0, 2.0, 0.5, 4.0]) == [3, 1]
+    assert minima([1.0, 2.0, 2.0, 2.0]) == [0]
+    assert minima([3.0, 1.0, 1.0, 1.0]) == [1]
+    assert minima([2.0, 2.0, 1.0, 1.0, 3.0, 2.5]) == [2, 5]
+    assert minima([inf, inf, 5.0, 6.0]) == [2]
+    assert minima([inf, inf]) == []
+
+
+def test_targets_between_two_temperatures():
+    assert targets_between(7.5, 10.0) == [8.0, 9.0, 10.0]
+    assert targets_between(8.0, 10.5) == [9.0, 10.0, 10.5]
+    assert targets_between(60.0, 60.0) == targets_between(61.0, 60.0) == []
+
+
+# --- verdicts ---
+
+
+def test_verdict_of_heating_that_pays(usual):
+    best, without = usual.best, usual.without_heating
+    saved_s = round(without.charging_time_s - best.charging_time_s)
+    more = 0.55 * (best.bought_energy_wh - without.bought_energy_wh) / 1000.0
+    assert usual.verdict == (
+        f'Worth it: heating the battery to {best.target_c:.1f} degC before arrival saves '
+        f'{saved_s // 60}:{saved_s % 60:02d} min at the charger and costs {more:.2f} more for energy. '
+        f'Some heating pays as soon as an hour is worth {usual.break_even_value_of_time_per_h:.2f} to '
+        'you.')
+
+
+def test_verdict_of_heating_that_never_pays():
+    # The charger is slower than the battery, however cold.
+    worth = find_worth(REFERENCE, drive(), STATE, GOAL, 40e3, 0.8, PRICES)
+    assert worth.break_even_value_of_time_per_h is None and worth.best == worth.without_heating
+    assert worth.verdict == ('Not worth it: heating before arrival saves neither time nor money at this '
+                             'charger.')
+
+
+def test_verdict_of_heating_that_pays_for_all():
+    # The cold battery charges so slowly that cabin and heater take more meanwhile than heating before.
+    worth = find_worth(REFERENCE, drive(), COLD, GOAL, 150e3, 0.8, PRICES)
+    assert worth.break_even_value_of_time_per_h == 0.0
+    assert any(target.bought_energy_wh < worth.without_heating.bought_energy_wh
+               for target in worth.targets)
+    assert worth.verdict.endswith('. Some heating pays whatever your time is worth.')
+
+
+def test_verdict_of_a_battery_that_is_only_charged_when_heated():
+    frozen = Charging(Table((0.0,), (4.0, 20.0), ((0.0, -90e3),)), False)
+    worth = find_worth(replace(REFERENCE, charging=frozen), drive(), COLD, GOAL, 150e3, 0.8, PRICES)
+    assert worth.without_heating.arrival_temperature_c < 4.0
+    assert (worth.without_heating.cost, worth.break_even_value_of_time_per_h) == (math.inf, 0.0)
+    assert worth.verdict.startswith('Worth it: heating the battery to ')
+    assert ' lets it charge within ' in worth.verdict
+    assert 'degC the battery takes less than 50 W' in worth.verdict
+
+
+def test_verdict_of_a_charger_that_cannot():
+    worth = find_worth(REFERENCE, drive(), STATE, GOAL, 1500.0, 0.8, PRICES)
+    assert worth.break_even_value_of_time_per_h is None
+    assert worth.verdict == (
+        'This charger cannot charge the battery so far, whether it is heated or not: cabin and '
+        'auxiliaries take all of the 1.5 kW that charger and inlet give.')
+
+
+# --- how sure the minutes are ---
+
+
+def test_the_spread_of_time_of_constant_power_is_that_of_the_consumption():
+    # Without resistance, leakage and a limit only what the drive takes counts.
+    car = plain_car(limit=constant(-1e6))
+    route = drive()
+    deviation = time_deviation(car, route, BatteryState(20.0, 0.6), Goal(10.0), 61900.0, 0.8)
+    # 60 kW into the battery; 8 % of the 6.25 kWh of the drive.
+    assert deviation.without_heating_s == pytest.approx(
+        3600.0 * 15e3 * 25.0 / 60.0 * math.sinh(0.08) / 60e3, rel=1e-3)
+    assert (deviation.heated_s, deviation.saved_s) == (deviation.without_heating_s, 0.0)
+
+
+def test_a_spread_without_an_end_is_infinite():
+    frozen = Charging(Table((0.0,), (4.0, 20.0), ((0.0, -90e3),)), False)
+    deviation = time_deviation(
+        replace(REFERENCE, charging=frozen), drive(), COLD, GOAL, 150e3, 0.8)
+    assert deviation.without_heating_s == deviation.saved_s == math.inf
+
+
+# --- what is refused ---
+
+
+@pytest.mark.parametrize('changes, problems', [
+    ({'prices': Prices(-0.1, 12.0)}, ['energy price: -0.1 is not allowed; it must be 0 ... 1000 per '
+                                      'kWh']),
+    ({'prices': Prices(math.nan, -1.0)}, [
+        'energy price: nan is not allowed; it must be 0 ... 1000 per kWh',
+        'value of time: -1 is not allowed; it must be 0 ... 1e+06 per h']),
+    ({'charger_power_w': 0.0, 'prices': Prices(0.5, math.inf)}, [
+        'charger power: 0 is not allowed; it must be 1000 ... 2e+06 W',
+        'value of time: inf is not allowed; it must be 0 ... 1e+06 per h']),
+    ({'state': BatteryState(math.nan, 0.35)}, [
+        "battery temperature: nan is not allowed; it must be -40 ... 60 degC, the range of the vehicle's "
+        'battery']),
+    ({'state': BatteryState(-5.0, 0.06)}, [
+        'state of charge: 6 % do not carry this trip, even without heating: the battery is empty in'])])
+def test_refused_in_words(changes, problems):
+    arguments = {'vehicle': REFERENCE, 'route': drive(), 'state': STATE, 'goal': GOAL,
+                 'charger_power_w': 150e3, 'departure_soc': 0.8, 'prices': PRICES, **changes}
+    with pytest.raises(InvalidInput) as error:
+        find_worth(**arguments)
+    assert len(error.value.problems) == len(problems)
+    for said, problem in zip(error.value.problems, problems):
+        assert said.startswith(problem)
+
+
+def test_more_charge_than_is_asked_for_is_refused():
+    with pytest.raises(InvalidInput) as error:
+        find_worth(REFERENCE, drive(), BatteryState(-5.0, 0.7), GOAL, 150e3, 0.5, PRICES)
+    assert str(error.value).startswith('departure state of charge: 0.5 is below the 0.6')

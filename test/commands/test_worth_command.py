@@ -1,0 +1,84 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`preheat worth`: the JSON of the contract, table, picture, and what is refused."""
+
+from dataclasses import asdict
+import json
+
+from matplotlib.image import imread
+import pytest
+
+from bev_preheat.charging.worth import find_worth, Prices
+from bev_preheat.commands.main import main
+from bev_preheat.planning.situation import BatteryState, Goal
+from bev_preheat.route import load_route
+from bev_preheat.vehicle import load_vehicle
+
+# Section 8 of the design: what other programs read.
+KEYS = {'targets', 'best', 'without_heating', 'break_even_value_of_time_per_h', 'verdict'}
+TARGET_KEYS = {'target_c', 'arrival_temperature_c', 'arrival_soc', 'hvch_electric_wh',
+               'charging_time_s', 'bought_energy_wh', 'cost'}
+DRIVE = ['worth', '--vehicle', 'reference', '--route', 'winter_commute', '--temperature', '-2', '--soc',
+         '0.3', '--charger-power', '140000', '--departure-soc', '0.7']
+
+
+@pytest.fixture
+def said(capsys, tmp_path, monkeypatch):
+    """Return (exit status, standard output, standard error) of a command in a folder of its own."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv('COLUMNS', '200')
+
+    def run(*arguments):
+        status = main(list(arguments))
+        return status, *capsys.readouterr()
+    return run
+
+
+@pytest.mark.costly
+def test_what_is_written_is_the_contract_and_what_is_found(said, tmp_path):
+    status, output, errors = said(*DRIVE, '--energy-price', '0.45', '--value-of-time', '7', '--target',
+                                  '18', '--json', 'worth.json', '--plot', 'worth.png')
+    assert (status, errors) == (0, '')
+    written = json.loads((tmp_path / 'worth.json').read_text())
+    assert set(written) >= KEYS
+    assert all(set(target) == TARGET_KEYS for target in (
+        *written['targets'], written['best'], written['without_heating']))
+    vehicle = load_vehicle('reference')
+    worth = find_worth(vehicle, load_route('winter_commute', vehicle.defaults), BatteryState(-2.0, 0.3),
+                       Goal(18.0), 140e3, 0.7, Prices(0.45, 7.0))
+    assert written['best'] == asdict(worth.best) and written['best'] in written['targets']
+    assert written['without_heating'] == asdict(worth.without_heating)
+    assert written['break_even_value_of_time_per_h'] == worth.break_even_value_of_time_per_h
+    assert written['verdict'] == worth.verdict and worth.verdict in output
+    assert written['fixed_target']['target_c'] == 18.0
+    for word in ('no heating', 'best', 'fixed', f'{worth.best.target_c:.2f}'):
+        assert word in output
+    assert 'Uncertainty of the model (1 sigma): ' in output
+    picture = imread(tmp_path / 'worth.png')
+    assert picture.shape[1] > 1000 and picture.std() > 0.05
+
+
+@pytest.mark.costly
+def test_a_charger_that_cannot_is_null_in_json_and_is_drawn(said, tmp_path):
+    status, output, errors = said(*DRIVE, '--charger-power', '1500', '--json', '-', '--plot', 'worth.svg')
+    written = json.loads(output)
+    assert status == 0 and written['best']['charging_time_s'] is None
+    assert written['best']['cost'] is None and written['break_even_value_of_time_per_h'] is None
+    assert written['verdict'].startswith('This charger cannot charge the battery so far') and (
+        written['verdict'] in errors)
+    assert (tmp_path / 'worth.svg').stat().st_size > 1000
+
+
+@pytest.mark.parametrize('arguments, problem', [
+    (['--energy-price', '-0.1'], 'energy price: -0.1 is not allowed; it must be 0 ... 1000 per kWh'),
+    (['--value-of-time', 'nan'], 'value of time: nan is not allowed; it must be 0 ... 1e+06 per h'),
+    (['--charger-power', '0'], 'charger power: 0 is not allowed; it must be 1000 ... 2e+06 W'),
+    (['--charger-power', '150'], 'charger power: 150 is not allowed; it must be 1000 ... 2e+06 W'),
+    (['--charger-power', 'nan'], 'charger power: nan is not allowed; it must be 1000 ... 2e+06 W'),
+    (['--departure-soc', '0.1'], 'departure state of charge: 0.1 is below the 0.2'),
+    (['--departure-soc', 'nan'], 'departure state of charge: nan is not allowed; it must be 0.05 ... 1 '),
+    (['--temperature', 'nan'], 'battery temperature: nan is not allowed; it must be -40 ... 60 degC'),
+    (['--soc', '0.06'], 'state of charge: 6 % do not carry this trip, even without heating: ')])
+def test_refused_in_one_line(said, arguments, problem):
+    status, output, errors = said(*DRIVE, *arguments)
+    assert (status, output) == (2, '')
+    assert errors.startswith(f'preheat: error: {problem}') and errors.count('\n') == 1
