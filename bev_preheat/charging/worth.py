@@ -43,6 +43,8 @@ TARGET_RESOLUTION_K = 0.05
 REFINED_MINIMA = 3
 # Less time saved than this [s] is rounding.
 LEAST_SAVED_S = 0.1
+# Costs that differ by less, in whatever currency, are the same to a driver.
+LEAST_GAIN = 0.01
 MOST_PRICE_PER_KWH, MOST_VALUE_PER_H = 1e3, 1e6
 
 
@@ -247,6 +249,9 @@ def verdict_on(best: TargetWorth, without: TargetWorth, break_even: float, price
     if math.isinf(without.cost):
         return (f'Worth it: {heating} lets it charge within {duration_text(best.charging_time_s)}; '
                 f'without, {problem}.')
+    if 0.0 < without.cost - best.cost < LEAST_GAIN:
+        return (f'It makes no difference: {heating} would save less than {LEAST_GAIN:.2f} in all. Some '
+                f'heating pays as soon as an hour is worth {break_even:.2f} to you.')
     if best is not without:
         saved = _saved_text(best, without, prices)
         pays = ('Some heating pays whatever your time is worth' if break_even == 0.0 else

@@ -11,7 +11,15 @@ import pytest
 from bev_preheat.charging.session import charge
 from bev_preheat.charging.spread import time_deviation
 from bev_preheat.charging.stop import Stop
-from bev_preheat.charging.worth import find_worth, minima, pays_from_per_h, Prices, targets_between, TargetWorth
+from bev_preheat.charging.worth import (
+    find_worth,
+    minima,
+    pays_from_per_h,
+    Prices,
+    targets_between,
+    TargetWorth,
+    verdict_on,
+)
 from bev_preheat.errors import InvalidInput
 from bev_preheat.planning.planner import plan_preheating, plan_unheated
 from bev_preheat.planning.situation import BatteryState, Goal
@@ -143,6 +151,14 @@ def test_verdict_of_heating_that_pays(usual):
         f'{saved_s // 60}:{saved_s % 60:02d} min at the charger and costs {more:.2f} more for energy. '
         f'Some heating pays as soon as an hour is worth {usual.break_even_value_of_time_per_h:.2f} to '
         'you.')
+
+
+def test_verdict_of_less_than_a_cent():
+    without = TargetWorth(5.0, 5.0, 0.2, 0.0, 2000.0, 40e3, 30.004)
+    best = TargetWorth(5.5, 5.5, 0.2, 60.0, 1998.0, 40e3, 30.0)
+    assert verdict_on(best, without, 6.35, PRICES, None) == (
+        'It makes no difference: heating the battery to 5.5 degC before arrival would save less than '
+        '0.01 in all. Some heating pays as soon as an hour is worth 6.35 to you.')
 
 
 def test_verdict_of_heating_that_never_pays():
