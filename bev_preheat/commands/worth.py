@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from bev_preheat.commands.arguments import Subparsers
 
 WH_PER_KWH = 1000.0
+S_PER_MIN = 60.0
 W_PER_KW = 1000.0
 # Shown in the table; the JSON has all targets.
 SHOWN_EACH_K = 5.0
@@ -74,7 +75,7 @@ def run(arguments: Namespace) -> int:
     console = result_console(arguments.json)
     print_records(
         console, title.replace('\n', ', '),
-        ('target [degC]', 'arrival [degC]', 'SoC [%]', 'heater [Wh]', 'charging', 'bought [kWh]',
+        ('target [degC]', 'arrival [degC]', 'SoC [%]', 'heater [Wh]', 'charging [min]', 'bought [kWh]',
          'cost', ''), [_row(worth, target) for target in _shown(worth)], (*('right',) * 7, 'left'))
     console.print(worth.verdict, markup=False, soft_wrap=True)
     sentence = _deviation_sentence(worth, shown, deviation)
@@ -96,13 +97,13 @@ def _shown(worth: Worth) -> list[TargetWorth]:
 
 
 def _row(worth: Worth, target: TargetWorth) -> tuple[str, ...]:
-    names = [name for name, other in (('no heating', worth.without_heating), ('best', worth.best),
+    names = [name for name, other in (('unheated', worth.without_heating), ('best', worth.best),
                                       ('fixed', worth.fixed)) if target == other]
     ends = math.isfinite(target.cost)
     return ('–' if target == worth.without_heating else f'{target.target_c:.2f}',
             f'{target.arrival_temperature_c:.2f}', f'{100.0 * target.arrival_soc:.2f}',
             f'{target.hvch_electric_wh:.0f}',
-            duration_text(target.charging_time_s) if ends else 'never',
+            f'{target.charging_time_s / S_PER_MIN:.1f}' if ends else 'never',
             f'{target.bought_energy_wh / WH_PER_KWH:.2f}' if ends else '–',
             f'{target.cost:.2f}' if ends else '–', ', '.join(names))
 

@@ -50,7 +50,7 @@ def test_what_is_written_is_the_contract_and_what_is_found(said, tmp_path):
         if target['charging_time_s'] < written['targets'][0]['charging_time_s'] - 0.2)), rel=1e-2)
     assert written['verdict'] in output
     assert written['fixed_target']['target_c'] == 18.0
-    for word in ('no heating', 'best', 'fixed', f'{written["best"]["target_c"]:.2f}'):
+    for word in ('unheated', 'best', 'fixed', f'{written["best"]["target_c"]:.2f}'):
         assert word in output
     assert 'Uncertainty of the model (1 sigma): ' in output
     picture = imread(tmp_path / 'worth.png')
