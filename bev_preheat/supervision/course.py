@@ -1,44 +1,76 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The drive that the route plans between two instants, for the estimator."""
+"""
+The drive that the route plans between two instants, for the estimator.
+
+Where the vehicle is late or early it is the drive at the place where the vehicle was. A route that
+goes by slower than planned takes as much less power: as much energy for each metre. One that goes
+by faster takes more.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from bev_preheat.estimation.estimator import Stretch
 from bev_preheat.estimation.state import DriveInputs
-from bev_preheat.supervision.inputs import Mission, NS_PER_S
+from bev_preheat.supervision.inputs import NS_PER_S
 
 if TYPE_CHECKING:
     from bev_preheat.supervision.command_history import CommandHistory
+    from bev_preheat.supervision.inputs import Mission
+    from bev_preheat.supervision.timetable import Timetable
     from bev_preheat.vehicle.description import Vehicle
 
+# A route that goes by faster than this many times the plan's pace is a position that was corrected.
+FASTEST_PACE = 2.0
 
-def stretches_between(edges_ns: Sequence[int], vehicle: Vehicle, mission: Mission | None,
+
+def stretches_between(edges_ns: Sequence[int], vehicle: Vehicle, timetable: Timetable | None,
                       commands: CommandHistory) -> tuple[Stretch, ...]:
     """
     Return the estimation.estimator.Stretch between each of the instants [ns] and the next.
 
-    `mission` is None where there is no route; `commands` is the CommandHistory.
+    `timetable` is None where there is no route; `commands` is the CommandHistory.
     """
     stretches = []
     for from_ns, to_ns in zip(edges_ns, edges_ns[1:]):
-        drive, limit_w = _planned_between(vehicle, mission, from_ns, to_ns)
+        drive, limit_w = _driven_between(vehicle, timetable, from_ns, to_ns)
         stretches.append(Stretch((to_ns - from_ns) / NS_PER_S, drive,
                                  commands.mean_w(from_ns, to_ns), limit_w))
     return tuple(stretches)
 
 
-def _planned_between(vehicle: Vehicle, mission: Mission | None, from_ns: int,
-                     to_ns: int) -> tuple[DriveInputs | None, float]:
+def _driven_between(vehicle: Vehicle, timetable: Timetable | None, from_ns: int,
+                    to_ns: int) -> tuple[DriveInputs | None, float]:
     """
     Return (DriveInputs, heater power left by the cabin [W]) for the middle of two instants [ns].
 
     (None, 0.0) where no route covers it: before its start, at stops, after its end.
     """
-    middle_ns = (from_ns + to_ns) // 2
-    if mission is None or middle_ns < mission.start_ns:
+    if timetable is None:
+        return None, 0.0
+    planned_from_ns, planned_to_ns = map(timetable.planned_ns, (from_ns, to_ns))
+    drive, limit_w = _planned_at(
+        vehicle, timetable.planned, (planned_from_ns + planned_to_ns) // 2)
+    pace = min(max((planned_to_ns - planned_from_ns) / (to_ns - from_ns), 0.0), FASTEST_PACE)
+    return drive if drive is None or pace == 1.0 else _at_pace(drive, pace), limit_w
+
+
+def _at_pace(drive: DriveInputs, pace: float) -> DriveInputs:
+    """Return the DriveInputs of a route that goes by so many times as fast as planned."""
+    return replace(
+        drive, speed_mps=pace * drive.speed_mps,
+        propulsion_power_w=pace * drive.propulsion_power_w,
+        power_variance_w2=pace**2 * drive.power_variance_w2,
+        propulsion_power_magnitude_w=pace * drive.propulsion_power_magnitude_w)
+
+
+def _planned_at(vehicle: Vehicle, mission: Mission,
+                middle_ns: int) -> tuple[DriveInputs | None, float]:
+    """Return (DriveInputs, heater power left by the cabin [W]) that a Mission plans at an instant."""
+    if middle_ns < mission.start_ns:
         return None, 0.0
     leg = mission.legs[mission.leg_number(middle_ns)]
     if leg.ended_for_s(middle_ns) >= 0.0:

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from typing import ClassVar, TYPE_CHECKING
 
 from bev_preheat.errors import InvalidInput
-from bev_preheat.supervision.inputs import Measurement, Mission
-from bev_preheat.supervision.refusals import BATTERY, RefusedRoute, ROUTE
+from bev_preheat.supervision.inputs import Measurement, Mission, Progress
+from bev_preheat.supervision.refusals import BATTERY, PROGRESS, RefusedRoute, ROUTE
 from bev_preheat.supervision.settings import Settings
 from bev_preheat.vehicle.description import Vehicle
 
@@ -92,6 +92,36 @@ class TripCancelled:
 
 
 @dataclass(frozen=True)
+class ProgressArrived:
+    """The vehicle said where on its route it is; `hint` is added to its refusal, '' adds nothing."""
+
+    source: ClassVar[str] = PROGRESS
+    progress: Progress
+    hint: str = ''
+
+    def deliver(self, inbox: Inbox, now_ns: int) -> None:
+        """Accept it, or refuse it with the hint."""
+        try:
+            inbox.accept_progress(self.progress, now_ns)
+        except InvalidInput as error:
+            hints = [self.hint] if self.hint else []
+            ProgressUnreadable(InvalidInput([*error.problems, *hints])).deliver(inbox, now_ns)
+
+
+@dataclass(frozen=True)
+class ProgressUnreadable:
+    """A route progress arrived that could not be read."""
+
+    source: ClassVar[str] = PROGRESS
+    error: InvalidInput
+
+    def deliver(self, inbox: Inbox, now_ns: int) -> None:
+        """Refuse it."""
+        inbox.refuse_progress(self.error)
+        raise self.error
+
+
+@dataclass(frozen=True)
 class PreheatingSwitched:
     """The driver switched preheating on or off."""
 
@@ -144,4 +174,5 @@ class Reconfigured:
 
 # What Supervisor.step is given.
 Event = (BatteryStateArrived | BatteryStateUnreadable | RouteArrived | RouteUnreadable
-         | TripCancelled | PreheatingSwitched | RivalsChanged | Reconfigured)
+         | ProgressArrived | ProgressUnreadable | TripCancelled | PreheatingSwitched | RivalsChanged
+         | Reconfigured)

@@ -10,9 +10,10 @@ from dataclasses import dataclass, replace
 
 from bev_preheat.errors import InvalidInput
 from bev_preheat.planning.situation import check_situation, Goal
-from bev_preheat.supervision.inputs import check_mission, Leg, Measurement, Mission, NS_PER_S
-from bev_preheat.supervision.refusals import Refusals, RefusedRoute
+from bev_preheat.supervision.inputs import check_mission, Leg, Measurement, Mission, NS_PER_S, Progress
+from bev_preheat.supervision.refusals import PROGRESS, Refusals, RefusedRoute
 from bev_preheat.supervision.settings import defaults_of, Settings
+from bev_preheat.supervision.timetable import Timetable
 from bev_preheat.vehicle.description import Defaults, Vehicle
 
 # A clock that falls back by more than this was set or restarted; stamps before it mean nothing.
@@ -43,7 +44,10 @@ class Inbox:
         self.vehicle, self.settings = vehicle, settings
         self.is_enabled = True
         self.rivals = ''  # Names of other nodes that command the same heater.
-        self.mission: Mission | None = None
+        # Of the current route; None without one.
+        self.timetable: Timetable | None = None
+        # The sentence of the latest refused route progress; None after a valid one, or a route.
+        self.refused_progress: str | None = None
         # The mission, or the one that was dropped because it does not fit the parameters.
         self.latest_mission: Mission | None = None
         self.measurement: Measurement | None = None
@@ -53,6 +57,11 @@ class Inbox:
         self._refusals = Refusals()
         self._latest_ns = 0
         self._changes = Changes()
+
+    @property
+    def mission(self) -> Mission | None:
+        """The current Mission as it is driven (see timetable.Timetable); None without a route."""
+        return None if self.timetable is None else self.timetable.mission
 
     @property
     def refusal(self) -> str | None:
@@ -88,6 +97,8 @@ class Inbox:
         """Keep a Measurement, or refuse it and keep the one before."""
         if now_ns < self._latest_ns - CLOCK_RESTART_S * NS_PER_S:
             self.measurement = None
+            if self.timetable is not None:
+                self.timetable.lose_time()
             self._changes = replace(self._changes, measurements=(), clock_restarted=True)
         self._latest_ns = now_ns
         try:
@@ -119,6 +130,18 @@ class Inbox:
             raise InvalidInput(f'header.stamp: the state is {late_s:.3f} s older than one that '
                                'came before it; stamps must not go back')
 
+    # Where the vehicle is: needed by nothing, so that a refusal leaves the heater alone
+
+    def accept_progress(self, progress: Progress, now_ns: int) -> None:
+        """Note where the vehicle is, or refuse that; without a route it says nothing."""
+        if self.timetable is not None:
+            self.timetable.accept(progress, now_ns, self.settings)
+            self.refused_progress = None
+
+    def refuse_progress(self, error: InvalidInput) -> None:
+        """Note that a route progress was refused: the one before it holds while it is not too old."""
+        self.refused_progress = f'{PROGRESS} refused: {error}'
+
     # Routes
 
     def accept_mission(self, mission: Mission) -> None:
@@ -145,7 +168,11 @@ class Inbox:
             self.drop_misfit(error)
             self.latest_mission = mission
             raise
+        timetable, refused_progress = self.timetable, self.refused_progress
         self._follow(mission)
+        if timetable is not None:
+            timetable.revise(mission)
+            self.timetable, self.refused_progress = timetable, refused_progress
         self._refusals.lift_misfit()
 
     def drop_misfit(self, error: InvalidInput) -> None:
@@ -170,7 +197,9 @@ class Inbox:
         check_mission(self.vehicle, mission, self.defaults.target_battery_temperature_c)
 
     def _follow(self, mission: Mission | None, is_new_trip: bool = False) -> None:
-        self.mission = self.latest_mission = mission
+        self.latest_mission = mission
+        self.timetable = None if mission is None else Timetable(mission)
+        self.refused_progress = None
         self.is_cancelled = False
         self._changes = replace(
             self._changes, has_new_mission=True,

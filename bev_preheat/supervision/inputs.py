@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Inputs of the supervisor, stamped: the battery's state, and the trip ahead."""
+"""Inputs of the supervisor, stamped: the battery's state, the trip, and where on it the vehicle is."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from bev_preheat.errors import InvalidInput
 from bev_preheat.planning.situation import BatteryState, check_situation, Goal
+from bev_preheat.route.places import Places
 from bev_preheat.route.segments import Route
 from bev_preheat.supervision.settings import MOST_PLANNED_STEPS
 
@@ -39,14 +40,28 @@ class Measurement:
         return self.voltage_v * self.current_a
 
 
+@dataclass(frozen=True)
+class Progress:
+    """
+    Where on its route the vehicle is: the distance [m] from its start at an instant [ns].
+
+    `route_start_ns` is the stamp of the route plan from whose start it counts; None: the latest.
+    """
+
+    distance_m: float
+    stamp_ns: int
+    route_id: str = ''
+    route_start_ns: int | None = None
+
+
 @dataclass(frozen=True, eq=False)
 class Leg:
     """
     A drive without a stop, and what is wanted at its end; segment 0 starts at `start_ns` [ns].
 
     `target_temperature_c` [deg C] is None where the planner's default holds. `departure` is the
-    battery's state that the stop before it leaves; None where no stop lies before it. A leg equals
-    itself only.
+    battery's state that the stop before it leaves; None where no stop lies before it. `places` are
+    those of the route before it was put into planning steps; None: its own. A leg equals itself only.
     """
 
     route: Route
@@ -55,6 +70,12 @@ class Leg:
     target_temperature_c: float | None = None
     minimum_arrival_soc: float = 0.0
     departure: BatteryState | None = None
+    places: Places | None = None
+
+    def in_planning_steps(self, planning_step_s: float) -> Leg:
+        """Return the Leg in steps of `planning_step_s` seconds or longer; its places are kept."""
+        return replace(self, route=in_planning_steps(self.route, planning_step_s),
+                       places=self.places or Places.of_route(self.route))
 
     def goal(self, default_target_c: float) -> Goal:
         """Return the Goal of the leg; `default_target_c` [deg C] is for one without a target."""
@@ -84,12 +105,14 @@ class Mission:
     """
     A trip: at least one Leg, in driving order, with a stop between each and the next.
 
-    The vehicle stood for `standing_time_s` [s] before it; 0: that is not known.
+    The vehicle stood for `standing_time_s` [s] before it; 0: that is not known. `delay_ns` [ns] is in
+    the legs' instants: how much later they are than its route plan said.
     """
 
     route_id: str
     legs: tuple[Leg, ...]
     standing_time_s: float = 0.0
+    delay_ns: int = 0
 
     @property
     def start_ns(self) -> int:
@@ -99,8 +122,12 @@ class Mission:
     def in_planning_steps(self, planning_step_s: float) -> Mission:
         """Return the Mission with its legs in steps of `planning_step_s` seconds or longer."""
         return replace(self, legs=tuple(
-            replace(leg, route=in_planning_steps(leg.route, planning_step_s))
-            for leg in self.legs))
+            leg.in_planning_steps(planning_step_s) for leg in self.legs))
+
+    def delayed(self, by_ns: int) -> Mission:
+        """Return the Mission that is so much later [ns], stops included; earlier where negative."""
+        return self if by_ns == 0 else replace(self, delay_ns=self.delay_ns + by_ns, legs=tuple(
+            replace(leg, start_ns=leg.start_ns + by_ns) for leg in self.legs))
 
     def leg_number(self, instant_ns: int) -> int:
         """Return the index of the latest leg begun at an instant [ns]; 0 before the trip."""

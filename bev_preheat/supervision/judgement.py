@@ -22,7 +22,7 @@ from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.status import Status
 from bev_preheat.supervision.course import stretches_between
 from bev_preheat.supervision.decision import Decision
-from bev_preheat.supervision.inputs import Leg, Measurement, Mission, NS_PER_S
+from bev_preheat.supervision.inputs import Leg, Measurement, NS_PER_S
 from bev_preheat.supervision.outlook import OutlookMaker, seen_from_now
 from bev_preheat.supervision.stand_watch import StandReport, StandWatch
 
@@ -32,12 +32,18 @@ if TYPE_CHECKING:
     from bev_preheat.supervision.command_history import CommandHistory
     from bev_preheat.supervision.inbox import Inbox
     from bev_preheat.supervision.settings import Settings
+    from bev_preheat.supervision.timetable import Timetable
     from bev_preheat.vehicle.description import Vehicle
 
 # A state this near to the plan's forecast, within this time, is on track.
 ON_TRACK_FOR_S = 60.0
 ON_TRACK_K = 0.05
 ON_TRACK_SOC = 5e-4
+# A vehicle that has stood for so long where its route does not stop may stand for hours.
+MOST_STANDING_S = 900.0
+# What a vehicle that stands too long is told instead of these: they heat, or are about to.
+WITHHELD = (Status.WAITING, Status.HEATING, Status.TARGET_UNREACHABLE, Status.SOC_LIMITED,
+            Status.POWER_LIMITED)
 
 
 class Judgement:
@@ -49,8 +55,8 @@ class Judgement:
         self._outlooks = OutlookMaker(vehicle)
         self._estimator = Estimator(vehicle, learned)
         self._stand_watch = StandWatch(vehicle)
-        # Decisions by Leg, and the settings that they were made with.
-        self._later_decisions: dict[Leg, Decision] = {}
+        # Decisions by how many legs follow, and the settings that they were made with.
+        self._later_decisions: dict[int, Decision] = {}
         self._later_settings: Settings | None = None
 
     @property
@@ -77,9 +83,10 @@ class Judgement:
         """Take the temperature from the next reading alone, because the clock was restarted."""
         self._estimator.lose_time()
 
-    def learn(self, measurements: Iterable[Measurement], mission: Mission | None,
+    def learn(self, measurements: Iterable[Measurement], timetable: Timetable | None,
               commands: CommandHistory) -> None:
-        """Take Measurements in, on a Mission and under a CommandHistory."""
+        """Take Measurements in, on a Timetable's mission and under a CommandHistory."""
+        mission = None if timetable is None else timetable.mission
         for measurement in measurements:
             stamp_ns = measurement.stamp_ns
             standing = self._stand_watch.look(mission, measurement)
@@ -88,7 +95,7 @@ class Judgement:
             self._estimator.observe(
                 measurement, commands.mean_w(stamp_ns, stamp_ns),
                 stretches_between(
-                    self._estimator.edges_ns(stamp_ns), self._vehicle, mission, commands))
+                    self._estimator.edges_ns(stamp_ns), self._vehicle, timetable, commands))
 
     def decide(self, inbox: Inbox, now_ns: int, is_heating: bool, heated_s: float) -> Decision:
         """
@@ -96,13 +103,16 @@ class Judgement:
 
         `is_heating`: the heater is on; it has heated the battery for `heated_s` [s] on this trip.
         """
-        mission = inbox.mission
-        assert mission is not None
+        mission, timetable = inbox.mission, inbox.timetable
+        assert mission is not None and timetable is not None
         number = mission.leg_number(now_ns)
         leg, later_legs = mission.legs[number], mission.legs[number + 1:]
         ended_for_s = leg.ended_for_s(now_ns)
         if ended_for_s < 0.0:
             decision = self._plan_current(inbox, leg, now_ns, is_heating, heated_s)
+            stood_s = timetable.stood_ns / NS_PER_S
+            if stood_s > MOST_STANDING_S and decision.status in WITHHELD:
+                decision = Decision(Status.WAITING, _standing_sentence(stood_s))
             return replace(decision, later_legs=later_legs)
         if later_legs:
             return Decision(Status.CHARGING, _charging_sentence(later_legs[0], now_ns),
@@ -156,11 +166,17 @@ class Judgement:
         """Return a Decision for each later leg of a Decision, from its departure on."""
         if inbox.settings != self._later_settings:
             self._later_decisions, self._later_settings = {}, inbox.settings
-        for leg in decision.later_legs:
-            if leg not in self._later_decisions:
+        decisions = []
+        for following, leg in reversed(list(enumerate(reversed(decision.later_legs)))):
+            if following not in self._later_decisions:
                 assert leg.departure is not None
-                self._later_decisions[leg] = self._plan(inbox, leg, leg.departure, leg.start_ns)
-        return tuple(self._later_decisions[leg] for leg in decision.later_legs)
+                self._later_decisions[following] = self._plan(
+                    inbox, leg, leg.departure, leg.start_ns)
+            planned = self._later_decisions[following]
+            # A leg that begins later is driven, and heated for, no differently.
+            decisions.append(planned if planned.leg in (None, leg) else replace(
+                planned, leg=leg, plan_start_ns=leg.start_ns))
+        return tuple(decisions)
 
     def is_on_track(self, inbox: Inbox, decision: Decision) -> bool:
         """
@@ -183,6 +199,12 @@ class Judgement:
         state = measurement.state
         return bool(abs(state.temperature_c - offset_k - forecast_c) <= ON_TRACK_K + coarse_k
                     and abs(state.soc - forecast_soc) <= ON_TRACK_SOC)
+
+
+def _standing_sentence(stood_s: float) -> str:
+    """Return the sentence on a vehicle that has stood for too long to be kept warm."""
+    return (f'The vehicle has stood for {duration_text(stood_s)} where its route does not stop, by '
+            'route_progress: no heating until it drives on.')
 
 
 def _charging_sentence(leg: Leg, now_ns: int) -> str:

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from bev_preheat.supervision.inputs import Mission
 
 BATTERY, ROUTE, VEHICLE = 'battery_state', 'route_plan', 'vehicle'
+PROGRESS = 'route_progress'
 # Sums of the same durations in other steps differ by less.
 ROUNDING_NS = 1_000_000
 

@@ -45,6 +45,7 @@ class Settings:
     estimation: bool = True
     minimum_on_time_s: float = 20.0
     minimum_off_time_s: float = 120.0
+    route_progress_timeout_s: float = 10.0
 
 
 def defaults_of(vehicle: Vehicle, settings: Settings) -> Defaults:
@@ -67,6 +68,7 @@ FIELD_OF_PARAMETER = {
     'estimation': 'estimation',
     'minimum_on_time': 'minimum_on_time_s',
     'minimum_off_time': 'minimum_off_time_s',
+    'route_progress_timeout': 'route_progress_timeout_s',
 }
 
 

@@ -16,7 +16,13 @@ from bev_preheat.errors import InvalidInput, LONGEST_PROBLEM, shortened
 from bev_preheat.planning.status import Status
 from bev_preheat.supervision.command import Commander, find_obstacle
 from bev_preheat.supervision.decision import Command, Decision, WITHOUT_ROUTE
-from bev_preheat.supervision.events import BatteryStateArrived, Event, Reconfigured
+from bev_preheat.supervision.events import (
+    BatteryStateArrived,
+    Event,
+    ProgressArrived,
+    ProgressUnreadable,
+    Reconfigured,
+)
 from bev_preheat.supervision.inbox import Inbox
 from bev_preheat.supervision.judgement import Judgement
 
@@ -26,6 +32,7 @@ if TYPE_CHECKING:
     from bev_preheat.supervision.inputs import Measurement, Mission
     from bev_preheat.supervision.settings import Settings
     from bev_preheat.supervision.stand_watch import StandReport
+    from bev_preheat.supervision.timetable import Timetable
     from bev_preheat.vehicle.description import Vehicle
 
 
@@ -80,9 +87,9 @@ class Supervisor:
         """
         Yield the Outputs of an instant, the urgent ones first; take them all.
 
-        Each event (see `events`) is delivered and planned for. Without an event time passes: the
-        command is renewed, and a decision whose inputs have expired is dropped. An exception that
-        nobody foresaw switches the heater off.
+        Each event (see `events`) is delivered and planned for; where the vehicle is, with the next
+        other event. Without an event time passes: the command is renewed, and a decision whose
+        inputs have expired is dropped. An exception that nobody foresaw switches the heater off.
         """
         try:
             yield from self._react(now_ns, events) if events else self._let_time_pass(now_ns)
@@ -91,6 +98,9 @@ class Supervisor:
 
     def _react(self, now_ns: int, events: tuple[Event, ...]) -> Iterator[Output]:
         refusals = tuple(filter(None, (self._deliver(event, now_ns) for event in events)))
+        if all(isinstance(event, ProgressArrived | ProgressUnreadable) for event in events):
+            yield Output(refusals=refusals)
+            return
         self._attend_to_changes(now_ns, events)
         answer = None
         has_state = any(isinstance(event, BatteryStateArrived) for event in events)
@@ -153,6 +163,16 @@ class Supervisor:
         return self._inbox.latest_mission
 
     @property
+    def timetable(self) -> Timetable | None:
+        """When the current Mission is where; None without a route."""
+        return self._inbox.timetable
+
+    @property
+    def refused_progress(self) -> str | None:
+        """The sentence of the latest route progress's refusal; None after a valid one, or a route."""
+        return self._inbox.refused_progress
+
+    @property
     def measurement(self) -> Measurement | None:
         """The latest valid Measurement; None before the first."""
         return self._inbox.measurement
@@ -207,7 +227,7 @@ class Supervisor:
             self._commander.history.forget_heating(now_ns)
         if self.settings.estimation:
             self._judgement.learn(
-                changes.measurements, self._inbox.mission, self._commander.history)
+                changes.measurements, self._inbox.timetable, self._commander.history)
 
     def _is_on_track(self, now_ns: int) -> bool:
         return (find_obstacle(self._inbox, now_ns) is None

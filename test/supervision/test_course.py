@@ -6,7 +6,9 @@ import pytest
 from bev_preheat.route.segments import make_route
 from bev_preheat.supervision.command_history import CommandHistory
 from bev_preheat.supervision.course import stretches_between
-from bev_preheat.supervision.inputs import Leg, Mission, NS_PER_S
+from bev_preheat.supervision.inputs import Leg, Mission, NS_PER_S, Progress
+from bev_preheat.supervision.settings import Settings
+from bev_preheat.supervision.timetable import Timetable
 from bev_preheat.vehicle import load_vehicle
 
 VEHICLE = load_vehicle('reference')
@@ -30,7 +32,8 @@ MISSION = Mission('two legs', (
 def between(from_s, to_s, mission=MISSION):
     """Return (DriveInputs, heater power left by the cabin [W]) of the one stretch between two."""
     edges_ns = [round((START_S + at_s) * NS_PER_S) for at_s in (from_s, to_s)]
-    stretch, = stretches_between(edges_ns, VEHICLE, mission, CommandHistory())
+    timetable = None if mission is None else Timetable(mission)
+    stretch, = stretches_between(edges_ns, VEHICLE, timetable, CommandHistory())
     return stretch.drive, stretch.limit_w
 
 
@@ -76,7 +79,7 @@ def test_segments_may_be_shorter_than_a_second():
 def test_a_simulated_clock_may_have_begun_a_moment_ago():
     mission = Mission('soon', (leg(1, [10e3, 20e3, -5e3]),))
     edges_ns = [at_s * NS_PER_S for at_s in (1, 60, 62, 120, 180)]
-    stretches = stretches_between(edges_ns, VEHICLE, mission, CommandHistory())
+    stretches = stretches_between(edges_ns, VEHICLE, Timetable(mission), CommandHistory())
     assert [stretch.drive.propulsion_power_w for stretch in stretches] == [10e3, 20e3, 20e3, -5e3]
 
 
@@ -85,9 +88,9 @@ def test_instants_of_today_are_not_rounded():
     start_ns = 1_700_000_000_000_000_001
     drive = Leg(MISSION.legs[0].route, start_ns)
     stretches = stretches_between((start_ns - 2, start_ns, start_ns + 2), VEHICLE,
-                                  Mission('today', (drive,)), CommandHistory())
+                                  Timetable(Mission('today', (drive,))), CommandHistory())
     assert [stretch.drive is None for stretch in stretches] == [True, False]
-    begins, = stretches_between((start_ns - 1, start_ns + 1), VEHICLE, Mission('today', (drive,)),
+    begins, = stretches_between((start_ns - 1, start_ns + 1), VEHICLE, Timetable(Mission('today', (drive,))),
                                 CommandHistory())
     assert begins.drive.propulsion_power_w == 10e3
 
@@ -114,7 +117,7 @@ def test_each_stretch_has_its_mean_command():
     commands.note(START_S * NS_PER_S, 1000.0)
     commands.note((START_S + 15) * NS_PER_S, 4000.0)
     edges_ns = [(START_S + at_s) * NS_PER_S for at_s in (0, 10, 20)]
-    stretches = stretches_between(edges_ns, VEHICLE, MISSION, commands)
+    stretches = stretches_between(edges_ns, VEHICLE, Timetable(MISSION), commands)
     assert [(stretch.duration_s, stretch.command_w) for stretch in stretches] == [
         (10.0, 1000.0), (10.0, 2500.0)]
 
@@ -127,4 +130,44 @@ def test_stretches_need_not_last_whole_seconds():
 
 
 def test_between_no_instants_there_is_no_stretch():
-    assert stretches_between((), VEHICLE, MISSION, CommandHistory()) == ()
+    assert stretches_between((), VEHICLE, Timetable(MISSION), CommandHistory()) == ()
+
+
+def along(places, from_s, to_s):
+    """Return the DriveInputs between two instants of a vehicle at (second, distance [m]) places."""
+    timetable = Timetable(MISSION)
+    for at_s, distance_m in places:
+        stamp_ns = round((START_S + at_s) * NS_PER_S)
+        timetable.accept(Progress(distance_m, stamp_ns, 'two legs'), stamp_ns, Settings())
+    edges_ns = [round((START_S + at_s) * NS_PER_S) for at_s in (from_s, to_s)]
+    stretch, = stretches_between(edges_ns, VEHICLE, timetable, CommandHistory())
+    return stretch.drive
+
+
+def test_who_is_early_is_driven_as_the_place_asks():
+    drive = along([(30.0, 1500.0), (31.0, 1521.0)], 30.0, 31.0)
+    assert (drive.speed_mps, drive.propulsion_power_w) == (21.0, 20e3)
+
+
+def test_who_is_half_as_fast_takes_half_the_power():
+    """As much energy for each metre; cabin and auxiliaries take what they take."""
+    at_s = [100.0, 102.0, 104.0]
+    drive = along([(second, 1300.0 + 10.5 * (second - 100.0)) for second in at_s], 102.0, 104.0)
+    planned, _ = between(65.0, 66.0)
+    for field, share in (('speed_mps', 0.5), ('propulsion_power_w', 0.5),
+                         ('power_variance_w2', 0.25), ('propulsion_power_magnitude_w', 0.5),
+                         ('cabin_heating_power_w', 1.0), ('auxiliary_power_w', 1.0),
+                         ('ambient_temperature_c', 1.0)):
+        assert getattr(drive, field) == pytest.approx(share * getattr(planned, field)), field
+
+
+def test_who_stands_takes_no_power_to_drive():
+    drive = along([(second, 1300.0) for second in range(100, 110)], 109.0, 110.0)
+    assert (drive.speed_mps, drive.propulsion_power_w, drive.propulsion_power_magnitude_w,
+            drive.power_variance_w2) == (0.0, 0.0, 0.0, 0.0)
+    assert drive.ambient_temperature_c == -7.0
+
+
+def test_a_position_that_was_corrected_is_no_burst_of_speed():
+    drive = along([(10.0, 210.0), (11.0, 310.0), (12.0, 410.0)], 11.0, 12.0)
+    assert drive.speed_mps == 40.0

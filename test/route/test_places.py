@@ -1,0 +1,76 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Where on a route the vehicle is to be when, and back."""
+
+import math
+
+from hypothesis import given
+from hypothesis import strategies as st
+import numpy as np
+import pytest
+
+from bev_preheat.route.places import Places
+from bev_preheat.route.segments import make_route
+
+
+def a_route(durations_s, speeds_mps):
+    return make_route({
+        'duration_s': durations_s, 'speed_mps': speeds_mps, 'propulsion_power_w': [10e3],
+        'ambient_temperature_c': [0.0], 'cabin_heating_power_w': [0.0],
+        'auxiliary_power_w': [0.0]}, None)
+
+
+# 100 m, 200 m, a stop of 30 s, 60 m, and 5 s of standing at the end.
+PLACES = Places.of_route(a_route([10.0, 10.0, 30.0, 20.0, 5.0], [10.0, 20.0, 0.0, 3.0, 0.0]))
+
+
+@pytest.mark.parametrize('time_s, distance_m', [
+    (-5.0, 0.0), (0.0, 0.0), (4.0, 40.0), (15.0, 200.0), (20.0, 300.0), (49.0, 300.0),
+    (60.0, 330.0), (72.0, 360.0), (900.0, 360.0)])
+def test_a_time_has_one_place(time_s, distance_m):
+    assert PLACES.distance_at_m(time_s) == pytest.approx(distance_m)
+
+
+@pytest.mark.parametrize('distance_m, earliest_s, latest_s', [
+    (-1.0, -math.inf, 0.0), (0.0, -math.inf, 0.0), (40.0, 4.0, 4.0), (200.0, 15.0, 15.0),
+    (300.0, 20.0, 50.0), (330.0, 60.0, 60.0), (360.0, 70.0, math.inf), (361.0, 75.0, math.inf)])
+def test_a_place_has_the_times_at_which_the_vehicle_is_there(distance_m, earliest_s, latest_s):
+    assert (PLACES.earliest_s(distance_m), PLACES.latest_s(distance_m)) == pytest.approx(
+        (earliest_s, latest_s))
+
+
+def test_a_stop_between_two_routes_is_a_place():
+    parts = [(0.0, Places.of_route(a_route([10.0], [10.0]))),
+             (70.0, Places.of_route(a_route([20.0], [5.0])))]
+    places = Places.joined(parts)
+    assert places.length_m == 200.0
+    assert (places.earliest_s(100.0), places.latest_s(100.0)) == (10.0, 70.0)
+    assert (places.distance_at_m(40.0), places.distance_at_m(80.0)) == (100.0, 150.0)
+
+
+SEGMENTS = st.lists(st.tuples(
+    st.floats(0.5, 900.0), st.one_of(st.just(0.0), st.floats(0.01, 60.0))), min_size=1, max_size=12)
+
+
+@given(SEGMENTS, st.floats(0.0, 1.0), st.floats(0.0, 1.0))
+def test_further_is_never_earlier(segments, share, other):
+    places = Places.of_route(a_route(*map(list, zip(*segments))))
+    near_m, far_m = sorted((share * places.length_m, other * places.length_m))
+    assert places.earliest_s(near_m) <= places.earliest_s(far_m)
+    assert places.latest_s(near_m) <= places.latest_s(far_m)
+    assert places.earliest_s(near_m) <= places.latest_s(near_m)
+
+
+@given(SEGMENTS, st.floats(0.0, 1.0))
+def test_each_time_lies_within_those_of_its_place(segments, share):
+    places = Places.of_route(a_route(*map(list, zip(*segments))))
+    time_s = share * places.time_s[-1]
+    # The distance is rounded, and along a slow segment that is some time.
+    slack_m = 1e-9 * max(1.0, places.length_m)
+    distance_m = places.distance_at_m(time_s)
+    assert places.earliest_s(distance_m - slack_m) <= time_s + 1e-9
+    assert places.latest_s(distance_m + slack_m) >= time_s - 1e-9
+    # An independent sum of what was driven by then.
+    driven_m = sum(max(0.0, min(duration_s, time_s - began_s)) * speed_mps
+                   for (duration_s, speed_mps), began_s in zip(
+                       segments, np.cumsum([0.0] + [duration_s for duration_s, _ in segments])))
+    assert distance_m == pytest.approx(driven_m, abs=1e-6)
