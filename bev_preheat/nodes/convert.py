@@ -20,7 +20,7 @@ from bev_preheat.nodes.stops import STOP_FIELDS, stops_from_message, write_stops
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.route.segments import make_route, MOST_SEGMENTS
 from bev_preheat.supervision.events import BatteryStateArrived, BatteryStateUnreadable
-from bev_preheat.supervision.inputs import in_planning_steps, Leg, Measurement, Mission, NS_PER_S, with_stops
+from bev_preheat.supervision.inputs import Leg, Measurement, Mission, NS_PER_S, with_stops
 from bev_preheat_msgs.msg import HvchCommand, PreheatPlan, RoutePlan
 
 if TYPE_CHECKING:
@@ -90,7 +90,7 @@ def measurement_from_message(message: BatteryStateMessage) -> Measurement:
         problems.append('percentage: 0 counts as not given where present is false and '
                         f'{", ".join(EVIDENCE_OF_A_BATTERY)} are unset too; it must be 0 ... 1, '
                         'and a battery that is really empty says "present: true" or its voltage')
-    problems += _stamp_problems(message.header.stamp)
+    problems += stamp_problems(message.header.stamp)
     if problems:
         raise InvalidInput(problems)
     return Measurement(
@@ -144,7 +144,7 @@ def mission_from_message(message: RoutePlan, defaults: Defaults,
     InvalidInput with one problem a field.
     """
     _check_sizes(message)
-    problems = _stamp_problems(message.header.stamp)
+    problems = stamp_problems(message.header.stamp)
     soc = message.minimum_arrival_soc
     if not 0.0 <= soc <= 1.0:
         problems.append(f'minimum_arrival_soc: {soc:g} is not allowed; it must be 0 ... 1')
@@ -215,12 +215,13 @@ def _legs(message: RoutePlan, route: Route, stops: Sequence[Stop],
     departures = [None, *(stop.departure for stop in stops)]
     start_ns, legs = nanoseconds(message.header.stamp), []
     for first, end, goal, departure in zip(edges, edges[1:], goals, departures):
-        legs.append(Leg(in_planning_steps(route.segments(first, end), planning_step_s), start_ns,
-                        *goal, departure))
+        legs.append(Leg(route.segments(first, end), start_ns, *goal,
+                        departure).in_planning_steps(planning_step_s))
     return with_stops(legs, [stop.duration_s for stop in stops])
 
 
-def _stamp_problems(stamp: Time) -> list[str]:
+def stamp_problems(stamp: Time) -> list[str]:
+    """Return what is wrong with a header's stamp, as sentences."""
     if stamp.sec == 0 and stamp.nanosec == 0:
         return ['header.stamp: is 0; it must be set, as "header: auto" of ros2 topic pub does']
     if stamp.nanosec >= NS_PER_S:
@@ -266,6 +267,7 @@ def plan_message(decision: Decision, mission: Mission | None, now_ns: int,
                           status=int(decision.status), explanation=decision.explanation)
     start_ns = decision.plan_start_ns if plan else now_ns
     message.header.stamp = time_message(start_ns)
+    message.delay = mission.delay_ns / NS_PER_S if mission else 0.0
     _write_later(message, later_decisions)
     if plan is None:
         for field in ('predicted_arrival_temperature', 'predicted_arrival_temperature_deviation',

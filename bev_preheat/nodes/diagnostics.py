@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The planner's entries in /diagnostics: preheating, heater, estimation, state file."""
+"""The planner's entries in /diagnostics: preheating, heater, estimation, route progress, state file."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from bev_preheat.estimation.hypotheses import Heater
 from bev_preheat.estimation.state import FACTOR_NAMES
 from bev_preheat.nodes.convert import time_message
+from bev_preheat.nodes.route_progress import progress_diagnostics
 from bev_preheat.planning.status import Status
 from bev_preheat.supervision.inputs import NS_PER_S
 from bev_preheat.vehicle.assumptions import assumed_in_words
@@ -65,6 +66,9 @@ def planner_diagnostics(node_name: str, supervisor: Supervisor, now_ns: int,
     if estimate is not None:
         message.status.append(_heater(name, hardware, estimate.heater))
         message.status.append(_estimation(name, hardware, supervisor, estimate, now_ns))
+    progress = progress_diagnostics(name, supervisor, now_ns)
+    if progress is not None:
+        message.status.append(progress)
     if memory is not None:
         message.status.append(_state_file(name, hardware, memory))
     message.header.stamp = time_message(now_ns)

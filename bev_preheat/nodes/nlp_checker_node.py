@@ -22,6 +22,7 @@ from bev_preheat.nodes.command_line import Program
 from bev_preheat.nodes.convert import battery_event
 from bev_preheat.nodes.news import News
 from bev_preheat.nodes.optimality_report import (
+    as_driven,
     case_of_plan,
     case_of_state,
     checker_diagnostics,
@@ -222,7 +223,7 @@ class NlpCheckerNode(Node):
         mission = self._inbox.mission
         route = None
         if mission is not None:
-            _, _, route = part_ahead(mission, self._now_ns())
+            _, _, route = part_ahead(as_driven(mission, self._plan), self._now_ns())
         self._solver.prepare(route)
         self._poll_timer.reset()
 
@@ -279,6 +280,7 @@ class NlpCheckerNode(Node):
         age_s = (self._now_ns() - measurement.stamp_ns) / NS_PER_S
         if age_s > self._values['battery_state_timeout']:
             return f'The latest valid battery state is {age_s:.1f} s old.'
+        mission = as_driven(mission, self._plan)
         if case_of_state(mission, self._inbox.goal_of, measurement, None) is None:
             has_ended = mission.legs[-1].route_ahead(measurement.stamp_ns) is None
             return 'The route has ended.' if has_ended else 'The route has a stop now.'
@@ -304,6 +306,7 @@ class NlpCheckerNode(Node):
         mission, measurement = inbox.mission, inbox.measurement
         if mission is None or measurement is None:
             return None
+        mission = as_driven(mission, self._plan)
         if self._plan is not None:
             oldest_ns = self._now_ns() - round(
                 self._values['battery_state_timeout'] * NS_PER_S)

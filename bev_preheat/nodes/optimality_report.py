@@ -130,6 +130,13 @@ def case_of_plan(mission: Mission, goal_of: GoalOf, measurements: Iterable[Measu
     return None
 
 
+def as_driven(mission: Mission, plan: PreheatPlan | None) -> Mission:
+    """Return the Mission with the delay that a PreheatPlan for it has; None: no plan yet."""
+    if plan is None or plan.route_id != mission.route_id or not math.isfinite(plan.delay):
+        return mission
+    return mission.delayed(round(plan.delay * NS_PER_S))
+
+
 def part_ahead(mission: Mission, stamp_ns: int) -> tuple[Leg, int, Route | None]:
     """
     Return (leg, start [ns], route) of what is ahead of an instant [ns] on its leg.

@@ -28,6 +28,7 @@ from bev_preheat.nodes.parameters import check, declare, Parameter
 from bev_preheat.nodes.process import run_node
 from bev_preheat.nodes.route_intake import RouteIntake
 from bev_preheat.nodes.route_listener import RouteListener
+from bev_preheat.nodes.route_progress import progress_event
 from bev_preheat.nodes.setup_watch import SetupWatch
 from bev_preheat.nodes.state_keeper import check_parameter, SAVE_PERIOD_S, StateKeeper
 from bev_preheat.planning.planner import METHODS
@@ -37,7 +38,7 @@ from bev_preheat.supervision.settings import FIELD_OF_PARAMETER, Settings, setti
 from bev_preheat.supervision.supervisor import Supervisor
 from bev_preheat.vehicle import load_vehicle, vehicle_file, vehicle_fingerprint
 from bev_preheat.vehicle.assumptions import assumption_warning
-from bev_preheat_msgs.msg import PreheatPlan
+from bev_preheat_msgs.msg import PreheatPlan, RouteProgress
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
@@ -80,6 +81,8 @@ PARAMETERS = (
               'The heater, once on, stays on at least this long', 's', (0.0, 600.0)),
     Parameter('minimum_off_time', DEFAULTS.minimum_off_time_s,
               'The heater, once off, stays off at least this long', 's', (0.0, 3600.0)),
+    Parameter('route_progress_timeout', DEFAULTS.route_progress_timeout_s,
+              'After a route progress older than this the planner goes on by time', 's', (0.1, 300.0)),
     Parameter('state_file', '', 'File that keeps what was learned of the car: a new one, or one '
               'that was written before; empty: none.'),
 )
@@ -87,7 +90,8 @@ PROGRAM = Program(
     'planner', 'Plans when to heat the battery before fast charging, and commands the heater.',
     PARAMETERS,
     subscribes=(('battery_state', 'sensor_msgs/BatteryState'),
-                ('route_plan', 'bev_preheat_msgs/RoutePlan')),
+                ('route_plan', 'bev_preheat_msgs/RoutePlan'),
+                ('route_progress', 'bev_preheat_msgs/RouteProgress: where the vehicle is, if known')),
     publishes=(('hvch_command', 'bev_preheat_msgs/HvchCommand: power for the battery, a lease'),
                ('preheat_plan', 'bev_preheat_msgs/PreheatPlan: status, sentence, trajectories'),
                ('predicted_arrival_temperature', 'sensor_msgs/Temperature'),
@@ -144,6 +148,8 @@ class PlannerNode(Node):
         state_qos = QoSProfile(
             depth=1, reliability=qos_profile_sensor_data.reliability)
         self.create_subscription(BatteryState, 'battery_state', self._on_battery_state, state_qos)
+        self.create_subscription(
+            RouteProgress, 'route_progress', self._on_route_progress, state_qos)
         RouteListener(self, self._on_route_plan, self._on_refused_route)
         self.create_service(SetBool, '~/enable', self._on_enable)
 
@@ -156,7 +162,7 @@ class PlannerNode(Node):
         self.create_timer(SAVE_PERIOD_S, self._on_save_due,
                           clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._setup = SetupWatch(
-            self, ('battery_state', 'route_plan'),
+            self, ('battery_state', 'route_plan', 'route_progress'),
             ('hvch_command', 'preheat_plan', 'predicted_arrival_temperature'),
             also=(commands.look, self._on_rival, self._on_standing_clock))
         self.get_logger().info(
@@ -175,6 +181,10 @@ class PlannerNode(Node):
     def _on_route_plan(self, message: RoutePlan) -> None:
         if self._step(self._routes.read(message, self._supervisor)):
             self._tell_route()
+
+    @guarded
+    def _on_route_progress(self, message: RouteProgress) -> None:
+        self._step(progress_event(message, self._setup.clock_hint(message.header.stamp)))
 
     @guarded
     def _on_refused_route(self, error: InvalidInput) -> None:

@@ -27,6 +27,7 @@ from bev_preheat.nodes.convert import nanoseconds, route_plan_message, time_mess
 from bev_preheat.nodes.news import News
 from bev_preheat.nodes.parameters import check, declare, Parameter
 from bev_preheat.nodes.process import run_node
+from bev_preheat.nodes.route_progress import progress_message
 from bev_preheat.nodes.setup_watch import SetupWatch
 from bev_preheat.nodes.simulated_time import NodeTime, OwnTime
 from bev_preheat.nodes.simulator_messages import battery_state_message, trip_diagnostics
@@ -41,7 +42,7 @@ from bev_preheat.simulation.scenario import load_scenario
 from bev_preheat.simulation.sensors import Sensors
 from bev_preheat.supervision.inputs import NS_PER_S
 from bev_preheat.vehicle import load_vehicle
-from bev_preheat_msgs.msg import HvchCommand, RoutePlan
+from bev_preheat_msgs.msg import HvchCommand, RoutePlan, RouteProgress
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
@@ -100,6 +101,7 @@ PROGRAM = Program(
     subscribes=(('hvch_command', 'bev_preheat_msgs/HvchCommand'),),
     publishes=(('battery_state', 'sensor_msgs/BatteryState'),
                ('route_plan', 'bev_preheat_msgs/RoutePlan'),
+               ('route_progress', 'bev_preheat_msgs/RouteProgress, where the scenario has it'),
                ('/clock', 'rosgraph_msgs/Clock, with publish_clock'),
                ('/diagnostics', 'diagnostic_msgs/DiagnosticArray')))
 
@@ -164,6 +166,7 @@ class VehicleSimulatorNode(Node):
         self._route_publisher = self.create_publisher(
             RoutePlan, 'route_plan',
             QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL))
+        self._progress_publisher = self.create_publisher(RouteProgress, 'route_progress', 1)
         self._diagnostics_publisher = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
         self.create_subscription(HvchCommand, 'hvch_command', self._on_command, 1)
         self.add_on_set_parameters_callback(self._check_parameters)
@@ -178,7 +181,7 @@ class VehicleSimulatorNode(Node):
             HOLD_PERIOD_S, self._on_hold, clock=self._steady_clock)
         self.create_timer(
             DIAGNOSTICS_PERIOD_S, self._on_diagnostics_due, clock=self._steady_clock)
-        self._setup = SetupWatch(self, ('hvch_command',), ('battery_state', 'route_plan'))
+        self._setup = SetupWatch(self, ('hvch_command',), ('battery_state', 'route_plan', 'route_progress'))
         self.get_logger().info(
             f'Vehicle {self._plant.vehicle.name}, route {route_name!r}: '
             f'{duration_text(self._plant.duration_s)}, '
@@ -216,6 +219,9 @@ class VehicleSimulatorNode(Node):
         news = self._car.route_news(self._time.start_ns)
         if news is not None:
             self._route_publisher.publish(route_plan_message(news))
+        progress = self._car.progress(self._time.start_ns)
+        if progress is not None:
+            self._progress_publisher.publish(progress_message(progress))
         if plant.is_standing and self._stood_since_s is None:
             self._stand(real_s)
         else:

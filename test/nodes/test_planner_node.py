@@ -35,7 +35,7 @@ from std_srvs.srv import SetBool
 from bev_preheat.nodes.convert import nanoseconds, time_message
 from bev_preheat.planning.status import Status
 from bev_preheat.supervision.inputs import NS_PER_S
-from bev_preheat_msgs.msg import HvchCommand, PreheatPlan, RoutePlan
+from bev_preheat_msgs.msg import HvchCommand, PreheatPlan, RoutePlan, RouteProgress
 
 LATCHED = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
 PERIOD_S, LEASE_S, TIMEOUT_S = 0.2, 0.6, 2.0
@@ -85,8 +85,9 @@ class Car:
         self._clock = bench.publisher(Clock, '/clock')
         self._states = bench.publisher(BatteryState, f'{namespace}/{battery_topic}')
         self._routes = bench.publisher(RoutePlan, f'{namespace}/route_plan', LATCHED)
+        self._positions = bench.publisher(RouteProgress, f'{namespace}/route_progress')
         self.process = bench.start('planner', *QUICK, *SIMULATED, *arguments)
-        for sender in (self._clock, self._states):
+        for sender in (self._clock, self._states, self._positions):
             sender.wait_for_subscription()
         self._routes.wait_for_subscription()
         for recorder in (self.commands, self.plans, self.temperatures, self.diagnostics):
@@ -96,7 +97,7 @@ class Car:
         """End the planner and all that is around it; the next one must hear nothing of this one."""
         self.process.end()
         parts = (self.commands, self.plans, self.temperatures, self.diagnostics,
-                 self._clock, self._states, self._routes)
+                 self._clock, self._states, self._routes, self._positions)
         for part in parts:
             part.destroy()
         poll_until(lambda: not self.bench.node.count_subscribers('route_plan'),
@@ -125,6 +126,11 @@ class Car:
 
     def send_route(self, message=None):
         self._routes.publish(message or self.route())
+
+    def send_position(self, **fields):
+        message = RouteProgress(**{'route_id': 'home', **fields})
+        message.header.stamp = time_message(self.now_ns)
+        self._positions.publish(message)
 
     def give_state(self, make_state=None):
         """Let time go on by a battery state, and return once the planner has answered it."""
@@ -310,6 +316,40 @@ def test_an_array_of_one_and_empty_ones_make_a_route(car):
         lambda command: heats(command) and command.battery_heating_power != FULL_POWER_W)
     # config/vehicles/reference.yaml: 1978 W for the cabin.
     assert command.battery_heating_power == pytest.approx(7000.0 - 1978.0)
+
+
+# Where the vehicle is
+
+def entry(array):
+    return next((status for status in array.status if status.name == 'planner: route progress'),
+                None)
+
+
+def is_told(car, condition, **fields):
+    """Say where the vehicle is, let time go on, and return whether condition(the entry) holds."""
+    car.send_position(**fields)
+    car.give_state()
+    return any(entry(array) and condition(entry(array)) for array in car.diagnostics.messages)
+
+
+def test_a_late_vehicle_is_heated_by_place_and_a_refused_place_leaves_that_alone(car):
+    # By its stamp the route has 15 min left; the vehicle has not left the start.
+    car.send_route(car.route(age_s=300.0))
+    poll_until(lambda: is_told(car, lambda status: status.message.endswith('min late'),
+                               distance=0.0, has_distance=True), 'a delay')
+    plan = car.plans.latest
+    # The planned 20 m/s take it 0.5 s over the 10 m to which its place is known.
+    assert plan.delay == pytest.approx(300.0, abs=5.0)
+    assert (nanoseconds(plan.arrival) - car.now_ns) / NS_PER_S == pytest.approx(1199.5, abs=0.5)
+    assert heats(car.commands.latest)
+    car.diagnostics.clear()
+    poll_until(lambda: is_told(car, lambda status: status.level == DiagnosticStatus.WARN,
+                               distance=nan), 'a refusal')
+    status = next(filter(None, map(entry, reversed(car.diagnostics.messages))))
+    assert status.message == ('route_progress refused: distance: nan m is not allowed; it must be '
+                              '0 ... 24000 m, the length of the route.')
+    assert heats(car.commands.latest)
+    assert car.plans.latest.delay == pytest.approx(plan.delay, abs=1.0)
 
 
 # Bad battery states

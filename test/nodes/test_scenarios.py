@@ -25,10 +25,10 @@ from bev_preheat.simulation.scenario import load_scenario
 pytestmark = pytest.mark.costly
 
 ALL = {path.stem for path in configuration_folder('scenarios').glob('*.yaml')}
-WITHOUT_ROS = {'ahead_of_plan', 'detour', 'early_arrival', 'fast_battery_state', 'heavy_cold_car',
-               'late_without_a_word', 'light_warm_car', 'nominal', 'slow_battery_state',
-               'slow_heater', 'slow_sensor', 'slow_traffic', 'stop_in_traffic',
-               'temperature_stuck', 'whole_degrees'}
+WITHOUT_ROS = {'ahead_of_plan', 'detour', 'early_arrival', 'early_with_progress',
+               'fast_battery_state', 'heavy_cold_car', 'late_with_progress', 'late_without_a_word',
+               'light_warm_car', 'nominal', 'slow_battery_state', 'slow_heater', 'slow_sensor',
+               'slow_traffic', 'stop_in_traffic', 'temperature_stuck', 'whole_degrees'}
 OVER_DDS = ALL - WITHOUT_ROS
 # Each begins as one that comes along, nearer to its target and to its end.
 SHORT = {
@@ -43,6 +43,12 @@ SHORT = {
         'drive': {'ends_after_s': 480, 'initial_battery_temperature_c': 21},
         'traffic': [{'event': 'stop', 'at_s': 120, 'duration_s': 120, 'route_plan_after_s': None}],
         'expect': {'off_during': [[481, 600]]}},
+    'late_with_progress': {
+        # The target is missed: it heats until it is there, and no longer than by place.
+        'drive': {'ends_after_s': 240, 'initial_battery_temperature_c': 18},
+        'traffic': [{'event': 'stop', 'at_s': 80, 'duration_s': 100, 'route_plan_after_s': None}],
+        'expect': {'statuses': ['TARGET_UNREACHABLE', 'ARRIVED'], 'arrival_error_k': [-6, 0],
+                   'heats_during': [[80, 180], [241, 335]], 'off_during': [[342, 460]]}},
     'temperature_stuck': {
         'drive': {'ends_after_s': 600, 'initial_battery_temperature_c': 20},
         'sensors': {'stuck': [[200, 600]]}},

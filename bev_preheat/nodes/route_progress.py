@@ -1,0 +1,97 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Where the vehicle is: the message, and what the diagnostics say of it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+
+from bev_preheat.errors import InvalidInput, quoted
+from bev_preheat.nodes.convert import LONGEST_ROUTE_ID, nanoseconds, stamp_problems, time_message
+from bev_preheat.planning.explanation import duration_text
+from bev_preheat.supervision.events import ProgressArrived, ProgressUnreadable
+from bev_preheat.supervision.inputs import NS_PER_S, Progress
+from bev_preheat_msgs.msg import RouteProgress
+
+if TYPE_CHECKING:
+    from bev_preheat.supervision.supervisor import Supervisor
+
+# A delay that is shorter is not worth a word [s].
+ON_TIME_S = 5.0
+
+
+def progress_from_message(message: RouteProgress) -> Progress:
+    """Return the Progress of a RouteProgress; raise InvalidInput, with one problem a field."""
+    problems = []
+    if message.distance == 0.0 and not message.has_distance:
+        problems.append('distance: 0 counts as not given where has_distance is false; set it for a '
+                        'vehicle that has not left the start')
+    if len(message.route_id) > LONGEST_ROUTE_ID:
+        problems.append(f'route_id: {quoted(message.route_id)} is too long; it must have at most '
+                        f'{LONGEST_ROUTE_ID} characters')
+    problems += stamp_problems(message.header.stamp)
+    if problems:
+        raise InvalidInput(problems)
+    return Progress(message.distance, nanoseconds(message.header.stamp), message.route_id,
+                    nanoseconds(message.route_stamp) or None)
+
+
+def progress_event(message: RouteProgress,
+                   hint: str = '') -> ProgressArrived | ProgressUnreadable:
+    """Return the event of a RouteProgress; `hint` is added to a refusal."""
+    try:
+        return ProgressArrived(progress_from_message(message), hint)
+    except InvalidInput as error:
+        return ProgressUnreadable(InvalidInput([*error.problems, hint]) if hint else error)
+
+
+def progress_message(progress: Progress) -> RouteProgress:
+    """Return the RouteProgress of a Progress."""
+    message = RouteProgress(route_id=progress.route_id, distance=progress.distance_m,
+                            has_distance=True,
+                            route_stamp=time_message(progress.route_start_ns or 0))
+    message.header.stamp = time_message(progress.stamp_ns)
+    return message
+
+
+def progress_diagnostics(name: str, supervisor: Supervisor,
+                         now_ns: int) -> DiagnosticStatus | None:
+    """
+    Return the DiagnosticStatus `NODE: route progress`; None where no route_progress has come.
+
+    WARN where the latest was refused or is too old: then the planner goes on by time.
+    """
+    timetable, refused = supervisor.timetable, supervisor.refused_progress
+    age_s = None if timetable is None else timetable.age_s(now_ns)
+    if refused is None and age_s is None:
+        return None
+    values = {}
+    sentences = [] if refused is None else [f'{refused}.']
+    is_late = False
+    if timetable is not None and timetable.latest is not None and age_s is not None:
+        delay_s, limit_s = timetable.delay_ns / NS_PER_S, supervisor.settings.route_progress_timeout_s
+        values = {'distance [m]': f'{timetable.latest.distance_m:.0f}',
+                  'length of the route [m]': f'{timetable.places.length_m:.0f}',
+                  'delay [s]': f'{delay_s:.1f}', 'age [s]': f'{age_s:.2f}',
+                  'has stood for [s]': f'{timetable.stood_ns / NS_PER_S:.0f}'}
+        is_late = age_s > limit_s
+        if is_late:
+            sentences.append(f'The latest valid route_progress is {age_s:.1f} s old; at most '
+                             f'{limit_s:g} s are allowed: the planner goes on by time from there.')
+        elif refused is None:
+            sentences.append(_delay_in_words(delay_s))
+    elif refused is not None:
+        sentences.append('The planner goes by the stamp of route_plan.')
+    is_warning = refused is not None or is_late
+    return DiagnosticStatus(
+        name=f'{name}: route progress', hardware_id=supervisor.vehicle.name,
+        level=DiagnosticStatus.WARN if is_warning else DiagnosticStatus.OK,
+        message=' '.join(sentences),
+        values=[KeyValue(key=key, value=value) for key, value in values.items()])
+
+
+def _delay_in_words(delay_s: float) -> str:
+    if abs(delay_s) < ON_TIME_S:
+        return 'on time'
+    return f'{duration_text(abs(delay_s))} {"late" if delay_s > 0.0 else "early"}'

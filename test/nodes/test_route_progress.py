@@ -1,0 +1,131 @@
+# SPDX-License-Identifier: Apache-2.0
+"""RouteProgress at the door of the node, and what the diagnostics say of it; without DDS."""
+
+from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticStatus
+import pytest
+
+from bev_preheat.errors import InvalidInput
+from bev_preheat.nodes.route_progress import (
+    progress_diagnostics,
+    progress_event,
+    progress_from_message,
+    progress_message,
+)
+from bev_preheat.route.segments import make_route
+from bev_preheat.supervision.events import ProgressArrived, ProgressUnreadable, RouteArrived
+from bev_preheat.supervision.inputs import Leg, Mission, NS_PER_S, Progress
+from bev_preheat.supervision.settings import Settings
+from bev_preheat.supervision.supervisor import Supervisor
+from bev_preheat.vehicle import load_vehicle
+from bev_preheat_msgs.msg import RouteProgress
+
+VEHICLE = load_vehicle('reference')
+START_NS = 1_700_000_000 * NS_PER_S
+
+
+def a_message(**fields):
+    message = RouteProgress(**{'route_id': 'home', 'distance': 1200.5, **fields})
+    if 'header' not in fields:
+        message.header.stamp = Time(sec=1_700_000_060, nanosec=250_000_000)
+    return message
+
+
+def test_a_message_is_read():
+    assert progress_from_message(a_message(route_stamp=Time(sec=1_700_000_000))) == Progress(
+        1200.5, START_NS + 60_250_000_000, 'home', START_NS)
+    assert progress_from_message(a_message()).route_start_ns is None
+
+
+def test_the_start_is_a_place_where_the_message_says_so():
+    assert progress_from_message(a_message(distance=0.0, has_distance=True)).distance_m == 0.0
+
+
+@pytest.mark.parametrize('message, problem', [
+    (a_message(distance=0.0), 'distance: 0 counts as not given where has_distance is false'),
+    (RouteProgress(route_id='home', distance=1.0), 'header.stamp: is 0; it must be set'),
+    (a_message(route_id='x' * 257), 'is too long; it must have at most 256 characters')])
+def test_what_cannot_be_read_says_what_it_is(message, problem):
+    with pytest.raises(InvalidInput) as refusal:
+        progress_from_message(message)
+    assert problem in str(refusal.value)
+    event = progress_event(message, 'look at the clocks')
+    assert isinstance(event, ProgressUnreadable)
+    assert event.error.problems[-1] == 'look at the clocks'
+
+
+def test_an_empty_message_has_a_problem_a_field():
+    with pytest.raises(InvalidInput) as refusal:
+        progress_from_message(RouteProgress())
+    assert len(refusal.value.problems) == 2
+
+
+def test_there_and_back():
+    progress = Progress(0.0, START_NS + 5, 'home', START_NS)
+    assert progress_from_message(progress_message(progress)) == progress
+    event = progress_event(progress_message(progress), 'hint')
+    assert event == ProgressArrived(progress, 'hint')
+
+
+# Diagnostics
+
+def a_supervisor(route_id='home'):
+    route = make_route({
+        'duration_s': [30.0] * 20, 'speed_mps': [20.0], 'propulsion_power_w': [18e3],
+        'ambient_temperature_c': [-5.0], 'cabin_heating_power_w': [1500.0],
+        'auxiliary_power_w': [400.0]}, None)
+    supervisor = Supervisor(VEHICLE, Settings(route_progress_timeout_s=8.0))
+    list(supervisor.step(START_NS, RouteArrived(Mission(route_id, (Leg(route, START_NS),)))))
+    return supervisor
+
+
+def told(supervisor, at_s, **fields):
+    """Take a position in; return level and message of the diagnostics."""
+    now_ns = START_NS + round(at_s * NS_PER_S)
+    list(supervisor.step(now_ns, ProgressArrived(Progress(**{
+        'distance_m': 1000.0, 'stamp_ns': now_ns, 'route_id': 'home', **fields}))))
+    return said(supervisor, now_ns)
+
+
+def said(supervisor, now_ns):
+    status = progress_diagnostics('planner', supervisor, now_ns)
+    assert (status.name, status.hardware_id) == ('planner: route progress', VEHICLE.name)
+    return status.level, status.message
+
+
+def test_nothing_is_said_before_the_first_position():
+    assert progress_diagnostics('planner', a_supervisor(), START_NS) is None
+    assert progress_diagnostics('planner', Supervisor(VEHICLE, Settings()), START_NS) is None
+
+
+@pytest.mark.parametrize('at_s, message', [
+    (50.0, 'on time'), (54.0, 'on time'), (110.5, '1:00 min late'), (19.5, '0:30 min early')])
+def test_the_delay_is_said(at_s, message):
+    assert told(a_supervisor(), at_s) == (DiagnosticStatus.OK, message)
+
+
+def test_the_figures_are_there():
+    supervisor = a_supervisor()
+    told(supervisor, 110.5)
+    status = progress_diagnostics('planner', supervisor, START_NS + round(112.0 * NS_PER_S))
+    assert {value.key: value.value for value in status.values} == {
+        'distance [m]': '1000', 'length of the route [m]': '12000', 'delay [s]': '60.0',
+        'age [s]': '1.50', 'has stood for [s]': '0'}
+
+
+def test_a_place_that_is_too_old_is_a_warning():
+    supervisor = a_supervisor()
+    told(supervisor, 110.5)
+    assert said(supervisor, START_NS + round(118.5 * NS_PER_S))[0] == DiagnosticStatus.OK
+    assert said(supervisor, START_NS + round(119.0 * NS_PER_S)) == (
+        DiagnosticStatus.WARN, 'The latest valid route_progress is 8.5 s old; at most 8 s are '
+        'allowed: the planner goes on by time from there.')
+
+
+def test_a_refused_place_is_a_warning():
+    supervisor = a_supervisor()
+    assert told(supervisor, 50.0, route_id='work') == (
+        DiagnosticStatus.WARN, "route_progress refused: route_id: 'work' is not the route that is "
+        "driven, 'home'. The planner goes by the stamp of route_plan.")
+    assert told(supervisor, 51.0)[0] == DiagnosticStatus.OK
+    assert told(supervisor, 52.0, route_id='work')[0] == DiagnosticStatus.WARN
