@@ -2,8 +2,8 @@
 """
 A simulated car under the planner's own step, without ROS.
 
-The planner gets what the node would get, when the node would get it: each battery state and each
-route plan at the instant of its arrival, and the timers in between. Unlike in the node, planning
+The planner gets what the node would get, when the node would get it: each battery state, route plan
+and position at the instant of its arrival, and the timers in between. Unlike in the node, planning
 takes no time.
 """
 
@@ -17,7 +17,12 @@ from typing import TYPE_CHECKING
 from bev_preheat.errors import InvalidInput
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.simulation.heater_lease import HeaterLease, NO_LEASE
-from bev_preheat.supervision.events import BatteryStateArrived, BatteryStateUnreadable, RouteArrived
+from bev_preheat.supervision.events import (
+    BatteryStateArrived,
+    BatteryStateUnreadable,
+    ProgressArrived,
+    RouteArrived,
+)
 from bev_preheat.supervision.inputs import Measurement, NS_PER_S
 
 if TYPE_CHECKING:
@@ -88,6 +93,8 @@ class _Drive:
         events: list[tuple[Reading | None, Event]] = [
             (None, RouteArrived(self.planned(mission)))
             for mission in filter(None, [car.route_news(START_NS)])]
+        events += [(None, ProgressArrived(progress))
+                   for progress in filter(None, [car.progress(START_NS)])]
         events += [(reading, self._battery_event(reading)) for reading in car.readings()]
         ticks = self._tick_s <= car.time_s
         if ticks:

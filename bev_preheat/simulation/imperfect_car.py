@@ -13,10 +13,11 @@ import numpy as np
 from bev_preheat.simulation.heater_faults import fault_at, HeaterFault, next_change_s
 from bev_preheat.simulation.heater_lease import HeaterLease
 from bev_preheat.simulation.mismatch import Mismatch, true_route, true_vehicle
+from bev_preheat.simulation.position import Position, PositionReports
 from bev_preheat.simulation.sensors import Reading, SensorReadings, Sensors
 from bev_preheat.simulation.traffic import clock_offset_s, ClockJump, drive_with_events, Event
 from bev_preheat.simulation.vehicle_plant import VehiclePlant
-from bev_preheat.supervision.inputs import Leg, Mission, NS_PER_S
+from bev_preheat.supervision.inputs import Leg, Mission, NS_PER_S, Progress
 from bev_preheat.vehicle.heat_path import HeatPath
 
 if TYPE_CHECKING:
@@ -30,7 +31,8 @@ class Imperfections:
     """
     All deviations of the simulated drive from vehicle and route file; none by default.
 
-    `heat_path` is None where the car's is that of its vehicle file.
+    `heat_path` is None where the car's is that of its vehicle file, `position` where the car does not
+    say where it is.
     """
 
     mismatch: Mismatch = field(default_factory=Mismatch)
@@ -39,6 +41,7 @@ class Imperfections:
     heater_faults: tuple[HeaterFault, ...] = ()
     events: tuple[Event, ...] = ()
     clock_jumps: tuple[ClockJump, ...] = ()
+    position: PositionReports | None = None
 
 
 class ImperfectCar:
@@ -57,7 +60,7 @@ class ImperfectCar:
 
         The trip planner says that it stood for `standing_time_s` [s] before; 0: it does not know.
         """
-        drive_seed, sensor_seed = np.random.SeedSequence(seed).spawn(2)
+        drive_seed, sensor_seed, position_seed = np.random.SeedSequence(seed).spawn(3)
         self.vehicle = vehicle
         self.imperfections = imperfections
         self._goal, self._route, self._route_id = goal, route, route_id
@@ -71,6 +74,9 @@ class ImperfectCar:
         self.readings_of = SensorReadings(
             imperfections.sensors, np.random.default_rng(sensor_seed))
         self.readings_of.take(self.plant)
+        self._position = Position(imperfections.position, driven, imperfections.events,
+                                  np.random.default_rng(position_seed))
+        self._sent_start_ns: int | None = None
 
     @property
     def time_s(self) -> float:
@@ -88,7 +94,7 @@ class ImperfectCar:
 
     def mission(self, start_ns: int) -> Mission:
         """Return the Mission that the trip planner sends at the start, at an instant [ns]."""
-        mission = self._mission(self._route, start_ns, self._goal.charging_planned)
+        mission = self._send(self._route, 0.0, start_ns, self._goal.charging_planned)
         return replace(mission, standing_time_s=self._standing_time_s)
 
     def route_news(self, start_ns: int) -> Mission | None:
@@ -106,16 +112,27 @@ class ImperfectCar:
             # The drive has ended: the last segment of what was driven, behind us.
             last = self.plant.route.segments(len(self.plant.route) - 1, len(self.plant.route))
             began_s = self.plant.duration_s - last.total_duration_s
-            return self._mission(last, start_ns + round(self.stamp_s(began_s) * NS_PER_S),
-                                 due.charging_planned)
-        return self._mission(due.route, start_ns + round(self.stamp_s(due.at_s) * NS_PER_S),
-                             due.charging_planned)
+            return self._send(last, began_s, start_ns, due.charging_planned)
+        return self._send(due.route, due.at_s, start_ns, due.charging_planned)
+
+    def progress(self, start_ns: int) -> Progress | None:
+        """
+        Return where on the route that was sent last the car is; None where it does not say so now.
+
+        `start_ns` is the instant of the start.
+        """
+        distance_m = self._position.report_m(self.time_s)
+        if distance_m is None or self._sent_start_ns is None:
+            return None
+        return Progress(distance_m, start_ns + round(self.clock_s * NS_PER_S), self._route_id,
+                        self._sent_start_ns)
 
     @property
     def next_event_s(self) -> float:
-        """When the next battery state is taken or arrives, or the next route plan does [s]."""
+        """When the next battery state is taken, or it, a route plan or a position arrives [s]."""
         news_s = [news.at_s for news in self._news[:1]]
-        return min([self.readings_of.next_s, self.readings_of.next_arrival_s, *news_s])
+        return min([self.readings_of.next_s, self.readings_of.next_arrival_s,
+                    self._position.next_s, *news_s])
 
     def advance_under(self, lease: HeaterLease, to_s: float) -> None:
         """Drive on to `to_s` [s] under a HeaterLease, and take the readings that are due."""
@@ -141,9 +158,12 @@ class ImperfectCar:
                 self.plant.advance_under(
                     HeaterLease(fault.share * lease.power_w, lease.until_s), until_s)
 
-    def _mission(self, route: Route, start_ns: int, charging_planned: bool) -> Mission:
+    def _send(self, route: Route, at_s: float, start_ns: int, charging_planned: bool) -> Mission:
+        """Return the Mission of a route that begins where the car is at an instant of the drive [s]."""
         goal = self._goal
+        self._position.begin_route(at_s)
+        self._sent_start_ns = start_ns + round(self.stamp_s(at_s) * NS_PER_S)
         return Mission(self._route_id, (Leg(
-            route, start_ns, charging_planned,
+            route, self._sent_start_ns, charging_planned,
             None if math.isnan(goal.target_temperature_c) else goal.target_temperature_c,
             goal.minimum_arrival_soc),))

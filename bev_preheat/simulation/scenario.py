@@ -17,6 +17,7 @@ from bev_preheat.route.segments import Route
 from bev_preheat.simulation.heater_faults import HeaterFault
 from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections
 from bev_preheat.simulation.mismatch import Mismatch
+from bev_preheat.simulation.position import PositionReports
 from bev_preheat.simulation.sensors import Sensors, Span
 from bev_preheat.simulation.traffic import ClockJump, Event, Kind
 from bev_preheat.supervision.settings import FIELD_OF_PARAMETER
@@ -116,6 +117,7 @@ def _scenario(path: Path, contents: dict[str, FileData]) -> Scenario:
         imperfections=Imperfections(
             mismatch=Mismatch(**contents.get('mismatch', {})),
             heat_path=_heat_path(contents),
+            position=_position(contents),
             sensors=_sensors(contents.get('sensors', {})),
             heater_faults=tuple(HeaterFault(**node) for node in contents.get('heater_faults', ())),
             events=tuple(_event(at, node, detour) for at, (node, detour) in enumerate(
@@ -158,6 +160,13 @@ def _heat_path(contents: dict[str, FileData]) -> HeatPath | None:
     if problems:
         raise InvalidInput(problems)
     return path
+
+
+def _position(contents: dict[str, FileData]) -> PositionReports | None:
+    """Return how the car says where it is; None: it does not."""
+    node = contents.get('route_progress')
+    return None if node is None else PositionReports(
+        **{**node, 'drop_outs': _spans(node, 'drop_outs', 'route_progress')})
 
 
 def _sensors(node: dict[str, FileData]) -> Sensors:

@@ -85,7 +85,7 @@ class SensorReadings:
         self.next_s += (math.floor((now_s - self.next_s) / period_s) + 1) * period_s
         reading = self.read(plant)
         lost = self.sensors.loss > 0.0 and self._random.random() < self.sensors.loss
-        if not lost and not _within(now_s, self.sensors.drop_outs):
+        if not lost and not within(now_s, self.sensors.drop_outs):
             self._under_way.append(reading)
 
     def read(self, plant: VehiclePlant) -> Reading:
@@ -94,13 +94,13 @@ class SensorReadings:
         temperature_c = _measured(
             random, plant.sensor_c + sensors.temperature_offset_k,
             sensors.temperature_noise_k, sensors.temperature_resolution_k)
-        if not _within(now_s, sensors.stuck):
+        if not within(now_s, sensors.stuck):
             self._stuck_at_c = None
         elif self._stuck_at_c is None:
             self._stuck_at_c = temperature_c
         else:
             temperature_c = self._stuck_at_c
-        if _within(now_s, sensors.invalid):
+        if within(now_s, sensors.invalid):
             temperature_c = math.nan
         soc = _measured(random, plant.soc, sensors.soc_noise, sensors.soc_resolution)
         power: tuple[float | None, float | None] = (None, None)
@@ -134,5 +134,6 @@ def _measured(random: np.random.Generator, value: float, noise: float,
     return round(value / resolution) * resolution if resolution > 0.0 else value
 
 
-def _within(instant_s: float, spans: Iterable[Span]) -> bool:
+def within(instant_s: float, spans: Iterable[Span]) -> bool:
+    """Return whether an instant lies in one of the spans (from, until) [s]."""
     return any(from_s <= instant_s < until_s for from_s, until_s in spans)

@@ -9,6 +9,7 @@ import yaml
 from bev_preheat.errors import InvalidInput
 from bev_preheat.files.configuration import configuration_folder
 from bev_preheat.simulation.evaluation import evaluate
+from bev_preheat.simulation.position import PositionReports
 from bev_preheat.simulation.scenario import load_scenario
 from bev_preheat.simulation.traffic import Kind
 from bev_preheat.supervision.inputs import NS_PER_S
@@ -34,6 +35,7 @@ GOOD = {
                 {'event': 'detour', 'at_s': 800, 'route': 'winter_commute'},
                 {'event': 'cancel_charging', 'at_s': 900}],
     'clock_jumps': [{'at_s': 50, 'by_s': -20}],
+    'route_progress': {'period_s': 2.0, 'noise_m': 5.0, 'drop_outs': [[100, 200]]},
     'expect': {'arrival_error_k': [-0.5, 1.0], 'most_switch_ons': 3, 'statuses': ['WAITING'],
                'never': ['INTERNAL_ERROR'], 'off_during': [[30, 40]], 'heats_during': [[500, 600]],
                'heater': 'stuck on'},
@@ -102,6 +104,7 @@ def test_every_key_takes_effect(tmp_path):
         'stop', 'other_pace', 'detour', 'cancel_charging']
     assert imperfections.events[0].route_plan_after_s is None
     assert imperfections.clock_jumps[0].by_s == -20
+    assert imperfections.position == PositionReports(2.0, 5.0, ((100, 200),))
     assert expected.arrival_error_k == (-0.5, 1.0)
     assert (expected.off_during, expected.heats_during) == (((30, 40),), ((500, 600),))
 
@@ -131,6 +134,9 @@ def test_a_heat_path_is_that_of_the_vehicle_file_unless_the_scenario_has_its_own
     (('mismatch', 'heat_capacity'), 5.0, 'mismatch.heat_capacity: 5.0'),
     (('sensors', 'no_such'), 1.0, 'no_such'),
     (('sensors', 'drop_outs'), [[20, 10]], r'sensors.drop_outs\[0\]: \[20, 10\] must rise'),
+    (('route_progress', 'period_s'), 0, 'route_progress.period_s: 0'),
+    (('route_progress', 'drop_outs'), [[20, 10]],
+     r'route_progress.drop_outs\[0\]: \[20, 10\] must rise'),
     (('heat_path',), {'coolant_heat_capacity_j_per_k': 1e4}, 'heat_path: .* needs coolant_cond'),
     (('heater_faults', 0, 'share'), 1.5, r'heater_faults\[0\].share: 1.5'),
     (('traffic', 0, 'event'), 'earthquake', r'traffic\[0\].event'),
