@@ -56,6 +56,7 @@ LIMITS = {
     'jobs': (1, 1024),
     # The node's own limits on lease, timeout and command period.
     'period': (0.1, 10.0),
+    'traffic': (0.0, 0.5),
 }
 # Rows of the table: heading, how to read them off a method's figures, format.
 ROWS = (
@@ -131,6 +132,11 @@ def add_parser(subparsers: Subparsers) -> None:
                         '(default: %(default)s)')
     parser.add_argument('--no-power', action='store_true',
                         help='battery states carry neither voltage nor current')
+    parser.add_argument('--traffic', type=float, default=0.0, metavar='SHARE',
+                        help='each trip takes longer or shorter than its route says, by up to this '
+                        'share, and the trip planner does not say so (default: %(default)s)')
+    parser.add_argument('--progress', action='store_true',
+                        help='the car says where on its route it is')
     add_output_arguments(parser)
     parser.set_defaults(run=run)
 
@@ -216,7 +222,8 @@ def _conditions(arguments: Namespace) -> Conditions:
     for route in routes:
         check_situation(vehicle, route, state, goal)
     return Conditions(vehicle, tuple(routes), state, goal, arguments.period,
-                      not arguments.no_power, arguments.plant, arguments.fault)
+                      not arguments.no_power, arguments.plant, arguments.fault, arguments.traffic,
+                      arguments.progress)
 
 
 def _drawn() -> dict[str, Any]:
@@ -241,7 +248,8 @@ def _described(arguments: Namespace) -> dict[str, Any]:
             'plant': arguments.plant, 'fault': arguments.fault,
             'temperature_c': arguments.temperature, 'soc': arguments.soc,
             'target_temperature_c': arguments.target, 'period_s': arguments.period,
-            'reports_power': not arguments.no_power, 'drawn': _drawn()}
+            'reports_power': not arguments.no_power, 'traffic': arguments.traffic,
+            'tells_position': arguments.progress, 'drawn': _drawn()}
 
 
 def _percent(share: float | None) -> float | None:
@@ -283,7 +291,8 @@ def print_trip(console: Console, result: CarResult) -> None:
     """Print one trip."""
     car = ', '.join(f'{name.replace("_", " ")} {getattr(result.mismatch, name):.3f}'
                     for name in SPREAD)
-    console.print(f'trip {result.number}: {car}', soft_wrap=True)
+    pace = '' if result.pace == 1.0 else f'; takes {result.pace:.3f} times as long as its route says'
+    console.print(f'trip {result.number}: {car}{pace}', soft_wrap=True)
     drives = {'informed': result.informed, **result.methods}
     print_figures(console, None, ('', *drives), [
         (heading, *(_text(getattr(drive, field), form) for drive in drives.values()))

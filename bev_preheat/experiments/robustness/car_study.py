@@ -38,7 +38,7 @@ class CarResult:
     One trip: what the car really is, and the DriveOutcomes of it.
 
     `informed` is the drive that knew the truth, `methods` those of COMPARED by name, `cpu_s` the
-    processor time of it all [s].
+    processor time of it all [s]. The trip takes `pace` times as long as its route says.
     """
 
     number: int
@@ -47,6 +47,7 @@ class CarResult:
     informed: DriveOutcome
     methods: dict[str, DriveOutcome]
     cpu_s: float
+    pace: float = 1.0
 
 
 def settings_of_compared(method: str, period_s: float) -> Settings:
@@ -74,7 +75,8 @@ def drive_car(conditions: Conditions, seed: int, number: int,
         raise
     result = CarResult(
         number, trip.mismatch, trip.heat_path, informed,
-        {method: drive for method, (drive, _) in drives.items()}, process_time() - started)
+        {method: drive for method, (drive, _) in drives.items()}, process_time() - started,
+        trip.pace)
     return result, {method: course for method, (_, course) in drives.items()}
 
 

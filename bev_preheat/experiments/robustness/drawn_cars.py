@@ -12,7 +12,9 @@ from bev_preheat.route.segments import Route
 from bev_preheat.simulation.heater_faults import HeaterFault
 from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections
 from bev_preheat.simulation.mismatch import Mismatch
+from bev_preheat.simulation.position import PositionReports
 from bev_preheat.simulation.sensors import Sensors
+from bev_preheat.simulation.traffic import Event, Kind
 from bev_preheat.vehicle import Vehicle
 from bev_preheat.vehicle.heat_path import HeatPath
 
@@ -29,6 +31,9 @@ SPREAD = {
 PROPULSION_POWER_VARIABILITY = 0.2
 TEMPERATURE_NOISE_K = 0.2
 TEMPERATURE_RESOLUTION_K = 1.0
+POSITION_NOISE_M = 5.0
+# The pace is drawn apart, so that the cars are the same with and without traffic.
+PACE_STREAM = 1
 
 
 # Each is drawn evenly between these: lag of the heater [s], heat capacity [J/K] and conductance
@@ -59,7 +64,8 @@ class Conditions:
 
     Vehicle and Routes as described (trips take them in turn), the state at the start, the goal, the
     time between two battery states and between two commands [s], whether battery states carry
-    voltage and current, one of PLANTS by name, and one of FAULTS by name.
+    voltage and current, one of PLANTS by name, one of FAULTS by name, the share by which a trip takes
+    longer or shorter than its route says (`traffic`), and whether the car says where it is.
     """
 
     vehicle: Vehicle
@@ -70,6 +76,8 @@ class Conditions:
     reports_power: bool = True
     plant: str = 'nominal'
     fault: str = 'none'
+    traffic: float = 0.0
+    tells_position: bool = False
 
 
 @dataclass(frozen=True)
@@ -82,6 +90,7 @@ class DrawnCar:
     mismatch: Mismatch
     heat_path: HeatPath
     heater_faults: tuple[HeaterFault, ...] = ()
+    pace: float = 1.0
 
     @property
     def route(self) -> Route:
@@ -99,8 +108,17 @@ class DrawnCar:
             period_s=conditions.period_s)
         return ImperfectCar(
             conditions.vehicle, self.route, conditions.state, conditions.goal,
-            Imperfections(self.mismatch, self.heat_path, sensors, self.heater_faults),
+            Imperfections(
+                self.mismatch, self.heat_path, sensors, self.heater_faults, self._events(),
+                position=(PositionReports(conditions.period_s, POSITION_NOISE_M)
+                          if conditions.tells_position else None)),
             [self.seed, self.number])
+
+    def _events(self) -> tuple[Event, ...]:
+        """Return what makes the whole route another pace; the trip planner says nothing of it."""
+        if self.pace == 1.0:
+            return ()
+        return (Event(Kind.OTHER_PACE, 0.0, None, self.route.total_duration_s, self.pace),)
 
 
 def draw_car(conditions: Conditions, seed: int, number: int) -> DrawnCar:
@@ -112,12 +130,19 @@ def draw_car(conditions: Conditions, seed: int, number: int) -> DrawnCar:
     car = DrawnCar(seed, number, conditions, Mismatch(
         **factors, propulsion_power_variability=PROPULSION_POWER_VARIABILITY,
         visible_variation='ripple' not in parts), _draw_heat_path(
-            random, parts, conditions.vehicle.heat_path))
+            random, parts, conditions.vehicle.heat_path),
+        pace=_draw_pace(seed, number, conditions.traffic))
     fault = FAULTS[conditions.fault]
     if fault is None:
         return car
     begins_s = float(random.uniform(*FAULT_BEGINS)) * car.route.total_duration_s
     return replace(car, heater_faults=(replace(fault, from_s=begins_s),))
+
+
+def _draw_pace(seed: int, number: int, traffic: float) -> float:
+    """Return how many times as long a trip takes as its route says."""
+    random = np.random.default_rng([seed, number, PACE_STREAM])
+    return 1.0 + traffic * float(random.uniform(-1.0, 1.0))
 
 
 def _draw_heat_path(random: np.random.Generator, parts: frozenset[str],

@@ -94,3 +94,25 @@ def test_routes_are_taken_in_turn():
     one, other = short_conditions().routes[0], short_conditions().routes[0].with_propulsion(0.9)
     conditions = short_conditions(routes=(one, other))
     assert [draw_car(conditions, 1, number).route for number in range(4)] == [one, other, one, other]
+
+
+def test_traffic_makes_trips_longer_or_shorter_and_nothing_else():
+    plain, slow = short_conditions(), short_conditions(traffic=0.2)
+    paces = np.array([draw_car(slow, 1, number).pace for number in range(400)])
+    assert 0.8 <= paces.min() < 0.81 and 1.19 < paces.max() <= 1.2
+    assert abs(paces.mean() - 1.0) < 0.02
+    trips = draw_car(plain, 1, 7), draw_car(slow, 1, 7)
+    assert (trips[0].mismatch, trips[0].pace) == (trips[1].mismatch, 1.0)
+    before, after = (trip.car().plant for trip in trips)
+    assert after.duration_s == pytest.approx(trips[1].pace * before.duration_s)
+    assert after.route.distance_m == pytest.approx(before.route.distance_m)
+
+
+@pytest.mark.parametrize('tells', [False, True])
+def test_the_position_is_said_where_it_is_asked_for(tells):
+    car = draw_car(short_conditions(tells_position=tells, traffic=0.2), 1, 2).car()
+    car.mission(0)
+    assert (car.progress(0) is not None) is tells
+    # The trip planner has nothing to add.
+    car.advance_under(NO_LEASE, 30.0)
+    assert car.route_news(0) is None
