@@ -19,7 +19,7 @@ from bev_preheat.nodes.diagnostics import HEATER_LEVELS, HEATER_SENTENCES, LEVEL
 from bev_preheat.planning.status import Status
 
 ROOT = Path(__file__).resolve().parents[1]
-MESSAGES = ('RoutePlan', 'HvchCommand', 'PreheatPlan', 'OptimalityReport')
+MESSAGES = ('RoutePlan', 'RouteProgress', 'HvchCommand', 'PreheatPlan', 'OptimalityReport')
 NODES = (planner_node, nlp_checker_node, vehicle_simulator_node)
 SCHEMAS = {'vehicle': 'vehicle/schema.yaml', 'legs': 'route/legs_schema.yaml',
            'itinerary': 'supervision/itinerary_schema.yaml',

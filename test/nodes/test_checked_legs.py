@@ -9,7 +9,12 @@ import pytest
 from stepwise import Stepwise
 
 from bev_preheat.nodes.convert import mission_from_message, plan_message
-from bev_preheat.nodes.optimality_report import case_of_plan, case_of_state, says_the_same
+from bev_preheat.nodes.optimality_report import (
+    as_driven,
+    case_of_plan,
+    case_of_state,
+    says_the_same,
+)
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.supervision.inputs import Measurement, NS_PER_S
 from bev_preheat.supervision.settings import Settings
@@ -76,6 +81,20 @@ def test_what_the_planner_says_at_a_stop_is_no_plan_to_check(inputs):
     plan = plan_message(inputs.replan(measurement.stamp_ns), inputs.mission, measurement.stamp_ns,
                         inputs.later_decisions())
     assert case_of_plan(inputs.mission, inputs.goal_of, [measurement], plan) is None
+
+
+def test_a_vehicle_that_is_late_is_checked_where_it_is(inputs):
+    supervisor, planned, measurement = Stepwise(VEHICLE, Settings()), inputs.mission, at(90)
+    supervisor.accept_mission(planned.delayed(60 * NS_PER_S))
+    supervisor.accept_battery(measurement, measurement.stamp_ns)
+    plan = plan_message(supervisor.replan(measurement.stamp_ns), supervisor.mission, 0)
+    assert plan.delay == 60.0
+    assert case_of_plan(planned, inputs.goal_of, [measurement], plan) is None
+    case = case_of_plan(as_driven(planned, plan), inputs.goal_of, [measurement], plan)
+    assert case.question.route.total_duration_s == pytest.approx(600.0 + 60.0 - 90.0)
+    # A plan for another route says nothing of this one.
+    plan.route_id = 'near'
+    assert as_driven(planned, plan) is planned
 
 
 @pytest.fixture

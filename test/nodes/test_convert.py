@@ -541,10 +541,17 @@ def test_without_a_plan_there_are_no_stretches(field):
 def test_without_a_plan_the_figures_are_unknown():
     message = plan_message(Decision(Status.DISABLED, 'No.'), None, now_ns=7 * NS_PER_S)
     figures = [name for name, kind in PreheatPlan.get_fields_and_field_types().items()
-               if kind == 'double' and name != 'planning_time']
+               if kind == 'double' and name not in ('delay', 'planning_time')]
     assert (len(figures), [name for name in figures if not np.isnan(getattr(message, name))],
             message.route_id, message.heating_planned, len(message.time), message.header.stamp,
             message.arrival) == (15, [], '', False, 0, Time(sec=7), Time())
+
+
+@pytest.mark.parametrize('delay_ns, delay_s', [(0, 0.0), (90 * NS_PER_S, 90.0), (-NS_PER_S // 2, -0.5)])
+def test_the_delay_of_a_mission_is_told_with_and_without_a_plan(decision, delay_ns, delay_s):
+    for told in (decision, Decision(Status.DISABLED, 'No.')):
+        assert plan_message(told, EAST.delayed(delay_ns), now_ns=0).delay == delay_s
+    assert plan_message(Decision(Status.NO_ROUTE, 'No.'), None, now_ns=0).delay == 0.0
 
 
 @pytest.mark.parametrize('deviation_k, variance', [(nan, 0.0), (0.75, 0.5625)])

@@ -214,11 +214,20 @@ def there_and_back():
 
 
 @pytest.mark.parametrize('attribute', [
-    field.name for field in fields(Leg) if field.name != 'route'])
+    field.name for field in fields(Leg) if field.name not in ('route', 'places')])
 def test_each_leg_comes_back(there_and_back, attribute):
     there, back = ([getattr(leg, attribute) for leg in mission.legs]
                    for mission in there_and_back)
     assert back == there
+
+
+def test_the_places_of_each_leg_come_back(there_and_back):
+    # Those of the route as it was before it was put into steps, and of the steps: other points.
+    for there, back in zip(*(mission.legs for mission in there_and_back)):
+        assert back.places.length_m == pytest.approx(there.places.length_m)
+        for time_s in np.linspace(0.0, there.route.total_duration_s, 50):
+            assert back.places.distance_at_m(time_s) == pytest.approx(
+                there.places.distance_at_m(time_s))
 
 
 @pytest.mark.parametrize('field', [field.name for field in fields(Route)])
