@@ -269,7 +269,8 @@ def test_a_route_along_which_nothing_moves_has_no_places():
 
 SEGMENTS = st.lists(st.tuples(
     st.floats(5.0, 600.0), st.one_of(st.just(0.0), st.floats(0.5, 50.0))),
-    min_size=1, max_size=8).filter(lambda segments: sum(map(lambda s: s[0] * s[1], segments)) > 50.0)
+    min_size=1, max_size=8).filter(lambda segments: sum(
+        duration_s * speed_mps for duration_s, speed_mps in segments) > 50.0)
 
 
 @given(SEGMENTS, st.floats(0.0, 1.0), st.floats(0.0, 1.0), st.floats(-900.0, 3000.0))
