@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Hashable, Iterable, Iterator
+from contextlib import suppress
 from difflib import get_close_matches
 from functools import cache
 import math
@@ -33,7 +34,7 @@ def load_checked_yaml(path: str | Path, schema_path: Path) -> dict[str, FileData
         reason = getattr(error, 'strerror', None) or 'is not UTF-8 text'
         raise InvalidInput(f'{path}: cannot be read: {reason}') from error
     try:
-        contents = yaml.load(text, Loader=_LoaderOfUniqueKeys)
+        contents = _load(text)
         problems = list(_numbers_that_are_not_finite(contents, ''))
     except RecursionError as error:
         # Thousands of brackets, or an alias within the very value that it stands for.
@@ -51,8 +52,8 @@ def load_checked_yaml(path: str | Path, schema_path: Path) -> dict[str, FileData
     return contents
 
 
-class _LoaderOfUniqueKeys(yaml.SafeLoader):
-    """Refuses a duplicate key in a mapping; YAML's own loader takes the last silently."""
+class _UniqueKeys:
+    """Makes a loader refuse a duplicate key in a mapping; YAML's own take the last silently."""
 
     def construct_mapping(self, node: yaml.MappingNode,
                           deep: bool = False) -> dict[Hashable, FileData]:
@@ -64,12 +65,36 @@ class _LoaderOfUniqueKeys(yaml.SafeLoader):
                 raise yaml.constructor.ConstructorError(
                     None, None, f'{key_node.value!r} is a duplicate key', key_node.start_mark)
             seen.add(key_node.value)
-        return super().construct_mapping(node, deep)
+        contents: dict[Hashable, FileData] = super().construct_mapping(  # type: ignore[misc]
+            node, deep)
+        return contents
 
 
-# LibYAML parses six times as fast, but thousands of brackets end the process: for the package's own
-# files only. Not every build of PyYAML has it.
-_LOADER_OF_OWN_FILES = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
+# LibYAML parses six times as fast; not every build of PyYAML has it.
+try:
+    from yaml import CSafeLoader as _FastLoader
+except ImportError:
+    from yaml import SafeLoader as _FastLoader  # type: ignore[assignment]
+
+
+class _Loader(_UniqueKeys, yaml.SafeLoader):
+    pass
+
+
+class _FastLoaderOfUniqueKeys(_UniqueKeys, _FastLoader):
+    pass
+
+
+# LibYAML ends the process where values are nested some twenty thousand deep. Each level takes one of these.
+_NESTING, _HARMLESS_NESTING = '[{-?:', 5000
+
+
+def _load(text: str) -> FileData:
+    if sum(map(text.count, _NESTING)) < _HARMLESS_NESTING:
+        # What is wrong with a file is told in the words of one loader.
+        with suppress(yaml.YAMLError):
+            return yaml.load(text, Loader=_FastLoaderOfUniqueKeys)
+    return yaml.load(text, Loader=_Loader)
 
 
 @cache
@@ -86,7 +111,7 @@ def load_schema(path: Path) -> FileData:
             return {key: whole(item) for key, item in node.items()}
         return [whole(item) for item in node] if isinstance(node, list) else node
 
-    return whole(yaml.load(path.read_text(encoding='utf-8'), Loader=_LOADER_OF_OWN_FILES))
+    return whole(yaml.load(path.read_text(encoding='utf-8'), Loader=_FastLoader))
 
 
 def _key(parts: Iterable[str | int]) -> str:

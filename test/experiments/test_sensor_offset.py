@@ -13,7 +13,7 @@ from bev_preheat.simulation.scenario import load_scenario
 @pytest.mark.costly
 def test_the_car_arrives_nearer_to_its_target_where_it_is_known_how_long_it_stood():
     known = load_scenario('sensor_offset')
-    known = replace(known, route=known.route.before(900.0), goal=Goal(3.0))
+    known = replace(known, route=known.route.before(600.0), goal=Goal(-1.0))
     errors_k = [drive_scenario(scenario).arrival_c - scenario.goal.target_temperature_c
                 for scenario in (known, replace(known, standing_time_s=0.0))]
     offset_k = known.imperfections.sensors.temperature_offset_k

@@ -63,7 +63,8 @@ def errors_of(name, text, status_text='COMMAND_CONFLICT'):
         and text in status.message and status_text in status.message for status in array.status)
 
 
-@pytest.mark.parametrize('number', [signal.SIGKILL, signal.SIGTERM])
+@pytest.mark.parametrize('number', [
+    signal.SIGKILL, pytest.param(signal.SIGTERM, marks=pytest.mark.deep)])
 def test_two_planners_stay_off_until_one_is_gone(bench, number):
     commands = bench.record(HvchCommand, 'hvch_command', 100)
     diagnostics = bench.record(DiagnosticArray, '/diagnostics', 100)

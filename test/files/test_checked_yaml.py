@@ -1,0 +1,53 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Two parsers of YAML, one fast: the same contents, the same words, and no file that ends the process."""
+
+from pathlib import Path
+
+import pytest
+import yaml
+
+from bev_preheat.errors import InvalidInput
+from bev_preheat.files.checked_yaml import load_checked_yaml
+from bev_preheat.files.configuration import configuration_folder
+
+ANYTHING = 'type: object\n'
+FILES = sorted(configuration_folder('vehicles').parent.rglob('*.yaml'))
+
+
+@pytest.fixture
+def load(tmp_path):
+    schema = tmp_path / 'schema.yaml'
+    schema.write_text(ANYTHING)
+    return lambda path: load_checked_yaml(path, schema)
+
+
+def problem_of(load, path, text):
+    path.write_text(text)
+    with pytest.raises(InvalidInput) as refused:
+        load(path)
+    return str(refused.value)
+
+
+@pytest.mark.parametrize('path', FILES, ids=lambda path: f'{path.parent.name}/{path.name}')
+def test_a_file_holds_what_the_reference_parser_finds(load, path):
+    assert load(path) == yaml.safe_load(Path(path).read_text(encoding='utf-8'))
+
+
+@pytest.mark.parametrize('text', [
+    'a: 1\nb: [1, 2\n', 'a: 1\n b: 2\n', 'a: "\\q"\n', '\ta: 1\n', 'a: *nothing\n', 'a: !!python/none x\n',
+    'a: 1\nb: 2\na: 3\n'],
+    ids=['open bracket', 'indentation', 'escape', 'tab', 'alias', 'tag', 'duplicate key'])
+def test_what_is_wrong_is_told_in_the_same_words_without_the_fast_parser(load, tmp_path, monkeypatch, text):
+    path = tmp_path / 'wrong.yaml'
+    told = problem_of(load, path, text)
+    # Read by the fast parser as far as it goes, and by the other one alone.
+    monkeypatch.setattr('bev_preheat.files.checked_yaml._HARMLESS_NESTING', 0)
+    assert problem_of(load, path, text) == told
+    assert 'is not YAML' in told
+
+
+@pytest.mark.parametrize('opening, depth', [
+    ('[', 2_400), ('- ', 4_900), ('- ', 30_000), ('? ', 4_900), ('? ', 30_000),
+    ('{a: ', 2_400), ('{a: ', 30_000)])
+def test_nesting_of_any_kind_is_refused(load, tmp_path, opening, depth):
+    assert 'nested too deeply' in problem_of(load, tmp_path / 'deep.yaml', f'a:\n  {opening * depth}')
