@@ -82,6 +82,7 @@ ROWS = (
     ('… is found [%]', lambda figures: _percent(figures['fault']['found']), '.0f'),
     ('… after, median [s]', lambda figures: figures['fault']['median_s'], '.0f'),
     ('… after, most [s]', lambda figures: figures['fault']['most_s'], '.0f'),
+    ('… not found, showed at most [s]', lambda figures: figures['fault']['missed_most_s'], '.0f'),
     ('Refused inputs', lambda figures: figures['refused_inputs'], 'd'),
     ('Updates without a plan', lambda figures: figures['updates_without_plan'], 'd'),
     ('Trips that ran empty', lambda figures: figures['ran_empty'], 'd'),

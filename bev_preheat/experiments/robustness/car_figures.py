@@ -98,13 +98,20 @@ def requirements(figures: Figures) -> list[Requirement]:
 
 
 def _fault_figures(drives: Iterable[DriveOutcome]) -> dict[str, float | None]:
-    """Of the drives in which a heater's fault showed: the share that found it, and after how long [s]."""
-    shown_s = [drive.fault_found_after_s for drive in drives if drive.fault_shown]
-    found_s = [seconds for seconds in shown_s if seconds is not None]
-    return {'shown': len(shown_s),
-            'found': len(found_s) / len(shown_s) if shown_s else None,
+    """
+    Return what became of a heater's fault in the drives in which it showed.
+
+    The share that found it, after how long, and for how long it showed where it was not found [s].
+    """
+    shown = [drive for drive in drives if drive.fault_shown_s is not None]
+    found_s = [drive.fault_found_after_s for drive in shown if drive.fault_found_after_s is not None]
+    missed_s = [drive.fault_shown_s for drive in shown
+                if drive.fault_found_after_s is None and drive.fault_shown_s is not None]
+    return {'shown': len(shown),
+            'found': len(found_s) / len(shown) if shown else None,
             'median_s': float(np.median(found_s)) if found_s else None,
-            'most_s': max(found_s, default=None)}
+            'most_s': max(found_s, default=None),
+            'missed_most_s': max(missed_s, default=None)}
 
 
 def _errors(drives: Iterable[DriveOutcome],

@@ -46,8 +46,9 @@ class DriveOutcome:
     never did; `partial_duty_s` is how long it was more than 0 W and less than FULL_SHARE of what
     the cabin leaves.
     `verdicts` are the faults that the planner found in the heater on the way, in order;
-    `fault_shown` says whether one that the heater really had showed (a dead heater that is not
-    commanded does not), and `fault_found_after_s` how long after that it was found [s]; None: never.
+    `fault_shown_s` is how long one that the heater really had showed until it was found or the drive
+    ended [s] (a dead heater that is not commanded does not; None: it never did), and
+    `fault_found_after_s` how long after it first showed it was found [s]; None: never.
     `refused_inputs` counts battery states that were refused, `updates_without_plan` the updates
     after which nothing could be planned, `updates` all. `planner_cpu_s` is the planner's time.
     """
@@ -61,7 +62,7 @@ class DriveOutcome:
     partial_duty_s: float
     ran_empty: bool
     verdicts: tuple[str, ...] = ()
-    fault_shown: bool = False
+    fault_shown_s: float | None = None
     fault_found_after_s: float | None = None
     refused_inputs: int = 0
     updates_without_plan: int = 0
@@ -113,12 +114,20 @@ class _Tally:
         return 0.0 < self._power_w < FULL_SHARE * most_w
 
 
-class _FaultWatch:
-    """How long the planner takes to find the fault that the heater really has; the first of them."""
+class FaultWatch:
+    """
+    How long the planner takes to find the fault that the heater really has; the first of them.
+
+    `shown_s` is how long it showed [s], None where it did not; `found_after_s`, how long after it first
+    showed it was found [s], None while it is not.
+    """
 
     def __init__(self, faults: Sequence[HeaterFault]) -> None:
+        """Watch for the first of the HeaterFaults; without any there is nothing to find."""
         self._fault = faults[0] if faults else None
-        self.shows_s: float | None = None
+        self._first_s: float | None = None
+        self._shows_since_s: float | None = None
+        self.shown_s: float | None = None
         self.found_after_s: float | None = None
 
     def note(self, now_s: float, command_w: float, estimate: Estimate | None) -> None:
@@ -126,12 +135,19 @@ class _FaultWatch:
         fault = self._fault
         if fault is None or now_s < fault.from_s or self.found_after_s is not None:
             return
+        self.end(now_s)
         # Uncommanded heat shows where none is commanded, a heater that gives less where some is.
-        if self.shows_s is None and (command_w == 0.0) == fault.stuck_on:
-            self.shows_s = now_s
-        if (self.shows_s is not None and estimate is not None
+        self._shows_since_s = now_s if (command_w == 0.0) == fault.stuck_on else None
+        if self._first_s is None and self._shows_since_s is not None:
+            self._first_s, self.shown_s = now_s, 0.0
+        if (self._first_s is not None and estimate is not None
                 and estimate.heater.heater is _kind_of(fault)):
-            self.found_after_s = now_s - self.shows_s
+            self.found_after_s = now_s - self._first_s
+
+    def end(self, now_s: float) -> None:
+        """Count what showed until an instant [s]."""
+        if self._shows_since_s is not None and self.shown_s is not None and self.found_after_s is None:
+            self.shown_s += now_s - self._shows_since_s
 
 
 def _kind_of(fault: HeaterFault) -> Heater:
@@ -148,7 +164,7 @@ def drive_with_planner(car: ImperfectCar, goal: Goal,
     refused, without_plan, updates, measured_c = 0, 0, 0, math.nan
     power_w = 0.0
     verdicts: dict[str, float] = {}
-    fault = _FaultWatch(car.imperfections.heater_faults)
+    fault = FaultWatch(car.imperfections.heater_faults)
     for moment in moments(car, supervisor, lambda: plant.is_standing):
         cpu_s += moment.cpu_s
         if moment.reading is not None:
@@ -170,9 +186,10 @@ def drive_with_planner(car: ImperfectCar, goal: Goal,
                      math.nan if estimate is None else estimate.temperature_c,
                      math.nan if plan is None else plan.arrival_temperature_c, power_w))
     tally.note(plant.time_s, 0.0)
+    fault.end(plant.time_s)
     drive = _drive(plant, goal, tally, refused_inputs=refused, updates_without_plan=without_plan,
                    updates=updates, planner_cpu_s=cpu_s,
-                   verdicts=tuple(verdicts), fault_shown=fault.shows_s is not None,
+                   verdicts=tuple(verdicts), fault_shown_s=fault.shown_s,
                    fault_found_after_s=fault.found_after_s)
     return drive, DriveTrace(*np.array(rows).T)
 

@@ -2,14 +2,18 @@
 """Studies: the same results each time and on any number of processes; what is made of them."""
 
 from dataclasses import asdict, replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from short_drives import made_drive, made_result, short_conditions
 
+from bev_preheat.estimation.hypotheses import Heater
 from bev_preheat.experiments.robustness import car_study
 from bev_preheat.experiments.robustness.car_figures import summarise_drives
 from bev_preheat.experiments.robustness.car_study import COMPARED, drive_car, run_study, settings_of_compared
+from bev_preheat.experiments.robustness.drawn_cars import FAULTS
+from bev_preheat.experiments.robustness.drives import FaultWatch
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route import load_route
 
@@ -214,7 +218,7 @@ def test_a_slow_heater_is_not_accused(plant, number):
     conditions = short_conditions(plant=plant, **WARMER)
     drive = drive_car(conditions, 3, number, ['planner'])[0].methods['planner']
     assert drive.verdicts == ()
-    assert not drive.fault_shown
+    assert drive.fault_shown_s is None
 
 
 @pytest.mark.costly
@@ -228,15 +232,44 @@ def test_a_heater_that_fails_is_found_in_a_slow_car_too(fault, verdict, target_c
         period_s=1.0)
     result, _ = drive_car(conditions, 5, 1, ['planner'])
     drive = result.methods['planner']
-    assert drive.fault_shown
+    assert 0.0 < drive.fault_shown_s <= drive.fault_found_after_s
     assert verdict in drive.verdicts
     assert 30.0 < drive.fault_found_after_s < 480.0
     figures = summarise_drives([result], ['planner'])['planner']
     assert figures['verdicts'] == 1
     assert figures['fault'] == {'shown': 1, 'found': 1.0, 'median_s': drive.fault_found_after_s,
-                                'most_s': drive.fault_found_after_s}
+                                'most_s': drive.fault_found_after_s, 'missed_most_s': None}
 
 
 def test_a_fault_that_never_shows_is_not_missed():
     figures = summarise_drives([made_result(0, planner=made_drive())], ['planner'])['planner']
-    assert figures['fault'] == {'shown': 0, 'found': None, 'median_s': None, 'most_s': None}
+    assert figures['fault'] == {
+        'shown': 0, 'found': None, 'median_s': None, 'most_s': None, 'missed_most_s': None}
+
+
+def test_how_long_a_fault_showed_that_was_not_found():
+    shown = [(400.0, 400.0), (150.0, None), (90.0, None), (None, None)]
+    results = [made_result(number, planner=made_drive(
+        fault_shown_s=shown_s, fault_found_after_s=found_s))
+        for number, (shown_s, found_s) in enumerate(shown)]
+    assert summarise_drives(results, ['planner'])['planner']['fault'] == {
+        'shown': 3, 'found': pytest.approx(1.0 / 3.0), 'median_s': 400.0, 'most_s': 400.0,
+        'missed_most_s': 150.0}
+
+
+@pytest.mark.parametrize('fault, commands, shown_s, found_s', [
+    # Found 30 s after it first showed, commanded for 20 of them.
+    ('dead', [(0.0, 0.0), (100.0, 5e3), (110.0, 0.0), (120.0, 5e3)], 20.0, 30.0),
+    ('dead', [(0.0, 5e3), (40.0, 0.0)], None, None),
+    # Never found: it shows from the instant of the fault, 50 s, to the end, but while it heats.
+    ('stuck_on', [(0.0, 0.0), (50.0, 0.0), (60.0, 5e3), (80.0, 0.0)], 30.0, None)])
+def test_how_long_a_fault_showed(fault, commands, shown_s, found_s):
+    watch = FaultWatch([replace(FAULTS[fault], from_s=50.0)])
+    fine, dead = (SimpleNamespace(heater=SimpleNamespace(heater=heater))
+                  for heater in (Heater.ANSWERS, Heater.DEAD))
+    for now_s, command_w in commands:
+        watch.note(now_s, command_w, fine)
+    if found_s is not None:
+        watch.note(130.0, 5e3, dead)
+    watch.end(100.0 if fault == 'stuck_on' else 200.0)
+    assert (watch.shown_s, watch.found_after_s) == (shown_s, found_s)
