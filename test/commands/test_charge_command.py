@@ -9,7 +9,6 @@ import yaml
 
 from bev_preheat.charging.session import charge
 from bev_preheat.charging.stop import Stop
-from bev_preheat.commands.main import main
 from bev_preheat.files.configuration import configuration_folder
 from bev_preheat.planning.planner import plan_preheating, plan_unheated
 from bev_preheat.planning.situation import BatteryState, Goal
@@ -22,18 +21,6 @@ ARRIVAL = ['charge', '--vehicle', 'small_car', '--arrival-soc', '0.3', '--ambien
            '--charger-power', '90000', '--departure-soc', '0.6', '--arrival-temperature']
 # At such temperatures this car takes no charge, and does not warm its battery.
 FROZEN = [*(word.replace('-4', '-30') for word in ARRIVAL), '-25']
-
-
-@pytest.fixture
-def said(capsys, tmp_path, monkeypatch):
-    """Return (exit status, standard output, standard error) of a command in a folder of its own."""
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv('COLUMNS', '200')
-
-    def run(*arguments):
-        status = main(list(arguments))
-        return status, *capsys.readouterr()
-    return run
 
 
 def test_the_sessions_after_a_drive_are_those_of_its_plans(said, tmp_path):

@@ -6,26 +6,12 @@ import json
 from matplotlib.image import imread
 import pytest
 
-from bev_preheat.commands.main import main
-
 # Section 8 of the design: what other programs read.
 KEYS = {'targets', 'best', 'without_heating', 'break_even_value_of_time_per_h', 'verdict'}
 TARGET_KEYS = {'target_c', 'arrival_temperature_c', 'arrival_soc', 'hvch_electric_wh',
                'charging_time_s', 'bought_energy_wh', 'cost'}
 DRIVE = ['worth', '--vehicle', 'reference', '--route', 'winter_commute', '--temperature', '-2', '--soc',
          '0.3', '--charger-power', '140000', '--departure-soc', '0.7']
-
-
-@pytest.fixture
-def said(capsys, tmp_path, monkeypatch):
-    """Return (exit status, standard output, standard error) of a command in a folder of its own."""
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv('COLUMNS', '200')
-
-    def run(*arguments):
-        status = main(list(arguments))
-        return status, *capsys.readouterr()
-    return run
 
 
 @pytest.mark.costly

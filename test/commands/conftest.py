@@ -1,0 +1,18 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A command, as its user meets it: status, output, errors."""
+
+import pytest
+
+from bev_preheat.commands.main import main
+
+
+@pytest.fixture
+def said(capsys, tmp_path, monkeypatch):
+    """Return (exit status, standard output, standard error) of a command in a folder of its own."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv('COLUMNS', '200')
+
+    def run(*arguments):
+        status = main(list(arguments))
+        return status, *capsys.readouterr()
+    return run
