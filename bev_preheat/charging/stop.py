@@ -21,7 +21,21 @@ if TYPE_CHECKING:
 CHARGER_RANGE_W = (1000.0, 2e6)
 WH_PER_KWH = 1000.0
 MOST_SIDE_POWER_W = 50e3
+# Fast charging slows down there, so most stops end there.
+USUAL_DEPARTURE_SOC = 0.8
 HOTTEST_AMBIENT_C = 60.0
+
+
+@dataclass(frozen=True)
+class Charger:
+    """
+    What is known of a charger before the drive: its power [W, at the vehicle's inlet].
+
+    `departure_soc` (0 ... 1) is what the vehicle is to leave with; None: not known.
+    """
+
+    power_w: float
+    departure_soc: float | None = None
 
 
 @dataclass(frozen=True)

@@ -18,9 +18,9 @@ from typing import Any, TYPE_CHECKING
 
 from bev_preheat.charging.session import charge
 from bev_preheat.charging.stop import arrival_state, check_stop, refuse_stranded, stop_after
+from bev_preheat.charging.verdict import verdict_on
 from bev_preheat.errors import InvalidInput
 from bev_preheat.planning.bracketing import least_of, Trial
-from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.planner import DEFAULT_METHOD, plan_preheating, plan_unheated
 from bev_preheat.planning.situation import check_situation
 
@@ -43,9 +43,9 @@ TARGET_RESOLUTION_K = 0.05
 REFINED_MINIMA = 3
 # Less time saved than this [s] is rounding.
 LEAST_SAVED_S = 0.1
-# Costs that differ by less, in whatever currency, are the same to a driver.
-LEAST_GAIN = 0.01
 MOST_PRICE_PER_KWH, MOST_VALUE_PER_H = 1e3, 1e6
+# Not a recommendation: the verdict says from which value of time on heating pays.
+ENERGY_PRICE_PER_KWH, VALUE_OF_TIME_PER_H = 0.60, 10.0
 
 
 @dataclass(frozen=True)
@@ -133,50 +133,112 @@ def find_worth(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goal,
     _check(vehicle, route, state, goal, stop, prices)
     unheated = plan_unheated(vehicle, route, state, goal)
     refuse_stranded(unheated)
-    sessions: dict[BatteryState, Session] = {}
 
-    def worth_of(plan: Plan, target_c: float) -> TargetWorth:
+    def plan_to(target_c: float) -> Plan:
+        return plan_preheating(vehicle, route, state, replace(
+            goal, target_temperature_c=target_c), method)
+
+    search = WorthSearch(vehicle, stop, unheated, goal.target_temperature_c, prices, plan_to)
+    search.advance(math.inf)
+    return search.worth()
+
+
+class _Paused(Exception):
+    """The search has made as many plans as it may for now."""
+
+
+class WorthSearch:
+    """
+    The search of `find_worth`, which may be made in parts: so many plans now, the others later.
+
+    `vehicle`, `stop` and `unheated` (the Plan without heating) stay as they are meanwhile, and so must
+    what `plan_to` makes a Plan from, for a target [deg C]. `usual_c` is the usual target [deg C];
+    `without` is the TargetWorth of no heating.
+    """
+
+    def __init__(self, vehicle: Vehicle, stop: Stop, unheated: Plan, usual_c: float, prices: Prices,
+                 plan_to: Callable[[float], Plan]) -> None:
+        """Simulate the session without heating; raises what `session.charge` raises."""
+        self._vehicle, self._stop, self._usual_c, self._prices = vehicle, stop, usual_c, prices
+        self._plan_to = plan_to
+        self._sessions: dict[BatteryState, Session] = {}
+        self.without = self._worth_of(unheated, unheated.arrival_temperature_c)
+        self._problem = self._sessions[arrival_state(unheated)].problem
+        self._found = {self.without.target_c: self.without}
+        self._plans_left = 0.0
+        self._grid_c = [self.without.target_c, *targets_between(
+            self.without.target_c, vehicle.battery.temperature_range_c[1])]
+
+    def _worth_of(self, plan: Plan, target_c: float) -> TargetWorth:
         arrival = arrival_state(plan)
-        if arrival not in sessions:
-            sessions[arrival] = charge(vehicle, stop, arrival)
-        session = sessions[arrival]
+        if arrival not in self._sessions:
+            self._sessions[arrival] = charge(self._vehicle, self._stop, arrival)
+        session = self._sessions[arrival]
         return TargetWorth(
             target_c, plan.arrival_temperature_c, plan.arrival_soc, plan.energy_wh.hvch_electric,
             session.charging_time_s, session.bought_energy_wh,
-            prices.cost(session.bought_energy_wh, session.charging_time_s))
+            self._prices.cost(session.bought_energy_wh, session.charging_time_s))
 
-    without = worth_of(unheated, unheated.arrival_temperature_c)
-    found = {without.target_c: without}
+    def look_at(self, target_c: float) -> TargetWorth:
+        """Return the TargetWorth of a target [deg C], with a plan and a session where it is a new one."""
+        if target_c <= self.without.target_c:
+            return replace(self.without, target_c=target_c)
+        if target_c not in self._found:
+            self._found[target_c] = self._worth_of(self._plan_to(target_c), target_c)
+        return self._found[target_c]
 
-    def at(target_c: float) -> TargetWorth:
-        if target_c <= without.target_c:
-            return replace(without, target_c=target_c)
-        if target_c not in found:
-            plan = plan_preheating(vehicle, route, state, replace(
-                goal, target_temperature_c=target_c), method)
-            found[target_c] = worth_of(plan, target_c)
-        return found[target_c]
+    def _at(self, target_c: float) -> TargetWorth:
+        if target_c > self.without.target_c and target_c not in self._found:
+            if self._plans_left < 1.0:
+                raise _Paused
+            self._plans_left -= 1.0
+        return self.look_at(target_c)
 
-    highest_c = vehicle.battery.temperature_range_c[1]
-    grid_c = [without.target_c, *targets_between(without.target_c, highest_c)]
-    for target_c in grid_c:
-        at(target_c)
-    for place in minima([at(target_c).cost for target_c in grid_c])[:REFINED_MINIMA]:
-        refine(grid_c, place, lambda target_c: at(target_c).cost)
-    fixed = at(goal.target_temperature_c)
+    def advance(self, plans: float) -> bool:
+        """Go on with the search by at most so many plans; return whether it has come to its end."""
+        self._plans_left = plans
+        try:
+            self._search()
+        except _Paused:
+            return False
+        return True
 
-    def pays_from(target_c: float) -> float:
-        return pays_from_per_h(at(target_c), without, prices.energy_per_kwh)
+    def _search(self) -> None:
+        """Look at all targets that the search needs; what was looked at before takes no time."""
+        grid_c = self._grid_c
+        for target_c in grid_c:
+            self._at(target_c)
+        for place in minima([self._at(target_c).cost for target_c in grid_c])[:REFINED_MINIMA]:
+            refine(grid_c, place, lambda target_c: self._at(target_c).cost)
+        self._at(self._usual_c)
 
-    values = list(map(pays_from, grid_c))
-    if 0.0 < min(values) < math.inf:
-        refine(grid_c, values.index(min(values)), pays_from)
-    break_even = min(map(pays_from, list(found)))
-    best = min(found.values(), key=lambda item: (item.cost, item.target_c))
-    return Worth(
-        tuple(sorted(found.values(), key=lambda item: item.target_c)), best, without, fixed,
-        None if math.isinf(break_even) else break_even,
-        verdict_on(best, without, break_even, prices, sessions[arrival_state(unheated)].problem))
+        def pays_from(target_c: float) -> float:
+            return pays_from_per_h(self._at(target_c), self.without, self._prices.energy_per_kwh)
+
+        values = list(map(pays_from, grid_c))
+        if 0.0 < min(values) < math.inf:
+            refine(grid_c, values.index(min(values)), pays_from)
+
+    def best(self) -> TargetWorth:
+        """Return the TargetWorth that costs least of all that were looked at."""
+        return min(self._found.values(), key=lambda item: (item.cost, item.target_c))
+
+    def break_even_per_h(self) -> float:
+        """Return the least value of time for which a target looked at pays [per h]; infinite: none."""
+        return min(pays_from_per_h(item, self.without, self._prices.energy_per_kwh)
+                   for item in self._found.values())
+
+    def verdict(self, item: TargetWorth) -> str:
+        """Return the sentence for the driver on a TargetWorth that was looked at."""
+        return verdict_on(item, self.without, self.break_even_per_h(), self._prices, self._problem)
+
+    def worth(self) -> Worth:
+        """Return the Worth over all targets that were looked at."""
+        best, break_even = self.best(), self.break_even_per_h()
+        return Worth(
+            tuple(sorted(self._found.values(), key=lambda item: item.target_c)), best, self.without,
+            self.look_at(self._usual_c), None if math.isinf(break_even) else break_even,
+            self.verdict(best))
 
 
 def _check(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goal, stop: Stop,
@@ -234,39 +296,3 @@ def pays_from_per_h(item: TargetWorth, without: TargetWorth, price_per_kwh: floa
     if saved_h < LEAST_SAVED_S / SECONDS_PER_H:
         return math.inf
     return max(more, 0.0) / saved_h
-
-
-def verdict_on(best: TargetWorth, without: TargetWorth, break_even: float, prices: Prices,
-               problem: str | None) -> str:
-    """
-    Return the sentence for the driver; `problem` is why the unheated battery is not charged.
-
-    `break_even` is the least value of time for which heating pays [per h], infinite where none does.
-    """
-    if math.isinf(best.cost):
-        return f'This charger cannot charge the battery so far, whether it is heated or not: {problem}.'
-    heating = f'heating the battery to {best.arrival_temperature_c:.1f} degC before arrival'
-    if math.isinf(without.cost):
-        return (f'Worth it: {heating} lets it charge within {duration_text(best.charging_time_s)}; '
-                f'without, {problem}.')
-    if 0.0 < without.cost - best.cost < LEAST_GAIN:
-        return (f'It makes no difference: {heating} would save less than {LEAST_GAIN:.2f} in all. Some '
-                f'heating pays as soon as an hour is worth {break_even:.2f} to you.')
-    if best is not without:
-        saved = _saved_text(best, without, prices)
-        pays = ('Some heating pays whatever your time is worth' if break_even == 0.0 else
-                f'Some heating pays as soon as an hour is worth {break_even:.2f} to you')
-        return f'Worth it: {heating} {saved}. {pays}.'
-    if math.isinf(break_even):
-        return 'Not worth it: heating before arrival saves neither time nor money at this charger.'
-    return (f'Not worth it at {prices.time_per_h:.2f} an hour: heating pays as soon as an hour is worth '
-            f'{break_even:.2f} to you.')
-
-
-def _saved_text(best: TargetWorth, without: TargetWorth, prices: Prices) -> str:
-    saved_s = without.charging_time_s - best.charging_time_s
-    more = prices.energy_per_kwh * (best.bought_energy_wh - without.bought_energy_wh) / WH_PER_KWH
-    time = (f'saves {duration_text(saved_s)} at the charger' if saved_s >= 0.0 else
-            f'takes {duration_text(-saved_s)} more at the charger')
-    energy = f'costs {more:.2f} more for energy' if more >= 0.0 else f'saves {-more:.2f} of energy costs'
-    return f'{time} and {energy}'

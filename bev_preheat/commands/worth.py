@@ -8,7 +8,12 @@ import math
 from typing import TYPE_CHECKING
 
 from bev_preheat.charging.spread import time_deviation
-from bev_preheat.charging.worth import find_worth, Prices
+from bev_preheat.charging.worth import (
+    ENERGY_PRICE_PER_KWH,
+    find_worth,
+    Prices,
+    VALUE_OF_TIME_PER_H,
+)
 from bev_preheat.commands.charge import add_charger_arguments
 from bev_preheat.commands.situation import add_drive_arguments, read_situation
 from bev_preheat.console.output import add_output_arguments, check_output_arguments, write_json
@@ -27,8 +32,6 @@ S_PER_MIN = 60.0
 W_PER_KW = 1000.0
 # Shown in the table; the JSON has all targets.
 SHOWN_EACH_K = 5.0
-# Not a recommendation: the verdict says from which value of time on heating pays.
-ENERGY_PRICE, VALUE_OF_TIME = 0.60, 10.0
 
 
 def add_parser(subparsers: Subparsers) -> None:
@@ -39,9 +42,9 @@ def add_parser(subparsers: Subparsers) -> None:
         'And from which value of time on does heating pay?')
     add_drive_arguments(parser)
     add_charger_arguments(parser)
-    parser.add_argument('--energy-price', type=float, default=ENERGY_PRICE, metavar='PER_KWH',
+    parser.add_argument('--energy-price', type=float, default=ENERGY_PRICE_PER_KWH, metavar='PER_KWH',
                         help='price of energy at the charger, per kWh (default: %(default)s)')
-    parser.add_argument('--value-of-time', type=float, default=VALUE_OF_TIME, metavar='PER_H',
+    parser.add_argument('--value-of-time', type=float, default=VALUE_OF_TIME_PER_H, metavar='PER_H',
                         help='what an hour at the charger is worth to the driver (default: %(default)s)')
     add_output_arguments(parser)
     parser.set_defaults(run=run)

@@ -10,7 +10,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.charging.worth import find_worth, Prices
+from bev_preheat.charging.worth import (
+    ENERGY_PRICE_PER_KWH,
+    find_worth,
+    Prices,
+    VALUE_OF_TIME_PER_H,
+)
 from bev_preheat.console.program import run_program
 from bev_preheat.console.terminal import print_records, result_console
 from bev_preheat.planning.explanation import duration_text
@@ -30,7 +35,7 @@ CHARGERS_W = (150e3, 50e3)
 AMBIENT_C = (-7.0, -15.0)
 ARRIVAL_SOCS = (0.1, 0.2)
 DEPARTURE_SOC = 0.8
-PRICES = Prices(0.60, 10.0)
+PRICES = Prices(ENERGY_PRICE_PER_KWH, VALUE_OF_TIME_PER_H)
 # The drive's consumption hardly depends on the charge it starts with.
 MOST_TRIALS, SOC_TOLERANCE = 20, 1e-6
 

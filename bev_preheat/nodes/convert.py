@@ -16,7 +16,9 @@ import numpy as np
 from sensor_msgs.msg import Temperature
 
 from bev_preheat.errors import InvalidInput, quoted
+from bev_preheat.nodes.chargers import charger_from_message, charger_problems, write_charger
 from bev_preheat.nodes.stops import STOP_FIELDS, stops_from_message, write_stops
+from bev_preheat.nodes.target_report import write_target
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.route.segments import make_route, MOST_SEGMENTS
 from bev_preheat.supervision.events import BatteryStateArrived, BatteryStateUnreadable
@@ -151,7 +153,7 @@ def mission_from_message(message: RoutePlan, defaults: Defaults,
     if not 0.0 <= message.standing_time < math.inf:
         problems.append(f'standing_time: {message.standing_time:g} is not allowed; it must be '
                         'finite and at least 0 s (0: not known)')
-    problems += _target_problems(message)
+    problems += _target_problems(message) + charger_problems(message)
     columns = {field: np.asarray(getattr(message, name), dtype=float)
                for field, name in ROUTE_FIELDS.items()}
     route: Route | None = None
@@ -213,10 +215,11 @@ def _legs(message: RoutePlan, route: Route, stops: Sequence[Stop],
     goals = [*((True, stop.target_temperature_c, stop.minimum_arrival_soc) for stop in stops),
              (message.charging_planned, _target_c(message), message.minimum_arrival_soc)]
     departures = [None, *(stop.departure for stop in stops)]
+    chargers = [*(stop.charger for stop in stops), charger_from_message(message)]
     start_ns, legs = nanoseconds(message.header.stamp), []
-    for first, end, goal, departure in zip(edges, edges[1:], goals, departures):
-        legs.append(Leg(route.segments(first, end), start_ns, *goal,
-                        departure).in_planning_steps(planning_step_s))
+    for first, end, goal, departure, charger in zip(edges, edges[1:], goals, departures, chargers):
+        legs.append(Leg(route.segments(first, end), start_ns, *goal, departure,
+                        charger=charger).in_planning_steps(planning_step_s))
     return with_stops(legs, [stop.duration_s for stop in stops])
 
 
@@ -243,6 +246,7 @@ def route_plan_message(mission: Mission) -> RoutePlan:
     message.has_target_battery_temperature = last.target_temperature_c is not None
     message.target_battery_temperature = last.target_temperature_c or 0.0
     message.minimum_arrival_soc = last.minimum_arrival_soc
+    write_charger(message, last.charger)
     return message
 
 
@@ -269,6 +273,7 @@ def plan_message(decision: Decision, mission: Mission | None, now_ns: int,
     message.header.stamp = time_message(start_ns)
     message.delay = mission.delay_ns / NS_PER_S if mission else 0.0
     _write_later(message, later_decisions)
+    write_target(message, decision.target)
     if plan is None:
         for field in ('predicted_arrival_temperature', 'predicted_arrival_temperature_deviation',
                       'predicted_arrival_soc', 'shortfall', 'target_battery_temperature',

@@ -95,6 +95,9 @@ def _preheating(name: str, hardware: str, supervisor: Supervisor, now_ns: int) -
             f'{(now_ns - supervisor.measurement.stamp_ns) * 1e-9:.2f}'
     if decision.plan is not None:
         plan = decision.plan
+        if decision.target is not None:
+            values['target [degC]'] = f'{plan.target_temperature_c:.2f}'
+            values['target because'] = decision.target.reason
         values['predicted arrival temperature [degC]'] = f'{plan.arrival_temperature_c:.2f}'
         values['predicted arrival state of charge [1]'] = f'{plan.arrival_soc:.4f}'
         values['planning time [ms]'] = f'{plan.planning_time_s * 1e3:.3f}'

@@ -17,6 +17,7 @@ from rclpy.qos import qos_profile_sensor_data, QoSDurabilityPolicy, QoSProfile
 from sensor_msgs.msg import BatteryState, Temperature
 from std_srvs.srv import SetBool
 
+from bev_preheat.charging.worth import MOST_PRICE_PER_KWH, MOST_VALUE_PER_H
 from bev_preheat.errors import InvalidInput, LONGEST_PROBLEM, shortened
 from bev_preheat.estimation.hypotheses import Heater
 from bev_preheat.nodes.command_line import Program
@@ -83,6 +84,12 @@ PARAMETERS = (
               'The heater, once off, stays off at least this long', 's', (0.0, 3600.0)),
     Parameter('route_progress_timeout', DEFAULTS.route_progress_timeout_s,
               'After a route progress older than this the planner goes on by time', 's', (0.1, 300.0)),
+    Parameter('energy_price', DEFAULTS.energy_price_per_kwh,
+              'Price of energy: the target for a known charger is chosen by it', 'per kWh',
+              (0.0, MOST_PRICE_PER_KWH)),
+    Parameter('value_of_time', DEFAULTS.value_of_time_per_h,
+              'Value of time at the charger, in the same currency; the target is chosen by it', 'per h',
+              (0.0, MOST_VALUE_PER_H)),
     Parameter('state_file', '', 'File that keeps what was learned of the car: a new one, or one '
               'that was written before; empty: none.'),
 )

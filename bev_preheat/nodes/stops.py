@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import math
 from typing import TYPE_CHECKING
 
+from bev_preheat.charging.stop import Charger, CHARGER_RANGE_W, USUAL_DEPARTURE_SOC
 from bev_preheat.errors import InvalidInput
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.supervision.settings import MOST_STOPS
@@ -18,11 +19,13 @@ if TYPE_CHECKING:
     from bev_preheat.supervision.inputs import Leg
     from bev_preheat_msgs.msg import RoutePlan
 
+NOT_KNOWN = 'not known'
 # Fields of RoutePlan beside stop_after_segment: (low, high), as the message states them.
 LIMITS = {
     'stop_duration': (1.0, 86400.0),
     'stop_target_battery_temperature': (-60.0, 60.0),
     'stop_minimum_arrival_soc': (0.0, 1.0),
+    'stop_charger_power': CHARGER_RANGE_W,
     'departure_battery_temperature': (-60.0, 60.0),
     'departure_soc': (0.0, 1.0),
 }
@@ -30,14 +33,15 @@ LIMITS = {
 NAN_MEANS = {
     'stop_target_battery_temperature': "the planner's own default",
     'departure_battery_temperature': 'that wanted on arrival',
-    'departure_soc': '0.8',
+    'departure_soc': f'{USUAL_DEPARTURE_SOC:g}',
+    'stop_charger_power': NOT_KNOWN,
 }
+# Of these a 0 has a meaning beyond the range.
+ZERO_MEANS = {'stop_charger_power': NOT_KNOWN}
 HAS_TARGET = 'stop_has_target_battery_temperature'
 # Without these nobody knows when and for how long the vehicle stands.
 REQUIRED = ('stop_duration',)
 STOP_FIELDS = ('stop_after_segment', *LIMITS, HAS_TARGET)
-# Fast charging slows down there, so most stops end there.
-DEPARTURE_SOC = 0.8
 
 
 @dataclass(frozen=True)
@@ -46,7 +50,8 @@ class Stop:
     A fast-charging stop after a segment (its index), and how long it lasts [s].
 
     On arrival `target_temperature_c` [deg C] is wanted (None: the planner's default) and
-    `minimum_arrival_soc` at least; `departure` is the battery's state when the stop ends.
+    `minimum_arrival_soc` at least; `departure` is the battery's state when the stop ends. `charger` is
+    what is known of the charger; None: nothing.
     """
 
     after_segment: int
@@ -54,6 +59,7 @@ class Stop:
     target_temperature_c: float | None
     minimum_arrival_soc: float
     departure: BatteryState
+    charger: Charger | None = None
 
 
 def stops_from_message(message: RoutePlan, segments: int | None,
@@ -99,11 +105,20 @@ def _stop(message: RoutePlan, at: int, default_target_c: float) -> Stop:
     departure_c, departure_soc = value('departure_battery_temperature'), value('departure_soc')
     if math.isnan(departure_c):
         departure_c = default_target_c if target_c is None else target_c
+    charger = charger_of(value('stop_charger_power'), departure_soc)
     if math.isnan(departure_soc) or departure_soc == 0.0:
-        departure_soc = DEPARTURE_SOC
+        departure_soc = USUAL_DEPARTURE_SOC
     return Stop(message.stop_after_segment[at], message.stop_duration[at], target_c,
                 0.0 if math.isnan(least_soc) else least_soc,
-                BatteryState(departure_c, departure_soc))
+                BatteryState(departure_c, departure_soc), charger)
+
+
+def charger_of(power_w: float, departure_soc: float) -> Charger | None:
+    """Return the Charger of two numbers that were found to be good; 0 and NaN: not known."""
+    if power_w == 0.0 or math.isnan(power_w):
+        return None
+    is_known = departure_soc != 0.0 and not math.isnan(departure_soc)
+    return Charger(power_w, departure_soc if is_known else None)
 
 
 def _length_problem(field: str, length: int, count: int) -> str:
@@ -126,10 +141,12 @@ def order_problems(after_segment: Sequence[int], segments: int | None) -> list[s
 def value_problems(field: str, values: Iterable[float]) -> list[str]:
     """Return what is wrong with the values of a field of LIMITS."""
     low, high = LIMITS[field]
-    unknown = f', or NaN: {NAN_MEANS[field]}' if field in NAN_MEANS else ''
+    zero, nan = ZERO_MEANS.get(field), NAN_MEANS.get(field)
+    unknown = '' if nan is None else f', or {"NaN" if zero is None else "0 or NaN"}: {nan}'
     # One problem tells enough.
     for at, value in enumerate(values):
-        if not (low <= value <= high or (unknown and math.isnan(value))):
+        if not (low <= value <= high or (zero is not None and value == 0.0)
+                or (nan is not None and math.isnan(value))):
             return [f'{field}[{at}]: {value:g} is not allowed; it must be {low:g} ... {high:g}'
                     f'{unknown}']
     return []
@@ -160,6 +177,7 @@ def write_stops(message: RoutePlan, legs: Sequence[Leg]) -> None:
                 leg.ended_for_s(following.start_ns),
                 leg.target_temperature_c or 0.0,
                 leg.minimum_arrival_soc,
+                leg.charger.power_w if leg.charger else 0.0,
                 departure.temperature_c,
                 departure.soc)):
             columns[field].append(value)

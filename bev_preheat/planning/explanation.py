@@ -61,6 +61,8 @@ def _outcome(status: Status, plan: Plan, reserve: float, starts_in_s: float, unh
                    if all(stretch.reason is Reason.SURPLUS for stretch in plan.stretches) else
                    'the heating of this plan makes it worse')
         return f'{_stranding_sentence(plan.stranding, from_now)[:-1]}: {heating}.'
+    if status is Status.NOT_WORTH_IT:
+        return f'{unheated.capitalize()}: {arrival}.'
     if status is Status.NOT_NEEDED:
         if heated_s > 0.0:
             return (f'Heating is finished after {duration_text(heated_s)} of heating: {arrival}, '

@@ -94,7 +94,9 @@ def _schedule(trip: Trip, state: BatteryState, goal: Goal, method: str, caution:
     unheated = plan_without_heating(trip, state)
     if not goal.charging_planned:
         return as_described(trip, state, unheated)
-    highest_c = trip.vehicle.battery.temperature_range_c[1]
+    lowest_c, highest_c = trip.vehicle.battery.temperature_range_c
+    if not goal.heating_pays:
+        goal = replace(goal, target_temperature_c=lowest_c)
 
     def proposal(propose: Method) -> Proposal:
         def schedule_for(target_c: float) -> Schedule:
@@ -151,6 +153,7 @@ def plan_without_heating(trip: Trip, state: BatteryState,
 def finish_plan(trip: Trip, goal: Goal, schedule: Schedule, method: str, started: float) -> Plan:
     """Return the Plan of a schedule: energies, status and sentence; `started`: perf_counter()."""
     arrival_c, arrival_soc = float(schedule.temperature_c[-1]), float(schedule.soc[-1])
+    target_c = goal.target_temperature_c if goal.heating_pays else arrival_c
     # NaN propagates, so checking the final state is enough.
     if not (math.isfinite(arrival_c) and math.isfinite(arrival_soc)):
         raise PlanningFailure('the battery model yields no finite temperatures on this route')
@@ -164,7 +167,7 @@ def finish_plan(trip: Trip, goal: Goal, schedule: Schedule, method: str, started
         status=Status.WAITING,
         explanation='',
         method=method,
-        target_temperature_c=goal.target_temperature_c,
+        target_temperature_c=target_c,
         heating_start_s=(schedule.heating_start_s
                          if schedule.heater_power_w.any() else None),
         time_s=trip.time_s,
@@ -173,7 +176,7 @@ def finish_plan(trip: Trip, goal: Goal, schedule: Schedule, method: str, started
         hvch_battery_power_w=schedule.heater_power_w,
         friction_brake_power_w=schedule.brake_power_w,
         energy_wh=accounts.energy_wh,
-        shortfall_k=max(0.0, goal.target_temperature_c - arrival_c),
+        shortfall_k=max(0.0, target_c - arrival_c),
         soc_shortfall=max(0.0, reserve - arrival_soc),
         undeliverable_power_w=lacking.worst_w,
         undeliverable_at_s=(
@@ -202,5 +205,5 @@ def _status(plan: Plan, goal: Goal) -> Status:
     if missed:
         return Status.TARGET_UNREACHABLE
     if plan.heating_start_s is None:
-        return Status.NOT_NEEDED
+        return Status.NOT_NEEDED if goal.heating_pays else Status.NOT_WORTH_IT
     return Status.WAITING if plan.heating_start_s > NOW_S else Status.HEATING

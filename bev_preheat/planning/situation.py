@@ -34,11 +34,17 @@ class BatteryState:
 
 @dataclass(frozen=True)
 class Goal:
-    """What the driver is to find on arrival."""
+    """
+    What the driver is to find on arrival.
+
+    Without `heating_pays` nothing is heated for the sake of arrival, and the target is what comes of
+    that; the battery is heated only where the drive itself needs it.
+    """
 
     target_temperature_c: float
     minimum_arrival_soc: float = 0.0
     charging_planned: bool = True
+    heating_pays: bool = True
 
 
 def reserve_soc(vehicle: Vehicle, goal: Goal) -> float:

@@ -25,3 +25,4 @@ class Status(IntEnum):
     CHARGING = 15
     OUT_OF_CHARGE = 16
     COMMAND_CONFLICT = 17
+    NOT_WORTH_IT = 18

@@ -106,8 +106,10 @@ class Commander:
         elapsed_s = (now_ns - decision.plan_start_ns) / NS_PER_S
         if elapsed_s >= plan.arrival_time_s:
             return Status.CHARGING if decision.later_legs else Status.ARRIVED
-        # Before the trip begins, and where no charging is planned, there is nothing to heat for.
-        if elapsed_s < 0.0 or decision.status is Status.NO_CHARGING_PLANNED:
+        # Before the trip begins, and where charging is not planned or heating for it does not pay,
+        # there is nothing to heat for.
+        if elapsed_s < 0.0 or decision.status in (
+                Status.NO_CHARGING_PLANNED, Status.NOT_WORTH_IT):
             return decision.status
         return None
 

@@ -7,6 +7,7 @@ import math
 from bev_preheat.planning.plan import Plan
 from bev_preheat.planning.status import Status
 from bev_preheat.supervision.inputs import Leg
+from bev_preheat.supervision.target_choice import TargetChoice
 
 
 @dataclass(frozen=True)
@@ -27,7 +28,8 @@ class Decision:
     lie beyond the current or next stop. `arrival_deviation_k` is the standard deviation of the
     temperature on arrival [K], NaN where it is unknown. The command follows `commanded` where that
     is not None, else the plan; the heater delivers `command_share` of the command. `model_factors`
-    are the factors of the corrected vehicle (PreheatPlan.msg); (): none.
+    are the factors of the corrected vehicle (PreheatPlan.msg); (): none. `target` says where the
+    plan's target comes from; None: it has none.
     """
 
     status: Status
@@ -40,6 +42,7 @@ class Decision:
     commanded: Plan | None = None
     command_share: float = 1.0
     model_factors: tuple[float, ...] = ()
+    target: TargetChoice | None = None
 
 
 # Before anything has arrived, and until a valid route plan has.

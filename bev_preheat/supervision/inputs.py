@@ -14,6 +14,7 @@ from bev_preheat.route.segments import Route
 from bev_preheat.supervision.settings import MOST_PLANNED_STEPS
 
 if TYPE_CHECKING:
+    from bev_preheat.charging.stop import Charger
     from bev_preheat.vehicle.description import Vehicle
 
 NS_PER_S = 1_000_000_000
@@ -61,7 +62,8 @@ class Leg:
 
     `target_temperature_c` [deg C] is None where the planner's default holds. `departure` is the
     battery's state that the stop before it leaves; None where no stop lies before it. `places` are
-    those of the route before it was put into planning steps; None: its own. A leg equals itself only.
+    those of the route before it was put into planning steps; None: its own. `charger` is what is
+    known of the charger at its end; None: nothing. A leg equals itself only.
     """
 
     route: Route
@@ -71,6 +73,7 @@ class Leg:
     minimum_arrival_soc: float = 0.0
     departure: BatteryState | None = None
     places: Places | None = None
+    charger: Charger | None = None
 
     def in_planning_steps(self, planning_step_s: float) -> Leg:
         """Return the Leg in steps of `planning_step_s` seconds or longer; its places are kept."""

@@ -23,12 +23,14 @@ from bev_preheat.planning.status import Status
 from bev_preheat.supervision.course import stretches_between
 from bev_preheat.supervision.decision import Decision
 from bev_preheat.supervision.inputs import Leg, Measurement, NS_PER_S
-from bev_preheat.supervision.outlook import OutlookMaker, seen_from_now
+from bev_preheat.supervision.outlook import believed_share, believed_state, OutlookMaker, seen_from_now
 from bev_preheat.supervision.stand_watch import StandReport, StandWatch
+from bev_preheat.supervision.target_choice import Outset, TargetChoice, TargetChooser
 
 if TYPE_CHECKING:
     from bev_preheat.estimation.prior import Learned
-    from bev_preheat.planning.situation import BatteryState
+    from bev_preheat.planning.situation import BatteryState, Goal
+    from bev_preheat.route.segments import Route
     from bev_preheat.supervision.command_history import CommandHistory
     from bev_preheat.supervision.inbox import Inbox
     from bev_preheat.supervision.settings import Settings
@@ -53,6 +55,7 @@ class Judgement:
         """Start from the vehicle file, or from what was Learned on drives before."""
         self._vehicle = vehicle
         self._outlooks = OutlookMaker(vehicle)
+        self._targets = TargetChooser()
         self._estimator = Estimator(vehicle, learned)
         self._stand_watch = StandWatch(vehicle)
         # Decisions by how many legs follow, and the settings that they were made with.
@@ -78,6 +81,7 @@ class Judgement:
         """Drop the plans and the arrival's uncertainty of the route before."""
         self._later_decisions.clear()
         self._outlooks.forget_deviation()
+        self._targets.follow_new_mission()
 
     def lose_time(self) -> None:
         """Take the temperature from the next reading alone, because the clock was restarted."""
@@ -124,21 +128,26 @@ class Judgement:
                       heated_s: float) -> Decision:
         """Return the Decision for the current leg, from the battery's present state."""
         settings, goal, measurement = inbox.settings, inbox.goal_of(leg), inbox.measurement
+        choice: TargetChoice | None = None
         assert measurement is not None
         estimate = self.estimate if settings.estimation else None
         stamp_ns = measurement.stamp_ns if estimate is None else estimate.stamp_ns
         # A stamp ahead of this clock must not delay what the plan wants now.
         start_ns = max(min(stamp_ns, now_ns), leg.start_ns)
         starts_in_s = (start_ns - now_ns) / NS_PER_S
+        route = leg.route_ahead(start_ns)
+        assert route is not None
+        if leg.charging_planned:
+            choice = self._choose_target(inbox, leg, goal, route, start_ns, estimate)
+            goal = choice.goal(goal)
         if estimate is None:
-            decision = self._plan(inbox, leg, measurement.state, start_ns)
+            decision = self._plan(inbox, leg, goal, measurement.state, start_ns)
             if decision.plan is None:
                 return decision
             plan = seen_from_now(
                 decision.plan, self._vehicle, goal, starts_in_s, heated_s=heated_s)
-            return replace(decision, status=plan.status, explanation=plan.explanation, plan=plan)
-        route = leg.route_ahead(start_ns)
-        assert route is not None
+            return _with_target(replace(
+                decision, status=plan.status, explanation=plan.explanation, plan=plan), choice)
         try:
             outlook = self._outlooks.make(
                 estimate, route, goal, settings, is_heating, starts_in_s,
@@ -146,18 +155,35 @@ class Judgement:
         except (InvalidInput, PlanningFailure) as error:
             return Decision(Status.INVALID_INPUT, str(error))
         plan = outlook.plan
-        return Decision(plan.status, plan.explanation, plan, start_ns, leg,
-                        arrival_deviation_k=outlook.arrival_deviation_k,
-                        commanded=outlook.commanded, command_share=outlook.command_share,
-                        model_factors=outlook.model_factors)
+        return _with_target(Decision(
+            plan.status, plan.explanation, plan, start_ns, leg,
+            arrival_deviation_k=outlook.arrival_deviation_k,
+            commanded=outlook.commanded, command_share=outlook.command_share,
+            model_factors=outlook.model_factors), choice)
 
-    def _plan(self, inbox: Inbox, leg: Leg, state: BatteryState, start_ns: int) -> Decision:
+    def _choose_target(self, inbox: Inbox, leg: Leg, goal: Goal, route: Route, start_ns: int,
+                       estimate: Estimate | None) -> TargetChoice:
+        """Return the TargetChoice for the current leg, whose Route ahead begins at an instant [ns]."""
+        mission, measurement = inbox.mission, inbox.measurement
+        assert mission is not None and measurement is not None
+        outset = Outset(
+            mission.route_id, len(mission.legs) - 1 - mission.legs.index(leg), leg, inbox.settings,
+            goal, self._vehicle, route, measurement.state, start_ns)
+        if estimate is not None and leg.charger is not None:
+            vehicle = self._outlooks.vehicle(estimate)
+            outset = replace(
+                outset, vehicle=vehicle, route=route.with_propulsion(estimate.propulsion_factor),
+                state=believed_state(vehicle, estimate), log_factors=estimate.log_factors,
+                heater_share=believed_share(estimate.heater))
+        return self._targets.choose(outset)
+
+    def _plan(self, inbox: Inbox, leg: Leg, goal: Goal, state: BatteryState,
+              start_ns: int) -> Decision:
         """Return the Decision for a leg from a state at an instant [ns] before its end on."""
         route = leg.route_ahead(start_ns)
         assert route is not None
         try:
-            plan = plan_preheating(
-                self._vehicle, route, state, inbox.goal_of(leg), inbox.settings.method)
+            plan = plan_preheating(self._vehicle, route, state, goal, inbox.settings.method)
         except (InvalidInput, PlanningFailure) as error:
             return Decision(Status.INVALID_INPUT, str(error))
         return Decision(plan.status, plan.explanation, plan, start_ns, leg)
@@ -171,7 +197,7 @@ class Judgement:
             if following not in self._later_decisions:
                 assert leg.departure is not None
                 self._later_decisions[following] = self._plan(
-                    inbox, leg, leg.departure, leg.start_ns)
+                    inbox, leg, inbox.goal_of(leg), leg.departure, leg.start_ns)
             planned = self._later_decisions[following]
             # A leg that begins later is driven, and heated for, no differently.
             decisions.append(planned if planned.leg in (None, leg) else replace(
@@ -199,6 +225,14 @@ class Judgement:
         state = measurement.state
         return bool(abs(state.temperature_c - offset_k - forecast_c) <= ON_TRACK_K + coarse_k
                     and abs(state.soc - forecast_soc) <= ON_TRACK_SOC)
+
+
+def _with_target(decision: Decision, choice: TargetChoice | None) -> Decision:
+    """Return a Decision that says where its target comes from, and why it does not heat."""
+    explanation = decision.explanation
+    if choice is not None and decision.status is Status.NOT_WORTH_IT:
+        explanation = f'{choice.reason} {explanation}'
+    return replace(decision, explanation=explanation, target=choice)
 
 
 def _standing_sentence(stood_s: float) -> str:

@@ -100,6 +100,23 @@ def seen_from_now(plan: Plan, vehicle: Vehicle, goal: Goal, starts_in_s: float,
         status, plan, reserve_soc(vehicle, goal), starts_in_s, **words))
 
 
+def believed_state(vehicle: Vehicle, estimate: Estimate) -> BatteryState:
+    """Return the BatteryState that an Estimate means for a Vehicle, with the heat that is under way."""
+    lowest_c, highest_c = vehicle.battery.temperature_range_c
+    if vehicle.heat_path.is_direct:
+        # What is under way arrives.
+        return BatteryState(min(max(
+            estimate.temperature_c + estimate.under_way_k, lowest_c), highest_c), estimate.soc)
+    return state_with_heat_under_way(
+        vehicle, min(max(estimate.temperature_c, lowest_c), highest_c), estimate.soc,
+        estimate.under_way_k)
+
+
+def believed_share(heater: HeaterReport) -> float:
+    """Return what the heater gives of its power, 0 ... 1, for planning what is commanded."""
+    return heater.share if heater.heater is Heater.DERATED else 1.0
+
+
 class OutlookMaker:
     """Makes Outlooks for one vehicle; keeps the corrected vehicle while it holds."""
 
@@ -133,18 +150,10 @@ class OutlookMaker:
         heated for `heated_s` [s]. Raises what plan_preheating raises.
         """
         vehicle, heater = self.vehicle(estimate), estimate.heater
-        lowest_c, highest_c = vehicle.battery.temperature_range_c
-        if vehicle.heat_path.is_direct:
-            # What is under way arrives, or is known to be late for the end of the route.
-            lag_s, state = estimate.heat_lag_s, BatteryState(min(max(
-                estimate.temperature_c + estimate.under_way_k, lowest_c), highest_c), estimate.soc)
-        else:
-            # The plan itself knows what is under way, and what would come too late.
-            lag_s, state = 0.0, state_with_heat_under_way(
-                vehicle, min(max(estimate.temperature_c, lowest_c), highest_c), estimate.soc,
-                estimate.under_way_k)
+        state, share = believed_state(vehicle, estimate), believed_share(heater)
+        # Heat that would be late for the end of the route: a heat path knows it by itself.
+        lag_s = estimate.heat_lag_s if vehicle.heat_path.is_direct else 0.0
         route = route.with_propulsion(estimate.propulsion_factor)
-        share = heater.share if heater.heater is Heater.DERATED else 1.0
 
         def plan(heat_lag_s: float = lag_s, **heater_as: Any) -> Plan:
             return plan_preheating(

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import math
 from typing import Any, TYPE_CHECKING
 
+from bev_preheat.charging.worth import ENERGY_PRICE_PER_KWH, Prices, VALUE_OF_TIME_PER_H
 from bev_preheat.planning.planner import DEFAULT_METHOD
 
 if TYPE_CHECKING:
@@ -32,6 +33,8 @@ class Settings:
     `estimation`: plans start from the estimated state of the battery, with the corrected model and
     a margin for what is uncertain; without it they start from what was measured.
     `minimum_on_time_s`, `minimum_off_time_s`: the heater is not switched more often than that.
+    `energy_price_per_kwh`, `value_of_time_per_h`: what the target is chosen by where the charger is
+    known, in one currency.
     """
 
     method: str = DEFAULT_METHOD
@@ -46,6 +49,13 @@ class Settings:
     minimum_on_time_s: float = 20.0
     minimum_off_time_s: float = 120.0
     route_progress_timeout_s: float = 10.0
+    energy_price_per_kwh: float = ENERGY_PRICE_PER_KWH
+    value_of_time_per_h: float = VALUE_OF_TIME_PER_H
+
+    @property
+    def prices(self) -> Prices:
+        """The charging.worth.Prices."""
+        return Prices(self.energy_price_per_kwh, self.value_of_time_per_h)
 
 
 def defaults_of(vehicle: Vehicle, settings: Settings) -> Defaults:
@@ -69,6 +79,8 @@ FIELD_OF_PARAMETER = {
     'minimum_on_time': 'minimum_on_time_s',
     'minimum_off_time': 'minimum_off_time_s',
     'route_progress_timeout': 'route_progress_timeout_s',
+    'energy_price': 'energy_price_per_kwh',
+    'value_of_time': 'value_of_time_per_h',
 }
 
 

@@ -37,6 +37,7 @@ from bev_preheat.planning.stretches import HeatingStretch, Reason
 from bev_preheat.route.segments import make_route
 from bev_preheat.supervision.decision import Command, Decision
 from bev_preheat.supervision.inputs import Leg, Mission, NS_PER_S, with_stops
+from bev_preheat.supervision.target_choice import TargetSource
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.description import Defaults
 from bev_preheat.vehicle.heat_path import HeatPath
@@ -544,7 +545,7 @@ def test_without_a_plan_the_figures_are_unknown():
                if kind == 'double' and name not in ('delay', 'planning_time')]
     assert (len(figures), [name for name in figures if not np.isnan(getattr(message, name))],
             message.route_id, message.heating_planned, len(message.time), message.header.stamp,
-            message.arrival) == (15, [], '', False, 0, Time(sec=7), Time())
+            message.arrival) == (19, [], '', False, 0, Time(sec=7), Time())
 
 
 @pytest.mark.parametrize('delay_ns, delay_s', [(0, 0.0), (90 * NS_PER_S, 90.0), (-NS_PER_S // 2, -0.5)])
@@ -601,7 +602,9 @@ def test_voltage_and_current(voltage, current, expected):
 def test_constants_of_the_message_are_the_statuses(name):
     text = (MESSAGES / f'{name}.msg').read_text()
     constants = dict(re.findall(r'^uint8 ([A-Z_]+)=(\d+)', text, re.MULTILINE))
-    reasons = {'PreheatPlan': {f'STRETCH_{reason.name}': reason.value for reason in Reason}}
+    reasons = {'PreheatPlan': {
+        **{f'STRETCH_{reason.name}': reason.value for reason in Reason},
+        **{f'TARGET_{source.name}': source.value for source in TargetSource}}}
     assert {key: int(value) for key, value in constants.items()} == {
         **{status.name: status.value for status in Status}, **reasons.get(name, {})}
 
@@ -615,3 +618,8 @@ def test_constants_as_built_are_the_statuses(message_type, status):
 @pytest.mark.parametrize('reason', Reason)
 def test_constants_as_built_are_the_reasons(reason):
     assert getattr(PreheatPlan, f'STRETCH_{reason.name}') == reason.value
+
+
+@pytest.mark.parametrize('source', TargetSource)
+def test_constants_as_built_are_the_sources_of_a_target(source):
+    assert getattr(PreheatPlan, f'TARGET_{source.name}') == source.value

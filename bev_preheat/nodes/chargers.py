@@ -1,0 +1,40 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The charger at the end of a RoutePlan: checked at the door, read, and written."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from bev_preheat.charging.stop import CHARGER_RANGE_W, USUAL_DEPARTURE_SOC
+from bev_preheat.nodes.stops import charger_of, NOT_KNOWN
+
+if TYPE_CHECKING:
+    from bev_preheat.charging.stop import Charger
+    from bev_preheat_msgs.msg import RoutePlan
+
+# Fields of RoutePlan: (low, high), and what 0 and NaN mean.
+FIELDS = {'charger_power': (CHARGER_RANGE_W, NOT_KNOWN),
+          'charging_departure_soc': ((0.0, 1.0), f'{NOT_KNOWN}, {USUAL_DEPARTURE_SOC:g}')}
+
+
+def charger_problems(message: RoutePlan) -> list[str]:
+    """Return what is wrong with the charger of a RoutePlan, as sentences."""
+    problems = []
+    for field, ((low, high), unset_means) in FIELDS.items():
+        value = getattr(message, field)
+        if not (value == 0.0 or math.isnan(value) or low <= value <= high):
+            problems.append(f'{field}: {value:g} is not allowed; it must be {low:g} ... {high:g}, or 0 or '
+                            f'NaN: {unset_means}')
+    return problems
+
+
+def charger_from_message(message: RoutePlan) -> Charger | None:
+    """Return the Charger of a RoutePlan that was found to be good; None: not known."""
+    return charger_of(message.charger_power, message.charging_departure_soc)
+
+
+def write_charger(message: RoutePlan, charger: Charger | None) -> None:
+    """Write a Charger into a RoutePlan; None: not known."""
+    message.charger_power = charger.power_w if charger else 0.0
+    message.charging_departure_soc = (charger.departure_soc or 0.0) if charger else 0.0
