@@ -25,9 +25,10 @@ import time
 
 from ament_index_python.packages import PackageNotFoundError
 
+from bev_preheat.charging.stop import CHARGER_RANGE_W, USUAL_DEPARTURE_SOC
 from bev_preheat.console.parser import OneLineParser
 from bev_preheat.console.terminal import print_figures, result_console
-from bev_preheat.demo.display import shown, summary_rows, verdict
+from bev_preheat.demo.display import charging_sentence, shown, summary_rows, verdict
 from bev_preheat.demo.observer import Observer
 from bev_preheat.drawing.demo_figure import draw_drive
 from bev_preheat.errors import InvalidInput
@@ -75,6 +76,11 @@ def parse_arguments(arguments: Sequence[str] | None) -> Namespace:
                         help='state of charge at the start (%(default)s)')
     parser.add_argument('--target', type=float, metavar='DEGC',
                         help="battery temperature wanted on arrival [degC] (the vehicle's own)")
+    parser.add_argument('--charger-power', type=float, metavar='W',
+                        help='power of the charger [W]: without --target the planner then chooses the target '
+                        'itself (not known)')
+    parser.add_argument('--departure-soc', type=float, metavar='0..1',
+                        help=f'state of charge to leave the charger with ({USUAL_DEPARTURE_SOC:g})')
     parser.add_argument('--speed-up', type=float, default=60.0, metavar='N',
                         help='simulated seconds in each real second, 1 ... 1000 (%(default)s)')
     parser.add_argument('--output', type=Path, default=Path('out/demo.png'), metavar='FILE',
@@ -112,10 +118,25 @@ def _load(arguments: Sequence[str] | None) -> Callable[[], int]:
     parsed = parse_arguments(arguments)
     if not 1.0 <= parsed.speed_up <= 1000.0:
         raise InvalidInput(f'--speed-up: {parsed.speed_up:g} is not allowed; it must be 1 ... 1000')
+    _check_charger(parsed)
     warning = check_files(parsed)
     if warning:
         say(f'demo: warning: {warning}')
     return lambda: _drive(parsed)
+
+
+def _check_charger(parsed: Namespace) -> None:
+    low_w, high_w = CHARGER_RANGE_W
+    if parsed.charger_power is not None and not low_w <= parsed.charger_power <= high_w:
+        raise InvalidInput(f'--charger-power: {parsed.charger_power:g} is not allowed; it must be '
+                           f'{low_w:g} ... {high_w:g} W')
+    if parsed.departure_soc is None:
+        return
+    if parsed.charger_power is None:
+        raise InvalidInput('--departure-soc: needs --charger-power beside it')
+    if not 0.0 < parsed.departure_soc <= 1.0:
+        raise InvalidInput(f'--departure-soc: {parsed.departure_soc:g} is not allowed; it must be above 0 '
+                           'and at most 1')
 
 
 def _drive(parsed: Namespace) -> int:
@@ -162,6 +183,9 @@ def run(parsed: Namespace, console: Console) -> tuple[bool, str]:
     if drive.first_plan is None:
         raise DemoFailed('the vehicle came to stand before the planner had a plan')
     print_figures(console, 'The drive', *summary_rows(drive))
+    charging = charging_sentence(drive)
+    if charging:
+        console.print(charging, markup=False, soft_wrap=True)
     good, sentence = verdict(drive, ARRIVAL_TOLERANCE_K)
     draw_drive(parsed.output, drive, load_vehicle(parsed.vehicle),
                f'vehicle {parsed.vehicle}, route {parsed.route}: arrival at '
@@ -182,6 +206,10 @@ def _simulator_parameters(parsed: Namespace) -> dict[str, Any]:
         'wait_for_listeners': 2,
         'exit_on_arrival': 'true',
     }
+    if parsed.charger_power is not None:
+        parameters['charger_power'] = parsed.charger_power
+        parameters['charging_departure_soc'] = (
+            USUAL_DEPARTURE_SOC if parsed.departure_soc is None else parsed.departure_soc)
     if parsed.target is not None:
         # To the parameter 0 means that no target is given.
         parameters['target_battery_temperature'] = parsed.target or LEAST_TARGET_C

@@ -15,6 +15,7 @@ from rich.table import Table
 
 from bev_preheat.console.output import ENERGY_ROWS
 from bev_preheat.nodes.convert import ENERGY_FIELDS, nanoseconds
+from bev_preheat.nodes.target_report import charging_text
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.status import Status
 
@@ -105,6 +106,9 @@ def _picture_of_now(drive: ObservedDrive) -> RenderableType:
     grid.add_row('Arrival predicted', figures['arrival'])
     if drive.plan is None:
         return grid
+    charging = charging_text(drive.plan)
+    if charging:
+        grid.add_row('Charging predicted', charging)
     return Group(grid, f'[bold]{Status(drive.plan.status).name}[/bold]: '
                        f'{escape(drive.plan.explanation)}')
 
@@ -128,7 +132,7 @@ def summary_rows(drive: ObservedDrive) -> tuple[Row, list[Row]]:
         ('Arrival temperature [degC]', f'{plan.predicted_arrival_temperature:.2f}',
          f'{temperature_c:.2f}'),
         ('Target [degC]', f'{plan.target_battery_temperature:.2f}',
-         f'{plan.target_battery_temperature:.2f}'),
+         f'{drive.target_c:.2f}'),
         ('Arrival state of charge [%]', f'{100 * plan.predicted_arrival_soc:.2f}',
          f'{100 * soc:.2f}')]
     rows += [(heading, f'{getattr(plan, ENERGY_FIELDS[field]):.1f}',
@@ -140,6 +144,14 @@ def _outcome(drive: ObservedDrive) -> Outcome:
     if drive.outcome is None:
         raise ValueError('the drive is not over')
     return drive.outcome
+
+
+def charging_sentence(drive: ObservedDrive) -> str:
+    """Return what was known of the charging session before anything was heated; '': nothing."""
+    plan = drive.charging_plan
+    if plan is None:
+        return ''
+    return f'At the charger, as predicted on the way: {charging_text(plan)}. {plan.target_reason}'
 
 
 def _instant_text(instant_s: float | None) -> str:

@@ -13,6 +13,7 @@ from sensor_msgs.msg import BatteryState, Temperature
 
 from bev_preheat.nodes.convert import nanoseconds
 from bev_preheat.nodes.simulator_messages import ARRIVED, DRIVING, outcome_from_diagnostics
+from bev_preheat.nodes.target_report import charging_text
 from bev_preheat.planning.status import Status
 from bev_preheat_msgs.msg import HvchCommand, PreheatPlan, RoutePlan
 
@@ -37,7 +38,8 @@ class ObservedDrive:
     `states` holds (instant, temperature [deg C], state of charge), `commands` (instant, power
     [W]), `predictions` (instant, arrival temperature [deg C]). `route` is the RoutePlan,
     `first_plan` the first PreheatPlan for it and `plan` the latest one; `outcome` is the latest
-    Outcome. None: not heard yet. `heard_at_s` is when the vehicle was last heard (time.monotonic).
+    Outcome. `charging_plan` is the latest with a charging session in it before anything was heated.
+    None: not heard yet. `heard_at_s` is when the vehicle was last heard (time.monotonic).
     """
 
     def __init__(self) -> None:
@@ -45,6 +47,8 @@ class ObservedDrive:
         self.route: RoutePlan = None
         self.first_plan: PreheatPlan = None
         self.plan: PreheatPlan = None
+        self.charging_plan: PreheatPlan = None
+        self.latest_target_c = math.nan
         self.states: list[tuple[float, float, float]] = []
         self.commands: list[tuple[float, float]] = []
         self.predictions: list[tuple[float, float]] = []
@@ -80,8 +84,10 @@ class ObservedDrive:
 
     @property
     def target_c(self) -> float:
-        """Battery temperature wanted on arrival [deg C], NaN if there is none."""
-        return self.first_plan.target_battery_temperature if self.first_plan else math.nan
+        """Battery temperature that was wanted on arrival last [deg C], NaN if there is none."""
+        if math.isnan(self.latest_target_c) and self.first_plan is not None:
+            return self.first_plan.target_battery_temperature
+        return self.latest_target_c
 
     @property
     def switched_on_s(self) -> list[float]:
@@ -130,6 +136,10 @@ class Observer:
         if self.drive.first_plan is None and message.time:
             self.drive.first_plan = message
         self.drive.plan = message
+        if math.isfinite(message.target_battery_temperature):
+            self.drive.latest_target_c = message.target_battery_temperature
+        if charging_text(message) and not self.drive.switched_on_s:
+            self.drive.charging_plan = message
 
     def _on_state(self, message: BatteryState) -> None:
         self.drive.heard_at_s = time.monotonic()

@@ -19,8 +19,10 @@ from bev_preheat.errors import shortened
 from bev_preheat.monitoring.chart import chart
 from bev_preheat.monitoring.heard import stamp_s, TOPICS
 from bev_preheat.nodes.news import without_figures
+from bev_preheat.nodes.target_report import session_texts
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.status import Status
+from bev_preheat_msgs.msg import PreheatPlan
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -29,7 +31,7 @@ if TYPE_CHECKING:
     from rich.console import RenderableType
 
     from bev_preheat.monitoring.heard import Heard
-    from bev_preheat_msgs.msg import HvchCommand, PreheatPlan
+    from bev_preheat_msgs.msg import HvchCommand
 
     # Name and text, twice a row.
     Rows = Sequence[tuple[str, str, str, str]]
@@ -61,6 +63,9 @@ def page(heard: Heard, width: int = 100, height: int | None = None) -> Panel:
     if plan is not None:
         above.append(Text.from_markup(f'[bold]{_status_name(plan.status)}[/bold]: '
                                       f'{escape(_told(plan)) or UNKNOWN}'))
+        reason = one_line(shortened(plan.target_reason, LONGEST_EXPLANATION))
+        if plan.target_source == PreheatPlan.TARGET_CHOSEN and reason not in _told(plan):
+            above.append(Text.assemble(('Target: ', 'bold'), reason))
     below: list[RenderableType] = [_diagnostics(heard, plan), _ages(heard)]
     if height is None:
         middle, rows = [chart(heard, inside)], None
@@ -106,16 +111,23 @@ def _figures(heard: Heard, plan: PreheatPlan | None, command: HvchCommand | None
     # A cancellation has no segments.
     reserve = route.minimum_arrival_soc if route and route.segment_duration else math.nan
     spare = (plan.predicted_arrival_soc if plan else math.nan) - reserve
+    sessions = session_texts(plan) if plan else None
     return (
         ('Battery', _number(battery and battery.temperature, 'degC'),
          'State of charge', _percent(battery and battery.percentage)),
-        ('Target', _number(plan and plan.target_battery_temperature, 'degC'),
+        ('Target', _target(plan),
          'On arrival', _percent(plan and plan.predicted_arrival_soc)),
         ('Predicted', _prediction(heard, plan),
          'Reserve', f'{_percent(reserve)}, spare {_percent(spare)}'),
         ('Heater', _command(command), 'Heating', _heating(plan, command, now_s)),
         ('Reason', _status_name(command.reason) if command else UNKNOWN,
-         'Arrival', _until(plan.arrival if plan else None, now_s)))
+         'Arrival', _until(plan.arrival if plan else None, now_s)),
+        *([] if sessions is None else [('Charging', sessions[0], 'Unheated', sessions[1])]))
+
+
+def _target(plan: PreheatPlan | None) -> str:
+    text = _number(plan and plan.target_battery_temperature, 'degC')
+    return f'{text}, chosen' if plan and plan.target_source == PreheatPlan.TARGET_CHOSEN else text
 
 
 def _table(figures: Rows) -> Table:

@@ -76,7 +76,7 @@ class Parameter:
         unit = f' {self.unit}' if self.unit else ''
         if self.choices and value not in self.choices:
             return f'{self.name}: {quoted(str(value))} is not one of {", ".join(self.choices)}'
-        if self.limits is None or (self.unset_means and math.isnan(value)):
+        if self.limits is None or (self.unset_means and (math.isnan(value) or value == 0.0)):
             return None
         low, high = self.limits
         if not low <= value <= high:

@@ -7,13 +7,14 @@ import math
 from typing import TYPE_CHECKING
 
 from bev_preheat.planning.explanation import duration_text
-from bev_preheat.supervision.target_choice import TargetSource
+from bev_preheat_msgs.msg import PreheatPlan
 
 if TYPE_CHECKING:
     from bev_preheat.supervision.target_choice import TargetChoice
-    from bev_preheat_msgs.msg import PreheatPlan
 
 WH_PER_KWH = 1000.0
+# Beyond these [s, Wh] a session is treated as unset.
+LONGEST_S, MOST_WH = 1e7, 1e9
 # Fields of PreheatPlan and of TargetChoice.
 FIGURES = {'charging_time': 'charging_time_s', 'charging_time_unheated': 'unheated_charging_time_s',
            'bought_energy': 'bought_energy_wh', 'bought_energy_unheated': 'unheated_bought_energy_wh'}
@@ -28,26 +29,24 @@ def write_target(message: PreheatPlan, choice: TargetChoice | None) -> None:
         message.target_reason = choice.reason
 
 
-def source_text(plan: PreheatPlan) -> str:
-    """Return where the target of a PreheatPlan comes from, in a word; '' where that is not known."""
-    try:
-        source = TargetSource(plan.target_source)
-    except ValueError:
-        return ''
-    return '' if source is TargetSource.UNKNOWN else source.name.lower()
+def session_texts(plan: PreheatPlan) -> tuple[str, str] | None:
+    """Return the charging session of a PreheatPlan with its target and without heating; None: not known."""
+    if plan.target_source == PreheatPlan.TARGET_UNKNOWN:
+        return None
+    heated = _session_text(plan.charging_time, plan.bought_energy)
+    unheated = _session_text(plan.charging_time_unheated, plan.bought_energy_unheated)
+    return (heated, unheated) if heated and unheated else None
 
 
 def charging_text(plan: PreheatPlan) -> str:
-    """Return the session with the target and without heating, '' where the charger is not known."""
-    heated, unheated = (_session_text(time_s, energy_wh) for time_s, energy_wh in (
-        (plan.charging_time, plan.bought_energy),
-        (plan.charging_time_unheated, plan.bought_energy_unheated)))
-    return f'{heated}; without heating {unheated}' if heated and unheated else ''
+    """Return both sessions as one text, '' where the charger is not known."""
+    texts = session_texts(plan)
+    return '' if texts is None else f'{texts[0]}; without heating {texts[1]}'
 
 
 def _session_text(time_s: float, energy_wh: float) -> str:
-    if math.isinf(time_s):
+    if time_s == math.inf:
         return 'never ends'
-    if math.isnan(time_s) or not math.isfinite(energy_wh):
+    if not (0.0 <= time_s < LONGEST_S and 0.0 <= energy_wh < MOST_WH):
         return ''
     return f'{duration_text(time_s)}, {energy_wh / WH_PER_KWH:.2f} kWh'

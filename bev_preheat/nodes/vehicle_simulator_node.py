@@ -21,6 +21,7 @@ from rclpy.qos import QoSDurabilityPolicy, QoSProfile
 from rclpy.task import Future
 from sensor_msgs.msg import BatteryState as BatteryStateMessage
 
+from bev_preheat.charging.stop import CHARGER_RANGE_W
 from bev_preheat.errors import InvalidInput
 from bev_preheat.nodes.command_line import print_error, Program
 from bev_preheat.nodes.convert import nanoseconds, route_plan_message, time_message
@@ -31,6 +32,7 @@ from bev_preheat.nodes.route_progress import progress_message
 from bev_preheat.nodes.setup_watch import SetupWatch
 from bev_preheat.nodes.simulated_time import NodeTime, OwnTime
 from bev_preheat.nodes.simulator_messages import battery_state_message, trip_diagnostics
+from bev_preheat.nodes.stops import charger_of
 from bev_preheat.nodes.surroundings import endpoint_name
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.situation import BatteryState, check_situation, Goal
@@ -77,6 +79,11 @@ PARAMETERS = (
               (0.0, 1.0), read_only=True),
     Parameter('charging_planned', True, 'Whether the route ends at a fast charger.',
               read_only=True),
+    Parameter('charger_power', 0.0, 'Power of that charger at the vehicle, as route_plan tells it; not '
+              'with a scenario', 'W', CHARGER_RANGE_W, unset_means='not known', read_only=True),
+    Parameter('charging_departure_soc', 0.0,
+              'State of charge to leave it with, as route_plan tells it; not with a scenario', '',
+              (0.0, 1.0), unset_means='not known', read_only=True),
     Parameter('publish_clock', True, "Whether /clock is this simulator's; false: the drive goes by "
               "the node's clock, which is another's /clock with use_sim_time.", read_only=True),
     Parameter('start_time', 0.0, 'Simulated time at the start, since the epoch; 0: now', 's',
@@ -410,7 +417,9 @@ def _departure(values: Values) -> tuple[ImperfectCar, str, Iterable[str]]:
     return ImperfectCar(
         vehicle, route, state, goal,
         Imperfections(sensors=Sensors(period_s=values['battery_state_period'])),
-        route_id=name), name, filter(None, [loaded.warning])
+        route_id=name,
+        charger=charger_of(values['charger_power'], values['charging_departure_soc'])
+    ), name, filter(None, [loaded.warning])
 
 
 def main() -> None:

@@ -21,6 +21,7 @@ from bev_preheat.supervision.inputs import Leg, Mission, NS_PER_S, Progress
 from bev_preheat.vehicle.heat_path import HeatPath
 
 if TYPE_CHECKING:
+    from bev_preheat.charging.stop import Charger
     from bev_preheat.planning.situation import BatteryState, Goal
     from bev_preheat.route.segments import Route
     from bev_preheat.vehicle.description import Vehicle
@@ -54,17 +55,19 @@ class ImperfectCar:
 
     def __init__(self, vehicle: Vehicle, route: Route, state: BatteryState, goal: Goal,
                  imperfections: Imperfections = Imperfections(), seed: int | Sequence[int] = 0,
-                 route_id: str = 'simulated', standing_time_s: float = 0.0) -> None:
+                 route_id: str = 'simulated', standing_time_s: float = 0.0,
+                 charger: Charger | None = None) -> None:
         """
         Put the car at the start of a Route, with its battery in `state`; see numpy for `seed`.
 
-        The trip planner says that it stood for `standing_time_s` [s] before; 0: it does not know.
+        The trip planner says that it stood for `standing_time_s` [s] before; 0: it does not know. It
+        knows the Charger at the end; None: it does not.
         """
         drive_seed, sensor_seed, position_seed = np.random.SeedSequence(seed).spawn(3)
         self.vehicle = vehicle
         self.imperfections = imperfections
         self._goal, self._route, self._route_id = goal, route, route_id
-        self._standing_time_s = standing_time_s
+        self._standing_time_s, self._charger = standing_time_s, charger
         driven, self._news = drive_with_events(
             route, imperfections.events, goal.charging_planned)
         mismatch = imperfections.mismatch
@@ -166,4 +169,4 @@ class ImperfectCar:
         return Mission(self._route_id, (Leg(
             route, self._sent_start_ns, charging_planned,
             None if math.isnan(goal.target_temperature_c) else goal.target_temperature_c,
-            goal.minimum_arrival_soc),))
+            goal.minimum_arrival_soc, charger=self._charger),))

@@ -138,7 +138,7 @@ class Judgement:
         route = leg.route_ahead(start_ns)
         assert route is not None
         if leg.charging_planned:
-            choice = self._choose_target(inbox, leg, goal, route, start_ns, estimate)
+            choice = self._choose_target(inbox, leg, goal, route, estimate)
             goal = choice.goal(goal)
         if estimate is None:
             decision = self._plan(inbox, leg, goal, measurement.state, start_ns)
@@ -161,14 +161,14 @@ class Judgement:
             commanded=outlook.commanded, command_share=outlook.command_share,
             model_factors=outlook.model_factors), choice)
 
-    def _choose_target(self, inbox: Inbox, leg: Leg, goal: Goal, route: Route, start_ns: int,
+    def _choose_target(self, inbox: Inbox, leg: Leg, goal: Goal, route: Route,
                        estimate: Estimate | None) -> TargetChoice:
-        """Return the TargetChoice for the current leg, whose Route ahead begins at an instant [ns]."""
+        """Return the TargetChoice for the current leg, of which the Route is ahead."""
         mission, measurement = inbox.mission, inbox.measurement
         assert mission is not None and measurement is not None
         outset = Outset(
             mission.route_id, len(mission.legs) - 1 - mission.legs.index(leg), leg, inbox.settings,
-            goal, self._vehicle, route, measurement.state, start_ns)
+            goal, self._vehicle, route, measurement.state, measurement.stamp_ns)
         if estimate is not None and leg.charger is not None:
             vehicle = self._outlooks.vehicle(estimate)
             outset = replace(
