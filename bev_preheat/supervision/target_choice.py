@@ -271,13 +271,13 @@ def _reason(search: WorthSearch, chosen: TargetWorth, best: TargetWorth) -> str:
     share = f'{100.0 * LEAST_GAIN_SHARE:g} %'
     if chosen is best:
         return search.verdict(best)
+    if chosen.cost < (1.0 - LEAST_GAIN_SHARE) * search.without.cost:
+        return f'{search.verdict(chosen)} No other target costs less by {share}.'
     if chosen is search.without:
         return (f'Not worth it: heating the battery to {best.arrival_temperature_c:.1f} degC before '
                 f'arrival would save less than {share} of the cost. Some heating pays as soon as an hour is '
                 f'worth {search.break_even_per_h():.2f} to you.')
-    other = ('no further heating' if best is search.without else
-             f'a target of {best.target_c:.1f} degC')
-    return f'The target stays as it was chosen before: {other} would save less than {share} of the cost.'
+    return f'The target stays as it was chosen before: no other costs less by {share}.'
 
 
 def _with_figures(choice: TargetChoice, heated: TargetWorth, without: TargetWorth) -> TargetChoice:
