@@ -10,7 +10,8 @@ import pytest
 
 from bev_preheat.charging.session import charge
 from bev_preheat.charging.spread import time_deviation
-from bev_preheat.charging.stop import Stop
+from bev_preheat.charging.stop import Stop, stop_after
+from bev_preheat.charging.verdict import verdict_on
 from bev_preheat.charging.worth import (
     find_worth,
     minima,
@@ -18,7 +19,7 @@ from bev_preheat.charging.worth import (
     Prices,
     targets_between,
     TargetWorth,
-    verdict_on,
+    WorthSearch,
 )
 from bev_preheat.errors import InvalidInput
 from bev_preheat.planning.planner import plan_preheating, plan_unheated
@@ -215,6 +216,28 @@ def test_a_spread_without_an_end_is_infinite():
     deviation = time_deviation(
         replace(REFERENCE, charging=frozen), drive(), COLD, GOAL, 150e3, 0.8)
     assert deviation.without_heating_s == deviation.saved_s == math.inf
+
+
+# --- the search in parts ---
+
+
+@pytest.mark.parametrize('plans', [1, 7])
+def test_a_search_in_parts_finds_the_same(usual, plans):
+    route, made = drive(), []
+    unheated = plan_unheated(REFERENCE, route, STATE, GOAL)
+
+    def plan_to(target_c):
+        made.append(target_c)
+        return plan_preheating(REFERENCE, route, STATE, Goal(target_c))
+
+    search = WorthSearch(REFERENCE, stop_after(route, 150e3, 0.8), unheated, 25.0, PRICES, plan_to)
+    # What is known before it ends is something of its own.
+    assert search.worth().best.target_c in (search.without.target_c, 25.0)
+    counts = [len(made)]
+    while not search.advance(plans):
+        counts.append(len(made))
+    assert np.diff(counts).max() == plans and len(made) == len(set(made))
+    assert search.worth() == usual
 
 
 # --- what is refused ---

@@ -105,6 +105,17 @@ def test_refused_parameter_is_told(tmp_path, capsys):
         "demo: error: vehicle 'bicycle' is unknown; there are:")
 
 
+@pytest.mark.parametrize('arguments, problem', [
+    (['--charger-power', '150'], '--charger-power: 150 is not allowed; it must be 1000 ... 2e+06 W'),
+    (['--charger-power', 'nan'], '--charger-power: nan is not allowed; it must be 1000 ... 2e+06 W'),
+    (['--departure-soc', '0.8'], '--departure-soc: needs --charger-power beside it'),
+    (['--charger-power', '5e4', '--departure-soc', '80'],
+     '--departure-soc: 80 is not allowed; it must be above 0 and at most 1')])
+def test_a_bad_charger_is_refused_before_the_drive(tmp_path, capsys, arguments, problem):
+    assert main([*arguments, '--output', str(tmp_path / 'demo.png')]) == 2
+    assert capsys.readouterr().err == f'demo: error: {problem}\n'
+
+
 def test_picture_that_cannot_be_drawn_is_refused_before_the_drive(capsys):
     assert main(['--output', 'demo.bmp']) == 2
     assert capsys.readouterr().err == \

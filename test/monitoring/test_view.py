@@ -113,6 +113,22 @@ def test_unknown_figures_are_no_numbers(heard):
     assert 'nan' not in page_text and 'none planned' in page_text
 
 
+def test_the_session_and_the_reason_of_a_chosen_target_are_shown(heard):
+    assert 'Charging' not in text(heard) and 'chosen' not in text(heard)
+    chosen = {'target_source': PreheatPlan.TARGET_CHOSEN, 'target_reason': 'Worth it: for a good reason.',
+              'charging_time': 1667.0, 'bought_energy': 51340.0, 'charging_time_unheated': 1897.0,
+              'bought_energy_unheated': 50940.0}
+    heard.hear('preheat_plan', plan_message(**chosen))
+    page_text = text(heard)
+    for words in ('25.0 degC, chosen', '27:47 min, 51.34 kWh', '31:37 min, 50.94 kWh',
+                  'Target: Worth it: for a good reason.'):
+        assert words in page_text
+    # The explanation has it already where it is the reason for 0 W.
+    heard.hear('preheat_plan', plan_message(**{
+        **chosen, 'explanation': 'Worth it: for a good reason. So it is.'}))
+    assert text(heard).count('for a good reason') == 1
+
+
 def test_a_cancelled_trip_has_no_reserve(heard):
     heard.hear('route_plan', RoutePlan())
     assert '25.0 %, spare' not in text(heard) and '-, spare -' in text(heard)

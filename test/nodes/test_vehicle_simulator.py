@@ -88,7 +88,8 @@ class Drive:
         self.started_s = time.monotonic()
         self.process = bench.start('vehicle_simulator', *arguments_of(
             route, battery_state_period=2.5, minimum_arrival_soc=0.31,
-            target_battery_temperature=19.0, charging_planned='false'))
+            target_battery_temperature=19.0, charging_planned='false', charger_power=150e3,
+            charging_departure_soc=0.72))
 
     def set_number(self, name, value):
         request = SetParameters.Request(parameters=[Parameter(
@@ -119,6 +120,7 @@ class TestOnTheWay:
         assert message.minimum_arrival_soc == 0.31
         assert message.target_battery_temperature == 19.0
         assert message.charging_planned is False
+        assert (message.charger_power, message.charging_departure_soc) == (150e3, 0.72)
 
     def test_what_cannot_be_set_on_the_way_is_refused(self, drive):
         assert 'out of range' in drive.set_number('speed_up', 0.5).reason

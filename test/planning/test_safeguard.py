@@ -207,6 +207,26 @@ def test_a_climb_that_heat_makes_possible_is_still_heated_for():
         np.zeros(len(route)), plan.hvch_battery_power_w))
     assert cold.lacking_w > 5e3 > 500.0 > warm.lacking_w
     assert Reason.CLIMB in {stretch.reason for stretch in plan.stretches}
+    # Also where heating for the sake of arrival does not pay, whatever the target.
+    unpaid = plan_preheating(CARS['small_car'], route, state, Goal(25.0, heating_pays=False))
+    assert PLANTS['small_car'].drive(route, state, unpaid.hvch_battery_power_w).lacking_w < 500.0
+    assert {stretch.reason for stretch in unpaid.stretches} == {Reason.CLIMB}
+    assert unpaid.status is not Status.NOT_WORTH_IT
+
+
+@pytest.mark.parametrize('method', METHODS)
+def test_where_heating_does_not_pay_the_target_is_what_comes_of_none(method):
+    route, state = route_of((60, 12e3)), BatteryState(-6.0, 0.8)
+    plan = plan_preheating(REFERENCE, route, state, Goal(25.0, heating_pays=False), method)
+    cold = unheated('reference', route, state)
+    assert (plan.status, plan.heating_start_s, plan.shortfall_k) == (Status.NOT_WORTH_IT, None, 0.0)
+    assert plan.target_temperature_c == plan.arrival_temperature_c == pytest.approx(
+        cold.temperature_c, abs=0.1)
+    assert plan.explanation == (
+        f'No heating: arrival in 30:00 min at {plan.arrival_temperature_c:.1f} degC.')
+    # What is to be left comes first.
+    short = plan_preheating(REFERENCE, route, state, Goal(25.0, 0.79, heating_pays=False), method)
+    assert short.status is Status.SOC_LIMITED and short.heating_start_s is None
 
 
 @pytest.mark.parametrize('method', METHODS)
