@@ -90,6 +90,8 @@ PARAMETERS = (
     Parameter('value_of_time', DEFAULTS.value_of_time_per_h,
               'Value of time at the charger, in the same currency; the target is chosen by it', 'per h',
               (0.0, MOST_VALUE_PER_H)),
+    Parameter('heat_while_charging', DEFAULTS.heat_while_charging,
+              'Heat on at the charger, where the vehicle file says that the vehicle does so.'),
     Parameter('state_file', '', 'File that keeps what was learned of the car: a new one, or one '
               'that was written before; empty: none.'),
 )

@@ -72,11 +72,13 @@ class Commander:
         """Return the Command that a Decision allows at an instant; it counts as given."""
         settings = inbox.settings
         decision = find_obstacle(inbox, now_ns) or decision
+        if decision.charger_heat_w > 0.0 and not _has_departed(decision, now_ns):
+            return self._heat_at_charger(now_ns, inbox, decision)
         reason = self._reason_for_off(now_ns, decision)
         if reason is not None:
             return self.off(now_ns, settings.lease_s, reason)
-        plan, measurement = decision.commanded or decision.plan, inbox.measurement
-        assert plan is not None and decision.leg is not None and measurement is not None
+        plan = decision.commanded or decision.plan
+        assert plan is not None and decision.leg is not None
         # A partial step's power is computed and may round to slightly more than the limit.
         limit_w = _heater_limit_w(inbox.vehicle, decision.leg, now_ns)
         elapsed_s = (now_ns - decision.plan_start_ns) / NS_PER_S
@@ -92,10 +94,15 @@ class Commander:
             reason = Status.HEATING
         elif power_w == 0.0 and reason is Status.HEATING:
             reason = Status.WAITING
-        # No lease outlives the battery state that it rests on.
-        stale_ns = measurement.stamp_ns + round(settings.battery_state_timeout_s * NS_PER_S)
-        lease_end_ns = now_ns + round(settings.lease_s * NS_PER_S)
-        return Command(power_w, min(lease_end_ns, stale_ns), reason)
+        return Command(power_w, _lease_end_ns(now_ns, inbox), reason)
+
+    def _heat_at_charger(self, now_ns: int, inbox: Inbox, decision: Decision) -> Command:
+        """Return the Command of a Decision that heats while the vehicle charges."""
+        settings, wanted_w = inbox.settings, decision.charger_heat_w
+        power_w = self._switch.power_w(
+            now_ns, wanted_w, wanted_w, settings.minimum_on_time_s, settings.minimum_off_time_s)
+        self.history.note(now_ns, power_w)
+        return Command(power_w, _lease_end_ns(now_ns, inbox), decision.status)
 
     @staticmethod
     def _reason_for_off(now_ns: int, decision: Decision) -> Status | None:
@@ -112,6 +119,20 @@ class Commander:
                 Status.NO_CHARGING_PLANNED, Status.NOT_WORTH_IT):
             return decision.status
         return None
+
+
+def _lease_end_ns(now_ns: int, inbox: Inbox) -> int:
+    """Return the instant [ns] until which a command of now may be used."""
+    settings, measurement = inbox.settings, inbox.measurement
+    assert measurement is not None
+    # No lease outlives the battery state that it rests on.
+    stale_ns = measurement.stamp_ns + round(settings.battery_state_timeout_s * NS_PER_S)
+    return min(now_ns + round(settings.lease_s * NS_PER_S), stale_ns)
+
+
+def _has_departed(decision: Decision, now_ns: int) -> bool:
+    """Return whether the stop of a Decision is over at an instant [ns]."""
+    return bool(decision.later_legs) and now_ns >= decision.later_legs[0].start_ns
 
 
 def _heater_limit_w(vehicle: Vehicle, leg: Leg, now_ns: int) -> float:

@@ -42,6 +42,19 @@ def stretches_between(edges_ns: Sequence[int], vehicle: Vehicle, timetable: Time
     return tuple(stretches)
 
 
+def shown_command_w(timetable: Timetable | None, instant_ns: int, commands: CommandHistory) -> float:
+    """
+    Return the command [W] that the battery's power has to answer at an instant [ns].
+
+    While the vehicle charges it is none: the charger gives what the heater takes.
+    """
+    if timetable is not None:
+        mission, planned_ns = timetable.planned, timetable.planned_ns(instant_ns)
+        if mission.legs[mission.leg_number(planned_ns)].ended_for_s(planned_ns) >= 0.0:
+            return 0.0
+    return commands.mean_w(instant_ns, instant_ns)
+
+
 def _driven_between(vehicle: Vehicle, timetable: Timetable | None, from_ns: int,
                     to_ns: int) -> tuple[DriveInputs | None, float]:
     """

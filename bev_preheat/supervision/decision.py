@@ -29,7 +29,8 @@ class Decision:
     temperature on arrival [K], NaN where it is unknown. The command follows `commanded` where that
     is not None, else the plan; the heater delivers `command_share` of the command. `model_factors`
     are the factors of the corrected vehicle (PreheatPlan.msg); (): none. `target` says where the
-    plan's target comes from; None: it has none.
+    plan's target comes from; None: it has none. `charger_heat_w` [W] is commanded while the vehicle
+    charges, where there is no plan.
     """
 
     status: Status
@@ -43,6 +44,7 @@ class Decision:
     command_share: float = 1.0
     model_factors: tuple[float, ...] = ()
     target: TargetChoice | None = None
+    charger_heat_w: float = 0.0
 
 
 # Before anything has arrived, and until a valid route plan has.

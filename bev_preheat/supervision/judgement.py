@@ -20,7 +20,8 @@ from bev_preheat.estimation.estimator import Estimator
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.status import Status
-from bev_preheat.supervision.course import stretches_between
+from bev_preheat.supervision.charger_heat import charger_heat, ChargerHeat
+from bev_preheat.supervision.course import shown_command_w, stretches_between
 from bev_preheat.supervision.decision import Decision
 from bev_preheat.supervision.inputs import Leg, Measurement, NS_PER_S
 from bev_preheat.supervision.outlook import believed_share, believed_state, OutlookMaker, seen_from_now
@@ -97,7 +98,7 @@ class Judgement:
             if standing is not None:
                 self._estimator.rely_on(standing)
             self._estimator.observe(
-                measurement, commands.mean_w(stamp_ns, stamp_ns),
+                measurement, shown_command_w(timetable, stamp_ns, commands),
                 stretches_between(
                     self._estimator.edges_ns(stamp_ns), self._vehicle, timetable, commands))
 
@@ -118,11 +119,25 @@ class Judgement:
             if stood_s > MOST_STANDING_S and decision.status in WITHHELD:
                 decision = Decision(Status.WAITING, _standing_sentence(stood_s))
             return replace(decision, later_legs=later_legs)
+        heat = self._charger_heat(inbox, leg, is_heating)
+        why = f' {heat.reason}' if heat.reason else ''
         if later_legs:
-            return Decision(Status.CHARGING, _charging_sentence(later_legs[0], now_ns),
-                            later_legs=later_legs)
-        return Decision(Status.ARRIVED,
-                        f'The route has ended: arrived {duration_text(ended_for_s)} ago.')
+            return Decision(Status.CHARGING, _charging_sentence(later_legs[0], now_ns) + why,
+                            later_legs=later_legs, charger_heat_w=heat.power_w)
+        arrived = f'The route has ended: arrived {duration_text(ended_for_s)} ago.'
+        if heat.power_w > 0.0:
+            return Decision(Status.CHARGING, arrived + why, charger_heat_w=heat.power_w)
+        return Decision(Status.ARRIVED, arrived)
+
+    def _charger_heat(self, inbox: Inbox, leg: Leg, is_heating: bool) -> ChargerHeat:
+        """Return the ChargerHeat after a leg that has ended; nothing where nobody asks for it."""
+        measurement, settings = inbox.measurement, inbox.settings
+        assert measurement is not None
+        if not settings.heat_while_charging:
+            return ChargerHeat(0.0, '')
+        estimate = self.estimate if settings.estimation else None
+        temperature_c = measurement.state.temperature_c if estimate is None else estimate.temperature_c
+        return charger_heat(self._vehicle, leg, measurement, temperature_c, is_heating)
 
     def _plan_current(self, inbox: Inbox, leg: Leg, now_ns: int, is_heating: bool,
                       heated_s: float) -> Decision:

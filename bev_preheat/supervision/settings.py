@@ -34,7 +34,7 @@ class Settings:
     a margin for what is uncertain; without it they start from what was measured.
     `minimum_on_time_s`, `minimum_off_time_s`: the heater is not switched more often than that.
     `energy_price_per_kwh`, `value_of_time_per_h`: what the target is chosen by where the charger is
-    known, in one currency.
+    known, in one currency. `heat_while_charging`: heat on while the vehicle charges, where it does so.
     """
 
     method: str = DEFAULT_METHOD
@@ -51,6 +51,7 @@ class Settings:
     route_progress_timeout_s: float = 10.0
     energy_price_per_kwh: float = ENERGY_PRICE_PER_KWH
     value_of_time_per_h: float = VALUE_OF_TIME_PER_H
+    heat_while_charging: bool = False
 
     @property
     def prices(self) -> Prices:
@@ -81,6 +82,7 @@ FIELD_OF_PARAMETER = {
     'route_progress_timeout': 'route_progress_timeout_s',
     'energy_price': 'energy_price_per_kwh',
     'value_of_time': 'value_of_time_per_h',
+    'heat_while_charging': 'heat_while_charging',
 }
 
 

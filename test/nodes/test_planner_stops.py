@@ -47,18 +47,19 @@ class Trip:
         self._clock = bench.publisher(Clock, '/clock')
         self._states = bench.publisher(BatteryState, 'battery_state')
         self.routes = bench.publisher(RoutePlan, 'route_plan', LATCHED)
-        self.process = bench.start('planner', '-p', 'use_sim_time:=true')
+        self.process = bench.start(
+            'planner', '-p', 'use_sim_time:=true', '-p', 'heat_while_charging:=true')
         for sender in (self._clock, self._states, self.routes):
             sender.wait_for_subscription()
         for recorder in (self._commands, self._plans, self.diagnostics):
             recorder.wait_for_publisher()
 
-    def at(self, second, what):
+    def at(self, second, what, **power):
         """Let it be that second, with a battery of -7 degC, until `what(command, plan)` holds."""
         def answered():
             # Again and again: the clock may be heard after the state, which is then refused.
             self._clock.publish(Clock(clock=Time(sec=second)))
-            state = BatteryState(temperature=-7.0, percentage=0.8)
+            state = BatteryState(temperature=-7.0, percentage=0.8, **power)
             state.header.stamp = Time(sec=second)
             self._states.publish(state)
             command = next((command for command in reversed(self._commands.messages)
@@ -120,6 +121,17 @@ def test_a_later_leg_starts_from_its_departure(trip):
         and 0.55 < plan.later_predicted_arrival_soc[1] < 0.6
         and SECOND_S < plan.later_heating_start[0].sec < SECOND_ARRIVAL_S
         and plan.later_heating_start[1] == Time()))
+
+
+def test_it_heats_on_while_the_battery_is_charged(trip):
+    def commands(power_w):
+        return lambda command, plan: (command.battery_heating_power, command.reason) == (
+            pytest.approx(power_w), int(Status.CHARGING))
+
+    # What charges has a positive current in sensor_msgs.
+    trip.at(FIRST_ARRIVAL_S + 20, commands(FIRST_W), voltage=400.0, current=100.0)
+    trip.at(FIRST_ARRIVAL_S + 21, commands(0.0), voltage=400.0, current=-5.0)
+    trip.at(FIRST_ARRIVAL_S + 22, commands(0.0))
 
 
 def test_a_stop_is_told_in_the_diagnostics(trip):
