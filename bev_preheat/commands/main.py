@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 # Modules with add_parser(subparsers), which sets `run`, a function of the parsed arguments that
 # returns the exit status.
 SUBCOMMANDS = ('plan', 'charge', 'worth', 'optimum', 'compare', 'reproduce', 'sweep', 'robustness',
-               'scenario', 'route', 'vehicle', 'monitor')
+               'scenario', 'route', 'vehicle', 'monitor', 'prepare')
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -48,7 +48,7 @@ def silent_rcl() -> Iterator[None]:
 
 @dataclass(frozen=True)
 class Program:
-    """What `--help` shows of an executable; `topics` are (name, what it is) and so are `services`."""
+    """What `--help` shows of an executable; topics, services and actions are (name, what it is)."""
 
     name: str
     description: str
@@ -56,6 +56,7 @@ class Program:
     subscribes: tuple[tuple[str, str], ...] = ()
     publishes: tuple[tuple[str, str], ...] = ()
     services: tuple[tuple[str, str], ...] = ()
+    actions: tuple[tuple[str, str], ...] = ()
 
     def check_arguments(self, arguments: Sequence[str]) -> None:
         """
@@ -81,7 +82,7 @@ class Program:
             lines.append(f'  {parameter.name} (default: {parameter.default_text()})')
             lines += _indented(parameter.help_text())
         for title, items in (('subscribes to', self.subscribes), ('publishes', self.publishes),
-                             ('services', self.services)):
+                             ('services', self.services), ('actions', self.actions)):
             if items:
                 width = max(len(name) for name, _ in items)
                 lines += ['', f'{title}:', *(f'  {name:{width}}  {what}' for name, what in items)]

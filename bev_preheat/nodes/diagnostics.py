@@ -12,6 +12,7 @@ from bev_preheat.estimation.hypotheses import Heater
 from bev_preheat.estimation.state import FACTOR_NAMES
 from bev_preheat.nodes.convert import time_message
 from bev_preheat.nodes.route_progress import progress_diagnostics
+from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.status import Status
 from bev_preheat.supervision.inputs import NS_PER_S
 from bev_preheat.vehicle.assumptions import assumed_in_words
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     from bev_preheat.estimation.hypotheses import HeaterReport
     from bev_preheat.nodes.state_keeper import StateFileReport
     from bev_preheat.supervision.supervisor import Supervisor
+    from bev_preheat.supervision.wish import Wish
 
 # WARN: works, but someone should know. ERROR: an input or the planner itself is at fault.
 LEVELS = {
@@ -76,15 +78,17 @@ def planner_diagnostics(node_name: str, supervisor: Supervisor, now_ns: int,
 
 
 def _preheating(name: str, hardware: str, supervisor: Supervisor, now_ns: int) -> DiagnosticStatus:
-    decision = supervisor.decision
+    decision, mission = supervisor.decision, supervisor.pursued_mission
     values = {
         'vehicle': supervisor.vehicle.name,
         'assumed of the vehicle': assumed_in_words(supervisor.vehicle),
         'method': supervisor.settings.method,
-        'route_id': supervisor.mission.route_id if supervisor.mission else '',
+        'route_id': mission.route_id if mission else '',
         'legs after this one': str(len(decision.later_legs)),
         'enabled': str(supervisor.is_enabled).lower(),
     }
+    if supervisor.wish is not None:
+        values['goal of prepare_battery'] = _wish_in_words(supervisor.wish, now_ns)
     if supervisor.latest_command is not None:
         values['command [W]'] = f'{supervisor.latest_command.battery_heating_power_w:.0f}'
     if supervisor.measurement is not None:
@@ -108,6 +112,12 @@ def _preheating(name: str, hardware: str, supervisor: Supervisor, now_ns: int) -
         level = DiagnosticStatus.ERROR
         text = text if refused in text else f'{text} {refused}'
     return _entry(f'{name}: preheating', hardware, level, f'{decision.status.name}: {text}', values)
+
+
+def _wish_in_words(wish: Wish, now_ns: int) -> str:
+    when = ('as soon as possible' if wish.is_soonest else
+            f'ready in {duration_text(max(0.0, (wish.ready_at_ns - now_ns) / NS_PER_S))}')
+    return f'{when}, plugged in' if wish.is_plugged_in else when
 
 
 def heater_sentence(report: HeaterReport) -> str:

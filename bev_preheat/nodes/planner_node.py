@@ -26,6 +26,7 @@ from bev_preheat.nodes.convert import battery_event, command_message, plan_messa
 from bev_preheat.nodes.diagnostics import heater_sentence, planner_diagnostics
 from bev_preheat.nodes.news import News
 from bev_preheat.nodes.parameters import check, declare, Parameter
+from bev_preheat.nodes.prepare_action import PREPARE, PrepareAction
 from bev_preheat.nodes.process import run_node
 from bev_preheat.nodes.route_intake import RouteIntake
 from bev_preheat.nodes.route_listener import RouteListener
@@ -105,7 +106,8 @@ PROGRAM = Program(
                ('preheat_plan', 'bev_preheat_msgs/PreheatPlan: status, sentence, trajectories'),
                ('predicted_arrival_temperature', 'sensor_msgs/Temperature'),
                ('/diagnostics', 'diagnostic_msgs/DiagnosticArray')),
-    services=(('~/enable', 'std_srvs/SetBool: false switches preheating off'),))
+    services=(('~/enable', 'std_srvs/SetBool: false switches preheating off'),),
+    actions=((PREPARE, 'bev_preheat_msgs/PrepareBattery: a battery that is warm at an instant'),))
 # A subscriber that hangs must not keep the process from ending.
 LAST_WORDS_TIME = Duration(seconds=0.5)
 _OWN = frozenset(parameter.name for parameter in PARAMETERS)
@@ -161,6 +163,7 @@ class PlannerNode(Node):
             RouteProgress, 'route_progress', self._on_route_progress, state_qos)
         RouteListener(self, self._on_route_plan, self._on_refused_route)
         self.create_service(SetBool, '~/enable', self._on_enable)
+        self._prepare = PrepareAction(self, self._step, self._supervisor, self.fail)
 
         self.add_on_set_parameters_callback(self._check_parameters)
         self.add_post_set_parameters_callback(self._apply_parameters)
@@ -326,11 +329,13 @@ class PlannerNode(Node):
             self._command_publisher.publish(command_message(output.command, now_ns))
         if output.failure:
             self.get_logger().error(output.failure)
+        for outcome in output.outcomes:
+            self._prepare.finish(outcome)
         decision = output.decision
         if decision is None:
             return
         self._plan_publisher.publish(plan_message(
-            decision, self._supervisor.mission, now_ns, output.later_decisions))
+            decision, self._supervisor.pursued_mission, now_ns, output.later_decisions))
         if decision.plan is not None:
             self._temperature_publisher.publish(temperature_message(decision, now_ns))
         if output.has_new_status:
@@ -341,6 +346,7 @@ class PlannerNode(Node):
     @guarded
     def _on_repeat(self) -> None:
         self._step()
+        self._prepare.publish_feedback(self._now_ns())
         self._publish_diagnostics(self._now_ns())
 
     def _publish_diagnostics(self, now_ns: int) -> None:
@@ -364,11 +370,16 @@ class PlannerNode(Node):
 
     def last_words(self) -> None:
         """Publish 0 W before the process ends, and wait a moment until it is out."""
+        self._end_goals()
         # With a lease like any other: a heater's controller may ignore a command that has expired.
         now_ns = self._now_ns()
         self._publish(self._supervisor.stop(now_ns), now_ns)
         self._on_save_due()
         self._command_publisher.wait_for_all_acked(LAST_WORDS_TIME)
+
+    @guarded
+    def _end_goals(self) -> None:
+        self._prepare.shut_down()
 
     def _now_ns(self) -> int:
         return self.get_clock().now().nanoseconds

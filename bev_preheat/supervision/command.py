@@ -30,11 +30,11 @@ def find_obstacle(inbox: Inbox, now_ns: int) -> Decision | None:
                         f'{inbox.rivals}; the heater is off until only one is left.')
     if inbox.refusal is not None:
         return Decision(Status.INVALID_INPUT, inbox.refusal)
-    if inbox.is_cancelled:
-        return Decision(Status.NO_CHARGING_PLANNED,
-                        'The trip was cancelled: no heating until a new route plan arrives.')
-    if inbox.mission is None:
-        return WITHOUT_ROUTE
+    if inbox.pursued is None:
+        return Decision(
+            Status.NO_CHARGING_PLANNED,
+            'The trip was cancelled: no heating until a new route plan arrives.'
+        ) if inbox.is_cancelled else WITHOUT_ROUTE
     if inbox.measurement is None:
         return Decision(Status.NO_BATTERY_STATE, 'No valid battery state has arrived yet.')
     age_s = (now_ns - inbox.measurement.stamp_ns) / NS_PER_S

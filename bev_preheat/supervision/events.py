@@ -15,6 +15,7 @@ from bev_preheat.errors import InvalidInput
 from bev_preheat.supervision.inputs import Measurement, Mission, Progress
 from bev_preheat.supervision.refusals import BATTERY, PROGRESS, RefusedRoute, ROUTE
 from bev_preheat.supervision.settings import Settings
+from bev_preheat.supervision.wish import Ending, Wish
 from bev_preheat.vehicle.description import Vehicle
 
 if TYPE_CHECKING:
@@ -134,6 +135,34 @@ class PreheatingSwitched:
 
 
 @dataclass(frozen=True)
+class PreparationWanted:
+    """A goal of ~/prepare_battery arrived; it replaces the one before."""
+
+    source: ClassVar[str] = 'prepare_battery'
+    wish: Wish
+
+    def deliver(self, inbox: Inbox, now_ns: int) -> None:
+        """Pursue it, or refuse it; then all goes on as before."""
+        inbox.preparer.begin(self.wish, inbox, now_ns)
+        inbox.note_other_pursuit()
+
+
+@dataclass(frozen=True)
+class PreparationEnded:
+    """A goal of ~/prepare_battery, `wish`, is not to be pursued any more; None: whichever it is."""
+
+    source: ClassVar[str] = ''
+    wish: Wish | None
+    ending: Ending
+    explanation: str
+
+    def deliver(self, inbox: Inbox, now_ns: int) -> None:
+        """Let it go."""
+        if inbox.preparer.end(self.wish, self.ending, self.explanation, inbox):
+            inbox.note_other_pursuit()
+
+
+@dataclass(frozen=True)
 class RivalsChanged:
     """Other nodes command the same heater, by these `names`; '': none does any more."""
 
@@ -175,4 +204,4 @@ class Reconfigured:
 # What Supervisor.step is given.
 Event = (BatteryStateArrived | BatteryStateUnreadable | RouteArrived | RouteUnreadable
          | ProgressArrived | ProgressUnreadable | TripCancelled | PreheatingSwitched | RivalsChanged
-         | Reconfigured)
+         | PreparationWanted | PreparationEnded | Reconfigured)

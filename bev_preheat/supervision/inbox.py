@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from bev_preheat.errors import InvalidInput
 from bev_preheat.planning.situation import check_situation, Goal
 from bev_preheat.supervision.inputs import check_mission, Leg, Measurement, Mission, NS_PER_S, Progress
+from bev_preheat.supervision.preparer import Preparer
 from bev_preheat.supervision.refusals import PROGRESS, Refusals, RefusedRoute
 from bev_preheat.supervision.settings import defaults_of, Settings
 from bev_preheat.supervision.timetable import Timetable
@@ -52,6 +53,8 @@ class Inbox:
         self.latest_mission: Mission | None = None
         self.measurement: Measurement | None = None
         self.is_cancelled = False  # By the latest route plan.
+        # Its wish goes before the route.
+        self.preparer = Preparer()
         # Of the latest valid route, also after that was dropped.
         self._route_id: str | None = None
         self._refusals = Refusals()
@@ -62,6 +65,15 @@ class Inbox:
     def mission(self) -> Mission | None:
         """The current Mission as it is driven (see timetable.Timetable); None without a route."""
         return None if self.timetable is None else self.timetable.mission
+
+    @property
+    def pursued(self) -> Timetable | None:
+        """The Timetable that is planned for: that of the preparer's wish, else the route's."""
+        return self.preparer.timetable or self.timetable
+
+    def note_other_pursuit(self) -> None:
+        """Note that a wish began or ended: heating so far was for something else."""
+        self._changes = replace(self._changes, has_new_mission=True, has_new_trip=True)
 
     @property
     def refusal(self) -> str | None:
@@ -81,7 +93,8 @@ class Inbox:
     def goal_of(self, leg: Leg) -> Goal:
         """Return the Goal of a leg; settings and vehicle fill in what the leg leaves open."""
         goal = leg.goal(self.defaults.target_battery_temperature_c)
-        if goal.minimum_arrival_soc > 0.0:
+        # The reserve of a leg that is made here has the route's margin in it.
+        if goal.minimum_arrival_soc > 0.0 and leg.made_for is None:
             reserve = min(goal.minimum_arrival_soc + self.settings.arrival_soc_margin, 1.0)
             goal = replace(goal, minimum_arrival_soc=reserve)
         return goal
@@ -99,6 +112,7 @@ class Inbox:
             self.measurement = None
             if self.timetable is not None:
                 self.timetable.lose_time()
+            self.preparer.lose_time()
             self._changes = replace(self._changes, measurements=(), clock_restarted=True)
         self._latest_ns = now_ns
         try:

@@ -15,6 +15,7 @@ from bev_preheat.supervision.settings import MOST_PLANNED_STEPS
 
 if TYPE_CHECKING:
     from bev_preheat.charging.stop import Charger
+    from bev_preheat.supervision.wish import Wish
     from bev_preheat.vehicle.description import Vehicle
 
 NS_PER_S = 1_000_000_000
@@ -63,7 +64,8 @@ class Leg:
     `target_temperature_c` [deg C] is None where the planner's default holds. `departure` is the
     battery's state that the stop before it leaves; None where no stop lies before it. `places` are
     those of the route before it was put into planning steps; None: its own. `charger` is what is
-    known of the charger at its end; None: nothing. A leg equals itself only.
+    known of the charger at its end; None: nothing. `made_for` is the Wish that the planner made it for;
+    None: it is a route plan's. A leg equals itself only.
     """
 
     route: Route
@@ -74,6 +76,7 @@ class Leg:
     departure: BatteryState | None = None
     places: Places | None = None
     charger: Charger | None = None
+    made_for: Wish | None = None
 
     def in_planning_steps(self, planning_step_s: float) -> Leg:
         """Return the Leg in steps of `planning_step_s` seconds or longer; its places are kept."""

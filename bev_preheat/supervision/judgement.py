@@ -27,6 +27,7 @@ from bev_preheat.supervision.inputs import Leg, Measurement, NS_PER_S
 from bev_preheat.supervision.outlook import believed_share, believed_state, OutlookMaker, seen_from_now
 from bev_preheat.supervision.stand_watch import StandReport, StandWatch
 from bev_preheat.supervision.target_choice import Outset, TargetChoice, TargetChooser
+from bev_preheat.supervision.wished_plan import in_words_of_wish, is_from_grid, plan_wish, target_of_wish
 
 if TYPE_CHECKING:
     from bev_preheat.estimation.prior import Learned
@@ -34,6 +35,7 @@ if TYPE_CHECKING:
     from bev_preheat.route.segments import Route
     from bev_preheat.supervision.command_history import CommandHistory
     from bev_preheat.supervision.inbox import Inbox
+    from bev_preheat.supervision.inputs import Mission
     from bev_preheat.supervision.settings import Settings
     from bev_preheat.supervision.timetable import Timetable
     from bev_preheat.vehicle.description import Vehicle
@@ -89,12 +91,18 @@ class Judgement:
         self._estimator.lose_time()
 
     def learn(self, measurements: Iterable[Measurement], timetable: Timetable | None,
-              commands: CommandHistory) -> None:
-        """Take Measurements in, on a Timetable's mission and under a CommandHistory."""
-        mission = None if timetable is None else timetable.mission
+              commands: CommandHistory, trip: Mission | None) -> None:
+        """
+        Take Measurements in, on a Timetable's mission and under a CommandHistory.
+
+        `trip` is the Mission of the route plan, before which the vehicle may have stood.
+        """
         for measurement in measurements:
             stamp_ns = measurement.stamp_ns
-            standing = self._stand_watch.look(mission, measurement)
+            standing = self._stand_watch.look(trip, measurement)
+            if timetable is not None and is_from_grid(timetable.mission.legs[0]):
+                # The battery's power then says nothing of the heater.
+                measurement = replace(measurement, voltage_v=None, current_a=None)
             if standing is not None:
                 self._estimator.rely_on(standing)
             self._estimator.observe(
@@ -108,13 +116,16 @@ class Judgement:
 
         `is_heating`: the heater is on; it has heated the battery for `heated_s` [s] on this trip.
         """
-        mission, timetable = inbox.mission, inbox.timetable
-        assert mission is not None and timetable is not None
+        timetable = inbox.pursued
+        assert timetable is not None
+        mission = timetable.mission
         number = mission.leg_number(now_ns)
         leg, later_legs = mission.legs[number], mission.legs[number + 1:]
         ended_for_s = leg.ended_for_s(now_ns)
         if ended_for_s < 0.0:
             decision = self._plan_current(inbox, leg, now_ns, is_heating, heated_s)
+            if leg.made_for is not None:
+                return in_words_of_wish(decision)
             stood_s = timetable.stood_ns / NS_PER_S
             if stood_s > MOST_STANDING_S and decision.status in WITHHELD:
                 decision = Decision(Status.WAITING, _standing_sentence(stood_s))
@@ -133,7 +144,7 @@ class Judgement:
         """Return the ChargerHeat after a leg that has ended; nothing where nobody asks for it."""
         measurement, settings = inbox.measurement, inbox.settings
         assert measurement is not None
-        if not settings.heat_while_charging:
+        if not settings.heat_while_charging or leg.made_for is not None:
             return ChargerHeat(0.0, '')
         estimate = self.estimate if settings.estimation else None
         temperature_c = measurement.state.temperature_c if estimate is None else estimate.temperature_c
@@ -152,7 +163,9 @@ class Judgement:
         starts_in_s = (start_ns - now_ns) / NS_PER_S
         route = leg.route_ahead(start_ns)
         assert route is not None
-        if leg.charging_planned:
+        if leg.made_for is not None:
+            choice = target_of_wish(leg.made_for, settings)
+        elif leg.charging_planned:
             choice = self._choose_target(inbox, leg, goal, route, estimate)
             goal = choice.goal(goal)
         if estimate is None:
@@ -166,7 +179,7 @@ class Judgement:
         try:
             outlook = self._outlooks.make(
                 estimate, route, goal, settings, is_heating, starts_in_s,
-                heated_s)
+                heated_s, leg.made_for)
         except (InvalidInput, PlanningFailure) as error:
             return Decision(Status.INVALID_INPUT, str(error))
         plan = outlook.plan
@@ -198,7 +211,10 @@ class Judgement:
         route = leg.route_ahead(start_ns)
         assert route is not None
         try:
-            plan = plan_preheating(self._vehicle, route, state, goal, inbox.settings.method)
+            plan = plan_preheating(
+                self._vehicle, route, state, goal, inbox.settings.method
+            ) if leg.made_for is None else plan_wish(
+                leg.made_for, self._vehicle, route, state, goal, inbox.settings.method)
         except (InvalidInput, PlanningFailure) as error:
             return Decision(Status.INVALID_INPUT, str(error))
         return Decision(plan.status, plan.explanation, plan, start_ns, leg)

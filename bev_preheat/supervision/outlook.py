@@ -27,6 +27,7 @@ from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal, reserve_soc
 from bev_preheat.planning.status import Status
 from bev_preheat.planning.trip import make_trip
+from bev_preheat.supervision.wished_plan import accounted, fed, FullPower
 from bev_preheat.vehicle.corrections import corrected_vehicle, Corrections
 
 if TYPE_CHECKING:
@@ -35,6 +36,7 @@ if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray
     from bev_preheat.route.segments import Route
     from bev_preheat.supervision.settings import Settings
+    from bev_preheat.supervision.wish import Wish
     from bev_preheat.vehicle.description import Vehicle
 
 # The battery is to arrive warmer than the target by so many deviations of what cannot be made good
@@ -142,18 +144,22 @@ class OutlookMaker:
         return self._corrected
 
     def make(self, estimate: Estimate, route: Route, goal: Goal, settings: Settings,
-             is_heating: bool, starts_in_s: float, heated_s: float) -> Outlook:
+             is_heating: bool, starts_in_s: float, heated_s: float,
+             wish: Wish | None = None) -> Outlook:
         """
         Return the Outlook for a route from the estimate's instant on.
 
         The sentences count from now; the route starts in `starts_in_s` [s], and the battery has been
-        heated for `heated_s` [s]. Raises what plan_preheating raises.
+        heated for `heated_s` [s]. `wish` is what the route was made for, None where it is a route
+        plan's. Raises what plan_preheating raises.
         """
-        vehicle, heater = self.vehicle(estimate), estimate.heater
+        vehicle, heater = fed(self.vehicle(estimate), wish), estimate.heater
         state, share = believed_state(vehicle, estimate), believed_share(heater)
         # Heat that would be late for the end of the route: a heat path knows it by itself.
         lag_s = estimate.heat_lag_s if vehicle.heat_path.is_direct else 0.0
         route = route.with_propulsion(estimate.propulsion_factor)
+        full_power = (FullPower(vehicle, route, state, share, lag_s)
+                      if wish is not None and wish.is_soonest else None)
 
         def plan(heat_lag_s: float = lag_s, **heater_as: Any) -> Plan:
             return plan_preheating(
@@ -164,11 +170,21 @@ class OutlookMaker:
         def deviation_k(of: Plan) -> float:
             return arrival_deviation_k(make_trip(vehicle, route, share), of, estimate)
 
-        wanted = plan(heater_share=share)
+        def plan_on(part: Route) -> Plan:
+            nonlocal route
+            route = part
+            return plan(heater_share=share)
+
+        def plan_wanted() -> Plan:
+            if full_power is None:
+                return plan(heater_share=share)
+            return full_power.plan(vehicle, goal, plan_on)
+
+        wanted = plan_wanted()
         if self._deviation_k is None:
             # The lead needs to know how sure the arrival is, and that needs a plan.
             self._deviation_k = deviation_k(wanted)
-            wanted = plan(heater_share=share)
+            wanted = plan_wanted()
         # A heater that does not obey is commanded as if it did, and something else is expected.
         expected, commanded = wanted, None
         if heater.heater is Heater.DEAD:
@@ -182,6 +198,7 @@ class OutlookMaker:
         expected = seen_from_now(
             expected, vehicle, goal, starts_in_s, heated_s=heated_s,
             **UNHEATED.get(heater.heater, {}))
+        expected = accounted(expected, wish, estimate.soc)
         return Outlook(
             replace(expected, explanation=_in_words(expected, heater, self._deviation_k)),
             self._deviation_k, commanded, share, self._model_factors(estimate))

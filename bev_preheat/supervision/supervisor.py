@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from bev_preheat.supervision.settings import Settings
     from bev_preheat.supervision.stand_watch import StandReport
     from bev_preheat.supervision.timetable import Timetable
+    from bev_preheat.supervision.wish import Outcome, Wish
     from bev_preheat.vehicle.description import Vehicle
 
 
@@ -52,6 +53,7 @@ class Output:
     `later_decisions` belong to `decision`, one for each later leg. `has_new_status`: the decision's
     status is another one than that of the decision before. `refusals` are the Refusals of this
     step's events. `failure` is the sentence of an exception that nobody foresaw, '' for none.
+    `outcomes` are those of the wishes that ended.
     """
 
     command: Command | None = None
@@ -60,6 +62,7 @@ class Output:
     has_new_status: bool = False
     refusals: tuple[Refusal, ...] = ()
     failure: str = ''
+    outcomes: tuple[Outcome, ...] = ()
 
 
 class Supervisor:
@@ -95,6 +98,9 @@ class Supervisor:
             yield from self._react(now_ns, events) if events else self._let_time_pass(now_ns)
         except Exception as error:
             yield self.fail(now_ns, f'{type(error).__name__}: {error}')
+        outcomes = self._inbox.preparer.take_outcomes()
+        if outcomes:
+            yield Output(outcomes=outcomes)
 
     def _react(self, now_ns: int, events: tuple[Event, ...]) -> Iterator[Output]:
         refusals = tuple(filter(None, (self._deliver(event, now_ns) for event in events)))
@@ -116,6 +122,7 @@ class Supervisor:
 
     def _let_time_pass(self, now_ns: int) -> Iterator[Output]:
         self._decision = find_obstacle(self._inbox, now_ns) or self._decision
+        self._conclude_preparation(now_ns)
         yield Output(command=self._command(now_ns))
         if self._decision.status is not self._published_status:
             yield self._publication()
@@ -156,6 +163,23 @@ class Supervisor:
     def mission(self) -> Mission | None:
         """The current Mission; None without a route."""
         return self._inbox.mission
+
+    @property
+    def pursued_mission(self) -> Mission | None:
+        """The Mission that is planned for: the one made for `wish`, else that of the route."""
+        return None if self._inbox.pursued is None else self._inbox.pursued.mission
+
+    @property
+    def wish(self) -> Wish | None:
+        """The Wish that is pursued; None: none is."""
+        return self._inbox.preparer.wish
+
+    @property
+    def temperature_c(self) -> float | None:
+        """The battery's temperature [deg C], estimated or as measured; None before the first."""
+        if self.estimate is not None:
+            return self.estimate.temperature_c
+        return None if self.measurement is None else self.measurement.state.temperature_c
 
     @property
     def latest_mission(self) -> Mission | None:
@@ -225,15 +249,33 @@ class Supervisor:
             self._commander.allow_switching()
         if changes.has_new_trip:
             self._commander.history.forget_heating(now_ns)
+        inbox, history = self._inbox, self._commander.history
+        for measurement in changes.measurements:
+            inbox.preparer.see(
+                measurement, history.mean_w(measurement.stamp_ns, measurement.stamp_ns), inbox)
         if self.settings.estimation:
-            self._judgement.learn(
-                changes.measurements, self._inbox.timetable, self._commander.history)
+            self._judgement.learn(changes.measurements, inbox.pursued, history, inbox.mission)
+        inbox.preparer.revise(
+            inbox, now_ns, 1.0 if self.estimate is None else self.estimate.propulsion_factor)
 
     def _is_on_track(self, now_ns: int) -> bool:
         return (find_obstacle(self._inbox, now_ns) is None
                 and self._judgement.is_on_track(self._inbox, self._decision))
 
     def _decide(self, now_ns: int) -> None:
+        self._judge(now_ns)
+        self._conclude_preparation(now_ns)
+
+    def _conclude_preparation(self, now_ns: int) -> None:
+        """Where the time of a wish has come, decide on what is left without it."""
+        inbox = self._inbox
+        if inbox.preparer.conclude(inbox, now_ns, self._decision, self.temperature_c):
+            self._judgement.follow_new_mission()
+            self._commander.allow_switching()
+            self._commander.history.forget_heating(now_ns)
+            self._judge(now_ns)
+
+    def _judge(self, now_ns: int) -> None:
         obstacle = find_obstacle(self._inbox, now_ns)
         if obstacle is not None:
             self._decision = obstacle

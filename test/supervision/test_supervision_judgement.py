@@ -96,7 +96,7 @@ def coarse_judgement():
     judgement.learn(
         (Measurement(BatteryState(temperature_c, 0.8), START_NS + ns(after_s))
          for after_s, temperature_c in enumerate((-8.0, -7.0, -8.0, -7.0), start=-4)),
-        None, CommandHistory())
+        None, CommandHistory(), None)
     assert judgement.estimate.temperature_resolution_k == 1.0
     return judgement
 

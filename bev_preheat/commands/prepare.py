@@ -1,0 +1,129 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`preheat prepare`: have a running planner warm the battery until an instant, with or without a route."""
+
+from __future__ import annotations
+
+from datetime import datetime, timedelta
+import os
+import re
+from typing import TYPE_CHECKING
+
+from bev_preheat.console.program import FAILED, INTERRUPTED, say
+from bev_preheat.errors import InvalidInput, quoted
+
+if TYPE_CHECKING:
+    from argparse import Namespace
+
+    from bev_preheat.commands.arguments import Subparsers
+    from bev_preheat.monitoring.preparation import PreparationClient, Wanted
+    from bev_preheat_msgs.action import PrepareBattery
+
+CLOCK = re.compile(r'([01]?\d|2[0-3]):([0-5]\d)')
+LONGEST_MIN = 24 * 60.0
+
+
+def add_parser(subparsers: Subparsers) -> None:
+    """Add the subcommand."""
+    parser = subparsers.add_parser(
+        'prepare', help='have a running planner warm the battery until an instant',
+        description='Sends a goal to a running planner: a battery that is warm at an instant, or as soon '
+        'as possible, with or without a route. Shows how it is going until it has ended; Ctrl-C cancels '
+        'the goal, and the heater is off. Exit status: 0 where the battery got warm, 1 where it did not, '
+        '2 where the goal was refused or no planner answers.')
+    when = parser.add_mutually_exclusive_group()
+    when.add_argument('--at', metavar='HH:MM', help='when it is to be warm, by the clock of this computer '
+                      '(default: as soon as possible)')
+    when.add_argument('--in', dest='minutes', type=float, metavar='MINUTES', help='the same, from now on')
+    parser.add_argument('--target', type=float, metavar='DEGC',
+                        help="battery temperature wanted [degC] (default: the planner's)")
+    parser.add_argument('--ambient', type=float, metavar='DEGC', help='ambient temperature until then [degC] '
+                        '(default: that of the route, or the last known)')
+    parser.add_argument('--plugged-in', action='store_true',
+                        help='the vehicle stands, and the grid feeds the heater')
+    parser.add_argument('--namespace', default='/', help='of the planner (default: %(default)s)')
+    parser.add_argument('--node', default='planner', metavar='NAME', help='its name (default: %(default)s)')
+    parser.set_defaults(run=run)
+
+
+def seconds_until(clock: str, now: datetime) -> float:
+    """Return the seconds from now until the clock shows HH:MM next; raise InvalidInput."""
+    match = CLOCK.fullmatch(clock)
+    if match is None:
+        raise InvalidInput(f'--at: {quoted(clock)} is not allowed; it must be HH:MM, 0:00 ... 23:59')
+    then = now.replace(hour=int(match[1]), minute=int(match[2]), second=0, microsecond=0)
+    if then <= now:
+        then += timedelta(days=1)
+    return (then - now).total_seconds()
+
+
+def run(arguments: Namespace) -> int:
+    """Send the goal and follow it; returns the exit status."""
+    minutes = arguments.minutes
+    if minutes is not None and not 0.0 < minutes <= LONGEST_MIN:
+        raise InvalidInput(f'--in: {minutes:g} is not allowed; it must be above 0 and at most '
+                           f'{LONGEST_MIN:g} min')
+    ready_in_s = (seconds_until(arguments.at, datetime.now()) if arguments.at is not None
+                  else None if minutes is None else 60.0 * minutes)
+    from bev_preheat.monitoring.end_signals import end_signals
+    try:
+        # From here on, because loading ROS takes a while too.
+        with end_signals() as signals:
+            from rclpy.exceptions import (
+                InvalidNamespaceException,
+                InvalidNodeNameException,
+                InvalidTopicNameException,
+            )
+
+            from bev_preheat.monitoring.preparation import PreparationClient, Wanted
+            from bev_preheat.nodes.listening import listening
+            prefix = arguments.namespace.strip('/')
+            planner = f'/{prefix}/{arguments.node}' if prefix else f'/{arguments.node}'
+            try:
+                with listening(f'prepare_{os.getpid()}', namespace=arguments.namespace) as listener:
+                    return _pursue(PreparationClient(listener, planner, signals), Wanted(
+                        ready_in_s, arguments.target, arguments.ambient, arguments.plugged_in))
+            except InvalidNamespaceException as error:
+                raise InvalidInput(f'--namespace: {arguments.namespace!r}: {error}') from error
+            except (InvalidNodeNameException, InvalidTopicNameException) as error:
+                raise InvalidInput(f'--node: {arguments.node!r}: {error}') from error
+    except KeyboardInterrupt:
+        # A second signal: whoever sends it does not want to wait for the planner's answer.
+        return INTERRUPTED
+
+
+def _pursue(client: PreparationClient, wanted: Wanted) -> int:
+    from rich.progress import BarColumn, TextColumn
+
+    from bev_preheat.console.terminal import progress_bar, result_console
+    from bev_preheat.monitoring.preparation import feedback_line
+    from bev_preheat.supervision.wish import Ending
+    if not client.send(wanted):
+        say('preheat: interrupted')
+        return INTERRUPTED
+    console = result_console()
+    told, is_canceled = None, False
+    with progress_bar(TextColumn('{task.description}'), BarColumn()) as progress:
+        task = progress.add_task('waiting for the planner', total=1.0)
+
+        def show(feedback: PrepareBattery.Feedback) -> None:
+            nonlocal told
+            line = feedback_line(feedback)
+            first_c = progress.tasks[0].fields.setdefault('first_c', feedback.battery_temperature)
+            rise_k = feedback.predicted_battery_temperature - first_c
+            progress.update(task, description=line, completed=min(max(
+                (feedback.battery_temperature - first_c) / rise_k, 0.0), 1.0) if rise_k > 0.0 else 0.0)
+            if feedback.status != told and not console.is_interactive:
+                told = feedback.status
+                console.print(line, markup=False, soft_wrap=True)
+
+        result = client.follow(show)
+        if result is None:
+            is_canceled = client.cancel()
+    if result is None:
+        say('preheat: interrupted; the goal is canceled, its heating is off' if is_canceled else
+            'preheat: interrupted; the planner has not confirmed that the goal is canceled')
+        return INTERRUPTED
+    if result.code == Ending.REFUSED:
+        raise InvalidInput(result.explanation.removesuffix('.'))
+    console.print(result.explanation, markup=False, soft_wrap=True)
+    return 0 if result.reached else FAILED

@@ -1,0 +1,153 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A client of a planner's action ~/prepare_battery, for a terminal: sends a goal and follows it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+import math
+import time
+from typing import TYPE_CHECKING
+
+from rclpy.action import ActionClient
+
+from bev_preheat.errors import InvalidInput
+from bev_preheat.nodes.convert import nanoseconds, time_message
+from bev_preheat.planning.explanation import duration_text
+from bev_preheat.planning.status import Status
+from bev_preheat.supervision.inputs import NS_PER_S
+from bev_preheat_msgs.action import PrepareBattery
+from bev_preheat_msgs.msg import HvchCommand
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from typing import Any
+
+    from bev_preheat.monitoring.end_signals import EndSignals
+    from bev_preheat.nodes.listening import Listener
+
+    # An rclpy future, or None where it is not asked for yet: rclpy's have no types.
+    Future = Any
+
+# A planner is found, and answers, within this time [s]; it cancels within the second.
+FOUND_WITHIN_S = 10.0
+CANCELED_WITHIN_S = 5.0
+# Feedback comes every command_period, at most 10 s; after such a silence the planner is gone [s].
+SILENCE_S = 30.0
+REFRESH_S = 0.1
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """A goal in a person's terms: `ready_in_s` [s] from now, None: as soon as possible; degC or None."""
+
+    ready_in_s: float | None = None
+    target_c: float | None = None
+    ambient_c: float | None = None
+    is_plugged_in: bool = False
+
+    def goal(self, now_ns: int) -> PrepareBattery.Goal:
+        """Return the goal at an instant of the planner's clock [ns]."""
+        goal = PrepareBattery.Goal(plugged_in=self.is_plugged_in)
+        if self.ready_in_s is not None:
+            goal.ready_at = time_message(now_ns + round(self.ready_in_s * NS_PER_S))
+        for name, value in (('target_battery_temperature', self.target_c),
+                            ('ambient_temperature', self.ambient_c)):
+            setattr(goal, f'has_{name}', value is not None)
+            setattr(goal, name, value or 0.0)
+        return goal
+
+
+class PreparationClient:
+    """
+    Sends one goal and follows it, in the thread that calls it.
+
+    `planner` is the full name of the planner's node; signals (EndSignals) end each wait.
+    """
+
+    def __init__(self, listener: Listener, planner: str, signals: EndSignals) -> None:
+        """Look for the planner."""
+        self._listener, self._planner, self._signals = listener, planner, signals
+        self._client = ActionClient(listener.node, PrepareBattery, f'{planner}/prepare_battery')
+        self._now_ns: int | None = None
+        self._goal_handle: Any = None
+        self._result: Future = None
+        self._feedback: PrepareBattery.Feedback | None = None
+        self._heard_s = time.monotonic()
+        listener.node.create_subscription(HvchCommand, 'hvch_command', self._on_command, 1)
+
+    def send(self, wanted: Wanted) -> bool:
+        """
+        Send the goal; return whether it was, which it is not after a signal.
+
+        Raises InvalidInput where no planner answers.
+        """
+        # The planner's clock may be a simulated one; its commands tell what time it is there.
+        if not self._wait(lambda: self._now_ns is not None and self._client.server_is_ready(),
+                          'is it running, in this ROS domain, and named so?'):
+            return False
+        assert self._now_ns is not None
+        sent = self._client.send_goal_async(wanted.goal(self._now_ns), self._on_feedback)
+        # Even after a signal: a goal whose handle nobody has cannot be canceled.
+        end_s = time.monotonic() + FOUND_WITHIN_S
+        while not sent.done() and time.monotonic() < end_s:
+            self._listener.listen(REFRESH_S)
+        if not sent.done() or not sent.result().accepted:
+            raise InvalidInput(f'{self._planner} does not take the goal')
+        self._goal_handle, self._heard_s = sent.result(), time.monotonic()
+        self._result = self._goal_handle.get_result_async()
+        return True
+
+    def follow(self, show: Callable[[PrepareBattery.Feedback], object]) -> PrepareBattery.Result | None:
+        """
+        Show the feedback until the goal has ended; return its result, None after a signal.
+
+        Raises InvalidInput where the planner is not heard any more.
+        """
+        while not self._result.done() and not self._signals.have_come:
+            self._listener.listen(REFRESH_S)
+            if self._feedback is not None:
+                show(self._feedback)
+            if time.monotonic() - self._heard_s > SILENCE_S:
+                raise InvalidInput(f'{self._planner} has been silent for {SILENCE_S:g} s; a planner that '
+                                   'was restarted has no goal any more')
+        return self._result.result().result if self._result.done() else None
+
+    def cancel(self) -> bool:
+        """Cancel the goal; return whether the planner confirms that it has ended."""
+        self._goal_handle.cancel_goal_async()
+        end_s = time.monotonic() + CANCELED_WITHIN_S
+        while not self._result.done() and time.monotonic() < end_s:
+            self._listener.listen(REFRESH_S)
+        return bool(self._result.done())
+
+    def _wait(self, condition: Callable[[], bool], hint: str) -> bool:
+        end_s = time.monotonic() + FOUND_WITHIN_S
+        while not condition():
+            if self._signals.have_come:
+                return False
+            if time.monotonic() > end_s:
+                raise InvalidInput(f'no planner answers as {self._planner}: {hint}')
+            self._listener.listen(REFRESH_S)
+        return True
+
+    def _on_command(self, message: HvchCommand) -> None:
+        self._now_ns, self._heard_s = nanoseconds(message.header.stamp), time.monotonic()
+
+    def _on_feedback(self, message: Any) -> None:
+        self._feedback, self._heard_s = message.feedback, time.monotonic()
+
+
+def feedback_line(feedback: PrepareBattery.Feedback) -> str:
+    """Return a feedback in one line."""
+    try:
+        status = Status(feedback.status).name
+    except ValueError:
+        status = f'status {feedback.status}'
+    left = '-' if math.isnan(feedback.time_left) else duration_text(feedback.time_left)
+    return (f'{status}: battery {_degrees(feedback.battery_temperature)}, in {left} '
+            f'{_degrees(feedback.predicted_battery_temperature)}, heater '
+            f'{feedback.battery_heating_power:.0f} W')
+
+
+def _degrees(value: float) -> str:
+    return f'{value:.1f} degC' if math.isfinite(value) else '-'

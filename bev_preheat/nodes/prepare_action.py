@@ -1,0 +1,177 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+The action ~/prepare_battery: goals in, feedback and results out.
+
+A goal lasts for hours. rclpy would run a function for as long, or, for a coroutine, its executor would
+turn without a pause. So a goal is only noted here, and `PrepareAction.finish` gives its result.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from rclpy.action import ActionServer, CancelResponse
+
+from bev_preheat.errors import InvalidInput
+from bev_preheat.nodes.convert import nanoseconds
+from bev_preheat.supervision.events import PreparationEnded, PreparationWanted
+from bev_preheat.supervision.inputs import NS_PER_S
+from bev_preheat.supervision.wish import Ending, Outcome, Wish
+from bev_preheat_msgs.action import PrepareBattery
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from rclpy.action.server import ServerGoalHandle
+    from rclpy.node import Node
+
+    from bev_preheat.supervision.events import Event
+    from bev_preheat.supervision.supervisor import Supervisor
+
+PREPARE = '~/prepare_battery'
+# What shuts down waits for no client longer than so many turns of the executor.
+LAST_TURNS = 8
+
+
+class _LastingServer(ActionServer):
+    """An ActionServer whose goals are under way from `execute()` to `give_result()`."""
+
+    def notify_execute(self, goal_handle: ServerGoalHandle, execute_callback: object) -> None:
+        """Do nothing yet: what follows takes longer than any function may."""
+
+    def give_result(self, goal_handle: ServerGoalHandle,
+                    end: Callable[[ServerGoalHandle], PrepareBattery.Result]) -> None:
+        """Let the executor call `end`, which ends the goal and returns its result."""
+        super().notify_execute(goal_handle, end)
+
+
+class PrepareAction:
+    """Tells a Supervisor of goals, and their clients what becomes of them."""
+
+    def __init__(self, node: Node, step: Callable[[Event], object], supervisor: Supervisor,
+                 fail: Callable[[str, Exception], object]) -> None:
+        """
+        Offer the action.
+
+        `step(event)` runs a step of the Supervisor and brings its Outcomes to `finish`;
+        `fail(where, error)` is told of exceptions that nobody foresaw.
+        """
+        self._node, self._step, self._supervisor, self._fail = node, step, supervisor, fail
+        self._goals: dict[Wish, ServerGoalHandle] = {}
+        self._server = _LastingServer(
+            node, PrepareBattery, PREPARE, self._never_called,
+            handle_accepted_callback=self._on_goal, cancel_callback=self._on_cancel)
+
+    @staticmethod
+    def _never_called(goal_handle: ServerGoalHandle) -> PrepareBattery.Result:
+        raise NotImplementedError('results are given by finish()')
+
+    def _on_goal(self, goal_handle: ServerGoalHandle) -> None:
+        # A goal that is rejected cannot say why, so each is taken, and a bad one ends at once.
+        goal_handle.execute()
+        try:
+            wish = wish_of_goal(goal_handle.request)
+        except InvalidInput as error:
+            self._node.get_logger().error(f'prepare_battery refused: {error}')
+            self._give_result(goal_handle, Outcome(
+                Wish(), Ending.REFUSED, f'The goal was refused: {error}.'))
+            return
+        self._goals[wish] = goal_handle
+        try:
+            self._step(PreparationWanted(wish))
+        except Exception as error:
+            self._fail('prepare_battery', error)
+
+    def _on_cancel(self, goal_handle: ServerGoalHandle) -> CancelResponse:
+        wish = next((wish for wish, handle in self._goals.items() if handle == goal_handle), None)
+        if wish is None:
+            # It has ended already.
+            return CancelResponse.REJECT
+        try:
+            self._step(PreparationEnded(wish, Ending.CANCELED, 'The goal was canceled.'))
+        except Exception as error:
+            self._fail('prepare_battery', error)
+        return CancelResponse.ACCEPT
+
+    def finish(self, outcome: Outcome) -> None:
+        """Give a goal its result."""
+        if outcome.ending is not Ending.REFUSED:
+            # The log has that as an error already.
+            self._node.get_logger().info(
+                f'prepare_battery: {outcome.ending.name}: {outcome.explanation}')
+        goal_handle = self._goals.pop(outcome.wish, None)
+        if goal_handle is not None:
+            self._give_result(goal_handle, outcome)
+
+    def _give_result(self, goal_handle: ServerGoalHandle, outcome: Outcome) -> None:
+        def end(goal_handle: ServerGoalHandle) -> PrepareBattery.Result:
+            if outcome.ending is Ending.REACHED:
+                goal_handle.succeed()
+            elif goal_handle.is_cancel_requested:
+                goal_handle.canceled()
+            else:
+                goal_handle.abort()
+            return result_message(outcome)
+
+        self._server.give_result(goal_handle, end)
+
+    def publish_feedback(self, now_ns: int) -> None:
+        """Tell the client of the goal that is pursued how it is going."""
+        wish = self._supervisor.wish
+        goal_handle = None if wish is None else self._goals.get(wish)
+        if goal_handle is not None:
+            goal_handle.publish_feedback(feedback_message(self._supervisor, now_ns))
+
+    def shut_down(self) -> None:
+        """Give every goal its result before the process ends."""
+        temperature_c = self._supervisor.temperature_c
+        for wish in list(self._goals):
+            self.finish(Outcome(
+                wish, Ending.SHUTTING_DOWN, 'The planner shuts down.',
+                temperature_c=math.nan if temperature_c is None else temperature_c))
+            for _ in range(LAST_TURNS):
+                self._node.executor.spin_once(timeout_sec=0.0)
+
+
+def wish_of_goal(goal: PrepareBattery.Goal) -> Wish:
+    """Return the Wish of a goal; raise InvalidInput, one problem a field, where it cannot be read."""
+    problems = []
+    values = {}
+    for name in ('target_battery_temperature', 'ambient_temperature'):
+        value, is_given = getattr(goal, name), getattr(goal, f'has_{name}')
+        if is_given and not math.isfinite(value):
+            problems.append(f'{name}: {value:g} is not allowed where has_{name} is true; it must be finite')
+        elif math.isinf(value):
+            problems.append(f'{name}: {value:g} is not allowed; it must be finite, or 0 or NaN: not given')
+        values[name] = None if not is_given and (value == 0.0 or math.isnan(value)) else float(value)
+    if not (goal.ready_at.sec >= 0 and goal.ready_at.nanosec < NS_PER_S):
+        problems.append(f'ready_at: {goal.ready_at.sec} s and {goal.ready_at.nanosec} ns are no instant; '
+                        f'seconds must be at least 0, nanoseconds below {NS_PER_S}')
+    if problems:
+        raise InvalidInput(problems)
+    return Wish(nanoseconds(goal.ready_at), values['target_battery_temperature'], goal.plugged_in,
+                values['ambient_temperature'])
+
+
+def result_message(outcome: Outcome) -> PrepareBattery.Result:
+    """Return the result of an Outcome."""
+    return PrepareBattery.Result(
+        code=int(outcome.ending), explanation=outcome.explanation,
+        reached=outcome.ending is Ending.REACHED, shortfall=outcome.shortfall_k,
+        battery_temperature=outcome.temperature_c)
+
+
+def feedback_message(supervisor: Supervisor, now_ns: int) -> PrepareBattery.Feedback:
+    """Return the feedback on the Wish that a Supervisor pursues, at an instant [ns]."""
+    decision, command, wish = supervisor.decision, supervisor.latest_command, supervisor.wish
+    temperature_c, plan = supervisor.temperature_c, decision.plan
+    ready_ns = 0 if wish is None else wish.ready_at_ns
+    if plan is not None and not ready_ns:
+        ready_ns = decision.plan_start_ns + round(plan.arrival_time_s * NS_PER_S)
+    return PrepareBattery.Feedback(
+        battery_temperature=math.nan if temperature_c is None else temperature_c,
+        time_left=max(0.0, (ready_ns - now_ns) / NS_PER_S) if ready_ns else math.nan,
+        predicted_battery_temperature=math.nan if plan is None else plan.arrival_temperature_c,
+        battery_heating_power=0.0 if command is None else command.battery_heating_power_w,
+        status=int(decision.status), explanation=decision.explanation)

@@ -1,0 +1,154 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+What differs in a plan for a Wish: as soon as possible, and fed by the grid.
+
+The planner is the same. As soon as possible means a route that ends where full power from now on
+reaches the target: on it nothing but full power does. Plugged in means a vehicle whose battery gives
+nothing.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from bev_preheat.planning.limits import drive_as_planned
+from bev_preheat.planning.planner import plan_preheating, SHORTFALL_TOLERANCE_K
+from bev_preheat.planning.schedule import HeldBack
+from bev_preheat.planning.situation import reserve_soc
+from bev_preheat.planning.status import Status
+from bev_preheat.planning.trip import make_trip
+from bev_preheat.route.segments import LIMITS
+from bev_preheat.supervision.target_choice import TargetChoice, TargetSource
+from bev_preheat.vehicle.grid import grid_fed
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.planning.plan import Plan
+    from bev_preheat.planning.situation import BatteryState, Goal
+    from bev_preheat.route.segments import Route
+    from bev_preheat.supervision.decision import Decision
+    from bev_preheat.supervision.inputs import Leg
+    from bev_preheat.supervision.settings import Settings
+    from bev_preheat.supervision.wish import Wish
+    from bev_preheat.vehicle.description import Vehicle
+
+
+# A route on which full power all the way exceeds the target by rounding would have heating begin a
+# moment later, again and again; so it ends where this much is missing [K].
+AIMS_BELOW_K = 0.05
+# So much more than the reserve is left, for the same reason.
+SPARES = 1e-4
+
+
+def is_from_grid(leg: Leg) -> bool:
+    """Return whether the grid feeds the heater on a leg."""
+    return leg.made_for is not None and leg.made_for.is_plugged_in
+
+
+def fed(vehicle: Vehicle, wish: Wish | None) -> Vehicle:
+    """Return the Vehicle to plan a Wish with: fed by the grid where that is plugged in."""
+    return grid_fed(vehicle) if wish is not None and wish.is_plugged_in else vehicle
+
+
+class FullPower:
+    """The battery under the heater's full power from the start of a route on, within its limits."""
+
+    def __init__(self, vehicle: Vehicle, route: Route, state: BatteryState,
+                 heater_share: float = 1.0, heat_lag_s: float = 0.0) -> None:
+        """Take what plan_preheating takes."""
+        trip = make_trip(vehicle, route, heater_share)
+        self._route, self._lag_s = route, heat_lag_s
+        self._time_s = trip.time_s
+        run = drive_as_planned(trip, state, trip.heater_limit_w)
+        self._temperature_c, self._soc = run.temperature_c, run.soc
+        if run.empty_at_s is not None:
+            # How warm it would get if only the heater's power mattered.
+            fed_trip = make_trip(grid_fed(vehicle), route, heater_share)
+            self._temperature_c = drive_as_planned(
+                fed_trip, state, fed_trip.heater_limit_w).temperature_c
+
+    def plan(self, vehicle: Vehicle, goal: Goal, plan_on: Callable[[Route], Plan]) -> Plan:
+        """
+        Return the Plan that heats at once, as far towards the goal's target as its reserve allows.
+
+        `plan_on(route)` makes a plan on a route that ends there; on all of it, where the heater does
+        not get there at all.
+        """
+        aim_c = goal.target_temperature_c - AIMS_BELOW_K
+        warm_s = self._reached_s(self._temperature_c, aim_c)
+        if warm_s is None:
+            return plan_on(self._route)
+        spent_s = self._reached_s(-self._soc, -(reserve_soc(vehicle, goal) + SPARES))
+        if spent_s is None or spent_s >= warm_s:
+            plan = plan_on(self._until(warm_s))
+            # While the last heat is under way, some is lost.
+            warm_s = self._reached_s(self._temperature_c, aim_c + plan.shortfall_k - AIMS_BELOW_K)
+            if self._lag_s == 0.0 or warm_s is None or plan.shortfall_k <= AIMS_BELOW_K:
+                return plan
+            return plan_on(self._until(warm_s))
+        plan = plan_on(self._until(spent_s))
+        if plan.shortfall_k <= SHORTFALL_TOLERANCE_K:
+            return plan
+        return replace(plan, status=Status.SOC_LIMITED, held_back=HeldBack.RESERVE)
+
+    def _reached_s(self, values: FloatArray, wanted: float) -> float | None:
+        """Return when values (N + 1,) reach one for the first time [s]; None where they never do."""
+        reached = np.flatnonzero(values >= wanted)
+        if not len(reached):
+            return None
+        after = int(reached[0])
+        return 0.0 if after == 0 else float(np.interp(
+            wanted, values[after - 1:after + 1], self._time_s[after - 1:after + 1]))
+
+    def _until(self, end_s: float) -> Route:
+        """Return the route until an instant [s], and until the heat of that instant has arrived."""
+        total_s = self._route.total_duration_s
+        end_s = min(max(end_s, LIMITS['duration_s'][0]), total_s)
+        route, felt_s = self._route.before(end_s), min(end_s + self._lag_s, total_s)
+        # A step of its own, in which nothing is heated: its heat would come too late.
+        return route if felt_s <= end_s else route.followed_by(
+            self._route.before(felt_s).after(end_s))
+
+
+def plan_wish(wish: Wish, vehicle: Vehicle, route: Route, state: BatteryState, goal: Goal,
+              method: str) -> Plan:
+    """Return the Plan for a Wish on the route that was made for it; raise what plan_preheating does."""
+    vehicle = fed(vehicle, wish)
+    if not wish.is_soonest:
+        plan = plan_preheating(vehicle, route, state, goal, method)
+    else:
+        plan = FullPower(vehicle, route, state).plan(vehicle, goal, lambda part: plan_preheating(
+            vehicle, part, state, goal, method))
+    return accounted(plan, wish, state.soc)
+
+
+def accounted(plan: Plan, wish: Wish | None, soc: float) -> Plan:
+    """Return the Plan with the battery's own account: fed by the grid, its charge stays."""
+    if wish is None or not wish.is_plugged_in:
+        return plan
+    return replace(plan, soc=np.full(len(plan.soc), soc),
+                   energy_wh=replace(plan.energy_wh, joule=0.0, battery_total=0.0))
+
+
+def target_of_wish(wish: Wish, settings: Settings) -> TargetChoice:
+    """Return where the target of a Wish comes from; it is never chosen."""
+    if wish.target_c is not None:
+        return TargetChoice(TargetSource.GIVEN, 'The target is given by the goal of ~/prepare_battery.')
+    if settings.target_temperature_c is not None:
+        return TargetChoice(
+            TargetSource.GIVEN, 'The target is given by the parameter target_battery_temperature.')
+    return TargetChoice(TargetSource.DEFAULT, "The target is the vehicle's default: the goal of "
+                        '~/prepare_battery gives none.')
+
+
+def in_words_of_wish(decision: Decision) -> Decision:
+    """Return the Decision whose sentence says that it is for a goal: arrival is its instant."""
+    explanation = f'~/prepare_battery: {decision.explanation}'
+    plan = decision.plan
+    return replace(decision, explanation=explanation,
+                   plan=None if plan is None else replace(plan, explanation=explanation))
