@@ -20,6 +20,12 @@ from typing import Any, TYPE_CHECKING
 
 import numpy as np
 
+from bev_preheat.charging.equations import (
+    charging_power,
+    heater_power_of,
+    make_charging_rates,
+    supply_of,
+)
 from bev_preheat.charging.stop import check_stop
 from bev_preheat.numerics.arithmetic import FLOATS
 from bev_preheat.planning.bracketing import close_in, follow_slope, Trial
@@ -33,7 +39,6 @@ if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray
     from bev_preheat.planning.situation import BatteryState
     from bev_preheat.vehicle.description import Vehicle
-    from bev_preheat.vehicle.model import Rates
 
 # A step lasts at most so long [s], and takes at most so much of the charge.
 STEP_S = 20.0
@@ -176,43 +181,23 @@ class _Plug:
         charging, battery = charging_of(vehicle), vehicle.battery
         self._limit_w = charging.power_limit.function(FLOATS)
         self._voltage_v = battery.open_circuit_voltage.function(FLOATS)
-        # What charger and inlet leave beside cabin and auxiliaries [W].
-        self._supply_w = (min(stop.charger_power_w, charging.maximum_inlet_power_w)
-                          - stop.cabin_heating_power_w - stop.auxiliary_power_w)
-        self._heater_w = max(0.0, min(
-            vehicle.hvch.maximum_power_w - stop.cabin_heating_power_w, self._supply_w))
+        self._supply_w, self._heater_w = supply_of(vehicle, stop), heater_power_of(vehicle, stop)
         self._heated_below_c = charging.heated_below_c
         self._leakage_w_per_k = battery.leakage.coefficient_w_per_k(0.0)
         self._idle_heat_w = self._leakage_w_per_k * stop.ambient_c
         self._rates = make_rates(vehicle, FLOATS)
-        self._integrate = make_runge_kutta_4(self._with_charging_power(self._rates))
+        self._integrate = make_runge_kutta_4(
+            make_charging_rates(self._limit_w, self._rates, FLOATS))
         self._heat_step = make_heat_step(vehicle, FLOATS)
         self._hottest_c = hottest_c(vehicle)
         self._step_s = step_s
         self._most_step_s = math.inf if self._leakage_w_per_k == 0.0 else (
             TIME_CONSTANT_SHARE * battery.heat_capacity_j_per_k / self._leakage_w_per_k)
 
-    def _with_charging_power(self, rates: Rates[float]) -> Rates[float]:
-        """
-        Return the model's rates under the charging power at each state.
-
-        In place of the terminal power they take what is left for the battery, negative, and in
-        place of the Joule heat they return the charging power [W].
-        """
-        power_w = self._power_w
-
-        def charged(soc: float, temperature_c: float, left_w: float, variance_w2: float,
-                    heat_w: float, leakage_w_per_k: float) -> tuple[float, float, float]:
-            terminal_w = power_w(soc, temperature_c, -left_w)
-            soc_rate, temperature_rate, _ = rates(
-                soc, temperature_c, -terminal_w, variance_w2, heat_w, leakage_w_per_k)
-            return soc_rate, temperature_rate, terminal_w
-
-        return charged
-
     def _power_w(self, soc: float, temperature_c: float, left_w: float) -> float:
         """P_c [W] at a state, of which `left_w` [W] is left by all others."""
-        return max(0.0, min(left_w, -self._limit_w(soc, temperature_c)))
+        power_w: float = charging_power(self._limit_w(soc, temperature_c), left_w, FLOATS)
+        return power_w
 
     def _command_w(self, temperature_c: float) -> float:
         return self._heater_w if temperature_c < self._heated_below_c else 0.0

@@ -30,6 +30,13 @@ class Blocks:
         self.add(name, row, scale)
         return row
 
+    def row(self, name: str) -> casadi.MX:
+        """Return the row that was added under a name; raises KeyError where there is none."""
+        for block, column in zip(self._blocks, self._expressions):
+            if block.name == name:
+                return column.T
+        raise KeyError(name)
+
     def layout(self) -> Layout:
         """Return where they lie."""
         return Layout(tuple(self._blocks))

@@ -29,9 +29,8 @@ import casadi
 import numpy as np
 
 from bev_preheat.optimum.blocks import Blocks, POWER_SCALE_W
-from bev_preheat.optimum.heated_steps import add_heated_steps
+from bev_preheat.optimum.drive_steps import add_drive_steps, SOC_SCALE
 from bev_preheat.optimum.layout import Layout
-from bev_preheat.optimum.symbols import FACTORS, symbolic_curve, symbolic_rates, symbolic_step
 
 if TYPE_CHECKING:
     from typing import Any
@@ -42,9 +41,6 @@ if TYPE_CHECKING:
     # What CasADi takes by name; its own hints leave much of that out.
     ByName = dict[str, Any]
 
-# Scales that bring variables and constraints near 1.
-SOC_SCALE = 0.01
-ENERGY_SCALE_J = 1e6
 # What a kelvin, a per cent and a kilowatt that are lacking cost, in scaled joules: more than
 # heating could ever save, and charge before warmth.
 TARGET_PRICE = 1e2
@@ -154,37 +150,9 @@ def build_program(vehicle: Vehicle, steps: int, limited: bool, give: Give) -> Pr
     `limited`: with the power limits of the battery (9i); `give`: elastic, and how far.
     """
     variables, constraints = Blocks(), Blocks()
-    soc = variables.variable('soc', steps + 1, SOC_SCALE)
-    temperature_c = variables.variable('temperature', steps + 1)
-    heater = variables.variable('heater', steps, POWER_SCALE_W)
-    brake = variables.variable('brake', steps, POWER_SCALE_W)
-    # Rows: duration, idle power, power variance, idle heat, leakage; then target and final soc,
-    # and the corrections, so that a car whose factors are being learned needs no new program.
-    route = casadi.MX.sym('route', 5, steps)
+    drive = add_drive_steps(vehicle, steps, variables, constraints)
+    soc, temperature_c, energy = drive.soc, drive.temperature_c, drive.energy
     target_c, final_soc = casadi.MX.sym('target'), casadi.MX.sym('final_soc')
-    factors = [casadi.MX.sym(name) for name in FACTORS]
-    heater_efficiency = casadi.MX.sym('heater_efficiency')
-    duration_s, idle_power_w, variance_w2, idle_heat_w, leakage_w_per_k = (
-        route[row, :] for row in range(5))
-    heater_w, brake_w = heater * POWER_SCALE_W, brake * POWER_SCALE_W
-    lost_j = casadi.MX(0.0)
-    if vehicle.heat_path.is_direct:
-        power_w = idle_power_w + heater_w + brake_w
-        heat_w = (idle_heat_w + heater_efficiency * heater_w
-                  - vehicle.drivetrain.heat_share * brake_w)
-        soc_end, temperature_end_c, _, mean_joule_w = symbolic_step(vehicle).map(steps)(
-            soc[:-1] * SOC_SCALE, temperature_c[:-1], duration_s, power_w, variance_w2, heat_w,
-            leakage_w_per_k, *factors)
-    else:
-        heat_w = idle_heat_w - vehicle.drivetrain.heat_share * brake_w
-        soc_end, temperature_end_c, mean_joule_w, drawn_w, lost_j = add_heated_steps(
-            vehicle, variables, constraints, (soc[:-1] * SOC_SCALE, temperature_c[:-1]),
-            (duration_s, idle_power_w + brake_w, variance_w2, heat_w, leakage_w_per_k, heater_w,
-             *factors, heater_efficiency))
-        power_w = idle_power_w + drawn_w + brake_w
-    energy = (casadi.sum2(duration_s * (power_w + mean_joule_w)) + lost_j) / ENERGY_SCALE_J
-    constraints.add('soc_defect', soc_end / SOC_SCALE - soc[1:], SOC_SCALE)
-    constraints.add('temperature_defect', temperature_end_c - temperature_c[1:])
     # What is lacking of each demand: nothing, unless the program is elastic.
     lacking_k = lacking_soc = lacking_w = casadi.MX(0.0)
     if give:
@@ -194,16 +162,9 @@ def build_program(vehicle: Vehicle, steps: int, limited: bool, give: Give) -> Pr
         energy += (TARGET_PRICE * lacking_k + SOC_PRICE * casadi.sum2(lacking_soc)
                    + DISCHARGE_PRICE * casadi.sum2(lacking_w))
     if limited:
-        soc_start, start_c = soc[:-1] * SOC_SCALE, temperature_c[:-1]
-        joule_w = symbolic_rates(vehicle).map(steps)(
-            soc_start, start_c, power_w, variance_w2, heat_w, leakage_w_per_k, *factors)[2]
-        most_w = symbolic_curve(vehicle.battery.discharge_power_limit).map(steps)(
-            soc_start, start_c)
-        least_w = symbolic_curve(vehicle.battery.charge_power_limit).map(steps)(soc_start, start_c)
-        battery_w = power_w + joule_w
-        constraints.add(
-            'discharge', (most_w - battery_w) / POWER_SCALE_W + lacking_w, POWER_SCALE_W)
-        constraints.add('charge', (battery_w - least_w) / POWER_SCALE_W, POWER_SCALE_W)
+        most_w, least_w = drive.power_reserves_w()
+        constraints.add('discharge', most_w / POWER_SCALE_W + lacking_w, POWER_SCALE_W)
+        constraints.add('charge', least_w / POWER_SCALE_W, POWER_SCALE_W)
     if give:
         constraints.add('lowest_soc', soc[1:] + lacking_soc, SOC_SCALE)
     if give is Give.RANGES:
@@ -217,7 +178,7 @@ def build_program(vehicle: Vehicle, steps: int, limited: bool, give: Give) -> Pr
         'final_soc', soc[-1] - final_soc / SOC_SCALE + lacking_soc[-1], SOC_SCALE)
     problem: ByName = {
         'x': variables.vector(),
-        'p': casadi.vertcat(casadi.vec(route), target_c, final_soc, *factors, heater_efficiency),
+        'p': drive.parameters(target_c, final_soc),
         'f': energy,
         'g': constraints.vector()}
     solver = casadi.nlpsol('optimum', 'ipopt', problem, SOLVER_OPTIONS)

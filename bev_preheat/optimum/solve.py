@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.optimum.attempt import Attempt, attempt, Problem, SUCCESS
+from bev_preheat.optimum.drive_steps import ENERGY_SCALE_J
 from bev_preheat.optimum.lacking import CHARGE, find_lacking, Lacking, SOC_TOLERANCE
-from bev_preheat.optimum.program import build_program, ENERGY_SCALE_J, Give
+from bev_preheat.optimum.program import build_program, Give
 from bev_preheat.planning.dynamics import JOULES_PER_WH
 from bev_preheat.planning.heat_run import along_states
 from bev_preheat.planning.limits import limits_hold, run_unheated

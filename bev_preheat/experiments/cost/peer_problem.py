@@ -16,7 +16,8 @@ import casadi
 import numpy as np
 
 from bev_preheat.optimum.blocks import POWER_SCALE_W
-from bev_preheat.optimum.program import ENERGY_SCALE_J, SOC_SCALE, SOLVER_OPTIONS
+from bev_preheat.optimum.drive_steps import ENERGY_SCALE_J, SOC_SCALE
+from bev_preheat.optimum.program import SOLVER_OPTIONS
 from bev_preheat.optimum.symbols import SYMBOLS
 from bev_preheat.planning.dynamics import run_forward
 from bev_preheat.planning.schedule import Schedule, switched_on_s

@@ -1,0 +1,52 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The equations of a charging session, once, for floats (`session`) and for symbols (`optimum`)."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from bev_preheat.numerics.arithmetic import Arithmetic, Number
+from bev_preheat.vehicle.charging import charging_of
+
+if TYPE_CHECKING:
+    from bev_preheat.charging.stop import Stop
+    from bev_preheat.numerics.arithmetic import AnyNumber, CurveFunction
+    from bev_preheat.vehicle.description import Vehicle
+    from bev_preheat.vehicle.model import Rates
+
+
+def supply_of(vehicle: Vehicle, stop: Stop) -> float:
+    """Return what charger and inlet leave beside cabin and auxiliaries [W]."""
+    return (min(stop.charger_power_w, charging_of(vehicle).maximum_inlet_power_w)
+            - stop.cabin_heating_power_w - stop.auxiliary_power_w)
+
+
+def heater_power_of(vehicle: Vehicle, stop: Stop) -> float:
+    """Return what the heater takes at the charger where it heats [W]."""
+    return max(0.0, min(vehicle.hvch.maximum_power_w - stop.cabin_heating_power_w,
+                        supply_of(vehicle, stop)))
+
+
+def charging_power(limit_w: AnyNumber, left_w: AnyNumber,
+                   arithmetic: Arithmetic[Number]) -> AnyNumber:
+    """Return P_c [W] of the limit's value [W, negative] and of what all others leave [W]."""
+    return arithmetic.maximum(0.0, arithmetic.minimum(left_w, -limit_w))  # type: ignore[arg-type]
+
+
+def make_charging_rates(limit_w: CurveFunction[Number], rates: Rates[Number],
+                        arithmetic: Arithmetic[Number]) -> Rates[AnyNumber]:
+    """
+    Return the model's `rates` under the charging power at each state.
+
+    `limit_w(soc, temperature_c)` is the most charging power [W, negative]. In place of the terminal
+    power they take what is left for the battery, negative, and in place of the Joule heat they return
+    the charging power [W].
+    """
+    def charged(soc: AnyNumber, temperature_c: AnyNumber, left_w: AnyNumber, variance_w2: AnyNumber,
+                heat_w: AnyNumber, leakage_w_per_k: AnyNumber) -> tuple[AnyNumber, AnyNumber, AnyNumber]:
+        terminal_w = charging_power(limit_w(soc, temperature_c), -left_w, arithmetic)
+        soc_rate, temperature_rate, _ = rates(
+            soc, temperature_c, -terminal_w, variance_w2, heat_w, leakage_w_per_k)
+        return soc_rate, temperature_rate, terminal_w
+
+    return charged

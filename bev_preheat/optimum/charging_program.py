@@ -1,0 +1,254 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Drive and charging session in one nonlinear program: the least that energy and time can cost.
+
+    price · bought energy + value of time · charging time
+
+The heater's power in each step of the drive is chosen, with no target; the session follows by the
+car's own rules (`charging_steps`). A solution is a local one, so IPOPT starts from several plans. What it
+finds is driven and charged by the project's own simulation, limits and switch as they are: costs of
+programs and of plans are then by one ruler, and what the program smooths counts for neither.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+import math
+from time import perf_counter
+from typing import TYPE_CHECKING
+
+import casadi
+import numpy as np
+
+from bev_preheat.charging.session import charge
+from bev_preheat.charging.stop import arrival_state
+from bev_preheat.charging.worth import SECONDS_PER_H, WH_PER_KWH
+from bev_preheat.optimum.blocks import Blocks, POWER_SCALE_W
+from bev_preheat.optimum.charging_steps import add_charging_steps
+from bev_preheat.optimum.drive_steps import add_drive_steps
+from bev_preheat.planning.dynamics import hottest_c, JOULES_PER_WH
+from bev_preheat.planning.limits import drive_as_planned, watch_limits
+from bev_preheat.planning.planner import finish_plan, plan_preheating, plan_unheated, plan_without_heating
+from bev_preheat.planning.situation import check_situation, reserve_soc
+from bev_preheat.planning.trip import make_trip
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from bev_preheat.charging.session import Session
+    from bev_preheat.charging.stop import Stop
+    from bev_preheat.charging.worth import Prices
+    from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.optimum.layout import Layout, Values
+    from bev_preheat.optimum.program import ByName
+    from bev_preheat.planning.plan import Plan
+    from bev_preheat.planning.situation import BatteryState, Goal
+    from bev_preheat.planning.trip import Trip
+    from bev_preheat.route.segments import Route
+    from bev_preheat.vehicle import Vehicle
+
+METHOD = 'nlp with charging'
+CHARGING_STEPS = 80
+# Plans for these targets [deg C], and none, are what IPOPT starts from.
+START_TARGETS_C = (5.0, 15.0, 25.0, 35.0)
+SAME_START_K = 1e-4
+# Costs have no more digits than the steps of the session give.
+SOLVER_OPTIONS: ByName = {
+    'print_time': False,
+    'ipopt.print_level': 0,
+    'ipopt.sb': 'yes',
+    'ipopt.max_iter': 300,
+    'ipopt.tol': 1e-7,
+    'ipopt.constr_viol_tol': 1e-8,
+    # The maps have corners, at which the last digits may not converge.
+    'ipopt.acceptable_tol': 1e-5,
+    'ipopt.acceptable_constr_viol_tol': 1e-7,
+    'ipopt.acceptable_iter': 15,
+    'ipopt.bound_relax_factor': 0.0,
+    'ipopt.mu_strategy': 'adaptive',
+}
+SOLVED = ('Solve_Succeeded', 'Solved_To_Acceptable_Level')
+
+
+@dataclass(frozen=True)
+class ChargedDrive:
+    """A Plan and the Session that follows it, as simulated, and what both cost."""
+
+    plan: Plan
+    session: Session
+    cost: float
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """
+    One call of IPOPT: where it started, its word, and what it found.
+
+    `start` is the start's cost as simulated, `program_cost` what the program takes its end for, `driven`
+    that end as simulated; None where IPOPT failed.
+    """
+
+    start: float
+    status: str
+    iterations: int
+    program_cost: float
+    driven: ChargedDrive | None
+
+
+@dataclass(frozen=True)
+class ChargingOptimum:
+    """The cheapest of what IPOPT found, as simulated (None: it never succeeded), and all Attempts."""
+
+    best: ChargedDrive | None
+    attempts: tuple[Attempt, ...]
+    solve_time_s: float
+
+
+class ChargingProgram:
+    """The program of one drive and stop; each `attempt` starts from a plan."""
+
+    def __init__(self, vehicle: Vehicle, route: Route, state: BatteryState, goal: Goal, stop: Stop,
+                 prices: Prices, charging_steps: int = CHARGING_STEPS) -> None:
+        """
+        Build the program, with `charging_steps` steps at the charger.
+
+        Raises InvalidInput where vehicle, route, state or goal are not allowed.
+        """
+        check_situation(vehicle, route, state, goal)
+        self._trip: Trip = make_trip(vehicle, route)
+        self._state, self._goal, self._stop, self._prices = state, goal, stop, prices
+        self._steps = charging_steps
+        unheated = plan_without_heating(self._trip, state)
+        self._limited = watch_limits(self._trip, unheated.soc, unheated.temperature_c).any
+        variables, constraints = Blocks(), Blocks()
+        drive = add_drive_steps(vehicle, len(self._trip.route), variables, constraints)
+        if self._limited:
+            discharge_w, charge_w = drive.power_reserves_w()
+            constraints.add('discharge', discharge_w / POWER_SCALE_W, POWER_SCALE_W)
+            constraints.add('charge', charge_w / POWER_SCALE_W, POWER_SCALE_W)
+        session = add_charging_steps(drive, stop, charging_steps, variables, constraints)
+        cost = (prices.energy_per_kwh * session.bought_j / (JOULES_PER_WH * WH_PER_KWH)
+                + prices.time_per_h * session.duration_s / SECONDS_PER_H)
+        # Near 1, whatever the currency.
+        self._cost_scale = max(prices.energy_per_kwh * 30.0 + prices.time_per_h * 0.5, 1e-6)
+        self._variables: Layout = variables.layout()
+        self._constraints: Layout = constraints.layout()
+        self._solver = casadi.nlpsol('charging_optimum', 'ipopt', {
+            'x': variables.vector(), 'p': drive.parameters(), 'f': cost / self._cost_scale,
+            'g': constraints.vector()}, SOLVER_OPTIONS)
+
+    def attempt(self, start: Plan) -> Attempt:
+        """Return the Attempt that starts from a Plan of the same drive."""
+        drive = self._charged(start)
+        guess = self._guess(drive)
+        low, high = self._bounds()
+        above = {block.name: np.inf if block.name in ('discharge', 'charge') else 0.0
+                 for block in self._constraints.blocks}
+        vehicle = self._trip.vehicle
+        result = self._solver(
+            x0=self._variables.pack(guess), lbx=self._variables.pack(low),
+            ubx=self._variables.pack(high), lbg=np.zeros(self._constraints.size),
+            ubg=self._constraints.pack(above), p=np.concatenate([
+                np.vstack([self._trip.route.duration_s, self._trip.idle_power_w,
+                           self._trip.power_variance_w2, self._trip.idle_heat_w,
+                           self._trip.leakage_w_per_k]).ravel(order='F'),
+                [1.0, 1.0, vehicle.hvch.efficiency]]))
+        statistics = self._solver.stats()
+        status = statistics['return_status']
+        driven = None
+        if status in SOLVED:
+            found = self._variables.unpack(np.asarray(result['x']).ravel())
+            driven = self._driven(found['heater'])
+        return Attempt(drive.cost, status, int(statistics['iter_count']),
+                       float(result['f']) * self._cost_scale, driven)
+
+    def _charged(self, plan: Plan) -> ChargedDrive:
+        session = charge(self._trip.vehicle, self._stop, arrival_state(plan))
+        return ChargedDrive(plan, session, self._prices.cost(
+            session.bought_energy_wh, session.charging_time_s))
+
+    def _driven(self, heater_w: FloatArray) -> ChargedDrive:
+        """Return what heater powers [W] (N,) come to, driven and charged as everything else is."""
+        started = perf_counter()
+        schedule = drive_as_planned(self._trip, self._state, heater_w)
+        return self._charged(finish_plan(
+            self._trip, replace(self._goal, charging_planned=False), schedule, METHOD, started))
+
+    def _guess(self, drive: ChargedDrive) -> Values:
+        plan, session, path = drive.plan, drive.session, self._trip.vehicle.heat_path
+        # A session that never ends is no worse a start than another.
+        times_s = np.linspace(0.0, float(session.time_s[-1]), self._steps + 1)[1:]
+
+        def along(values: FloatArray) -> FloatArray:
+            return np.interp(times_s, session.time_s, values)
+
+        heat, heating_w = plan.heat, np.append(session.hvch_battery_power_w, 0.0)
+        excess_k = (self._trip.vehicle.hvch.efficiency * along(heating_w) / (
+            path.coolant_conductance_w_per_k) if path.has_coolant else 0.0)
+        return {'soc': plan.soc, 'temperature': plan.battery_temperature_c,
+                'heater': plan.hvch_battery_power_w, 'brake': plan.friction_brake_power_w,
+                'heater_power': 0.0 if heat is None else heat.heater_power_w,
+                'coolant_excess': 0.0 if heat is None else heat.coolant_excess_k,
+                'charging_time': float(session.time_s[-1]), 'charging_soc': along(session.soc),
+                'charging_temperature': along(session.battery_temperature_c),
+                'charging_heater_power': along(heating_w), 'charging_coolant_excess': excess_k}
+
+    def _bounds(self) -> tuple[Values, Values]:
+        """Return what the variables may be at least and at most."""
+        trip, state, battery = self._trip, self._state, self._trip.vehicle.battery
+        steps, (coldest_c, warmest_c) = len(trip.route), battery.temperature_range_c
+        lowest_soc, highest_soc = battery.soc_range
+
+        def from_start(start: float, later: float) -> FloatArray:
+            return np.append(start, np.full(steps, later))
+
+        low_soc = from_start(state.soc, min(lowest_soc, state.soc))
+        low_soc[-1] = reserve_soc(trip.vehicle, self._goal)
+        departure = np.append(np.full(self._steps - 1, -np.inf), self._stop.departure_soc)
+        low: Values = {
+            'soc': low_soc, 'temperature': from_start(state.temperature_c, coldest_c),
+            'heater_power': from_start(state.heater_power_w, -np.inf),
+            'coolant_excess': from_start(state.coolant_excess_k, -np.inf),
+            'heater': 0.0, 'brake': 0.0, 'charging_time': 0.0, 'charging_soc': departure,
+            'charging_temperature': coldest_c, 'charging_heater_power': -np.inf,
+            'charging_coolant_excess': -np.inf}
+        high: Values = {
+            'soc': from_start(state.soc, max(highest_soc, state.soc)),
+            'temperature': from_start(state.temperature_c, warmest_c),
+            'heater_power': from_start(state.heater_power_w, np.inf),
+            'coolant_excess': from_start(state.coolant_excess_k, np.inf),
+            'heater': trip.heater_limit_w,
+            'brake': (np.maximum(-trip.route.propulsion_power_w, 0.0) if self._limited else 0.0),
+            'charging_time': np.inf, 'charging_soc': np.abs(departure),
+            'charging_temperature': hottest_c(trip.vehicle), 'charging_heater_power': np.inf,
+            'charging_coolant_excess': np.inf}
+        return low, high
+
+
+def solve_charging(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goal, stop: Stop,
+                   prices: Prices, more_targets_c: Iterable[float] = (),
+                   charging_steps: int = CHARGING_STEPS) -> ChargingOptimum:
+    """
+    Return the ChargingOptimum of a drive to a Stop.
+
+    IPOPT starts from the unheated drive, from plans for START_TARGETS_C and for `more_targets_c`
+    [deg C]. Raises InvalidInput where an input is not allowed (`charging.stop.check_stop`).
+    """
+    program = ChargingProgram(vehicle, route, state, goal, stop, prices, charging_steps)
+    unheated = plan_unheated(vehicle, route, state, goal)
+    highest_c = vehicle.battery.temperature_range_c[1]
+    starts = [unheated]
+    for target_c in sorted((*START_TARGETS_C, *more_targets_c)):
+        if unheated.arrival_temperature_c < target_c <= highest_c:
+            plan = plan_preheating(
+                vehicle, route, state, replace(goal, target_temperature_c=target_c))
+            # Beyond what can be reached all plans are one.
+            if plan.arrival_temperature_c > max(
+                    start.arrival_temperature_c for start in starts) + SAME_START_K:
+                starts.append(plan)
+    started = perf_counter()
+    attempts = tuple(map(program.attempt, starts))
+    found = [attempt.driven for attempt in attempts
+             if attempt.driven is not None and math.isfinite(attempt.driven.cost)]
+    return ChargingOptimum(min(found, key=lambda driven: driven.cost, default=None), attempts,
+                           perf_counter() - started)

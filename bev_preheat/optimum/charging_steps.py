@@ -1,0 +1,129 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+The steps of a charging session in a nonlinear program: all equally long, in a time that is free.
+
+The car's own switch of the heater is kept, not chosen by the program: below the limit it heats, above
+it does not. It is smoothed, because a program has no switches: half the power at the limit, and what
+tanh makes of it within SWITCH_K on both sides, so that the battery is held close to the limit. It looks
+at the mean of the temperatures at both ends of a step, which is of second order and always stable.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+import math
+from typing import TYPE_CHECKING
+
+import casadi
+
+from bev_preheat.charging.equations import (
+    charging_power,
+    heater_power_of,
+    make_charging_rates,
+    supply_of,
+)
+from bev_preheat.optimum.blocks import POWER_SCALE_W
+from bev_preheat.optimum.drive_steps import SOC_SCALE
+from bev_preheat.optimum.smooth_maps import SMOOTH, smoothed
+from bev_preheat.optimum.symbols import SYMBOLS
+from bev_preheat.vehicle.charging import charging_of
+from bev_preheat.vehicle.heat_path import make_heat_step
+from bev_preheat.vehicle.model import make_rates, make_runge_kutta_4
+
+if TYPE_CHECKING:
+    from bev_preheat.charging.stop import Stop
+    from bev_preheat.optimum.blocks import Blocks
+    from bev_preheat.optimum.drive_steps import DriveSteps
+    from bev_preheat.vehicle import Vehicle
+
+# Half the width of the switch [K].
+SWITCH_K = 0.5
+TIME_SCALE_S = 1000.0
+# What each state is called on the drive, at the charger, and its scale.
+STATES = (('soc', 'charging_soc', SOC_SCALE), ('temperature', 'charging_temperature', 1.0),
+          ('heater_power', 'charging_heater_power', POWER_SCALE_W),
+          ('coolant_excess', 'charging_coolant_excess', 1.0))
+
+
+@dataclass(frozen=True)
+class ChargingSteps:
+    """What a session in a program comes to: its duration [s] and the energy that is bought [J]."""
+
+    duration_s: casadi.MX
+    bought_j: casadi.MX
+
+
+def add_charging_steps(drive: DriveSteps, stop: Stop, steps: int, variables: Blocks,
+                       constraints: Blocks) -> ChargingSteps:
+    """
+    Add the steps of the session that follows a drive to a program, and return what it comes to.
+
+    Variables: `charging_time` [s], and each state of the drive at the ends of the steps.
+    """
+    vehicle = drive.vehicle
+    duration = variables.variable('charging_time', 1, TIME_SCALE_S)
+    duration_s = duration * TIME_SCALE_S
+    starts, ends, scales = [], [], []
+    for name, charging_name, scale in STATES:
+        if not _is_state(vehicle, name):
+            starts.append(casadi.MX.zeros(1, steps))
+            ends.append(None)
+        else:
+            later = variables.variable(charging_name, steps, scale)
+            starts.append(scale * casadi.horzcat(variables.row(name)[-1], later[:-1]))
+            ends.append(later)
+        scales.append(scale)
+    temperature_end_c = ends[1]
+    assert temperature_end_c is not None
+    *reached, terminal_w, drawn_w = symbolic_charging_step(vehicle, stop).map(steps)(
+        *starts, casadi.repmat(duration_s / steps, 1, steps), temperature_end_c)
+    for (_, charging_name, scale), at_end, end in zip(STATES, reached, ends):
+        if end is not None:
+            constraints.add(f'{charging_name}_defect', at_end / scale - end, scale)
+    bought_j = duration_s * (
+        casadi.sum2(terminal_w + drawn_w) / steps
+        + stop.cabin_heating_power_w + stop.auxiliary_power_w)
+    return ChargingSteps(duration_s, bought_j)
+
+
+def _is_state(vehicle: Vehicle, name: str) -> bool:
+    path = vehicle.heat_path
+    return {'heater_power': path.heater_lag_s > 0.0, 'coolant_excess': path.has_coolant}.get(name, True)
+
+
+def symbolic_charging_step(vehicle: Vehicle, stop: Stop) -> casadi.Function:
+    """
+    Return a step of `charging.session`, its switch smoothed, as a CasADi Function.
+
+    Inputs: soc, temperature [deg C], heater power [W], coolant excess [K], duration [s], and the
+    temperature that it ends with [deg C]. Outputs: the four states at the end, and the means of the
+    power into the terminals and of what the heater takes [W].
+    """
+    inputs = [casadi.SX.sym(name) for name in (
+        'soc', 'temperature_c', 'heater_w', 'excess_k', 'duration_s', 'end_c')]
+    soc, temperature_c, heater_w, excess_k, duration_s, end_c = inputs
+    vehicle = smoothed(vehicle)
+    battery, supply_w = vehicle.battery, supply_of(vehicle, stop)
+    rates = make_rates(vehicle, SYMBOLS)
+    limit_w = charging_of(vehicle).power_limit.function(SYMBOLS)
+    limit_c = charging_of(vehicle).heated_below_c
+    command_w = casadi.SX(0.0)
+    if math.isfinite(limit_c):
+        above_k = 0.5 * (temperature_c + end_c) - limit_c
+        command_w = 0.5 * heater_power_of(vehicle, stop) * (1.0 - casadi.tanh(above_k / SWITCH_K))
+    leakage_w_per_k = battery.leakage.coefficient_w_per_k(0.0)
+    idle_heat_w = leakage_w_per_k * stop.ambient_c
+    other_heat_w = casadi.SX(0.0)
+    if vehicle.heat_path.has_coolant:
+        power_w = charging_power(limit_w(soc, temperature_c), supply_w - command_w, SMOOTH)
+        other_heat_w = battery.heat_capacity_j_per_k * rates(
+            soc, temperature_c, -power_w, 0.0, idle_heat_w, leakage_w_per_k)[1]
+    drawn_w, arriving_w, heater_end_w, coolant_c = make_heat_step(vehicle, SYMBOLS)(
+        heater_w, temperature_c + excess_k, temperature_c, duration_s, command_w, other_heat_w)
+    integrate = make_runge_kutta_4(make_charging_rates(limit_w, rates, SMOOTH))
+    soc_end, temperature_end_c, _, terminal_w = integrate(
+        soc, temperature_c, duration_s, drawn_w - supply_w, 0.0, idle_heat_w + arriving_w,
+        leakage_w_per_k)
+    excess_end_k = (coolant_c - temperature_end_c if vehicle.heat_path.has_coolant else excess_k)
+    return casadi.Function('charging_step', inputs, [
+        soc_end, temperature_end_c, heater_end_w, excess_end_k, terminal_w, drawn_w])
