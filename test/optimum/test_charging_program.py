@@ -1,0 +1,165 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The joint program of drive and session: against scans of its own, and the best target against it."""
+
+from dataclasses import replace
+import math
+
+import casadi
+import numpy as np
+import pytest
+
+from bev_preheat.charging.session import charge
+from bev_preheat.charging.stop import Stop, stop_after
+from bev_preheat.charging.worth import find_worth, Prices
+from bev_preheat.numerics.arithmetic import FLOATS
+from bev_preheat.optimum import charging_steps, smooth_maps
+from bev_preheat.optimum.charging_program import ChargingProgram, solve_charging
+from bev_preheat.optimum.charging_steps import symbolic_charging_step
+from bev_preheat.optimum.smooth_maps import SMOOTH, smooth_weights, smoothed
+from bev_preheat.planning.planner import plan_unheated
+from bev_preheat.planning.situation import BatteryState, Goal
+from bev_preheat.route import Route
+from bev_preheat.vehicle import load_vehicle
+from bev_preheat.vehicle.heat_path import HeatPath
+
+pytestmark = pytest.mark.needs('casadi')
+REFERENCE, LFP = load_vehicle('reference'), load_vehicle('mid_size_lfp')
+COOLANT = replace(REFERENCE, heat_path=HeatPath(40.0, 8e3, 600.0, 0.0))
+UNHEATED_AT_CHARGER = replace(LFP, charging=replace(LFP.charging, battery_heating=False))
+GOAL, PRICES = Goal(25.0), Prices(0.55, 12.0)
+
+
+def drive(minutes=25, ambient_c=-8.0):
+    """Return a Route of one-minute steps at 90 km/h and 15 kW."""
+    return Route(np.full(minutes, 60.0), *(np.full(minutes, value) for value in (
+        25.0, 15e3, 15e3, ambient_c, 1500.0, 400.0, 15e3)))
+
+
+# Vehicle, route, state, charger [W], departure, prices.
+CASES = {
+    'usual': (REFERENCE, drive(), BatteryState(6.0, 0.35), 150e3, 0.8, PRICES),
+    'time is worth nothing': (
+        REFERENCE, drive(), BatteryState(-5.0, 0.35), 150e3, 0.8, Prices(0.55, 0.0)),
+    'only time counts': (REFERENCE, drive(), BatteryState(-5.0, 0.35), 150e3, 0.8, Prices(0.0, 12.0)),
+    'time is worth all': (REFERENCE, drive(), BatteryState(-5.0, 0.35), 150e3, 0.8, Prices(0.55, 1e6)),
+    'weak charger in the cold': (
+        REFERENCE, drive(ambient_c=-20.0), BatteryState(-18.0, 0.35), 6e3, 0.35, PRICES),
+    'lfp': (LFP, drive(ambient_c=-15.0), BatteryState(-15.0, 0.35), 88e3, 0.6, PRICES),
+    'lfp not heated at the charger': (
+        UNHEATED_AT_CHARGER, drive(ambient_c=-15.0), BatteryState(-15.0, 0.35), 88e3, 0.6, PRICES),
+    'heat path': (COOLANT, drive(), BatteryState(-5.0, 0.35), 150e3, 0.8, PRICES),
+}
+DAILY = ('usual', 'lfp not heated at the charger')
+
+
+def solved(case, **options):
+    """Return (Worth, ChargingOptimum) of one of CASES; the program is not shown the best target."""
+    vehicle, route, state, charger_w, departure_soc, prices = case
+    return (find_worth(vehicle, route, state, GOAL, charger_w, departure_soc, prices),
+            solve_charging(vehicle, route, state, GOAL, stop_after(route, charger_w, departure_soc),
+                           prices, **options))
+
+
+@pytest.mark.costly
+@pytest.mark.parametrize('name', [
+    pytest.param(name, marks=[] if name in DAILY else [pytest.mark.deep]) for name in CASES])
+def test_the_best_target_costs_what_the_program_does(name):
+    worth, optimum = solved(CASES[name])
+    # Both are simulated: neither is below the other by more than what its resolution costs.
+    assert worth.best.cost == pytest.approx(optimum.best.cost, rel=1e-4)
+    assert len(optimum.attempts) >= 2
+
+
+@pytest.mark.costly
+def test_a_program_that_may_heat_at_any_time_finds_the_best_switch_of_a_scan():
+    vehicle, route, state, charger_w, departure_soc, prices = CASES['usual']
+    stop = stop_after(route, charger_w, departure_soc)
+    program = ChargingProgram(vehicle, route, state, GOAL, stop, prices)
+    attempt = program.attempt(plan_unheated(vehicle, route, state, GOAL))
+    # Without limits late heat is best: full power from some instant on, one step heated in part.
+    costs = []
+    limit_w = vehicle.hvch.maximum_power_w - 1500.0
+    for heated_steps in np.arange(0.0, 25.0, 0.1):
+        soc, temperature_c = state.soc, state.temperature_c
+        for k in range(25):
+            heater_w = limit_w * min(max(heated_steps - (24 - k), 0.0), 1.0)
+            for _ in range(20):
+                soc, temperature_c = own_step(vehicle, soc, temperature_c, heater_w, 3.0)
+        session = charge(vehicle, stop, BatteryState(temperature_c, soc))
+        costs.append(prices.cost(session.bought_energy_wh, session.charging_time_s))
+    assert attempt.driven.cost == pytest.approx(min(costs), rel=2e-5)
+    # What the program takes its plan for has rounded corners and longer steps.
+    assert attempt.program_cost == pytest.approx(attempt.driven.cost, rel=1e-3)
+
+
+def own_step(vehicle, soc, temperature_c, heater_w, step_s):
+    """Return state of charge and temperature after a step of Euler on the route of CASES['usual']."""
+    battery = vehicle.battery
+    u = battery.open_circuit_voltage.function(FLOATS)(soc, temperature_c)
+    r = 4.3125 / (temperature_c + 45.0)
+    current_a = (u - math.sqrt(u * u - 4.0 * r * (16900.0 + heater_w))) / (2.0 * r)
+    leakage = battery.leakage.gamma_0_w_per_k + 25.0 * battery.leakage.gamma_v_w_per_k_per_mps
+    heat_w = (0.87 * heater_w + r * current_a**2 + leakage * (-8.0 - temperature_c)
+              + vehicle.drivetrain.heat_share * 15e3)
+    return (soc - step_s * current_a / (3600.0 * battery.capacity_ah),
+            temperature_c + step_s * heat_w / battery.heat_capacity_j_per_k)
+
+
+@pytest.mark.costly
+def test_half_the_steps_at_the_charger_change_hardly_anything():
+    vehicle, route, state, charger_w, departure_soc, prices = CASES['usual']
+    stop = stop_after(route, charger_w, departure_soc)
+    unheated = plan_unheated(vehicle, route, state, GOAL)
+    coarse, usual, fine = (ChargingProgram(
+        vehicle, route, state, GOAL, stop, prices, steps).attempt(unheated) for steps in (20, 40, 80))
+    assert abs(fine.program_cost - usual.program_cost) < 5e-5 * fine.program_cost
+    assert abs(fine.program_cost - usual.program_cost) < abs(usual.program_cost - coarse.program_cost)
+    assert fine.driven.cost == pytest.approx(usual.driven.cost, rel=1e-5)
+
+
+@pytest.mark.parametrize('vehicle', [REFERENCE, COOLANT, UNHEATED_AT_CHARGER],
+                         ids=['direct', 'coolant', 'unheated'])
+def test_its_steps_lead_where_the_session_does(vehicle, monkeypatch):
+    # With corners that are hardly rounded the session's own equations are left.
+    monkeypatch.setattr(smooth_maps, 'TEMPERATURE_WIDTH_K', 0.01)
+    monkeypatch.setattr(charging_steps, 'SWITCH_K', 0.05)
+    stop = Stop(88e3, 0.5, -8.0, 1500.0, 400.0)
+    session = charge(vehicle, stop, BatteryState(9.0, 0.2, 0.0, 0.0))
+    step = symbolic_charging_step(vehicle, stop)
+    steps = 300
+    states, bought_j = [0.2, 9.0, 0.0, 0.0], 0.0
+    duration_s = session.charging_time_s / steps
+    for _ in range(steps):
+        end_c = states[1]
+        # The temperature at the end is implicit: the program solves for it, here it is iterated.
+        for _ in range(20):
+            *reached, terminal_w, drawn_w = map(float, step(*states, duration_s, end_c))
+            end_c = reached[1]
+        states = reached
+        bought_j += duration_s * (terminal_w + drawn_w + 1900.0)
+    assert states[0] == pytest.approx(0.5, abs=1e-4)
+    assert states[1] == pytest.approx(session.battery_temperature_c[-1], abs=0.05)
+    assert bought_j / 3600.0 == pytest.approx(session.bought_energy_wh, rel=3e-4)
+
+
+# --- rounded corners ---
+
+
+@pytest.mark.parametrize('axis, width', [((0.0, 0.2, 0.5, 1.0), 0.005), ((-30.0, 0.0, 10.0, 40.0), 0.5)])
+def test_weights_of_a_rounded_table(axis, width):
+    x = casadi.SX.sym('x')
+    weights = casadi.Function('weights', [x], smooth_weights(axis, x, width))
+    for at in np.linspace(axis[0] - 1.0, axis[-1] + 1.0, 41):
+        found = np.array([float(weight) for weight in weights(at)])
+        assert found.sum() == pytest.approx(1.0, abs=1e-12)
+        exact = [np.interp(at, axis, row) for row in np.eye(len(axis))]
+        assert np.abs(found - exact).max() < width / np.diff(axis).min()
+
+
+def test_the_rounded_map_is_the_map_away_from_its_corners():
+    limit = smoothed(REFERENCE).charging.power_limit.function(SMOOTH)
+    soc, temperature_c = casadi.SX.sym('soc'), casadi.SX.sym('temperature')
+    smooth = casadi.Function('limit', [soc, temperature_c], [limit(soc, temperature_c)])
+    sharp = REFERENCE.charging.power_limit.function(FLOATS)
+    for at in ((0.1, 5.0), (0.35, 15.0), (0.6, -5.0)):
+        assert float(smooth(*at)) == pytest.approx(sharp(*at), rel=2e-3)
