@@ -22,6 +22,7 @@ ROOT = Path(__file__).resolve().parents[1]
 MESSAGES = ('RoutePlan', 'RouteProgress', 'HvchCommand', 'PreheatPlan', 'OptimalityReport')
 NODES = (planner_node, nlp_checker_node, vehicle_simulator_node)
 SCHEMAS = {'vehicle': 'vehicle/schema.yaml', 'legs': 'route/legs_schema.yaml',
+           'chargers': 'charging/chargers_schema.yaml',
            'itinerary': 'supervision/itinerary_schema.yaml',
            'scenario': 'simulation/scenario_schema.yaml'}
 LEVEL_NAMES = {DiagnosticStatus.OK: 'OK', DiagnosticStatus.WARN: 'WARN',

@@ -61,11 +61,11 @@ def add_parser(subparsers: Subparsers) -> None:
     parser.set_defaults(run=run)
 
 
-def add_charger_arguments(parser: ArgumentParser) -> None:
+def add_charger_arguments(parser: ArgumentParser, required: bool = True) -> None:
     """Add `--charger-power` and `--departure-soc`."""
-    parser.add_argument('--charger-power', required=True, type=float, metavar='W',
+    parser.add_argument('--charger-power', required=required, type=float, metavar='W',
                         help="what the charger gives at most, at the vehicle's inlet [W]")
-    parser.add_argument('--departure-soc', required=True, type=float, metavar='0..1',
+    parser.add_argument('--departure-soc', required=required, type=float, metavar='0..1',
                         help='state of charge to leave with')
 
 

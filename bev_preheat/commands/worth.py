@@ -15,6 +15,8 @@ from bev_preheat.charging.worth import (
     VALUE_OF_TIME_PER_H,
 )
 from bev_preheat.commands.charge import add_charger_arguments
+from bev_preheat.commands.chargers import check_charger_arguments, run_chargers
+from bev_preheat.commands.completion import completed_by, NameCompleter
 from bev_preheat.commands.situation import add_drive_arguments, read_situation
 from bev_preheat.console.output import add_output_arguments, check_output_arguments, write_json
 from bev_preheat.console.terminal import print_records, result_console
@@ -39,11 +41,21 @@ def add_parser(subparsers: Subparsers) -> None:
     parser = subparsers.add_parser(
         'worth', help='whether heating before the charger is worth it, and to which temperature',
         description='Which target costs least, if energy has a price and time at the charger a value? '
-        'And from which value of time on does heating pay?')
+        'And from which value of time on does heating pay? With --chargers: which of several '
+        'chargers along the route costs least, each with its best target?')
     add_drive_arguments(parser)
-    add_charger_arguments(parser)
+    add_charger_arguments(parser, required=False)
+    completed_by(NameCompleter('chargers'), parser.add_argument(
+        '--chargers', metavar='NAME|FILE',
+        help='which of several chargers: a name in config/chargers or a YAML file; in place of '
+        '--charger-power and --departure-soc'))
+    parser.add_argument('--end-soc', type=float, metavar='0..1',
+                        help='with --chargers: state of charge wanted at the end of the route')
+    parser.add_argument('--only', nargs='+', metavar='CHARGER',
+                        help='with --chargers: compare these only, by name')
     parser.add_argument('--energy-price', type=float, default=ENERGY_PRICE_PER_KWH, metavar='PER_KWH',
-                        help='price of energy at the charger, per kWh (default: %(default)s)')
+                        help='price of energy at the charger, per kWh; with --chargers of those without a price of their '
+                        'own (default: %(default)s)')
     parser.add_argument('--value-of-time', type=float, default=VALUE_OF_TIME_PER_H, metavar='PER_H',
                         help='what an hour at the charger is worth to the driver (default: %(default)s)')
     add_output_arguments(parser)
@@ -52,6 +64,9 @@ def add_parser(subparsers: Subparsers) -> None:
 
 def run(arguments: Namespace) -> int:
     """Find the best target, print, and write what was asked for; returns the exit status."""
+    check_charger_arguments(arguments)
+    if arguments.chargers is not None:
+        return run_chargers(arguments)
     situation = read_situation(arguments)
     check_output_arguments(arguments, situation.files)
     prices = Prices(arguments.energy_price, arguments.value_of_time)
