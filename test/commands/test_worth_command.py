@@ -68,3 +68,68 @@ def test_refused_in_one_line(said, arguments, problem):
     status, output, errors = said(*DRIVE, *arguments)
     assert (status, output) == (2, '')
     assert errors.startswith(f'preheat: error: {problem}') and errors.count('\n') == 1
+
+
+# --- several chargers ---
+
+ALONG = ['worth', '--vehicle', 'reference', '--route', 'reference', '--temperature', '-10', '--soc', '0.5',
+         '--chargers', 'reference', '--end-soc', '0.5']
+
+
+@pytest.mark.costly
+def test_several_chargers_are_ranked_written_and_drawn(said, tmp_path):
+    status, output, errors = said(*ALONG, '--value-of-time', '12', '--json', 'along.json', '--plot',
+                                  'along.png')
+    assert (status, errors) == (0, '')
+    written = json.loads((tmp_path / 'along.json').read_text())
+    found = written['chargers']
+    assert {item['name'] for item in found} == {'village', 'motorway', 'mall'}
+    assert [item['total_cost'] for item in found] == sorted(item['total_cost'] for item in found)
+    assert written['best'] == found[0]['name'] and written['verdict'] in output
+    for item in found:
+        assert set(item['worth']) >= KEYS and set(item['worth']['best']) == TARGET_KEYS
+        assert item['end_soc'] == pytest.approx(0.5, abs=2e-4)
+        waiting_s = item['detour_s'] + item['expected_wait_s']
+        assert item['total_cost'] == pytest.approx(
+            item['worth']['best']['cost'] + 12.0 * waiting_s / 3600.0)
+        assert f'{item["total_cost"]:.2f}' in output
+    # Taken in two of five cases, for 15 min.
+    assert next(item for item in found if item['name'] == 'mall')['expected_wait_s'] == pytest.approx(360.0)
+    picture = imread(tmp_path / 'along.png')
+    assert picture.shape[1] > 1000 and picture.std() > 0.05
+
+
+@pytest.mark.costly
+def test_a_charger_that_does_not_serve_is_listed_with_the_reason(said):
+    status, output, _ = said(*ALONG, '--end-soc', '0.9', '--only', 'village', '--json', '-', '--plot', 'a.svg')
+    written = json.loads(output)
+    assert status == 0 and written['best'] is None
+    [item] = written['chargers']
+    assert item['problem'].startswith('even 100 % do not carry the rest of the route: that leaves ')
+    assert item['worth'] is None and item['total_cost'] is None
+
+
+@pytest.mark.parametrize('arguments, problem', [
+    (['--only', 'moll'], "--only: charger 'moll' is unknown; "),
+    (['--end-soc', 'nan'], 'end state of charge: nan is not allowed; it must be 0.05 ... 1'),
+    (['--departure-soc', '0.8'], '--departure-soc: not allowed with --chargers'),
+    (['--charger-power', '50000'], '--charger-power: not allowed with --chargers'),
+    (['--value-of-time', '-1'], 'value of time: -1 is not allowed; it must be 0 ... 1e+06 per h'),
+    (['--energy-price', 'nan'], 'energy price: nan is not allowed; it must be 0 ... 1000 per kWh'),
+    (['--chargers', 'nowhere'], "charger 'nowhere' is unknown; there are: reference"),
+    (['--soc', '1.5'], 'state of charge: 1.5 is not allowed; it must be 0 ... 1'),
+    (['--route', 'winter_commute', '--only', 'village'], 'chargers[0] (village).at_min: 20 is beyond the ')])
+def test_several_chargers_refused_in_lines(said, arguments, problem):
+    status, output, errors = said(*ALONG, *arguments)
+    assert (status, output) == (2, '')
+    assert problem in errors.splitlines()[0] and errors.startswith('preheat: error: ')
+
+
+@pytest.mark.parametrize('arguments, problem', [
+    (DRIVE[:9], '--charger-power: needed without --chargers'),
+    ([*DRIVE, '--end-soc', '0.5'], '--end-soc: only with --chargers'),
+    ([*DRIVE, '--only', 'a'], '--only: only with --chargers'),
+    (ALONG[:-2], '--end-soc: needed with --chargers')])
+def test_what_belongs_to_one_charger_and_what_to_several(said, arguments, problem):
+    status, _, errors = said(*arguments)
+    assert status == 2 and errors.splitlines()[0] == f'preheat: error: {problem}'

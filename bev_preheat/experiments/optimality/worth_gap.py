@@ -103,8 +103,10 @@ def compare(trip: ChargingTrip) -> WorthGap:
     except InvalidInput as error:
         return WorthGap(trip.number, NOT_DRIVEN, str(error), *car)
     unheated = plan_unheated(*inputs)
-    if unheated.undeliverable_power_w > 0.0 or unheated.soc_shortfall > 0.0:
-        return WorthGap(trip.number, NOT_DRIVEN, unheated.status.name, *car)
+    if unheated.undeliverable_power_w > 0.0:
+        return WorthGap(trip.number, NOT_DRIVEN, f'{unheated.undeliverable_power_w:.0f} W are lacking', *car)
+    if unheated.soc_shortfall > 0.0:
+        return WorthGap(trip.number, NOT_DRIVEN, 'the reserve is not kept', *car)
     if math.isinf(worth.best.cost):
         return WorthGap(trip.number, NEVER_CHARGED, worth.verdict, *car)
     optimum = solve_charging(*inputs, trip.stop, trip.prices, (worth.best.target_c,))
