@@ -18,7 +18,14 @@ from bev_preheat.console.finished import keeping_what_is_finished
 from bev_preheat.console.output import json_output, write_json
 from bev_preheat.console.parser import OneLineParser
 from bev_preheat.console.terminal import print_records, progress_console, result_console
-from bev_preheat.experiments.cost import checker_cost, optimum_cost, planning_cost, process_cost, restart_cost
+from bev_preheat.experiments.cost import (
+    checker_cost,
+    choice_cost,
+    optimum_cost,
+    planning_cost,
+    process_cost,
+    restart_cost,
+)
 from bev_preheat.files.output_files import check_outputs
 from bev_preheat.optional_packages import require
 from bev_preheat.route import route_file
@@ -28,14 +35,15 @@ if TYPE_CHECKING:
     from argparse import Namespace
     from collections.abc import Callable, Sequence
 
-MEASUREMENTS = {'planning': planning_cost.measure, 'optimum': optimum_cost.measure,
+MEASUREMENTS = {'planning': planning_cost.measure, 'choice': choice_cost.measure,
+                'optimum': optimum_cost.measure,
                 'checker': checker_cost.measure, 'process': process_cost.measure,
                 'restart': restart_cost.measure}
 # What they need beyond the planner's own packages.
-PACKAGES = {'planning': (), 'optimum': ('casadi', 'do_mpc'), 'checker': ('casadi', 'psutil'),
+PACKAGES = {'planning': (), 'choice': (), 'optimum': ('casadi', 'do_mpc'), 'checker': ('casadi', 'psutil'),
             'process': ('psutil',), 'restart': ()}
 # All that are planned for.
-ROUTES = ('reference', 'alpine_pass')
+ROUTES = ('reference', 'alpine_pass', 'motorway_3h')
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
