@@ -48,7 +48,9 @@ BAD_VALUES = {
     'auxiliary_power': (nan, -1.0, 6e4),
 }
 BAD_SCALARS = [('minimum_arrival_soc', value) for value in (nan, -0.1, 1.1, 20.0)] + [
-    ('target_battery_temperature', value) for value in (inf, -inf, 298.15, -90.0)]
+    ('target_battery_temperature', value) for value in (inf, -inf, 298.15, -90.0)] + [
+    ('charger_power', value) for value in (-50e3, 150.0, inf, 5e-324)] + [
+    ('charging_departure_soc', value) for value in (80.0, -0.1, inf)]
 BAD_PARAMETERS = [('command_period', 0.0), ('command_lease', nan), ('planning_step', -1.0),
                   ('vehicle', 'no_such_car'), ('vehicle', '/dev/null/x.yaml'), ('method', 'magic'),
                   ('battery_state_timeout', 1e9), ('command_lease', 0.5), ('estimation', 3),
@@ -148,7 +150,9 @@ class Fuzz:
             'auxiliary_power': [300.0] if self.random.random() < 0.5 else []}
         scalars = {'minimum_arrival_soc': self.random.choice((0.0, 0.1, 0.9)),
                    'target_battery_temperature': self.random.choice((25.0, nan, 10.0, 40.0)),
-                   'charging_planned': self.random.random() < 0.9}
+                   'charging_planned': self.random.random() < 0.9,
+                   'charger_power': self.random.choice((0.0, nan, 0.0, 1000.0, 50e3, 150e3)),
+                   'charging_departure_soc': self.random.choice((0.0, nan, 0.01, 0.7, 1.0))}
         start_ns = self.book.now_ns - round(self.random.uniform(-20.0, 100.0) * NS_PER_S)
         if not good:
             if self.book.route and self.random.random() < 0.8:
