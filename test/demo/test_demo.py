@@ -71,6 +71,18 @@ def test_missed_target_is_a_failure(start_demo):
     assert 'Heating all the way is not enough' in output
 
 
+@pytest.mark.deep
+def test_a_drive_to_a_known_charger_tells_the_session(start_demo):
+    demo = start_demo('--temperature', '2', '--soc', '0.4', '--charger-power', '1000', '--speed-up', '40')
+    output, _ = demo.communicate(timeout=TIME_LIMIT_S)
+    assert demo.returncode in (0, 1), output
+    assert "The target is the vehicle's default: This charger cannot charge" in output
+    demo = start_demo('--temperature', '2', '--soc', '0.4', '--charger-power', '50000', '--speed-up', '40')
+    output, _ = demo.communicate(timeout=TIME_LIMIT_S)
+    assert demo.returncode == 0, output
+    assert 'NOT_WORTH_IT: ' in output and 'At the charger, as predicted on the way: ' in output
+
+
 def test_death_of_a_process_is_told_and_ends_the_others(start_demo):
     demo = start_demo('--speed-up', '5')
     wait_for_line(demo, 'battery')

@@ -246,7 +246,7 @@ def both(planner_and_checker):
     # Only that: a solver is started anew for a vehicle, be it the same.
     planner_and_checker.undo_set({
         'planner': {'method': 'optimal_switch', 'planning_step': 30.0,
-                    'target_battery_temperature': nan, 'estimation': True},
+                    'target_battery_temperature': nan, 'estimation': True, 'value_of_time': 10.0},
         'nlp_checker': {'vehicle': 'reference'}})
 
 
@@ -359,6 +359,25 @@ def test_a_plan_in_other_steps_is_made_again_for_the_goal_of_the_planner(both):
     assert report.optimal
     assert report.optimal_arrival_temperature == pytest.approx(target_c, abs=1e-3)
     assert report.method == 'optimal_switch'
+    assert abs(report.energy_gap) < 0.05
+
+
+@pytest.mark.parametrize('value_of_time, pays', [(200.0, True), (0.0, False)])
+def test_the_target_that_the_planner_has_chosen_is_checked(both, value_of_time, pays):
+    route_id = f'to the charger at {value_of_time:g} an hour'
+    assert both.set('planner', value_of_time=value_of_time).successful
+    both.send_route(route_id, target_battery_temperature=nan, charger_power=150e3)
+    with both.feeding():
+        plan = both.plans.wait_for(lambda plan: plan.route_id == route_id and len(plan.time))
+        report = both.report(of_route(route_id))
+    assert plan.target_source == PreheatPlan.TARGET_CHOSEN
+    assert (plan.status == PreheatPlan.NOT_WORTH_IT) is not pays
+    assert report.optimal and report.optimal_heating is pays
+    # The vehicle's default is 25 degC.
+    assert plan.target_battery_temperature < 21.0
+    # Of the targets that were chosen one after the other, which one the checker met is open.
+    assert any(abs(plan.target_battery_temperature - report.optimal_arrival_temperature) < 0.1
+               for plan in both.plans.messages if plan.route_id == route_id)
     assert abs(report.energy_gap) < 0.05
 
 
