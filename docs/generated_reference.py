@@ -20,6 +20,8 @@ from bev_preheat.planning.status import Status
 
 ROOT = Path(__file__).resolve().parents[1]
 MESSAGES = ('RoutePlan', 'RouteProgress', 'HvchCommand', 'PreheatPlan', 'OptimalityReport')
+ACTIONS = ('PrepareBattery',)
+ACTION_PARTS = ('Goal', 'Result', 'Feedback')
 NODES = (planner_node, nlp_checker_node, vehicle_simulator_node)
 SCHEMAS = {'vehicle': 'vehicle/schema.yaml', 'legs': 'route/legs_schema.yaml',
            'chargers': 'charging/chargers_schema.yaml',
@@ -75,14 +77,21 @@ def page(*parts):
 
 
 def messages():
-    """Return each message: its comment, constants and fields."""
-    return page(*(message(name, (ROOT / f'msg_defs/msg/{name}.msg').read_text())
-                  for name in MESSAGES))
+    """Return each message and action: its comment, constants and fields."""
+    return page(*(message(f'## {name}', (ROOT / f'msg_defs/msg/{name}.msg').read_text())
+                  for name in MESSAGES), *map(action, ACTIONS))
 
 
-def message(name, text):
+def action(name):
+    """Return the section of one action: a message each for goal, result and feedback."""
+    texts = (ROOT / f'msg_defs/action/{name}.action').read_text().split('\n---\n')
+    return page(f'## {name}', *(message(f'### {part} of {name}', text)
+                                for part, text in zip(ACTION_PARTS, texts, strict=True)))
+
+
+def message(heading, text):
     """Return the section of one message from the text of its .msg file."""
-    parts, rows, said_before = [f'## {name}'], [], ''
+    parts, rows, said_before = [heading], [], ''
     for kind, comment, definitions in blocks(text):
         if rows and kind != rows[0][0]:
             parts.append(_table_of(rows))

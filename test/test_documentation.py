@@ -177,12 +177,13 @@ def test_every_status_is_explained(generated):
 
 
 def test_every_field_of_a_message_is_listed_once(generated):
-    sections = generated['messages'].split('## ')[1:]
-    assert len(sections) == len(list((ROOT / 'msg_defs/msg').glob('*.msg')))
+    files = {path.stem: path for pattern in ('msg/*.msg', 'action/*.action')
+             for path in (ROOT / 'msg_defs').glob(pattern)}
+    sections = re.split('^## ', generated['messages'], flags=re.MULTILINE)[1:]
+    assert sorted(section.split('\n', 1)[0] for section in sections) == sorted(files)
     for section in sections:
         name = section.split('\n', 1)[0]
-        defined = re.findall(r'^[\w/]+(?:\[\])? (\w+)\s*(?:#.*)?$',
-                             (ROOT / f'msg_defs/msg/{name}.msg').read_text(), re.MULTILINE)
+        defined = re.findall(r'^[\w/]+(?:\[\])? (\w+)\s*(?:#.*)?$', files[name].read_text(), re.MULTILINE)
         listed = [field.strip('`') for row in cells(section) if len(row) == 4 and row[0] != 'field'
                   for field in row[0].split('<br>')]
         assert listed == defined
@@ -225,5 +226,5 @@ def test_every_topic_is_described():
     page = (ROOT / 'docs/reference/topics.md').read_text()
     for node in planner_node, nlp_checker_node, vehicle_simulator_node:
         program = node.PROGRAM
-        for name, _ in (*program.subscribes, *program.publishes, *program.services):
+        for name, _ in (*program.subscribes, *program.publishes, *program.services, *program.actions):
             assert f'`{name}`' in page, f'{program.name}: {name}'

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from bev_preheat_msgs.action import PrepareBattery
 
 CLOCK = re.compile(r'([01]?\d|2[0-3]):([0-5]\d)')
+NAME = re.compile(r'[A-Za-z_][A-Za-z0-9_]*')
 LONGEST_MIN = 24 * 60.0
 
 
@@ -58,6 +59,9 @@ def seconds_until(clock: str, now: datetime) -> float:
 
 def run(arguments: Namespace) -> int:
     """Send the goal and follow it; returns the exit status."""
+    if NAME.fullmatch(arguments.node) is None:
+        raise InvalidInput(f'--node: {quoted(arguments.node)} is not allowed; it must be letters, digits and '
+                           '_, no digit first')
     minutes = arguments.minutes
     if minutes is not None and not 0.0 < minutes <= LONGEST_MIN:
         raise InvalidInput(f'--in: {minutes:g} is not allowed; it must be above 0 and at most '
@@ -68,11 +72,7 @@ def run(arguments: Namespace) -> int:
     try:
         # From here on, because loading ROS takes a while too.
         with end_signals() as signals:
-            from rclpy.exceptions import (
-                InvalidNamespaceException,
-                InvalidNodeNameException,
-                InvalidTopicNameException,
-            )
+            from rclpy.exceptions import InvalidNamespaceException
 
             from bev_preheat.monitoring.preparation import PreparationClient, Wanted
             from bev_preheat.nodes.listening import listening
@@ -84,8 +84,6 @@ def run(arguments: Namespace) -> int:
                         ready_in_s, arguments.target, arguments.ambient, arguments.plugged_in))
             except InvalidNamespaceException as error:
                 raise InvalidInput(f'--namespace: {arguments.namespace!r}: {error}') from error
-            except (InvalidNodeNameException, InvalidTopicNameException) as error:
-                raise InvalidInput(f'--node: {arguments.node!r}: {error}') from error
     except KeyboardInterrupt:
         # A second signal: whoever sends it does not want to wait for the planner's answer.
         return INTERRUPTED

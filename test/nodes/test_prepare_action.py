@@ -1,0 +1,332 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The action ~/prepare_battery and `preheat prepare`, beside the installed planner."""
+
+from datetime import datetime
+import io
+from math import inf, nan
+import os
+import signal
+import subprocess
+import sys
+
+from action_msgs.msg import GoalStatus
+from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticArray
+from node_bench import poll_until, repeating
+import pytest
+from rclpy.action import ActionClient
+from rich.console import Console
+from sensor_msgs.msg import BatteryState
+from spinning import take_down
+
+from bev_preheat.commands.main import main
+from bev_preheat.commands.prepare import seconds_until
+from bev_preheat.errors import InvalidInput
+from bev_preheat.monitoring import preparation
+from bev_preheat.monitoring.heard import Heard
+from bev_preheat.monitoring.preparation import feedback_line, Wanted
+from bev_preheat.monitoring.view import line, page
+from bev_preheat.nodes.convert import plan_message, time_message
+from bev_preheat.nodes.optimality_report import case_of_plan
+from bev_preheat.nodes.prepare_action import wish_of_goal
+from bev_preheat.planning.situation import BatteryState as BatteryInput
+from bev_preheat.planning.status import Status
+from bev_preheat.route.segments import make_route
+from bev_preheat.supervision.events import BatteryStateArrived, PreparationWanted, RouteArrived
+from bev_preheat.supervision.inbox import Inbox
+from bev_preheat.supervision.inputs import Leg, Measurement, Mission, NS_PER_S
+from bev_preheat.supervision.settings import Settings
+from bev_preheat.supervision.supervisor import Supervisor
+from bev_preheat.supervision.wish import Ending, Wish
+from bev_preheat.vehicle import load_vehicle
+from bev_preheat_msgs.action import PrepareBattery
+from bev_preheat_msgs.msg import HvchCommand, PreheatPlan
+
+# config/vehicles/reference.yaml: 7 kW, of which the cabin takes 1978 W.
+FULL_POWER_W = 5022.0
+# A process that starts, on a busy computer.
+LIMIT_S = 120.0
+PREPARE = [sys.executable, '-m', 'bev_preheat', 'prepare', '--namespace', '/car']
+
+
+def goal(**fields):
+    return PrepareBattery.Goal(**{
+        'target_battery_temperature': 20.0, 'ambient_temperature': -5.0, **fields})
+
+
+# Messages
+
+
+@pytest.mark.parametrize('fields, target_c, ambient_c', [
+    ({}, None, None), ({'target_battery_temperature': nan, 'ambient_temperature': nan}, None, None),
+    ({'has_target_battery_temperature': True}, 0.0, None), ({'has_ambient_temperature': True}, None, 0.0),
+    ({'target_battery_temperature': 31.0, 'ambient_temperature': -4.0}, 31.0, -4.0)])
+def test_what_nobody_sets_is_not_given(fields, target_c, ambient_c):
+    wish = wish_of_goal(PrepareBattery.Goal(**fields))
+    assert (wish.target_c, wish.ambient_c) == (target_c, ambient_c)
+    assert wish.is_soonest and not wish.is_plugged_in
+
+
+def test_an_instant_is_read_to_the_nanosecond():
+    wish = wish_of_goal(PrepareBattery.Goal(ready_at=Time(sec=1700, nanosec=7), plugged_in=True))
+    assert (wish.ready_at_ns, wish.is_soonest, wish.is_plugged_in) == (1_700_000_000_007, False, True)
+
+
+@pytest.mark.parametrize('fields, sentence', [
+    ({'target_battery_temperature': inf}, 'target_battery_temperature: inf is not allowed; it must be finite'),
+    ({'ambient_temperature': -inf}, 'ambient_temperature: -inf is not allowed'),
+    ({'ambient_temperature': nan, 'has_ambient_temperature': True},
+     'ambient_temperature: nan is not allowed where has_ambient_temperature is true'),
+    ({'ready_at': Time(sec=-1)}, 'ready_at: -1 s and 0 ns are no instant'),
+    ({'ready_at': Time(sec=1, nanosec=1_000_000_000)}, 'nanoseconds below 1000000000')])
+def test_a_goal_that_cannot_be_read_is_refused(fields, sentence):
+    with pytest.raises(InvalidInput) as refusal:
+        wish_of_goal(PrepareBattery.Goal(**fields))
+    assert sentence in str(refusal.value)
+
+
+def test_the_results_codes_are_those_of_the_endings():
+    assert {ending.name: ending.value for ending in Ending} == {
+        ending.name: getattr(PrepareBattery.Result, ending.name) for ending in Ending}
+    assert PrepareBattery.Result().code == PrepareBattery.Result.UNKNOWN
+
+
+@pytest.mark.parametrize('clock, now, expected_s', [
+    ('7:30', datetime(2026, 3, 4, 7, 20, 30), 570.0), ('07:20', datetime(2026, 3, 4, 7, 20), 86400.0),
+    ('0:00', datetime(2026, 12, 31, 23, 0), 3600.0)])
+def test_a_clock_time_is_the_next_one(clock, now, expected_s):
+    assert seconds_until(clock, now) == expected_s
+
+
+def test_a_goal_in_a_persons_terms_says_what_is_given():
+    sent = Wanted(90.0, 0.0, None, True).goal(1_700_000_000_000_000_000)
+    assert sent == PrepareBattery.Goal(
+        ready_at=Time(sec=1_700_000_090), has_target_battery_temperature=True, plugged_in=True)
+    assert Wanted().goal(5) == PrepareBattery.Goal()
+
+
+def test_a_line_of_feedback_leaves_out_what_is_unknown():
+    assert feedback_line(PrepareBattery.Feedback(
+        battery_temperature=1.24, time_left=754.0, predicted_battery_temperature=20.0,
+        battery_heating_power=5022.0, status=int(Status.HEATING))) == (
+            'HEATING: battery 1.2 degC, in 12:34 min 20.0 degC, heater 5022 W')
+    assert feedback_line(PrepareBattery.Feedback(
+        battery_temperature=nan, time_left=nan, predicted_battery_temperature=nan, status=200)) == (
+            'status 200: battery -, in - -, heater 0 W')
+
+
+# Those who read plans
+
+
+NOW_NS = 1_700_000_000 * NS_PER_S
+
+
+def planned(*wishes):
+    """Return (supervisor, measurement, PreheatPlan) for a route of 40 min, and for wishes."""
+    vehicle = load_vehicle('reference')
+    route = make_route({'duration_s': [30.0] * 80, 'speed_mps': [20.0], 'propulsion_power_w': [20e3],
+                        'ambient_temperature_c': [-3.0]}, vehicle.defaults)
+    supervisor = Supervisor(vehicle, Settings())
+    measurement = Measurement(BatteryInput(3.0, 0.8), NOW_NS)
+    # The same drive and the same target: what is planned is the same trip.
+    for event in (RouteArrived(Mission('home', (Leg(route, NOW_NS, True, 20.0),))),
+                  BatteryStateArrived(measurement), *map(PreparationWanted, wishes)):
+        assert not any(output.refusals for output in supervisor.step(NOW_NS, event))
+    return supervisor, measurement, plan_message(
+        supervisor.decision, supervisor.pursued_mission, NOW_NS)
+
+
+@pytest.mark.parametrize('wishes', [(), (Wish(NOW_NS + 2400 * NS_PER_S, 20.0),)])
+def test_a_plan_for_a_goal_is_not_taken_for_the_routes(wishes):
+    supervisor, measurement, plan = planned(*wishes)
+    assert plan.route_id == ('~/prepare_battery' if wishes else 'home')
+    case = case_of_plan(supervisor.mission, Inbox(
+        supervisor.vehicle, supervisor.settings).goal_of, [measurement], plan)
+    assert (case is None) is bool(wishes)
+
+
+def test_the_monitor_shows_the_plan_for_a_goal():
+    _, _, plan = planned(Wish(0, 20.0))
+    heard = Heard()
+    heard.hear('preheat_plan', plan)
+    assert '~/prepare_battery: Heating' in line(heard)
+    console = Console(width=100, file=io.StringIO())
+    console.print(page(heard))
+    assert 'HEATING: ~/prepare_battery: Heating' in console.file.getvalue()
+
+
+# Over DDS
+
+
+class Driver:
+    """A client of the installed planner's action, a battery beside it, and what the planner says."""
+
+    def __init__(self, bench):
+        self.bench = bench
+        self.commands = bench.record(HvchCommand, 'car/hvch_command')
+        self.plans = bench.record(PreheatPlan, 'car/preheat_plan')
+        self.diagnostics = bench.record(DiagnosticArray, '/diagnostics')
+        self.states = bench.publisher(BatteryState, 'car/battery_state')
+        self.client = ActionClient(bench.node, PrepareBattery, 'car/planner/prepare_battery')
+        self.process = None
+        self.feedback = []
+
+    def start(self):
+        """Start a planner, and wait until it takes goals."""
+        self.process = self.bench.start(
+            'planner', '-r', '__ns:=/car', '-p', 'command_period:=0.2', '-p', 'command_lease:=0.6',
+            '-p', 'battery_state_timeout:=60.0')
+        poll_until(self.client.server_is_ready, 'the action')
+        # The first goal may come before the battery's first state.
+        poll_until(lambda: 'temperature was heard' if any(
+            value.key == 'battery temperature [degC]' for message in self.diagnostics.messages[-5:]
+            for status in message.status for value in status.values) else None, 'a battery state')
+
+    def feed(self):
+        state = BatteryState(temperature=3.0, percentage=0.8)
+        state.header.stamp = time_message(self.bench.node.get_clock().now().nanoseconds)
+        self.states.publish(state)
+
+    def send(self, **fields):
+        """Send a goal; return its handle and the future of its result."""
+        sent = self.client.send_goal_async(
+            goal(**fields), lambda message: self.feedback.append(message.feedback))
+        handle = self.done(sent)
+        assert handle.accepted
+        return handle, handle.get_result_async()
+
+    @staticmethod
+    def done(future):
+        poll_until(future.done, 'an answer', LIMIT_S)
+        return future.result()
+
+    def heats(self):
+        self.commands.clear()
+        return self.commands.wait_for(lambda command: command.battery_heating_power > 0.0)
+
+
+@pytest.fixture(scope='module')
+def driver(module_bench):
+    driver = Driver(module_bench)
+    with repeating(driver.feed, 0.1):
+        driver.start()
+        yield driver
+        take_down(module_bench.node, driver.client.destroy)
+
+
+def test_a_goal_heats_tells_how_it_goes_and_is_canceled(driver):
+    handle, result = driver.send()
+    assert driver.heats().reason == int(Status.HEATING)
+    poll_until(lambda: driver.feedback, 'feedback')
+    told = poll_until(lambda: next((one for one in driver.feedback if one.battery_heating_power > 0.0), None),
+                      'feedback on heating')
+    assert told.status == int(Status.HEATING) and told.battery_temperature == pytest.approx(3.0, abs=0.5)
+    # 5022 W times 0.87 warm 378 kJ/K; what leaks comes on top.
+    assert 17.0 / (5022.0 * 0.87 / 378e3) < told.time_left < 1.5 * 17.0 / (5022.0 * 0.87 / 378e3)
+    assert driver.plans.latest.route_id == '~/prepare_battery'
+    entry = poll_until(lambda: next(
+        (value.value for message in driver.diagnostics.messages[-5:] for status in message.status
+         for value in status.values if value.key == 'goal of prepare_battery'), None), 'the goal')
+    assert entry == 'as soon as possible'
+    assert handle.status in (GoalStatus.STATUS_ACCEPTED, GoalStatus.STATUS_EXECUTING)
+    driver.commands.clear()
+    driver.done(handle.cancel_goal_async())
+    answer = driver.done(result)
+    assert (answer.status, answer.result.code) == (GoalStatus.STATUS_CANCELED, PrepareBattery.Result.CANCELED)
+    assert answer.result.explanation == 'The goal was canceled.' and not answer.result.reached
+    off = driver.commands.wait_for(lambda command: command.battery_heating_power == 0.0)
+    assert off.reason == int(Status.NO_ROUTE)
+    driver.commands.clear()
+    assert not any(command.battery_heating_power for command in driver.commands.wait_for_count(3))
+
+
+def test_refused_replaced_and_reached_goals_get_their_results(driver):
+    _, first = driver.send()
+    _, refused = driver.send(target_battery_temperature=200.0)
+    answer = driver.done(refused)
+    assert (answer.status, answer.result.code) == (GoalStatus.STATUS_ABORTED, PrepareBattery.Result.REFUSED)
+    assert 'target battery temperature: 200 is not allowed' in answer.result.explanation
+    _, unreadable = driver.send(ambient_temperature=inf)
+    assert driver.done(unreadable).result.code == PrepareBattery.Result.REFUSED
+    assert not first.done() and driver.heats()
+    _, reached = driver.send(target_battery_temperature=2.0)
+    assert driver.done(first).result.code == PrepareBattery.Result.REPLACED
+    answer = driver.done(reached)
+    assert (answer.status, answer.result.code) == (GoalStatus.STATUS_SUCCEEDED, PrepareBattery.Result.REACHED)
+    assert answer.result.reached and answer.result.shortfall == 0.0
+
+
+@pytest.fixture
+def prepare(driver):
+    """`prepare(*arguments)` starts `preheat prepare` for the planner."""
+    started = []
+
+    def start(*arguments):
+        started.append(subprocess.Popen(
+            [*PREPARE, *arguments], text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+            env={**os.environ, 'ROS_DOMAIN_ID': str(driver.bench.node.context.get_domain_id()),
+                 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}))
+        return started[-1]
+
+    yield start
+    for process in started:
+        process.kill()
+        process.communicate()
+
+
+def test_ctrl_c_cancels_the_goal_and_the_heater_is_off(driver, prepare):
+    process = prepare('--target', '20', '--ambient', '-5', '--plugged-in')
+    assert driver.heats().battery_heating_power == FULL_POWER_W
+    assert process.stdout.readline().startswith('HEATING: battery ')
+    process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=LIMIT_S)
+    assert (process.returncode, errors) == (
+        130, 'preheat: interrupted; the goal is canceled, its heating is off\n')
+    driver.commands.clear()
+    assert driver.commands.wait_for_count(1)[0].battery_heating_power == 0.0
+
+
+def test_a_refused_goal_is_one_line_and_a_reached_one_ends_with_0(driver, prepare):
+    refused = prepare('--in', '40', '--target', '99')
+    reached = prepare('--in', '0.02', '--target', '0', '--ambient', '-5')
+    text, errors = refused.communicate(timeout=LIMIT_S)
+    assert (refused.returncode, text) == (2, '')
+    assert errors.startswith('preheat: error: The goal was refused: target battery temperature: 99 is not')
+    assert errors.count('\n') == 1
+    text, errors = reached.communicate(timeout=LIMIT_S)
+    assert (reached.returncode, errors) == (0, ''), errors
+    assert text.endswith('The battery is warm: 3.0 degC, target 0.0 degC.\n')
+
+
+def test_a_planner_that_ends_says_so_and_its_successor_knows_no_goal(driver):
+    _, result = driver.send()
+    driver.heats()
+    driver.process.send_signal(signal.SIGTERM)
+    answer = driver.done(result)
+    assert (answer.status, answer.result.code) == (
+        GoalStatus.STATUS_ABORTED, PrepareBattery.Result.SHUTTING_DOWN)
+    assert driver.process.wait() == 0 and 'Traceback' not in driver.process.output()
+    driver.commands.clear()
+    driver.diagnostics.clear()
+    driver.start()
+    driver.commands.wait_for_count(3)
+    assert {command.reason for command in driver.commands.messages[-3:]} == {int(Status.NO_ROUTE)}
+
+
+# Without a planner
+
+
+def test_without_a_planner_it_is_one_line(domain_id, capsys, monkeypatch):
+    monkeypatch.setattr(preparation, 'FOUND_WITHIN_S', 0.3)
+    assert main(['prepare', '--namespace', '/nobody', '--in', '40']) == 2
+    errors = capsys.readouterr().err
+    assert errors.startswith('preheat: error: no planner answers as /nobody/planner') and errors.count('\n') == 1
+
+
+@pytest.mark.parametrize('arguments, problem', [
+    (('--at', '7.30'), "--at: '7.30' is not allowed; it must be HH:MM"), (('--in', '0'), '--in: 0 is not allowed'),
+    (('--in', 'nan'), '--in: nan is not allowed'), (('--in', '1441'), 'at most 1440 min'),
+    (('--namespace', 'a b'), "--namespace: 'a b'"), (('--node', 'a b'), "--node: 'a b'")])
+def test_arguments_that_mean_nothing_are_refused(domain_id, capsys, arguments, problem):
+    assert main(['prepare', *arguments]) == 2
+    assert problem in capsys.readouterr().err
