@@ -164,8 +164,9 @@ class OutlookMaker:
         def plan(heat_lag_s: float = lag_s, **heater_as: Any) -> Plan:
             return plan_preheating(
                 vehicle, route, state, goal, settings.method,
-                self._caution(vehicle, estimate, settings, is_heating), heat_lag_s=heat_lag_s,
-                **heater_as)
+                # As soon as possible is not too short, and never too late.
+                self._caution(vehicle, estimate, settings, is_heating or full_power is not None),
+                heat_lag_s=heat_lag_s, **heater_as)
 
         def deviation_k(of: Plan) -> float:
             return arrival_deviation_k(make_trip(vehicle, route, share), of, estimate)

@@ -8,62 +8,35 @@ made anew with every input. Instants are integers, in nanoseconds of the node's 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 import math
 from typing import TYPE_CHECKING
 
-import numpy as np
-
-from bev_preheat.errors import InvalidInput, PlanningFailure
+from bev_preheat.errors import InvalidInput
 from bev_preheat.planning.explanation import duration_text
-from bev_preheat.planning.planner import plan_unheated, SHORTFALL_TOLERANCE_K
-from bev_preheat.planning.situation import check_situation, Goal, reserve_soc
+from bev_preheat.planning.situation import check_situation, Goal
 from bev_preheat.route.segments import LIMITS
-from bev_preheat.supervision.assumed_drive import drive_of_route, DriveMemory, drives_between, steady_drive
+from bev_preheat.supervision.assumed_drive import drive_of_route, DriveMemory, steady_drive
 from bev_preheat.supervision.command import find_obstacle
 from bev_preheat.supervision.inputs import Leg, Mission, NS_PER_S
+from bev_preheat.supervision.pursuit import conclusion, contradiction, LONGEST_SOONEST_S, Pursuit
 from bev_preheat.supervision.timetable import Timetable
 from bev_preheat.supervision.wish import Ending, Outcome, Wish
+from bev_preheat.supervision.wished_plan import reserve_before
 
 if TYPE_CHECKING:
     from bev_preheat.route.segments import Route
     from bev_preheat.supervision.decision import Decision
     from bev_preheat.supervision.inbox import Inbox
     from bev_preheat.supervision.inputs import Measurement
+    from bev_preheat.supervision.pursuit import Conclusion
 
 # The route_id of plans for a goal; no route plan that is typed by hand has it.
 ROUTE_ID = '~/prepare_battery'
-# The furthest instant, and for how long "as soon as possible" may heat [s].
+# The furthest instant [s].
 LONGEST_S = 24 * 3600.0
-LONGEST_SOONEST_S = 6 * 3600.0
 # An ambient temperature is known for so long [s].
 AMBIENT_KNOWN_S = 6 * 3600.0
-# What keeps the heater off for so long ends a goal [s].
-PATIENCE_S = 60.0
-# A battery that is heated as soon as possible is warm when it is this near to its target [K].
-SOONEST_WITHIN_K = 0.1
-# Of a vehicle that is plugged in the charge does not fall by more than this.
-CHARGE_FALLS_BY = 0.02
-
-
-@dataclass
-class _Pursuit:
-    """
-    A Wish that is pursued: target and ambient temperature [deg C], when and with what charge it began.
-
-    `expected_ns` is the instant at which the battery is predicted to be warm, `held_off_ns` since when
-    nothing can be planned; None: neither is known.
-    """
-
-    wish: Wish
-    target_c: float
-    started_ns: int
-    started_soc: float
-    ambient_c: float | None = None
-    expected_ns: int | None = None
-    held_off_ns: int | None = None
-
-
 class Preparer:
     """
     Keeps one Wish at a time, and makes its `timetable`; None while there is none.
@@ -75,7 +48,7 @@ class Preparer:
     def __init__(self) -> None:
         """Without a wish."""
         self.timetable: Timetable | None = None
-        self._pursuit: _Pursuit | None = None
+        self._pursuit: Pursuit | None = None
         self._outcomes: list[Outcome] = []
         self._memory = DriveMemory()
         # When it was known [ns], and what it was [deg C].
@@ -144,14 +117,14 @@ class Preparer:
             raise InvalidInput(problems)
         measurement = inbox.measurement
         self._note_ambient(inbox.mission, now_ns)
-        self._pursuit = _Pursuit(wish, target_c, now_ns, measurement.state.soc if measurement else 0.0)
+        self._pursuit = Pursuit(wish, target_c, now_ns, measurement.state.soc if measurement else 0.0)
         self._has_lost_time = False
         if self._ambient_c(wish, now_ns) is None and (wish.is_plugged_in or not _has_route(inbox, now_ns)):
             raise InvalidInput('ambient_temperature: is not given, and none is known; it must be given '
                                'where no route has told it in the last 6 h')
-        contradiction = self._contradiction(inbox, now_ns)
-        if contradiction:
-            raise InvalidInput(f'plugged_in: {contradiction}')
+        objection = contradiction(self._pursuit, inbox, now_ns)
+        if objection:
+            raise InvalidInput(f'plugged_in: {objection}')
         # Whatever it is, now there is something to heat for.
         self.timetable = Timetable(Mission(ROUTE_ID, (Leg(steady_drive(1.0, 0.0, inbox.defaults)),)))
         obstacle = find_obstacle(inbox, now_ns)
@@ -177,63 +150,17 @@ class Preparer:
         pursuit = self._pursuit
         if pursuit is None:
             return False
-        conclusion = self._conclusion(pursuit, inbox, now_ns, decision, temperature_c)
-        if conclusion is None:
+        if self._has_lost_time:
+            over: Conclusion = (Ending.INPUT_LOST,
+                                'The clock was set back: the instant of the goal means nothing now.')
+        else:
+            over = conclusion(pursuit, inbox, now_ns, decision, temperature_c)
+        if over is None:
             return False
-        ending, explanation = conclusion
+        ending, explanation = over
         self._note(pursuit.wish, ending, explanation, inbox, pursuit.target_c, temperature_c)
         self._pursuit = self.timetable = None
         return True
-
-    def _conclusion(self, pursuit: _Pursuit, inbox: Inbox, now_ns: int, decision: Decision,
-                    temperature_c: float | None) -> tuple[Ending, str] | None:
-        """Return (Ending, sentence) where the pursuit is over; None where it goes on."""
-        if self._has_lost_time:
-            return Ending.INPUT_LOST, 'The clock was set back: the instant of the goal means nothing now.'
-        if not inbox.is_enabled:
-            return Ending.DISABLED, 'Preheating was switched off through ~/enable.'
-        contradiction = self._contradiction(inbox, now_ns)
-        if contradiction:
-            return Ending.UNPLUGGED, f'The vehicle is not plugged in any more: {contradiction}.'
-        if decision.plan is not None:
-            pursuit.held_off_ns = None
-            pursuit.expected_ns = decision.plan_start_ns + round(decision.plan.arrival_time_s * NS_PER_S)
-        elif pursuit.held_off_ns is None:
-            pursuit.held_off_ns = now_ns
-        is_time = 0 < pursuit.wish.ready_at_ns <= now_ns
-        if find_obstacle(inbox, now_ns) is not None or temperature_c is None or (
-                decision.plan is None and not is_time):
-            held_off_s = (now_ns - (pursuit.held_off_ns or now_ns)) / NS_PER_S
-            if is_time:
-                return Ending.INPUT_LOST, f'The heater was off at the instant: {decision.explanation}'
-            if held_off_s >= PATIENCE_S:
-                return Ending.INPUT_LOST, (
-                    f'The heater has been off for {duration_text(held_off_s)}: {decision.explanation}')
-            return None
-        if pursuit.wish.is_soonest:
-            return self._soonest_conclusion(pursuit, now_ns, decision, temperature_c)
-        if not is_time:
-            return None
-        missed_k = pursuit.target_c - temperature_c
-        return _arrived(temperature_c, pursuit.target_c, missed_k <= SHORTFALL_TOLERANCE_K)
-
-    def _soonest_conclusion(self, pursuit: _Pursuit, now_ns: int, decision: Decision,
-                            temperature_c: float) -> tuple[Ending, str] | None:
-        plan, target_c = decision.plan, pursuit.target_c
-        assert plan is not None
-        is_idle = plan.heating_start_s is None
-        if target_c - temperature_c <= SOONEST_WITHIN_K or (
-                is_idle and target_c - temperature_c <= SHORTFALL_TOLERANCE_K):
-            return _arrived(temperature_c, target_c, True)
-        missed = (f'The battery is at {temperature_c:.1f} degC and does not get to the target of '
-                  f'{target_c:.1f} degC')
-        if plan.arrival_time_s >= LONGEST_SOONEST_S - 1.0:
-            return Ending.MISSED, f'{missed}, not even at full power for {duration_text(LONGEST_SOONEST_S)}.'
-        if (now_ns - pursuit.started_ns) / NS_PER_S >= LONGEST_SOONEST_S:
-            return Ending.MISSED, f'{missed} within {duration_text(LONGEST_SOONEST_S)}.'
-        if is_idle and plan.shortfall_k > SHORTFALL_TOLERANCE_K:
-            return Ending.MISSED, f'{missed}: {plan.explanation}'
-        return None
 
     def _note(self, wish: Wish, ending: Ending, explanation: str, inbox: Inbox,
               target_c: float = math.nan, temperature_c: float | None = None) -> None:
@@ -243,18 +170,6 @@ class Preparer:
         self._outcomes.append(Outcome(
             wish, ending, explanation, max(0.0, target_c - temperature_c)
             if math.isfinite(target_c - temperature_c) else math.nan, temperature_c))
-
-    def _contradiction(self, inbox: Inbox, now_ns: int) -> str:
-        """Return what speaks against a vehicle that is plugged in, as a sentence; '': nothing."""
-        pursuit, mission, measurement = self._pursuit, inbox.mission, inbox.measurement
-        if pursuit is None or not pursuit.wish.is_plugged_in:
-            return ''
-        if mission is not None and drives_between(mission, now_ns, pursuit.wish.ready_at_ns):
-            return f'the route plan {mission.route_id!r} drives before the battery is to be warm'
-        if measurement is not None and pursuit.started_soc - measurement.state.soc > CHARGE_FALLS_BY:
-            return (f'the state of charge has fallen from {100 * pursuit.started_soc:.1f} % to '
-                    f'{100 * measurement.state.soc:.1f} %')
-        return ''
 
     # The trip that is planned for
 
@@ -273,13 +188,13 @@ class Preparer:
             return
         leg = Leg(self._drive(pursuit, inbox, now_ns, until_ns, propulsion_factor), pursuit.started_ns,
                   target_temperature_c=pursuit.target_c,
-                  minimum_arrival_soc=_reserve(
+                  minimum_arrival_soc=reserve_before(
                       inbox, now_ns, pursuit.wish.ready_at_ns or pursuit.expected_ns or now_ns)
                   if not pursuit.wish.is_plugged_in else 0.0,
                   made_for=pursuit.wish).in_planning_steps(inbox.settings.planning_step_s)
         self.timetable = Timetable(Mission(ROUTE_ID, (leg,)))
 
-    def _drive(self, pursuit: _Pursuit, inbox: Inbox, now_ns: int, until_ns: int,
+    def _drive(self, pursuit: Pursuit, inbox: Inbox, now_ns: int, until_ns: int,
                propulsion_factor: float) -> Route:
         wish, defaults = pursuit.wish, inbox.defaults
         mission, from_ns = inbox.mission, pursuit.started_ns
@@ -322,39 +237,3 @@ def _problems(wish: Wish, now_ns: int) -> list[str]:
         problems.append(f'ambient_temperature: {wish.ambient_c:g} degC is not allowed; it must be '
                         f'{low_c:g} ... {high_c:g} degC')
     return problems
-
-
-def _arrived(temperature_c: float, target_c: float, is_warm: bool) -> tuple[Ending, str]:
-    if is_warm:
-        return Ending.REACHED, (f'The battery is warm: {temperature_c:.1f} degC, target '
-                                f'{target_c:.1f} degC.')
-    return Ending.MISSED, (f'The battery is at {temperature_c:.1f} degC, {target_c - temperature_c:.1f} K '
-                           f'below the target of {target_c:.1f} degC.')
-
-
-def _reserve(inbox: Inbox, now_ns: int, until_ns: int) -> float:
-    """
-    Return the state of charge to be left at an instant [ns], so that the route's leg keeps its own.
-
-    That is what its end asks for, and what the drive from the instant to there takes.
-    """
-    mission, measurement = inbox.mission, inbox.measurement
-    if mission is None or measurement is None:
-        return 0.0
-    leg = mission.legs[mission.leg_number(until_ns)]
-    start_ns = max(now_ns, leg.start_ns)
-    route = leg.route_ahead(start_ns)
-    if route is None or not start_ns <= until_ns < leg.arrival_ns:
-        return 0.0
-    goal = inbox.goal_of(leg)
-    reserve = reserve_soc(inbox.vehicle, goal)
-    try:
-        plan = plan_unheated(inbox.vehicle, route, measurement.state, goal)
-    except (InvalidInput, PlanningFailure):
-        # Then the goal itself cannot be planned, and says so.
-        return reserve
-    until_s = (until_ns - start_ns) / NS_PER_S
-    # What a descent behind it gives back does not help before it.
-    least_soc = plan.soc[plan.time_s >= until_s].min()
-    takes = max(0.0, float(np.interp(until_s, plan.time_s, plan.soc) - least_soc))
-    return min(reserve + takes, 1.0)

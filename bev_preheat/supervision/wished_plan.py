@@ -14,13 +14,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from bev_preheat.errors import InvalidInput, PlanningFailure
 from bev_preheat.planning.limits import drive_as_planned
-from bev_preheat.planning.planner import plan_preheating, SHORTFALL_TOLERANCE_K
+from bev_preheat.planning.planner import plan_preheating, plan_unheated, SHORTFALL_TOLERANCE_K
 from bev_preheat.planning.schedule import HeldBack
 from bev_preheat.planning.situation import reserve_soc
 from bev_preheat.planning.status import Status
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.route.segments import LIMITS
+from bev_preheat.supervision.inputs import NS_PER_S
 from bev_preheat.supervision.target_choice import TargetChoice, TargetSource
 from bev_preheat.vehicle.grid import grid_fed
 
@@ -32,6 +34,7 @@ if TYPE_CHECKING:
     from bev_preheat.planning.situation import BatteryState, Goal
     from bev_preheat.route.segments import Route
     from bev_preheat.supervision.decision import Decision
+    from bev_preheat.supervision.inbox import Inbox
     from bev_preheat.supervision.inputs import Leg
     from bev_preheat.supervision.settings import Settings
     from bev_preheat.supervision.wish import Wish
@@ -152,3 +155,31 @@ def in_words_of_wish(decision: Decision) -> Decision:
     plan = decision.plan
     return replace(decision, explanation=explanation,
                    plan=None if plan is None else replace(plan, explanation=explanation))
+
+
+def reserve_before(inbox: Inbox, now_ns: int, until_ns: int) -> float:
+    """
+    Return the state of charge to be left at an instant [ns], so that the route's leg keeps its own.
+
+    That is what its end asks for, and what the drive from the instant to there takes.
+    """
+    mission, measurement = inbox.mission, inbox.measurement
+    if mission is None or measurement is None:
+        return 0.0
+    leg = mission.legs[mission.leg_number(until_ns)]
+    start_ns = max(now_ns, leg.start_ns)
+    route = leg.route_ahead(start_ns)
+    if route is None or not start_ns <= until_ns < leg.arrival_ns:
+        return 0.0
+    goal = inbox.goal_of(leg)
+    reserve = reserve_soc(inbox.vehicle, goal)
+    try:
+        plan = plan_unheated(inbox.vehicle, route, measurement.state, goal)
+    except (InvalidInput, PlanningFailure):
+        # Then the goal itself cannot be planned, and says so.
+        return reserve
+    until_s = (until_ns - start_ns) / NS_PER_S
+    # What a descent behind it gives back does not help before it.
+    least_soc = plan.soc[plan.time_s >= until_s].min()
+    takes = max(0.0, float(np.interp(until_s, plan.time_s, plan.soc) - least_soc))
+    return min(reserve + takes, 1.0)

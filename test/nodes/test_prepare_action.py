@@ -5,11 +5,15 @@ from datetime import datetime
 import io
 from math import inf, nan
 import os
+from pathlib import Path
+import re
 import signal
 import subprocess
 import sys
+import time
 
 from action_msgs.msg import GoalStatus
+from action_msgs.srv import CancelGoal
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
 from node_bench import poll_until, repeating
@@ -18,6 +22,7 @@ from rclpy.action import ActionClient
 from rich.console import Console
 from sensor_msgs.msg import BatteryState
 from spinning import take_down
+import yaml
 
 from bev_preheat.commands.main import main
 from bev_preheat.commands.prepare import seconds_until
@@ -46,6 +51,7 @@ from bev_preheat_msgs.msg import HvchCommand, PreheatPlan
 FULL_POWER_W = 5022.0
 # A process that starts, on a busy computer.
 LIMIT_S = 120.0
+HOW_TO = Path(__file__).parents[2] / 'docs/how-to/prepare.md'
 PREPARE = [sys.executable, '-m', 'bev_preheat', 'prepare', '--namespace', '/car']
 
 
@@ -113,6 +119,28 @@ def test_a_line_of_feedback_leaves_out_what_is_unknown():
     assert feedback_line(PrepareBattery.Feedback(
         battery_temperature=nan, time_left=nan, predicted_battery_temperature=nan, status=200)) == (
             'status 200: battery -, in - -, heater 0 W')
+
+
+def typed_goals():
+    """Return the words of each `ros2 action send_goal` of the how-to, as bash makes them."""
+    blocks = re.findall(r'^```bash\n(.*?)^```', HOW_TO.read_text(), re.MULTILINE | re.DOTALL)
+    lines = '\n'.join(blocks).replace('\\\n', ' ').splitlines()
+    return [subprocess.run(['bash', '-c', f'printf "%s\\0" {line}'], capture_output=True, text=True, check=True
+                           ).stdout.split('\0')[:-1]
+            for line in lines if line.startswith('ros2 action send_goal ')]
+
+
+def test_the_goals_that_the_how_to_types_are_goals():
+    wishes = []
+    for *_, action, kind, values in typed_goals():
+        assert (action, kind) == ('/planner/prepare_battery', 'bev_preheat_msgs/action/PrepareBattery')
+        wishes.append(wish_of_goal(PrepareBattery.Goal(**{
+            name: Time(**value) if name == 'ready_at' else type(getattr(PrepareBattery.Goal(), name))(value)
+            for name, value in yaml.safe_load(values).items()})))
+    soonest, later = wishes
+    assert (soonest.is_soonest, soonest.target_c, soonest.ambient_c) == (True, 20.0, -5.0)
+    assert later.is_plugged_in and later.ready_at_ns / NS_PER_S == pytest.approx(
+        time.time() + 2400.0, abs=LIMIT_S)
 
 
 # Those who read plans
@@ -284,6 +312,19 @@ def test_ctrl_c_cancels_the_goal_and_the_heater_is_off(driver, prepare):
         130, 'preheat: interrupted; the goal is canceled, its heating is off\n')
     driver.commands.clear()
     assert driver.commands.wait_for_count(1)[0].battery_heating_power == 0.0
+
+
+def test_a_goal_outlasts_its_client_and_anybody_can_cancel_it(driver, prepare):
+    process = prepare('--target', '20', '--ambient', '-5')
+    driver.heats()
+    process.kill()
+    process.wait()
+    driver.commands.clear()
+    assert all(command.battery_heating_power > 0.0 for command in driver.commands.wait_for_count(5))
+    answer = driver.bench.call(
+        CancelGoal, 'car/planner/prepare_battery/_action/cancel_goal', CancelGoal.Request())
+    assert answer.return_code == CancelGoal.Response.ERROR_NONE
+    driver.commands.wait_for(lambda command: command.battery_heating_power == 0.0)
 
 
 def test_a_refused_goal_is_one_line_and_a_reached_one_ends_with_0(driver, prepare):

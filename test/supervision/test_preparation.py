@@ -528,6 +528,39 @@ def test_a_charge_that_falls_is_not_plugged_in(soc, goes_on):
         assert 'has fallen from 60.0 % to 57.5 %' in car.ended(wish).explanation
 
 
+def test_a_charge_that_has_risen_may_not_fall_again():
+    car = Car(soc=0.5)
+    wish = car.want(is_plugged_in=True)
+    car.state(1.0, soc=0.7)
+    assert car.supervisor.wish is wish
+    car.state(2.0, soc=0.6)
+    assert car.ended(wish).ending is Ending.UNPLUGGED
+
+
+@pytest.mark.parametrize('below_k', [0.22, 0.3, 1.0])
+@pytest.mark.parametrize('settings', [Settings(), MEASURED])
+def test_a_little_heat_is_heat_too(settings, below_k):
+    # Less than the heater's least time on.
+    car = Car(settings)
+    wish = car.want(target_c=START_C + below_k)
+    assert car.supervisor.wish is wish and car.command[0] == FULL_W
+
+
+@pytest.mark.parametrize('event', [
+    RivalsChanged('/other'), BatteryStateUnreadable(InvalidInput('temperature: nan'))])
+def test_what_keeps_the_heater_off_for_a_minute_ends_the_goal(event):
+    car = Car(replace(MEASURED, battery_state_timeout_s=60.0))
+    wish = car.want()
+    car.step(event)
+    assert car.command[0] == 0.0 and car.supervisor.wish is wish
+    car.now_s = 59.0
+    car.step()
+    assert not car.outcomes
+    car.now_s = 60.0
+    car.step()
+    assert car.ended(wish).ending is Ending.INPUT_LOST
+
+
 def test_a_route_that_drives_off_before_the_instant_is_not_plugged_in():
     car = Car()
     wish = car.want(1800.0, is_plugged_in=True)
