@@ -158,12 +158,11 @@ def test_as_soon_as_possible_heats_now_and_says_when_that_is():
     assert (car.plan.hvch_battery_power_w == FULL_W).all()
 
 
-@pytest.mark.parametrize('settings', [MEASURED, replace(MEASURED, method='optimal_switch')])
-def test_as_soon_as_possible_goes_on_until_it_is_warm_and_not_longer(settings):
-    car = Car(settings)
+def test_as_soon_as_possible_goes_on_until_it_is_warm_and_not_longer():
+    car = Car()
     wish = car.want(is_plugged_in=True)
     needed_s = warm_after_s(START_C, TARGET_C - 0.1)
-    for now_s in np.arange(20.0, needed_s, 20.0).tolist():
+    for now_s in np.arange(40.0, needed_s, 40.0).tolist():
         car.state(now_s, temperature_c=cooled_c(START_C, now_s, HEATED_C))
         assert car.command == (pytest.approx(FULL_W), Status.HEATING), now_s
         assert now_s + car.plan.arrival_time_s == pytest.approx(
@@ -189,14 +188,15 @@ def test_the_heat_that_is_lost_while_the_last_is_under_way_is_made_too(settings)
 
 @pytest.mark.costly
 def test_the_heater_of_a_plugged_in_car_is_not_taken_for_dead():
-    # Its 5 kW do not show in the battery's power, which is measured.
+    # Its 5 kW do not show in the battery's power, which is measured, and was steady for two minutes.
     car = Car(Settings())
+    for now_s in range(1, 140):
+        car.state(float(now_s), power_w=100.0)
     car.want(is_plugged_in=True, target_c=30.0)
-    for now_s in range(1, 200):
-        car.state(float(now_s), temperature_c=cooled_c(START_C, now_s, HEATED_C), power_w=100.0)
-    assert car.command[0] == FULL_W
-    assert car.supervisor.estimate.heater.probability > 0.5
-    assert car.supervisor.estimate.heater.heater.name == 'ANSWERS'
+    for now_s in range(140, 180):
+        car.state(float(now_s), temperature_c=cooled_c(START_C, now_s - 140, HEATED_C), power_w=100.0)
+    report = car.supervisor.estimate.heater
+    assert (car.command[0], report.heater.name) == (FULL_W, 'ANSWERS') and report.probability > 0.98
 
 
 @pytest.mark.parametrize('settings', [Settings(), MEASURED])
@@ -251,13 +251,13 @@ def test_the_heater_s_own_power_is_no_drive():
 def test_the_estimated_factor_of_routes_leaves_a_measured_drive_as_it_is():
     car = Car(Settings())
     car.step(RouteArrived(mission()))
-    for second in range(1, 240):
+    for second in range(1, 150):
         car.state(float(second), power_w=1.3 * 20e3 + CABIN_W + OTHERS_W + car.command[0])
     factor = car.supervisor.estimate.propulsion_factor
-    assert factor > 1.05
+    assert factor > 1.03
     car.step(TripCancelled())
     car.want(1200.0)
-    car.state(240.0, power_w=1.3 * 20e3 + CABIN_W + OTHERS_W)
+    car.state(150.0, power_w=1.3 * 20e3 + CABIN_W + OTHERS_W)
     route = car.supervisor.pursued_mission.legs[0].route
     assert car.supervisor.estimate.propulsion_factor * route.propulsion_power_w == pytest.approx(26e3, rel=2e-3)
 
