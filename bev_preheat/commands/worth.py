@@ -54,8 +54,8 @@ def add_parser(subparsers: Subparsers) -> None:
     parser.add_argument('--only', nargs='+', metavar='CHARGER',
                         help='with --chargers: compare these only, by name')
     parser.add_argument('--energy-price', type=float, default=ENERGY_PRICE_PER_KWH, metavar='PER_KWH',
-                        help='price of energy at the charger, per kWh; with --chargers of those without a price of their '
-                        'own (default: %(default)s)')
+                        help='price of energy at the charger, per kWh; with --chargers of those without a '
+                        'price of their own (default: %(default)s)')
     parser.add_argument('--value-of-time', type=float, default=VALUE_OF_TIME_PER_H, metavar='PER_H',
                         help='what an hour at the charger is worth to the driver (default: %(default)s)')
     add_output_arguments(parser)

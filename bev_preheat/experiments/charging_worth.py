@@ -65,14 +65,18 @@ def cases() -> list[Case]:
     return [Case(*values) for values in product(CHARGERS_W, AMBIENT_C, ARRIVAL_SOCS)]
 
 
-def worth_of(case: Case) -> Worth:
-    """Return the Worth of heating of the reference on the reference trip, soaked at the start."""
+def trip_of(case: Case) -> tuple[Vehicle, Route, BatteryState, Goal]:
+    """Return the reference on the reference trip, soaked at the start, that arrives as a case says."""
     vehicle = load_vehicle('reference')
     route = load_route('reference', vehicle.defaults)
     route = replace(route, ambient_temperature_c=np.full(len(route), case.ambient_c))
     goal = Goal(vehicle.defaults.target_battery_temperature_c)
-    state = BatteryState(case.ambient_c, start_soc(vehicle, route, goal, case))
-    return find_worth(vehicle, route, state, goal, case.charger_w, DEPARTURE_SOC, PRICES)
+    return vehicle, route, BatteryState(case.ambient_c, start_soc(vehicle, route, goal, case)), goal
+
+
+def worth_of(case: Case) -> Worth:
+    """Return the Worth of heating in a case."""
+    return find_worth(*trip_of(case), case.charger_w, DEPARTURE_SOC, PRICES)
 
 
 def start_soc(vehicle: Vehicle, route: Route, goal: Goal, case: Case) -> float:

@@ -63,7 +63,8 @@ def add_charging_steps(drive: DriveSteps, stop: Stop, steps: int, variables: Blo
     vehicle = drive.vehicle
     duration = variables.variable('charging_time', 1, TIME_SCALE_S)
     duration_s = duration * TIME_SCALE_S
-    starts, ends, scales = [], [], []
+    starts: list[casadi.MX] = []
+    ends: list[casadi.MX | None] = []
     for name, charging_name, scale in STATES:
         if not _is_state(vehicle, name):
             starts.append(casadi.MX.zeros(1, steps))
@@ -72,7 +73,6 @@ def add_charging_steps(drive: DriveSteps, stop: Stop, steps: int, variables: Blo
             later = variables.variable(charging_name, steps, scale)
             starts.append(scale * casadi.horzcat(variables.row(name)[-1], later[:-1]))
             ends.append(later)
-        scales.append(scale)
     temperature_end_c = ends[1]
     assert temperature_end_c is not None
     *reached, terminal_w, drawn_w = symbolic_charging_step(vehicle, stop).map(steps)(

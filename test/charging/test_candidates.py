@@ -158,11 +158,11 @@ def loaded(tmp_path, text, **options):
 
 
 def test_what_a_file_says(tmp_path):
-    one, other = loaded(tmp_path, '''
+    one, other = loaded(tmp_path, """
 chargers:
   - {name: one, at_km: 45, charger_power_w: 50000, detour_min: 4, free_probability: 0.75, wait_min: 20}
   - {name: other, at_min: 60, charger_power_w: 150000, energy_price_per_kwh: 0.35}
-''')
+""")
     # 25 m/s.
     assert one == Candidate('one', 1800.0, 50e3, 0.6, 240.0, 300.0)
     assert other == Candidate('other', 3600.0, 150e3, 0.35, 0.0, 0.0)

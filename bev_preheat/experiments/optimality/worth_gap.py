@@ -21,7 +21,9 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
     from concurrent.futures import Future
 
+    from bev_preheat.charging.worth import Worth
     from bev_preheat.experiments.optimality.charging_trips import ChargingTrip
+    from bev_preheat.optimum.charging_program import ChargingOptimum
 
 # Outcomes of a trip.
 COMPARED = 'compared'
@@ -95,11 +97,10 @@ def solve_charging_trip(seed: int, number: int) -> WorthGap:
 
 def compare(trip: ChargingTrip) -> WorthGap:
     """Return the WorthGap of a trip."""
-    from bev_preheat.optimum.charging_program import solve_charging
     inputs = trip.vehicle, trip.route, trip.state, trip.goal
     car = trip.vehicle.name, not trip.vehicle.heat_path.is_direct
     try:
-        worth = find_worth(*inputs, trip.stop.charger_power_w, trip.stop.departure_soc, trip.prices)
+        worth = _worth_of(trip)
     except InvalidInput as error:
         return WorthGap(trip.number, NOT_DRIVEN, str(error), *car)
     unheated = plan_unheated(*inputs)
@@ -109,7 +110,7 @@ def compare(trip: ChargingTrip) -> WorthGap:
         return WorthGap(trip.number, NOT_DRIVEN, 'the reserve is not kept', *car)
     if math.isinf(worth.best.cost):
         return WorthGap(trip.number, NEVER_CHARGED, worth.verdict, *car)
-    optimum = solve_charging(*inputs, trip.stop, trip.prices, (worth.best.target_c,))
+    optimum = _optimum_of(trip, worth)
     attempts = optimum.attempts
     found = [attempt.driven.cost for attempt in attempts if attempt.driven is not None]
     if optimum.best is None:
@@ -127,6 +128,23 @@ def compare(trip: ChargingTrip) -> WorthGap:
         program_hvch_electric_wh=optimum.best.plan.energy_wh.hvch_electric,
         optima=count_optima(found), calls=len(attempts), failed=len(attempts) - len(found),
         solve_time_s=optimum.solve_time_s)
+
+
+def solve_both(trip: ChargingTrip) -> tuple[Worth, ChargingOptimum]:
+    """Return the Worth and the ChargingOptimum of a trip; raise InvalidInput where it cannot be driven."""
+    worth = _worth_of(trip)
+    return worth, _optimum_of(trip, worth)
+
+
+def _worth_of(trip: ChargingTrip) -> Worth:
+    return find_worth(trip.vehicle, trip.route, trip.state, trip.goal, trip.stop.charger_power_w,
+                      trip.stop.departure_soc, trip.prices)
+
+
+def _optimum_of(trip: ChargingTrip, worth: Worth) -> ChargingOptimum:
+    from bev_preheat.optimum.charging_program import solve_charging
+    return solve_charging(trip.vehicle, trip.route, trip.state, trip.goal, trip.stop, trip.prices,
+                          (worth.best.target_c,))
 
 
 def count_optima(costs: Sequence[float]) -> int:

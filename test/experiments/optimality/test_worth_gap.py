@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from bev_preheat.experiments import best_target
+from bev_preheat.experiments.charging_worth import cases
 from bev_preheat.experiments.optimality.charging_trips import draw_charging_trip
 from bev_preheat.experiments.optimality.worth_gap import (
     COMPARED,
@@ -21,7 +22,7 @@ from bev_preheat.experiments.optimality.worth_gap import (
 )
 
 # Heated, and heat arrives at once; heated with a heat path.
-TRIPS = (0, pytest.param(2, marks=pytest.mark.deep))
+TRIPS = (76, 98, pytest.param(0, marks=pytest.mark.deep), pytest.param(2, marks=pytest.mark.deep))
 
 
 def test_same_seed_and_number_draw_the_same_trip():
@@ -118,10 +119,35 @@ def test_the_command_prints_the_table_and_writes_json(capsys, tmp_path, monkeypa
     assert 'trip 2, car: best target 15.0 degC costs 10.040' in output and 'trip 0, ' not in output
 
 
+@pytest.mark.costly
+@pytest.mark.needs('casadi')
+def test_the_command_shows_a_trip_start_by_start(capsys, monkeypatch):
+    monkeypatch.setenv('COLUMNS', '200')
+    assert best_target.main(['--only', '98']) == 0
+    output = capsys.readouterr().out
+    assert 'Trip 98, ' in output and 'IPOPT from each start' in output
+    assert output.count('Solve_Succeeded') >= 2
+
+
+@pytest.mark.deep
+@pytest.mark.needs('casadi')
+def test_the_command_shows_the_reference_trip(capsys, monkeypatch):
+    monkeypatch.setenv('COLUMNS', '200')
+    monkeypatch.setattr(best_target, 'cases', lambda: cases()[2:3])
+    assert best_target.main(['--reference']) == 0
+    output = capsys.readouterr().out
+    [line] = [line for line in output.splitlines() if '-15' in line]
+    cells = [cell.strip() for cell in line.strip('│').split('│')]
+    # The same as in docs/explanation/worth.md.
+    assert (cells[0], cells[3]) == ('150', '16.1') and abs(float(cells[-1])) <= 1e-3
+
+
 @pytest.mark.parametrize('arguments, problem', [
     (['--trips', '0'], '--trips: 0 is not allowed; it must be 1 ... 100000'),
     (['--jobs', '0'], '--jobs: 0 is not allowed; it must be 1 ... 1024'),
-    (['--seed', '-1'], '--seed: -1 is not allowed')])
+    (['--seed', '-1'], '--seed: -1 is not allowed'), (['--only', '-1'], '--only: -1 is not allowed'),
+    (['--only', '1', '--reference'], '--only, --reference, --json: only one of them'),
+    (['--reference', '--json', 'a.json'], '--only, --reference, --json: only one of them')])
 def test_the_command_refuses_in_one_line(capsys, arguments, problem):
     assert best_target.main(arguments) == 2
     errors = capsys.readouterr().err
