@@ -35,8 +35,6 @@ from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.heat_path import HeatPath
 
 
-# A target that is given, and where nothing can be chosen
-
 @pytest.mark.parametrize('leg, settings', [
     ({'target_temperature_c': 21.0}, MEASURED), ({}, replace(MEASURED, target_temperature_c=21.0))],
     ids=['by the route', 'by the parameter'])
