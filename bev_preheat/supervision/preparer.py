@@ -37,6 +37,8 @@ ROUTE_ID = '~/prepare_battery'
 LONGEST_S = 24 * 3600.0
 # An ambient temperature is known for so long [s].
 AMBIENT_KNOWN_S = 6 * 3600.0
+
+
 class Preparer:
     """
     Keeps one Wish at a time, and makes its `timetable`; None while there is none.
