@@ -29,6 +29,7 @@ from bev_preheat.supervision.settings import Settings
 from bev_preheat.supervision.supervisor import Supervisor
 from bev_preheat.supervision.wish import Ending, Wish
 from bev_preheat.vehicle import load_vehicle
+from bev_preheat.vehicle.heat_path import HeatPath
 
 VEHICLE = load_vehicle('reference')
 NOW_NS = 1_700_000_000 * NS_PER_S
@@ -184,6 +185,18 @@ def test_the_heat_that_is_lost_while_the_last_is_under_way_is_made_too(settings)
     car.want(target_c=39.0)
     assert car.command == (FULL_W, Status.HEATING)
     assert car.plan.shortfall_k == pytest.approx(0.05, abs=0.02)
+
+
+@pytest.mark.parametrize('settings', [Settings(), MEASURED])
+def test_as_soon_as_possible_knows_that_heat_arrives_late(settings):
+    path = HeatPath(heater_lag_s=30.0, coolant_heat_capacity_j_per_k=20e3, coolant_conductance_w_per_k=400.0)
+    car, direct = Car(settings, vehicle=replace(VEHICLE, heat_path=path)), Car(settings)
+    for one in (car, direct):
+        one.want()
+        assert one.command == (FULL_W, Status.HEATING)
+        assert one.plan.shortfall_k < 0.1
+    # Heater and coolant lag by 30 s and 20e3/400 s, and the coolant takes 5 % of the heat.
+    assert car.plan.arrival_time_s > direct.plan.arrival_time_s + 60.0
 
 
 @pytest.mark.costly
