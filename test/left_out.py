@@ -12,9 +12,9 @@ import pytest
 from bev_preheat.optional_packages import advice, is_installed
 
 # Modules that consist of tests of an optional package.
-MODULES = {'casadi': ('nodes/test_nlp_checker.py', 'optimum/test_heat_path_program.py',
-                      'optimum/test_optimum.py', 'optimum/test_symbols.py',
-                      'optimum/test_worker.py',
+MODULES = {'casadi': ('nodes/test_nlp_checker.py', 'optimum/test_charging_program.py',
+                      'optimum/test_heat_path_program.py', 'optimum/test_optimum.py',
+                      'optimum/test_symbols.py', 'optimum/test_worker.py',
                       'experiments/reproduction/test_table_two.py',
                       'experiments/optimality/test_study.py')}
 # Only for tests, and no part of what the program says is missing.

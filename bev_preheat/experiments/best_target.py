@@ -86,10 +86,10 @@ def _load(arguments: Sequence[str] | None) -> Callable[[], int]:
         if value is not None and not low <= value <= high:
             raise InvalidInput(f'--{name}: {value} is not allowed; it must be {low} ... {high}')
     check_outputs([json_output(parsed.json)], ())
-    require('casadi')
     shows = parsed.only is not None or parsed.reference
     if shows and (parsed.json or (parsed.only is not None and parsed.reference)):
         raise InvalidInput('--only, --reference, --json: only one of them')
+    require('casadi')
     if shows:
         return lambda: _show(parsed)
     return lambda: _study(parsed)

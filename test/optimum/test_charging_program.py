@@ -22,7 +22,6 @@ from bev_preheat.route import Route
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.heat_path import HeatPath
 
-pytestmark = pytest.mark.needs('casadi')
 REFERENCE, LFP = load_vehicle('reference'), load_vehicle('mid_size_lfp')
 COOLANT = replace(REFERENCE, heat_path=HeatPath(40.0, 8e3, 600.0, 0.0))
 UNHEATED_AT_CHARGER = replace(LFP, charging=replace(LFP.charging, battery_heating=False))
