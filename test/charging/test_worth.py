@@ -140,6 +140,33 @@ def test_targets_between_two_temperatures():
     assert targets_between(60.0, 60.0) == targets_between(61.0, 60.0) == []
 
 
+def test_nothing_is_bought_where_the_battery_arrives_with_what_it_leaves_with(usual):
+    arrival_soc = usual.without_heating.arrival_soc
+    worth = find_worth(REFERENCE, drive(), STATE, GOAL, 150e3, arrival_soc, PRICES)
+    assert worth.best == worth.without_heating
+    assert (worth.best.charging_time_s, worth.best.bought_energy_wh, worth.best.cost) == (0.0, 0.0, 0.0)
+    # What heating takes has to be bought.
+    assert min(target.cost for target in worth.targets if target.hvch_electric_wh > 0.0) > 0.0
+
+
+def test_where_nothing_has_a_price_nothing_is_heated():
+    worth = find_worth(REFERENCE, drive(), STATE, GOAL, 150e3, 0.8, Prices(0.0, 0.0))
+    assert worth.best == worth.without_heating and worth.best.cost == 0.0
+
+
+@pytest.mark.deep
+def test_a_charger_of_4_kw_in_the_cold_takes_more_than_a_day():
+    # By hand: 2.1 kW are left. The heater takes them up to 25 degC, where 45 K times 34.9 W/K leak: 1.8 kW
+    # hold that, and 0.3 kW charge the 19 % of some 80 kWh that are lacking: more than 50 h.
+    route = drive(ambient_c=-20.0)
+    worth = find_worth(REFERENCE, route, BatteryState(-18.0, 0.35), GOAL, 4000.0, 0.45, PRICES)
+    assert worth.best.cost == math.inf
+    stop = Stop(4000.0, 0.45, -20.0, 1500.0, 400.0)
+    session = charge(REFERENCE, stop, BatteryState(25.0, 0.26))
+    assert session.problem is not None and session.problem.endswith('after 24 h')
+    assert session.hvch_battery_power_w[10:].mean() == pytest.approx(45.0 * 34.8868 / 0.87, rel=1e-2)
+
+
 # --- verdicts ---
 
 
