@@ -74,8 +74,10 @@ class HeaterReport:
     share: float
 
 
-# A fault is told from this probability on, and taken back below the other.
-TOLD_FROM = 0.95
+# A fault is told from this probability on. A healthy heater whose heat comes late looks weak, and came to
+# 0.97 for seconds; uncommanded heat it never has.
+TOLD_FROM = {Heater.DERATED: 0.98, Heater.DEAD: 0.98, Heater.STUCK_ON: 0.95}
+# It is taken back below this one.
 TAKEN_BACK_BELOW = 0.2
 # One fault is told instead of another where it is so many times as likely.
 TIMES_AS_LIKELY = 3.0
@@ -94,9 +96,9 @@ def judge(weights: FloatArray, before: HeaterReport | None,
     # Which fault it is may be open where it is clear that there is one.
     faulty = 1.0 - by_kind[Heater.ANSWERS]
     told = Heater.ANSWERS if before is None else before.heater
-    if faulty < (TOLD_FROM if told is Heater.ANSWERS else TAKEN_BACK_BELOW):
+    fault = max(TOLD_FROM, key=by_kind.__getitem__)
+    if faulty < (TOLD_FROM[fault] if told is Heater.ANSWERS else TAKEN_BACK_BELOW):
         return HeaterReport(Heater.ANSWERS, by_kind[Heater.ANSWERS], 1.0)
-    fault = max((kind for kind in Heater if kind is not Heater.ANSWERS), key=by_kind.__getitem__)
     if told is not Heater.ANSWERS and by_kind[fault] < TIMES_AS_LIKELY * by_kind[told]:
         fault = told
     if fault is Heater.STUCK_ON and told is not fault and not is_quiet:

@@ -63,12 +63,20 @@ def test_each_heater_gives_its_share_within_what_there_is(command_w, limit_w):
     assert power_w[STUCK] == limit_w
 
 
-def test_a_fault_is_told_when_it_is_all_but_sure():
-    below, above = TOLD_FROM - 0.01, TOLD_FROM + 0.01
-    assert judge(weights_of(dead=below), None).heater is Heater.ANSWERS
-    report = judge(weights_of(dead=above), None)
-    assert (report.heater, report.share) == (Heater.DEAD, 0.0)
+@pytest.mark.parametrize('kind, share', [('dead', 0.0), ('stuck_on', 1.0)])
+def test_a_fault_is_told_when_it_is_all_but_sure(kind, share):
+    heater = Heater[kind.upper()]
+    below, above = TOLD_FROM[heater] - 0.01, TOLD_FROM[heater] + 0.01
+    assert judge(weights_of(**{kind: below}), None).heater is Heater.ANSWERS
+    report = judge(weights_of(**{kind: above}), None)
+    assert (report.heater, report.share) == (heater, share)
     assert report.probability == pytest.approx(above)
+
+
+def test_a_heater_that_is_late_looks_weak_and_never_stuck_on():
+    assert TOLD_FROM[Heater.STUCK_ON] < TOLD_FROM[Heater.DERATED] == TOLD_FROM[Heater.DEAD]
+    # What a healthy heater with a heat path came to (drawn cars, trip 79).
+    assert judge(weights_of(derated=0.965, dead=0.004), None).heater is Heater.ANSWERS
 
 
 def test_a_fault_is_taken_back_only_when_it_is_unlikely():
@@ -78,7 +86,7 @@ def test_a_fault_is_taken_back_only_when_it_is_unlikely():
 
 
 def test_that_there_is_a_fault_is_told_before_it_is_clear_which():
-    report = judge(weights_of(dead=0.4, derated=0.57), None)
+    report = judge(weights_of(dead=0.41, derated=0.58), None)
     assert report.heater is Heater.DERATED
 
 

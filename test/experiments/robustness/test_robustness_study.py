@@ -224,7 +224,7 @@ def test_a_slow_heater_is_not_accused(plant, number):
 @pytest.mark.costly
 # One is commanded, the other heats where no heat is needed.
 @pytest.mark.parametrize('fault, verdict, target_c, duration_s', [
-    ('dead', 'dead', 9.0, 600.0), ('stuck_on', 'stuck on', -4.0, 1050.0)])
+    ('dead', 'dead', 9.0, 700.0), ('stuck_on', 'stuck on', -4.0, 1050.0)])
 def test_a_heater_that_fails_is_found_in_a_slow_car_too(fault, verdict, target_c, duration_s):
     route = load_route('reference', None).before(duration_s)
     conditions = short_conditions(
