@@ -71,6 +71,7 @@ setup(
         'console_scripts': [
             f'planner = {PACKAGE}.nodes.planner_node:main',
             f'nlp_checker = {PACKAGE}.nodes.nlp_checker_node:main',
+            f'charger_adviser = {PACKAGE}.nodes.charger_adviser_node:main',
             f'vehicle_simulator = {PACKAGE}.nodes.vehicle_simulator_node:main',
             f'preheat = {PACKAGE}.commands.main:main',
         ],

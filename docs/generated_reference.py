@@ -14,15 +14,17 @@ import yaml
 
 from bev_preheat.commands.arguments import make_parser
 from bev_preheat.commands.main import SUBCOMMANDS
-from bev_preheat.nodes import nlp_checker_node, planner_node, vehicle_simulator_node
+from bev_preheat.nodes import charger_adviser_node, nlp_checker_node, planner_node, vehicle_simulator_node
 from bev_preheat.nodes.diagnostics import HEATER_LEVELS, HEATER_SENTENCES, LEVELS
 from bev_preheat.planning.status import Status
 
 ROOT = Path(__file__).resolve().parents[1]
 MESSAGES = ('RoutePlan', 'RouteProgress', 'HvchCommand', 'PreheatPlan', 'OptimalityReport')
 ACTIONS = ('PrepareBattery',)
+SERVICES = ('RankChargers',)
+SERVICE_PARTS = ('Request', 'Response')
 ACTION_PARTS = ('Goal', 'Result', 'Feedback')
-NODES = (planner_node, nlp_checker_node, vehicle_simulator_node)
+NODES = (planner_node, nlp_checker_node, charger_adviser_node, vehicle_simulator_node)
 SCHEMAS = {'vehicle': 'vehicle/schema.yaml', 'legs': 'route/legs_schema.yaml',
            'chargers': 'charging/chargers_schema.yaml',
            'itinerary': 'supervision/itinerary_schema.yaml',
@@ -77,9 +79,9 @@ def page(*parts):
 
 
 def messages():
-    """Return each message and action: its comment, constants and fields."""
+    """Return each message, action and service: its comment, constants and fields."""
     return page(*(message(f'## {name}', (ROOT / f'msg_defs/msg/{name}.msg').read_text())
-                  for name in MESSAGES), *map(action, ACTIONS))
+                  for name in MESSAGES), *map(action, ACTIONS), *map(service, SERVICES))
 
 
 def action(name):
@@ -87,6 +89,13 @@ def action(name):
     texts = (ROOT / f'msg_defs/action/{name}.action').read_text().split('\n---\n')
     return page(f'## {name}', *(message(f'### {part} of {name}', text)
                                 for part, text in zip(ACTION_PARTS, texts, strict=True)))
+
+
+def service(name):
+    """Return the section of one service: a message each for request and response."""
+    texts = (ROOT / f'msg_defs/srv/{name}.srv').read_text().split('\n---\n')
+    return page(f'## {name}', *(message(f'### {part} of {name}', text)
+                                for part, text in zip(SERVICE_PARTS, texts, strict=True)))
 
 
 def message(heading, text):

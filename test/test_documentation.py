@@ -177,7 +177,7 @@ def test_every_status_is_explained(generated):
 
 
 def test_every_field_of_a_message_is_listed_once(generated):
-    files = {path.stem: path for pattern in ('msg/*.msg', 'action/*.action')
+    files = {path.stem: path for pattern in ('msg/*.msg', 'action/*.action', 'srv/*.srv')
              for path in (ROOT / 'msg_defs').glob(pattern)}
     sections = re.split('^## ', generated['messages'], flags=re.MULTILINE)[1:]
     assert sorted(section.split('\n', 1)[0] for section in sections) == sorted(files)
@@ -200,7 +200,7 @@ def test_parameters_have_default_range_and_meaning(generated):
     assert rows['battery_state_timeout'] == [
         'battery_state_timeout', '5.0', '0.1\N{NO-BREAK SPACE}…\N{NO-BREAK SPACE}60\N{NO-BREAK SPACE}s',
         'A battery state older than this is stale', 'yes']
-    simulator = {row[0]: row[-1] for row in cells(generated['parameters'].split('## ')[3])}
+    simulator = {row[0]: row[-1] for row in cells(generated['parameters'].split('## ')[4])}
     assert (simulator['route'], simulator['speed_up']) == ('no', 'yes')
 
 
@@ -222,9 +222,9 @@ def test_keys_of_files_have_range_and_comment(generated):
 
 
 def test_every_topic_is_described():
-    from bev_preheat.nodes import nlp_checker_node, planner_node, vehicle_simulator_node
+    from bev_preheat.nodes import charger_adviser_node, nlp_checker_node, planner_node, vehicle_simulator_node
     page = (ROOT / 'docs/reference/topics.md').read_text()
-    for node in planner_node, nlp_checker_node, vehicle_simulator_node:
+    for node in planner_node, nlp_checker_node, charger_adviser_node, vehicle_simulator_node:
         program = node.PROGRAM
         for name, _ in (*program.subscribes, *program.publishes, *program.services, *program.actions):
             assert f'`{name}`' in page, f'{program.name}: {name}'

@@ -26,9 +26,10 @@ import pytest
 from spinning import spun_node
 
 from bev_preheat.experiments.processes import reserved_domain_id
-from bev_preheat.nodes import nlp_checker_node, planner_node, vehicle_simulator_node
+from bev_preheat.nodes import charger_adviser_node, nlp_checker_node, planner_node, vehicle_simulator_node
 
 MAIN_MODULES = {'planner': planner_node, 'nlp_checker': nlp_checker_node,
+                'charger_adviser': charger_adviser_node,
                 'vehicle_simulator': vehicle_simulator_node}
 
 

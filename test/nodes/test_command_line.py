@@ -12,9 +12,10 @@ import subprocess
 from ament_index_python.packages import get_package_prefix
 import pytest
 
-from bev_preheat.nodes import nlp_checker_node, planner_node, vehicle_simulator_node
+from bev_preheat.nodes import charger_adviser_node, nlp_checker_node, planner_node, vehicle_simulator_node
 
 NODES = {'planner': planner_node, 'nlp_checker': nlp_checker_node,
+         'charger_adviser': charger_adviser_node,
          'vehicle_simulator': vehicle_simulator_node}
 LISTENING = ('planner', 'nlp_checker')
 

@@ -12,7 +12,7 @@ from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters
 from rclpy.parameter import parameter_dict_from_yaml_file, parameter_value_to_python
 import yaml
 
-NODES = {'planner': ('-p', 'arrival_soc_margin:=0.0625'), 'nlp_checker': (),
+NODES = {'planner': ('-p', 'arrival_soc_margin:=0.0625'), 'nlp_checker': (), 'charger_adviser': (),
          'vehicle_simulator': ('-p', 'start_time:=1700000000.0')}
 
 

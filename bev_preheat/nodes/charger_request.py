@@ -1,0 +1,110 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Candidates out of a RankChargers request, and the ranking into its response."""
+
+from __future__ import annotations
+
+from collections import Counter
+import math
+from typing import TYPE_CHECKING
+
+from bev_preheat.charging.candidates import Candidate, ranking_verdict
+from bev_preheat.charging.stop import CHARGER_RANGE_W
+from bev_preheat.charging.worth import MOST_PRICE_PER_KWH
+from bev_preheat.errors import InvalidInput, quoted
+from bev_preheat.route.places import Places
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from bev_preheat.charging.candidates import CandidateWorth
+    from bev_preheat.route.segments import Route
+    from bev_preheat_msgs.srv import RankChargers
+
+MOST_CHARGERS = 20
+LONGEST_ASIDE_S = 14400.0
+# Arrays of the request that may be empty: (low, high), and what an element is then.
+OPTIONAL = {'energy_price': ((0.0, MOST_PRICE_PER_KWH), math.nan),
+            'detour': ((0.0, LONGEST_ASIDE_S), 0.0), 'expected_wait': ((0.0, LONGEST_ASIDE_S), 0.0)}
+# Nearer to the end of the route than this [s] is its end.
+END_S = 1.0
+
+
+def candidates_of(request: RankChargers.Request, ahead: Route, driven_m: float,
+                  energy_price_per_kwh: float) -> list[Candidate]:
+    """
+    Return the Candidates of a request along the Route ahead, which begins `driven_m` [m] from its start.
+
+    `energy_price_per_kwh` is for those without a price. Raises InvalidInput, one problem a field that is
+    wrong, naming field, value and what is allowed.
+    """
+    count = len(request.name)
+    problems = [] if 1 <= count <= MOST_CHARGERS else [
+        f'name: has {count} elements; it must have 1 ... {MOST_CHARGERS}']
+    problems += [f'name: {quoted(name)} stands {often} times' for name, often in Counter(
+        request.name).items() if often > 1]
+    problems += [f'name[{at}]: must not be empty' for at, name in enumerate(request.name) if not name]
+    end_m = driven_m + ahead.distance_m
+    columns = {
+        'distance': _column(request, 'distance', (driven_m, end_m), problems),
+        'charger_power': _column(request, 'charger_power', CHARGER_RANGE_W, problems),
+        **{field: _column(request, field, limits, problems, default)
+           for field, (limits, default) in OPTIONAL.items()}}
+    if problems:
+        raise InvalidInput(problems)
+    places = Places.of_route(ahead)
+    candidates = []
+    for at, name in enumerate(request.name):
+        row = {field: values[at] for field, values in columns.items()}
+        instant_s = max(places.earliest_s(row['distance'] - driven_m), END_S)
+        if instant_s > ahead.total_duration_s - END_S:
+            instant_s = ahead.total_duration_s
+        price = row['energy_price']
+        candidates.append(Candidate(
+            name, instant_s, row['charger_power'],
+            energy_price_per_kwh if math.isnan(price) else price, row['detour'], row['expected_wait']))
+    return candidates
+
+
+def _column(request: RankChargers.Request, field: str, limits: tuple[float, float],
+            problems: list[str], default: float | None = None) -> Sequence[float]:
+    """Return the values of a field, one for each name; notes what is wrong with them."""
+    values, count = list(getattr(request, field)), len(request.name)
+    if default is not None and not values:
+        return [default] * count
+    if len(values) != count:
+        empty = '' if default is None else ', or be empty'
+        problems.append(f'{field}: has {len(values)} elements; it must have {count}, as name has{empty}')
+        return values
+    low, high = limits
+    for at, value in enumerate(values):
+        is_unset = default is not None and math.isnan(default) and math.isnan(value)
+        if not (is_unset or low <= value <= high):
+            where = ', on the rest of the route' if field == 'distance' else ''
+            problems.append(f'{field}[{at}]: {value:g} is not allowed; it must be {low:g} ... {high:g}{where}')
+    return values
+
+
+def write_ranking(response: RankChargers.Response, ranked: Sequence[CandidateWorth]) -> None:
+    """Write CandidateWorths, as they are ranked, into a response."""
+    response.success, response.message = True, ranking_verdict(ranked)
+    response.ranked_name = [item.candidate.name for item in ranked]
+    response.problem = [item.problem or '' for item in ranked]
+    rows = [_row(item) for item in ranked]
+    for field in rows[0]:
+        setattr(response, field, [row[field] for row in rows])
+
+
+def _row(item: CandidateWorth) -> dict[str, float]:
+    worth = item.worth if item.problem is None else None
+    best = None if worth is None else worth.best
+    time_cost = item.charging_cost + item.detour_cost + item.wait_cost
+    known = {} if worth is None or best is None else {
+        'best_battery_temperature': best.arrival_temperature_c,
+        'unheated_battery_temperature': worth.without_heating.arrival_temperature_c,
+        'arrival_soc': best.arrival_soc, 'charging_departure_soc': item.departure_soc,
+        'charging_time': best.charging_time_s, 'bought_energy': best.bought_energy_wh,
+        'energy_cost': item.energy_cost, 'time_cost': time_cost, 'total_cost': item.total_cost}
+    return known or dict.fromkeys((
+        'best_battery_temperature', 'unheated_battery_temperature', 'arrival_soc',
+        'charging_departure_soc', 'charging_time', 'bought_energy', 'energy_cost', 'time_cost',
+        'total_cost'), math.nan)
