@@ -17,7 +17,7 @@ import numpy as np
 
 from bev_preheat.estimation.belief import Belief
 from bev_preheat.estimation.estimate import Estimate
-from bev_preheat.estimation.hypotheses import judge
+from bev_preheat.estimation.hypotheses import is_suspect, judge
 from bev_preheat.estimation.power_response import PowerResponse
 from bev_preheat.estimation.readings import Measurement, ReadingCheck, Verdict
 from bev_preheat.estimation.standing import expected_offset_k
@@ -92,12 +92,14 @@ class Estimator:
         self._powers_w: list[float] = []
         # How long nothing has been commanded [s].
         self._quiet_s = math.inf
+        # Since when [ns] the heater has been suspect; None: it is not.
+        self._suspect_since_ns: int | None = None
         # Instant [s] and power [W] of the latest samples, for what varies from one to the other.
         self._latest: deque[tuple[float, float]] = deque()
 
     def lose_time(self) -> None:
         """Take the temperature from the next reading alone: stamps so far mean nothing."""
-        self._stamp_ns, self._powers_w = None, []
+        self._stamp_ns, self._powers_w, self._suspect_since_ns = None, [], None
         self._latest.clear()
         self._response = PowerResponse()
 
@@ -238,9 +240,14 @@ class Estimator:
             self.restart('the estimate left the range in which it means anything', stamp_ns)
             self._place(measurement)
             return
-        report = judge(self._belief.weights.sum(axis=1),
-                       self.estimate.heater if self.estimate else None,
-                       self._quiet_s >= LONGEST_LAGS_S)
+        weights = self._belief.weights.sum(axis=1)
+        if not is_suspect(weights):
+            self._suspect_since_ns = None
+        elif self._suspect_since_ns is None:
+            self._suspect_since_ns = stamp_ns
+        since_ns = stamp_ns if self._suspect_since_ns is None else self._suspect_since_ns
+        report = judge(weights, self.estimate.heater if self.estimate else None,
+                       self._quiet_s >= LONGEST_LAGS_S, (stamp_ns - since_ns) / NS_PER_S)
         self.estimate = Estimate(
             stamp_ns, mean, covariance, report, self._readings.temperature_resolution_k, self._resets,
             self._reason, self._reset_at_ns, self._offset_k)

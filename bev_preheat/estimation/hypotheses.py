@@ -74,31 +74,40 @@ class HeaterReport:
     share: float
 
 
-# A fault is told from this probability on. A healthy heater whose heat comes late looks weak, and came to
-# 0.97 for seconds; uncommanded heat it never has.
-TOLD_FROM = {Heater.DERATED: 0.98, Heater.DEAD: 0.98, Heater.STUCK_ON: 0.95}
+# A fault is told where it has been so probable for so long [s]: a healthy heater whose heat comes late came
+# to 0.97 for four seconds.
+TOLD_FROM, TOLD_AFTER_S = 0.95, 20.0
 # It is taken back below this one.
 TAKEN_BACK_BELOW = 0.2
 # One fault is told instead of another where it is so many times as likely.
 TIMES_AS_LIKELY = 3.0
 
 
-def judge(weights: FloatArray, before: HeaterReport | None,
-          is_quiet: bool = True) -> HeaterReport:
+def is_suspect(weights: FloatArray) -> bool:
+    """Return whether hypotheses' weights (heaters,) leave little doubt that there is a fault."""
+    healthy = sum(weight for weight, kind in zip(weights, HEATERS) if kind is Heater.ANSWERS)
+    return bool(1.0 - healthy >= TOLD_FROM)
+
+
+def judge(weights: FloatArray, before: HeaterReport | None, is_quiet: bool = True,
+          suspect_for_s: float = math.inf) -> HeaterReport:
     """
     Return the HeaterReport of hypotheses' weights (heaters,); `before` is the latest report.
 
     `is_quiet` says that all heat that was commanded has arrived: only then a battery that gets
     warm tells of a heater that is stuck on, else of one that answers sooner than was thought.
+    `suspect_for_s` [s] is for how long `is_suspect` has held.
     """
     by_kind = {kind: float(sum(weight for weight, own in zip(weights, HEATERS) if own is kind))
                for kind in Heater}
     # Which fault it is may be open where it is clear that there is one.
     faulty = 1.0 - by_kind[Heater.ANSWERS]
     told = Heater.ANSWERS if before is None else before.heater
-    fault = max(TOLD_FROM, key=by_kind.__getitem__)
-    if faulty < (TOLD_FROM[fault] if told is Heater.ANSWERS else TAKEN_BACK_BELOW):
+    is_cleared = (faulty < TOLD_FROM or suspect_for_s < TOLD_AFTER_S if told is Heater.ANSWERS
+                  else faulty < TAKEN_BACK_BELOW)
+    if is_cleared:
         return HeaterReport(Heater.ANSWERS, by_kind[Heater.ANSWERS], 1.0)
+    fault = max((kind for kind in Heater if kind is not Heater.ANSWERS), key=by_kind.__getitem__)
     if told is not Heater.ANSWERS and by_kind[fault] < TIMES_AS_LIKELY * by_kind[told]:
         fault = told
     if fault is Heater.STUCK_ON and told is not fault and not is_quiet:

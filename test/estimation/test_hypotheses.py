@@ -10,12 +10,14 @@ from bev_preheat.estimation.hypotheses import (
     heater_power_w,
     HeaterReport,
     HEATERS,
+    is_suspect,
     judge,
     prior_weights,
     REPAIR_S,
     SHARES,
     STUCK,
     TAKEN_BACK_BELOW,
+    TOLD_AFTER_S,
     TOLD_FROM,
     transitions,
 )
@@ -63,20 +65,20 @@ def test_each_heater_gives_its_share_within_what_there_is(command_w, limit_w):
     assert power_w[STUCK] == limit_w
 
 
-@pytest.mark.parametrize('kind, share', [('dead', 0.0), ('stuck_on', 1.0)])
-def test_a_fault_is_told_when_it_is_all_but_sure(kind, share):
-    heater = Heater[kind.upper()]
-    below, above = TOLD_FROM[heater] - 0.01, TOLD_FROM[heater] + 0.01
-    assert judge(weights_of(**{kind: below}), None).heater is Heater.ANSWERS
-    report = judge(weights_of(**{kind: above}), None)
-    assert (report.heater, report.share) == (heater, share)
+def test_a_fault_is_told_when_it_is_all_but_sure():
+    below, above = TOLD_FROM - 0.01, TOLD_FROM + 0.01
+    assert judge(weights_of(dead=below), None).heater is Heater.ANSWERS
+    report = judge(weights_of(dead=above), None)
+    assert (report.heater, report.share) == (Heater.DEAD, 0.0)
     assert report.probability == pytest.approx(above)
 
 
-def test_a_heater_that_is_late_looks_weak_and_never_stuck_on():
-    assert TOLD_FROM[Heater.STUCK_ON] < TOLD_FROM[Heater.DERATED] == TOLD_FROM[Heater.DEAD]
-    # What a healthy heater with a heat path came to (drawn cars, trip 79).
-    assert judge(weights_of(derated=0.965, dead=0.004), None).heater is Heater.ANSWERS
+def test_a_fault_is_told_when_it_has_been_so_for_a_while_and_then_stays_told():
+    weights = weights_of(derated=TOLD_FROM + 0.01)
+    assert is_suspect(weights) and not is_suspect(weights_of(derated=TOLD_FROM - 0.01))
+    reports = [judge(weights, None, suspect_for_s=TOLD_AFTER_S + more_s) for more_s in (-0.1, 0.0)]
+    assert [report.heater for report in reports] == [Heater.ANSWERS, Heater.DERATED]
+    assert judge(weights_of(derated=0.5), reports[1], suspect_for_s=0.0).heater is Heater.DERATED
 
 
 def test_a_fault_is_taken_back_only_when_it_is_unlikely():
@@ -86,7 +88,7 @@ def test_a_fault_is_taken_back_only_when_it_is_unlikely():
 
 
 def test_that_there_is_a_fault_is_told_before_it_is_clear_which():
-    report = judge(weights_of(dead=0.41, derated=0.58), None)
+    report = judge(weights_of(dead=0.4, derated=0.57), None)
     assert report.heater is Heater.DERATED
 
 
