@@ -30,6 +30,8 @@ if TYPE_CHECKING:
 
 # A planner is found, and answers, within this time [s]; it cancels within the second.
 FOUND_WITHIN_S = 10.0
+# An answer to a goal that has not come by then is lost [s].
+ANSWERED_WITHIN_S = 3.0
 CANCELED_WITHIN_S = 5.0
 # Feedback comes every command_period, at most 10 s; after such a silence the planner is gone [s].
 SILENCE_S = 30.0
@@ -85,17 +87,27 @@ class PreparationClient:
         if not self._wait(lambda: self._now_ns is not None and self._client.server_is_ready(),
                           'is it running, in this ROS domain, and named so?'):
             return False
-        assert self._now_ns is not None
-        sent = self._client.send_goal_async(wanted.goal(self._now_ns), self._on_feedback)
+        sent, sent_s = self._send(wanted), time.monotonic()
         # Even after a signal: a goal whose handle nobody has cannot be canceled.
-        end_s = time.monotonic() + FOUND_WITHIN_S
+        end_s = sent_s + FOUND_WITHIN_S
         while not sent.done() and time.monotonic() < end_s:
+            if time.monotonic() - sent_s > ANSWERED_WITHIN_S:
+                # A planner that has not found this client yet answers into the void. A goal that is sent
+                # again replaces the one before.
+                sent, sent_s = self._send(wanted), time.monotonic()
             self._listener.listen(REFRESH_S)
-        if not sent.done() or not sent.result().accepted:
+        if not sent.done():
+            raise InvalidInput(f'{self._planner} does not say whether it takes the goal, and may heat for it; '
+                               'call its ~/enable with false to be sure')
+        if not sent.result().accepted:
             raise InvalidInput(f'{self._planner} does not take the goal')
         self._goal_handle, self._heard_s = sent.result(), time.monotonic()
         self._result = self._goal_handle.get_result_async()
         return True
+
+    def _send(self, wanted: Wanted) -> Future:
+        assert self._now_ns is not None
+        return self._client.send_goal_async(wanted.goal(self._now_ns), self._on_feedback)
 
     def follow(self, show: Callable[[PrepareBattery.Feedback], object]) -> PrepareBattery.Result | None:
         """

@@ -11,6 +11,7 @@ import signal
 import subprocess
 import sys
 import time
+from types import SimpleNamespace
 
 from action_msgs.msg import GoalStatus
 from action_msgs.srv import CancelGoal
@@ -182,6 +183,53 @@ def test_the_monitor_shows_the_plan_for_a_goal():
     console = Console(width=100, file=io.StringIO())
     console.print(page(heard))
     assert 'HEATING: ~/prepare_battery: Heating' in console.file.getvalue()
+
+
+class PlannerThatAnswersLate:
+    """In place of rclpy's ActionClient: its answers to the first goals are lost."""
+
+    def __init__(self, lost):
+        self.lost, self.sent = lost, []
+
+    def server_is_ready(self):
+        return True
+
+    def send_goal_async(self, sent, on_feedback):
+        self.sent.append(sent)
+        is_lost = len(self.sent) <= self.lost
+        return SimpleNamespace(done=lambda: not is_lost, result=lambda: SimpleNamespace(
+            accepted=True, get_result_async=lambda: None))
+
+
+@pytest.fixture
+def client_of(monkeypatch):
+    """`client_of(planner)` returns a PreparationClient that has heard a command at 1000 s."""
+    def client_of(planner):
+        monkeypatch.setattr(preparation, 'ActionClient', lambda *arguments: planner)
+        monkeypatch.setattr(preparation, 'ANSWERED_WITHIN_S', 0.02)
+        monkeypatch.setattr(preparation, 'FOUND_WITHIN_S', 0.3)
+        callbacks = []
+        node = SimpleNamespace(create_subscription=lambda *arguments: callbacks.append(arguments[2]))
+        listener = SimpleNamespace(node=node, listen=lambda seconds: time.sleep(0.005))
+        client = preparation.PreparationClient(
+            listener, '/planner', SimpleNamespace(have_come=False))
+        command = HvchCommand()
+        command.header.stamp = Time(sec=1000)
+        callbacks[0](command)
+        return client
+    return client_of
+
+
+@pytest.mark.parametrize('lost', [0, 2])
+def test_a_goal_whose_answer_is_lost_is_sent_again(client_of, lost):
+    planner = PlannerThatAnswersLate(lost)
+    assert client_of(planner).send(Wanted(600.0, 20.0, None, False))
+    assert [goal.ready_at.sec for goal in planner.sent] == [1600] * (lost + 1)
+
+
+def test_a_goal_of_which_nothing_is_heard_may_be_pursued_all_the_same(client_of):
+    with pytest.raises(InvalidInput, match='may heat for it; call its ~/enable with false'):
+        client_of(PlannerThatAnswersLate(10**6)).send(Wanted(None, None, None, True))
 
 
 # Over DDS
