@@ -31,7 +31,8 @@ START_LIMIT_S = 60.0
 # How long a killed process may take to be gone [s].
 END_LIMIT_S = 2.0
 # Polite before the first import, as importing takes most of a core for a while.
-PROGRAM = ('import os; os.nice({niceness}); from bev_preheat.optimum.worker import serve; '
+PROGRAM = ('import os; os.nice({niceness}); from bev_preheat.optimum.asking_process import end_with; '
+           'end_with({parent}); from bev_preheat.optimum.worker import serve; '
            'serve({descriptor}, {niceness})')
 # Solving takes only computing time that nobody else wants.
 MOST_NICE = 19
@@ -173,7 +174,7 @@ class SolverProcess:
             try:
                 self._process = subprocess.Popen(
                     [sys.executable, '-c', PROGRAM.format(
-                        descriptor=theirs.fileno(), niceness=self._niceness)],
+                        descriptor=theirs.fileno(), niceness=self._niceness, parent=os.getpid())],
                     stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, env=environment,
                     pass_fds=[theirs.fileno()],
                     # Ctrl-C in a terminal is for the asking process, which then ends this one.

@@ -2,8 +2,8 @@
 """
 The solver's process: answers the questions of a `SolverProcess`.
 
-It takes only computing time that nobody else wants, and ends by itself when the asking process is
-gone.
+It takes only computing time that nobody else wants, and ends when the asking process is gone: by
+`asking_process` where the kernel sees to that, else by itself.
 """
 
 from __future__ import annotations

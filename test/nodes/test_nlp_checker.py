@@ -3,6 +3,7 @@
 
 from array import array
 from math import isnan, nan
+import os
 import signal
 import subprocess
 import sys
@@ -652,6 +653,9 @@ def test_planner_goes_on_while_the_checker_solves_hangs_and_dies(surroundings, w
         checker.send_signal(signal.SIGSTOP)
         # Without its node none ends at a time limit, and none is started.
         solvers = [solver.pid for solver in psutil.Process(checker.process_id).children()]
+        for solver in solvers:
+            # As one that gets no computing time: it cannot end by itself.
+            os.kill(solver, signal.SIGSTOP)
         surroundings.expect_commands(10)
         checker.send_signal(signal.SIGKILL)
         assert checker.wait() == -signal.SIGKILL

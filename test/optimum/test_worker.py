@@ -53,8 +53,15 @@ time.sleep(300.0)
 
 
 def children():
-    return [child.pid for child in psutil.Process().children()
-            if 'bev_preheat.optimum.worker' in ' '.join(child.cmdline())]
+    return [child.pid for child in psutil.Process().children() if is_solver(child)]
+
+
+def is_solver(process):
+    try:
+        return 'bev_preheat.optimum.worker' in ' '.join(process.cmdline())
+    except (psutil.NoSuchProcess, psutil.ZombieProcess):
+        # Killed; one that gets no computing time may be released later.
+        return False
 
 
 def closed_at_the_end():
