@@ -13,6 +13,7 @@ from bev_preheat.errors import InvalidInput
 # Module: what needs it.
 PURPOSES = {
     'casadi': 'solves the nonlinear program',
+    'distributed': 'runs studies on a cluster',
     'do_mpc': 'is what the nonlinear program is compared with',
     'matplotlib': 'draws figures',
     'plotext': 'draws the chart',

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn
@@ -11,8 +12,9 @@ from rich.text import Text
 
 from bev_preheat.commands.completion import completed_by, ROUTES, VEHICLES
 from bev_preheat.commands.situation import load_planned_vehicle, target_of, warn
+from bev_preheat.commands.study_arguments import add_study_arguments, check_study_arguments, study_executor
 from bev_preheat.console.finished import keeping_what_is_finished
-from bev_preheat.console.output import add_output_arguments, check_output_arguments, write_json
+from bev_preheat.console.output import add_output_arguments, write_json
 from bev_preheat.console.terminal import (
     print_figures,
     print_records,
@@ -21,8 +23,9 @@ from bev_preheat.console.terminal import (
     result_console,
 )
 from bev_preheat.errors import InvalidInput
+from bev_preheat.experiments.kept_results import kept_results
 from bev_preheat.experiments.robustness.car_figures import summarise_drives
-from bev_preheat.experiments.robustness.car_study import COMPARED, drive_car, run_study
+from bev_preheat.experiments.robustness.car_study import COMPARED, drive_car, result_from, run_study
 from bev_preheat.experiments.robustness.drawn_cars import (
     Conditions,
     FAULTS,
@@ -32,6 +35,7 @@ from bev_preheat.experiments.robustness.drawn_cars import (
     TEMPERATURE_NOISE_K,
     TEMPERATURE_RESOLUTION_K,
 )
+from bev_preheat.experiments.sources import digest_of
 from bev_preheat.planning.situation import BatteryState, check_situation, Goal
 from bev_preheat.route import route_for, route_source
 from bev_preheat.vehicle import vehicle_file
@@ -53,7 +57,6 @@ LIMITS = {
     'trips': (1, 100_000),
     'only': (0, 2**31),
     'seed': (0, 2**31),
-    'jobs': (1, 1024),
     # The node's own limits on lease, timeout and command period.
     'period': (0.1, 10.0),
     'traffic': (0.0, 0.5),
@@ -105,7 +108,7 @@ def add_parser(subparsers: Subparsers) -> None:
     parser.add_argument('--only', type=int, metavar='NUMBER',
                         help='run one trip of the study; --plot then draws it over time')
     parser.add_argument('--seed', type=int, default=1, help='default: %(default)s')
-    parser.add_argument('--jobs', type=int, metavar='N', help='processes (default: all cores)')
+    add_study_arguments(parser)
     parser.add_argument('--methods', nargs='+', choices=tuple(COMPARED), default=list(COMPARED),
                         metavar='METHOD', help=f'of {", ".join(COMPARED)} (default: all)')
     completed_by(VEHICLES, parser.add_argument(
@@ -145,7 +148,7 @@ def add_parser(subparsers: Subparsers) -> None:
 def run(arguments: Namespace) -> int:
     """Run the study, or one trip of it; returns 0 whether or not the requirements are met."""
     conditions = _conditions(arguments)
-    check_output_arguments(
+    check_study_arguments(
         arguments, (vehicle_file(arguments.vehicle), *map(route_source, arguments.route)))
     # Each once, in the order in which they were asked for.
     methods = list(dict.fromkeys(arguments.methods))
@@ -153,6 +156,8 @@ def run(arguments: Namespace) -> int:
         return _run_one(arguments, conditions, methods)
     results = []
     with (keeping_what_is_finished() as ending,
+          kept_results(arguments.results, _study(arguments, conditions, methods), result_from) as kept,
+          study_executor(arguments) as executor,
           progress_bar(TextColumn('{task.description}'), BarColumn(), MofNCompleteColumn(),
                        TimeElapsedColumn()) as progress):
         task = progress.add_task('trips', total=arguments.trips)
@@ -161,10 +166,12 @@ def run(arguments: Namespace) -> int:
             results.append(result)
             progress.update(task, advance=1)
 
-        run_study(conditions, arguments.trips, arguments.seed, arguments.jobs, methods, report)
+        run_study(conditions, arguments.trips, arguments.seed, executor, methods, report,
+                  kept.finished, kept.keep)
     if results:
         _give_out(arguments, results, methods, ending)
-    ending.tell(len(results), arguments.trips, 'trips', (arguments.json, arguments.plot))
+    ending.tell(len(results), arguments.trips, 'trips', (arguments.json, arguments.plot),
+                arguments.results)
     return 0
 
 
@@ -225,6 +232,18 @@ def _conditions(arguments: Namespace) -> Conditions:
     return Conditions(vehicle, tuple(routes), state, goal, arguments.period,
                       not arguments.no_power, arguments.plant, arguments.fault, arguments.traffic,
                       arguments.progress)
+
+
+def _study(arguments: Namespace, conditions: Conditions, methods: Sequence[str]) -> dict[str, Any]:
+    """Return what a results file says of the study; how many trips it has may change."""
+    return {'study': 'robustness', 'seed': arguments.seed, 'methods': list(methods),
+            'vehicle': f'{conditions.vehicle.name} ({digest_of(conditions.vehicle)})',
+            **{f'route {number}': f'{Path(name).stem} ({digest_of(route)})' for number, (name, route) in enumerate(
+                zip(arguments.route, conditions.routes), start=1)},
+            **asdict(conditions.state), **asdict(conditions.goal),
+            **{name: value for name, value in vars(conditions).items()
+               if name not in ('vehicle', 'routes', 'state', 'goal')},
+            'drawn': _drawn()}
 
 
 def _drawn() -> dict[str, Any]:

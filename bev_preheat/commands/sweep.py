@@ -9,16 +9,19 @@ from typing import TYPE_CHECKING
 from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn
 
 from bev_preheat.commands.completion import completed_by, VEHICLES
+from bev_preheat.commands.study_arguments import add_study_arguments, check_study_arguments, study_executor
 from bev_preheat.console.finished import keeping_what_is_finished
-from bev_preheat.console.output import add_output_arguments, check_output_arguments, write_json
+from bev_preheat.console.output import add_output_arguments, write_json
 from bev_preheat.console.terminal import print_figures, progress_bar, result_console
 from bev_preheat.errors import InvalidInput
+from bev_preheat.experiments.kept_results import kept_results
 from bev_preheat.experiments.optimality.gap_figures import PERCENTILES, summarise_gaps
 from bev_preheat.experiments.optimality.gap_study import FEASIBLE
+from bev_preheat.experiments.sources import digest_of
 from bev_preheat.optional_packages import require
 from bev_preheat.planning.comparison import SAME_SHORTFALL_K
 from bev_preheat.planning.planner import METHODS
-from bev_preheat.vehicle import vehicle_file
+from bev_preheat.vehicle import load_vehicle, vehicle_file
 
 if TYPE_CHECKING:
     from argparse import Namespace
@@ -49,7 +52,7 @@ def add_parser(subparsers: Subparsers) -> None:
                         help="free: no limit but the heater's is active; limits: descents, climbs, "
                         'tight reserves and a changing cabin demand (default: %(default)s)')
     parser.add_argument('--seed', type=int, default=1, help='default: %(default)s')
-    parser.add_argument('--jobs', type=int, metavar='N', help='processes (default: all cores)')
+    add_study_arguments(parser)
     completed_by(VEHICLES, parser.add_argument(
         '--vehicle', default='reference', metavar='NAME|FILE',
         help='vehicle that is scaled (default: %(default)s)'))
@@ -59,15 +62,20 @@ def add_parser(subparsers: Subparsers) -> None:
 
 def run(arguments: Namespace) -> int:
     """Run the study; returns 0. An interrupted one is summed up as far as it got."""
-    from bev_preheat.experiments.optimality.gap_study import run_study
-    for name, low, high in (('feasible', 1, 100_000), ('seed', 0, 2**31), ('jobs', 1, 1024)):
+    from bev_preheat.experiments.optimality.gap_study import result_from, run_study
+    for name, low, high in (('feasible', 1, 100_000), ('seed', 0, 2**31)):
         value = getattr(arguments, name)
-        if value is not None and not low <= value <= high:
+        if not low <= value <= high:
             raise InvalidInput(f'--{name}: {value} is not allowed; it must be {low} ... {high}')
-    check_output_arguments(arguments, (vehicle_file(arguments.vehicle),))
+    check_study_arguments(arguments, (vehicle_file(arguments.vehicle),))
     require('casadi')
+    vehicle = load_vehicle(arguments.vehicle)
+    study = {'study': 'sweep', 'seed': arguments.seed, 'trips': arguments.trips,
+             'vehicle': f'{vehicle.name} ({digest_of(vehicle)})'}
     results = []
     with (keeping_what_is_finished() as ending,
+          kept_results(arguments.results, study, result_from) as kept,
+          study_executor(arguments) as executor,
           progress_bar(TextColumn('{task.description}'), BarColumn(), MofNCompleteColumn(),
                        TimeElapsedColumn()) as progress):
         task = progress.add_task('feasible trips', total=arguments.feasible)
@@ -77,12 +85,12 @@ def run(arguments: Namespace) -> int:
             progress.update(task, advance=result.outcome == FEASIBLE,
                             description=f'feasible of {len(results)} trips')
 
-        run_study(arguments.vehicle, arguments.feasible, arguments.seed, arguments.jobs, report,
-                  arguments.trips)
+        run_study(vehicle, arguments.feasible, arguments.seed, executor, report, arguments.trips,
+                  kept.finished, kept.keep)
     if results:
         _give_out(arguments, results, ending)
     ending.tell(sum(result.outcome == FEASIBLE for result in results), arguments.feasible,
-                'feasible trips', (arguments.json, arguments.plot))
+                'feasible trips', (arguments.json, arguments.plot), arguments.results)
     return 0
 
 

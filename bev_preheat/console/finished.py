@@ -26,12 +26,12 @@ class Ending:
         return self.cause is None
 
     def tell(self, finished: int | str, wanted: int | str, what: str,
-             files: Iterable[AnyPath | None]) -> None:
+             files: Iterable[AnyPath | None], results: AnyPath | None = None) -> None:
         """
         Raise the cause again, where there is one, now that what is finished has been kept.
 
         It says that `finished` of `wanted` are finished, a plural such as 'trips' being `what`, and
-        which of `files` (None: not asked for) they are in.
+        which of `files` (None: not asked for) they are in; from a file of `results` the study goes on.
         """
         if self.cause is None:
             return
@@ -43,6 +43,8 @@ class Ending:
             kept = f'the finished ones are in {" and ".join(names)}'
         else:
             kept = 'the summary is of the finished ones'
+        if results is not None:
+            kept += f'; the same command goes on from {results}'
         self.cause.kept = f'after {finished} of {wanted} {what}; {kept}'
         raise self.cause
 

@@ -54,14 +54,15 @@ def json_output(path: AnyPath | None, make_folder: bool = False) -> Output:
     return Output('--json', None if path == STANDARD_OUTPUT else path, make_folder=make_folder)
 
 
-def check_output_arguments(arguments: Namespace, inputs: Sequence[AnyPath]) -> None:
+def check_output_arguments(arguments: Namespace, inputs: Sequence[AnyPath],
+                           others: Sequence[Output] = ()) -> None:
     """
-    Check `--json` and `--plot` before anything is computed; `inputs` are the files that are read.
+    Check `--json`, `--plot` and other Outputs before anything is computed; `inputs` are read.
 
     Raises InvalidInput where one cannot be written, or would be written over an input.
     """
     check_outputs([json_output(arguments.json),
-                   Output('--plot', arguments.plot, PICTURE_SUFFIXES)], inputs)
+                   Output('--plot', arguments.plot, PICTURE_SUFFIXES), *others], inputs)
 
 
 def write_json(path: AnyPath, contents: Json, make_folder: bool = False) -> None:

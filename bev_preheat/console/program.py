@@ -41,13 +41,15 @@ class Interrupted(KeyboardInterrupt):
 
 
 class WorkerLost(Exception):
-    """A worker process ended by itself; `kept` says what remains of the work."""
+    """
+    A worker process ended by itself, or as its argument says; `kept` says what remains of the work.
+    """
 
     kept = ''
 
     def __str__(self) -> str:
         """Return what happened; nobody knows why."""
-        return 'a worker process was killed'
+        return str(self.args[0]) if self.args else 'a worker process was killed'
 
 
 class OutputFailed(Exception):

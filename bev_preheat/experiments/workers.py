@@ -3,8 +3,7 @@
 
 from __future__ import annotations
 
-from concurrent.futures import ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
+from concurrent.futures import Executor, ProcessPoolExecutor
 from contextlib import contextmanager
 import multiprocessing
 from multiprocessing import resource_tracker
@@ -12,8 +11,6 @@ import os
 import signal
 import threading
 from typing import TYPE_CHECKING
-
-from bev_preheat.console.program import WorkerLost
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -25,50 +22,33 @@ if TYPE_CHECKING:
     Result = TypeVar('Result')
 
 
-class Workers:
+class Workers(Executor):
     """
-    A pool of processes, one for each core if `jobs` is None; a context manager.
+    An executor of processes on this computer, one for each core if `jobs` is None.
 
-    Leaving the block kills them, whatever they are doing. They do not hear SIGINT: Ctrl-C is for the
-    process that started them, which then leaves the block. They end, too, when that process dies.
+    Leaving its `with` block kills them, whatever they are doing. They do not hear SIGINT: Ctrl-C is for
+    the process that started them, which then leaves the block. They end, too, when that process dies.
     """
 
-    def __init__(self, jobs: int | None, prepare: Callable[..., object],
-                 arguments: tuple[Any, ...]) -> None:
-        """Start nothing yet; each process calls `prepare(*arguments)` before its first task."""
-        self.jobs = jobs or os.cpu_count() or 1
+    def __init__(self, jobs: int | None) -> None:
+        """Start nothing yet."""
+        self.cores = jobs or os.cpu_count() or 1
         # A fork would take the solver's threads and the terminal's state along.
         self._pool = ProcessPoolExecutor(
-            self.jobs, mp_context=multiprocessing.get_context('spawn'), initializer=_begin,
-            initargs=(prepare, arguments))
-        self._others: set[BaseProcess] = set()
+            self.cores, mp_context=multiprocessing.get_context('spawn'), initializer=_begin)
+        self._others: set[BaseProcess] = set(multiprocessing.active_children())
 
-    def __enter__(self) -> Workers:
-        """Return the pool."""
-        self._others = set(multiprocessing.active_children())
-        return self
+    def submit(self, function: Callable[..., Result], /, *arguments: Any,
+               **options: Any) -> Future[Result]:
+        """Return the Future of a task; may start a process."""
+        with _interrupts_held():
+            return self._pool.submit(function, *arguments, **options)
 
-    def __exit__(self, *exception: object) -> None:
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         """Kill the processes."""
         for process in set(multiprocessing.active_children()) - self._others:
             process.kill()
         self._pool.shutdown(wait=False, cancel_futures=True)
-
-    def submit(self, function: Callable[..., Result], *arguments: Any) -> Future[Result]:
-        """Return the Future of a task, to be asked by `result`; may start a process."""
-        with _interrupts_held():
-            try:
-                return self._pool.submit(function, *arguments)
-            except BrokenProcessPool:
-                raise WorkerLost from None
-
-    @staticmethod
-    def result(future: Future[Result]) -> Result:
-        """Return the result of a task, when it is done; raises WorkerLost where a process died."""
-        try:
-            return future.result()
-        except BrokenProcessPool:
-            raise WorkerLost from None
 
 
 @contextmanager
@@ -83,9 +63,8 @@ def _interrupts_held() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def _begin(prepare: Callable[..., object], arguments: tuple[Any, ...]) -> None:
+def _begin() -> None:
     threading.Thread(target=_end_with_parent, daemon=True).start()
-    prepare(*arguments)
 
 
 def _end_with_parent() -> None:

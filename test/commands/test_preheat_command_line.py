@@ -35,10 +35,10 @@ NEED_CASADI = ('optimum', 'compare', 'reproduce', 'sweep')
 @pytest.fixture
 def quick_studies(monkeypatch):
     """Studies without processes, a scenario without a drive."""
-    def sweep(vehicle, feasible, seed, jobs, report, trips):
-        report(study_run.solve_trip(study_run.load_vehicle(vehicle), seed, 0, trips))
+    def sweep(vehicle, feasible, seed, executor, report, trips, finished, keep):
+        report(study_run.solve_trip(vehicle, seed, 0, trips))
 
-    def drive(conditions, trips, seed, jobs, methods, report):
+    def drive(conditions, trips, seed, executor, methods, report, finished, keep):
         report(robustness.drive_car(conditions, seed, 0, methods)[0])
 
     monkeypatch.setattr(study_run, 'run_study', sweep)

@@ -1,28 +1,27 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Runs the methods and the nonlinear program on many trips, on all cores."""
+"""Runs the methods and the nonlinear program on many trips, on any executor."""
 
 from __future__ import annotations
 
-from collections import deque
 from dataclasses import dataclass
+from functools import partial
 from itertools import count
 from typing import Any, TYPE_CHECKING
 
 import numpy as np
 
+from bev_preheat.experiments.numbered import run_numbered
 from bev_preheat.experiments.optimality.drawn_trips import DRAWS
-from bev_preheat.experiments.workers import Workers
 from bev_preheat.numerics.arithmetic import ARRAYS
 from bev_preheat.planning.comparison import difference, energy_gap_wh
 from bev_preheat.planning.limits import make_terminal_limits
 from bev_preheat.planning.planner import as_driven, DEFAULT_METHOD, METHODS, plan_preheating, SHORTFALL_TOLERANCE_K
 from bev_preheat.planning.status import Status
 from bev_preheat.planning.trip import make_trip
-from bev_preheat.vehicle import load_vehicle
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
-    from concurrent.futures import Future
+    from collections.abc import Callable, Iterable, Mapping
+    from concurrent.futures import Executor
 
     from bev_preheat.experiments.optimality.drawn_trips import DrawnTrip
     from bev_preheat.optimum.solve import Optimum
@@ -168,36 +167,36 @@ def disagreements(results: Iterable[GapResult], method: str) -> list[GapResult]:
                      and result.target_c - result.optimal_arrival_c < SHORTFALL_TOLERANCE_K)]
 
 
-def run_study(vehicle_name: str, feasible: int, seed: int, jobs: int | None,
-              report: Callable[[GapResult], object], trips: str = 'free') -> list[GapResult]:
+def result_of(vehicle: Vehicle, seed: int, trips: str, number: int) -> GapResult:
+    """Return the GapResult of one drawn trip; see `solve_trip`."""
+    return solve_trip(vehicle, seed, number, trips)
+
+
+def run_study(vehicle: Vehicle, feasible: int, seed: int, executor: Executor,
+              report: Callable[[GapResult], object], trips: str = 'free',
+              finished: Mapping[int, GapResult] | None = None,
+              keep: Callable[[int, GapResult], object] | None = None) -> list[GapResult]:
     """
     Run trips 0, 1, 2 … until `feasible` of them are feasible; return their GapResults in order.
 
     Trips in between that are not are in the list too. `report(result)` is called with each as soon
     as it and all before it are done, so that an interrupted study leaves what is finished. Which
-    trips are run does not depend on `jobs`. Raises WorkerLost where a process dies.
+    trips are run does not depend on the executor; `finished` and `keep` are those of `run_numbered`.
+    Raises WorkerLost where a process dies.
     """
     results: list[GapResult] = []
     found = 0
-    with Workers(jobs, _prepare, (vehicle_name, seed, trips)) as workers:
-        numbers = count()
-        waiting: deque[Future[GapResult]] = deque()
-        while found < feasible:
-            while len(waiting) < 3 * workers.jobs:
-                waiting.append(workers.submit(_run_in_worker, next(numbers)))
-            result = workers.result(waiting.popleft())
-            results.append(result)
-            found += result.outcome == FEASIBLE
-            report(result)
+    for result in run_numbered(executor, partial(result_of, vehicle, seed, trips), count(), finished,
+                               keep):
+        results.append(result)
+        found += result.outcome == FEASIBLE
+        report(result)
+        if found >= feasible:
+            break
     return results
 
 
-_worker: dict[str, Any] = {}
-
-
-def _prepare(vehicle_name: str, seed: int, trips: str) -> None:
-    _worker.update(vehicle=load_vehicle(vehicle_name), seed=seed, trips=trips)
-
-
-def _run_in_worker(number: int) -> GapResult:
-    return solve_trip(_worker['vehicle'], _worker['seed'], number, _worker['trips'])
+def result_from(record: dict[str, Any]) -> GapResult:
+    """Return a GapResult from `asdict` of it, as JSON gives it back."""
+    return GapResult(**{**record, 'methods': {
+        method: MethodResult(**own) for method, own in record['methods'].items()}})

@@ -3,8 +3,8 @@
 
 from __future__ import annotations
 
-from collections import deque
 from dataclasses import dataclass
+from functools import partial
 from itertools import count
 import math
 from typing import Any, TYPE_CHECKING
@@ -13,13 +13,13 @@ import numpy as np
 
 from bev_preheat.charging.worth import find_worth
 from bev_preheat.errors import InvalidInput
+from bev_preheat.experiments.numbered import run_numbered
 from bev_preheat.experiments.optimality.charging_trips import draw_charging_trip
 from bev_preheat.experiments.workers import Workers
 from bev_preheat.planning.planner import plan_unheated
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
-    from concurrent.futures import Future
 
     from bev_preheat.charging.worth import Worth
     from bev_preheat.experiments.optimality.charging_trips import ChargingTrip
@@ -190,18 +190,11 @@ def run_worth_study(compared: int, seed: int, jobs: int | None,
     """
     results: list[WorthGap] = []
     found = 0
-    with Workers(jobs, _prepare, ()) as workers:
-        numbers = count()
-        waiting: deque[Future[WorthGap]] = deque()
-        while found < compared:
-            while len(waiting) < 3 * workers.jobs:
-                waiting.append(workers.submit(solve_charging_trip, seed, next(numbers)))
-            result = workers.result(waiting.popleft())
+    with Workers(jobs) as workers:
+        for result in run_numbered(workers, partial(solve_charging_trip, seed), count()):
             results.append(result)
             found += result.outcome == COMPARED
             report(result)
+            if found >= compared:
+                break
     return results
-
-
-def _prepare() -> None:
-    from bev_preheat.optimum import charging_program  # noqa: F401

@@ -1,21 +1,23 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Runs many drawn trips on all cores."""
+"""Runs many drawn trips, on any executor."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 from time import process_time
 from typing import Any, TYPE_CHECKING
 
+from bev_preheat.experiments.numbered import run_numbered
 from bev_preheat.experiments.robustness.drawn_cars import draw_car
 from bev_preheat.experiments.robustness.drives import drive_informed, drive_with_planner, DriveOutcome
-from bev_preheat.experiments.workers import Workers
 from bev_preheat.simulation.mismatch import Mismatch
 from bev_preheat.supervision.settings import Settings
 from bev_preheat.vehicle.heat_path import HeatPath
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Sequence
+    from collections.abc import Callable, Iterable, Mapping, Sequence
+    from concurrent.futures import Executor
 
     from bev_preheat.experiments.robustness.drawn_cars import Conditions
     from bev_preheat.experiments.robustness.drives import DriveTrace
@@ -80,29 +82,37 @@ def drive_car(conditions: Conditions, seed: int, number: int,
     return result, {method: course for method, (_, course) in drives.items()}
 
 
-def run_study(conditions: Conditions, trips: int, seed: int, jobs: int | None,
-              methods: Sequence[str], report: Callable[[CarResult], object]) -> list[CarResult]:
+def result_of(conditions: Conditions, seed: int, methods: Sequence[str], number: int) -> CarResult:
+    """Return the CarResult of one drawn trip."""
+    return drive_car(conditions, seed, number, methods)[0]
+
+
+def run_study(conditions: Conditions, trips: int, seed: int, executor: Executor,
+              methods: Sequence[str], report: Callable[[CarResult], object],
+              finished: Mapping[int, CarResult] | None = None,
+              keep: Callable[[int, CarResult], object] | None = None) -> list[CarResult]:
     """
-    Return the CarResults of trips 0 … `trips` - 1 in order; they do not depend on `jobs`.
+    Return the CarResults of trips 0 … `trips` - 1 in order; they do not depend on the executor.
 
     `report(result)` is called with each as soon as it and all before it are done, so that an
-    interrupted study leaves what is finished. `jobs` None means all cores. Raises WorkerLost where
-    a process dies.
+    interrupted study leaves what is finished. `finished` and `keep` are those of `run_numbered`.
+    Raises WorkerLost where a process dies.
     """
     results = []
-    with Workers(jobs, _prepare, (conditions, seed, methods)) as workers:
-        for future in [workers.submit(_run_in_worker, number) for number in range(trips)]:
-            results.append(workers.result(future))
-            report(results[-1])
+    for result in run_numbered(executor, partial(result_of, conditions, seed, tuple(methods)),
+                               range(trips), finished, keep):
+        results.append(result)
+        report(result)
     return results
 
 
-_worker: dict[str, Any] = {}
+def result_from(record: dict[str, Any]) -> CarResult:
+    """Return a CarResult from `asdict` of it, as JSON gives it back."""
+    return CarResult(**{
+        **record, 'mismatch': Mismatch(**record['mismatch']),
+        'heat_path': HeatPath(**record['heat_path']), 'informed': _drive_from(record['informed']),
+        'methods': {method: _drive_from(drive) for method, drive in record['methods'].items()}})
 
 
-def _prepare(conditions: Conditions, seed: int, methods: Sequence[str]) -> None:
-    _worker.update(conditions=conditions, seed=seed, methods=methods)
-
-
-def _run_in_worker(number: int) -> CarResult:
-    return drive_car(_worker['conditions'], _worker['seed'], number, _worker['methods'])[0]
+def _drive_from(record: dict[str, Any]) -> DriveOutcome:
+    return DriveOutcome(**{**record, 'verdicts': tuple(record['verdicts'])})

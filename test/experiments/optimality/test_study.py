@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Studies: the same trip each time, outcomes, what is made of them, and the command."""
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 import json
 import re
 
@@ -23,11 +23,13 @@ from bev_preheat.experiments.optimality.gap_study import (
     MethodResult,
     NOT_NEEDED,
     RESERVE_MISSED,
+    result_from,
     run_study,
     solve_trip,
     SOLVER_FAILED,
     UNREACHABLE,
 )
+from bev_preheat.experiments.workers import Workers
 from bev_preheat.optimum import solve
 from bev_preheat.planning.planner import METHODS
 from bev_preheat.vehicle import load_vehicle
@@ -88,8 +90,17 @@ def test_result_does_not_depend_on_the_trips_before_it(free_trips):
 
 @pytest.mark.deep
 def test_results_do_not_depend_on_the_number_of_jobs():
-    one, two = (run_study('reference', 2, 7, jobs, lambda result: None) for jobs in (1, 2))
+    done = []
+    for jobs in (1, 2):
+        with Workers(jobs) as workers:
+            done.append(run_study(VEHICLE, 2, 7, workers, lambda result: None))
+    one, two = done
     assert [without_times(result) for result in one] == [without_times(result) for result in two]
+
+
+def test_a_result_is_read_back_to_the_last_bit():
+    result = made_result(3, one=made_method(gap_wh=0.1 + 0.2))
+    assert result_from(json.loads(json.dumps(asdict(result)))) == result
 
 
 @pytest.fixture(scope='module')
@@ -292,7 +303,7 @@ def test_sweep_draws_a_picture(sweep):
 
 def reporting(results, then=None):
     """Return a study that reports results, and then raises an exception, if there is one."""
-    def run_study(vehicle, feasible, seed, jobs, report, trips):
+    def run_study(vehicle, feasible, seed, executor, report, trips, finished, keep):
         for result in results:
             report(result)
         if then is not None:

@@ -157,7 +157,7 @@ def test_picture_in_an_unknown_format_is_refused(arguments, tmp_path, capsys):
 
 
 def test_an_interrupted_study_keeps_what_is_finished(arguments, monkeypatch, tmp_path, capsys):
-    def run_study(conditions, trips, seed, jobs, methods, report):
+    def run_study(conditions, trips, seed, executor, methods, report, finished, keep):
         for number in range(3):
             report(made_result(number, **{method: made_drive() for method in methods}))
         raise Interrupted

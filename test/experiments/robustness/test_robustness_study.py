@@ -2,6 +2,7 @@
 """Studies: the same results each time and on any number of processes; what is made of them."""
 
 from dataclasses import asdict, replace
+import json
 from types import SimpleNamespace
 
 import numpy as np
@@ -11,11 +12,20 @@ from short_drives import made_drive, made_result, short_conditions
 from bev_preheat.estimation.hypotheses import Heater
 from bev_preheat.experiments.robustness import car_study
 from bev_preheat.experiments.robustness.car_figures import summarise_drives
-from bev_preheat.experiments.robustness.car_study import COMPARED, drive_car, run_study, settings_of_compared
+from bev_preheat.experiments.robustness.car_study import (
+    COMPARED,
+    drive_car,
+    result_from,
+    run_study,
+    settings_of_compared,
+)
 from bev_preheat.experiments.robustness.drawn_cars import FAULTS
 from bev_preheat.experiments.robustness.drives import FaultWatch
+from bev_preheat.experiments.workers import Workers
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route import load_route
+from bev_preheat.simulation.mismatch import Mismatch
+from bev_preheat.vehicle.heat_path import HeatPath
 
 CONDITIONS = short_conditions(period_s=10.0)
 
@@ -35,12 +45,24 @@ def test_trip_has_the_same_result_each_time():
 
 @pytest.mark.deep
 def test_results_do_not_depend_on_jobs_and_are_those_of_single_trips():
-    done = []
-    one, two = (run_study(CONDITIONS, 3, 7, jobs, ['planner'], done.append) for jobs in (1, 2))
+    done, studies = [], []
+    for jobs in (1, 2):
+        with Workers(jobs) as workers:
+            studies.append(run_study(CONDITIONS, 3, 7, workers, ['planner'], done.append))
+    one, two = studies
     alone = [drive_car(CONDITIONS, 7, number, ['planner'])[0] for number in range(3)]
     assert list(map(without_times, one)) == list(map(without_times, two))
     assert list(map(without_times, one)) == list(map(without_times, alone))
     assert [result.number for result in done] == [0, 1, 2] * 2
+
+
+def test_a_result_is_read_back_to_the_last_bit():
+    result = replace(made_result(
+        4, made_drive(arrival_error_k=0.1 + 0.2), planner=made_drive(
+            verdicts=('heater dead', 'stuck on'), fault_shown_s=1.0 / 3.0)),
+        mismatch=Mismatch(heat_capacity=1.0 / 0.9, visible_variation=True),
+        heat_path=HeatPath(1.0 / 7.0, 5e3, 200.0, 3.0), pace=1.1)
+    assert result_from(json.loads(json.dumps(asdict(result)))) == result
 
 
 @pytest.mark.costly
