@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`preheat sweep`: the methods against the nonlinear program on many random trips."""
+"""`preheat sweep`: the methods on many random trips, against the nonlinear program or over a fleet."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsed
 
 from bev_preheat.commands.completion import completed_by, VEHICLES
 from bev_preheat.commands.study_arguments import add_study_arguments, check_study_arguments, study_executor
+from bev_preheat.commands.sweep_fleet import run_fleet_sweep
 from bev_preheat.console.finished import keeping_what_is_finished
 from bev_preheat.console.output import add_output_arguments, write_json
 from bev_preheat.console.terminal import print_figures, progress_bar, result_console
@@ -34,6 +35,9 @@ if TYPE_CHECKING:
     from bev_preheat.experiments.optimality.gap_figures import Figures
     from bev_preheat.experiments.optimality.gap_study import GapResult
 
+# (low, high) of what the options allow, and the defaults of those that a fleet does not have.
+LIMITS = {'feasible': (1, 100_000), 'seed': (0, 2**31), 'fleet': (1, 100_000_000)}
+NOT_OF_FLEETS = {'feasible': 300, 'trips': 'free', 'vehicle': 'reference'}
 # Disagreements shown for a method; the JSON has all.
 MOST_LISTED = 10
 
@@ -46,27 +50,40 @@ def add_parser(subparsers: Subparsers) -> None:
         'program, and reports the distribution of what the methods cost more. Energies are compared '
         'only where a method reaches the same as the program. Ctrl-C ends the study; the summary '
         'is then of the trips that are finished.')
-    parser.add_argument('--feasible', type=int, default=300, metavar='N',
-                        help='draw until N trips are feasible (default: %(default)s)')
-    parser.add_argument('--trips', choices=('free', 'limits'), default='free',
+    parser.add_argument('--feasible', type=int, metavar='N',
+                        help='draw until N trips are feasible (default: 300)')
+    parser.add_argument('--trips', choices=('free', 'limits'),
                         help="free: no limit but the heater's is active; limits: descents, climbs, "
-                        'tight reserves and a changing cabin demand (default: %(default)s)')
+                        'tight reserves and a changing cabin demand (default: free)')
+    parser.add_argument('--fleet', type=int, metavar='N',
+                        help='in place of all that, without the nonlinear program: N winter trips of '
+                        'different cars to fast chargers, and what each method saves at the charger '
+                        'against no heating')
     parser.add_argument('--seed', type=int, default=1, help='default: %(default)s')
     add_study_arguments(parser)
     completed_by(VEHICLES, parser.add_argument(
-        '--vehicle', default='reference', metavar='NAME|FILE',
-        help='vehicle that is scaled (default: %(default)s)'))
+        '--vehicle', metavar='NAME|FILE', help='vehicle that is scaled (default: reference)'))
     add_output_arguments(parser)
     parser.set_defaults(run=run)
 
 
 def run(arguments: Namespace) -> int:
     """Run the study; returns 0. An interrupted one is summed up as far as it got."""
-    from bev_preheat.experiments.optimality.gap_study import result_from, run_study
-    for name, low, high in (('feasible', 1, 100_000), ('seed', 0, 2**31)):
+    given = [name for name in NOT_OF_FLEETS if getattr(arguments, name) is not None]
+    if arguments.fleet is not None and given:
+        raise InvalidInput(f'--{given[0]} does not go with --fleet, which draws cars and trips of its own')
+    for name, value in NOT_OF_FLEETS.items():
+        if getattr(arguments, name) is None:
+            setattr(arguments, name, value)
+    for name, (low, high) in LIMITS.items():
         value = getattr(arguments, name)
-        if not low <= value <= high:
+        if value is not None and not low <= value <= high:
             raise InvalidInput(f'--{name}: {value} is not allowed; it must be {low} ... {high}')
+    return run_fleet_sweep(arguments) if arguments.fleet is not None else _run_gaps(arguments)
+
+
+def _run_gaps(arguments: Namespace) -> int:
+    from bev_preheat.experiments.optimality.gap_study import result_from, run_study
     check_study_arguments(arguments, (vehicle_file(arguments.vehicle),))
     require('casadi')
     vehicle = load_vehicle(arguments.vehicle)

@@ -41,9 +41,7 @@ class Interrupted(KeyboardInterrupt):
 
 
 class WorkerLost(Exception):
-    """
-    A worker process ended by itself, or as its argument says; `kept` says what remains of the work.
-    """
+    """A worker process ended by itself, or as the argument says; `kept` says what remains of the work."""
 
     kept = ''
 

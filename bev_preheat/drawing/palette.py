@@ -74,6 +74,7 @@ LOOKS = {
     'optimal_switch': Look(ORANGE, (0, (4.0, 2.0)), 2.2, 'x'),
     'paper': Look(GREEN, (0, (7.0, 2.0, 1.5, 2.0)), 1.6, '+'),
     'replanned_paper': Look(GREEN, (0, (7.0, 2.0, 1.5, 2.0)), 1.6, '+'),
+    'always_on': Look(VERMILLION, (0, (1.5, 1.5)), 1.8, 's'),
     'nlp': Look(BLACK, (0, (1.2, 2.4)), 1.5, 's'),
     WITHOUT_PREHEATING: Look(GRAY, (0, (6.0, 3.0)), 1.3, 'v'),
 }

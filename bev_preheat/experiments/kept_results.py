@@ -29,11 +29,13 @@ class Kept(Generic[Result]):
 
 @contextmanager
 def kept_results(path: AnyPath | None, study: Mapping[str, Any],
-                 result_from: Callable[[dict[str, Any]], Result]) -> Iterator[Kept[Result]]:
+                 result_from: Callable[[dict[str, Any]], Result],
+                 as_record: Callable[[Result], dict[str, Any]] = asdict,  # type: ignore[assignment]
+                 ) -> Iterator[Kept[Result]]:
     """
     Give the Kept results of the study that plain values describe; none of them where `path` is None.
 
-    Results are dataclasses with a `number`; `result_from` makes one from what `asdict` made of it.
+    Results have a `number`; `result_from` makes one from what `as_record` made of it.
     Raises InvalidInput where the file holds another study, or is damaged.
     """
     if path is None:
@@ -46,5 +48,4 @@ def kept_results(path: AnyPath | None, study: Mapping[str, Any],
                 finished[int(record['number'])] = result_from(record)
             except (KeyError, TypeError, ValueError) as error:
                 raise InvalidInput(f'{path}: line {line} is no result of this study') from error
-        yield Kept(finished, lambda number, result: file.append(
-            asdict(result)))  # type: ignore[call-overload]
+        yield Kept(finished, lambda number, result: file.append(as_record(result)))

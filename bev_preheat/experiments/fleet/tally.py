@@ -1,0 +1,128 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Counts, sums and histograms of a fleet, of the same size for a thousand trips and for a million.
+
+All are whole numbers (sums in thousandths of a unit), so that blocks of trips add up to the same in
+whatever order they come. Quantiles come from histograms of fixed bins.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, field
+import math
+from typing import Any
+
+import numpy as np
+
+# What is summed for each way and group, and which of these have a histogram: width of its bins.
+HEATER_WH, BOUGHT_WH, CHARGING_S, ARRIVAL_C, REACHED = (
+    'heater_wh', 'bought_wh', 'charging_s', 'arrival_c', 'reached')
+SAVED_S, MORE_WH = 'saved_s', 'more_wh'
+QUANTITIES = (HEATER_WH, BOUGHT_WH, CHARGING_S, ARRIVAL_C, REACHED, SAVED_S, MORE_WH)
+BIN_WIDTHS = {SAVED_S: 15.0, MORE_WH: 50.0}
+PER_UNIT = 1000
+
+# The groups of one trip are all, its car's, its temperature's, its length's, and the latter two together.
+ALL = 'all'
+AMBIENT_EDGES_C = (-15.0, -10.0, -5.0, 0.0, 5.0)
+LENGTH_EDGES_MIN = (30.0, 60.0, 90.0)
+
+
+def names_of(edges: tuple[float, ...], unit: str) -> list[str]:
+    """Return what the parts are called into which edges divide a scale."""
+    return [f'below {edges[0]:g} {unit}',
+            *(f'{low:g} to {high:g} {unit}' for low, high in zip(edges, edges[1:])),
+            f'from {edges[-1]:g} {unit}']
+
+
+AMBIENTS, LENGTHS = names_of(AMBIENT_EDGES_C, 'degC'), names_of(LENGTH_EDGES_MIN, 'min')
+
+
+def groups_of(car: str, ambient_c: float, length_min: float) -> tuple[str, ...]:
+    """Return the names of the groups that a trip belongs to; the last one has no histogram."""
+    ambient = AMBIENTS[int(np.searchsorted(AMBIENT_EDGES_C, ambient_c, side='right'))]
+    length = LENGTHS[int(np.searchsorted(LENGTH_EDGES_MIN, length_min, side='right'))]
+    return ALL, car, ambient, length, f'{ambient}, {length}'
+
+
+@dataclass
+class Tally:
+    """
+    What was counted: trips by group, trips left out by reason, sums and histograms.
+
+    `sums` {(way, group, quantity): thousandths}, `bins` {(way, group, quantity): {bin: trips}}.
+    """
+
+    trips: Counter[str] = field(default_factory=Counter)
+    left_out: Counter[str] = field(default_factory=Counter)
+    sums: Counter[tuple[str, str, str]] = field(default_factory=Counter)
+    bins: dict[tuple[str, str, str], Counter[int]] = field(default_factory=dict)
+
+    def count(self, groups: tuple[str, ...], values: dict[str, dict[str, float]]) -> None:
+        """Count a trip of these groups: `values` {way: {quantity: value}}."""
+        self.trips.update(groups)
+        for way, quantities in values.items():
+            for quantity, value in quantities.items():
+                thousandths = round(PER_UNIT * value)
+                for group in groups:
+                    self.sums[way, group, quantity] += thousandths
+                if quantity in BIN_WIDTHS:
+                    place = math.floor(value / BIN_WIDTHS[quantity])
+                    for group in groups[:-1]:
+                        self.bins.setdefault((way, group, quantity), Counter())[place] += 1
+
+    def add(self, other: Tally) -> None:
+        """Count what another Tally has counted."""
+        self.trips.update(other.trips)
+        self.left_out.update(other.left_out)
+        self.sums.update(other.sums)
+        for key, places in other.bins.items():
+            self.bins.setdefault(key, Counter()).update(places)
+
+    def mean(self, way: str, group: str, quantity: str) -> float | None:
+        """Return the mean of a quantity over a group's trips; None where there are none."""
+        trips = self.trips[group]
+        return self.sums[way, group, quantity] / PER_UNIT / trips if trips else None
+
+    def quantile(self, way: str, group: str, quantity: str, share: float) -> float | None:
+        """Return the value that a share (0 ... 1) of a group's trips is below, to a bin's width."""
+        places = self.bins.get((way, group, quantity))
+        if not places:
+            return None
+        width, wanted, below = BIN_WIDTHS[quantity], share * places.total(), 0
+        for place in sorted(places):
+            inside = places[place]
+            if below + inside >= wanted:
+                return width * (place + (wanted - below) / inside)
+            below += inside
+        return width * (max(places) + 1)
+
+    def as_record(self) -> dict[str, Any]:
+        """Return the tally as JSON holds it."""
+        record: dict[str, Any] = {'trips': dict(self.trips), 'left_out': dict(self.left_out),
+                                  'quantities': list(QUANTITIES), 'sums': {}, 'bins': {}}
+        for way, group in dict.fromkeys(key[:2] for key in self.sums):
+            record['sums'].setdefault(way, {})[group] = [
+                self.sums[way, group, quantity] for quantity in QUANTITIES]
+        for (way, group, quantity), places in self.bins.items():
+            # The first bin, then what is in it and in those above it.
+            low, high = min(places), max(places)
+            record['bins'].setdefault(way, {}).setdefault(group, {})[quantity] = [
+                low, *(places[place] for place in range(low, high + 1))]
+        return record
+
+
+def tally_from(record: dict[str, Any]) -> Tally:
+    """Return a Tally from `as_record` of it."""
+    tally = Tally(Counter(record['trips']), Counter(record['left_out']))
+    for way, groups in record['sums'].items():
+        for group, values in groups.items():
+            tally.sums.update({(way, group, quantity): value
+                               for quantity, value in zip(record['quantities'], values)})
+    for way, groups in record['bins'].items():
+        for group, quantities in groups.items():
+            for quantity, (low, *counts) in quantities.items():
+                tally.bins[way, group, quantity] = Counter(
+                    {low + at: trips for at, trips in enumerate(counts) if trips})
+    return tally

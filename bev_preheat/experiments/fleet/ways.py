@@ -1,0 +1,85 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The ways to heat a fleet: not at all, always, and by each planning method; what one trip takes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from bev_preheat.errors import PlanningFailure
+from bev_preheat.planning.dynamics import JOULES_PER_WH, run_forward
+from bev_preheat.planning.limits import run_within_limits, watch_limits
+from bev_preheat.planning.planner import METHODS, plan_preheating
+from bev_preheat.planning.trip import make_trip
+from bev_preheat.vehicle.model import make_runge_kutta_4
+
+if TYPE_CHECKING:
+    from bev_preheat.experiments.fleet.drawn_fleet import FleetTrip
+    from bev_preheat.planning.plan import Plan
+    from bev_preheat.vehicle import Vehicle
+
+NONE, ALWAYS = 'no_heating', 'always_on'
+WAYS = (NONE, ALWAYS, *reversed(METHODS))
+# Missing the target by less than this is no miss; see planning.planner.
+REACHED_K = 0.2
+
+
+@dataclass(frozen=True)
+class Arrival:
+    """A trip's end: what the heater took before [Wh], battery temperature [deg C], state of charge."""
+
+    heater_wh: float
+    temperature_c: float
+    soc: float
+
+
+def arrivals_of(trip: FleetTrip, vehicle: Vehicle) -> dict[str, Arrival] | None:
+    """
+    Return the Arrival of each of WAYS; None where the car cannot drive the trip even without heating.
+
+    Whatever a method says of its own plan, it is driven with the model's own steps.
+    """
+    inputs = vehicle, trip.route, trip.state
+    try:
+        unheated = plan_preheating(*inputs, replace(trip.goal, charging_planned=False))
+        if unheated.stranding is not None or unheated.undeliverable_power_w > 0.0:
+            return None
+        plans = {method: plan_preheating(*inputs, trip.goal, method) for method in METHODS}
+    except PlanningFailure:
+        return None
+    arrivals = {NONE: _arrival(unheated), ALWAYS: _always_on(trip, vehicle, unheated)}
+    for method, plan in plans.items():
+        # The paper's own run is made by Euler's method.
+        arrivals[method] = (_driven(trip, vehicle, plan) if method == 'paper' and plan.heating_start_s is not None
+                            else arrivals[NONE] if plan.heating_start_s is None else _arrival(plan))
+    return {way: arrivals[way] for way in WAYS}
+
+
+def _arrival(plan: Plan) -> Arrival:
+    return Arrival(plan.energy_wh.hvch_electric, plan.arrival_temperature_c, plan.arrival_soc)
+
+
+def _driven(trip: FleetTrip, vehicle: Vehicle, plan: Plan) -> Arrival:
+    """Return the Arrival of a plan's heater powers, driven with Runge-Kutta steps."""
+    soc, temperature_c = run_forward(
+        vehicle, make_runge_kutta_4, trip.state.soc, trip.state.temperature_c,
+        make_trip(vehicle, trip.route).inputs(plan.hvch_battery_power_w))
+    return Arrival(plan.energy_wh.hvch_electric, temperature_c[-1], soc[-1])
+
+
+def _always_on(trip: FleetTrip, vehicle: Vehicle, unheated: Plan) -> Arrival:
+    """
+    Return the Arrival of a car that heats from the start, and then holds the target.
+
+    A thermostat: in each step that begins below the target the heater has what the cabin leaves.
+    """
+    driven = make_trip(vehicle, trip.route)
+    most_w, target_c = driven.heater_limit_w.tolist(), trip.goal.target_temperature_c
+    watch = watch_limits(driven, unheated.soc, unheated.battery_temperature_c)
+    schedule = run_within_limits(
+        driven, trip.state, watch,
+        lambda k, temperature_c: most_w[k] if temperature_c < target_c else 0.0, take_surplus=False)
+    heater_wh = float(driven.route.duration_s @ schedule.heater_power_w) / JOULES_PER_WH
+    return Arrival(heater_wh, float(schedule.temperature_c[-1]), float(np.maximum(schedule.soc[-1], 0.0)))

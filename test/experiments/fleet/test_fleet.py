@@ -1,0 +1,256 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A fleet: its sessions are those of `charge`, its ways do what they say, blocks are the same anywhere."""
+
+from concurrent.futures import Future
+from dataclasses import replace
+import json
+
+from matplotlib.image import imread
+import numpy as np
+import pytest
+
+from bev_preheat.charging.session import charge
+from bev_preheat.commands.main import main
+from bev_preheat.console.program import Interrupted
+from bev_preheat.experiments.fleet import charging_times, fleet_study
+from bev_preheat.experiments.fleet.charging_times import ChargingTimes, sessions, stop_of
+from bev_preheat.experiments.fleet.drawn_fleet import AMBIENT_MEAN_C, CARS, draw_fleet_trip, vehicle_of
+from bev_preheat.experiments.fleet.fleet_study import Block, block_from, run_fleet, tally_of
+from bev_preheat.experiments.fleet.tally import HEATER_WH, MORE_WH, REACHED, SAVED_S, Tally
+from bev_preheat.experiments.fleet.ways import ALWAYS, arrivals_of, NONE, WAYS
+from bev_preheat.planning.planner import plan_preheating
+from bev_preheat.planning.situation import BatteryState
+
+pytestmark = pytest.mark.costly
+
+
+# Sessions
+
+@pytest.mark.parametrize('car, charger_w, ambient_c, temperature_c, soc', [
+    # Heated at the charger up to its limit, and beyond it; not heated; a weak charger; LFP in the cold.
+    ('reference', 150e3, -8.0, -3.0, 0.12), ('reference', 300e3, 3.0, 31.0, 0.07),
+    ('small_car', 150e3, -3.0, 6.0, 0.22), ('large_suv', 50e3, 1.0, 9.0, 0.15),
+    ('mid_size_lfp', 150e3, -12.0, -10.0, 0.2)])
+def test_a_session_in_arrays_is_that_of_charge(car, charger_w, ambient_c, temperature_c, soc):
+    vehicle = vehicle_of(car)
+    session = charge(vehicle, stop_of(vehicle, charger_w, ambient_c), BatteryState(temperature_c, soc))
+    time_s, bought_wh = sessions(vehicle, charger_w, *(
+        np.array([value]) for value in (ambient_c, temperature_c, soc)))
+    assert time_s[0] == pytest.approx(session.charging_time_s, rel=0.002)
+    assert bought_wh[0] == pytest.approx(session.bought_energy_wh, rel=0.001)
+
+
+@pytest.fixture(scope='module')
+def times():
+    """The table of a car at a charger."""
+    return ChargingTimes(vehicle_of('small_hatchback'), 150e3)
+
+
+@pytest.mark.deep
+def test_between_the_points_of_the_table_times_are_those_of_sessions(times):
+    random = np.random.default_rng(4)
+    ambient_c = random.normal(1.4, 5.5, 200)
+    temperature_c, soc = ambient_c + random.uniform(0.0, 25.0, 200), random.uniform(0.03, 0.33, 200)
+    exact_s, exact_wh = sessions(vehicle_of('small_hatchback'), 150e3, ambient_c, temperature_c, soc)
+    found_s, found_wh = times.of(ambient_c, temperature_c, soc)
+    # A tenth of a minute, 50 Wh; on average a fifth of that.
+    assert np.abs(found_s - exact_s).max() < 10.0 and np.abs(found_s - exact_s).mean() < 2.0
+    assert np.abs(found_wh - exact_wh).max() < 80.0 and np.abs(found_wh - exact_wh).mean() < 10.0
+
+
+def test_a_battery_that_takes_nothing_is_never_charged():
+    time_s, bought_wh = sessions(vehicle_of('small_car'), 150e3, *(
+        np.array([value]) for value in (-25.0, -25.0, 0.2)))
+    assert np.isinf(time_s[0]) and np.isinf(bought_wh[0])
+
+
+# Trips
+
+def test_a_trip_is_drawn_from_its_number():
+    first, second = draw_fleet_trip(3, 8), draw_fleet_trip(3, 8)
+    assert first.state == second.state and (
+        first.route.propulsion_power_w == second.route.propulsion_power_w).all()
+    assert draw_fleet_trip(3, 9).state != first.state != draw_fleet_trip(4, 8).state
+
+
+def test_drawn_trips_are_as_they_are_said_to_be():
+    trips = [draw_fleet_trip(1, number) for number in range(600)]
+    assert {trip.car for trip in trips} == set(CARS)
+    # Five standard errors.
+    assert np.mean([trip.ambient_c for trip in trips]) == pytest.approx(AMBIENT_MEAN_C, abs=5.0 * 5.5 / 600**0.5)
+    unheated = [plan_preheating(vehicle_of(trip.car), trip.route, trip.state,
+                                replace(trip.goal, charging_planned=False)) for trip in trips[:30]]
+    assert all(0.04 < plan.arrival_soc < 0.36 for plan in unheated)
+
+
+@pytest.fixture(scope='module')
+def cold_trip():
+    """A trip of a cold car, and its arrivals."""
+    trip = next(trip for trip in (draw_fleet_trip(1, number) for number in range(100))
+                if trip.car == 'reference' and trip.state.temperature_c < 2.0 and 40.0 < trip.length_min < 80.0)
+    return trip, arrivals_of(trip, vehicle_of(trip.car))
+
+
+def test_always_on_holds_the_target_and_takes_most(cold_trip):
+    trip, arrivals = cold_trip
+    target_c = trip.goal.target_temperature_c
+    assert arrivals[NONE].heater_wh == 0.0 and arrivals[NONE].temperature_c < target_c - 3.0
+    # A step without heat cools it by less than a kelvin; the drive itself may warm it further.
+    assert arrivals[ALWAYS].temperature_c > target_c - 1.0
+    assert arrivals[ALWAYS].heater_wh > 1.1 * arrivals['merit_order'].heater_wh > 0.0
+
+
+def test_each_method_reaches_the_target_as_driven(cold_trip):
+    trip, arrivals = cold_trip
+    assert set(arrivals) == set(WAYS)
+    for method in ('optimal_switch', 'merit_order'):
+        assert arrivals[method].temperature_c == pytest.approx(trip.goal.target_temperature_c, abs=0.01)
+    assert arrivals['paper'].temperature_c == pytest.approx(trip.goal.target_temperature_c, abs=0.5)
+
+
+# Blocks
+
+@pytest.fixture
+def quick_tables(monkeypatch):
+    """A charger at which each kelvin that lacks to 25 degC costs 10 s, each percent of charge 20 s."""
+    class Times:
+        def of(self, ambient_c, temperature_c, soc):
+            time_s = 10.0 * np.maximum(25.0 - temperature_c, 0.0) + 2000.0 * (0.8 - soc)
+            return time_s, 50e3 * (0.8 - soc)
+
+    monkeypatch.setattr(fleet_study, 'charging_times_of', lambda car, charger_w: Times())
+
+
+def test_a_fleet_is_counted_trip_by_trip(quick_tables):
+    trips = [draw_fleet_trip(2, number) for number in range(12)]
+    tally = tally_of(trips)
+    assert tally.trips['all'] + tally.left_out.total() == 12 and tally == tally_of(reversed(trips))
+    expected = {quantity: [] for quantity in (HEATER_WH, SAVED_S, MORE_WH, REACHED)}
+    for trip in trips:
+        ends = arrivals_of(trip, vehicle_of(trip.car))
+        end, cold = ends['merit_order'], ends[NONE]
+        expected[HEATER_WH].append(end.heater_wh)
+        expected[MORE_WH].append(50e3 * (cold.soc - end.soc))
+        expected[SAVED_S].append(10.0 * (max(25.0 - cold.temperature_c, 0.0) - max(25.0 - end.temperature_c, 0.0))
+                                 - 2000.0 * (cold.soc - end.soc))
+        expected[REACHED].append(end.temperature_c > trip.goal.target_temperature_c - 0.2)
+    for quantity, values in expected.items():
+        assert tally.mean('merit_order', 'all', quantity) == pytest.approx(np.mean(values), abs=1e-3)
+
+
+class Here:
+    """Runs what is submitted at once."""
+
+    cores = 2
+
+    def submit(self, function, number):
+        future = Future()
+        future.set_result(function(number))
+        return future
+
+
+@pytest.fixture
+def made_blocks(monkeypatch):
+    """Trips that cost nothing: each counts its number. Gives the numbers of the trips that were counted."""
+    ran = []
+
+    def tally_of(trips):
+        tally = Tally()
+        for number in trips:
+            ran.append(number)
+            tally.count(('all', 'car', 'a', 'l', 'a, l'), {way: {
+                quantity: float(number) for quantity in (
+                    'heater_wh', 'bought_wh', 'charging_s', 'arrival_c', 'reached', 'saved_s', 'more_wh')}
+                for way in WAYS})
+        return tally
+
+    monkeypatch.setattr(fleet_study, 'draw_fleet_trip', lambda seed, number: number)
+    monkeypatch.setattr(fleet_study, 'tally_of', tally_of)
+    monkeypatch.setattr(fleet_study, 'BLOCK', 10)
+    # What is pickled is what stands in the module.
+    monkeypatch.setattr('bev_preheat.experiments.numbered.Shipped', lambda task: task)
+    return ran
+
+
+def test_each_trip_is_in_one_block(made_blocks):
+    blocks = []
+    run_fleet(37, 1, Here(), blocks.append)
+    assert made_blocks == list(range(37))
+    assert [(block.number, block.size) for block in blocks] == [(0, 10), (1, 10), (2, 10), (3, 7)]
+
+
+def test_a_larger_fleet_goes_on_from_a_smaller_one(made_blocks):
+    first, whole = {}, Tally()
+    run_fleet(25, 1, Here(), lambda block: None, keep=first.__setitem__)
+    made_blocks.clear()
+    again = {number: block_from(json.loads(json.dumps(block.as_record()))) for number, block in first.items()}
+    run_fleet(45, 1, Here(), lambda block: whole.add(block.tally), again)
+    # The last block of the smaller one was not complete.
+    assert made_blocks == list(range(20, 45))
+    assert whole.trips['all'] == 45
+    assert whole.mean('paper', 'all', 'saved_s') == 22.0
+
+
+# The command
+
+@pytest.fixture
+def quick_command(made_blocks, monkeypatch):
+    monkeypatch.setattr('bev_preheat.commands.sweep_fleet.study_executor', lambda arguments: HereOnce())
+    return made_blocks
+
+
+class HereOnce(Here):
+    """The same as a context manager."""
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *exception):
+        pass
+
+
+def test_the_command_prints_writes_draws_and_goes_on(quick_command, tmp_path, capsys):
+    results, path, picture = (tmp_path / name for name in ('r.jsonl', 'r.json', 'r.png'))
+    command = ['sweep', '--fleet', '25', '--seed', '4', '--results', str(results), '--json', str(path)]
+    assert main([*command, '--plot', str(picture)]) == 0
+    out = capsys.readouterr().out
+    assert '25 trips' in out and 'always_on' in out and 'By air temperature' in out
+    written = json.loads(path.read_text())
+    assert (written['fleet'], written['seed'], written['complete']) == (25, 4, True)
+    figures = written['summary']['groups']['all']['ways']['merit_order']
+    assert figures['saved_min']['mean'] == pytest.approx(12.0 / 60.0)
+    assert imread(picture).std() > 0.02
+    quick_command.clear()
+    assert main(command) == 0
+    assert (quick_command, capsys.readouterr().out) == ([], out)
+    assert main([*command, '--seed', '5']) == 2
+    assert 'holds another study: seed is 4 in the file, 5 here' in capsys.readouterr().err
+
+
+def test_an_interrupted_fleet_keeps_what_is_finished(quick_command, tmp_path, capsys, monkeypatch):
+    def run(trips, seed, executor, report, finished, keep):
+        block = Block(0, 10, fleet_study.tally_of(range(10)))
+        keep(0, block)
+        report(block)
+        raise Interrupted
+
+    monkeypatch.setattr(fleet_study, 'run_fleet', run)
+    results = tmp_path / 'r.jsonl'
+    assert main(['sweep', '--fleet', '35', '--results', str(results)]) == 130
+    out, err = capsys.readouterr()
+    assert err == ('preheat: interrupted after 10 of 35 trips; the summary is of the finished ones; the same '
+                   f'command goes on from {results}\n')
+    assert 'part of the study, 10 of 35 trips' in ' '.join(out.split())
+
+
+@pytest.mark.parametrize('extra, message', [
+    (['--fleet', '0'], '--fleet: 0 is not allowed; it must be 1 ... 100000000'),
+    (['--fleet', '9', '--trips', 'free'], '--trips does not go with --fleet, which draws cars and trips of its own'),
+    (['--fleet', '9', '--vehicle', 'reference'], '--vehicle does not go with --fleet')])
+def test_a_fleet_refuses_in_one_line(extra, message, capsys):
+    assert main(['sweep', *extra]) == 2
+    assert capsys.readouterr().err.startswith(f'preheat: error: {message}')
+
+
+def test_grids_cover_what_is_drawn():
+    assert charging_times.SOC_GRID[-1] >= 0.35 and charging_times.TEMPERATURE_GRID_C[0] <= -25.0
