@@ -52,6 +52,7 @@ class _Run(Generic[Result]):
                  finished: Mapping[int, Result], keep: Callable[[int, Result], object]) -> None:
         self._executor, self._task, self._keep = executor, Shipped(task), keep
         self._losses: Mapping[type[Exception], str] = getattr(executor, 'losses', {})
+        self._all_losses: tuple[type[Exception], ...] = (BrokenExecutor, CancelledError, *self._losses)
         self._numbers = iter(numbers)
         self._there = dict(finished)
         self._asked: deque[int] = deque()
@@ -95,7 +96,7 @@ class _Run(Generic[Result]):
         number = self._running.pop(future)
         try:
             result = future.result()
-        except (BrokenExecutor, CancelledError, *self._losses) as error:
+        except self._all_losses as error:
             raise WorkerLost(*(what for kind, what in self._losses.items()
                                if isinstance(error, kind))) from None
         self._there[number] = result

@@ -8,8 +8,11 @@ source is assumed; results by temperature and trip length depend on it less than
 
 from __future__ import annotations
 
+from bisect import bisect
 from dataclasses import dataclass
 from functools import cache
+from itertools import accumulate
+import math
 from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
@@ -17,7 +20,14 @@ import numpy as np
 from bev_preheat.numerics.arithmetic import FLOATS
 from bev_preheat.numerics.folded_normal import mean_magnitude
 from bev_preheat.planning.situation import BatteryState, Goal
-from bev_preheat.route.road_load import air_density_kg_per_m3, battery_power_w, GRAVITY_MPS2, Load, loaded
+from bev_preheat.route.road_load import (
+    air_density_kg_per_m3,
+    battery_power_w,
+    GRAVITY_MPS2,
+    Load,
+    loaded,
+    RoadVehicle,
+)
 from bev_preheat.route.segments import Route
 from bev_preheat.route.variation import vary
 from bev_preheat.vehicle import load_vehicle, Vehicle
@@ -65,6 +75,11 @@ ARRIVAL_SOC, DEPARTURE_SOC, FULL_SOC = (0.08, 0.3), 0.8, 0.97
 CABIN_W_PER_K, CABIN_C, CABIN_SHARE = 80.0, 20.0, 0.7
 # What the circuit loses comes on top of what a trip takes, about.
 LOSSES = 1.03
+# Of each minute: 0 town, 1 country, 2 motorway; and what is driven there.
+ROADS = np.repeat((0, 1, 2), [round(minutes * S_PER_MIN / STEP_S)
+                              for minutes in (TOWN_MIN, COUNTRY_MIN, LENGTH_MIN[1] - TOWN_MIN - COUNTRY_MIN)])
+SPEEDS_MPS = MPS_PER_KMH * np.array([TOWN_KMH, COUNTRY_KMH, MOTORWAY_KMH])
+FACTORS = np.array([TOWN_FACTOR, 1.0, 1.0])
 
 
 @dataclass(frozen=True)
@@ -102,14 +117,16 @@ def draw_fleet_trip(seed: int, number: int) -> FleetTrip:
     random = np.random.default_rng([seed, number])
     car, charger_w = _one_of(random, CARS), _one_of(random, CHARGERS_W)
     vehicle = vehicle_of(car)
-    ambient_c = float(np.clip(random.normal(AMBIENT_MEAN_C, AMBIENT_DEVIATION_K), *AMBIENT_C))
-    length_min = float(np.clip(LENGTH_MEDIAN_MIN * np.exp(LENGTH_DEVIATION * random.normal()), *LENGTH_MIN))
+    ambient_c = _within(random.normal(AMBIENT_MEAN_C, AMBIENT_DEVIATION_K), AMBIENT_C)
+    length_min = _within(LENGTH_MEDIAN_MIN * math.exp(LENGTH_DEVIATION * random.normal()), LENGTH_MIN)
     start_c = ambient_c + random.uniform(*(GARAGE_K if random.uniform() < GARAGE else SOAK_K))
     arrival_soc = random.uniform(*ARRIVAL_SOC)
     steps = round(length_min * S_PER_MIN / STEP_S)
-    speed_mps, factor = _speeds(steps, random.uniform(*PACE))
-    power_w = (factor * _cruising_power_w(vehicle, speed_mps, ambient_c)
-               * vary(random, steps, 1.0, POWER_VARIABILITY))
+    road = ROADS[:steps]
+    speeds_mps = random.uniform(*PACE) * SPEEDS_MPS
+    powers_w = FACTORS * _cruising_power_w(car, speeds_mps, ambient_c)
+    speed_mps = speeds_mps[road]
+    power_w = powers_w[road] * vary(random, steps, 1.0, POWER_VARIABILITY)
     rms = random.uniform(*RMS)
     cabin_w = cabin_heating_power_w(vehicle, ambient_c)
     auxiliary_w = vehicle.defaults.auxiliary_power_w
@@ -135,27 +152,27 @@ def _route(speed_mps: FloatArray, power_w: FloatArray, rms_w: FloatArray, ambien
 
 
 def _one_of(random: Generator, shares: dict[Item, float]) -> Item:
-    left = random.uniform() * sum(shares.values())
-    for item, share in shares.items():
-        left -= share
-        if left < 0.0:
-            break
-    return item
+    place = bisect(list(accumulate(shares.values())), random.uniform())
+    return list(shares)[min(place, len(shares) - 1)]
 
 
-def _speeds(steps: int, pace: float) -> tuple[FloatArray, FloatArray]:
-    """Return speed [m/s] and factor on the power of each step, shapes (steps,)."""
-    town, country = (round(minutes * S_PER_MIN / STEP_S) for minutes in (TOWN_MIN, COUNTRY_MIN))
-    at = np.arange(steps)
-    kmh = np.where(at < town, TOWN_KMH, np.where(at < town + country, COUNTRY_KMH, MOTORWAY_KMH))
-    return pace * MPS_PER_KMH * kmh, np.where(at < town, TOWN_FACTOR, 1.0)
+def _within(value: float, limits: tuple[float, float]) -> float:
+    low, high = limits
+    return min(max(value, low), high)
 
 
-def _cruising_power_w(vehicle: Vehicle, speed_mps: FloatArray, ambient_c: float) -> FloatArray:
+def _cruising_power_w(car: str, speed_mps: FloatArray, ambient_c: float) -> FloatArray:
     """Return the drivetrain's electrical power at constant speeds on a level road [W]."""
-    car = loaded(vehicle, Load())
-    air_n = 0.5 * air_density_kg_per_m3(np.array(ambient_c), np.array(0.0)) * car.drag_area_m2 * speed_mps**2
-    return battery_power_w(car, (car.rolling_resistance * car.mass_kg * GRAVITY_MPS2 + air_n) * speed_mps)
+    on_road = _on_road(car)
+    air_n = (0.5 * air_density_kg_per_m3(np.array(ambient_c), np.array(0.0)) * on_road.drag_area_m2
+             * speed_mps**2)
+    rolling_n = on_road.rolling_resistance * on_road.mass_kg * GRAVITY_MPS2
+    return battery_power_w(on_road, (rolling_n + air_n) * speed_mps)
+
+
+@cache
+def _on_road(car: str) -> RoadVehicle:
+    return loaded(vehicle_of(car), Load())
 
 
 @cache

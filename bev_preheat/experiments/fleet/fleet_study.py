@@ -19,6 +19,7 @@ from bev_preheat.experiments.fleet.tally import (
     groups_of,
     HEATER_WH,
     MORE_WH,
+    QUANTITIES,
     REACHED,
     SAVED_S,
     Tally,
@@ -33,6 +34,7 @@ if TYPE_CHECKING:
     from typing import Any
 
     from bev_preheat.experiments.fleet.drawn_fleet import FleetTrip
+    from bev_preheat.numerics.arrays import FloatArray
 
 # A task is so many trips: some seconds of work, of which sending them is a small part.
 BLOCK = 1000
@@ -67,10 +69,10 @@ def block_of(trips: int, seed: int, number: int) -> Block:
 def tally_of(trips: Iterable[FleetTrip]) -> Tally:
     """Return the Tally of drawn trips; it does not depend on their order."""
     tally = Tally()
+    groups: list[tuple[str, ...]] = []
+    values: list[FloatArray] = []
     # What is compiled for a vehicle is kept for a few of them only.
-    for (car, charger_w), same in groupby(
-            sorted(trips, key=lambda trip: (trip.car, trip.charger_w)),
-            key=lambda trip: (trip.car, trip.charger_w)):
+    for (car, charger_w), same in groupby(sorted(trips, key=_plug_of), key=_plug_of):
         driven = []
         for trip in same:
             arrivals = arrivals_of(trip, vehicle_of(car))
@@ -79,29 +81,48 @@ def tally_of(trips: Iterable[FleetTrip]) -> Tally:
             else:
                 driven.append((trip, arrivals))
         if driven:
-            _charge(tally, driven, car, charger_w)
+            charged = _charged(driven, car, charger_w)
+            ends = np.array(np.isfinite(charged).all(axis=(1, 2)))
+            tally.left_out[NEVER_CHARGED] += int((~ends).sum())
+            groups += [groups_of(car, trip.ambient_c, trip.length_min)
+                       for (trip, _), does_end in zip(driven, ends.tolist()) if does_end]
+            values.append(charged[ends])
+    tally.left_out = +tally.left_out
+    if groups:
+        tally.count(groups, WAYS, np.concatenate(values))
     return tally
 
 
-def _charge(tally: Tally, driven: list[tuple[FleetTrip, dict[str, Arrival]]], car: str,
-            charger_w: float) -> None:
-    """Count trips of one car to one charger."""
-    ambient_c = np.repeat([trip.ambient_c for trip, _ in driven], len(WAYS))
+def _plug_of(trip: FleetTrip) -> tuple[str, float]:
+    return trip.car, trip.charger_w
+
+
+def _charged(driven: list[tuple[FleetTrip, dict[str, Arrival]]], car: str,
+             charger_w: float) -> FloatArray:
+    """
+    Return what trips of one car to one charger come to, shape (trips, WAYS, QUANTITIES).
+
+    Where a session does not end, its values are not finite.
+    """
+    shape = len(driven), len(WAYS)
     ends = [arrivals[way] for _, arrivals in driven for way in WAYS]
-    charging_s, bought_wh = (values.reshape(len(driven), len(WAYS)) for values in charging_times_of(
-        car, charger_w).of(ambient_c, np.array([end.temperature_c for end in ends]),
-                           np.array([end.soc for end in ends])))
-    for (trip, arrivals), times_s, energies_wh in zip(driven, charging_s.tolist(), bought_wh.tolist()):
-        if not np.isfinite(times_s).all():
-            tally.left_out[NEVER_CHARGED] += 1
-            continue
-        unheated = WAYS.index(NONE)
-        tally.count(groups_of(trip.car, trip.ambient_c, trip.length_min), {way: {
-            HEATER_WH: arrivals[way].heater_wh, BOUGHT_WH: energy_wh, CHARGING_S: time_s,
-            ARRIVAL_C: arrivals[way].temperature_c,
-            REACHED: float(arrivals[way].temperature_c > trip.goal.target_temperature_c - REACHED_K),
-            SAVED_S: times_s[unheated] - time_s, MORE_WH: energy_wh - energies_wh[unheated]}
-            for way, time_s, energy_wh in zip(WAYS, times_s, energies_wh)})
+    heater_wh, arrival_c, soc = np.array([(end.heater_wh, end.temperature_c, end.soc) for end in ends]).T
+    ambient_c, target_c = (np.repeat(of_trips, len(WAYS)) for of_trips in (
+        [trip.ambient_c for trip, _ in driven], [trip.goal.target_temperature_c for trip, _ in driven]))
+    charging_s, bought_wh = charging_times_of(car, charger_w).of(ambient_c, arrival_c, soc)
+    unheated = WAYS.index(NONE)
+
+    def above_unheated(values: FloatArray) -> FloatArray:
+        by_trip = values.reshape(shape)
+        difference: FloatArray = by_trip - by_trip[:, unheated:unheated + 1]
+        return difference.ravel()
+
+    # An infinite time less another one is no number, and no trip that is counted.
+    with np.errstate(invalid='ignore'):
+        columns = {HEATER_WH: heater_wh, BOUGHT_WH: bought_wh, CHARGING_S: charging_s, ARRIVAL_C: arrival_c,
+                   REACHED: (arrival_c > target_c - REACHED_K).astype(float),
+                   SAVED_S: -above_unheated(charging_s), MORE_WH: above_unheated(bought_wh)}
+    return np.stack([columns[quantity] for quantity in QUANTITIES], axis=-1).reshape(*shape, len(QUANTITIES))
 
 
 def run_fleet(trips: int, seed: int, executor: Executor, report: Callable[[Block], object],

@@ -10,10 +10,18 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass, field
-import math
-from typing import Any
+from typing import Any, TYPE_CHECKING
 
 import numpy as np
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from bev_preheat.numerics.arrays import FloatArray
+
+    IntArray = NDArray[np.int64]
 
 # What is summed for each way and group, and which of these have a histogram: width of its bins.
 HEATER_WH, BOUGHT_WH, CHARGING_S, ARRIVAL_C, REACHED = (
@@ -59,18 +67,34 @@ class Tally:
     sums: Counter[tuple[str, str, str]] = field(default_factory=Counter)
     bins: dict[tuple[str, str, str], Counter[int]] = field(default_factory=dict)
 
-    def count(self, groups: tuple[str, ...], values: dict[str, dict[str, float]]) -> None:
-        """Count a trip of these groups: `values` {way: {quantity: value}}."""
-        self.trips.update(groups)
-        for way, quantities in values.items():
-            for quantity, value in quantities.items():
-                thousandths = round(PER_UNIT * value)
-                for group in groups:
-                    self.sums[way, group, quantity] += thousandths
-                if quantity in BIN_WIDTHS:
-                    place = math.floor(value / BIN_WIDTHS[quantity])
-                    for group in groups[:-1]:
-                        self.bins.setdefault((way, group, quantity), Counter())[place] += 1
+    def count(self, groups: Sequence[tuple[str, ...]], ways: Sequence[str], values: FloatArray) -> None:
+        """Count trips: the groups of each (`groups_of`), and `values` (trips, ways, QUANTITIES)."""
+        thousandths = np.rint(PER_UNIT * values).astype(np.int64)
+        binned = {QUANTITIES.index(name): np.floor(
+            values[:, :, QUANTITIES.index(name)] / width).astype(np.int64)
+            for name, width in BIN_WIDTHS.items()}
+        members: dict[str, list[int]] = {}
+        without_bins = set()
+        for trip, names in enumerate(groups):
+            for name in names:
+                members.setdefault(name, []).append(trip)
+            without_bins.add(names[-1])
+        for group, trips in members.items():
+            self.trips[group] += len(trips)
+            sums = thousandths[trips].sum(axis=0).tolist()
+            for way, of_way in zip(ways, sums):
+                for quantity, thousandth in zip(QUANTITIES, of_way):
+                    self.sums[way, group, quantity] += thousandth
+            if group not in without_bins:
+                for at, places in binned.items():
+                    for number, way in enumerate(ways):
+                        self._count_bins((way, group, QUANTITIES[at]), places[trips, number])
+
+    def _count_bins(self, key: tuple[str, str, str], places: IntArray) -> None:
+        low = int(places.min())
+        counts = np.bincount(places - low).tolist()
+        self.bins.setdefault(key, Counter()).update(
+            {low + at: trips for at, trips in enumerate(counts) if trips})
 
     def add(self, other: Tally) -> None:
         """Count what another Tally has counted."""

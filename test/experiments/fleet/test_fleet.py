@@ -16,7 +16,7 @@ from bev_preheat.experiments.fleet import charging_times, fleet_study
 from bev_preheat.experiments.fleet.charging_times import ChargingTimes, sessions, stop_of
 from bev_preheat.experiments.fleet.drawn_fleet import AMBIENT_MEAN_C, CARS, draw_fleet_trip, vehicle_of
 from bev_preheat.experiments.fleet.fleet_study import Block, block_from, run_fleet, tally_of
-from bev_preheat.experiments.fleet.tally import HEATER_WH, MORE_WH, REACHED, SAVED_S, Tally
+from bev_preheat.experiments.fleet.tally import HEATER_WH, MORE_WH, QUANTITIES, REACHED, SAVED_S, Tally
 from bev_preheat.experiments.fleet.ways import ALWAYS, arrivals_of, NONE, WAYS
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState
@@ -155,13 +155,10 @@ def made_blocks(monkeypatch):
     ran = []
 
     def tally_of(trips):
-        tally = Tally()
-        for number in trips:
-            ran.append(number)
-            tally.count(('all', 'car', 'a', 'l', 'a, l'), {way: {
-                quantity: float(number) for quantity in (
-                    'heater_wh', 'bought_wh', 'charging_s', 'arrival_c', 'reached', 'saved_s', 'more_wh')}
-                for way in WAYS})
+        numbers, tally = list(trips), Tally()
+        ran.extend(numbers)
+        tally.count([('all', 'car', 'a', 'l', 'a, l')] * len(numbers), WAYS, np.tile(
+            np.array(numbers, dtype=float)[:, np.newaxis, np.newaxis], (1, len(WAYS), len(QUANTITIES))))
         return tally
 
     monkeypatch.setattr(fleet_study, 'draw_fleet_trip', lambda seed, number: number)
@@ -245,7 +242,8 @@ def test_an_interrupted_fleet_keeps_what_is_finished(quick_command, tmp_path, ca
 
 @pytest.mark.parametrize('extra, message', [
     (['--fleet', '0'], '--fleet: 0 is not allowed; it must be 1 ... 100000000'),
-    (['--fleet', '9', '--trips', 'free'], '--trips does not go with --fleet, which draws cars and trips of its own'),
+    (['--fleet', '9', '--trips', 'free'],
+     '--trips does not go with --fleet, which draws cars and trips of its own'),
     (['--fleet', '9', '--vehicle', 'reference'], '--vehicle does not go with --fleet')])
 def test_a_fleet_refuses_in_one_line(extra, message, capsys):
     assert main(['sweep', *extra]) == 2

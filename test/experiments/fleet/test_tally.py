@@ -6,7 +6,15 @@ import json
 import numpy as np
 import pytest
 
-from bev_preheat.experiments.fleet.tally import BIN_WIDTHS, groups_of, MORE_WH, SAVED_S, Tally, tally_from
+from bev_preheat.experiments.fleet.tally import (
+    BIN_WIDTHS,
+    groups_of,
+    MORE_WH,
+    QUANTITIES,
+    SAVED_S,
+    Tally,
+    tally_from,
+)
 
 
 @pytest.fixture(scope='module')
@@ -14,15 +22,15 @@ def trips():
     """600 made-up trips: groups, values."""
     random = np.random.default_rng(5)
     return [(groups_of('car', random.uniform(-20.0, 9.0), random.uniform(10.0, 120.0)), {
-        way: {SAVED_S: random.normal(200.0 * factor, 300.0), MORE_WH: random.gamma(2.0, 400.0 * factor),
-              'heater_wh': random.uniform(0.0, 3000.0)}
+        way: {**dict.fromkeys(QUANTITIES, random.uniform(0.0, 3000.0)),
+              SAVED_S: random.normal(200.0 * factor, 300.0), MORE_WH: random.gamma(2.0, 400.0 * factor)}
         for factor, way in ((1.0, 'one'), (2.0, 'other'))}) for _ in range(600)]
 
 
 def tally_of(trips):
     tally = Tally()
-    for groups, values in trips:
-        tally.count(groups, values)
+    tally.count([groups for groups, _ in trips], ('one', 'other'), np.array(
+        [[list(values[way].values()) for way in ('one', 'other')] for _, values in trips]))
     return tally
 
 
