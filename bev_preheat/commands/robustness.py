@@ -153,6 +153,8 @@ def run(arguments: Namespace) -> int:
     # Each once, in the order in which they were asked for.
     methods = list(dict.fromkeys(arguments.methods))
     if arguments.only is not None:
+        if arguments.results is not None or arguments.cluster is not None:
+            raise InvalidInput('--results and --cluster are for a whole study; --only runs one trip of it here')
         return _run_one(arguments, conditions, methods)
     results = []
     with (keeping_what_is_finished() as ending,

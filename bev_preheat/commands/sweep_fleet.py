@@ -11,7 +11,6 @@ from bev_preheat.commands.study_arguments import check_study_arguments, study_ex
 from bev_preheat.console.finished import keeping_what_is_finished
 from bev_preheat.console.output import write_json
 from bev_preheat.console.terminal import print_figures, print_records, progress_bar, result_console
-from bev_preheat.experiments.kept_results import kept_results
 from bev_preheat.experiments.sources import digest_of
 
 if TYPE_CHECKING:
@@ -47,25 +46,28 @@ def run_fleet_sweep(arguments: Namespace) -> int:
     """Run a fleet; returns 0. An interrupted one is summed up as far as it got."""
     from bev_preheat.experiments.fleet.drawn_fleet import CARS, vehicle_of
     from bev_preheat.experiments.fleet.fleet_figures import drawn
-    from bev_preheat.experiments.fleet.fleet_study import BLOCK, Block, block_from, run_fleet
-    from bev_preheat.experiments.fleet.tally import ALL, Tally
+    from bev_preheat.experiments.fleet.fleet_study import BLOCK, kept_fleet, run_fleet
+    from bev_preheat.experiments.fleet.tally import Tally
     check_study_arguments(arguments, ())
     study = {'study': 'fleet', 'seed': arguments.seed, 'block': BLOCK, 'drawn': digest_of(drawn()),
              'vehicles': digest_of([vehicle_of(car) for car in CARS])}
     tally = Tally()
     with (keeping_what_is_finished() as ending,
-          kept_results(arguments.results, study, block_from, Block.as_record) as kept,
+          kept_fleet(arguments.results, study, arguments.fleet) as kept,
           study_executor(arguments) as executor,
           progress_bar(TextColumn('trips'), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(),
                        TimeRemainingColumn()) as progress):
-        task = progress.add_task('trips', total=arguments.fleet)
+        tally = kept.tally
+        task = progress.add_task('trips', total=arguments.fleet, completed=tally.counted)
 
         def report(block: Block) -> None:
-            tally.add(block.tally)
-            progress.update(task, advance=block.size)
+            nonlocal tally
+            # An interruption finds a block counted, or not at all.
+            tally = tally.with_other(block.tally)
+            progress.update(task, completed=tally.counted)
 
         run_fleet(arguments.fleet, arguments.seed, executor, report, kept.finished, kept.keep)
-    finished = tally.trips[ALL] + tally.left_out.total()
+    finished = tally.counted
     if finished:
         _give_out(arguments, tally, finished, ending)
     ending.tell(finished, arguments.fleet, 'trips', (arguments.json, arguments.plot), arguments.results)

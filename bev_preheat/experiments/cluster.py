@@ -93,7 +93,8 @@ class ClusterWorkers(Executor):
     def _count(self) -> int:
         # A scheduler that has gone says so where results are waited for.
         with suppress(Exception):
-            return max(1, sum(self._client.ncores().values()))
+            cores: int = sum(self._client.ncores().values())
+            return max(1, cores)
         return 1
 
     def _check(self) -> None:

@@ -27,25 +27,37 @@ class Kept(Generic[Result]):
     keep: Callable[[int, Result], object] | None = None
 
 
+def open_results(path: AnyPath, study: Mapping[str, Any]) -> ResultsFile:
+    """Return the ResultsFile of the study that plain values describe, as these sources compute it."""
+    return ResultsFile(path, {**study, 'program': sources()})
+
+
+def results_of(file: ResultsFile, path: AnyPath,
+               result_from: Callable[[dict[str, Any]], Result]) -> Iterator[Result]:
+    """Return the results in a file, one at a time; raise InvalidInput where a line is none."""
+    for line, record in enumerate(file.records(), start=2):
+        try:
+            result = result_from(record)
+        except (AttributeError, KeyError, TypeError, ValueError) as error:
+            raise InvalidInput(f'{path}: line {line} is no result of this study') from error
+        yield result
+
+
 @contextmanager
 def kept_results(path: AnyPath | None, study: Mapping[str, Any],
-                 result_from: Callable[[dict[str, Any]], Result],
-                 as_record: Callable[[Result], dict[str, Any]] = asdict,  # type: ignore[assignment]
-                 ) -> Iterator[Kept[Result]]:
+                 result_from: Callable[[dict[str, Any]], Result]) -> Iterator[Kept[Result]]:
     """
     Give the Kept results of the study that plain values describe; none of them where `path` is None.
 
-    Results have a `number`; `result_from` makes one from what `as_record` made of it.
+    Results are dataclasses with a `number`; `result_from` makes one from what `asdict` made of it.
     Raises InvalidInput where the file holds another study, or is damaged.
     """
     if path is None:
         yield Kept()
         return
-    with ResultsFile(path, {**study, 'program': sources()}) as file:
-        finished: dict[int, Result] = {}
-        for line, record in enumerate(file.records(), start=2):
-            try:
-                finished[int(record['number'])] = result_from(record)
-            except (KeyError, TypeError, ValueError) as error:
-                raise InvalidInput(f'{path}: line {line} is no result of this study') from error
-        yield Kept(finished, lambda number, result: file.append(as_record(result)))
+    with open_results(path, study) as file:
+        finished: dict[int, Any] = {
+            result.number: result  # type: ignore[attr-defined]
+            for result in results_of(file, path, result_from)}
+        yield Kept(finished, lambda number, result: file.append(
+            asdict(result)))  # type: ignore[call-overload]

@@ -26,6 +26,8 @@ Result = TypeVar('Result')
 
 # So many tasks for each core are handed out at a time: none waits while results are on their way.
 AHEAD = 3
+# While one trip takes long, so many others for each core are begun: their results wait for it in memory.
+MOST_BEGUN = 16
 # Studies that a worker keeps at hand.
 KEPT_TASKS = 4
 
@@ -75,7 +77,7 @@ class _Run(Generic[Result]):
     def _ask(self) -> bool:
         """Ask for the next number, where there is one and the executor is not busy enough; return it."""
         cores: int = getattr(self._executor, 'cores', 1)
-        if len(self._running) >= AHEAD * cores:
+        if len(self._running) >= AHEAD * cores or len(self._asked) >= MOST_BEGUN * cores:
             return False
         number = next(self._numbers, None)
         if number is None:

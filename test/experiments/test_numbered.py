@@ -90,6 +90,23 @@ def test_no_more_is_handed_out_than_keeps_the_cores_busy():
     assert executor.ran == list(range(12))
 
 
+def test_while_the_first_trip_takes_long_not_all_others_are_begun():
+    class Slow(Here):
+        """Answers the first task never, the others at once."""
+
+        def submit(self, function, /, *arguments, **options):
+            future = super().submit(function, *arguments, **options)
+            if self.ran == [0]:
+                future = self.first = Future()
+            elif len(self.ran) == 32:
+                self.first.set_result('late')
+            return future
+
+    executor = Slow(cores=2)
+    assert next(run_numbered(executor, cube, count())) == 'late'
+    assert len(executor.ran) == 32
+
+
 class Broken(Executor):
     """Loses its workers."""
 

@@ -3,7 +3,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import groupby
 from typing import TYPE_CHECKING
@@ -26,14 +27,16 @@ from bev_preheat.experiments.fleet.tally import (
     tally_from,
 )
 from bev_preheat.experiments.fleet.ways import Arrival, arrivals_of, NONE, REACHED_K, WAYS
+from bev_preheat.experiments.kept_results import open_results, results_of
 from bev_preheat.experiments.numbered import run_numbered
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping
+    from collections.abc import Callable, Container, Iterable, Iterator, Mapping
     from concurrent.futures import Executor
     from typing import Any
 
     from bev_preheat.experiments.fleet.drawn_fleet import FleetTrip
+    from bev_preheat.files.output_files import AnyPath
     from bev_preheat.numerics.arrays import FloatArray
 
 # A task is so many trips: some seconds of work, of which sending them is a small part.
@@ -62,8 +65,9 @@ def block_from(record: dict[str, Any]) -> Block:
 
 def block_of(trips: int, seed: int, number: int) -> Block:
     """Return one Block of a fleet of so many trips."""
-    first, end = number * BLOCK, min((number + 1) * BLOCK, trips)
-    return Block(number, end - first, tally_of(draw_fleet_trip(seed, trip) for trip in range(first, end)))
+    first, size = number * BLOCK, size_of(trips, number)
+    return Block(number, size, tally_of(
+        draw_fleet_trip(seed, trip) for trip in range(first, first + size)))
 
 
 def tally_of(trips: Iterable[FleetTrip]) -> Tally:
@@ -125,18 +129,49 @@ def _charged(driven: list[tuple[FleetTrip, dict[str, Arrival]]], car: str,
     return np.stack([columns[quantity] for quantity in QUANTITIES], axis=-1).reshape(*shape, len(QUANTITIES))
 
 
-def run_fleet(trips: int, seed: int, executor: Executor, report: Callable[[Block], object],
-              finished: Mapping[int, Block] | None = None,
-              keep: Callable[[int, Block], object] | None = None) -> None:
-    """
-    Run trips 0 … `trips` - 1 in blocks; `report` is called with each Block, in order.
+def size_of(trips: int, number: int) -> int:
+    """Return how many trips a block of a fleet of so many trips has."""
+    return min(BLOCK, trips - number * BLOCK)
 
-    `finished` and `keep` are those of `run_numbered`; a finished block of another size, the last one of
-    a smaller fleet, is run again. Raises WorkerLost where a process dies.
+
+def run_fleet(trips: int, seed: int, executor: Executor, report: Callable[[Block], object],
+              finished: Container[int] = (), keep: Callable[[int, Block], object] | None = None) -> None:
     """
-    blocks = -(-trips // BLOCK)
-    last = trips - (blocks - 1) * BLOCK
-    usable = {number: block for number, block in (finished or {}).items()
-              if block.size == (last if number == blocks - 1 else BLOCK)}
-    for block in run_numbered(executor, partial(block_of, trips, seed), range(blocks), usable, keep):
+    Run trips 0 … `trips` - 1 in blocks, but for those of `finished`; `report` is called with each Block.
+
+    `keep` is that of `run_numbered`. Raises WorkerLost where a process dies.
+    """
+    numbers = (number for number in range(-(-trips // BLOCK)) if number not in finished)
+    for block in run_numbered(executor, partial(block_of, trips, seed), numbers, keep=keep):
         report(block)
+
+
+@dataclass(frozen=True)
+class KeptFleet:
+    """The numbers of the blocks that a results file has, their Tally, and what keeps a new one."""
+
+    finished: set[int]
+    tally: Tally
+    keep: Callable[[int, Block], object] | None = None
+
+
+@contextmanager
+def kept_fleet(path: AnyPath | None, study: Mapping[str, Any], trips: int) -> Iterator[KeptFleet]:
+    """
+    Give the KeptFleet of a fleet of so many trips, whose `study` plain values describe.
+
+    A block of another size, the last one of a smaller fleet, is not used. Raises InvalidInput where the
+    file holds another study, or is damaged.
+    """
+    kept = KeptFleet(set(), Tally())
+    if path is None:
+        yield kept
+        return
+    with open_results(path, study) as file:
+        # Of a million trips there are a thousand blocks: only their sum stays in memory.
+        for block in results_of(file, path, block_from):
+            is_of_fleet = 0 <= block.number and size_of(trips, block.number) == block.size
+            if is_of_fleet and block.number not in kept.finished:
+                kept.finished.add(block.number)
+                kept.tally.add(block.tally)
+        yield replace(kept, keep=lambda number, block: file.append(block.as_record()))

@@ -96,6 +96,18 @@ class Tally:
         self.bins.setdefault(key, Counter()).update(
             {low + at: trips for at, trips in enumerate(counts) if trips})
 
+    @property
+    def counted(self) -> int:
+        """How many trips were drawn, those that were left out too."""
+        return self.trips[ALL] + self.left_out.total()
+
+    def with_other(self, other: Tally) -> Tally:
+        """Return what both have counted; this one stays as it is."""
+        both = Tally()
+        both.add(self)
+        both.add(other)
+        return both
+
     def add(self, other: Tally) -> None:
         """Count what another Tally has counted."""
         self.trips.update(other.trips)

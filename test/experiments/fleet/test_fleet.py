@@ -15,7 +15,7 @@ from bev_preheat.console.program import Interrupted
 from bev_preheat.experiments.fleet import charging_times, fleet_study
 from bev_preheat.experiments.fleet.charging_times import ChargingTimes, sessions, stop_of
 from bev_preheat.experiments.fleet.drawn_fleet import AMBIENT_MEAN_C, CARS, draw_fleet_trip, vehicle_of
-from bev_preheat.experiments.fleet.fleet_study import Block, block_from, run_fleet, tally_of
+from bev_preheat.experiments.fleet.fleet_study import Block, kept_fleet, run_fleet, tally_of
 from bev_preheat.experiments.fleet.tally import HEATER_WH, MORE_WH, QUANTITIES, REACHED, SAVED_S, Tally
 from bev_preheat.experiments.fleet.ways import ALWAYS, arrivals_of, NONE, WAYS
 from bev_preheat.planning.planner import plan_preheating
@@ -176,16 +176,28 @@ def test_each_trip_is_in_one_block(made_blocks):
     assert [(block.number, block.size) for block in blocks] == [(0, 10), (1, 10), (2, 10), (3, 7)]
 
 
-def test_a_larger_fleet_goes_on_from_a_smaller_one(made_blocks):
-    first, whole = {}, Tally()
-    run_fleet(25, 1, Here(), lambda block: None, keep=first.__setitem__)
+def run_kept(path, trips):
+    """Run a fleet with a results file, and return its Tally."""
+    with kept_fleet(path, {'study': 'made'}, trips) as kept:
+        whole = kept.tally
+        blocks = []
+        run_fleet(trips, 1, Here(), blocks.append, kept.finished, kept.keep)
+        for block in blocks:
+            whole = whole.with_other(block.tally)
+    return whole
+
+
+def test_a_larger_fleet_goes_on_from_a_smaller_one(made_blocks, tmp_path):
+    path = tmp_path / 'fleet.jsonl'
+    first = run_kept(path, 25)
     made_blocks.clear()
-    again = {number: block_from(json.loads(json.dumps(block.as_record()))) for number, block in first.items()}
-    run_fleet(45, 1, Here(), lambda block: whole.add(block.tally), again)
+    whole = run_kept(path, 45)
     # The last block of the smaller one was not complete.
     assert made_blocks == list(range(20, 45))
-    assert whole.trips['all'] == 45
+    assert whole.counted == whole.trips['all'] == 45
     assert whole.mean('paper', 'all', 'saved_s') == 22.0
+    made_blocks.clear()
+    assert (run_kept(path, 25), run_kept(path, 45), made_blocks) == (first, whole, [])
 
 
 # The command

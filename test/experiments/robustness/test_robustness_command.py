@@ -95,6 +95,7 @@ def test_battery_states_without_power_make_another_drive(arguments, tmp_path):
     (['--only', '-1'], '--only: -1 is not allowed; it must be 0 ... '),
     (['--seed', '-1'], '--seed: -1 is not allowed; it must be 0 ... '),
     (['--jobs', '0'], '--jobs: 0 is not allowed; it must be 1 ... 1024'),
+    (['--only', '1', '--results', 'x.jsonl'], '--results and --cluster are for a whole study; --only runs'),
     (['--period', '0.01'], '--period: 0.01 is not allowed; it must be 0.1 ... 10'),
     (['--period', 'nan'], '--period: nan is not allowed; it must be 0.1 ... 10'),
     (['--temperature', '90'], 'battery temperature: 90 is not allowed; it must be -40 ... 60'),
