@@ -31,7 +31,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from numpy.typing import NDArray
-    from scipy.interpolate import RegularGridInterpolator
 
     from bev_preheat.numerics.arrays import FloatArray
     from bev_preheat.vehicle.description import Vehicle
@@ -60,7 +59,7 @@ class ChargingTimes:
         grid = (AMBIENT_GRID_C, TEMPERATURE_GRID_C, SOC_GRID)
         points = np.meshgrid(*grid, indexing='ij')
         found = sessions(vehicle, charger_w, *(axis.ravel() for axis in points))
-        self._table: RegularGridInterpolator = RegularGridInterpolator(
+        self._table = RegularGridInterpolator(
             grid, np.stack(found, axis=-1).reshape(*points[0].shape, 2), bounds_error=False,
             fill_value=np.nan)
 
