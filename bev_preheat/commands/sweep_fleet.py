@@ -105,8 +105,8 @@ def print_fleet(console: Console, summary: Figures) -> None:
     for title, names in (('By air temperature', AMBIENTS), ('By driving time to the charger', LENGTHS),
                          ('By car', list(CARS))):
         print_records(
-            console, f'{title}: means of minutes saved / kWh bought in addition',
-            ('', 'trips [%]', 'unheated [degC]', 'unheated [min]', *heated),
+            console, f'{title}: means of minutes saved/kWh bought in addition',
+            ('', 'trips [%]', 'none [degC]', 'none [min]', *heated),
             [_row(name, groups[name], summary['trips'], heated) for name in names if groups[name]['trips']],
             ('left', *['right'] * (3 + len(heated))))
 
@@ -116,7 +116,7 @@ def _row(name: str, group: Figures, trips: int, heated: Sequence[str]) -> list[s
     unheated = next(iter(ways.values()))
     return [name, f'{100.0 * group["trips"] / trips:.1f}', f'{unheated["arrival_c"]:.1f}',
             f'{unheated["charging_min"]:.1f}',
-            *(f'{ways[way]["saved_min"]["mean"]:+.1f} / {ways[way]["more_kwh"]["mean"]:+.2f}'
+            *(f'{ways[way]["saved_min"]["mean"]:+.1f}/{ways[way]["more_kwh"]["mean"]:+.2f}'
               for way in heated)]
 
 

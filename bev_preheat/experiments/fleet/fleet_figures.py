@@ -19,7 +19,7 @@ from bev_preheat.experiments.fleet.tally import (
     REACHED,
     SAVED_S,
 )
-from bev_preheat.experiments.fleet.ways import WAYS
+from bev_preheat.experiments.fleet.ways import NONE, WAYS
 
 if TYPE_CHECKING:
     from typing import Any
@@ -60,7 +60,7 @@ def _figures(tally: Tally, way: str, group: str) -> Figures:
                         for name, (quantity, unit) in MEANS.items()}
     for name, (quantity, unit) in DISTRIBUTIONS.items():
         figures[name] = {'mean': _in_units(tally.mean(way, group, quantity), unit)}
-        if (way, group, quantity) in tally.bins:
+        if way != NONE and (way, group, quantity) in tally.bins:
             figures[name] |= {share: _in_units(tally.quantile(way, group, quantity, at), unit)
                               for share, at in QUANTILES.items()}
     return figures
