@@ -38,7 +38,8 @@ class Ending:
         names = ['standard output' if path == STANDARD_OUTPUT else str(path)
                  for path in files if path is not None]
         if not finished:
-            kept = 'nothing is finished, nothing is written'
+            kept = ('nothing is finished, nothing is written' if results is None
+                    else 'there is nothing to sum up yet')
         elif names:
             kept = f'the finished ones are in {" and ".join(names)}'
         else:

@@ -252,6 +252,17 @@ def test_an_interrupted_fleet_keeps_what_is_finished(quick_command, tmp_path, ca
     assert 'part of the study, 10 of 35 trips' in ' '.join(out.split())
 
 
+def test_a_fleet_that_is_interrupted_at_once_says_where_it_goes_on(quick_command, tmp_path, capsys, monkeypatch):
+    def run(trips, seed, executor, report, finished, keep):
+        raise Interrupted
+
+    monkeypatch.setattr(fleet_study, 'run_fleet', run)
+    results = tmp_path / 'r.jsonl'
+    assert main(['sweep', '--fleet', '35', '--results', str(results)]) == 130
+    assert capsys.readouterr() == ('', 'preheat: interrupted after 0 of 35 trips; there is nothing to sum up yet; '
+                                       f'the same command goes on from {results}\n')
+
+
 @pytest.mark.parametrize('extra, message', [
     (['--fleet', '0'], '--fleet: 0 is not allowed; it must be 1 ... 100000000'),
     (['--fleet', '9', '--trips', 'free'],
