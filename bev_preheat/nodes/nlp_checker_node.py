@@ -36,7 +36,7 @@ from bev_preheat.nodes.process import run_node
 from bev_preheat.nodes.route_intake import RouteIntake
 from bev_preheat.nodes.route_listener import RouteListener
 from bev_preheat.nodes.setup_watch import SetupWatch
-from bev_preheat.optimum.exchange import Failure
+from bev_preheat.optimum.exchange import Failure, Solution
 from bev_preheat.optimum.solver_process import MOST_NICE, SolverProcess
 from bev_preheat.optional_packages import require
 from bev_preheat.supervision.decision import WITHOUT_ROUTE
@@ -150,6 +150,7 @@ class NlpCheckerNode(Node):
         self._ready_since_s: float | None = None
         self._case: Case | None = None
         self._report: OptimalityReport | None = None
+        self._solver_name = ''
         self._last_check_ns: int | None = None
         self._problems: dict[str, str] = {}
         self._counts = {'reports': 0, 'failures': 0, 'superseded': 0, 'programs built': 0}
@@ -354,6 +355,7 @@ class NlpCheckerNode(Node):
             self._problems.pop('solver', None)
         if was_busy and self._case is not None:
             self._report = report_message(self._case, outcome)
+            self._solver_name = outcome.solver if isinstance(outcome, Solution) else ''
             self._report_publisher.publish(self._report)
             self._counts['reports'] += 1
             self._counts['programs built'] += getattr(outcome, 'programs_built', 0)
@@ -380,6 +382,7 @@ class NlpCheckerNode(Node):
             **{name: str(count) for name, count in self._counts.items()}}
         if self._report is not None:
             values['last report'] = report_sentence(self._report)
+            values['last report: answered by'] = self._solver_name or 'none'
         message = checker_diagnostics(
             self.get_fully_qualified_name(), self._inbox.vehicle.name,
             list(self._problems.values()), values, self._now_ns())

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from contextlib import redirect_stderr
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from io import StringIO
 import sys
 from time import perf_counter
@@ -13,7 +13,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.optimum.program import build_program, Give, Program, Solution
+from bev_preheat.optimum.program_solvers import FATROP, has_fatrop, IPOPT
 from bev_preheat.optimum.symbols import FACTORS
+from bev_preheat.planning.limits import drive_as_planned
 from bev_preheat.planning.planner import plan_without_heating
 from bev_preheat.planning.situation import BatteryState, Goal, reserve_soc
 from bev_preheat.planning.trip import Trip
@@ -21,10 +23,17 @@ from bev_preheat.vehicle.corrections import Corrections
 from bev_preheat.vehicle.description import Vehicle
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from bev_preheat.numerics.arrays import FloatArray
     from bev_preheat.optimum.layout import Values
+    from bev_preheat.planning.schedule import Schedule
 
 SUCCESS = 'Solve_Succeeded'
+# Set up within 0.2 s; for 10 000 steps it would be 17 s.
+MOST_STEPS_OF_FATROP = 1000
+# What an answer may leave a scaled bound or constraint by, and cost more than its start.
+SOUND = 1e-7
 
 
 @dataclass(frozen=True)
@@ -45,15 +54,17 @@ class Problem:
 @dataclass(frozen=True)
 class Attempt:
     """
-    One call of the solver: its Program, the variables it ended with (scaled), its word, its effort.
+    A program given to the solvers: the variables it ended with (scaled), the word of one, the effort of all.
 
-    `target_multiplier` is what the program's energy, in its scale, grows with a kelvin more of
-    the target.
+    `solver` is the one that answered, or the last that failed. `energy` is the program's, in its scale;
+    `target_multiplier` is what it grows with a kelvin more of the target.
     """
 
     program: Program
     variables: FloatArray
+    energy: float
     target_multiplier: float
+    solver: str
     status: str
     iterations: int
     time_s: float
@@ -63,30 +74,115 @@ class Attempt:
         """What the variables stand for."""
         return self.program.solution(self.variables)
 
+    @property
+    def values(self) -> Values:
+        """The variables by name, in SI units."""
+        return self.program.variables.unpack(self.variables)
+
 
 def attempt(problem: Problem, limited: bool, give: Give = Give.NOTHING,
-            start: Attempt | None = None) -> Attempt:
-    """Return the Attempt at a program, from another one's end or, cold, from the trip unheated."""
+            starts: Sequence[Values] = (), solvers: Sequence[str] | None = None) -> Attempt:
+    """
+    Return the best Attempt at a program, from each of given values or, cold, from the trip unheated.
+
+    `solvers` are asked in their order, until one succeeds; None: FATROP, where there is one, and IPOPT.
+    """
     program = build_program(problem.vehicle, len(problem.trip.route), limited, give)
-    low, high = _variable_bounds(problem, program)
-    low_g, high_g = _constraint_bounds(problem)
-    guess = (program.variables.pack(_unheated(problem)) if start is None
-             else start.variables[:program.variables.size])
+    runs: list[Attempt] = []
+    for solver in available_solvers(problem.trip, give) if solvers is None else solvers:
+        for start in starts or [unheated_start(problem)]:
+            runs.append(_run(problem, program, solver, program.variables.pack(start)))
+            if solver == IPOPT and runs[-1].status != SUCCESS:
+                # It takes long to say that there is no solution, and says so from any start.
+                break
+        if any(run.status == SUCCESS for run in runs):
+            break
+    found = [run for run in runs if run.status == SUCCESS]
+    best = min(found, key=lambda run: run.energy) if found else runs[-1]
+    return replace(best, iterations=sum(run.iterations for run in runs),
+                   time_s=sum(run.time_s for run in runs))
+
+
+def available_solvers(trip: Trip, give: Give = Give.NOTHING) -> tuple[str, ...]:
+    """
+    Return the solvers for a program of a trip, the first one first.
+
+    FATROP relaxes bounds by a little, which the prices of slacks turn into watt-hours; and how long CasADi
+    takes to set it up grows with the square of the number of steps.
+    """
+    if has_fatrop() and give is Give.NOTHING and len(trip.route) <= MOST_STEPS_OF_FATROP:
+        return FATROP, IPOPT
+    return (IPOPT,)
+
+
+def driven_start(schedule: Schedule) -> Values:
+    """Return the variables of a Schedule; nothing is lacking."""
+    heat = schedule.heat
+    return {'soc': schedule.soc, 'temperature': schedule.temperature_c,
+            'heater': schedule.heater_power_w, 'brake': schedule.brake_power_w,
+            'heater_power': 0.0 if heat is None else heat.heater_power_w,
+            'coolant_excess': 0.0 if heat is None else heat.coolant_excess_k,
+            'lacking_k': 0.0, 'lacking_soc': 0.0, 'lacking_w': 0.0, 'soc_above': 0.0,
+            'k_above': 0.0}
+
+
+def unheated_start(problem: Problem) -> Values:
+    """Return the variables of the trip without heating, whatever the limits."""
+    return driven_start(plan_without_heating(problem.trip, problem.state))
+
+
+def heated_start(problem: Problem) -> Values:
+    """Return the variables of the trip heated throughout, as far as the limits let it."""
+    return driven_start(drive_as_planned(
+        problem.trip, problem.state, problem.trip.heater_limit_w))
+
+
+def _run(problem: Problem, program: Program, name: str, guess: FloatArray) -> Attempt:
+    """Return the Attempt of one solver."""
+    solver = program.solver(name)
+    variables, constraints = program.variables, program.constraints
+    bounds = [variables.pack(values) for values in _variable_bounds(problem, program)]
+    bounds_g = [constraints.pack(values) for values in _constraint_bounds(problem)]
+    parameters = _parameters(problem)
     started = perf_counter()
     warnings = StringIO()
     # Where it is interrupted, CasADi warns of the KeyboardInterrupt that it raises.
     with redirect_stderr(warnings):
-        result = program.solver(
-            x0=guess, lbx=program.variables.pack(low), ubx=program.variables.pack(high),
-            lbg=program.constraints.pack(low_g), ubg=program.constraints.pack(high_g),
-            p=_parameters(problem))
+        result = solver(x0=guess, lbx=bounds[0], ubx=bounds[1], lbg=bounds_g[0], ubg=bounds_g[1],
+                        p=parameters)
     time_s = perf_counter() - started
     if warnings.getvalue():
         print(warnings.getvalue(), end='', file=sys.stderr)
-    statistics = program.solver.stats()
-    multipliers = program.constraints.unpack(np.asarray(result['lam_g']).ravel())
-    return Attempt(program, np.asarray(result['x']).ravel(), -float(multipliers['target'][0]),
-                   statistics['return_status'], int(statistics['iter_count']), time_s)
+    statistics = solver.stats()
+    found, energy = np.asarray(result['x']).ravel(), float(result['f'])
+    status = statistics['return_status']
+    if name == FATROP:
+        # It numbers its words.
+        status = f'FATROP ended with {status}'
+        if statistics['success'] and _is_sound(program, parameters, guess, found, bounds, bounds_g):
+            status, found = SUCCESS, np.clip(found, *bounds)
+    multiplier = constraints.unpack(np.asarray(result['lam_g']).ravel())['target'][0]
+    return Attempt(program, found, energy, -float(multiplier), name, status,
+                   int(statistics['iter_count']), time_s)
+
+
+def _is_sound(program: Program, parameters: FloatArray, guess: FloatArray, found: FloatArray,
+              bounds: Sequence[FloatArray], bounds_g: Sequence[FloatArray]) -> bool:
+    """Whether an answer keeps bounds and constraints, and costs no more than a start that keeps them."""
+    def costs(variables: FloatArray) -> float:
+        """Return the energy; inf where something is not kept."""
+        energy, values = program.staged.problem(variables, parameters)
+        beyond = max(_beyond(variables, *bounds), _beyond(np.asarray(values).ravel(), *bounds_g))
+        # NaN is beyond all.
+        return float(energy) if beyond <= SOUND else np.inf
+
+    energy = costs(found)
+    return bool(np.isfinite(energy) and energy <= costs(guess) + SOUND)
+
+
+def _beyond(values: FloatArray, low: FloatArray, high: FloatArray) -> float:
+    """Return by how much values leave their bounds at most; NaN where one is NaN."""
+    return float(np.max(np.maximum(low - values, values - high)))
 
 
 def _ranges(problem: Problem) -> tuple[tuple[float, float], tuple[float, float]]:
@@ -122,8 +218,7 @@ def _variable_bounds(problem: Problem, program: Program) -> tuple[Values, Values
         'heater_power': from_start(state.heater_power_w, np.inf),
         'coolant_excess': from_start(state.coolant_excess_k, np.inf),
         'heater': trip.heater_limit_w,
-        # Only where power limits count does the friction brake have anything to do.
-        'brake': np.maximum(-trip.route.propulsion_power_w, 0.0) if program.limited else 0.0,
+        'brake': np.maximum(-trip.route.propulsion_power_w, 0.0),
         **dict.fromkeys(slacks, np.inf)}
     return low, high
 
@@ -142,17 +237,6 @@ def _constraint_bounds(problem: Problem) -> tuple[Values, Values]:
         'lowest_soc': np.inf, 'highest_soc': highest_soc, 'highest_temperature': warmest_c,
         'target': np.inf, 'final_soc': np.inf}
     return low, high
-
-
-def _unheated(problem: Problem) -> Values:
-    """Return the variables of the trip without heating."""
-    idle = plan_without_heating(problem.trip, problem.state)
-    heat = idle.heat
-    return {'soc': idle.soc, 'temperature': idle.temperature_c, 'heater': 0.0, 'brake': 0.0,
-            'heater_power': 0.0 if heat is None else heat.heater_power_w,
-            'coolant_excess': 0.0 if heat is None else heat.coolant_excess_k,
-            'lacking_k': 0.0, 'lacking_soc': 0.0, 'lacking_w': 0.0, 'soc_above': 0.0,
-            'k_above': 0.0}
 
 
 def _parameters(problem: Problem) -> FloatArray:

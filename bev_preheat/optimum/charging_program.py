@@ -23,7 +23,7 @@ import numpy as np
 from bev_preheat.charging.session import charge
 from bev_preheat.charging.stop import arrival_state
 from bev_preheat.charging.worth import SECONDS_PER_H, WH_PER_KWH
-from bev_preheat.optimum.blocks import Blocks, POWER_SCALE_W
+from bev_preheat.optimum.blocks import Blocks
 from bev_preheat.optimum.charging_steps import add_charging_steps
 from bev_preheat.optimum.drive_steps import add_drive_steps
 from bev_preheat.planning.dynamics import hottest_c, JOULES_PER_WH
@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from bev_preheat.charging.worth import Prices
     from bev_preheat.numerics.arrays import FloatArray
     from bev_preheat.optimum.layout import Layout, Values
-    from bev_preheat.optimum.program import ByName
+    from bev_preheat.optimum.program_solvers import ByName
     from bev_preheat.planning.plan import Plan
     from bev_preheat.planning.situation import BatteryState, Goal
     from bev_preheat.planning.trip import Trip
@@ -121,11 +121,8 @@ class ChargingProgram:
         unheated = plan_without_heating(self._trip, state)
         self._limited = watch_limits(self._trip, unheated.soc, unheated.temperature_c).any
         variables, constraints = Blocks(), Blocks()
-        drive = add_drive_steps(vehicle, len(self._trip.route), variables, constraints)
-        if self._limited:
-            discharge_w, charge_w = drive.power_reserves_w()
-            constraints.add('discharge', discharge_w / POWER_SCALE_W, POWER_SCALE_W)
-            constraints.add('charge', charge_w / POWER_SCALE_W, POWER_SCALE_W)
+        drive = add_drive_steps(
+            vehicle, len(self._trip.route), self._limited, variables, constraints)
         session = add_charging_steps(drive, stop, charging_steps, variables, constraints)
         cost = (prices.energy_per_kwh * session.bought_j / (JOULES_PER_WH * WH_PER_KWH)
                 + prices.time_per_h * session.duration_s / SECONDS_PER_H)
@@ -134,7 +131,7 @@ class ChargingProgram:
         self._variables: Layout = variables.layout()
         self._constraints: Layout = constraints.layout()
         self._solver = casadi.nlpsol('charging_optimum', 'ipopt', {
-            'x': variables.vector(), 'p': drive.parameters(), 'f': cost / self._cost_scale,
+            'x': variables.vector(), 'p': drive.parameters, 'f': cost / self._cost_scale,
             'g': constraints.vector()}, SOLVER_OPTIONS)
 
     def attempt(self, start: Plan) -> Attempt:
@@ -218,7 +215,7 @@ class ChargingProgram:
             'heater_power': from_start(state.heater_power_w, np.inf),
             'coolant_excess': from_start(state.coolant_excess_k, np.inf),
             'heater': trip.heater_limit_w,
-            'brake': (np.maximum(-trip.route.propulsion_power_w, 0.0) if self._limited else 0.0),
+            'brake': np.maximum(-trip.route.propulsion_power_w, 0.0),
             'charging_time': np.inf, 'charging_soc': np.abs(departure),
             'charging_temperature': hottest_c(trip.vehicle), 'charging_heater_power': np.inf,
             'charging_coolant_excess': np.inf}

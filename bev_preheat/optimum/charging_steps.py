@@ -23,7 +23,7 @@ from bev_preheat.charging.equations import (
     supply_of,
 )
 from bev_preheat.optimum.blocks import POWER_SCALE_W
-from bev_preheat.optimum.drive_steps import SOC_SCALE
+from bev_preheat.optimum.drive_step import SOC_SCALE
 from bev_preheat.optimum.smooth_maps import SMOOTH, smoothed
 from bev_preheat.optimum.symbols import SYMBOLS
 from bev_preheat.vehicle.charging import charging_of

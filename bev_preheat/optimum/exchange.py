@@ -58,7 +58,7 @@ class Prepared:
 @dataclass(frozen=True)
 class Solution:
     """
-    What the solver found; the fields are those of `optimum.solve.Optimum`.
+    What was found; the fields are those of `optimum.solve.Optimum`, `solver` names who answered.
 
     `is_optimal`: `optimal_plan` keeps all constraints and is the optimum; otherwise it is the best
     that can be done, and `infeasible` names what cannot be kept. `method_plan` is the plan of the
@@ -67,6 +67,7 @@ class Solution:
     """
 
     optimal_plan: Plan
+    solver: str
     solver_status: str
     is_optimal: bool
     infeasible: tuple[str, ...]

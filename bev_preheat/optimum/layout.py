@@ -5,29 +5,48 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 if TYPE_CHECKING:
-    from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.numerics.arrays import FloatArray, IntArray
 
 # What each block takes: one number for all its elements, or one for each, in SI units.
 Values = Mapping[str, 'FloatArray | float']
 
 
 @dataclass(frozen=True)
-class Block:
-    """`count` variables or constraints of one kind; `scale` is the SI value that is 1 in the program."""
+class Quantity:
+    """A variable or a constraint of one stage; `scale` is the SI value that is 1 in the program."""
 
     name: str
-    count: int
     scale: float = 1.0
 
 
 @dataclass(frozen=True)
+class Block:
+    """
+    `count` variables or constraints of one kind; `scale` is the SI value that is 1 in the program.
+
+    `stages` are the numbers of the stages they belong to, where a program has stages; () otherwise.
+    """
+
+    name: str
+    count: int
+    scale: float = 1.0
+    stages: tuple[int, ...] = ()
+
+
+@dataclass(frozen=True)
 class Layout:
-    """Blocks in the order in which they lie in the vector."""
+    """
+    Blocks, and the order of their elements in the vector.
+
+    Elements of blocks with stages lie stage by stage, within a stage in the order of the blocks;
+    those of other blocks lie one block after the other.
+    """
 
     blocks: tuple[Block, ...]
 
@@ -36,6 +55,17 @@ class Layout:
         """Length of the vector."""
         return sum(block.count for block in self.blocks)
 
+    @cached_property
+    def places(self) -> dict[str, IntArray]:
+        """Where the elements of each block lie, by name; arrays of shape (count,)."""
+        stages = np.concatenate([
+            block.stages or np.zeros(block.count, int) for block in self.blocks])
+        # A stable sort keeps the order of the blocks within each stage.
+        places = np.empty(self.size, int)
+        places[np.argsort(stages, kind='stable')] = np.arange(self.size)
+        ends = np.cumsum([block.count for block in self.blocks])
+        return {block.name: part for block, part in zip(self.blocks, np.split(places, ends[:-1]))}
+
     def pack(self, values: Values) -> FloatArray:
         """
         Return the vector of values in SI units, scaled.
@@ -43,12 +73,14 @@ class Layout:
         Names that are not in the layout are left out. Raises KeyError where one of it is missing,
         ValueError where a block has another number of values.
         """
-        return np.concatenate([
-            np.broadcast_to(np.asarray(values[block.name], dtype=float) / block.scale, block.count)
-            for block in self.blocks])
+        vector = np.empty(self.size)
+        for block in self.blocks:
+            vector[self.places[block.name]] = np.broadcast_to(
+                np.asarray(values[block.name], dtype=float) / block.scale, block.count)
+        return vector
 
     def unpack(self, vector: FloatArray) -> dict[str, FloatArray]:
         """Return the blocks of a vector by name, in SI units."""
-        ends = np.cumsum([block.count for block in self.blocks])
-        return {block.name: block.scale * part
-                for block, part in zip(self.blocks, np.split(np.asarray(vector), ends[:-1]))}
+        vector = np.asarray(vector)
+        return {block.name: block.scale * vector[self.places[block.name]]
+                for block in self.blocks}

@@ -20,7 +20,7 @@ by Joule heat alone.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import IntEnum
 from functools import lru_cache
 from typing import TYPE_CHECKING
@@ -28,18 +28,24 @@ from typing import TYPE_CHECKING
 import casadi
 import numpy as np
 
-from bev_preheat.optimum.blocks import Blocks, POWER_SCALE_W
-from bev_preheat.optimum.drive_steps import add_drive_steps, SOC_SCALE
-from bev_preheat.optimum.layout import Layout
+from bev_preheat.optimum.blocks import POWER_SCALE_W
+from bev_preheat.optimum.drive_step import (
+    CORRECTIONS,
+    drive_controls,
+    drive_states,
+    drive_step,
+    lost_after_arrival,
+    RESERVES,
+    ROUTE_INPUTS,
+    SOC_SCALE,
+)
+from bev_preheat.optimum.layout import Layout, Quantity
+from bev_preheat.optimum.program_solvers import make_solver
+from bev_preheat.optimum.stages import Stage, StagedProgram
 
 if TYPE_CHECKING:
-    from typing import Any
-
     from bev_preheat.numerics.arrays import FloatArray
     from bev_preheat.vehicle import Vehicle
-
-    # What CasADi takes by name; its own hints leave much of that out.
-    ByName = dict[str, Any]
 
 # What a kelvin, a per cent and a kilowatt that are lacking cost, in scaled joules: more than
 # heating could ever save, and charge before warmth.
@@ -50,17 +56,13 @@ DISCHARGE_PRICE = 1e4
 # temperature; higher prices keep IPOPT from converging.
 RANGE_PRICE = 1e3
 
-SOLVER_OPTIONS: ByName = {
-    'print_time': False,
-    'ipopt.print_level': 0,
-    'ipopt.sb': 'yes',
-    'ipopt.max_iter': 500,
-    'ipopt.tol': 1e-9,
-    'ipopt.constr_viol_tol': 1e-9,
-    'ipopt.acceptable_iter': 0,
-    # The bounds are meant: relaxed ones would let the heater exceed what the cabin leaves.
-    'ipopt.bound_relax_factor': 0.0,
-}
+# At each instant, in each step, and on arrival, in an elastic program.
+LACKING_SOC, ABOVE = Quantity('lacking_soc', SOC_SCALE), (
+    Quantity('soc_above', SOC_SCALE), Quantity('k_above'))
+LACKING_W, LACKING_K = Quantity('lacking_w', POWER_SCALE_W), Quantity('lacking_k')
+LOWEST_SOC = Quantity('lowest_soc', SOC_SCALE)
+HIGHEST = Quantity('highest_soc', SOC_SCALE), Quantity('highest_temperature')
+ON_ARRIVAL = Quantity('target'), Quantity('final_soc', SOC_SCALE)
 
 
 class Give(IntEnum):
@@ -111,80 +113,121 @@ class Solution:
 @dataclass(frozen=True)
 class Program:
     """
-    A CasADi solver, and where its variables and constraints lie.
+    A nonlinear program, its solvers, and where its variables and constraints lie.
 
-    Variables: `soc` and `temperature` at each instant, `heater` and `brake` in each step;
-    `heater_power` and `coolant_excess` at each instant, where the vehicle's heat path has them; then
-    the slacks: `lacking_k` (of the target), `lacking_soc`, `lacking_w` (of the discharge power) with
-    Give.DEMANDS, `soc_above` and `k_above` with RANGES. Constraints: `soc_defect`,
+    Variables: `soc` and `temperature` at each instant, `heater` and, if limited, `brake` in each step;
+    `heater_power` and `coolant_excess` at each instant, where the vehicle's heat path has them; the
+    slacks: `lacking_k` (of the target), `lacking_soc` at each instant, `lacking_w` (of the discharge
+    power) with Give.DEMANDS, `soc_above` and `k_above` with RANGES. Constraints: `soc_defect`,
     `temperature_defect`, and one for each state of a heat path; if limited, `discharge` and
     `charge`, what is left to either limit; with DEMANDS `lowest_soc`, with RANGES `highest_soc` and
     `highest_temperature`, each with its slack; `target` and `final_soc`, by how much either is
     surpassed.
     """
 
-    solver: casadi.Function
-    variables: Layout
-    constraints: Layout
+    staged: StagedProgram
     limited: bool
     give: Give
+    _solvers: dict[str, casadi.Function] = field(default_factory=dict)
+
+    @property
+    def variables(self) -> Layout:
+        """Where the variables lie."""
+        return self.staged.variables
+
+    @property
+    def constraints(self) -> Layout:
+        """Where the constraints lie."""
+        return self.staged.constraints
+
+    def solver(self, name: str) -> casadi.Function:
+        """Return a solver of `program_solvers`, made when it is first asked for."""
+        if name not in self._solvers:
+            self._solvers[name] = make_solver(name, self.staged)
+        return self._solvers[name]
 
     def solution(self, variables: FloatArray) -> Solution:
         """Return the Solution that the program's variables, scaled, stand for."""
         found = self.variables.unpack(variables)
         nothing = np.zeros(len(found['heater']))
+
+        def later(name: str) -> FloatArray:
+            # At the first instant nothing can be lacking that is asked for.
+            return found[name][1:] if name in found else nothing
+
         return Solution(
-            found['soc'], found['temperature'], found['heater'], found['brake'], Slacks(
+            found['soc'], found['temperature'], found['heater'], found.get('brake', nothing), Slacks(
                 float(found['lacking_k'][0]) if 'lacking_k' in found else 0.0,
-                found.get('lacking_soc', nothing), found.get('lacking_w', nothing),
-                found.get('soc_above', nothing), found.get('k_above', nothing)),
+                later('lacking_soc'), found.get('lacking_w', nothing), later('soc_above'),
+                later('k_above')),
             found.get('heater_power'), found.get('coolant_excess'))
 
 
-# Positional only, without defaults: for lru_cache f(1, 2) and f(1, b=2) are different calls.
-@lru_cache(maxsize=16)
+# As many as one trip may need: each takes some megabytes with its solvers, and on a drive the number of
+# steps only falls. The stages, which are the same for any number, are kept apart. Positional only,
+# without defaults: for lru_cache f(1, 2) and f(1, b=2) are different calls.
+@lru_cache(maxsize=4)
 def build_program(vehicle: Vehicle, steps: int, limited: bool, give: Give) -> Program:
     """
     Return the Program of a vehicle, whatever its corrections, for a number of steps.
 
     `limited`: with the power limits of the battery (9i); `give`: elastic, and how far.
     """
-    variables, constraints = Blocks(), Blocks()
-    drive = add_drive_steps(vehicle, steps, variables, constraints)
-    soc, temperature_c, energy = drive.soc, drive.temperature_c, drive.energy
-    target_c, final_soc = casadi.MX.sym('target'), casadi.MX.sym('final_soc')
-    # What is lacking of each demand: nothing, unless the program is elastic.
-    lacking_k = lacking_soc = lacking_w = casadi.MX(0.0)
-    if give:
-        lacking_k = variables.variable('lacking_k', 1)
-        lacking_soc = variables.variable('lacking_soc', steps, SOC_SCALE)
-        lacking_w = variables.variable('lacking_w', steps, POWER_SCALE_W)
-        energy += (TARGET_PRICE * lacking_k + SOC_PRICE * casadi.sum2(lacking_soc)
-                   + DISCHARGE_PRICE * casadi.sum2(lacking_w))
-    if limited:
-        most_w, least_w = drive.power_reserves_w()
-        constraints.add('discharge', most_w / POWER_SCALE_W + lacking_w, POWER_SCALE_W)
-        constraints.add('charge', least_w / POWER_SCALE_W, POWER_SCALE_W)
-    if give:
-        constraints.add('lowest_soc', soc[1:] + lacking_soc, SOC_SCALE)
-    if give is Give.RANGES:
-        soc_above = variables.variable('soc_above', steps, SOC_SCALE)
-        k_above = variables.variable('k_above', steps)
-        constraints.add('highest_soc', soc[1:] - soc_above, SOC_SCALE)
-        constraints.add('highest_temperature', temperature_c[1:] - k_above)
-        energy += RANGE_PRICE * casadi.sum2(soc_above + k_above)
-    constraints.add('target', temperature_c[-1] - target_c + lacking_k)
-    constraints.add(
-        'final_soc', soc[-1] - final_soc / SOC_SCALE + lacking_soc[-1], SOC_SCALE)
-    problem: ByName = {
-        'x': variables.vector(),
-        'p': drive.parameters(target_c, final_soc),
-        'f': energy,
-        'g': constraints.vector()}
-    solver = casadi.nlpsol('optimum', 'ipopt', problem, SOLVER_OPTIONS)
-    return Program(solver, variables.layout(), constraints.layout(), limited, give)
+    return Program(StagedProgram(*_stages(vehicle, limited, give), steps), limited, give)
 
 
 def programs_built() -> int:
     """Return how many programs this process has built so far."""
     return build_program.cache_info().misses
+
+
+@lru_cache(maxsize=12)
+def _stages(vehicle: Vehicle, limited: bool, give: Give) -> tuple[Stage, Stage]:
+    """Return a step of the program, and what comes on arrival."""
+    states, controls = drive_states(vehicle), drive_controls(limited)
+    slacks = (*((LACKING_SOC,) if give else ()), *(ABOVE if give is Give.RANGES else ()))
+    bounds = (*((LOWEST_SOC,) if give else ()), *(HIGHEST if give is Give.RANGES else ()))
+    in_step = (*states, *slacks, *controls, *((LACKING_W,) if give else ()))
+    on_arrival = (*states, *slacks, *((LACKING_K,) if give else ()))
+    # Target temperature [deg C] and lowest state of charge on arrival, then the corrections.
+    common = casadi.SX.sym('common', 2 + CORRECTIONS)
+
+    def symbols(variables: tuple[Quantity, ...]) -> dict[str, casadi.SX]:
+        return {variable.name: casadi.SX.sym(variable.name) for variable in variables}
+
+    def column(found: dict[str, casadi.SX], variables: tuple[Quantity, ...]) -> casadi.SX:
+        return casadi.vertcat(*(found[variable.name] for variable in variables))
+
+    def at_instant(found: dict[str, casadi.SX]) -> tuple[casadi.SX, list[casadi.SX]]:
+        """Return the price of the slacks of an instant, and its bounds."""
+        price, values = casadi.SX(0.0), []
+        if give:
+            price += SOC_PRICE * found['lacking_soc']
+            values.append(found['soc'] + found['lacking_soc'])
+        if give is Give.RANGES:
+            price += RANGE_PRICE * (found['soc_above'] + found['k_above'])
+            values += [found['soc'] - found['soc_above'], found['temperature'] - found['k_above']]
+        return price, values
+
+    found, route = symbols(in_step), casadi.SX.sym('route', ROUTE_INPUTS)
+    ends, energy, reserves = drive_step(vehicle, limited)(
+        column(found, (*states, *controls)), route, common[2:])
+    price, values = at_instant(found)
+    if give:
+        energy += DISCHARGE_PRICE * found['lacking_w']
+    if give and limited:
+        reserves = casadi.vertcat(reserves[0] + found['lacking_w'], reserves[1])
+    step = Stage(in_step, (*(RESERVES if limited else ()), *bounds), column(found, in_step), route, common,
+                 ends, energy + price, casadi.vertcat(reserves, *values))
+    found = symbols(on_arrival)
+    price, values = at_instant(found)
+    beyond_k = found['temperature'] - common[0]
+    beyond_soc = found['soc'] - common[1] / SOC_SCALE
+    if give:
+        price += TARGET_PRICE * found['lacking_k']
+        beyond_k, beyond_soc = beyond_k + found['lacking_k'], beyond_soc + found['lacking_soc']
+    arrival = Stage(
+        on_arrival, (*bounds, *ON_ARRIVAL), column(found, on_arrival), casadi.SX(0, 1), common,
+        casadi.SX(0, 1), lost_after_arrival(vehicle, column(found, states)) + price,
+        casadi.vertcat(*values, beyond_k, beyond_soc))
+    return step, arrival

@@ -10,8 +10,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.optimum.attempt import Attempt, attempt, Problem, SUCCESS
-from bev_preheat.optimum.drive_steps import ENERGY_SCALE_J
+from bev_preheat.optimum.attempt import (
+    Attempt,
+    attempt,
+    available_solvers,
+    heated_start,
+    Problem,
+    SUCCESS,
+    unheated_start,
+)
+from bev_preheat.optimum.drive_step import ENERGY_SCALE_J
 from bev_preheat.optimum.lacking import CHARGE, find_lacking, Lacking, SOC_TOLERANCE
 from bev_preheat.optimum.program import build_program, Give
 from bev_preheat.planning.dynamics import JOULES_PER_WH
@@ -48,14 +56,17 @@ class Optimum:
     """
     The optimum, or the best that can be done.
 
-    `solver_status` is IPOPT's word on the program itself; only 'Solve_Succeeded' is an optimum.
+    `solver` is the one whose answer `plan` is, FATROP or IPOPT; '' where none was asked.
+    `solver_status` is the word on the program itself; only 'Solve_Succeeded' is an optimum.
     `lacking` holds the constraints that cannot be kept; it is empty where `plan` is the optimum,
-    and only there. `solve_time_s` is what IPOPT took, without the time to set its programs up.
+    and only there. `solve_time_s` is what the solvers took, from all starts, without the time to set
+    programs up.
     `marginal_cost_wh_per_k` is the multiplier of the target: what one more kelvin on arrival would
     cost (NaN where the target does not bind or cannot be met).
     """
 
     plan: Plan
+    solver: str
     solver_status: str
     iterations: int
     solve_time_s: float
@@ -69,7 +80,7 @@ class Optimum:
 
     def as_dictionary(self) -> dict[str, Any]:
         """Return the optimum as `preheat optimum --json` writes it."""
-        return {**self.plan.as_dictionary(), 'solver_status': self.solver_status,
+        return {**self.plan.as_dictionary(), 'solver': self.solver, 'solver_status': self.solver_status,
                 'solve_time_s': self.solve_time_s, 'iterations': self.iterations,
                 'infeasible': list(self.infeasible),
                 'marginal_cost_wh_per_k': self.marginal_cost_wh_per_k}
@@ -80,9 +91,11 @@ def solve_optimum(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goa
     """
     Return the Optimum for a vehicle with a battery state at the start of a route.
 
-    `limited`: keep the battery's power limits (9i). The program is solved without them first: a
-    solution that keeps them all the same is the optimum with them too, at half the cost. A trip that
-    the charge does not carry is not given to the solver: there is no optimum, and the best that can
+    `limited`: keep the battery's power limits (9i). Where the trip keeps them unheated, the program is
+    solved without them first: a solution that keeps them all the same is the optimum with them too,
+    at half the cost. Where limits are active the program may have several optima, so it is solved
+    from the trip unheated and from the trip heated throughout, and the better one counts. A trip
+    that the charge does not carry is not given to the solver: there is no optimum, and the best that can
     be done is not to heat. `corrections` of the vehicle need no programs of their own, unlike a
     corrected vehicle. Raises InvalidInput as `plan_preheating` does, SolverFailure where IPOPT
     finds neither an optimum nor what cannot be kept.
@@ -97,12 +110,15 @@ def solve_optimum(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goa
     if unheated.empty_at_s is not None:
         return _stranded(trip, goal, unheated, started)
     problem, runs = Problem(vehicle, corrections, trip, state, goal), []
-    if limited:
-        run = attempt(problem, limited=False)
+    if limited and limits_hold(trip, unheated):
+        # If it fails, so does the program with limits, most often; one solver's word is enough.
+        run = attempt(problem, limited=False, solvers=available_solvers(trip)[:1])
         if run.status == SUCCESS and limits_hold(trip, _schedule(trip, run)):
             return _optimum(trip, goal, [run], (), started)
+    starts = [unheated_start(problem), *([heated_start(problem)] if limited else [])]
     for give in Give:
-        run = attempt(problem, limited, give)
+        # Elastic programs are asked what is lacking; one start is enough.
+        run = attempt(problem, limited, give, starts[:1] if give else starts)
         runs.append(run)
         if run.status == SUCCESS:
             break
@@ -112,7 +128,7 @@ def solve_optimum(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goa
     lacking = tuple(find_lacking(trip, run.solution))
     if give and not lacking:
         # All constraints can be kept: it was the solver that failed, and from here it may not.
-        run = attempt(problem, limited, start=run)
+        run = attempt(problem, limited, starts=[run.values])
         runs = [run, *runs]
         if run.status != SUCCESS:
             raise SolverFailure(f'IPOPT ended with {runs[1].status}, and with {run.status} when '
@@ -128,17 +144,20 @@ def _stranded(trip: Trip, goal: Goal, unheated: Schedule, started: float) -> Opt
         CHARGE, plan.stranding.lacking_wh, 'Wh',
         f'charge: {plan.stranding.lacking_wh / 1e3:.2f} kWh are lacking to arrive; the battery is '
         f'empty at {plan.stranding.at_s:.0f} s')
-    return Optimum(plan=plan, solver_status=NOT_SOLVED, iterations=0, solve_time_s=0.0,
+    return Optimum(plan=plan, solver='', solver_status=NOT_SOLVED, iterations=0, solve_time_s=0.0,
                    lacking=(lacking,), marginal_cost_wh_per_k=math.nan)
 
 
 def prepare_programs(vehicle: Vehicle, route: Route) -> None:
     """
-    Build and keep the program that `solve_optimum` solves first for this route.
+    Build and keep the programs that `solve_optimum` solves first for this route.
 
-    It serves all routes with as many steps, and the vehicle with any corrections.
+    They serve all routes with as many steps, and the vehicle with any corrections.
     """
-    build_program(vehicle, len(make_trip(vehicle, route).route), False, Give.NOTHING)
+    trip = make_trip(vehicle, route)
+    for limited in False, True:
+        build_program(vehicle, len(trip.route), limited, Give.NOTHING).solver(
+            available_solvers(trip)[0])
 
 
 def _corrected(vehicle: Vehicle, corrections: Corrections) -> Vehicle:
@@ -157,6 +176,7 @@ def _optimum(trip: Trip, goal: Goal, runs: Sequence[Attempt], lacking: tuple[Lac
         marginal_cost = run.target_multiplier * ENERGY_SCALE_J / JOULES_PER_WH
     return Optimum(
         plan=finish_plan(trip, goal, schedule, METHOD, started),
+        solver=run.solver,
         solver_status=runs[0].status,
         iterations=sum(run.iterations for run in runs),
         solve_time_s=sum(run.time_s for run in runs),
@@ -166,16 +186,16 @@ def _optimum(trip: Trip, goal: Goal, runs: Sequence[Attempt], lacking: tuple[Lac
 
 def _schedule(trip: Trip, run: Attempt) -> Schedule:
     solution = run.solution
+    # Scaled and back, a power at its bound may be beyond it by the last bit.
+    heater_w = np.clip(solution.heater_w, 0.0, trip.heater_limit_w)
+    brake_w = np.clip(solution.brake_w, 0.0, np.maximum(-trip.route.propulsion_power_w, 0.0))
     if not trip.vehicle.heat_path.is_direct:
-        command_w = solution.heater_w
         # What does not lag takes what is commanded; without coolant there is no excess.
         states = (solution.soc, solution.temperature_c,
-                  np.append(command_w[:1], command_w) if solution.heater_power_w is None
+                  np.append(heater_w[:1], heater_w) if solution.heater_power_w is None
                   else solution.heater_power_w,
-                  np.zeros(len(command_w) + 1) if solution.coolant_excess_k is None
+                  np.zeros(len(heater_w) + 1) if solution.coolant_excess_k is None
                   else solution.coolant_excess_k)
-        return along_states(trip, states, command_w, solution.brake_w,
-                            switched_on_s(trip, command_w))
-    return Schedule(
-        switched_on_s(trip, solution.heater_w), solution.heater_w, solution.brake_w, solution.soc,
-        solution.temperature_c, make_runge_kutta_4)
+        return along_states(trip, states, heater_w, brake_w, switched_on_s(trip, heater_w))
+    return Schedule(switched_on_s(trip, heater_w), heater_w, brake_w, solution.soc,
+                    solution.temperature_c, make_runge_kutta_4)

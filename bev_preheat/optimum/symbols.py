@@ -29,10 +29,6 @@ SYMBOLS: Arithmetic[AnyNumber] = Arithmetic(
 # Corrections of the vehicle that are inputs, so that they may differ from call to call; leakage
 # and heat are inputs anyway.
 FACTORS = ('heat_capacity', 'resistance')
-# Inputs that depend on the program's variables. CasADi leaves out the derivatives with respect to
-# all others, which makes a solution up to a sixth cheaper.
-DIFFERENTIATED = frozenset(('soc', 'temperature_c', 'power_w', 'heat_w', 'heater_w', 'excess_k',
-                            'command_w'))
 
 
 def symbolic_step(vehicle: Vehicle) -> casadi.Function:
@@ -41,7 +37,7 @@ def symbolic_step(vehicle: Vehicle) -> casadi.Function:
 
     Inputs: soc, temperature [deg C], duration [s], terminal power [W], variance [W^2], heat [W],
     leakage [W/K], then FACTORS. Outputs: soc, temperature at the end, mean temperature, mean Joule
-    heat [W]. Derivatives: with respect to DIFFERENTIATED only.
+    heat [W].
     """
     names = ('soc', 'temperature_c', 'duration_s', 'power_w', 'variance_w2', 'heat_w',
              'leakage_w_per_k')
@@ -79,8 +75,7 @@ def symbolic_rates(vehicle: Vehicle) -> casadi.Function:
     Return the right-hand side of `model` as a CasADi Function.
 
     Inputs: soc, temperature [deg C], terminal power [W], variance [W^2], heat [W], leakage [W/K],
-    then FACTORS. Outputs: soc/s, K/s, Joule heat [W]. Derivatives: with respect to DIFFERENTIATED
-    only.
+    then FACTORS. Outputs: soc/s, K/s, Joule heat [W].
     """
     names = ('soc', 'temperature_c', 'power_w', 'variance_w2', 'heat_w', 'leakage_w_per_k')
     inputs, factors = _symbols(names), _symbols(FACTORS)
@@ -98,9 +93,7 @@ def symbolic_curve(curve: Curve) -> casadi.Function:
 
 def _function(name: str, inputs: Sequence[casadi.SX], outputs: Iterable[casadi.SX],
               input_names: Iterable[str], output_names: Iterable[str]) -> casadi.Function:
-    return casadi.Function(
-        name, inputs, list(outputs), list(input_names), list(output_names),
-        {'is_diff_in': [input_name in DIFFERENTIATED for input_name in input_names]})
+    return casadi.Function(name, inputs, list(outputs), list(input_names), list(output_names))
 
 
 def _symbols(names: Iterable[str]) -> list[casadi.SX]:

@@ -85,7 +85,7 @@ def _receive(connection: socket.socket, messages: queue.SimpleQueue[Thing]) -> N
 
 
 def _warm_up(vehicle: Vehicle) -> None:
-    """Load the solver and solve the least there is to solve, which loads IPOPT as well."""
+    """Load the solver and solve the least there is to solve, which loads the solver's library as well."""
     try:
         from bev_preheat.optimum.solve import solve_optimum
         battery = vehicle.battery
@@ -131,6 +131,7 @@ def _answer(vehicle: Vehicle, question: Question) -> Solution | Failure:
         return Failure(f'{type(error).__name__}: {error}', monotonic() - started_s)
     return Solution(
         optimal_plan=optimum.plan,
+        solver=optimum.solver,
         solver_status=optimum.solver_status,
         is_optimal=optimum.solver_status == SUCCESS,
         infeasible=optimum.infeasible,

@@ -628,6 +628,7 @@ def test_the_solver_is_ready_before_the_first_check(surroundings):
     assert report.optimal
     assert values['programs built'] == '0'
     assert values['solver process'] == prepared
+    assert values['last report: answered by'] in ('FATROP', 'IPOPT')
 
 
 def test_cannot_start_with_an_unknown_vehicle(bench):

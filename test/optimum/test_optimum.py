@@ -14,7 +14,7 @@ import pytest
 
 from bev_preheat.errors import InvalidInput
 from bev_preheat.experiments.optimality.drawn_trips import draw_limit_trip
-from bev_preheat.optimum import program, solve
+from bev_preheat.optimum import program, program_solvers, solve
 from bev_preheat.optimum.attempt import SUCCESS
 from bev_preheat.optimum.lacking import ARRIVAL_SOC, CHARGE, HIGHEST_SOC, HIGHEST_TEMPERATURE, LOWEST_SOC, TARGET
 from bev_preheat.optimum.solve import NOT_SOLVED, prepare_programs, solve_optimum, SolverFailure
@@ -482,7 +482,8 @@ def test_prepared_programs_are_used():
 
 
 def test_solver_that_may_not_iterate_is_a_failure(monkeypatch):
-    monkeypatch.setitem(program.SOLVER_OPTIONS, 'ipopt.max_iter', 2)
+    monkeypatch.setitem(program_solvers.IPOPT_OPTIONS, 'ipopt.max_iter', 2)
+    monkeypatch.setitem(program_solvers.FATROP_OPTIONS, 'fatrop.max_iter', 2)
     with pytest.raises(SolverFailure, match='Maximum_Iterations_Exceeded'):
         solve_optimum(fresh_vehicle(), *TRIPS['reference'][1:])
 
@@ -554,6 +555,7 @@ def test_dictionary_has_the_solver_in_it():
     optimum = solution_of('reference')
     dictionary = optimum.as_dictionary()
     assert {key: dictionary[key] for key in (
-        'method', 'solver_status', 'solve_time_s', 'iterations', 'infeasible')} == {
-            'method': 'nlp', 'solver_status': SUCCESS, 'solve_time_s': optimum.solve_time_s,
+        'method', 'solver', 'solver_status', 'solve_time_s', 'iterations', 'infeasible')} == {
+            'method': 'nlp', 'solver': optimum.solver, 'solver_status': SUCCESS,
+            'solve_time_s': optimum.solve_time_s,
             'iterations': optimum.iterations, 'infeasible': []}

@@ -125,7 +125,7 @@ def test_derivatives_are_finite_where_power_cannot_be_delivered(vehicle):
 
 
 def test_derivatives_are_those_of_the_expressions(vehicle):
-    """What the program leaves out of its derivatives must not be what its variables move."""
+    """CasADi's derivatives of a step, against differences of its results."""
     step, point = symbolic_step(vehicle), np.array([0.63, -4.0, 9e3, 2.5e3])
 
     def outputs(variables):

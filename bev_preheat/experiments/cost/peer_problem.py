@@ -16,8 +16,8 @@ import casadi
 import numpy as np
 
 from bev_preheat.optimum.blocks import POWER_SCALE_W
-from bev_preheat.optimum.drive_steps import ENERGY_SCALE_J, SOC_SCALE
-from bev_preheat.optimum.program import SOLVER_OPTIONS
+from bev_preheat.optimum.drive_step import ENERGY_SCALE_J, SOC_SCALE
+from bev_preheat.optimum.program_solvers import IPOPT_OPTIONS
 from bev_preheat.optimum.symbols import SYMBOLS
 from bev_preheat.planning.dynamics import run_forward
 from bev_preheat.planning.schedule import Schedule, switched_on_s
@@ -100,7 +100,7 @@ class PeerProblem:
         steps = len(trip.route)
         # The step stands for nothing here: how long each is, is among what varies.
         mpc.settings.n_horizon, mpc.settings.t_step = steps, 1.0
-        mpc.settings.nlpsol_opts.update(SOLVER_OPTIONS)
+        mpc.settings.nlpsol_opts.update(IPOPT_OPTIONS)
         mpc.scaling['_x', 'soc'] = SOC_SCALE
         mpc.scaling['_u', 'heater'] = mpc.scaling['_u', 'brake'] = POWER_SCALE_W
         mpc.set_objective(mterm=casadi.DM(0.0), lterm=model.aux['energy'])

@@ -1,0 +1,111 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One step of a drive in a nonlinear program, as a function of its scaled variables."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import casadi
+
+from bev_preheat.optimum.blocks import POWER_SCALE_W
+from bev_preheat.optimum.layout import Quantity
+from bev_preheat.optimum.symbols import (
+    FACTORS,
+    symbolic_curve,
+    symbolic_heated_step,
+    symbolic_rates,
+    symbolic_step,
+)
+
+if TYPE_CHECKING:
+    from bev_preheat.vehicle import Vehicle
+
+# Scales that bring variables and constraints near 1.
+SOC_SCALE = 0.01
+ENERGY_SCALE_J = 1e6
+
+HEATER, BRAKE = Quantity('heater', POWER_SCALE_W), Quantity('brake', POWER_SCALE_W)
+# What is left to the power limits (9i) at the start of a step.
+RESERVES = (Quantity('discharge', POWER_SCALE_W), Quantity('charge', POWER_SCALE_W))
+# Duration [s], idle power [W], power variance [W^2], idle heat [W], leakage [W/K].
+ROUTE_INPUTS = 5
+# FACTORS and the heater's efficiency: inputs, so that a car whose factors are being learned needs no
+# new program.
+CORRECTIONS = len(FACTORS) + 1
+
+
+def drive_states(vehicle: Vehicle) -> tuple[Quantity, ...]:
+    """
+    Return the states of a drive.
+
+    What does not lag is no state: it would be a variable without a choice.
+    """
+    path = vehicle.heat_path
+    states = [Quantity('soc', SOC_SCALE), Quantity('temperature')]
+    if path.heater_lag_s > 0.0:
+        states.append(Quantity('heater_power', POWER_SCALE_W))
+    if path.has_coolant:
+        states.append(Quantity('coolant_excess'))
+    return tuple(states)
+
+
+def drive_controls(limited: bool) -> tuple[Quantity, ...]:
+    """Return what is chosen in each step: only where power limits count has the brake anything to do."""
+    return (HEATER, BRAKE) if limited else (HEATER,)
+
+
+def drive_step(vehicle: Vehicle, limited: bool) -> casadi.Function:
+    """
+    Return one step of a drive as a CasADi Function.
+
+    Inputs: states and controls (scaled, one column), the ROUTE_INPUTS of the step, the CORRECTIONS.
+    Outputs: the states at the end; the energy that the cells give (scaled); the RESERVES (scaled; none
+    unless `limited`). Derivatives: with respect to states and controls only.
+    """
+    quantities = (*drive_states(vehicle), *drive_controls(limited))
+    variables = casadi.SX.sym('variables', len(quantities))
+    route = casadi.SX.sym('route', ROUTE_INPUTS)
+    corrections = casadi.SX.sym('corrections', CORRECTIONS)
+    duration_s, idle_power_w, variance_w2, idle_heat_w, leakage_w_per_k = casadi.vertsplit(route)
+    *factors, efficiency = casadi.vertsplit(corrections)
+    in_si = {quantity.name: quantity.scale * value for quantity, value in zip(
+        quantities, casadi.vertsplit(variables))}
+    soc, temperature_c = in_si['soc'], in_si['temperature']
+    heater_w, brake_w = in_si['heater'], in_si.get('brake', casadi.SX(0.0))
+    heat_w = idle_heat_w - vehicle.drivetrain.heat_share * brake_w
+    ends = {}
+    if vehicle.heat_path.is_direct:
+        drawn_w, heat_w = heater_w, heat_w + efficiency * heater_w
+        ends['soc'], ends['temperature'], _, joule_w = symbolic_step(vehicle)(
+            soc, temperature_c, duration_s, idle_power_w + brake_w + drawn_w, variance_w2, heat_w,
+            leakage_w_per_k, *factors)
+    else:
+        nothing = casadi.SX(0.0)
+        (ends['soc'], ends['temperature'], ends['heater_power'], ends['coolant_excess'], _, joule_w,
+         drawn_w, _) = symbolic_heated_step(vehicle)(
+            soc, temperature_c, in_si.get('heater_power', nothing),
+            in_si.get('coolant_excess', nothing), duration_s, idle_power_w + brake_w, variance_w2,
+            heat_w, leakage_w_per_k, heater_w, *factors, efficiency)
+    power_w = idle_power_w + brake_w + drawn_w
+    reserves = casadi.SX(0, 1)
+    if limited:
+        battery_w = power_w + symbolic_rates(vehicle)(
+            soc, temperature_c, power_w, variance_w2, heat_w, leakage_w_per_k, *factors)[2]
+        most_w, least_w = (symbolic_curve(curve)(soc, temperature_c) for curve in (
+            vehicle.battery.discharge_power_limit, vehicle.battery.charge_power_limit))
+        reserves = casadi.vertcat(most_w - battery_w, battery_w - least_w) / POWER_SCALE_W
+    outputs = casadi.cse([
+        casadi.vertcat(*(ends[state.name] / state.scale for state in drive_states(vehicle))),
+        duration_s * (power_w + joule_w) / ENERGY_SCALE_J, reserves])
+    return casadi.Function(
+        'drive_step', [variables, route, corrections], outputs,
+        ['variables', 'route', 'corrections'], ['ends', 'energy', 'reserves'],
+        {'is_diff_in': [True, False, False]})
+
+
+def lost_after_arrival(vehicle: Vehicle, states: casadi.SX) -> casadi.SX:
+    """Return the energy (scaled) that a heater that lags takes after the states on arrival (scaled)."""
+    for state, value in zip(drive_states(vehicle), casadi.vertsplit(states)):
+        if state.name == 'heater_power':
+            return vehicle.heat_path.heater_lag_s * state.scale * value / ENERGY_SCALE_J
+    return casadi.SX(0.0)
