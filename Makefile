@@ -32,7 +32,7 @@ help: ## this list
 setup: ## the working environment in .venv: what a ROS 2 distribution lacks, or ROS 2 from wheels
 	@scripts/setup.bash
 
-build: setup ## both packages, if anything changed (colcon build --base-paths . msg_defs)
+build: setup ## the three packages, if anything changed (colcon build --base-paths . core msg_defs)
 	@scripts/build.bash
 
 demo: build ## a simulated drive to the fast charger
@@ -41,9 +41,9 @@ demo: build ## a simulated drive to the fast charger
 test: build ## all tests
 	@$(environment); $(local_only); python3 -m pytest -q $(several_files_at_once) -m "not deep and not linter" $(TESTS)
 
-# Python is tested as it is in the checkout, so only new messages need a build.
+# Python is tested as it is in the checkout, so only new messages and new equations need a build.
 test-quick: setup ## the tests without DDS, but for the costly ones, for the person who edits
-	@[ -e install/.built ] && [ -z "$$(find msg_defs -newer install/.built -print -quit)" ] || scripts/build.bash
+	@[ -e install/.built ] && [ -z "$$(find msg_defs core bev_preheat/compiled bev_preheat/vehicle/*.py -newer install/.built -print -quit)" ] || scripts/build.bash
 	@$(environment); $(local_only); PYTHONPATH="$$PWD:$$PYTHONPATH" python3 -m pytest -q $(several_without_nodes) -m "not dds and not deep and not costly and not linter" $(TESTS)
 
 test-deep: build ## all tests, those too that take long: all scenarios over DDS, EXAMPLES (1000) for each property
@@ -80,11 +80,12 @@ docs: build ## the documentation as a site: out/docs/index.html
 	@echo out/docs/index.html
 
 # Not every machine has shellcheck.
-lint: setup ## ruff (errors, imports, names, docstrings), mypy, ament_flake8 and ament_pep257 on the Python, shellcheck on the scripts
+lint: setup ## ruff (errors, imports, names, docstrings), mypy, ament_flake8 and ament_pep257 on the Python, each compiler there is on the C, shellcheck on the scripts
 	@scripts/setup.bash lint
 	@$(environment); ruff check --quiet
 	@$(environment); mypy
 	@$(environment); python3 -m pytest -q -p no:cacheprovider -m linter test/test_ament_style.py
+	@$(environment); scripts/lint_core.bash
 	@if command -v shellcheck >/dev/null; then shellcheck -x scripts/*.bash .ci/run; fi
 
 clean: ## what build and tests made; .venv stays

@@ -35,8 +35,9 @@ def check_that_messages_are_built():
         here = Path(__file__).resolve().parent
         sys.exit(f'{PACKAGE}: {PACKAGE}_msgs is not built; it lies in {here}/msg_defs, where colcon '
                  f'does not look by itself. In a workspace type once: ln -s {here.name}/msg_defs '
-                 f'{here.parent}/{PACKAGE}_msgs, and colcon build finds both; or build with: colcon '
-                 f'build --base-paths {here} {here}/msg_defs')
+                 f'{here.parent}/{PACKAGE}_msgs; ln -s {here.name}/core {here.parent}/{PACKAGE}_core, and '
+                 f'colcon build finds all three; or build with: colcon build --base-paths {here} '
+                 f'{here}/core {here}/msg_defs')
 
 
 check_that_messages_are_built()

@@ -32,7 +32,7 @@ build=$bev_preheat_place/build
 
 # What the last build was made with and of: a stamp for make, and the list of names that tells which have gone since.
 made_with="with $bev_preheat_underlay $(tr '\n' ' ' <"$bev_preheat_place/.venv/.ready")"
-sources=(package.xml setup.py setup.cfg colcon.pkg bev_preheat config launch resource msg_defs)
+sources=(package.xml setup.py setup.cfg colcon.pkg bev_preheat config core launch resource msg_defs)
 state=$(
     echo "$made_with"
     find "${sources[@]}" -name __pycache__ -prune -o -type f -printf '%p %s %T@\n' | sort
@@ -59,5 +59,5 @@ rm -f "$stamp"
 unset PYTHONDONTWRITEBYTECODE
 # With this Python, so that the installed executables run with it and see its packages.
 python3 -c 'import sys; from colcon_core.command import main; sys.exit(main())' --log-base "$bev_preheat_place/log" \
-    build --base-paths . msg_defs --build-base "$build" --install-base "$install" "$@"
+    build --base-paths . core msg_defs --build-base "$build" --install-base "$install" "$@"
 printf '%s\n' "$state" >"$stamp"

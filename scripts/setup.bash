@@ -68,7 +68,7 @@ check_distribution() {
     local missing
     # shellcheck disable=SC2046
     missing=$("$1" - rosidl_generator_py \
-        $(sed -nE 's/.*<exec_depend>([a-z_]+)<.*/\1/p' package.xml | grep -v '^bev_preheat_msgs$') <<'PYTHON'
+        $(sed -nE 's/.*<exec_depend>([a-z_]+)<.*/\1/p' package.xml | grep -vE '^bev_preheat_(core|msgs)$') <<'PYTHON'
 import importlib.util
 import sys
 
@@ -76,7 +76,7 @@ print(*(name for name in sys.argv[1:] if importlib.util.find_spec(name) is None)
 PYTHON
     )
     [ -z "$missing" ] ||
-        fail "ROS 2 ${ROS_DISTRO:-} in $bev_preheat_underlay lacks: $missing; install: rosdep install --from-paths . msg_defs --ignore-src -y"
+        fail "ROS 2 ${ROS_DISTRO:-} in $bev_preheat_underlay lacks: $missing; install: rosdep install --from-paths . core msg_defs --ignore-src -y"
     command -v cmake >/dev/null || fail "the messages are compiled, and cmake is not there (sudo apt install cmake)"
 }
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
+from bev_preheat.compiled.library import core_in_words
 from bev_preheat.estimation.hypotheses import Heater
 from bev_preheat.estimation.state import FACTOR_NAMES
 from bev_preheat.nodes.convert import time_message
@@ -83,6 +84,7 @@ def _preheating(name: str, hardware: str, supervisor: Supervisor, now_ns: int) -
         'vehicle': supervisor.vehicle.name,
         'assumed of the vehicle': assumed_in_words(supervisor.vehicle),
         'method': supervisor.settings.method,
+        'compiled core': core_in_words(),
         'route_id': mission.route_id if mission else '',
         'legs after this one': str(len(decision.later_legs)),
         'enabled': str(supervisor.is_enabled).lower(),

@@ -18,6 +18,7 @@ from sensor_msgs.msg import BatteryState, Temperature
 from std_srvs.srv import SetBool
 
 from bev_preheat.charging.worth import MOST_PRICE_PER_KWH, MOST_VALUE_PER_H
+from bev_preheat.compiled.library import core_in_words
 from bev_preheat.errors import InvalidInput, LONGEST_PROBLEM, shortened
 from bev_preheat.estimation.hypotheses import Heater
 from bev_preheat.nodes.command_line import Program
@@ -93,6 +94,8 @@ PARAMETERS = (
               (0.0, MOST_VALUE_PER_H)),
     Parameter('heat_while_charging', DEFAULTS.heat_while_charging,
               'Heat on at the charger, where the vehicle file says that the vehicle does so.'),
+    Parameter('compiled_core', DEFAULTS.compiled_core,
+              'Plan with the compiled core, where it is built; plans are the same without.'),
     Parameter('state_file', '', 'File that keeps what was learned of the car: a new one, or one '
               'that was written before; empty: none.'),
 )
@@ -178,7 +181,8 @@ class PlannerNode(Node):
             ('hvch_command', 'preheat_plan', 'predicted_arrival_temperature'),
             also=(commands.look, self._on_rival, self._on_standing_clock))
         self.get_logger().info(
-            f'Planning for vehicle {vehicle.name} with method {settings.method}.')
+            f'Planning for vehicle {vehicle.name} with method {settings.method}; '
+            f'compiled core {core_in_words()}.')
         self._tell_assumptions(values['vehicle'])
 
     # Input

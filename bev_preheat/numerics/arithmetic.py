@@ -38,9 +38,8 @@ class Arithmetic(Generic[Number]):
     """
     Functions of one kind of number; `root` is the square root, 0 below zero where it can be.
 
-    `opaque`, where it is not None, takes a function of floats that branches, and returns one of the
-    same two arguments for this kind of number, which cannot. `share` holds a state of charge within
-    0 ... 1, where curves are described, for the kinds of number that may leave it within a step.
+    `share` holds a state of charge within 0 ... 1, where curves are described, for the kinds of number
+    that may leave it within a step.
     """
 
     root: Callable[[Number], Number]
@@ -48,7 +47,6 @@ class Arithmetic(Generic[Number]):
     exp: Callable[[Number], Number]
     maximum: Callable[[Number, Number | float], Number]
     minimum: Callable[[Number, Number | float], Number]
-    opaque: Callable[[CurveFunction[float]], CurveFunction[Number]] | None = None
     share: Callable[[Number], Number] = lambda value: value
 
 

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.planning.bracketing import follow_slope, Trial
-from bev_preheat.planning.dynamics import run_forward
+from bev_preheat.planning.dynamics import run_on
 from bev_preheat.planning.heat_run import run_heated, states_at
 from bev_preheat.planning.limits import drive_as_planned, limits_hold
 from bev_preheat.planning.schedule import HEATING_SHARE, Schedule, switched_on_s
@@ -178,14 +178,11 @@ class _LastStretch:
                              planned)
             return replace(run, heating_start_s=heating_start_s,
                            heating_end_s=self._heating_end_s(end_s))
-        soc, temperature_c = run_forward(
-            trip.vehicle, make_runge_kutta_4, float(planned.soc[first]),
-            float(planned.temperature_c[first]),
-            [column[first:] for column in trip.inputs(heater_w, planned.brake_power_w)])
+        soc, temperature_c = run_on(
+            trip, make_runge_kutta_4, planned.soc, planned.temperature_c, first, heater_w,
+            planned.brake_power_w)
         return Schedule(
-            heating_start_s, heater_w, planned.brake_power_w,
-            np.concatenate((planned.soc[:first], soc)),
-            np.concatenate((planned.temperature_c[:first], temperature_c)), make_runge_kutta_4,
+            heating_start_s, heater_w, planned.brake_power_w, soc, temperature_c, make_runge_kutta_4,
             self._heating_end_s(end_s))
 
     def _heater_w(self, end_s: float) -> FloatArray:

@@ -3,15 +3,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from bev_preheat.compiled import runs as compiled_runs
+from bev_preheat.compiled.structs import CompiledVehicle, NotDescribed
 from bev_preheat.numerics.arithmetic import AnyNumber, ARRAYS, CurveFunction, FLOATS, SATURATING_FLOATS
-from bev_preheat.planning.straight_line import compile_step, Roll, StepOfStates
 from bev_preheat.vehicle.model import Integrator, make_rates, Step
 
 if TYPE_CHECKING:
@@ -36,34 +36,74 @@ def step_of_floats(vehicle: Vehicle, make_integrator: Integrator,
 
 
 @lru_cache(maxsize=KEPT_VEHICLES)
-def compiled_step(vehicle: Vehicle, make_integrator: Integrator,
-                  saturating: bool = False) -> tuple[StepOfStates, Roll]:
-    """
-    Return the same step, states only, compiled (`straight_line`): (step, roll).
-
-    Without `saturating`, a power that cannot be delivered raises ValueError.
-    """
-    return compile_step(
-        lambda arithmetic: make_integrator(make_rates(vehicle, arithmetic)),
-        SATURATING_FLOATS if saturating else FLOATS)
-
-
-def run_forward(vehicle: Vehicle, make_integrator: Integrator, soc: float, temperature_c: float,
-                inputs: Iterable[FloatArray]) -> tuple[list[float], list[float]]:
-    """
-    Roll the model out over the steps of `inputs` (Trip.inputs, whole or sliced).
-
-    Returns (soc, temperature_c), lists with one element more than there are steps. A step whose
-    power cannot be delivered is driven with the most that the battery can.
-    """
-    columns = [array.tolist() for array in inputs]
+def compiled_vehicle(vehicle: Vehicle) -> CompiledVehicle | None:
+    """Return the vehicle as the compiled core takes it; None where the core does not."""
     try:
-        _, roll = compiled_step(vehicle, make_integrator)
-        return roll(soc, temperature_c, columns)
-    except (ValueError, ArithmeticError):
-        # No root, or, far beyond an empty battery, no number at all.
-        _, roll = compiled_step(vehicle, make_integrator, saturating=True)
-        return roll(soc, temperature_c, columns)
+        compiled = CompiledVehicle(vehicle, hottest_c(vehicle))
+    except NotDescribed:
+        return None
+    return compiled if compiled_runs.is_in_order(compiled) else None
+
+
+def run_forward(trip: Trip, make_integrator: Integrator, soc: float, temperature_c: float,
+                heater_power_w: FloatArray | None = None,
+                brake_power_w: FloatArray | None = None) -> tuple[FloatArray, FloatArray]:
+    """
+    Roll the model out over a trip, limits left aside; returns (soc, temperature_c), each (N + 1,).
+
+    `heater_power_w` and `brake_power_w` (N,) are those of `Trip.inputs`. A step whose power cannot be
+    delivered is driven with the most that the battery can.
+    """
+    states = np.empty((2, len(trip.route) + 1))
+    states[:, 0] = soc, temperature_c
+    return _roll(trip, make_integrator, states, 0, heater_power_w, brake_power_w)
+
+
+def run_on(trip: Trip, make_integrator: Integrator, soc: FloatArray, temperature_c: FloatArray,
+           first: int, heater_power_w: FloatArray | None = None,
+           brake_power_w: FloatArray | None = None) -> tuple[FloatArray, FloatArray]:
+    """
+    Roll the model out from step `first` on, after a run that is known until then.
+
+    As `run_forward`; of that run, `soc` and `temperature_c` (N + 1,), the first `first` + 1 values are
+    returned with those that follow.
+    """
+    states = np.empty((2, len(trip.route) + 1))
+    states[0, :first + 1] = soc[:first + 1]
+    states[1, :first + 1] = temperature_c[:first + 1]
+    return _roll(trip, make_integrator, states, first, heater_power_w, brake_power_w)
+
+
+def _roll(trip: Trip, make_integrator: Integrator, states: FloatArray, first: int,
+          heater_power_w: FloatArray | None,
+          brake_power_w: FloatArray | None) -> tuple[FloatArray, FloatArray]:
+    vehicle = compiled_vehicle(trip.vehicle)
+    run = None if vehicle is None else compiled_runs.run(
+        vehicle, make_integrator, trip.compiled, states, first, heater_power_w, brake_power_w)
+    if run is None:
+        columns = [column[first:].tolist() for column in trip.inputs(heater_power_w, brake_power_w)]
+        start_soc, start_c = states[:, first].tolist()
+        try:
+            run = states
+            run[:, first:] = _rolled(
+                step_of_floats(trip.vehicle, make_integrator), start_soc, start_c, columns)
+        except (ValueError, ArithmeticError):
+            # No root, or, far beyond an empty battery, no number at all.
+            run[:, first:] = _rolled(
+                step_of_floats(trip.vehicle, make_integrator, saturating=True), start_soc, start_c,
+                columns)
+    return run[0], run[1]
+
+
+def _rolled(step: Step[float], soc: float, temperature_c: float,
+            columns: list[list[float]]) -> tuple[list[float], list[float]]:
+    """Return states of charge and temperatures after each step, the start first."""
+    socs, temperatures_c = [soc], [temperature_c]
+    for inputs in zip(*columns):
+        soc, temperature_c, _, _ = step(soc, temperature_c, *inputs)
+        socs.append(soc)
+        temperatures_c.append(temperature_c)
+    return socs, temperatures_c
 
 
 def hottest_c(vehicle: Vehicle) -> float:

@@ -10,8 +10,9 @@ from bev_preheat.planning.heat_run import mean_share_left
 
 if TYPE_CHECKING:
     from bev_preheat.planning.heat_run import States
-    from bev_preheat.planning.limits import TerminalLimits, Watch
+    from bev_preheat.planning.limits import Watch
     from bev_preheat.planning.trip import Trip
+    from bev_preheat.vehicle.terminal_limits import TerminalLimits
 
 # So many lags after it was switched off, a heater takes nothing worth naming.
 LAGS_AHEAD = 5.0

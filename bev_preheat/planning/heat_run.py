@@ -8,7 +8,7 @@ those of `dynamics`, to the last bit.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 import math
@@ -16,11 +16,11 @@ from typing import Any, TYPE_CHECKING
 
 import numpy as np
 
+from bev_preheat.compiled import runs as compiled_runs
 from bev_preheat.numerics.arithmetic import ARRAYS, FLOATS, SATURATING_FLOATS
-from bev_preheat.planning.dynamics import JOULES_PER_WH, KEPT_VEHICLES
+from bev_preheat.planning.dynamics import compiled_vehicle, JOULES_PER_WH, KEPT_VEHICLES
 from bev_preheat.planning.schedule import HEATING_SHARE, Schedule
 from bev_preheat.planning.situation import BatteryState
-from bev_preheat.planning.straight_line import compile_states
 from bev_preheat.vehicle.corrections import corrected_vehicle, Corrections
 from bev_preheat.vehicle.heat_path import DIRECT, HeatedStep, make_heated_step
 from bev_preheat.vehicle.model import make_runge_kutta_4
@@ -30,11 +30,6 @@ if TYPE_CHECKING:
     from bev_preheat.planning.trip import Trip
     from bev_preheat.vehicle.description import Vehicle
     from bev_preheat.vehicle.heat_path import HeatPath
-
-ARGUMENTS = ('soc', 'temperature_c', 'heater_w', 'excess_k', 'duration_s', 'power_w', 'variance_w2',
-             'heat_w', 'leakage_w_per_k', 'command_w')
-STATES = 4
-RESULTS = 8
 
 # State of charge, battery temperature [deg C], heater power [W], coolant excess [K].
 States = tuple[float, float, float, float]
@@ -74,17 +69,13 @@ def make_heat_run(path: HeatPath, heater_power_w: FloatArray, coolant_excess_k: 
 
 
 @lru_cache(maxsize=KEPT_VEHICLES)
-def compiled_heated_step(vehicle: Vehicle,
-                         saturating: bool) -> tuple[Callable[..., Any], Callable[..., Any]]:
+def heated_step_of_floats(vehicle: Vehicle, saturating: bool) -> HeatedStep[float]:
     """
-    Return (step, roll) of `make_heated_step`, compiled (`straight_line`).
+    Return `make_heated_step` for floats; made once, as making it costs more than a step.
 
-    `step(*ARGUMENTS)` returns all its RESULTS, `roll(*states, columns)` lists of the STATES. Without
-    `saturating`, a power that cannot be delivered raises ValueError.
+    Without `saturating`, a power that cannot be delivered raises ValueError.
     """
-    return compile_states(
-        lambda arithmetic: make_heated_step(vehicle, arithmetic),
-        SATURATING_FLOATS if saturating else FLOATS, ARGUMENTS, STATES, RESULTS)
+    return make_heated_step(vehicle, SATURATING_FLOATS if saturating else FLOATS)
 
 
 @lru_cache(maxsize=KEPT_VEHICLES)
@@ -106,21 +97,35 @@ def states_at(schedule: Schedule, instant: int) -> States:
 
 
 def roll_heated(trip: Trip, start: States, command_w: FloatArray, first: int = 0,
-                brake_power_w: FloatArray | None = None) -> tuple[list[float], ...]:
+                brake_power_w: FloatArray | None = None) -> FloatArray:
     """
-    Return the States, as four lists, from step `first` on under heater commands [W] (N,).
+    Return the States, as rows, from step `first` on under heater commands [W] (N,).
 
     Limits are left aside; a step whose power cannot be delivered is driven with the most that the
     battery can.
     """
+    states = np.empty((len(start), len(trip.route) + 1))
+    states[:, first] = start
+    vehicle = compiled_vehicle(trip.vehicle)
+    run = None if vehicle is None else compiled_runs.run_heated(
+        vehicle, trip.compiled, states, first, command_w, brake_power_w)
+    if run is not None:
+        return run[:, first:]
     columns = [column[first:].tolist()
                for column in (*trip.inputs(None, brake_power_w), command_w)]
     try:
-        _, roll = compiled_heated_step(trip.vehicle, False)
-        return tuple(roll(*start, columns))
+        return _rolled(heated_step_of_floats(trip.vehicle, False), start, columns)
     except (ValueError, ArithmeticError):
-        _, roll = compiled_heated_step(trip.vehicle, True)
-        return tuple(roll(*start, columns))
+        return _rolled(heated_step_of_floats(trip.vehicle, True), start, columns)
+
+
+def _rolled(step: HeatedStep[float], start: States, columns: list[list[float]]) -> FloatArray:
+    """Return the States at each instant as rows, the start first."""
+    states, all_states = start, [start]
+    for inputs in zip(*columns):
+        states = step(*states, *inputs)[:4]
+        all_states.append(states)
+    return np.array(all_states).T.copy()
 
 
 def run_heated(trip: Trip, start: States, command_w: FloatArray,
@@ -132,8 +137,7 @@ def run_heated(trip: Trip, start: States, command_w: FloatArray,
     It starts with `start` at step `first`; what was before is that of the Schedule `before`. Its
     switching instants are the first and the last of the steps that are heated.
     """
-    run = roll_heated(trip, start, command_w, first, brake_power_w)
-    states = [np.array(values) for values in run]
+    states = list(roll_heated(trip, start, command_w, first, brake_power_w))
     if before is not None and before.heat is not None:
         states = [np.concatenate((kept[:first], values)) for kept, values in zip((
             before.soc, before.temperature_c, before.heat.heater_power_w,

@@ -18,9 +18,9 @@ from bev_preheat.planning.bracketing import halve
 from bev_preheat.planning.dynamics import hottest_c
 from bev_preheat.planning.foresight import Foresight
 from bev_preheat.planning.heat_run import (
-    compiled_heated_step,
     ends_before_arrival_s,
     heat_to_come_k,
+    heated_step_of_floats,
     initial_states,
     make_heat_run,
     mean_share_left,
@@ -32,9 +32,10 @@ from bev_preheat.vehicle.model import make_runge_kutta_4
 
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray
-    from bev_preheat.planning.limits import PaidPower, TerminalLimits, Watch
+    from bev_preheat.planning.limits import WantedPower, Watch
     from bev_preheat.planning.situation import BatteryState
     from bev_preheat.planning.trip import Trip
+    from bev_preheat.vehicle.terminal_limits import TerminalLimits
 
 # The highest temperature is kept to this by heating.
 HIGHEST_TOLERANCE_K = 1e-6
@@ -46,16 +47,16 @@ HeatedDrive = Callable[[int, States], tuple[States, Powers]]
 
 def run_heated_within_limits(
         trip: Trip, state: BatteryState, watch: Watch, limits: TerminalLimits[float],
-        paid_power_w: PaidPower, take_surplus: bool, first: int = 0,
+        wanted_w: WantedPower, take_surplus: bool, first: int = 0,
         before: Schedule | None = None) -> Schedule:
     """
     Return the Schedule of a forward run that keeps the limits; see `limits.run_within_limits`.
 
-    `limits` are those of `limits.make_terminal_limits` for floats. `paid_power_w(step,
+    `limits` are those of `vehicle.terminal_limits` for floats. `wanted_w(step,
     temperature_c)` is asked with the temperature that the battery will have when all heat that is
     under way has arrived.
     """
-    drive = _drive_within_limits(trip, watch, limits, paid_power_w, take_surplus)
+    drive = _drive_within_limits(trip, watch, limits, wanted_w, take_surplus)
     if before is None or before.heat is None or before.empty_at_s is not None:
         run = _Run([initial_states(state)], [])
     else:
@@ -90,10 +91,10 @@ def run_heated_within_limits(
 
 
 def _drive_within_limits(trip: Trip, watch: Watch, limits: TerminalLimits[float],
-                         paid_power_w: PaidPower, take_surplus: bool) -> HeatedDrive:
+                         wanted_w: WantedPower, take_surplus: bool) -> HeatedDrive:
     """Return `drive(k, states)`, which drives step k within the limits; see `limits`."""
     vehicle, path = trip.vehicle, trip.vehicle.heat_path
-    step, _ = compiled_heated_step(vehicle, True)
+    step = heated_step_of_floats(vehicle, True)
     highest_c = vehicle.battery.temperature_range_c[1]
     heat_share = vehicle.drivetrain.heat_share
     k_per_watt, share_of_excess = heat_to_come_k(vehicle)
@@ -126,7 +127,7 @@ def _drive_within_limits(trip: Trip, watch: Watch, limits: TerminalLimits[float]
         if settled_c >= highest_c:
             command_w = cap_w = 0.0
         else:
-            command_w = paid_power_w(k, settled_c)
+            command_w = wanted_w(k, settled_c)
         if may_overcharge or may_overdraw:
             least_w, most_w = limits(soc, temperature_c, variance_w2)
             command_w = max(0.0, min(command_w, command_for(most_w - power_w)))
@@ -173,7 +174,7 @@ class _Run:
         The step is driven until the battery is empty; from then on the vehicle stands, its heater
         takes nothing, and its coolant goes on to give its heat to the battery.
         """
-        step, _ = compiled_heated_step(trip.vehicle, True)
+        step = heated_step_of_floats(trip.vehicle, True)
         heat_share = trip.vehicle.drivetrain.heat_share
         driven_share = np.where(np.arange(len(trip.route)) < empty, 1.0, 0.0)
         command_w, brake_w, _, _ = powers_w

@@ -10,17 +10,18 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.numerics.arithmetic import AnyNumber, Arithmetic, ARRAYS, FLOATS, Number
+from bev_preheat.compiled import runs as compiled_runs
+from bev_preheat.numerics.arithmetic import ARRAYS, FLOATS
 from bev_preheat.planning.bracketing import halve
-from bev_preheat.planning.dynamics import compiled_step, hottest_c, KEPT_VEHICLES
+from bev_preheat.planning.dynamics import compiled_vehicle, hottest_c, step_of_floats
 from bev_preheat.planning.heated_limits import run_heated_within_limits
 from bev_preheat.planning.schedule import Schedule, switched_on_s
 from bev_preheat.vehicle.model import make_runge_kutta_4
+from bev_preheat.vehicle.terminal_limits import make_terminal_limits, TerminalLimits
 
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import BoolArray, FloatArray
@@ -36,46 +37,47 @@ ACTIVE_W = 1e-3
 # The highest temperature is kept to this by heating.
 HIGHEST_TOLERANCE_K = 1e-6
 
-# `limits(soc, temperature_c, power_variance_w2)` -> least and most terminal power [W].
-TerminalLimits = Callable[[Number, Number, Number], tuple[Number, Number]]
-# `paid_power_w(step, temperature_c)` -> heater power [W].
-PaidPower = Callable[[int, float], float]
+# `wanted_w(step, temperature_c)` -> heater power [W].
+WantedPower = Callable[[int, float], float]
 # `drive(step, soc, temperature_c)` -> state of charge, temperature, heater and brake power [W].
 StepWithinLimits = Callable[[int, float, float], tuple[float, float, float, float]]
-
-
-@lru_cache(maxsize=KEPT_VEHICLES)
-def make_terminal_limits(vehicle: Vehicle,
-                         arithmetic: Arithmetic[Number]) -> TerminalLimits[AnyNumber]:
-    """
-    Return `limits(soc, temperature_c, power_variance_w2)` -> least and most terminal power [W].
-
-    With P_b = U I + R var/U^2 at its limit, P_t = U I - R I^2. The most is at I = U/(2 R), whatever
-    the battery's own limit says.
-    """
-    battery = vehicle.battery
-    open_circuit_voltage = battery.open_circuit_voltage.function(arithmetic)
-    resistance = battery.resistance.function(arithmetic)
-    charge = battery.charge_power_limit.function(arithmetic)
-    discharge = battery.discharge_power_limit.function(arithmetic)
-    minimum = arithmetic.minimum
-
-    def limits(soc: Number, temperature_c: Number,
-               power_variance_w2: Number) -> tuple[Number, Number]:
-        u = open_circuit_voltage(soc, temperature_c)
-        r = resistance(soc, temperature_c)
-        ripple_w = r * power_variance_w2 / (u * u)
-        charging_a = (charge(soc, temperature_c) - ripple_w) / u
-        discharging_a = minimum((discharge(soc, temperature_c) - ripple_w) / u, 0.5 * u / r)
-        return (u * charging_a - r * charging_a * charging_a,
-                u * discharging_a - r * discharging_a * discharging_a)
-
-    return limits
 
 
 def colder(vehicle: Vehicle, temperature_c: FloatArray) -> FloatArray:
     """Temperatures COLDER_BY_K below these [deg C], but none below the vehicle's range."""
     return np.maximum(temperature_c - COLDER_BY_K, vehicle.battery.temperature_range_c[0])
+
+
+@dataclass(frozen=True)
+class WantedHeat:
+    """
+    What a run within limits is to heat with in each step, before limits cut it.
+
+    `power_w` (N,) [W]; where there are `bands`, only below temperatures. In each band of Thresholds
+    (`floor_c`, `low_c`, `high_c`, each (N, BANDS)) at that power from the floor to low, not at all from
+    high, in between in proportion.
+    """
+
+    power_w: FloatArray
+    bands: tuple[FloatArray, FloatArray, FloatArray] | None = None
+
+    def at_temperature(self) -> WantedPower:
+        """Return `wanted_w(step, temperature_c)` -> heater power [W]."""
+        power_w: list[float] = self.power_w.tolist()
+        if self.bands is None:
+            return lambda k, temperature_c: power_w[k]
+        bands: list[list[tuple[float, float, float]]] = [
+            list(zip(*band)) for band in zip(*(column.tolist() for column in self.bands))]
+
+        def wanted_w(k: int, temperature_c: float) -> float:
+            for floor_c, low_c, high_c in bands[k]:
+                if floor_c <= temperature_c < high_c:
+                    if temperature_c <= low_c:
+                        return power_w[k]
+                    return power_w[k] * (high_c - temperature_c) / (high_c - low_c)
+            return 0.0
+
+        return wanted_w
 
 
 @dataclass(frozen=True)
@@ -115,66 +117,82 @@ def limits_hold(trip: Trip, schedule: Schedule) -> bool:
 
 
 def run_within_limits(trip: Trip, state: BatteryState, watch: Watch,
-                      paid_power_w: PaidPower, take_surplus: bool,
+                      wanted: WantedHeat, take_surplus: bool,
                       first: int = 0, before: Schedule | None = None) -> Schedule:
     """
     Return the Schedule of a forward run that keeps the limits.
 
-    `paid_power_w(step, temperature_c)` is the heater power [W] wanted in a step, cut where the
-    battery cannot give it or would exceed its highest temperature. With `take_surplus`, what the
-    battery may not take of the regeneration goes to the heater first; the friction brake takes the
-    rest. With `before`, a Schedule of the same trip, its steps before `first` are kept.
+    `wanted` is the WantedHeat, cut where the battery cannot give it or would exceed its highest
+    temperature. With `take_surplus`, what the battery may not take of the regeneration goes to the
+    heater first; the friction brake takes the rest. With `before`, a Schedule of the same trip, its
+    steps before `first` are kept.
 
     The state of charge stays within 0 ... 1: what would overfill the battery goes to the friction
     brake, and where the charge runs out the vehicle stands for the rest of the trip.
     """
     if not trip.vehicle.heat_path.is_direct:
         return run_heated_within_limits(
-            trip, state, watch, make_terminal_limits(trip.vehicle, FLOATS), paid_power_w,
+            trip, state, watch, make_terminal_limits(trip.vehicle, FLOATS), wanted.at_temperature(),
             take_surplus, first, before)
-    drive = _step_within_limits(trip, watch, paid_power_w, take_surplus)
+    steps = len(trip.route)
+    states, powers_w = np.empty((2, steps + 1)), np.empty((2, steps))
     if before is None or before.empty_at_s is not None:
         first = 0
-        socs, temperatures_c = [state.soc], [state.temperature_c]
-        heaters_w: list[float] = []
-        brakes_w: list[float] = []
+        states[:, 0] = state.soc, state.temperature_c
     else:
-        socs, temperatures_c, heaters_w, brakes_w = (values.tolist() for values in (
-            before.soc[:first + 1], before.temperature_c[:first + 1],
-            before.heater_power_w[:first], before.brake_power_w[:first]))
-    most_c, empty = hottest_c(trip.vehicle), None
-    for k in range(first, len(trip.route)):
-        soc, end_c, heater_w, brake_w = drive(k, socs[-1], temperatures_c[-1])
-        if soc <= 0.0:
-            empty = k
-            break
-        socs.append(soc)
-        temperatures_c.append(min(end_c, most_c))
-        heaters_w.append(heater_w)
-        brakes_w.append(brake_w)
+        for kept, values in zip((*states, *powers_w), (
+                before.soc[:first + 1], before.temperature_c[:first + 1],
+                before.heater_power_w[:first], before.brake_power_w[:first])):
+            kept[:len(values)] = values
+    empty = _drive_on(trip, watch, wanted, take_surplus, first, states, powers_w)
     driven_share = empty_at_s = None
     if empty is not None:
+        heater_w, brake_w = powers_w[:, empty].tolist()
         driven_share, standing_c = _stranded(
-            trip, empty, (socs[-1], temperatures_c[-1]), heater_w, brake_w)
+            trip, empty, (float(states[0, empty]), float(states[1, empty])), heater_w, brake_w)
         empty_at_s = float(
             trip.time_s[empty] + driven_share[empty] * trip.route.duration_s[empty])
-        temperatures_c += standing_c
-        socs += [0.0] * len(standing_c)
-        heaters_w += (heater_w * driven_share[empty:]).tolist()
-        brakes_w += (brake_w * driven_share[empty:]).tolist()
-    heater_power_w = np.array(heaters_w)
+        states[:, empty + 1:] = np.zeros(len(standing_c)), standing_c
+        powers_w[:, empty:] = heater_w * driven_share[empty:], brake_w * driven_share[empty:]
+    (soc, temperature_c), (heater_power_w, brake_power_w) = states, powers_w
     start_s = switched_on_s(trip, heater_power_w)
     if start_s is not None:
         # A step that is heated in part because of a limit is heated evenly, from its beginning.
         on = int(np.searchsorted(trip.time_s, start_s, side='right')) - 1
         if watch.charge[on] or watch.discharge[on]:
             start_s = float(trip.time_s[on])
-    return Schedule(start_s, heater_power_w, np.array(brakes_w), np.array(socs),
-                    np.array(temperatures_c), make_runge_kutta_4,
+    return Schedule(start_s, heater_power_w, brake_power_w, soc, temperature_c, make_runge_kutta_4,
                     empty_at_s=empty_at_s, driven_share=driven_share)
 
 
-def _step_within_limits(trip: Trip, watch: Watch, paid_power_w: PaidPower,
+def _drive_on(trip: Trip, watch: Watch, wanted: WantedHeat, take_surplus: bool, first: int,
+              states: FloatArray, powers_w: FloatArray) -> int | None:
+    """
+    Drive on from step `first`, within the limits; return the step that the charge does not carry.
+
+    Written are the states (2, N + 1) after `first`, and the powers of heater and brake (2, N) from it
+    on, as far as the charge carries.
+    """
+    vehicle = compiled_vehicle(trip.vehicle)
+    driven = None if vehicle is None else compiled_runs.run_within_limits(
+        vehicle, trip.compiled, compiled_runs.Heating(
+            wanted.power_w, wanted.bands, watch.charge, watch.discharge, take_surplus),
+        first, states, powers_w)
+    if driven is not None:
+        return driven[0]
+    drive = _step_within_limits(trip, watch, wanted.at_temperature(), take_surplus)
+    most_c = hottest_c(trip.vehicle)
+    soc, temperature_c = states[:, first].tolist()
+    for k in range(first, len(trip.route)):
+        soc, end_c, powers_w[0, k], powers_w[1, k] = drive(k, soc, temperature_c)
+        if soc <= 0.0:
+            return k
+        temperature_c = min(end_c, most_c)
+        states[:, k + 1] = soc, temperature_c
+    return None
+
+
+def _step_within_limits(trip: Trip, watch: Watch, wanted_w: WantedPower,
                         take_surplus: bool) -> StepWithinLimits:
     """
     Return `drive(k, soc, temperature_c)`, which drives step k from that state within the limits.
@@ -184,7 +202,7 @@ def _step_within_limits(trip: Trip, watch: Watch, paid_power_w: PaidPower,
     carry. The arguments are those of `run_within_limits`.
     """
     vehicle = trip.vehicle
-    step, _ = compiled_step(vehicle, make_runge_kutta_4, saturating=True)
+    step = step_of_floats(vehicle, make_runge_kutta_4, saturating=True)
     limits: TerminalLimits[float] = make_terminal_limits(vehicle, FLOATS)
     highest_c = vehicle.battery.temperature_range_c[1]
     efficiency, heat_share = vehicle.hvch.efficiency, vehicle.drivetrain.heat_share
@@ -201,7 +219,7 @@ def _step_within_limits(trip: Trip, watch: Watch, paid_power_w: PaidPower,
         if temperature_c >= highest_c:
             heater_w = cap_w = 0.0
         else:
-            heater_w = paid_power_w(k, temperature_c)
+            heater_w = wanted_w(k, temperature_c)
         if may_overcharge or may_overdraw:
             least_w, most_w = limits(soc, temperature_c, variance_w2)
             heater_w = max(0.0, min(heater_w, most_w - power_w))
@@ -211,7 +229,7 @@ def _step_within_limits(trip: Trip, watch: Watch, paid_power_w: PaidPower,
             brake_w = 0.0
             if may_overcharge:
                 brake_w = min(max(0.0, least_w - power_w - heater_w), -propulsion_w)
-            soc_end, end_c = step(
+            soc_end, end_c, _, _ = step(
                 soc, temperature_c, duration_s, power_w + heater_w + brake_w, variance_w2,
                 heat_w + efficiency * heater_w - heat_share * brake_w, leakage_w_per_k)
             if heater_w <= 0.0 or end_c <= highest_c + HIGHEST_TOLERANCE_K:
@@ -219,14 +237,14 @@ def _step_within_limits(trip: Trip, watch: Watch, paid_power_w: PaidPower,
             heater_w = max(0.0, heater_w - (end_c - highest_c) * joules_per_k / duration_s)
         if soc_end > 1.0:
             # The brake takes what would overfill the battery.
-            def end_of(brake_w: float) -> tuple[float, float]:
+            def end_of(brake_w: float) -> tuple[float, ...]:
                 return step(
                     soc, temperature_c, duration_s, power_w + heater_w + brake_w, variance_w2,
                     heat_w + efficiency * heater_w - heat_share * brake_w, leakage_w_per_k)
 
             brake_w = halve(max(0.0, -propulsion_w), brake_w,
                             lambda braked_w: end_of(braked_w)[0] <= 1.0)
-            soc_end, end_c = end_of(brake_w)
+            soc_end, end_c, _, _ = end_of(brake_w)
             soc_end = min(soc_end, 1.0)
         return soc_end, end_c, heater_w, brake_w
 
@@ -243,12 +261,12 @@ def _stranded(trip: Trip, empty: int, start: tuple[float, float], heater_w: floa
     the ends of step `empty` and those after it).
     """
     vehicle = trip.vehicle
-    step, _ = compiled_step(vehicle, make_runge_kutta_4, saturating=True)
+    step = step_of_floats(vehicle, make_runge_kutta_4, saturating=True)
     temperatures_c: list[float] = []
     efficiency, heat_share = vehicle.hvch.efficiency, vehicle.drivetrain.heat_share
     driven_share = np.where(np.arange(len(trip.route)) < empty, 1.0, 0.0)
 
-    def drive_step(driven: Trip, k: int, state: tuple[float, float]) -> tuple[float, float]:
+    def drive_step(driven: Trip, k: int, state: tuple[float, float]) -> tuple[float, ...]:
         share = driven_share[k]
         return step(
             *state, float(trip.route.duration_s[k]),
@@ -264,7 +282,7 @@ def _stranded(trip: Trip, empty: int, start: tuple[float, float], heater_w: floa
     driven_share[empty] = halve(0.0, 1.0, carries)
     state, driven = start, trip.driven(driven_share)
     for k in range(empty, len(trip.route)):
-        _, end_c = drive_step(driven, k, state)
+        end_c = drive_step(driven, k, state)[1]
         state = 0.0, min(end_c, hottest_c(vehicle))
         temperatures_c.append(state[1])
     return driven_share, temperatures_c
@@ -275,17 +293,16 @@ def run_unheated(trip: Trip, state: BatteryState) -> Schedule:
     everywhere = np.ones(len(trip.route), dtype=bool)
     return run_within_limits(
         trip, state, Watch(trip.route.propulsion_power_w < 0.0, everywhere),
-        lambda k, temperature_c: 0.0, take_surplus=True)
+        WantedHeat(np.zeros(len(trip.route))), take_surplus=True)
 
 
 def drive_as_planned(trip: Trip, state: BatteryState, heater_power_w: FloatArray,
                      take_surplus: bool = False) -> Schedule:
     """Return the Schedule of a forward run that keeps the limits under heater powers [W] (N,)."""
-    wanted_w = heater_power_w.tolist()
     everywhere = np.ones(len(trip.route), dtype=bool)
     return run_within_limits(
         trip, state, Watch(trip.route.propulsion_power_w < 0.0, everywhere),
-        lambda k, temperature_c: wanted_w[k], take_surplus)
+        WantedHeat(heater_power_w), take_surplus)
 
 
 def within_limits(trip: Trip, state: BatteryState, schedule: Schedule) -> Schedule:

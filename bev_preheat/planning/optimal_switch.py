@@ -17,13 +17,14 @@ import numpy as np
 
 from bev_preheat.numerics.arithmetic import SATURATING_FLOATS
 from bev_preheat.planning.bracketing import follow_slope, Trial
-from bev_preheat.planning.dynamics import run_forward
+from bev_preheat.planning.dynamics import run_forward, run_on
 from bev_preheat.planning.paper import find_crossing
 from bev_preheat.planning.schedule import maximum_from, Schedule
 from bev_preheat.planning.two_switches import plan_two_switches
 from bev_preheat.vehicle.model import make_midpoint, make_rates, make_runge_kutta_4
 
 if TYPE_CHECKING:
+    from bev_preheat.numerics.arrays import FloatArray
     from bev_preheat.planning.situation import BatteryState, Goal
     from bev_preheat.planning.trip import Trip
 
@@ -47,29 +48,28 @@ def plan_optimal_switch(trip: Trip, state: BatteryState, goal: Goal,
         return plan_two_switches(trip, state, goal, unheated)
     idle_w = np.zeros(len(trip.route))
     if unheated is None:
-        idle = run_forward(
-            trip.vehicle, make_runge_kutta_4, state.soc, state.temperature_c, trip.inputs())
+        idle = run_forward(trip, make_runge_kutta_4, state.soc, state.temperature_c)
     else:
-        idle = unheated.soc.tolist(), unheated.temperature_c.tolist()
+        idle = unheated.soc, unheated.temperature_c
     if idle[1][-1] >= goal.target_temperature_c:
-        return Schedule(
-            None, idle_w, idle_w, np.array(idle[0]), np.array(idle[1]), make_runge_kutta_4)
+        return Schedule(None, idle_w, idle_w, *idle, make_runge_kutta_4)
     guess_s = find_crossing(
         trip, goal.target_temperature_c, _terminal_soc(trip, idle, goal.target_temperature_c),
         idle[1], make_midpoint)
     return refine_switching_instant(trip, goal.target_temperature_c, idle, guess_s or 0.0)
 
 
-def _terminal_soc(trip: Trip, idle: tuple[list[float], list[float]], target_c: float) -> float:
+def _terminal_soc(trip: Trip, idle: tuple[FloatArray, FloatArray], target_c: float) -> float:
     """State of charge on arrival, about: that of the unheated run less what heating will take."""
     battery = trip.vehicle.battery
-    heating_j = (HEATING_ALLOWANCE * battery.heat_capacity_j_per_k * (target_c - idle[1][-1])
+    idle_soc, idle_c = float(idle[0][-1]), float(idle[1][-1])
+    heating_j = (HEATING_ALLOWANCE * battery.heat_capacity_j_per_k * (target_c - idle_c)
                  / trip.vehicle.hvch.efficiency)
-    voltage_v = battery.open_circuit_voltage.function(SATURATING_FLOATS)(idle[0][-1], idle[1][-1])
-    return max(idle[0][-1] - heating_j / (voltage_v * battery.capacity_as), 0.0)
+    voltage_v = battery.open_circuit_voltage.function(SATURATING_FLOATS)(idle_soc, idle_c)
+    return max(idle_soc - heating_j / (voltage_v * battery.capacity_as), 0.0)
 
 
-def refine_switching_instant(trip: Trip, target_c: float, idle: tuple[list[float], list[float]],
+def refine_switching_instant(trip: Trip, target_c: float, idle: tuple[FloatArray, FloatArray],
                              guess_s: float) -> Schedule:
     """
     Return the Schedule that arrives at the target, from a first guess of the switching instant [s].
@@ -89,15 +89,12 @@ def refine_switching_instant(trip: Trip, target_c: float, idle: tuple[list[float
         switched_on_at, ARRIVAL_TOLERANCE_K, most_trials=MOST_RUNS).outcome
 
 
-def _switch_at(trip: Trip, idle: tuple[list[float], list[float]], instant_s: float) -> Schedule:
+def _switch_at(trip: Trip, idle: tuple[FloatArray, FloatArray], instant_s: float) -> Schedule:
     """Schedule with one switching instant; before it the run is the unheated one."""
     heater_power_w = maximum_from(trip, instant_s)
-    first = _step_at(trip, instant_s)
-    soc, temperature_c = run_forward(
-        trip.vehicle, make_runge_kutta_4, idle[0][first], idle[1][first],
-        [column[first:] for column in trip.inputs(heater_power_w)])
-    return Schedule(instant_s, heater_power_w, np.zeros(len(trip.route)),
-                    np.array(idle[0][:first] + soc), np.array(idle[1][:first] + temperature_c),
+    soc, temperature_c = run_on(
+        trip, make_runge_kutta_4, *idle, _step_at(trip, instant_s), heater_power_w)
+    return Schedule(instant_s, heater_power_w, np.zeros(len(trip.route)), soc, temperature_c,
                     make_runge_kutta_4)
 
 

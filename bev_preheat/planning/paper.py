@@ -8,15 +8,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.planning.dynamics import compiled_step, run_forward
+from bev_preheat.compiled import runs as compiled_runs
+from bev_preheat.planning.dynamics import compiled_vehicle, run_forward, run_on, step_of_floats
 from bev_preheat.planning.heat_run import initial_states, run_heated, without_heat_path
 from bev_preheat.planning.schedule import maximum_from, Schedule
 from bev_preheat.vehicle.model import Integrator, make_euler
 
 if TYPE_CHECKING:
+    from bev_preheat.numerics.arrays import FloatArray
     from bev_preheat.planning.situation import BatteryState, Goal
-    from bev_preheat.planning.straight_line import StepOfStates
     from bev_preheat.planning.trip import Trip
+    from bev_preheat.vehicle.model import Step
 
 # Going backward the temperature may grow without bound (leakage outweighs the heater). This far
 # above the target no forward run can meet it.
@@ -46,30 +48,24 @@ def plan_paper(trip: Trip, state: BatteryState, goal: Goal, terminal_soc: float 
         driven = run_heated(trip, initial_states(state), planned.heater_power_w)
         return replace(driven, heating_start_s=planned.heating_start_s)
     idle_w = np.zeros(len(trip.route))
-    idle_soc, idle_temperature_c = run_forward(
-        trip.vehicle, make_euler, state.soc, state.temperature_c, trip.inputs())
+    idle_soc, idle_temperature_c = run_forward(trip, make_euler, state.soc, state.temperature_c)
     if idle_temperature_c[-1] >= goal.target_temperature_c:
-        return Schedule(
-            None, idle_w, idle_w, np.array(idle_soc), np.array(idle_temperature_c), make_euler)
+        return Schedule(None, idle_w, idle_w, idle_soc, idle_temperature_c, make_euler)
 
     instant_s = find_crossing(trip, goal.target_temperature_c,
-                              idle_soc[-1] if terminal_soc is None else terminal_soc,
+                              float(idle_soc[-1]) if terminal_soc is None else terminal_soc,
                               idle_temperature_c)
     if instant_s is None:
         instant_s = 0.0
     heater_power_w = maximum_from(trip, instant_s)
     first = int(np.searchsorted(trip.time_s, instant_s, side='right')) - 1
-    heated_soc, heated_temperature_c = run_forward(
-        trip.vehicle, make_euler, idle_soc[first], idle_temperature_c[first],
-        [column[first:] for column in trip.inputs(heater_power_w)])
-    return Schedule(
-        instant_s, heater_power_w, idle_w,
-        np.array(idle_soc[:first] + heated_soc),
-        np.array(idle_temperature_c[:first] + heated_temperature_c), make_euler)
+    soc, temperature_c = run_on(
+        trip, make_euler, idle_soc, idle_temperature_c, first, heater_power_w)
+    return Schedule(instant_s, heater_power_w, idle_w, soc, temperature_c, make_euler)
 
 
 def find_crossing(trip: Trip, target_c: float, terminal_soc: float,
-                  idle_temperature_c: list[float],
+                  idle_temperature_c: FloatArray,
                   make_integrator: Integrator = make_euler) -> float | None:
     """
     Return the instant [s] at which Algorithm 2 meets the unheated run; None if it never does.
@@ -77,22 +73,28 @@ def find_crossing(trip: Trip, target_c: float, terminal_soc: float,
     `idle_temperature_c` (N + 1 values) is the unheated run, colder than the target at its end.
     The paper steps backward by Euler's method; another one may be asked for.
     """
+    vehicle = compiled_vehicle(trip.vehicle)
+    found = None if vehicle is None else compiled_runs.crossing(
+        vehicle, make_integrator, trip.compiled, target_c, terminal_soc, LOST_ABOVE_TARGET_K,
+        idle_temperature_c)
+    if found is not None:
+        return found[0]
     columns = [array.tolist() for array in trip.inputs(trip.heater_limit_w)]
     try:
-        return _backward(compiled_step(trip.vehicle, make_integrator)[0], trip, columns,
-                         target_c, terminal_soc, idle_temperature_c)
+        return _backward(step_of_floats(trip.vehicle, make_integrator), trip, columns,
+                         target_c, terminal_soc, idle_temperature_c.tolist())
     except ValueError:
-        return _backward(compiled_step(trip.vehicle, make_integrator, saturating=True)[0], trip,
-                         columns, target_c, terminal_soc, idle_temperature_c)
+        return _backward(step_of_floats(trip.vehicle, make_integrator, saturating=True), trip,
+                         columns, target_c, terminal_soc, idle_temperature_c.tolist())
 
 
-def _backward(step: StepOfStates, trip: Trip, columns: list[list[float]], target_c: float,
+def _backward(step: Step[float], trip: Trip, columns: list[list[float]], target_c: float,
               soc: float, idle_temperature_c: list[float]) -> float | None:
     temperature_c = target_c
     above_k = target_c - idle_temperature_c[-1]
     steps = zip(range(len(trip.route) - 1, -1, -1), *(reversed(column) for column in columns))
     for k, duration_s, power_w, variance_w2, heat_w, leakage_w_per_k in steps:
-        soc, temperature_c = step(
+        soc, temperature_c, _, _ = step(
             soc, temperature_c, -duration_s, power_w, variance_w2, heat_w, leakage_w_per_k)
         above_before_k, above_k = above_k, temperature_c - idle_temperature_c[k]
         if above_k <= 0.0:

@@ -17,7 +17,7 @@ from bev_preheat.planning.caution import Caution, heat_early
 from bev_preheat.planning.dynamics import keep_accounts, run_forward
 from bev_preheat.planning.explanation import explain
 from bev_preheat.planning.heat_run import initial_states, run_heated
-from bev_preheat.planning.limits import drive_as_planned, make_terminal_limits
+from bev_preheat.planning.limits import drive_as_planned
 from bev_preheat.planning.merit_order import plan_merit_order
 from bev_preheat.planning.optimal_switch import plan_optimal_switch
 from bev_preheat.planning.paper import plan_paper
@@ -30,6 +30,7 @@ from bev_preheat.planning.stranding import find_stranding
 from bev_preheat.planning.stretches import heating_stretches
 from bev_preheat.planning.trip import heated_throughout, make_trip, Trip
 from bev_preheat.vehicle.model import Integrator, make_runge_kutta_4
+from bev_preheat.vehicle.terminal_limits import make_terminal_limits
 
 if TYPE_CHECKING:
     from bev_preheat.route.segments import Route
@@ -145,9 +146,8 @@ def plan_without_heating(trip: Trip, state: BatteryState,
     idle_w = np.zeros(len(trip.route))
     if not trip.vehicle.heat_path.is_direct:
         return run_heated(trip, initial_states(state), idle_w)
-    soc, temperature_c = run_forward(
-        trip.vehicle, make_integrator, state.soc, state.temperature_c, trip.inputs())
-    return Schedule(None, idle_w, idle_w, np.array(soc), np.array(temperature_c), make_integrator)
+    soc, temperature_c = run_forward(trip, make_integrator, state.soc, state.temperature_c)
+    return Schedule(None, idle_w, idle_w, soc, temperature_c, make_integrator)
 
 
 def finish_plan(trip: Trip, goal: Goal, schedule: Schedule, method: str, started: float) -> Plan:

@@ -19,10 +19,11 @@ import numpy as np
 from bev_preheat.numerics.arithmetic import ARRAYS, FLOATS
 from bev_preheat.planning.bracketing import close_in, Trial
 from bev_preheat.planning.dynamics import hottest_c
-from bev_preheat.planning.limits import drive_as_planned, limits_hold, make_terminal_limits, run_unheated
+from bev_preheat.planning.limits import drive_as_planned, limits_hold, run_unheated
 from bev_preheat.planning.schedule import HeldBack, Method, Schedule
 from bev_preheat.planning.situation import BatteryState, Goal, reserve_soc
 from bev_preheat.planning.stranding import find_stranding
+from bev_preheat.vehicle.terminal_limits import make_terminal_limits
 
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray

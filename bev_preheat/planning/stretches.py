@@ -11,8 +11,9 @@ import numpy as np
 
 from bev_preheat.numerics.arithmetic import ARRAYS
 from bev_preheat.planning.dynamics import JOULES_PER_WH
-from bev_preheat.planning.limits import colder, make_terminal_limits
+from bev_preheat.planning.limits import colder
 from bev_preheat.planning.schedule import HEATING_SHARE, Schedule
+from bev_preheat.vehicle.terminal_limits import make_terminal_limits
 
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray, IntArray

@@ -18,9 +18,10 @@ import numpy as np
 from bev_preheat.numerics.arithmetic import ARRAYS
 from bev_preheat.planning.bracketing import close_in, Trial
 from bev_preheat.planning.heat_run import mean_share_left
-from bev_preheat.planning.limits import colder, make_terminal_limits, run_within_limits, TerminalLimits, Watch
+from bev_preheat.planning.limits import colder, run_within_limits, WantedHeat, Watch
 from bev_preheat.planning.optimal_switch import ARRIVAL_TOLERANCE_K
 from bev_preheat.planning.schedule import Schedule
+from bev_preheat.vehicle.terminal_limits import make_terminal_limits, TerminalLimits
 
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray
@@ -58,14 +59,14 @@ class ThresholdSearch:
         `paid_w` is the most heater power [W] that each step (N,) is to be paid for.
         """
         self._trip, self._state, self._watch = trip, state, watch
-        self._cap_w: list[float] = paid_w.tolist()
+        self._cap_w = paid_w
         self._thresholds = thresholds
         self._limits: TerminalLimits[FloatArray] = make_terminal_limits(trip.vehicle, ARRAYS)
         self._shift_k = np.zeros(len(trip.route))
         # The step in which most of the heat of each step arrives.
         self._arrives_in_step = np.minimum(np.searchsorted(
             trip.time_s[:-1], trip.time_s[:-1] + trip.vehicle.heat_path.heat_lag_s,
-            side='right') - 1, len(trip.route) - 1).tolist()
+            side='right') - 1, len(trip.route) - 1)
         # The run so far: what lies before a requirement that is met does not change any more.
         self._kept: Schedule | None = None
 
@@ -196,24 +197,14 @@ class ThresholdSearch:
     def _run(self, first: int = 0, last: int = 0, shift_k: float = 0.0) -> Schedule:
         shifts_k = self._shifts_k(first, last, shift_k)
         moved_k = shifts_k[:, np.newaxis]
-        bands: list[list[tuple[float, float, float]]] = [list(zip(*band)) for band in zip(
-            self._thresholds.floor_c.tolist(), (self._thresholds.low_c + moved_k).tolist(),
-            (self._thresholds.high_c + moved_k).tolist())]
-        cap_w = self._cap_w
+        bands = (self._thresholds.floor_c, self._thresholds.low_c + moved_k,
+                 self._thresholds.high_c + moved_k)
         if not self._trip.vehicle.heat_path.is_direct:
             # What is heated now arrives then.
-            bands = [bands[then] for then in self._arrives_in_step]
-
-        def paid_power_w(k: int, temperature_c: float) -> float:
-            for floor_c, low_c, high_c in bands[k]:
-                if floor_c <= temperature_c < high_c:
-                    if temperature_c <= low_c:
-                        return cap_w[k]
-                    return cap_w[k] * (high_c - temperature_c) / (high_c - low_c)
-            return 0.0
-
+            floor_c, low_c, high_c = (band.take(self._arrives_in_step, axis=0) for band in bands)
+            bands = floor_c, low_c, high_c
         return run_within_limits(
-            self._trip, self._state, self._watch, paid_power_w, take_surplus=True,
+            self._trip, self._state, self._watch, WantedHeat(self._cap_w, bands), take_surplus=True,
             first=first, before=self._kept)
 
     def _spare_power_w(self, schedule: Schedule) -> FloatArray:

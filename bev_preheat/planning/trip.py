@@ -4,10 +4,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
+from bev_preheat.compiled.structs import CompiledTrip
 from bev_preheat.route.segments import Route
 from bev_preheat.vehicle.description import Vehicle
 
@@ -41,6 +43,14 @@ class Trip:
     drivetrain_heat_w: FloatArray
     leakage_w_per_k: FloatArray
     heater_limit_w: FloatArray
+
+    @cached_property
+    def compiled(self) -> CompiledTrip:
+        """The trip as the compiled core takes it."""
+        return CompiledTrip(
+            self.time_s, self.route.duration_s, self.idle_power_w, self.power_variance_w2,
+            self.idle_heat_w, self.leakage_w_per_k, self.heater_limit_w,
+            self.route.propulsion_power_w)
 
     def inputs(
             self, heater_power_w: FloatArray | float | None = None,

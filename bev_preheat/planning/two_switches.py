@@ -105,11 +105,11 @@ class _Search:
         return self._along(found.value, off_s, found.outcome)
 
     def _switched_on(self, off_s: float, guess_s: float,
-                     tolerance_k: float) -> Trial[tuple[list[float], ...]]:
+                     tolerance_k: float) -> Trial[FloatArray]:
         """Return the instant [s] of switching on with which the battery arrives at the target."""
-        def switched_on_at(on_s: float) -> Trial[tuple[list[float], ...]]:
+        def switched_on_at(on_s: float) -> Trial[FloatArray]:
             states = self._roll(on_s, off_s)
-            return Trial(on_s, states[1][-1] - self._target_c, states)
+            return Trial(on_s, float(states[1, -1]) - self._target_c, states)
 
         first = switched_on_at(min(max(guess_s, 0.0), off_s))
         return follow_slope(0.0, off_s, first, self._slope_k_per_s(first.value), switched_on_at,
@@ -126,13 +126,13 @@ class _Search:
             self._found, key=lambda pair: abs(pair[0] - off_s))[:2]
         return on_a_s + (on_b_s - on_a_s) * (off_s - off_a_s) / (off_b_s - off_a_s)
 
-    def _roll(self, on_s: float, off_s: float) -> tuple[list[float], ...]:
+    def _roll(self, on_s: float, off_s: float) -> FloatArray:
         """Return the States from the step on in which the heater is switched on."""
         first = self._first_step(on_s)
         return roll_heated(self._trip, states_at(self._unheated, first),
                            maximum_between(self._trip, on_s, off_s), first)
 
-    def _along(self, on_s: float, off_s: float, states: tuple[list[float], ...]) -> Schedule:
+    def _along(self, on_s: float, off_s: float, states: FloatArray) -> Schedule:
         """Return the Schedule of such a roll; before it the run is the unheated one."""
         unheated, first = self._unheated, self._first_step(on_s)
         assert unheated.heat is not None

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING
 
 from bev_preheat.numerics.arithmetic import FLOATS, SATURATING_FLOATS
 from bev_preheat.planning.dynamics import deliverable_power_w, Energies, hottest_c, JOULES_PER_WH, step_of_floats
-from bev_preheat.planning.limits import make_terminal_limits, TerminalLimits
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.route.segments import Route
 from bev_preheat.vehicle.heat_path import HeatedStep, make_heated_step, sensor_reading_c
 from bev_preheat.vehicle.model import make_rates, make_runge_kutta_4
+from bev_preheat.vehicle.terminal_limits import make_terminal_limits, TerminalLimits
 
 if TYPE_CHECKING:
     from bev_preheat.planning.situation import BatteryState

@@ -12,6 +12,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from bev_preheat.compiled.library import use_core
 from bev_preheat.errors import InvalidInput, LONGEST_PROBLEM, shortened
 from bev_preheat.planning.status import Status
 from bev_preheat.supervision.command import Commander, find_obstacle
@@ -79,6 +80,7 @@ class Supervisor:
 
         `learned` is what was Learned on drives before, None to start from the vehicle file.
         """
+        use_core(settings.compiled_core)
         self._inbox = Inbox(vehicle, settings)
         self._judgement = Judgement(vehicle, learned)
         self._commander = Commander()
@@ -94,6 +96,7 @@ class Supervisor:
         other event. Without an event time passes: the command is renewed, and a decision whose
         inputs have expired is dropped. An exception that nobody foresaw switches the heater off.
         """
+        use_core(self.settings.compiled_core)
         try:
             yield from self._react(now_ns, events) if events else self._let_time_pass(now_ns)
         except Exception as error:

@@ -94,8 +94,6 @@ class Table:
             return self._function_of_floats()
         if arithmetic is ARRAYS:
             return self._function_of_arrays()
-        if arithmetic.opaque is not None:
-            return arithmetic.opaque(self._function_of_floats())
         return self._function_of_weights(arithmetic)
 
     def _function_of_weights(self, arithmetic: Arithmetic[AnyNumber]) -> CurveFunction[AnyNumber]:

@@ -43,9 +43,9 @@ def arrival_c(vehicle, route, state, plan, moved, powers=None):
     car = corrected_vehicle(vehicle, Corrections(capacity, leakage, resistance, heater))
     route = route.with_propulsion(propulsion if powers is None else propulsion * powers)
     _, temperature_c = run_forward(
-        car, make_runge_kutta_4, state.soc + moved[SOC],
+        make_trip(car, route), make_runge_kutta_4, state.soc + moved[SOC],
         state.temperature_c + moved[TEMPERATURE] + moved[UNDER_WAY],
-        make_trip(car, route).inputs(plan.hvch_battery_power_w, plan.friction_brake_power_w))
+        plan.hvch_battery_power_w, plan.friction_brake_power_w)
     return temperature_c[-1]
 
 

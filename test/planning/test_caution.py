@@ -10,7 +10,6 @@ import pytest
 
 from bev_preheat.numerics.arithmetic import FLOATS
 from bev_preheat.planning.caution import ARRIVAL_TOLERANCE_K, Caution
-from bev_preheat.planning.limits import make_terminal_limits
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.status import Status
@@ -18,6 +17,7 @@ from bev_preheat.route.csv_file import load_route
 from bev_preheat.route.segments import make_route
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.model import make_rates
+from bev_preheat.vehicle.terminal_limits import make_terminal_limits
 
 CAR = load_vehicle('reference')
 START = BatteryState(temperature_c=-4.0, soc=0.82)

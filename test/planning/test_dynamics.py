@@ -10,7 +10,7 @@ import pytest
 from varying_power import magnitude_w
 
 from bev_preheat.numerics.arithmetic import ARRAYS
-from bev_preheat.planning.dynamics import deliverable_power_w, Energies, keep_accounts, run_forward
+from bev_preheat.planning.dynamics import deliverable_power_w, Energies, keep_accounts, run_forward, run_on
 from bev_preheat.planning.schedule import Schedule
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.route.segments import make_route
@@ -61,8 +61,7 @@ def run(trip, make_integrator, start, heater_power_w, brake_power_w=None):
     """Arrays soc and temperature of a forward run, and its books."""
     if brake_power_w is None:
         brake_power_w = np.zeros_like(heater_power_w)
-    soc, temperature_c = map(np.array, run_forward(
-        trip.vehicle, make_integrator, *start, trip.inputs(heater_power_w, brake_power_w)))
+    soc, temperature_c = run_forward(trip, make_integrator, *start, heater_power_w, brake_power_w)
     return soc, temperature_c, keep_accounts(trip, Schedule(
         heating_start_s=0.0, heater_power_w=heater_power_w, brake_power_w=brake_power_w,
         soc=soc, temperature_c=temperature_c, make_integrator=make_integrator))
@@ -181,14 +180,14 @@ def test_cabin_that_takes_the_whole_heater_leaves_nothing():
 
 
 def test_forward_run_starts_where_it_is_told():
-    soc, temperature_c = run_forward(
-        FORMULA_CAR, make_euler, 0.66, -4.5, steady_trip(FORMULA_CAR).inputs(np.zeros(60)))
+    soc, temperature_c = run_forward(steady_trip(FORMULA_CAR), make_euler, 0.66, -4.5)
     assert (soc[0], temperature_c[0], len(soc), len(temperature_c)) == (0.66, -4.5, 61, 61)
 
 
 def test_forward_run_of_no_steps_stays_where_it_is():
-    nothing = [column[60:] for column in steady_trip(FORMULA_CAR).inputs(np.zeros(60))]
-    assert run_forward(FORMULA_CAR, make_euler, 0.66, -4.5, nothing) == ([0.66], [-4.5])
+    soc, temperature_c = np.linspace(0.9, 0.8, 61), np.linspace(-4.0, 7.0, 61)
+    run = run_on(steady_trip(FORMULA_CAR), make_euler, soc, temperature_c, 60)
+    assert [each.tolist() for each in run] == [soc.tolist(), temperature_c.tolist()]
 
 
 def test_deliverable_power_by_hand():

@@ -10,7 +10,7 @@ import pytest
 
 from bev_preheat.experiments.optimality.drawn_trips import draw_limit_trip
 from bev_preheat.numerics.arithmetic import ARRAYS, FLOATS
-from bev_preheat.planning.limits import drive_as_planned, make_terminal_limits
+from bev_preheat.planning.limits import drive_as_planned
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.status import Status
@@ -19,6 +19,7 @@ from bev_preheat.route import load_route
 from bev_preheat.route.segments import make_route
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.heat_path import HeatPath, make_heated_step
+from bev_preheat.vehicle.terminal_limits import make_terminal_limits
 
 REFERENCE = load_vehicle('reference')
 LAG = HeatPath(heater_lag_s=60.0)

@@ -14,8 +14,8 @@ from bev_preheat.planning.dynamics import keep_accounts, run_forward
 from bev_preheat.planning.limits import (
     drive_as_planned,
     limits_hold,
-    make_terminal_limits,
     run_within_limits,
+    WantedHeat,
     Watch,
     watch_limits,
 )
@@ -28,6 +28,7 @@ from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.curves import InverseTemperatureResistance, PolynomialVoltage, Table
 from bev_preheat.vehicle.description import Drivetrain, Hvch, Leakage
 from bev_preheat.vehicle.model import make_runge_kutta_4
+from bev_preheat.vehicle.terminal_limits import make_terminal_limits
 
 # Corners of the limits [W] at states of charge 0 and 1 (rows), -30 and 30 degC.
 DISCHARGE_W = ((10e3, 90e3), (70e3, 310e3))
@@ -94,8 +95,7 @@ def every_step(trip):
 
 def run(trip, state, wanted_w, take_surplus=True, watch=None):
     return run_within_limits(
-        trip, state, watch or every_step(trip), lambda k, temperature_c: float(wanted_w[k]),
-        take_surplus)
+        trip, state, watch or every_step(trip), WantedHeat(np.asarray(wanted_w, dtype=float)), take_surplus)
 
 
 def drawn_run(segments, state, take_surplus=True):
@@ -346,9 +346,8 @@ def test_plan_is_what_is_driven_with_every_step_watched(segments, state, target_
 
 def test_a_warm_battery_on_a_flat_road_is_not_watched():
     trip = steady_trip(propulsion_power_w=20e3)
-    soc, temperature_c = run_forward(
-        CAR, make_runge_kutta_4, 0.8, 20.0, trip.inputs(np.zeros(20)))
-    assert not watch_limits(trip, np.array(soc), np.array(temperature_c)).any
+    soc, temperature_c = run_forward(trip, make_runge_kutta_4, 0.8, 20.0)
+    assert not watch_limits(trip, soc, temperature_c).any
 
 
 # Driven as planned
@@ -359,10 +358,11 @@ def test_without_an_active_limit_a_plan_is_driven_as_it_is(segments, state):
               for segment in segments]
     trip, wanted_w = trip_of(gentle)
     soc, temperature_c = run_forward(
-        CAR, make_runge_kutta_4, state.soc, state.temperature_c, trip.inputs(wanted_w))
+        trip, make_runge_kutta_4, state.soc, state.temperature_c, wanted_w)
     driven = drive_as_planned(trip, state, wanted_w)
     assert (driven.soc.tolist(), driven.temperature_c.tolist(), driven.heater_power_w.tolist(),
-            driven.brake_power_w.any()) == (soc, temperature_c, wanted_w.tolist(), False)
+            driven.brake_power_w.any()) == (
+                soc.tolist(), temperature_c.tolist(), wanted_w.tolist(), False)
 
 
 @pytest.mark.parametrize('changes, state, hold', [

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from bev_preheat.experiments.optimality.drawn_trips import draw_limit_trip
-from bev_preheat.planning.limits import run_within_limits, Watch
+from bev_preheat.planning.limits import run_within_limits, WantedHeat, Watch
 from bev_preheat.planning.merit_order import plan_merit_order
 from bev_preheat.planning.optimal_switch import plan_optimal_switch
 from bev_preheat.planning.planner import as_driven, plan_preheating
@@ -112,7 +112,7 @@ def hottest_arrival_c(trip):
     run = run_within_limits(
         steps, trip.state,
         Watch(steps.route.propulsion_power_w < 0.0, np.ones(len(steps.route), dtype=bool)),
-        lambda k, temperature_c: float(steps.heater_limit_w[k]), take_surplus=True)
+        WantedHeat(steps.heater_limit_w), take_surplus=True)
     return run.temperature_c[-1]
 
 

@@ -338,7 +338,7 @@ def test_a_measured_hour_in_steps_of_half_a_minute_warms_as_it_was_driven():
 
     def arrival_c(route):
         trip = make_trip(car, route)
-        return run_forward(car, make_runge_kutta_4, 0.9, 0.0, trip.inputs())[1][-1]
+        return run_forward(trip, make_runge_kutta_4, 0.9, 0.0)[1][-1]
 
     hour = measured_logs()[:3]
     driven = load_drive_logs(hour, car.defaults, 1.0).route

@@ -64,10 +64,9 @@ class PeerProblem:
                              for k in range(len(trip.route))])
         heater_w, brake_w = powers_w.T
         soc, temperature_c = run_forward(
-            trip.vehicle, make_runge_kutta_4, state.soc, state.temperature_c,
-            trip.inputs(heater_w, brake_w))
-        return Schedule(switched_on_s(trip, heater_w), heater_w, brake_w, np.array(soc),
-                        np.array(temperature_c), make_runge_kutta_4)
+            trip, make_runge_kutta_4, state.soc, state.temperature_c, heater_w, brake_w)
+        return Schedule(switched_on_s(trip, heater_w), heater_w, brake_w, soc, temperature_c,
+                        make_runge_kutta_4)
 
     def _model(self) -> do_mpc.model.Model:
         vehicle = self._trip.vehicle

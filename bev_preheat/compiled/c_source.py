@@ -1,0 +1,141 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+C of the model's equations, made from the Python ones: `python3 -m bev_preheat.compiled.c_source DIR`.
+
+core/CMakeLists.txt runs it when the core is built. DIR gets formulas.h, the formulas of curves, and
+steps.h, the steps of the integrators, with and without a heat path, and the limits on terminal power.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+import re
+import sys
+from textwrap import fill
+
+from bev_preheat.compiled.symbols import Field, Operand, Symbol, SYMBOLS, written_out
+from bev_preheat.numerics.arithmetic import AnyNumber, Arithmetic, CurveFunction
+from bev_preheat.vehicle.curves import InverseTemperatureResistance, PolynomialVoltage
+from bev_preheat.vehicle.description import Battery, Defaults, Drivetrain, Hvch, Leakage, Vehicle
+from bev_preheat.vehicle.heat_path import HeatPath, make_heated_step
+from bev_preheat.vehicle.model import make_euler, make_midpoint, make_rates, make_runge_kutta_4
+from bev_preheat.vehicle.terminal_limits import make_terminal_limits
+
+HEAD = """\
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Made by bev_preheat.compiled.c_source from the equations in Python; changes are made there. */
+#ifndef {guard}
+#define {guard}
+
+{includes}
+"""
+WIDTH = 100
+INPUTS = ('duration_s', 'power_w', 'variance_w2', 'heat_w', 'leakage_w_per_k')
+STEP = ('soc', 'temperature_c', *INPUTS)
+HEATED_STEP = ('soc', 'temperature_c', 'heater_w', 'excess_k', *INPUTS, 'command_w')
+CURVE = ('soc', 'temperature_c')
+LIMITS = ('soc', 'temperature_c', 'variance_w2')
+
+
+@dataclass(frozen=True)
+class _VehicleCurve:
+    """A curve of the vehicle, whatever its kind: `bev_at` finds that out."""
+
+    name: str
+
+    def function(self, arithmetic: Arithmetic[AnyNumber]) -> CurveFunction[AnyNumber]:
+        """`f(soc, temperature_c)`, a Symbol."""
+        return lambda soc, temperature_c: Symbol(
+            f'bev_at(&vehicle->{self.name}, saturating, {{}}, {{}})', soc, temperature_c)
+
+
+def _vehicle(heat_path: HeatPath) -> Vehicle:
+    """Return a Vehicle whose numbers are fields of the struct `bev_vehicle`."""
+    return Vehicle(
+        name='', battery=Battery(
+            capacity_ah=_field('capacity_ah'),
+            heat_capacity_j_per_k=_field('heat_capacity_j_per_k'),
+            open_circuit_voltage=_VehicleCurve('open_circuit_voltage'),
+            resistance=_VehicleCurve('resistance'),
+            discharge_power_limit=_VehicleCurve('discharge_power_limit'),
+            charge_power_limit=_VehicleCurve('charge_power_limit'),
+            leakage=Leakage(0.0, 0.0), soc_range=(0.0, 1.0), temperature_range_c=(0.0, 0.0)),
+        drivetrain=Drivetrain(1.0, 0.0, 0.0), hvch=Hvch(0.0, _field('heater_efficiency')),
+        defaults=Defaults(0.0, 0.0, 0.0), heat_path=heat_path)
+
+
+def _field(name: str) -> AnyNumber:
+    return Field(f'vehicle->{name}')
+
+
+def _function(name: str, subject: str, arguments: Sequence[str], results: Sequence[Operand],
+              is_value: bool = False) -> str:
+    """Return a function of C: of `subject`, `saturating` and doubles, to one value or `result`."""
+    lines, ends = written_out(results)
+    lines += ([f'return {ends[0]};'] if is_value
+              else [f'result[{n}] = {end};' for n, end in enumerate(ends)])
+    body = '\n'.join(lines)
+    names = [subject.split('*')[-1], 'saturating', *arguments]
+    unused = [f'(void){each};' for each in names if not re.search(rf'\b{each}\b', body)]
+    parameters = ', '.join(
+        [f'const {subject}', 'int32_t saturating', *(f'double {each}' for each in arguments),
+         *(() if is_value else (f'double result[{len(results)}]',))])
+    return '\n'.join([
+        fill(f'static inline {"double" if is_value else "void"} {name}({parameters}) {{',
+             WIDTH, subsequent_indent='    '),
+        *(f'  {line}' for line in [*unused, *lines]), '}', ''])
+
+
+def _curve(name: str, curve: PolynomialVoltage | InverseTemperatureResistance) -> str:
+    arguments = [Symbol(each) for each in CURVE]
+    return _function(name, 'bev_curve *curve', CURVE, [curve.function(SYMBOLS)(*arguments)], True)
+
+
+def formulas() -> str:
+    """Return formulas.h: the formulas of `vehicle.curves`, with the parameters of a `bev_curve`."""
+    parameters: list[AnyNumber] = [Field(f'curve->parameter[{n}]') for n in range(5)]
+    return '\n'.join([
+        HEAD.format(guard='BEV_PREHEAT_CORE_FORMULAS_H_', includes=(
+            '#include "arithmetic.h"\n#include "bev_preheat_core/core.h"')),
+        _curve('bev_polynomial', PolynomialVoltage(tuple(parameters[:4]))),
+        _curve('bev_polynomial_and_logarithm',
+               PolynomialVoltage(tuple(parameters[:4]), parameters[4])),
+        _curve('bev_inverse_temperature', InverseTemperatureResistance(*parameters[:2])),
+        '#endif', ''])
+
+
+def steps() -> str:
+    """Return steps.h: one function for each integrator, each kind of heat path, and the limits."""
+    lag_s = _field('heater_lag_s')
+    coolant = _field('coolant_heat_capacity_j_per_k'), _field('coolant_conductance_w_per_k')
+    direct = _vehicle(HeatPath())
+    functions = [
+        _function(name, 'bev_vehicle *vehicle', STEP, make_integrator(make_rates(direct, SYMBOLS))(
+            *(Symbol(each) for each in STEP)))
+        for name, make_integrator in (('bev_euler', make_euler), ('bev_midpoint', make_midpoint),
+                                      ('bev_runge_kutta_4', make_runge_kutta_4))]
+    functions += [
+        _function(name, 'bev_vehicle *vehicle', HEATED_STEP, make_heated_step(
+            _vehicle(path), SYMBOLS)(*(Symbol(each) for each in HEATED_STEP)))
+        for name, path in (('bev_heated_at_once', HeatPath()),
+                           ('bev_heated_with_lag', HeatPath(lag_s)),
+                           ('bev_heated_by_coolant', HeatPath(0.0, *coolant)),
+                           ('bev_heated_by_coolant_with_lag', HeatPath(lag_s, *coolant)))]
+    functions.append(_function(
+        'bev_terminal_limits', 'bev_vehicle *vehicle', LIMITS,
+        make_terminal_limits(direct, SYMBOLS)(*(Symbol(each) for each in LIMITS))))
+    return '\n'.join([HEAD.format(guard='BEV_PREHEAT_CORE_STEPS_H_', includes='#include "curves.h"'),
+                      *functions, '#endif', ''])
+
+
+def main(folder: str) -> None:
+    """Write the headers into a folder, which is made where it is missing."""
+    Path(folder).mkdir(parents=True, exist_ok=True)
+    for name, text in (('formulas.h', formulas()), ('steps.h', steps())):
+        Path(folder, name).write_text(text, encoding='utf-8')
+
+
+if __name__ == '__main__':
+    main(*sys.argv[1:])

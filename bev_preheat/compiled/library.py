@@ -1,0 +1,102 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+The library of the package bev_preheat_core: found, loaded once it is needed, and switched off.
+
+Whoever calls it has the same in Python, and takes that where there is no library, where it is switched
+off, and where it answers that it cannot do what is asked. The header core.h says what its functions
+do.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from ctypes import c_double, c_int32, c_void_p, CDLL, sizeof
+from functools import lru_cache
+import os
+from typing import Any
+
+from bev_preheat.compiled.structs import HeatingStruct, TripStruct, VehicleStruct
+
+FILE = 'libbev_preheat_core.so'
+# Of core.h.
+INTERFACE = 1
+OK, SATURATED, EMPTY, NO_CROSSING = 0, 1, 2, 3
+
+# Arguments by type: P an address, D a double, I an integer.
+_TYPES = {'P': c_void_p, 'D': c_double, 'I': c_int32}
+_SIGNATURES = {
+    'bev_check_vehicle': 'P',
+    'bev_step': 'PIIDDDDDDDP',
+    'bev_heated_step': 'PIPDDDDDDP',
+    'bev_run': 'PIPIPPPP',
+    'bev_run_heated': 'PPIPPP',
+    'bev_find_crossing': 'PIPDDDPP',
+    'bev_run_within_limits': 'PPPIPPPPP',
+}
+
+
+class _Switch:
+    """Whether the process uses the library where there is one."""
+
+    is_on = True
+    is_held_off = False
+
+
+def use_core(is_on: bool) -> None:
+    """Use the library in this process from now on, or leave it."""
+    _Switch.is_on = is_on
+
+
+@contextmanager
+def without_core() -> Iterator[None]:
+    """Use Python alone for a while, whoever asks for the library: what the core is held against."""
+    before, _Switch.is_held_off = _Switch.is_held_off, True
+    try:
+        yield
+    finally:
+        _Switch.is_held_off = before
+
+
+def core() -> Any:
+    """Return the library, None where there is none or it is switched off."""
+    return _loaded()[0] if _Switch.is_on and not _Switch.is_held_off else None
+
+
+def core_in_words() -> str:
+    """Return whether the library is used, and why not."""
+    if not _Switch.is_on or _Switch.is_held_off:
+        return 'not used: switched off'
+    library, problem = _loaded()
+    return f'used: {library._name}' if library is not None else f'not used: {problem}'
+
+
+@lru_cache(maxsize=1)
+def _loaded() -> tuple[Any, str]:
+    """Return (library, ''), or None and the reason."""
+    for prefix in filter(None, os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep)):
+        path = os.path.join(prefix, 'lib', FILE)
+        if os.path.isfile(path):
+            return _load(path)
+    return None, 'package bev_preheat_core is not built'
+
+
+def _load(path: str) -> tuple[Any, str]:
+    try:
+        library = CDLL(path)
+        if not _is_ours(library):
+            return None, f'{path} is of another version'
+        for name, types in _SIGNATURES.items():
+            function = getattr(library, name)
+            function.argtypes = [_TYPES[each] for each in types]
+            function.restype = c_int32
+    except (OSError, AttributeError) as error:
+        return None, f'{path} cannot be loaded: {error}'
+    return library, ''
+
+
+def _is_ours(library: Any) -> bool:
+    """Return whether a library has this interface, and structs of the same size."""
+    return (library.bev_interface(), library.bev_size_of_vehicle(), library.bev_size_of_trip(),
+            library.bev_size_of_heating()) == (
+                INTERFACE, sizeof(VehicleStruct), sizeof(TripStruct), sizeof(HeatingStruct))

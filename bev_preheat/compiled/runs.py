@@ -1,0 +1,142 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Runs of the compiled core, with arrays in and out.
+
+Each returns None where the core does not answer: whoever calls does it in Python then, which has the
+same result or the exception that belongs to it.
+"""
+
+from __future__ import annotations
+
+from ctypes import byref, c_double, c_int32, c_uint8
+from typing import Any, TYPE_CHECKING
+
+import numpy as np
+
+from bev_preheat.compiled.library import core, EMPTY, NO_CROSSING, OK, SATURATED
+from bev_preheat.compiled.structs import DOUBLE_BYTES, HeatingStruct
+from bev_preheat.vehicle.model import make_euler, make_midpoint, make_runge_kutta_4
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from bev_preheat.compiled.structs import CompiledTrip, CompiledVehicle
+    from bev_preheat.numerics.arrays import BoolArray, FloatArray
+    from bev_preheat.vehicle.model import Integrator
+
+INTEGRATORS: dict[Integrator, int] = {make_euler: 0, make_midpoint: 1, make_runge_kutta_4: 2}
+FLOAT = np.dtype(float)
+BYTE = np.dtype(np.uint8)
+
+
+def is_in_order(vehicle: CompiledVehicle) -> bool:
+    """Return whether the core takes a vehicle's numbers, down to its tables."""
+    library = core()
+    return library is not None and library.bev_check_vehicle(vehicle.address) == OK
+
+
+def run(vehicle: CompiledVehicle, make_integrator: Integrator, trip: CompiledTrip,
+        states: FloatArray, first: int, heater_w: FloatArray | None,
+        brake_w: FloatArray | None) -> FloatArray | None:
+    """
+    Return states of charge and temperatures [deg C] of a run from step `first` on, (2, N + 1).
+
+    `states` are those at the start of step `first`, written into what is returned; before it nothing
+    is. `heater_w` and `brake_w` are powers [W] of each step (N,), None: none.
+    """
+    library, integrator = core(), INTEGRATORS.get(make_integrator)
+    if library is None or integrator is None:
+        return None
+    status = library.bev_run(
+        vehicle.address, integrator, trip.address, first, _doubles(heater_w, trip.steps),
+        _doubles(brake_w, trip.steps), *_rows(states, 2))
+    return states if status in (OK, SATURATED) else None
+
+
+def run_heated(vehicle: CompiledVehicle, trip: CompiledTrip, states: FloatArray, first: int,
+               command_w: FloatArray, brake_w: FloatArray | None) -> FloatArray | None:
+    """
+    Return the four states of a run with the heat path from step `first` on, (4, N + 1).
+
+    As `run`; `command_w` (N,) is what the heater is told [W].
+    """
+    library = core()
+    if library is None:
+        return None
+    status = library.bev_run_heated(
+        vehicle.address, trip.address, first, _doubles(command_w, trip.steps),
+        _doubles(brake_w, trip.steps), byref(c_double.from_buffer(states)))
+    return states if status in (OK, SATURATED) else None
+
+
+def crossing(vehicle: CompiledVehicle, make_integrator: Integrator, trip: CompiledTrip,
+             target_c: float, terminal_soc: float, lost_k: float,
+             idle_temperature_c: FloatArray) -> tuple[float | None] | None:
+    """Return the instant [s] at which the backward run meets the unheated one, in a tuple; None there: never."""
+    library, integrator = core(), INTEGRATORS.get(make_integrator)
+    if library is None or integrator is None:
+        return None
+    instant_s = c_double()
+    status = library.bev_find_crossing(
+        vehicle.address, integrator, trip.address, target_c, terminal_soc, lost_k,
+        _doubles(idle_temperature_c, trip.steps + 1), byref(instant_s))
+    if status == NO_CROSSING:
+        return (None,)
+    return (instant_s.value,) if status == OK else None
+
+
+class Heating:
+    """A `bev_heating`: when a run within limits heats; see core.h."""
+
+    def __init__(self, power_w: FloatArray, bands: Sequence[FloatArray] | None,
+                 may_overcharge: BoolArray, may_overdraw: BoolArray, takes_surplus: bool) -> None:
+        """`power_w` (N,) [W]; `bands` are floor, low and high (N, BANDS) [deg C], or None."""
+        columns = [power_w, *(bands or ())]
+        self._block = np.concatenate([column.ravel() for column in columns], dtype=float)
+        self._flags = np.concatenate((may_overcharge, may_overdraw)).view(np.uint8)
+        steps, width = len(power_w), bands[0].shape[1] if bands else 0
+        at = self._block.ctypes.data
+        places = [at + DOUBLE_BYTES * steps * (1 + n * width) for n in range(3)] if bands else [None] * 3
+        flags = self._flags.ctypes.data
+        self.struct = HeatingStruct(width, takes_surplus, at, *places, flags, flags + steps)
+
+
+def run_within_limits(vehicle: CompiledVehicle, trip: CompiledTrip, heating: Heating, first: int,
+                      states: FloatArray, powers_w: FloatArray) -> tuple[int | None] | None:
+    """
+    Drive on from step `first` within the limits; `states` and `powers_w` are written.
+
+    `states` (2, N + 1) are charge and temperature [deg C], `powers_w` (2, N) heater and brake. Returns
+    the step in which the charge runs out, in a tuple; None there: it does not.
+    """
+    library = core()
+    if library is None:
+        return None
+    empty = c_int32()
+    status = library.bev_run_within_limits(
+        vehicle.address, trip.address, byref(heating.struct), first, *_rows(states, 2),
+        *_rows(powers_w, 2), byref(empty))
+    if status == EMPTY:
+        return (empty.value,)
+    return (None,) if status == OK else None
+
+
+def _doubles(values: FloatArray | None, count: int) -> Any:
+    """Return a pointer to values (count,), or to a copy that can be pointed to; None for none."""
+    if values is None:
+        return None
+    try:
+        if values.dtype is FLOAT and len(values) == count:
+            return byref(c_double.from_buffer(values))  # type: ignore[arg-type]
+    except (TypeError, ValueError):
+        # Not contiguous, read only, or empty.
+        pass
+    copy = np.zeros(count + 1)
+    copy[:count] = values
+    return byref(c_double.from_buffer(copy))  # type: ignore[arg-type]
+
+
+def _rows(array: FloatArray, rows: int) -> list[Any]:
+    """Return pointers to the rows of a contiguous array (rows, any)."""
+    width = DOUBLE_BYTES * array.shape[1]
+    return [byref(c_double.from_buffer(array, row * width)) for row in range(rows)]  # type: ignore[arg-type]

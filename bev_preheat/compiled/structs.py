@@ -1,0 +1,145 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Structs of core.h, filled: a vehicle, the columns of a trip, and when a run heats.
+
+An object here keeps alive all memory that its struct points to. `address` is the struct's.
+"""
+
+from __future__ import annotations
+
+from ctypes import addressof, c_double, c_int32, c_void_p, Structure
+from typing import Any, TYPE_CHECKING
+
+import numpy as np
+
+from bev_preheat.vehicle.corrections import ScaledCurve
+from bev_preheat.vehicle.curves import InverseTemperatureResistance, PolynomialVoltage, Table
+
+if TYPE_CHECKING:
+    from bev_preheat.numerics.arithmetic import Curve
+    from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.vehicle.description import Vehicle
+
+MOST_STEPS = 1_000_000
+MOST_AXIS = 1024
+MOST_FACTORS = 4
+PARAMETERS = 5
+POLYNOMIAL, POLYNOMIAL_AND_LOGARITHM, INVERSE_TEMPERATURE, TABLE = range(4)
+DOUBLE_BYTES = 8
+
+
+class CurveStruct(Structure):
+    """`bev_curve`."""
+
+    _fields_ = [('kind', c_int32), ('factor_count', c_int32), ('soc_count', c_int32),
+                ('temperature_count', c_int32), ('parameter', c_double * PARAMETERS),
+                ('factor', c_double * MOST_FACTORS), ('soc', c_void_p),
+                ('temperature_c', c_void_p), ('values', c_void_p)]
+
+
+class VehicleStruct(Structure):
+    """`bev_vehicle`."""
+
+    _fields_ = [*((name, c_double) for name in (
+        'capacity_ah', 'heat_capacity_j_per_k', 'highest_c', 'hottest_c', 'heater_efficiency',
+        'heat_share', 'heater_lag_s', 'coolant_heat_capacity_j_per_k',
+        'coolant_conductance_w_per_k')),
+        *((name, CurveStruct) for name in (
+            'open_circuit_voltage', 'resistance', 'charge_power_limit', 'discharge_power_limit'))]
+
+
+TRIP_COLUMNS = ('time_s', 'duration_s', 'idle_power_w', 'power_variance_w2', 'idle_heat_w',
+                'leakage_w_per_k', 'heater_limit_w', 'propulsion_power_w')
+
+
+class TripStruct(Structure):
+    """`bev_trip`."""
+
+    _fields_ = [('steps', c_int32), *((name, c_void_p) for name in TRIP_COLUMNS)]
+
+
+class HeatingStruct(Structure):
+    """`bev_heating`."""
+
+    _fields_ = [('bands', c_int32), ('takes_surplus', c_int32), *((name, c_void_p) for name in (
+        'power_w', 'floor_c', 'low_c', 'high_c', 'may_overcharge', 'may_overdraw'))]
+
+
+class NotDescribed(Exception):
+    """The core has no such curve."""
+
+
+class CompiledVehicle:
+    """A `bev_vehicle`; raises NotDescribed where a curve is none of those that the core has."""
+
+    def __init__(self, vehicle: Vehicle, hottest_c: float) -> None:
+        """`hottest_c` is the hottest battery that is planned with [deg C]."""
+        battery, path = vehicle.battery, vehicle.heat_path
+        self._kept: list[FloatArray] = []
+        self.struct = VehicleStruct(
+            battery.capacity_ah, battery.heat_capacity_j_per_k, battery.temperature_range_c[1],
+            hottest_c, vehicle.hvch.efficiency, vehicle.drivetrain.heat_share, path.heater_lag_s,
+            path.coolant_heat_capacity_j_per_k, path.coolant_conductance_w_per_k,
+            *map(self._curve, (battery.open_circuit_voltage, battery.resistance,
+                               battery.charge_power_limit, battery.discharge_power_limit)))
+        self.address = addressof(self.struct)
+
+    def _curve(self, curve: Curve) -> CurveStruct:
+        factors = []
+        while isinstance(curve, ScaledCurve):
+            factors.append(float(curve.factor))
+            curve = curve.curve
+        struct = CurveStruct()
+        if len(factors) > MOST_FACTORS:
+            raise NotDescribed(f'{len(factors)} factors on a curve')
+        # The innermost factor comes first.
+        struct.factor_count = len(factors)
+        struct.factor[:len(factors)] = factors[::-1]
+        if isinstance(curve, PolynomialVoltage):
+            coefficients_v = (*curve.coefficients_v, 0.0, 0.0, 0.0)[:4]
+            struct.kind = POLYNOMIAL_AND_LOGARITHM if curve.log_soc_v else POLYNOMIAL
+            struct.parameter[:] = (*coefficients_v, curve.log_soc_v)
+        elif isinstance(curve, InverseTemperatureResistance):
+            struct.kind = INVERSE_TEMPERATURE
+            struct.parameter[:2] = curve.k_ohm_k, curve.reference_temperature_c
+        elif isinstance(curve, Table):
+            struct.kind = TABLE
+            self._table(struct, curve)
+        else:
+            raise NotDescribed(type(curve).__name__)
+        return struct
+
+    def _table(self, struct: CurveStruct, table: Table) -> None:
+        if max(len(table.soc), len(table.temperature_c)) > MOST_AXIS:
+            raise NotDescribed(f'a table with more than {MOST_AXIS} points on an axis')
+        struct.soc_count, struct.temperature_count = len(table.soc), len(table.temperature_c)
+        for name in ('soc', 'temperature_c', 'values'):
+            array = np.array(getattr(table, name), dtype=float).ravel()
+            self._kept.append(array)
+            setattr(struct, name, array.ctypes.data)
+
+
+class CompiledTrip:
+    """A `bev_trip`: the columns of a trip in one block of memory."""
+
+    def __init__(self, *columns: FloatArray) -> None:
+        """`columns` are those of TRIP_COLUMNS, the first (N + 1,), the others (N,)."""
+        self.steps = len(columns[1])
+        self._block = np.concatenate(columns, dtype=float)
+        first = self._block.ctypes.data
+        after = first + DOUBLE_BYTES * (self.steps + 1)
+        width = DOUBLE_BYTES * self.steps
+        self.struct = TripStruct(
+            self.steps, first, *(after + n * width for n in range(len(TRIP_COLUMNS) - 1)))
+        self.address = addressof(self.struct)
+
+
+def address_of(array: FloatArray | None) -> Any:
+    """Return where the numbers of a contiguous array of doubles begin; None for none."""
+    return None if array is None else array.__array_interface__['data'][0]
+
+
+def doubles(values: Any) -> FloatArray:
+    """Return values as a contiguous array of doubles: itself, if it is one."""
+    array: FloatArray = np.ascontiguousarray(values, dtype=float)
+    return array

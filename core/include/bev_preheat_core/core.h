@@ -1,0 +1,210 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * The planner's forward runs in C99: the battery of one vehicle along one trip.
+ *
+ * All memory is the caller's; nothing is allocated, kept or changed beyond the outputs that are named.
+ * Every loop is bounded, by BEV_MOST_STEPS, BEV_MOST_AXIS or a number in the code. A number that is not
+ * finite, or impossible, is answered by a status below BEV_OK; outputs then mean nothing. Units are SI,
+ * temperatures are in degrees Celsius, states of charge 0 ... 1. The reference is the Python package
+ * bev_preheat, from whose equations the model's steps are generated: equal inputs give equal bits,
+ * where compiled with -ffp-contract=off and with the same exp and log.
+ */
+#ifndef BEV_PREHEAT_CORE_CORE_H_
+#define BEV_PREHEAT_CORE_CORE_H_
+
+#include <stdint.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* Changes whenever a struct or a function of this file does. */
+#define BEV_INTERFACE 1
+
+/* Most steps of a trip, points of a table's axis, factors on a curve, bands of heating. */
+#define BEV_MOST_STEPS 1000000
+#define BEV_MOST_AXIS 1024
+#define BEV_MOST_FACTORS 4
+#define BEV_CURVE_PARAMETERS 5
+#define BEV_BANDS 2
+
+typedef enum {
+  BEV_OK = 0,
+  /* Done; the battery lacks power in at least one step, which is driven with the most it can give. */
+  BEV_SATURATED = 1,
+  /* The charge runs out in a step; what comes after it is not written. */
+  BEV_EMPTY = 2,
+  /* The backward run does not meet the unheated one. */
+  BEV_NO_CROSSING = 3,
+  /* A pointer is null, or a count out of its range. */
+  BEV_BAD_ARGUMENT = -1,
+  /* A number of the vehicle is not finite or impossible. */
+  BEV_BAD_VEHICLE = -2,
+  /* An input of a step, or a state at the start, is not finite. */
+  BEV_BAD_INPUT = -3,
+  /* The model yields no finite number. */
+  BEV_NOT_FINITE = -4,
+  /* A search within a step did not end in the number of rounds it is given. */
+  BEV_NOT_SETTLED = -5
+} bev_status;
+
+/* How the model is integrated. */
+typedef enum {
+  BEV_EULER = 0,
+  BEV_MIDPOINT = 1,
+  BEV_RUNGE_KUTTA_4 = 2
+} bev_integrator;
+
+/* Formulas of bev_preheat.vehicle.curves; what their parameters are is said there. */
+typedef enum {
+  BEV_POLYNOMIAL = 0,
+  BEV_POLYNOMIAL_AND_LOGARITHM = 1,
+  BEV_INVERSE_TEMPERATURE = 2,
+  BEV_TABLE = 3
+} bev_curve_kind;
+
+/*
+ * A quantity over state of charge and battery temperature: a formula or a table, times factors.
+ *
+ * Of a table `values[i * temperature_count + j]` belongs to soc[i] and temperature_c[j]; axes rise, an
+ * axis with one point means that the value does not depend on it. Linear between the points, level
+ * beyond them. The factors are applied one after the other.
+ */
+typedef struct {
+  int32_t kind;
+  int32_t factor_count;
+  int32_t soc_count;
+  int32_t temperature_count;
+  double parameter[BEV_CURVE_PARAMETERS];
+  double factor[BEV_MOST_FACTORS];
+  const double *soc;
+  const double *temperature_c;
+  const double *values;
+} bev_curve;
+
+/* One vehicle, as bev_preheat.vehicle.description has it; a heat path of zeros is a direct one. */
+typedef struct {
+  double capacity_ah;
+  double heat_capacity_j_per_k;
+  /* Highest temperature to heat to, and the highest that is planned with [deg C]. */
+  double highest_c;
+  double hottest_c;
+  double heater_efficiency;
+  /* Part of the magnitude of the propulsion power that heats the battery. */
+  double heat_share;
+  double heater_lag_s;
+  double coolant_heat_capacity_j_per_k;
+  double coolant_conductance_w_per_k;
+  bev_curve open_circuit_voltage;
+  bev_curve resistance;
+  /* Least and most power of the cells [W]: charge negative, discharge positive. */
+  bev_curve charge_power_limit;
+  bev_curve discharge_power_limit;
+} bev_vehicle;
+
+/* A trip of `steps` steps; arrays of that length, `time_s` one longer. */
+typedef struct {
+  int32_t steps;
+  const double *time_s;
+  const double *duration_s;
+  /* Terminal power, and heat into the battery, without battery heating [W]. */
+  const double *idle_power_w;
+  const double *power_variance_w2;
+  const double *idle_heat_w;
+  const double *leakage_w_per_k;
+  /* What the cabin leaves of the heater [W]. */
+  const double *heater_limit_w;
+  const double *propulsion_power_w;
+} bev_trip;
+
+/*
+ * When a run within limits heats, arrays over the steps: with `power_w` [W] in each step where `bands`
+ * is 0, else with so much below temperatures. In each of `bands` bands (arrays of steps * bands), from
+ * `floor_c` to `low_c` at `power_w`, not at all from `high_c`, in between in proportion.
+ */
+typedef struct {
+  int32_t bands;
+  /* Regeneration that the battery does not take goes to the heater before it goes to the brake. */
+  int32_t takes_surplus;
+  const double *power_w;
+  const double *floor_c;
+  const double *low_c;
+  const double *high_c;
+  /* Steps in which the charge limit, and in which the discharge limit, may matter: not 0. */
+  const uint8_t *may_overcharge;
+  const uint8_t *may_overdraw;
+} bev_heating;
+
+/* BEV_INTERFACE of the library, and the sizes of its structs: what a caller checks after loading it. */
+int32_t bev_interface(void);
+int32_t bev_size_of_vehicle(void);
+int32_t bev_size_of_trip(void);
+int32_t bev_size_of_heating(void);
+
+/* BEV_OK, or BEV_BAD_VEHICLE or BEV_BAD_ARGUMENT. The runs do not look into the tables again. */
+bev_status bev_check_vehicle(const bev_vehicle *vehicle);
+
+/* The value of a curve; NaN where there is none. `saturating` holds the charge within 0 ... 1. */
+double bev_curve_value(const bev_curve *curve, int32_t saturating, double soc,
+                       double temperature_c);
+
+/*
+ * One step of the model: `result` is the charge and the temperature at its end, the mean temperature
+ * and the mean Joule heat [W]. With `saturating`, a power that the battery lacks is driven with the most
+ * it can give; without, the result is not finite, and so is the status.
+ */
+bev_status bev_step(const bev_vehicle *vehicle, int32_t integrator, int32_t saturating, double soc,
+                    double temperature_c, double duration_s, double power_w, double variance_w2,
+                    double heat_w, double leakage_w_per_k, double result[4]);
+
+/*
+ * One Runge-Kutta step with the heat path: `result` is the four states at its end (charge, temperature,
+ * the heater's power [W], the coolant's excess temperature [K]), mean temperature, mean Joule heat, and
+ * the means of what the heater takes and of the heat that reaches the battery [W].
+ */
+bev_status bev_heated_step(const bev_vehicle *vehicle, int32_t saturating, const double states[4],
+                           double duration_s, double power_w, double variance_w2, double heat_w,
+                           double leakage_w_per_k, double command_w, double result[8]);
+
+/*
+ * The model over a trip, from step `first` on, limits left aside, heat at once.
+ *
+ * `heater_w` and `brake_w` are powers in each step of the whole trip [W]; null is none. soc[first] and
+ * temperature_c[first] are the start; written are the values from first + 1 to `steps`.
+ */
+bev_status bev_run(const bev_vehicle *vehicle, int32_t integrator, const bev_trip *trip,
+                   int32_t first, const double *heater_w, const double *brake_w, double *soc,
+                   double *temperature_c);
+
+/*
+ * The same with the heat path: `command_w` is what the heater is told, and `states` are four arrays of
+ * steps + 1 values, one after the other: charge, temperature, heater power [W], coolant excess [K].
+ */
+bev_status bev_run_heated(const bev_vehicle *vehicle, const bev_trip *trip, int32_t first,
+                          const double *command_w, const double *brake_w, double *states);
+
+/*
+ * The instant [s] at which a run backward from the target, heated with all that the cabin leaves, meets
+ * the unheated run. The backward run is given up `lost_k` above the target.
+ */
+bev_status bev_find_crossing(const bev_vehicle *vehicle, int32_t integrator, const bev_trip *trip,
+                             double target_c, double terminal_soc, double lost_k,
+                             const double *idle_temperature_c, double *instant_s);
+
+/*
+ * A run that keeps the battery's limits, from step `first` on, heat at once.
+ *
+ * soc[first] and temperature_c[first] are the start; written are the states after it, and what heater
+ * and friction brake take in each step [W]. Where it returns BEV_EMPTY, `empty_step` is the step that
+ * the charge does not carry, and its powers are the last that are written.
+ */
+bev_status bev_run_within_limits(const bev_vehicle *vehicle, const bev_trip *trip,
+                                 const bev_heating *heating, int32_t first, double *soc,
+                                 double *temperature_c, double *heater_w, double *brake_w,
+                                 int32_t *empty_step);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif /* BEV_PREHEAT_CORE_CORE_H_ */

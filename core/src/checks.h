@@ -1,0 +1,61 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* What is checked of a call's arguments before they are used. */
+#ifndef BEV_PREHEAT_CORE_CHECKS_H_
+#define BEV_PREHEAT_CORE_CHECKS_H_
+
+#include <math.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "bev_preheat_core/core.h"
+
+/* Whether a curve can be read: its kind, its counts, its pointers. */
+static inline int bev_is_curve(const bev_curve *curve) {
+  if (curve->kind < BEV_POLYNOMIAL || curve->kind > BEV_TABLE || curve->factor_count < 0
+      || curve->factor_count > BEV_MOST_FACTORS) {
+    return 0;
+  }
+  if (curve->kind != BEV_TABLE) {
+    return 1;
+  }
+  return curve->soc != NULL && curve->temperature_c != NULL && curve->values != NULL
+      && curve->soc_count >= 1 && curve->soc_count <= BEV_MOST_AXIS
+      && curve->temperature_count >= 1 && curve->temperature_count <= BEV_MOST_AXIS;
+}
+
+static inline int bev_is_vehicle(const bev_vehicle *vehicle) {
+  return isfinite(vehicle->capacity_ah) && vehicle->capacity_ah > 0.0
+      && isfinite(vehicle->heat_capacity_j_per_k) && vehicle->heat_capacity_j_per_k > 0.0
+      && isfinite(vehicle->highest_c) && isfinite(vehicle->hottest_c)
+      && isfinite(vehicle->heater_efficiency) && vehicle->heater_efficiency > 0.0
+      && isfinite(vehicle->heat_share)
+      && isfinite(vehicle->heater_lag_s) && vehicle->heater_lag_s >= 0.0
+      && isfinite(vehicle->coolant_heat_capacity_j_per_k)
+      && vehicle->coolant_heat_capacity_j_per_k >= 0.0
+      && isfinite(vehicle->coolant_conductance_w_per_k)
+      && (vehicle->coolant_heat_capacity_j_per_k == 0.0
+          || vehicle->coolant_conductance_w_per_k > 0.0)
+      && bev_is_curve(&vehicle->open_circuit_voltage) && bev_is_curve(&vehicle->resistance)
+      && bev_is_curve(&vehicle->charge_power_limit)
+      && bev_is_curve(&vehicle->discharge_power_limit);
+}
+
+static inline int bev_is_trip(const bev_trip *trip) {
+  return trip->steps >= 0 && trip->steps <= BEV_MOST_STEPS && trip->time_s != NULL
+      && trip->duration_s != NULL && trip->idle_power_w != NULL
+      && trip->power_variance_w2 != NULL && trip->idle_heat_w != NULL
+      && trip->leakage_w_per_k != NULL && trip->heater_limit_w != NULL
+      && trip->propulsion_power_w != NULL;
+}
+
+/* BEV_OK if vehicle and trip can be used, and `first` is a step of the trip or its end. */
+static inline bev_status bev_checked(const bev_vehicle *vehicle, const bev_trip *trip,
+                                     int32_t first) {
+  if (vehicle == NULL || trip == NULL || !bev_is_trip(trip) || first < 0
+      || first > trip->steps) {
+    return BEV_BAD_ARGUMENT;
+  }
+  return bev_is_vehicle(vehicle) ? BEV_OK : BEV_BAD_VEHICLE;
+}
+
+#endif /* BEV_PREHEAT_CORE_CHECKS_H_ */

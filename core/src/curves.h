@@ -1,0 +1,105 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Curves over state of charge and temperature: the formulas are generated, tables are read here. */
+#ifndef BEV_PREHEAT_CORE_CURVES_H_
+#define BEV_PREHEAT_CORE_CURVES_H_
+
+#include "arithmetic.h"
+#include "bev_preheat_core/core.h"
+#include "bev_preheat_core_generated/formulas.h"
+
+/* How many of the rising axis' points are not above x. */
+static inline int32_t bev_points_up_to(const double *axis, int32_t count, double x) {
+  int32_t low = 0;
+  int32_t high = count;
+  while (low < high) {
+    const int32_t middle = low + (high - low) / 2;
+    if (x < axis[middle]) {
+      high = middle;
+    } else {
+      low = middle + 1;
+    }
+  }
+  return low;
+}
+
+/* Piecewise linear over one axis, level beyond its ends; `stride` from one value to the next. */
+static inline double bev_line(const double *axis, int32_t count, const double *values,
+                              double x) {
+  if (x <= axis[0]) {
+    return values[0];
+  }
+  if (x >= axis[count - 1]) {
+    return values[count - 1];
+  }
+  if (isnan(x)) {
+    return x;
+  }
+  const int32_t i = bev_points_up_to(axis, count, x) - 1;
+  const double slope = (values[i + 1] - values[i]) / (axis[i + 1] - axis[i]);
+  return values[i] + slope * (x - axis[i]);
+}
+
+static inline double bev_held(const double *axis, int32_t count, double x) {
+  const double low = axis[0];
+  const double high = axis[count - 1];
+  return x < low ? low : (x > high ? high : x);
+}
+
+static inline int32_t bev_cell(const double *axis, int32_t count, double x) {
+  const int32_t below = bev_points_up_to(axis, count, x) - 1;
+  return below < count - 2 ? below : count - 2;
+}
+
+/* Bilinear, in the order of operations of curves.Table for floats. */
+static inline double bev_table(const bev_curve *curve, double soc, double temperature_c) {
+  const int32_t rows = curve->soc_count;
+  const int32_t columns = curve->temperature_count;
+  if (rows == 1 && columns == 1) {
+    return curve->values[0];
+  }
+  if (columns == 1) {
+    return bev_line(curve->soc, rows, curve->values, soc);
+  }
+  if (rows == 1) {
+    return bev_line(curve->temperature_c, columns, curve->values, temperature_c);
+  }
+  if (isnan(soc) || isnan(temperature_c)) {
+    return soc + temperature_c;
+  }
+  const double s = bev_held(curve->soc, rows, soc);
+  const double t = bev_held(curve->temperature_c, columns, temperature_c);
+  const int32_t i = bev_cell(curve->soc, rows, s);
+  const int32_t j = bev_cell(curve->temperature_c, columns, t);
+  const double a = (s - curve->soc[i]) / (curve->soc[i + 1] - curve->soc[i]);
+  const double b = (t - curve->temperature_c[j])
+      / (curve->temperature_c[j + 1] - curve->temperature_c[j]);
+  const double *low = &curve->values[i * columns + j];
+  const double *high = low + columns;
+  const double at_low = low[0] + b * (low[1] - low[0]);
+  return at_low + a * (high[0] + b * (high[1] - high[0]) - at_low);
+}
+
+static inline double bev_at(const bev_curve *curve, int32_t saturating, double soc,
+                            double temperature_c) {
+  double value;
+  switch (curve->kind) {
+    case BEV_POLYNOMIAL:
+      value = bev_polynomial(curve, saturating, soc, temperature_c);
+      break;
+    case BEV_POLYNOMIAL_AND_LOGARITHM:
+      value = bev_polynomial_and_logarithm(curve, saturating, soc, temperature_c);
+      break;
+    case BEV_INVERSE_TEMPERATURE:
+      value = bev_inverse_temperature(curve, saturating, soc, temperature_c);
+      break;
+    default:
+      value = bev_table(curve, soc, temperature_c);
+      break;
+  }
+  for (int32_t n = 0; n < curve->factor_count; n++) {
+    value = curve->factor[n] * value;
+  }
+  return value;
+}
+
+#endif /* BEV_PREHEAT_CORE_CURVES_H_ */

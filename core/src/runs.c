@@ -1,0 +1,213 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * Steps and runs of the model, limits left aside.
+ *
+ * A run is made without saturation first, because a negative discriminant costs nothing to find: it
+ * leaves NaN. Only then is it made again with powers that saturate, from its beginning, as in
+ * bev_preheat.planning.dynamics.
+ */
+#include "checks.h"
+#include "steps_of_model.h"
+
+bev_status bev_step(const bev_vehicle *vehicle, int32_t integrator, int32_t saturating, double soc,
+                    double temperature_c, double duration_s, double power_w, double variance_w2,
+                    double heat_w, double leakage_w_per_k, double result[4]) {
+  if (vehicle == NULL || result == NULL || !bev_is_integrator(integrator)) {
+    return BEV_BAD_ARGUMENT;
+  }
+  if (!bev_is_vehicle(vehicle)) {
+    return BEV_BAD_VEHICLE;
+  }
+  const bev_inputs inputs = {duration_s, power_w, variance_w2, heat_w, leakage_w_per_k};
+  if (!bev_are_finite(&inputs) || !isfinite(soc) || !isfinite(temperature_c)) {
+    return BEV_BAD_INPUT;
+  }
+  bev_integrate(vehicle, integrator, saturating, soc, temperature_c, &inputs, result);
+  return bev_kind_of(result[0], result[1]) == BEV_OK ? BEV_OK : BEV_NOT_FINITE;
+}
+
+bev_status bev_heated_step(const bev_vehicle *vehicle, int32_t saturating, const double states[4],
+                           double duration_s, double power_w, double variance_w2, double heat_w,
+                           double leakage_w_per_k, double command_w, double result[8]) {
+  if (vehicle == NULL || states == NULL || result == NULL) {
+    return BEV_BAD_ARGUMENT;
+  }
+  if (!bev_is_vehicle(vehicle)) {
+    return BEV_BAD_VEHICLE;
+  }
+  const bev_inputs inputs = {duration_s, power_w, variance_w2, heat_w, leakage_w_per_k};
+  if (!bev_are_finite(&inputs) || !isfinite(command_w) || !isfinite(states[0])
+      || !isfinite(states[1]) || !isfinite(states[2]) || !isfinite(states[3])) {
+    return BEV_BAD_INPUT;
+  }
+  bev_integrate_heated(vehicle, saturating, states, &inputs, command_w, result);
+  if (bev_kind_of(result[0], result[1]) != BEV_OK
+      || bev_kind_of(result[2], result[3]) != BEV_OK) {
+    return BEV_NOT_FINITE;
+  }
+  return BEV_OK;
+}
+
+static bev_status run(const bev_vehicle *vehicle, int32_t integrator, int32_t saturating,
+                      const bev_trip *trip, int32_t first, const double *heater_w,
+                      const double *brake_w, double *soc, double *temperature_c) {
+  double result[4];
+  for (int32_t k = first; k < trip->steps; k++) {
+    const bev_inputs inputs = bev_inputs_of(vehicle, trip, k, heater_w, brake_w);
+    if (!bev_are_finite(&inputs)) {
+      return BEV_BAD_INPUT;
+    }
+    bev_integrate(vehicle, integrator, saturating, soc[k], temperature_c[k], &inputs, result);
+    const bev_status status = bev_kind_of(result[0], result[1]);
+    if (status != BEV_OK) {
+      return status;
+    }
+    soc[k + 1] = result[0];
+    temperature_c[k + 1] = result[1];
+  }
+  return BEV_OK;
+}
+
+/* Of the second attempt, which saturates: its own failure, else that it was needed. */
+static bev_status of_second(bev_status status) {
+  if (status == BEV_OK) {
+    return BEV_SATURATED;
+  }
+  return status == BEV_SATURATED ? BEV_NOT_FINITE : status;
+}
+
+bev_status bev_run(const bev_vehicle *vehicle, int32_t integrator, const bev_trip *trip,
+                   int32_t first, const double *heater_w, const double *brake_w, double *soc,
+                   double *temperature_c) {
+  bev_status status = bev_checked(vehicle, trip, first);
+  if (status != BEV_OK) {
+    return status;
+  }
+  if (soc == NULL || temperature_c == NULL || !bev_is_integrator(integrator)) {
+    return BEV_BAD_ARGUMENT;
+  }
+  if (!isfinite(soc[first]) || !isfinite(temperature_c[first])) {
+    return BEV_BAD_INPUT;
+  }
+  status = run(vehicle, integrator, 0, trip, first, heater_w, brake_w, soc, temperature_c);
+  if (status == BEV_SATURATED) {
+    status = of_second(
+        run(vehicle, integrator, 1, trip, first, heater_w, brake_w, soc, temperature_c));
+  }
+  return status;
+}
+
+static bev_status run_heated(const bev_vehicle *vehicle, int32_t saturating, const bev_trip *trip,
+                             int32_t first, const double *command_w, const double *brake_w,
+                             double *const run_of[4]) {
+  double states[4];
+  double result[8];
+  for (int32_t n = 0; n < 4; n++) {
+    states[n] = run_of[n][first];
+  }
+  for (int32_t k = first; k < trip->steps; k++) {
+    const bev_inputs inputs = bev_inputs_of(vehicle, trip, k, NULL, brake_w);
+    if (!bev_are_finite(&inputs) || !isfinite(command_w[k])) {
+      return BEV_BAD_INPUT;
+    }
+    bev_integrate_heated(vehicle, saturating, states, &inputs, command_w[k], result);
+    bev_status status = bev_kind_of(result[0], result[1]);
+    if (status == BEV_OK && bev_kind_of(result[2], result[3]) != BEV_OK) {
+      status = BEV_NOT_FINITE;
+    }
+    if (status != BEV_OK) {
+      return status;
+    }
+    for (int32_t n = 0; n < 4; n++) {
+      states[n] = result[n];
+      run_of[n][k + 1] = result[n];
+    }
+  }
+  return BEV_OK;
+}
+
+bev_status bev_run_heated(const bev_vehicle *vehicle, const bev_trip *trip, int32_t first,
+                          const double *command_w, const double *brake_w, double *states) {
+  bev_status status = bev_checked(vehicle, trip, first);
+  if (status != BEV_OK) {
+    return status;
+  }
+  if (command_w == NULL || states == NULL) {
+    return BEV_BAD_ARGUMENT;
+  }
+  const int32_t instants = trip->steps + 1;
+  double *const run_of[4] = {states, &states[instants], &states[2 * instants],
+                             &states[3 * instants]};
+  for (int32_t n = 0; n < 4; n++) {
+    if (!isfinite(run_of[n][first])) {
+      return BEV_BAD_INPUT;
+    }
+  }
+  status = run_heated(vehicle, 0, trip, first, command_w, brake_w, run_of);
+  if (status == BEV_SATURATED) {
+    status = of_second(run_heated(vehicle, 1, trip, first, command_w, brake_w, run_of));
+  }
+  return status;
+}
+
+static bev_status find_crossing(const bev_vehicle *vehicle, int32_t integrator, int32_t saturating,
+                                const bev_trip *trip, double target_c, double terminal_soc,
+                                double lost_k, const double *idle_temperature_c,
+                                double *instant_s) {
+  double soc = terminal_soc;
+  double temperature_c = target_c;
+  double above_k = target_c - idle_temperature_c[trip->steps];
+  double result[4];
+  for (int32_t k = trip->steps - 1; k >= 0; k--) {
+    bev_inputs inputs = bev_inputs_of(vehicle, trip, k, trip->heater_limit_w, NULL);
+    const double duration_s = inputs.duration_s;
+    if (!bev_are_finite(&inputs) || !isfinite(idle_temperature_c[k])) {
+      return BEV_BAD_INPUT;
+    }
+    inputs.duration_s = -duration_s;
+    bev_integrate(vehicle, integrator, saturating, soc, temperature_c, &inputs, result);
+    const bev_status status = bev_kind_of(result[0], result[1]);
+    if (status != BEV_OK) {
+      return status;
+    }
+    soc = result[0];
+    temperature_c = result[1];
+    const double above_before_k = above_k;
+    above_k = temperature_c - idle_temperature_c[k];
+    if (above_k <= 0.0) {
+      *instant_s = trip->time_s[k + 1]
+          - duration_s * above_before_k / (above_before_k - above_k);
+      return BEV_OK;
+    }
+    if (temperature_c > target_c + lost_k) {
+      return BEV_NO_CROSSING;
+    }
+  }
+  return BEV_NO_CROSSING;
+}
+
+bev_status bev_find_crossing(const bev_vehicle *vehicle, int32_t integrator, const bev_trip *trip,
+                             double target_c, double terminal_soc, double lost_k,
+                             const double *idle_temperature_c, double *instant_s) {
+  bev_status status = bev_checked(vehicle, trip, 0);
+  if (status != BEV_OK) {
+    return status;
+  }
+  if (idle_temperature_c == NULL || instant_s == NULL || !bev_is_integrator(integrator)) {
+    return BEV_BAD_ARGUMENT;
+  }
+  if (!isfinite(target_c) || !isfinite(terminal_soc) || !isfinite(lost_k)
+      || !isfinite(idle_temperature_c[trip->steps])) {
+    return BEV_BAD_INPUT;
+  }
+  status = find_crossing(vehicle, integrator, 0, trip, target_c, terminal_soc, lost_k,
+                         idle_temperature_c, instant_s);
+  if (status == BEV_SATURATED) {
+    status = find_crossing(vehicle, integrator, 1, trip, target_c, terminal_soc, lost_k,
+                           idle_temperature_c, instant_s);
+    if (status == BEV_SATURATED) {
+      status = BEV_NOT_FINITE;
+    }
+  }
+  return status;
+}

@@ -1,0 +1,20 @@
+#!/usr/bin/env bash
+# SPDX-License-Identifier: Apache-2.0
+# Compiles the core with each compiler there is, every warning an error; keeps nothing. Run in scripts/env.bash.
+set -euo pipefail
+cd "$(dirname "${BASH_SOURCE[0]}")/.."
+
+generated=$(mktemp -d)
+trap 'rm -rf "$generated"' EXIT
+PYTHONPATH=$PWD:${PYTHONPATH:-} python3 -m bev_preheat.compiled.c_source "$generated/bev_preheat_core_generated"
+for compiler in gcc clang; do
+    command -v "$compiler" >/dev/null || continue
+    for source in core/src/*.c; do
+        "$compiler" -std=c99 -O2 -Wall -Wextra -Wpedantic -Wconversion -Werror -ffp-contract=off \
+            -Icore/include -Icore/src -I"$generated" -c "$source" -o /dev/null
+    done
+done
+if command -v cppcheck >/dev/null; then
+    cppcheck --quiet --std=c99 --enable=warning,performance,portability --inline-suppr --error-exitcode=1 \
+        -Icore/include -Icore/src -I"$generated" core/src
+fi
