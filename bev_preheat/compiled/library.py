@@ -16,7 +16,7 @@ from functools import lru_cache
 import os
 from typing import Any
 
-from bev_preheat.compiled.structs import HeatingStruct, TripStruct, VehicleStruct
+from bev_preheat.compiled.structs import HeatingStruct, StridesStruct, TripStruct, VehicleStruct
 
 FILE = 'libbev_preheat_core.so'
 # Of core.h.
@@ -33,6 +33,7 @@ _SIGNATURES = {
     'bev_run_heated': 'PPIPPP',
     'bev_find_crossing': 'PIPDDDPP',
     'bev_run_within_limits': 'PPPIPPPPP',
+    'bev_find_bands': 'PIPPDDDPP',
 }
 
 
@@ -98,5 +99,5 @@ def _load(path: str) -> tuple[Any, str]:
 def _is_ours(library: Any) -> bool:
     """Return whether a library has this interface, and structs of the same size."""
     return (library.bev_interface(), library.bev_size_of_vehicle(), library.bev_size_of_trip(),
-            library.bev_size_of_heating()) == (
-                INTERFACE, sizeof(VehicleStruct), sizeof(TripStruct), sizeof(HeatingStruct))
+            library.bev_size_of_heating(), library.bev_size_of_strides()) == (
+                INTERFACE, *map(sizeof, (VehicleStruct, TripStruct, HeatingStruct, StridesStruct)))

@@ -14,7 +14,7 @@ from typing import Any, TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.compiled.library import core, EMPTY, NO_CROSSING, OK, SATURATED
-from bev_preheat.compiled.structs import DOUBLE_BYTES, HeatingStruct
+from bev_preheat.compiled.structs import BANDS, CURVE_MEMORY, DOUBLE_BYTES, HeatingStruct, StridesStruct
 from bev_preheat.vehicle.model import make_euler, make_midpoint, make_runge_kutta_4
 
 if TYPE_CHECKING:
@@ -119,6 +119,34 @@ def run_within_limits(vehicle: CompiledVehicle, trip: CompiledTrip, heating: Hea
     if status == EMPTY:
         return (empty.value,)
     return (None,) if status == OK else None
+
+
+def find_bands(columns: Sequence[FloatArray], temperature_c: FloatArray, energy_j: FloatArray,
+               k_per_joule: float, coldest_c: float, warmest_c: float) -> FloatArray | None:
+    """
+    Return floor, low and high [deg C] of the bands in which heating pays, (3, M, BANDS); see core.h.
+
+    `columns` are those of STRIDE_COLUMNS: the grid (G,), four maps (M, G), and four columns (M,).
+    Temperatures [deg C] and energies [J] are those of the value curve on arrival. A band that there is
+    not has a floor of inf.
+    """
+    library = core()
+    if library is None:
+        return None
+    strides, grid = columns[1].shape
+    block = np.concatenate([column.ravel() for column in columns], dtype=float)
+    places, at = [], block.ctypes.data
+    for column in columns:
+        places.append(at)
+        at += DOUBLE_BYTES * column.size
+    struct = StridesStruct(strides, grid, *places)
+    bands_c = np.full((3, strides, BANDS), -np.inf)
+    bands_c[0] = np.inf
+    status = library.bev_find_bands(
+        byref(struct), len(temperature_c), _doubles(temperature_c, len(temperature_c)),
+        _doubles(energy_j, len(temperature_c)), k_per_joule, coldest_c, warmest_c,
+        byref(c_double.from_buffer(np.empty(CURVE_MEMORY))), byref(c_double.from_buffer(bands_c)))
+    return bands_c if status == OK else None
 
 
 def _doubles(values: FloatArray | None, count: int) -> Any:

@@ -26,6 +26,8 @@ MOST_FACTORS = 4
 PARAMETERS = 5
 POLYNOMIAL, POLYNOMIAL_AND_LOGARITHM, INVERSE_TEMPERATURE, TABLE = range(4)
 DOUBLE_BYTES = 8
+BANDS = 2
+CURVE_MEMORY = 11 * 1024
 
 
 class CurveStruct(Structure):
@@ -63,6 +65,17 @@ class HeatingStruct(Structure):
 
     _fields_ = [('bands', c_int32), ('takes_surplus', c_int32), *((name, c_void_p) for name in (
         'power_w', 'floor_c', 'low_c', 'high_c', 'may_overcharge', 'may_overdraw'))]
+
+
+STRIDE_COLUMNS = ('grid_c', 'unheated_end_c', 'unheated_energy_j', 'heated_end_c', 'heated_energy_j',
+                  'needed_c', 'end_c', 'loss_to_brake', 'loss_to_heater')
+
+
+class StridesStruct(Structure):
+    """`bev_strides`."""
+
+    _fields_ = [('strides', c_int32), ('grid_points', c_int32),
+                *((name, c_void_p) for name in STRIDE_COLUMNS)]
 
 
 class NotDescribed(Exception):

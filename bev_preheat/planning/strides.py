@@ -108,8 +108,22 @@ class StrideMap:
     needed_c: float
 
 
+@dataclass(frozen=True)
+class StrideMaps:
+    """The maps of M strides: `start_c` (G,), `end_c` and `energy_j` (M, G), `needed_c` (M,)."""
+
+    start_c: FloatArray
+    end_c: FloatArray
+    energy_j: FloatArray
+    needed_c: FloatArray
+
+    def __getitem__(self, m: int) -> StrideMap:
+        """Return the StrideMap of stride m."""
+        return StrideMap(self.start_c, self.end_c[m], self.energy_j[m], float(self.needed_c[m]))
+
+
 def map_strides(vehicle: Vehicle, strides: Strides, grid_c: FloatArray,
-                penalty: float) -> tuple[list[StrideMap], list[StrideMap]]:
+                penalty: float) -> tuple[StrideMaps, StrideMaps]:
     """
     Return the maps of all strides with free heating only, and with all the heating there is.
 
@@ -124,7 +138,7 @@ def map_strides(vehicle: Vehicle, strides: Strides, grid_c: FloatArray,
     needed_c = _needed_c(grid_c, lacking_w)
     step = make_runge_kutta_4(make_rates(vehicle, ARRAYS))
 
-    def maps_of(heater_w: FloatArray) -> list[StrideMap]:
+    def maps_of(heater_w: FloatArray) -> StrideMaps:
         brake_w = surplus_w - np.minimum(heater_w, surplus_w)
         terminal_w = power_w + heater_w + brake_w
         _, end_c, _, joule_w = step(
@@ -132,7 +146,7 @@ def map_strides(vehicle: Vehicle, strides: Strides, grid_c: FloatArray,
             heat_w + vehicle.hvch.efficiency * heater_w
             - vehicle.drivetrain.heat_share * brake_w, leakage_w_per_k)
         energy_j = duration_s * (terminal_w + joule_w + penalty * lacking_w)
-        return [StrideMap(grid_c, *row) for row in zip(end_c, energy_j, needed_c)]
+        return StrideMaps(grid_c, end_c, energy_j, needed_c)
 
     free_w = np.minimum(limit_w, surplus_w)
     return maps_of(free_w), maps_of(np.maximum(room_w, free_w))
@@ -161,9 +175,9 @@ def _at_the_limits(vehicle: Vehicle, strides: Strides,
     return surplus_w, lacking_w, room_w
 
 
-def _needed_c(grid_c: FloatArray, lacking_w: FloatArray) -> list[float]:
+def _needed_c(grid_c: FloatArray, lacking_w: FloatArray) -> FloatArray:
     """Temperatures [deg C] from which on nothing is lacking in each stride; -inf where nothing is."""
-    needed_c = [-np.inf] * len(lacking_w)
+    needed_c = np.full(len(lacking_w), -np.inf)
     for m in np.flatnonzero((lacking_w > 0.0).any(axis=1)).tolist():
         row_w = lacking_w[m]
         last = int(np.flatnonzero(row_w > 0.0)[-1])

@@ -20,7 +20,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.planning.strides import make_strides, map_strides
+from bev_preheat.compiled import runs as compiled_runs
+from bev_preheat.planning.strides import make_strides, map_strides, StrideMaps, Strides
 from bev_preheat.planning.value_curve import cheaper_branch, heating_pays, ValueCurve
 
 if TYPE_CHECKING:
@@ -80,7 +81,21 @@ def find_thresholds(trip: Trip, watch: Watch, run: Schedule, target_c: float, lo
         trip.vehicle, strides, grid_c, PENALTY if serves_climbs else 0.0)
     points_c = np.unique(np.append(grid_c, target_c))
     curve = ValueCurve(points_c, PENALTY / k_per_joule * np.maximum(target_c - points_c, 0.0))
-    # Floor, low and high of each stride's bands; empty unless found.
+    bands_c = compiled_runs.find_bands(
+        (grid_c, unheated_maps.end_c, unheated_maps.energy_j, heated_maps.end_c, heated_maps.energy_j,
+         unheated_maps.needed_c, strides.end_c, strides.loss_to_brake, strides.loss_to_heater),
+        curve.temperature_c, curve.energy_j, k_per_joule, coldest_c, warmest_c)
+    if bands_c is None:
+        bands_c = _find_bands(
+            strides, unheated_maps, heated_maps, curve, k_per_joule, coldest_c, warmest_c)
+    return _in_steps(strides.first, len(trip.route), *bands_c)
+
+
+def _find_bands(strides: Strides, unheated_maps: StrideMaps, heated_maps: StrideMaps,
+                curve: ValueCurve, k_per_joule: float, coldest_c: float,
+                warmest_c: float) -> FloatArray:
+    """Return floor, low and high [deg C] of each stride's bands, (3, M, BANDS), from the curve on arrival."""
+    # Empty unless found.
     bands_c = np.full((3, len(strides), BANDS), -np.inf)
     bands_c[0] = np.inf
     # What a joule in the battery is worth on arrival [J/J].
@@ -89,7 +104,7 @@ def find_thresholds(trip: Trip, watch: Watch, run: Schedule, target_c: float, lo
         after, idle = curve, unheated_maps[m]
         heated, unheated = (after.before(stride, joule_worth) for stride in (heated_maps[m], idle))
         curve, bands = cheaper_branch(
-            heated, unheated, heating_pays(after, heated, unheated, grid_c[-1]))
+            heated, unheated, heating_pays(after, heated, unheated, unheated_maps.start_c[-1]))
         for slot, band in enumerate(bands[:BANDS]):
             bands_c[:, m, slot] = band
         if idle.needed_c > curve.temperature_c[0]:
@@ -102,7 +117,7 @@ def find_thresholds(trip: Trip, watch: Watch, run: Schedule, target_c: float, lo
             heat_worth = k_per_joule * after.worth_j_per_k(strides.end_c[m])
             # Heat is worth no more than the charge that would buy it.
             joule_worth -= strides.loss_to_heater[m] * max(joule_worth - heat_worth, 0.0)
-    return _in_steps(strides.first, len(trip.route), *bands_c)
+    return bands_c
 
 
 def _in_steps(first: IntArray, steps: int, floor_c: FloatArray, low_c: FloatArray,

@@ -9,6 +9,8 @@ int32_t bev_size_of_trip(void) { return (int32_t)sizeof(bev_trip); }
 
 int32_t bev_size_of_heating(void) { return (int32_t)sizeof(bev_heating); }
 
+int32_t bev_size_of_strides(void) { return (int32_t)sizeof(bev_strides); }
+
 static int is_axis(const double *axis, int32_t count) {
   for (int32_t n = 0; n < count; n++) {
     if (!isfinite(axis[n]) || (n > 0 && !(axis[n] > axis[n - 1]))) {

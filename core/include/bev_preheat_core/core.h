@@ -27,6 +27,11 @@ extern "C" {
 #define BEV_MOST_FACTORS 4
 #define BEV_CURVE_PARAMETERS 5
 #define BEV_BANDS 2
+/* Points of a value curve that there is room for, and the room it takes [doubles]. */
+#define BEV_CURVE_POINTS 1024
+#define BEV_CURVE_MEMORY (11 * BEV_CURVE_POINTS)
+/* Most bands of one stride in which heating may pay, of which BEV_BANDS are told. */
+#define BEV_MOST_LOWER_BANDS 32
 
 typedef enum {
   BEV_OK = 0,
@@ -135,11 +140,32 @@ typedef struct {
   const uint8_t *may_overdraw;
 } bev_heating;
 
+/*
+ * A trip in strides, and where each leads from a grid of temperatures [deg C], unheated and heated: arrays
+ * of strides * grid_points, with the energy that is taken [J]. Of each stride, the temperature from which
+ * on it is delivered (-inf: always), the one about which its end is needed, and the shares of a joule
+ * that a fuller battery leaves to brake and heater [J/J].
+ */
+typedef struct {
+  int32_t strides;
+  int32_t grid_points;
+  const double *grid_c;
+  const double *unheated_end_c;
+  const double *unheated_energy_j;
+  const double *heated_end_c;
+  const double *heated_energy_j;
+  const double *needed_c;
+  const double *end_c;
+  const double *loss_to_brake;
+  const double *loss_to_heater;
+} bev_strides;
+
 /* BEV_INTERFACE of the library, and the sizes of its structs: what a caller checks after loading it. */
 int32_t bev_interface(void);
 int32_t bev_size_of_vehicle(void);
 int32_t bev_size_of_trip(void);
 int32_t bev_size_of_heating(void);
+int32_t bev_size_of_strides(void);
 
 /* BEV_OK, or BEV_BAD_VEHICLE or BEV_BAD_ARGUMENT. The runs do not look into the tables again. */
 bev_status bev_check_vehicle(const bev_vehicle *vehicle);
@@ -202,6 +228,18 @@ bev_status bev_run_within_limits(const bev_vehicle *vehicle, const bev_trip *tri
                                  const bev_heating *heating, int32_t first, double *soc,
                                  double *temperature_c, double *heater_w, double *brake_w,
                                  int32_t *empty_step);
+
+/*
+ * Below which temperatures heating pays in each stride: the value curve, run backward over all strides.
+ *
+ * It begins as `count` points, rising temperatures and energies [J], and is kept between the coldest and
+ * the warmest temperature. `k_per_joule` is what a joule of the heater warms. `memory` has
+ * BEV_CURVE_MEMORY doubles. `bands_c` are three arrays of strides * BEV_BANDS, floor, low and high of each
+ * band [deg C]; those that there are, the warmest first, are written, the others left.
+ */
+bev_status bev_find_bands(const bev_strides *strides, int32_t count, const double *temperature_c,
+                          const double *energy_j, double k_per_joule, double coldest_c,
+                          double warmest_c, double *memory, double *bands_c);
 
 #ifdef __cplusplus
 }
