@@ -33,6 +33,7 @@ _SIGNATURES = {
     'bev_run_heated': 'PPIPPP',
     'bev_find_crossing': 'PIPDDDPP',
     'bev_run_within_limits': 'PPPIPPPPP',
+    'bev_run_heated_within_limits': 'PPPIPPP',
     'bev_find_bands': 'PIPPDDDPP',
 }
 

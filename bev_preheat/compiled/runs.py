@@ -121,6 +121,26 @@ def run_within_limits(vehicle: CompiledVehicle, trip: CompiledTrip, heating: Hea
     return (None,) if status == OK else None
 
 
+def run_heated_within_limits(vehicle: CompiledVehicle, trip: CompiledTrip, heating: Heating, first: int,
+                             states: FloatArray, powers_w: FloatArray) -> tuple[int | None] | None:
+    """
+    Do as `run_within_limits`, with the heat path.
+
+    `states` (4, N + 1) are those of `run_heated`; `powers_w` (4, N) are command, friction brake, what the
+    heater takes and the heat into the battery [W].
+    """
+    library = core()
+    if library is None:
+        return None
+    empty = c_int32()
+    status = library.bev_run_heated_within_limits(
+        vehicle.address, trip.address, byref(heating.struct), first,
+        byref(c_double.from_buffer(states)), byref(c_double.from_buffer(powers_w)), byref(empty))
+    if status == EMPTY:
+        return (empty.value,)
+    return (None,) if status == OK else None
+
+
 def find_bands(columns: Sequence[FloatArray], temperature_c: FloatArray, energy_j: FloatArray,
                k_per_joule: float, coldest_c: float, warmest_c: float) -> FloatArray | None:
     """

@@ -14,8 +14,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from bev_preheat.compiled import runs as compiled_runs
+from bev_preheat.numerics.arithmetic import FLOATS
 from bev_preheat.planning.bracketing import halve
-from bev_preheat.planning.dynamics import hottest_c
+from bev_preheat.planning.dynamics import compiled_vehicle, hottest_c
 from bev_preheat.planning.foresight import Foresight
 from bev_preheat.planning.heat_run import (
     ends_before_arrival_s,
@@ -25,20 +27,21 @@ from bev_preheat.planning.heat_run import (
     make_heat_run,
     mean_share_left,
     States,
-    states_at,
 )
 from bev_preheat.planning.schedule import Schedule, switched_on_s
 from bev_preheat.vehicle.model import make_runge_kutta_4
+from bev_preheat.vehicle.terminal_limits import make_terminal_limits, TerminalLimits
 
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray
-    from bev_preheat.planning.limits import WantedPower, Watch
+    from bev_preheat.planning.limits import WantedHeat, WantedPower, Watch
     from bev_preheat.planning.situation import BatteryState
     from bev_preheat.planning.trip import Trip
-    from bev_preheat.vehicle.terminal_limits import TerminalLimits
 
 # The highest temperature is kept to this by heating.
 HIGHEST_TOLERANCE_K = 1e-6
+# So many states and powers.
+STATES, POWERS = 4, 4
 # Command, friction brake, what the heater takes, and heat into the battery, means of a step [W].
 Powers = tuple[float, float, float, float]
 # `drive(step, states)` -> states at its end, powers.
@@ -46,37 +49,34 @@ HeatedDrive = Callable[[int, States], tuple[States, Powers]]
 
 
 def run_heated_within_limits(
-        trip: Trip, state: BatteryState, watch: Watch, limits: TerminalLimits[float],
-        wanted_w: WantedPower, take_surplus: bool, first: int = 0,
-        before: Schedule | None = None) -> Schedule:
+        trip: Trip, state: BatteryState, watch: Watch, wanted: WantedHeat, take_surplus: bool,
+        first: int = 0, before: Schedule | None = None) -> Schedule:
     """
     Return the Schedule of a forward run that keeps the limits; see `limits.run_within_limits`.
 
-    `limits` are those of `vehicle.terminal_limits` for floats. `wanted_w(step,
-    temperature_c)` is asked with the temperature that the battery will have when all heat that is
-    under way has arrived.
+    What is `wanted` (a WantedHeat) is asked with the temperature that the battery will have when all heat
+    that is under way has arrived.
     """
-    drive = _drive_within_limits(trip, watch, limits, wanted_w, take_surplus)
+    steps = len(trip.route)
+    states, powers_w = np.empty((STATES, steps + 1)), np.empty((POWERS, steps))
     if before is None or before.heat is None or before.empty_at_s is not None:
-        run = _Run([initial_states(state)], [])
+        first = 0
+        states[:, 0] = initial_states(state)
     else:
         heat = before.heat
-        run = _Run([states_at(before, k) for k in range(first + 1)], list(zip(*(
-            values[:first].tolist() for values in (
-                before.heater_power_w, before.brake_power_w, heat.drawn_power_w,
-                heat.arriving_heat_w)))))
-    most_c = hottest_c(trip.vehicle)
+        for kept, values in zip((*states, *powers_w), (
+                before.soc[:first + 1], before.temperature_c[:first + 1],
+                heat.heater_power_w[:first + 1], heat.coolant_excess_k[:first + 1],
+                before.heater_power_w[:first], before.brake_power_w[:first],
+                heat.drawn_power_w[:first], heat.arriving_heat_w[:first])):
+            kept[:len(values)] = values
+    empty = _drive_on(trip, watch, wanted, take_surplus, first, states, powers_w)
     driven_share = empty_at_s = None
-    for k in range(len(run.powers_w), len(trip.route)):
-        (soc, end_c, heater_w, excess_k), powers_w = drive(k, run.states[-1])
-        if soc <= 0.0:
-            driven_share = run.strand(trip, k, powers_w)
-            empty_at_s = float(trip.time_s[k] + driven_share[k] * trip.route.duration_s[k])
-            break
-        run.states.append((soc, min(end_c, most_c), heater_w, excess_k))
-        run.powers_w.append(powers_w)
-    soc_run, temperature_c, heater_run_w, excess_run_k = np.array(run.states).T.copy()
-    command_w, brake_w, drawn_w, arriving_w = np.array(run.powers_w).T.copy()
+    if empty is not None:
+        driven_share = _strand(trip, empty, states, powers_w)
+        empty_at_s = float(trip.time_s[empty] + driven_share[empty] * trip.route.duration_s[empty])
+    soc, temperature_c, heater_w, excess_k = states
+    command_w, brake_w, drawn_w, arriving_w = powers_w
     start_s = switched_on_s(trip, command_w)
     if start_s is not None:
         # A step that is heated in part is heated evenly, from its beginning.
@@ -84,17 +84,44 @@ def run_heated_within_limits(
         if watch.charge[on] or watch.discharge[on]:
             start_s = float(trip.time_s[on])
     return Schedule(
-        start_s, command_w, brake_w, soc_run, temperature_c, make_runge_kutta_4,
+        start_s, command_w, brake_w, soc, temperature_c, make_runge_kutta_4,
         ends_before_arrival_s(trip, command_w), empty_at_s, driven_share,
-        heat=make_heat_run(trip.vehicle.heat_path, heater_run_w, excess_run_k, drawn_w,
-                           arriving_w))
+        heat=make_heat_run(trip.vehicle.heat_path, heater_w, excess_k, drawn_w, arriving_w))
 
 
-def _drive_within_limits(trip: Trip, watch: Watch, limits: TerminalLimits[float],
-                         wanted_w: WantedPower, take_surplus: bool) -> HeatedDrive:
+def _drive_on(trip: Trip, watch: Watch, wanted: WantedHeat, take_surplus: bool, first: int,
+              states: FloatArray, powers_w: FloatArray) -> int | None:
+    """
+    Drive on from step `first`, within the limits; return the step that the charge does not carry.
+
+    Written are the States (4, N + 1) after `first`, and the Powers (4, N) from it on, as far as the charge
+    carries.
+    """
+    vehicle = compiled_vehicle(trip.vehicle)
+    driven = None if vehicle is None else compiled_runs.run_heated_within_limits(
+        vehicle, trip.compiled, compiled_runs.Heating(
+            wanted.power_w, wanted.bands, watch.charge, watch.discharge, take_surplus),
+        first, states, powers_w)
+    if driven is not None:
+        return driven[0]
+    drive = _drive_within_limits(trip, watch, wanted.at_temperature(), take_surplus)
+    most_c = hottest_c(trip.vehicle)
+    here: States = tuple(states[:, first].tolist())
+    for k in range(first, len(trip.route)):
+        (soc, end_c, heater_w, excess_k), powers_w[:, k] = drive(k, here)
+        if soc <= 0.0:
+            return k
+        here = soc, min(end_c, most_c), heater_w, excess_k
+        states[:, k + 1] = here
+    return None
+
+
+def _drive_within_limits(trip: Trip, watch: Watch, wanted_w: WantedPower,
+                         take_surplus: bool) -> HeatedDrive:
     """Return `drive(k, states)`, which drives step k within the limits; see `limits`."""
     vehicle, path = trip.vehicle, trip.vehicle.heat_path
     step = heated_step_of_floats(vehicle, True)
+    limits: TerminalLimits[float] = make_terminal_limits(vehicle, FLOATS)
     highest_c = vehicle.battery.temperature_range_c[1]
     heat_share = vehicle.drivetrain.heat_share
     k_per_watt, share_of_excess = heat_to_come_k(vehicle)
@@ -161,43 +188,40 @@ def _drive_within_limits(trip: Trip, watch: Watch, limits: TerminalLimits[float]
     return drive
 
 
-class _Run:
-    """A run on its way: the states at each instant, the powers of each step."""
+def _strand(trip: Trip, empty: int, states: FloatArray, powers_w: FloatArray) -> FloatArray:
+    """
+    Write how the run ends whose charge runs out in step `empty`; return the driven share (N,).
 
-    def __init__(self, states: list[States], powers_w: list[Powers]) -> None:
-        self.states, self.powers_w = states, powers_w
+    The step is driven until the battery is empty; from then on the vehicle stands, its heater takes
+    nothing, and its coolant goes on to give its heat to the battery. `powers_w` of that step are known.
+    """
+    step = heated_step_of_floats(trip.vehicle, True)
+    heat_share = trip.vehicle.drivetrain.heat_share
+    driven_share = np.where(np.arange(len(trip.route)) < empty, 1.0, 0.0)
+    command_w, brake_w, _, _ = powers_w[:, empty].tolist()
 
-    def strand(self, trip: Trip, empty: int, powers_w: Powers) -> FloatArray:
-        """
-        Add how the run ends whose charge runs out in step `empty`; return the driven share (N,).
+    def drive_step(k: int, start: States, share: float) -> tuple[float, ...]:
+        driven = trip.driven(driven_share)
+        soc, temperature_c, heater_w, excess_k = start
+        ends: tuple[float, ...] = step(
+            soc, temperature_c, share * heater_w, excess_k, float(trip.route.duration_s[k]),
+            float(driven.idle_power_w[k]) + share * brake_w,
+            float(driven.power_variance_w2[k]),
+            float(driven.idle_heat_w[k]) - share * heat_share * brake_w,
+            float(trip.leakage_w_per_k[k]), share * command_w)
+        return ends
 
-        The step is driven until the battery is empty; from then on the vehicle stands, its heater
-        takes nothing, and its coolant goes on to give its heat to the battery.
-        """
-        step = heated_step_of_floats(trip.vehicle, True)
-        heat_share = trip.vehicle.drivetrain.heat_share
-        driven_share = np.where(np.arange(len(trip.route)) < empty, 1.0, 0.0)
-        command_w, brake_w, _, _ = powers_w
+    here: States = tuple(states[:, empty].tolist())
 
-        def drive_step(k: int, states: States, share: float) -> tuple[float, ...]:
-            driven = trip.driven(driven_share)
-            soc, temperature_c, heater_w, excess_k = states
-            ends: tuple[float, ...] = step(
-                soc, temperature_c, share * heater_w, excess_k, float(trip.route.duration_s[k]),
-                float(driven.idle_power_w[k]) + share * brake_w,
-                float(driven.power_variance_w2[k]),
-                float(driven.idle_heat_w[k]) - share * heat_share * brake_w,
-                float(trip.leakage_w_per_k[k]), share * command_w)
-            return ends
+    def carries(share: float) -> bool:
+        driven_share[empty] = share
+        return drive_step(empty, here, share)[0] > 0.0
 
-        def carries(share: float) -> bool:
-            driven_share[empty] = share
-            return drive_step(empty, self.states[-1], share)[0] > 0.0
-
-        driven_share[empty] = halve(0.0, 1.0, carries)
-        for k in range(empty, len(trip.route)):
-            share = float(driven_share[k])
-            ends = drive_step(k, self.states[-1], share)
-            self.states.append((0.0, min(ends[1], hottest_c(trip.vehicle)), 0.0, ends[3]))
-            self.powers_w.append((share * command_w, share * brake_w, ends[6], ends[7]))
-        return driven_share
+    driven_share[empty] = halve(0.0, 1.0, carries)
+    for k in range(empty, len(trip.route)):
+        share = float(driven_share[k])
+        ends = drive_step(k, here, share)
+        here = 0.0, min(ends[1], hottest_c(trip.vehicle)), 0.0, ends[3]
+        states[:, k + 1] = here
+        powers_w[:, k] = share * command_w, share * brake_w, ends[6], ends[7]
+    return driven_share

@@ -132,8 +132,7 @@ def run_within_limits(trip: Trip, state: BatteryState, watch: Watch,
     """
     if not trip.vehicle.heat_path.is_direct:
         return run_heated_within_limits(
-            trip, state, watch, make_terminal_limits(trip.vehicle, FLOATS), wanted.at_temperature(),
-            take_surplus, first, before)
+            trip, state, watch, wanted, take_surplus, first, before)
     steps = len(trip.route)
     states, powers_w = np.empty((2, steps + 1)), np.empty((2, steps))
     if before is None or before.empty_at_s is not None:

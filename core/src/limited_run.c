@@ -1,12 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The forward run that keeps the battery's limits: bev_preheat.planning.limits. */
-#include "checks.h"
+#include "heating.h"
 #include "steps_of_model.h"
-
-/* The highest temperature is kept to this by heating [K], in so many rounds. */
-#define HIGHEST_TOLERANCE_K 1e-6
-#define MOST_ROUNDS 1000
-#define HALVINGS 50
 
 /* One step on its way: where it starts, what drives it. */
 typedef struct {
@@ -27,30 +22,12 @@ static bev_status end_of(const step_start *start, double heater_w, double brake_
   return bev_kind_of(result[0], result[1]) == BEV_OK ? BEV_OK : BEV_NOT_FINITE;
 }
 
-/* The heater power that is wanted in step k [W]. */
-static double wanted_w(const bev_heating *heating, int32_t k, double temperature_c) {
-  const double power_w = heating->power_w[k];
-  if (heating->bands == 0) {
-    return power_w;
-  }
-  for (int32_t n = 0; n < heating->bands; n++) {
-    const int32_t at = k * heating->bands + n;
-    const double low_c = heating->low_c[at];
-    const double high_c = heating->high_c[at];
-    if (heating->floor_c[at] <= temperature_c && temperature_c < high_c) {
-      return temperature_c <= low_c ? power_w
-                                    : power_w * (high_c - temperature_c) / (high_c - low_c);
-    }
-  }
-  return 0.0;
-}
-
 /* The step in which the brake takes what would overfill the battery. */
 static bev_status keep_from_overfilling(const step_start *start, double most_w, double heater_w,
                                         double *brake_w, double result[4]) {
   double enough_w = most_w;
   double too_little_w = *brake_w;
-  for (int32_t n = 0; n < HALVINGS; n++) {
+  for (int32_t n = 0; n < BEV_HALVINGS; n++) {
     const double middle_w = 0.5 * (enough_w + too_little_w);
     const bev_status status = end_of(start, heater_w, middle_w, result);
     if (status != BEV_OK) {
@@ -83,7 +60,7 @@ static bev_status drive(const step_start *start, const bev_trip *trip, const bev
   if (start->temperature_c >= highest_c) {
     cap_w = 0.0;
   } else {
-    heat_w = wanted_w(heating, k, start->temperature_c);
+    heat_w = bev_wanted_w(heating, k, start->temperature_c);
   }
   if (may_overcharge || heating->may_overdraw[k] != 0) {
     double limits_w[2];
@@ -100,7 +77,7 @@ static bev_status drive(const step_start *start, const bev_trip *trip, const bev
   }
   int is_settled = 0;
   double braked_w = 0.0;
-  for (int32_t round = 0; round < MOST_ROUNDS && !is_settled; round++) {
+  for (int32_t round = 0; round < BEV_MOST_ROUNDS && !is_settled; round++) {
     braked_w = 0.0;
     if (may_overcharge) {
       braked_w = bev_minimum(bev_maximum(0.0, least_w - power_w - heat_w), -propulsion_w);
@@ -109,7 +86,7 @@ static bev_status drive(const step_start *start, const bev_trip *trip, const bev
     if (status != BEV_OK) {
       return status;
     }
-    if (heat_w <= 0.0 || result[1] <= highest_c + HIGHEST_TOLERANCE_K) {
+    if (heat_w <= 0.0 || result[1] <= highest_c + BEV_HIGHEST_TOLERANCE_K) {
       is_settled = 1;
     } else {
       heat_w = bev_maximum(
@@ -129,14 +106,6 @@ static bev_status drive(const step_start *start, const bev_trip *trip, const bev
   return status;
 }
 
-static int is_heating(const bev_heating *heating) {
-  return heating != NULL && heating->power_w != NULL && heating->may_overcharge != NULL
-      && heating->may_overdraw != NULL
-      && (heating->bands == 0
-          || (heating->bands > 0 && heating->bands <= BEV_BANDS && heating->floor_c != NULL
-              && heating->low_c != NULL && heating->high_c != NULL));
-}
-
 bev_status bev_run_within_limits(const bev_vehicle *vehicle, const bev_trip *trip,
                                  const bev_heating *heating, int32_t first, double *soc,
                                  double *temperature_c, double *heater_w, double *brake_w,
@@ -145,7 +114,7 @@ bev_status bev_run_within_limits(const bev_vehicle *vehicle, const bev_trip *tri
   if (checked != BEV_OK) {
     return checked;
   }
-  if (!is_heating(heating) || soc == NULL || temperature_c == NULL || heater_w == NULL
+  if (!bev_is_heating(heating) || soc == NULL || temperature_c == NULL || heater_w == NULL
       || brake_w == NULL || empty_step == NULL) {
     return BEV_BAD_ARGUMENT;
   }

@@ -230,6 +230,14 @@ bev_status bev_run_within_limits(const bev_vehicle *vehicle, const bev_trip *tri
                                  int32_t *empty_step);
 
 /*
+ * The same with the heat path: `states` as of bev_run_heated, `powers_w` four arrays of `steps` values, one
+ * after the other: command, friction brake, what the heater takes, and heat into the battery, means [W].
+ */
+bev_status bev_run_heated_within_limits(const bev_vehicle *vehicle, const bev_trip *trip,
+                                        const bev_heating *heating, int32_t first, double *states,
+                                        double *powers_w, int32_t *empty_step);
+
+/*
  * Below which temperatures heating pays in each stride: the value curve, run backward over all strides.
  *
  * It begins as `count` points, rising temperatures and energies [J], and is kept between the coldest and
