@@ -77,7 +77,7 @@ def _function(name: str, subject: str, arguments: Sequence[str], results: Sequen
     lines += ([f'return {ends[0]};'] if is_value
               else [f'result[{n}] = {end};' for n, end in enumerate(ends)])
     body = '\n'.join(lines)
-    names = [subject.split('*')[-1], 'saturating', *arguments]
+    names = [subject.rpartition('*')[2], 'saturating', *arguments]
     unused = [f'(void){each};' for each in names if not re.search(rf'\b{each}\b', body)]
     parameters = ', '.join(
         [f'const {subject}', 'int32_t saturating', *(f'double {each}' for each in arguments),

@@ -8,7 +8,7 @@ same result or the exception that belongs to it.
 
 from __future__ import annotations
 
-from ctypes import byref, c_double, c_int32, c_uint8
+from ctypes import byref, c_double, c_int32
 from typing import Any, TYPE_CHECKING
 
 import numpy as np
@@ -65,7 +65,7 @@ def run_heated(vehicle: CompiledVehicle, trip: CompiledTrip, states: FloatArray,
         return None
     status = library.bev_run_heated(
         vehicle.address, trip.address, first, _doubles(command_w, trip.steps),
-        _doubles(brake_w, trip.steps), byref(c_double.from_buffer(states)))
+        _doubles(brake_w, trip.steps), _place(states))
     return states if status in (OK, SATURATED) else None
 
 
@@ -135,7 +135,7 @@ def run_heated_within_limits(vehicle: CompiledVehicle, trip: CompiledTrip, heati
     empty = c_int32()
     status = library.bev_run_heated_within_limits(
         vehicle.address, trip.address, byref(heating.struct), first,
-        byref(c_double.from_buffer(states)), byref(c_double.from_buffer(powers_w)), byref(empty))
+        _place(states), _place(powers_w), byref(empty))
     if status == EMPTY:
         return (empty.value,)
     return (None,) if status == OK else None
@@ -165,7 +165,7 @@ def find_bands(columns: Sequence[FloatArray], temperature_c: FloatArray, energy_
     status = library.bev_find_bands(
         byref(struct), len(temperature_c), _doubles(temperature_c, len(temperature_c)),
         _doubles(energy_j, len(temperature_c)), k_per_joule, coldest_c, warmest_c,
-        byref(c_double.from_buffer(np.empty(CURVE_MEMORY))), byref(c_double.from_buffer(bands_c)))
+        _place(np.empty(CURVE_MEMORY)), _place(bands_c))
     return bands_c if status == OK else None
 
 
@@ -175,16 +175,21 @@ def _doubles(values: FloatArray | None, count: int) -> Any:
         return None
     try:
         if values.dtype is FLOAT and len(values) == count:
-            return byref(c_double.from_buffer(values))  # type: ignore[arg-type]
+            return _place(values)
     except (TypeError, ValueError):
         # Not contiguous, read only, or empty.
         pass
     copy = np.zeros(count + 1)
     copy[:count] = values
-    return byref(c_double.from_buffer(copy))  # type: ignore[arg-type]
+    return _place(copy)
 
 
 def _rows(array: FloatArray, rows: int) -> list[Any]:
     """Return pointers to the rows of a contiguous array (rows, any)."""
     width = DOUBLE_BYTES * array.shape[1]
-    return [byref(c_double.from_buffer(array, row * width)) for row in range(rows)]  # type: ignore[arg-type]
+    return [_place(array, row * width) for row in range(rows)]
+
+
+def _place(array: FloatArray, offset: int = 0) -> Any:
+    """Return a pointer into an array, so many bytes behind its beginning; the array is kept alive."""
+    return byref(c_double.from_buffer(array, offset))  # type: ignore[arg-type]

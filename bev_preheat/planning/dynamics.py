@@ -80,19 +80,19 @@ def _roll(trip: Trip, make_integrator: Integrator, states: FloatArray, first: in
     vehicle = compiled_vehicle(trip.vehicle)
     run = None if vehicle is None else compiled_runs.run(
         vehicle, make_integrator, trip.compiled, states, first, heater_power_w, brake_power_w)
-    if run is None:
-        columns = [column[first:].tolist() for column in trip.inputs(heater_power_w, brake_power_w)]
-        start_soc, start_c = states[:, first].tolist()
-        try:
-            run = states
-            run[:, first:] = _rolled(
-                step_of_floats(trip.vehicle, make_integrator), start_soc, start_c, columns)
-        except (ValueError, ArithmeticError):
-            # No root, or, far beyond an empty battery, no number at all.
-            run[:, first:] = _rolled(
-                step_of_floats(trip.vehicle, make_integrator, saturating=True), start_soc, start_c,
-                columns)
-    return run[0], run[1]
+    if run is not None:
+        return run[0], run[1]
+    columns = [column[first:].tolist() for column in trip.inputs(heater_power_w, brake_power_w)]
+    start_soc, start_c = states[:, first].tolist()
+    try:
+        states[:, first:] = _rolled(
+            step_of_floats(trip.vehicle, make_integrator), start_soc, start_c, columns)
+    except (ValueError, ArithmeticError):
+        # No root, or, far beyond an empty battery, no number at all.
+        states[:, first:] = _rolled(
+            step_of_floats(trip.vehicle, make_integrator, saturating=True), start_soc, start_c,
+            columns)
+    return states[0], states[1]
 
 
 def _rolled(step: Step[float], soc: float, temperature_c: float,
