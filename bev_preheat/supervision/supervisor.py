@@ -96,7 +96,6 @@ class Supervisor:
         other event. Without an event time passes: the command is renewed, and a decision whose
         inputs have expired is dropped. An exception that nobody foresaw switches the heater off.
         """
-        use_core(self.settings.compiled_core)
         try:
             yield from self._react(now_ns, events) if events else self._let_time_pass(now_ns)
         except Exception as error:
@@ -107,6 +106,7 @@ class Supervisor:
 
     def _react(self, now_ns: int, events: tuple[Event, ...]) -> Iterator[Output]:
         refusals = tuple(filter(None, (self._deliver(event, now_ns) for event in events)))
+        use_core(self.settings.compiled_core)
         if all(isinstance(event, ProgressArrived | ProgressUnreadable) for event in events):
             yield Output(refusals=refusals)
             return

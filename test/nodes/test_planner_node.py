@@ -215,6 +215,8 @@ class Car:
 def parameter_value(value):
     if isinstance(value, str):
         return ParameterValue(type=ParameterType.PARAMETER_STRING, string_value=value)
+    if isinstance(value, bool):
+        return ParameterValue(type=ParameterType.PARAMETER_BOOL, bool_value=value)
     if isinstance(value, int):
         return ParameterValue(type=ParameterType.PARAMETER_INTEGER, integer_value=value)
     return ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=value)
@@ -723,7 +725,7 @@ def test_the_route_is_subscribed_to_latched_and_volatile(car, module_bench):
 
 DEFAULTS = {'command_period': PERIOD_S, 'command_lease': LEASE_S,
             'battery_state_timeout': TIMEOUT_S, 'target_battery_temperature': 0.0,
-            'planning_step': 30.0, 'clock_tolerance': 1.0, 'vehicle': 'reference'}
+            'planning_step': 30.0, 'clock_tolerance': 1.0, 'vehicle': 'reference', 'compiled_core': True}
 
 
 @pytest.fixture
@@ -768,6 +770,16 @@ def test_a_new_period_takes_effect_at_once(tunable_car):
         stamps_s = [nanoseconds(command.header.stamp) / NS_PER_S
                     for command in car.commands.wait_for_count(12)[1:]]
     assert stamps_s[-1] - stamps_s[0] < 10 * 0.5 * PERIOD_S
+
+
+def test_the_compiled_core_is_told_and_can_be_switched_off(tunable_car):
+    car = tunable_car
+    assert re.search(r'with method \w+; compiled core used: \S+libbev_preheat_core\.so\.', car.process.output())
+    assert car.set_parameters(compiled_core=False).successful
+    with car.feeding():
+        car.diagnostics.wait_for(lambda array: any(
+            (item.key, item.value) == ('compiled core', 'not used: switched off')
+            for item in array.status[0].values))
 
 
 def test_a_new_timeout_takes_effect_at_once(tunable_car):

@@ -8,13 +8,14 @@ import random
 import pytest
 from stepwise import Stepwise
 
+from bev_preheat.compiled.library import core, use_core
 from bev_preheat.errors import InvalidInput, PlanningFailure
 from bev_preheat.planning.planner import METHODS
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.planning.status import Status
 from bev_preheat.route.segments import make_route
 from bev_preheat.supervision.decision import Command
-from bev_preheat.supervision.events import BatteryStateArrived
+from bev_preheat.supervision.events import BatteryStateArrived, PreheatingSwitched, Reconfigured
 from bev_preheat.supervision.inbox import Inbox
 from bev_preheat.supervision.inputs import Leg, Measurement, Mission, NS_PER_S
 from bev_preheat.supervision.settings import Settings
@@ -677,3 +678,17 @@ def test_margin_is_left_on_top_of_the_reserve_that_a_route_asks_for():
              for reserve in (0.0, 0.31, 0.98)]
     # No reserve asked for is none, and more than all there is cannot be kept.
     assert [goal.minimum_arrival_soc for goal in goals] == [0.0, pytest.approx(0.38), 1.0]
+
+
+def test_the_compiled_core_is_used_as_the_settings_say():
+    try:
+        supervisor = Supervisor(VEHICLE, replace(SETTINGS, compiled_core=False))
+        assert core() is None
+        list(Supervisor(VEHICLE, SETTINGS).step(NOW_NS, PreheatingSwitched(True)))
+        assert core() is not None
+        list(supervisor.step(NOW_NS, PreheatingSwitched(True)))
+        assert core() is None
+        list(supervisor.step(NOW_NS, Reconfigured(VEHICLE, SETTINGS)))
+        assert core() is not None
+    finally:
+        use_core(True)
