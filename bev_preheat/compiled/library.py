@@ -16,7 +16,13 @@ from functools import lru_cache
 import os
 from typing import Any
 
-from bev_preheat.compiled.structs import HeatingStruct, StridesStruct, TripStruct, VehicleStruct
+from bev_preheat.compiled.structs import (
+    HeatingStruct,
+    StrideInputsStruct,
+    StridesStruct,
+    TripStruct,
+    VehicleStruct,
+)
 
 FILE = 'libbev_preheat_core.so'
 # Of core.h.
@@ -34,6 +40,7 @@ _SIGNATURES = {
     'bev_find_crossing': 'PIPDDDPP',
     'bev_run_within_limits': 'PPPIPPPPP',
     'bev_run_heated_within_limits': 'PPPIPPP',
+    'bev_map_strides': 'PPIPDPP',
     'bev_find_bands': 'PIPPDDDPP',
 }
 
@@ -100,5 +107,6 @@ def _load(path: str) -> tuple[Any, str]:
 def _is_ours(library: Any) -> bool:
     """Return whether a library has this interface, and structs of the same size."""
     return (library.bev_interface(), library.bev_size_of_vehicle(), library.bev_size_of_trip(),
-            library.bev_size_of_heating(), library.bev_size_of_strides()) == (
-                INTERFACE, *map(sizeof, (VehicleStruct, TripStruct, HeatingStruct, StridesStruct)))
+            library.bev_size_of_heating(), library.bev_size_of_strides(),
+            library.bev_size_of_stride_inputs()) == (INTERFACE, *map(sizeof, (
+                VehicleStruct, TripStruct, HeatingStruct, StridesStruct, StrideInputsStruct)))

@@ -14,7 +14,14 @@ from typing import Any, TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.compiled.library import core, EMPTY, NO_CROSSING, OK, SATURATED
-from bev_preheat.compiled.structs import BANDS, CURVE_MEMORY, DOUBLE_BYTES, HeatingStruct, StridesStruct
+from bev_preheat.compiled.structs import (
+    BANDS,
+    CURVE_MEMORY,
+    DOUBLE_BYTES,
+    HeatingStruct,
+    StrideInputsStruct,
+    StridesStruct,
+)
 from bev_preheat.vehicle.model import make_euler, make_midpoint, make_runge_kutta_4
 
 if TYPE_CHECKING:
@@ -139,6 +146,28 @@ def run_heated_within_limits(vehicle: CompiledVehicle, trip: CompiledTrip, heati
     if status == EMPTY:
         return (empty.value,)
     return (None,) if status == OK else None
+
+
+def map_strides(vehicle: CompiledVehicle, columns: Sequence[FloatArray], is_limited: BoolArray,
+                grid_c: FloatArray, penalty: float) -> tuple[FloatArray, FloatArray] | None:
+    """
+    Return the maps of strides, unheated end and energy, heated end and energy, (4, M, G), and `needed_c` (M,).
+
+    `columns` (M,) are those of STRIDE_INPUTS, `grid_c` (G,) the temperatures [deg C]; see core.h.
+    """
+    library = core()
+    if library is None:
+        return None
+    strides = len(is_limited)
+    block, flags = np.concatenate(columns, dtype=float), is_limited.astype(np.uint8)
+    at, width = block.ctypes.data, DOUBLE_BYTES * strides
+    inputs = StrideInputsStruct(
+        strides, *(at + n * width for n in range(len(columns))), flags.ctypes.data)
+    maps, needed_c = np.empty((4, strides, len(grid_c))), np.empty(strides)
+    status = library.bev_map_strides(
+        vehicle.address, byref(inputs), len(grid_c), _doubles(grid_c, len(grid_c)), penalty,
+        _place(maps), _place(needed_c))
+    return (maps, needed_c) if status == OK else None
 
 
 def find_bands(columns: Sequence[FloatArray], temperature_c: FloatArray, energy_j: FloatArray,

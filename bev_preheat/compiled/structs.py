@@ -78,6 +78,16 @@ class StridesStruct(Structure):
                 *((name, c_void_p) for name in STRIDE_COLUMNS)]
 
 
+STRIDE_INPUTS = ('duration_s', 'idle_power_w', 'power_variance_w2', 'idle_heat_w', 'leakage_w_per_k',
+                 'heater_limit_w', 'propulsion_w', 'soc')
+
+
+class StrideInputsStruct(Structure):
+    """`bev_stride_inputs`."""
+
+    _fields_ = [('strides', c_int32), *((name, c_void_p) for name in (*STRIDE_INPUTS, 'is_limited'))]
+
+
 class NotDescribed(Exception):
     """The core has no such curve."""
 

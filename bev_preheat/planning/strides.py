@@ -13,7 +13,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from bev_preheat.compiled import runs as compiled_runs
 from bev_preheat.numerics.arithmetic import ARRAYS
+from bev_preheat.planning.dynamics import compiled_vehicle
 from bev_preheat.planning.limits import Watch
 from bev_preheat.vehicle.model import make_rates, make_runge_kutta_4
 from bev_preheat.vehicle.terminal_limits import make_terminal_limits
@@ -129,6 +131,16 @@ def map_strides(vehicle: Vehicle, strides: Strides, grid_c: FloatArray,
 
     A watt that the battery lacks costs `penalty` times what the heater takes for it.
     """
+    compiled = compiled_vehicle(vehicle)
+    mapped = None if compiled is None else compiled_runs.map_strides(
+        compiled, (strides.duration_s, strides.idle_power_w, strides.power_variance_w2,
+                   strides.idle_heat_w, strides.leakage_w_per_k, strides.heater_limit_w,
+                   strides.propulsion_w, strides.soc),
+        strides.may_overcharge | strides.may_overdraw, grid_c, penalty)
+    if mapped is not None:
+        (unheated_c, unheated_j, heated_c, heated_j), needed_c = mapped
+        return (StrideMaps(grid_c, unheated_c, unheated_j, needed_c),
+                StrideMaps(grid_c, heated_c, heated_j, needed_c))
     power_w, variance_w2, heat_w, leakage_w_per_k, soc, duration_s, limit_w = (
         column[:, np.newaxis] for column in (
             strides.idle_power_w, strides.power_variance_w2, strides.idle_heat_w,

@@ -6,6 +6,9 @@
 #include <math.h>
 #include <stdint.h>
 
+/* Kinds of arithmetic, the values of `saturating`: as Python has them for floats and for arrays. */
+enum { BEV_EXACT = 0, BEV_SATURATING = 1, BEV_AS_ARRAYS = 2 };
+
 /* Of NaN and a number these return what Python's max and min do: the first unless the second is beyond. */
 static inline double bev_maximum(double a, double b) { return b > a ? b : a; }
 

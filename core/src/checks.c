@@ -11,6 +11,8 @@ int32_t bev_size_of_heating(void) { return (int32_t)sizeof(bev_heating); }
 
 int32_t bev_size_of_strides(void) { return (int32_t)sizeof(bev_strides); }
 
+int32_t bev_size_of_stride_inputs(void) { return (int32_t)sizeof(bev_stride_inputs); }
+
 static int is_axis(const double *axis, int32_t count) {
   for (int32_t n = 0; n < count; n++) {
     if (!isfinite(axis[n]) || (n > 0 && !(axis[n] > axis[n - 1]))) {

@@ -79,6 +79,48 @@ static inline double bev_table(const bev_curve *curve, double soc, double temper
   return at_low + a * (high[0] + b * (high[1] - high[0]) - at_low);
 }
 
+/* Where x is along an axis: the point below, the one above, and how far it is between them. */
+static inline double bev_place(const double *axis, int32_t count, double x, int32_t *below,
+                               int32_t *above) {
+  *below = 0;
+  *above = 0;
+  if (count == 1) {
+    return 0.0;
+  }
+  double position = 0.0;
+  if (x >= axis[count - 1]) {
+    position = (double)(count - 1);
+  } else if (x > axis[0]) {
+    const int32_t j = bev_points_up_to(axis, count, x) - 1;
+    const double slope = ((double)(j + 1) - (double)j) / (axis[j + 1] - axis[j]);
+    position = slope * (x - axis[j]) + (double)j;
+  }
+  const int32_t cell = (int32_t)position;
+  *below = cell < count - 2 ? cell : count - 2;
+  *above = *below + 1;
+  return position - (double)*below;
+}
+
+/* Bilinear, in the order of operations of curves.Table for arrays. */
+static inline double bev_table_as_arrays(const bev_curve *curve, double soc,
+                                         double temperature_c) {
+  if (isnan(soc) || isnan(temperature_c)) {
+    return soc + temperature_c;
+  }
+  int32_t i;
+  int32_t next_i;
+  int32_t j;
+  int32_t next_j;
+  const double a = bev_place(curve->soc, curve->soc_count, soc, &i, &next_i);
+  const double b =
+      bev_place(curve->temperature_c, curve->temperature_count, temperature_c, &j, &next_j);
+  const double *low = &curve->values[i * curve->temperature_count];
+  const double *high = &curve->values[next_i * curve->temperature_count];
+  const double at_low = low[j] + b * (low[next_j] - low[j]);
+  const double at_high = high[j] + b * (high[next_j] - high[j]);
+  return at_low + a * (at_high - at_low);
+}
+
 static inline double bev_at(const bev_curve *curve, int32_t saturating, double soc,
                             double temperature_c) {
   double value;
@@ -93,7 +135,8 @@ static inline double bev_at(const bev_curve *curve, int32_t saturating, double s
       value = bev_inverse_temperature(curve, saturating, soc, temperature_c);
       break;
     default:
-      value = bev_table(curve, soc, temperature_c);
+      value = saturating == BEV_AS_ARRAYS ? bev_table_as_arrays(curve, soc, temperature_c)
+                                          : bev_table(curve, soc, temperature_c);
       break;
   }
   for (int32_t n = 0; n < curve->factor_count; n++) {

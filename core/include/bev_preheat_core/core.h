@@ -160,12 +160,31 @@ typedef struct {
   const double *loss_to_heater;
 } bev_strides;
 
+/*
+ * The strides of a trip, arrays of `strides` values: means of power, variance, heat, leakage, heater limit
+ * and propulsion power over each, the charge at its start, and whether charge or discharge limit may
+ * matter in it (not 0).
+ */
+typedef struct {
+  int32_t strides;
+  const double *duration_s;
+  const double *idle_power_w;
+  const double *power_variance_w2;
+  const double *idle_heat_w;
+  const double *leakage_w_per_k;
+  const double *heater_limit_w;
+  const double *propulsion_w;
+  const double *soc;
+  const uint8_t *is_limited;
+} bev_stride_inputs;
+
 /* BEV_INTERFACE of the library, and the sizes of its structs: what a caller checks after loading it. */
 int32_t bev_interface(void);
 int32_t bev_size_of_vehicle(void);
 int32_t bev_size_of_trip(void);
 int32_t bev_size_of_heating(void);
 int32_t bev_size_of_strides(void);
+int32_t bev_size_of_stride_inputs(void);
 
 /* BEV_OK, or BEV_BAD_VEHICLE or BEV_BAD_ARGUMENT. The runs do not look into the tables again. */
 bev_status bev_check_vehicle(const bev_vehicle *vehicle);
@@ -236,6 +255,17 @@ bev_status bev_run_within_limits(const bev_vehicle *vehicle, const bev_trip *tri
 bev_status bev_run_heated_within_limits(const bev_vehicle *vehicle, const bev_trip *trip,
                                         const bev_heating *heating, int32_t first, double *states,
                                         double *powers_w, int32_t *empty_step);
+
+/*
+ * Where each stride leads from each of the `count` temperatures of a grid, and what it takes.
+ *
+ * A watt that the battery lacks counts `penalty` times. `maps` are four arrays of strides * count, as
+ * bev_strides has them: unheated end and energy, heated end and energy; `needed_c` is its array of that
+ * name.
+ */
+bev_status bev_map_strides(const bev_vehicle *vehicle, const bev_stride_inputs *inputs,
+                           int32_t count, const double *grid_c, double penalty, double *maps,
+                           double *needed_c);
 
 /*
  * Below which temperatures heating pays in each stride: the value curve, run backward over all strides.
