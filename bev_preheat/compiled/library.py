@@ -40,6 +40,7 @@ _SIGNATURES = {
     'bev_find_crossing': 'PIPDDDPP',
     'bev_run_within_limits': 'PPPIPPPPP',
     'bev_run_heated_within_limits': 'PPPIPPP',
+    'bev_limits_along': 'PIPPPPP',
     'bev_map_strides': 'PPIPDPP',
     'bev_find_bands': 'PIPPDDDPP',
 }

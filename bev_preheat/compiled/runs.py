@@ -148,6 +148,20 @@ def run_heated_within_limits(vehicle: CompiledVehicle, trip: CompiledTrip, heati
     return (None,) if status == OK else None
 
 
+def limits_along(vehicle: CompiledVehicle, soc: FloatArray, temperature_c: FloatArray,
+                 variance_w2: FloatArray) -> FloatArray | None:
+    """Return least and most terminal power [W], (2, K), along states and power variances, each (K,)."""
+    library = core()
+    if library is None:
+        return None
+    count = len(variance_w2)
+    limits_w = np.empty((2, count))
+    status = library.bev_limits_along(
+        vehicle.address, count, _doubles(soc, count), _doubles(temperature_c, count),
+        _doubles(variance_w2, count), *_rows(limits_w, 2))
+    return limits_w if status == OK else None
+
+
 def map_strides(vehicle: CompiledVehicle, columns: Sequence[FloatArray], is_limited: BoolArray,
                 grid_c: FloatArray, penalty: float) -> tuple[FloatArray, FloatArray] | None:
     """

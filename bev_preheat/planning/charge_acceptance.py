@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.numerics.arithmetic import ARRAYS
+from bev_preheat.planning.dynamics import terminal_limits_w
 from bev_preheat.planning.limits import Watch
-from bev_preheat.vehicle.terminal_limits import make_terminal_limits
 
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray
@@ -59,9 +59,9 @@ def find_acceptance_loss(trip: Trip, watch: Watch, run: Schedule) -> AcceptanceL
     """Return the AcceptanceLoss along a run (a Schedule) in which surplus goes to the heater."""
     battery = trip.vehicle.battery
     soc, temperature_c = run.soc[:-1], run.temperature_c[:-1]
-    limits = make_terminal_limits(trip.vehicle, ARRAYS)
-    least_w, _ = limits(soc, temperature_c, trip.power_variance_w2)
-    fuller_w, _ = limits(soc + SOC_DIFFERENCE, temperature_c, trip.power_variance_w2)
+    least_w, _ = terminal_limits_w(trip.vehicle, soc, temperature_c, trip.power_variance_w2)
+    fuller_w, _ = terminal_limits_w(
+        trip.vehicle, soc + SOC_DIFFERENCE, temperature_c, trip.power_variance_w2)
     voltage_v = battery.open_circuit_voltage.function(ARRAYS)(soc, temperature_c)
     surplus_w = least_w - trip.idle_power_w
     loss = np.where(watch.charge & (surplus_w > 0.0), np.clip(

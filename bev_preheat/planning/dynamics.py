@@ -13,6 +13,7 @@ from bev_preheat.compiled import runs as compiled_runs
 from bev_preheat.compiled.structs import CompiledVehicle, NotDescribed
 from bev_preheat.numerics.arithmetic import AnyNumber, ARRAYS, CurveFunction, FLOATS, SATURATING_FLOATS
 from bev_preheat.vehicle.model import Integrator, make_rates, Step
+from bev_preheat.vehicle.terminal_limits import make_terminal_limits
 
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray
@@ -104,6 +105,18 @@ def _rolled(step: Step[float], soc: float, temperature_c: float,
         socs.append(soc)
         temperatures_c.append(temperature_c)
     return socs, temperatures_c
+
+
+def terminal_limits_w(vehicle: Vehicle, soc: FloatArray, temperature_c: FloatArray,
+                      variance_w2: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return least and most terminal power [W] (K,) along states and power variances [W^2], each (K,)."""
+    compiled = compiled_vehicle(vehicle)
+    limits_w = None if compiled is None else compiled_runs.limits_along(
+        compiled, soc, temperature_c, variance_w2)
+    if limits_w is not None:
+        return limits_w[0], limits_w[1]
+    least_w, most_w = make_terminal_limits(vehicle, ARRAYS)(soc, temperature_c, variance_w2)
+    return least_w, most_w
 
 
 def hottest_c(vehicle: Vehicle) -> float:

@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.compiled import runs as compiled_runs
-from bev_preheat.numerics.arithmetic import ARRAYS, FLOATS
+from bev_preheat.numerics.arithmetic import FLOATS
 from bev_preheat.planning.bracketing import halve
-from bev_preheat.planning.dynamics import compiled_vehicle, hottest_c, step_of_floats
+from bev_preheat.planning.dynamics import compiled_vehicle, hottest_c, step_of_floats, terminal_limits_w
 from bev_preheat.planning.heated_limits import run_heated_within_limits
 from bev_preheat.planning.schedule import Schedule, switched_on_s
 from bev_preheat.vehicle.model import make_runge_kutta_4
@@ -95,8 +95,8 @@ class Watch:
 
 def watch_limits(trip: Trip, soc: FloatArray, temperature_c: FloatArray) -> Watch:
     """Return the Watch of a trip, from a run (N + 1 values) not much warmer than any other."""
-    least_w, most_w = make_terminal_limits(trip.vehicle, ARRAYS)(
-        soc[:-1], colder(trip.vehicle, temperature_c[:-1]), trip.power_variance_w2)
+    least_w, most_w = terminal_limits_w(
+        trip.vehicle, soc[:-1], colder(trip.vehicle, temperature_c[:-1]), trip.power_variance_w2)
     return Watch(
         charge=(trip.route.propulsion_power_w < 0.0) & (trip.idle_power_w < least_w),
         discharge=trip.idle_power_w + trip.heater_limit_w > most_w)
@@ -111,8 +111,8 @@ def limits_hold(trip: Trip, schedule: Schedule) -> bool:
             or soc.min() <= 0.0 or soc.max() > 1.0):
         return False
     terminal_w = trip.idle_power_w + schedule.drawn_power_w
-    least_w, most_w = make_terminal_limits(trip.vehicle, ARRAYS)(
-        schedule.soc[:-1], temperature_c[:-1], trip.power_variance_w2)
+    least_w, most_w = terminal_limits_w(
+        trip.vehicle, schedule.soc[:-1], temperature_c[:-1], trip.power_variance_w2)
     return bool(((terminal_w >= least_w) & (terminal_w <= most_w)).all())
 
 
@@ -306,8 +306,8 @@ def drive_as_planned(trip: Trip, state: BatteryState, heater_power_w: FloatArray
 
 def within_limits(trip: Trip, state: BatteryState, schedule: Schedule) -> Schedule:
     """Return a Schedule itself if no limit was missed that it can keep, else as it can be driven."""
-    least_w, most_w = make_terminal_limits(trip.vehicle, ARRAYS)(
-        schedule.soc[:-1], schedule.temperature_c[:-1], trip.power_variance_w2)
+    least_w, most_w = terminal_limits_w(
+        trip.vehicle, schedule.soc[:-1], schedule.temperature_c[:-1], trip.power_variance_w2)
     terminal_w = trip.idle_power_w + schedule.drawn_power_w + schedule.brake_power_w
     overcharged_w = np.minimum(
         least_w - terminal_w, -trip.route.propulsion_power_w - schedule.brake_power_w)

@@ -12,9 +12,8 @@ from typing import Any, TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.errors import InvalidInput, PlanningFailure
-from bev_preheat.numerics.arithmetic import ARRAYS
 from bev_preheat.planning.caution import Caution, heat_early
-from bev_preheat.planning.dynamics import keep_accounts, run_forward
+from bev_preheat.planning.dynamics import keep_accounts, run_forward, terminal_limits_w
 from bev_preheat.planning.explanation import explain
 from bev_preheat.planning.heat_run import initial_states, run_heated
 from bev_preheat.planning.limits import drive_as_planned
@@ -30,7 +29,6 @@ from bev_preheat.planning.stranding import find_stranding
 from bev_preheat.planning.stretches import heating_stretches
 from bev_preheat.planning.trip import heated_throughout, make_trip, Trip
 from bev_preheat.vehicle.model import Integrator, make_runge_kutta_4
-from bev_preheat.vehicle.terminal_limits import make_terminal_limits
 
 if TYPE_CHECKING:
     from bev_preheat.route.segments import Route
@@ -157,8 +155,8 @@ def finish_plan(trip: Trip, goal: Goal, schedule: Schedule, method: str, started
     # NaN propagates, so checking the final state is enough.
     if not (math.isfinite(arrival_c) and math.isfinite(arrival_soc)):
         raise PlanningFailure('the battery model yields no finite temperatures on this route')
-    least_w, most_w = make_terminal_limits(trip.vehicle, ARRAYS)(
-        schedule.soc[:-1], schedule.temperature_c[:-1], trip.power_variance_w2)
+    least_w, most_w = terminal_limits_w(
+        trip.vehicle, schedule.soc[:-1], schedule.temperature_c[:-1], trip.power_variance_w2)
     lacking = lacking_power(trip, schedule, most_w)
     reserve = reserve_soc(trip.vehicle, goal)
     # The circuit's own limit lies at the battery's or above it.

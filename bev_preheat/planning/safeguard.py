@@ -16,14 +16,13 @@ from typing import Any, TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.numerics.arithmetic import ARRAYS, FLOATS
+from bev_preheat.numerics.arithmetic import FLOATS
 from bev_preheat.planning.bracketing import close_in, Trial
-from bev_preheat.planning.dynamics import hottest_c
+from bev_preheat.planning.dynamics import hottest_c, terminal_limits_w
 from bev_preheat.planning.limits import drive_as_planned, limits_hold, run_unheated
 from bev_preheat.planning.schedule import HeldBack, Method, Schedule
 from bev_preheat.planning.situation import BatteryState, Goal, reserve_soc
 from bev_preheat.planning.stranding import find_stranding
-from bev_preheat.vehicle.terminal_limits import make_terminal_limits
 
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray
@@ -66,8 +65,8 @@ def lacking_power(trip: Trip, schedule: Schedule, most_w: FloatArray | None = No
     `most_w` (N,) is the most terminal power that the battery can give [W], where it is known.
     """
     if most_w is None:
-        _, most_w = make_terminal_limits(trip.vehicle, ARRAYS)(
-            schedule.soc[:-1], schedule.temperature_c[:-1], trip.power_variance_w2)
+        _, most_w = terminal_limits_w(
+            trip.vehicle, schedule.soc[:-1], schedule.temperature_c[:-1], trip.power_variance_w2)
     power_w = np.maximum(trip.idle_power_w + schedule.drawn_power_w - most_w, 0.0)
     if schedule.driven_share is not None:
         # What a vehicle that stands does not get is lacking charge, not power.

@@ -9,11 +9,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.numerics.arithmetic import ARRAYS
-from bev_preheat.planning.dynamics import JOULES_PER_WH
+from bev_preheat.planning.dynamics import JOULES_PER_WH, terminal_limits_w
 from bev_preheat.planning.limits import colder
 from bev_preheat.planning.schedule import HEATING_SHARE, Schedule
-from bev_preheat.vehicle.terminal_limits import make_terminal_limits
 
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray, IntArray
@@ -107,8 +105,8 @@ def _stretch(trip: Trip, schedule: Schedule, first: int, last: int,
 
 def _events(trip: Trip, schedule: Schedule) -> IntArray:
     """Reason that a step gives for heating before it, shape (N,); -1 where it gives none."""
-    least_w, most_w = make_terminal_limits(trip.vehicle, ARRAYS)(
-        schedule.soc[:-1], colder(trip.vehicle, schedule.temperature_c[:-1]),
+    least_w, most_w = terminal_limits_w(
+        trip.vehicle, schedule.soc[:-1], colder(trip.vehicle, schedule.temperature_c[:-1]),
         trip.power_variance_w2)
     events = np.full(len(trip.route), -1)
     events[(trip.route.propulsion_power_w < 0.0) & (trip.idle_power_w < least_w)] = Reason.DESCENT

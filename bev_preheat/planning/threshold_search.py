@@ -15,13 +15,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.numerics.arithmetic import ARRAYS
 from bev_preheat.planning.bracketing import close_in, Trial
+from bev_preheat.planning.dynamics import terminal_limits_w
 from bev_preheat.planning.heat_run import mean_share_left
 from bev_preheat.planning.limits import colder, run_within_limits, WantedHeat, Watch
 from bev_preheat.planning.optimal_switch import ARRIVAL_TOLERANCE_K
 from bev_preheat.planning.schedule import Schedule
-from bev_preheat.vehicle.terminal_limits import make_terminal_limits, TerminalLimits
 
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray
@@ -61,7 +60,6 @@ class ThresholdSearch:
         self._trip, self._state, self._watch = trip, state, watch
         self._cap_w = paid_w
         self._thresholds = thresholds
-        self._limits: TerminalLimits[FloatArray] = make_terminal_limits(trip.vehicle, ARRAYS)
         self._shift_k = np.zeros(len(trip.route))
         # The step in which most of the heat of each step arrives.
         self._arrives_in_step = np.minimum(np.searchsorted(
@@ -112,8 +110,8 @@ class ThresholdSearch:
 
     def _climbs(self, schedule: Schedule) -> list[tuple[int, int]]:
         """(first, last + 1) of the stretches that a battery a little colder could not deliver."""
-        _, most_w = self._limits(
-            schedule.soc[:-1], colder(self._trip.vehicle, schedule.temperature_c[:-1]),
+        _, most_w = terminal_limits_w(
+            self._trip.vehicle, schedule.soc[:-1], colder(self._trip.vehicle, schedule.temperature_c[:-1]),
             self._trip.power_variance_w2)
         demanding = self._trip.idle_power_w > most_w
         edges = np.flatnonzero(np.diff(np.concatenate(([False], demanding, [False]))))
@@ -209,8 +207,8 @@ class ThresholdSearch:
 
     def _spare_power_w(self, schedule: Schedule) -> FloatArray:
         """Return what the battery can give beyond what each step asks without heating [W], shape (N,)."""
-        _, most_w = self._limits(
-            schedule.soc[:-1], schedule.temperature_c[:-1], self._trip.power_variance_w2)
+        _, most_w = terminal_limits_w(
+            self._trip.vehicle, schedule.soc[:-1], schedule.temperature_c[:-1], self._trip.power_variance_w2)
         spare_w = most_w - self._trip.idle_power_w
         if schedule.heat is not None:
             # A heater that lags goes on taking power after it was switched off.

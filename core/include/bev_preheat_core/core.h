@@ -257,6 +257,14 @@ bev_status bev_run_heated_within_limits(const bev_vehicle *vehicle, const bev_tr
                                         double *powers_w, int32_t *empty_step);
 
 /*
+ * The least and the most terminal power [W] within the battery's limits, along `count` states and power
+ * variances [W^2].
+ */
+bev_status bev_limits_along(const bev_vehicle *vehicle, int32_t count, const double *soc,
+                            const double *temperature_c, const double *variance_w2,
+                            double *least_w, double *most_w);
+
+/*
  * Where each stride leads from each of the `count` temperatures of a grid, and what it takes.
  *
  * A watt that the battery lacks counts `penalty` times. `maps` are four arrays of strides * count, as
