@@ -10,7 +10,7 @@ import numpy as np
 
 from bev_preheat.errors import PlanningFailure
 from bev_preheat.planning.dynamics import JOULES_PER_WH, run_forward
-from bev_preheat.planning.limits import run_within_limits, watch_limits
+from bev_preheat.planning.limits import run_within_limits, WantedHeat, watch_limits
 from bev_preheat.planning.planner import METHODS, plan_preheating
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.vehicle.model import make_runge_kutta_4
@@ -64,9 +64,9 @@ def _arrival(plan: Plan) -> Arrival:
 def _driven(trip: FleetTrip, vehicle: Vehicle, plan: Plan) -> Arrival:
     """Return the Arrival of a plan's heater powers, driven with Runge-Kutta steps."""
     soc, temperature_c = run_forward(
-        vehicle, make_runge_kutta_4, trip.state.soc, trip.state.temperature_c,
-        make_trip(vehicle, trip.route).inputs(plan.hvch_battery_power_w))
-    return Arrival(plan.energy_wh.hvch_electric, temperature_c[-1], soc[-1])
+        make_trip(vehicle, trip.route), make_runge_kutta_4, trip.state.soc, trip.state.temperature_c,
+        plan.hvch_battery_power_w)
+    return Arrival(plan.energy_wh.hvch_electric, float(temperature_c[-1]), float(soc[-1]))
 
 
 def _always_on(trip: FleetTrip, vehicle: Vehicle, unheated: Plan) -> Arrival:
@@ -76,10 +76,11 @@ def _always_on(trip: FleetTrip, vehicle: Vehicle, unheated: Plan) -> Arrival:
     A thermostat: in each step that begins below the target the heater has what the cabin leaves.
     """
     driven = make_trip(vehicle, trip.route)
-    most_w, target_c = driven.heater_limit_w.tolist(), trip.goal.target_temperature_c
     watch = watch_limits(driven, unheated.soc, unheated.battery_temperature_c)
+    floor_c, target_c = (np.full((len(driven.route), 1), temperature_c)
+                         for temperature_c in (-np.inf, trip.goal.target_temperature_c))
     schedule = run_within_limits(
         driven, trip.state, watch,
-        lambda k, temperature_c: most_w[k] if temperature_c < target_c else 0.0, take_surplus=False)
+        WantedHeat(driven.heater_limit_w, (floor_c, target_c, target_c)), take_surplus=False)
     heater_wh = float(driven.route.duration_s @ schedule.heater_power_w) / JOULES_PER_WH
     return Arrival(heater_wh, float(schedule.temperature_c[-1]), float(np.maximum(schedule.soc[-1], 0.0)))
