@@ -81,6 +81,17 @@ def test_a_fault_is_told_when_it_has_been_so_for_a_while_and_then_stays_told():
     assert judge(weights_of(derated=0.5), reports[1], suspect_for_s=0.0).heater is Heater.DERATED
 
 
+def test_no_heater_is_called_derated_before_heat_has_shown_how_late_it_comes():
+    for weights in (weights_of(derated=0.99), weights_of(dead=0.4, derated=0.57)):
+        report = judge(weights, None, are_lags_seen=False)
+        assert (report.heater, report.share) == (Heater.ANSWERS, 1.0)
+        assert report.probability == pytest.approx(weights[0])
+        assert judge(weights, None, are_lags_seen=True).heater is Heater.DERATED
+    assert judge(weights_of(dead=0.99), None, are_lags_seen=False).heater is Heater.DEAD
+    told = judge(weights_of(derated=0.99), None)
+    assert judge(weights_of(derated=0.99), told, are_lags_seen=False).heater is Heater.DERATED
+
+
 def test_a_fault_is_taken_back_only_when_it_is_unlikely():
     told = HeaterReport(Heater.DEAD, 0.99, 0.0)
     assert judge(weights_of(dead=TAKEN_BACK_BELOW + 0.01), told).heater is Heater.DEAD
