@@ -40,8 +40,8 @@ LONGEST_GAP_S = 60.0
 VARIATION_S = 40.0
 # After so long [s] most of the heat that was commanded has arrived, and the sensor shows it.
 LONGEST_LAGS_S = 300.0
-# Heat that was commanded for so long [s] in all tells a heater that is late from one that is weak.
-LAGS_SEEN_AFTER_S = 2.0 * LONGEST_LAGS_S
+# Nothing was known of the car before so long [s]: a heater that is late may look like one that is weak.
+KNOWN_AFTER_S = 2.0 * LONGEST_LAGS_S
 # Standard deviation of a single reading's noise, where nothing else is known of it.
 READING_NOISE_K = 0.3
 READING_NOISE_SOC = 0.005
@@ -92,8 +92,8 @@ class Estimator:
         self._standing: Standing | None = None
         self._offset_k = 0.0
         self._powers_w: list[float] = []
-        # How long nothing has been commanded, and for how long heat has been in all [s].
-        self._quiet_s, self._heated_s = math.inf, 0.0
+        # How long nothing has been commanded, and for how long the car has been followed [s].
+        self._quiet_s, self._followed_s = math.inf, 0.0
         # Since when [ns] the heater has been suspect; None: it is not.
         self._suspect_since_ns: int | None = None
         # Instant [s] and power [W] of the latest samples, for what varies from one to the other.
@@ -221,10 +221,8 @@ class Estimator:
                 drive = replace(
                     drive, terminal_power_w=seen_w, power_variance_w2=variance_w2,
                     hidden_variance_w2=max(0.0, drive.power_variance_w2 - self._seen_variance_w2()))
-            if stretch.command_w > 0.0:
-                self._quiet_s, self._heated_s = 0.0, self._heated_s + duration_s
-            else:
-                self._quiet_s += duration_s
+            self._followed_s += duration_s
+            self._quiet_s = 0.0 if stretch.command_w > 0.0 else self._quiet_s + duration_s
             self._belief.predict(duration_s, drive, stretch.command_w, stretch.limit_w)
             if drive is not None and seen_w is not None:
                 heater_w = stretch.command_w if self.estimate is None else (
@@ -253,7 +251,7 @@ class Estimator:
         since_ns = stamp_ns if self._suspect_since_ns is None else self._suspect_since_ns
         report = judge(weights, self.estimate.heater if self.estimate else None,
                        self._quiet_s >= LONGEST_LAGS_S, (stamp_ns - since_ns) / NS_PER_S,
-                       self._heated_s >= LAGS_SEEN_AFTER_S)
+                       self._followed_s >= KNOWN_AFTER_S)
         self.estimate = Estimate(
             stamp_ns, mean, covariance, report, self._readings.temperature_resolution_k, self._resets,
             self._reason, self._reset_at_ns, self._offset_k)

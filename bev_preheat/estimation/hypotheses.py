@@ -90,15 +90,15 @@ def is_suspect(weights: FloatArray) -> bool:
 
 
 def judge(weights: FloatArray, before: HeaterReport | None, is_quiet: bool = True,
-          suspect_for_s: float = math.inf, are_lags_seen: bool = True) -> HeaterReport:
+          suspect_for_s: float = math.inf, is_car_known: bool = True) -> HeaterReport:
     """
     Return the HeaterReport of hypotheses' weights (heaters,); `before` is the latest report.
 
     `is_quiet` says that all heat that was commanded has arrived: only then a battery that gets
     warm tells of a heater that is stuck on, else of one that answers sooner than was thought.
-    `suspect_for_s` [s] is for how long `is_suspect` has held. `are_lags_seen` says that heat has been
-    commanded for so long that its lags have shown: until then a heater that is late looks like one that
-    is weak, and none is called derated.
+    `suspect_for_s` [s] is for how long `is_suspect` has held. `is_car_known` says that the drive
+    has shown something of car and lags: until then a heater that is late may look like one that is weak,
+    and none is called derated.
     """
     by_kind = {kind: float(sum(weight for weight, own in zip(weights, HEATERS) if own is kind))
                for kind in Heater}
@@ -114,7 +114,7 @@ def judge(weights: FloatArray, before: HeaterReport | None, is_quiet: bool = Tru
         fault = told
     if fault is Heater.STUCK_ON and told is not fault and not is_quiet:
         return HeaterReport(told, by_kind[told], 1.0) if before is None else before
-    if fault is Heater.DERATED and told is Heater.ANSWERS and not are_lags_seen:
+    if fault is Heater.DERATED and told is Heater.ANSWERS and not is_car_known:
         return HeaterReport(told, by_kind[told], 1.0)
     shares = np.array(SHARES)
     own = np.array([kind is fault for kind in HEATERS]) * weights

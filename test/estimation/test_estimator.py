@@ -9,8 +9,8 @@ from driven_car import Commands, Course, DrivenCar, LIMIT_W, observed, START_NS,
 import numpy as np
 import pytest
 
-from bev_preheat.estimation.estimator import Estimator
-from bev_preheat.estimation.hypotheses import Heater
+from bev_preheat.estimation.estimator import Estimator, KNOWN_AFTER_S
+from bev_preheat.estimation.hypotheses import Heater, TOLD_FROM
 from bev_preheat.estimation.state import HEAT_CAPACITY, HEATER, TEMPERATURE
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.supervision.inputs import NS_PER_S
@@ -137,8 +137,7 @@ FAULTS = {
 def test_a_heater_fault_is_told(fault, with_power, seed):
     """The heater fails at 500 s, under command or not; temperature alone tells it later."""
     latest_s, each_s = (800, 1) if with_power else (1100, 2)
-    # Its lags have shown soon after: until then none is called derated.
-    commands = Commands(() if fault is Heater.STUCK_ON else ((50, SECONDS),))
+    commands = Commands(() if fault is Heater.STUCK_ON else ((300, SECONDS),))
     told_s = []
 
     def watch(car, estimate):
@@ -153,6 +152,20 @@ def test_a_heater_fault_is_told(fault, with_power, seed):
     assert estimator.estimate.heater.heater is fault
     if fault is Heater.DERATED:
         assert estimator.estimate.heater.share == pytest.approx(0.4, abs=0.11)
+
+
+def test_no_heater_is_called_derated_while_nothing_is_known_of_the_car():
+    """A weak heater, commanded from the first second on, is told once the car is known."""
+    told = []
+    car = DrivenCar(commands=Commands(((0, SECONDS),)), seed=1,
+                    heater=lambda second, commanded_w: 0.4 * commanded_w)
+    followed(car, 900, watch=lambda car, estimate: told.append(
+        (car.second, estimate.heater.heater, estimate.heater.probability)))
+    # It would have been told before.
+    assert any(1.0 - probability > TOLD_FROM for second, _, probability in told
+               if second < KNOWN_AFTER_S)
+    assert all(heater is Heater.ANSWERS for second, heater, _ in told if second < KNOWN_AFTER_S)
+    assert told[-1][1] is Heater.DERATED
 
 
 @pytest.mark.parametrize('with_power, seeds', [

@@ -81,15 +81,15 @@ def test_a_fault_is_told_when_it_has_been_so_for_a_while_and_then_stays_told():
     assert judge(weights_of(derated=0.5), reports[1], suspect_for_s=0.0).heater is Heater.DERATED
 
 
-def test_no_heater_is_called_derated_before_heat_has_shown_how_late_it_comes():
+def test_no_heater_is_called_derated_before_anything_is_known_of_the_car():
     for weights in (weights_of(derated=0.99), weights_of(dead=0.4, derated=0.57)):
-        report = judge(weights, None, are_lags_seen=False)
+        report = judge(weights, None, is_car_known=False)
         assert (report.heater, report.share) == (Heater.ANSWERS, 1.0)
         assert report.probability == pytest.approx(weights[0])
-        assert judge(weights, None, are_lags_seen=True).heater is Heater.DERATED
-    assert judge(weights_of(dead=0.99), None, are_lags_seen=False).heater is Heater.DEAD
+        assert judge(weights, None, is_car_known=True).heater is Heater.DERATED
+    assert judge(weights_of(dead=0.99), None, is_car_known=False).heater is Heater.DEAD
     told = judge(weights_of(derated=0.99), None)
-    assert judge(weights_of(derated=0.99), told, are_lags_seen=False).heater is Heater.DERATED
+    assert judge(weights_of(derated=0.99), told, is_car_known=False).heater is Heater.DERATED
 
 
 def test_a_fault_is_taken_back_only_when_it_is_unlikely():
