@@ -11,7 +11,7 @@ for compiler in gcc clang; do
     command -v "$compiler" >/dev/null || continue
     for source in core/src/*.c; do
         "$compiler" -std=c99 -O2 -Wall -Wextra -Wpedantic -Wconversion -Werror -ffp-contract=off \
-            -Icore/include -Icore/src -I"$generated" -c "$source" -o /dev/null
+            -Icore/include -Icore/src -I"$generated" -c "$source" -o "$generated/object.o"
     done
 done
 if command -v cppcheck >/dev/null; then
