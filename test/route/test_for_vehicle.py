@@ -23,6 +23,8 @@ SEGMENT = '600,20,17000,-6'
 LEGS = {'name': 'errand', 'ambient_temperature_c': -4,
         'legs': [{'length_m': 4000, 'speed_limit_kmh': 70, 'slope_percent': 2}]}
 STATE = ('--temperature', '-10', '--soc', '0.9')
+# What the errand is long enough for.
+NEAR_TARGET = ('--target', '-8')
 
 
 def file_of(folder, text, name='trip.csv'):
@@ -132,10 +134,10 @@ def preheat(capsys):
     return run
 
 
-def plan_of(preheat, folder, command, vehicle, route):
+def plan_of(preheat, folder, command, vehicle, route, *options):
     """JSON of a plan, without the times it took; and standard error."""
     output = folder / 'plan.json'
-    status, _, errors = preheat(command, '--vehicle', vehicle, '--route', route, *STATE,
+    status, _, errors = preheat(command, '--vehicle', vehicle, '--route', route, *STATE, *options,
                                 '--step', '120', '--json', output)
     assert status == 0
     plan = json.loads(output.read_text())
@@ -157,19 +159,29 @@ def test_a_plan_of_legs_is_that_of_the_file_made_from_them(preheat, tmp_path, ve
     assert errors_of_file == errors_of_legs == []
 
 
-@pytest.mark.costly
-@pytest.mark.parametrize('command', ['plan', *(
-    pytest.param(command, marks=pytest.mark.needs('casadi')) for command in ('optimum', 'compare'))])
-def test_commands_warn_in_one_line(preheat, tmp_path, command):
-    written, errors = plan_of(preheat, tmp_path, command, 'small_car', 'winter_commute')
+def test_a_plan_warns_in_one_line(preheat, tmp_path):
+    written, errors = plan_of(preheat, tmp_path, 'plan', 'small_car', 'winter_commute')
     assert errors == [f'preheat: warning: {WARNING.format(name="winter_commute")}']
     assert written['route_made_for'] == 'reference'
 
 
 @pytest.mark.costly
 @pytest.mark.needs('casadi')
+@pytest.mark.parametrize('command', ['optimum', 'compare'])
+def test_commands_with_a_program_warn_in_one_line(preheat, tmp_path, command):
+    made = tmp_path / 'errand.csv'
+    assert preheat('route', '--legs', legs_file_of(tmp_path), '--vehicle', 'reference', '--output', made)[0] == 0
+    written, errors = plan_of(preheat, tmp_path, command, 'small_car', made, *NEAR_TARGET)
+    assert errors == ['preheat: warning: route errand has the powers of vehicle reference; for small_car: make it '
+                      'again from its legs or logs, with preheat route']
+    assert written['route_made_for'] == 'reference'
+
+
+@pytest.mark.costly
+@pytest.mark.needs('casadi')
 def test_commands_read_legs(preheat, tmp_path):
-    plans = [plan_of(preheat, tmp_path, command, 'small_car', 'legs/winter_commute')
+    legs = legs_file_of(tmp_path)
+    plans = [plan_of(preheat, tmp_path, command, 'small_car', legs, *NEAR_TARGET)
              for command in ('optimum', 'compare')]
     assert [errors for _, errors in plans] == [[], []]
     optimum, compared = (written for written, _ in plans)
