@@ -3,18 +3,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterable, Iterator
+from collections.abc import Hashable, Iterator
 from contextlib import suppress
-from difflib import get_close_matches
 from functools import cache
 import math
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
-from jsonschema import Draft7Validator, ValidationError
 import yaml
 
 from bev_preheat.errors import InvalidInput
+from bev_preheat.files.schema_check import surely_obeys
 
 # A value out of a YAML or JSON file; a schema says its type.
 FileData = Any
@@ -44,9 +43,11 @@ def load_checked_yaml(path: str | Path, schema_path: Path) -> dict[str, FileData
         raise InvalidInput(f'{path}: is not YAML: {" ".join(str(error).split())}') from error
     if not isinstance(contents, dict):
         raise InvalidInput(f'{path}: must be a mapping of keys to values')
-    errors = sorted(_validator(schema_path).iter_errors(contents),
-                    key=lambda error: [str(part) for part in error.absolute_path])
-    problems += [sentence for error in errors for sentence in _in_words(error)]
+    schema = load_schema(schema_path)
+    if not surely_obeys(schema, contents):
+        # Imported here, because it loads jsonschema.
+        from bev_preheat.files.schema_problems import schema_problems
+        problems += schema_problems(schema, contents)
     if problems:
         raise InvalidInput([f'{path}: {problem}' for problem in problems])
     return contents
@@ -98,10 +99,6 @@ def _load(text: str) -> FileData:
 
 
 @cache
-def _validator(schema_path: Path) -> Draft7Validator:
-    return Draft7Validator(load_schema(schema_path))
-
-
 def load_schema(path: Path) -> FileData:
     """Return a schema (YAML); a `$ref` to another file, seen from its folder, is replaced by it."""
     def whole(node: FileData) -> FileData:
@@ -114,14 +111,6 @@ def load_schema(path: Path) -> FileData:
     return whole(yaml.load(path.read_text(encoding='utf-8'), Loader=_FastLoader))
 
 
-def _key(parts: Iterable[str | int]) -> str:
-    """Where in the file: battery.power_limits.charge.values[2][0]."""
-    text = ''
-    for part in parts:
-        text += f'[{part}]' if isinstance(part, int) else f'.{part}' if text else str(part)
-    return text
-
-
 def _numbers_that_are_not_finite(value: FileData, key: str) -> Iterator[str]:
     # A schema cannot refuse NaN: every comparison with it is false.
     if isinstance(value, float) and not math.isfinite(value):
@@ -132,60 +121,3 @@ def _numbers_that_are_not_finite(value: FileData, key: str) -> Iterator[str]:
     elif isinstance(value, list):
         for index, item in enumerate(value):
             yield from _numbers_that_are_not_finite(item, f'{key}[{index}]')
-
-
-def _in_words(error: ValidationError) -> Iterator[str]:
-    key = _key(error.absolute_path) or 'the file'
-    rule, value = error.validator, cast(FileData, error.instance)
-    allowed = cast(FileData, error.validator_value)
-    schema: FileData = error.schema
-    if rule == 'additionalProperties':
-        known = [name for name, rules in schema.get('properties', {}).items()
-                 if 'not' not in rules]
-        for name in value:
-            if name not in schema.get('properties', {}):
-                near = get_close_matches(str(name), known, n=1)
-                hint = f'did you mean {near[0]!r}? ' if near else ''
-                yield f'{key}: unknown key {name!r}; {hint}known keys: {", ".join(known)}'
-    elif rule == 'required':
-        missing = [name for name in allowed if name not in value]
-        # jsonschema reports each missing key by itself; the first report speaks for all.
-        if missing and repr(missing[0]) in error.message:
-            yield f'{key}: missing {", ".join(missing)}'
-    elif rule in ('minimum', 'exclusiveMinimum', 'maximum', 'exclusiveMaximum'):
-        yield f'{key}: {value} is not allowed; it must be {_range_in_words(schema)}'
-    elif rule == 'type':
-        wanted = ' or '.join(allowed) if isinstance(allowed, list) else allowed
-        yield f'{key}: {value!r} is not {"an" if wanted[0] in "aio" else "a"} {wanted}'
-    elif rule == 'enum':
-        near = get_close_matches(str(value), [str(item) for item in allowed], n=1)
-        hint = f'; did you mean {near[0]!r}?' if near else ''
-        yield f'{key}: {value!r} is not one of {", ".join(map(str, allowed))}{hint}'
-    elif rule == 'not':
-        # A key of an earlier format; the schema says where its contents belong today.
-        yield f'{key}: {schema["description"]}'
-    elif rule == 'pattern':
-        yield f'{key}: {value!r} is not allowed; it must be {schema["description"]}'
-    elif rule == 'maxLength':
-        yield f'{key}: has {len(value)} characters; it must have at most {allowed}'
-    elif rule in ('minItems', 'maxItems'):
-        word = 'at least' if rule == 'minItems' else 'at most'
-        yield f'{key}: has {len(value)} values; it must have {word} {allowed}'
-    elif rule == 'uniqueItems':
-        twice = next(item for index, item in enumerate(value) if item in value[:index])
-        yield f'{key}: holds {twice!r} twice'
-    elif rule in ('minProperties', 'maxProperties'):
-        word = 'at least' if rule == 'minProperties' else 'only'
-        names = ', '.join(schema.get('properties', {}))
-        yield f'{key}: must have {word} {allowed} of: {names}'
-    else:
-        yield f'{key}: {error.message}'
-
-
-def _range_in_words(schema: dict[str, FileData]) -> str:
-    parts = []
-    for rule, word in (('minimum', 'at least'), ('exclusiveMinimum', 'above'),
-                       ('maximum', 'at most'), ('exclusiveMaximum', 'below')):
-        if rule in schema:
-            parts.append(f'{word} {schema[rule]}')
-    return ' and '.join(parts)

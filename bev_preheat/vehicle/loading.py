@@ -236,8 +236,9 @@ def _grid(battery: dict[str, FileData], curve: Curve) -> tuple[FloatArray, Float
 def _points(limits: tuple[float, float], axis: Sequence[float]) -> FloatArray:
     # A table's extremes lie at its own points, which an even grid can step over.
     low, high = limits
-    return np.unique(np.concatenate((
-        np.linspace(low, high, 41), [point for point in axis if low < point < high])))
+    # Of a set, because numpy.unique loads numpy.ma, which no planner needs.
+    return np.array(sorted({*np.linspace(low, high, 41).tolist(),
+                            *(point for point in axis if low < point < high)}))
 
 
 def _values_outside(key: str, curve: Curve, grid: tuple[FloatArray, FloatArray],

@@ -1,0 +1,89 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Says in plain words why a value does not obey a JSON Schema.
+
+Imported only where a value may not obey: jsonschema takes longer to load than most files to read.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from difflib import get_close_matches
+from typing import Any, cast
+
+from jsonschema import Draft7Validator, ValidationError
+
+# A value out of a file, or a schema for it.
+Data = Any
+
+
+def schema_problems(schema: Data, contents: Data) -> list[str]:
+    """Return one sentence for each key of `contents` that does not obey the schema (draft 7)."""
+    errors = sorted(Draft7Validator(schema).iter_errors(contents),
+                    key=lambda error: [str(part) for part in error.absolute_path])
+    return [sentence for error in errors for sentence in _in_words(error)]
+
+
+def _key(parts: Iterable[str | int]) -> str:
+    """Where in the file: battery.power_limits.charge.values[2][0]."""
+    text = ''
+    for part in parts:
+        text += f'[{part}]' if isinstance(part, int) else f'.{part}' if text else str(part)
+    return text
+
+
+def _in_words(error: ValidationError) -> Iterator[str]:
+    key = _key(error.absolute_path) or 'the file'
+    rule, value = error.validator, cast(Data, error.instance)
+    allowed = cast(Data, error.validator_value)
+    schema: Data = error.schema
+    if rule == 'additionalProperties':
+        known = [name for name, rules in schema.get('properties', {}).items()
+                 if 'not' not in rules]
+        for name in value:
+            if name not in schema.get('properties', {}):
+                near = get_close_matches(str(name), known, n=1)
+                hint = f'did you mean {near[0]!r}? ' if near else ''
+                yield f'{key}: unknown key {name!r}; {hint}known keys: {", ".join(known)}'
+    elif rule == 'required':
+        missing = [name for name in allowed if name not in value]
+        # jsonschema reports each missing key by itself; the first report speaks for all.
+        if missing and repr(missing[0]) in error.message:
+            yield f'{key}: missing {", ".join(missing)}'
+    elif rule in ('minimum', 'exclusiveMinimum', 'maximum', 'exclusiveMaximum'):
+        yield f'{key}: {value} is not allowed; it must be {_range_in_words(schema)}'
+    elif rule == 'type':
+        wanted = ' or '.join(allowed) if isinstance(allowed, list) else allowed
+        yield f'{key}: {value!r} is not {"an" if wanted[0] in "aio" else "a"} {wanted}'
+    elif rule == 'enum':
+        near = get_close_matches(str(value), [str(item) for item in allowed], n=1)
+        hint = f'; did you mean {near[0]!r}?' if near else ''
+        yield f'{key}: {value!r} is not one of {", ".join(map(str, allowed))}{hint}'
+    elif rule == 'not':
+        # A key of an earlier format; the schema says where its contents belong today.
+        yield f'{key}: {schema["description"]}'
+    elif rule == 'pattern':
+        yield f'{key}: {value!r} is not allowed; it must be {schema["description"]}'
+    elif rule == 'maxLength':
+        yield f'{key}: has {len(value)} characters; it must have at most {allowed}'
+    elif rule in ('minItems', 'maxItems'):
+        word = 'at least' if rule == 'minItems' else 'at most'
+        yield f'{key}: has {len(value)} values; it must have {word} {allowed}'
+    elif rule == 'uniqueItems':
+        twice = next(item for index, item in enumerate(value) if item in value[:index])
+        yield f'{key}: holds {twice!r} twice'
+    elif rule in ('minProperties', 'maxProperties'):
+        word = 'at least' if rule == 'minProperties' else 'only'
+        names = ', '.join(schema.get('properties', {}))
+        yield f'{key}: must have {word} {allowed} of: {names}'
+    else:
+        yield f'{key}: {error.message}'
+
+
+def _range_in_words(schema: dict[str, Data]) -> str:
+    parts = []
+    for rule, word in (('minimum', 'at least'), ('exclusiveMinimum', 'above'),
+                       ('maximum', 'at most'), ('exclusiveMaximum', 'below')):
+        if rule in schema:
+            parts.append(f'{word} {schema[rule]}')
+    return ' and '.join(parts)
