@@ -51,20 +51,32 @@ def close_in(enough: Trial[Outcome], too_little: Trial[Outcome],
     Return the last Trial that is enough (excess >= 0) once `is_close(enough, too_little)`.
 
     For an excess that is almost proportional to the value: each next value is where the straight
-    line between both has the excess `aim`. A side that has stood still for a trial counts half
-    (the Illinois rule), or the other would creep. At most `most_trials` are made.
+    line between both has the excess `aim`. A side that stands still for a second trial counts less,
+    by what the other side's excess has fallen (Anderson and Bjorck), or the other would creep. At
+    most `most_trials` are made.
     """
-    more, less = enough.excess, too_little.excess
+    more, less = enough.excess - aim, too_little.excess - aim
+    was_enough: bool | None = None
     for _ in range(most_trials):
         if is_close(enough, too_little):
             break
-        share = (aim - less) / (more - less)
-        trial = attempt(too_little.value + share * (enough.value - too_little.value))
-        if trial.excess >= 0.0:
-            enough, more, less = trial, trial.excess, 0.5 * less
+        trial = attempt(
+            too_little.value + less / (less - more) * (enough.value - too_little.value))
+        excess, is_enough = trial.excess - aim, trial.excess >= 0.0
+        if is_enough:
+            less *= _left(excess, more) if was_enough is True else 1.0
+            enough, more = trial, excess
         else:
-            too_little, less, more = trial, trial.excess, 0.5 * more
+            more *= _left(excess, less) if was_enough is False else 1.0
+            too_little, less = trial, excess
+        was_enough = is_enough
     return enough
+
+
+def _left(excess: float, before: float) -> float:
+    """Return what counts of the side that stands still, once the other's excess was `before`."""
+    left = 1.0 - excess / before if before != 0.0 else 0.0
+    return left if left > 0.0 else 0.5
 
 
 def follow_slope(most: float, least: float, first: Trial[Outcome], slope: float,
