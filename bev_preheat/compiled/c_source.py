@@ -3,7 +3,8 @@
 C of the model's equations, made from the Python ones: `python3 -m bev_preheat.compiled.c_source DIR`.
 
 core/CMakeLists.txt runs it when the core is built. DIR gets formulas.h, the formulas of curves, and
-steps.h, the steps of the integrators, with and without a heat path, and the limits on terminal power.
+steps.h, the rates of change, the steps of the integrators, with and without a heat path, and the limits on
+terminal power.
 """
 
 from __future__ import annotations
@@ -37,6 +38,7 @@ STEP = ('soc', 'temperature_c', *INPUTS)
 HEATED_STEP = ('soc', 'temperature_c', 'heater_w', 'excess_k', *INPUTS, 'command_w')
 CURVE = ('soc', 'temperature_c')
 LIMITS = ('soc', 'temperature_c', 'variance_w2')
+RATES = ('soc', 'temperature_c', *INPUTS[1:])
 
 
 @dataclass(frozen=True)
@@ -107,11 +109,13 @@ def formulas() -> str:
 
 
 def steps() -> str:
-    """Return steps.h: one function for each integrator, each kind of heat path, and the limits."""
+    """Return steps.h: the rates, one function for each integrator, each kind of heat path, and the limits."""
     lag_s = _field('heater_lag_s')
     coolant = _field('coolant_heat_capacity_j_per_k'), _field('coolant_conductance_w_per_k')
     direct = _vehicle(HeatPath())
-    functions = [
+    functions = [_function('bev_rates', 'bev_vehicle *vehicle', RATES, make_rates(direct, SYMBOLS)(
+        *(Symbol(each) for each in RATES)))]
+    functions += [
         _function(name, 'bev_vehicle *vehicle', STEP, make_integrator(make_rates(direct, SYMBOLS))(
             *(Symbol(each) for each in STEP)))
         for name, make_integrator in (('bev_euler', make_euler), ('bev_midpoint', make_midpoint),

@@ -18,15 +18,17 @@ from typing import Any
 
 from bev_preheat.compiled.structs import (
     HeatingStruct,
+    RunOfPowersStruct,
     StrideInputsStruct,
     StridesStruct,
+    SwitchPlanStruct,
     TripStruct,
     VehicleStruct,
 )
 
 FILE = 'libbev_preheat_core.so'
 # Of core.h.
-INTERFACE = 1
+INTERFACE = 2
 OK, SATURATED, EMPTY, NO_CROSSING = 0, 1, 2, 3
 
 # Arguments by type: P an address, D a double, I an integer.
@@ -43,6 +45,9 @@ _SIGNATURES = {
     'bev_limits_along': 'PIPPPPP',
     'bev_map_strides': 'PPIPDPP',
     'bev_find_bands': 'PIPPDDDPP',
+    'bev_keep_accounts': 'PIPPPP',
+    'bev_find_switch': 'PPDPPPPPP',
+    'bev_plan_switch': 'PPDDDPPPPP',
 }
 
 
@@ -109,5 +114,7 @@ def _is_ours(library: Any) -> bool:
     """Return whether a library has this interface, and structs of the same size."""
     return (library.bev_interface(), library.bev_size_of_vehicle(), library.bev_size_of_trip(),
             library.bev_size_of_heating(), library.bev_size_of_strides(),
-            library.bev_size_of_stride_inputs()) == (INTERFACE, *map(sizeof, (
-                VehicleStruct, TripStruct, HeatingStruct, StridesStruct, StrideInputsStruct)))
+            library.bev_size_of_stride_inputs(), library.bev_size_of_run_of_powers(),
+            library.bev_size_of_switch_plan()) == (INTERFACE, *map(sizeof, (
+                VehicleStruct, TripStruct, HeatingStruct, StridesStruct, StrideInputsStruct,
+                RunOfPowersStruct, SwitchPlanStruct)))

@@ -55,8 +55,8 @@ def run(vehicle: CompiledVehicle, make_integrator: Integrator, trip: CompiledTri
     if library is None or integrator is None:
         return None
     status = library.bev_run(
-        vehicle.address, integrator, trip.address, first, _doubles(heater_w, trip.steps),
-        _doubles(brake_w, trip.steps), *_rows(states, 2))
+        vehicle.address, integrator, trip.address, first, doubles_at(heater_w, trip.steps),
+        doubles_at(brake_w, trip.steps), *_rows(states, 2))
     return states if status in (OK, SATURATED) else None
 
 
@@ -71,8 +71,8 @@ def run_heated(vehicle: CompiledVehicle, trip: CompiledTrip, states: FloatArray,
     if library is None:
         return None
     status = library.bev_run_heated(
-        vehicle.address, trip.address, first, _doubles(command_w, trip.steps),
-        _doubles(brake_w, trip.steps), _place(states))
+        vehicle.address, trip.address, first, doubles_at(command_w, trip.steps),
+        doubles_at(brake_w, trip.steps), place(states))
     return states if status in (OK, SATURATED) else None
 
 
@@ -86,7 +86,7 @@ def crossing(vehicle: CompiledVehicle, make_integrator: Integrator, trip: Compil
     instant_s = c_double()
     status = library.bev_find_crossing(
         vehicle.address, integrator, trip.address, target_c, terminal_soc, lost_k,
-        _doubles(idle_temperature_c, trip.steps + 1), byref(instant_s))
+        doubles_at(idle_temperature_c, trip.steps + 1), byref(instant_s))
     if status == NO_CROSSING:
         return (None,)
     return (instant_s.value,) if status == OK else None
@@ -142,7 +142,7 @@ def run_heated_within_limits(vehicle: CompiledVehicle, trip: CompiledTrip, heati
     empty = c_int32()
     status = library.bev_run_heated_within_limits(
         vehicle.address, trip.address, byref(heating.struct), first,
-        _place(states), _place(powers_w), byref(empty))
+        place(states), place(powers_w), byref(empty))
     if status == EMPTY:
         return (empty.value,)
     return (None,) if status == OK else None
@@ -157,8 +157,8 @@ def limits_along(vehicle: CompiledVehicle, soc: FloatArray, temperature_c: Float
     count = len(variance_w2)
     limits_w = np.empty((2, count))
     status = library.bev_limits_along(
-        vehicle.address, count, _doubles(soc, count), _doubles(temperature_c, count),
-        _doubles(variance_w2, count), *_rows(limits_w, 2))
+        vehicle.address, count, doubles_at(soc, count), doubles_at(temperature_c, count),
+        doubles_at(variance_w2, count), *_rows(limits_w, 2))
     return limits_w if status == OK else None
 
 
@@ -179,8 +179,8 @@ def map_strides(vehicle: CompiledVehicle, columns: Sequence[FloatArray], is_limi
         strides, *(at + n * width for n in range(len(columns))), flags.ctypes.data)
     maps, needed_c = np.empty((4, strides, len(grid_c))), np.empty(strides)
     status = library.bev_map_strides(
-        vehicle.address, byref(inputs), len(grid_c), _doubles(grid_c, len(grid_c)), penalty,
-        _place(maps), _place(needed_c))
+        vehicle.address, byref(inputs), len(grid_c), doubles_at(grid_c, len(grid_c)), penalty,
+        place(maps), place(needed_c))
     return (maps, needed_c) if status == OK else None
 
 
@@ -206,33 +206,33 @@ def find_bands(columns: Sequence[FloatArray], temperature_c: FloatArray, energy_
     bands_c = np.full((3, strides, BANDS), -np.inf)
     bands_c[0] = np.inf
     status = library.bev_find_bands(
-        byref(struct), len(temperature_c), _doubles(temperature_c, len(temperature_c)),
-        _doubles(energy_j, len(temperature_c)), k_per_joule, coldest_c, warmest_c,
-        _place(np.empty(CURVE_MEMORY)), _place(bands_c))
+        byref(struct), len(temperature_c), doubles_at(temperature_c, len(temperature_c)),
+        doubles_at(energy_j, len(temperature_c)), k_per_joule, coldest_c, warmest_c,
+        place(np.empty(CURVE_MEMORY)), place(bands_c))
     return bands_c if status == OK else None
 
 
-def _doubles(values: FloatArray | None, count: int) -> Any:
+def doubles_at(values: FloatArray | None, count: int) -> Any:
     """Return a pointer to values (count,), or to a copy that can be pointed to; None for none."""
     if values is None:
         return None
     try:
         if values.dtype is FLOAT and len(values) == count:
-            return _place(values)
+            return place(values)
     except (TypeError, ValueError):
         # Not contiguous, read only, or empty.
         pass
     copy = np.zeros(count + 1)
     copy[:count] = values
-    return _place(copy)
+    return place(copy)
 
 
 def _rows(array: FloatArray, rows: int) -> list[Any]:
     """Return pointers to the rows of a contiguous array (rows, any)."""
     width = DOUBLE_BYTES * array.shape[1]
-    return [_place(array, row * width) for row in range(rows)]
+    return [place(array, row * width) for row in range(rows)]
 
 
-def _place(array: FloatArray, offset: int = 0) -> Any:
+def place(array: FloatArray, offset: int = 0) -> Any:
     """Return a pointer into an array, so many bytes behind its beginning; the array is kept alive."""
     return byref(c_double.from_buffer(array, offset))  # type: ignore[arg-type]

@@ -43,15 +43,16 @@ class VehicleStruct(Structure):
     """`bev_vehicle`."""
 
     _fields_ = [*((name, c_double) for name in (
-        'capacity_ah', 'heat_capacity_j_per_k', 'highest_c', 'hottest_c', 'heater_efficiency',
-        'heat_share', 'heater_lag_s', 'coolant_heat_capacity_j_per_k',
+        'capacity_ah', 'heat_capacity_j_per_k', 'lowest_c', 'highest_c', 'hottest_c',
+        'heater_efficiency', 'heat_share', 'heater_lag_s', 'coolant_heat_capacity_j_per_k',
         'coolant_conductance_w_per_k')),
         *((name, CurveStruct) for name in (
             'open_circuit_voltage', 'resistance', 'charge_power_limit', 'discharge_power_limit'))]
 
 
 TRIP_COLUMNS = ('time_s', 'duration_s', 'idle_power_w', 'power_variance_w2', 'idle_heat_w',
-                'leakage_w_per_k', 'heater_limit_w', 'propulsion_power_w')
+                'leakage_w_per_k', 'heater_limit_w', 'propulsion_power_w', 'drivetrain_heat_w',
+                'ambient_temperature_c')
 
 
 class TripStruct(Structure):
@@ -88,6 +89,26 @@ class StrideInputsStruct(Structure):
     _fields_ = [('strides', c_int32), *((name, c_void_p) for name in (*STRIDE_INPUTS, 'is_limited'))]
 
 
+class RunOfPowersStruct(Structure):
+    """`bev_run_of_powers`."""
+
+    _fields_ = [('is_deliverable', c_int32), *((name, c_void_p) for name in (
+        'soc', 'temperature_c', 'heater_w', 'arriving_heat_w', 'brake_w'))]
+
+
+# Arrays of N + 1 values that bev_plan_switch needs as memory.
+SWITCH_ARRAYS = 8
+ENERGIES = ('joule', 'drivetrain_heat', 'hvch_heat', 'leakage', 'hvch_electric', 'battery_total')
+
+
+class SwitchPlanStruct(Structure):
+    """`bev_switch_plan`, the energies in a row."""
+
+    _fields_ = [*((name, c_double) for name in (
+        'switching_instant_s', 'least_soc', 'stretch_wh')), ('energy_wh', c_double * len(ENERGIES)),
+        *((name, c_int32) for name in ('is_heated', 'first_heated', 'is_one_stretch'))]
+
+
 class NotDescribed(Exception):
     """The core has no such curve."""
 
@@ -100,8 +121,8 @@ class CompiledVehicle:
         battery, path = vehicle.battery, vehicle.heat_path
         self._kept: list[FloatArray] = []
         self.struct = VehicleStruct(
-            battery.capacity_ah, battery.heat_capacity_j_per_k, battery.temperature_range_c[1],
-            hottest_c, vehicle.hvch.efficiency, vehicle.drivetrain.heat_share, path.heater_lag_s,
+            battery.capacity_ah, battery.heat_capacity_j_per_k, *battery.temperature_range_c, hottest_c,
+            vehicle.hvch.efficiency, vehicle.drivetrain.heat_share, path.heater_lag_s,
             path.coolant_heat_capacity_j_per_k, path.coolant_conductance_w_per_k,
             *map(self._curve, (battery.open_circuit_voltage, battery.resistance,
                                battery.charge_power_limit, battery.discharge_power_limit)))

@@ -3,12 +3,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from bev_preheat.compiled import plans as compiled_plans
 from bev_preheat.compiled import runs as compiled_runs
 from bev_preheat.compiled.structs import CompiledVehicle, NotDescribed
 from bev_preheat.numerics.arithmetic import AnyNumber, ARRAYS, CurveFunction, FLOATS, SATURATING_FLOATS
@@ -25,8 +27,8 @@ JOULES_PER_WH = 3600.0
 # A hard drive may heat the battery this far beyond its range before the car's own cooling, which
 # the model does not describe, is taken to hold it.
 HOTTEST_BEYOND_RANGE_K = 20.0
-# What is made from a vehicle is kept for so many: the described and the corrected vehicle.
-KEPT_VEHICLES = 8
+# What is made from a vehicle is kept for so many: the described and the corrected ones of several cars.
+KEPT_VEHICLES = 64
 
 
 @lru_cache(maxsize=KEPT_VEHICLES)
@@ -147,6 +149,13 @@ class Energies:
     battery_total: float
 
 
+def energies_of(until_arrival_wh: Sequence[float], lost_wh: float = 0.0) -> Energies:
+    """Return Energies [Wh] from those until arrival, in their order, and what a heater takes after it."""
+    joule, drivetrain_heat, hvch_heat, leakage, hvch_electric, battery_total = until_arrival_wh
+    return Energies(joule, drivetrain_heat, hvch_heat, leakage, hvch_electric + lost_wh,
+                    battery_total + lost_wh)
+
+
 @dataclass(frozen=True)
 class Accounts:
     """
@@ -177,6 +186,14 @@ def keep_accounts(trip: Trip, schedule: Schedule, deliverable: bool = False) -> 
         trip = trip.driven(schedule.driven_share)
     heater_power_w, soc, temperature_c = (
         schedule.drawn_power_w, schedule.soc, schedule.temperature_c)
+    lost_wh = 0.0 if schedule.heat is None else schedule.heat.lost_electric_wh
+    compiled = compiled_vehicle(vehicle)
+    kept = None if compiled is None else compiled_plans.keep_accounts(
+        compiled, schedule.make_integrator, trip.compiled, deliverable, soc, temperature_c,
+        heater_power_w, None if schedule.heat is None else schedule.heat.arriving_heat_w,
+        schedule.brake_power_w)
+    if kept is not None:
+        return Accounts(energies_of(kept[0], lost_wh), *kept[1])
     inputs = schedule.inputs(trip)
     duration_s, terminal_power_w = inputs[:2]
     hours = duration_s / JOULES_PER_WH
@@ -194,18 +211,13 @@ def keep_accounts(trip: Trip, schedule: Schedule, deliverable: bool = False) -> 
             0.0) * vehicle.battery.heat_capacity_j_per_k / duration_s
     battery_power_w = terminal_power_w - undeliverable_w + joule_heat_w
     hvch_electric_wh = float(hours @ heater_power_w)
-    hvch_heat_wh, lost_wh = vehicle.hvch.efficiency * hvch_electric_wh, 0.0
+    hvch_heat_wh = vehicle.hvch.efficiency * hvch_electric_wh
     if schedule.heat is not None:
-        hvch_heat_wh, lost_wh = (
-            float(hours @ schedule.heat.arriving_heat_w), schedule.heat.lost_electric_wh)
+        hvch_heat_wh = float(hours @ schedule.heat.arriving_heat_w)
     return Accounts(
-        energy_wh=Energies(
-            joule=float(hours @ joule_heat_w),
-            drivetrain_heat=float(hours @ drivetrain_heat_w),
-            hvch_heat=hvch_heat_wh,
-            leakage=float(hours @ leakage_w),
-            hvch_electric=hvch_electric_wh + lost_wh,
-            battery_total=float(hours @ battery_power_w) + lost_wh),
+        energy_wh=energies_of((
+            float(hours @ joule_heat_w), float(hours @ drivetrain_heat_w), hvch_heat_wh,
+            float(hours @ leakage_w), hvch_electric_wh, float(hours @ battery_power_w)), lost_wh),
         joule_heat_w=joule_heat_w,
         leakage_w=leakage_w,
         battery_power_w=battery_power_w,

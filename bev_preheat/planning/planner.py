@@ -13,21 +13,21 @@ import numpy as np
 
 from bev_preheat.errors import InvalidInput, PlanningFailure
 from bev_preheat.planning.caution import Caution, heat_early
-from bev_preheat.planning.dynamics import keep_accounts, run_forward, terminal_limits_w
+from bev_preheat.planning.dynamics import run_forward
 from bev_preheat.planning.explanation import explain
 from bev_preheat.planning.heat_run import initial_states, run_heated
 from bev_preheat.planning.limits import drive_as_planned
 from bev_preheat.planning.merit_order import plan_merit_order
 from bev_preheat.planning.optimal_switch import plan_optimal_switch
+from bev_preheat.planning.outcome import find_outcome, Outcome
 from bev_preheat.planning.paper import plan_paper
 from bev_preheat.planning.plan import Plan
-from bev_preheat.planning.safeguard import giving_way, is_described, lacking_power, Proposal, Safeguard
+from bev_preheat.planning.safeguard import giving_way, is_described, Proposal, Safeguard
 from bev_preheat.planning.schedule import Method, Schedule
 from bev_preheat.planning.situation import BatteryState, check_situation, Goal, reserve_soc
 from bev_preheat.planning.status import Status
-from bev_preheat.planning.stranding import find_stranding
-from bev_preheat.planning.stretches import heating_stretches
 from bev_preheat.planning.trip import heated_throughout, make_trip, Trip
+from bev_preheat.planning.unlimited import plan_unlimited
 from bev_preheat.vehicle.model import Integrator, make_runge_kutta_4
 
 if TYPE_CHECKING:
@@ -47,6 +47,8 @@ PROPOSALS: dict[str, tuple[Method, ...]] = {
     'paper': (giving_way(plan_paper),),
 }
 DEFAULT_METHOD = 'merit_order'
+# Where no limit is active these heat from one instant on.
+SWITCHING_ONCE = ('merit_order', 'optimal_switch')
 
 # Missing the target by less than this is no miss: the paper's Euler steps are not better.
 SHORTFALL_TOLERANCE_K = 0.2
@@ -81,6 +83,10 @@ def plan_preheating(vehicle: Vehicle, route: Route, state: BatteryState, goal: G
     trip = make_trip(vehicle, route, heater_share, heat_lag_s)
     if heats_throughout:
         trip = heated_throughout(trip)
+    if method in SWITCHING_ONCE and caution is None and safeguarded and not options:
+        found = plan_unlimited(trip, state, goal)
+        if found is not None:
+            return finish_plan(trip, goal, found[0], method, started, found[1])
     try:
         schedule = _schedule(trip, state, goal, method, caution, safeguarded, options)
     except ArithmeticError as error:
@@ -148,46 +154,45 @@ def plan_without_heating(trip: Trip, state: BatteryState,
     return Schedule(None, idle_w, idle_w, soc, temperature_c, make_integrator)
 
 
-def finish_plan(trip: Trip, goal: Goal, schedule: Schedule, method: str, started: float) -> Plan:
-    """Return the Plan of a schedule: energies, status and sentence; `started`: perf_counter()."""
+def finish_plan(trip: Trip, goal: Goal, schedule: Schedule, method: str, started: float,
+                outcome: Outcome | None = None) -> Plan:
+    """
+    Return the Plan of a schedule: energies, status and sentence; `started`: perf_counter().
+
+    `outcome` is the schedule's, where it is known already.
+    """
     arrival_c, arrival_soc = float(schedule.temperature_c[-1]), float(schedule.soc[-1])
     target_c = goal.target_temperature_c if goal.heating_pays else arrival_c
     # NaN propagates, so checking the final state is enough.
     if not (math.isfinite(arrival_c) and math.isfinite(arrival_soc)):
         raise PlanningFailure('the battery model yields no finite temperatures on this route')
-    least_w, most_w = terminal_limits_w(
-        trip.vehicle, schedule.soc[:-1], schedule.temperature_c[:-1], trip.power_variance_w2)
-    lacking = lacking_power(trip, schedule, most_w)
+    outcome = outcome or find_outcome(trip, schedule)
     reserve = reserve_soc(trip.vehicle, goal)
-    # The circuit's own limit lies at the battery's or above it.
-    accounts = keep_accounts(trip, schedule, deliverable=lacking.worst_w == 0.0)
     plan = Plan(
         status=Status.WAITING,
         explanation='',
         method=method,
         target_temperature_c=target_c,
-        heating_start_s=(schedule.heating_start_s
-                         if schedule.heater_power_w.any() else None),
+        heating_start_s=outcome.heating_start_s,
         time_s=trip.time_s,
         battery_temperature_c=schedule.temperature_c,
         soc=schedule.soc,
         hvch_battery_power_w=schedule.heater_power_w,
         friction_brake_power_w=schedule.brake_power_w,
-        energy_wh=accounts.energy_wh,
+        energy_wh=outcome.energy_wh,
         shortfall_k=max(0.0, target_c - arrival_c),
         soc_shortfall=max(0.0, reserve - arrival_soc),
-        undeliverable_power_w=lacking.worst_w,
-        undeliverable_at_s=(
-            float(trip.time_s[lacking.at]) if lacking.worst_w > 0.0 else None),
-        stretches=heating_stretches(trip, schedule, least_w),
+        undeliverable_power_w=outcome.undeliverable_power_w,
+        undeliverable_at_s=outcome.undeliverable_at_s,
+        stretches=outcome.stretches,
         planning_time_s=0.0,
         heating_end_s=schedule.heating_end_s,
         held_back=schedule.held_back,
-        stranding=find_stranding(trip, schedule),
+        stranding=outcome.stranding,
         heat=schedule.heat)
     status = _status(plan, goal)
-    return replace(plan, status=status, explanation=explain(status, plan, reserve),
-                   planning_time_s=perf_counter() - started)
+    explanation = explain(status, plan, reserve)
+    return plan.told_as(status, explanation, perf_counter() - started)
 
 
 def _status(plan: Plan, goal: Goal) -> Status:

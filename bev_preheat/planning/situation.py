@@ -77,7 +77,7 @@ def check_situation(vehicle: Vehicle, route: Route | None = None,
             checks.append(
                 ('target battery temperature', goal.target_temperature_c, in_battery_range))
     if route is not None:
-        checks.append(('ambient temperature', float(route.ambient_temperature_c.min()), (
+        checks.append(('ambient temperature', route.lowest_ambient_temperature_c, (
             lowest_c, math.inf, "degC: the vehicle's battery is not described below that")))
     problems = [
         f'{name}: {value:g} is not allowed; it must be '

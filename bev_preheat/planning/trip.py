@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
@@ -21,6 +21,10 @@ LONGEST_STEP_S = 300.0
 # So are steps beyond this share of the battery's thermal time constant: the explicit methods lose
 # their accuracy near the time constant itself, and their stability from twice that on.
 TIME_CONSTANT_SHARE = 0.5
+# So many trips are kept, for who plans one again from another state or for another target, if they have
+# no more segments than this.
+KEPT_TRIPS = 8
+MOST_KEPT_SEGMENTS = 2000
 # Columns of a step's arguments in `model`, after the states.
 Inputs: TypeAlias = 'tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]'
 
@@ -50,7 +54,7 @@ class Trip:
         return CompiledTrip(
             self.time_s, self.route.duration_s, self.idle_power_w, self.power_variance_w2,
             self.idle_heat_w, self.leakage_w_per_k, self.heater_limit_w,
-            self.route.propulsion_power_w)
+            self.route.propulsion_power_w, self.drivetrain_heat_w, self.route.ambient_temperature_c)
 
     def inputs(
             self, heater_power_w: FloatArray | float | None = None,
@@ -94,6 +98,32 @@ def make_trip(vehicle: Vehicle, route: Route, heater_share: float = 1.0,
     that arrives `heat_lag_s` [s] late is not made in the steps before arrival from which it comes
     too late.
     """
+    if len(route) > MOST_KEPT_SEGMENTS:
+        return _made_trip(vehicle, route, heater_share, heat_lag_s)
+    return _kept_trip(vehicle, _OneRoute(route), heater_share, heat_lag_s)
+
+
+class _OneRoute:
+    """A route compared by identity, as a Vehicle is: its arrays cannot be hashed."""
+
+    __slots__ = ('route',)
+
+    def __init__(self, route: Route) -> None:
+        self.route = route
+
+    def __hash__(self) -> int:
+        return id(self.route)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _OneRoute) and self.route is other.route
+
+
+@lru_cache(maxsize=KEPT_TRIPS)
+def _kept_trip(vehicle: Vehicle, one: _OneRoute, heater_share: float, heat_lag_s: float) -> Trip:
+    return _made_trip(vehicle, one.route, heater_share, heat_lag_s)
+
+
+def _made_trip(vehicle: Vehicle, route: Route, heater_share: float, heat_lag_s: float) -> Trip:
     route = route.divided(_longest_steps_s(vehicle, route))
     leakage_w_per_k = vehicle.battery.leakage.coefficient_w_per_k(route.speed_mps)
     drivetrain_heat_w = vehicle.drivetrain.heat_to_battery_w(route.propulsion_power_magnitude_w)

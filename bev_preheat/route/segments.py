@@ -71,6 +71,11 @@ class Route:
         time_s.flags.writeable = False
         return time_s
 
+    @cached_property
+    def lowest_ambient_temperature_c(self) -> float:
+        """Lowest ambient temperature of all segments [deg C]."""
+        return float(self.ambient_temperature_c.min())
+
     def segment_at(self, elapsed_s: float) -> int:
         """Return the index of the segment at an instant [s]; the first before, the last after it."""
         return int(np.searchsorted(self.time_s[1:-1], elapsed_s, side='right'))

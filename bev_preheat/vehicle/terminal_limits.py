@@ -12,8 +12,8 @@ from bev_preheat.numerics.arithmetic import AnyNumber, Arithmetic, Number
 if TYPE_CHECKING:
     from bev_preheat.vehicle.description import Vehicle
 
-# Made from a vehicle, for several kinds of number: the described and the corrected vehicle.
-KEPT_LIMITS = 8
+# Made from a vehicle, for several kinds of number: the described and the corrected ones of several cars.
+KEPT_LIMITS = 64
 
 # `limits(soc, temperature_c, power_variance_w2)` -> least and most terminal power [W].
 TerminalLimits = Callable[[Number, Number, Number], tuple[Number, Number]]

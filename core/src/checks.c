@@ -13,6 +13,10 @@ int32_t bev_size_of_strides(void) { return (int32_t)sizeof(bev_strides); }
 
 int32_t bev_size_of_stride_inputs(void) { return (int32_t)sizeof(bev_stride_inputs); }
 
+int32_t bev_size_of_run_of_powers(void) { return (int32_t)sizeof(bev_run_of_powers); }
+
+int32_t bev_size_of_switch_plan(void) { return (int32_t)sizeof(bev_switch_plan); }
+
 static int is_axis(const double *axis, int32_t count) {
   for (int32_t n = 0; n < count; n++) {
     if (!isfinite(axis[n]) || (n > 0 && !(axis[n] > axis[n - 1]))) {

@@ -26,7 +26,8 @@ static inline int bev_is_curve(const bev_curve *curve) {
 static inline int bev_is_vehicle(const bev_vehicle *vehicle) {
   return isfinite(vehicle->capacity_ah) && vehicle->capacity_ah > 0.0
       && isfinite(vehicle->heat_capacity_j_per_k) && vehicle->heat_capacity_j_per_k > 0.0
-      && isfinite(vehicle->highest_c) && isfinite(vehicle->hottest_c)
+      && isfinite(vehicle->lowest_c) && isfinite(vehicle->highest_c)
+      && isfinite(vehicle->hottest_c)
       && isfinite(vehicle->heater_efficiency) && vehicle->heater_efficiency > 0.0
       && isfinite(vehicle->heat_share)
       && isfinite(vehicle->heater_lag_s) && vehicle->heater_lag_s >= 0.0
@@ -45,7 +46,8 @@ static inline int bev_is_trip(const bev_trip *trip) {
       && trip->duration_s != NULL && trip->idle_power_w != NULL
       && trip->power_variance_w2 != NULL && trip->idle_heat_w != NULL
       && trip->leakage_w_per_k != NULL && trip->heater_limit_w != NULL
-      && trip->propulsion_power_w != NULL;
+      && trip->propulsion_power_w != NULL && trip->drivetrain_heat_w != NULL
+      && trip->ambient_temperature_c != NULL;
 }
 
 /* BEV_OK if vehicle and trip can be used, and `first` is a step of the trip or its end. */

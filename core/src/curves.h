@@ -9,15 +9,13 @@
 
 /* How many of the rising axis' points are not above x. */
 static inline int32_t bev_points_up_to(const double *axis, int32_t count, double x) {
+  /* Without a branch that would be guessed wrong half of the time: `left` points are undecided. */
   int32_t low = 0;
-  int32_t high = count;
-  while (low < high) {
-    const int32_t middle = low + (high - low) / 2;
-    if (x < axis[middle]) {
-      high = middle;
-    } else {
-      low = middle + 1;
-    }
+  int32_t left = count;
+  while (left > 0) {
+    const int32_t half = (left + 1) / 2;
+    low = x < axis[low + half - 1] ? low : low + half;
+    left = left - half;
   }
   return low;
 }

@@ -7,6 +7,7 @@
  * bev_preheat.planning.dynamics.
  */
 #include "checks.h"
+#include "means.h"
 #include "steps_of_model.h"
 
 bev_status bev_step(const bev_vehicle *vehicle, int32_t integrator, int32_t saturating, double soc,
@@ -50,7 +51,8 @@ bev_status bev_heated_step(const bev_vehicle *vehicle, int32_t saturating, const
 
 static bev_status run(const bev_vehicle *vehicle, int32_t integrator, int32_t saturating,
                       const bev_trip *trip, int32_t first, const double *heater_w,
-                      const double *brake_w, double *soc, double *temperature_c) {
+                      const double *brake_w, double *soc, double *temperature_c,
+                      bev_means means) {
   double result[4];
   for (int32_t k = first; k < trip->steps; k++) {
     const bev_inputs inputs = bev_inputs_of(vehicle, trip, k, heater_w, brake_w);
@@ -64,6 +66,10 @@ static bev_status run(const bev_vehicle *vehicle, int32_t integrator, int32_t sa
     }
     soc[k + 1] = result[0];
     temperature_c[k + 1] = result[1];
+    if (means.temperature_c != NULL) {
+      means.temperature_c[k] = result[2];
+      means.joule_w[k] = result[3];
+    }
   }
   return BEV_OK;
 }
@@ -76,9 +82,9 @@ static bev_status of_second(bev_status status) {
   return status == BEV_SATURATED ? BEV_NOT_FINITE : status;
 }
 
-bev_status bev_run(const bev_vehicle *vehicle, int32_t integrator, const bev_trip *trip,
-                   int32_t first, const double *heater_w, const double *brake_w, double *soc,
-                   double *temperature_c) {
+bev_status bev_run_with_means(const bev_vehicle *vehicle, int32_t integrator, const bev_trip *trip,
+                              int32_t first, const double *heater_w, const double *brake_w,
+                              double *soc, double *temperature_c, bev_means means) {
   bev_status status = bev_checked(vehicle, trip, first);
   if (status != BEV_OK) {
     return status;
@@ -89,12 +95,20 @@ bev_status bev_run(const bev_vehicle *vehicle, int32_t integrator, const bev_tri
   if (!isfinite(soc[first]) || !isfinite(temperature_c[first])) {
     return BEV_BAD_INPUT;
   }
-  status = run(vehicle, integrator, 0, trip, first, heater_w, brake_w, soc, temperature_c);
+  status = run(vehicle, integrator, 0, trip, first, heater_w, brake_w, soc, temperature_c, means);
   if (status == BEV_SATURATED) {
     status = of_second(
-        run(vehicle, integrator, 1, trip, first, heater_w, brake_w, soc, temperature_c));
+        run(vehicle, integrator, 1, trip, first, heater_w, brake_w, soc, temperature_c, means));
   }
   return status;
+}
+
+bev_status bev_run(const bev_vehicle *vehicle, int32_t integrator, const bev_trip *trip,
+                   int32_t first, const double *heater_w, const double *brake_w, double *soc,
+                   double *temperature_c) {
+  const bev_means none = {NULL, NULL};
+  return bev_run_with_means(vehicle, integrator, trip, first, heater_w, brake_w, soc,
+                            temperature_c, none);
 }
 
 static bev_status run_heated(const bev_vehicle *vehicle, int32_t saturating, const bev_trip *trip,

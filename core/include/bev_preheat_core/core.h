@@ -19,7 +19,7 @@ extern "C" {
 #endif
 
 /* Changes whenever a struct or a function of this file does. */
-#define BEV_INTERFACE 1
+#define BEV_INTERFACE 2
 
 /* Most steps of a trip, points of a table's axis, factors on a curve, bands of heating. */
 #define BEV_MOST_STEPS 1000000
@@ -32,6 +32,8 @@ extern "C" {
 #define BEV_CURVE_MEMORY (11 * BEV_CURVE_POINTS)
 /* Most bands of one stride in which heating may pay, of which BEV_BANDS are told. */
 #define BEV_MOST_LOWER_BANDS 32
+/* Memory of bev_plan_switch for a trip of so many steps [doubles]. */
+#define BEV_SWITCH_MEMORY(steps) (8 * ((steps) + 1))
 
 typedef enum {
   BEV_OK = 0,
@@ -41,6 +43,8 @@ typedef enum {
   BEV_EMPTY = 2,
   /* The backward run does not meet the unheated one. */
   BEV_NO_CROSSING = 3,
+  /* A limit of the battery is active; what is written means nothing. */
+  BEV_LIMITED = 4,
   /* A pointer is null, or a count out of its range. */
   BEV_BAD_ARGUMENT = -1,
   /* A number of the vehicle is not finite or impossible. */
@@ -91,7 +95,8 @@ typedef struct {
 typedef struct {
   double capacity_ah;
   double heat_capacity_j_per_k;
-  /* Highest temperature to heat to, and the highest that is planned with [deg C]. */
+  /* Lowest and highest temperature of the battery's range, and the highest that is planned with [deg C]. */
+  double lowest_c;
   double highest_c;
   double hottest_c;
   double heater_efficiency;
@@ -120,6 +125,9 @@ typedef struct {
   /* What the cabin leaves of the heater [W]. */
   const double *heater_limit_w;
   const double *propulsion_power_w;
+  /* Of the idle heat, what comes from the drivetrain [W]. */
+  const double *drivetrain_heat_w;
+  const double *ambient_temperature_c;
 } bev_trip;
 
 /*
@@ -178,6 +186,47 @@ typedef struct {
   const uint8_t *is_limited;
 } bev_stride_inputs;
 
+/*
+ * A run whose energies are asked for: states at each instant, and means over each step [W]. What the heater
+ * takes, the heat that arrives from it (null: at once, all of it), and what the friction brake takes (null:
+ * none). `is_deliverable` (not 0): it is known that the circuit gives every power that is asked for.
+ */
+typedef struct {
+  int32_t is_deliverable;
+  const double *soc;
+  const double *temperature_c;
+  const double *heater_w;
+  const double *arriving_heat_w;
+  const double *brake_w;
+} bev_run_of_powers;
+
+/*
+ * Energies of a run [Wh]. `leakage` is negative where heat is lost; `battery_total` is what the cells give,
+ * losses included. What a heater that lags takes after arrival is in none of them.
+ */
+typedef struct {
+  double joule;
+  double drivetrain_heat;
+  double hvch_heat;
+  double leakage;
+  double hvch_electric;
+  double battery_total;
+} bev_energies;
+
+/* What bev_plan_switch finds. */
+typedef struct {
+  /* From this instant on it is heated [s]; NaN where the target is met without. */
+  double switching_instant_s;
+  double least_soc;
+  /* What the heated steps take [Wh, electrical]. */
+  double stretch_wh;
+  bev_energies energy_wh;
+  int32_t is_heated;
+  /* The first heated step, `steps` without; whether all after it are heated, none with surplus. */
+  int32_t first_heated;
+  int32_t is_one_stretch;
+} bev_switch_plan;
+
 /* BEV_INTERFACE of the library, and the sizes of its structs: what a caller checks after loading it. */
 int32_t bev_interface(void);
 int32_t bev_size_of_vehicle(void);
@@ -185,6 +234,8 @@ int32_t bev_size_of_trip(void);
 int32_t bev_size_of_heating(void);
 int32_t bev_size_of_strides(void);
 int32_t bev_size_of_stride_inputs(void);
+int32_t bev_size_of_run_of_powers(void);
+int32_t bev_size_of_switch_plan(void);
 
 /* BEV_OK, or BEV_BAD_VEHICLE or BEV_BAD_ARGUMENT. The runs do not look into the tables again. */
 bev_status bev_check_vehicle(const bev_vehicle *vehicle);
@@ -286,6 +337,39 @@ bev_status bev_map_strides(const bev_vehicle *vehicle, const bev_stride_inputs *
 bev_status bev_find_bands(const bev_strides *strides, int32_t count, const double *temperature_c,
                           const double *energy_j, double k_per_joule, double coldest_c,
                           double warmest_c, double *memory, double *bands_c);
+
+/*
+ * The energies of a run that was made with an integrator. Where `columns` is not null, four arrays of `steps`
+ * values are written, one after the other, means over each step [W]: Joule heat, leakage (negative where heat
+ * is lost; below it, what is taken away to hold the hottest temperature), what the cells give, and what the
+ * circuit cannot.
+ */
+bev_status bev_keep_accounts(const bev_vehicle *vehicle, int32_t integrator, const bev_trip *trip,
+                             const bev_run_of_powers *run, double *columns,
+                             bev_energies *energies);
+
+/*
+ * The instant [s] from which on the heater takes all that the cabin leaves, so that the battery arrives at a
+ * target; heat at once, limits left aside. 0 where that is not enough.
+ *
+ * `idle_soc` and `idle_c` are the unheated run, which arrives below the target. Written are the run, its
+ * start included, and what the heater takes in each step [W].
+ */
+bev_status bev_find_switch(const bev_vehicle *vehicle, const bev_trip *trip, double target_c,
+                           const double *idle_soc, const double *idle_c, double *soc,
+                           double *temperature_c, double *heater_w, double *instant_s);
+
+/*
+ * The whole plan of a trip on which no limit is active, from a start: the unheated run, where it arrives below
+ * the target the switching instant, the run, and what it costs. BEV_LIMITED where a limit is active in the
+ * unheated run or in the plan. For a vehicle whose heat arrives at once; one with a heat path is a bad argument.
+ *
+ * `memory` has BEV_SWITCH_MEMORY(steps) doubles. Written are charge and temperature at each instant, and what
+ * the heater takes in each step [W].
+ */
+bev_status bev_plan_switch(const bev_vehicle *vehicle, const bev_trip *trip, double start_soc,
+                           double start_c, double target_c, double *memory, double *soc,
+                           double *temperature_c, double *heater_w, bev_switch_plan *plan);
 
 #ifdef __cplusplus
 }

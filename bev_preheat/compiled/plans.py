@@ -1,0 +1,97 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Plans and accounts of the compiled core, with arrays in and out.
+
+As those of `runs`, each returns None where the core does not answer.
+"""
+
+from __future__ import annotations
+
+from ctypes import addressof, byref, c_double
+from typing import NamedTuple, TYPE_CHECKING
+
+import numpy as np
+
+from bev_preheat.compiled.library import core, OK, SATURATED
+from bev_preheat.compiled.runs import doubles_at, INTEGRATORS, place
+from bev_preheat.compiled.structs import (
+    DOUBLE_BYTES,
+    ENERGIES,
+    RunOfPowersStruct,
+    SWITCH_ARRAYS,
+    SwitchPlanStruct,
+)
+
+if TYPE_CHECKING:
+    from bev_preheat.compiled.structs import CompiledTrip, CompiledVehicle
+    from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.vehicle.model import Integrator
+
+
+class SwitchedRun(NamedTuple):
+    """A run with one switching instant [s]: states (N + 1,), temperatures in deg C, and heater powers [W] (N,)."""
+
+    instant_s: float
+    soc: FloatArray
+    temperature_c: FloatArray
+    heater_power_w: FloatArray
+
+
+def find_switch(vehicle: CompiledVehicle, trip: CompiledTrip, target_c: float, idle_soc: FloatArray,
+                idle_c: FloatArray) -> SwitchedRun | None:
+    """Return the run that arrives at a target [deg C], from the unheated one, (N + 1,) each, which does not."""
+    library = core()
+    if library is None:
+        return None
+    run, places = _new_run(trip.steps)
+    instant_s = c_double()
+    status = library.bev_find_switch(
+        vehicle.address, trip.address, target_c, doubles_at(idle_soc, trip.steps + 1),
+        doubles_at(idle_c, trip.steps + 1), *places, byref(instant_s))
+    return SwitchedRun(instant_s.value, *run) if status in (OK, SATURATED) else None
+
+
+def plan_switch(vehicle: CompiledVehicle, trip: CompiledTrip, soc: float, temperature_c: float,
+                target_c: float) -> tuple[SwitchPlanStruct, SwitchedRun] | None:
+    """Return the whole plan of a trip on which no limit is active; None too where one is. See core.h."""
+    library = core()
+    if library is None:
+        return None
+    run, places = _new_run(trip.steps)
+    memory, found = np.empty(SWITCH_ARRAYS * (trip.steps + 1)), SwitchPlanStruct()
+    status = library.bev_plan_switch(
+        vehicle.address, trip.address, soc, temperature_c, target_c, place(memory), *places,
+        addressof(found))
+    return (found, SwitchedRun(found.switching_instant_s, *run)) if status == OK else None
+
+
+def _new_run(steps: int) -> tuple[tuple[FloatArray, FloatArray, FloatArray], tuple[int, int, int]]:
+    """Return arrays for charge, temperature and heater power, and where they lie."""
+    block = np.empty(3 * steps + 2)
+    at = addressof(c_double.from_buffer(block))  # type: ignore[arg-type]
+    after, end = steps + 1, 2 * steps + 2
+    return ((block[:after], block[after:end], block[end:]),
+            (at, at + DOUBLE_BYTES * after, at + DOUBLE_BYTES * end))
+
+
+def keep_accounts(vehicle: CompiledVehicle, make_integrator: Integrator, trip: CompiledTrip,
+                  deliverable: bool, soc: FloatArray, temperature_c: FloatArray, heater_w: FloatArray,
+                  arriving_heat_w: FloatArray | None,
+                  brake_w: FloatArray) -> tuple[list[float], FloatArray] | None:
+    """
+    Return energies [Wh], as ENERGIES, and means over each step [W], (4, N), of a run.
+
+    The means are Joule heat, leakage, what the cells give, and what the circuit cannot; see core.h.
+    """
+    library, integrator = core(), INTEGRATORS.get(make_integrator)
+    if library is None or integrator is None:
+        return None
+    columns, energies_wh = np.empty((4, trip.steps)), (c_double * len(ENERGIES))()
+    kept = [array if array is None else np.ascontiguousarray(array, dtype=float)
+            for array in (soc, temperature_c, heater_w, arriving_heat_w, brake_w)]
+    run = RunOfPowersStruct(deliverable, *(
+        None if array is None else array.__array_interface__['data'][0] for array in kept))
+    status = library.bev_keep_accounts(
+        vehicle.address, integrator, trip.address, addressof(run), place(columns),
+        addressof(energies_wh))
+    return (energies_wh[:], columns) if status == OK else None

@@ -1,0 +1,347 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * When to switch the heater on, heat at once: bev_preheat.planning.optimal_switch with the search of
+ * bev_preheat.planning.bracketing, and what the plan so found costs.
+ */
+#include "checks.h"
+#include "means.h"
+#include "steps_of_model.h"
+
+/* The target is met when the forward run arrives this close [K]. */
+#define ARRIVAL_TOLERANCE_K 5e-6
+/* What leaks on the way makes heating take about this many times what the target lacks. */
+#define HEATING_ALLOWANCE 1.1
+/* The secant needs two to four runs; the bracket makes sure that the search ends in any case. */
+#define MOST_RUNS 60
+/* This far above the target no forward run can meet the backward one [K]. */
+#define LOST_ABOVE_TARGET_K 100.0
+/* A heater power below this share of what the cabin leaves is rounding. */
+#define HEATING_SHARE 1e-4
+/* Surplus is told from paid heating to this [W]. */
+#define SURPLUS_TOLERANCE_W 1.0
+#define JOULES_PER_WH 3600.0
+
+/* What stays the same while the instant is searched for, and where each trial is written. */
+typedef struct {
+  const bev_vehicle *vehicle;
+  const bev_trip *trip;
+  const double *idle_soc;
+  const double *idle_c;
+  bev_means idle_means;
+  double target_c;
+  double *soc;
+  double *temperature_c;
+  double *heater_w;
+  bev_means means;
+} search;
+
+/* An instant of switching on [s], and by how much the run arrives above the target [K]. */
+typedef struct {
+  double instant_s;
+  double excess_k;
+} trial;
+
+/* The step in which an instant lies. */
+static int32_t step_at(const bev_trip *trip, double instant_s) {
+  const int32_t before = bev_points_up_to(trip->time_s, trip->steps + 1, instant_s);
+  const int32_t step = (before < trip->steps ? before : trip->steps) - 1;
+  return step > 0 ? step : 0;
+}
+
+/* The run that is heated from an instant on; before it, it is the unheated one. */
+static bev_status switch_on_at(const search *of, double instant_s, trial *made) {
+  const bev_trip *trip = of->trip;
+  const int32_t first = step_at(trip, instant_s);
+  for (int32_t k = 0; k <= first; k++) {
+    of->soc[k] = of->idle_soc[k];
+    of->temperature_c[k] = of->idle_c[k];
+  }
+  for (int32_t k = 0; k < first && of->means.temperature_c != NULL; k++) {
+    of->means.temperature_c[k] = of->idle_means.temperature_c[k];
+    of->means.joule_w[k] = of->idle_means.joule_w[k];
+  }
+  for (int32_t k = 0; k < trip->steps; k++) {
+    const double share_on = (trip->time_s[k + 1] - instant_s) / trip->duration_s[k];
+    of->heater_w[k] = bev_minimum(bev_maximum(share_on, 0.0), 1.0) * trip->heater_limit_w[k];
+  }
+  const bev_status status =
+      bev_run_with_means(of->vehicle, BEV_RUNGE_KUTTA_4, trip, first, of->heater_w, NULL, of->soc,
+                         of->temperature_c, of->means);
+  made->instant_s = instant_s;
+  made->excess_k = of->temperature_c[trip->steps] - of->target_c;
+  return status;
+}
+
+/* Rate of temperature change at the start of a step of the run, so much warmer, under a heater power. */
+static double rate_k_per_s(const search *of, int32_t k, double warmer_k, double heater_w) {
+  const bev_trip *trip = of->trip;
+  double result[3];
+  bev_rates(of->vehicle, BEV_SATURATING, of->soc[k], of->temperature_c[k] + warmer_k,
+            trip->idle_power_w[k] + heater_w, trip->power_variance_w2[k],
+            trip->idle_heat_w[k] + of->vehicle->heater_efficiency * heater_w,
+            trip->leakage_w_per_k[k], result);
+  return result[1];
+}
+
+/* Change of the arrival temperature with the switching instant [K/s], an estimate. */
+static double arrival_slope_k_per_s(const search *of, double instant_s) {
+  const bev_trip *trip = of->trip;
+  const int32_t first = step_at(trip, instant_s);
+  const double gained_k_per_s = rate_k_per_s(of, first, 0.0, trip->heater_limit_w[first])
+      - rate_k_per_s(of, first, 0.0, 0.0);
+  const int32_t middle = (first + trip->steps) / 2;
+  const double full_w = trip->heater_limit_w[middle];
+  const double damping_per_s =
+      rate_k_per_s(of, middle, 0.0, full_w) - rate_k_per_s(of, middle, 1.0, full_w);
+  return -gained_k_per_s * exp(-damping_per_s * (trip->time_s[trip->steps] - instant_s));
+}
+
+/* The instant after a trial: the secant's, kept within the bracket; the earliest is tried first. */
+static double following_s(const trial *made, double slope, double enough_s, double too_little_s) {
+  double following = slope < 0.0 ? made->instant_s - made->excess_k / slope : NAN;
+  if (enough_s == 0.0 && following <= 0.0) {
+    return 0.0;
+  }
+  if (!(bev_minimum(enough_s, too_little_s) < following
+        && following < bev_maximum(enough_s, too_little_s))) {
+    following = 0.5 * (enough_s + too_little_s);
+  }
+  return following;
+}
+
+/* bracketing.follow_slope from the earliest instant, which heats most, to the arrival. */
+static bev_status follow_slope(const search *of, double guess_s, double *instant_s) {
+  const double latest_s = of->trip->time_s[of->trip->steps];
+  trial made;
+  bev_status status = switch_on_at(of, bev_minimum(bev_maximum(guess_s, 0.0), latest_s), &made);
+  if (status < BEV_OK) {
+    return status;
+  }
+  double slope = arrival_slope_k_per_s(of, made.instant_s);
+  if (!isfinite(slope)) {
+    return BEV_NOT_FINITE;
+  }
+  double enough_s = 0.0;
+  double too_little_s = latest_s;
+  for (int32_t n = 0; n < MOST_RUNS; n++) {
+    if (fabs(made.excess_k) <= ARRIVAL_TOLERANCE_K
+        || (made.instant_s == 0.0 && made.excess_k < 0.0)) {
+      break;
+    }
+    if (made.excess_k > 0.0) {
+      enough_s = made.instant_s;
+    } else {
+      too_little_s = made.instant_s;
+    }
+    const double next_s = following_s(&made, slope, enough_s, too_little_s);
+    if (fabs(next_s - made.instant_s) <= 0.0) {
+      break;
+    }
+    const trial before = made;
+    status = switch_on_at(of, next_s, &made);
+    if (status < BEV_OK) {
+      return status;
+    }
+    slope = (made.excess_k - before.excess_k) / (made.instant_s - before.instant_s);
+  }
+  *instant_s = made.instant_s;
+  return status;
+}
+
+/* State of charge on arrival, about: that of the unheated run less what heating will take. */
+static double terminal_soc(const search *of) {
+  const bev_vehicle *vehicle = of->vehicle;
+  const double idle_soc = of->idle_soc[of->trip->steps];
+  const double idle_c = of->idle_c[of->trip->steps];
+  const double heating_j = HEATING_ALLOWANCE * vehicle->heat_capacity_j_per_k
+      * (of->target_c - idle_c) / vehicle->heater_efficiency;
+  const double voltage_v =
+      bev_at(&vehicle->open_circuit_voltage, BEV_SATURATING, idle_soc, idle_c);
+  return bev_maximum(idle_soc - heating_j / (voltage_v * (3600.0 * vehicle->capacity_ah)), 0.0);
+}
+
+static int is_strictly_rising(const double *values, int32_t count) {
+  for (int32_t n = 1; n < count; n++) {
+    if (!(values[n] > values[n - 1])) {
+      return 0;
+    }
+  }
+  return 1;
+}
+
+/* The whole search, from the first guess on. */
+static bev_status find_switch(const search *of, double *instant_s) {
+  const bev_trip *trip = of->trip;
+  if (!isfinite(of->target_c) || !isfinite(of->idle_soc[trip->steps])
+      || !isfinite(trip->time_s[0]) || !isfinite(trip->time_s[trip->steps])
+      || !is_strictly_rising(trip->time_s, trip->steps + 1)) {
+    return BEV_BAD_INPUT;
+  }
+  double guess_s = 0.0;
+  const bev_status status =
+      bev_find_crossing(of->vehicle, BEV_MIDPOINT, trip, of->target_c, terminal_soc(of),
+                        LOST_ABOVE_TARGET_K, of->idle_c, &guess_s);
+  if (status < BEV_OK) {
+    return status;
+  }
+  return follow_slope(of, status == BEV_NO_CROSSING ? 0.0 : guess_s, instant_s);
+}
+
+bev_status bev_find_switch(const bev_vehicle *vehicle, const bev_trip *trip, double target_c,
+                           const double *idle_soc, const double *idle_c, double *soc,
+                           double *temperature_c, double *heater_w, double *instant_s) {
+  const bev_status status = bev_checked(vehicle, trip, 0);
+  if (status != BEV_OK) {
+    return status;
+  }
+  if (trip->steps < 1 || idle_soc == NULL || idle_c == NULL || soc == NULL
+      || temperature_c == NULL || heater_w == NULL || instant_s == NULL) {
+    return BEV_BAD_ARGUMENT;
+  }
+  const bev_means none = {NULL, NULL};
+  const search of = {vehicle, trip,          idle_soc, idle_c, none, target_c,
+                     soc,     temperature_c, heater_w, none};
+  return find_switch(&of, instant_s);
+}
+
+/* A run that is looked at, and its limits on the terminal power [W]. */
+typedef struct {
+  const bev_vehicle *vehicle;
+  const bev_trip *trip;
+  const double *soc;
+  const double *temperature_c;
+  const double *heater_w;
+  double *least_w;
+  double *most_w;
+} seen_run;
+
+/* BEV_OK if a run keeps all limits of the battery from step `first` on. */
+static bev_status check_limits(const seen_run *run, int32_t first) {
+  const bev_vehicle *vehicle = run->vehicle;
+  const bev_trip *trip = run->trip;
+  const bev_status status = bev_limits_along(
+      vehicle, trip->steps - first, &run->soc[first], &run->temperature_c[first],
+      &trip->power_variance_w2[first], &run->least_w[first], &run->most_w[first]);
+  if (status != BEV_OK) {
+    return status;
+  }
+  for (int32_t k = first; k <= trip->steps; k++) {
+    if (!(run->temperature_c[k] <= vehicle->highest_c
+          && run->temperature_c[k] >= vehicle->lowest_c && run->soc[k] > 0.0
+          && run->soc[k] <= 1.0)) {
+      return BEV_LIMITED;
+    }
+  }
+  for (int32_t k = first; k < trip->steps; k++) {
+    const double terminal_w = trip->idle_power_w[k] + run->heater_w[k];
+    if (!(terminal_w >= run->least_w[k] && terminal_w <= run->most_w[k])) {
+      return BEV_LIMITED;
+    }
+  }
+  return BEV_OK;
+}
+
+/* The heated steps: the first, what they take, and whether they are one stretch that is paid for. */
+static void find_stretch(const seen_run *run, bev_switch_plan *plan) {
+  const bev_trip *trip = run->trip;
+  double heating_j = 0.0;
+  plan->is_heated = 0;
+  plan->is_one_stretch = 1;
+  plan->first_heated = trip->steps;
+  for (int32_t k = 0; k < trip->steps; k++) {
+    const double heater_w = run->heater_w[k];
+    if (heater_w != 0.0) {
+      plan->is_heated = 1;
+    }
+    if (heater_w > HEATING_SHARE * trip->heater_limit_w[k]) {
+      if (plan->first_heated == trip->steps) {
+        plan->first_heated = k;
+      }
+      heating_j += heater_w * trip->duration_s[k];
+      if (trip->propulsion_power_w[k] < 0.0
+          && heater_w <= run->least_w[k] - trip->idle_power_w[k] + SURPLUS_TOLERANCE_W) {
+        plan->is_one_stretch = 0;
+      }
+    } else if (plan->first_heated < trip->steps) {
+      plan->is_one_stretch = 0;
+    }
+  }
+  plan->stretch_wh = heating_j / JOULES_PER_WH;
+}
+
+static double least_of(const double *values, int32_t count) {
+  double least = values[0];
+  for (int32_t n = 1; n < count; n++) {
+    least = bev_minimum(least, values[n]);
+  }
+  return least;
+}
+
+/* The run that is planned, from the unheated one; what is known of its limits is that of the latter. */
+static bev_status plan_run(const search *of, seen_run *run, bev_switch_plan *plan) {
+  const int32_t steps = of->trip->steps;
+  for (int32_t k = 0; k < steps; k++) {
+    of->heater_w[k] = 0.0;
+  }
+  bev_status status = check_limits(run, 0);
+  if (status != BEV_OK || of->idle_c[steps] >= of->target_c) {
+    for (int32_t k = 0; k <= steps; k++) {
+      of->soc[k] = of->idle_soc[k];
+      of->temperature_c[k] = of->idle_c[k];
+    }
+    return status;
+  }
+  status = find_switch(of, &plan->switching_instant_s);
+  if (status < BEV_OK) {
+    return status;
+  }
+  run->soc = of->soc;
+  run->temperature_c = of->temperature_c;
+  return check_limits(run, step_at(of->trip, plan->switching_instant_s));
+}
+
+bev_status bev_plan_switch(const bev_vehicle *vehicle, const bev_trip *trip, double start_soc,
+                           double start_c, double target_c, double *memory, double *soc,
+                           double *temperature_c, double *heater_w, bev_switch_plan *plan) {
+  bev_status status = bev_checked(vehicle, trip, 0);
+  if (status != BEV_OK) {
+    return status;
+  }
+  if (trip->steps < 1 || memory == NULL || soc == NULL || temperature_c == NULL
+      || heater_w == NULL || plan == NULL || vehicle->heater_lag_s > 0.0
+      || vehicle->coolant_heat_capacity_j_per_k > 0.0) {
+    return BEV_BAD_ARGUMENT;
+  }
+  if (!isfinite(target_c)) {
+    return BEV_BAD_INPUT;
+  }
+  const int32_t steps = trip->steps;
+  double *room[8];
+  for (int32_t n = 0; n < 8; n++) {
+    room[n] = &memory[n * (steps + 1)];
+  }
+  const bev_means idle_means = {room[2], room[3]};
+  const bev_means means = {room[4], room[5]};
+  const search of = {vehicle, trip,          room[0],  room[1], idle_means, target_c,
+                     soc,     temperature_c, heater_w, means};
+  seen_run run = {vehicle, trip, room[0], room[1], heater_w, room[6], room[7]};
+  room[0][0] = start_soc;
+  room[1][0] = start_c;
+  status = bev_run_with_means(vehicle, BEV_RUNGE_KUTTA_4, trip, 0, NULL, NULL,
+                                                 room[0], room[1], idle_means);
+  if (status < BEV_OK) {
+    return status;
+  }
+  plan->switching_instant_s = NAN;
+  status = plan_run(&of, &run, plan);
+  if (status != BEV_OK) {
+    return status;
+  }
+  plan->least_soc = least_of(soc, steps + 1);
+  find_stretch(&run, plan);
+  /* The circuit's own limit lies at the battery's or above it, so all power is deliverable. */
+  const bev_run_of_powers made = {1, soc, temperature_c, heater_w, NULL, NULL};
+  return bev_energies_of_means(vehicle, trip, &made,
+                               isnan(plan->switching_instant_s) ? idle_means : means,
+                               &plan->energy_wh);
+}
