@@ -48,7 +48,7 @@ if TYPE_CHECKING:
     from bev_preheat.nodes.listening import Listener
 
 SAMPLE_PERIOD_S = 1.0
-START_LIMIT_S = 30.0
+START_LIMIT_S = 180.0
 # An interrupted run says nothing if it has heard fewer.
 LEAST_COMMANDS = 3
 # Of the files beside the picture.

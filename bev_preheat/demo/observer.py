@@ -53,7 +53,7 @@ class ObservedDrive:
         self.commands: list[tuple[float, float]] = []
         self.predictions: list[tuple[float, float]] = []
         self.outcome: Outcome | None = None
-        self.heard_at_s = time.monotonic()
+        self.heard_at_s: float | None = None
 
     @property
     def start_ns(self) -> int:

@@ -35,8 +35,8 @@ if TYPE_CHECKING:
 START_S = 1_700_000_000
 HEATER_ENTRY = 'planner: heater'
 # Real time that the processes have to find each other, and the drive beyond its own length [s].
-START_LIMIT_S = 40.0
-PATIENCE_S = 60.0
+START_LIMIT_S = 120.0
+PATIENCE_S = 120.0
 POLL_S = 0.05
 # At 60 times real time a clock message that is 20 ms late is 1.2 s late; the simulator lets time run
 # no further ahead of the planner than this.

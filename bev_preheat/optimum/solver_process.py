@@ -26,8 +26,9 @@ if TYPE_CHECKING:
     from bev_preheat.route import Route
     from bev_preheat.vehicle import Vehicle
 
-# Loading Python, NumPy and CasADi takes a second; where it takes this long something is wrong.
-START_LIMIT_S = 60.0
+# Loading Python, NumPy and CasADi takes a second, at the lowest priority on a busy computer a minute; where it
+# takes this long something is wrong.
+START_LIMIT_S = 180.0
 # How long a killed process may take to be gone [s].
 END_LIMIT_S = 2.0
 # Polite before the first import, as importing takes most of a core for a while.

@@ -42,10 +42,12 @@ def start_demo(dds, tmp_path):
 
 
 def wait_for_line(demo, text):
+    said = []
     for line in demo.stdout:
-        if text in line:
+        said.append(line)
+        if text in line and not line.startswith('demo: '):
             return
-    pytest.fail(f'the demonstration ended before it said {text!r}')
+    pytest.fail(f'the demonstration ended before it said {text!r}: {"".join(said)}')
 
 
 def test_good_drive_ends_with_table_and_picture(start_demo, tmp_path):

@@ -155,6 +155,9 @@ def call_main(domain_id, monkeypatch, capfd):
     could not start ends with it; here it would be heard, in a domain that others have meanwhile,
     until Python collects it.
     """
+    # Of shared memory that another process holds, the middleware writes a line of its own.
+    monkeypatch.setenv('FASTDDS_BUILTIN_TRANSPORTS', 'UDPv4')
+
     def call_main(name, *arguments):
         monkeypatch.setattr(sys, 'argv', [f'/opt/lib/bev_preheat/{name}', *arguments])
         capfd.readouterr()

@@ -14,7 +14,7 @@ from bev_preheat.monitoring.view import page
 from bev_preheat.nodes.convert import time_message
 from bev_preheat.nodes.listening import listening
 
-LIMIT_S = 20.0
+LIMIT_S = 240.0
 FIRST_NS = 1_700_000_000_000_000_000
 STEP_NS = 1_000_000_000
 

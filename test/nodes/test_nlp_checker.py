@@ -43,7 +43,7 @@ SHARING = (*PATIENT, '-p', 'solver_niceness:=0', '-p', 'time_limit:=300.0')
 ONLY_ASKED = (*SHARING, '-p', 'check_period:=0.0')
 SWITCH = (*PATIENT, '-p', 'method:=optimal_switch')
 QUICK_COMMANDS = ('-p', 'command_period:=0.1')
-REPORT_PATIENCE_S = 80.0
+REPORT_PATIENCE_S = 240.0
 # Times that a check is asked for until the planner's plan came in time for it.
 MOST_CHECKS = 5
 
