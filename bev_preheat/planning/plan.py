@@ -87,11 +87,6 @@ class Plan:
         """State of charge on arrival, 0 ... 1."""
         return float(self.soc[-1])
 
-    def told_as(self, status: Status, explanation: str, planning_time_s: float) -> Plan:
-        """Return the Plan with another status, sentence and planning time [s]; faster than `replace`."""
-        return Plan(**{**vars(self), 'status': status, 'explanation': explanation,
-                       'planning_time_s': planning_time_s})
-
     def power_at_w(self, elapsed_s: float) -> float:
         """
         Return the electrical heater power [W] at an instant [s] of the plan, 0 before it starts.

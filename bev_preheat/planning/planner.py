@@ -191,8 +191,10 @@ def finish_plan(trip: Trip, goal: Goal, schedule: Schedule, method: str, started
         stranding=outcome.stranding,
         heat=schedule.heat)
     status = _status(plan, goal)
-    explanation = explain(status, plan, reserve)
-    return plan.told_as(status, explanation, perf_counter() - started)
+    # Nobody has the plan yet, and `replace` would take as long as all of the above.
+    vars(plan).update(status=status, explanation=explain(status, plan, reserve),
+                      planning_time_s=perf_counter() - started)
+    return plan
 
 
 def _status(plan: Plan, goal: Goal) -> Status:

@@ -127,6 +127,10 @@ def _made_trip(vehicle: Vehicle, route: Route, heater_share: float, heat_lag_s: 
     route = route.divided(_longest_steps_s(vehicle, route))
     leakage_w_per_k = vehicle.battery.leakage.coefficient_w_per_k(route.speed_mps)
     drivetrain_heat_w = vehicle.drivetrain.heat_to_battery_w(route.propulsion_power_magnitude_w)
+    heater_limit_w = heater_share * np.maximum(
+        vehicle.hvch.maximum_power_w - route.cabin_heating_power_w, 0.0)
+    if heat_lag_s > 0.0:
+        heater_limit_w = _in_time(route, heat_lag_s) * heater_limit_w
     return Trip(
         vehicle=vehicle,
         route=route,
@@ -137,8 +141,7 @@ def _made_trip(vehicle: Vehicle, route: Route, heater_share: float, heat_lag_s: 
         idle_heat_w=leakage_w_per_k * route.ambient_temperature_c + drivetrain_heat_w,
         drivetrain_heat_w=drivetrain_heat_w,
         leakage_w_per_k=leakage_w_per_k,
-        heater_limit_w=heater_share * _in_time(route, heat_lag_s) * np.maximum(
-            vehicle.hvch.maximum_power_w - route.cabin_heating_power_w, 0.0))
+        heater_limit_w=heater_limit_w)
 
 
 def _in_time(route: Route, heat_lag_s: float) -> FloatArray:
@@ -147,10 +150,12 @@ def _in_time(route: Route, heat_lag_s: float) -> FloatArray:
     return np.where(left_s > heat_lag_s, 1.0, 0.0)
 
 
-def _longest_steps_s(vehicle: Vehicle, route: Route) -> FloatArray:
-    """Longest step that the model is integrated with in each segment [s], shape (N,)."""
+def _longest_steps_s(vehicle: Vehicle, route: Route) -> FloatArray | float:
+    """Longest step that the model is integrated with in each segment [s], shape (N,), or in all."""
     leakage_w_per_k = vehicle.battery.leakage.coefficient_w_per_k(route.speed_mps)
     stiff_w_per_k = (TIME_CONSTANT_SHARE / LONGEST_STEP_S) * vehicle.battery.heat_capacity_j_per_k
+    if leakage_w_per_k.max() <= stiff_w_per_k:
+        return LONGEST_STEP_S
     return LONGEST_STEP_S * np.minimum(1.0, stiff_w_per_k / np.maximum(
         leakage_w_per_k, stiff_w_per_k))
 

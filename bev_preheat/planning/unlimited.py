@@ -53,7 +53,7 @@ def plan_unlimited(trip: Trip, state: BatteryState,
         None if instant_s != instant_s else instant_s, heater_power_w, np.zeros(len(heater_power_w)),
         soc, temperature_c, make_runge_kutta_4)
     return schedule, Outcome(
-        energies_of(plan.energy_wh), _stretches(trip, schedule, plan),
+        energies_of(plan.energy_wh[:]), _stretches(trip, schedule, plan),
         schedule.heating_start_s if plan.is_heated else None)
 
 

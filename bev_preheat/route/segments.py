@@ -67,7 +67,8 @@ class Route:
     @cached_property
     def time_s(self) -> FloatArray:
         """Instants at which segments start, and the end: shape (N + 1,), not to be written to."""
-        time_s = np.concatenate(([0.0], np.cumsum(self.duration_s)))
+        time_s = np.zeros(len(self.duration_s) + 1)
+        self.duration_s.cumsum(out=time_s[1:])
         time_s.flags.writeable = False
         return time_s
 

@@ -240,7 +240,8 @@ def test_accounts_of_what_cannot_be_are_refused():
     assert status(integrator=3) == status(soc=None) == status(heater_w=None) == BAD_ARGUMENT
     assert status(soc=np.where(np.arange(steps + 1) == 9, nan, soc)) == BAD_INPUT
     assert status(heater_w=np.where(np.arange(steps) == 9, inf, 0.0)) == BAD_INPUT
-    assert core().bev_keep_accounts(vehicle.address, 2, trip.compiled.address, None, None, energies) == BAD_ARGUMENT
+    assert core().bev_keep_accounts(
+        vehicle.address, 2, trip.compiled.address, None, None, energies) == BAD_ARGUMENT
 
 
 def test_a_trip_is_kept_for_the_same_vehicle_and_route_only():

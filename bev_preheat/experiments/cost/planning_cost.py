@@ -3,14 +3,24 @@
 
 from __future__ import annotations
 
+from ctypes import addressof
 from dataclasses import replace
 from functools import partial
 import math
+from statistics import median
+from time import perf_counter
 from typing import TYPE_CHECKING
 
+import numpy as np
+
+from bev_preheat.compiled.library import core
+from bev_preheat.compiled.runs import place
+from bev_preheat.compiled.structs import SWITCH_ARRAYS, SwitchPlanStruct
 from bev_preheat.experiments.cost.figures import Figure, median_time_s, turns_s
+from bev_preheat.planning.dynamics import compiled_vehicle
 from bev_preheat.planning.planner import METHODS, plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal
+from bev_preheat.planning.trip import make_trip
 from bev_preheat.route import load_route
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.heat_path import HeatPath
@@ -18,12 +28,15 @@ from bev_preheat.vehicle.heat_path import HeatPath
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from bev_preheat.route import Route
     from bev_preheat.vehicle import Vehicle
 
 # The paper's trip, Table I.
 STATE = BatteryState(-7.0, 0.9)
 GOAL = Goal(25.0)
-BOUNDS_MS = {'paper': 0.3, 'optimal_switch': 0.8}
+BOUNDS_MS = {'paper': 0.3, 'optimal_switch': 0.15, 'merit_order': 0.15}
+# A plan in Python, of the one call of the compiled core in it.
+CORE_RATIO = 5.0
 SEGMENT_COUNTS = (120, 1440, 14400)
 MERIT_ORDER_RATIO = 3.0
 ROUNDS = 200
@@ -50,9 +63,42 @@ def measure(log: Callable[[str], object]) -> list[Figure]:
         exponent = math.log(times_s[last] / times_s[first]) / math.log(last / first)
         figures.append(Figure(f'growth of {method} with N from {first} to {last}: exponent',
                               exponent, '', 1.1))
+    figures += [_new_route(vehicle, route), *_core_ratios(vehicle, route)]
     for name in ('reference', 'alpine_pass'):
         figures += [_merit_order_ratio(vehicle, name), _heat_path_ratio(vehicle, name)]
     return figures
+
+
+def _new_route(vehicle: Vehicle, route: Route) -> Figure:
+    """Return what a plan takes on a route that was not planned before: as when the car has driven on."""
+    durations_s = []
+    for copy in [replace(route) for _ in range(ROUNDS)]:
+        started = perf_counter()
+        plan_preheating(vehicle, copy, STATE, GOAL)
+        durations_s.append(perf_counter() - started)
+    return Figure(f'plan, merit_order, N = {len(route)}, each on a new route, median',
+                  1e3 * median(durations_s), 'ms')
+
+
+def _core_ratios(vehicle: Vehicle, route: Route) -> list[Figure]:
+    """Return how much longer a plan takes than the call of the compiled core in it; none without a core."""
+    library, compiled = core(), compiled_vehicle(vehicle)
+    if library is None or compiled is None:
+        return []
+    trip = make_trip(vehicle, route).compiled
+    instants, plan = trip.steps + 1, SwitchPlanStruct()
+    arrays = [np.empty(count) for count in (
+        SWITCH_ARRAYS * instants, instants, instants, trip.steps)]
+    arguments = (compiled.address, trip.address, STATE.soc, STATE.temperature_c,
+                 GOAL.target_temperature_c, *map(place, arrays), addressof(plan))
+    call = partial(library.bev_plan_switch, *arguments)
+    figures = []
+    for method in ('merit_order', 'optimal_switch'):
+        plan_s, call_s = turns_s(
+            lambda: plan_preheating(vehicle, route, STATE, GOAL, method), call, 5 * ROUNDS)
+        figures.append(Figure(f'plan, {method}, N = {trip.steps} / the call of the core in it',
+                              plan_s / call_s, '', CORE_RATIO))
+    return [Figure('call of the core in a plan, median', 1e3 * call_s, 'ms'), *figures]
 
 
 def _merit_order_ratio(vehicle: Vehicle, name: str) -> Figure:
