@@ -95,7 +95,7 @@ def _core_ratios(vehicle: Vehicle, route: Route) -> list[Figure]:
     figures = []
     for method in ('merit_order', 'optimal_switch'):
         plan_s, call_s = turns_s(
-            lambda: plan_preheating(vehicle, route, STATE, GOAL, method), call, 5 * ROUNDS)
+            partial(plan_preheating, vehicle, route, STATE, GOAL, method), call, 5 * ROUNDS)
         figures.append(Figure(f'plan, {method}, N = {trip.steps} / the call of the core in it',
                               plan_s / call_s, '', CORE_RATIO))
     return [Figure('call of the core in a plan, median', 1e3 * call_s, 'ms'), *figures]
