@@ -60,4 +60,14 @@ static inline bev_status bev_checked(const bev_vehicle *vehicle, const bev_trip 
   return bev_is_vehicle(vehicle) ? BEV_OK : BEV_BAD_VEHICLE;
 }
 
+/* Whether the instants of a trip are numbers that rise. */
+static inline int bev_is_time(const bev_trip *trip) {
+  for (int32_t k = 0; k < trip->steps; k++) {
+    if (!isfinite(trip->time_s[k]) || !(trip->time_s[k + 1] > trip->time_s[k])) {
+      return 0;
+    }
+  }
+  return isfinite(trip->time_s[trip->steps]);
+}
+
 #endif /* BEV_PREHEAT_CORE_CHECKS_H_ */

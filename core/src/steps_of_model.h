@@ -31,6 +31,13 @@ static inline bev_inputs bev_inputs_of(const bev_vehicle *vehicle, const bev_tri
   return inputs;
 }
 
+/* The step of a trip in which an instant lies. */
+static inline int32_t bev_step_at(const bev_trip *trip, double instant_s) {
+  const int32_t before = bev_points_up_to(trip->time_s, trip->steps + 1, instant_s);
+  const int32_t step = (before < trip->steps ? before : trip->steps) - 1;
+  return step > 0 ? step : 0;
+}
+
 static inline int bev_are_finite(const bev_inputs *inputs) {
   return isfinite(inputs->duration_s) && isfinite(inputs->power_w)
       && isfinite(inputs->variance_w2) && isfinite(inputs->heat_w)

@@ -3,6 +3,7 @@
  * When to switch the heater on, heat at once: bev_preheat.planning.optimal_switch with the search of
  * bev_preheat.planning.bracketing, and what the plan so found costs.
  */
+#include "bracketing.h"
 #include "checks.h"
 #include "means.h"
 #include "steps_of_model.h"
@@ -11,8 +12,6 @@
 #define ARRIVAL_TOLERANCE_K 5e-6
 /* What leaks on the way makes heating take about this many times what the target lacks. */
 #define HEATING_ALLOWANCE 1.1
-/* The secant needs two to four runs; the bracket makes sure that the search ends in any case. */
-#define MOST_RUNS 60
 /* This far above the target no forward run can meet the backward one [K]. */
 #define LOST_ABOVE_TARGET_K 100.0
 /* A heater power below this share of what the cabin leaves is rounding. */
@@ -35,23 +34,11 @@ typedef struct {
   bev_means means;
 } search;
 
-/* An instant of switching on [s], and by how much the run arrives above the target [K]. */
-typedef struct {
-  double instant_s;
-  double excess_k;
-} trial;
-
-/* The step in which an instant lies. */
-static int32_t step_at(const bev_trip *trip, double instant_s) {
-  const int32_t before = bev_points_up_to(trip->time_s, trip->steps + 1, instant_s);
-  const int32_t step = (before < trip->steps ? before : trip->steps) - 1;
-  return step > 0 ? step : 0;
-}
-
-/* The run that is heated from an instant on; before it, it is the unheated one. */
-static bev_status switch_on_at(const search *of, double instant_s, trial *made) {
+/* The run that is heated from an instant on, above the target on arrival; before it, it is the unheated one. */
+static bev_status switch_on_at(void *searched, double instant_s, double *above_k) {
+  const search *of = (const search *)searched;
   const bev_trip *trip = of->trip;
-  const int32_t first = step_at(trip, instant_s);
+  const int32_t first = bev_step_at(trip, instant_s);
   for (int32_t k = 0; k <= first; k++) {
     of->soc[k] = of->idle_soc[k];
     of->temperature_c[k] = of->idle_c[k];
@@ -67,8 +54,7 @@ static bev_status switch_on_at(const search *of, double instant_s, trial *made) 
   const bev_status status =
       bev_run_with_means(of->vehicle, BEV_RUNGE_KUTTA_4, trip, first, of->heater_w, NULL, of->soc,
                          of->temperature_c, of->means);
-  made->instant_s = instant_s;
-  made->excess_k = of->temperature_c[trip->steps] - of->target_c;
+  *above_k = of->temperature_c[trip->steps] - of->target_c;
   return status;
 }
 
@@ -86,7 +72,7 @@ static double rate_k_per_s(const search *of, int32_t k, double warmer_k, double 
 /* Change of the arrival temperature with the switching instant [K/s], an estimate. */
 static double arrival_slope_k_per_s(const search *of, double instant_s) {
   const bev_trip *trip = of->trip;
-  const int32_t first = step_at(trip, instant_s);
+  const int32_t first = bev_step_at(trip, instant_s);
   const double gained_k_per_s = rate_k_per_s(of, first, 0.0, trip->heater_limit_w[first])
       - rate_k_per_s(of, first, 0.0, 0.0);
   const int32_t middle = (first + trip->steps) / 2;
@@ -94,58 +80,6 @@ static double arrival_slope_k_per_s(const search *of, double instant_s) {
   const double damping_per_s =
       rate_k_per_s(of, middle, 0.0, full_w) - rate_k_per_s(of, middle, 1.0, full_w);
   return -gained_k_per_s * exp(-damping_per_s * (trip->time_s[trip->steps] - instant_s));
-}
-
-/* The instant after a trial: the secant's, kept within the bracket; the earliest is tried first. */
-static double following_s(const trial *made, double slope, double enough_s, double too_little_s) {
-  double following = slope < 0.0 ? made->instant_s - made->excess_k / slope : NAN;
-  if (enough_s == 0.0 && following <= 0.0) {
-    return 0.0;
-  }
-  if (!(bev_minimum(enough_s, too_little_s) < following
-        && following < bev_maximum(enough_s, too_little_s))) {
-    following = 0.5 * (enough_s + too_little_s);
-  }
-  return following;
-}
-
-/* bracketing.follow_slope from the earliest instant, which heats most, to the arrival. */
-static bev_status follow_slope(const search *of, double guess_s, double *instant_s) {
-  const double latest_s = of->trip->time_s[of->trip->steps];
-  trial made;
-  bev_status status = switch_on_at(of, bev_minimum(bev_maximum(guess_s, 0.0), latest_s), &made);
-  if (status < BEV_OK) {
-    return status;
-  }
-  double slope = arrival_slope_k_per_s(of, made.instant_s);
-  if (!isfinite(slope)) {
-    return BEV_NOT_FINITE;
-  }
-  double enough_s = 0.0;
-  double too_little_s = latest_s;
-  for (int32_t n = 0; n < MOST_RUNS; n++) {
-    if (fabs(made.excess_k) <= ARRIVAL_TOLERANCE_K
-        || (made.instant_s == 0.0 && made.excess_k < 0.0)) {
-      break;
-    }
-    if (made.excess_k > 0.0) {
-      enough_s = made.instant_s;
-    } else {
-      too_little_s = made.instant_s;
-    }
-    const double next_s = following_s(&made, slope, enough_s, too_little_s);
-    if (fabs(next_s - made.instant_s) <= 0.0) {
-      break;
-    }
-    const trial before = made;
-    status = switch_on_at(of, next_s, &made);
-    if (status < BEV_OK) {
-      return status;
-    }
-    slope = (made.excess_k - before.excess_k) / (made.instant_s - before.instant_s);
-  }
-  *instant_s = made.instant_s;
-  return status;
 }
 
 /* State of charge on arrival, about: that of the unheated run less what heating will take. */
@@ -160,31 +94,34 @@ static double terminal_soc(const search *of) {
   return bev_maximum(idle_soc - heating_j / (voltage_v * (3600.0 * vehicle->capacity_ah)), 0.0);
 }
 
-static int is_strictly_rising(const double *values, int32_t count) {
-  for (int32_t n = 1; n < count; n++) {
-    if (!(values[n] > values[n - 1])) {
-      return 0;
-    }
-  }
-  return 1;
-}
-
 /* The whole search, from the first guess on. */
-static bev_status find_switch(const search *of, double *instant_s) {
+static bev_status find_switch(search *of, double *instant_s) {
   const bev_trip *trip = of->trip;
+  const double arrival_s = trip->time_s[trip->steps];
   if (!isfinite(of->target_c) || !isfinite(of->idle_soc[trip->steps])
-      || !isfinite(trip->time_s[0]) || !isfinite(trip->time_s[trip->steps])
-      || !is_strictly_rising(trip->time_s, trip->steps + 1)) {
+      || !bev_is_time(trip)) {
     return BEV_BAD_INPUT;
   }
   double guess_s = 0.0;
-  const bev_status status =
+  double above_k = 0.0;
+  bev_status status =
       bev_find_crossing(of->vehicle, BEV_MIDPOINT, trip, of->target_c, terminal_soc(of),
                         LOST_ABOVE_TARGET_K, of->idle_c, &guess_s);
   if (status < BEV_OK) {
     return status;
   }
-  return follow_slope(of, status == BEV_NO_CROSSING ? 0.0 : guess_s, instant_s);
+  *instant_s = status == BEV_NO_CROSSING ? 0.0
+                                         : bev_minimum(bev_maximum(guess_s, 0.0), arrival_s);
+  status = switch_on_at(of, *instant_s, &above_k);
+  if (status < BEV_OK) {
+    return status;
+  }
+  const double slope = arrival_slope_k_per_s(of, *instant_s);
+  if (!isfinite(slope)) {
+    return BEV_NOT_FINITE;
+  }
+  return bev_follow_slope(0.0, arrival_s, slope, ARRIVAL_TOLERANCE_K, switch_on_at, of, instant_s,
+                          &above_k);
 }
 
 bev_status bev_find_switch(const bev_vehicle *vehicle, const bev_trip *trip, double target_c,
@@ -199,7 +136,7 @@ bev_status bev_find_switch(const bev_vehicle *vehicle, const bev_trip *trip, dou
     return BEV_BAD_ARGUMENT;
   }
   const bev_means none = {NULL, NULL};
-  const search of = {vehicle, trip,          idle_soc, idle_c, none, target_c,
+  search of = {vehicle, trip,          idle_soc, idle_c, none, target_c,
                      soc,     temperature_c, heater_w, none};
   return find_switch(&of, instant_s);
 }
@@ -278,7 +215,7 @@ static double least_of(const double *values, int32_t count) {
 }
 
 /* The run that is planned, from the unheated one; what is known of its limits is that of the latter. */
-static bev_status plan_run(const search *of, seen_run *run, bev_switch_plan *plan) {
+static bev_status plan_run(search *of, seen_run *run, bev_switch_plan *plan) {
   const int32_t steps = of->trip->steps;
   for (int32_t k = 0; k < steps; k++) {
     of->heater_w[k] = 0.0;
@@ -297,7 +234,7 @@ static bev_status plan_run(const search *of, seen_run *run, bev_switch_plan *pla
   }
   run->soc = of->soc;
   run->temperature_c = of->temperature_c;
-  return check_limits(run, step_at(of->trip, plan->switching_instant_s));
+  return check_limits(run, bev_step_at(of->trip, plan->switching_instant_s));
 }
 
 bev_status bev_plan_switch(const bev_vehicle *vehicle, const bev_trip *trip, double start_soc,
@@ -322,7 +259,7 @@ bev_status bev_plan_switch(const bev_vehicle *vehicle, const bev_trip *trip, dou
   }
   const bev_means idle_means = {room[2], room[3]};
   const bev_means means = {room[4], room[5]};
-  const search of = {vehicle, trip,          room[0],  room[1], idle_means, target_c,
+  search of = {vehicle, trip,          room[0],  room[1], idle_means, target_c,
                      soc,     temperature_c, heater_w, means};
   seen_run run = {vehicle, trip, room[0], room[1], heater_w, room[6], room[7]};
   room[0][0] = start_soc;

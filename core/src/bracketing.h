@@ -1,0 +1,64 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Searches between a value with too much and one with too little: bev_preheat.planning.bracketing. */
+#ifndef BEV_PREHEAT_CORE_BRACKETING_H_
+#define BEV_PREHEAT_CORE_BRACKETING_H_
+
+#include <math.h>
+#include <stdint.h>
+
+#include "bev_preheat_core/core.h"
+
+/* Values that are tried at most by bev_follow_slope. */
+#define BEV_MOST_TRIALS 60
+
+/* Tries a value: by how much what comes of it is more than required. Below BEV_OK it has failed. */
+typedef bev_status (*bev_attempt)(void *of, double value, double *excess);
+
+/*
+ * The value whose excess is within a tolerance of 0; the last that is tried. `value` and `excess` are the first
+ * trial, and the last one afterwards. The excess is greatest at `most`, which is returned where it is not enough,
+ * and falls towards `least`: a secant, kept within the bracket.
+ */
+static inline bev_status bev_follow_slope(double most, double least, double slope, double tolerance,
+                                          bev_attempt attempt, void *of, double *value,
+                                          double *excess) {
+  const double direction = most > least ? 1.0 : -1.0;
+  double enough = most;
+  double too_little = least;
+  for (int32_t n = 0; n < BEV_MOST_TRIALS; n++) {
+    if (!isfinite(*excess)) {
+      return BEV_NOT_FINITE;
+    }
+    if (fabs(*excess) <= tolerance || (*value == most && *excess < 0.0)) {
+      return BEV_OK;
+    }
+    if (*excess > 0.0) {
+      enough = *value;
+    } else {
+      too_little = *value;
+    }
+    const double low = enough < too_little ? enough : too_little;
+    const double high = enough < too_little ? too_little : enough;
+    double following = slope * direction > 0.0 ? *value - *excess / slope : NAN;
+    if (enough == most && (following - most) * direction >= 0.0) {
+      /* Whether the utmost is enough is not known before it has been tried. */
+      following = most;
+    } else if (!(low < following && following < high)) {
+      following = 0.5 * (enough + too_little);
+    }
+    if (fabs(following - *value) <= 0.0) {
+      return BEV_OK;
+    }
+    const double value_before = *value;
+    const double excess_before = *excess;
+    *value = following;
+    const bev_status status = attempt(of, following, excess);
+    if (status < BEV_OK) {
+      return status;
+    }
+    slope = (*excess - excess_before) / (*value - value_before);
+  }
+  return BEV_OK;
+}
+
+#endif /* BEV_PREHEAT_CORE_BRACKETING_H_ */
