@@ -2,15 +2,15 @@
 """
 C of the model's equations, made from the Python ones: `python3 -m bev_preheat.compiled.c_source DIR`.
 
-core/CMakeLists.txt runs it when the core is built. DIR gets formulas.h, the formulas of curves, and
-steps.h, the rates of change, the steps of the integrators, with and without a heat path, and the limits on
-terminal power.
+core/CMakeLists.txt runs it when the core is built. DIR gets formulas.h, the formulas of curves, steps.h,
+the rates of change, the steps of the integrators, with and without a heat path, and the limits on terminal
+power, and drives.h, what the estimation needs of a car that is known up to factors.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 import re
 import sys
@@ -23,6 +23,7 @@ from bev_preheat.vehicle.description import Battery, Defaults, Drivetrain, Hvch,
 from bev_preheat.vehicle.heat_path import HeatPath, make_heated_step
 from bev_preheat.vehicle.model import make_euler, make_midpoint, make_rates, make_runge_kutta_4
 from bev_preheat.vehicle.terminal_limits import make_terminal_limits
+from bev_preheat.vehicle.uncertain_car import DriveInputs, Lagging, make_drive_rates, make_lagging_step
 
 HEAD = """\
 /* SPDX-License-Identifier: Apache-2.0 */
@@ -39,6 +40,15 @@ HEATED_STEP = ('soc', 'temperature_c', 'heater_w', 'excess_k', *INPUTS, 'command
 CURVE = ('soc', 'temperature_c')
 LIMITS = ('soc', 'temperature_c', 'variance_w2')
 RATES = ('soc', 'temperature_c', *INPUTS[1:])
+# State, factors and inputs of vehicle.uncertain_car, and the nominal leakage.
+FACTORS = ('heat_capacity', 'leakage', 'resistance', 'heater_efficiency', 'propulsion')
+ROUTE_DRIVE = tuple(field.name for field in fields(DriveInputs)
+                    if field.name not in ('terminal_power_w', 'hidden_variance_w2'))
+LEAKAGE = tuple(field.name for field in fields(Leakage))
+LAGGING = tuple(field.name for field in fields(Lagging))
+
+
+NO_LEAKAGE = Leakage(0.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -53,8 +63,8 @@ class _VehicleCurve:
             f'bev_at(&vehicle->{self.name}, saturating, {{}}, {{}})', soc, temperature_c)
 
 
-def _vehicle(heat_path: HeatPath) -> Vehicle:
-    """Return a Vehicle whose numbers are fields of the struct `bev_vehicle`."""
+def _vehicle(heat_path: HeatPath, leakage: Leakage = NO_LEAKAGE) -> Vehicle:
+    """Return a Vehicle whose numbers are fields of the struct `bev_vehicle`; its leakage is not there."""
     return Vehicle(
         name='', battery=Battery(
             capacity_ah=_field('capacity_ah'),
@@ -63,8 +73,9 @@ def _vehicle(heat_path: HeatPath) -> Vehicle:
             resistance=_VehicleCurve('resistance'),
             discharge_power_limit=_VehicleCurve('discharge_power_limit'),
             charge_power_limit=_VehicleCurve('charge_power_limit'),
-            leakage=Leakage(0.0, 0.0), soc_range=(0.0, 1.0), temperature_range_c=(0.0, 0.0)),
-        drivetrain=Drivetrain(1.0, 0.0, 0.0), hvch=Hvch(0.0, _field('heater_efficiency')),
+            leakage=leakage, soc_range=(0.0, 1.0), temperature_range_c=(0.0, 0.0)),
+        # Its heat_share is that of the struct.
+        drivetrain=Drivetrain(0.0, _field('heat_share'), 0.0), hvch=Hvch(0.0, _field('heater_efficiency')),
         defaults=Defaults(0.0, 0.0, 0.0), heat_path=heat_path)
 
 
@@ -134,10 +145,32 @@ def steps() -> str:
                       *functions, '#endif', ''])
 
 
+def drives() -> str:
+    """Return drives.h: the rates in a drive of which the route is known, or the power too, and the lags."""
+    car = _vehicle(HeatPath(), Leakage(*map(Symbol, LEAKAGE)))
+    rates = make_drive_rates(car, SYMBOLS, lambda mean, variance: Symbol(
+        'bev_mean_magnitude({}, {})', mean, variance))
+    step = make_lagging_step(car, SYMBOLS)
+    seen = tuple(field.name for field in fields(DriveInputs))
+    functions = [
+        _function(name, 'bev_vehicle *vehicle', ('temperature_c', 'soc', *FACTORS, *inputs, *LEAKAGE), rates(
+            Symbol('temperature_c'), Symbol('soc'), [*map(Symbol, FACTORS)],
+            DriveInputs(*map(Symbol, inputs))))
+        for name, inputs in (('bev_rates_on_route', ROUTE_DRIVE), ('bev_rates_of_seen_power', seen))]
+    functions.append(_function(
+        'bev_lagging_step', 'bev_vehicle *vehicle',
+        (*LAGGING, 'temperature_rate', 'soc_rate', 'heater_power_w', 'duration_s'),
+        step(Lagging(*map(Symbol, LAGGING)), (Symbol('temperature_rate'), Symbol('soc_rate')),
+             Symbol('heater_power_w'), Symbol('duration_s'))))
+    return '\n'.join([HEAD.format(guard='BEV_PREHEAT_CORE_DRIVES_H_', includes=(
+        '#include "curves.h"\n#include "folded_normal.h"')), *functions, '#endif', ''])
+
+
 def main(folder: str) -> None:
     """Write the headers into a folder, which is made where it is missing."""
     Path(folder).mkdir(parents=True, exist_ok=True)
-    for name, text in (('formulas.h', formulas()), ('steps.h', steps())):
+    for name, text in (
+            ('formulas.h', formulas()), ('steps.h', steps()), ('drives.h', drives())):
         Path(folder, name).write_text(text, encoding='utf-8')
 
 

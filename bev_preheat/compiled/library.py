@@ -16,6 +16,7 @@ from functools import lru_cache
 import os
 from typing import Any
 
+from bev_preheat.compiled.belief_structs import BeliefStruct, BeliefTermsStruct, CourseStruct, DriveStruct
 from bev_preheat.compiled.structs import (
     HeatingStruct,
     RunOfPowersStruct,
@@ -48,6 +49,12 @@ _SIGNATURES = {
     'bev_keep_accounts': 'PIPPPP',
     'bev_find_switch': 'PPDPPPPPP',
     'bev_plan_switch': 'PPDDDPPPPP',
+    'bev_mix_belief': 'PP',
+    'bev_move_belief': 'PPPPDPPD',
+    'bev_see_interval': 'PPIPDDIP',
+    'bev_see_propulsion_power': 'PPDDDDP',
+    'bev_expect': 'PPP',
+    'bev_arrival_sensitivities': 'PPPPP',
 }
 
 
@@ -115,6 +122,9 @@ def _is_ours(library: Any) -> bool:
     return (library.bev_interface(), library.bev_size_of_vehicle(), library.bev_size_of_trip(),
             library.bev_size_of_heating(), library.bev_size_of_strides(),
             library.bev_size_of_stride_inputs(), library.bev_size_of_run_of_powers(),
-            library.bev_size_of_switch_plan()) == (INTERFACE, *map(sizeof, (
+            library.bev_size_of_switch_plan(), library.bev_size_of_belief(),
+            library.bev_size_of_belief_terms(), library.bev_size_of_drive(),
+            library.bev_size_of_course()) == (INTERFACE, *map(sizeof, (
                 VehicleStruct, TripStruct, HeatingStruct, StridesStruct, StrideInputsStruct,
-                RunOfPowersStruct, SwitchPlanStruct)))
+                RunOfPowersStruct, SwitchPlanStruct, BeliefStruct, BeliefTermsStruct, DriveStruct,
+                CourseStruct)))

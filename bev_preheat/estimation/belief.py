@@ -15,6 +15,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from bev_preheat.compiled.belief_structs import belief_terms
+from bev_preheat.compiled.beliefs import CompiledBelief
 from bev_preheat.estimation.hypotheses import heater_power_w, NOISES_K, prior_weights, SHARES, transitions
 from bev_preheat.estimation.prior import (
     described_lags,
@@ -25,11 +27,13 @@ from bev_preheat.estimation.prior import (
     nothing_learned,
 )
 from bev_preheat.estimation.state import (
-    DriveInputs,
     FACTORS,
     HEAT_LAG,
     moved_with_slopes,
     MOVING,
+    NOMINAL_HEAT_LAG_S,
+    NOMINAL_SENSOR_LAG_S,
+    PERTURBATION,
     PROPULSION,
     SENSOR,
     SENSOR_LAG,
@@ -40,11 +44,13 @@ from bev_preheat.estimation.state import (
 )
 from bev_preheat.estimation.truncated_normal import truncated_moments
 from bev_preheat.numerics.arithmetic import array_exp, array_log
+from bev_preheat.planning.dynamics import compiled_vehicle
 from bev_preheat.planning.heat_run import with_coolant_in_battery
 
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import BoolArray, FloatArray
     from bev_preheat.vehicle.description import Vehicle
+    from bev_preheat.vehicle.uncertain_car import DriveInputs
 
 BOUNDED = slice(FACTORS.start, SENSOR_LAG + 1)
 LOWEST, HIGHEST = np.concatenate((
@@ -75,7 +81,15 @@ MOST_DEVIATIONS = 2.5
 SHOWN = np.array([1.0, 0.92, 0.71, 0.45, 0.27])
 # Rounding may leave a variance a little below 0.
 LEAST_VARIANCE = 1e-12
+# No hypothesis is less probable than this, or it would never come back.
+LEAST_WEIGHT = 1e-12
 SHAPE = (len(SHARES), len(NOISES_K))
+NOISE_VARIANCES = np.square(NOISES_K)
+SOC_NOISE_VARIANCES = np.full(len(NOISES_K), SOC_NOISE**2)
+# What of these the compiled core needs.
+TERMS = belief_terms(
+    PERTURBATION, LOWEST, HIGHEST, NOMINAL_HEAT_LAG_S, NOMINAL_SENSOR_LAG_S, LEAST_VARIANCE,
+    LEAST_WEIGHT, MOST_APART_K, MOST_UNDER_WAY_K)
 
 
 class Belief:
@@ -90,6 +104,8 @@ class Belief:
         # Coolant that gets warm with the battery counts as battery; how late it does is a lag.
         self._vehicle = (with_coolant_in_battery(vehicle) if vehicle.heat_path.has_coolant
                          else vehicle)
+        self._compiled_vehicle = compiled_vehicle(self._vehicle)
+        self._compiled: CompiledBelief | None = None
         learned = nothing_learned() if learned is None else learned
         self.weights = prior_weights()
         self.mean = np.zeros((*SHAPE, SIZE))
@@ -143,44 +159,50 @@ class Belief:
             for row, column in ((SENSOR, SENSOR), (TEMPERATURE, SENSOR), (SENSOR, TEMPERATURE)):
                 self.covariance[..., row, column] += wandered
             return
-        heater_w = heater_power_w(command_w, limit_w)[:, np.newaxis, np.newaxis]
+        heater_w, wander = heater_power_w(command_w, limit_w), WANDER_IN_AN_HOUR**2 * hours
+        # What traffic adds to the route's power is not seen; it moves both for a while.
+        hidden_s2 = (0.0 if drive.terminal_power_w is not None
+                     else POWER_NOISE_LASTS_S * duration_s * POWER_NOISE**2)
+        if self._compiled_vehicle is not None and self._core_belief().move(
+                self._compiled_vehicle, TERMS, drive, self._vehicle.battery.leakage, duration_s,
+                heater_w, wander, hidden_s2):
+            return
         after, slopes = moved_with_slopes(
-            self._vehicle, self.mean, replace(drive, heater_power_w=heater_w), duration_s)
+            self._vehicle, self.mean, replace(
+                drive, heater_power_w=heater_w[:, np.newaxis, np.newaxis]), duration_s)
         step = np.zeros((*SHAPE, SIZE, SIZE))
         step[..., range(SIZE), range(SIZE)] = 1.0
         step[..., MOVING, :] = slopes
         self.mean[..., MOVING] = after
         self.covariance = step @ self.covariance @ np.swapaxes(step, -1, -2)
-        self._add_noise(WANDER_IN_AN_HOUR**2 * hours)
-        if drive.terminal_power_w is None:
-            # What traffic adds to the route's power is not seen; it moves both for a while.
-            moved = POWER_NOISE / duration_s * slopes[..., :2, PROPULSION]
-            self.covariance[..., :2, :2] += (
-                POWER_NOISE_LASTS_S * duration_s * moved[..., :, np.newaxis]
-                * moved[..., np.newaxis, :])
+        self._add_noise(wander)
+        moved = slopes[..., :2, PROPULSION] / duration_s
+        self.covariance[..., :2, :2] += (
+            hidden_s2 * moved[..., :, np.newaxis] * moved[..., np.newaxis, :])
 
     def see_temperature(self, reading_c: float, resolution_k: float) -> None:
         """Take a reading of the temperature [deg C] into account, rounded to `resolution_k` [K]."""
-        noise_variance = np.square(NOISES_K)
-        variance = self.covariance[..., SENSOR, SENSOR] + noise_variance
-        self._see_interval(SENSOR, variance, reading_c - 0.5 * resolution_k,
+        self._see_interval(SENSOR, NOISE_VARIANCES, reading_c - 0.5 * resolution_k,
                            reading_c + 0.5 * resolution_k)
 
     def see_soc(self, reading: float, resolution: float) -> None:
         """Take a reading of the state of charge (0 ... 1) into account."""
-        variance = self.covariance[..., SOC, SOC] + SOC_NOISE**2
-        self._see_interval(SOC, variance, reading - 0.5 * resolution, reading + 0.5 * resolution,
-                           tells_hypotheses=False)
+        self._see_interval(SOC, SOC_NOISE_VARIANCES, reading - 0.5 * resolution,
+                           reading + 0.5 * resolution, tells_hypotheses=False)
 
     def see_propulsion_power(self, seen_w: float, route_w: float, duration_s: float) -> None:
         """Compare the mean propulsion power seen [W] with the route's over `duration_s` [s]."""
         deviation_w = POWER_NOISE * max(abs(route_w), LEAST_POWER_W)
         variance = deviation_w**2 * max(1.0, POWER_NOISE_LASTS_S / duration_s)
+        most_w = MOST_DEVIATIONS * deviation_w
+        lost = self._core_belief().see_propulsion_power(TERMS, seen_w, route_w, variance, most_w)
+        if lost is not None:
+            self._keep_bounds(lost)
+            return
         factor = array_exp(self.mean[..., PROPULSION])
         slope = factor * route_w
         gain = self.covariance[..., PROPULSION] * slope[..., np.newaxis]
         total = slope**2 * self.covariance[..., PROPULSION, PROPULSION] + variance
-        most_w = MOST_DEVIATIONS * deviation_w
         error_w = np.clip(seen_w - factor * route_w, -most_w, most_w)
         self.mean += gain * (error_w / total)[..., np.newaxis]
         self.covariance -= (gain[..., :, np.newaxis] * gain[..., np.newaxis, :]
@@ -205,6 +227,9 @@ class Belief:
 
     def expected(self) -> tuple[FloatArray, FloatArray]:
         """Mean (SIZE,) and covariance (SIZE, SIZE) over all hypotheses."""
+        compiled = self._core_belief().expected()
+        if compiled is not None:
+            return compiled
         weights = self.weights[..., np.newaxis]
         mean = (weights * self.mean).sum(axis=(0, 1))
         off = self.mean - mean
@@ -212,10 +237,25 @@ class Belief:
             self.covariance + off[..., :, np.newaxis] * off[..., np.newaxis, :])).sum(axis=(0, 1))
         return mean, covariance
 
-    def _see_interval(self, index: int, variance: FloatArray, low: float, high: float,
+    def _core_belief(self) -> CompiledBelief:
+        """Return the filters as the compiled core takes them."""
+        compiled = self._compiled
+        if compiled is None or not (compiled.weights is self.weights and compiled.mean is self.mean
+                                    and compiled.covariance is self.covariance):
+            self.weights, self.mean, self.covariance = map(
+                np.ascontiguousarray, (self.weights, self.mean, self.covariance))
+            compiled = self._compiled = CompiledBelief(self.weights, self.mean, self.covariance)
+        return compiled
+
+    def _see_interval(self, index: int, noise_variance: FloatArray, low: float, high: float,
                       tells_hypotheses: bool = True) -> None:
-        """Kalman update of one element; `variance` is that of the element and its noise."""
-        variance = np.maximum(variance, LEAST_VARIANCE)
+        """Kalman update of one element; `noise_variance` (noises,) comes on top of its own."""
+        lost = self._core_belief().see_interval(
+            TERMS, index, noise_variance, low, high, tells_hypotheses)
+        if lost is not None:
+            self._keep_bounds(lost)
+            return
+        variance = np.maximum(self.covariance[..., index, index] + noise_variance, LEAST_VARIANCE)
         means = self.mean[..., index]
         # Floats out of the arrays at once: one by one that would cost as much as the moments.
         seen_means, seen_variances, logs = np.array([
@@ -230,12 +270,14 @@ class Belief:
         self._keep_bounds()
         if tells_hypotheses:
             self.weights *= array_exp(logs - logs.max())
-            self.weights = np.maximum(self.weights, 1e-12)
+            self.weights = np.maximum(self.weights, LEAST_WEIGHT)
             self.weights /= self.weights.sum()
 
     def _mix(self, duration_s: float) -> None:
         """Mix the filters of the heaters, as one may have turned into another by now."""
         matrix = transitions(duration_s)
+        if self._core_belief().mix(matrix):
+            return
         # share[from, to, noise]: how much of `to` was `from` before.
         share = matrix[:, :, np.newaxis] * self.weights[:, np.newaxis, :]
         total = share.sum(axis=0)
@@ -250,7 +292,10 @@ class Belief:
     def _add_noise(self, variances: FloatArray) -> None:
         self.covariance[..., range(SIZE), range(SIZE)] += variances
 
-    def _keep_bounds(self) -> None:
+    def _keep_bounds(self, lost_filters: int = 1) -> None:
+        """Hold the filters within bounds; there is nothing to do where none is lost."""
+        if lost_filters == 0:
+            return
         bounded = self.mean[..., BOUNDED]
         np.minimum(bounded, HIGHEST, out=bounded)
         np.maximum(bounded, LOWEST, out=bounded)

@@ -21,13 +21,14 @@ from bev_preheat.estimation.hypotheses import is_suspect, judge
 from bev_preheat.estimation.power_response import PowerResponse
 from bev_preheat.estimation.readings import Measurement, ReadingCheck, Verdict
 from bev_preheat.estimation.standing import expected_offset_k
-from bev_preheat.estimation.state import DriveInputs, SENSOR, TEMPERATURE
+from bev_preheat.estimation.state import SENSOR, TEMPERATURE
 
 if TYPE_CHECKING:
     from bev_preheat.estimation.prior import Learned
     from bev_preheat.estimation.standing import Standing
     from bev_preheat.numerics.arrays import FloatArray
     from bev_preheat.vehicle.description import Vehicle
+    from bev_preheat.vehicle.uncertain_car import DriveInputs
 
 NS_PER_S = 1_000_000_000
 # Readings that follow faster are not independent of each other: one a second is taken.

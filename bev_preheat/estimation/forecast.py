@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.estimation.belief import LEAST_POWER_W, POWER_NOISE, POWER_NOISE_LASTS_S
+from bev_preheat.compiled.beliefs import arrival_sensitivities as compiled_sensitivities
+from bev_preheat.estimation.belief import LEAST_POWER_W, POWER_NOISE, POWER_NOISE_LASTS_S, TERMS
 from bev_preheat.estimation.state import (
-    DriveInputs,
     PROPULSION,
     rates_and_slopes,
     SIZE,
@@ -19,6 +19,8 @@ from bev_preheat.estimation.state import (
     UNDER_WAY,
 )
 from bev_preheat.numerics.arithmetic import array_exp
+from bev_preheat.planning.dynamics import compiled_vehicle
+from bev_preheat.vehicle.uncertain_car import DriveInputs
 
 if TYPE_CHECKING:
     from bev_preheat.estimation.estimate import Estimate
@@ -36,14 +38,20 @@ def arrival_sensitivities(trip: Trip, plan: Plan) -> tuple[FloatArray, FloatArra
     the propulsion factor in each step alone, shape (N,).
     """
     route = trip.route
+    columns = (
+        route.speed_mps, route.ambient_temperature_c, route.propulsion_power_w,
+        trip.power_variance_w2, route.propulsion_power_magnitude_w, route.cabin_heating_power_w,
+        route.auxiliary_power_w, plan.hvch_battery_power_w)
+    vehicle = compiled_vehicle(trip.vehicle)
+    found = None if vehicle is None else compiled_sensitivities(
+        vehicle, TERMS, trip.vehicle.battery.leakage, (
+            route.duration_s, *columns, plan.battery_temperature_c[:-1], plan.soc[:-1]))
+    if found is not None:
+        return found
     states = np.zeros((len(route), SIZE))
     states[:, TEMPERATURE] = plan.battery_temperature_c[:-1]
     states[:, SOC] = plan.soc[:-1]
-    drive = DriveInputs(*(column[:, np.newaxis] for column in (
-        route.speed_mps, route.ambient_temperature_c, route.propulsion_power_w,
-        trip.power_variance_w2, route.propulsion_power_magnitude_w, route.cabin_heating_power_w,
-        route.auxiliary_power_w,
-        plan.hvch_battery_power_w)))
+    drive = DriveInputs(*(column[:, np.newaxis] for column in columns))
     _, slopes = rates_and_slopes(trip.vehicle, states, drive)
     slopes = slopes[:, TEMPERATURE] * route.duration_s[:, np.newaxis]
     # Worth on arrival of a kelvin at the end of each step.

@@ -4,8 +4,7 @@ The state that is estimated, and how it moves.
 
 Battery temperature [deg C], state of charge (0 ... 1), and the logarithms of five factors: on the
 vehicle file's heat capacity, leakage, resistance and HVCH efficiency, and on the propulsion power
-that the route foresees. The equations are those of `model`, for a vehicle whose quantities are
-arrays (`vehicle.corrections`).
+that the route foresees. The equations are those of `vehicle.uncertain_car`.
 
 Few vehicle files tell of the heat's path (`vehicle.heat_path`), and a temperature in whole degrees
 hardly tells a heater that lags from coolant that has to get warm. So one lag stands for both: the
@@ -15,15 +14,13 @@ The sensor follows the battery with another. Both are estimated as logarithms, o
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.numerics.arithmetic import AnyNumber, array_exp, ARRAYS
+from bev_preheat.numerics.arithmetic import array_exp, ARRAYS
 from bev_preheat.numerics.folded_normal import mean_magnitude
-from bev_preheat.vehicle.corrections import corrected_vehicle, Corrections
-from bev_preheat.vehicle.model import make_rates
+from bev_preheat.vehicle.uncertain_car import DriveInputs, Lagging, make_drive_rates, make_lagging_step
 
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray
@@ -44,63 +41,12 @@ PERTURBATION = np.array(
     [0.01, 1e-4, 1e-3, 1e-3, 1e-3, 1e-3, 1e-3, 1e-3, 1e-3, 0.01, 0.01])
 
 
-@dataclass(frozen=True)
-class DriveInputs:
-    """
-    What the car does in one step, floats or arrays: the inputs of the model before they are summed.
-
-    `propulsion_power_w` (mean), `power_variance_w2` and `propulsion_power_magnitude_w` (mean of
-    |P|) are the route's, cabin and auxiliaries too.
-    `terminal_power_w` is what the battery was seen to give; None where only the route is known.
-    `power_variance_w2` is then what was seen, and `hidden_variance_w2` what the route says of the
-    variation and the sensors do not show.
-    `heater_power_w` is what the HVCH takes for the battery.
-    """
-
-    speed_mps: AnyNumber
-    ambient_temperature_c: AnyNumber
-    propulsion_power_w: AnyNumber
-    power_variance_w2: AnyNumber
-    propulsion_power_magnitude_w: AnyNumber
-    cabin_heating_power_w: AnyNumber
-    auxiliary_power_w: AnyNumber
-    heater_power_w: AnyNumber
-    terminal_power_w: AnyNumber = None
-    hidden_variance_w2: AnyNumber = 0.0
-
-
 def state_rates(vehicle: Vehicle, state: FloatArray,
                 drive: DriveInputs) -> tuple[FloatArray, FloatArray]:
-    """
-    Return (dT/dt [K/s], d soc/dt [1/s]) of states (..., SIZE) in DriveInputs, arrays (...).
-
-    Where the battery's power was seen, the propulsion power is what it leaves of it; else it is the
-    route's, times its factor.
-    """
-    factors = array_exp(state[..., FACTORS])
-    heat_capacity, leakage, resistance, heater_efficiency, propulsion = np.moveaxis(factors, -1, 0)
-    car = corrected_vehicle(vehicle, Corrections(
-        heat_capacity, leakage, resistance, heater_efficiency))
-    others_w = drive.cabin_heating_power_w + drive.auxiliary_power_w + drive.heater_power_w
-    if drive.terminal_power_w is None:
-        propulsion_w = propulsion * drive.propulsion_power_w
-        terminal_w, variance_w2 = propulsion_w + others_w, propulsion**2 * drive.power_variance_w2
-        magnitude_w = propulsion * drive.propulsion_power_magnitude_w
-    else:
-        terminal_w = drive.terminal_power_w
-        variance_w2 = drive.power_variance_w2 + drive.hidden_variance_w2
-        # Of what is hidden the route knows how much of it drives, and how much regenerates.
-        hidden = drive.hidden_variance_w2 / np.maximum(variance_w2, 1.0)
-        magnitude_w = ((1.0 - hidden) * mean_magnitude(terminal_w - others_w, drive.power_variance_w2)
-                       + hidden * propulsion * drive.propulsion_power_magnitude_w)
-    leakage_w_per_k = car.battery.leakage.coefficient_w_per_k(drive.speed_mps)
-    heat_w = (car.hvch.efficiency * drive.heater_power_w
-              + leakage_w_per_k * drive.ambient_temperature_c
-              + car.drivetrain.heat_to_battery_w(magnitude_w))
-    soc_rate, temperature_rate, _ = make_rates(car, ARRAYS)(
-        state[..., SOC], state[..., TEMPERATURE], terminal_w, variance_w2, heat_w,
-        leakage_w_per_k)
-    return temperature_rate, soc_rate
+    """Return (dT/dt [K/s], d soc/dt [1/s]) of states (..., SIZE) in DriveInputs, arrays (...)."""
+    factors = np.moveaxis(array_exp(state[..., FACTORS]), -1, 0)
+    return make_drive_rates(vehicle, ARRAYS, mean_magnitude)(
+        state[..., TEMPERATURE], state[..., SOC], factors, drive)
 
 
 def moved(vehicle: Vehicle, state: FloatArray, drive: DriveInputs,
@@ -108,24 +54,15 @@ def moved(vehicle: Vehicle, state: FloatArray, drive: DriveInputs,
     """
     Return temperature, state of charge, heat under way and sensor after a step, shape (..., 4).
 
-    Of states (..., SIZE) in DriveInputs, arrays (...). The lags are solved within the step
-    (vehicle.heat_path has the equations), as they may be shorter.
+    Of states (..., SIZE) in DriveInputs, arrays (...).
     """
-    temperature_rate, soc_rate = state_rates(vehicle, state, drive)
-    made_k = duration_s * (
-        array_exp(state[..., HEATER] - state[..., HEAT_CAPACITY]) * vehicle.hvch.efficiency
-        / vehicle.battery.heat_capacity_j_per_k * drive.heater_power_w)
-    heat_lag_s = NOMINAL_HEAT_LAG_S * array_exp(state[..., HEAT_LAG])
-    sensor_lag_s = NOMINAL_SENSOR_LAG_S * array_exp(state[..., SENSOR_LAG])
-    left = array_exp(-duration_s / heat_lag_s)
-    under_way_k = (state[..., UNDER_WAY] * left
-                   + made_k * heat_lag_s / duration_s * (1.0 - left))
-    warmer_k = duration_s * temperature_rate - (under_way_k - state[..., UNDER_WAY])
-    behind_k = warmer_k * sensor_lag_s / duration_s
-    end_c = state[..., TEMPERATURE] + warmer_k
-    sensor_c = end_c - behind_k + (
-        state[..., SENSOR] - state[..., TEMPERATURE] + behind_k) * array_exp(-duration_s / sensor_lag_s)
-    return np.stack((end_c, state[..., SOC] + duration_s * soc_rate, under_way_k, sensor_c), axis=-1)
+    lagging = Lagging(
+        state[..., TEMPERATURE], state[..., SOC], state[..., UNDER_WAY], state[..., SENSOR],
+        NOMINAL_HEAT_LAG_S * array_exp(state[..., HEAT_LAG]),
+        NOMINAL_SENSOR_LAG_S * array_exp(state[..., SENSOR_LAG]),
+        array_exp(state[..., HEATER] - state[..., HEAT_CAPACITY]))
+    return np.stack(make_lagging_step(vehicle, ARRAYS)(
+        lagging, state_rates(vehicle, state, drive), drive.heater_power_w, duration_s), axis=-1)
 
 
 def moved_with_slopes(vehicle: Vehicle, state: FloatArray, drive: DriveInputs,

@@ -14,8 +14,8 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from bev_preheat.estimation.estimator import Stretch
-from bev_preheat.estimation.state import DriveInputs
 from bev_preheat.supervision.inputs import NS_PER_S
+from bev_preheat.vehicle.uncertain_car import DriveInputs
 
 if TYPE_CHECKING:
     from bev_preheat.supervision.command_history import CommandHistory

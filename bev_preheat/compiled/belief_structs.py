@@ -1,0 +1,58 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Structs of core.h that the estimation's filters are given in."""
+
+from __future__ import annotations
+
+from ctypes import c_double, c_int32, c_void_p, Structure
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from bev_preheat.numerics.arrays import FloatArray
+
+ELEMENTS, BOUNDED = 11, 7
+
+
+class BeliefStruct(Structure):
+    """`bev_belief`."""
+
+    _fields_ = [('heaters', c_int32), ('noises', c_int32), *((name, c_void_p) for name in (
+        'weights', 'mean', 'covariance', 'memory'))]
+
+
+class BeliefTermsStruct(Structure):
+    """`bev_belief_terms`."""
+
+    _fields_ = [('perturbation', c_double * ELEMENTS), ('lowest', c_double * BOUNDED),
+                ('highest', c_double * BOUNDED), *((name, c_double) for name in (
+                    'nominal_heat_lag_s', 'nominal_sensor_lag_s', 'least_variance', 'least_weight',
+                    'most_apart_k', 'most_under_way_k'))]
+
+
+class DriveStruct(Structure):
+    """`bev_drive`."""
+
+    _fields_ = [*((name, c_double) for name in (
+        'speed_mps', 'ambient_temperature_c', 'propulsion_power_w', 'power_variance_w2',
+        'propulsion_power_magnitude_w', 'cabin_heating_power_w', 'auxiliary_power_w',
+        'terminal_power_w', 'hidden_variance_w2', 'gamma_0_w_per_k', 'gamma_v_w_per_k_per_mps')),
+        ('is_seen', c_int32)]
+
+
+COURSE_COLUMNS = (
+    'duration_s', 'speed_mps', 'ambient_temperature_c', 'propulsion_power_w', 'power_variance_w2',
+    'propulsion_power_magnitude_w', 'cabin_heating_power_w', 'auxiliary_power_w', 'heater_power_w',
+    'temperature_c', 'soc')
+
+
+class CourseStruct(Structure):
+    """`bev_course`."""
+
+    _fields_ = [('steps', c_int32), *((name, c_void_p) for name in COURSE_COLUMNS),
+                ('gamma_0_w_per_k', c_double), ('gamma_v_w_per_k_per_mps', c_double)]
+
+
+def belief_terms(perturbation: FloatArray, lowest: FloatArray, highest: FloatArray,
+                 *others: float) -> BeliefTermsStruct:
+    """Return a `bev_belief_terms`; `others` are its numbers, in their order."""
+    return BeliefTermsStruct((c_double * ELEMENTS)(*perturbation), (c_double * BOUNDED)(*lowest),
+                             (c_double * BOUNDED)(*highest), *others)

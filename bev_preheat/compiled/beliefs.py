@@ -1,0 +1,119 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+The estimation's filters in the compiled core, with arrays in and out; core.h says what each call does.
+
+Each call returns None or False where the core does not answer, and has changed nothing then: whoever
+calls does it in Python.
+"""
+
+from __future__ import annotations
+
+from ctypes import addressof, byref, c_int32
+from typing import Any, TYPE_CHECKING
+
+import numpy as np
+
+from bev_preheat.compiled.belief_structs import BeliefStruct, CourseStruct, DriveStruct, ELEMENTS
+from bev_preheat.compiled.library import core, OK
+from bev_preheat.compiled.structs import DOUBLE_BYTES
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from bev_preheat.compiled.belief_structs import BeliefTermsStruct
+    from bev_preheat.compiled.structs import CompiledVehicle
+    from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.vehicle.description import Leakage
+    from bev_preheat.vehicle.uncertain_car import DriveInputs
+
+class CompiledBelief:
+    """A `bev_belief`: points to the arrays of weights, means and covariances, and keeps them alive."""
+
+    def __init__(self, weights: FloatArray, mean: FloatArray, covariance: FloatArray) -> None:
+        """Take contiguous arrays (heaters, noises), (…, ELEMENTS) and (…, ELEMENTS, ELEMENTS)."""
+        self.weights, self.mean, self.covariance = arrays = weights, mean, covariance
+        self._memory = np.empty(sum(array.size for array in arrays))
+        self._struct = BeliefStruct(*weights.shape, *map(_address, (*arrays, self._memory)))
+        self._address = addressof(self._struct)
+        self._lost = c_int32()
+
+    def mix(self, transitions: FloatArray) -> bool:
+        """Do `bev_mix_belief` with transitions (heaters, heaters)."""
+        library = core()
+        return library is not None and bool(
+            library.bev_mix_belief(self._address, _address(transitions)) == OK)
+
+    def move(self, vehicle: CompiledVehicle, terms: BeliefTermsStruct, drive: DriveInputs,
+             leakage: Leakage, duration_s: float, heater_w: FloatArray, wander: FloatArray,
+             hidden_variance_s2: float) -> bool:
+        """Do `bev_move_belief` under the powers of each hypothesis (heaters,) [W]."""
+        library = core()
+        if library is None:
+            return False
+        is_seen = drive.terminal_power_w is not None
+        struct = DriveStruct(
+            drive.speed_mps, drive.ambient_temperature_c, drive.propulsion_power_w,
+            drive.power_variance_w2, drive.propulsion_power_magnitude_w, drive.cabin_heating_power_w,
+            drive.auxiliary_power_w, drive.terminal_power_w if is_seen else 0.0, drive.hidden_variance_w2,
+            leakage.gamma_0_w_per_k, leakage.gamma_v_w_per_k_per_mps, is_seen)
+        return bool(library.bev_move_belief(
+            vehicle.address, self._address, byref(terms), byref(struct), duration_s, _address(heater_w),
+            _address(wander), hidden_variance_s2) == OK)
+
+    def see_interval(self, terms: BeliefTermsStruct, element: int, noise_variance: FloatArray, low: float,
+                     high: float, tells_hypotheses: bool) -> int | None:
+        """Do `bev_see_interval` with variances (noises,); return how many filters are lost."""
+        library = core()
+        if library is None:
+            return None
+        status = library.bev_see_interval(
+            self._address, byref(terms), element, _address(noise_variance), low, high, tells_hypotheses,
+            byref(self._lost))
+        return self._lost.value if status == OK else None
+
+    def see_propulsion_power(self, terms: BeliefTermsStruct, seen_w: float, route_w: float,
+                             variance_w2: float, most_w: float) -> int | None:
+        """Do `bev_see_propulsion_power`; return how many filters are lost."""
+        library = core()
+        if library is None:
+            return None
+        status = library.bev_see_propulsion_power(
+            self._address, byref(terms), seen_w, route_w, variance_w2, most_w, byref(self._lost))
+        return self._lost.value if status == OK else None
+
+    def expected(self) -> tuple[FloatArray, FloatArray] | None:
+        """Return mean (ELEMENTS,) and covariance (ELEMENTS, ELEMENTS) over all hypotheses."""
+        library = core()
+        if library is None:
+            return None
+        both = np.empty((ELEMENTS + 1, ELEMENTS))
+        at = _address(both)
+        if library.bev_expect(self._address, at, at + DOUBLE_BYTES * ELEMENTS) != OK:
+            return None
+        return both[0], both[1:]
+
+
+def arrival_sensitivities(vehicle: CompiledVehicle, terms: BeliefTermsStruct, leakage: Leakage,
+                          columns: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray] | None:
+    """
+    Do `bev_arrival_sensitivities`; return the changes with each element (ELEMENTS,) and in each step (N,).
+
+    `columns` (N,) are those of COURSE_COLUMNS.
+    """
+    library = core()
+    if library is None:
+        return None
+    steps = len(columns[0])
+    block = np.array(columns, dtype=float)
+    at, width = _address(block), DOUBLE_BYTES * steps
+    course = CourseStruct(steps, *(at + n * width for n in range(len(columns))),
+                          leakage.gamma_0_w_per_k, leakage.gamma_v_w_per_k_per_mps)
+    total, by_step = np.empty(ELEMENTS), np.empty(steps)
+    status = library.bev_arrival_sensitivities(
+        vehicle.address, byref(course), byref(terms), _address(total), _address(by_step))
+    return (total, by_step) if status == OK else None
+
+
+def _address(array: FloatArray) -> Any:
+    """Return where the numbers of a contiguous array of doubles begin."""
+    return array.__array_interface__['data'][0]

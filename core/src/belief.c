@@ -1,0 +1,432 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* The filters of bev_preheat.estimation.belief, in the order of its operations, to rounding. */
+#include <float.h>
+#include <stddef.h>
+#include <string.h>
+
+#include "bev_preheat_core_generated/drives.h"
+#include "checks.h"
+
+#define SQUARE (BEV_ELEMENTS * BEV_ELEMENTS)
+
+int32_t bev_size_of_belief(void) { return (int32_t)sizeof(bev_belief); }
+
+int32_t bev_size_of_belief_terms(void) { return (int32_t)sizeof(bev_belief_terms); }
+
+int32_t bev_size_of_drive(void) { return (int32_t)sizeof(bev_drive); }
+
+/* The elements that move with time; all others wander. */
+#define MOVING 4
+static const int32_t MOVED[MOVING] = {BEV_TEMPERATURE, BEV_SOC, BEV_UNDER_WAY, BEV_SENSOR};
+
+static int is_belief(const bev_belief *belief) {
+  return belief != NULL && belief->heaters >= 1 && belief->heaters <= BEV_MOST_HEATERS
+      && belief->noises >= 1 && belief->noises <= BEV_MOST_NOISES && belief->weights != NULL
+      && belief->mean != NULL && belief->covariance != NULL && belief->memory != NULL;
+}
+
+bev_status bev_mix_belief(const bev_belief *belief, const double *transitions) {
+  if (!is_belief(belief) || transitions == NULL) {
+    return BEV_BAD_ARGUMENT;
+  }
+  const int32_t heaters = belief->heaters;
+  const int32_t noises = belief->noises;
+  const int32_t filters = heaters * noises;
+  double *const weights = belief->memory;
+  double *const means = &weights[filters];
+  double *const covariances = &means[filters * BEV_ELEMENTS];
+  memset(means, 0, (size_t)(filters * (BEV_ELEMENTS + SQUARE)) * sizeof(double));
+  for (int32_t to = 0; to < heaters; to++) {
+    for (int32_t noise = 0; noise < noises; noise++) {
+      const int32_t at = to * noises + noise;
+      double share[BEV_MOST_HEATERS];
+      double total = 0.0;
+      for (int32_t from = 0; from < heaters; from++) {
+        share[from] = transitions[from * heaters + to] * belief->weights[from * noises + noise];
+        total += share[from];
+      }
+      if (!isfinite(total) || !(total > 0.0)) {
+        return BEV_NOT_FINITE;
+      }
+      weights[at] = total;
+      double *const mean = &means[at * BEV_ELEMENTS];
+      for (int32_t from = 0; from < heaters; from++) {
+        share[from] /= total;
+        const double *const own = &belief->mean[(from * noises + noise) * BEV_ELEMENTS];
+        for (int32_t i = 0; i < BEV_ELEMENTS && share[from] != 0.0; i++) {
+          mean[i] += share[from] * own[i];
+        }
+      }
+      double *const covariance = &covariances[at * SQUARE];
+      for (int32_t from = 0; from < heaters; from++) {
+        if (share[from] == 0.0) {
+          continue;
+        }
+        const double *const own = &belief->mean[(from * noises + noise) * BEV_ELEMENTS];
+        const double *const spread = &belief->covariance[(from * noises + noise) * SQUARE];
+        double off[BEV_ELEMENTS];
+        for (int32_t i = 0; i < BEV_ELEMENTS; i++) {
+          off[i] = own[i] - mean[i];
+        }
+        for (int32_t i = 0; i < BEV_ELEMENTS; i++) {
+          for (int32_t j = 0; j < BEV_ELEMENTS; j++) {
+            const int32_t n = i * BEV_ELEMENTS + j;
+            covariance[n] += share[from] * (spread[n] + off[i] * off[j]);
+          }
+        }
+      }
+    }
+  }
+  memcpy(belief->weights, weights, (size_t)filters * sizeof(double));
+  memcpy(belief->mean, means, (size_t)(filters * BEV_ELEMENTS) * sizeof(double));
+  memcpy(belief->covariance, covariances, (size_t)(filters * SQUARE) * sizeof(double));
+  return BEV_OK;
+}
+
+static void rates_of(const bev_vehicle *vehicle, const bev_drive *drive, double heater_w,
+                     double temperature_c, double soc, const double factor[BEV_FACTORS],
+                     double rates[2]) {
+  if (drive->is_seen) {
+    bev_rates_of_seen_power(
+        vehicle, BEV_AS_ARRAYS, temperature_c, soc, factor[0], factor[1], factor[2], factor[3],
+        factor[4], drive->speed_mps, drive->ambient_temperature_c, drive->propulsion_power_w,
+        drive->power_variance_w2, drive->propulsion_power_magnitude_w,
+        drive->cabin_heating_power_w, drive->auxiliary_power_w, heater_w, drive->terminal_power_w,
+        drive->hidden_variance_w2, drive->gamma_0_w_per_k, drive->gamma_v_w_per_k_per_mps, rates);
+  } else {
+    bev_rates_on_route(
+        vehicle, BEV_AS_ARRAYS, temperature_c, soc, factor[0], factor[1], factor[2], factor[3],
+        factor[4], drive->speed_mps, drive->ambient_temperature_c, drive->propulsion_power_w,
+        drive->power_variance_w2, drive->propulsion_power_magnitude_w,
+        drive->cabin_heating_power_w, drive->auxiliary_power_w, heater_w, drive->gamma_0_w_per_k,
+        drive->gamma_v_w_per_k_per_mps, rates);
+  }
+}
+
+/* Where a state leads, and the slopes of that over each element; whether all of it is finite. */
+static int moved_with_slopes(const bev_vehicle *vehicle, const bev_belief_terms *terms,
+                             const bev_drive *drive, double duration_s, double heater_w,
+                             const double state[BEV_ELEMENTS], double after[MOVING],
+                             double slopes[MOVING][BEV_ELEMENTS]) {
+  double factor[BEV_FACTORS];
+  for (int32_t n = 0; n < BEV_FACTORS; n++) {
+    factor[n] = exp(state[BEV_HEAT_CAPACITY + n]);
+  }
+  double rates[2];
+  rates_of(vehicle, drive, heater_w, state[BEV_TEMPERATURE], state[BEV_SOC], factor, rates);
+  int is_finite = 1;
+  /* First as it is, then moved along each element. */
+  for (int32_t along = -1; along < BEV_ELEMENTS; along++) {
+    double x[BEV_ELEMENTS];
+    memcpy(x, state, sizeof x);
+    double own[2] = {rates[0], rates[1]};
+    if (along >= 0) {
+      x[along] += terms->perturbation[along];
+    }
+    if (along >= 0 && along <= BEV_PROPULSION) {
+      double moved[BEV_FACTORS];
+      memcpy(moved, factor, sizeof moved);
+      if (along >= BEV_HEAT_CAPACITY) {
+        moved[along - BEV_HEAT_CAPACITY] = exp(x[along]);
+      }
+      rates_of(vehicle, drive, heater_w, x[BEV_TEMPERATURE], x[BEV_SOC], moved, own);
+    }
+    double end[MOVING];
+    bev_lagging_step(
+        vehicle, BEV_AS_ARRAYS, x[BEV_TEMPERATURE], x[BEV_SOC], x[BEV_UNDER_WAY], x[BEV_SENSOR],
+        terms->nominal_heat_lag_s * exp(x[BEV_HEAT_LAG]),
+        terms->nominal_sensor_lag_s * exp(x[BEV_SENSOR_LAG]),
+        exp(x[BEV_HEATER] - x[BEV_HEAT_CAPACITY]), own[0], own[1], heater_w, duration_s, end);
+    for (int32_t m = 0; m < MOVING; m++) {
+      if (along < 0) {
+        after[m] = end[m];
+      } else {
+        slopes[m][along] = (end[m] - after[m]) / terms->perturbation[along];
+      }
+      is_finite = is_finite && isfinite(end[m]);
+    }
+  }
+  return is_finite;
+}
+
+/* Carry a covariance along: F P F', where F is the identity but for the rows that move. */
+static void carry_along(double slopes[MOVING][BEV_ELEMENTS], double *covariance) {
+  double rows[MOVING][BEV_ELEMENTS];
+  for (int32_t m = 0; m < MOVING; m++) {
+    for (int32_t j = 0; j < BEV_ELEMENTS; j++) {
+      rows[m][j] = 0.0;
+    }
+    for (int32_t k = 0; k < BEV_ELEMENTS; k++) {
+      for (int32_t j = 0; j < BEV_ELEMENTS; j++) {
+        rows[m][j] += slopes[m][k] * covariance[k * BEV_ELEMENTS + j];
+      }
+    }
+  }
+  for (int32_t m = 0; m < MOVING; m++) {
+    memcpy(&covariance[MOVED[m] * BEV_ELEMENTS], rows[m], sizeof rows[m]);
+  }
+  for (int32_t i = 0; i < BEV_ELEMENTS; i++) {
+    double *const row = &covariance[i * BEV_ELEMENTS];
+    double sums[MOVING] = {0.0, 0.0, 0.0, 0.0};
+    for (int32_t m = 0; m < MOVING; m++) {
+      for (int32_t k = 0; k < BEV_ELEMENTS; k++) {
+        sums[m] += row[k] * slopes[m][k];
+      }
+    }
+    for (int32_t m = 0; m < MOVING; m++) {
+      row[MOVED[m]] = sums[m];
+    }
+  }
+}
+
+bev_status bev_move_belief(const bev_vehicle *vehicle, const bev_belief *belief,
+                           const bev_belief_terms *terms, const bev_drive *drive,
+                           double duration_s, const double *heater_power_w, const double *wander,
+                           double hidden_variance_s2) {
+  if (vehicle == NULL || !is_belief(belief) || terms == NULL || drive == NULL
+      || heater_power_w == NULL || wander == NULL) {
+    return BEV_BAD_ARGUMENT;
+  }
+  if (!bev_is_vehicle(vehicle)) {
+    return BEV_BAD_VEHICLE;
+  }
+  if (!isfinite(duration_s) || !(duration_s > 0.0) || !isfinite(hidden_variance_s2)) {
+    return BEV_BAD_INPUT;
+  }
+  const int32_t filters = belief->heaters * belief->noises;
+  double *const means = belief->memory;
+  double *const covariances = &means[filters * BEV_ELEMENTS];
+  memcpy(means, belief->mean, (size_t)(filters * BEV_ELEMENTS) * sizeof(double));
+  memcpy(covariances, belief->covariance, (size_t)(filters * SQUARE) * sizeof(double));
+  for (int32_t filter = 0; filter < filters; filter++) {
+    double *const mean = &means[filter * BEV_ELEMENTS];
+    double *const covariance = &covariances[filter * SQUARE];
+    double after[MOVING];
+    double slopes[MOVING][BEV_ELEMENTS];
+    if (!moved_with_slopes(vehicle, terms, drive, duration_s,
+                           heater_power_w[filter / belief->noises], mean, after, slopes)) {
+      return BEV_NOT_FINITE;
+    }
+    for (int32_t m = 0; m < MOVING; m++) {
+      mean[MOVED[m]] = after[m];
+    }
+    carry_along(slopes, covariance);
+    for (int32_t i = 0; i < BEV_ELEMENTS; i++) {
+      covariance[i * BEV_ELEMENTS + i] += wander[i];
+    }
+    /* Temperature and state of charge come first. */
+    for (int32_t i = 0; i <= BEV_SOC; i++) {
+      for (int32_t j = 0; j <= BEV_SOC; j++) {
+        covariance[i * BEV_ELEMENTS + j] +=
+            hidden_variance_s2 * (slopes[i][BEV_PROPULSION] / duration_s)
+            * (slopes[j][BEV_PROPULSION] / duration_s);
+      }
+    }
+  }
+  memcpy(belief->mean, means, (size_t)(filters * BEV_ELEMENTS) * sizeof(double));
+  memcpy(belief->covariance, covariances, (size_t)(filters * SQUARE) * sizeof(double));
+  return BEV_OK;
+}
+
+/* Mean and covariance of a filter after a Kalman update: shifted by gain * shift, and surer by kept. */
+static void update(double *mean, double *covariance, const double gain[BEV_ELEMENTS], double shift,
+                   double kept) {
+  for (int32_t i = 0; i < BEV_ELEMENTS; i++) {
+    mean[i] += gain[i] * shift;
+    for (int32_t j = 0; j < BEV_ELEMENTS; j++) {
+      covariance[i * BEV_ELEMENTS + j] -= gain[i] * gain[j] * kept;
+    }
+  }
+}
+
+/* Hold what is bounded; return whether the filter is beyond what means anything. */
+static int32_t hold(const bev_belief_terms *terms, double *mean) {
+  for (int32_t n = 0; n < BEV_BOUNDED; n++) {
+    double *const value = &mean[BEV_HEAT_CAPACITY + n];
+    *value = bev_maximum(bev_minimum(*value, terms->highest[n]), terms->lowest[n]);
+  }
+  return fabs(mean[BEV_TEMPERATURE] - mean[BEV_SENSOR]) > terms->most_apart_k
+      || fabs(mean[BEV_UNDER_WAY]) > terms->most_under_way_k;
+}
+
+/* Logarithm of the root of 2 pi; the root of 2 is in folded_normal.h. */
+#define LOG_ROOT_2_PI 0.9189385332046727
+/* Beyond so many deviations the closed forms lose their digits. */
+#define TAIL 8.0
+
+/* As bev_preheat.estimation.truncated_normal: mean, variance, log of the probability. */
+static void moments_in_tail(double distance, double width, double moments[3]) {
+  const double log_density = -0.5 * distance * distance - LOG_ROOT_2_PI;
+  double x = distance * width;
+  if (x < 1e-4) {
+    moments[0] = 0.5 * width;
+    moments[1] = width * width / 12.0;
+    moments[2] = log_density + log(width);
+    return;
+  }
+  x = bev_minimum(x, 700.0);
+  const double grown = expm1(x);
+  moments[0] = 1.0 / distance - width / grown;
+  moments[1] = bev_maximum(
+      0.0, 1.0 / (distance * distance) - width * width * (grown + 1.0) / (grown * grown));
+  moments[2] = log_density + log(-expm1(-x) / distance);
+}
+
+static void truncated_moments(double mean, double variance, double low, double high,
+                              double moments[3]) {
+  const double deviation = sqrt(variance);
+  const double a = (low - mean) / deviation;
+  const double b = (high - mean) / deviation;
+  if (b - a < 1e-9) {
+    moments[0] = 0.5 * (low + high);
+    moments[1] = 0.0;
+    moments[2] = -0.5 * a * a - LOG_ROOT_2_PI - log(deviation);
+    return;
+  }
+  if (a > TAIL) {
+    moments_in_tail(a, b - a, moments);
+    moments[0] = low + deviation * moments[0];
+    moments[1] = variance * moments[1];
+    return;
+  }
+  if (b < -TAIL) {
+    moments_in_tail(-b, b - a, moments);
+    moments[0] = high - deviation * moments[0];
+    moments[1] = variance * moments[1];
+    return;
+  }
+  double probability;
+  if (a > 0.0) {
+    probability = 0.5 * (erfc(a / BEV_ROOT_2) - erfc(b / BEV_ROOT_2));
+  } else if (b < 0.0) {
+    probability = 0.5 * (erfc(-b / BEV_ROOT_2) - erfc(-a / BEV_ROOT_2));
+  } else {
+    probability = 0.5 * (erf(b / BEV_ROOT_2) - erf(a / BEV_ROOT_2));
+  }
+  const double density_a = exp(-0.5 * a * a - LOG_ROOT_2_PI);
+  const double density_b = exp(-0.5 * b * b - LOG_ROOT_2_PI);
+  const double shift = (density_a - density_b) / probability;
+  const double spread = 1.0 + (a * density_a - b * density_b) / probability - shift * shift;
+  moments[0] = mean + deviation * shift;
+  moments[1] = variance * bev_maximum(spread, 0.0);
+  moments[2] = log(probability);
+}
+
+/* Weigh the hypotheses by the logarithms of their likelihoods. */
+static void weigh(const bev_belief *belief, const bev_belief_terms *terms, const double *logs,
+                  double likeliest) {
+  const int32_t filters = belief->heaters * belief->noises;
+  double total = 0.0;
+  for (int32_t filter = 0; filter < filters; filter++) {
+    const double weight = belief->weights[filter] * exp(logs[filter] - likeliest);
+    belief->weights[filter] = bev_maximum(weight, terms->least_weight);
+    total += belief->weights[filter];
+  }
+  for (int32_t filter = 0; filter < filters; filter++) {
+    belief->weights[filter] /= total;
+  }
+}
+
+bev_status bev_see_interval(const bev_belief *belief, const bev_belief_terms *terms,
+                            int32_t element, const double *noise_variance, double low, double high,
+                            int32_t tells_hypotheses, int32_t *lost) {
+  if (!is_belief(belief) || terms == NULL || noise_variance == NULL || lost == NULL || element < 0
+      || element >= BEV_ELEMENTS) {
+    return BEV_BAD_ARGUMENT;
+  }
+  if (!isfinite(low) || !isfinite(high) || low > high) {
+    return BEV_BAD_INPUT;
+  }
+  const int32_t filters = belief->heaters * belief->noises;
+  double *const logs = belief->memory;
+  double *const seen = &logs[filters];
+  double likeliest = -DBL_MAX;
+  for (int32_t filter = 0; filter < filters; filter++) {
+    const double variance = bev_maximum(
+        belief->covariance[filter * SQUARE + element * BEV_ELEMENTS + element]
+            + noise_variance[filter % belief->noises],
+        terms->least_variance);
+    const double mean = belief->mean[filter * BEV_ELEMENTS + element];
+    double moments[3];
+    truncated_moments(mean, variance, low, high, moments);
+    if (!isfinite(moments[0]) || !isfinite(moments[1]) || !isfinite(moments[2])) {
+      return BEV_NOT_FINITE;
+    }
+    seen[3 * filter] = variance;
+    seen[3 * filter + 1] = moments[0] - mean;
+    seen[3 * filter + 2] = variance - moments[1];
+    logs[filter] = moments[2];
+    likeliest = bev_maximum(likeliest, moments[2]);
+  }
+  *lost = 0;
+  for (int32_t filter = 0; filter < filters; filter++) {
+    double *const mean = &belief->mean[filter * BEV_ELEMENTS];
+    double *const covariance = &belief->covariance[filter * SQUARE];
+    double gain[BEV_ELEMENTS];
+    for (int32_t i = 0; i < BEV_ELEMENTS; i++) {
+      gain[i] = covariance[i * BEV_ELEMENTS + element] / seen[3 * filter];
+    }
+    update(mean, covariance, gain, seen[3 * filter + 1], seen[3 * filter + 2]);
+    *lost += hold(terms, mean);
+  }
+  if (tells_hypotheses) {
+    weigh(belief, terms, logs, likeliest);
+  }
+  return BEV_OK;
+}
+
+bev_status bev_see_propulsion_power(const bev_belief *belief, const bev_belief_terms *terms,
+                                    double seen_w, double route_w, double variance_w2,
+                                    double most_w, int32_t *lost) {
+  if (!is_belief(belief) || terms == NULL || lost == NULL) {
+    return BEV_BAD_ARGUMENT;
+  }
+  if (!isfinite(seen_w) || !isfinite(route_w) || !isfinite(variance_w2) || !(variance_w2 > 0.0)) {
+    return BEV_BAD_INPUT;
+  }
+  *lost = 0;
+  for (int32_t filter = 0; filter < belief->heaters * belief->noises; filter++) {
+    double *const mean = &belief->mean[filter * BEV_ELEMENTS];
+    double *const covariance = &belief->covariance[filter * SQUARE];
+    const double expected_w = exp(mean[BEV_PROPULSION]) * route_w;
+    const double total =
+        expected_w * expected_w * covariance[BEV_PROPULSION * BEV_ELEMENTS + BEV_PROPULSION]
+        + variance_w2;
+    const double error_w = bev_minimum(bev_maximum(seen_w - expected_w, -most_w), most_w);
+    double gain[BEV_ELEMENTS];
+    for (int32_t i = 0; i < BEV_ELEMENTS; i++) {
+      gain[i] = covariance[i * BEV_ELEMENTS + BEV_PROPULSION] * expected_w;
+    }
+    update(mean, covariance, gain, error_w / total, 1.0 / total);
+    *lost += hold(terms, mean);
+  }
+  return BEV_OK;
+}
+
+bev_status bev_expect(const bev_belief *belief, double *mean, double *covariance) {
+  if (!is_belief(belief) || mean == NULL || covariance == NULL) {
+    return BEV_BAD_ARGUMENT;
+  }
+  const int32_t filters = belief->heaters * belief->noises;
+  memset(mean, 0, BEV_ELEMENTS * sizeof(double));
+  memset(covariance, 0, SQUARE * sizeof(double));
+  for (int32_t filter = 0; filter < filters; filter++) {
+    for (int32_t i = 0; i < BEV_ELEMENTS; i++) {
+      mean[i] += belief->weights[filter] * belief->mean[filter * BEV_ELEMENTS + i];
+    }
+  }
+  for (int32_t filter = 0; filter < filters; filter++) {
+    const double *const own = &belief->covariance[filter * SQUARE];
+    double off[BEV_ELEMENTS];
+    for (int32_t i = 0; i < BEV_ELEMENTS; i++) {
+      off[i] = belief->mean[filter * BEV_ELEMENTS + i] - mean[i];
+    }
+    for (int32_t i = 0; i < BEV_ELEMENTS; i++) {
+      for (int32_t j = 0; j < BEV_ELEMENTS; j++) {
+        const int32_t n = i * BEV_ELEMENTS + j;
+        covariance[n] += belief->weights[filter] * (own[n] + off[i] * off[j]);
+      }
+    }
+  }
+  return BEV_OK;
+}

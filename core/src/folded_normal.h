@@ -1,0 +1,25 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* The mean magnitude of what varies about a mean, as bev_preheat.numerics.folded_normal has it. */
+#ifndef BEV_PREHEAT_CORE_FOLDED_NORMAL_H_
+#define BEV_PREHEAT_CORE_FOLDED_NORMAL_H_
+
+#include <math.h>
+
+#define BEV_CERTAIN_DEVIATIONS 9.0
+#define BEV_ROOT_2 1.4142135623730951
+/* The root of 2 / pi. */
+#define BEV_ROOT_2_OVER_PI 0.7978845608028654
+
+static inline double bev_mean_magnitude(double mean, double variance) {
+  const double magnitude = fabs(mean);
+  const double certain = magnitude / BEV_CERTAIN_DEVIATIONS;
+  if (!(variance > certain * certain)) {
+    return magnitude;
+  }
+  const double deviation = sqrt(variance);
+  const double ratio = magnitude / (BEV_ROOT_2 * deviation);
+  const double standard = ratio < BEV_CERTAIN_DEVIATIONS ? ratio : BEV_CERTAIN_DEVIATIONS;
+  return BEV_ROOT_2_OVER_PI * deviation * exp(-(standard * standard)) + magnitude * erf(standard);
+}
+
+#endif /* BEV_PREHEAT_CORE_FOLDED_NORMAL_H_ */

@@ -1,0 +1,123 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The estimation with the compiled core and without: the same beliefs and sensitivities, to rounding."""
+
+from contextlib import nullcontext
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bev_preheat.compiled.beliefs import CompiledBelief
+from bev_preheat.compiled.library import core, without_core
+from bev_preheat.estimation import belief as belief_module
+from bev_preheat.estimation.belief import Belief, TERMS
+from bev_preheat.estimation.forecast import arrival_sensitivities
+from bev_preheat.planning.dynamics import run_forward
+from bev_preheat.planning.plan import Plan
+from bev_preheat.planning.trip import make_trip
+from bev_preheat.route import load_route
+from bev_preheat.vehicle import load_vehicle
+from bev_preheat.vehicle.heat_path import HeatPath
+from bev_preheat.vehicle.model import make_runge_kutta_4
+from bev_preheat.vehicle.uncertain_car import DriveInputs
+
+VEHICLES = {'formulas': load_vehicle('reference'), 'tables': load_vehicle('small_car'),
+            'logarithm': load_vehicle('mid_size_lfp'),
+            'coolant': replace(load_vehicle('large_suv'), heat_path=HeatPath(45.0, 15e3, 300.0, 30.0))}
+LIMIT_W = 5000.0
+
+
+def drawn_drive(drawn):
+    propulsion_w = drawn.uniform(-40e3, 60e3)
+    seen = {} if drawn.uniform() < 0.3 else {
+        'terminal_power_w': propulsion_w + drawn.normal(2e3, 2e3), 'hidden_variance_w2': drawn.choice([0.0, 3e7])}
+    return DriveInputs(
+        drawn.uniform(0.0, 40.0), drawn.uniform(-25.0, 15.0), propulsion_w, drawn.choice([0.0, 2e7, 9e8]),
+        abs(propulsion_w) + drawn.uniform(0.0, 5e3), 1300.0, 450.0, 0.0, **seen)
+
+
+def believed(vehicle, seed, is_in_core):
+    """Return what a belief is after each of many updates that are drawn: weights, means, covariances."""
+    drawn, belief, course = np.random.default_rng(seed), Belief(vehicle), []
+    with nullcontext() if is_in_core else without_core():
+        belief.place(-5.0, 0.2, 0.7, 1e-5)
+        for _ in range(60):
+            duration_s = drawn.choice([1.0, 4.0, 10.0])
+            drive = drawn_drive(drawn)
+            belief.predict(duration_s, None if drawn.uniform() < 0.1 else drive,
+                           drawn.choice([0.0, LIMIT_W]), LIMIT_W)
+            if drive.terminal_power_w is not None:
+                belief.see_propulsion_power(
+                    drive.propulsion_power_w * drawn.uniform(0.5, 1.5), drive.propulsion_power_w, duration_s)
+            belief.see_temperature(drawn.normal(-5.0, 0.7), drawn.choice([0.0, 0.5, 1.0]))
+            belief.see_soc(drawn.normal(0.7, 0.004), drawn.choice([0.0, 0.005]))
+            course.append([*map(np.copy, (belief.weights, belief.mean, belief.covariance, *belief.expected()))])
+    return course
+
+
+@pytest.mark.parametrize('name', VEHICLES)
+def test_beliefs_are_the_same(name):
+    assert core() is not None
+    vehicle = VEHICLES[name]
+    for with_core, without in zip(believed(vehicle, 7, True), believed(vehicle, 7, False)):
+        deviations = np.sqrt(np.diagonal(without[2], axis1=-2, axis2=-1))
+        scales = (1.0, deviations, deviations[..., np.newaxis] * deviations[..., np.newaxis, :])
+        for mine, theirs, scale in zip(with_core, without, scales):
+            assert np.abs(mine - theirs).max() < np.inf
+            assert (np.abs(mine - theirs) / scale).max() < 1e-6
+        # Mean and covariance over all hypotheses.
+        assert with_core[3] == pytest.approx(without[3], rel=1e-7, abs=1e-9)
+        assert with_core[4] == pytest.approx(without[4], rel=1e-5, abs=1e-9)
+
+
+def test_filters_that_are_lost_are_found_again():
+    beliefs = []
+    for context in (nullcontext, without_core):
+        with context():
+            belief = Belief(VEHICLES['formulas'])
+            belief.place(-5.0, 0.2, 0.7, 1e-5)
+            belief.mean[1, 2, belief_module.TEMPERATURE] += 2.0 * belief_module.MOST_APART_K
+            belief.see_soc(0.7, 0.005)
+            beliefs.append(belief)
+    assert beliefs[0].mean == pytest.approx(beliefs[1].mean, rel=1e-9)
+    assert beliefs[0].mean[1, 2, belief_module.TEMPERATURE] == pytest.approx(-5.0)
+
+
+@pytest.mark.parametrize('name', ['formulas', 'tables'])
+def test_sensitivities_are_the_same(name):
+    vehicle = VEHICLES[name]
+    trip = make_trip(vehicle, load_route('alpine_pass', vehicle.defaults))
+    heater_w = np.where(np.arange(len(trip.route)) % 3, 0.0, 2500.0)
+    soc, temperature_c = run_forward(trip, make_runge_kutta_4, 0.8, -9.0, heater_w)
+    plan = Plan.__new__(Plan)
+    for field, value in {'soc': soc, 'battery_temperature_c': temperature_c,
+                         'hvch_battery_power_w': heater_w}.items():
+        object.__setattr__(plan, field, value)
+    total, by_step = arrival_sensitivities(trip, plan)
+    with without_core():
+        expected_total, expected_by_step = arrival_sensitivities(trip, plan)
+    assert total == pytest.approx(expected_total, rel=1e-7)
+    assert by_step == pytest.approx(expected_by_step, rel=1e-6, abs=1e-9)
+
+
+@pytest.mark.parametrize('spoil, call', [
+    ('mean', lambda compiled: compiled.see_interval(TERMS, 0, np.full(3, 0.1), -1.0, 1.0, True)),
+    ('mean', lambda compiled: compiled.move(
+        belief_module.compiled_vehicle(VEHICLES['formulas']), TERMS, drawn_drive(np.random.default_rng(1)),
+        VEHICLES['formulas'].battery.leakage, 1.0, np.zeros(7), np.zeros(11), 0.0)),
+    ('weights', lambda compiled: compiled.mix(np.eye(7))),
+    (None, lambda compiled: compiled.see_interval(TERMS, 0, np.full(3, 0.1), np.nan, 1.0, True)),
+    (None, lambda compiled: compiled.see_interval(TERMS, 11, np.full(3, 0.1), -1.0, 1.0, True)),
+    (None, lambda compiled: compiled.see_propulsion_power(TERMS, np.inf, 1e4, 1e6, 1e4))],
+    ids=['state', 'state that moves', 'weights', 'reading', 'element', 'power'])
+def test_what_is_not_finite_is_left_to_python_and_nothing_is_changed(spoil, call):
+    belief = Belief(VEHICLES['formulas'])
+    belief.place(-5.0, 0.2, 0.7, 1e-5)
+    arrays = belief.weights, belief.mean, belief.covariance
+    if spoil:
+        getattr(belief, spoil)[...] = np.nan
+    before = [array.copy() for array in arrays]
+    answer = call(CompiledBelief(*arrays))
+    assert answer is None or answer is False
+    for array, copy in zip(arrays, before):
+        np.testing.assert_array_equal(array, copy)
