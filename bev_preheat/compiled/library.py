@@ -55,6 +55,8 @@ _SIGNATURES = {
     'bev_see_propulsion_power': 'PPDDDDP',
     'bev_expect': 'PPP',
     'bev_arrival_sensitivities': 'PPPPP',
+    'bev_heat_along': 'PPPPPP',
+    'bev_find_two_switches': 'PPDPPPPPP',
 }
 
 

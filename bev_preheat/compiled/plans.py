@@ -74,6 +74,42 @@ def _new_run(steps: int) -> tuple[tuple[FloatArray, FloatArray, FloatArray], tup
             (at, at + DOUBLE_BYTES * after, at + DOUBLE_BYTES * end))
 
 
+class TwiceSwitchedRun(NamedTuple):
+    """A run that is heated between two instants [s]: states (4, N + 1), heater commands [W] (N,)."""
+
+    on_s: float
+    off_s: float
+    states: FloatArray
+    command_w: FloatArray
+
+
+def find_two_switches(vehicle: CompiledVehicle, trip: CompiledTrip, target_c: float,
+                      idle_states: FloatArray) -> TwiceSwitchedRun | None:
+    """Return the run that arrives at a target [deg C], from the unheated one (4, N + 1), which does not."""
+    library = core()
+    if library is None:
+        return None
+    states, command_w = np.empty((4, trip.steps + 1)), np.empty(trip.steps)
+    instants_s = (c_double * 2)()
+    status = library.bev_find_two_switches(
+        vehicle.address, trip.address, target_c, place(idle_states), place(np.empty(trip.steps + 1)),
+        place(states), place(command_w), byref(instants_s), byref(instants_s, DOUBLE_BYTES))
+    return TwiceSwitchedRun(instants_s[0], instants_s[1], states, command_w) if status == OK else None
+
+
+def heat_along(vehicle: CompiledVehicle, trip: CompiledTrip, states: FloatArray, command_w: FloatArray,
+               brake_w: FloatArray) -> FloatArray | None:
+    """Return means of what the heater takes and of the heat that arrives [W], (2, N), along states (4, N + 1)."""
+    library = core()
+    if library is None:
+        return None
+    heat_w = np.empty((2, trip.steps))
+    status = library.bev_heat_along(
+        vehicle.address, trip.address, place(states), doubles_at(command_w, trip.steps),
+        doubles_at(brake_w, trip.steps), place(heat_w))
+    return heat_w if status == OK else None
+
+
 def keep_accounts(vehicle: CompiledVehicle, make_integrator: Integrator, trip: CompiledTrip,
                   deliverable: bool, soc: FloatArray, temperature_c: FloatArray, heater_w: FloatArray,
                   arriving_heat_w: FloatArray | None,

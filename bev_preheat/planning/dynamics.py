@@ -12,6 +12,7 @@ import numpy as np
 
 from bev_preheat.compiled import plans as compiled_plans
 from bev_preheat.compiled import runs as compiled_runs
+from bev_preheat.compiled.library import core
 from bev_preheat.compiled.structs import CompiledVehicle, NotDescribed
 from bev_preheat.numerics.arithmetic import AnyNumber, ARRAYS, CurveFunction, FLOATS, SATURATING_FLOATS
 from bev_preheat.vehicle.model import Integrator, make_rates, Step
@@ -38,9 +39,14 @@ def step_of_floats(vehicle: Vehicle, make_integrator: Integrator,
     return make_integrator(make_rates(vehicle, SATURATING_FLOATS if saturating else FLOATS))
 
 
-@lru_cache(maxsize=KEPT_VEHICLES)
 def compiled_vehicle(vehicle: Vehicle) -> CompiledVehicle | None:
     """Return the vehicle as the compiled core takes it; None where the core does not."""
+    # What is kept must not depend on whether the core is switched off for a while.
+    return None if core() is None else _compiled_vehicle(vehicle)
+
+
+@lru_cache(maxsize=KEPT_VEHICLES)
+def _compiled_vehicle(vehicle: Vehicle) -> CompiledVehicle | None:
     try:
         compiled = CompiledVehicle(vehicle, hottest_c(vehicle))
     except NotDescribed:

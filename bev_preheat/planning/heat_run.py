@@ -16,6 +16,7 @@ from typing import Any, TYPE_CHECKING
 
 import numpy as np
 
+from bev_preheat.compiled import plans as compiled_plans
 from bev_preheat.compiled import runs as compiled_runs
 from bev_preheat.numerics.arithmetic import ARRAYS, FLOATS, SATURATING_FLOATS
 from bev_preheat.planning.dynamics import compiled_vehicle, JOULES_PER_WH, KEPT_VEHICLES
@@ -148,7 +149,7 @@ def run_heated(trip: Trip, start: States, command_w: FloatArray,
                         float(trip.time_s[heated[0]]) if len(heated) else None)
 
 
-def along_states(trip: Trip, states: Sequence[FloatArray], command_w: FloatArray,
+def along_states(trip: Trip, states: Sequence[FloatArray] | FloatArray, command_w: FloatArray,
                  brake_power_w: FloatArray, heating_start_s: float | None) -> Schedule:
     """
     Return the Schedule of a run whose States at each instant are known, four arrays (N + 1,).
@@ -156,13 +157,26 @@ def along_states(trip: Trip, states: Sequence[FloatArray], command_w: FloatArray
     Under heater commands [W] (N,) and friction brake powers [W] (N,), heating from `heating_start_s`.
     """
     soc, temperature_c, heater_w, excess_k = states
-    *_, drawn_w, arriving_w = _heated_step_of_arrays(trip.vehicle)(
-        soc[:-1], temperature_c[:-1], heater_w[:-1], excess_k[:-1],
-        *trip.inputs(None, brake_power_w), command_w)
+    drawn_w, arriving_w = _heat_along(trip, states, command_w, brake_power_w)
     return Schedule(
         heating_start_s, command_w, brake_power_w, soc, temperature_c, make_runge_kutta_4,
         ends_before_arrival_s(trip, command_w),
         heat=make_heat_run(trip.vehicle.heat_path, heater_w, excess_k, drawn_w, arriving_w))
+
+
+def _heat_along(trip: Trip, states: Sequence[FloatArray] | FloatArray, command_w: FloatArray,
+                brake_power_w: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return what the heater takes, and the heat that reaches the battery, means of each step [W] (N,)."""
+    vehicle = compiled_vehicle(trip.vehicle)
+    heat_w = None if vehicle is None else compiled_plans.heat_along(
+        vehicle, trip.compiled, np.array(states, dtype=float), command_w, brake_power_w)
+    if heat_w is not None:
+        return heat_w[0], heat_w[1]
+    soc, temperature_c, heater_w, excess_k = states
+    *_, drawn_w, arriving_w = _heated_step_of_arrays(trip.vehicle)(
+        soc[:-1], temperature_c[:-1], heater_w[:-1], excess_k[:-1],
+        *trip.inputs(None, brake_power_w), command_w)
+    return drawn_w, arriving_w
 
 
 def ends_before_arrival_s(trip: Trip, command_w: FloatArray) -> float | None:

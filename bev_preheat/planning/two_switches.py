@@ -16,8 +16,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from bev_preheat.compiled import plans as compiled_plans
 from bev_preheat.planning.bracketing import follow_slope, least_of, Trial
-from bev_preheat.planning.dynamics import JOULES_PER_WH, keep_accounts
+from bev_preheat.planning.dynamics import compiled_vehicle, JOULES_PER_WH, keep_accounts
 from bev_preheat.planning.heat_run import along_states, initial_states, roll_heated, run_heated, states_at
 from bev_preheat.planning.schedule import Schedule
 
@@ -57,6 +58,9 @@ def plan_two_switches(trip: Trip, state: BatteryState, goal: Goal,
         unheated = run_heated(trip, initial_states(state), np.zeros(len(trip.route)))
     if unheated.temperature_c[-1] >= goal.target_temperature_c:
         return unheated
+    found = _found_by_core(trip, unheated, goal.target_temperature_c)
+    if found is not None:
+        return found
     search = _Search(trip, unheated, goal.target_temperature_c)
     arrival_s = float(trip.time_s[-1])
     throughout = search.schedule(0.0, arrival_s)
@@ -65,6 +69,28 @@ def plan_two_switches(trip: Trip, state: BatteryState, goal: Goal,
     earliest_s = max(0.0, arrival_s - MOST_LAGS * trip.vehicle.heat_path.heat_lag_s)
     best = least_of(earliest_s, arrival_s, search.until, OFF_RESOLUTION_S)
     return search.arriving(best.value, best.outcome)
+
+
+def _found_by_core(trip: Trip, unheated: Schedule, target_c: float) -> Schedule | None:
+    """Return the Schedule that the compiled core finds as `_Search` does; None where it does not answer."""
+    vehicle = compiled_vehicle(trip.vehicle)
+    if vehicle is None or unheated.heat is None:
+        return None
+    run = compiled_plans.find_two_switches(vehicle, trip.compiled, target_c, np.array((
+        unheated.soc, unheated.temperature_c, unheated.heat.heater_power_w,
+        unheated.heat.coolant_excess_k)))
+    return None if run is None else _schedule_along(
+        trip, unheated, run.on_s, run.off_s, run.command_w, run.states)
+
+
+def _schedule_along(trip: Trip, unheated: Schedule, on_s: float, off_s: float, command_w: FloatArray,
+                    states: FloatArray) -> Schedule:
+    """Return the Schedule of a run that is heated between two instants [s]; states (4, N + 1)."""
+    is_heated = bool(command_w.any())
+    run = along_states(
+        trip, states, command_w, unheated.brake_power_w, on_s if is_heated else None)
+    ends_early = is_heated and off_s < float(trip.time_s[-1])
+    return replace(run, heating_end_s=off_s if ends_early else None)
 
 
 class _Search:
@@ -119,7 +145,9 @@ class _Search:
         """Return about when to switch on [s]: along a line through the pairs next to this one."""
         if len(self._found) < 2:
             lacking_k = self._target_c - float(self._unheated.temperature_c[-1])
-            mean_w = float(self._trip.heater_limit_w @ self._trip.route.duration_s) / self._arrival_s
+            # Added up in order, as the compiled core does.
+            mean_w = float((self._trip.heater_limit_w * self._trip.route.duration_s).cumsum()[-1]
+                           ) / self._arrival_s
             return off_s - lacking_k * self._capacity_j_per_k / max(
                 self._trip.vehicle.hvch.efficiency * mean_w, 1.0)
         (off_a_s, on_a_s), (off_b_s, on_b_s) = sorted(
@@ -137,12 +165,10 @@ class _Search:
         unheated, first = self._unheated, self._first_step(on_s)
         assert unheated.heat is not None
         command_w = maximum_between(self._trip, on_s, off_s)
-        is_heated = bool(command_w.any())
-        run = along_states(self._trip, [np.concatenate((before[:first], after)) for before, after in zip((
-            unheated.soc, unheated.temperature_c, unheated.heat.heater_power_w,
-            unheated.heat.coolant_excess_k), states)], command_w, unheated.brake_power_w,
-            on_s if is_heated else None)
-        return replace(run, heating_end_s=off_s if is_heated and off_s < self._arrival_s else None)
+        return _schedule_along(self._trip, unheated, on_s, off_s, command_w, np.array([
+            np.concatenate((before[:first], after)) for before, after in zip((
+                unheated.soc, unheated.temperature_c, unheated.heat.heater_power_w,
+                unheated.heat.coolant_excess_k), states)]))
 
     def _slope_k_per_s(self, on_s: float) -> float:
         """Change of the arrival temperature with the instant of switching on [K/s], an estimate."""

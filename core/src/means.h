@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Runs that note the means over their steps, and energies made from them. */
+/* Runs that note the means over their steps, or what they take, and energies made from them. */
 #ifndef BEV_PREHEAT_CORE_MEANS_H_
 #define BEV_PREHEAT_CORE_MEANS_H_
 
@@ -15,6 +15,11 @@ typedef struct {
 bev_status bev_run_with_means(const bev_vehicle *vehicle, int32_t integrator, const bev_trip *trip,
                               int32_t first, const double *heater_w, const double *brake_w,
                               double *soc, double *temperature_c, bev_means means);
+
+/* As bev_run_heated without a brake; what the cells give [Wh] is added to `taken_wh`. */
+bev_status bev_run_heated_with_energy(const bev_vehicle *vehicle, const bev_trip *trip,
+                                      int32_t first, const double *command_w, double *states,
+                                      double *taken_wh);
 
 /* As bev_keep_accounts of a run whose means are known, and which was never held at the hottest temperature. */
 bev_status bev_energies_of_means(const bev_vehicle *vehicle, const bev_trip *trip,

@@ -10,6 +10,8 @@
 #include "means.h"
 #include "steps_of_model.h"
 
+#define JOULES_PER_WH 3600.0
+
 bev_status bev_step(const bev_vehicle *vehicle, int32_t integrator, int32_t saturating, double soc,
                     double temperature_c, double duration_s, double power_w, double variance_w2,
                     double heat_w, double leakage_w_per_k, double result[4]) {
@@ -111,9 +113,27 @@ bev_status bev_run(const bev_vehicle *vehicle, int32_t integrator, const bev_tri
                             temperature_c, none);
 }
 
+/*
+ * What the cells give on average in a step whose result is known [W], as bev_keep_accounts has it: with the
+ * charge held within 0 ... 1, which a step that may leave it is taken again for.
+ */
+static double battery_power_w(const bev_vehicle *vehicle, int32_t saturating,
+                              const double states[4], const bev_inputs *inputs, double command_w,
+                              const double result[8]) {
+  const double room = 2.0 * fabs(result[0] - states[0]);
+  const double low = bev_minimum(states[0], result[0]);
+  const double high = bev_maximum(states[0], result[0]);
+  if (saturating == BEV_EXACT && low - room >= 0.0 && high + room <= 1.0) {
+    return inputs->power_w + result[6] + result[5];
+  }
+  double held[8];
+  bev_integrate_heated(vehicle, BEV_AS_ARRAYS, states, inputs, command_w, held);
+  return inputs->power_w + held[6] + held[5];
+}
+
 static bev_status run_heated(const bev_vehicle *vehicle, int32_t saturating, const bev_trip *trip,
                              int32_t first, const double *command_w, const double *brake_w,
-                             double *const run_of[4]) {
+                             double *const run_of[4], double *taken_wh) {
   double states[4];
   double result[8];
   for (int32_t n = 0; n < 4; n++) {
@@ -132,6 +152,10 @@ static bev_status run_heated(const bev_vehicle *vehicle, int32_t saturating, con
     if (status != BEV_OK) {
       return status;
     }
+    if (taken_wh != NULL) {
+      *taken_wh += inputs.duration_s / JOULES_PER_WH
+          * battery_power_w(vehicle, saturating, states, &inputs, command_w[k], result);
+    }
     for (int32_t n = 0; n < 4; n++) {
       states[n] = result[n];
       run_of[n][k + 1] = result[n];
@@ -140,8 +164,9 @@ static bev_status run_heated(const bev_vehicle *vehicle, int32_t saturating, con
   return BEV_OK;
 }
 
-bev_status bev_run_heated(const bev_vehicle *vehicle, const bev_trip *trip, int32_t first,
-                          const double *command_w, const double *brake_w, double *states) {
+static bev_status run_heated_from(const bev_vehicle *vehicle, const bev_trip *trip, int32_t first,
+                                  const double *command_w, const double *brake_w, double *states,
+                                  double *taken_wh) {
   bev_status status = bev_checked(vehicle, trip, first);
   if (status != BEV_OK) {
     return status;
@@ -157,11 +182,56 @@ bev_status bev_run_heated(const bev_vehicle *vehicle, const bev_trip *trip, int3
       return BEV_BAD_INPUT;
     }
   }
-  status = run_heated(vehicle, 0, trip, first, command_w, brake_w, run_of);
+  const double taken_before_wh = taken_wh == NULL ? 0.0 : *taken_wh;
+  status = run_heated(vehicle, 0, trip, first, command_w, brake_w, run_of, taken_wh);
   if (status == BEV_SATURATED) {
-    status = of_second(run_heated(vehicle, 1, trip, first, command_w, brake_w, run_of));
+    if (taken_wh != NULL) {
+      *taken_wh = taken_before_wh;
+    }
+    status = of_second(
+        run_heated(vehicle, 1, trip, first, command_w, brake_w, run_of, taken_wh));
   }
   return status;
+}
+
+bev_status bev_run_heated(const bev_vehicle *vehicle, const bev_trip *trip, int32_t first,
+                          const double *command_w, const double *brake_w, double *states) {
+  return run_heated_from(vehicle, trip, first, command_w, brake_w, states, NULL);
+}
+
+bev_status bev_run_heated_with_energy(const bev_vehicle *vehicle, const bev_trip *trip,
+                                      int32_t first, const double *command_w, double *states,
+                                      double *taken_wh) {
+  return run_heated_from(vehicle, trip, first, command_w, NULL, states, taken_wh);
+}
+
+bev_status bev_heat_along(const bev_vehicle *vehicle, const bev_trip *trip, const double *states,
+                          const double *command_w, const double *brake_w, double *heat_w) {
+  const bev_status status = bev_checked(vehicle, trip, 0);
+  if (status != BEV_OK) {
+    return status;
+  }
+  if (states == NULL || command_w == NULL || heat_w == NULL) {
+    return BEV_BAD_ARGUMENT;
+  }
+  const int32_t instants = trip->steps + 1;
+  for (int32_t k = 0; k < trip->steps; k++) {
+    const bev_inputs inputs = bev_inputs_of(vehicle, trip, k, NULL, brake_w);
+    const double start[4] = {states[k], states[instants + k], states[2 * instants + k],
+                             states[3 * instants + k]};
+    if (!bev_are_finite(&inputs) || !isfinite(command_w[k]) || !isfinite(start[0])
+        || !isfinite(start[1]) || !isfinite(start[2]) || !isfinite(start[3])) {
+      return BEV_BAD_INPUT;
+    }
+    double result[8];
+    bev_integrate_heated(vehicle, BEV_AS_ARRAYS, start, &inputs, command_w[k], result);
+    heat_w[k] = result[6];
+    heat_w[trip->steps + k] = result[7];
+    if (!isfinite(result[6]) || !isfinite(result[7])) {
+      return BEV_NOT_FINITE;
+    }
+  }
+  return BEV_OK;
 }
 
 static bev_status find_crossing(const bev_vehicle *vehicle, int32_t integrator, int32_t saturating,

@@ -21,13 +21,14 @@ from bev_preheat.compiled.structs import (
     SwitchPlanStruct,
 )
 from bev_preheat.planning.dynamics import compiled_vehicle, hottest_c, keep_accounts, run_forward
-from bev_preheat.planning.heat_run import initial_states, run_heated
+from bev_preheat.planning.heat_run import initial_states, roll_heated, run_heated
 from bev_preheat.planning.limits import drive_as_planned
 from bev_preheat.planning.optimal_switch import plan_optimal_switch
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.schedule import Schedule
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.trip import heated_throughout, make_trip, MOST_KEPT_SEGMENTS
+from bev_preheat.planning.two_switches import plan_two_switches
 from bev_preheat.planning.unlimited import plan_unlimited
 from bev_preheat.route.segments import make_route
 from bev_preheat.vehicle.heat_path import HeatPath
@@ -36,6 +37,7 @@ from bev_preheat.vehicle.model import make_euler, make_midpoint, make_runge_kutt
 FORMULAS, TABLES = (drawn_situations.car(name) for name in drawn_situations.CARS)
 LIMITED, BAD_ARGUMENT, BAD_VEHICLE, BAD_INPUT = 4, -1, -2, -3
 START = BatteryState(-4.0, 0.8)
+PATHS = (HeatPath(35.0), HeatPath(0.0, 14e3, 320.0), HeatPath(45.0, 16e3, 280.0))
 
 
 def steady_route(steps=40, power_w=14e3, cabin_w=1500.0, **columns):
@@ -79,6 +81,50 @@ def drawn_without_limits(number):
     goal = Goal(float(random.uniform(-2.0, 25.0)), float(random.choice([0.0, 0.3, 0.6])),
                 charging_planned=bool(random.random() < 0.9), heating_pays=bool(random.random() < 0.9))
     return vehicle, route, BatteryState(float(random.uniform(0.0, 10.0)), float(random.uniform(0.4, 0.95))), goal
+
+
+@pytest.mark.parametrize('path', PATHS, ids=['lag', 'coolant', 'coolant and lag'])
+def test_instants_of_switching_on_and_off_are_the_same_to_the_last_bit(path):
+    ends_early = 0
+    situations = [*(drawn_situations.draw(number, 12)[:4] for number in range(8)),
+                  *(drawn_without_limits(number) for number in range(8))]
+    for number, (vehicle, route, state, goal) in enumerate(situations):
+        trip = make_trip(replace(vehicle, heat_path=path), route)
+        found, expected = in_both(lambda: plan_two_switches(trip, state, goal))
+        assert (found.heating_start_s, found.heating_end_s) == (
+            expected.heating_start_s, expected.heating_end_s), number
+        for name in ('heater_power_w', 'soc', 'temperature_c'):
+            assert getattr(found, name).tolist() == getattr(expected, name).tolist(), (number, name)
+        for name in ('heater_power_w', 'coolant_excess_k'):
+            assert getattr(found.heat, name).tolist() == getattr(expected.heat, name).tolist(), (number, name)
+        for name in ('drawn_power_w', 'arriving_heat_w'):
+            np.testing.assert_allclose(
+                getattr(found.heat, name), getattr(expected.heat, name), rtol=1e-12, atol=1e-9)
+        ends_early += found.heating_end_s is not None
+    assert ends_early > 1
+
+
+def test_two_switches_of_what_cannot_be_are_refused():
+    trip = make_trip(replace(FORMULAS, heat_path=PATHS[2]), steady_route(12))
+    vehicle = compiled_vehicle(trip.vehicle)
+    idle = roll_heated(trip, (0.8, -4.0, 0.0, 0.0), np.zeros(12))
+
+    def status(target_c=15.0, idle_states=idle, null=None, address=vehicle.address):
+        arrays = {'idle_states': idle_states, 'memory': np.empty(13), 'states': np.empty((4, 13)),
+                  'command_w': np.empty(12), 'on_s': np.empty(1), 'off_s': np.empty(1)}
+        return core().bev_find_two_switches(
+            address, trip.compiled.address, target_c,
+            *(None if name == null else place(array) for name, array in arrays.items()))
+
+    assert status() == 0
+    for null in ('idle_states', 'memory', 'states', 'command_w', 'on_s', 'off_s'):
+        assert status(null=null) == BAD_ARGUMENT
+    assert status(address=None) == BAD_ARGUMENT
+    assert status(target_c=nan) == BAD_INPUT
+    for row in range(4):
+        unknown = idle.copy()
+        unknown[row, 5] = nan
+        assert status(idle_states=unknown) < 0
 
 
 def test_plans_without_active_limits_are_the_same():

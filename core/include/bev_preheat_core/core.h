@@ -34,6 +34,8 @@ extern "C" {
 #define BEV_MOST_LOWER_BANDS 32
 /* Memory of bev_plan_switch for a trip of so many steps [doubles]. */
 #define BEV_SWITCH_MEMORY(steps) (8 * ((steps) + 1))
+/* Memory of bev_find_two_switches [doubles]. */
+#define BEV_TWO_SWITCHES_MEMORY(steps) ((steps) + 1)
 
 typedef enum {
   BEV_OK = 0,
@@ -280,6 +282,14 @@ bev_status bev_run_heated(const bev_vehicle *vehicle, const bev_trip *trip, int3
                           const double *command_w, const double *brake_w, double *states);
 
 /*
+ * What heater and coolant do in the steps of a run: `heat_w` is two arrays of `steps` values, one after the
+ * other, the means of what the heater takes and of the heat that reaches the battery [W]. `states` are as of
+ * bev_run_heated, `brake_w` may be null.
+ */
+bev_status bev_heat_along(const bev_vehicle *vehicle, const bev_trip *trip, const double *states,
+                          const double *command_w, const double *brake_w, double *heat_w);
+
+/*
  * The instant [s] at which a run backward from the target, heated with all that the cabin leaves, meets
  * the unheated run. The backward run is given up `lost_k` above the target.
  */
@@ -510,6 +520,18 @@ bev_status bev_expect(const bev_belief *belief, double *mean, double *covariance
  */
 bev_status bev_arrival_sensitivities(const bev_vehicle *vehicle, const bev_course *course,
                                      const bev_belief_terms *terms, double *total, double *by_step);
+
+/*
+ * The instants [s] between which the heater takes all that the cabin leaves, so that the battery arrives at a
+ * target for the least energy, heat arriving late, limits left aside. 0 and the arrival where that is not enough.
+ *
+ * `idle_states` is the unheated run, which arrives below the target; it and `states`, which is written, are as
+ * of bev_run_heated. `memory` has BEV_TWO_SWITCHES_MEMORY(steps) doubles. Written is what the heater is told in
+ * each step [W], too.
+ */
+bev_status bev_find_two_switches(const bev_vehicle *vehicle, const bev_trip *trip, double target_c,
+                                 const double *idle_states, double *memory, double *states,
+                                 double *command_w, double *on_s, double *off_s);
 
 #ifdef __cplusplus
 }
