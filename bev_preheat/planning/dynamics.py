@@ -127,6 +127,18 @@ def terminal_limits_w(vehicle: Vehicle, soc: FloatArray, temperature_c: FloatArr
     return least_w, most_w
 
 
+def limits_along(trip: Trip, schedule: Schedule) -> tuple[FloatArray, FloatArray]:
+    """Return least and most terminal power [W] (N,) along the run of a Schedule; not to be written to."""
+    vehicle, variance_w2 = trip.vehicle, trip.power_variance_w2
+    kept = schedule.kept.get('limits')
+    if kept is None or kept[0] is not vehicle or kept[1] is not variance_w2:
+        kept = (vehicle, variance_w2, terminal_limits_w(
+            vehicle, schedule.soc[:-1], schedule.temperature_c[:-1], variance_w2))
+        schedule.kept['limits'] = kept
+    limits_w: tuple[FloatArray, FloatArray] = kept[2]
+    return limits_w
+
+
 def hottest_c(vehicle: Vehicle) -> float:
     """
     Hottest battery that is planned with [deg C].

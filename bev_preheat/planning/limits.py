@@ -17,7 +17,13 @@ import numpy as np
 from bev_preheat.compiled import runs as compiled_runs
 from bev_preheat.numerics.arithmetic import FLOATS
 from bev_preheat.planning.bracketing import halve
-from bev_preheat.planning.dynamics import compiled_vehicle, hottest_c, step_of_floats, terminal_limits_w
+from bev_preheat.planning.dynamics import (
+    compiled_vehicle,
+    hottest_c,
+    limits_along,
+    step_of_floats,
+    terminal_limits_w,
+)
 from bev_preheat.planning.heated_limits import run_heated_within_limits
 from bev_preheat.planning.schedule import Schedule, switched_on_s
 from bev_preheat.vehicle.model import make_runge_kutta_4
@@ -111,8 +117,7 @@ def limits_hold(trip: Trip, schedule: Schedule) -> bool:
             or soc.min() <= 0.0 or soc.max() > 1.0):
         return False
     terminal_w = trip.idle_power_w + schedule.drawn_power_w
-    least_w, most_w = terminal_limits_w(
-        trip.vehicle, schedule.soc[:-1], temperature_c[:-1], trip.power_variance_w2)
+    least_w, most_w = limits_along(trip, schedule)
     return bool(((terminal_w >= least_w) & (terminal_w <= most_w)).all())
 
 
@@ -306,8 +311,7 @@ def drive_as_planned(trip: Trip, state: BatteryState, heater_power_w: FloatArray
 
 def within_limits(trip: Trip, state: BatteryState, schedule: Schedule) -> Schedule:
     """Return a Schedule itself if no limit was missed that it can keep, else as it can be driven."""
-    least_w, most_w = terminal_limits_w(
-        trip.vehicle, schedule.soc[:-1], schedule.temperature_c[:-1], trip.power_variance_w2)
+    least_w, most_w = limits_along(trip, schedule)
     terminal_w = trip.idle_power_w + schedule.drawn_power_w + schedule.brake_power_w
     overcharged_w = np.minimum(
         least_w - terminal_w, -trip.route.propulsion_power_w - schedule.brake_power_w)

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from typing import NamedTuple, TYPE_CHECKING
 
-from bev_preheat.planning.dynamics import keep_accounts, terminal_limits_w
+from bev_preheat.planning.dynamics import keep_accounts, limits_along
 from bev_preheat.planning.safeguard import lacking_power
 from bev_preheat.planning.stranding import find_stranding
 from bev_preheat.planning.stretches import heating_stretches
@@ -35,8 +35,7 @@ class Outcome(NamedTuple):
 
 def find_outcome(trip: Trip, schedule: Schedule) -> Outcome:
     """Return the Outcome of a Schedule of a Trip."""
-    least_w, most_w = terminal_limits_w(
-        trip.vehicle, schedule.soc[:-1], schedule.temperature_c[:-1], trip.power_variance_w2)
+    least_w, most_w = limits_along(trip, schedule)
     lacking = lacking_power(trip, schedule, most_w)
     # The circuit's own limit lies at the battery's or above it.
     accounts = keep_accounts(trip, schedule, deliverable=lacking.worst_w == 0.0)

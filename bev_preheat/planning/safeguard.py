@@ -18,7 +18,7 @@ import numpy as np
 
 from bev_preheat.numerics.arithmetic import FLOATS
 from bev_preheat.planning.bracketing import close_in, Trial
-from bev_preheat.planning.dynamics import hottest_c, terminal_limits_w
+from bev_preheat.planning.dynamics import hottest_c, limits_along
 from bev_preheat.planning.limits import drive_as_planned, limits_hold, run_unheated
 from bev_preheat.planning.schedule import HeldBack, Method, Schedule
 from bev_preheat.planning.situation import BatteryState, Goal, reserve_soc
@@ -65,8 +65,7 @@ def lacking_power(trip: Trip, schedule: Schedule, most_w: FloatArray | None = No
     `most_w` (N,) is the most terminal power that the battery can give [W], where it is known.
     """
     if most_w is None:
-        _, most_w = terminal_limits_w(
-            trip.vehicle, schedule.soc[:-1], schedule.temperature_c[:-1], trip.power_variance_w2)
+        _, most_w = limits_along(trip, schedule)
     power_w = np.maximum(trip.idle_power_w + schedule.drawn_power_w - most_w, 0.0)
     if schedule.driven_share is not None:
         # What a vehicle that stands does not get is lacking charge, not power.

@@ -4,9 +4,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
-from typing import TYPE_CHECKING
+from typing import Any, TYPE_CHECKING
 
 import numpy as np
 
@@ -42,6 +42,8 @@ class Schedule:
     `held_back` (HeldBack) is why a warmer battery was ruled out; None: it was
     not. Where the vehicle has a heat path, `heater_power_w` is what is commanded, and `heat` (a
     HeatRun) what becomes of it; None: the heater takes what is commanded.
+
+    `kept` is what has been worked out of the run, for who asks again (`dynamics.limits_along`).
     """
 
     heating_start_s: float | None
@@ -55,6 +57,7 @@ class Schedule:
     driven_share: FloatArray | None = None
     held_back: HeldBack | None = None
     heat: HeatRun | None = None
+    kept: dict[str, Any] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     @property
     def drawn_power_w(self) -> FloatArray:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.compiled import plans as compiled_plans
-from bev_preheat.planning.dynamics import compiled_vehicle, energies_of, terminal_limits_w
+from bev_preheat.planning.dynamics import compiled_vehicle, energies_of, limits_along
 from bev_preheat.planning.outcome import Outcome
 from bev_preheat.planning.schedule import Schedule
 from bev_preheat.planning.situation import reserve_soc
@@ -66,6 +66,4 @@ def _stretches(trip: Trip, schedule: Schedule,
     if plan.is_one_stretch:
         start_s = max(float(trip.time_s[first]), plan.switching_instant_s)
         return (HeatingStretch(start_s, float(trip.time_s[-1]), plan.stretch_wh, Reason.ARRIVAL),)
-    least_w, _ = terminal_limits_w(
-        trip.vehicle, schedule.soc[:-1], schedule.temperature_c[:-1], trip.power_variance_w2)
-    return heating_stretches(trip, schedule, least_w)
+    return heating_stretches(trip, schedule, limits_along(trip, schedule)[0])

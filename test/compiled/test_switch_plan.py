@@ -20,7 +20,14 @@ from bev_preheat.compiled.structs import (
     SWITCH_ARRAYS,
     SwitchPlanStruct,
 )
-from bev_preheat.planning.dynamics import compiled_vehicle, hottest_c, keep_accounts, run_forward
+from bev_preheat.planning.dynamics import (
+    compiled_vehicle,
+    hottest_c,
+    keep_accounts,
+    limits_along,
+    run_forward,
+    terminal_limits_w,
+)
 from bev_preheat.planning.heat_run import initial_states, roll_heated, run_heated
 from bev_preheat.planning.limits import drive_as_planned
 from bev_preheat.planning.optimal_switch import plan_optimal_switch
@@ -310,3 +317,21 @@ def test_a_trip_of_another_size_is_what_its_struct_says():
     found = plans.plan_switch(compiled_vehicle(FORMULAS), trip.compiled, 0.8, -4.0, 60.0)
     # Heating all the way is not enough.
     assert found[1].instant_s == 0.0 and found[1].heater_power_w.tolist() == trip.heater_limit_w.tolist()
+
+
+def test_limits_along_a_run_are_kept_for_its_trip_only():
+    trip = make_trip(FORMULAS, steady_route())
+    schedule = plan_optimal_switch(trip, START, Goal(15.0))
+    least_w, most_w = limits_along(trip, schedule)
+    assert limits_along(trip, schedule)[0] is least_w
+    other_vehicle = replace(trip, vehicle=TABLES)
+    varied = replace(trip, power_variance_w2=np.full(40, 4e8))
+    for other in (other_vehicle, varied, trip):
+        expected = terminal_limits_w(
+            other.vehicle, schedule.soc[:-1], schedule.temperature_c[:-1], other.power_variance_w2)
+        assert [each.tolist() for each in limits_along(other, schedule)] == [
+            each.tolist() for each in expected]
+    assert not np.array_equal(limits_along(varied, schedule)[1], most_w)
+    # A schedule that is changed is another run.
+    emptier = replace(schedule, soc=schedule.soc - 0.3)
+    assert not np.array_equal(limits_along(trip, emptier)[1], most_w)
