@@ -83,15 +83,17 @@ def plan_preheating(vehicle: Vehicle, route: Route, state: BatteryState, goal: G
     trip = make_trip(vehicle, route, heater_share, heat_lag_s)
     if heats_throughout:
         trip = heated_throughout(trip)
-    if method in SWITCHING_ONCE and caution is None and safeguarded and not options:
-        found = plan_unlimited(trip, state, goal)
-        if found is not None:
-            return finish_plan(trip, goal, found[0], method, started, found[1])
+    outcome = None
     try:
-        schedule = _schedule(trip, state, goal, method, caution, safeguarded, options)
+        found = (plan_unlimited(trip, state, goal, caution)
+                 if method in SWITCHING_ONCE and safeguarded and not options else None)
+        if found is not None:
+            schedule, outcome = found
+        else:
+            schedule = _schedule(trip, state, goal, method, caution, safeguarded, options)
     except ArithmeticError as error:
         raise PlanningFailure(f'the battery model fails on this route: {error}') from error
-    return finish_plan(trip, goal, schedule, method, started)
+    return finish_plan(trip, goal, schedule, method, started, outcome)
 
 
 def _schedule(trip: Trip, state: BatteryState, goal: Goal, method: str, caution: Caution | None,

@@ -13,8 +13,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.compiled import plans as compiled_plans
+from bev_preheat.planning.caution import heat_early
 from bev_preheat.planning.dynamics import compiled_vehicle, energies_of, limits_along
-from bev_preheat.planning.outcome import Outcome
+from bev_preheat.planning.limits import limits_hold
+from bev_preheat.planning.outcome import find_outcome, Outcome
 from bev_preheat.planning.schedule import Schedule
 from bev_preheat.planning.situation import reserve_soc
 from bev_preheat.planning.stretches import heating_stretches, HeatingStretch, Reason
@@ -22,39 +24,52 @@ from bev_preheat.vehicle.model import make_runge_kutta_4
 
 if TYPE_CHECKING:
     from bev_preheat.compiled.structs import SwitchPlanStruct
+    from bev_preheat.planning.caution import Caution
     from bev_preheat.planning.situation import BatteryState, Goal
     from bev_preheat.planning.trip import Trip
 
 
-def plan_unlimited(trip: Trip, state: BatteryState,
-                   goal: Goal) -> tuple[Schedule, Outcome] | None:
+def plan_unlimited(trip: Trip, state: BatteryState, goal: Goal,
+                   caution: Caution | None = None) -> tuple[Schedule, Outcome] | None:
     """
     Return the Schedule that arrives at the target, and its Outcome; None where anything limits it.
 
     That is a limit of the battery, with heating or without, or the charge that must be left. None too
-    where the heat arrives late, and where the core does not answer.
+    where the heat arrives late, and where the core does not answer. With a Caution it heats earlier.
     """
     vehicle = trip.vehicle
     compiled = compiled_vehicle(vehicle) if vehicle.heat_path.is_direct else None
     if compiled is None:
         return None
-    lowest_c = vehicle.battery.temperature_range_c[0]
-    is_heating = goal.charging_planned and goal.heating_pays
+    lowest_c, highest_c = vehicle.battery.temperature_range_c
+    target_c = goal.target_temperature_c if goal.charging_planned and goal.heating_pays else lowest_c
+    if caution is not None and goal.charging_planned:
+        target_c = min(target_c + caution.margin_k, highest_c)
     found = compiled_plans.plan_switch(
-        compiled, trip.compiled, state.soc, state.temperature_c,
-        goal.target_temperature_c if is_heating else lowest_c)
+        compiled, trip.compiled, state.soc, state.temperature_c, target_c)
     if found is None:
         return None
     plan, (instant_s, soc, temperature_c, heater_power_w) = found
-    if goal.charging_planned and (soc[-1] < reserve_soc(vehicle, goal)
-                                  or plan.least_soc < vehicle.battery.soc_range[0]):
-        return None
     schedule = Schedule(
         None if instant_s != instant_s else instant_s, heater_power_w, np.zeros(len(heater_power_w)),
         soc, temperature_c, make_runge_kutta_4)
+    if goal.charging_planned:
+        if caution is not None:
+            early = heat_early(trip, state, schedule, target_c, caution)
+            if early is not schedule:
+                return (early, find_outcome(trip, early)) if limits_hold(trip, early) and _leaves_enough(
+                    trip, goal, early, float(early.soc.min())) else None
+        if not _leaves_enough(trip, goal, schedule, plan.least_soc):
+            return None
     return schedule, Outcome(
         energies_of(plan.energy_wh[:]), _stretches(trip, schedule, plan),
         schedule.heating_start_s if plan.is_heated else None)
+
+
+def _leaves_enough(trip: Trip, goal: Goal, schedule: Schedule, least_soc: float) -> bool:
+    """Return whether a Schedule leaves what must be left, on arrival and on the way."""
+    return (bool(schedule.soc[-1] >= reserve_soc(trip.vehicle, goal))
+            and least_soc >= trip.vehicle.battery.soc_range[0])
 
 
 def _stretches(trip: Trip, schedule: Schedule,
