@@ -4,6 +4,7 @@
 #include <stddef.h>
 #include <string.h>
 
+#include "bev_preheat_core/estimation.h"
 #include "bev_preheat_core_generated/drives.h"
 #include "checks.h"
 
