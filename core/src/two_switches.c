@@ -19,7 +19,7 @@
 #define LACKING_WH_PER_K 1e9
 #define JOULES_PER_WH 3600.0
 /* Instants of switching off that are tried at most: a bracket of any length comes down to the resolution. */
-#define MOST_PAIRS 200
+#define MOST_PAIRS 64
 
 /* What stays the same while instants are searched for, where each run is written, and what was found. */
 typedef struct {
