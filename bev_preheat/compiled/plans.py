@@ -15,6 +15,7 @@ import numpy as np
 from bev_preheat.compiled.library import core, OK, SATURATED
 from bev_preheat.compiled.runs import doubles_at, INTEGRATORS, place
 from bev_preheat.compiled.structs import (
+    address_of,
     DOUBLE_BYTES,
     ENERGIES,
     RunOfPowersStruct,
@@ -125,8 +126,7 @@ def keep_accounts(vehicle: CompiledVehicle, make_integrator: Integrator, trip: C
     columns, energies_wh = np.empty((4, trip.steps)), (c_double * len(ENERGIES))()
     kept = [array if array is None else np.ascontiguousarray(array, dtype=float)
             for array in (soc, temperature_c, heater_w, arriving_heat_w, brake_w)]
-    run = RunOfPowersStruct(deliverable, *(
-        None if array is None else array.__array_interface__['data'][0] for array in kept))
+    run = RunOfPowersStruct(deliverable, *map(address_of, kept))
     status = library.bev_keep_accounts(
         vehicle.address, integrator, trip.address, addressof(run), place(columns),
         addressof(energies_wh))

@@ -180,7 +180,13 @@ class CompiledTrip:
 
 def address_of(array: FloatArray | None) -> Any:
     """Return where the numbers of a contiguous array of doubles begin; None for none."""
-    return None if array is None else array.__array_interface__['data'][0]
+    if array is None:
+        return None
+    try:
+        return addressof(c_double.from_buffer(array))  # type: ignore[arg-type]
+    except (TypeError, ValueError):
+        # Read only, or empty.
+        return array.__array_interface__['data'][0]
 
 
 def doubles(values: Any) -> FloatArray:
