@@ -170,7 +170,7 @@ class CompiledTrip:
         """`columns` are those of TRIP_COLUMNS, the first (N + 1,), the others (N,)."""
         self.steps = len(columns[1])
         self._block = np.concatenate(columns, dtype=float)
-        first = self._block.ctypes.data
+        first = address_of(self._block)
         after = first + DOUBLE_BYTES * (self.steps + 1)
         width = DOUBLE_BYTES * self.steps
         self.struct = TripStruct(
