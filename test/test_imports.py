@@ -68,9 +68,9 @@ def test_planning_rooms_need_no_ros_no_solver_and_no_plots(loaded_by_room, room)
 
 
 @pytest.mark.costly
-def test_planner_node_needs_no_solver_no_plots_and_no_jsonschema():
-    assert loaded_by(
-        [['bev_preheat.nodes.planner_node']], ['casadi', 'scipy', 'matplotlib', 'jsonschema']) == [[]]
+def test_planner_node_needs_no_solver_no_plots_and_no_readers_of_files_that_it_does_not_read():
+    assert loaded_by([['bev_preheat.nodes.planner_node']], [
+        'casadi', 'scipy', 'matplotlib', 'jsonschema', 'bev_preheat.route.csv_file']) == [[]]
 
 
 def test_this_check_sees_what_is_loaded():

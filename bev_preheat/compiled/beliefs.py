@@ -8,7 +8,7 @@ calls does it in Python.
 
 from __future__ import annotations
 
-from ctypes import addressof, byref, c_int32
+from ctypes import addressof, byref, c_double, c_int32
 from typing import Any, TYPE_CHECKING
 
 import numpy as np
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from bev_preheat.vehicle.description import Leakage
     from bev_preheat.vehicle.uncertain_car import DriveInputs
 
+
 class CompiledBelief:
     """A `bev_belief`: points to the arrays of weights, means and covariances, and keeps them alive."""
 
@@ -33,7 +34,7 @@ class CompiledBelief:
         """Take contiguous arrays (heaters, noises), (…, ELEMENTS) and (…, ELEMENTS, ELEMENTS)."""
         self.weights, self.mean, self.covariance = arrays = weights, mean, covariance
         self._memory = np.empty(sum(array.size for array in arrays))
-        self._struct = BeliefStruct(*weights.shape, *map(_address, (*arrays, self._memory)))
+        self._struct = BeliefStruct(*weights.shape, *(array.ctypes.data for array in (*arrays, self._memory)))
         self._address = addressof(self._struct)
         self._lost = c_int32()
 
@@ -41,7 +42,7 @@ class CompiledBelief:
         """Do `bev_mix_belief` with transitions (heaters, heaters)."""
         library = core()
         return library is not None and bool(
-            library.bev_mix_belief(self._address, _address(transitions)) == OK)
+            library.bev_mix_belief(self._address, _place(transitions)) == OK)
 
     def move(self, vehicle: CompiledVehicle, terms: BeliefTermsStruct, drive: DriveInputs,
              leakage: Leakage, duration_s: float, heater_w: FloatArray, wander: FloatArray,
@@ -57,8 +58,8 @@ class CompiledBelief:
             drive.auxiliary_power_w, drive.terminal_power_w if is_seen else 0.0, drive.hidden_variance_w2,
             leakage.gamma_0_w_per_k, leakage.gamma_v_w_per_k_per_mps, is_seen)
         return bool(library.bev_move_belief(
-            vehicle.address, self._address, byref(terms), byref(struct), duration_s, _address(heater_w),
-            _address(wander), hidden_variance_s2) == OK)
+            vehicle.address, self._address, byref(terms), byref(struct), duration_s, _place(heater_w),
+            _place(wander), hidden_variance_s2) == OK)
 
     def see_interval(self, terms: BeliefTermsStruct, element: int, noise_variance: FloatArray, low: float,
                      high: float, tells_hypotheses: bool) -> int | None:
@@ -67,7 +68,7 @@ class CompiledBelief:
         if library is None:
             return None
         status = library.bev_see_interval(
-            self._address, byref(terms), element, _address(noise_variance), low, high, tells_hypotheses,
+            self._address, byref(terms), element, _place(noise_variance), low, high, tells_hypotheses,
             byref(self._lost))
         return self._lost.value if status == OK else None
 
@@ -87,8 +88,8 @@ class CompiledBelief:
         if library is None:
             return None
         both = np.empty((ELEMENTS + 1, ELEMENTS))
-        at = _address(both)
-        if library.bev_expect(self._address, at, at + DOUBLE_BYTES * ELEMENTS) != OK:
+        if library.bev_expect(
+                self._address, _place(both), _place(both, DOUBLE_BYTES * ELEMENTS)) != OK:
             return None
         return both[0], both[1:]
 
@@ -105,15 +106,15 @@ def arrival_sensitivities(vehicle: CompiledVehicle, terms: BeliefTermsStruct, le
         return None
     steps = len(columns[0])
     block = np.array(columns, dtype=float)
-    at, width = _address(block), DOUBLE_BYTES * steps
+    at, width = block.ctypes.data, DOUBLE_BYTES * steps
     course = CourseStruct(steps, *(at + n * width for n in range(len(columns))),
                           leakage.gamma_0_w_per_k, leakage.gamma_v_w_per_k_per_mps)
     total, by_step = np.empty(ELEMENTS), np.empty(steps)
     status = library.bev_arrival_sensitivities(
-        vehicle.address, byref(course), byref(terms), _address(total), _address(by_step))
+        vehicle.address, byref(course), byref(terms), _place(total), _place(by_step))
     return (total, by_step) if status == OK else None
 
 
-def _address(array: FloatArray) -> Any:
-    """Return where the numbers of a contiguous array of doubles begin."""
-    return array.__array_interface__['data'][0]
+def _place(array: FloatArray, offset: int = 0) -> Any:
+    """Return a pointer into a contiguous array of doubles, so many bytes behind its beginning."""
+    return byref(c_double.from_buffer(array, offset))  # type: ignore[arg-type]

@@ -147,7 +147,8 @@ def steps() -> str:
 
 def drives() -> str:
     """Return drives.h: the rates in a drive of which the route is known, or the power too, and the lags."""
-    car = _vehicle(HeatPath(), Leakage(*map(Symbol, LEAKAGE)))
+    leakage: list[AnyNumber] = [Symbol(name) for name in LEAKAGE]
+    car = _vehicle(HeatPath(), Leakage(*leakage))
     rates = make_drive_rates(car, SYMBOLS, lambda mean, variance: Symbol(
         'bev_mean_magnitude({}, {})', mean, variance))
     step = make_lagging_step(car, SYMBOLS)

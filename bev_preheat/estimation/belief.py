@@ -60,6 +60,7 @@ LOWEST, HIGHEST = np.concatenate((
 # makes temperature wander, a wrong capacity the state of charge.
 WANDER_IN_AN_HOUR = np.array(
     [0.25, 0.004, 0.01, 0.02, 0.02, 0.01, 0.1, 0.05, 0.05, 0.1, 0.1])
+WANDERED_IN_AN_HOUR = np.square(WANDER_IN_AN_HOUR)
 # Where the route says nothing of what the car does, it may do anything.
 WANDER_UNKNOWN = np.array([10.0, 0.3, 0.0, 0.0, 0.0, 0.0, 0.1, 0.0, 0.0, 1.0, 0.1])
 # What may be under way [K] after a silence, and how far battery and sensor may then be apart [K].
@@ -159,7 +160,7 @@ class Belief:
             for row, column in ((SENSOR, SENSOR), (TEMPERATURE, SENSOR), (SENSOR, TEMPERATURE)):
                 self.covariance[..., row, column] += wandered
             return
-        heater_w, wander = heater_power_w(command_w, limit_w), WANDER_IN_AN_HOUR**2 * hours
+        heater_w, wander = heater_power_w(command_w, limit_w), WANDERED_IN_AN_HOUR * hours
         # What traffic adds to the route's power is not seen; it moves both for a while.
         hidden_s2 = (0.0 if drive.terminal_power_w is not None
                      else POWER_NOISE_LASTS_S * duration_s * POWER_NOISE**2)

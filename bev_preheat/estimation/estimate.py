@@ -67,8 +67,10 @@ class Estimate:
     @property
     def settled_deviation_k(self) -> float:
         """Standard deviation of the battery temperature once the heat under way has arrived [K]."""
-        both = [TEMPERATURE, UNDER_WAY]
-        return math.sqrt(max(float(self.covariance[np.ix_(both, both)].sum()), 0.0))
+        covariance = self.covariance
+        return math.sqrt(max(
+            covariance[TEMPERATURE, TEMPERATURE] + covariance[UNDER_WAY, UNDER_WAY]
+            + 2.0 * covariance[TEMPERATURE, UNDER_WAY], 0.0))
 
     @property
     def under_way_k(self) -> float:

@@ -8,12 +8,10 @@ Instants are integers, in nanoseconds of the clock that stamps the battery state
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 import math
 from typing import TYPE_CHECKING
-
-import numpy as np
 
 from bev_preheat.estimation.belief import Belief
 from bev_preheat.estimation.estimate import Estimate
@@ -22,13 +20,13 @@ from bev_preheat.estimation.power_response import PowerResponse
 from bev_preheat.estimation.readings import Measurement, ReadingCheck, Verdict
 from bev_preheat.estimation.standing import expected_offset_k
 from bev_preheat.estimation.state import SENSOR, TEMPERATURE
+from bev_preheat.vehicle.uncertain_car import DriveInputs
 
 if TYPE_CHECKING:
     from bev_preheat.estimation.prior import Learned
     from bev_preheat.estimation.standing import Standing
     from bev_preheat.numerics.arrays import FloatArray
     from bev_preheat.vehicle.description import Vehicle
-    from bev_preheat.vehicle.uncertain_car import DriveInputs
 
 NS_PER_S = 1_000_000_000
 # Readings that follow faster are not independent of each other: one a second is taken.
@@ -88,6 +86,8 @@ class Estimator:
         self._belief = Belief(self._vehicle, self._learned)
         self._response = PowerResponse()
         self._readings = ReadingCheck()
+        # Mean and covariance of the belief, as it is since the latest measurement; None: not known.
+        self._expected: tuple[FloatArray, FloatArray] | None = None
         self._stamp_ns: int | None = None
         # What the next reading is of, where the car stood, and what is subtracted from readings [K].
         self._standing: Standing | None = None
@@ -152,8 +152,10 @@ class Estimator:
         if elapsed_s > LONGEST_GAP_S:
             self._place(measurement)
             return
-        mean, covariance = self._belief.expected()
-        mean[SENSOR] += self._offset_k
+        mean, covariance = self._belief.expected() if self._expected is None else self._expected
+        if self._offset_k != 0.0:
+            mean = mean.copy()
+            mean[SENSOR] += self._offset_k
         verdict = self._readings.judge(measurement, mean, covariance)
         if verdict is Verdict.JUMPED:
             self._jump(measurement, command_w)
@@ -208,20 +210,25 @@ class Estimator:
         answer = self._response.see(measurement.stamp_ns / NS_PER_S, power_w, command_w)
         if answer is not None:
             self._belief.see_share(answer.share, answer.deviation, EVIDENCE_OF_A_SWITCHING)
+            self._expected = None
 
     def _advance(self, stretches: Iterable[Stretch]) -> None:
         """Move the belief on through Stretches."""
         seen_w = None
-        variance_w2 = 0.0
+        variance_w2 = lasting_w2 = 0.0
         # The first sample is that of the step before, which ended where this one begins.
         if len(self._powers_w) >= 2:
-            seen_w, variance_w2 = float(np.mean(self._powers_w)), float(np.var(self._powers_w))
+            seen_w, variance_w2 = _mean_and_variance(self._powers_w)
+            # Over as long as a route's segments last, as it was seen.
+            _, lasting_w2 = _mean_and_variance([power_w for _, power_w in self._latest])
         for stretch in stretches:
             drive, duration_s = stretch.drive, stretch.duration_s
             if drive is not None and seen_w is not None:
-                drive = replace(
-                    drive, terminal_power_w=seen_w, power_variance_w2=variance_w2,
-                    hidden_variance_w2=max(0.0, drive.power_variance_w2 - self._seen_variance_w2()))
+                drive = DriveInputs(
+                    drive.speed_mps, drive.ambient_temperature_c, drive.propulsion_power_w, variance_w2,
+                    drive.propulsion_power_magnitude_w, drive.cabin_heating_power_w,
+                    drive.auxiliary_power_w, drive.heater_power_w, terminal_power_w=seen_w,
+                    hidden_variance_w2=max(0.0, drive.power_variance_w2 - lasting_w2))
             self._followed_s += duration_s
             self._quiet_s = 0.0 if stretch.command_w > 0.0 else self._quiet_s + duration_s
             self._belief.predict(duration_s, drive, stretch.command_w, stretch.limit_w)
@@ -233,18 +240,14 @@ class Estimator:
                     drive.propulsion_power_w, duration_s)
         self._powers_w = self._powers_w[-1:]
 
-    def _seen_variance_w2(self) -> float:
-        """Variance [W^2] of the power over as long as a route's segments last, as it was seen."""
-        return float(np.var([power_w for _, power_w in self._latest]))
-
     def _conclude(self, measurement: Measurement) -> None:
         stamp_ns = self._stamp_ns = measurement.stamp_ns
-        mean, covariance = self._belief.expected()
+        mean, covariance = self._expected = self._belief.expected()
         if not _is_sound(mean, covariance):
             self.restart('the estimate left the range in which it means anything', stamp_ns)
             self._place(measurement)
             return
-        weights = self._belief.weights.sum(axis=1)
+        weights = self._belief.weights.sum(axis=1).tolist()
         if not is_suspect(weights):
             self._suspect_since_ns = None
         elif self._suspect_since_ns is None:
@@ -260,6 +263,14 @@ class Estimator:
 
 def _is_sound(mean: FloatArray, covariance: FloatArray) -> bool:
     """Whether mean and covariance are numbers that a belief can have."""
-    variances = np.diag(covariance)
-    return bool(np.isfinite(mean).all() and np.isfinite(covariance).all()
-                and (variances >= 0.0).all() and variances[TEMPERATURE] <= MOST_DEVIATION_K**2)
+    variances = covariance.diagonal().tolist()
+    # A sum with one that is not finite is not, either.
+    return (math.isfinite(mean.sum()) and math.isfinite(covariance.sum())
+            and min(variances) >= 0.0 and variances[TEMPERATURE] <= MOST_DEVIATION_K**2)
+
+
+def _mean_and_variance(values: Sequence[float]) -> tuple[float, float]:
+    """Return mean and variance of values."""
+    # Of a few dozen, for which NumPy takes longer.
+    mean = sum(values) / len(values)
+    return mean, sum([(value - mean)**2 for value in values]) / len(values)

@@ -3,8 +3,9 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 import math
-from typing import TYPE_CHECKING
+from typing import Protocol, TYPE_CHECKING
 
 import numpy as np
 
@@ -26,10 +27,31 @@ if TYPE_CHECKING:
     from bev_preheat.estimation.estimate import Estimate
     from bev_preheat.numerics.arrays import FloatArray
     from bev_preheat.planning.plan import Plan
-    from bev_preheat.planning.trip import Trip
+    from bev_preheat.route.segments import Route
+    from bev_preheat.vehicle.description import Vehicle
 
 
-def arrival_sensitivities(trip: Trip, plan: Plan) -> tuple[FloatArray, FloatArray]:
+class Driven(Protocol):
+    """What is driven: a planning.trip.Trip, or a DrivenRoute."""
+
+    @property
+    def vehicle(self) -> Vehicle:
+        """The vehicle."""
+
+    @property
+    def route(self) -> Route:
+        """The route, whose segments are the steps of the plan."""
+
+
+@dataclass(frozen=True)
+class DrivenRoute:
+    """A vehicle and a route that needs no dividing into steps: a Trip costs more to make."""
+
+    vehicle: Vehicle
+    route: Route
+
+
+def arrival_sensitivities(trip: Driven, plan: Plan) -> tuple[FloatArray, FloatArray]:
     """
     Change of the arrival temperature [K] with each element of `state` at the plan's start, (SIZE,).
 
@@ -37,14 +59,14 @@ def arrival_sensitivities(trip: Trip, plan: Plan) -> tuple[FloatArray, FloatArra
     arrival, times what each element does to the temperature in that step. Second, the change with
     the propulsion factor in each step alone, shape (N,).
     """
-    route = trip.route
+    car, route = trip.vehicle, trip.route
     columns = (
         route.speed_mps, route.ambient_temperature_c, route.propulsion_power_w,
-        trip.power_variance_w2, route.propulsion_power_magnitude_w, route.cabin_heating_power_w,
-        route.auxiliary_power_w, plan.hvch_battery_power_w)
-    vehicle = compiled_vehicle(trip.vehicle)
-    found = None if vehicle is None else compiled_sensitivities(
-        vehicle, TERMS, trip.vehicle.battery.leakage, (
+        route.propulsion_power_variance_w2, route.propulsion_power_magnitude_w,
+        route.cabin_heating_power_w, route.auxiliary_power_w, plan.hvch_battery_power_w)
+    compiled = compiled_vehicle(car)
+    found = None if compiled is None else compiled_sensitivities(
+        compiled, TERMS, car.battery.leakage, (
             route.duration_s, *columns, plan.battery_temperature_c[:-1], plan.soc[:-1]))
     if found is not None:
         return found
@@ -52,7 +74,7 @@ def arrival_sensitivities(trip: Trip, plan: Plan) -> tuple[FloatArray, FloatArra
     states[:, TEMPERATURE] = plan.battery_temperature_c[:-1]
     states[:, SOC] = plan.soc[:-1]
     drive = DriveInputs(*(column[:, np.newaxis] for column in columns))
-    _, slopes = rates_and_slopes(trip.vehicle, states, drive)
+    _, slopes = rates_and_slopes(car, states, drive)
     slopes = slopes[:, TEMPERATURE] * route.duration_s[:, np.newaxis]
     # Worth on arrival of a kelvin at the end of each step.
     kept = array_exp(slopes[:, TEMPERATURE])
@@ -64,7 +86,7 @@ def arrival_sensitivities(trip: Trip, plan: Plan) -> tuple[FloatArray, FloatArra
     return total, by_step[:, PROPULSION]
 
 
-def arrival_deviation_k(trip: Trip, plan: Plan, estimate: Estimate) -> float:
+def arrival_deviation_k(trip: Driven, plan: Plan, estimate: Estimate) -> float:
     """
     Return the standard deviation [K] of the temperature on arrival, if the plan is driven as it is.
 

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
 import math
@@ -31,6 +32,7 @@ STUCK = len(SHARES) - 1
 # Standard deviation of the temperature signal's noise before it is rounded [K].
 NOISES_K = (0.05, 0.2, 0.5)
 COUNT = len(SHARES) * len(NOISES_K)
+SHARE_COLUMN, IDENTITY = np.array(SHARES), np.eye(len(SHARES))
 
 # A heater fails once in so many seconds of driving, and is back after so many on average.
 FAILURE_S = 200.0 * 3600.0
@@ -51,7 +53,7 @@ def transitions(duration_s: float) -> FloatArray:
     """Probability that a heater of one kind (row) is of another (column) after so long [s]."""
     fails = 1.0 - math.exp(-duration_s / FAILURE_S)
     repaired = 1.0 - math.exp(-duration_s / REPAIR_S)
-    matrix = np.diag(np.full(len(SHARES), 1.0 - repaired))
+    matrix: FloatArray = (1.0 - repaired) * IDENTITY
     matrix[:, 0] += repaired
     matrix[0, :] = fails / (len(SHARES) - 1)
     matrix[0, 0] = 1.0 - fails
@@ -60,7 +62,7 @@ def transitions(duration_s: float) -> FloatArray:
 
 def heater_power_w(command_w: float, limit_w: float) -> FloatArray:
     """Return the power [W] that the heater takes under a command, shape (heaters,)."""
-    power_w = np.minimum(np.array(SHARES) * command_w, limit_w)
+    power_w = np.minimum(SHARE_COLUMN * command_w, limit_w)
     power_w[STUCK] = limit_w
     return power_w
 
@@ -83,13 +85,16 @@ TAKEN_BACK_BELOW = 0.2
 TIMES_AS_LIKELY = 3.0
 
 
-def is_suspect(weights: FloatArray) -> bool:
+def is_suspect(weights: Sequence[float]) -> bool:
     """Return whether hypotheses' weights (heaters,) leave little doubt that there is a fault."""
-    healthy = sum(weight for weight, kind in zip(weights, HEATERS) if kind is Heater.ANSWERS)
-    return bool(1.0 - healthy >= TOLD_FROM)
+    return 1.0 - _share_of_healthy(weights) >= TOLD_FROM
 
 
-def judge(weights: FloatArray, before: HeaterReport | None, is_quiet: bool = True,
+def _share_of_healthy(weights: Sequence[float]) -> float:
+    return float(sum(weight for weight, kind in zip(weights, HEATERS) if kind is Heater.ANSWERS))
+
+
+def judge(weights: Sequence[float], before: HeaterReport | None, is_quiet: bool = True,
           suspect_for_s: float = math.inf, is_car_known: bool = True) -> HeaterReport:
     """
     Return the HeaterReport of hypotheses' weights (heaters,); `before` is the latest report.
@@ -100,15 +105,17 @@ def judge(weights: FloatArray, before: HeaterReport | None, is_quiet: bool = Tru
     has shown something of car and lags: until then a heater that is late may look like one that is weak,
     and none is called derated.
     """
-    by_kind = {kind: float(sum(weight for weight, own in zip(weights, HEATERS) if own is kind))
-               for kind in Heater}
+    healthy = _share_of_healthy(weights)
     # Which fault it is may be open where it is clear that there is one.
-    faulty = 1.0 - by_kind[Heater.ANSWERS]
+    faulty = 1.0 - healthy
     told = Heater.ANSWERS if before is None else before.heater
     is_cleared = (faulty < TOLD_FROM or suspect_for_s < TOLD_AFTER_S if told is Heater.ANSWERS
                   else faulty < TAKEN_BACK_BELOW)
     if is_cleared:
-        return HeaterReport(Heater.ANSWERS, by_kind[Heater.ANSWERS], 1.0)
+        return HeaterReport(Heater.ANSWERS, healthy, 1.0)
+    by_kind = dict.fromkeys(Heater, 0.0)
+    for weight, own in zip(weights, HEATERS):
+        by_kind[own] += weight
     fault = max((kind for kind in Heater if kind is not Heater.ANSWERS), key=by_kind.__getitem__)
     if told is not Heater.ANSWERS and by_kind[fault] < TIMES_AS_LIKELY * by_kind[told]:
         fault = told
@@ -116,6 +123,5 @@ def judge(weights: FloatArray, before: HeaterReport | None, is_quiet: bool = Tru
         return HeaterReport(told, by_kind[told], 1.0) if before is None else before
     if fault is Heater.DERATED and told is Heater.ANSWERS and not is_car_known:
         return HeaterReport(told, by_kind[told], 1.0)
-    shares = np.array(SHARES)
-    own = np.array([kind is fault for kind in HEATERS]) * weights
-    return HeaterReport(fault, by_kind[fault], float(own @ shares / own.sum()))
+    taken = sum(weight * share for weight, share, kind in zip(weights, SHARES, HEATERS) if kind is fault)
+    return HeaterReport(fault, by_kind[fault], taken / by_kind[fault])

@@ -8,7 +8,7 @@ is not sure is left to it: see `schema_problems`.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sized
 import re
 from typing import Any
 
@@ -83,7 +83,7 @@ def _of_numbers(compare: Callable[[Data, Data], bool]) -> Rule:
     return lambda allowed, value, schema, root: not _is_number(value) or compare(value, allowed)
 
 
-def _of_size(kind: type, compare: Callable[[int, int], bool]) -> Rule:
+def _of_size(kind: type[Sized], compare: Callable[[int, int], bool]) -> Rule:
     return lambda allowed, value, schema, root: not isinstance(value, kind) or compare(len(value), allowed)
 
 

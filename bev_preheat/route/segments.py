@@ -79,7 +79,7 @@ class Route:
 
     def segment_at(self, elapsed_s: float) -> int:
         """Return the index of the segment at an instant [s]; the first before, the last after it."""
-        return int(np.searchsorted(self.time_s[1:-1], elapsed_s, side='right'))
+        return int(self.time_s[1:-1].searchsorted(elapsed_s, side='right'))
 
     def with_propulsion(self, factor: float | FloatArray) -> Route:
         """

@@ -129,7 +129,7 @@ class Judgement:
             stood_s = timetable.stood_ns / NS_PER_S
             if stood_s > MOST_STANDING_S and decision.status in WITHHELD:
                 decision = Decision(Status.WAITING, _standing_sentence(stood_s))
-            return replace(decision, later_legs=later_legs)
+            return replace(decision, later_legs=later_legs) if later_legs else decision
         heat = self._charger_heat(inbox, leg, is_heating)
         why = f' {heat.reason}' if heat.reason else ''
         if later_legs:
@@ -263,7 +263,7 @@ def _with_target(decision: Decision, choice: TargetChoice | None) -> Decision:
     explanation = decision.explanation
     if choice is not None and decision.status is Status.NOT_WORTH_IT:
         explanation = f'{choice.reason} {explanation}'
-    return replace(decision, explanation=explanation, target=choice)
+    return decision if choice is None else replace(decision, explanation=explanation, target=choice)
 
 
 def _standing_sentence(stood_s: float) -> str:

@@ -14,7 +14,7 @@ from typing import Any, TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.estimation.forecast import arrival_deviation_k
+from bev_preheat.estimation.forecast import arrival_deviation_k, DrivenRoute
 from bev_preheat.estimation.hypotheses import Heater
 from bev_preheat.estimation.prior import prior_factor_covariance
 from bev_preheat.estimation.state import FACTORS, PROPULSION
@@ -55,7 +55,8 @@ LEAST_PAUSE_S = 300.0
 # uncertain of it in a car of which only the file is known.
 FACTOR_STEP = 0.05
 
-VEHICLE_DEVIATIONS = np.sqrt(np.diag(prior_factor_covariance()))[:PROPULSION - FACTORS.start]
+FACTOR_STEPS = (FACTOR_STEP * np.sqrt(np.diag(prior_factor_covariance()))).tolist()[
+    :PROPULSION - FACTORS.start]
 
 SENTENCES = {
     Heater.DERATED: 'The heater gives only {share:.0f} % of what is commanded. ',
@@ -95,11 +96,17 @@ def seen_from_now(plan: Plan, vehicle: Vehicle, goal: Goal, starts_in_s: float,
 
     `words` are those of planning.explanation.explain.
     """
+    status, explanation = _seen_from_now(plan, vehicle, goal, starts_in_s, **words)
+    return replace(plan, status=status, explanation=explanation)
+
+
+def _seen_from_now(plan: Plan, vehicle: Vehicle, goal: Goal, starts_in_s: float,
+                   **words: Any) -> tuple[Status, str]:
+    """Return the status and the sentence of `seen_from_now`."""
     status = plan.status
     if status is Status.HEATING and starts_in_s > 0.0:
         status = Status.WAITING
-    return replace(plan, status=status, explanation=explain(
-        status, plan, reserve_soc(vehicle, goal), starts_in_s, **words))
+    return status, explain(status, plan, reserve_soc(vehicle, goal), starts_in_s, **words)
 
 
 def believed_state(vehicle: Vehicle, estimate: Estimate) -> BatteryState:
@@ -136,8 +143,9 @@ class OutlookMaker:
     def vehicle(self, estimate: Estimate) -> Vehicle:
         """Return the corrected vehicle of an Estimate; the same one while the factors stay."""
         factors = estimate.mean[FACTORS][:PROPULSION - FACTORS.start]
-        if self._factors is None or (
-                np.abs(factors - self._factors) > FACTOR_STEP * VEHICLE_DEVIATIONS).any():
+        if self._factors is None or any(
+                abs(factor - before) > step for factor, before, step in zip(
+                    factors.tolist(), self._factors.tolist(), FACTOR_STEPS)):
             self._factors = factors.copy()
             self._corrected = corrected_vehicle(
                 self._vehicle, Corrections(*array_exp(factors).tolist()))
@@ -169,7 +177,11 @@ class OutlookMaker:
                 heat_lag_s=heat_lag_s, **heater_as)
 
         def deviation_k(of: Plan) -> float:
-            return arrival_deviation_k(make_trip(vehicle, route, share), of, estimate)
+            # Only a trip whose long segments were divided has other steps than its route.
+            has_its_steps = len(of.hvch_battery_power_w) == len(route)
+            return arrival_deviation_k(
+                DrivenRoute(vehicle, route) if has_its_steps else make_trip(vehicle, route, share),
+                of, estimate)
 
         def plan_on(part: Route) -> Plan:
             nonlocal route
@@ -196,13 +208,14 @@ class OutlookMaker:
             # Then some of the heat that is mostly late is better than none.
             commanded = plan(heat_lag_s=0.0, heater_share=share)
         self._deviation_k = deviation_k(expected)
-        expected = seen_from_now(
+        status, sentence = _seen_from_now(
             expected, vehicle, goal, starts_in_s, heated_s=heated_s,
             **UNHEATED.get(heater.heater, {}))
-        expected = accounted(expected, wish, estimate.soc)
+        expected = accounted(replace(
+            expected, status=status,
+            explanation=_in_words(expected, sentence, heater, self._deviation_k)), wish, estimate.soc)
         return Outlook(
-            replace(expected, explanation=_in_words(expected, heater, self._deviation_k)),
-            self._deviation_k, commanded, share, self._model_factors(estimate))
+            expected, self._deviation_k, commanded, share, self._model_factors(estimate))
 
     def _model_factors(self, estimate: Estimate) -> tuple[float, ...]:
         """Factors of the corrected car; () where a heater that does not obey is beyond them."""
@@ -226,10 +239,10 @@ class OutlookMaker:
             least_heating_s=settings.minimum_on_time_s)
 
 
-def _in_words(plan: Plan, heater: HeaterReport, deviation_k: float) -> str:
+def _in_words(plan: Plan, explanation: str, heater: HeaterReport, deviation_k: float) -> str:
     """Return a plan's sentence with what the heater does, and what is uncertain."""
     sentence = SENTENCES.get(heater.heater, '').format(share=100.0 * heater.share)
-    sentence += plan.explanation
+    sentence += explanation
     if plan.heating_end_s is not None and plan.heat is None:
         sentence += (f' Uncertainty +-{deviation_k:.1f} K (1 sigma): heating starts early and stops '
                      'once the target is certain.')

@@ -104,6 +104,14 @@ static void rates_of(const bev_vehicle *vehicle, const bev_drive *drive, double 
   }
 }
 
+/* The lags of a state [s], and its factor on what the heater's power warms. */
+static void lags_of(const bev_belief_terms *terms, const double state[BEV_ELEMENTS],
+                    double lags[3]) {
+  lags[0] = terms->nominal_heat_lag_s * exp(state[BEV_HEAT_LAG]);
+  lags[1] = terms->nominal_sensor_lag_s * exp(state[BEV_SENSOR_LAG]);
+  lags[2] = exp(state[BEV_HEATER] - state[BEV_HEAT_CAPACITY]);
+}
+
 /* Where a state leads, and the slopes of that over each element; whether all of it is finite. */
 static int moved_with_slopes(const bev_vehicle *vehicle, const bev_belief_terms *terms,
                              const bev_drive *drive, double duration_s, double heater_w,
@@ -115,14 +123,17 @@ static int moved_with_slopes(const bev_vehicle *vehicle, const bev_belief_terms 
   }
   double rates[2];
   rates_of(vehicle, drive, heater_w, state[BEV_TEMPERATURE], state[BEV_SOC], factor, rates);
+  double lags[3];
+  lags_of(terms, state, lags);
+  double x[BEV_ELEMENTS];
+  memcpy(x, state, sizeof x);
   int is_finite = 1;
   /* First as it is, then moved along each element. */
   for (int32_t along = -1; along < BEV_ELEMENTS; along++) {
-    double x[BEV_ELEMENTS];
-    memcpy(x, state, sizeof x);
-    double own[2] = {rates[0], rates[1]};
+    double own_rates[2] = {rates[0], rates[1]};
+    double own_lags[3] = {lags[0], lags[1], lags[2]};
     if (along >= 0) {
-      x[along] += terms->perturbation[along];
+      x[along] = state[along] + terms->perturbation[along];
     }
     if (along >= 0 && along <= BEV_PROPULSION) {
       double moved[BEV_FACTORS];
@@ -130,14 +141,16 @@ static int moved_with_slopes(const bev_vehicle *vehicle, const bev_belief_terms 
       if (along >= BEV_HEAT_CAPACITY) {
         moved[along - BEV_HEAT_CAPACITY] = exp(x[along]);
       }
-      rates_of(vehicle, drive, heater_w, x[BEV_TEMPERATURE], x[BEV_SOC], moved, own);
+      rates_of(vehicle, drive, heater_w, x[BEV_TEMPERATURE], x[BEV_SOC], moved, own_rates);
+    }
+    if (along >= BEV_HEAT_CAPACITY && along <= BEV_SENSOR_LAG) {
+      lags_of(terms, x, own_lags);
     }
     double end[MOVING];
     bev_lagging_step(
         vehicle, BEV_AS_ARRAYS, x[BEV_TEMPERATURE], x[BEV_SOC], x[BEV_UNDER_WAY], x[BEV_SENSOR],
-        terms->nominal_heat_lag_s * exp(x[BEV_HEAT_LAG]),
-        terms->nominal_sensor_lag_s * exp(x[BEV_SENSOR_LAG]),
-        exp(x[BEV_HEATER] - x[BEV_HEAT_CAPACITY]), own[0], own[1], heater_w, duration_s, end);
+        own_lags[0], own_lags[1], own_lags[2], own_rates[0], own_rates[1], heater_w, duration_s,
+        end);
     for (int32_t m = 0; m < MOVING; m++) {
       if (along < 0) {
         after[m] = end[m];
@@ -146,13 +159,20 @@ static int moved_with_slopes(const bev_vehicle *vehicle, const bev_belief_terms 
       }
       is_finite = is_finite && isfinite(end[m]);
     }
+    if (along >= 0) {
+      x[along] = state[along];
+    }
   }
   return is_finite;
 }
 
-/* Carry a covariance along: F P F', where F is the identity but for the rows that move. */
+/*
+ * Carry a covariance P along: F P F', where F is the identity but for the rows that move. As P is
+ * symmetric, the columns of F P that move are its rows.
+ */
 static void carry_along(double slopes[MOVING][BEV_ELEMENTS], double *covariance) {
   double rows[MOVING][BEV_ELEMENTS];
+  double block[MOVING][MOVING];
   for (int32_t m = 0; m < MOVING; m++) {
     for (int32_t j = 0; j < BEV_ELEMENTS; j++) {
       rows[m][j] = 0.0;
@@ -164,18 +184,22 @@ static void carry_along(double slopes[MOVING][BEV_ELEMENTS], double *covariance)
     }
   }
   for (int32_t m = 0; m < MOVING; m++) {
-    memcpy(&covariance[MOVED[m] * BEV_ELEMENTS], rows[m], sizeof rows[m]);
-  }
-  for (int32_t i = 0; i < BEV_ELEMENTS; i++) {
-    double *const row = &covariance[i * BEV_ELEMENTS];
-    double sums[MOVING] = {0.0, 0.0, 0.0, 0.0};
-    for (int32_t m = 0; m < MOVING; m++) {
+    for (int32_t n = 0; n < MOVING; n++) {
+      block[m][n] = 0.0;
       for (int32_t k = 0; k < BEV_ELEMENTS; k++) {
-        sums[m] += row[k] * slopes[m][k];
+        block[m][n] += rows[m][k] * slopes[n][k];
       }
     }
-    for (int32_t m = 0; m < MOVING; m++) {
-      row[MOVED[m]] = sums[m];
+  }
+  for (int32_t m = 0; m < MOVING; m++) {
+    for (int32_t j = 0; j < BEV_ELEMENTS; j++) {
+      covariance[MOVED[m] * BEV_ELEMENTS + j] = rows[m][j];
+      covariance[j * BEV_ELEMENTS + MOVED[m]] = rows[m][j];
+    }
+  }
+  for (int32_t m = 0; m < MOVING; m++) {
+    for (int32_t n = 0; n < MOVING; n++) {
+      covariance[MOVED[m] * BEV_ELEMENTS + MOVED[n]] = n < m ? block[n][m] : block[m][n];
     }
   }
 }
@@ -202,7 +226,7 @@ bev_status bev_move_belief(const bev_vehicle *vehicle, const bev_belief *belief,
   for (int32_t filter = 0; filter < filters; filter++) {
     double *const mean = &means[filter * BEV_ELEMENTS];
     double *const covariance = &covariances[filter * SQUARE];
-    double after[MOVING];
+    double after[MOVING] = {0.0, 0.0, 0.0, 0.0};
     double slopes[MOVING][BEV_ELEMENTS];
     if (!moved_with_slopes(vehicle, terms, drive, duration_s,
                            heater_power_w[filter / belief->noises], mean, after, slopes)) {

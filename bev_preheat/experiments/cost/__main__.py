@@ -25,6 +25,7 @@ from bev_preheat.experiments.cost import (
     planning_cost,
     process_cost,
     restart_cost,
+    update_cost,
 )
 from bev_preheat.files.output_files import check_outputs
 from bev_preheat.optional_packages import require
@@ -35,13 +36,13 @@ if TYPE_CHECKING:
     from argparse import Namespace
     from collections.abc import Callable, Sequence
 
-MEASUREMENTS = {'planning': planning_cost.measure, 'choice': choice_cost.measure,
-                'optimum': optimum_cost.measure,
+MEASUREMENTS = {'planning': planning_cost.measure, 'update': update_cost.measure,
+                'choice': choice_cost.measure, 'optimum': optimum_cost.measure,
                 'checker': checker_cost.measure, 'process': process_cost.measure,
                 'restart': restart_cost.measure}
 # What they need beyond the planner's own packages.
-PACKAGES = {'planning': (), 'choice': (), 'optimum': ('casadi', 'do_mpc'), 'checker': ('casadi', 'psutil'),
-            'process': ('psutil',), 'restart': ()}
+PACKAGES = {'planning': (), 'update': (), 'choice': (), 'optimum': ('casadi', 'do_mpc'),
+            'checker': ('casadi', 'psutil'), 'process': ('psutil',), 'restart': ()}
 # All that are planned for.
 ROUTES = ('reference', 'alpine_pass', 'motorway_3h')
 

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * The planner's forward runs in C99: the battery of one vehicle along one trip.
+ * The planner's forward runs in C99: the battery of one vehicle along one trip; and its estimation.
  *
  * All memory is the caller's; nothing is allocated, kept or changed beyond the outputs that are named.
  * Every loop is bounded, by BEV_MOST_STEPS, BEV_MOST_AXIS or a number in the code. A number that is not
