@@ -18,9 +18,11 @@ from typing import Any
 
 from bev_preheat.compiled.belief_structs import BeliefStruct, BeliefTermsStruct, CourseStruct, DriveStruct
 from bev_preheat.compiled.structs import (
+    CurveRangeStruct,
     HeatingStruct,
     RunOfPowersStruct,
-    StrideInputsStruct,
+    SettlingStruct,
+    StrandingStruct,
     StridesStruct,
     SwitchPlanStruct,
     TripStruct,
@@ -44,8 +46,10 @@ _SIGNATURES = {
     'bev_run_within_limits': 'PPPIPPPPP',
     'bev_run_heated_within_limits': 'PPPIPPP',
     'bev_limits_along': 'PIPPPPP',
-    'bev_map_strides': 'PPIPDPP',
-    'bev_find_bands': 'PIPPDDDPP',
+    'bev_find_bands': 'PPPPP',
+    'bev_stand': 'PPPPPP',
+    'bev_settle': 'PPPPPPPP',
+    'bev_merit_order': 'PPPPPPPPPP',
     'bev_keep_accounts': 'PIPPPP',
     'bev_find_switch': 'PPDPPPPPP',
     'bev_plan_switch': 'PPDDDPPPPP',
@@ -123,10 +127,11 @@ def _is_ours(library: Any) -> bool:
     """Return whether a library has this interface, and structs of the same size."""
     return (library.bev_interface(), library.bev_size_of_vehicle(), library.bev_size_of_trip(),
             library.bev_size_of_heating(), library.bev_size_of_strides(),
-            library.bev_size_of_stride_inputs(), library.bev_size_of_run_of_powers(),
+            library.bev_size_of_curve_range(), library.bev_size_of_settling(),
+            library.bev_size_of_stranding(), library.bev_size_of_run_of_powers(),
             library.bev_size_of_switch_plan(), library.bev_size_of_belief(),
             library.bev_size_of_belief_terms(), library.bev_size_of_drive(),
             library.bev_size_of_course()) == (INTERFACE, *map(sizeof, (
-                VehicleStruct, TripStruct, HeatingStruct, StridesStruct, StrideInputsStruct,
-                RunOfPowersStruct, SwitchPlanStruct, BeliefStruct, BeliefTermsStruct, DriveStruct,
-                CourseStruct)))
+                VehicleStruct, TripStruct, HeatingStruct, StridesStruct, CurveRangeStruct,
+                SettlingStruct, StrandingStruct, RunOfPowersStruct, SwitchPlanStruct, BeliefStruct,
+                BeliefTermsStruct, DriveStruct, CourseStruct)))

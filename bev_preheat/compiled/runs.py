@@ -14,14 +14,7 @@ from typing import Any, TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.compiled.library import core, EMPTY, NO_CROSSING, OK, SATURATED
-from bev_preheat.compiled.structs import (
-    BANDS,
-    CURVE_MEMORY,
-    DOUBLE_BYTES,
-    HeatingStruct,
-    StrideInputsStruct,
-    StridesStruct,
-)
+from bev_preheat.compiled.structs import DOUBLE_BYTES, HeatingStruct
 from bev_preheat.vehicle.model import make_euler, make_midpoint, make_runge_kutta_4
 
 if TYPE_CHECKING:
@@ -160,56 +153,6 @@ def limits_along(vehicle: CompiledVehicle, soc: FloatArray, temperature_c: Float
         vehicle.address, count, doubles_at(soc, count), doubles_at(temperature_c, count),
         doubles_at(variance_w2, count), *_rows(limits_w, 2))
     return limits_w if status == OK else None
-
-
-def map_strides(vehicle: CompiledVehicle, columns: Sequence[FloatArray], is_limited: BoolArray,
-                grid_c: FloatArray, penalty: float) -> tuple[FloatArray, FloatArray] | None:
-    """
-    Return the maps of strides, unheated end and energy, heated end and energy, (4, M, G), and `needed_c` (M,).
-
-    `columns` (M,) are those of STRIDE_INPUTS, `grid_c` (G,) the temperatures [deg C]; see core.h.
-    """
-    library = core()
-    if library is None:
-        return None
-    strides = len(is_limited)
-    block, flags = np.concatenate(columns, dtype=float), is_limited.astype(np.uint8)
-    at, width = block.ctypes.data, DOUBLE_BYTES * strides
-    inputs = StrideInputsStruct(
-        strides, *(at + n * width for n in range(len(columns))), flags.ctypes.data)
-    maps, needed_c = np.empty((4, strides, len(grid_c))), np.empty(strides)
-    status = library.bev_map_strides(
-        vehicle.address, byref(inputs), len(grid_c), doubles_at(grid_c, len(grid_c)), penalty,
-        place(maps), place(needed_c))
-    return (maps, needed_c) if status == OK else None
-
-
-def find_bands(columns: Sequence[FloatArray], temperature_c: FloatArray, energy_j: FloatArray,
-               k_per_joule: float, coldest_c: float, warmest_c: float) -> FloatArray | None:
-    """
-    Return floor, low and high [deg C] of the bands in which heating pays, (3, M, BANDS); see core.h.
-
-    `columns` are those of STRIDE_COLUMNS: the grid (G,), four maps (M, G), and four columns (M,).
-    Temperatures [deg C] and energies [J] are those of the value curve on arrival. A band that there is
-    not has a floor of inf.
-    """
-    library = core()
-    if library is None:
-        return None
-    strides, grid = columns[1].shape
-    block = np.concatenate([column.ravel() for column in columns], dtype=float)
-    places, at = [], block.ctypes.data
-    for column in columns:
-        places.append(at)
-        at += DOUBLE_BYTES * column.size
-    struct = StridesStruct(strides, grid, *places)
-    bands_c = np.full((3, strides, BANDS), -np.inf)
-    bands_c[0] = np.inf
-    status = library.bev_find_bands(
-        byref(struct), len(temperature_c), doubles_at(temperature_c, len(temperature_c)),
-        doubles_at(energy_j, len(temperature_c)), k_per_joule, coldest_c, warmest_c,
-        place(np.empty(CURVE_MEMORY)), place(bands_c))
-    return bands_c if status == OK else None
 
 
 def doubles_at(values: FloatArray | None, count: int) -> Any:

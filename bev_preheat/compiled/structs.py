@@ -27,7 +27,7 @@ PARAMETERS = 5
 POLYNOMIAL, POLYNOMIAL_AND_LOGARITHM, INVERSE_TEMPERATURE, TABLE = range(4)
 DOUBLE_BYTES = 8
 BANDS = 2
-CURVE_MEMORY = 11 * 1024
+CURVE_MEMORY = 16 * 1024
 
 
 class CurveStruct(Structure):
@@ -68,25 +68,37 @@ class HeatingStruct(Structure):
         'power_w', 'floor_c', 'low_c', 'high_c', 'may_overcharge', 'may_overdraw'))]
 
 
-STRIDE_COLUMNS = ('grid_c', 'unheated_end_c', 'unheated_energy_j', 'heated_end_c', 'heated_energy_j',
-                  'needed_c', 'end_c', 'loss_to_brake', 'loss_to_heater')
+# The last two are one longer than the others.
+STRIDE_COLUMNS = ('duration_s', 'idle_power_w', 'power_variance_w2', 'idle_heat_w', 'leakage_w_per_k',
+                  'heater_limit_w', 'propulsion_w', 'soc', 'end_c', 'loss_to_brake', 'loss_to_heater',
+                  'coldest_c', 'warmest_c')
 
 
 class StridesStruct(Structure):
     """`bev_strides`."""
 
-    _fields_ = [('strides', c_int32), ('grid_points', c_int32),
-                *((name, c_void_p) for name in STRIDE_COLUMNS)]
+    _fields_ = [('strides', c_int32), *((name, c_void_p) for name in (*STRIDE_COLUMNS, 'is_limited'))]
 
 
-STRIDE_INPUTS = ('duration_s', 'idle_power_w', 'power_variance_w2', 'idle_heat_w', 'leakage_w_per_k',
-                 'heater_limit_w', 'propulsion_w', 'soc')
+class CurveRangeStruct(Structure):
+    """`bev_curve_range`."""
+
+    _fields_ = [('grid_points', c_int32), ('is_first_look', c_int32), ('grid_c', c_void_p),
+                *((name, c_double) for name in (
+                    'target_c', 'coldest_c', 'warmest_c', 'penalty', 'short_penalty'))]
 
 
-class StrideInputsStruct(Structure):
-    """`bev_stride_inputs`."""
+class SettlingStruct(Structure):
+    """`bev_settling`."""
 
-    _fields_ = [('strides', c_int32), *((name, c_void_p) for name in (*STRIDE_INPUTS, 'is_limited'))]
+    _fields_ = [('serves_climbs', c_int32), ('target_c', c_double), ('lowest_c', c_double),
+                ('drivetrain_heat_w', c_void_p)]
+
+
+class StrandingStruct(Structure):
+    """`bev_stranding`."""
+
+    _fields_ = [('step', c_int32), ('driven_share', c_double)]
 
 
 class RunOfPowersStruct(Structure):

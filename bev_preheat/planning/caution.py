@@ -71,9 +71,10 @@ def heat_early(trip: Trip, state: BatteryState, schedule: Schedule, target_c: fl
     stretch = _LastStretch(trip, state, schedule, trip.route.segment_at(early_s), early_s)
     # What is heated earlier need not be heated later.
     guess_s = end_s - (start_s - early_s)
-    early = _as_long_as_needed(stretch, stretch.until, target_c, guess_s)
-    if limits_hold(trip, early):
-        return early
+    if stretch.may_leave_limits_aside():
+        early = _as_long_as_needed(stretch, stretch.until, target_c, guess_s)
+        if limits_hold(trip, early):
+            return early
     return _as_long_as_needed(stretch, stretch.until_within_limits, target_c, guess_s)
 
 
@@ -138,6 +139,8 @@ class _LastStretch:
         # What is heated before stays.
         self._before_w = np.where(
             np.arange(len(trip.route)) < first, schedule.heater_power_w, 0.0)
+        # A run within limits: until the stretch begins all of them are the same.
+        self._driven: Schedule | None = None
 
     @property
     def arrival_s(self) -> float:
@@ -156,15 +159,20 @@ class _LastStretch:
         left = float(np.exp(-trip.leakage_w_per_k[step] / capacity * (self.arrival_s - end_s)))
         return _heat_w(trip, step) / capacity * left
 
+    def may_leave_limits_aside(self) -> bool:
+        """Return whether no limit is active before the stretch, where nothing changes."""
+        return self._first == 0 or limits_hold(self._trip, self._schedule, self._first)
+
     def without(self) -> Schedule:
         """Return the Schedule that leaves the stretch out, within the battery's limits."""
         return drive_as_planned(self._trip, self._state, self._before_w, take_surplus=True)
 
     def until_within_limits(self, end_s: float) -> Schedule:
         """Return the Schedule that heats until `end_s` [s] as far as the battery's limits let it."""
-        return replace(
-            drive_as_planned(self._trip, self._state, self._heater_w(end_s), take_surplus=True),
-            heating_end_s=self._heating_end_s(end_s))
+        self._driven = drive_as_planned(
+            self._trip, self._state, self._heater_w(end_s), take_surplus=True, first=self._first,
+            before=self._driven)
+        return replace(self._driven, heating_end_s=self._heating_end_s(end_s))
 
     def until(self, end_s: float) -> Schedule:
         """Return the Schedule that heats until `end_s` [s], limits left aside."""

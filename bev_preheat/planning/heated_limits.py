@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.compiled import runs as compiled_runs
+from bev_preheat.compiled import searches as compiled_searches
 from bev_preheat.numerics.arithmetic import FLOATS
 from bev_preheat.planning.bracketing import halve
 from bev_preheat.planning.dynamics import compiled_vehicle, hottest_c
@@ -28,7 +29,7 @@ from bev_preheat.planning.heat_run import (
     mean_share_left,
     States,
 )
-from bev_preheat.planning.schedule import Schedule, switched_on_s
+from bev_preheat.planning.schedule import Schedule
 from bev_preheat.vehicle.model import make_runge_kutta_4
 from bev_preheat.vehicle.terminal_limits import make_terminal_limits, TerminalLimits
 
@@ -50,12 +51,14 @@ HeatedDrive = Callable[[int, States], tuple[States, Powers]]
 
 def run_heated_within_limits(
         trip: Trip, state: BatteryState, watch: Watch, wanted: WantedHeat, take_surplus: bool,
-        first: int = 0, before: Schedule | None = None) -> Schedule:
+        first: int = 0, before: Schedule | None = None
+        ) -> tuple[FloatArray, FloatArray, tuple[int, float] | None]:
     """
-    Return the Schedule of a forward run that keeps the limits; see `limits.run_within_limits`.
+    Return the course of a forward run that keeps the limits; see `limits.run_within_limits`.
 
-    What is `wanted` (a WantedHeat) is asked with the temperature that the battery will have when all heat
-    that is under way has arrived.
+    It is States (4, N + 1), Powers (4, N), and the step in which the charge runs out with the share of it
+    that is driven; None where it does not. What is `wanted` (a WantedHeat) is asked with the temperature
+    that the battery will have when all heat that is under way has arrived.
     """
     steps = len(trip.route)
     states, powers_w = np.empty((STATES, steps + 1)), np.empty((POWERS, steps))
@@ -71,18 +74,15 @@ def run_heated_within_limits(
                 heat.drawn_power_w[:first], heat.arriving_heat_w[:first])):
             kept[:len(values)] = values
     empty = _drive_on(trip, watch, wanted, take_surplus, first, states, powers_w)
-    driven_share = empty_at_s = None
-    if empty is not None:
-        driven_share = _strand(trip, empty, states, powers_w)
-        empty_at_s = float(trip.time_s[empty] + driven_share[empty] * trip.route.duration_s[empty])
+    stranded = None if empty is None else (empty, _strand(trip, empty, states, powers_w))
+    return states, powers_w, stranded
+
+
+def along_heated_limits(trip: Trip, states: FloatArray, powers_w: FloatArray, start_s: float | None,
+                        empty_at_s: float | None, driven_share: FloatArray | None) -> Schedule:
+    """Return the Schedule of such a run, heating from `start_s`; see `limits.along_limits`."""
     soc, temperature_c, heater_w, excess_k = states
     command_w, brake_w, drawn_w, arriving_w = powers_w
-    start_s = switched_on_s(trip, command_w)
-    if start_s is not None:
-        # A step that is heated in part is heated evenly, from its beginning.
-        on = int(np.searchsorted(trip.time_s, start_s, side='right')) - 1
-        if watch.charge[on] or watch.discharge[on]:
-            start_s = float(trip.time_s[on])
     return Schedule(
         start_s, command_w, brake_w, soc, temperature_c, make_runge_kutta_4,
         ends_before_arrival_s(trip, command_w), empty_at_s, driven_share,
@@ -188,13 +188,18 @@ def _drive_within_limits(trip: Trip, watch: Watch, wanted_w: WantedPower,
     return drive
 
 
-def _strand(trip: Trip, empty: int, states: FloatArray, powers_w: FloatArray) -> FloatArray:
+def _strand(trip: Trip, empty: int, states: FloatArray, powers_w: FloatArray) -> float:
     """
-    Write how the run ends whose charge runs out in step `empty`; return the driven share (N,).
+    Write how the run ends whose charge runs out in step `empty`; return the share of it that is driven.
 
     The step is driven until the battery is empty; from then on the vehicle stands, its heater takes
     nothing, and its coolant goes on to give its heat to the battery. `powers_w` of that step are known.
     """
+    compiled = compiled_vehicle(trip.vehicle)
+    found = None if compiled is None else compiled_searches.stand(
+        compiled, trip.compiled, trip.drivetrain_heat_w, empty, states, powers_w)
+    if found is not None:
+        return found
     step = heated_step_of_floats(trip.vehicle, True)
     heat_share = trip.vehicle.drivetrain.heat_share
     driven_share = np.where(np.arange(len(trip.route)) < empty, 1.0, 0.0)
@@ -224,4 +229,4 @@ def _strand(trip: Trip, empty: int, states: FloatArray, powers_w: FloatArray) ->
         here = 0.0, min(ends[1], hottest_c(trip.vehicle)), 0.0, ends[3]
         states[:, k + 1] = here
         powers_w[:, k] = share * command_w, share * brake_w, ends[6], ends[7]
-    return driven_share
+    return float(driven_share[empty])

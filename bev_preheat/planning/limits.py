@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.compiled import runs as compiled_runs
+from bev_preheat.compiled import searches as compiled_searches
 from bev_preheat.numerics.arithmetic import FLOATS
 from bev_preheat.planning.bracketing import halve
 from bev_preheat.planning.dynamics import (
@@ -24,7 +25,7 @@ from bev_preheat.planning.dynamics import (
     step_of_floats,
     terminal_limits_w,
 )
-from bev_preheat.planning.heated_limits import run_heated_within_limits
+from bev_preheat.planning.heated_limits import along_heated_limits, run_heated_within_limits
 from bev_preheat.planning.schedule import Schedule, switched_on_s
 from bev_preheat.vehicle.model import make_runge_kutta_4
 from bev_preheat.vehicle.terminal_limits import make_terminal_limits, TerminalLimits
@@ -108,16 +109,21 @@ def watch_limits(trip: Trip, soc: FloatArray, temperature_c: FloatArray) -> Watc
         discharge=trip.idle_power_w + trip.heater_limit_w > most_w)
 
 
-def limits_hold(trip: Trip, schedule: Schedule) -> bool:
-    """Return whether a schedule made without regard to limits keeps them all."""
+def limits_hold(trip: Trip, schedule: Schedule, before: int | None = None) -> bool:
+    """
+    Return whether a schedule made without regard to limits keeps them all.
+
+    With `before`, of its steps only those before this one are looked at, of which there is one at least.
+    """
     battery = trip.vehicle.battery
     lowest_c, highest_c = battery.temperature_range_c
-    temperature_c, soc = schedule.temperature_c, schedule.soc
+    steps = len(trip.route) if before is None else before
+    temperature_c, soc = schedule.temperature_c[:steps + 1], schedule.soc[:steps + 1]
     if (temperature_c.max() > highest_c or temperature_c.min() < lowest_c
             or soc.min() <= 0.0 or soc.max() > 1.0):
         return False
-    terminal_w = trip.idle_power_w + schedule.drawn_power_w
-    least_w, most_w = limits_along(trip, schedule)
+    terminal_w = (trip.idle_power_w + schedule.drawn_power_w)[:steps]
+    least_w, most_w = (limits_w[:steps] for limits_w in limits_along(trip, schedule))
     return bool(((terminal_w >= least_w) & (terminal_w <= most_w)).all())
 
 
@@ -136,8 +142,8 @@ def run_within_limits(trip: Trip, state: BatteryState, watch: Watch,
     brake, and where the charge runs out the vehicle stands for the rest of the trip.
     """
     if not trip.vehicle.heat_path.is_direct:
-        return run_heated_within_limits(
-            trip, state, watch, wanted, take_surplus, first, before)
+        return along_limits(trip, watch, *run_heated_within_limits(
+            trip, state, watch, wanted, take_surplus, first, before))
     steps = len(trip.route)
     states, powers_w = np.empty((2, steps + 1)), np.empty((2, steps))
     if before is None or before.empty_at_s is not None:
@@ -149,22 +155,34 @@ def run_within_limits(trip: Trip, state: BatteryState, watch: Watch,
                 before.heater_power_w[:first], before.brake_power_w[:first])):
             kept[:len(values)] = values
     empty = _drive_on(trip, watch, wanted, take_surplus, first, states, powers_w)
-    driven_share = empty_at_s = None
-    if empty is not None:
-        heater_w, brake_w = powers_w[:, empty].tolist()
-        driven_share, standing_c = _stranded(
-            trip, empty, (float(states[0, empty]), float(states[1, empty])), heater_w, brake_w)
-        empty_at_s = float(
-            trip.time_s[empty] + driven_share[empty] * trip.route.duration_s[empty])
-        states[:, empty + 1:] = np.zeros(len(standing_c)), standing_c
-        powers_w[:, empty:] = heater_w * driven_share[empty:], brake_w * driven_share[empty:]
-    (soc, temperature_c), (heater_power_w, brake_power_w) = states, powers_w
-    start_s = switched_on_s(trip, heater_power_w)
+    stranded = None if empty is None else (empty, _strand(trip, empty, states, powers_w))
+    return along_limits(trip, watch, states, powers_w, stranded)
+
+
+def along_limits(trip: Trip, watch: Watch, states: FloatArray, powers_w: FloatArray,
+                 stranded: tuple[int, float] | None) -> Schedule:
+    """
+    Return the Schedule of a run that has kept the limits in the steps of a Watch.
+
+    `states` (2, N + 1) are charge and temperature, `powers_w` (2, N) heater and friction brake; with a heat
+    path they are those of `heated_limits`. `stranded` is the step in which the charge runs out and the
+    share of it that is driven; None where it does not.
+    """
+    empty_at_s = driven_share = None
+    if stranded is not None:
+        empty, share = stranded
+        empty_at_s = float(trip.time_s[empty] + share * trip.route.duration_s[empty])
+        driven_share = np.where(np.arange(len(trip.route)) < empty, 1.0, 0.0)
+        driven_share[empty] = share
+    start_s = switched_on_s(trip, powers_w[0])
     if start_s is not None:
         # A step that is heated in part because of a limit is heated evenly, from its beginning.
         on = int(np.searchsorted(trip.time_s, start_s, side='right')) - 1
         if watch.charge[on] or watch.discharge[on]:
             start_s = float(trip.time_s[on])
+    if not trip.vehicle.heat_path.is_direct:
+        return along_heated_limits(trip, states, powers_w, start_s, empty_at_s, driven_share)
+    (soc, temperature_c), (heater_power_w, brake_power_w) = states, powers_w
     return Schedule(start_s, heater_power_w, brake_power_w, soc, temperature_c, make_runge_kutta_4,
                     empty_at_s=empty_at_s, driven_share=driven_share)
 
@@ -236,7 +254,7 @@ def _step_within_limits(trip: Trip, watch: Watch, wanted_w: WantedPower,
             soc_end, end_c, _, _ = step(
                 soc, temperature_c, duration_s, power_w + heater_w + brake_w, variance_w2,
                 heat_w + efficiency * heater_w - heat_share * brake_w, leakage_w_per_k)
-            if heater_w <= 0.0 or end_c <= highest_c + HIGHEST_TOLERANCE_K:
+            if heater_w <= 0.0 or end_c - highest_c <= HIGHEST_TOLERANCE_K:
                 break
             heater_w = max(0.0, heater_w - (end_c - highest_c) * joules_per_k / duration_s)
         if soc_end > 1.0:
@@ -255,16 +273,20 @@ def _step_within_limits(trip: Trip, watch: Watch, wanted_w: WantedPower,
     return drive
 
 
-def _stranded(trip: Trip, empty: int, start: tuple[float, float], heater_w: float,
-              brake_w: float) -> tuple[FloatArray, list[float]]:
+def _strand(trip: Trip, empty: int, states: FloatArray, powers_w: FloatArray) -> float:
     """
-    Return how a run ends whose charge runs out in step `empty`, which begins at `start`.
+    Write how the run ends whose charge runs out in step `empty`; return the share of it that is driven.
 
-    `start` is (state of charge, temperature [deg C]). The step is driven until the battery is empty;
-    from then on the vehicle stands. Returns (driven share of each step (N,), temperatures [deg C] at
-    the ends of step `empty` and those after it).
+    The step is driven until the battery is empty; from then on the vehicle stands. The powers of that
+    step are known.
     """
-    vehicle = trip.vehicle
+    vehicle, compiled = trip.vehicle, compiled_vehicle(trip.vehicle)
+    share = None if compiled is None else compiled_searches.stand(
+        compiled, trip.compiled, trip.drivetrain_heat_w, empty, states, powers_w)
+    if share is not None:
+        return share
+    start: tuple[float, float] = tuple(states[:, empty].tolist())
+    heater_w, brake_w = powers_w[:, empty].tolist()
     step = step_of_floats(vehicle, make_runge_kutta_4, saturating=True)
     temperatures_c: list[float] = []
     efficiency, heat_share = vehicle.hvch.efficiency, vehicle.drivetrain.heat_share
@@ -289,7 +311,9 @@ def _stranded(trip: Trip, empty: int, start: tuple[float, float], heater_w: floa
         end_c = drive_step(driven, k, state)[1]
         state = 0.0, min(end_c, hottest_c(vehicle))
         temperatures_c.append(state[1])
-    return driven_share, temperatures_c
+    states[:, empty + 1:] = np.zeros(len(temperatures_c)), temperatures_c
+    powers_w[:, empty:] = heater_w * driven_share[empty:], brake_w * driven_share[empty:]
+    return float(driven_share[empty])
 
 
 def run_unheated(trip: Trip, state: BatteryState) -> Schedule:
@@ -301,12 +325,17 @@ def run_unheated(trip: Trip, state: BatteryState) -> Schedule:
 
 
 def drive_as_planned(trip: Trip, state: BatteryState, heater_power_w: FloatArray,
-                     take_surplus: bool = False) -> Schedule:
-    """Return the Schedule of a forward run that keeps the limits under heater powers [W] (N,)."""
+                     take_surplus: bool = False, first: int = 0,
+                     before: Schedule | None = None) -> Schedule:
+    """
+    Return the Schedule of a forward run that keeps the limits under heater powers [W] (N,).
+
+    With `before`, a run of the same kind, its steps before `first` are kept.
+    """
     everywhere = np.ones(len(trip.route), dtype=bool)
     return run_within_limits(
         trip, state, Watch(trip.route.propulsion_power_w < 0.0, everywhere),
-        WantedHeat(heater_power_w), take_surplus)
+        WantedHeat(heater_power_w), take_surplus, first, before)
 
 
 def within_limits(trip: Trip, state: BatteryState, schedule: Schedule) -> Schedule:

@@ -20,9 +20,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from bev_preheat.compiled import searches as compiled_searches
 from bev_preheat.planning.charge_acceptance import find_acceptance_loss, no_acceptance_loss
+from bev_preheat.planning.dynamics import compiled_vehicle
 from bev_preheat.planning.heat_run import with_coolant_in_battery
-from bev_preheat.planning.limits import limits_hold, watch_limits, within_limits
+from bev_preheat.planning.limits import along_limits, limits_hold, Watch, watch_limits, within_limits
 from bev_preheat.planning.optimal_switch import ARRIVAL_TOLERANCE_K, plan_optimal_switch
 from bev_preheat.planning.safeguard import lacking_power, NO_WORSE_W
 from bev_preheat.planning.threshold_search import ThresholdSearch
@@ -30,12 +32,13 @@ from bev_preheat.planning.thresholds import find_thresholds
 from bev_preheat.planning.two_switches import paid_until
 
 if TYPE_CHECKING:
+    from bev_preheat.numerics.arrays import FloatArray
     from bev_preheat.planning.schedule import Schedule
     from bev_preheat.planning.situation import BatteryState, Goal
     from bev_preheat.planning.trip import Trip
 
 # The curve is made again where the run it leads to differs more than this in state of charge, or
-# takes less regeneration than it was made for. The best of the runs is the plan.
+# takes less regeneration than it was made for. The best of the runs after the first look is the plan.
 SOC_AGREEMENT = 5e-4
 MOST_PASSES = 3
 
@@ -58,25 +61,63 @@ def plan_merit_order(trip: Trip, state: BatteryState, goal: Goal, unheated: Sche
     if not trip.vehicle.heat_path.is_direct:
         paid_w = paid_until(trip, schedule.heating_end_s)
         lumped = replace(trip, vehicle=with_coolant_in_battery(trip.vehicle))
+    best = _compiled_passes(trip, lumped, schedule, paid_w, goal.target_temperature_c, serves_climbs)
+    if best is None:
+        best = _passes(trip, lumped, state, schedule, paid_w, goal, serves_climbs)
+    return within_limits(trip, state, best)
+
+
+def _compiled_passes(trip: Trip, lumped: Trip, schedule: Schedule, paid_w: FloatArray,
+                     target_c: float, serves_climbs: bool) -> Schedule | None:
+    """Return what `_passes` does, as the core makes it; None where it does not."""
+    vehicle, lumped_vehicle = compiled_vehicle(trip.vehicle), compiled_vehicle(lumped.vehicle)
+    if vehicle is None or lumped_vehicle is None:
+        return None
+    states: tuple[FloatArray, ...] = schedule.soc, schedule.temperature_c
+    powers_w: tuple[FloatArray, ...] = schedule.heater_power_w, schedule.brake_power_w
+    if schedule.heat is not None:
+        states += schedule.heat.heater_power_w, schedule.heat.coolant_excess_k
+        powers_w += schedule.heat.drawn_power_w, schedule.heat.arriving_heat_w
+    course = np.array(states), np.array(powers_w)
+    found = compiled_searches.merit_order(
+        vehicle, lumped_vehicle, trip.compiled, compiled_searches.Settling(
+            target_c, trip.vehicle.battery.temperature_range_c[0], serves_climbs,
+            trip.drivetrain_heat_w), paid_w, *course)
+    if found is None:
+        return None
+    watched, stranded = found
+    return along_limits(trip, Watch(*watched), *course, stranded)
+
+
+def _passes(trip: Trip, lumped: Trip, state: BatteryState, schedule: Schedule, paid_w: FloatArray,
+            goal: Goal, serves_climbs: bool) -> Schedule:
+    """
+    Return the best of the Schedules under thresholds that are made along one after the other.
+
+    The first are made along a Schedule without regard to limits. `lumped` is the Trip of a vehicle whose
+    heat arrives at once, `paid_w` (N,) the most heater power that each step is paid for [W].
+    """
     loss = no_acceptance_loss(trip)
     best: Schedule | None = None
-    for _ in range(MOST_PASSES):
+    for number in range(MOST_PASSES):
         watch = watch_limits(trip, schedule.soc, schedule.temperature_c)
         thresholds = find_thresholds(
-            lumped, watch, schedule, goal.target_temperature_c, loss, serves_climbs)
+            lumped, watch, schedule, goal.target_temperature_c, loss, serves_climbs,
+            is_first_look=number == 0)
         assumed_soc = schedule.soc
         schedule = ThresholdSearch(trip, state, watch, thresholds, paid_w).settle(
             goal.target_temperature_c, serves_climbs)
-        if best is None or _is_better(trip, schedule, best, goal, serves_climbs):
+        if number > 0 and (best is None or _is_better(
+                trip, schedule, best, goal, serves_climbs)):
             best = schedule
         # What is heated decides where the charge limit is active, and the other way round: half
         # way from one to the other keeps the passes from going back and forth.
         assumed_loss, loss = loss, loss.blended(find_acceptance_loss(trip, watch, schedule))
         # Limits depend on the state of charge, and the curve was made for another.
-        if (np.abs(schedule.soc - assumed_soc).max() <= SOC_AGREEMENT
+        if (number > 0 and np.abs(schedule.soc - assumed_soc).max() <= SOC_AGREEMENT
                 and assumed_loss.any == loss.any):
             break
-    return within_limits(trip, state, best or schedule)
+    return best or schedule
 
 
 def _is_better(trip: Trip, schedule: Schedule, other: Schedule, goal: Goal,

@@ -3,7 +3,8 @@
 A trip in strides, and where each stride leads from each temperature, unheated and heated.
 
 A stride is one step, or several in which no limit matters: what a kelvin is worth changes slowly.
-The maps are worked out on a grid of temperatures, all strides at once.
+The maps are worked out on a grid of temperatures, of which each stride has those that the battery can
+have in it, whatever is heated.
 """
 
 from __future__ import annotations
@@ -13,11 +14,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.compiled import runs as compiled_runs
 from bev_preheat.numerics.arithmetic import ARRAYS
-from bev_preheat.planning.dynamics import compiled_vehicle
 from bev_preheat.planning.limits import Watch
-from bev_preheat.vehicle.model import make_rates, make_runge_kutta_4
+from bev_preheat.vehicle.model import make_midpoint, make_rates
 from bev_preheat.vehicle.terminal_limits import make_terminal_limits
 
 if TYPE_CHECKING:
@@ -29,6 +28,15 @@ if TYPE_CHECKING:
 
 # Steps in which no limit matters are taken together up to this long: the curve changes slowly.
 LONGEST_STRIDE_S = 60.0
+# Beyond what a run and the heater say that the battery can reach: a colder battery regenerates less, and
+# what it does not take heats neither drivetrain nor cells.
+COLDER_MARGIN_K = 8.0
+WARMER_MARGIN_K = 5.0
+# Where no limit matters a stride's map is nearly straight, and a first look need not be sharp: of the grid's
+# points every so many are enough.
+COARSE = 4
+# After the first look the battery stays this near to the run.
+NEAR_K = 10.0
 
 
 @dataclass(frozen=True)
@@ -39,7 +47,9 @@ class Strides:
     `first` is the first step of each, `end_c` the temperature [deg C] about which its end is needed,
     `loss_to_brake` and `loss_to_heater` are those of an AcceptanceLoss. The means over a stride:
     `idle_power_w`, `power_variance_w2`, `idle_heat_w`, `leakage_w_per_k`, `heater_limit_w` and
-    `propulsion_w`, as in Trip.
+    `propulsion_w`, as in Trip. Of the grid's points each needs every `every`-th. `coldest_c` and
+    `warmest_c` (M + 1,) are the temperatures between which the battery can be at the start of each
+    stride, and on arrival [deg C].
     """
 
     first: IntArray
@@ -56,16 +66,30 @@ class Strides:
     loss_to_heater: FloatArray
     may_overcharge: BoolArray
     may_overdraw: BoolArray
+    every: IntArray
+    coldest_c: FloatArray
+    warmest_c: FloatArray
 
     def __len__(self) -> int:
         """Return the number of strides."""
         return len(self.first)
 
 
-def make_strides(trip: Trip, watch: Watch, run: Schedule, loss: AcceptanceLoss) -> Strides:
-    """Return the Strides of a trip along a run (a Schedule); limits matter where `watch` says so."""
+def make_strides(trip: Trip, watch: Watch, run: Schedule, loss: AcceptanceLoss,
+                 is_first_look: bool = False) -> Strides:
+    """
+    Return the Strides of a trip along a run (a Schedule); limits matter where `watch` says so.
+
+    At a first look the run may be far from what becomes of it.
+    """
     first = _first_steps(trip.route.duration_s.tolist(), (watch.charge | watch.discharge).tolist())
     duration_s = np.add.reduceat(trip.route.duration_s, first)
+    instants = np.append(first, len(trip.route))
+    coldest_c, warmest_c = _reach_c(trip, run)
+    if not is_first_look:
+        coldest_c = np.maximum(coldest_c, run.temperature_c - NEAR_K)
+        warmest_c = np.minimum(warmest_c, run.temperature_c + NEAR_K)
+    is_limited = watch.charge[first] | watch.discharge[first]
 
     def mean(values: FloatArray) -> FloatArray:
         return np.add.reduceat(values * trip.route.duration_s, first) / duration_s
@@ -77,9 +101,32 @@ def make_strides(trip: Trip, watch: Watch, run: Schedule, loss: AcceptanceLoss) 
         heater_limit_w=mean(trip.heater_limit_w),
         propulsion_w=mean(trip.route.propulsion_power_w),
         soc=run.soc[first],
-        end_c=run.temperature_c[np.append(first[1:], len(trip.route))],
+        end_c=run.temperature_c[instants[1:]],
         loss_to_brake=loss.to_brake[first], loss_to_heater=loss.to_heater[first],
-        may_overcharge=watch.charge[first], may_overdraw=watch.discharge[first])
+        may_overcharge=watch.charge[first], may_overdraw=watch.discharge[first],
+        every=np.where(is_limited & (not is_first_look), 1, COARSE),
+        coldest_c=coldest_c[instants], warmest_c=warmest_c[instants])
+
+
+def _reach_c(trip: Trip, run: Schedule) -> tuple[FloatArray, FloatArray]:
+    """
+    Return the coldest and the warmest that the battery can be at each instant [deg C], (N + 1,).
+
+    About: the run without its heat, and with all that the heater could have given on top. What leaks
+    of a difference only makes it smaller.
+    """
+    heater_w = trip.vehicle.hvch.efficiency * trip.heater_limit_w
+    arrived_w = (trip.vehicle.hvch.efficiency * run.heater_power_w if run.heat is None
+                 else run.heat.arriving_heat_w)
+    braked_w = trip.vehicle.drivetrain.heat_share * run.brake_power_w
+
+    def warmed_k(power_w: FloatArray) -> FloatArray:
+        joules = np.concatenate(([0.0], np.cumsum(power_w * trip.route.duration_s)))
+        return joules / trip.vehicle.battery.heat_capacity_j_per_k
+
+    return (run.temperature_c - warmed_k(arrived_w) - COLDER_MARGIN_K,
+            run.temperature_c + warmed_k(np.maximum(heater_w - arrived_w, 0.0) + braked_w)
+            + WARMER_MARGIN_K)
 
 
 def _first_steps(durations_s: list[float], are_limited: list[bool]) -> IntArray:
@@ -112,16 +159,26 @@ class StrideMap:
 
 @dataclass(frozen=True)
 class StrideMaps:
-    """The maps of M strides: `start_c` (G,), `end_c` and `energy_j` (M, G), `needed_c` (M,)."""
+    """
+    The maps of M strides: `start_c` (G,), `end_c` and `energy_j` (M, G), `needed_c` (M,).
+
+    Of stride m every `every[m]`-th is used, from point `first[m]` up to, not including, `last[m]`.
+    """
 
     start_c: FloatArray
     end_c: FloatArray
     energy_j: FloatArray
     needed_c: FloatArray
+    first: IntArray
+    last: IntArray
+    every: IntArray
 
     def __getitem__(self, m: int) -> StrideMap:
         """Return the StrideMap of stride m."""
-        return StrideMap(self.start_c, self.end_c[m], self.energy_j[m], float(self.needed_c[m]))
+        used = slice(self.first[m], self.last[m], self.every[m])
+        # A battery far beyond its limits may end the colder the warmer it was; a map only rises.
+        return StrideMap(self.start_c[used], np.maximum.accumulate(self.end_c[m, used]),
+                         self.energy_j[m, used], float(self.needed_c[m]))
 
 
 def map_strides(vehicle: Vehicle, strides: Strides, grid_c: FloatArray,
@@ -131,24 +188,15 @@ def map_strides(vehicle: Vehicle, strides: Strides, grid_c: FloatArray,
 
     A watt that the battery lacks costs `penalty` times what the heater takes for it.
     """
-    compiled = compiled_vehicle(vehicle)
-    mapped = None if compiled is None else compiled_runs.map_strides(
-        compiled, (strides.duration_s, strides.idle_power_w, strides.power_variance_w2,
-                   strides.idle_heat_w, strides.leakage_w_per_k, strides.heater_limit_w,
-                   strides.propulsion_w, strides.soc),
-        strides.may_overcharge | strides.may_overdraw, grid_c, penalty)
-    if mapped is not None:
-        (unheated_c, unheated_j, heated_c, heated_j), needed_c = mapped
-        return (StrideMaps(grid_c, unheated_c, unheated_j, needed_c),
-                StrideMaps(grid_c, heated_c, heated_j, needed_c))
     power_w, variance_w2, heat_w, leakage_w_per_k, soc, duration_s, limit_w = (
         column[:, np.newaxis] for column in (
             strides.idle_power_w, strides.power_variance_w2, strides.idle_heat_w,
             strides.leakage_w_per_k, strides.soc, strides.duration_s, strides.heater_limit_w))
     start_c = np.broadcast_to(grid_c, (len(strides), len(grid_c)))
     surplus_w, lacking_w, room_w = _at_the_limits(vehicle, strides, start_c)
-    needed_c = _needed_c(grid_c, lacking_w)
-    step = make_runge_kutta_4(make_rates(vehicle, ARRAYS))
+    first, last = _points_used(grid_c, strides)
+    needed_c = _needed_c(grid_c, lacking_w, first, last, strides.every)
+    step = make_midpoint(make_rates(vehicle, ARRAYS))
 
     def maps_of(heater_w: FloatArray) -> StrideMaps:
         brake_w = surplus_w - np.minimum(heater_w, surplus_w)
@@ -158,7 +206,7 @@ def map_strides(vehicle: Vehicle, strides: Strides, grid_c: FloatArray,
             heat_w + vehicle.hvch.efficiency * heater_w
             - vehicle.drivetrain.heat_share * brake_w, leakage_w_per_k)
         energy_j = duration_s * (terminal_w + joule_w + penalty * lacking_w)
-        return StrideMaps(grid_c, end_c, energy_j, needed_c)
+        return StrideMaps(grid_c, end_c, energy_j, needed_c, first, last, strides.every)
 
     free_w = np.minimum(limit_w, surplus_w)
     return maps_of(free_w), maps_of(np.maximum(room_w, free_w))
@@ -187,13 +235,32 @@ def _at_the_limits(vehicle: Vehicle, strides: Strides,
     return surplus_w, lacking_w, room_w
 
 
-def _needed_c(grid_c: FloatArray, lacking_w: FloatArray) -> FloatArray:
+def _points_used(grid_c: FloatArray, strides: Strides) -> tuple[IntArray, IntArray]:
+    """
+    Return the first point of the grid that each stride needs, and the last + 1, (M,).
+
+    They are at least two points; where not every one is needed, the last one is at or beyond the warmest
+    temperature if the grid goes on that far.
+    """
+    every = strides.every
+    first = np.clip(np.searchsorted(grid_c, strides.coldest_c[:-1]) - 1, 0, len(grid_c) - 1 - every)
+    last = np.clip(np.searchsorted(grid_c, strides.warmest_c[:-1]) + 1, first + 2, len(grid_c))
+    pieces = np.minimum(-((first + 1 - last) // every), (len(grid_c) - 1 - first) // every)
+    return first, first + pieces * every + 1
+
+
+def _needed_c(grid_c: FloatArray, lacking_w: FloatArray, first: IntArray,
+              last: IntArray, every: IntArray) -> FloatArray:
     """Temperatures [deg C] from which on nothing is lacking in each stride; -inf where nothing is."""
     needed_c = np.full(len(lacking_w), -np.inf)
     for m in np.flatnonzero((lacking_w > 0.0).any(axis=1)).tolist():
-        row_w = lacking_w[m]
-        last = int(np.flatnonzero(row_w > 0.0)[-1])
-        before = max(last - 1, 0)
-        slope = (row_w[before] - row_w[last]) / max(grid_c[last] - grid_c[before], 1e-9)
-        needed_c[m] = grid_c[last] + (row_w[last] / slope if slope > 0.0 else 0.0)
+        used = slice(first[m], last[m], every[m])
+        row_c, row_w = grid_c[used], lacking_w[m, used]
+        lacking = np.flatnonzero(row_w > 0.0)
+        if not len(lacking):
+            continue
+        at = int(lacking[-1])
+        before = max(at - 1, 0)
+        slope = (row_w[before] - row_w[at]) / max(row_c[at] - row_c[before], 1e-9)
+        needed_c[m] = row_c[at] + (row_w[at] / slope if slope > 0.0 else 0.0)
     return needed_c

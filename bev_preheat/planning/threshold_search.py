@@ -15,15 +15,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from bev_preheat.compiled import searches as compiled_searches
+from bev_preheat.compiled.runs import Heating
 from bev_preheat.planning.bracketing import close_in, Trial
-from bev_preheat.planning.dynamics import terminal_limits_w
-from bev_preheat.planning.heat_run import mean_share_left
-from bev_preheat.planning.limits import colder, run_within_limits, WantedHeat, Watch
+from bev_preheat.planning.dynamics import compiled_vehicle, terminal_limits_w
+from bev_preheat.planning.heat_run import initial_states, mean_share_left
+from bev_preheat.planning.limits import along_limits, colder, run_within_limits, WantedHeat, Watch
 from bev_preheat.planning.optimal_switch import ARRIVAL_TOLERANCE_K
 from bev_preheat.planning.schedule import Schedule
 
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.planning.heat_run import States
     from bev_preheat.planning.situation import BatteryState
     from bev_preheat.planning.thresholds import Thresholds
     from bev_preheat.planning.trip import Trip
@@ -74,6 +77,17 @@ class ThresholdSearch:
 
         Without `serves_climbs` only the target is seen to.
         """
+        trip = self._trip
+        vehicle = compiled_vehicle(trip.vehicle)
+        settled = None if vehicle is None else compiled_searches.settle(
+            vehicle, trip.compiled, self._heating(), compiled_searches.Settling(
+                target_c, trip.vehicle.battery.temperature_range_c[0], serves_climbs,
+                trip.drivetrain_heat_w), self._start())
+        if settled is not None:
+            return along_limits(trip, self._watch, *settled)
+        return self._settled(target_c, serves_climbs)
+
+    def _settled(self, target_c: float, serves_climbs: bool) -> Schedule:
         self._kept = schedule = self._run()
         # What comes before `start` is settled for climbs; `free` is where a climb settles nothing.
         start = free = 0
@@ -107,6 +121,16 @@ class ThresholdSearch:
             # What comes after the last climb is not enough.
             schedule = self._move(0, end, schedule, above_target_k, ARRIVAL_TOLERANCE_K)
         return schedule
+
+    def _heating(self) -> Heating:
+        """Return what the core is to heat with: below thresholds that are not moved yet."""
+        bands = self._thresholds.floor_c, self._thresholds.low_c, self._thresholds.high_c
+        return Heating(self._cap_w, bands, self._watch.charge, self._watch.discharge, takes_surplus=True)
+
+    def _start(self) -> States | tuple[float, float]:
+        """Return the states at the start, with heater and coolant where there is a heat path."""
+        states = initial_states(self._state)
+        return states[:2] if self._trip.vehicle.heat_path.is_direct else states
 
     def _climbs(self, schedule: Schedule) -> list[tuple[int, int]]:
         """(first, last + 1) of the stretches that a battery a little colder could not deliver."""

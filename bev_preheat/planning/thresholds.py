@@ -16,12 +16,14 @@ limit that is less than a joule (`charge_acceptance`).
 from __future__ import annotations
 
 from dataclasses import dataclass
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.compiled import runs as compiled_runs
-from bev_preheat.planning.strides import make_strides, map_strides, StrideMaps, Strides
+from bev_preheat.compiled import searches as compiled_searches
+from bev_preheat.planning.dynamics import compiled_vehicle
+from bev_preheat.planning.strides import COARSE, make_strides, map_strides, Strides
 from bev_preheat.planning.value_curve import cheaper_branch, heating_pays, ValueCurve
 
 if TYPE_CHECKING:
@@ -30,14 +32,16 @@ if TYPE_CHECKING:
     from bev_preheat.planning.limits import Watch
     from bev_preheat.planning.schedule import Schedule
     from bev_preheat.planning.trip import Trip
+    from bev_preheat.vehicle.description import Vehicle
 
 # A kelvin below the target, or a watt that the battery lacks, costs this many times what the heater
 # takes for it, so that nothing is saved there.
 PENALTY = 30.0
 # The curve reaches this far beyond the temperatures that the trip can take.
 MARGIN_K = 10.0
-# Temperatures at which each stride is worked out; in between it is interpolated.
-GRID_POINTS = 64
+# Each stride is worked out at whole multiples of this [deg C], the same in every plan; in between it is
+# interpolated.
+GRID_K = 1.0
 # Bands of temperature in which heating pays: below what must be reached, and before a descent.
 BANDS = 2
 # Thresholds of one stride and the next that are further apart belong to different bands [K].
@@ -61,57 +65,64 @@ class Thresholds:
 
 
 def find_thresholds(trip: Trip, watch: Watch, run: Schedule, target_c: float, loss: AcceptanceLoss,
-                    serves_climbs: bool = True) -> Thresholds:
+                    serves_climbs: bool = True, is_first_look: bool = False) -> Thresholds:
     """
     Return the Thresholds of a trip, by running the value curve backward.
 
     `run` (a Schedule) says along which states of charge, and about which temperatures, the curve
     is needed, and the AcceptanceLoss `loss` what charge is worth. Without `serves_climbs` a power
-    that the battery lacks costs nothing.
+    that the battery lacks costs nothing. A first look is coarser, and looks further from the run.
     """
     battery = trip.vehicle.battery
-    k_per_joule = trip.vehicle.hvch.efficiency / battery.heat_capacity_j_per_k
-    strides = make_strides(trip, watch, run, loss)
+    strides = make_strides(trip, watch, run, loss, is_first_look)
     # Outside its range the battery is not described, and beyond its highest temperature not heated.
     lowest_c, highest_c = battery.temperature_range_c
     coldest_c = max(min(run.temperature_c.min(), target_c) - MARGIN_K, lowest_c)
-    warmest_c = min(max(run.temperature_c.max(), target_c), highest_c) + 2.0 * MARGIN_K
-    grid_c = np.linspace(max(coldest_c - MARGIN_K, lowest_c), warmest_c, GRID_POINTS)
-    unheated_maps, heated_maps = map_strides(
-        trip.vehicle, strides, grid_c, PENALTY if serves_climbs else 0.0)
-    points_c = np.unique(np.append(grid_c, target_c))
-    curve = ValueCurve(points_c, PENALTY / k_per_joule * np.maximum(target_c - points_c, 0.0))
-    bands_c = compiled_runs.find_bands(
-        (grid_c, unheated_maps.end_c, unheated_maps.energy_j, heated_maps.end_c, heated_maps.energy_j,
-         unheated_maps.needed_c, strides.end_c, strides.loss_to_brake, strides.loss_to_heater),
-        curve.temperature_c, curve.energy_j, k_per_joule, coldest_c, warmest_c)
+    warmest_c = min(max(run.temperature_c.max(), target_c), highest_c) + MARGIN_K
+    grid_c = GRID_K * np.arange(math.floor(max(coldest_c - MARGIN_K, lowest_c) / GRID_K),
+                                math.ceil(warmest_c / GRID_K) + COARSE)
+    ends = target_c, coldest_c, warmest_c, PENALTY if serves_climbs else 0.0
+    compiled = compiled_vehicle(trip.vehicle)
+    bands_c = None if compiled is None else compiled_searches.find_bands(
+        compiled, vars(strides), strides.may_overcharge | strides.may_overdraw, is_first_look, grid_c,
+        *ends, PENALTY)
     if bands_c is None:
-        bands_c = _find_bands(
-            strides, unheated_maps, heated_maps, curve, k_per_joule, coldest_c, warmest_c)
+        bands_c = _find_bands(trip.vehicle, strides, grid_c, *ends)
     return _in_steps(strides.first, len(trip.route), *bands_c)
 
 
-def _find_bands(strides: Strides, unheated_maps: StrideMaps, heated_maps: StrideMaps,
-                curve: ValueCurve, k_per_joule: float, coldest_c: float,
-                warmest_c: float) -> FloatArray:
-    """Return floor, low and high [deg C] of each stride's bands, (3, M, BANDS), from the curve on arrival."""
+def _find_bands(vehicle: Vehicle, strides: Strides, grid_c: FloatArray, target_c: float,
+                coldest_c: float, warmest_c: float, penalty: float) -> FloatArray:
+    """
+    Return floor, low and high [deg C] of each stride's bands, (3, M, BANDS), from the curve on arrival.
+
+    It is worked out on a grid (G,), within the coldest and the warmest temperature. A watt that the
+    battery lacks counts `penalty` times.
+    """
+    k_per_joule = vehicle.hvch.efficiency / vehicle.battery.heat_capacity_j_per_k
+    unheated_maps, heated_maps = map_strides(vehicle, strides, grid_c, penalty)
+    points_c = np.unique(np.append(grid_c, target_c))
+    curve = ValueCurve(points_c, PENALTY / k_per_joule * np.maximum(target_c - points_c, 0.0))
     # Empty unless found.
     bands_c = np.full((3, len(strides), BANDS), -np.inf)
     bands_c[0] = np.inf
     # What a joule in the battery is worth on arrival [J/J].
     joule_worth = 1.0
+    lowest_c = np.clip(strides.coldest_c, coldest_c, warmest_c - 1.0)
+    highest_c = np.clip(strides.warmest_c, coldest_c + 1.0, warmest_c)
+    curve = curve.within(lowest_c[-1], highest_c[-1])
     for m in range(len(strides) - 1, -1, -1):
         after, idle = curve, unheated_maps[m]
         heated, unheated = (after.before(stride, joule_worth) for stride in (heated_maps[m], idle))
         curve, bands = cheaper_branch(
-            heated, unheated, heating_pays(after, heated, unheated, unheated_maps.start_c[-1]))
+            heated, unheated, heating_pays(after, heated, unheated, idle.start_c[-1]))
         for slot, band in enumerate(bands[:BANDS]):
             bands_c[:, m, slot] = band
         if idle.needed_c > curve.temperature_c[0]:
             # Where the battery just delivers what the stride asks the curve has a kink.
             curve = curve.with_point(
                 idle.needed_c, after.before_at(idle, idle.needed_c, joule_worth))
-        curve = curve.within(coldest_c, warmest_c)
+        curve = curve.within(lowest_c[m], highest_c[m])
         joule_worth -= joule_worth * strides.loss_to_brake[m]
         if strides.loss_to_heater[m] > 0.0:
             heat_worth = k_per_joule * after.worth_j_per_k(strides.end_c[m])

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 # The curve's points: not further apart, and if there are more, those that say less [J] go.
 WIDEST_GAP_K = 1.0
-MOST_POINTS = 64
+MOST_POINTS = 32
 CURVE_TOLERANCE_J = 100.0
 # Heating that makes no more difference than this [J] is no decision.
 INDIFFERENCE_J = 10.0

@@ -11,7 +11,11 @@ int32_t bev_size_of_heating(void) { return (int32_t)sizeof(bev_heating); }
 
 int32_t bev_size_of_strides(void) { return (int32_t)sizeof(bev_strides); }
 
-int32_t bev_size_of_stride_inputs(void) { return (int32_t)sizeof(bev_stride_inputs); }
+int32_t bev_size_of_curve_range(void) { return (int32_t)sizeof(bev_curve_range); }
+
+int32_t bev_size_of_settling(void) { return (int32_t)sizeof(bev_settling); }
+
+int32_t bev_size_of_stranding(void) { return (int32_t)sizeof(bev_stranding); }
 
 int32_t bev_size_of_run_of_powers(void) { return (int32_t)sizeof(bev_run_of_powers); }
 
@@ -26,25 +30,16 @@ static int is_axis(const double *axis, int32_t count) {
   return 1;
 }
 
-static int are_finite(const double *values, int32_t count) {
-  for (int32_t n = 0; n < count; n++) {
-    if (!isfinite(values[n])) {
-      return 0;
-    }
-  }
-  return 1;
-}
-
 static int is_curve_of_numbers(const bev_curve *curve) {
-  if (!are_finite(curve->factor, curve->factor_count)) {
+  if (!bev_are_numbers(curve->factor, curve->factor_count)) {
     return 0;
   }
   if (curve->kind != BEV_TABLE) {
-    return are_finite(curve->parameter, BEV_CURVE_PARAMETERS);
+    return bev_are_numbers(curve->parameter, BEV_CURVE_PARAMETERS);
   }
   return is_axis(curve->soc, curve->soc_count)
       && is_axis(curve->temperature_c, curve->temperature_count)
-      && are_finite(curve->values, curve->soc_count * curve->temperature_count);
+      && bev_are_numbers(curve->values, curve->soc_count * curve->temperature_count);
 }
 
 bev_status bev_check_vehicle(const bev_vehicle *vehicle) {

@@ -9,6 +9,15 @@
 
 #include "bev_preheat_core/core.h"
 
+static inline int bev_are_numbers(const double *values, int32_t count) {
+  for (int32_t n = 0; n < count; n++) {
+    if (!isfinite(values[n])) {
+      return 0;
+    }
+  }
+  return 1;
+}
+
 /* Whether a curve can be read: its kind, its counts, its pointers. */
 static inline int bev_is_curve(const bev_curve *curve) {
   if (curve->kind < BEV_POLYNOMIAL || curve->kind > BEV_TABLE || curve->factor_count < 0

@@ -3,6 +3,10 @@
 #ifndef BEV_PREHEAT_CORE_STEPS_OF_MODEL_H_
 #define BEV_PREHEAT_CORE_STEPS_OF_MODEL_H_
 
+#include <math.h>
+#include <stddef.h>
+#include <stdint.h>
+
 #include "bev_preheat_core_generated/steps.h"
 
 /* Inputs of one step of the model, as bev_preheat.planning.trip has them. */

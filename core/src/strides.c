@@ -1,6 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Where each stride of a trip leads from each temperature: bev_preheat.planning.strides. */
+#include "strides.h"
+
 #include "checks.h"
+#include "sorted.h"
 #include "steps_of_model.h"
 
 #define LEAST_WIDTH_K 1e-9
@@ -12,30 +15,7 @@ typedef struct {
   double room_w;
 } margins;
 
-bev_status bev_limits_along(const bev_vehicle *vehicle, int32_t count, const double *soc,
-                            const double *temperature_c, const double *variance_w2,
-                            double *least_w, double *most_w) {
-  if (vehicle == NULL || soc == NULL || temperature_c == NULL || variance_w2 == NULL
-      || least_w == NULL || most_w == NULL || count < 0 || count > BEV_MOST_STEPS) {
-    return BEV_BAD_ARGUMENT;
-  }
-  if (!bev_is_vehicle(vehicle)) {
-    return BEV_BAD_VEHICLE;
-  }
-  for (int32_t n = 0; n < count; n++) {
-    double limits_w[2];
-    bev_terminal_limits(vehicle, BEV_AS_ARRAYS, soc[n], temperature_c[n], variance_w2[n],
-                        limits_w);
-    if (!isfinite(limits_w[0]) || !isfinite(limits_w[1])) {
-      return BEV_NOT_FINITE;
-    }
-    least_w[n] = limits_w[0];
-    most_w[n] = limits_w[1];
-  }
-  return BEV_OK;
-}
-
-static margins margins_of(const bev_vehicle *vehicle, const bev_stride_inputs *inputs, int32_t m,
+static margins margins_of(const bev_vehicle *vehicle, const bev_strides *inputs, int32_t m,
                           double start_c) {
   const double limit_w = inputs->heater_limit_w[m];
   margins found = {0.0, 0.0, limit_w};
@@ -53,14 +33,14 @@ static margins margins_of(const bev_vehicle *vehicle, const bev_stride_inputs *i
 }
 
 /* The end of a stride [deg C] and what it takes [J] under a heater power [W]. */
-static bev_status drive(const bev_vehicle *vehicle, const bev_stride_inputs *inputs, int32_t m,
+static bev_status drive(const bev_vehicle *vehicle, const bev_strides *inputs, int32_t m,
                         double start_c, const margins *margin, double heater_w, double penalty,
                         double *end_c, double *energy_j) {
   const double brake_w = margin->surplus_w - bev_minimum(heater_w, margin->surplus_w);
   const double duration_s = inputs->duration_s[m];
   const double terminal_w = inputs->idle_power_w[m] + heater_w + brake_w;
   double result[4];
-  bev_runge_kutta_4(
+  bev_midpoint(
       vehicle, BEV_AS_ARRAYS, inputs->soc[m], start_c, duration_s, terminal_w,
       inputs->power_variance_w2[m],
       inputs->idle_heat_w[m] + vehicle->heater_efficiency * heater_w
@@ -71,57 +51,55 @@ static bev_status drive(const bev_vehicle *vehicle, const bev_stride_inputs *inp
   return isfinite(*end_c) && isfinite(*energy_j) ? BEV_OK : BEV_NOT_FINITE;
 }
 
-static int are_inputs(const bev_stride_inputs *inputs) {
-  return inputs->strides >= 0 && inputs->strides <= BEV_MOST_STEPS && inputs->duration_s != NULL
-      && inputs->idle_power_w != NULL && inputs->power_variance_w2 != NULL
-      && inputs->idle_heat_w != NULL && inputs->leakage_w_per_k != NULL
-      && inputs->heater_limit_w != NULL && inputs->propulsion_w != NULL && inputs->soc != NULL
-      && inputs->is_limited != NULL;
-}
-
-bev_status bev_map_strides(const bev_vehicle *vehicle, const bev_stride_inputs *inputs,
-                           int32_t count, const double *grid_c, double penalty, double *maps,
-                           double *needed_c) {
-  if (vehicle == NULL || inputs == NULL || grid_c == NULL || maps == NULL || needed_c == NULL
-      || count < 2 || count > BEV_MOST_AXIS || !are_inputs(inputs)) {
-    return BEV_BAD_ARGUMENT;
-  }
-  if (!bev_is_vehicle(vehicle)) {
-    return BEV_BAD_VEHICLE;
-  }
-  const size_t size = (size_t)inputs->strides * (size_t)count;
-  double *const unheated_end_c = maps;
-  double *const unheated_j = &maps[size];
-  double *const heated_end_c = &maps[2 * size];
-  double *const heated_j = &maps[3 * size];
-  for (int32_t m = 0; m < inputs->strides; m++) {
-    const double limit_w = inputs->heater_limit_w[m];
-    double before_w = 0.0;
-    needed_c[m] = -INFINITY;
-    for (int32_t n = 0; n < count; n++) {
-      const size_t at = (size_t)m * (size_t)count + (size_t)n;
-      const margins margin = margins_of(vehicle, inputs, m, grid_c[n]);
-      const double free_w = bev_minimum(limit_w, margin.surplus_w);
-      bev_status status = drive(vehicle, inputs, m, grid_c[n], &margin, free_w, penalty,
-                                &unheated_end_c[at], &unheated_j[at]);
-      if (status == BEV_OK) {
-        status = drive(vehicle, inputs, m, grid_c[n], &margin,
-                       bev_maximum(margin.room_w, free_w), penalty, &heated_end_c[at],
-                       &heated_j[at]);
-      }
-      if (status != BEV_OK) {
-        return status;
-      }
-      /* Of the temperatures at which something is lacking the last one counts. */
-      if (margin.lacking_w > 0.0) {
-        const int32_t before = n > 0 ? n - 1 : 0;
-        const double fallen_w = (n > 0 ? before_w : margin.lacking_w) - margin.lacking_w;
-        const double slope =
-            fallen_w / bev_maximum(grid_c[n] - grid_c[before], LEAST_WIDTH_K);
-        needed_c[m] = grid_c[n] + (slope > 0.0 ? margin.lacking_w / slope : 0.0);
-      }
-      before_w = margin.lacking_w;
+bev_status bev_map_stride(const bev_vehicle *vehicle, const bev_strides *inputs, int32_t m,
+                          const bev_curve_range *range, bev_stride_map *map) {
+  const int32_t grid_points = range->grid_points;
+  const double *grid_c = range->grid_c;
+  const double penalty = range->penalty;
+  const double limit_w = inputs->heater_limit_w[m];
+  const int32_t every = inputs->is_limited[m] != 0 && range->is_first_look == 0 ? 1 : BEV_COARSE;
+  const int32_t below = bev_number_below(grid_c, grid_points, inputs->coldest_c[m]) - 1;
+  const int32_t latest = grid_points - 1 - every;
+  const int32_t first = below > latest ? latest : (below > 0 ? below : 0);
+  int32_t last = bev_number_below(grid_c, grid_points, inputs->warmest_c[m]) + 1;
+  last = last < first + 2 ? first + 2 : (last > grid_points ? grid_points : last);
+  const int32_t wanted = (last - 1 - first + every - 1) / every;
+  const int32_t possible = (grid_points - 1 - first) / every;
+  double before_w = 0.0;
+  map->count = (wanted < possible ? wanted : possible) + 1;
+  map->needed_c = -INFINITY;
+  for (int32_t n = 0; n < map->count; n++) {
+    const double start_c = grid_c[first + n * every];
+    map->start_c[n] = start_c;
+    const margins margin = margins_of(vehicle, inputs, m, start_c);
+    const double free_w = bev_minimum(limit_w, margin.surplus_w);
+    const double all_w = bev_maximum(margin.room_w, free_w);
+    bev_status status = drive(vehicle, inputs, m, start_c, &margin, free_w, penalty,
+                              &map->unheated_end_c[n], &map->unheated_j[n]);
+    map->heated_end_c[n] = map->unheated_end_c[n];
+    map->heated_j[n] = map->unheated_j[n];
+    if (status == BEV_OK && all_w != free_w) {
+      status = drive(vehicle, inputs, m, start_c, &margin, all_w, penalty, &map->heated_end_c[n],
+                     &map->heated_j[n]);
     }
+    if (status != BEV_OK) {
+      return status;
+    }
+    /* A battery far beyond its limits may end the colder the warmer it was; a map only rises. */
+    if (n > 0) {
+      map->unheated_end_c[n] =
+          bev_maximum(map->unheated_end_c[n], map->unheated_end_c[n - 1]);
+      map->heated_end_c[n] = bev_maximum(map->heated_end_c[n], map->heated_end_c[n - 1]);
+    }
+    /* Of the temperatures at which something is lacking the last one counts. */
+    if (margin.lacking_w > 0.0) {
+      const int32_t before = n > 0 ? n - 1 : 0;
+      const double fallen_w = (n > 0 ? before_w : margin.lacking_w) - margin.lacking_w;
+      const double slope =
+          fallen_w / bev_maximum(start_c - map->start_c[before], LEAST_WIDTH_K);
+      map->needed_c = start_c + (slope > 0.0 ? margin.lacking_w / slope : 0.0);
+    }
+    before_w = margin.lacking_w;
   }
   return BEV_OK;
 }

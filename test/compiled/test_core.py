@@ -254,7 +254,8 @@ def test_arrays_of_any_layout_are_taken(make_integrator):
             == run_forward(trip, make_integrator, 0.8, -4.0, whole.astype(float))[1].tolist())
 
 
-@pytest.mark.parametrize('number', range(6))
+# In the others up to the seventh the battery is beyond every threshold.
+@pytest.mark.parametrize('number', [0, 1, 2, 4, 6, 7])
 def test_thresholds_are_the_same(number):
     vehicle, route, state, goal, *_ = drawn_situations.draw(number, 30)
     trip = make_trip(replace(vehicle, heat_path=HeatPath()), route)

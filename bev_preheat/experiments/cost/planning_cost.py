@@ -17,6 +17,7 @@ from bev_preheat.compiled.library import core
 from bev_preheat.compiled.runs import place
 from bev_preheat.compiled.structs import SWITCH_ARRAYS, SwitchPlanStruct
 from bev_preheat.experiments.cost.figures import Figure, median_time_s, turns_s
+from bev_preheat.experiments.optimality.drawn_trips import draw_limit_trip
 from bev_preheat.planning.dynamics import compiled_vehicle
 from bev_preheat.planning.planner import METHODS, plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal
@@ -38,7 +39,12 @@ BOUNDS_MS = {'paper': 0.3, 'optimal_switch': 0.15, 'merit_order': 0.15}
 # A plan in Python, of the one call of the compiled core in it.
 CORE_RATIO = 5.0
 SEGMENT_COUNTS = (120, 1440, 14400)
-MERIT_ORDER_RATIO = 3.0
+# What minding the power limits may add where none is active, and where some are.
+MERIT_ORDER_RATIOS = {'reference': 3.0, 'alpine_pass': 5.0}
+PASS_BOUND_MS = 1.0
+# Drawn trips with active limits, of which the dearest plan counts.
+LIMIT_TRIPS, LIMIT_SEED = 20, 0
+DEAREST_BOUND_MS = 10.0
 ROUNDS = 200
 # Heater 45 s late, coolant 50 s, the sensor 30 s.
 SLOW = HeatPath(45.0, 15e3, 300.0, 30.0)
@@ -64,9 +70,9 @@ def measure(log: Callable[[str], object]) -> list[Figure]:
         figures.append(Figure(f'growth of {method} with N from {first} to {last}: exponent',
                               exponent, '', 1.1))
     figures += [_new_route(vehicle, route), *_core_ratios(vehicle, route)]
-    for name in ('reference', 'alpine_pass'):
-        figures += [_merit_order_ratio(vehicle, name), _heat_path_ratio(vehicle, name)]
-    return figures
+    for name in MERIT_ORDER_RATIOS:
+        figures += [*_merit_order_figures(vehicle, name), _heat_path_ratio(vehicle, name)]
+    return [*figures, *_limit_trips(vehicle, log)]
 
 
 def _new_route(vehicle: Vehicle, route: Route) -> Figure:
@@ -101,15 +107,31 @@ def _core_ratios(vehicle: Vehicle, route: Route) -> list[Figure]:
     return [Figure('call of the core in a plan, median', 1e3 * call_s, 'ms'), *figures]
 
 
-def _merit_order_ratio(vehicle: Vehicle, name: str) -> Figure:
-    """Return what minding the power limits adds to a plan, where none is active and where some are."""
+def _merit_order_figures(vehicle: Vehicle, name: str) -> list[Figure]:
+    """Return what a plan takes on a route, and what minding the power limits adds to it."""
     route = load_route(name, vehicle.defaults)
     # In turns, so that both meet the same load of the machine.
     merit_order_s, switch_s = turns_s(
         lambda: plan_preheating(vehicle, route, STATE, GOAL, 'merit_order'),
         lambda: plan_preheating(vehicle, route, STATE, GOAL, 'optimal_switch'), ROUNDS)
-    return Figure(f'plan on {name}, N = {len(route)}, merit_order / optimal_switch',
-                  merit_order_s / switch_s, '', MERIT_ORDER_RATIO)
+    what = f'plan on {name}, N = {len(route)}, merit_order'
+    return [Figure(f'{what}, median', 1e3 * merit_order_s, 'ms',
+                   PASS_BOUND_MS if name == 'alpine_pass' else None),
+            Figure(f'{what} / optimal_switch', merit_order_s / switch_s, '',
+                   MERIT_ORDER_RATIOS[name])]
+
+
+def _limit_trips(vehicle: Vehicle, log: Callable[[str], object]) -> list[Figure]:
+    """Return what plans take on drawn trips in which limits matter: the dearest, and the mean."""
+    times_ms = []
+    for number in range(LIMIT_TRIPS):
+        trip = draw_limit_trip(vehicle, LIMIT_SEED, number)
+        times_ms.append(1e3 * median_time_s(
+            partial(plan_preheating, trip.vehicle, trip.route, trip.state, trip.goal), repetitions=9))
+        log(f'trip {number} with limits: {times_ms[-1]:.3f} ms')
+    what = f'plans on {LIMIT_TRIPS} drawn trips with limits'
+    return [Figure(f'{what}, the dearest', max(times_ms), 'ms', DEAREST_BOUND_MS),
+            Figure(f'{what}, mean', sum(times_ms) / len(times_ms), 'ms')]
 
 
 def _heat_path_ratio(vehicle: Vehicle, name: str) -> Figure:

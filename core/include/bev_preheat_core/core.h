@@ -29,7 +29,7 @@ extern "C" {
 #define BEV_BANDS 2
 /* Points of a value curve that there is room for, and the room it takes [doubles]. */
 #define BEV_CURVE_POINTS 1024
-#define BEV_CURVE_MEMORY (11 * BEV_CURVE_POINTS)
+#define BEV_CURVE_MEMORY (16 * BEV_CURVE_POINTS)
 /* Most bands of one stride in which heating may pay, of which BEV_BANDS are told. */
 #define BEV_MOST_LOWER_BANDS 32
 /* Memory of bev_plan_switch for a trip of so many steps [doubles]. */
@@ -151,44 +151,6 @@ typedef struct {
 } bev_heating;
 
 /*
- * A trip in strides, and where each leads from a grid of temperatures [deg C], unheated and heated: arrays
- * of strides * grid_points, with the energy that is taken [J]. Of each stride, the temperature from which
- * on it is delivered (-inf: always), the one about which its end is needed, and the shares of a joule
- * that a fuller battery leaves to brake and heater [J/J].
- */
-typedef struct {
-  int32_t strides;
-  int32_t grid_points;
-  const double *grid_c;
-  const double *unheated_end_c;
-  const double *unheated_energy_j;
-  const double *heated_end_c;
-  const double *heated_energy_j;
-  const double *needed_c;
-  const double *end_c;
-  const double *loss_to_brake;
-  const double *loss_to_heater;
-} bev_strides;
-
-/*
- * The strides of a trip, arrays of `strides` values: means of power, variance, heat, leakage, heater limit
- * and propulsion power over each, the charge at its start, and whether charge or discharge limit may
- * matter in it (not 0).
- */
-typedef struct {
-  int32_t strides;
-  const double *duration_s;
-  const double *idle_power_w;
-  const double *power_variance_w2;
-  const double *idle_heat_w;
-  const double *leakage_w_per_k;
-  const double *heater_limit_w;
-  const double *propulsion_w;
-  const double *soc;
-  const uint8_t *is_limited;
-} bev_stride_inputs;
-
-/*
  * A run whose energies are asked for: states at each instant, and means over each step [W]. What the heater
  * takes, the heat that arrives from it (null: at once, all of it), and what the friction brake takes (null:
  * none). `is_deliverable` (not 0): it is known that the circuit gives every power that is asked for.
@@ -235,7 +197,9 @@ int32_t bev_size_of_vehicle(void);
 int32_t bev_size_of_trip(void);
 int32_t bev_size_of_heating(void);
 int32_t bev_size_of_strides(void);
-int32_t bev_size_of_stride_inputs(void);
+int32_t bev_size_of_curve_range(void);
+int32_t bev_size_of_settling(void);
+int32_t bev_size_of_stranding(void);
 int32_t bev_size_of_run_of_powers(void);
 int32_t bev_size_of_switch_plan(void);
 
@@ -326,27 +290,118 @@ bev_status bev_limits_along(const bev_vehicle *vehicle, int32_t count, const dou
                             double *least_w, double *most_w);
 
 /*
- * Where each stride leads from each of the `count` temperatures of a grid, and what it takes.
- *
- * A watt that the battery lacks counts `penalty` times. `maps` are four arrays of strides * count, as
- * bev_strides has them: unheated end and energy, heated end and energy; `needed_c` is its array of that
- * name.
+ * A trip in strides, arrays of `strides` values: means of power, variance, heat, leakage, heater limit and
+ * propulsion power over each, the charge at its start, the temperature about which its end is needed, the
+ * shares of a joule that a fuller battery leaves to brake and heater [J/J], and whether charge or discharge
+ * limit may matter in it (not 0). `coldest_c` and `warmest_c` have one value more: between these the
+ * battery is at the start of each stride, and on arrival.
  */
-bev_status bev_map_strides(const bev_vehicle *vehicle, const bev_stride_inputs *inputs,
-                           int32_t count, const double *grid_c, double penalty, double *maps,
-                           double *needed_c);
+typedef struct {
+  int32_t strides;
+  const double *duration_s;
+  const double *idle_power_w;
+  const double *power_variance_w2;
+  const double *idle_heat_w;
+  const double *leakage_w_per_k;
+  const double *heater_limit_w;
+  const double *propulsion_w;
+  const double *soc;
+  const double *end_c;
+  const double *loss_to_brake;
+  const double *loss_to_heater;
+  const double *coldest_c;
+  const double *warmest_c;
+  const uint8_t *is_limited;
+} bev_strides;
+
+/*
+ * Where the value curve is worked out: on a grid of rising temperatures, from the target on arrival, within
+ * the coldest and the warmest temperature [deg C]. A watt that the battery lacks counts `penalty` times, and
+ * a kelvin below the target `short_penalty` times what the heater takes for it.
+ */
+typedef struct {
+  int32_t grid_points;
+  /* Not 0: of the grid's points a part is enough in all strides, not only in those without limits. */
+  int32_t is_first_look;
+  const double *grid_c;
+  double target_c;
+  double coldest_c;
+  double warmest_c;
+  double penalty;
+  double short_penalty;
+} bev_curve_range;
 
 /*
  * Below which temperatures heating pays in each stride: the value curve, run backward over all strides.
  *
- * It begins as `count` points, rising temperatures and energies [J], and is kept between the coldest and
- * the warmest temperature. `k_per_joule` is what a joule of the heater warms. `memory` has
- * BEV_CURVE_MEMORY doubles. `bands_c` are three arrays of strides * BEV_BANDS, floor, low and high of each
- * band [deg C]; those that there are, the warmest first, are written, the others left.
+ * `memory` has BEV_CURVE_MEMORY doubles. `bands_c` are three arrays of strides * BEV_BANDS, floor, low and
+ * high of each band [deg C], the warmest band first; where there is none the floor is infinite.
  */
-bev_status bev_find_bands(const bev_strides *strides, int32_t count, const double *temperature_c,
-                          const double *energy_j, double k_per_joule, double coldest_c,
-                          double warmest_c, double *memory, double *bands_c);
+bev_status bev_find_bands(const bev_vehicle *vehicle, const bev_strides *strides,
+                          const bev_curve_range *range, double *memory, double *bands_c);
+
+/*
+ * What a run under thresholds is to meet: the target on arrival and, with `serves_climbs`, the power of each
+ * climb. Below `lowest_c` the battery is not described [deg C]; `drivetrain_heat_w` is the heat in each step
+ * [W] that a vehicle which stands, its charge run out, does not have.
+ */
+typedef struct {
+  int32_t serves_climbs;
+  double target_c;
+  double lowest_c;
+  const double *drivetrain_heat_w;
+} bev_settling;
+
+/* Where the charge of a run runs out: in this step (-1: in none), of which so large a share is driven. */
+typedef struct {
+  int32_t step;
+  double driven_share;
+} bev_stranding;
+
+/*
+ * How a run within limits ends whose charge runs out in the step of `stranding`: the share of it that is
+ * driven is written, and what comes after it, where the vehicle stands. `states` and `powers_w`, as of
+ * bev_settle, are known until that step, and the powers with which it was to be driven.
+ */
+bev_status bev_stand(const bev_vehicle *vehicle, const bev_trip *trip,
+                     const double *drivetrain_heat_w, double *states, double *powers_w,
+                     bev_stranding *stranding);
+
+/* Room that bev_settle takes [doubles]. */
+#define BEV_SETTLE_MEMORY(steps) (48 * (steps) + 20)
+
+/*
+ * The run within limits under thresholds, moved together by the little that is needed, that delivers each
+ * climb it can, and arrives at the target.
+ *
+ * `heating` has bands. `states` are two arrays of steps + 1 values, charge and temperature, whose first ones
+ * are the start, and `powers_w` two arrays of `steps`, heater and friction brake; of a vehicle with a heat
+ * path, four and four as of bev_run_heated_within_limits. Where the charge runs out the vehicle stands for
+ * the rest of the trip.
+ */
+bev_status bev_settle(const bev_vehicle *vehicle, const bev_trip *trip, const bev_heating *heating,
+                      const bev_settling *goal, double *states, double *powers_w,
+                      bev_stranding *stranding, double *memory);
+
+/* Most points of a curve's grid, and the room that bev_merit_order takes: doubles, and bytes. */
+#define BEV_MOST_GRID (BEV_CURVE_POINTS / 2)
+#define BEV_MERIT_MEMORY(steps) \
+  (BEV_SETTLE_MEMORY(steps) + BEV_CURVE_MEMORY + BEV_MOST_GRID + 44 * (steps) + 11)
+#define BEV_MERIT_BYTES(steps) (5 * (steps))
+
+/*
+ * The run within limits that heats where a watt-hour of battery energy brings the most.
+ *
+ * `states` and `powers_w`, as of bev_settle, are the run without regard to limits; the best run that was
+ * found is written over it. `lumped` is the vehicle whose heat arrives at once, in a battery that has the
+ * coolant's heat capacity too; without a heat path the vehicle itself. `paid_w` is the most heater power that
+ * each step is paid for [W]. Of `watched` (BEV_MERIT_BYTES) the first `steps`, and the `steps` that follow, say
+ * in which steps the best run's charge limit, and its discharge limit, were looked at.
+ */
+bev_status bev_merit_order(const bev_vehicle *vehicle, const bev_vehicle *lumped,
+                           const bev_trip *trip, const bev_settling *goal, const double *paid_w,
+                           double *states, double *powers_w, bev_stranding *stranding,
+                           uint8_t *watched, double *memory);
 
 /*
  * The energies of a run that was made with an integrator. Where `columns` is not null, four arrays of `steps`

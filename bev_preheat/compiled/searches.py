@@ -1,0 +1,147 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Searches of the compiled core: where heating pays, and the runs that meet what must be met.
+
+As in `runs`, each returns None where the core does not answer.
+"""
+
+from __future__ import annotations
+
+from ctypes import byref
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from bev_preheat.compiled.library import core, OK
+from bev_preheat.compiled.structs import (
+    BANDS,
+    CURVE_MEMORY,
+    CurveRangeStruct,
+    DOUBLE_BYTES,
+    doubles,
+    SettlingStruct,
+    StrandingStruct,
+    STRIDE_COLUMNS,
+    StridesStruct,
+)
+
+# Doubles for each step of a trip, and for all of it.
+SETTLE_MEMORY = 48, 20
+MERIT_MEMORY = SETTLE_MEMORY[0] + 44, SETTLE_MEMORY[1] + CURVE_MEMORY + 512 + 11
+MERIT_BYTES = 5
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from bev_preheat.compiled.runs import Heating
+    from bev_preheat.compiled.structs import CompiledTrip, CompiledVehicle
+    from bev_preheat.numerics.arrays import BoolArray, FloatArray
+
+    # The step in which the charge runs out, and the share of it that is driven.
+    Stranded = tuple[int, float] | None
+
+
+def find_bands(vehicle: CompiledVehicle, columns: dict[str, FloatArray], is_limited: BoolArray,
+               is_first_look: bool, grid_c: FloatArray, *ends: float) -> FloatArray | None:
+    """
+    Return floor, low and high [deg C] of the bands in which heating pays, (3, M, BANDS); see core.h.
+
+    `columns` has those of STRIDE_COLUMNS, `is_limited` (M,) says where limits may matter. On the grid
+    (G,) [deg C], at a first look on a coarser one; `ends` are the other fields of `bev_curve_range`, in
+    their order.
+    """
+    library = core()
+    if library is None:
+        return None
+    strides = len(is_limited)
+    ordered = [columns[name] for name in STRIDE_COLUMNS]
+    block = np.concatenate((*ordered, grid_c), dtype=float)
+    flags = is_limited.astype(np.uint8)
+    places, at = [], block.ctypes.data
+    for column in ordered:
+        places.append(at)
+        at += DOUBLE_BYTES * len(column)
+    struct = StridesStruct(strides, *places, flags.ctypes.data)
+    extent = CurveRangeStruct(len(grid_c), is_first_look, at, *ends)
+    bands_c, memory = np.empty((3, strides, BANDS)), np.empty(CURVE_MEMORY)
+    status = library.bev_find_bands(
+        vehicle.address, byref(struct), byref(extent), memory.ctypes.data, bands_c.ctypes.data)
+    return bands_c if status == OK else None
+
+
+def stand(vehicle: CompiledVehicle, trip: CompiledTrip, drivetrain_heat_w: FloatArray, empty: int,
+          states: FloatArray, powers_w: FloatArray) -> float | None:
+    """
+    Write how a run ends whose charge runs out in step `empty`; return the share of it that is driven.
+
+    `states` (S, N + 1) and `powers_w` (S, N) are those of `settle`; see `bev_stand` in core.h.
+    """
+    library = core()
+    if library is None:
+        return None
+    heat_w, stranding, asked_w = doubles(drivetrain_heat_w), StrandingStruct(empty), powers_w[:, empty].copy()
+    status = library.bev_stand(
+        vehicle.address, trip.address, heat_w.ctypes.data, states.ctypes.data, powers_w.ctypes.data,
+        byref(stranding))
+    if status == OK:
+        return float(stranding.driven_share)
+    powers_w[:, empty] = asked_w
+    return None
+
+
+class Settling:
+    """A `bev_settling`: what a run under thresholds is to meet; see core.h."""
+
+    def __init__(self, target_c: float, lowest_c: float, serves_climbs: bool,
+                 drivetrain_heat_w: FloatArray) -> None:
+        """Temperatures [deg C]; `drivetrain_heat_w` (N,) [W]."""
+        self._heat_w = doubles(drivetrain_heat_w)
+        self.struct = SettlingStruct(serves_climbs, target_c, lowest_c, self._heat_w.ctypes.data)
+
+
+def settle(vehicle: CompiledVehicle, trip: CompiledTrip, heating: Heating, goal: Settling,
+           start: Sequence[float]) -> tuple[FloatArray, FloatArray, Stranded] | None:
+    """
+    Return states (S, N + 1) and powers (S, N) of the run that delivers its climbs and meets the target.
+
+    Last, the step in which its charge runs out and the share of it that is driven; None where it does not.
+    `start` are the S states at its beginning, two or, with a heat path, four; see `bev_settle` in core.h.
+    """
+    library = core()
+    if library is None:
+        return None
+    states, powers_w = np.empty((len(start), trip.steps + 1)), np.empty((len(start), trip.steps))
+    states[:, 0] = start
+    memory = np.empty(SETTLE_MEMORY[0] * trip.steps + SETTLE_MEMORY[1])
+    stranding = StrandingStruct()
+    status = library.bev_settle(
+        vehicle.address, trip.address, byref(heating.struct), byref(goal.struct), states.ctypes.data,
+        powers_w.ctypes.data, byref(stranding), memory.ctypes.data)
+    return (states, powers_w, _stranded(stranding)) if status == OK else None
+
+
+def merit_order(vehicle: CompiledVehicle, lumped: CompiledVehicle, trip: CompiledTrip, goal: Settling,
+                paid_w: FloatArray, states: FloatArray,
+                powers_w: FloatArray) -> tuple[BoolArray, Stranded] | None:
+    """
+    Write the run that heats by merit over the one without regard to limits; see `bev_merit_order` in core.h.
+
+    `states` (S, N + 1), `powers_w` (S, N), `paid_w` (N,). Returns in which steps its charge limit, and its
+    discharge limit, were looked at, (2, N), and where it strands, as `settle`.
+    """
+    library = core()
+    if library is None:
+        return None
+    paid_w = doubles(paid_w)
+    watched = np.empty((MERIT_BYTES, trip.steps), dtype=bool)
+    memory = np.empty(MERIT_MEMORY[0] * trip.steps + MERIT_MEMORY[1])
+    stranding = StrandingStruct()
+    status = library.bev_merit_order(
+        vehicle.address, lumped.address, trip.address, byref(goal.struct), paid_w.ctypes.data,
+        states.ctypes.data, powers_w.ctypes.data, byref(stranding), watched.ctypes.data,
+        memory.ctypes.data)
+    return (watched[:2], _stranded(stranding)) if status == OK else None
+
+
+def _stranded(stranding: StrandingStruct) -> Stranded:
+    return None if stranding.step < 0 else (stranding.step, stranding.driven_share)

@@ -1,0 +1,108 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * What a run along a trip says of limits and of charge: the functions of that name in
+ * bev_preheat.planning.limits, safeguard and charge_acceptance.
+ */
+#include "courses.h"
+
+#define COLDER_BY_K 5.0
+#define POWER_TOLERANCE 1e-6
+#define SOC_DIFFERENCE 1e-4
+#define SECONDS_PER_HOUR 3600.0
+
+static bev_status limits_at(const bev_vehicle *vehicle, double soc, double temperature_c,
+                            double variance_w2, double limits_w[2]) {
+  bev_terminal_limits(vehicle, BEV_AS_ARRAYS, soc, temperature_c, variance_w2, limits_w);
+  return isfinite(limits_w[0]) && isfinite(limits_w[1]) ? BEV_OK : BEV_NOT_FINITE;
+}
+
+bev_status bev_watch_limits(const bev_vehicle *vehicle, const bev_trip *trip, double lowest_c,
+                            const bev_course *course, bev_watch *watch) {
+  for (int32_t k = 0; k < trip->steps; k++) {
+    double limits_w[2];
+    const double colder_c = bev_maximum(course->states[1][k] - COLDER_BY_K, lowest_c);
+    const bev_status status = limits_at(vehicle, course->states[0][k], colder_c,
+                                        trip->power_variance_w2[k], limits_w);
+    if (status != BEV_OK) {
+      return status;
+    }
+    const double power_w = trip->idle_power_w[k];
+    watch->charge[k] =
+        (uint8_t)(trip->propulsion_power_w[k] < 0.0 && power_w < limits_w[0]);
+    watch->discharge[k] = (uint8_t)(power_w + trip->heater_limit_w[k] > limits_w[1]);
+  }
+  return BEV_OK;
+}
+
+bev_status bev_lacking_w(const bev_vehicle *vehicle, const bev_trip *trip,
+                         const bev_course *course, double *worst_w) {
+  /* With a heat path the heater takes on average what the third power says. */
+  const double *drawn_w = course->powers_w[course->rows == 2 ? 0 : 2];
+  double worst_at_w = 0.0;
+  /* What a vehicle that stands does not get is lacking charge, not power. */
+  const int32_t driven = course->stranding.step < 0 ? trip->steps : course->stranding.step;
+  *worst_w = 0.0;
+  for (int32_t k = 0; k < driven; k++) {
+    double limits_w[2];
+    const bev_status status = limits_at(vehicle, course->states[0][k], course->states[1][k],
+                                        trip->power_variance_w2[k], limits_w);
+    if (status != BEV_OK) {
+      return status;
+    }
+    const double lacking_w = trip->idle_power_w[k] + drawn_w[k] - limits_w[1];
+    if (lacking_w > *worst_w) {
+      *worst_w = lacking_w;
+      worst_at_w = trip->idle_power_w[k];
+    }
+  }
+  if (*worst_w <= POWER_TOLERANCE * fabs(worst_at_w)) {
+    *worst_w = 0.0;
+  }
+  return BEV_OK;
+}
+
+bev_status bev_blend_acceptance_loss(const bev_vehicle *vehicle, const bev_trip *trip,
+                                     const bev_watch *watch, const bev_course *course,
+                                     bev_acceptance_loss *loss, int32_t *any) {
+  const double capacity_as = SECONDS_PER_HOUR * vehicle->capacity_ah;
+  *any = 0;
+  for (int32_t k = 0; k < trip->steps; k++) {
+    double lost = 0.0;
+    double surplus_w = 0.0;
+    if (watch->charge[k] != 0) {
+      const double soc = course->states[0][k];
+      const double temperature_c = course->states[1][k];
+      const double variance_w2 = trip->power_variance_w2[k];
+      double limits_w[2];
+      double fuller_w[2];
+      bev_status status = limits_at(vehicle, soc, temperature_c, variance_w2, limits_w);
+      if (status == BEV_OK) {
+        status =
+            limits_at(vehicle, soc + SOC_DIFFERENCE, temperature_c, variance_w2, fuller_w);
+      }
+      if (status != BEV_OK) {
+        return status;
+      }
+      surplus_w = limits_w[0] - trip->idle_power_w[k];
+      if (surplus_w > 0.0) {
+        const double voltage_v =
+            bev_at(&vehicle->open_circuit_voltage, BEV_AS_ARRAYS, soc, temperature_c);
+        lost = bev_minimum(
+            bev_maximum(trip->duration_s[k] * (fuller_w[0] - limits_w[0])
+                            / (SOC_DIFFERENCE * capacity_as * voltage_v),
+                        0.0),
+            1.0);
+      }
+    }
+    const int is_braked = surplus_w >= trip->heater_limit_w[k];
+    loss->to_brake[k] = 0.5 * (loss->to_brake[k] + (is_braked ? lost : 0.0));
+    loss->to_heater[k] = 0.5 * (loss->to_heater[k] + (is_braked ? 0.0 : lost));
+    if (!isfinite(loss->to_brake[k]) || !isfinite(loss->to_heater[k])) {
+      return BEV_NOT_FINITE;
+    }
+    if (loss->to_brake[k] != 0.0 || loss->to_heater[k] != 0.0) {
+      *any = 1;
+    }
+  }
+  return BEV_OK;
+}

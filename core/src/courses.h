@@ -1,0 +1,50 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * What a run along a trip says of limits and of charge: the functions of that name in
+ * bev_preheat.planning.limits, safeguard and charge_acceptance.
+ */
+#ifndef BEV_PREHEAT_CORE_COURSES_H_
+#define BEV_PREHEAT_CORE_COURSES_H_
+
+#include "steps_of_model.h"
+
+/* Rows of a run: `rows` states over instants and powers over steps, as of bev_settle. */
+typedef struct {
+  int32_t rows;
+  double *states[4];
+  double *powers_w[4];
+  bev_stranding stranding;
+} bev_course;
+
+/* Steps in which charge and discharge limit may matter: not 0. */
+typedef struct {
+  uint8_t *charge;
+  uint8_t *discharge;
+} bev_watch;
+
+/* What the battery takes less, for a joule more in it, and who gets it [J/J], over the steps. */
+typedef struct {
+  double *to_brake;
+  double *to_heater;
+} bev_acceptance_loss;
+
+/* So many doubles of the memory, which begins behind them from then on. */
+static inline double *bev_take(double **memory, int32_t count) {
+  double *const taken = *memory;
+  *memory += count;
+  return taken;
+}
+
+bev_status bev_watch_limits(const bev_vehicle *vehicle, const bev_trip *trip, double lowest_c,
+                            const bev_course *course, bev_watch *watch);
+
+/* The worst power that the battery cannot deliver [W]; 0 where nothing but rounding is lacking. */
+bev_status bev_lacking_w(const bev_vehicle *vehicle, const bev_trip *trip,
+                         const bev_course *course, double *worst_w);
+
+/* Blend the loss along a run into the loss that was assumed; `any` says whether there is any then. */
+bev_status bev_blend_acceptance_loss(const bev_vehicle *vehicle, const bev_trip *trip,
+                                     const bev_watch *watch, const bev_course *course,
+                                     bev_acceptance_loss *loss, int32_t *any);
+
+#endif /* BEV_PREHEAT_CORE_COURSES_H_ */

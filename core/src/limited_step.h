@@ -1,0 +1,73 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * One step within the battery's limits: bev_preheat.planning.limits and bev_preheat.planning.heated_limits.
+ *
+ * The states of a step are charge, temperature [deg C], heater power [W] and coolant excess [K], of which a
+ * vehicle whose heat arrives at once has the first two; the others are 0.
+ */
+#ifndef BEV_PREHEAT_CORE_LIMITED_STEP_H_
+#define BEV_PREHEAT_CORE_LIMITED_STEP_H_
+
+#include "steps_of_model.h"
+
+/* What stays the same over a run. */
+typedef struct {
+  const bev_vehicle *vehicle;
+  const bev_trip *trip;
+  /* As in bev_heating. */
+  const uint8_t *may_overcharge;
+  const uint8_t *may_overdraw;
+  int32_t takes_surplus;
+  int32_t is_direct;
+  double lag_s;
+  /* What a watt of heater power, and a kelvin of coolant excess, will still bring [K]. */
+  double k_per_watt;
+  double share_of_excess;
+  double joules_per_k;
+} bev_limited_run;
+
+bev_limited_run bev_limited_run_of(const bev_vehicle *vehicle, const bev_trip *trip,
+                                   const uint8_t *may_overcharge, const uint8_t *may_overdraw,
+                                   int32_t takes_surplus, int32_t is_direct);
+
+/* The temperature that thresholds are meant for: when all heat that is under way has arrived [deg C]. */
+static inline double bev_settled_c(const bev_limited_run *run, const double states[4]) {
+  return run->is_direct ? states[1]
+                        : states[1] + run->k_per_watt * states[2]
+          + run->share_of_excess * states[3];
+}
+
+/*
+ * Drive step k from its states, heated with `wanted_w` [W] as far as limits let it.
+ *
+ * Written are the states at its end, and command, friction brake, what the heater takes and the heat into the
+ * battery, means [W]. BEV_EMPTY: the charge does not carry the step, and only the powers mean something.
+ */
+bev_status bev_drive_within_limits(const bev_limited_run *run, int32_t k, const double states[4],
+                                   double wanted_w, double ends[4], double powers_w[4]);
+
+/*
+ * Drive the step of `stranding` as far as the charge carries, and stand from then on: `states` and
+ * `powers_w`, of `rows` arrays each, are known until that step, and with what it was to be driven.
+ */
+bev_status bev_strand(const bev_limited_run *run, const double *drivetrain_heat_w, int32_t rows,
+                      double *const states[4], double *const powers_w[4],
+                      bev_stranding *stranding);
+
+/* Whether heat arrives at once. */
+static inline int32_t bev_is_direct(const bev_vehicle *vehicle) {
+  return vehicle->heater_lag_s == 0.0 && vehicle->coolant_heat_capacity_j_per_k == 0.0;
+}
+
+/* How late heat arrives in all [s]. */
+static inline double bev_heat_lag_s(const bev_vehicle *vehicle) {
+  return vehicle->heater_lag_s
+      + (vehicle->coolant_heat_capacity_j_per_k > 0.0
+             ? vehicle->coolant_heat_capacity_j_per_k / vehicle->coolant_conductance_w_per_k
+             : 0.0);
+}
+
+/* What is left of a difference between heater and command, on average over a step. */
+double bev_mean_share_left(double lag_s, double duration_s);
+
+#endif /* BEV_PREHEAT_CORE_LIMITED_STEP_H_ */

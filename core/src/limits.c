@@ -1,0 +1,27 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* The battery's limits along a run: bev_preheat.planning.dynamics.terminal_limits_w. */
+#include "checks.h"
+#include "steps_of_model.h"
+
+bev_status bev_limits_along(const bev_vehicle *vehicle, int32_t count, const double *soc,
+                            const double *temperature_c, const double *variance_w2,
+                            double *least_w, double *most_w) {
+  if (vehicle == NULL || soc == NULL || temperature_c == NULL || variance_w2 == NULL
+      || least_w == NULL || most_w == NULL || count < 0 || count > BEV_MOST_STEPS) {
+    return BEV_BAD_ARGUMENT;
+  }
+  if (!bev_is_vehicle(vehicle)) {
+    return BEV_BAD_VEHICLE;
+  }
+  for (int32_t n = 0; n < count; n++) {
+    double limits_w[2];
+    bev_terminal_limits(vehicle, BEV_AS_ARRAYS, soc[n], temperature_c[n], variance_w2[n],
+                        limits_w);
+    if (!isfinite(limits_w[0]) || !isfinite(limits_w[1])) {
+      return BEV_NOT_FINITE;
+    }
+    least_w[n] = limits_w[0];
+    most_w[n] = limits_w[1];
+  }
+  return BEV_OK;
+}

@@ -1,0 +1,126 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * How a run ends whose charge runs out: bev_preheat.planning.limits._stranded and
+ * bev_preheat.planning.heated_limits._strand.
+ */
+#include "checks.h"
+#include "heating.h"
+#include "limited_step.h"
+
+/* The run up to the step that the charge does not carry, and what that step was to be driven with. */
+typedef struct {
+  const bev_limited_run *run;
+  const double *drivetrain_heat_w;
+  double command_w;
+  double brake_w;
+} last_drive;
+
+/* A step of which a share is driven: `result` is that of the model's step. */
+static bev_status drive_share(const last_drive *drive, int32_t k, double share,
+                              const double states[4], double result[8]) {
+  const bev_vehicle *vehicle = drive->run->vehicle;
+  const bev_trip *trip = drive->run->trip;
+  bev_inputs inputs = bev_inputs_of(vehicle, trip, k, NULL, NULL);
+  if (!bev_are_finite(&inputs) || !isfinite(drive->drivetrain_heat_w[k])) {
+    return BEV_BAD_INPUT;
+  }
+  inputs.power_w = share * inputs.power_w;
+  inputs.variance_w2 = share * inputs.variance_w2;
+  inputs.heat_w = inputs.heat_w - (1.0 - share) * drive->drivetrain_heat_w[k];
+  if (drive->run->is_direct) {
+    inputs.power_w = inputs.power_w + share * (drive->command_w + drive->brake_w);
+    inputs.heat_w = inputs.heat_w
+        + share * (vehicle->heater_efficiency * drive->command_w
+                   - vehicle->heat_share * drive->brake_w);
+    bev_integrate(vehicle, BEV_RUNGE_KUTTA_4, 1, states[0], states[1], &inputs, result);
+    result[2] = 0.0;
+    result[3] = 0.0;
+    result[6] = share * drive->command_w;
+    result[7] = vehicle->heater_efficiency * result[6];
+  } else {
+    const double started[4] = {states[0], states[1], share * states[2], states[3]};
+    inputs.power_w = inputs.power_w + share * drive->brake_w;
+    inputs.heat_w = inputs.heat_w - share * vehicle->heat_share * drive->brake_w;
+    bev_integrate_heated(vehicle, 1, started, &inputs, share * drive->command_w, result);
+  }
+  return bev_kind_of(result[0], result[1]) == BEV_OK && bev_kind_of(result[2], result[3]) == BEV_OK
+      ? BEV_OK
+      : BEV_NOT_FINITE;
+}
+
+bev_status bev_strand(const bev_limited_run *run, const double *drivetrain_heat_w, int32_t rows,
+                      double *const states[4], double *const powers_w[4],
+                      bev_stranding *stranding) {
+  const int32_t steps = run->trip->steps;
+  const int32_t empty = stranding->step;
+  const last_drive drive = {run, drivetrain_heat_w, powers_w[0][empty], powers_w[1][empty]};
+  double here[4] = {0.0, 0.0, 0.0, 0.0};
+  double result[8];
+  for (int32_t n = 0; n < rows; n++) {
+    here[n] = states[n][empty];
+  }
+  double enough = 0.0;
+  double too_little = 1.0;
+  for (int32_t n = 0; n < BEV_HALVINGS; n++) {
+    const double middle = 0.5 * (enough + too_little);
+    const bev_status status = drive_share(&drive, empty, middle, here, result);
+    if (status != BEV_OK) {
+      return status;
+    }
+    if (result[0] > 0.0) {
+      enough = middle;
+    } else {
+      too_little = middle;
+    }
+  }
+  stranding->driven_share = enough;
+  for (int32_t k = empty; k < steps; k++) {
+    const double share = k == empty ? enough : 0.0;
+    const bev_status status = drive_share(&drive, k, share, here, result);
+    if (status != BEV_OK) {
+      return status;
+    }
+    const double powers[4] = {share * drive.command_w, share * drive.brake_w, result[6],
+                              result[7]};
+    here[0] = 0.0;
+    here[1] = bev_minimum(result[1], run->vehicle->hottest_c);
+    here[2] = 0.0;
+    here[3] = result[3];
+    for (int32_t n = 0; n < rows; n++) {
+      states[n][k + 1] = here[n];
+      powers_w[n][k] = powers[n];
+    }
+  }
+  return BEV_OK;
+}
+
+bev_status bev_stand(const bev_vehicle *vehicle, const bev_trip *trip,
+                     const double *drivetrain_heat_w, double *states, double *powers_w,
+                     bev_stranding *stranding) {
+  const bev_status checked = bev_checked(vehicle, trip, 0);
+  if (checked != BEV_OK) {
+    return checked;
+  }
+  if (drivetrain_heat_w == NULL || states == NULL || powers_w == NULL || stranding == NULL
+      || stranding->step < 0 || stranding->step >= trip->steps) {
+    return BEV_BAD_ARGUMENT;
+  }
+  const int32_t is_direct = bev_is_direct(vehicle);
+  const int32_t rows = is_direct ? 2 : 4;
+  const bev_limited_run run =
+      bev_limited_run_of(vehicle, trip, NULL, NULL, 0, is_direct);
+  double *all_states[4] = {NULL, NULL, NULL, NULL};
+  double *all_powers_w[4] = {NULL, NULL, NULL, NULL};
+  for (int32_t n = 0; n < rows; n++) {
+    all_states[n] = &states[n * (trip->steps + 1)];
+    all_powers_w[n] = &powers_w[n * trip->steps];
+    if (!isfinite(all_states[n][stranding->step])) {
+      return BEV_BAD_INPUT;
+    }
+  }
+  if (!isfinite(all_powers_w[0][stranding->step])
+      || !isfinite(all_powers_w[1][stranding->step])) {
+    return BEV_BAD_INPUT;
+  }
+  return bev_strand(&run, drivetrain_heat_w, rows, all_states, all_powers_w, stranding);
+}

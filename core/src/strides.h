@@ -1,0 +1,34 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Where one stride of a trip leads from each temperature: bev_preheat.planning.strides. */
+#ifndef BEV_PREHEAT_CORE_STRIDES_H_
+#define BEV_PREHEAT_CORE_STRIDES_H_
+
+#include <math.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "bev_preheat_core/core.h"
+
+/*
+ * The `count` temperatures from which a stride is worked out, and from each where it ends [deg C] and what
+ * it takes [J], with free heating only and with all the heating there is. It is delivered unheated from
+ * `needed_c` on; -inf: always.
+ */
+typedef struct {
+  int32_t count;
+  double *start_c;
+  double *unheated_end_c;
+  double *unheated_j;
+  double *heated_end_c;
+  double *heated_j;
+  double needed_c;
+} bev_stride_map;
+
+/* Where no limit matters, and at a first look, every so many points of the grid are enough. */
+#define BEV_COARSE 4
+
+/* Work out stride m on those points of the grid that it needs; the grid has more than BEV_COARSE. */
+bev_status bev_map_stride(const bev_vehicle *vehicle, const bev_strides *inputs, int32_t m,
+                          const bev_curve_range *range, bev_stride_map *map);
+
+#endif /* BEV_PREHEAT_CORE_STRIDES_H_ */

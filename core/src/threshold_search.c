@@ -1,0 +1,275 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* The run that delivers its climbs and arrives at the target: bev_preheat.planning.threshold_search. */
+#include "threshold_search.h"
+
+#include "heating.h"
+
+#define ARRIVAL_TOLERANCE_K 5e-6
+#define ARRIVAL_OVERSHOOT_K 1.0
+#define CLIMB_OVERSHOOT_K 4.0
+#define UNHEATED_SHIFT_K (-1e3)
+#define POWER_SURPLUS 1e-5
+#define MOST_CLIMBS 6
+#define COLDER_BY_K 5.0
+
+static const bev_requirement TARGET = {-1, -1};
+
+/* Stretches that a battery a little colder than the kept run's could not deliver. */
+static bev_status find_climbs(const bev_threshold_search *search,
+                              bev_requirement climbs[MOST_CLIMBS], int32_t *count) {
+  const bev_trip *trip = search->limits.trip;
+  const bev_search_run *kept = &search->runs[BEV_KEPT_RUN];
+  int was_demanding = 0;
+  *count = 0;
+  for (int32_t k = 0; k < trip->steps; k++) {
+    double limits_w[2];
+    bev_terminal_limits(
+        search->limits.vehicle, BEV_AS_ARRAYS, kept->states[0][k],
+        bev_maximum(kept->states[1][k] - COLDER_BY_K, search->goal->lowest_c),
+        trip->power_variance_w2[k], limits_w);
+    if (!isfinite(limits_w[1])) {
+      return BEV_NOT_FINITE;
+    }
+    const int is_demanding = trip->idle_power_w[k] > limits_w[1];
+    if (is_demanding && !was_demanding) {
+      if (*count == MOST_CLIMBS) {
+        return BEV_OK;
+      }
+      climbs[*count].first = k;
+      (*count)++;
+    }
+    if (is_demanding) {
+      climbs[*count - 1].last = k + 1;
+    }
+    was_demanding = is_demanding;
+  }
+  return BEV_OK;
+}
+
+static void copy(double *to, const double *from, int32_t count) {
+  for (int32_t n = 0; n < count; n++) {
+    to[n] = from[n];
+  }
+}
+
+/* Copy a run and the shifts that belong to it. */
+static void copy_run(const bev_threshold_search *search, bev_search_run *to,
+                     const bev_search_run *from, double *to_k, const double *from_k) {
+  const int32_t steps = search->limits.trip->steps;
+  for (int32_t n = 0; n < search->rows; n++) {
+    copy(to->states[n], from->states[n], steps + 1);
+    copy(to->powers_w[n], from->powers_w[n], steps);
+  }
+  copy(to->wanted_w, from->wanted_w, steps);
+  copy(to_k, from_k, steps);
+  to->until = from->until;
+  to->stranding = from->stranding;
+}
+
+/* Keep the run without paid heating in steps first ... last - 1 if it has more. */
+static bev_status take_unheated_if_better(bev_threshold_search *search, int32_t first, int32_t last,
+                                          const bev_requirement *required, double excess) {
+  copy(search->saved_shift_k, search->shift_k, search->limits.trip->steps);
+  for (int32_t k = first; k < last; k++) {
+    search->shift_k[k] = 0.0;
+  }
+  bev_search_trial unheated = {UNHEATED_SHIFT_K, 0.0, 0};
+  bev_status status = bev_search_drive(search, first, last, UNHEATED_SHIFT_K, required->last,
+                                       BEV_KEPT_RUN, unheated.run);
+  if (status == BEV_OK) {
+    status = bev_search_excess(search, &search->runs[unheated.run], required, &unheated.excess);
+  }
+  if (status != BEV_OK) {
+    return status;
+  }
+  if (unheated.excess < excess) {
+    copy(search->shift_k, search->saved_shift_k, search->limits.trip->steps);
+    return BEV_OK;
+  }
+  return bev_search_keep(search, first, last, &unheated);
+}
+
+/* Move the kept run from step `first` on so that it meets the target, and no more. */
+static bev_status meet_target(bev_threshold_search *search, int32_t first) {
+  const int32_t steps = search->limits.trip->steps;
+  double excess_k = 0.0;
+  bev_status status =
+      bev_search_excess(search, &search->runs[BEV_KEPT_RUN], &TARGET, &excess_k);
+  if (status == BEV_OK && excess_k > ARRIVAL_TOLERANCE_K) {
+    /* Where heating that pays for itself, and what is free, lead beyond it, no shift brings it down. */
+    status = bev_search_drive(search, first, steps, -ARRIVAL_OVERSHOOT_K, steps, BEV_KEPT_RUN, 0);
+    if (status == BEV_OK) {
+      status = bev_search_excess(search, &search->runs[0], &TARGET, &excess_k);
+    }
+    if (status == BEV_OK && excess_k > 0.0) {
+      return BEV_OK;
+    }
+  }
+  return status == BEV_OK
+      ? bev_search_move(search, first, steps, &TARGET, ARRIVAL_TOLERANCE_K)
+      : status;
+}
+
+/* The same, unless less can then be delivered from step `first` on. */
+static bev_status meet_target_without_more_lacking(bev_threshold_search *search, int32_t first) {
+  const bev_requirement rest = {first, search->limits.trip->steps};
+  bev_search_run *kept = &search->runs[BEV_KEPT_RUN];
+  double spare_w = 0.0;
+  double changed_spare_w = 0.0;
+  bev_status status = bev_search_excess(search, kept, &rest, &spare_w);
+  copy_run(search, &search->saved, kept, search->saved_shift_k, search->shift_k);
+  if (status == BEV_OK) {
+    status = meet_target(search, first);
+  }
+  if (status == BEV_OK) {
+    status = bev_search_excess(search, kept, &rest, &changed_spare_w);
+  }
+  if (status == BEV_OK
+      && bev_maximum(0.0, -changed_spare_w) > bev_maximum(0.0, -spare_w)) {
+    copy_run(search, kept, &search->saved, search->shift_k, search->saved_shift_k);
+  }
+  return status;
+}
+
+/* Deliver one climb, what comes before step `start` being settled; `start` and `free` move on with it. */
+static bev_status serve_climb(bev_threshold_search *search, const bev_requirement *climb,
+                              int32_t *start, int32_t *free_from) {
+  const bev_trip *trip = search->limits.trip;
+  bev_search_run *kept = &search->runs[BEV_KEPT_RUN];
+  double most_w = trip->idle_power_w[climb->first];
+  double spare_w = 0.0;
+  for (int32_t k = climb->first + 1; k < climb->last; k++) {
+    most_w = bev_maximum(most_w, trip->idle_power_w[k]);
+  }
+  const double tolerance_w = POWER_SURPLUS * most_w;
+  bev_status status = bev_search_excess(search, kept, climb, &spare_w);
+  if (status == BEV_OK && spare_w > tolerance_w) {
+    status = bev_search_drive(search, *start, climb->first, -CLIMB_OVERSHOOT_K, climb->last,
+                              BEV_KEPT_RUN, 0);
+    if (status == BEV_OK) {
+      status = bev_search_excess(search, &search->runs[0], climb, &spare_w);
+    }
+    if (status == BEV_OK && spare_w > 0.0) {
+      /* Delivered whatever is heated for it. */
+      *start = climb->last;
+      return BEV_OK;
+    }
+  }
+  if (status == BEV_OK) {
+    status = bev_search_move(search, *start, climb->first, climb, tolerance_w);
+  }
+  if (status == BEV_OK) {
+    status = bev_search_excess(search, kept, climb, &spare_w);
+  }
+  if (status == BEV_OK && spare_w < 0.0) {
+    /* Heating takes charge too, and where that is what lacks it makes things worse. */
+    status = take_unheated_if_better(search, *start, climb->first, climb, spare_w);
+  }
+  *start = climb->last;
+  *free_from = climb->last;
+  return status;
+}
+
+static bev_status settle(bev_threshold_search *search) {
+  const int32_t steps = search->limits.trip->steps;
+  bev_requirement climbs[MOST_CLIMBS];
+  int32_t count = 0;
+  int32_t start = 0;
+  int32_t free_from = 0;
+  bev_status status =
+      bev_search_drive(search, 0, 0, 0.0, steps, BEV_KEPT_RUN, BEV_KEPT_RUN);
+  if (status == BEV_OK && search->goal->serves_climbs != 0) {
+    status = find_climbs(search, climbs, &count);
+  }
+  for (int32_t n = 0; status == BEV_OK && n < count; n++) {
+    if (climbs[n].first > start) {
+      status = serve_climb(search, &climbs[n], &start, &free_from);
+    }
+  }
+  if (status == BEV_OK && free_from < start) {
+    status = meet_target_without_more_lacking(search, free_from);
+  }
+  if (status == BEV_OK && start < steps) {
+    status = meet_target(search, start);
+  }
+  if (status == BEV_OK && start > 0
+      && search->runs[BEV_KEPT_RUN].states[1][steps] - search->goal->target_c < 0.0) {
+    /* What comes after the last climb is not enough. */
+    status = bev_search_move(search, 0, steps, &TARGET, ARRIVAL_TOLERANCE_K);
+  }
+  return status;
+}
+
+/* The step in which most of the heat of each step arrives. */
+static void find_arrivals(const bev_trip *trip, double heat_lag_s, double *arrives_in_step) {
+  int32_t into = 0;
+  for (int32_t k = 0; k < trip->steps; k++) {
+    while (into + 1 < trip->steps && trip->time_s[into + 1] <= trip->time_s[k] + heat_lag_s) {
+      into++;
+    }
+    arrives_in_step[k] = (double)into;
+  }
+}
+
+static bev_search_run run_in(double **memory, int32_t steps) {
+  bev_search_run run;
+  for (int32_t n = 0; n < 4; n++) {
+    run.states[n] = bev_take(memory, steps + 1);
+    run.powers_w[n] = bev_take(memory, steps);
+  }
+  run.wanted_w = bev_take(memory, steps);
+  run.until = 0;
+  run.stranding.step = -1;
+  run.stranding.driven_share = 1.0;
+  return run;
+}
+
+bev_status bev_settle(const bev_vehicle *vehicle, const bev_trip *trip, const bev_heating *heating,
+                      const bev_settling *goal, double *states, double *powers_w,
+                      bev_stranding *stranding, double *memory) {
+  const bev_status checked = bev_checked(vehicle, trip, 0);
+  if (checked != BEV_OK) {
+    return checked;
+  }
+  if (!bev_is_heating(heating) || heating->bands == 0 || goal == NULL
+      || goal->drivetrain_heat_w == NULL || states == NULL || powers_w == NULL
+      || stranding == NULL || memory == NULL) {
+    return BEV_BAD_ARGUMENT;
+  }
+  const int32_t steps = trip->steps;
+  const int32_t is_direct = bev_is_direct(vehicle);
+  const int32_t rows = is_direct ? 2 : 4;
+  for (int32_t n = 0; n < rows; n++) {
+    if (!isfinite(states[n * (steps + 1)])) {
+      return BEV_BAD_INPUT;
+    }
+  }
+  if (!isfinite(goal->target_c) || !isfinite(goal->lowest_c)) {
+    return BEV_BAD_INPUT;
+  }
+  bev_threshold_search search;
+  search.limits = bev_limited_run_of(vehicle, trip, heating->may_overcharge,
+                                     heating->may_overdraw, heating->takes_surplus,
+                                     is_direct);
+  search.heating = heating;
+  search.goal = goal;
+  search.rows = rows;
+  search.arrives_in_step = bev_take(&memory, steps);
+  search.shift_k = bev_take(&memory, steps);
+  search.saved_shift_k = bev_take(&memory, steps);
+  search.saved = run_in(&memory, steps);
+  for (int32_t n = 0; n < BEV_SEARCH_RUNS; n++) {
+    search.runs[n] = run_in(&memory, steps);
+  }
+  for (int32_t n = 0; n < rows; n++) {
+    search.runs[BEV_KEPT_RUN].states[n] = &states[n * (steps + 1)];
+    search.runs[BEV_KEPT_RUN].powers_w[n] = &powers_w[n * steps];
+  }
+  for (int32_t k = 0; k < steps; k++) {
+    search.shift_k[k] = 0.0;
+  }
+  find_arrivals(trip, bev_heat_lag_s(vehicle), search.arrives_in_step);
+  const bev_status status = settle(&search);
+  *stranding = search.runs[BEV_KEPT_RUN].stranding;
+  return status;
+}

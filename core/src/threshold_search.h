@@ -1,0 +1,77 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * Forward runs that heat below thresholds, moved so that they meet what must be met exactly:
+ * bev_preheat.planning.threshold_search, where the constants and the reasons for them stand.
+ */
+#ifndef BEV_PREHEAT_CORE_THRESHOLD_SEARCH_H_
+#define BEV_PREHEAT_CORE_THRESHOLD_SEARCH_H_
+
+#include "courses.h"
+#include "limited_step.h"
+
+/* The run that is kept, and three that are tried. */
+#define BEV_SEARCH_RUNS 4
+#define BEV_KEPT_RUN 3
+
+/* One run: arrays over instants and steps, and with what each step was to be heated; known before `until`. */
+typedef struct {
+  double *states[4];
+  double *powers_w[4];
+  double *wanted_w;
+  int32_t until;
+  bev_stranding stranding;
+} bev_search_run;
+
+typedef struct {
+  bev_limited_run limits;
+  const bev_heating *heating;
+  const bev_settling *goal;
+  /* How many states and powers there are. */
+  int32_t rows;
+  /* The step in which most of the heat of each step arrives; as a double, so that one memory is enough. */
+  double *arrives_in_step;
+  /* By how much the thresholds of each step are moved. */
+  double *shift_k;
+  bev_search_run runs[BEV_SEARCH_RUNS];
+  /* What the search comes back to where a change turns out worse. */
+  bev_search_run saved;
+  double *saved_shift_k;
+} bev_threshold_search;
+
+/* What a run is to have: so much power to spare in steps first ... last - 1, or (first < 0) the target. */
+typedef struct {
+  int32_t first;
+  int32_t last;
+} bev_requirement;
+
+/* A shift that was tried, in which of the runs, and by how much that is above what is required. */
+typedef struct {
+  double shift_k;
+  double excess;
+  int32_t run;
+} bev_search_trial;
+
+/*
+ * Drive run `into` from step `first` on, the thresholds before step `last` moved by `shift_k`, until step
+ * `until`. As far as run `like` was to be heated with the same, it is copied. A run instead of one whose
+ * charge runs out is driven from its beginning.
+ */
+bev_status bev_search_drive(bev_threshold_search *search, int32_t first, int32_t last,
+                            double shift_k, int32_t until, int32_t like, int32_t into);
+
+/* By how much a run is above what is required of it. */
+bev_status bev_search_excess(const bev_threshold_search *search, const bev_search_run *run,
+                             const bev_requirement *required, double *excess);
+
+/*
+ * Move the thresholds in steps first ... last - 1 until the kept run's excess is about 0: within the
+ * tolerance above it, or as close to it as shifts get.
+ */
+bev_status bev_search_move(bev_threshold_search *search, int32_t first, int32_t last,
+                           const bev_requirement *required, double tolerance);
+
+/* Keep a trial of steps first ... last - 1. */
+bev_status bev_search_keep(bev_threshold_search *search, int32_t first, int32_t last,
+                           const bev_search_trial *trial);
+
+#endif /* BEV_PREHEAT_CORE_THRESHOLD_SEARCH_H_ */

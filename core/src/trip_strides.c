@@ -1,0 +1,156 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* A trip in strides: bev_preheat.planning.strides, and bev_preheat.planning.thresholds._in_steps. */
+#include "trip_strides.h"
+
+#define LONGEST_STRIDE_S 60.0
+#define COLDER_MARGIN_K 8.0
+#define WARMER_MARGIN_K 5.0
+#define NEAR_K 10.0
+#define NEIGHBOUR_K 3.0
+/* Terms that NumPy adds side by side. */
+#define LANES 8
+
+enum { DURATION, POWER, VARIANCE, HEAT, LEAKAGE, LIMIT, PROPULSION, SOC, END, TO_BRAKE, TO_HEATER };
+
+/* A step's value times its duration, or (null) its duration. */
+static double term_of(const double *values, const double *duration_s, int32_t k) {
+  return values == NULL ? duration_s[k] : values[k] * duration_s[k];
+}
+
+/* The sum of the terms of steps first ... last - 1, in the order in which NumPy adds them. */
+static double sum_of(const double *values, const double *duration_s, int32_t first,
+                     int32_t last) {
+  int32_t k = first + 1;
+  double sum = 0.0;
+  if (last - k >= LANES) {
+    double lane[LANES];
+    for (int32_t n = 0; n < LANES; n++) {
+      lane[n] = term_of(values, duration_s, k + n);
+    }
+    for (k += LANES; k + LANES <= last; k += LANES) {
+      for (int32_t n = 0; n < LANES; n++) {
+        lane[n] += term_of(values, duration_s, k + n);
+      }
+    }
+    sum = ((lane[0] + lane[1]) + (lane[2] + lane[3]))
+        + ((lane[4] + lane[5]) + (lane[6] + lane[7]));
+  }
+  for (; k < last; k++) {
+    sum += term_of(values, duration_s, k);
+  }
+  return term_of(values, duration_s, first) + sum;
+}
+
+/* First steps of the strides: a step in which limits matter is a stride of its own. */
+static int32_t find_first_steps(const bev_trip *trip, const bev_watch *watch,
+                                double *first_step) {
+  int32_t count = 0;
+  double length_s = 0.0;
+  int before_limited = 1;
+  for (int32_t k = 0; k < trip->steps; k++) {
+    const int is_limited = watch->charge[k] != 0 || watch->discharge[k] != 0;
+    const double duration_s = trip->duration_s[k];
+    if (k == 0 || is_limited || before_limited || length_s + duration_s > LONGEST_STRIDE_S) {
+      first_step[count] = (double)k;
+      count++;
+      length_s = 0.0;
+    }
+    length_s += duration_s;
+    before_limited = is_limited;
+  }
+  first_step[count] = (double)trip->steps;
+  return count;
+}
+
+/* The coldest and the warmest that the battery can be at the start of each stride, about. */
+static void find_reach(const bev_vehicle *vehicle, const bev_trip *trip, const bev_course *course,
+                       int32_t is_first_look, int32_t count, const bev_stride_room *room) {
+  const double *run_c = course->states[1];
+  double arrived_j = 0.0;
+  double more_j = 0.0;
+  int32_t m = 0;
+  for (int32_t k = 0; k <= trip->steps; k++) {
+    if (m <= count && (int32_t)room->first_step[m] == k) {
+      room->coldest_c[m] =
+          run_c[k] - arrived_j / vehicle->heat_capacity_j_per_k - COLDER_MARGIN_K;
+      room->warmest_c[m] = run_c[k] + more_j / vehicle->heat_capacity_j_per_k + WARMER_MARGIN_K;
+      if (!is_first_look) {
+        room->coldest_c[m] = bev_maximum(room->coldest_c[m], run_c[k] - NEAR_K);
+        room->warmest_c[m] = bev_minimum(room->warmest_c[m], run_c[k] + NEAR_K);
+      }
+      m++;
+    }
+    if (k < trip->steps) {
+      const double arrived_w = course->rows == 2
+          ? vehicle->heater_efficiency * course->powers_w[0][k]
+          : course->powers_w[3][k];
+      const double more_w =
+          bev_maximum(vehicle->heater_efficiency * trip->heater_limit_w[k] - arrived_w, 0.0)
+          + vehicle->heat_share * course->powers_w[1][k];
+      arrived_j += arrived_w * trip->duration_s[k];
+      more_j += more_w * trip->duration_s[k];
+    }
+  }
+}
+
+bev_strides bev_make_strides(const bev_vehicle *vehicle, const bev_trip *trip,
+                             const bev_watch *watch, const bev_course *course,
+                             const bev_acceptance_loss *loss, int32_t is_first_look,
+                             const bev_stride_room *room) {
+  const double *const averaged[PROPULSION - POWER + 1] = {
+      trip->idle_power_w,    trip->power_variance_w2, trip->idle_heat_w,
+      trip->leakage_w_per_k, trip->heater_limit_w,    trip->propulsion_power_w};
+  double *const *column = room->columns;
+  const int32_t count = find_first_steps(trip, watch, room->first_step);
+  for (int32_t m = 0; m < count; m++) {
+    const int32_t first = (int32_t)room->first_step[m];
+    const int32_t last = (int32_t)room->first_step[m + 1];
+    const double duration_s = sum_of(NULL, trip->duration_s, first, last);
+    column[DURATION][m] = duration_s;
+    for (int32_t n = POWER; n <= PROPULSION; n++) {
+      column[n][m] = sum_of(averaged[n - POWER], trip->duration_s, first, last) / duration_s;
+    }
+    column[SOC][m] = course->states[0][first];
+    column[END][m] = course->states[1][last];
+    column[TO_BRAKE][m] = loss->to_brake[first];
+    column[TO_HEATER][m] = loss->to_heater[first];
+    room->is_limited[m] = (uint8_t)(watch->charge[first] != 0 || watch->discharge[first] != 0);
+  }
+  find_reach(vehicle, trip, course, is_first_look, count, room);
+  const bev_strides strides = {
+      count,           column[DURATION], column[POWER],     column[VARIANCE], column[HEAT],
+      column[LEAKAGE], column[LIMIT],    column[PROPULSION], column[SOC],     column[END],
+      column[TO_BRAKE], column[TO_HEATER], room->coldest_c, room->warmest_c, room->is_limited};
+  return strides;
+}
+
+static double between(double here_c, double there_c, double share) {
+  /* A band that begins or ends, or another one in its place, is no neighbour. */
+  double change_c = 0.0;
+  if (isfinite(here_c) && isfinite(there_c) && fabs(there_c - here_c) < NEIGHBOUR_K) {
+    change_c = there_c - here_c;
+  }
+  return here_c + share * change_c;
+}
+
+void bev_bands_in_steps(const bev_strides *strides, const bev_stride_room *room, int32_t steps,
+                        const double *bands_c, double *floor_c, double *low_c, double *high_c) {
+  const int32_t size = strides->strides * BEV_BANDS;
+  int32_t m = 0;
+  for (int32_t k = 0; k < steps; k++) {
+    while (m + 1 < strides->strides && (int32_t)room->first_step[m + 1] <= k) {
+      m++;
+    }
+    const int32_t following = m + 1 < strides->strides ? m + 1 : m;
+    const double wide = room->first_step[following] - room->first_step[m];
+    const double share = ((double)k - room->first_step[m]) / bev_maximum(wide, 1.0);
+    for (int32_t n = 0; n < BEV_BANDS; n++) {
+      const int32_t here = m * BEV_BANDS + n;
+      const int32_t there = following * BEV_BANDS + n;
+      const int32_t at = k * BEV_BANDS + n;
+      floor_c[at] = bands_c[here];
+      low_c[at] = between(bands_c[size + here], bands_c[size + there], share);
+      high_c[at] = between(bands_c[2 * size + here], bands_c[2 * size + there], share);
+    }
+  }
+}

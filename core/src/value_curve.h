@@ -1,0 +1,52 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* What a kelvin is worth, over temperature: bev_preheat.planning.value_curve. */
+#ifndef BEV_PREHEAT_CORE_VALUE_CURVE_H_
+#define BEV_PREHEAT_CORE_VALUE_CURVE_H_
+
+#include "strides.h"
+
+/* Points of a value curve: temperatures that do not fall, and energies. */
+typedef struct {
+  int32_t count;
+  double *temperature_c;
+  double *energy_j;
+} bev_points;
+
+/* The curves before and after one stride, where it leads, and room for the next one. */
+typedef struct {
+  bev_points after;
+  bev_points heated;
+  bev_points unheated;
+  bev_points next;
+  double *mesh_c;
+  double *heated_j;
+  double *unheated_j;
+  bev_stride_map map;
+} bev_curves;
+
+/* Bands of one stride: arrays of BEV_BANDS [deg C]. */
+typedef struct {
+  double *floor_c;
+  double *low_c;
+  double *high_c;
+} bev_bands;
+
+/* Curves without points, in BEV_CURVE_MEMORY doubles. */
+bev_curves bev_curves_in(double *memory);
+
+void bev_append(bev_points *curve, double temperature_c, double energy_j);
+
+/*
+ * The curve before a stride, `curves->next`, from the one after it and the stride's map; `bands` are written
+ * where there are some. `joule_worth` is what a joule in the battery is worth on arrival [J/J].
+ */
+bev_status bev_curve_before(bev_curves *curves, double joule_worth, const bev_bands *bands);
+
+/* The part of a curve between two temperatures, its points dense enough and few enough. */
+bev_status bev_part_of_curve(const bev_points *curve, double coldest_c, double warmest_c,
+                             bev_points *part);
+
+/* What a kelvin is worth about a temperature [J/K]. */
+double bev_worth_j_per_k(const bev_points *curve, double temperature_c);
+
+#endif /* BEV_PREHEAT_CORE_VALUE_CURVE_H_ */
