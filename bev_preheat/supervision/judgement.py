@@ -12,8 +12,6 @@ from collections.abc import Iterable
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from bev_preheat.errors import InvalidInput, PlanningFailure
 from bev_preheat.estimation.estimate import Estimate
 from bev_preheat.estimation.estimator import Estimator
@@ -40,10 +38,6 @@ if TYPE_CHECKING:
     from bev_preheat.supervision.timetable import Timetable
     from bev_preheat.vehicle.description import Vehicle
 
-# A state this near to the plan's forecast, within this time, is on track.
-ON_TRACK_FOR_S = 60.0
-ON_TRACK_K = 0.05
-ON_TRACK_SOC = 5e-4
 # A vehicle that has stood for so long where its route does not stop may stand for hours.
 MOST_STANDING_S = 900.0
 # What a vehicle that stands too long is told instead of these: they heat, or are about to.
@@ -234,28 +228,6 @@ class Judgement:
             decisions.append(planned if planned.leg in (None, leg) else replace(
                 planned, leg=leg, plan_start_ns=leg.start_ns))
         return tuple(decisions)
-
-    def is_on_track(self, inbox: Inbox, decision: Decision) -> bool:
-        """
-        Return whether the latest state is close to the forecast of the plan at hand.
-
-        The command of that plan then holds: such a state can be answered before the next plan.
-        """
-        plan, measurement = decision.plan, inbox.measurement
-        if plan is None or measurement is None:
-            return False
-        elapsed_s = (measurement.stamp_ns - decision.plan_start_ns) / NS_PER_S
-        if not 0.0 <= elapsed_s <= min(ON_TRACK_FOR_S, plan.arrival_time_s):
-            return False
-        # One reading of a coarse signal moves the estimate by no more than this.
-        estimate = self.estimate if inbox.settings.estimation else None
-        coarse_k = estimate.temperature_resolution_k if estimate else 0.0
-        offset_k = estimate.sensor_offset_k if estimate else 0.0
-        forecast_c = np.interp(elapsed_s, plan.time_s, plan.battery_temperature_c)
-        forecast_soc = np.interp(elapsed_s, plan.time_s, plan.soc)
-        state = measurement.state
-        return bool(abs(state.temperature_c - offset_k - forecast_c) <= ON_TRACK_K + coarse_k
-                    and abs(state.soc - forecast_soc) <= ON_TRACK_SOC)
 
 
 def _with_target(decision: Decision, choice: TargetChoice | None) -> Decision:

@@ -17,13 +17,7 @@ from bev_preheat.errors import InvalidInput, LONGEST_PROBLEM, shortened
 from bev_preheat.planning.status import Status
 from bev_preheat.supervision.command import Commander, find_obstacle
 from bev_preheat.supervision.decision import Command, Decision, WITHOUT_ROUTE
-from bev_preheat.supervision.events import (
-    BatteryStateArrived,
-    Event,
-    ProgressArrived,
-    ProgressUnreadable,
-    Reconfigured,
-)
+from bev_preheat.supervision.events import Event, ProgressArrived, ProgressUnreadable, Reconfigured
 from bev_preheat.supervision.inbox import Inbox
 from bev_preheat.supervision.judgement import Judgement
 
@@ -111,16 +105,9 @@ class Supervisor:
             yield Output(refusals=refusals)
             return
         self._attend_to_changes(now_ns, events)
-        answer = None
-        has_state = any(isinstance(event, BatteryStateArrived) for event in events)
-        if has_state and not refusals and self._is_on_track(now_ns):
-            # The command at hand holds, so it does not wait for the next plan.
-            answer = self._command(now_ns)
-            yield Output(command=answer)
         self._decide(now_ns)
-        command = self._command(now_ns)
-        yield Output(command=None if command == answer else command, refusals=refusals)
-        # Nor does the command wait for the plans of later legs.
+        yield Output(command=self._command(now_ns), refusals=refusals)
+        # The command does not wait for the plans of later legs.
         yield self._publication()
 
     def _let_time_pass(self, now_ns: int) -> Iterator[Output]:
@@ -260,10 +247,6 @@ class Supervisor:
             self._judgement.learn(changes.measurements, inbox.pursued, history, inbox.mission)
         inbox.preparer.revise(
             inbox, now_ns, 1.0 if self.estimate is None else self.estimate.propulsion_factor)
-
-    def _is_on_track(self, now_ns: int) -> bool:
-        return (find_obstacle(self._inbox, now_ns) is None
-                and self._judgement.is_on_track(self._inbox, self._decision))
 
     def _decide(self, now_ns: int) -> None:
         self._judge(now_ns)
