@@ -47,7 +47,7 @@ _SIGNATURES = {
     'bev_run_heated_within_limits': 'PPPIPPP',
     'bev_limits_along': 'PIPPPPP',
     'bev_find_bands': 'PPPPP',
-    'bev_stand': 'PPPPPP',
+    'bev_stand': 'PPPPP',
     'bev_settle': 'PPPPPPPP',
     'bev_merit_order': 'PPPPPPPPPP',
     'bev_keep_accounts': 'PIPPPP',

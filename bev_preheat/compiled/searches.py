@@ -69,8 +69,8 @@ def find_bands(vehicle: CompiledVehicle, columns: dict[str, FloatArray], is_limi
     return bands_c if status == OK else None
 
 
-def stand(vehicle: CompiledVehicle, trip: CompiledTrip, drivetrain_heat_w: FloatArray, empty: int,
-          states: FloatArray, powers_w: FloatArray) -> float | None:
+def stand(vehicle: CompiledVehicle, trip: CompiledTrip, empty: int, states: FloatArray,
+          powers_w: FloatArray) -> float | None:
     """
     Write how a run ends whose charge runs out in step `empty`; return the share of it that is driven.
 
@@ -79,27 +79,16 @@ def stand(vehicle: CompiledVehicle, trip: CompiledTrip, drivetrain_heat_w: Float
     library = core()
     if library is None:
         return None
-    heat_w, stranding, asked_w = doubles(drivetrain_heat_w), StrandingStruct(empty), powers_w[:, empty].copy()
+    stranding, asked_w = StrandingStruct(empty), powers_w[:, empty].copy()
     status = library.bev_stand(
-        vehicle.address, trip.address, heat_w.ctypes.data, states.ctypes.data, powers_w.ctypes.data,
-        byref(stranding))
+        vehicle.address, trip.address, states.ctypes.data, powers_w.ctypes.data, byref(stranding))
     if status == OK:
         return float(stranding.driven_share)
     powers_w[:, empty] = asked_w
     return None
 
 
-class Settling:
-    """A `bev_settling`: what a run under thresholds is to meet; see core.h."""
-
-    def __init__(self, target_c: float, lowest_c: float, serves_climbs: bool,
-                 drivetrain_heat_w: FloatArray) -> None:
-        """Temperatures [deg C]; `drivetrain_heat_w` (N,) [W]."""
-        self._heat_w = doubles(drivetrain_heat_w)
-        self.struct = SettlingStruct(serves_climbs, target_c, lowest_c, self._heat_w.ctypes.data)
-
-
-def settle(vehicle: CompiledVehicle, trip: CompiledTrip, heating: Heating, goal: Settling,
+def settle(vehicle: CompiledVehicle, trip: CompiledTrip, heating: Heating, goal: SettlingStruct,
            start: Sequence[float]) -> tuple[FloatArray, FloatArray, Stranded] | None:
     """
     Return states (S, N + 1) and powers (S, N) of the run that delivers its climbs and meets the target.
@@ -115,12 +104,12 @@ def settle(vehicle: CompiledVehicle, trip: CompiledTrip, heating: Heating, goal:
     memory = np.empty(SETTLE_MEMORY[0] * trip.steps + SETTLE_MEMORY[1])
     stranding = StrandingStruct()
     status = library.bev_settle(
-        vehicle.address, trip.address, byref(heating.struct), byref(goal.struct), states.ctypes.data,
+        vehicle.address, trip.address, byref(heating.struct), byref(goal), states.ctypes.data,
         powers_w.ctypes.data, byref(stranding), memory.ctypes.data)
     return (states, powers_w, _stranded(stranding)) if status == OK else None
 
 
-def merit_order(vehicle: CompiledVehicle, lumped: CompiledVehicle, trip: CompiledTrip, goal: Settling,
+def merit_order(vehicle: CompiledVehicle, lumped: CompiledVehicle, trip: CompiledTrip, goal: SettlingStruct,
                 paid_w: FloatArray, states: FloatArray,
                 powers_w: FloatArray) -> tuple[BoolArray, Stranded] | None:
     """
@@ -137,7 +126,7 @@ def merit_order(vehicle: CompiledVehicle, lumped: CompiledVehicle, trip: Compile
     memory = np.empty(MERIT_MEMORY[0] * trip.steps + MERIT_MEMORY[1])
     stranding = StrandingStruct()
     status = library.bev_merit_order(
-        vehicle.address, lumped.address, trip.address, byref(goal.struct), paid_w.ctypes.data,
+        vehicle.address, lumped.address, trip.address, byref(goal), paid_w.ctypes.data,
         states.ctypes.data, powers_w.ctypes.data, byref(stranding), watched.ctypes.data,
         memory.ctypes.data)
     return (watched[:2], _stranded(stranding)) if status == OK else None

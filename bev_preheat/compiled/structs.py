@@ -89,10 +89,9 @@ class CurveRangeStruct(Structure):
 
 
 class SettlingStruct(Structure):
-    """`bev_settling`."""
+    """`bev_settling`: what a run under thresholds is to meet."""
 
-    _fields_ = [('serves_climbs', c_int32), ('target_c', c_double), ('lowest_c', c_double),
-                ('drivetrain_heat_w', c_void_p)]
+    _fields_ = [('serves_climbs', c_int32), ('target_c', c_double)]
 
 
 class StrandingStruct(Structure):

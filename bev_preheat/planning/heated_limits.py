@@ -197,7 +197,7 @@ def _strand(trip: Trip, empty: int, states: FloatArray, powers_w: FloatArray) ->
     """
     compiled = compiled_vehicle(trip.vehicle)
     found = None if compiled is None else compiled_searches.stand(
-        compiled, trip.compiled, trip.drivetrain_heat_w, empty, states, powers_w)
+        compiled, trip.compiled, empty, states, powers_w)
     if found is not None:
         return found
     step = heated_step_of_floats(trip.vehicle, True)

@@ -282,7 +282,7 @@ def _strand(trip: Trip, empty: int, states: FloatArray, powers_w: FloatArray) ->
     """
     vehicle, compiled = trip.vehicle, compiled_vehicle(trip.vehicle)
     share = None if compiled is None else compiled_searches.stand(
-        compiled, trip.compiled, trip.drivetrain_heat_w, empty, states, powers_w)
+        compiled, trip.compiled, empty, states, powers_w)
     if share is not None:
         return share
     start: tuple[float, float] = tuple(states[:, empty].tolist())

@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.compiled import searches as compiled_searches
+from bev_preheat.compiled.structs import SettlingStruct
 from bev_preheat.planning.charge_acceptance import find_acceptance_loss, no_acceptance_loss
 from bev_preheat.planning.dynamics import compiled_vehicle
 from bev_preheat.planning.heat_run import with_coolant_in_battery
@@ -80,9 +81,8 @@ def _compiled_passes(trip: Trip, lumped: Trip, schedule: Schedule, paid_w: Float
         powers_w += schedule.heat.drawn_power_w, schedule.heat.arriving_heat_w
     course = np.array(states), np.array(powers_w)
     found = compiled_searches.merit_order(
-        vehicle, lumped_vehicle, trip.compiled, compiled_searches.Settling(
-            target_c, trip.vehicle.battery.temperature_range_c[0], serves_climbs,
-            trip.drivetrain_heat_w), paid_w, *course)
+        vehicle, lumped_vehicle, trip.compiled, SettlingStruct(serves_climbs, target_c), paid_w,
+        *course)
     if found is None:
         return None
     watched, stranded = found

@@ -17,6 +17,7 @@ import numpy as np
 
 from bev_preheat.compiled import searches as compiled_searches
 from bev_preheat.compiled.runs import Heating
+from bev_preheat.compiled.structs import SettlingStruct
 from bev_preheat.planning.bracketing import close_in, Trial
 from bev_preheat.planning.dynamics import compiled_vehicle, terminal_limits_w
 from bev_preheat.planning.heat_run import initial_states, mean_share_left
@@ -80,9 +81,8 @@ class ThresholdSearch:
         trip = self._trip
         vehicle = compiled_vehicle(trip.vehicle)
         settled = None if vehicle is None else compiled_searches.settle(
-            vehicle, trip.compiled, self._heating(), compiled_searches.Settling(
-                target_c, trip.vehicle.battery.temperature_range_c[0], serves_climbs,
-                trip.drivetrain_heat_w), self._start())
+            vehicle, trip.compiled, self._heating(), SettlingStruct(serves_climbs, target_c),
+            self._start())
         if settled is not None:
             return along_limits(trip, self._watch, *settled)
         return self._settled(target_c, serves_climbs)

@@ -16,11 +16,11 @@ static bev_status limits_at(const bev_vehicle *vehicle, double soc, double tempe
   return isfinite(limits_w[0]) && isfinite(limits_w[1]) ? BEV_OK : BEV_NOT_FINITE;
 }
 
-bev_status bev_watch_limits(const bev_vehicle *vehicle, const bev_trip *trip, double lowest_c,
+bev_status bev_watch_limits(const bev_vehicle *vehicle, const bev_trip *trip,
                             const bev_course *course, bev_watch *watch) {
   for (int32_t k = 0; k < trip->steps; k++) {
     double limits_w[2];
-    const double colder_c = bev_maximum(course->states[1][k] - COLDER_BY_K, lowest_c);
+    const double colder_c = bev_maximum(course->states[1][k] - COLDER_BY_K, vehicle->lowest_c);
     const bev_status status = limits_at(vehicle, course->states[0][k], colder_c,
                                         trip->power_variance_w2[k], limits_w);
     if (status != BEV_OK) {

@@ -35,7 +35,7 @@ static inline double *bev_take(double **memory, int32_t count) {
   return taken;
 }
 
-bev_status bev_watch_limits(const bev_vehicle *vehicle, const bev_trip *trip, double lowest_c,
+bev_status bev_watch_limits(const bev_vehicle *vehicle, const bev_trip *trip,
                             const bev_course *course, bev_watch *watch);
 
 /* The worst power that the battery cannot deliver [W]; 0 where nothing but rounding is lacking. */

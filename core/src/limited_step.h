@@ -50,8 +50,8 @@ bev_status bev_drive_within_limits(const bev_limited_run *run, int32_t k, const 
  * Drive the step of `stranding` as far as the charge carries, and stand from then on: `states` and
  * `powers_w`, of `rows` arrays each, are known until that step, and with what it was to be driven.
  */
-bev_status bev_strand(const bev_limited_run *run, const double *drivetrain_heat_w, int32_t rows,
-                      double *const states[4], double *const powers_w[4],
+bev_status bev_strand(const bev_limited_run *run, int32_t rows, double *const states[4],
+                      double *const powers_w[4],
                       bev_stranding *stranding);
 
 /* Whether heat arrives at once. */

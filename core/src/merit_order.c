@@ -65,10 +65,10 @@ static bev_status find_thresholds(const passes *pass, int32_t is_first_look,
     most_c = bev_maximum(most_c, course->states[1][k]);
   }
   const double coldest_c =
-      bev_maximum(bev_minimum(least_c, target_c) - MARGIN_K, pass->goal->lowest_c);
+      bev_maximum(bev_minimum(least_c, target_c) - MARGIN_K, pass->vehicle->lowest_c);
   const double warmest_c =
       bev_minimum(bev_maximum(most_c, target_c), pass->lumped->highest_c) + MARGIN_K;
-  const double first = floor(bev_maximum(coldest_c - MARGIN_K, pass->goal->lowest_c) / GRID_K);
+  const double first = floor(bev_maximum(coldest_c - MARGIN_K, pass->vehicle->lowest_c) / GRID_K);
   const double end = ceil(warmest_c / GRID_K) + BEV_COARSE;
   if (!(end - first > BEV_COARSE) || !(end - first <= BEV_MOST_GRID)) {
     return BEV_NOT_SETTLED;
@@ -94,8 +94,7 @@ static bev_status find_thresholds(const passes *pass, int32_t is_first_look,
 /* The run under the thresholds along another one. */
 static bev_status make_pass(passes *pass, int32_t is_first_look, const bev_course *assumed,
                             bev_course *course) {
-  bev_status status = bev_watch_limits(pass->vehicle, pass->trip, pass->goal->lowest_c, assumed,
-                                       &pass->watch);
+  bev_status status = bev_watch_limits(pass->vehicle, pass->trip, assumed, &pass->watch);
   if (status == BEV_OK) {
     status = find_thresholds(pass, is_first_look, assumed);
   }
@@ -218,7 +217,7 @@ bev_status bev_merit_order(const bev_vehicle *vehicle, const bev_vehicle *lumped
   const int32_t steps = trip->steps;
   const int32_t rows = bev_is_direct(vehicle) ? 2 : 4;
   if (!bev_are_numbers(states, rows * (steps + 1)) || !bev_are_numbers(powers_w, rows * steps)
-      || !isfinite(goal->target_c) || !isfinite(goal->lowest_c)) {
+      || !isfinite(goal->target_c)) {
     return BEV_BAD_INPUT;
   }
   passes pass;

@@ -78,8 +78,7 @@ bev_status bev_search_drive(bev_threshold_search *search, int32_t first, int32_t
       if (status == BEV_EMPTY) {
         run->until = search->limits.trip->steps;
         run->stranding.step = k;
-        return bev_strand(&search->limits, search->goal->drivetrain_heat_w, rows, run->states,
-                          run->powers_w, &run->stranding);
+        return bev_strand(&search->limits, rows, run->states, run->powers_w, &run->stranding);
       }
     }
     for (int32_t n = 0; n < rows; n++) {

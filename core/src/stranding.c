@@ -10,7 +10,6 @@
 /* The run up to the step that the charge does not carry, and what that step was to be driven with. */
 typedef struct {
   const bev_limited_run *run;
-  const double *drivetrain_heat_w;
   double command_w;
   double brake_w;
 } last_drive;
@@ -21,12 +20,12 @@ static bev_status drive_share(const last_drive *drive, int32_t k, double share,
   const bev_vehicle *vehicle = drive->run->vehicle;
   const bev_trip *trip = drive->run->trip;
   bev_inputs inputs = bev_inputs_of(vehicle, trip, k, NULL, NULL);
-  if (!bev_are_finite(&inputs) || !isfinite(drive->drivetrain_heat_w[k])) {
+  if (!bev_are_finite(&inputs) || !isfinite(trip->drivetrain_heat_w[k])) {
     return BEV_BAD_INPUT;
   }
   inputs.power_w = share * inputs.power_w;
   inputs.variance_w2 = share * inputs.variance_w2;
-  inputs.heat_w = inputs.heat_w - (1.0 - share) * drive->drivetrain_heat_w[k];
+  inputs.heat_w = inputs.heat_w - (1.0 - share) * trip->drivetrain_heat_w[k];
   if (drive->run->is_direct) {
     inputs.power_w = inputs.power_w + share * (drive->command_w + drive->brake_w);
     inputs.heat_w = inputs.heat_w
@@ -48,12 +47,12 @@ static bev_status drive_share(const last_drive *drive, int32_t k, double share,
       : BEV_NOT_FINITE;
 }
 
-bev_status bev_strand(const bev_limited_run *run, const double *drivetrain_heat_w, int32_t rows,
-                      double *const states[4], double *const powers_w[4],
+bev_status bev_strand(const bev_limited_run *run, int32_t rows, double *const states[4],
+                      double *const powers_w[4],
                       bev_stranding *stranding) {
   const int32_t steps = run->trip->steps;
   const int32_t empty = stranding->step;
-  const last_drive drive = {run, drivetrain_heat_w, powers_w[0][empty], powers_w[1][empty]};
+  const last_drive drive = {run, powers_w[0][empty], powers_w[1][empty]};
   double here[4] = {0.0, 0.0, 0.0, 0.0};
   double result[8];
   for (int32_t n = 0; n < rows; n++) {
@@ -94,14 +93,13 @@ bev_status bev_strand(const bev_limited_run *run, const double *drivetrain_heat_
   return BEV_OK;
 }
 
-bev_status bev_stand(const bev_vehicle *vehicle, const bev_trip *trip,
-                     const double *drivetrain_heat_w, double *states, double *powers_w,
-                     bev_stranding *stranding) {
+bev_status bev_stand(const bev_vehicle *vehicle, const bev_trip *trip, double *states,
+                     double *powers_w, bev_stranding *stranding) {
   const bev_status checked = bev_checked(vehicle, trip, 0);
   if (checked != BEV_OK) {
     return checked;
   }
-  if (drivetrain_heat_w == NULL || states == NULL || powers_w == NULL || stranding == NULL
+  if (states == NULL || powers_w == NULL || stranding == NULL
       || stranding->step < 0 || stranding->step >= trip->steps) {
     return BEV_BAD_ARGUMENT;
   }
@@ -122,5 +120,5 @@ bev_status bev_stand(const bev_vehicle *vehicle, const bev_trip *trip,
       || !isfinite(all_powers_w[1][stranding->step])) {
     return BEV_BAD_INPUT;
   }
-  return bev_strand(&run, drivetrain_heat_w, rows, all_states, all_powers_w, stranding);
+  return bev_strand(&run, rows, all_states, all_powers_w, stranding);
 }

@@ -25,7 +25,7 @@ static bev_status find_climbs(const bev_threshold_search *search,
     double limits_w[2];
     bev_terminal_limits(
         search->limits.vehicle, BEV_AS_ARRAYS, kept->states[0][k],
-        bev_maximum(kept->states[1][k] - COLDER_BY_K, search->goal->lowest_c),
+        bev_maximum(kept->states[1][k] - COLDER_BY_K, search->limits.vehicle->lowest_c),
         trip->power_variance_w2[k], limits_w);
     if (!isfinite(limits_w[1])) {
       return BEV_NOT_FINITE;
@@ -231,9 +231,8 @@ bev_status bev_settle(const bev_vehicle *vehicle, const bev_trip *trip, const be
   if (checked != BEV_OK) {
     return checked;
   }
-  if (!bev_is_heating(heating) || heating->bands == 0 || goal == NULL
-      || goal->drivetrain_heat_w == NULL || states == NULL || powers_w == NULL
-      || stranding == NULL || memory == NULL) {
+  if (!bev_is_heating(heating) || heating->bands == 0 || goal == NULL || states == NULL
+      || powers_w == NULL || stranding == NULL || memory == NULL) {
     return BEV_BAD_ARGUMENT;
   }
   const int32_t steps = trip->steps;
@@ -244,7 +243,7 @@ bev_status bev_settle(const bev_vehicle *vehicle, const bev_trip *trip, const be
       return BEV_BAD_INPUT;
     }
   }
-  if (!isfinite(goal->target_c) || !isfinite(goal->lowest_c)) {
+  if (!isfinite(goal->target_c)) {
     return BEV_BAD_INPUT;
   }
   bev_threshold_search search;

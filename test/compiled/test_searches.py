@@ -12,7 +12,7 @@ from bev_preheat.compiled import library as library_module
 from bev_preheat.compiled import searches
 from bev_preheat.compiled.library import core, without_core
 from bev_preheat.compiled.runs import Heating
-from bev_preheat.compiled.structs import CurveRangeStruct, StrandingStruct
+from bev_preheat.compiled.structs import CurveRangeStruct, SettlingStruct, StrandingStruct
 from bev_preheat.experiments.optimality.drawn_trips import draw_limit_trip
 from bev_preheat.planning import merit_order
 from bev_preheat.planning.charge_acceptance import find_acceptance_loss, no_acceptance_loss
@@ -106,11 +106,11 @@ def settling_call(number=4, **changes):
     states, powers_w = np.empty((2, len(trip.route) + 1)), np.empty((2, len(trip.route)))
     states[:, 0] = search._start()
     memory = np.empty(searches.SETTLE_MEMORY[0] * len(trip.route) + searches.SETTLE_MEMORY[1])
-    goal = searches.Settling(goal.target_temperature_c, -40.0, True, trip.drivetrain_heat_w)
+    goal = SettlingStruct(True, goal.target_temperature_c)
     stranding = StrandingStruct()
     kept = heating, states, powers_w, memory, goal, stranding, trip
     return {'vehicle': compiled_vehicle(trip.vehicle).address, 'trip': trip.compiled.address,
-            'heating': addressof(heating.struct), 'goal': addressof(goal.struct),
+            'heating': addressof(heating.struct), 'goal': addressof(goal),
             'states': states.ctypes.data, 'powers_w': powers_w.ctypes.data,
             'stranding': addressof(stranding),
             'memory': memory.ctypes.data} | changes, kept
@@ -140,7 +140,7 @@ def test_a_search_from_what_is_no_number_is_refused(value):
     states[1, 0] = value
     assert core().bev_settle(*arguments.values()) == BAD_INPUT
     states[1, 0] = 3.0
-    goal.struct.target_c = value
+    goal.target_c = value
     assert core().bev_settle(*arguments.values()) == BAD_INPUT
 
 
@@ -172,7 +172,7 @@ def test_standing_from_where_it_makes_no_sense_is_refused(step, value):
     stranding = StrandingStruct(step)
     assert core().bev_stand(
         compiled_vehicle(trip.vehicle).address, trip.compiled.address,
-        trip.drivetrain_heat_w.ctypes.data, states.ctypes.data, powers_w.ctypes.data,
+        states.ctypes.data, powers_w.ctypes.data,
         byref(stranding)) == (BAD_ARGUMENT if value == 0.5 else BAD_INPUT)
 
 
@@ -183,11 +183,11 @@ def merit_call():
     run = run_unheated(trip, state)
     states = np.array((run.soc, run.temperature_c))
     powers_w = np.array((run.heater_power_w, run.brake_power_w))
-    settling = searches.Settling(goal.target_temperature_c, -40.0, True, trip.drivetrain_heat_w)
+    settling = SettlingStruct(True, goal.target_temperature_c)
     stranding, watched = StrandingStruct(), np.empty((searches.MERIT_BYTES, steps), dtype=bool)
     memory = np.empty(searches.MERIT_MEMORY[0] * steps + searches.MERIT_MEMORY[1])
     vehicle = compiled_vehicle(trip.vehicle).address
-    return [vehicle, vehicle, trip.compiled.address, addressof(settling.struct),
+    return [vehicle, vehicle, trip.compiled.address, addressof(settling),
             trip.heater_limit_w.ctypes.data, states.ctypes.data, powers_w.ctypes.data,
             addressof(stranding), watched.ctypes.data, memory.ctypes.data], (
                 trip, states, powers_w, settling, stranding, watched, memory)

@@ -341,15 +341,12 @@ bev_status bev_find_bands(const bev_vehicle *vehicle, const bev_strides *strides
                           const bev_curve_range *range, double *memory, double *bands_c);
 
 /*
- * What a run under thresholds is to meet: the target on arrival and, with `serves_climbs`, the power of each
- * climb. Below `lowest_c` the battery is not described [deg C]; `drivetrain_heat_w` is the heat in each step
- * [W] that a vehicle which stands, its charge run out, does not have.
+ * What a run under thresholds is to meet: the target on arrival [deg C] and, with `serves_climbs`, the power
+ * of each climb.
  */
 typedef struct {
   int32_t serves_climbs;
   double target_c;
-  double lowest_c;
-  const double *drivetrain_heat_w;
 } bev_settling;
 
 /* Where the charge of a run runs out: in this step (-1: in none), of which so large a share is driven. */
@@ -363,9 +360,8 @@ typedef struct {
  * driven is written, and what comes after it, where the vehicle stands. `states` and `powers_w`, as of
  * bev_settle, are known until that step, and the powers with which it was to be driven.
  */
-bev_status bev_stand(const bev_vehicle *vehicle, const bev_trip *trip,
-                     const double *drivetrain_heat_w, double *states, double *powers_w,
-                     bev_stranding *stranding);
+bev_status bev_stand(const bev_vehicle *vehicle, const bev_trip *trip, double *states,
+                     double *powers_w, bev_stranding *stranding);
 
 /* Room that bev_settle takes [doubles]. */
 #define BEV_SETTLE_MEMORY(steps) (48 * (steps) + 20)
