@@ -18,6 +18,7 @@ from typing import Any
 
 from bev_preheat.compiled.belief_structs import BeliefStruct, BeliefTermsStruct, CourseStruct, DriveStruct
 from bev_preheat.compiled.structs import (
+    ArrivalStruct,
     CurveRangeStruct,
     HeatingStruct,
     RunOfPowersStruct,
@@ -31,8 +32,8 @@ from bev_preheat.compiled.structs import (
 
 FILE = 'libbev_preheat_core.so'
 # Of core.h.
-INTERFACE = 2
-OK, SATURATED, EMPTY, NO_CROSSING = 0, 1, 2, 3
+INTERFACE = 3
+OK, SATURATED, EMPTY, NO_CROSSING, LIMITED = 0, 1, 2, 3, 4
 
 # Arguments by type: P an address, D a double, I an integer.
 _TYPES = {'P': c_void_p, 'D': c_double, 'I': c_int32}
@@ -61,6 +62,7 @@ _SIGNATURES = {
     'bev_arrival_sensitivities': 'PPPPP',
     'bev_heat_along': 'PPPPPP',
     'bev_find_two_switches': 'PPDPPPPPP',
+    'bev_plan_trips': 'PPIPPPPDDIPPP',
 }
 
 
@@ -131,7 +133,7 @@ def _is_ours(library: Any) -> bool:
             library.bev_size_of_stranding(), library.bev_size_of_run_of_powers(),
             library.bev_size_of_switch_plan(), library.bev_size_of_belief(),
             library.bev_size_of_belief_terms(), library.bev_size_of_drive(),
-            library.bev_size_of_course()) == (INTERFACE, *map(sizeof, (
+            library.bev_size_of_course(), library.bev_size_of_arrival()) == (INTERFACE, *map(sizeof, (
                 VehicleStruct, TripStruct, HeatingStruct, StridesStruct, CurveRangeStruct,
                 SettlingStruct, StrandingStruct, RunOfPowersStruct, SwitchPlanStruct, BeliefStruct,
-                BeliefTermsStruct, DriveStruct, CourseStruct)))
+                BeliefTermsStruct, DriveStruct, CourseStruct, ArrivalStruct)))

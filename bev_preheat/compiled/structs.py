@@ -120,6 +120,13 @@ class SwitchPlanStruct(Structure):
         *((name, c_int32) for name in ('is_heated', 'first_heated', 'is_one_stretch'))]
 
 
+class ArrivalStruct(Structure):
+    """`bev_arrival`."""
+
+    _fields_ = [*((name, c_double) for name in ('heater_wh', 'temperature_c', 'soc', 'instant_s')),
+                ('status', c_int32)]
+
+
 class NotDescribed(Exception):
     """The core has no such curve."""
 

@@ -11,7 +11,16 @@ import numpy as np
 from bev_preheat.route.segments import Route
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from bev_preheat.numerics.arrays import FloatArray
+
+    IntArray = NDArray[np.int64]
+
+
+# Noise is smoothed over so many segments.
+SMOOTHED = 5
+WEIGHTS = np.full(SMOOTHED, 1.0 / np.sqrt(SMOOTHED))
 
 
 def vary(random: np.random.Generator, steps: int, mean: float, variability: float) -> FloatArray:
@@ -20,9 +29,27 @@ def vary(random: np.random.Generator, steps: int, mean: float, variability: floa
 
     `random` is a numpy Generator, `variability` the standard deviation of the series' logarithm.
     """
-    noise = random.normal(size=steps)
-    smooth = np.convolve(noise, np.full(5, 1.0 / np.sqrt(5.0)), mode='same')[:steps]
-    return mean * np.exp(variability * smooth - 0.5 * variability**2)
+    smooth = np.convolve(random.normal(size=steps), WEIGHTS, mode='same')[:steps]
+    return mean * _about_one(smooth, variability)
+
+
+def vary_each(random: np.random.Generator, steps: IntArray, variability: float) -> FloatArray:
+    """
+    Return K series as `vary` makes them, of `steps` (K,) each, about 1, one behind the other.
+
+    The shape is (sum of `steps`,).
+    """
+    # As many zeros on either side of each as the weights reach beyond it.
+    total, zeros = int(steps.sum()), SMOOTHED // 2
+    places = np.arange(total) + np.repeat(zeros * np.arange(1, 2 * len(steps), 2), steps)
+    noise = np.zeros(total + 2 * zeros * len(steps))
+    noise[places] = random.normal(size=total)
+    return _about_one(np.convolve(noise, WEIGHTS, mode='same')[places], variability)
+
+
+def _about_one(smooth: FloatArray, variability: float) -> FloatArray:
+    series: FloatArray = np.exp(variability * smooth - 0.5 * variability**2)
+    return series
 
 
 # Within a segment the car accelerates, brakes and rolls so often.

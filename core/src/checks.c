@@ -20,6 +20,7 @@ int32_t bev_size_of_stranding(void) { return (int32_t)sizeof(bev_stranding); }
 int32_t bev_size_of_run_of_powers(void) { return (int32_t)sizeof(bev_run_of_powers); }
 
 int32_t bev_size_of_switch_plan(void) { return (int32_t)sizeof(bev_switch_plan); }
+int32_t bev_size_of_arrival(void) { return (int32_t)sizeof(bev_arrival); }
 
 static int is_axis(const double *axis, int32_t count) {
   for (int32_t n = 0; n < count; n++) {

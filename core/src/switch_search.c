@@ -5,6 +5,7 @@
  */
 #include "bracketing.h"
 #include "checks.h"
+#include "limits_of_run.h"
 #include "means.h"
 #include "steps_of_model.h"
 
@@ -141,19 +142,7 @@ bev_status bev_find_switch(const bev_vehicle *vehicle, const bev_trip *trip, dou
   return find_switch(&of, instant_s);
 }
 
-/* A run that is looked at, and its limits on the terminal power [W]. */
-typedef struct {
-  const bev_vehicle *vehicle;
-  const bev_trip *trip;
-  const double *soc;
-  const double *temperature_c;
-  const double *heater_w;
-  double *least_w;
-  double *most_w;
-} seen_run;
-
-/* BEV_OK if a run keeps all limits of the battery from step `first` on. */
-static bev_status check_limits(const seen_run *run, int32_t first) {
+bev_status bev_keeps_limits(const bev_seen_run *run, int32_t first) {
   const bev_vehicle *vehicle = run->vehicle;
   const bev_trip *trip = run->trip;
   const bev_status status = bev_limits_along(
@@ -179,7 +168,7 @@ static bev_status check_limits(const seen_run *run, int32_t first) {
 }
 
 /* The heated steps: the first, what they take, and whether they are one stretch that is paid for. */
-static void find_stretch(const seen_run *run, bev_switch_plan *plan) {
+static void find_stretch(const bev_seen_run *run, bev_switch_plan *plan) {
   const bev_trip *trip = run->trip;
   double heating_j = 0.0;
   plan->is_heated = 0;
@@ -215,12 +204,12 @@ static double least_of(const double *values, int32_t count) {
 }
 
 /* The run that is planned, from the unheated one; what is known of its limits is that of the latter. */
-static bev_status plan_run(search *of, seen_run *run, bev_switch_plan *plan) {
+static bev_status plan_run(search *of, bev_seen_run *run, bev_switch_plan *plan) {
   const int32_t steps = of->trip->steps;
   for (int32_t k = 0; k < steps; k++) {
     of->heater_w[k] = 0.0;
   }
-  bev_status status = check_limits(run, 0);
+  bev_status status = bev_keeps_limits(run, 0);
   if (status != BEV_OK || of->idle_c[steps] >= of->target_c) {
     for (int32_t k = 0; k <= steps; k++) {
       of->soc[k] = of->idle_soc[k];
@@ -234,7 +223,7 @@ static bev_status plan_run(search *of, seen_run *run, bev_switch_plan *plan) {
   }
   run->soc = of->soc;
   run->temperature_c = of->temperature_c;
-  return check_limits(run, bev_step_at(of->trip, plan->switching_instant_s));
+  return bev_keeps_limits(run, bev_step_at(of->trip, plan->switching_instant_s));
 }
 
 bev_status bev_plan_switch(const bev_vehicle *vehicle, const bev_trip *trip, double start_soc,
@@ -261,7 +250,7 @@ bev_status bev_plan_switch(const bev_vehicle *vehicle, const bev_trip *trip, dou
   const bev_means means = {room[4], room[5]};
   search of = {vehicle, trip,          room[0],  room[1], idle_means, target_c,
                      soc,     temperature_c, heater_w, means};
-  seen_run run = {vehicle, trip, room[0], room[1], heater_w, room[6], room[7]};
+  bev_seen_run run = {vehicle, trip, room[0], room[1], heater_w, room[6], room[7]};
   room[0][0] = start_soc;
   room[1][0] = start_c;
   status = bev_run_with_means(vehicle, BEV_RUNGE_KUTTA_4, trip, 0, NULL, NULL,

@@ -82,7 +82,7 @@ def charging_times_of(car: str, charger_w: float) -> ChargingTimes:
 
 def stop_of(vehicle: Vehicle, charger_w: float, ambient_c: float) -> Stop:
     """Return the Stop of a fleet's trip in air of a temperature [deg C]."""
-    return Stop(charger_w, DEPARTURE_SOC, ambient_c, cabin_heating_power_w(vehicle, ambient_c),
+    return Stop(charger_w, DEPARTURE_SOC, ambient_c, float(cabin_heating_power_w(vehicle, ambient_c)),
                 vehicle.defaults.auxiliary_power_w)
 
 

@@ -8,12 +8,9 @@ source is assumed; results by temperature and trip length depend on it less than
 
 from __future__ import annotations
 
-from bisect import bisect
-from dataclasses import dataclass
-from functools import cache
-from itertools import accumulate
-import math
-from typing import TYPE_CHECKING, TypeVar
+from dataclasses import dataclass, fields
+from functools import cache, cached_property
+from typing import Any, TYPE_CHECKING
 
 import numpy as np
 
@@ -29,16 +26,18 @@ from bev_preheat.route.road_load import (
     RoadVehicle,
 )
 from bev_preheat.route.segments import Route
-from bev_preheat.route.variation import vary
+from bev_preheat.route.variation import vary_each
 from bev_preheat.vehicle import load_vehicle, Vehicle
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+
     from numpy.random import Generator
+    from numpy.typing import NDArray
 
     from bev_preheat.numerics.arrays import FloatArray
 
-# What is drawn from.
-Item = TypeVar('Item')
+    IntArray = NDArray[np.int64]
 
 STEP_S = 60.0
 S_PER_MIN, S_PER_H = 60.0, 3600.0
@@ -82,6 +81,10 @@ SPEEDS_MPS = MPS_PER_KMH * np.array([TOWN_KMH, COUNTRY_KMH, MOTORWAY_KMH])
 FACTORS = np.array([TOWN_FACTOR, 1.0, 1.0])
 
 
+# Trips are drawn in blocks of so many, each from its own numbers.
+BLOCK = 4000
+
+
 @dataclass(frozen=True)
 class FleetTrip:
     """One drawn trip: `car` is one of CARS, `charger_w` one of CHARGERS_W."""
@@ -100,71 +103,157 @@ class FleetTrip:
         return self.route.total_duration_s / S_PER_MIN
 
 
+@dataclass(frozen=True)
+class FleetTrips:
+    """
+    K drawn trips, those of one car behind each other, of these those to chargers of one power.
+
+    `number`, `car` (a place in CARS), `charger_w`, `ambient_c`, temperature and charge at the start and `steps`
+    have shape (K,); what is driven in each step, trip behind trip, (sum of `steps`,).
+    """
+
+    number: IntArray
+    car: IntArray
+    charger_w: FloatArray
+    ambient_c: FloatArray
+    start_c: FloatArray
+    start_soc: FloatArray
+    steps: IntArray
+    speed_mps: FloatArray
+    power_w: FloatArray
+    rms_w: FloatArray
+    magnitude_w: FloatArray
+
+    def __len__(self) -> int:
+        """Return K."""
+        return len(self.number)
+
+    @property
+    def length_min(self) -> FloatArray:
+        """Driving times [min], (K,)."""
+        return self.steps * (STEP_S / S_PER_MIN)
+
+    @cached_property
+    def first_step(self) -> IntArray:
+        """Where each trip begins among the steps, and where the last one ends, (K + 1,)."""
+        return np.concatenate(([0], np.cumsum(self.steps)))
+
+    def plugs(self) -> Iterator[tuple[str, float, slice]]:
+        """Return each car and charger [W] with the places of its trips."""
+        for number, car in enumerate(CARS):
+            for charger_w in CHARGERS_W:
+                places = np.flatnonzero((self.car == number) & (self.charger_w == charger_w))
+                if len(places):
+                    yield car, charger_w, slice(int(places[0]), int(places[-1]) + 1)
+
+    def cars(self) -> Iterator[tuple[str, slice]]:
+        """Return each car with the places of its trips."""
+        for number, car in enumerate(CARS):
+            places = np.flatnonzero(self.car == number)
+            if len(places):
+                yield car, slice(int(places[0]), int(places[-1]) + 1)
+
+    def route(self, places: slice) -> Route:
+        """Return trips of one car behind each other as one Route; what `make_route` checks holds for it."""
+        vehicle = vehicle_of(list(CARS)[self.car[places.start]])
+        of_steps = slice(self.first_step[places.start], self.first_step[places.stop])
+        ambient_c = np.repeat(self.ambient_c[places], self.steps[places])
+        return Route(
+            duration_s=np.full(len(ambient_c), STEP_S), speed_mps=self.speed_mps[of_steps],
+            propulsion_power_w=self.power_w[of_steps], propulsion_power_rms_w=self.rms_w[of_steps],
+            ambient_temperature_c=ambient_c, cabin_heating_power_w=cabin_heating_power_w(vehicle, ambient_c),
+            auxiliary_power_w=np.full(len(ambient_c), vehicle.defaults.auxiliary_power_w),
+            propulsion_power_magnitude_w=self.magnitude_w[of_steps])
+
+    def trip(self, place: int) -> FleetTrip:
+        """Return one of the trips."""
+        car = list(CARS)[self.car[place]]
+        return FleetTrip(
+            int(self.number[place]), car, float(self.charger_w[place]), float(self.ambient_c[place]),
+            self.route(slice(place, place + 1)),
+            BatteryState(float(self.start_c[place]), float(self.start_soc[place])), goal_of(car))
+
+    def up_to(self, number: int) -> FleetTrips:
+        """Return the trips whose number is below this one."""
+        is_kept = self.number < number
+        of_steps = np.repeat(is_kept, self.steps)
+        return FleetTrips(**{field.name: getattr(self, field.name)[
+            of_steps if field.name in OF_STEPS else is_kept] for field in fields(self)})
+
+
+OF_STEPS = frozenset(('speed_mps', 'power_w', 'rms_w', 'magnitude_w'))
+
+
 @cache
 def vehicle_of(car: str) -> Vehicle:
     """Return the Vehicle of one of CARS; always the same object."""
     return load_vehicle(car)
 
 
-def cabin_heating_power_w(vehicle: Vehicle, ambient_c: float) -> float:
-    """Return what the cabin takes of the heater [W] in air of a temperature [deg C]."""
-    return float(min(CABIN_W_PER_K * max(0.0, CABIN_C - ambient_c),
-                     CABIN_SHARE * vehicle.hvch.maximum_power_w))
+def goal_of(car: str) -> Goal:
+    """Return what the driver of one of CARS is to find on arrival: the car's default target."""
+    return Goal(vehicle_of(car).defaults.target_battery_temperature_c)
 
 
-def draw_fleet_trip(seed: int, number: int) -> FleetTrip:
-    """Return trip `number` of a fleet."""
-    random = np.random.default_rng([seed, number])
-    car, charger_w = _one_of(random, CARS), _one_of(random, CHARGERS_W)
-    vehicle = vehicle_of(car)
-    ambient_c = _within(random.normal(AMBIENT_MEAN_C, AMBIENT_DEVIATION_K), AMBIENT_C)
-    length_min = _within(LENGTH_MEDIAN_MIN * math.exp(LENGTH_DEVIATION * random.normal()), LENGTH_MIN)
-    start_c = ambient_c + random.uniform(*(GARAGE_K if random.uniform() < GARAGE else SOAK_K))
-    arrival_soc = random.uniform(*ARRIVAL_SOC)
-    steps = round(length_min * S_PER_MIN / STEP_S)
-    road = ROADS[:steps]
-    speeds_mps = random.uniform(*PACE) * SPEEDS_MPS
-    powers_w = FACTORS * _cruising_power_w(car, speeds_mps, ambient_c)
-    speed_mps = speeds_mps[road]
-    power_w = powers_w[road] * vary(random, steps, 1.0, POWER_VARIABILITY)
-    rms = random.uniform(*RMS)
-    cabin_w = cabin_heating_power_w(vehicle, ambient_c)
-    auxiliary_w = vehicle.defaults.auxiliary_power_w
-    used = np.cumsum(LOSSES * (power_w + cabin_w + auxiliary_w)) * STEP_S / S_PER_H / _capacity_wh(car)
-    carried = max(1, int(np.searchsorted(used, FULL_SOC - arrival_soc)))
-    speed_mps, power_w, used = speed_mps[:carried], power_w[:carried], used[:carried]
-    return FleetTrip(
-        number, car, charger_w, ambient_c,
-        _route(speed_mps, power_w, rms * power_w, ambient_c, cabin_w, auxiliary_w),
-        BatteryState(float(start_c), min(float(arrival_soc + used[-1]), FULL_SOC)),
-        Goal(vehicle.defaults.target_battery_temperature_c))
+def cabin_heating_power_w(vehicle: Vehicle, ambient_c: FloatArray | float) -> FloatArray:
+    """Return what the cabin takes of the heater [W] in air of a temperature [deg C]; shape of the input."""
+    power_w: FloatArray = np.minimum(CABIN_W_PER_K * np.maximum(0.0, CABIN_C - ambient_c),
+                                     CABIN_SHARE * vehicle.hvch.maximum_power_w)
+    return power_w
 
 
-def _route(speed_mps: FloatArray, power_w: FloatArray, rms_w: FloatArray, ambient_c: float,
-           cabin_w: float, auxiliary_w: float) -> Route:
-    """Return a Route; what `make_route` checks holds for all that is drawn here."""
-    steps = len(power_w)
-    return Route(
-        duration_s=np.full(steps, STEP_S), speed_mps=speed_mps, propulsion_power_w=power_w,
-        propulsion_power_rms_w=rms_w, ambient_temperature_c=np.full(steps, ambient_c),
-        cabin_heating_power_w=np.full(steps, cabin_w), auxiliary_power_w=np.full(steps, auxiliary_w),
-        propulsion_power_magnitude_w=mean_magnitude(power_w, rms_w**2 - power_w**2))
+def draw_fleet(seed: int, block: int, size: int = BLOCK) -> FleetTrips:
+    """Return the first `size` trips of a block, whose first trip is number `block` * BLOCK."""
+    # The whole block is drawn in any case: a trip is the same however many there are.
+    random = np.random.default_rng([seed, block])
+    car, charger = _one_of(random, CARS), _one_of(random, CHARGERS_W)
+    order = np.lexsort((charger, car))
+    car, charger_w = car[order], np.array(list(CHARGERS_W))[charger[order]]
+    ambient_c = np.clip(random.normal(AMBIENT_MEAN_C, AMBIENT_DEVIATION_K, BLOCK), *AMBIENT_C)
+    length_min = np.clip(
+        LENGTH_MEDIAN_MIN * np.exp(LENGTH_DEVIATION * random.normal(size=BLOCK)), *LENGTH_MIN)
+    start_c = ambient_c + np.where(random.uniform(size=BLOCK) < GARAGE, random.uniform(*GARAGE_K, BLOCK),
+                                   random.uniform(*SOAK_K, BLOCK))
+    arrival_soc = random.uniform(*ARRIVAL_SOC, BLOCK)
+    rms = random.uniform(*RMS, BLOCK)
+    speeds_mps = random.uniform(*PACE, (BLOCK, 1)) * SPEEDS_MPS
+    cruising_w, side_w, capacity_wh = np.empty_like(speeds_mps), np.empty(BLOCK), np.empty(BLOCK)
+    for number, name in enumerate(CARS):
+        of_car, vehicle = car == number, vehicle_of(name)
+        cruising_w[of_car] = FACTORS * _cruising_power_w(
+            name, speeds_mps[of_car], ambient_c[of_car, np.newaxis])
+        side_w[of_car] = cabin_heating_power_w(vehicle, ambient_c[of_car]) + vehicle.defaults.auxiliary_power_w
+        capacity_wh[of_car] = _capacity_wh(name)
+    steps = np.rint(length_min * S_PER_MIN / STEP_S).astype(np.int64)
+    trip = np.repeat(np.arange(BLOCK), steps)
+    first = np.cumsum(steps) - steps
+    place = np.arange(len(trip)) - first[trip]
+    road = trip, ROADS[place]
+    power_w = cruising_w[road] * vary_each(random, steps, POWER_VARIABILITY)
+    taken = np.cumsum(LOSSES * STEP_S / S_PER_H * (power_w + side_w[trip]) / capacity_wh[trip])
+    used = taken - np.concatenate(([0.0], taken))[first][trip]
+    # No car drives further than its battery carries it.
+    carried = np.maximum(1, np.add.reduceat((used < (FULL_SOC - arrival_soc)[trip]).astype(np.int64), first))
+    is_driven = place < carried[trip]
+    trip, power_w = trip[is_driven], power_w[is_driven]
+    trips = FleetTrips(
+        block * BLOCK + order, car, charger_w, ambient_c, start_c,
+        np.minimum(arrival_soc + used[first + carried - 1], FULL_SOC), carried,
+        speeds_mps[road][is_driven], power_w, rms[trip] * power_w,
+        mean_magnitude(1.0, rms**2 - 1.0)[trip] * power_w)
+    return trips if size == BLOCK else trips.up_to(block * BLOCK + size)
 
 
-def _one_of(random: Generator, shares: dict[Item, float]) -> Item:
-    place = bisect(list(accumulate(shares.values())), random.uniform())
-    return list(shares)[min(place, len(shares) - 1)]
+def _one_of(random: Generator, shares: Mapping[Any, float]) -> IntArray:
+    """Return places in `shares`, drawn by them, (BLOCK,)."""
+    below = np.cumsum(list(shares.values()))[:-1]
+    return np.searchsorted(below, random.uniform(size=BLOCK), side='right')
 
 
-def _within(value: float, limits: tuple[float, float]) -> float:
-    low, high = limits
-    return min(max(value, low), high)
-
-
-def _cruising_power_w(car: str, speed_mps: FloatArray, ambient_c: float) -> FloatArray:
+def _cruising_power_w(car: str, speed_mps: FloatArray, ambient_c: FloatArray) -> FloatArray:
     """Return the drivetrain's electrical power at constant speeds on a level road [W]."""
     on_road = _on_road(car)
-    air_n = (0.5 * air_density_kg_per_m3(np.array(ambient_c), np.array(0.0)) * on_road.drag_area_m2
+    air_n = (0.5 * air_density_kg_per_m3(ambient_c, np.array(0.0)) * on_road.drag_area_m2
              * speed_mps**2)
     rolling_n = on_road.rolling_resistance * on_road.mass_kg * GRAVITY_MPS2
     return battery_power_w(on_road, (rolling_n + air_n) * speed_mps)

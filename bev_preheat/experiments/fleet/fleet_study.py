@@ -3,21 +3,22 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import groupby
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from bev_preheat.experiments.fleet.arrivals import arrivals_of_all
 from bev_preheat.experiments.fleet.charging_times import charging_times_of
-from bev_preheat.experiments.fleet.drawn_fleet import draw_fleet_trip, vehicle_of
+from bev_preheat.experiments.fleet.drawn_fleet import BLOCK, CARS, draw_fleet, goal_of
 from bev_preheat.experiments.fleet.tally import (
     ARRIVAL_C,
     BOUGHT_WH,
     CHARGING_S,
-    groups_of,
+    groups_of_all,
     HEATER_WH,
     MORE_WH,
     QUANTITIES,
@@ -26,21 +27,20 @@ from bev_preheat.experiments.fleet.tally import (
     Tally,
     tally_from,
 )
-from bev_preheat.experiments.fleet.ways import Arrival, arrivals_of, NONE, REACHED_K, WAYS
+from bev_preheat.experiments.fleet.ways import NONE, REACHED_K, WAYS
 from bev_preheat.experiments.kept_results import open_results, results_of
 from bev_preheat.experiments.numbered import run_numbered
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Container, Iterable, Iterator, Mapping
+    from collections.abc import Callable, Container, Iterator, Mapping
     from concurrent.futures import Executor
     from typing import Any
 
-    from bev_preheat.experiments.fleet.drawn_fleet import FleetTrip
+    from bev_preheat.experiments.fleet.arrivals import Arrivals
+    from bev_preheat.experiments.fleet.drawn_fleet import FleetTrips
     from bev_preheat.files.output_files import AnyPath
     from bev_preheat.numerics.arrays import FloatArray
 
-# A task is so many trips: some seconds of work, of which sending them is a small part.
-BLOCK = 1000
 # Why trips are left out.
 NOT_DRIVEN, NEVER_CHARGED = 'not driven', 'never charged'
 
@@ -65,68 +65,52 @@ def block_from(record: dict[str, Any]) -> Block:
 
 def block_of(trips: int, seed: int, number: int) -> Block:
     """Return one Block of a fleet of so many trips."""
-    first, size = number * BLOCK, size_of(trips, number)
-    return Block(number, size, tally_of(
-        draw_fleet_trip(seed, trip) for trip in range(first, first + size)))
+    size = size_of(trips, number)
+    return Block(number, size, tally_of(draw_fleet(seed, number, size)))
 
 
-def tally_of(trips: Iterable[FleetTrip]) -> Tally:
-    """Return the Tally of drawn trips; it does not depend on their order."""
-    tally = Tally()
-    groups: list[tuple[str, ...]] = []
-    values: list[FloatArray] = []
-    # What is compiled for a vehicle is kept for a few of them only.
-    for (car, charger_w), same in groupby(sorted(trips, key=_plug_of), key=_plug_of):
-        driven = []
-        for trip in same:
-            arrivals = arrivals_of(trip, vehicle_of(car))
-            if arrivals is None:
-                tally.left_out[NOT_DRIVEN] += 1
-            else:
-                driven.append((trip, arrivals))
-        if driven:
-            charged = _charged(driven, car, charger_w)
-            ends = np.array(np.isfinite(charged).all(axis=(1, 2)))
-            tally.left_out[NEVER_CHARGED] += int((~ends).sum())
-            groups += [groups_of(car, trip.ambient_c, trip.length_min)
-                       for (trip, _), does_end in zip(driven, ends.tolist()) if does_end]
-            values.append(charged[ends])
-    tally.left_out = +tally.left_out
-    if groups:
-        tally.count(groups, WAYS, np.concatenate(values))
+def tally_of(trips: FleetTrips) -> Tally:
+    """Return the Tally of drawn trips."""
+    arrivals = arrivals_of_all(trips)
+    charged = _charged(trips, arrivals)
+    are_charged = np.isfinite(charged).all(axis=(1, 2))
+    are_counted = arrivals.are_driven & are_charged
+    tally = Tally(left_out=+Counter({NOT_DRIVEN: int((~arrivals.are_driven).sum()),
+                                     NEVER_CHARGED: int((arrivals.are_driven & ~are_charged).sum())}))
+    if are_counted.any():
+        cars = list(CARS)
+        tally.count(groups_of_all([cars[car] for car in trips.car[are_counted].tolist()],
+                                  trips.ambient_c[are_counted], trips.length_min[are_counted]),
+                    WAYS, charged[are_counted])
     return tally
 
 
-def _plug_of(trip: FleetTrip) -> tuple[str, float]:
-    return trip.car, trip.charger_w
-
-
-def _charged(driven: list[tuple[FleetTrip, dict[str, Arrival]]], car: str,
-             charger_w: float) -> FloatArray:
+def _charged(trips: FleetTrips, arrivals: Arrivals) -> FloatArray:
     """
-    Return what trips of one car to one charger come to, shape (trips, WAYS, QUANTITIES).
+    Return what trips come to, shape (K, WAYS, QUANTITIES).
 
-    Where a session does not end, its values are not finite.
+    Where a trip is not driven, or a session does not end, its values are not finite.
     """
-    shape = len(driven), len(WAYS)
-    ends = [arrivals[way] for _, arrivals in driven for way in WAYS]
-    heater_wh, arrival_c, soc = np.array([(end.heater_wh, end.temperature_c, end.soc) for end in ends]).T
-    ambient_c, target_c = (np.repeat(of_trips, len(WAYS)) for of_trips in (
-        [trip.ambient_c for trip, _ in driven], [trip.goal.target_temperature_c for trip, _ in driven]))
-    charging_s, bought_wh = charging_times_of(car, charger_w).of(ambient_c, arrival_c, soc)
+    heater_wh, arrival_c, soc = arrivals.heater_wh, arrivals.temperature_c, arrivals.soc
+    charging_s, bought_wh = np.empty_like(soc), np.empty_like(soc)
+    target_c = np.array([goal_of(car).target_temperature_c for car in CARS])[trips.car, np.newaxis]
+    for car, charger_w, places in trips.plugs():
+        found = charging_times_of(car, charger_w).of(
+            np.repeat(trips.ambient_c[places], len(WAYS)), arrival_c[places].ravel(), soc[places].ravel())
+        for values, of_plug in zip((charging_s, bought_wh), found):
+            values[places] = of_plug.reshape(-1, len(WAYS))
     unheated = WAYS.index(NONE)
 
     def above_unheated(values: FloatArray) -> FloatArray:
-        by_trip = values.reshape(shape)
-        difference: FloatArray = by_trip - by_trip[:, unheated:unheated + 1]
-        return difference.ravel()
+        difference: FloatArray = values - values[:, unheated:unheated + 1]
+        return difference
 
     # An infinite time less another one is no number, and no trip that is counted.
     with np.errstate(invalid='ignore'):
         columns = {HEATER_WH: heater_wh, BOUGHT_WH: bought_wh, CHARGING_S: charging_s, ARRIVAL_C: arrival_c,
                    REACHED: (arrival_c > target_c - REACHED_K).astype(float),
                    SAVED_S: -above_unheated(charging_s), MORE_WH: above_unheated(bought_wh)}
-    return np.stack([columns[quantity] for quantity in QUANTITIES], axis=-1).reshape(*shape, len(QUANTITIES))
+    return np.stack([columns[quantity] for quantity in QUANTITIES], axis=-1)
 
 
 def size_of(trips: int, number: int) -> int:
@@ -168,7 +152,7 @@ def kept_fleet(path: AnyPath | None, study: Mapping[str, Any], trips: int) -> It
         yield kept
         return
     with open_results(path, study) as file:
-        # Of a million trips there are a thousand blocks: only their sum stays in memory.
+        # Of a million trips there are 250 blocks: only their sum stays in memory.
         for block in results_of(file, path, block_from):
             is_of_fleet = 0 <= block.number and size_of(trips, block.number) == block.size
             if is_of_fleet and block.number not in kept.finished:

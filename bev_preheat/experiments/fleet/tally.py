@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass, field
+from functools import cache
 from typing import Any, TYPE_CHECKING
 
 import numpy as np
@@ -49,9 +50,20 @@ AMBIENTS, LENGTHS = names_of(AMBIENT_EDGES_C, 'degC'), names_of(LENGTH_EDGES_MIN
 
 def groups_of(car: str, ambient_c: float, length_min: float) -> tuple[str, ...]:
     """Return the names of the groups that a trip belongs to; the last one has no histogram."""
-    ambient = AMBIENTS[int(np.searchsorted(AMBIENT_EDGES_C, ambient_c, side='right'))]
-    length = LENGTHS[int(np.searchsorted(LENGTH_EDGES_MIN, length_min, side='right'))]
-    return ALL, car, ambient, length, f'{ambient}, {length}'
+    return groups_of_all([car], np.array([ambient_c]), np.array([length_min]))[0]
+
+
+def groups_of_all(cars: Sequence[str], ambient_c: FloatArray,
+                  length_min: FloatArray) -> list[tuple[str, ...]]:
+    """Return `groups_of` each of K trips; arguments of shape (K,)."""
+    parts = zip(cars, np.searchsorted(AMBIENT_EDGES_C, ambient_c, side='right').tolist(),
+                np.searchsorted(LENGTH_EDGES_MIN, length_min, side='right').tolist())
+    return [_names(*part) for part in parts]
+
+
+@cache
+def _names(car: str, ambient: int, length: int) -> tuple[str, ...]:
+    return (ALL, car, AMBIENTS[ambient], LENGTHS[length], f'{AMBIENTS[ambient]}, {LENGTHS[length]}')
 
 
 @dataclass
@@ -73,12 +85,14 @@ class Tally:
         binned = {QUANTITIES.index(name): np.floor(
             values[:, :, QUANTITIES.index(name)] / width).astype(np.int64)
             for name, width in BIN_WIDTHS.items()}
-        members: dict[str, list[int]] = {}
-        without_bins = set()
+        alike: dict[tuple[str, ...], list[int]] = {}
         for trip, names in enumerate(groups):
+            alike.setdefault(names, []).append(trip)
+        members: dict[str, list[int]] = {}
+        for names, trips in alike.items():
             for name in names:
-                members.setdefault(name, []).append(trip)
-            without_bins.add(names[-1])
+                members.setdefault(name, []).extend(trips)
+        without_bins = {names[-1] for names in alike}
         for group, trips in members.items():
             self.trips[group] += len(trips)
             sums = thousandths[trips].sum(axis=0).tolist()

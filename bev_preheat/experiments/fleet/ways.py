@@ -16,6 +16,8 @@ from bev_preheat.planning.trip import make_trip
 from bev_preheat.vehicle.model import make_runge_kutta_4
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     from bev_preheat.experiments.fleet.drawn_fleet import FleetTrip
     from bev_preheat.planning.plan import Plan
     from bev_preheat.vehicle import Vehicle
@@ -35,9 +37,12 @@ class Arrival:
     soc: float
 
 
-def arrivals_of(trip: FleetTrip, vehicle: Vehicle) -> dict[str, Arrival] | None:
+def arrivals_of(trip: FleetTrip, vehicle: Vehicle,
+                methods: Iterable[str] = tuple(METHODS)) -> dict[str, Arrival] | None:
     """
     Return the Arrival of each of WAYS; None where the car cannot drive the trip even without heating.
+
+    Of the ways that are planned, those of `methods`.
 
     Whatever a method says of its own plan, it is driven with the model's own steps.
     """
@@ -46,7 +51,7 @@ def arrivals_of(trip: FleetTrip, vehicle: Vehicle) -> dict[str, Arrival] | None:
         unheated = plan_preheating(*inputs, replace(trip.goal, charging_planned=False))
         if unheated.stranding is not None or unheated.undeliverable_power_w > 0.0:
             return None
-        plans = {method: plan_preheating(*inputs, trip.goal, method) for method in METHODS}
+        plans = {method: plan_preheating(*inputs, trip.goal, method) for method in methods}
     except PlanningFailure:
         return None
     arrivals = {NONE: _arrival(unheated), ALWAYS: _always_on(trip, vehicle, unheated)}
@@ -54,7 +59,7 @@ def arrivals_of(trip: FleetTrip, vehicle: Vehicle) -> dict[str, Arrival] | None:
         # The paper's own run is made by Euler's method.
         arrivals[method] = (_driven(trip, vehicle, plan) if method == 'paper' and plan.heating_start_s is not None
                             else arrivals[NONE] if plan.heating_start_s is None else _arrival(plan))
-    return {way: arrivals[way] for way in WAYS}
+    return {way: arrivals[way] for way in WAYS if way in arrivals}
 
 
 def _arrival(plan: Plan) -> Arrival:
@@ -82,5 +87,6 @@ def _always_on(trip: FleetTrip, vehicle: Vehicle, unheated: Plan) -> Arrival:
     schedule = run_within_limits(
         driven, trip.state, watch,
         WantedHeat(driven.heater_limit_w, (floor_c, target_c, target_c)), take_surplus=False)
-    heater_wh = float(driven.route.duration_s @ schedule.heater_power_w) / JOULES_PER_WH
+    # Added up step by step, as the compiled core does.
+    heater_wh = float(np.cumsum(driven.route.duration_s / JOULES_PER_WH * schedule.heater_power_w)[-1])
     return Arrival(heater_wh, float(schedule.temperature_c[-1]), float(np.maximum(schedule.soc[-1], 0.0)))

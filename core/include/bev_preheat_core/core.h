@@ -19,7 +19,7 @@ extern "C" {
 #endif
 
 /* Changes whenever a struct or a function of this file does. */
-#define BEV_INTERFACE 2
+#define BEV_INTERFACE 3
 
 /* Most steps of a trip, points of a table's axis, factors on a curve, bands of heating. */
 #define BEV_MOST_STEPS 1000000
@@ -36,6 +36,9 @@ extern "C" {
 #define BEV_SWITCH_MEMORY(steps) (8 * ((steps) + 1))
 /* Memory of bev_find_two_switches [doubles]. */
 #define BEV_TWO_SWITCHES_MEMORY(steps) ((steps) + 1)
+/* Memory of bev_plan_trips for a longest trip of so many steps: doubles, and bytes. */
+#define BEV_TRIPS_MEMORY(steps) (12 * ((steps) + 1))
+#define BEV_TRIPS_FLAGS(steps) (2 * (steps))
 
 typedef enum {
   BEV_OK = 0,
@@ -425,8 +428,9 @@ bev_status bev_find_switch(const bev_vehicle *vehicle, const bev_trip *trip, dou
  * the target the switching instant, the run, and what it costs. BEV_LIMITED where a limit is active in the
  * unheated run or in the plan. For a vehicle whose heat arrives at once; one with a heat path is a bad argument.
  *
- * `memory` has BEV_SWITCH_MEMORY(steps) doubles. Written are charge and temperature at each instant, and what
- * the heater takes in each step [W].
+ * `memory` has BEV_SWITCH_MEMORY(steps) doubles; where the status is not below BEV_OK it begins with the
+ * unheated run, charge and temperature at each instant. Written are those of the plan, and what the heater takes
+ * in each step [W].
  */
 bev_status bev_plan_switch(const bev_vehicle *vehicle, const bev_trip *trip, double start_soc,
                            double start_c, double target_c, double *memory, double *soc,
@@ -443,6 +447,50 @@ bev_status bev_plan_switch(const bev_vehicle *vehicle, const bev_trip *trip, dou
 bev_status bev_find_two_switches(const bev_vehicle *vehicle, const bev_trip *trip, double target_c,
                                  const double *idle_states, double *memory, double *states,
                                  double *command_w, double *on_s, double *off_s);
+
+/* The ways to heat that bev_plan_trips compares. */
+typedef enum {
+  BEV_UNHEATED = 0,
+  /* Below the target with all that the cabin leaves, from the start on, within the limits. */
+  BEV_ALWAYS_ON = 1,
+  /* From the instant on that the paper's algorithms find, by Euler's method; driven with Runge-Kutta steps. */
+  BEV_PAPER = 2,
+  /* As bev_plan_switch. */
+  BEV_ONE_SWITCH = 3,
+  BEV_WAYS = 4
+} bev_way;
+
+/* How one way to heat a trip ends: what the heater takes, and the battery on arrival. */
+typedef struct {
+  double heater_wh;
+  double temperature_c;
+  double soc;
+  /* From this instant on it is heated [s]; NaN where it is not, and where the way has no such instant. */
+  double instant_s;
+  /* Of this way; the rest means nothing but where it is BEV_OK. */
+  int32_t status;
+} bev_arrival;
+
+int32_t bev_size_of_arrival(void);
+
+/*
+ * Plans many trips of one vehicle, each in BEV_WAYS ways: `arrivals` has count * BEV_WAYS elements, trip by
+ * trip. For a vehicle whose heat arrives at once.
+ *
+ * The steps of the trips lie one after the other in the arrays of `trips`, whose `steps` is their sum;
+ * `time_s` is not read, each trip begins at 0 s. Of each trip, arrays of `count`: its steps, the charge and the
+ * temperature at its start, its target. A plan leaves `reserve_soc` on arrival and `lowest_soc` on the way. A
+ * way is BEV_LIMITED where it does not, or where a limit of the battery is active, which BEV_ALWAYS_ON keeps
+ * instead (BEV_EMPTY where the charge runs out). What one trip lacks is said in its statuses only.
+ *
+ * `memory` has BEV_TRIPS_MEMORY(longest) doubles, `flags` BEV_TRIPS_FLAGS(longest) bytes; a trip of more than
+ * `longest` steps is a bad argument.
+ */
+bev_status bev_plan_trips(const bev_vehicle *vehicle, const bev_trip *trips, int32_t count,
+                          const int32_t *steps, const double *start_soc, const double *start_c,
+                          const double *target_c, double reserve_soc, double lowest_soc,
+                          int32_t longest, double *memory, uint8_t *flags,
+                          bev_arrival *arrivals);
 
 #ifdef __cplusplus
 }

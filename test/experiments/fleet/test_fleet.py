@@ -2,7 +2,7 @@
 """A fleet: its sessions are those of `charge`, its ways do what they say, blocks are the same anywhere."""
 
 from concurrent.futures import Future
-from dataclasses import replace
+from dataclasses import fields, replace
 import json
 
 from matplotlib.image import imread
@@ -11,13 +11,15 @@ import pytest
 
 from bev_preheat.charging.session import charge
 from bev_preheat.commands.main import main
+from bev_preheat.compiled.library import without_core
 from bev_preheat.console.program import Interrupted
 from bev_preheat.experiments.fleet import charging_times, fleet_study
 from bev_preheat.experiments.fleet.charging_times import ChargingTimes, sessions, stop_of
-from bev_preheat.experiments.fleet.drawn_fleet import AMBIENT_MEAN_C, CARS, draw_fleet_trip, vehicle_of
+from bev_preheat.experiments.fleet.drawn_fleet import AMBIENT_MEAN_C, CARS, draw_fleet, vehicle_of
 from bev_preheat.experiments.fleet.fleet_study import Block, kept_fleet, run_fleet, tally_of
 from bev_preheat.experiments.fleet.tally import HEATER_WH, MORE_WH, QUANTITIES, REACHED, SAVED_S, Tally
 from bev_preheat.experiments.fleet.ways import ALWAYS, arrivals_of, NONE, WAYS
+from bev_preheat.numerics.folded_normal import mean_magnitude
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState
 
@@ -66,27 +68,44 @@ def test_a_battery_that_takes_nothing_is_never_charged():
 
 # Trips
 
+def of_number(trips, number):
+    """Return the trip of a number."""
+    return trips.trip(trips.number.tolist().index(number))
+
+
 def test_a_trip_is_drawn_from_its_number():
-    first, second = draw_fleet_trip(3, 8), draw_fleet_trip(3, 8)
-    assert first.state == second.state and (
-        first.route.propulsion_power_w == second.route.propulsion_power_w).all()
-    assert draw_fleet_trip(3, 9).state != first.state != draw_fleet_trip(4, 8).state
+    few, more = draw_fleet(3, 1, 10), draw_fleet(3, 1, 30)
+    assert sorted(few.number.tolist()) == list(range(4000, 4010))
+    for number in few.number.tolist():
+        first, second = of_number(few, number), of_number(more, number)
+        assert (first.state, first.car, first.charger_w) == (second.state, second.car, second.charger_w)
+        assert all((getattr(first.route, field.name) == getattr(second.route, field.name)).all()
+                   for field in fields(first.route))
+    assert of_number(draw_fleet(4, 1, 10), 4003).state != of_number(few, 4003).state
+    assert of_number(draw_fleet(3, 0, 10), 3).state != of_number(few, 4003).state
 
 
 def test_drawn_trips_are_as_they_are_said_to_be():
-    trips = [draw_fleet_trip(1, number) for number in range(600)]
-    assert {trip.car for trip in trips} == set(CARS)
+    trips = draw_fleet(1, 0)
+    assert {car for car, _ in trips.cars()} == set(CARS) and len(list(trips.plugs())) == 15
     # Five standard errors.
-    assert np.mean([trip.ambient_c for trip in trips]) == pytest.approx(AMBIENT_MEAN_C, abs=5.0 * 5.5 / 600**0.5)
+    assert trips.ambient_c.mean() == pytest.approx(AMBIENT_MEAN_C, abs=5.0 * 5.5 / 4000**0.5)
+    assert np.median(trips.length_min) == pytest.approx(55.0, abs=2.0)
+    assert trips.length_min.min() >= 12.0 and trips.length_min.max() <= 150.0
+    route = trips.trip(7).route
+    assert route.propulsion_power_magnitude_w == pytest.approx(
+        mean_magnitude(route.propulsion_power_w, route.propulsion_power_variance_w2), rel=1e-12)
     unheated = [plan_preheating(vehicle_of(trip.car), trip.route, trip.state,
-                                replace(trip.goal, charging_planned=False)) for trip in trips[:30]]
+                                replace(trip.goal, charging_planned=False))
+                for trip in map(trips.trip, range(0, 4000, 140))]
     assert all(0.04 < plan.arrival_soc < 0.36 for plan in unheated)
 
 
 @pytest.fixture(scope='module')
 def cold_trip():
     """A trip of a cold car, and its arrivals."""
-    trip = next(trip for trip in (draw_fleet_trip(1, number) for number in range(100))
+    trips = draw_fleet(1, 0)
+    trip = next(trip for trip in map(trips.trip, range(100))
                 if trip.car == 'reference' and trip.state.temperature_c < 2.0 and 40.0 < trip.length_min < 80.0)
     return trip, arrivals_of(trip, vehicle_of(trip.car))
 
@@ -122,11 +141,11 @@ def quick_tables(monkeypatch):
 
 
 def test_a_fleet_is_counted_trip_by_trip(quick_tables):
-    trips = [draw_fleet_trip(2, number) for number in range(12)]
+    trips = draw_fleet(2, 0, 12)
     tally = tally_of(trips)
-    assert tally.trips['all'] + tally.left_out.total() == 12 and tally == tally_of(reversed(trips))
+    assert tally.trips['all'] + tally.left_out.total() == 12
     expected = {quantity: [] for quantity in (HEATER_WH, SAVED_S, MORE_WH, REACHED)}
-    for trip in trips:
+    for trip in map(trips.trip, range(12)):
         ends = arrivals_of(trip, vehicle_of(trip.car))
         end, cold = ends['merit_order'], ends[NONE]
         expected[HEATER_WH].append(end.heater_wh)
@@ -136,6 +155,13 @@ def test_a_fleet_is_counted_trip_by_trip(quick_tables):
         expected[REACHED].append(end.temperature_c > trip.goal.target_temperature_c - 0.2)
     for quantity, values in expected.items():
         assert tally.mean('merit_order', 'all', quantity) == pytest.approx(np.mean(values), abs=1e-3)
+
+
+def test_without_the_core_the_table_is_the_same(quick_tables):
+    trips = draw_fleet(5, 0, 8)
+    with without_core():
+        slow = tally_of(trips)
+    assert slow == tally_of(trips)
 
 
 class Here:
@@ -154,14 +180,15 @@ def made_blocks(monkeypatch):
     """Trips that cost nothing: each counts its number. Gives the numbers of the trips that were counted."""
     ran = []
 
-    def tally_of(trips):
-        numbers, tally = list(trips), Tally()
+    def tally_of(numbers):
+        tally = Tally()
         ran.extend(numbers)
         tally.count([('all', 'car', 'a', 'l', 'a, l')] * len(numbers), WAYS, np.tile(
             np.array(numbers, dtype=float)[:, np.newaxis, np.newaxis], (1, len(WAYS), len(QUANTITIES))))
         return tally
 
-    monkeypatch.setattr(fleet_study, 'draw_fleet_trip', lambda seed, number: number)
+    monkeypatch.setattr(fleet_study, 'draw_fleet',
+                        lambda seed, number, size: list(range(10 * number, 10 * number + size)))
     monkeypatch.setattr(fleet_study, 'tally_of', tally_of)
     monkeypatch.setattr(fleet_study, 'BLOCK', 10)
     # What is pickled is what stands in the module.
@@ -238,7 +265,7 @@ def test_the_command_prints_writes_draws_and_goes_on(quick_command, tmp_path, ca
 
 def test_an_interrupted_fleet_keeps_what_is_finished(quick_command, tmp_path, capsys, monkeypatch):
     def run(trips, seed, executor, report, finished, keep):
-        block = Block(0, 10, fleet_study.tally_of(range(10)))
+        block = Block(0, 10, fleet_study.tally_of(list(range(10))))
         keep(0, block)
         report(block)
         raise Interrupted

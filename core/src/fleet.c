@@ -1,0 +1,296 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * Many trips of one vehicle, each without heating, always heated, and planned by two methods: what
+ * bev_preheat.experiments.fleet.ways does for one trip where nothing limits it.
+ */
+#include "checks.h"
+#include "limits_of_run.h"
+#include "steps_of_model.h"
+
+/* This far above the target no forward run can meet the backward one [K]. */
+#define LOST_ABOVE_TARGET_K 100.0
+/* A limit may matter where it is this near: by so much a run may be colder than the unheated one [K]. */
+#define COLDER_BY_K 5.0
+#define JOULES_PER_WH 3600.0
+/* Arrays of a trip in the memory, the first ones those of bev_plan_switch. */
+#define SWITCH_ROOMS 8
+#define ROOMS 12
+
+/* One trip, what is asked of it, and the memory that its ways share. */
+typedef struct {
+  const bev_vehicle *vehicle;
+  bev_trip trip;
+  double target_c;
+  double reserve_soc;
+  double lowest_soc;
+  const double *idle_soc;
+  const double *idle_c;
+  /* Of SWITCH_ROOMS, those behind the unheated run are free once the plan is made. */
+  double *room[ROOMS];
+  uint8_t *may_overcharge;
+  uint8_t *may_overdraw;
+} drive;
+
+static void arrive(bev_arrival *arrival, bev_status status, double heater_wh, double temperature_c,
+                   double soc, double instant_s) {
+  arrival->status = (int32_t)status;
+  arrival->heater_wh = heater_wh;
+  arrival->temperature_c = temperature_c;
+  arrival->soc = soc;
+  arrival->instant_s = instant_s;
+}
+
+/* What a heater takes [Wh]. */
+static double taken_wh(const bev_trip *trip, const double *heater_w) {
+  double sum = 0.0;
+  for (int32_t k = 0; k < trip->steps; k++) {
+    sum += trip->duration_s[k] / JOULES_PER_WH * heater_w[k];
+  }
+  return sum;
+}
+
+/* Whether a run leaves what must be left, on arrival and on the way. */
+static int leaves_enough(const drive *of, const double *soc) {
+  for (int32_t k = 0; k <= of->trip.steps; k++) {
+    if (!(soc[k] >= of->lowest_soc)) {
+      return 0;
+    }
+  }
+  return soc[of->trip.steps] >= of->reserve_soc;
+}
+
+/* The steps in which a limit may matter: bev_preheat.planning.limits.watch_limits. */
+static bev_status watch_limits(const drive *of) {
+  const bev_trip *trip = &of->trip;
+  double *colder_c = of->room[2];
+  double *least_w = of->room[3];
+  double *most_w = of->room[4];
+  for (int32_t k = 0; k < trip->steps; k++) {
+    colder_c[k] = bev_maximum(of->idle_c[k] - COLDER_BY_K, of->vehicle->lowest_c);
+  }
+  const bev_status status = bev_limits_along(of->vehicle, trip->steps, of->idle_soc, colder_c,
+                                             trip->power_variance_w2, least_w, most_w);
+  for (int32_t k = 0; k < trip->steps && status == BEV_OK; k++) {
+    of->may_overcharge[k] = trip->propulsion_power_w[k] < 0.0 && trip->idle_power_w[k] < least_w[k];
+    of->may_overdraw[k] = trip->idle_power_w[k] + trip->heater_limit_w[k] > most_w[k];
+  }
+  return status;
+}
+
+/* Heated from the start, up to the target. */
+static void always_on(const drive *of, bev_arrival *arrival) {
+  const bev_trip *trip = &of->trip;
+  const int32_t steps = trip->steps;
+  bev_status status = watch_limits(of);
+  if (status != BEV_OK) {
+    arrive(arrival, status, NAN, NAN, NAN, NAN);
+    return;
+  }
+  for (int32_t k = 0; k < steps; k++) {
+    of->room[2][k] = -HUGE_VAL;
+    of->room[3][k] = of->target_c;
+  }
+  const bev_heating heating = {1, 0, trip->heater_limit_w, of->room[2], of->room[3], of->room[3],
+                               of->may_overcharge, of->may_overdraw};
+  double *soc = of->room[4];
+  double *temperature_c = of->room[5];
+  int32_t empty_step = 0;
+  soc[0] = of->idle_soc[0];
+  temperature_c[0] = of->idle_c[0];
+  status = bev_run_within_limits(of->vehicle, trip, &heating, 0, soc, temperature_c, of->room[6],
+                                 of->room[7], &empty_step);
+  if (status == BEV_OK) {
+    arrive(arrival, status, taken_wh(trip, of->room[6]), temperature_c[steps], soc[steps], NAN);
+  } else {
+    arrive(arrival, status, NAN, NAN, NAN, NAN);
+  }
+}
+
+/* As bev_preheat.planning.safeguard holds a run of the paper: nothing that it lacks, enough that it leaves. */
+static bev_status check_paper(const drive *of, const double *soc, const double *temperature_c,
+                              const double *heater_w) {
+  const bev_trip *trip = &of->trip;
+  const bev_status status =
+      bev_limits_along(of->vehicle, trip->steps, soc, temperature_c, trip->power_variance_w2,
+                       of->room[6], of->room[7]);
+  for (int32_t k = 0; k <= trip->steps && status == BEV_OK; k++) {
+    if (!(soc[k] > 0.0 && soc[k] <= 1.0 && temperature_c[k] <= of->vehicle->hottest_c)) {
+      return BEV_LIMITED;
+    }
+    if (k < trip->steps && !(trip->idle_power_w[k] + heater_w[k] <= of->room[7][k])) {
+      return BEV_LIMITED;
+    }
+  }
+  return status != BEV_OK || leaves_enough(of, soc) ? status : BEV_LIMITED;
+}
+
+/* The paper's Algorithms 1 and 2, of which `heater_w` is written; NaN is no instant. */
+static bev_status plan_paper(const drive *of, double *heater_w, double *instant_s) {
+  const bev_trip *trip = &of->trip;
+  const int32_t steps = trip->steps;
+  double *soc = of->room[2];
+  double *temperature_c = of->room[3];
+  *instant_s = NAN;
+  for (int32_t k = 0; k < steps; k++) {
+    heater_w[k] = 0.0;
+  }
+  soc[0] = of->idle_soc[0];
+  temperature_c[0] = of->idle_c[0];
+  bev_status status =
+      bev_run(of->vehicle, BEV_EULER, trip, 0, NULL, NULL, soc, temperature_c);
+  if (status != BEV_OK) {
+    return status;
+  }
+  if (temperature_c[steps] < of->target_c) {
+    status = bev_find_crossing(of->vehicle, BEV_EULER, trip, of->target_c, soc[steps],
+                               LOST_ABOVE_TARGET_K, temperature_c, instant_s);
+    if (status == BEV_NO_CROSSING) {
+      *instant_s = 0.0;
+    } else if (status != BEV_OK) {
+      return status;
+    }
+    for (int32_t k = 0; k < steps; k++) {
+      const double share_on = (trip->time_s[k + 1] - *instant_s) / trip->duration_s[k];
+      heater_w[k] = bev_minimum(bev_maximum(share_on, 0.0), 1.0) * trip->heater_limit_w[k];
+    }
+    status = bev_run(of->vehicle, BEV_EULER, trip, bev_step_at(trip, *instant_s), heater_w, NULL, soc,
+                     temperature_c);
+    if (status != BEV_OK) {
+      return status;
+    }
+  }
+  return check_paper(of, soc, temperature_c, heater_w);
+}
+
+static void paper(const drive *of, const bev_arrival *unheated, bev_arrival *arrival) {
+  const bev_trip *trip = &of->trip;
+  double *heater_w = of->room[4];
+  double *soc = of->room[2];
+  double *temperature_c = of->room[3];
+  double instant_s = NAN;
+  bev_status status = plan_paper(of, heater_w, &instant_s);
+  if (status == BEV_OK && isnan(instant_s)) {
+    *arrival = *unheated;
+    return;
+  }
+  if (status == BEV_OK) {
+    const int32_t first = bev_step_at(trip, instant_s);
+    soc[first] = of->idle_soc[first];
+    temperature_c[first] = of->idle_c[first];
+    status = bev_run(of->vehicle, BEV_RUNGE_KUTTA_4, trip, first, heater_w, NULL, soc, temperature_c);
+  }
+  if (status == BEV_OK) {
+    arrive(arrival, status, taken_wh(trip, heater_w), temperature_c[trip->steps], soc[trip->steps],
+           instant_s);
+  } else {
+    arrive(arrival, status, NAN, NAN, NAN, NAN);
+  }
+}
+
+/* All ways of one trip, from a start. */
+static void drive_each_way(drive *of, double start_soc, double start_c, bev_arrival *arrivals) {
+  const int32_t steps = of->trip.steps;
+  double *soc = of->room[SWITCH_ROOMS];
+  double *temperature_c = of->room[SWITCH_ROOMS + 1];
+  double *heater_w = of->room[SWITCH_ROOMS + 2];
+  bev_switch_plan plan;
+  bev_status planned = bev_plan_switch(of->vehicle, &of->trip, start_soc, start_c, of->target_c,
+                                       of->room[0], soc, temperature_c, heater_w, &plan);
+  bev_status unheated = planned;
+  if (planned == BEV_LIMITED) {
+    /* The plan, or already the unheated run, which is all that is known to be complete. */
+    for (int32_t k = 0; k < steps; k++) {
+      heater_w[k] = 0.0;
+    }
+    const bev_seen_run idle = {of->vehicle, &of->trip, of->idle_soc, of->idle_c, heater_w,
+                               of->room[6], of->room[7]};
+    unheated = bev_keeps_limits(&idle, 0);
+  }
+  if (unheated != BEV_OK) {
+    for (int32_t way = 0; way < BEV_WAYS; way++) {
+      arrive(&arrivals[way], unheated, NAN, NAN, NAN, NAN);
+    }
+    return;
+  }
+  arrive(&arrivals[BEV_UNHEATED], BEV_OK, 0.0, of->idle_c[steps], of->idle_soc[steps], NAN);
+  if (planned == BEV_OK && leaves_enough(of, soc)) {
+    arrive(&arrivals[BEV_ONE_SWITCH], BEV_OK, plan.energy_wh.hvch_electric, temperature_c[steps],
+           soc[steps], plan.switching_instant_s);
+  } else {
+    arrive(&arrivals[BEV_ONE_SWITCH], BEV_LIMITED, NAN, NAN, NAN, NAN);
+  }
+  always_on(of, &arrivals[BEV_ALWAYS_ON]);
+  paper(of, &arrivals[BEV_UNHEATED], &arrivals[BEV_PAPER]);
+}
+
+/* The trip of so many steps that begins at a step of `trips`, with its own time. */
+static bev_trip trip_at(const bev_trip *trips, int32_t first, int32_t steps, double *time_s) {
+  const bev_trip trip = {steps,
+                         time_s,
+                         &trips->duration_s[first],
+                         &trips->idle_power_w[first],
+                         &trips->power_variance_w2[first],
+                         &trips->idle_heat_w[first],
+                         &trips->leakage_w_per_k[first],
+                         &trips->heater_limit_w[first],
+                         &trips->propulsion_power_w[first],
+                         &trips->drivetrain_heat_w[first],
+                         &trips->ambient_temperature_c[first]};
+  time_s[0] = 0.0;
+  for (int32_t k = 0; k < steps; k++) {
+    time_s[k + 1] = time_s[k] + trip.duration_s[k];
+  }
+  return trip;
+}
+
+/* Whether the trips, none of them longer than `longest`, are as many steps as there are. */
+static int are_trips(int32_t total, int32_t count, const int32_t *steps, int32_t longest) {
+  int32_t left = total;
+  for (int32_t n = 0; n < count; n++) {
+    if (steps[n] < 1 || steps[n] > longest || steps[n] > left) {
+      return 0;
+    }
+    left -= steps[n];
+  }
+  return left == 0;
+}
+
+bev_status bev_plan_trips(const bev_vehicle *vehicle, const bev_trip *trips, int32_t count,
+                          const int32_t *steps, const double *start_soc, const double *start_c,
+                          const double *target_c, double reserve_soc, double lowest_soc,
+                          int32_t longest, double *memory, uint8_t *flags,
+                          bev_arrival *arrivals) {
+  const bev_status status = bev_checked(vehicle, trips, 0);
+  if (status != BEV_OK) {
+    return status;
+  }
+  if (count < 0 || longest < 1 || longest > BEV_MOST_STEPS || steps == NULL || start_soc == NULL
+      || start_c == NULL || target_c == NULL || memory == NULL || flags == NULL || arrivals == NULL
+      || vehicle->heater_lag_s > 0.0 || vehicle->coolant_heat_capacity_j_per_k > 0.0
+      || !are_trips(trips->steps, count, steps, longest)) {
+    return BEV_BAD_ARGUMENT;
+  }
+  if (!isfinite(reserve_soc) || !isfinite(lowest_soc)) {
+    return BEV_BAD_INPUT;
+  }
+  drive of;
+  of.vehicle = vehicle;
+  of.reserve_soc = reserve_soc;
+  of.lowest_soc = lowest_soc;
+  of.may_overcharge = flags;
+  int32_t first = 0;
+  for (int32_t n = 0; n < count; n++) {
+    /* bev_plan_switch lays its arrays out by the steps of the trip. */
+    for (int32_t room = 0; room < ROOMS; room++) {
+      of.room[room] = &memory[room * (steps[n] + 1)];
+    }
+    of.may_overdraw = &flags[steps[n]];
+    of.trip = trip_at(trips, first, steps[n], of.room[ROOMS - 1]);
+    of.idle_soc = of.room[0];
+    of.idle_c = of.room[1];
+    of.target_c = target_c[n];
+    drive_each_way(&of, start_soc[n], start_c[n], &arrivals[n * BEV_WAYS]);
+    first += steps[n];
+  }
+  return BEV_OK;
+}
