@@ -21,6 +21,7 @@ from bev_preheat.console.terminal import print_records, progress_console, result
 from bev_preheat.experiments.cost import (
     checker_cost,
     choice_cost,
+    fleet_cost,
     optimum_cost,
     planning_cost,
     process_cost,
@@ -39,10 +40,10 @@ if TYPE_CHECKING:
 MEASUREMENTS = {'planning': planning_cost.measure, 'update': update_cost.measure,
                 'choice': choice_cost.measure, 'optimum': optimum_cost.measure,
                 'checker': checker_cost.measure, 'process': process_cost.measure,
-                'restart': restart_cost.measure}
+                'restart': restart_cost.measure, 'fleet': fleet_cost.measure}
 # What they need beyond the planner's own packages.
 PACKAGES = {'planning': (), 'update': (), 'choice': (), 'optimum': ('casadi', 'do_mpc'),
-            'checker': ('casadi', 'psutil'), 'process': ('psutil',), 'restart': ()}
+            'checker': ('casadi', 'psutil'), 'process': ('psutil',), 'restart': (), 'fleet': ()}
 # All that are planned for.
 ROUTES = ('reference', 'alpine_pass', 'motorway_3h')
 

@@ -54,7 +54,7 @@ def arrivals_of_all(trips: FleetTrips) -> Arrivals:
     arrivals = Arrivals(*(np.full(shape, np.nan) for _ in range(3)), np.ones(len(trips), dtype=bool))
     for car, places in trips.cars():
         are_there = np.zeros((places.stop - places.start, len(WAYS)), dtype=bool)
-        found = _planned(trips, car, places)
+        found = planned_in_the_core(trips, car, places)
         if found is not None:
             found = found[:, COLUMNS]
             are_there = found['status'] == OK
@@ -65,7 +65,7 @@ def arrivals_of_all(trips: FleetTrips) -> Arrivals:
     return arrivals
 
 
-def _planned(trips: FleetTrips, car: str, places: slice) -> NDArray[np.void] | None:
+def planned_in_the_core(trips: FleetTrips, car: str, places: slice) -> NDArray[np.void] | None:
     """Return what `plan_trips` does for the trips of a car; None where the core does not answer."""
     vehicle, goal = vehicle_of(car), goal_of(car)
     compiled = compiled_vehicle(vehicle)

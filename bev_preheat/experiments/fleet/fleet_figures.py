@@ -35,7 +35,7 @@ MEANS = {'heater_kwh': (HEATER_WH, WH_PER_KWH), 'bought_kwh': (BOUGHT_WH, WH_PER
          'charging_min': (CHARGING_S, S_PER_MIN), 'arrival_c': (ARRIVAL_C, 1.0), 'reached': (REACHED, 1.0)}
 DISTRIBUTIONS = {'saved_min': (SAVED_S, S_PER_MIN), 'more_kwh': (MORE_WH, WH_PER_KWH)}
 # Constants of `drawn_fleet` that nobody chose.
-NOT_DRAWN = ('GRAVITY_MPS2', 'MPS_PER_KMH', 'S_PER_MIN', 'S_PER_H')
+NOT_DRAWN = ('MPS_PER_KMH', 'S_PER_MIN', 'S_PER_H')
 QUANTILES = {'5 %': 0.05, 'median': 0.5, '95 %': 0.95}
 
 

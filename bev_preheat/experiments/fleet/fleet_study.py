@@ -13,7 +13,8 @@ import numpy as np
 
 from bev_preheat.experiments.fleet.arrivals import arrivals_of_all
 from bev_preheat.experiments.fleet.charging_times import charging_times_of
-from bev_preheat.experiments.fleet.drawn_fleet import BLOCK, CARS, draw_fleet, goal_of
+from bev_preheat.experiments.fleet.drawing import draw_fleet
+from bev_preheat.experiments.fleet.drawn_fleet import BLOCK, CARS, goal_of
 from bev_preheat.experiments.fleet.tally import (
     ARRIVAL_C,
     BOUGHT_WH,

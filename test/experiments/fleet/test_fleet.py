@@ -15,7 +15,8 @@ from bev_preheat.compiled.library import without_core
 from bev_preheat.console.program import Interrupted
 from bev_preheat.experiments.fleet import charging_times, fleet_study
 from bev_preheat.experiments.fleet.charging_times import ChargingTimes, sessions, stop_of
-from bev_preheat.experiments.fleet.drawn_fleet import AMBIENT_MEAN_C, CARS, draw_fleet, vehicle_of
+from bev_preheat.experiments.fleet.drawing import draw_fleet
+from bev_preheat.experiments.fleet.drawn_fleet import AMBIENT_MEAN_C, CARS, vehicle_of
 from bev_preheat.experiments.fleet.fleet_study import Block, kept_fleet, run_fleet, tally_of
 from bev_preheat.experiments.fleet.tally import HEATER_WH, MORE_WH, QUANTITIES, REACHED, SAVED_S, Tally
 from bev_preheat.experiments.fleet.ways import ALWAYS, arrivals_of, NONE, WAYS

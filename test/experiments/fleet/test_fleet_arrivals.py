@@ -8,7 +8,8 @@ from bev_preheat.compiled.library import core, LIMITED, OK
 from bev_preheat.compiled.trips import ALWAYS_ON, ONE_SWITCH, PAPER, plan_trips, UNHEATED
 from bev_preheat.experiments.fleet import arrivals as fleet_arrivals
 from bev_preheat.experiments.fleet.arrivals import arrivals_of_all
-from bev_preheat.experiments.fleet.drawn_fleet import CARS, draw_fleet, goal_of, vehicle_of
+from bev_preheat.experiments.fleet.drawing import draw_fleet
+from bev_preheat.experiments.fleet.drawn_fleet import CARS, goal_of, vehicle_of
 from bev_preheat.experiments.fleet.ways import Arrival, arrivals_of, WAYS
 from bev_preheat.planning.dynamics import compiled_vehicle
 from bev_preheat.planning.planner import plan_preheating
@@ -82,7 +83,7 @@ def test_a_limited_trip_is_asked_for_one_by_one(trips, monkeypatch):
         asked.append((trip.number, tuple(methods)))
         return None if len(asked) % 2 else {way: Arrival(1.0, 2.0, 3.0) for way in WAYS}
 
-    monkeypatch.setattr(fleet_arrivals, '_planned', found)
+    monkeypatch.setattr(fleet_arrivals, 'planned_in_the_core', found)
     monkeypatch.setattr(fleet_arrivals, 'arrivals_of', one)
     arrivals = arrivals_of_all(trips)
     first = next(iter(trips.cars()))[1].start
