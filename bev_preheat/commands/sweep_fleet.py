@@ -44,9 +44,9 @@ ROWS = (
 
 def run_fleet_sweep(arguments: Namespace) -> int:
     """Run a fleet; returns 0. An interrupted one is summed up as far as it got."""
-    from bev_preheat.experiments.fleet.drawn_fleet import CARS, vehicle_of
+    from bev_preheat.experiments.fleet.drawn_fleet import BLOCK, CARS, vehicle_of
     from bev_preheat.experiments.fleet.fleet_figures import drawn
-    from bev_preheat.experiments.fleet.fleet_study import BLOCK, kept_fleet, run_fleet
+    from bev_preheat.experiments.fleet.fleet_study import kept_fleet, run_fleet
     from bev_preheat.experiments.fleet.tally import Tally
     check_study_arguments(arguments, ())
     study = {'study': 'fleet', 'seed': arguments.seed, 'block': BLOCK, 'drawn': digest_of(drawn()),

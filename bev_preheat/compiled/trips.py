@@ -24,7 +24,7 @@ UNHEATED, ALWAYS_ON, PAPER, ONE_SWITCH = range(WAYS_OF_TRIP)
 ARRIVAL = np.dtype(ArrivalStruct)
 
 
-def plan_trips(vehicle: CompiledVehicle, trips: CompiledTrip, steps: NDArray[np.int32], soc: FloatArray,
+def plan_trips(vehicle: CompiledVehicle, trips: CompiledTrip, steps: NDArray[np.integer], soc: FloatArray,
                temperature_c: FloatArray, target_c: FloatArray, reserve_soc: float,
                lowest_soc: float) -> NDArray[np.void] | None:
     """

@@ -24,7 +24,7 @@ PLANS = len(METHODS)
 LEAST_PLANS_PER_S = 20e3
 ROUNDS = 5
 # Trips that are planned one by one, and those of which everything is made.
-ONE_BY_ONE, ALL = 60, 400
+ONE_BY_ONE, ALL = 60, 2000
 
 
 def measure(log: Callable[[str], object]) -> list[Figure]:

@@ -51,7 +51,8 @@ class Arrivals:
 def arrivals_of_all(trips: FleetTrips) -> Arrivals:
     """Return the Arrivals of drawn trips."""
     shape = len(trips), len(WAYS)
-    arrivals = Arrivals(*(np.full(shape, np.nan) for _ in range(3)), np.ones(len(trips), dtype=bool))
+    arrivals = Arrivals(np.full(shape, np.nan), np.full(shape, np.nan), np.full(shape, np.nan),
+                        np.ones(len(trips), dtype=bool))
     for car, places in trips.cars():
         are_there = np.zeros((places.stop - places.start, len(WAYS)), dtype=bool)
         found = planned_in_the_core(trips, car, places)

@@ -119,7 +119,7 @@ class FleetTrips:
     @property
     def length_min(self) -> FloatArray:
         """Driving times [min], (K,)."""
-        return self.steps * (STEP_S / S_PER_MIN)
+        return np.asarray(self.steps * (STEP_S / S_PER_MIN), dtype=np.float64)
 
     @cached_property
     def first_step(self) -> IntArray:
@@ -185,6 +185,5 @@ def goal_of(car: str) -> Goal:
 
 def cabin_heating_power_w(vehicle: Vehicle, ambient_c: FloatArray | float) -> FloatArray:
     """Return what the cabin takes of the heater [W] in air of a temperature [deg C]; shape of the input."""
-    power_w: FloatArray = np.minimum(CABIN_W_PER_K * np.maximum(0.0, CABIN_C - ambient_c),
-                                     CABIN_SHARE * vehicle.hvch.maximum_power_w)
-    return power_w
+    return np.asarray(np.minimum(CABIN_W_PER_K * np.maximum(0.0, CABIN_C - ambient_c),
+                                 CABIN_SHARE * vehicle.hvch.maximum_power_w), dtype=float)
