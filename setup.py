@@ -51,7 +51,7 @@ setup(
                             'supervision/itinerary_schema.yaml',
                             'simulation/scenario_schema.yaml', 'vehicle/chemistry.yaml',
                             'vehicle/vehicle_template.yaml',
-                            'vehicle/road_load_template.yaml']},
+                            'vehicle/road_load_template.yaml', 'ecu/c/*']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{PACKAGE}']),
         (f'share/{PACKAGE}', ['package.xml']),

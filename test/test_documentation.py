@@ -205,7 +205,7 @@ def test_parameters_have_default_range_and_meaning(generated):
 
 
 def test_every_subcommand_is_listed(generated):
-    titles = re.findall(r'^## `preheat (\w+)', generated['command_line'], re.MULTILINE)
+    titles = re.findall(r'^## `preheat ([\w-]+)', generated['command_line'], re.MULTILINE)
     assert list(dict.fromkeys(titles)) == list(SUBCOMMANDS)
     assert '`preheat vehicle new`' in generated['command_line']
     assert '60 % of the power' in generated['command_line']

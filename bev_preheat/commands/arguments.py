@@ -26,6 +26,6 @@ def make_parser(subcommands: Iterable[str]) -> OneLineParser:
     parser.add_argument('--version', action=VersionAction, nargs=0, help='print the version and exit')
     subparsers = parser.add_subparsers(required=True, metavar='COMMAND')
     for name in subcommands:
-        import_module(f'bev_preheat.commands.{name}').add_parser(subparsers)
+        import_module(f'bev_preheat.commands.{name.replace("-", "_")}').add_parser(subparsers)
     complete(parser)
     return parser

@@ -10,10 +10,10 @@ TYPE_CHECKING = False
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-# Modules with add_parser(subparsers), which sets `run`, a function of the parsed arguments that
-# returns the exit status.
+# Modules, with an underscore for a hyphen, with add_parser(subparsers), which sets `run`, a function of
+# the parsed arguments that returns the exit status.
 SUBCOMMANDS = ('plan', 'charge', 'worth', 'optimum', 'compare', 'reproduce', 'sweep', 'robustness',
-               'scenario', 'route', 'vehicle', 'monitor', 'prepare')
+               'scenario', 'route', 'vehicle', 'export-ecu', 'monitor', 'prepare')
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

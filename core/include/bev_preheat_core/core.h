@@ -21,8 +21,11 @@ extern "C" {
 /* Changes whenever a struct or a function of this file does. */
 #define BEV_INTERFACE 3
 
-/* Most steps of a trip, points of a table's axis, factors on a curve, bands of heating. */
+/* Most steps of a trip; where memory is fixed, compile with less: -DBEV_MOST_STEPS=360. */
+#ifndef BEV_MOST_STEPS
 #define BEV_MOST_STEPS 1000000
+#endif
+/* Most points of a table's axis, factors on a curve, bands of heating. */
 #define BEV_MOST_AXIS 1024
 #define BEV_MOST_FACTORS 4
 #define BEV_CURVE_PARAMETERS 5

@@ -1,0 +1,66 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`preheat export-ecu`: the planner as C sources for one vehicle, with plans to hold them against."""
+
+from __future__ import annotations
+
+import shlex
+from typing import TYPE_CHECKING
+
+from rich.progress import BarColumn, MofNCompleteColumn, TextColumn
+
+from bev_preheat.commands.completion import completed_by, VEHICLES
+from bev_preheat.console.terminal import progress_bar, result_console
+from bev_preheat.ecu.export import Export
+from bev_preheat.ecu.vectors import LIMITED, OK
+from bev_preheat.errors import InvalidInput
+from bev_preheat.vehicle import load_vehicle, vehicle_file
+from bev_preheat.vehicle.assumptions import assumption_warning
+
+if TYPE_CHECKING:
+    from argparse import Namespace
+
+    from bev_preheat.commands.arguments import Subparsers
+
+VECTORS, MOST_VECTORS = 300, 100_000
+
+
+def add_parser(subparsers: Subparsers) -> None:
+    """Add the subcommand."""
+    parser = subparsers.add_parser(
+        'export-ecu', help='write the planner for one vehicle as C sources',
+        description='Write the planner for one vehicle as C99 sources for a control unit: method '
+        'optimal_switch where no limit is active, the vehicle as constants, and situations with the plans '
+        'of Python to hold the compiled code against.')
+    completed_by(VEHICLES, parser.add_argument(
+        '--vehicle', required=True, metavar='NAME|FILE', help='a name in config/vehicles or a YAML file'))
+    parser.add_argument('--output', required=True, metavar='DIR',
+                        help='folder to write; an export that is there is replaced')
+    parser.add_argument('--vectors', type=int, default=VECTORS, metavar='N',
+                        help='situations to compare (default: %(default)s)')
+    parser.add_argument('--seed', type=int, default=0, help='what they are drawn with (default: %(default)s)')
+    parser.set_defaults(run=run)
+
+
+def run(arguments: Namespace) -> int:
+    """Write the folder and say what is in it; returns the exit status."""
+    if not 1 <= arguments.vectors <= MOST_VECTORS:
+        raise InvalidInput(
+            f'--vectors: {arguments.vectors} is not allowed; it must be 1 ... {MOST_VECTORS}')
+    if arguments.seed < 0:
+        raise InvalidInput(f'--seed: {arguments.seed} is not allowed; it must be 0 or more')
+    vehicle, file = load_vehicle(arguments.vehicle), vehicle_file(arguments.vehicle)
+    export = Export(vehicle, arguments.output, [file])
+    with progress_bar(TextColumn('situations'), BarColumn(), MofNCompleteColumn()) as progress:
+        task = progress.add_task('', total=arguments.vectors)
+        vectors = export.write(arguments.vectors, arguments.seed, lambda: progress.advance(task))
+    planned = sum(vector.status == OK for vector in vectors)
+    limited = sum(vector.status == LIMITED for vector in vectors)
+    console = result_console(soft_wrap=True)
+    console.print(f'written: {arguments.output}: vehicle {vehicle.name}, {len(vectors)} situations: '
+                  f'{planned} with a plan, {limited} with an active limit, '
+                  f'{len(vectors) - planned - limited} with a number that is none', markup=False)
+    warning = assumption_warning(vehicle, file)
+    if warning:
+        console.print(f'warning: {warning}', markup=False)
+    console.print(f'compile and compare: make -C {shlex.quote(arguments.output)} all check', markup=False)
+    return 0

@@ -1,0 +1,84 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * The interface of the exported planner: one function that plans, one that checks the vehicle.
+ *
+ * It covers the method optimal_switch on trips on which no limit of the battery is active. Where one is,
+ * with heating or without, or where the charge that must be left is not, the answer is BEV_LIMITED and no
+ * plan: the caller then keeps the heater off, or follows the plan it has.
+ *
+ * Units: seconds, watts, kelvin, degrees Celsius (names that end in _c), states of charge 0 ... 1,
+ * energies in Wh. bev_trip, bev_vehicle and the status codes are those of bev_preheat_core/core.h.
+ *
+ * Nothing is allocated, nothing is kept between calls; vehicle and trip are only read. The functions may
+ * be called from several tasks at once, each with memory of its own.
+ */
+#ifndef BEV_ECU_H_
+#define BEV_ECU_H_
+
+#include "bev_preheat_core/core.h"
+
+/* Memory of a plan for a trip of so many steps [doubles], without and with a heat path, and the greater. */
+#define BEV_ECU_DIRECT_MEMORY(steps) (BEV_SWITCH_MEMORY(steps) + 3 * (steps) + 2)
+#define BEV_ECU_LATE_MEMORY(steps) (BEV_TWO_SWITCHES_MEMORY(steps) + 13 * (steps) + 8)
+#define BEV_ECU_MEMORY(steps)                                                                       \
+  (BEV_ECU_DIRECT_MEMORY(steps) > BEV_ECU_LATE_MEMORY(steps) ? BEV_ECU_DIRECT_MEMORY(steps)         \
+                                                             : BEV_ECU_LATE_MEMORY(steps))
+
+/* The state at the start of a trip, and what is wanted on arrival. */
+typedef struct {
+  /* 0 ... 1 */
+  double soc;
+  /* Of the battery, within its range, lowest_c ... highest_c of the vehicle. */
+  double temperature_c;
+  /* What the heater takes, and how much warmer than the battery the coolant is; 0 without a heat path. */
+  double heater_w;
+  double coolant_excess_k;
+  /* Wanted on arrival, within the battery's range. */
+  double target_c;
+  /* State of charge that must be left on arrival, and on the way: 0 ... 1. */
+  double reserve_soc;
+  double least_soc;
+} bev_ecu_situation;
+
+/* A plan. Its arrays lie in the memory that was given. */
+typedef struct {
+  /*
+   * The heater takes all that the cabin leaves from `on_s` until `off_s`, seconds after the start of the
+   * trip. `on_s` is NaN where nothing is heated, `off_s` where it is heated until arrival: always without a
+   * heat path. `off_s` is never within steps in which the cabin leaves nothing, but before them.
+   */
+  double on_s;
+  double off_s;
+  double arrival_c;
+  double arrival_soc;
+  /* Least state of charge on the way. */
+  double least_soc;
+  /* What the target lacks although it is heated all the way [K], 0 if it is reached. */
+  double shortfall_k;
+  /* As bev_energies has them, what a heater that lags takes after arrival included. */
+  bev_energies energy_wh;
+  /* At each instant, steps + 1 values. */
+  const double *soc;
+  const double *temperature_c;
+  /* What the heater is told in each step [W], mean. */
+  const double *heater_w;
+} bev_ecu_plan;
+
+/*
+ * The plan of a trip. BEV_OK: `plan` is written. Any other answer: there is no plan, `plan` means nothing.
+ *
+ *   BEV_LIMITED (4)        a limit of the battery is active, or the charge that must be left is not
+ *   BEV_BAD_ARGUMENT (-1)  a pointer is null, or the trip has no steps or more than BEV_MOST_STEPS
+ *   BEV_BAD_VEHICLE (-2)   a number of the vehicle is not finite or impossible
+ *   BEV_BAD_INPUT (-3)     a number of trip or situation is not finite or out of its range
+ *   BEV_NOT_FINITE (-4)    the model yields no finite number
+ *   BEV_NOT_SETTLED (-5)   a search did not end in the number of rounds it is given
+ *
+ * Ranges of the trip, beyond being finite: time_s rises, by duration_s; power_variance_w2,
+ * leakage_w_per_k and heater_limit_w are 0 or more. `memory` has BEV_ECU_MEMORY(steps) doubles.
+ */
+bev_status bev_ecu_plan_switch(const bev_vehicle *vehicle, const bev_trip *trip,
+                               const bev_ecu_situation *situation, double *memory,
+                               bev_ecu_plan *plan);
+
+#endif /* BEV_ECU_H_ */

@@ -1,0 +1,27 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* The vehicle that was exported, and a situation to try it with; constants, in vehicle.c and example.c. */
+#ifndef BEV_ECU_VEHICLE_H_
+#define BEV_ECU_VEHICLE_H_
+
+#include "bev_ecu.h"
+
+/* What the columns of a trip are made from, beside the vehicle's own heat_share (README.md). */
+typedef struct {
+  /* Leakage of the battery's heat: this, and this for each m/s of speed. */
+  double leakage_w_per_k;
+  double leakage_w_per_k_per_mps;
+  /* Most power of the heater, electrical, of which the cabin takes first. */
+  double heater_maximum_w;
+  /* The state of charge below which no plan goes. */
+  double lowest_soc;
+  double default_target_c;
+} bev_ecu_car;
+
+extern const char bev_ecu_vehicle_name[];
+extern const bev_vehicle bev_ecu_vehicle;
+extern const bev_ecu_car bev_ecu_car_of_vehicle;
+
+extern const bev_trip bev_ecu_example_trip;
+extern const bev_ecu_situation bev_ecu_example;
+
+#endif /* BEV_ECU_VEHICLE_H_ */

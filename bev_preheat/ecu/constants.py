@@ -1,0 +1,99 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A vehicle, and a situation, as constants of C: the numbers of the structs that the core is called with."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from ctypes import c_double, cast, POINTER
+import math
+from textwrap import fill
+from typing import TYPE_CHECKING
+
+from bev_preheat.compiled.structs import CompiledVehicle, NotDescribed, TABLE, TRIP_COLUMNS, VehicleStruct
+from bev_preheat.errors import InvalidInput
+from bev_preheat.planning.dynamics import hottest_c
+
+if TYPE_CHECKING:
+    from bev_preheat.compiled.structs import CurveStruct
+    from bev_preheat.vehicle.description import Vehicle
+
+HEAD = """\
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Made by preheat export-ecu; changes are made in the vehicle's file. */
+#include "vehicle.h"
+"""
+CURVES = ('open_circuit_voltage', 'resistance', 'charge_power_limit', 'discharge_power_limit')
+KINDS = ('BEV_POLYNOMIAL', 'BEV_POLYNOMIAL_AND_LOGARITHM', 'BEV_INVERSE_TEMPERATURE', 'BEV_TABLE')
+WIDTH = 100
+
+
+def vehicle_source(vehicle: Vehicle) -> str:
+    """Return vehicle.c of a Vehicle; raises InvalidInput where the core has no such curve."""
+    try:
+        compiled = CompiledVehicle(vehicle, hottest_c(vehicle))
+    except NotDescribed as error:
+        raise InvalidInput(
+            f'vehicle {vehicle.name}: cannot be exported: the core does not describe {error}') from error
+    struct = compiled.struct
+    tables: list[str] = []
+    members = [f'  .{name} = {number(getattr(struct, name))},' for name, kind, *_ in VehicleStruct._fields_
+               if kind is c_double]
+    for name in CURVES:
+        members.append(f'  .{name} = {_curve(name, getattr(struct, name), tables)},')
+    leakage = vehicle.battery.leakage
+    car = (leakage.gamma_0_w_per_k, leakage.gamma_v_w_per_k_per_mps, vehicle.hvch.maximum_power_w,
+           vehicle.battery.soc_range[0], vehicle.defaults.target_battery_temperature_c)
+    return '\n'.join([
+        HEAD, *tables, f'const char bev_ecu_vehicle_name[] = {_text(vehicle.name)};', '',
+        'const bev_vehicle bev_ecu_vehicle = {', *members, '};', '',
+        f'const bev_ecu_car bev_ecu_car_of_vehicle = {_braced(car)};', ''])
+
+
+def example_source(columns: Sequence[Sequence[float]], situation: Iterable[float]) -> str:
+    """Return example.c: the columns of a trip, in the order of bev_trip, and a bev_ecu_situation."""
+    arrays = [_array(name, column) for name, column in zip(TRIP_COLUMNS, columns, strict=True)]
+    return '\n'.join([
+        HEAD, *arrays,
+        fill(f'const bev_trip bev_ecu_example_trip = {{{len(columns[1])}, {", ".join(TRIP_COLUMNS)}}};', WIDTH,
+             subsequent_indent='    '),
+        '', f'const bev_ecu_situation bev_ecu_example = {_braced(situation)};', ''])
+
+
+def number(value: float) -> str:
+    """Return a number as C reads it, to the last bit."""
+    if not math.isfinite(value):
+        raise InvalidInput(f'{value}: a constant must be finite')
+    return repr(float(value))
+
+
+def _curve(name: str, curve: CurveStruct, tables: list[str]) -> str:
+    """Return the initialiser of a curve; the arrays of a table are added to `tables`."""
+    members = [f'.kind = {KINDS[curve.kind]}', f'.factor_count = {curve.factor_count}']
+    if curve.factor_count:
+        members.append(f'.factor = {_braced(curve.factor[:curve.factor_count])}')
+    if curve.kind != TABLE:
+        members.append(f'.parameter = {_braced(curve.parameter[:])}')
+        return f'{{{", ".join(members)}}}'
+    soc_count, temperature_count = curve.soc_count, curve.temperature_count
+    for axis, address, count in (('soc', curve.soc, soc_count),
+                                 ('temperature_c', curve.temperature_c, temperature_count),
+                                 ('values', curve.values, soc_count * temperature_count)):
+        tables.append(_array(f'{name}_{axis}', cast(address, POINTER(c_double))[:count]))
+        members.append(f'.{axis} = {name}_{axis}')
+    members += [f'.soc_count = {soc_count}', f'.temperature_count = {temperature_count}']
+    return f'{{{", ".join(members)}}}'
+
+
+def _array(name: str, values: Sequence[float]) -> str:
+    return fill(f'static const double {name}[{len(values)}] = {_braced(values)};', WIDTH,
+                subsequent_indent='    ') + '\n'
+
+
+def _braced(values: Iterable[float]) -> str:
+    return f'{{{", ".join(map(number, values))}}}'
+
+
+def _text(text: str) -> str:
+    """Return a string literal; what is not plain ASCII, or may be more than itself in C, is '_'."""
+    return '"' + ''.join(each if each.isascii() and each.isprintable() and each not in '"\\?' else '_'
+                         for each in text) + '"'

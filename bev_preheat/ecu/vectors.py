@@ -1,0 +1,187 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Drawn situations of one vehicle with the plans of Python, for the runner of an export (check.c).
+
+Planned without the compiled core: what is held against the C is made by other code.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from bev_preheat.compiled.library import without_core
+from bev_preheat.errors import InvalidInput
+from bev_preheat.planning.dynamics import keep_accounts
+from bev_preheat.planning.limits import limits_hold
+from bev_preheat.planning.optimal_switch import plan_optimal_switch
+from bev_preheat.planning.planner import plan_without_heating
+from bev_preheat.planning.situation import BatteryState, Goal, reserve_soc
+from bev_preheat.planning.trip import make_trip
+from bev_preheat.route.segments import make_route
+
+if TYPE_CHECKING:
+    from bev_preheat.planning.schedule import Schedule
+    from bev_preheat.planning.trip import Trip
+    from bev_preheat.vehicle.description import Vehicle
+
+OK, LIMITED, BAD_INPUT = 0, 4, -3
+# Most steps of an export. One trip in so many has that many, and one a number that is none: never the same.
+MOST_STEPS = 360
+LONG_EVERY, LONG_AT = 50, 10
+DAMAGED_EVERY, DAMAGED_AT = 25, 24
+USUAL_STEPS = 60
+NOMINAL_V = 350.0
+EXPECTED = 10
+NOT_A_NUMBER = (math.nan, math.inf, -math.inf)
+
+
+@dataclass(frozen=True)
+class Vector:
+    """
+    A situation and what is expected of it; numbers in the order of check.c.
+
+    `columns` are those of bev_trip, `situation` those of bev_ecu_situation, `expected` the instants of
+    switching on and off [s], six energies [Wh], and temperature [deg C] and charge on arrival; NaN is none.
+    """
+
+    columns: tuple[list[float], ...]
+    situation: tuple[float, ...]
+    status: int
+    expected: tuple[float, ...] = EXPECTED * (math.nan,)
+
+    @property
+    def heats(self) -> bool:
+        """Whether it is planned and heated."""
+        return self.status == OK and not math.isnan(self.expected[0])
+
+    def lines(self) -> Iterator[str]:
+        """Return it as lines of vectors.txt."""
+        yield f'vector {len(self.columns[1])} {_words(self.situation)}'
+        yield f'{self.status} {_words(self.expected)}'
+        yield from map(_words, self.columns)
+
+
+def draw_vectors(vehicle: Vehicle, count: int, seed: int,
+                 report: Callable[[], None] = lambda: None) -> list[Vector]:
+    """Return so many Vectors of a Vehicle; the same ones for the same seed. `report` is called after each."""
+    vectors = []
+    with without_core():
+        for number in range(count):
+            vectors.append(draw_vector(vehicle, seed, number))
+            report()
+    return vectors
+
+
+def draw_vector(vehicle: Vehicle, seed: int, number: int) -> Vector:
+    """Return one Vector of a Vehicle."""
+    random = np.random.default_rng([seed, number])
+    trip, state, goal = _drawn(vehicle, random, number)
+    columns = _columns(trip)
+    situation = (state.soc, state.temperature_c, state.heater_power_w, state.coolant_excess_k,
+                 goal.target_temperature_c, reserve_soc(vehicle, goal), vehicle.battery.soc_range[0])
+    if number % DAMAGED_EVERY == DAMAGED_AT:
+        column = columns[int(random.integers(len(columns)))]
+        column[int(random.integers(len(column)))] = NOT_A_NUMBER[int(random.integers(3))]
+        return Vector(columns, situation, BAD_INPUT)
+    expected = expected_plan(trip, state, goal)
+    return Vector(columns, situation, LIMITED) if expected is None else Vector(
+        columns, situation, OK, expected)
+
+
+def expected_plan(trip: Trip, state: BatteryState, goal: Goal) -> tuple[float, ...] | None:
+    """Return what the method optimal_switch plans, as `Vector.expected`; None where a limit is active."""
+    unheated = plan_without_heating(trip, state)
+    if not limits_hold(trip, unheated):
+        return None
+    schedule = plan_optimal_switch(trip, state, goal, unheated)
+    if (not limits_hold(trip, schedule) or schedule.soc[-1] < reserve_soc(trip.vehicle, goal)
+            or schedule.soc.min() < trip.vehicle.battery.soc_range[0]):
+        return None
+    energy = keep_accounts(trip, schedule, deliverable=True).energy_wh
+    return (*_instants_s(trip, schedule), energy.joule, energy.drivetrain_heat, energy.hvch_heat, energy.leakage,
+            energy.hvch_electric, energy.battery_total, float(schedule.temperature_c[-1]),
+            float(schedule.soc[-1]))
+
+
+def _instants_s(trip: Trip, schedule: Schedule) -> tuple[float, float]:
+    """
+    Return when the heater is switched on and off [s]; NaN where it is not, or not before arrival.
+
+    Where the cabin takes all of the heater, any instant of switching off is as good; the plan's own is then
+    a matter of rounding, and the one that is told is where heating really ends.
+    """
+    if schedule.heating_start_s is None or not schedule.heater_power_w.any():
+        return math.nan, math.nan
+    arrival_s = float(trip.time_s[-1])
+    if trip.vehicle.heat_path.is_direct:
+        return schedule.heating_start_s, math.nan
+    off_s = arrival_s if schedule.heating_end_s is None else schedule.heating_end_s
+    last = np.flatnonzero((trip.heater_limit_w > 0.0) & (trip.time_s[:-1] < off_s))[-1]
+    end_s = min(off_s, float(trip.time_s[last + 1]))
+    return schedule.heating_start_s, end_s if end_s < arrival_s else math.nan
+
+
+def vectors_text(vectors: Sequence[Vector]) -> str:
+    """Return vectors.txt."""
+    lines = [line for vector in vectors for line in vector.lines()]
+    return '\n'.join([*lines, f'end {len(vectors)}', ''])
+
+
+def first_heated(vectors: Sequence[Vector]) -> Vector:
+    """Return the first Vector that is heated, for the example; else the first that is planned."""
+    found = [vector for vector in vectors if vector.heats] or [
+        vector for vector in vectors if vector.status == OK]
+    if not found:
+        raise InvalidInput('--vectors: no situation that was drawn has a plan without active limits; '
+                           'draw more, or with another --seed')
+    return found[0]
+
+
+def _drawn(vehicle: Vehicle, random: np.random.Generator,
+           number: int) -> tuple[Trip, BatteryState, Goal]:
+    """Return a trip of at most MOST_STEPS steps, mostly without active limits, a state and a goal."""
+    steps = MOST_STEPS if number % LONG_EVERY == LONG_AT else int(random.integers(2, USUAL_STEPS + 1))
+    lowest_c, highest_c = vehicle.battery.temperature_range_c
+    # Driving takes a part of the battery in an hour, whatever its size.
+    capacity_wh = vehicle.battery.capacity_ah * NOMINAL_V
+    power_w = random.uniform(-0.01, 0.25, steps) * capacity_wh
+    if random.random() < 0.2:
+        # A climb, then a descent, at the limits of a cold battery and beyond.
+        first, last = sorted(random.integers(0, steps, 2).tolist())
+        power_w[:first] += random.uniform(0.0, 1.5) * capacity_wh
+        power_w[first:last] -= random.uniform(0.0, 1.0) * capacity_wh
+    longest_s = min(200.0, 9000.0 / steps)
+    coldest_c = max(lowest_c, -15.0)
+    route = make_route({
+        'duration_s': random.uniform(0.2, 1.0, steps) * longest_s,
+        'speed_mps': random.uniform(0.0, 33.0, steps), 'propulsion_power_w': power_w,
+        'propulsion_power_rms_w': np.abs(power_w) * random.uniform(1.0, 1.2),
+        'ambient_temperature_c': random.uniform(coldest_c, coldest_c + 18.0, steps),
+        'cabin_heating_power_w': random.choice((0.0, 0.25, 1.1), steps, p=(0.1, 0.85, 0.05))
+        * vehicle.hvch.maximum_power_w,
+        'auxiliary_power_w': [float(random.uniform(200.0, 900.0))]}, vehicle.defaults)
+    start_c = float(random.uniform(coldest_c + 10.0, min(coldest_c + 27.0, highest_c)))
+    late = not vehicle.heat_path.is_direct and random.random() < 0.5
+    state = BatteryState(
+        start_c, float(random.uniform(0.4, 0.95)),
+        float(random.uniform(0.0, 0.5)) * vehicle.hvch.maximum_power_w if late else 0.0,
+        float(random.uniform(0.0, 6.0)) if late else 0.0)
+    goal = Goal(float(random.uniform(start_c - 5.0, min(start_c + 15.0, highest_c))),
+                float(random.choice([0.0, 0.2, 0.6])))
+    return make_trip(vehicle, route), state, goal
+
+
+def _columns(trip: Trip) -> tuple[list[float], ...]:
+    return tuple(column.tolist() for column in (
+        trip.time_s, trip.route.duration_s, trip.idle_power_w, trip.power_variance_w2, trip.idle_heat_w,
+        trip.leakage_w_per_k, trip.heater_limit_w, trip.route.propulsion_power_w, trip.drivetrain_heat_w,
+        trip.route.ambient_temperature_c))
+
+
+def _words(numbers: Sequence[float]) -> str:
+    return ' '.join(map(repr, numbers))

@@ -1,0 +1,197 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The exported folder: it compiles without a warning, and plans what Python plans."""
+
+from dataclasses import dataclass, replace
+import math
+from pathlib import Path
+import re
+import shutil
+import subprocess
+
+import pytest
+
+from bev_preheat.compiled.library import without_core
+from bev_preheat.ecu.constants import vehicle_source
+from bev_preheat.ecu.export import Export
+from bev_preheat.ecu.vectors import (
+    BAD_INPUT,
+    draw_vector,
+    draw_vectors,
+    first_heated,
+    LIMITED,
+    OK,
+    vectors_text,
+)
+from bev_preheat.errors import InvalidInput
+from bev_preheat.vehicle import load_vehicle
+from bev_preheat.vehicle.corrections import corrected_vehicle, Corrections
+from bev_preheat.vehicle.curves import Table
+from bev_preheat.vehicle.heat_path import HeatPath
+
+pytestmark = pytest.mark.costly
+# Curves of the first are formulas with factors, of the second tables; the third has a heat path.
+FORMULAS = corrected_vehicle(load_vehicle('reference'), Corrections(1.07, 0.9, 1.2, 0.97))
+CARS = {'formulas': FORMULAS, 'tables': load_vehicle('mid_size_lfp'),
+        'heat path': replace(FORMULAS, heat_path=HeatPath(45.0, 16e3, 280.0))}
+VECTORS = 30
+FUZZ = Path(__file__).with_name('fuzz_planner.c')
+
+
+@dataclass
+class Exported:
+    """A folder that was written, its vectors, and what runs in it."""
+
+    folder: Path
+    vectors: list
+
+    def run(self, *command):
+        return subprocess.run(command, cwd=self.folder, capture_output=True, text=True, timeout=300, check=False)
+
+    def check(self, file='vectors.txt'):
+        return self.run('build/check', file)
+
+
+def exported(folder, vehicle, count, *targets):
+    """Export a vehicle and make targets of the folder; without optimisation, which takes most of the time."""
+    found = Exported(folder, Export(vehicle, folder, []).write(count, 5, lambda: None))
+    made = found.run('make', *(targets or ('all', 'build/check')), 'CFLAGS=-O0')
+    assert made.returncode == 0, made.stdout + made.stderr
+    return found
+
+
+@pytest.fixture(scope='module')
+def export(tmp_path_factory):
+    return exported(tmp_path_factory.mktemp('ecu') / 'formulas', CARS['formulas'], VECTORS)
+
+
+def with_vehicle(export, tmp_path, vehicle, vectors):
+    """Return the same folder with the constants and the vectors of another vehicle, compiled anew."""
+    folder = tmp_path / 'other'
+    shutil.copytree(export.folder, folder)
+    (folder / 'vehicle.c').write_text(vehicle_source(vehicle))
+    (folder / 'vectors.txt').write_text(vectors_text(vectors))
+    found = Exported(folder, vectors)
+    made = found.run('make', 'build/check', 'CFLAGS=-O0')
+    assert made.returncode == 0, made.stdout + made.stderr
+    return found
+
+
+def seen(vectors):
+    return {vector.status for vector in vectors}
+
+
+def test_it_compiles_without_a_warning_and_plans_what_python_plans(export):
+    assert '-Wconversion -Werror' in (export.folder / 'Makefile').read_text()
+    done = export.check()
+    assert (done.returncode, done.stderr) == (0, ''), done.stdout
+    assert f'{VECTORS} vectors, ' in done.stdout and ': 0 differ; ' in done.stdout
+    assert seen(export.vectors) == {OK, LIMITED, BAD_INPUT}
+    assert sum(vector.heats for vector in export.vectors) > 5
+    assert max(len(vector.columns[1]) for vector in export.vectors if vector.heats) == 360
+
+
+def test_the_example_prints_the_plan_of_its_situation(export):
+    printed = export.run('build/plan_one')
+    vector = first_heated(export.vectors)
+    assert printed.returncode == 0
+    on_s = float(re.search(r'heater on at ([\d.]+) s', printed.stdout)[1])
+    wh, battery_wh = map(float, re.findall(r'([\d.]+) Wh', printed.stdout))
+    assert (on_s, wh, battery_wh) == pytest.approx(
+        (vector.expected[0], vector.expected[6], vector.expected[7]), abs=6e-4)
+
+
+@pytest.mark.parametrize('name', ['tables', 'heat path'])
+def test_tables_and_heat_paths_are_planned_as_in_python(export, tmp_path, name):
+    vectors = draw_vectors(CARS[name], 14, 8)
+    assert {OK, LIMITED} <= seen(vectors)
+    assert sum(vector.heats for vector in vectors) >= 3
+    if name == 'heat path':
+        # In these the cabin takes all of the heater when it is to be switched off.
+        with without_core():
+            vectors += [draw_vector(CARS[name], 5, number) for number in (198, 442)]
+        assert any(not math.isnan(vector.expected[1]) for vector in vectors)
+    done = with_vehicle(export, tmp_path, CARS[name], vectors).check()
+    assert done.returncode == 0, done.stdout
+
+
+@pytest.mark.parametrize('place, by, told', [
+    (0, 2e-3, r'on \[s\] is'), (3, 2e-3, r'drivetrain heat \[Wh\] is'), (6, -2e-3, r'heater \[Wh\] is')])
+def test_a_wrong_vector_is_found(export, place, by, told):
+    number, vector = next(
+        (number, vector) for number, vector in enumerate(export.vectors) if vector.heats)
+    expected = [value + by * (n == place) for n, value in enumerate(vector.expected)]
+    wrong = [*export.vectors]
+    wrong[number] = replace(vector, expected=tuple(expected))
+    (export.folder / 'wrong.txt').write_text(vectors_text(wrong))
+    done = export.check('wrong.txt')
+    assert done.returncode == 1
+    assert re.search(rf'^vector {number + 1}: {told}', done.stdout) and ' 1 differ; ' in done.stdout
+
+
+def test_a_wrong_status_or_a_plan_that_should_not_be_is_found(export):
+    for status, others in ((OK, LIMITED), (LIMITED, OK), (BAD_INPUT, OK)):
+        number, vector = next((number, vector) for number, vector in enumerate(export.vectors)
+                              if vector.status == status)
+        wrong = [*export.vectors]
+        wrong[number] = replace(vector, status=others)
+        (export.folder / 'wrong.txt').write_text(vectors_text(wrong))
+        done = export.check('wrong.txt')
+        assert done.returncode == 1
+        assert f'vector {number + 1}: status is {status}, expected {others}' in done.stdout
+
+
+def test_a_file_that_is_not_whole_is_refused(export):
+    text = (export.folder / 'vectors.txt').read_text()
+    for part in (text[:len(text) // 2], text.rpartition('end')[0], '', text.replace('end ', 'end 1')):
+        (export.folder / 'wrong.txt').write_text(part)
+        done = export.check('wrong.txt')
+        assert done.returncode == 2 and ('cannot be read' in done.stdout or 'not whole' in done.stdout)
+    assert export.check('nowhere.txt').returncode == 2
+
+
+def test_a_curve_that_the_core_does_not_describe_is_refused():
+    points = tuple(n / 1500 for n in range(1501))
+    fine = Table(points, (20.0,), tuple((350.0 + point,) for point in points))
+    vehicle = replace(FORMULAS, battery=replace(FORMULAS.battery, open_circuit_voltage=fine))
+    with pytest.raises(InvalidInput, match='exported: the core does not describe a table with more than'):
+        vehicle_source(vehicle)
+
+
+def test_a_name_becomes_a_string_of_c():
+    # ??/ is a backslash to C99.
+    source = vehicle_source(replace(FORMULAS, name='a "b" \\ ??/ é\n'))
+    assert 'bev_ecu_vehicle_name[] = "a _b_ _ __/ __";' in source
+
+
+def answers_of_random_inputs(export, objects, cases, *options):
+    """Return {status: how often} of cases in which numbers may be NaN, infinite, huge or zero."""
+    compiled = export.run('cc', '-std=c99', '-Wall', '-Wextra', '-Wpedantic', '-Wconversion', '-Werror',
+                          '-DBEV_MOST_STEPS=360', '-I.', '-Iinclude', *options, str(FUZZ), objects, '-lm',
+                          '-o', 'fuzz')
+    assert compiled.returncode == 0, compiled.stderr
+    done = export.run('./fuzz', str(cases), '11')
+    assert (done.returncode, done.stderr) == (0, ''), done.stdout
+    return {int(status): int(count) for status, count in re.findall(r'status (-?\d+): (\d+)', done.stdout)}
+
+
+def test_numbers_that_are_none_are_answered_by_a_status(export):
+    answers = answers_of_random_inputs(export, 'build/libbev_ecu.a', 2000)
+    assert sum(answers.values()) == 2000
+    assert all(answers[status] > 5 for status in (OK, LIMITED, BAD_INPUT, -1, -2))
+
+
+@pytest.mark.deep
+def test_a_million_random_inputs_read_and_write_nothing_beyond_their_arrays(tmp_path):
+    made = exported(tmp_path / 'ecu', CARS['tables'], 30, 'sanitize')
+    answers = answers_of_random_inputs(
+        made, 'build/sanitized/libbev_ecu.a', 1_000_000, '-O1', '-fsanitize=address,undefined',
+        '-fno-sanitize-recover=all')
+    assert sum(answers.values()) == 1_000_000 and answers[OK] > 100_000
+
+
+@pytest.mark.deep
+@pytest.mark.parametrize('name', CARS)
+def test_thousands_of_situations_are_planned_as_in_python(tmp_path, name):
+    done = exported(tmp_path / 'ecu', CARS[name], 3400, 'sanitize')
+    checked = done.run('build/sanitized/check', 'vectors.txt')
+    assert checked.returncode == 0, checked.stdout + checked.stderr
