@@ -15,9 +15,9 @@ TESTS := test
 # The tests of one file stay together and share nodes; much of their time is waiting for them, so there are more workers than
 # cores. Files with few tests are the slow ones and must not come last, as newer versions of xdist would have it. Not every ROS
 # machine has xdist.
-several_files_at_once := $$(python3 -c 'import xdist; print("-n 6 --dist loadfile", "--no-loadscope-reorder" * (tuple(map(int, xdist.__version__.split(".")[:2])) >= (3, 7)))' 2>/dev/null || true)
+several_files_at_once := $$(python3 -c 'import xdist; print("-n 5 --dist loadfile", "--no-loadscope-reorder" * (tuple(map(int, xdist.__version__.split(".")[:2])) >= (3, 7)))' 2>/dev/null || true)
 
-several_without_nodes := $(subst -n 6,-n auto,$(several_files_at_once))
+several_without_nodes := $(subst -n 5,-n auto,$(several_files_at_once))
 
 # Where it is set, each of the test workers compiles all tests anew.
 unexport PYTHONDONTWRITEBYTECODE

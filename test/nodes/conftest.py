@@ -14,6 +14,7 @@ Each test has its own ROS domain. What a test waits for is a condition with a ti
 is generous because it is only ever used up where the test fails.
 """
 
+from collections import Counter
 from contextlib import contextmanager
 import gc
 import os
@@ -34,9 +35,9 @@ MAIN_MODULES = {'planner': planner_node, 'nlp_checker': nlp_checker_node,
 
 
 def pytest_collection_modifyitems(items):
-    """Begin with the files over DDS: they mostly wait, and what only computes goes on beside them."""
-    waiting = {item.path for item in items if 'dds' in item.fixturenames}
-    items.sort(key=lambda item: item.path not in waiting)
+    """Begin with the files over DDS, the longest first: they mostly wait, and others compute beside them."""
+    waiting = Counter(item.path for item in items if 'dds' in item.fixturenames)
+    items.sort(key=lambda item: -waiting[item.path])
 
 
 @pytest.fixture
