@@ -81,6 +81,10 @@ class Trip:
         self.diagnostics = bench.record(DiagnosticArray, '/diagnostics')
         self.states = bench.record(BatteryState, 'battery_state', qos_profile_sensor_data)
         self.planner = bench.start('planner', *PLANNER)
+        # The simulator waits for the planner, not for who listens: nodes may take seconds to find each other,
+        # and so many minutes of the drive pass meanwhile.
+        self.commands.wait_for_publisher()
+        self.plans.wait_for_publisher()
         self.simulator = bench.start(
             'vehicle_simulator', *SIMULATOR, '-p', f'speed_up:={float(SPEED_UP)}', '-p',
             f'route:={route}', '-p', f'initial_battery_temperature:={temperature_c}')
