@@ -54,6 +54,8 @@ _SIGNATURES = {
     'bev_keep_accounts': 'PIPPPP',
     'bev_find_switch': 'PPDPPPPPP',
     'bev_plan_switch': 'PPDDDPPPPP',
+    'bev_find_prices': 'PPPPPPP',
+    'bev_heat_cheapest': 'PPDPPPPPP',
     'bev_mix_belief': 'PP',
     'bev_move_belief': 'PPPPDPPD',
     'bev_see_interval': 'PPIPDDIP',

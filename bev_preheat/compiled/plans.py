@@ -7,7 +7,7 @@ As those of `runs`, each returns None where the core does not answer.
 
 from __future__ import annotations
 
-from ctypes import addressof, byref, c_double
+from ctypes import addressof, byref, c_double, c_int32
 from typing import NamedTuple, TYPE_CHECKING
 
 import numpy as np
@@ -16,6 +16,7 @@ from bev_preheat.compiled.library import core, OK, SATURATED
 from bev_preheat.compiled.runs import doubles_at, INTEGRATORS, place
 from bev_preheat.compiled.structs import (
     address_of,
+    CHEAPEST_ARRAYS,
     DOUBLE_BYTES,
     ENERGIES,
     RunOfPowersStruct,
@@ -73,6 +74,45 @@ def _new_run(steps: int) -> tuple[tuple[FloatArray, FloatArray, FloatArray], tup
     after, end = steps + 1, 2 * steps + 2
     return ((block[:after], block[after:end], block[end:]),
             (at, at + DOUBLE_BYTES * after, at + DOUBLE_BYTES * end))
+
+
+def find_prices(vehicle: CompiledVehicle, trip: CompiledTrip, soc: FloatArray, temperature_c: FloatArray,
+                heater_w: FloatArray) -> FloatArray | None:
+    """Return what a watt in each step does until arrival, warmth [K/W] and charge [1/W], (2, N); see core.h."""
+    library = core()
+    if library is None:
+        return None
+    prices = np.empty((2, trip.steps))
+    status = library.bev_find_prices(
+        vehicle.address, trip.address, doubles_at(soc, trip.steps + 1),
+        doubles_at(temperature_c, trip.steps + 1), doubles_at(heater_w, trip.steps), place(prices),
+        place(prices, DOUBLE_BYTES * trip.steps))
+    return prices if status == OK else None
+
+
+def heat_cheapest(
+        vehicle: CompiledVehicle, trip: CompiledTrip, target_c: float, soc: FloatArray,
+        temperature_c: FloatArray,
+        heater_w: FloatArray) -> tuple[tuple[FloatArray, FloatArray, FloatArray] | None] | None:
+    """
+    Return the run that arrives at the target [deg C] for the least charge, in a tuple.
+
+    That is charge, temperature and heater power, as of the run that is given, (N + 1), (N + 1) and (N,);
+    None there: the run that is given is the one.
+    """
+    library = core()
+    if library is None:
+        return None
+    run, places = _new_run(trip.steps)
+    for values, known in zip(run, (soc, temperature_c, heater_w)):
+        values[:] = known
+    memory, order = np.empty(CHEAPEST_ARRAYS * trip.steps + 2), (c_int32 * trip.steps)()
+    orders = c_int32()
+    status = library.bev_heat_cheapest(
+        vehicle.address, trip.address, target_c, *places, place(memory), order, byref(orders))
+    if status != OK:
+        return None
+    return (run if orders.value else None,)
 
 
 class TwiceSwitchedRun(NamedTuple):

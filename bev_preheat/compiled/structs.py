@@ -107,6 +107,8 @@ class RunOfPowersStruct(Structure):
         'soc', 'temperature_c', 'heater_w', 'arriving_heat_w', 'brake_w'))]
 
 
+# Arrays of N values that bev_heat_cheapest needs as memory, and two values more.
+CHEAPEST_ARRAYS = 6
 # Arrays of N + 1 values that bev_plan_switch needs as memory.
 SWITCH_ARRAYS = 8
 ENERGIES = ('joule', 'drivetrain_heat', 'hvch_heat', 'leakage', 'hvch_electric', 'battery_total')

@@ -9,8 +9,8 @@ before a climb that the cold battery cannot deliver; and, by leakage, the later 
 arrival. Heating stops where the target or the highest temperature is met. What it may cost of the
 charge, and that it serves what it is for, `safeguard` sees to.
 
-Where no limit is active all that is left is the end of the trip: `optimal_switch`, and that is what
-is returned.
+Where no limit is active all that is left is the end of the trip, `optimal_switch`, but for the few trips
+on which heating is cheaper elsewhere (`cheapest_steps`).
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ import numpy as np
 from bev_preheat.compiled import searches as compiled_searches
 from bev_preheat.compiled.structs import SettlingStruct
 from bev_preheat.planning.charge_acceptance import find_acceptance_loss, no_acceptance_loss
+from bev_preheat.planning.cheapest_steps import heat_cheapest
 from bev_preheat.planning.dynamics import compiled_vehicle
 from bev_preheat.planning.heat_run import with_coolant_in_battery
 from bev_preheat.planning.limits import along_limits, limits_hold, Watch, watch_limits, within_limits
@@ -54,7 +55,10 @@ def plan_merit_order(trip: Trip, state: BatteryState, goal: Goal, unheated: Sche
     """
     schedule = plan_optimal_switch(trip, state, goal, unheated)
     if limits_hold(trip, schedule):
-        return schedule
+        if not trip.vehicle.heat_path.is_direct:
+            return schedule
+        cheapest = heat_cheapest(trip, schedule, goal.target_temperature_c)
+        return cheapest if cheapest is schedule or limits_hold(trip, cheapest) else schedule
     # Thresholds are worked out as if heat arrived at once, in battery and coolant; what is heated now
     # is held against those of the step in which it arrives. Later than a plan without limits nothing
     # is paid for.

@@ -85,7 +85,7 @@ def plan_preheating(vehicle: Vehicle, route: Route, state: BatteryState, goal: G
         trip = heated_throughout(trip)
     outcome = None
     try:
-        found = (plan_unlimited(trip, state, goal, caution)
+        found = (plan_unlimited(trip, state, goal, caution, method == 'optimal_switch')
                  if method in SWITCHING_ONCE and safeguarded and not options else None)
         if found is not None:
             schedule, outcome = found

@@ -14,6 +14,7 @@ import numpy as np
 
 from bev_preheat.compiled import plans as compiled_plans
 from bev_preheat.planning.caution import heat_early
+from bev_preheat.planning.cheapest_steps import heat_cheapest
 from bev_preheat.planning.dynamics import compiled_vehicle, energies_of, limits_along
 from bev_preheat.planning.limits import limits_hold
 from bev_preheat.planning.outcome import find_outcome, Outcome
@@ -30,12 +31,14 @@ if TYPE_CHECKING:
 
 
 def plan_unlimited(trip: Trip, state: BatteryState, goal: Goal,
-                   caution: Caution | None = None) -> tuple[Schedule, Outcome] | None:
+                   caution: Caution | None = None,
+                   in_one_stretch: bool = True) -> tuple[Schedule, Outcome] | None:
     """
     Return the Schedule that arrives at the target, and its Outcome; None where anything limits it.
 
     That is a limit of the battery, with heating or without, or the charge that must be left. None too
     where the heat arrives late, and where the core does not answer. With a Caution it heats earlier.
+    Unless it is to heat `in_one_stretch`, None where it is cheaper elsewhere (`cheapest_steps`).
     """
     vehicle = trip.vehicle
     compiled = compiled_vehicle(vehicle) if vehicle.heat_path.is_direct else None
@@ -53,6 +56,8 @@ def plan_unlimited(trip: Trip, state: BatteryState, goal: Goal,
     schedule = Schedule(
         None if instant_s != instant_s else instant_s, heater_power_w, np.zeros(len(heater_power_w)),
         soc, temperature_c, make_runge_kutta_4)
+    if not in_one_stretch and plan.is_heated and heat_cheapest(trip, schedule, target_c) is not schedule:
+        return None
     if goal.charging_planned:
         if caution is not None:
             early = heat_early(trip, state, schedule, target_c, caution)

@@ -11,6 +11,7 @@ import math
 
 import numpy as np
 import pytest
+import short_stretches
 
 from bev_preheat.errors import InvalidInput
 from bev_preheat.experiments.optimality.drawn_trips import draw_limit_trip
@@ -277,6 +278,14 @@ def test_optimal_switch_is_within_a_tenth_of_a_watt_hour_and_not_below(name):
     plan = plan_preheating(*TRIPS[name], 'optimal_switch')
     gap_wh = plan.energy_wh.battery_total - solution_of(name).plan.energy_wh.battery_total
     # Below by what IPOPT's tolerance leaves, at most.
+    assert -1e-3 < gap_wh < 0.1
+
+
+@pytest.mark.parametrize('number', [2, *(pytest.param(number, marks=pytest.mark.deep) for number in range(3, 40))])
+def test_merit_order_is_within_a_tenth_of_a_watt_hour_where_a_short_stretch_makes_heating_cheaper(number):
+    inputs = short_stretches.draw(number)
+    gap_wh = (plan_preheating(*inputs).energy_wh.battery_total
+              - solve_optimum(*inputs, False).plan.energy_wh.battery_total)
     assert -1e-3 < gap_wh < 0.1
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Method `merit_order`: `optimal_switch` where no limit acts, else the NLP; what always holds."""
+"""Method `merit_order`: `optimal_switch` or cheaper where no limit acts, else the NLP; what always holds."""
 
 from dataclasses import replace
 from functools import lru_cache
@@ -120,7 +120,7 @@ def hottest_arrival_c(trip):
 
 @given(segments=GENTLE_SEGMENTS, state=st.builds(
     BatteryState, st.floats(-20.0, 15.0), st.floats(0.3, 0.9)), target_c=st.floats(-15.0, 30.0))
-def test_without_active_limits_it_is_optimal_switch(segments, state, target_c):
+def test_without_active_limits_it_is_optimal_switch_or_cheaper(segments, state, target_c):
     route = route_of(segments)
     switch = plan_preheating(CAR, route, state, Goal(target_c), 'optimal_switch')
     power_w = battery_power_w(CAR, switch, route)
@@ -128,8 +128,10 @@ def test_without_active_limits_it_is_optimal_switch(segments, state, target_c):
     assume((power_w <= bilinear(DISCHARGE_W, *where)).all())
     assume((power_w >= bilinear(CHARGE_W, *where)).all())
     plan = plan_preheating(CAR, route, state, Goal(target_c))
-    assert plan.hvch_battery_power_w == pytest.approx(
-        switch.hvch_battery_power_w, rel=1e-9, abs=1e-9)
+    assert plan.arrival_temperature_c == pytest.approx(switch.arrival_temperature_c, abs=2e-5)
+    if switch.energy_wh.battery_total - plan.energy_wh.battery_total < 0.04:
+        assert plan.hvch_battery_power_w == pytest.approx(
+            switch.hvch_battery_power_w, rel=1e-9, abs=1e-9)
 
 
 @pytest.mark.costly

@@ -440,6 +440,30 @@ bev_status bev_plan_switch(const bev_vehicle *vehicle, const bev_trip *trip, dou
                            double *temperature_c, double *heater_w, bev_switch_plan *plan);
 
 /*
+ * What a watt of the heater in each step of a run does until arrival, arrays of `steps` values: by how much the
+ * battery arrives warmer [K/W], and by how much less charge it has then [1/W]; the mean from no heating to all that
+ * the cabin leaves. Heat at once, limits left aside.
+ */
+bev_status bev_find_prices(const bev_vehicle *vehicle, const bev_trip *trip, const double *soc,
+                           const double *temperature_c, const double *heater_w,
+                           double *warmth_k_per_w, double *charge_per_w);
+
+/* Room that bev_heat_cheapest takes [doubles]. */
+#define BEV_CHEAPEST_MEMORY(steps) (6 * (steps) + 2)
+
+/*
+ * The run that arrives at the target for the least charge, heat at once, limits left aside: heated in the steps
+ * in which a kelvin on arrival costs the least.
+ *
+ * `soc`, `temperature_c` and `heater_w` are a run that arrives there. Where another one saves something it is
+ * written over it, and `orders` says in how many orders of the steps it was found; 0: nothing is written. `memory`
+ * has BEV_CHEAPEST_MEMORY(steps) doubles, `order` room for `steps` numbers.
+ */
+bev_status bev_heat_cheapest(const bev_vehicle *vehicle, const bev_trip *trip, double target_c,
+                             double *soc, double *temperature_c, double *heater_w, double *memory,
+                             int32_t *order, int32_t *orders);
+
+/*
  * The instants [s] between which the heater takes all that the cabin leaves, so that the battery arrives at a
  * target for the least energy, heat arriving late, limits left aside. 0 and the arrival where that is not enough.
  *

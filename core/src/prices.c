@@ -1,0 +1,103 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* What a kelvin on arrival costs in each step: bev_preheat.planning.prices. */
+#include "prices.h"
+
+#include "checks.h"
+#include "steps_of_model.h"
+
+/* Slopes of the model's rates are taken over these differences. */
+#define SOC_DIFFERENCE 1e-4
+#define TEMPERATURE_DIFFERENCE_K 0.1
+
+/* What charge and warmth are worth on arrival; and the rates of both over a step. */
+typedef struct {
+  double charge;
+  double warmth;
+} pair;
+
+/* The rates in a step under a heater power. */
+static pair rates_at(const bev_vehicle *vehicle, const bev_inputs *idle, double soc,
+                     double temperature_c, double heater_w) {
+  double result[3];
+  bev_rates(vehicle, BEV_AS_ARRAYS, soc, temperature_c, idle->power_w + heater_w,
+            idle->variance_w2, idle->heat_w + vehicle->heater_efficiency * heater_w,
+            idle->leakage_w_per_k, result);
+  const pair rates = {result[0], result[1]};
+  return rates;
+}
+
+/* By how much a step ends otherwise, for each unit of a difference in what it starts with. */
+static pair slope_of(pair here, pair there, double difference, double duration_s) {
+  const pair slope = {(there.charge - here.charge) / difference * duration_s,
+                      (there.warmth - here.warmth) / difference * duration_s};
+  return slope;
+}
+
+/* What charge and warmth before a step are worth, from what they are after it. */
+static pair before(pair worth, pair by_charge, pair by_warmth) {
+  const pair first = {worth.charge * by_charge.charge + worth.warmth * by_charge.warmth,
+                      worth.charge * by_warmth.charge + worth.warmth * by_warmth.warmth};
+  const pair second = {first.charge * by_charge.charge + first.warmth * by_charge.warmth,
+                       first.charge * by_warmth.charge + first.warmth * by_warmth.warmth};
+  const pair changed = {worth.charge + first.charge + 0.5 * second.charge,
+                        worth.warmth + first.warmth + 0.5 * second.warmth};
+  return changed;
+}
+
+/* What a difference in the middle of a step makes on arrival, from what it is worth at both ends. */
+static double in_the_middle(pair after, pair earlier, pair by_power) {
+  return 0.5 * (after.charge + earlier.charge) * by_power.charge
+      + 0.5 * (after.warmth + earlier.warmth) * by_power.warmth;
+}
+
+bev_status bev_prices_along(const bev_vehicle *vehicle, const bev_trip *trip, const double *soc,
+                            const double *temperature_c, const double *heater_w,
+                            double *warmth_k_per_w, double *charge_per_w) {
+  pair warmth = {0.0, 1.0};
+  pair charge = {1.0, 0.0};
+  for (int32_t k = trip->steps - 1; k >= 0; k--) {
+    const bev_inputs idle = bev_inputs_of(vehicle, trip, k, NULL, NULL);
+    const double duration_s = idle.duration_s;
+    const double limit_w = trip->heater_limit_w[k];
+    const double heated_w = heater_w[k];
+    const double middle_soc = 0.5 * (soc[k] + soc[k + 1]);
+    const double middle_c = 0.5 * (temperature_c[k] + temperature_c[k + 1]);
+    if (!bev_are_finite(&idle) || !isfinite(limit_w) || !isfinite(heated_w)
+        || !isfinite(middle_soc) || !isfinite(middle_c)) {
+      return BEV_BAD_INPUT;
+    }
+    const pair here = rates_at(vehicle, &idle, middle_soc, middle_c, heated_w);
+    const pair by_charge =
+        slope_of(here, rates_at(vehicle, &idle, middle_soc + SOC_DIFFERENCE, middle_c, heated_w),
+                 SOC_DIFFERENCE, duration_s);
+    const pair by_warmth = slope_of(
+        here, rates_at(vehicle, &idle, middle_soc, middle_c + TEMPERATURE_DIFFERENCE_K, heated_w),
+        TEMPERATURE_DIFFERENCE_K, duration_s);
+    /* From no heating to all there is: a step is heated or not. */
+    const pair by_power = slope_of(rates_at(vehicle, &idle, middle_soc, middle_c, 0.0),
+                                   rates_at(vehicle, &idle, middle_soc, middle_c, limit_w),
+                                   limit_w > 0.0 ? limit_w : 1.0, duration_s);
+    const pair warmth_before = before(warmth, by_charge, by_warmth);
+    const pair charge_before = before(charge, by_charge, by_warmth);
+    warmth_k_per_w[k] = in_the_middle(warmth, warmth_before, by_power);
+    charge_per_w[k] = -in_the_middle(charge, charge_before, by_power);
+    warmth = warmth_before;
+    charge = charge_before;
+  }
+  return BEV_OK;
+}
+
+bev_status bev_find_prices(const bev_vehicle *vehicle, const bev_trip *trip, const double *soc,
+                           const double *temperature_c, const double *heater_w,
+                           double *warmth_k_per_w, double *charge_per_w) {
+  const bev_status status = bev_checked(vehicle, trip, 0);
+  if (status != BEV_OK) {
+    return status;
+  }
+  if (soc == NULL || temperature_c == NULL || heater_w == NULL || warmth_k_per_w == NULL
+      || charge_per_w == NULL) {
+    return BEV_BAD_ARGUMENT;
+  }
+  return bev_prices_along(vehicle, trip, soc, temperature_c, heater_w, warmth_k_per_w,
+                          charge_per_w);
+}
