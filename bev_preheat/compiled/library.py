@@ -19,6 +19,7 @@ from typing import Any
 from bev_preheat.compiled.belief_structs import BeliefStruct, BeliefTermsStruct, CourseStruct, DriveStruct
 from bev_preheat.compiled.structs import (
     ArrivalStruct,
+    CautionStruct,
     CurveRangeStruct,
     HeatingStruct,
     RunOfPowersStruct,
@@ -32,7 +33,7 @@ from bev_preheat.compiled.structs import (
 
 FILE = 'libbev_preheat_core.so'
 # Of core.h.
-INTERFACE = 3
+INTERFACE = 4
 OK, SATURATED, EMPTY, NO_CROSSING, LIMITED = 0, 1, 2, 3, 4
 
 # Arguments by type: P an address, D a double, I an integer.
@@ -53,9 +54,9 @@ _SIGNATURES = {
     'bev_merit_order': 'PPPPPPPPPP',
     'bev_keep_accounts': 'PIPPPP',
     'bev_find_switch': 'PPDPPPPPP',
-    'bev_plan_switch': 'PPDDDPPPPP',
     'bev_find_prices': 'PPPPPPP',
     'bev_heat_cheapest': 'PPDPPPPPP',
+    'bev_plan_switch': 'PPDDDIPPPPPP',
     'bev_mix_belief': 'PP',
     'bev_move_belief': 'PPPPDPPD',
     'bev_see_interval': 'PPIPDDIP',
@@ -135,7 +136,8 @@ def _is_ours(library: Any) -> bool:
             library.bev_size_of_stranding(), library.bev_size_of_run_of_powers(),
             library.bev_size_of_switch_plan(), library.bev_size_of_belief(),
             library.bev_size_of_belief_terms(), library.bev_size_of_drive(),
-            library.bev_size_of_course(), library.bev_size_of_arrival()) == (INTERFACE, *map(sizeof, (
+            library.bev_size_of_course(), library.bev_size_of_arrival(),
+            library.bev_size_of_caution()) == (INTERFACE, *map(sizeof, (
                 VehicleStruct, TripStruct, HeatingStruct, StridesStruct, CurveRangeStruct,
                 SettlingStruct, StrandingStruct, RunOfPowersStruct, SwitchPlanStruct, BeliefStruct,
-                BeliefTermsStruct, DriveStruct, CourseStruct, ArrivalStruct)))
+                BeliefTermsStruct, DriveStruct, CourseStruct, ArrivalStruct, CautionStruct)))

@@ -25,7 +25,7 @@ from bev_preheat.compiled.structs import (
 )
 
 if TYPE_CHECKING:
-    from bev_preheat.compiled.structs import CompiledTrip, CompiledVehicle
+    from bev_preheat.compiled.structs import CautionStruct, CompiledTrip, CompiledVehicle
     from bev_preheat.numerics.arrays import FloatArray
     from bev_preheat.vehicle.model import Integrator
 
@@ -54,7 +54,8 @@ def find_switch(vehicle: CompiledVehicle, trip: CompiledTrip, target_c: float, i
 
 
 def plan_switch(vehicle: CompiledVehicle, trip: CompiledTrip, soc: float, temperature_c: float,
-                target_c: float) -> tuple[SwitchPlanStruct, SwitchedRun] | None:
+                target_c: float, in_one_stretch: bool = True,
+                caution: CautionStruct | None = None) -> tuple[SwitchPlanStruct, SwitchedRun] | None:
     """Return the whole plan of a trip on which no limit is active; None too where one is. See core.h."""
     library = core()
     if library is None:
@@ -62,8 +63,8 @@ def plan_switch(vehicle: CompiledVehicle, trip: CompiledTrip, soc: float, temper
     run, places = _new_run(trip.steps)
     memory, found = np.empty(SWITCH_ARRAYS * (trip.steps + 1)), SwitchPlanStruct()
     status = library.bev_plan_switch(
-        vehicle.address, trip.address, soc, temperature_c, target_c, place(memory), *places,
-        addressof(found))
+        vehicle.address, trip.address, soc, temperature_c, target_c, in_one_stretch,
+        None if caution is None else addressof(caution), place(memory), *places, addressof(found))
     return (found, SwitchedRun(found.switching_instant_s, *run)) if status == OK else None
 
 

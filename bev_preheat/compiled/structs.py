@@ -114,12 +114,21 @@ SWITCH_ARRAYS = 8
 ENERGIES = ('joule', 'drivetrain_heat', 'hvch_heat', 'leakage', 'hvch_electric', 'battery_total')
 
 
+class CautionStruct(Structure):
+    """`bev_caution`."""
+
+    _fields_ = [*((name, c_double) for name in ('lead_k', 'least_pause_s', 'least_heating_s')),
+                ('is_heating', c_int32)]
+
+
 class SwitchPlanStruct(Structure):
     """`bev_switch_plan`, the energies in a row."""
 
     _fields_ = [*((name, c_double) for name in (
-        'switching_instant_s', 'least_soc', 'stretch_wh')), ('energy_wh', c_double * len(ENERGIES)),
-        *((name, c_int32) for name in ('is_heated', 'first_heated', 'is_one_stretch'))]
+        'switching_instant_s', 'heating_end_s', 'least_soc', 'stretch_wh')),
+        ('energy_wh', c_double * len(ENERGIES)),
+        *((name, c_int32) for name in (
+            'is_heated', 'first_heated', 'end_heated', 'is_one_stretch', 'reason'))]
 
 
 class ArrivalStruct(Structure):

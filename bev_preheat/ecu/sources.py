@@ -15,9 +15,11 @@ _CHECKOUT = Path(__file__).resolve().parents[2]
 _OWN = Path(__file__).resolve().parent / 'c'
 CORE = 'bev_preheat_core'
 # What bev_plan_switch and bev_find_two_switches need; the headers beside them are taken as well.
-SOURCES = ('accounts.c', 'checks.c', 'curves.c', 'limits.c', 'runs.c', 'switch_search.c', 'two_switches.c')
+SOURCES = ('accounts.c', 'caution.c', 'checks.c', 'curves.c', 'limits.c', 'prices.c', 'runs.c',
+           'switch_search.c', 'two_switches.c')
 HEADERS = (
-    'arithmetic.h', 'bracketing.h', 'checks.h', 'curves.h', 'limits_of_run.h', 'means.h', 'steps_of_model.h')
+    'arithmetic.h', 'bracketing.h', 'caution.h', 'checks.h', 'curves.h', 'limits_of_run.h', 'means.h',
+    'prices.h', 'steps_of_model.h')
 OWN_FILES = ('Makefile', 'README.md', 'bev_ecu.c', 'bev_ecu.h', 'check.c', 'main.c', 'vehicle.h')
 
 

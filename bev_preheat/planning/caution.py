@@ -10,6 +10,7 @@ it is enough. While it lasts it is not interrupted for a pause that is not worth
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -156,7 +157,7 @@ class _LastStretch:
         """How much warmer the battery arrives for each second that heating lasts longer, about."""
         trip, step = self._trip, self._trip.route.segment_at(end_s)
         capacity = trip.vehicle.battery.heat_capacity_j_per_k
-        left = float(np.exp(-trip.leakage_w_per_k[step] / capacity * (self.arrival_s - end_s)))
+        left = math.exp(-float(trip.leakage_w_per_k[step]) / capacity * (self.arrival_s - end_s))
         return _heat_w(trip, step) / capacity * left
 
     def may_leave_limits_aside(self) -> bool:

@@ -8,8 +8,15 @@
 
 #include "bev_preheat_core/core.h"
 
-/* Values that are tried at most by bev_follow_slope. */
+/* Values that are tried at most where nothing less is said. */
 #define BEV_MOST_TRIALS 60
+
+/* When a search ends: the excess is this near to 0, values differ by no more than that, or so many were tried. */
+typedef struct {
+  double tolerance;
+  double resolution;
+  int32_t most_trials;
+} bev_ending;
 
 /* Tries a value: by how much what comes of it is more than required. Below BEV_OK it has failed. */
 typedef bev_status (*bev_attempt)(void *of, double value, double *excess);
@@ -19,17 +26,17 @@ typedef bev_status (*bev_attempt)(void *of, double value, double *excess);
  * trial, and the last one afterwards. The excess is greatest at `most`, which is returned where it is not enough,
  * and falls towards `least`: a secant, kept within the bracket.
  */
-static inline bev_status bev_follow_slope(double most, double least, double slope, double tolerance,
-                                          bev_attempt attempt, void *of, double *value,
-                                          double *excess) {
+static inline bev_status bev_follow_slope(double most, double least, double slope,
+                                          const bev_ending *ending, bev_attempt attempt, void *of,
+                                          double *value, double *excess) {
   const double direction = most > least ? 1.0 : -1.0;
   double enough = most;
   double too_little = least;
-  for (int32_t n = 0; n < BEV_MOST_TRIALS; n++) {
+  for (int32_t n = 0; n < ending->most_trials; n++) {
     if (!isfinite(*excess)) {
       return BEV_NOT_FINITE;
     }
-    if (fabs(*excess) <= tolerance || (*value == most && *excess < 0.0)) {
+    if (fabs(*excess) <= ending->tolerance || (*value == most && *excess < 0.0)) {
       return BEV_OK;
     }
     if (*excess > 0.0) {
@@ -46,7 +53,7 @@ static inline bev_status bev_follow_slope(double most, double least, double slop
     } else if (!(low < following && following < high)) {
       following = 0.5 * (enough + too_little);
     }
-    if (fabs(following - *value) <= 0.0) {
+    if (fabs(following - *value) <= ending->resolution) {
       return BEV_OK;
     }
     const double value_before = *value;

@@ -7,13 +7,10 @@
 
 /* The target is met when the forward run arrives this close [K]. */
 #define ARRIVAL_TOLERANCE_K 5e-6
-/* For less [Wh] the heater is not switched once more. */
-#define LEAST_SAVING_WH 0.05
-/* Once it is, what else there is to save is taken as well. */
+/* Once the heater is switched once more, what else there is to save [Wh] is taken as well. */
 #define LEAST_SAVING_THEN_WH 0.005
 /* The first order saves most, the second one the rest. */
 #define MOST_ORDERS 4
-#define JOULES_PER_WH 3600.0
 
 /* The steps that are heated, one after the other, and where each trial is written. */
 typedef struct {
@@ -140,8 +137,8 @@ static bev_status fill_until_warm(filling *of) {
   if (!isfinite(slope)) {
     return BEV_NOT_FINITE;
   }
-  return bev_follow_slope(whole_j, 0.0, slope, ARRIVAL_TOLERANCE_K, heat_with, of, &heat_j,
-                          &above_k);
+  const bev_ending ending = {ARRIVAL_TOLERANCE_K, 0.0, BEV_MOST_TRIALS};
+  return bev_follow_slope(whole_j, 0.0, slope, &ending, heat_with, of, &heat_j, &above_k);
 }
 
 bev_status bev_heat_cheapest(const bev_vehicle *vehicle, const bev_trip *trip, double target_c,
@@ -184,10 +181,8 @@ bev_status bev_heat_cheapest(const bev_vehicle *vehicle, const bev_trip *trip, d
     fill(&of, of.warmth_k_per_w, given_by(&of, heater_w, of.warmth_k_per_w));
     const double saving = given_by(&of, heater_w, of.charge_per_w)
         - given_by(&of, of.heater_w, of.charge_per_w);
-    const double whole_wh = 3600.0 * vehicle->capacity_ah
-        * bev_at(&vehicle->open_circuit_voltage, BEV_EXACT, soc[steps], temperature_c[steps])
-        / JOULES_PER_WH;
-    if (!(saving >= (n == 0 ? LEAST_SAVING_WH : LEAST_SAVING_THEN_WH) / whole_wh)) {
+    const double whole_wh = bev_whole_charge_wh(vehicle, soc[steps], temperature_c[steps]);
+    if (!(saving >= (n == 0 ? BEV_LEAST_SAVING_WH : LEAST_SAVING_THEN_WH) / whole_wh)) {
       return BEV_OK;
     }
     status = fill_until_warm(&of);

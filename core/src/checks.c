@@ -19,6 +19,8 @@ int32_t bev_size_of_stranding(void) { return (int32_t)sizeof(bev_stranding); }
 
 int32_t bev_size_of_run_of_powers(void) { return (int32_t)sizeof(bev_run_of_powers); }
 
+int32_t bev_size_of_caution(void) { return (int32_t)sizeof(bev_caution); }
+
 int32_t bev_size_of_switch_plan(void) { return (int32_t)sizeof(bev_switch_plan); }
 int32_t bev_size_of_arrival(void) { return (int32_t)sizeof(bev_arrival); }
 

@@ -50,39 +50,90 @@ static double in_the_middle(pair after, pair earlier, pair by_power) {
       + 0.5 * (after.warmth + earlier.warmth) * by_power.warmth;
 }
 
+/* What charge and warmth are worth on arrival, in warmth and in charge, at the end of a step. */
+typedef struct {
+  pair warmth;
+  pair charge;
+} worths;
+
+static const worths ON_ARRIVAL = {{0.0, 1.0}, {1.0, 0.0}};
+
+/* What a watt in step k makes on arrival, from what charge and warmth after it are worth there; then before it. */
+static bev_status price_of_step(const bev_vehicle *vehicle, const bev_trip *trip, const double *soc,
+                                const double *temperature_c, double heater_w, int32_t k,
+                                worths *worth, bev_price *price) {
+  const bev_inputs idle = bev_inputs_of(vehicle, trip, k, NULL, NULL);
+  const double duration_s = idle.duration_s;
+  const double limit_w = trip->heater_limit_w[k];
+  const double middle_soc = 0.5 * (soc[k] + soc[k + 1]);
+  const double middle_c = 0.5 * (temperature_c[k] + temperature_c[k + 1]);
+  if (!bev_are_finite(&idle) || !isfinite(limit_w) || !isfinite(heater_w) || !isfinite(middle_soc)
+      || !isfinite(middle_c)) {
+    return BEV_BAD_INPUT;
+  }
+  const pair here = rates_at(vehicle, &idle, middle_soc, middle_c, heater_w);
+  const pair by_charge =
+      slope_of(here, rates_at(vehicle, &idle, middle_soc + SOC_DIFFERENCE, middle_c, heater_w),
+               SOC_DIFFERENCE, duration_s);
+  const pair by_warmth = slope_of(
+      here, rates_at(vehicle, &idle, middle_soc, middle_c + TEMPERATURE_DIFFERENCE_K, heater_w),
+      TEMPERATURE_DIFFERENCE_K, duration_s);
+  /* From no heating to all there is: a step is heated or not. */
+  const pair by_power = slope_of(rates_at(vehicle, &idle, middle_soc, middle_c, 0.0),
+                                 rates_at(vehicle, &idle, middle_soc, middle_c, limit_w),
+                                 limit_w > 0.0 ? limit_w : 1.0, duration_s);
+  const worths earlier = {before(worth->warmth, by_charge, by_warmth),
+                          before(worth->charge, by_charge, by_warmth)};
+  price->warmth_k_per_w = in_the_middle(worth->warmth, earlier.warmth, by_power);
+  price->charge_per_w = -in_the_middle(worth->charge, earlier.charge, by_power);
+  *worth = earlier;
+  return BEV_OK;
+}
+
 bev_status bev_prices_along(const bev_vehicle *vehicle, const bev_trip *trip, const double *soc,
                             const double *temperature_c, const double *heater_w,
                             double *warmth_k_per_w, double *charge_per_w) {
-  pair warmth = {0.0, 1.0};
-  pair charge = {1.0, 0.0};
+  worths worth = ON_ARRIVAL;
   for (int32_t k = trip->steps - 1; k >= 0; k--) {
-    const bev_inputs idle = bev_inputs_of(vehicle, trip, k, NULL, NULL);
-    const double duration_s = idle.duration_s;
-    const double limit_w = trip->heater_limit_w[k];
-    const double heated_w = heater_w[k];
-    const double middle_soc = 0.5 * (soc[k] + soc[k + 1]);
-    const double middle_c = 0.5 * (temperature_c[k] + temperature_c[k + 1]);
-    if (!bev_are_finite(&idle) || !isfinite(limit_w) || !isfinite(heated_w)
-        || !isfinite(middle_soc) || !isfinite(middle_c)) {
-      return BEV_BAD_INPUT;
+    bev_price price;
+    const bev_status status =
+        price_of_step(vehicle, trip, soc, temperature_c, heater_w[k], k, &worth, &price);
+    if (status != BEV_OK) {
+      return status;
     }
-    const pair here = rates_at(vehicle, &idle, middle_soc, middle_c, heated_w);
-    const pair by_charge =
-        slope_of(here, rates_at(vehicle, &idle, middle_soc + SOC_DIFFERENCE, middle_c, heated_w),
-                 SOC_DIFFERENCE, duration_s);
-    const pair by_warmth = slope_of(
-        here, rates_at(vehicle, &idle, middle_soc, middle_c + TEMPERATURE_DIFFERENCE_K, heated_w),
-        TEMPERATURE_DIFFERENCE_K, duration_s);
-    /* From no heating to all there is: a step is heated or not. */
-    const pair by_power = slope_of(rates_at(vehicle, &idle, middle_soc, middle_c, 0.0),
-                                   rates_at(vehicle, &idle, middle_soc, middle_c, limit_w),
-                                   limit_w > 0.0 ? limit_w : 1.0, duration_s);
-    const pair warmth_before = before(warmth, by_charge, by_warmth);
-    const pair charge_before = before(charge, by_charge, by_warmth);
-    warmth_k_per_w[k] = in_the_middle(warmth, warmth_before, by_power);
-    charge_per_w[k] = -in_the_middle(charge, charge_before, by_power);
-    warmth = warmth_before;
-    charge = charge_before;
+    warmth_k_per_w[k] = price.warmth_k_per_w;
+    charge_per_w[k] = price.charge_per_w;
+  }
+  return BEV_OK;
+}
+
+double bev_whole_charge_wh(const bev_vehicle *vehicle, double soc, double temperature_c) {
+  return vehicle->capacity_ah
+      * bev_at(&vehicle->open_circuit_voltage, BEV_EXACT, soc, temperature_c);
+}
+
+bev_status bev_most_saving(const bev_vehicle *vehicle, const bev_trip *trip, const double *soc,
+                           const double *temperature_c, const double *heater_w, double *saving) {
+  worths worth = ON_ARRIVAL;
+  double dearest_per_k = -INFINITY;
+  *saving = 0.0;
+  for (int32_t k = trip->steps - 1; k >= 0; k--) {
+    bev_price price;
+    const bev_status status =
+        price_of_step(vehicle, trip, soc, temperature_c, heater_w[k], k, &worth, &price);
+    if (status != BEV_OK) {
+      return status;
+    }
+    if (price.warmth_k_per_w > 0.0) {
+      const double per_k = price.charge_per_w / price.warmth_k_per_w;
+      const double unheated_w = trip->heater_limit_w[k] - heater_w[k];
+      if (unheated_w > 0.0 && per_k < dearest_per_k) {
+        *saving += (dearest_per_k - per_k) * price.warmth_k_per_w * unheated_w;
+      }
+      if (heater_w[k] > 0.0) {
+        dearest_per_k = bev_maximum(dearest_per_k, per_k);
+      }
+    }
   }
   return BEV_OK;
 }

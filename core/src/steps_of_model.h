@@ -42,6 +42,14 @@ static inline int32_t bev_step_at(const bev_trip *trip, double instant_s) {
   return step > 0 ? step : 0;
 }
 
+/* A heater power below this share of what the cabin leaves is rounding. */
+#define BEV_HEATING_SHARE 1e-4
+
+/* Whether a step of a trip is heated under heater powers [W]. */
+static inline int bev_is_heated(const bev_trip *trip, const double *heater_w, int32_t k) {
+  return heater_w[k] > BEV_HEATING_SHARE * trip->heater_limit_w[k];
+}
+
 static inline int bev_are_finite(const bev_inputs *inputs) {
   return isfinite(inputs->duration_s) && isfinite(inputs->power_w)
       && isfinite(inputs->variance_w2) && isfinite(inputs->heat_w)

@@ -4,9 +4,11 @@
  * bev_preheat.planning.bracketing, and what the plan so found costs.
  */
 #include "bracketing.h"
+#include "caution.h"
 #include "checks.h"
 #include "limits_of_run.h"
 #include "means.h"
+#include "prices.h"
 #include "steps_of_model.h"
 
 /* The target is met when the forward run arrives this close [K]. */
@@ -15,10 +17,10 @@
 #define HEATING_ALLOWANCE 1.1
 /* This far above the target no forward run can meet the backward one [K]. */
 #define LOST_ABOVE_TARGET_K 100.0
-/* A heater power below this share of what the cabin leaves is rounding. */
-#define HEATING_SHARE 1e-4
 /* Surplus is told from paid heating to this [W]. */
 #define SURPLUS_TOLERANCE_W 1.0
+/* A limit may be what is heated for where it is this near: by so much the battery may be colder [K]. */
+#define COLDER_BY_K 5.0
 #define JOULES_PER_WH 3600.0
 
 /* What stays the same while the instant is searched for, and where each trial is written. */
@@ -121,8 +123,8 @@ static bev_status find_switch(search *of, double *instant_s) {
   if (!isfinite(slope)) {
     return BEV_NOT_FINITE;
   }
-  return bev_follow_slope(0.0, arrival_s, slope, ARRIVAL_TOLERANCE_K, switch_on_at, of, instant_s,
-                          &above_k);
+  const bev_ending ending = {ARRIVAL_TOLERANCE_K, 0.0, BEV_MOST_TRIALS};
+  return bev_follow_slope(0.0, arrival_s, slope, &ending, switch_on_at, of, instant_s, &above_k);
 }
 
 bev_status bev_find_switch(const bev_vehicle *vehicle, const bev_trip *trip, double target_c,
@@ -167,32 +169,60 @@ bev_status bev_keeps_limits(const bev_seen_run *run, int32_t first) {
   return BEV_OK;
 }
 
-/* The heated steps: the first, what they take, and whether they are one stretch that is paid for. */
-static void find_stretch(const bev_seen_run *run, bev_switch_plan *plan) {
+/* What a stretch of heating is for: the first thing after it that a colder battery would not allow. */
+static bev_status find_reason(const bev_seen_run *run, bev_switch_plan *plan) {
+  const bev_trip *trip = run->trip;
+  plan->reason = BEV_FOR_ARRIVAL;
+  for (int32_t k = plan->end_heated; k < trip->steps; k++) {
+    const double colder_c =
+        bev_maximum(run->temperature_c[k] - COLDER_BY_K, run->vehicle->lowest_c);
+    double limits_w[2];
+    bev_terminal_limits(run->vehicle, BEV_AS_ARRAYS, run->soc[k], colder_c,
+                        trip->power_variance_w2[k], limits_w);
+    if (!isfinite(limits_w[0]) || !isfinite(limits_w[1])) {
+      return BEV_NOT_FINITE;
+    }
+    if (trip->idle_power_w[k] > limits_w[1]) {
+      plan->reason = BEV_FOR_CLIMB;
+      return BEV_OK;
+    }
+    if (trip->propulsion_power_w[k] < 0.0 && trip->idle_power_w[k] < limits_w[0]) {
+      plan->reason = BEV_FOR_DESCENT;
+      return BEV_OK;
+    }
+  }
+  return BEV_OK;
+}
+
+/* The heated steps: from which to which, what they take, and what for, if they are one stretch that is paid for. */
+static bev_status find_stretch(const bev_seen_run *run, bev_switch_plan *plan) {
   const bev_trip *trip = run->trip;
   double heating_j = 0.0;
   plan->is_heated = 0;
   plan->is_one_stretch = 1;
   plan->first_heated = trip->steps;
+  plan->end_heated = trip->steps;
   for (int32_t k = 0; k < trip->steps; k++) {
     const double heater_w = run->heater_w[k];
     if (heater_w != 0.0) {
       plan->is_heated = 1;
     }
-    if (heater_w > HEATING_SHARE * trip->heater_limit_w[k]) {
+    if (bev_is_heated(trip, run->heater_w, k)) {
       if (plan->first_heated == trip->steps) {
         plan->first_heated = k;
+      } else if (plan->end_heated < k) {
+        plan->is_one_stretch = 0;
       }
+      plan->end_heated = k + 1;
       heating_j += heater_w * trip->duration_s[k];
       if (trip->propulsion_power_w[k] < 0.0
           && heater_w <= run->least_w[k] - trip->idle_power_w[k] + SURPLUS_TOLERANCE_W) {
         plan->is_one_stretch = 0;
       }
-    } else if (plan->first_heated < trip->steps) {
-      plan->is_one_stretch = 0;
     }
   }
   plan->stretch_wh = heating_j / JOULES_PER_WH;
+  return find_reason(run, plan);
 }
 
 static double least_of(const double *values, int32_t count) {
@@ -203,8 +233,38 @@ static double least_of(const double *values, int32_t count) {
   return least;
 }
 
+/* The planned run with its last stretch of heating begun early; what is known of its limits is its own. */
+static bev_status heat_early(const search *of, const bev_seen_run *run, const bev_caution *caution,
+                             bev_switch_plan *plan) {
+  const bev_heated_run heated = {of->vehicle, of->trip,     of->target_c, of->soc,
+                                 of->temperature_c, of->heater_w, of->means};
+  bev_early_stretch early;
+  const bev_status status = bev_heat_early(&heated, caution, &early);
+  if (status < BEV_OK || early.first == of->trip->steps) {
+    return status;
+  }
+  plan->switching_instant_s = early.start_s;
+  plan->heating_end_s = early.end_s;
+  return bev_keeps_limits(run, early.first);
+}
+
+/* BEV_OK, or BEV_CHEAPER_ELSEWHERE where heating in other steps than from one instant on may save something. */
+static bev_status costs_least(const search *of) {
+  const int32_t steps = of->trip->steps;
+  double saving = 0.0;
+  const bev_status status = bev_most_saving(of->vehicle, of->trip, of->soc, of->temperature_c,
+                                            of->heater_w, &saving);
+  if (status != BEV_OK) {
+    return status;
+  }
+  const double least = BEV_LEAST_SAVING_WH
+      / bev_whole_charge_wh(of->vehicle, of->soc[steps], of->temperature_c[steps]);
+  return saving < least ? BEV_OK : BEV_CHEAPER_ELSEWHERE;
+}
+
 /* The run that is planned, from the unheated one; what is known of its limits is that of the latter. */
-static bev_status plan_run(search *of, bev_seen_run *run, bev_switch_plan *plan) {
+static bev_status plan_run(search *of, bev_seen_run *run, int32_t in_one_stretch,
+                           const bev_caution *caution, bev_switch_plan *plan) {
   const int32_t steps = of->trip->steps;
   for (int32_t k = 0; k < steps; k++) {
     of->heater_w[k] = 0.0;
@@ -223,11 +283,16 @@ static bev_status plan_run(search *of, bev_seen_run *run, bev_switch_plan *plan)
   }
   run->soc = of->soc;
   run->temperature_c = of->temperature_c;
-  return bev_keeps_limits(run, bev_step_at(of->trip, plan->switching_instant_s));
+  status = bev_keeps_limits(run, bev_step_at(of->trip, plan->switching_instant_s));
+  if (status == BEV_OK && in_one_stretch == 0) {
+    status = costs_least(of);
+  }
+  return status != BEV_OK || caution == NULL ? status : heat_early(of, run, caution, plan);
 }
 
 bev_status bev_plan_switch(const bev_vehicle *vehicle, const bev_trip *trip, double start_soc,
-                           double start_c, double target_c, double *memory, double *soc,
+                           double start_c, double target_c, int32_t in_one_stretch,
+                           const bev_caution *caution, double *memory, double *soc,
                            double *temperature_c, double *heater_w, bev_switch_plan *plan) {
   bev_status status = bev_checked(vehicle, trip, 0);
   if (status != BEV_OK) {
@@ -238,7 +303,7 @@ bev_status bev_plan_switch(const bev_vehicle *vehicle, const bev_trip *trip, dou
       || vehicle->coolant_heat_capacity_j_per_k > 0.0) {
     return BEV_BAD_ARGUMENT;
   }
-  if (!isfinite(target_c)) {
+  if (!isfinite(target_c) || !bev_is_caution(caution)) {
     return BEV_BAD_INPUT;
   }
   const int32_t steps = trip->steps;
@@ -259,15 +324,17 @@ bev_status bev_plan_switch(const bev_vehicle *vehicle, const bev_trip *trip, dou
     return status;
   }
   plan->switching_instant_s = NAN;
-  status = plan_run(&of, &run, plan);
+  plan->heating_end_s = NAN;
+  status = plan_run(&of, &run, in_one_stretch, caution, plan);
+  if (status == BEV_OK) {
+    status = find_stretch(&run, plan);
+  }
   if (status != BEV_OK) {
     return status;
   }
   plan->least_soc = least_of(soc, steps + 1);
-  find_stretch(&run, plan);
   /* The circuit's own limit lies at the battery's or above it, so all power is deliverable. */
   const bev_run_of_powers made = {1, soc, temperature_c, heater_w, NULL, NULL};
-  return bev_energies_of_means(vehicle, trip, &made,
-                               isnan(plan->switching_instant_s) ? idle_means : means,
+  return bev_energies_of_means(vehicle, trip, &made, run.soc == soc ? means : idle_means,
                                &plan->energy_wh);
 }

@@ -126,7 +126,8 @@ static bev_status find_on(search *of, double off_s, double guessed_s, double tol
   if (status < BEV_OK) {
     return status;
   }
-  return bev_follow_slope(0.0, off_s, slope_k_per_s(of, *on_s), tolerance_k, heat_from, of, on_s,
+  const bev_ending ending = {tolerance_k, 0.0, BEV_MOST_TRIALS};
+  return bev_follow_slope(0.0, off_s, slope_k_per_s(of, *on_s), &ending, heat_from, of, on_s,
                           above_k);
 }
 

@@ -60,3 +60,29 @@ def draw(number, most_steps):
         float(random.uniform(0.0, 1.0)), float(random.uniform(0.0, 2.0)), bool(random.random() < 0.5),
         120.0, 20.0)
     return vehicle, route, state, goal, method, caution
+
+
+def draw_without_limits(number):
+    """Return (vehicle, route, state, goal) of situation `number`; the battery's limits are mostly not active."""
+    random = np.random.default_rng([29, number])
+    steps = int(random.integers(2, 40))
+    vehicle = car(CARS[int(random.integers(2))])
+    route = make_route({
+        'duration_s': random.uniform(20.0, 400.0, steps), 'speed_mps': random.uniform(0.0, 33.0, steps),
+        'propulsion_power_w': random.uniform(-500.0, 18e3, steps),
+        'ambient_temperature_c': random.uniform(-15.0, 5.0, steps),
+        'cabin_heating_power_w': random.choice([0.0, 1500.0, 7e3], steps, p=[0.1, 0.85, 0.05]),
+        'auxiliary_power_w': [350.0]}, vehicle.defaults)
+    goal = Goal(float(random.uniform(-2.0, 25.0)), float(random.choice([0.0, 0.3, 0.6])),
+                charging_planned=bool(random.random() < 0.9), heating_pays=bool(random.random() < 0.9))
+    return vehicle, route, BatteryState(float(random.uniform(0.0, 10.0)), float(random.uniform(0.4, 0.95))), goal
+
+
+def draw_caution(number):
+    """Return a Caution, and the heater's share and lag [s], of situation `number`."""
+    random = np.random.default_rng([30, number])
+    caution = Caution(
+        float(random.uniform(0.0, 0.5)), float(random.choice([0.0, 1e-4, 1.0, 7.0]) * random.uniform(0.2, 1.0)),
+        bool(random.random() < 0.3), float(random.choice([0.0, 300.0, 5000.0])),
+        float(random.choice([0.0, 30.0, 2000.0])))
+    return caution, float(random.choice([1.0, 1.0, 0.6])), float(random.choice([0.0, 40.0, 400.0]))

@@ -13,6 +13,7 @@ from bev_preheat.compiled import plans
 from bev_preheat.compiled.library import core, without_core
 from bev_preheat.compiled.runs import place
 from bev_preheat.compiled.structs import (
+    CautionStruct,
     CompiledTrip,
     CompiledVehicle,
     ENERGIES,
@@ -75,27 +76,11 @@ def test_switching_instants_and_runs_are_the_same_to_the_last_bit(part):
     assert heated > 30
 
 
-def drawn_without_limits(number):
-    """Return a situation in which the battery's limits are mostly not active."""
-    random = np.random.default_rng([29, number])
-    steps = int(random.integers(2, 40))
-    vehicle = (FORMULAS, TABLES)[int(random.integers(2))]
-    route = make_route({
-        'duration_s': random.uniform(20.0, 400.0, steps), 'speed_mps': random.uniform(0.0, 33.0, steps),
-        'propulsion_power_w': random.uniform(-500.0, 18e3, steps),
-        'ambient_temperature_c': random.uniform(-15.0, 5.0, steps),
-        'cabin_heating_power_w': random.choice([0.0, 1500.0, 7e3], steps, p=[0.1, 0.85, 0.05]),
-        'auxiliary_power_w': [350.0]}, vehicle.defaults)
-    goal = Goal(float(random.uniform(-2.0, 25.0)), float(random.choice([0.0, 0.3, 0.6])),
-                charging_planned=bool(random.random() < 0.9), heating_pays=bool(random.random() < 0.9))
-    return vehicle, route, BatteryState(float(random.uniform(0.0, 10.0)), float(random.uniform(0.4, 0.95))), goal
-
-
 @pytest.mark.parametrize('path', PATHS, ids=['lag', 'coolant', 'coolant and lag'])
 def test_instants_of_switching_on_and_off_are_the_same_to_the_last_bit(path):
     ends_early = 0
     situations = [*(drawn_situations.draw(number, 12)[:4] for number in range(8)),
-                  *(drawn_without_limits(number) for number in range(8))]
+                  *(drawn_situations.draw_without_limits(number) for number in range(8))]
     for number, (vehicle, route, state, goal) in enumerate(situations):
         trip = make_trip(replace(vehicle, heat_path=path), route)
         found, expected = in_both(lambda: plan_two_switches(trip, state, goal))
@@ -138,7 +123,7 @@ def test_two_switches_of_what_cannot_be_are_refused():
 def test_plans_without_active_limits_are_the_same():
     seen, whole = set(), 0
     for number in range(80):
-        *situation, goal = drawn_without_limits(number)
+        *situation, goal = drawn_situations.draw_without_limits(number)
         method = ('merit_order', 'optimal_switch')[number % 2]
         caution = (None, None, Caution(0.4, 1.5, number % 2 == 0, 120.0, 300.0))[number % 3]
         found, expected = in_both(
@@ -197,7 +182,7 @@ def test_accounts_are_the_same():
     assert kinds == {'brake', 'lacking', 'heat path', 'stranded'}
 
 
-def call_plan_switch(trip, vehicle=None, soc=0.8, start_c=-4.0, target_c=15.0, null=None):
+def call_plan_switch(trip, vehicle=None, soc=0.8, start_c=-4.0, target_c=15.0, null=None, caution=None):
     """Return (status, SwitchPlanStruct); `null` is the argument that is to be a null pointer."""
     steps = len(trip.route)
     kept = {'memory': np.empty(SWITCH_ARRAYS * (steps + 1)), 'soc': np.empty(steps + 1),
@@ -206,7 +191,8 @@ def call_plan_switch(trip, vehicle=None, soc=0.8, start_c=-4.0, target_c=15.0, n
     vehicle = vehicle or CompiledVehicle(trip.vehicle, hottest_c(trip.vehicle))
     status = core().bev_plan_switch(
         None if null == 'vehicle' else vehicle.address, None if null == 'trip' else trip.compiled.address,
-        soc, start_c, target_c, *(None if name == null else place(array) for name, array in kept.items()),
+        soc, start_c, target_c, 1, None if caution is None else addressof(caution),
+        *(None if name == null else place(array) for name, array in kept.items()),
         None if null == 'plan' else addressof(plan))
     return status, plan
 
@@ -242,6 +228,16 @@ def test_a_trip_with_a_number_that_is_none_gives_no_plan(column):
     status, plan = call_plan_switch(trip)
     # The propulsion power decides only whether a step regenerates, and NaN does not.
     assert status < 0 or (column == 'propulsion_power_w' and status == 0)
+
+
+@pytest.mark.parametrize('number', [nan, inf, -inf])
+@pytest.mark.parametrize('at', range(3))
+def test_a_caution_that_is_no_number_is_refused(at, number):
+    numbers = [2.0, 300.0, 30.0]
+    trip = make_trip(FORMULAS, steady_route())
+    assert call_plan_switch(trip, caution=CautionStruct(*numbers, False))[0] == 0
+    numbers[at] = number
+    assert call_plan_switch(trip, caution=CautionStruct(*numbers, False))[0] == BAD_INPUT
 
 
 def test_time_that_does_not_rise_is_refused():

@@ -184,7 +184,7 @@ static bev_status plan_direct(const bev_vehicle *vehicle, const bev_trip *trip,
   bev_switch_plan found;
   const bev_status status =
       bev_plan_switch(vehicle, trip, situation->soc, situation->temperature_c, situation->target_c,
-                      memory, soc, temperature_c, heater_w, &found);
+                      1, NULL, memory, soc, temperature_c, heater_w, &found);
   if (status != BEV_OK) {
     return status;
   }

@@ -96,7 +96,7 @@ def _core_ratios(vehicle: Vehicle, route: Route) -> list[Figure]:
     arrays = [np.empty(count) for count in (
         SWITCH_ARRAYS * instants, instants, instants, trip.steps)]
     arguments = (compiled.address, trip.address, STATE.soc, STATE.temperature_c,
-                 GOAL.target_temperature_c, *map(place, arrays), addressof(plan))
+                 GOAL.target_temperature_c, 0, None, *map(place, arrays), addressof(plan))
     call = partial(library.bev_plan_switch, *arguments)
     figures = []
     for method in ('merit_order', 'optimal_switch'):

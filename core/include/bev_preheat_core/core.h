@@ -19,7 +19,7 @@ extern "C" {
 #endif
 
 /* Changes whenever a struct or a function of this file does. */
-#define BEV_INTERFACE 3
+#define BEV_INTERFACE 4
 
 /* Most steps of a trip; where memory is fixed, compile with less: -DBEV_MOST_STEPS=360. */
 #ifndef BEV_MOST_STEPS
@@ -53,6 +53,8 @@ typedef enum {
   BEV_NO_CROSSING = 3,
   /* A limit of the battery is active; what is written means nothing. */
   BEV_LIMITED = 4,
+  /* Heating in other steps may cost less; what is written means nothing. */
+  BEV_CHEAPER_ELSEWHERE = 5,
   /* A pointer is null, or a count out of its range. */
   BEV_BAD_ARGUMENT = -1,
   /* A number of the vehicle is not finite or impossible. */
@@ -183,18 +185,44 @@ typedef struct {
   double battery_total;
 } bev_energies;
 
+/*
+ * How careful a plan is, beyond its target: how many kelvin of heating the last stretch begins early. With
+ * `is_heating` (not 0) the heater is on, and pauses only for longer than `least_pause_s`. One that is off is not
+ * switched on for less than `least_heating_s` before arrival.
+ */
+typedef struct {
+  double lead_k;
+  double least_pause_s;
+  double least_heating_s;
+  int32_t is_heating;
+} bev_caution;
+
+/* What is heated for; the numbers are those of PreheatPlan.stretch_reason. */
+typedef enum {
+  BEV_FOR_ARRIVAL = 0,
+  /* So that the battery may take more of the regeneration ahead. */
+  BEV_FOR_DESCENT = 2,
+  /* So that the battery can deliver the power of the climb ahead. */
+  BEV_FOR_CLIMB = 3
+} bev_reason;
+
 /* What bev_plan_switch finds. */
 typedef struct {
-  /* From this instant on it is heated [s]; NaN where the target is met without. */
+  /* From this instant on it is heated [s]; NaN where it is not. */
   double switching_instant_s;
+  /* Where heating ends for good within a step [s]; NaN where it ends on arrival, or with a step. */
+  double heating_end_s;
   double least_soc;
   /* What the heated steps take [Wh, electrical]. */
   double stretch_wh;
   bev_energies energy_wh;
   int32_t is_heated;
-  /* The first heated step, `steps` without; whether all after it are heated, none with surplus. */
+  /* The first heated step, and the one after the last; `steps` both, where none is. */
   int32_t first_heated;
+  int32_t end_heated;
+  /* Whether all in between are heated, none with surplus, and then what for, a bev_reason. */
   int32_t is_one_stretch;
+  int32_t reason;
 } bev_switch_plan;
 
 /* BEV_INTERFACE of the library, and the sizes of its structs: what a caller checks after loading it. */
@@ -207,6 +235,7 @@ int32_t bev_size_of_curve_range(void);
 int32_t bev_size_of_settling(void);
 int32_t bev_size_of_stranding(void);
 int32_t bev_size_of_run_of_powers(void);
+int32_t bev_size_of_caution(void);
 int32_t bev_size_of_switch_plan(void);
 
 /* BEV_OK, or BEV_BAD_VEHICLE or BEV_BAD_ARGUMENT. The runs do not look into the tables again. */
@@ -430,13 +459,16 @@ bev_status bev_find_switch(const bev_vehicle *vehicle, const bev_trip *trip, dou
  * The whole plan of a trip on which no limit is active, from a start: the unheated run, where it arrives below
  * the target the switching instant, the run, and what it costs. BEV_LIMITED where a limit is active in the
  * unheated run or in the plan. For a vehicle whose heat arrives at once; one with a heat path is a bad argument.
+ * With `caution` (null: without) heating begins early and ends as soon as it is enough. Unless it is to heat
+ * `in_one_stretch` (not 0), BEV_CHEAPER_ELSEWHERE where bev_heat_cheapest may find a run that costs less.
  *
  * `memory` has BEV_SWITCH_MEMORY(steps) doubles; where the status is not below BEV_OK it begins with the
  * unheated run, charge and temperature at each instant. Written are those of the plan, and what the heater takes
  * in each step [W].
  */
 bev_status bev_plan_switch(const bev_vehicle *vehicle, const bev_trip *trip, double start_soc,
-                           double start_c, double target_c, double *memory, double *soc,
+                           double start_c, double target_c, int32_t in_one_stretch,
+                           const bev_caution *caution, double *memory, double *soc,
                            double *temperature_c, double *heater_w, bev_switch_plan *plan);
 
 /*

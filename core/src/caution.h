@@ -1,0 +1,43 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Heating a little earlier than a plan needs: bev_preheat.planning.caution, heat at once, no limit active. */
+#ifndef BEV_PREHEAT_CORE_CAUTION_H_
+#define BEV_PREHEAT_CORE_CAUTION_H_
+
+#include <math.h>
+#include <stddef.h>
+
+#include "means.h"
+
+/* A run that is heated from one instant on, above its target on arrival; written is another one over it. */
+typedef struct {
+  const bev_vehicle *vehicle;
+  const bev_trip *trip;
+  double target_c;
+  double *soc;
+  double *temperature_c;
+  double *heater_w;
+  bev_means means;
+} bev_heated_run;
+
+/*
+ * What becomes of the heating of a run: the first step that is another one (`steps`: none is), between which
+ * instants it is heated now [s]. `start_s` is NaN where it is not, `end_s` where that is not within the trip.
+ */
+typedef struct {
+  int32_t first;
+  double start_s;
+  double end_s;
+} bev_early_stretch;
+
+/* Whether a caution, null for none, is made of numbers. */
+static inline int bev_is_caution(const bev_caution *caution) {
+  return caution == NULL
+      || (isfinite(caution->lead_k) && isfinite(caution->least_pause_s)
+          && isfinite(caution->least_heating_s));
+}
+
+/* The run with its last stretch of heating begun as early as `caution` asks, ended once it is enough. */
+bev_status bev_heat_early(const bev_heated_run *run, const bev_caution *caution,
+                          bev_early_stretch *stretch);
+
+#endif /* BEV_PREHEAT_CORE_CAUTION_H_ */
