@@ -3,24 +3,44 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
 from math import ceil, inf, isfinite
-from typing import TYPE_CHECKING
+from typing import NamedTuple, TYPE_CHECKING
 
 from bev_preheat.numerics.arithmetic import FLOATS, SATURATING_FLOATS
 from bev_preheat.planning.dynamics import deliverable_power_w, Energies, hottest_c, JOULES_PER_WH, step_of_floats
 from bev_preheat.planning.trip import make_trip
-from bev_preheat.route.segments import Route
 from bev_preheat.vehicle.heat_path import HeatedStep, make_heated_step, sensor_reading_c
-from bev_preheat.vehicle.model import make_rates, make_runge_kutta_4
+from bev_preheat.vehicle.model import make_rates, make_runge_kutta_4, Rates, Step
 from bev_preheat.vehicle.terminal_limits import make_terminal_limits, TerminalLimits
 
 if TYPE_CHECKING:
     from bev_preheat.planning.situation import BatteryState
+    from bev_preheat.planning.trip import Trip
+    from bev_preheat.route.segments import Route
     from bev_preheat.simulation.heater_lease import HeaterLease
     from bev_preheat.vehicle.description import Vehicle
 
 LONGEST_STEP_S = 1.0
+
+
+class _Segment(NamedTuple):
+    """One step of a Trip as floats: a plant looks at one at a time, for which arrays cost more than the sums."""
+
+    idle_power_w: float
+    variance_w2: float
+    idle_heat_w: float
+    leakage_w_per_k: float
+    drivetrain_heat_w: float
+    heater_limit_w: float
+    propulsion_power_w: float
+    ambient_c: float
+
+
+def _segments_of(trip: Trip) -> list[_Segment]:
+    columns = (trip.idle_power_w, trip.power_variance_w2, trip.idle_heat_w, trip.leakage_w_per_k,
+               trip.drivetrain_heat_w, trip.heater_limit_w, trip.route.propulsion_power_w,
+               trip.route.ambient_temperature_c)
+    return [_Segment(*values) for values in zip(*(column.tolist() for column in columns))]
 
 
 class VehiclePlant:
@@ -45,26 +65,39 @@ class VehiclePlant:
         """Put a vehicle at the start of a route, with the battery in `state` (a BatteryState)."""
         self.vehicle = vehicle
         # In it, segments that are too long for one Trip step are divided.
-        self.route = make_trip(vehicle, route).route
+        trip = make_trip(vehicle, route)
+        self.route = trip.route
         self.time_s = 0.0
         self.soc = state.soc
         self.temperature_c = self.sensor_c = state.temperature_c
         self.coolant_c = state.temperature_c + state.coolant_excess_k
         self.heater_power_w = 0.0
         self._command_w, self._power_at_end_w = 0.0, state.heater_power_w
-        self._heated_step: HeatedStep[float] = make_heated_step(vehicle, FLOATS)
-        self._saturating_step: HeatedStep[float] = make_heated_step(vehicle, SATURATING_FLOATS)
+        # Made once: making them costs more than a step. The second one is for a battery that lacks power.
+        self._is_direct = vehicle.heat_path.is_direct
+        self._steps: tuple[Step[float], Step[float]] = (
+            step_of_floats(vehicle, make_runge_kutta_4),
+            step_of_floats(vehicle, make_runge_kutta_4, saturating=True))
+        self._heated_steps: tuple[HeatedStep[float], HeatedStep[float]] = (
+            make_heated_step(vehicle, FLOATS), make_heated_step(vehicle, SATURATING_FLOATS))
+        self._rates: Rates[float] = make_rates(vehicle, SATURATING_FLOATS)
+        self._voltage, self._resistance = (
+            curve.function(SATURATING_FLOATS)
+            for curve in (vehicle.battery.open_circuit_voltage, vehicle.battery.resistance))
+        self._hottest_c = hottest_c(vehicle)
+        self._efficiency, self._heat_share = vehicle.hvch.efficiency, vehicle.drivetrain.heat_share
         self._coolant_started_c = self.coolant_c
         self.brake_power_w = 0.0
         self.undeliverable_power_w = 0.0
         self.empty_at_s: float | None = None
         self.without_lease_s = 0.0
         self._ends_s: list[float] = self.route.time_s[1:].tolist()
+        self._segments = _segments_of(trip)
+        self._segment = 0
         self._joule_j = self._drivetrain_j = self._heater_j = self._leakage_j = 0.0
         self._battery_j = self._undeliverable_j = self._brake_j = 0.0
         self._terminal_limits: TerminalLimits[float] = make_terminal_limits(
             vehicle, SATURATING_FLOATS)
-        self._enter_segment(0)
 
     @property
     def duration_s(self) -> float:
@@ -96,7 +129,7 @@ class VehiclePlant:
             end_s = self._ends_s[self._segment]
             self._drive_within_segment(min(to_s, end_s), heater_power_w)
             if self.time_s == end_s and self.empty_at_s is None:
-                self._enter_segment(self._segment + 1)
+                self._segment += 1
         if self.is_standing:
             self.heater_power_w = self.brake_power_w = self._power_at_end_w = 0.0
         self.time_s = to_s
@@ -109,13 +142,6 @@ class VehiclePlant:
             since_s = self.time_s
             self.advance(to_s, 0.0)
             self.without_lease_s += max(0.0, min(to_s, self.end_s) - since_s)
-
-    def _enter_segment(self, index: int) -> None:
-        self._segment = index
-        if index < len(self._ends_s):
-            self._trip = make_trip(self.vehicle, Route(**{
-                field.name: getattr(self.route, field.name)[index:index + 1]
-                for field in fields(Route)}))
 
     def _drive_within_segment(self, to_s: float, heater_power_w: float) -> None:
         steps = ceil((to_s - self.time_s) / LONGEST_STEP_S)
@@ -131,59 +157,55 @@ class VehiclePlant:
 
     def _keep_limits(self, wanted_w: float) -> None:
         """Command heater and friction brake what cabin and battery leave them; [W] is wanted."""
-        trip = self._trip
-        idle_w = trip.idle_power_w.item()
-        least_w, most_w = self._terminal_limits(
-            self.soc, self.temperature_c, trip.power_variance_w2.item())
-        self._command_w = max(0.0, min(
-            wanted_w, trip.heater_limit_w.item(), most_w - idle_w))
+        segment = self._segments[self._segment]
+        idle_w = segment.idle_power_w
+        least_w, most_w = self._terminal_limits(self.soc, self.temperature_c, segment.variance_w2)
+        self._command_w = max(0.0, min(wanted_w, segment.heater_limit_w, most_w - idle_w))
         if self.temperature_c >= self.vehicle.battery.temperature_range_c[1]:
             self._command_w = 0.0
         # A heater that lags takes what it takes.
-        self.heater_power_w = (
-            self._command_w if self.vehicle.heat_path.is_direct else self._power_at_end_w)
-        regenerated_w = max(0.0, -trip.route.propulsion_power_w.item())
+        self.heater_power_w = self._command_w if self._is_direct else self._power_at_end_w
+        regenerated_w = max(0.0, -segment.propulsion_power_w)
         self.brake_power_w = min(
             regenerated_w, max(0.0, least_w - idle_w - self.heater_power_w))
 
-    def _inputs(self) -> tuple[float, float, float, float]:
-        """Power, power variance, heat and leakage: what a step of the model takes now."""
-        _, power_w, variance_w2, heat_w, leakage_w_per_k = self._trip.inputs(
-            self.heater_power_w, self.brake_power_w)
-        return power_w.item(), variance_w2.item(), heat_w.item(), leakage_w_per_k.item()
+    def _inputs(self, heater_power_w: float) -> tuple[float, float, float, float]:
+        """Power, power variance, heat and leakage: what a step takes under a heater power [W]; as Trip.inputs."""
+        segment = self._segments[self._segment]
+        return (segment.idle_power_w + heater_power_w + self.brake_power_w, segment.variance_w2,
+                segment.idle_heat_w + self._efficiency * heater_power_w
+                - self._heat_share * self.brake_power_w, segment.leakage_w_per_k)
 
     def _model_step(self, step_s: float, saturating: bool) -> tuple[float, float, float, float]:
         """Return what the model's step does; heater and coolant go on with it."""
-        if self.vehicle.heat_path.is_direct:
-            return step_of_floats(self.vehicle, make_runge_kutta_4, saturating)(
-                self.soc, self.temperature_c, step_s, *self._inputs())
-        step = self._saturating_step if saturating else self._heated_step
-        _, power_w, variance_w2, heat_w, leakage_w_per_k = (
-            column.item() for column in self._trip.inputs(None, self.brake_power_w))
-        soc, temperature_c, end_w, excess_k, mean_temperature_c, joule_w, drawn_w, _ = step(
-            self.soc, self.temperature_c, self._power_at_end_w,
-            self.coolant_c - self.temperature_c, step_s, power_w, variance_w2, heat_w,
-            leakage_w_per_k, self._command_w)
+        if self._is_direct:
+            return self._steps[saturating](
+                self.soc, self.temperature_c, step_s, *self._inputs(self.heater_power_w))
+        soc, temperature_c, end_w, excess_k, mean_temperature_c, joule_w, drawn_w, _ = (
+            self._heated_steps[saturating](
+                self.soc, self.temperature_c, self._power_at_end_w,
+                self.coolant_c - self.temperature_c, step_s, *self._inputs(0.0), self._command_w))
         self.heater_power_w, self._power_at_end_w = drawn_w, end_w
         self.coolant_c = temperature_c + excess_k
         return soc, temperature_c, mean_temperature_c, joule_w
 
     def _step(self, step_s: float) -> None:
+        segment = self._segments[self._segment]
         lacking_w = 0.0
         try:
             soc, temperature_c, mean_temperature_c, joule_w = self._model_step(
                 step_s, saturating=False)
-            power_w, _, _, leakage_w_per_k = self._inputs()
+            power_w = segment.idle_power_w + self.heater_power_w + self.brake_power_w
         except ValueError:
             soc, temperature_c, mean_temperature_c, joule_w = self._model_step(
                 step_s, saturating=True)
-            power_w, _, _, leakage_w_per_k = self._inputs()
+            power_w = segment.idle_power_w + self.heater_power_w + self.brake_power_w
             lacking_w = max(0.0, power_w - float(
                 deliverable_power_w(self.vehicle, self.soc, self.temperature_c)))
         started_c = self.temperature_c
         # Neither can a battery be emptier than empty, nor does a car let it get any hotter.
         self.soc = min(max(soc, 0.0), 1.0)
-        self.temperature_c = min(temperature_c, hottest_c(self.vehicle))
+        self.temperature_c = min(temperature_c, self._hottest_c)
         if not self.vehicle.heat_path.has_coolant:
             self.coolant_c = self.temperature_c
         self.sensor_c = sensor_reading_c(
@@ -192,15 +214,12 @@ class VehiclePlant:
         cooled_j = self.vehicle.battery.heat_capacity_j_per_k * (temperature_c - self.temperature_c)
         self.time_s += step_s
         self.undeliverable_power_w = max(self.undeliverable_power_w, lacking_w)
-        trip = self._trip
-        ambient_c = trip.route.ambient_temperature_c.item()
-        drivetrain_heat_w = (trip.drivetrain_heat_w.item()
-                             - self.vehicle.drivetrain.heat_share * self.brake_power_w)
+        drivetrain_heat_w = segment.drivetrain_heat_w - self._heat_share * self.brake_power_w
         self._joule_j += step_s * joule_w
         self._drivetrain_j += step_s * drivetrain_heat_w
         self._heater_j += step_s * self.heater_power_w
         self._leakage_j += (
-            step_s * leakage_w_per_k * (ambient_c - mean_temperature_c) - cooled_j)
+            step_s * segment.leakage_w_per_k * (segment.ambient_c - mean_temperature_c) - cooled_j)
         self._battery_j += step_s * (power_w - lacking_w + joule_w)
         self._undeliverable_j += step_s * lacking_w
         self._brake_j += step_s * self.brake_power_w
@@ -237,15 +256,12 @@ class VehiclePlant:
         """Mean battery current now [A]; positive = discharging, 0 where the vehicle stands."""
         if self.is_standing:
             return 0.0
-        soc_rate, _, _ = make_rates(self.vehicle, SATURATING_FLOATS)(
-            self.soc, self.temperature_c, *self._inputs())
+        soc_rate, _, _ = self._rates(
+            self.soc, self.temperature_c, *self._inputs(self.heater_power_w))
         return -soc_rate * self.vehicle.battery.capacity_as
 
     @property
     def terminal_voltage_v(self) -> float:
         """Battery voltage now [V], under that current."""
-        battery = self.vehicle.battery
-        voltage_v, resistance_ohm = (
-            curve.function(SATURATING_FLOATS)(self.soc, self.temperature_c)
-            for curve in (battery.open_circuit_voltage, battery.resistance))
-        return voltage_v - resistance_ohm * self.current_a
+        return (self._voltage(self.soc, self.temperature_c)
+                - self._resistance(self.soc, self.temperature_c) * self.current_a)
