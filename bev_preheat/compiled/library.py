@@ -54,6 +54,7 @@ _SIGNATURES = {
     'bev_merit_order': 'PPPPPPPPPP',
     'bev_keep_accounts': 'PIPPPP',
     'bev_find_switch': 'PPDPPPPPP',
+    'bev_plan_paper': 'PPDDDPPPPP',
     'bev_find_prices': 'PPPPPPP',
     'bev_heat_cheapest': 'PPDPPPPPP',
     'bev_plan_switch': 'PPDDDIPPPPPP',

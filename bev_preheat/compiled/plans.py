@@ -68,6 +68,20 @@ def plan_switch(vehicle: CompiledVehicle, trip: CompiledTrip, soc: float, temper
     return (found, SwitchedRun(found.switching_instant_s, *run)) if status == OK else None
 
 
+def plan_paper(vehicle: CompiledVehicle, trip: CompiledTrip, soc: float, temperature_c: float,
+               target_c: float) -> tuple[SwitchPlanStruct, SwitchedRun] | None:
+    """Return the whole plan of the paper's heuristic; None where it is limited. See core.h."""
+    library = core()
+    if library is None:
+        return None
+    run, places = _new_run(trip.steps)
+    memory, found = np.empty(SWITCH_ARRAYS * (trip.steps + 1)), SwitchPlanStruct()
+    status = library.bev_plan_paper(
+        vehicle.address, trip.address, soc, temperature_c, target_c, place(memory), *places,
+        addressof(found))
+    return (found, SwitchedRun(found.switching_instant_s, *run)) if status == OK else None
+
+
 def _new_run(steps: int) -> tuple[tuple[FloatArray, FloatArray, FloatArray], tuple[int, int, int]]:
     """Return arrays for charge, temperature and heater power, and where they lie."""
     block = np.empty(3 * steps + 2)

@@ -27,7 +27,7 @@ from bev_preheat.planning.schedule import Method, Schedule
 from bev_preheat.planning.situation import BatteryState, check_situation, Goal, reserve_soc
 from bev_preheat.planning.status import Status
 from bev_preheat.planning.trip import heated_throughout, make_trip, Trip
-from bev_preheat.planning.unlimited import plan_unlimited
+from bev_preheat.planning.unlimited import plan_unlimited, plan_unlimited_paper
 from bev_preheat.vehicle.model import Integrator, make_runge_kutta_4
 
 if TYPE_CHECKING:
@@ -47,8 +47,12 @@ PROPOSALS: dict[str, tuple[Method, ...]] = {
     'paper': (giving_way(plan_paper),),
 }
 DEFAULT_METHOD = 'merit_order'
-# Where no limit is active these heat from one instant on.
-SWITCHING_ONCE = ('merit_order', 'optimal_switch')
+# Where no limit is active each heats, as a rule, from one instant on: a plan that is one call of the compiled core.
+UNLIMITED = {
+    'merit_order': partial(plan_unlimited, in_one_stretch=False),
+    'optimal_switch': plan_unlimited,
+    'paper': plan_unlimited_paper,
+}
 
 # Missing the target by less than this is no miss: the paper's Euler steps are not better.
 SHORTFALL_TOLERANCE_K = 0.2
@@ -85,8 +89,8 @@ def plan_preheating(vehicle: Vehicle, route: Route, state: BatteryState, goal: G
         trip = heated_throughout(trip)
     outcome = None
     try:
-        found = (plan_unlimited(trip, state, goal, caution, method == 'optimal_switch')
-                 if method in SWITCHING_ONCE and safeguarded and not options else None)
+        found = (UNLIMITED[method](trip, state, goal, caution)
+                 if safeguarded and not options else None)
         if found is not None:
             schedule, outcome = found
         else:

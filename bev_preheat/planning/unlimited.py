@@ -5,7 +5,7 @@ The plan of a trip on which no limit is active, made by the compiled core in one
 There `merit_order` and `optimal_switch` are the same, one instant of switching on, but for the trips on which
 heating is cheaper elsewhere. The reference is what
 the planner does without the core: `optimal_switch`, held against the limits, `caution`, `safeguard` and
-`outcome`.
+`outcome`; for the paper's heuristic it is `paper`.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from bev_preheat.planning.outcome import Outcome
 from bev_preheat.planning.schedule import Schedule
 from bev_preheat.planning.situation import reserve_soc
 from bev_preheat.planning.stretches import heating_stretches, HeatingStretch, Reason
-from bev_preheat.vehicle.model import make_runge_kutta_4
+from bev_preheat.vehicle.model import make_euler, make_runge_kutta_4
 
 if TYPE_CHECKING:
     from bev_preheat.compiled.structs import SwitchPlanStruct
@@ -60,6 +60,28 @@ def plan_unlimited(trip: Trip, state: BatteryState, goal: Goal,
         _known(instant_s), heater_power_w, np.zeros(len(heater_power_w)), soc, temperature_c,
         make_runge_kutta_4, _known(plan.heating_end_s))
     if goal.charging_planned and not _leaves_enough(trip, goal, schedule, plan.least_soc):
+        return None
+    return schedule, Outcome(
+        energies_of(plan.energy_wh[:]), _stretches(trip, schedule, plan),
+        schedule.heating_start_s if plan.is_heated else None)
+
+
+def plan_unlimited_paper(trip: Trip, state: BatteryState, goal: Goal,
+                         caution: Caution | None = None) -> tuple[Schedule, Outcome] | None:
+    """Return the Schedule of the paper's heuristic and its Outcome; None where `plan_unlimited` says so."""
+    vehicle = trip.vehicle
+    compiled = compiled_vehicle(vehicle) if vehicle.heat_path.is_direct else None
+    if compiled is None or caution is not None or not goal.charging_planned:
+        return None
+    target_c = goal.target_temperature_c if goal.heating_pays else vehicle.battery.temperature_range_c[0]
+    found = compiled_plans.plan_paper(
+        compiled, trip.compiled, state.soc, state.temperature_c, target_c)
+    if found is None:
+        return None
+    plan, (instant_s, soc, temperature_c, heater_power_w) = found
+    schedule = Schedule(
+        _known(instant_s), heater_power_w, np.zeros(len(heater_power_w)), soc, temperature_c, make_euler)
+    if not _leaves_enough(trip, goal, schedule, plan.least_soc):
         return None
     return schedule, Outcome(
         energies_of(plan.energy_wh[:]), _stretches(trip, schedule, plan),

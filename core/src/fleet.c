@@ -5,10 +5,9 @@
  */
 #include "checks.h"
 #include "limits_of_run.h"
+#include "paper.h"
 #include "steps_of_model.h"
 
-/* This far above the target no forward run can meet the backward one [K]. */
-#define LOST_ABOVE_TARGET_K 100.0
 /* A limit may matter where it is this near: by so much a run may be colder than the unheated one [K]. */
 #define COLDER_BY_K 5.0
 #define JOULES_PER_WH 3600.0
@@ -106,60 +105,19 @@ static void always_on(const drive *of, bev_arrival *arrival) {
   }
 }
 
-/* As bev_preheat.planning.safeguard holds a run of the paper: nothing that it lacks, enough that it leaves. */
-static bev_status check_paper(const drive *of, const double *soc, const double *temperature_c,
-                              const double *heater_w) {
-  const bev_trip *trip = &of->trip;
-  const bev_status status =
-      bev_limits_along(of->vehicle, trip->steps, soc, temperature_c, trip->power_variance_w2,
-                       of->room[6], of->room[7]);
-  for (int32_t k = 0; k <= trip->steps && status == BEV_OK; k++) {
-    if (!(soc[k] > 0.0 && soc[k] <= 1.0 && temperature_c[k] <= of->vehicle->hottest_c)) {
-      return BEV_LIMITED;
-    }
-    if (k < trip->steps && !(trip->idle_power_w[k] + heater_w[k] <= of->room[7][k])) {
-      return BEV_LIMITED;
-    }
-  }
-  return status != BEV_OK || leaves_enough(of, soc) ? status : BEV_LIMITED;
-}
-
-/* The paper's Algorithms 1 and 2, of which `heater_w` is written; NaN is no instant. */
+/* The paper's run, of which `heater_w` is written, as bev_preheat.planning.safeguard holds it; NaN is no instant. */
 static bev_status plan_paper(const drive *of, double *heater_w, double *instant_s) {
-  const bev_trip *trip = &of->trip;
-  const int32_t steps = trip->steps;
   double *soc = of->room[2];
   double *temperature_c = of->room[3];
-  *instant_s = NAN;
-  for (int32_t k = 0; k < steps; k++) {
-    heater_w[k] = 0.0;
-  }
   soc[0] = of->idle_soc[0];
   temperature_c[0] = of->idle_c[0];
-  bev_status status =
-      bev_run(of->vehicle, BEV_EULER, trip, 0, NULL, NULL, soc, temperature_c);
-  if (status != BEV_OK) {
-    return status;
+  bev_status status = bev_run_paper(of->vehicle, &of->trip, of->target_c, soc, temperature_c,
+                                    heater_w, instant_s);
+  if (status == BEV_OK) {
+    status = bev_is_driven_as_planned(of->vehicle, &of->trip, soc, temperature_c, heater_w,
+                                      of->room[6], of->room[7]);
   }
-  if (temperature_c[steps] < of->target_c) {
-    status = bev_find_crossing(of->vehicle, BEV_EULER, trip, of->target_c, soc[steps],
-                               LOST_ABOVE_TARGET_K, temperature_c, instant_s);
-    if (status == BEV_NO_CROSSING) {
-      *instant_s = 0.0;
-    } else if (status != BEV_OK) {
-      return status;
-    }
-    for (int32_t k = 0; k < steps; k++) {
-      const double share_on = (trip->time_s[k + 1] - *instant_s) / trip->duration_s[k];
-      heater_w[k] = bev_minimum(bev_maximum(share_on, 0.0), 1.0) * trip->heater_limit_w[k];
-    }
-    status = bev_run(of->vehicle, BEV_EULER, trip, bev_step_at(trip, *instant_s), heater_w, NULL, soc,
-                     temperature_c);
-    if (status != BEV_OK) {
-      return status;
-    }
-  }
-  return check_paper(of, soc, temperature_c, heater_w);
+  return status != BEV_OK || leaves_enough(of, soc) ? status : BEV_LIMITED;
 }
 
 static void paper(const drive *of, const bev_arrival *unheated, bev_arrival *arrival) {

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Whether a run that was made without regard to limits keeps them. */
+/* Whether a run that was made without regard to limits keeps them, and what a plan says of it. */
 #ifndef BEV_PREHEAT_CORE_LIMITS_OF_RUN_H_
 #define BEV_PREHEAT_CORE_LIMITS_OF_RUN_H_
 
@@ -18,5 +18,8 @@ typedef struct {
 
 /* BEV_OK if a run keeps all limits of the battery from step `first` on, BEV_LIMITED if not. */
 bev_status bev_keeps_limits(const bev_seen_run *run, int32_t first);
+
+/* Write the least charge of a run whose limits are known, which of its steps are heated, and what for. */
+bev_status bev_describe_run(const bev_seen_run *run, bev_switch_plan *plan);
 
 #endif /* BEV_PREHEAT_CORE_LIMITS_OF_RUN_H_ */

@@ -233,6 +233,11 @@ static double least_of(const double *values, int32_t count) {
   return least;
 }
 
+bev_status bev_describe_run(const bev_seen_run *run, bev_switch_plan *plan) {
+  plan->least_soc = least_of(run->soc, run->trip->steps + 1);
+  return find_stretch(run, plan);
+}
+
 /* The planned run with its last stretch of heating begun early; what is known of its limits is its own. */
 static bev_status heat_early(const search *of, const bev_seen_run *run, const bev_caution *caution,
                              bev_switch_plan *plan) {
@@ -327,12 +332,11 @@ bev_status bev_plan_switch(const bev_vehicle *vehicle, const bev_trip *trip, dou
   plan->heating_end_s = NAN;
   status = plan_run(&of, &run, in_one_stretch, caution, plan);
   if (status == BEV_OK) {
-    status = find_stretch(&run, plan);
+    status = bev_describe_run(&run, plan);
   }
   if (status != BEV_OK) {
     return status;
   }
-  plan->least_soc = least_of(soc, steps + 1);
   /* The circuit's own limit lies at the battery's or above it, so all power is deliverable. */
   const bev_run_of_powers made = {1, soc, temperature_c, heater_w, NULL, NULL};
   return bev_energies_of_means(vehicle, trip, &made, run.soc == soc ? means : idle_means,

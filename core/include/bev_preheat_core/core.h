@@ -496,6 +496,16 @@ bev_status bev_heat_cheapest(const bev_vehicle *vehicle, const bev_trip *trip, d
                              int32_t *order, int32_t *orders);
 
 /*
+ * The whole plan of the paper's heuristic, planned and run by Euler's method: as of bev_plan_switch.
+ *
+ * BEV_LIMITED where a limit is active in the unheated run, or the plan lacks power or leaves what the model
+ * describes.
+ */
+bev_status bev_plan_paper(const bev_vehicle *vehicle, const bev_trip *trip, double start_soc,
+                          double start_c, double target_c, double *memory, double *soc,
+                          double *temperature_c, double *heater_w, bev_switch_plan *plan);
+
+/*
  * The instants [s] between which the heater takes all that the cabin leaves, so that the battery arrives at a
  * target for the least energy, heat arriving late, limits left aside. 0 and the arrival where that is not enough.
  *
