@@ -44,7 +44,7 @@ def vehicle_source(vehicle: Vehicle) -> str:
     car = (leakage.gamma_0_w_per_k, leakage.gamma_v_w_per_k_per_mps, vehicle.hvch.maximum_power_w,
            vehicle.battery.soc_range[0], vehicle.defaults.target_battery_temperature_c)
     return '\n'.join([
-        HEAD, *tables, f'const char bev_ecu_vehicle_name[] = {_text(vehicle.name)};', '',
+        HEAD, *tables, f'const char *const bev_ecu_vehicle_name = {_text(vehicle.name)};', '',
         'const bev_vehicle bev_ecu_vehicle = {', *members, '};', '',
         f'const bev_ecu_car bev_ecu_car_of_vehicle = {_braced(car)};', ''])
 
@@ -70,7 +70,7 @@ def _curve(name: str, curve: CurveStruct, tables: list[str]) -> str:
     """Return the initialiser of a curve; the arrays of a table are added to `tables`."""
     members = [f'.kind = {KINDS[curve.kind]}', f'.factor_count = {curve.factor_count}']
     if curve.factor_count:
-        members.append(f'.factor = {_braced(curve.factor[:curve.factor_count])}')
+        members.append(f'.factor = {_braced(curve.factor[:])}')
     if curve.kind != TABLE:
         members.append(f'.parameter = {_braced(curve.parameter[:])}')
         return f'{{{", ".join(members)}}}'

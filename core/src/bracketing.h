@@ -26,12 +26,13 @@ typedef bev_status (*bev_attempt)(void *of, double value, double *excess);
  * trial, and the last one afterwards. The excess is greatest at `most`, which is returned where it is not enough,
  * and falls towards `least`: a secant, kept within the bracket.
  */
-static inline bev_status bev_follow_slope(double most, double least, double slope,
+static inline bev_status bev_follow_slope(double most, double least, double first_slope,
                                           const bev_ending *ending, bev_attempt attempt, void *of,
                                           double *value, double *excess) {
   const double direction = most > least ? 1.0 : -1.0;
   double enough = most;
   double too_little = least;
+  double slope = first_slope;
   for (int32_t n = 0; n < ending->most_trials; n++) {
     if (!isfinite(*excess)) {
       return BEV_NOT_FINITE;
@@ -52,6 +53,8 @@ static inline bev_status bev_follow_slope(double most, double least, double slop
       following = most;
     } else if (!(low < following && following < high)) {
       following = 0.5 * (enough + too_little);
+    } else {
+      /* Where the slope leads. */
     }
     if (fabs(following - *value) <= ending->resolution) {
       return BEV_OK;

@@ -37,7 +37,7 @@ static int is_curve_of_numbers(const bev_curve *curve) {
   if (!bev_are_numbers(curve->factor, curve->factor_count)) {
     return 0;
   }
-  if (curve->kind != BEV_TABLE) {
+  if (curve->kind != (int32_t)BEV_TABLE) {
     return bev_are_numbers(curve->parameter, BEV_CURVE_PARAMETERS);
   }
   return is_axis(curve->soc, curve->soc_count)

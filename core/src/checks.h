@@ -20,11 +20,12 @@ static inline int bev_are_numbers(const double *values, int32_t count) {
 
 /* Whether a curve can be read: its kind, its counts, its pointers. */
 static inline int bev_is_curve(const bev_curve *curve) {
-  if (curve->kind < BEV_POLYNOMIAL || curve->kind > BEV_TABLE || curve->factor_count < 0
+  if (curve->kind < (int32_t)BEV_POLYNOMIAL || curve->kind > (int32_t)BEV_TABLE
+      || curve->factor_count < 0
       || curve->factor_count > BEV_MOST_FACTORS) {
     return 0;
   }
-  if (curve->kind != BEV_TABLE) {
+  if (curve->kind != (int32_t)BEV_TABLE) {
     return 1;
   }
   return curve->soc != NULL && curve->temperature_c != NULL && curve->values != NULL

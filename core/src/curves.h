@@ -29,7 +29,7 @@ static inline double bev_line(const double *axis, int32_t count, const double *v
   if (x >= axis[count - 1]) {
     return values[count - 1];
   }
-  if (isnan(x)) {
+  if (isnan(x) != 0) {
     return x;
   }
   const int32_t i = bev_points_up_to(axis, count, x) - 1;
@@ -72,7 +72,7 @@ static inline double bev_table(const bev_curve *curve, double soc, double temper
   const double b = (t - curve->temperature_c[j])
       / (curve->temperature_c[j + 1] - curve->temperature_c[j]);
   const double *low = &curve->values[i * columns + j];
-  const double *high = low + columns;
+  const double *high = &low[columns];
   const double at_low = low[0] + b * (low[1] - low[0]);
   return at_low + a * (high[0] + b * (high[1] - high[0]) - at_low);
 }
@@ -87,11 +87,13 @@ static inline double bev_place(const double *axis, int32_t count, double x, int3
   }
   double position = 0.0;
   if (x >= axis[count - 1]) {
-    position = (double)(count - 1);
+    position = (double)count - 1.0;
   } else if (x > axis[0]) {
     const int32_t j = bev_points_up_to(axis, count, x) - 1;
-    const double slope = ((double)(j + 1) - (double)j) / (axis[j + 1] - axis[j]);
+    const double slope = 1.0 / (axis[j + 1] - axis[j]);
     position = slope * (x - axis[j]) + (double)j;
+  } else {
+    /* At the first point, or below. */
   }
   const int32_t cell = (int32_t)position;
   *below = cell < count - 2 ? cell : count - 2;

@@ -87,9 +87,8 @@ static inline void bev_integrate(const bev_vehicle *vehicle, int32_t integrator,
 static inline void bev_integrate_heated(const bev_vehicle *vehicle, int32_t saturating,
                                         const double states[4], const bev_inputs *inputs,
                                         double command_w, double result[8]) {
-  const int has_lag = vehicle->heater_lag_s > 0.0;
   if (vehicle->coolant_heat_capacity_j_per_k > 0.0) {
-    if (has_lag) {
+    if (vehicle->heater_lag_s > 0.0) {
       bev_heated_by_coolant_with_lag(
           vehicle, saturating, states[0], states[1], states[2], states[3], inputs->duration_s,
           inputs->power_w, inputs->variance_w2, inputs->heat_w, inputs->leakage_w_per_k,
@@ -100,7 +99,7 @@ static inline void bev_integrate_heated(const bev_vehicle *vehicle, int32_t satu
           inputs->power_w, inputs->variance_w2, inputs->heat_w, inputs->leakage_w_per_k,
           command_w, result);
     }
-  } else if (has_lag) {
+  } else if (vehicle->heater_lag_s > 0.0) {
     bev_heated_with_lag(
         vehicle, saturating, states[0], states[1], states[2], states[3], inputs->duration_s,
         inputs->power_w, inputs->variance_w2, inputs->heat_w, inputs->leakage_w_per_k, command_w,
@@ -114,7 +113,7 @@ static inline void bev_integrate_heated(const bev_vehicle *vehicle, int32_t satu
 }
 
 static inline int bev_is_integrator(int32_t integrator) {
-  return integrator >= BEV_EULER && integrator <= BEV_RUNGE_KUTTA_4;
+  return integrator >= (int32_t)BEV_EULER && integrator <= (int32_t)BEV_RUNGE_KUTTA_4;
 }
 
 #endif /* BEV_PREHEAT_CORE_STEPS_OF_MODEL_H_ */

@@ -35,11 +35,11 @@ typedef struct {
   double *temperature_c;
   double *heater_w;
   bev_means means;
-} search;
+} switch_search;
 
 /* The run that is heated from an instant on, above the target on arrival; before it, it is the unheated one. */
 static bev_status switch_on_at(void *searched, double instant_s, double *above_k) {
-  const search *of = (const search *)searched;
+  const switch_search *of = (const switch_search *)searched;
   const bev_trip *trip = of->trip;
   const int32_t first = bev_step_at(trip, instant_s);
   for (int32_t k = 0; k <= first; k++) {
@@ -62,7 +62,7 @@ static bev_status switch_on_at(void *searched, double instant_s, double *above_k
 }
 
 /* Rate of temperature change at the start of a step of the run, so much warmer, under a heater power. */
-static double rate_k_per_s(const search *of, int32_t k, double warmer_k, double heater_w) {
+static double rate_k_per_s(const switch_search *of, int32_t k, double warmer_k, double heater_w) {
   const bev_trip *trip = of->trip;
   double result[3];
   bev_rates(of->vehicle, BEV_SATURATING, of->soc[k], of->temperature_c[k] + warmer_k,
@@ -73,7 +73,7 @@ static double rate_k_per_s(const search *of, int32_t k, double warmer_k, double 
 }
 
 /* Change of the arrival temperature with the switching instant [K/s], an estimate. */
-static double arrival_slope_k_per_s(const search *of, double instant_s) {
+static double arrival_slope_k_per_s(const switch_search *of, double instant_s) {
   const bev_trip *trip = of->trip;
   const int32_t first = bev_step_at(trip, instant_s);
   const double gained_k_per_s = rate_k_per_s(of, first, 0.0, trip->heater_limit_w[first])
@@ -86,7 +86,7 @@ static double arrival_slope_k_per_s(const search *of, double instant_s) {
 }
 
 /* State of charge on arrival, about: that of the unheated run less what heating will take. */
-static double terminal_soc(const search *of) {
+static double terminal_soc(const switch_search *of) {
   const bev_vehicle *vehicle = of->vehicle;
   const double idle_soc = of->idle_soc[of->trip->steps];
   const double idle_c = of->idle_c[of->trip->steps];
@@ -98,7 +98,7 @@ static double terminal_soc(const search *of) {
 }
 
 /* The whole search, from the first guess on. */
-static bev_status find_switch(search *of, double *instant_s) {
+static bev_status find_switch(switch_search *of, double *instant_s) {
   const bev_trip *trip = of->trip;
   const double arrival_s = trip->time_s[trip->steps];
   if (!isfinite(of->target_c) || !isfinite(of->idle_soc[trip->steps])
@@ -139,8 +139,17 @@ bev_status bev_find_switch(const bev_vehicle *vehicle, const bev_trip *trip, dou
     return BEV_BAD_ARGUMENT;
   }
   const bev_means none = {NULL, NULL};
-  search of = {vehicle, trip,          idle_soc, idle_c, none, target_c,
-                     soc,     temperature_c, heater_w, none};
+  switch_search of;
+  of.vehicle = vehicle;
+  of.trip = trip;
+  of.idle_soc = idle_soc;
+  of.idle_c = idle_c;
+  of.idle_means = none;
+  of.target_c = target_c;
+  of.soc = soc;
+  of.temperature_c = temperature_c;
+  of.heater_w = heater_w;
+  of.means = none;
   return find_switch(&of, instant_s);
 }
 
@@ -239,7 +248,7 @@ bev_status bev_describe_run(const bev_seen_run *run, bev_switch_plan *plan) {
 }
 
 /* The planned run with its last stretch of heating begun early; what is known of its limits is its own. */
-static bev_status heat_early(const search *of, const bev_seen_run *run, const bev_caution *caution,
+static bev_status heat_early(const switch_search *of, const bev_seen_run *run, const bev_caution *caution,
                              bev_switch_plan *plan) {
   const bev_heated_run heated = {of->vehicle, of->trip,     of->target_c, of->soc,
                                  of->temperature_c, of->heater_w, of->means};
@@ -254,7 +263,7 @@ static bev_status heat_early(const search *of, const bev_seen_run *run, const be
 }
 
 /* BEV_OK, or BEV_CHEAPER_ELSEWHERE where heating in other steps than from one instant on may save something. */
-static bev_status costs_least(const search *of) {
+static bev_status costs_least(const switch_search *of) {
   const int32_t steps = of->trip->steps;
   double saving = 0.0;
   const bev_status status = bev_most_saving(of->vehicle, of->trip, of->soc, of->temperature_c,
@@ -268,7 +277,7 @@ static bev_status costs_least(const search *of) {
 }
 
 /* The run that is planned, from the unheated one; what is known of its limits is that of the latter. */
-static bev_status plan_run(search *of, bev_seen_run *run, int32_t in_one_stretch,
+static bev_status plan_run(switch_search *of, bev_seen_run *run, int32_t in_one_stretch,
                            const bev_caution *caution, bev_switch_plan *plan) {
   const int32_t steps = of->trip->steps;
   for (int32_t k = 0; k < steps; k++) {
@@ -318,8 +327,17 @@ bev_status bev_plan_switch(const bev_vehicle *vehicle, const bev_trip *trip, dou
   }
   const bev_means idle_means = {room[2], room[3]};
   const bev_means means = {room[4], room[5]};
-  search of = {vehicle, trip,          room[0],  room[1], idle_means, target_c,
-                     soc,     temperature_c, heater_w, means};
+  switch_search of;
+  of.vehicle = vehicle;
+  of.trip = trip;
+  of.idle_soc = room[0];
+  of.idle_c = room[1];
+  of.idle_means = idle_means;
+  of.target_c = target_c;
+  of.soc = soc;
+  of.temperature_c = temperature_c;
+  of.heater_w = heater_w;
+  of.means = means;
   bev_seen_run run = {vehicle, trip, room[0], room[1], heater_w, room[6], room[7]};
   room[0][0] = start_soc;
   room[1][0] = start_c;

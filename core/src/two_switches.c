@@ -40,7 +40,7 @@ typedef struct {
   int32_t pairs;
   double off_of[MOST_PAIRS];
   double on_of[MOST_PAIRS];
-} search;
+} two_switch_search;
 
 /* An instant of switching off [s], what it takes [Wh], and when to switch on [s]. */
 typedef struct {
@@ -57,7 +57,7 @@ static double heat_lag_s(const bev_vehicle *vehicle) {
 
 /* The run that is heated from an instant on until `off_s`, above the target on arrival. */
 static bev_status heat_from(void *searched, double on_s, double *above_k) {
-  search *of = (search *)searched;
+  two_switch_search *of = (two_switch_search *)searched;
   const bev_trip *trip = of->trip;
   const int32_t instants = trip->steps + 1;
   const int32_t first = bev_step_at(trip, on_s);
@@ -81,7 +81,7 @@ static bev_status heat_from(void *searched, double on_s, double *above_k) {
 }
 
 /* Change of the arrival temperature with the instant of switching on [K/s], an estimate. */
-static double slope_k_per_s(const search *of, double on_s) {
+static double slope_k_per_s(const two_switch_search *of, double on_s) {
   const int32_t step = bev_step_at(of->trip, on_s);
   const double leaks_per_s = of->trip->leakage_w_per_k[step] / of->capacity_j_per_k;
   return -of->vehicle->heater_efficiency * of->trip->heater_limit_w[step] / of->capacity_j_per_k
@@ -89,7 +89,7 @@ static double slope_k_per_s(const search *of, double on_s) {
 }
 
 /* The pairs that were found next to an instant: the n-th nearest, of equals the one found first. */
-static int32_t nearest(const search *of, double off_s, int32_t other_than) {
+static int32_t nearest(const two_switch_search *of, double off_s, int32_t other_than) {
   int32_t found = -1;
   for (int32_t n = 0; n < of->pairs; n++) {
     if (n != other_than
@@ -101,7 +101,7 @@ static int32_t nearest(const search *of, double off_s, int32_t other_than) {
 }
 
 /* About when to switch on [s]: along a line through the pairs next to this one. */
-static double guess_s(const search *of, double off_s) {
+static double guess_s(const two_switch_search *of, double off_s) {
   if (of->pairs < 2) {
     const double lacking_k = of->target_c - of->idle_states[2 * of->trip->steps + 1];
     return off_s
@@ -115,7 +115,7 @@ static double guess_s(const search *of, double off_s) {
 }
 
 /* The instant of switching on with which the battery arrives at the target. */
-static bev_status find_on(search *of, double off_s, double guessed_s, double tolerance_k,
+static bev_status find_on(two_switch_search *of, double off_s, double guessed_s, double tolerance_k,
                           double *on_s, double *above_k) {
   if (!isfinite(guessed_s)) {
     return BEV_NOT_FINITE;
@@ -132,7 +132,7 @@ static bev_status find_on(search *of, double off_s, double guessed_s, double tol
 }
 
 /* What it takes to arrive at the target, switched off at an instant. */
-static bev_status heat_until(search *of, double off_s, pair *made) {
+static bev_status heat_until(two_switch_search *of, double off_s, pair *made) {
   if (of->pairs >= MOST_PAIRS) {
     return BEV_NOT_SETTLED;
   }
@@ -155,6 +155,8 @@ static bev_status heat_until(search *of, double off_s, pair *made) {
   } else if (slope < 0.0) {
     const double heater_w = of->trip->heater_limit_w[bev_step_at(of->trip, made->on_s)];
     made->taken_wh += above_k * heater_w / JOULES_PER_WH / slope;
+  } else {
+    /* Where the heater takes nothing, what is too much costs nothing. */
   }
   return isfinite(made->taken_wh) ? BEV_OK : BEV_NOT_FINITE;
 }
@@ -166,8 +168,11 @@ static void keep_better(pair *best, const pair *other) {
 }
 
 /* The golden section: the pair that takes the least, switched off between two instants. */
-static bev_status find_least(search *of, double low_s, double high_s, pair *best) {
+static bev_status find_least(two_switch_search *of, double earliest_s, double latest_s,
+                             pair *best) {
   const double golden = 0.5 * (sqrt(5.0) - 1.0);
+  double low_s = earliest_s;
+  double high_s = latest_s;
   pair nearer;
   pair further;
   bev_status status = heat_until(of, low_s + (1.0 - golden) * (high_s - low_s), &nearer);
@@ -212,7 +217,7 @@ static bev_status find_least(search *of, double low_s, double high_s, pair *best
 }
 
 /* The search for both instants; throughout where that is not enough. */
-static bev_status find_switches(search *of, double *on_s, double *off_s) {
+static bev_status find_switches(two_switch_search *of, double *on_s, double *off_s) {
   double above_k = 0.0;
   *on_s = 0.0;
   *off_s = of->arrival_s;
@@ -239,7 +244,7 @@ static bev_status find_switches(search *of, double *on_s, double *off_s) {
 }
 
 /* What the cells give in the unheated run until the start of each step [Wh]. */
-static bev_status add_up_idle(const search *of) {
+static bev_status add_up_idle(const two_switch_search *of) {
   const bev_trip *trip = of->trip;
   const int32_t instants = trip->steps + 1;
   of->idle_taken_wh[0] = 0.0;
@@ -274,7 +279,7 @@ bev_status bev_find_two_switches(const bev_vehicle *vehicle, const bev_trip *tri
   if (!isfinite(target_c) || !bev_is_time(trip)) {
     return BEV_BAD_INPUT;
   }
-  search of;
+  two_switch_search of;
   of.vehicle = vehicle;
   of.trip = trip;
   of.idle_states = idle_states;

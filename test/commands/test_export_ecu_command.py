@@ -43,7 +43,7 @@ def test_what_stands_in_the_way_of_a_file_is_refused(refused):
         'preheat: error: --output: out/vectors.txt: is a folder; only a regular file can be written')
     Path('file').write_text('kept')
     assert refused('--vehicle', 'reference', '--output', 'file/below') == (
-        'preheat: error: --output: file/below/Makefile: cannot be a file: Not a directory')
+        'preheat: error: --output: file/below/MISRA.md: cannot be a file: Not a directory')
 
 
 def test_the_vehicle_file_is_not_written_over(refused):

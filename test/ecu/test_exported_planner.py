@@ -13,6 +13,7 @@ import pytest
 from bev_preheat.compiled.library import without_core
 from bev_preheat.ecu.constants import vehicle_source
 from bev_preheat.ecu.export import Export
+from bev_preheat.ecu.sources import own_sources
 from bev_preheat.ecu.vectors import (
     BAD_INPUT,
     draw_vector,
@@ -160,7 +161,7 @@ def test_a_curve_that_the_core_does_not_describe_is_refused():
 def test_a_name_becomes_a_string_of_c():
     # ??/ is a backslash to C99.
     source = vehicle_source(replace(FORMULAS, name='a "b" \\ ??/ é\n'))
-    assert 'bev_ecu_vehicle_name[] = "a _b_ _ __/ __";' in source
+    assert 'bev_ecu_vehicle_name = "a _b_ _ __/ __";' in source
 
 
 def answers_of_random_inputs(export, objects, cases, *options):
@@ -195,3 +196,26 @@ def test_thousands_of_situations_are_planned_as_in_python(tmp_path, name):
     done = exported(tmp_path / 'ecu', CARS[name], 3400, 'sanitize')
     checked = done.run('build/sanitized/check', 'vectors.txt')
     assert checked.returncode == 0, checked.stdout + checked.stderr
+
+
+def listed_deviations(text):
+    """Return {rule: files} of the table in MISRA.md; each row has a reason."""
+    rows = re.findall(r'^\| ([\d.]+) \| (?:advisory|required) \| \d+ \| (.+) \| (.{20,}) \|$', text, re.MULTILINE)
+    return {rule: set(re.findall('`(.+?)`', files)) for rule, files, _ in rows}
+
+
+@pytest.mark.deep
+@pytest.mark.parametrize('name', ['formulas', 'tables'])
+def test_what_is_reported_of_misra_is_what_is_listed_with_a_reason(tmp_path, name):
+    text = own_sources()['MISRA.md']
+    version = re.search(r'cppcheck ([\d.]+)', text)[1]
+    if not shutil.which('cppcheck') or f'Cppcheck {version}' not in subprocess.run(
+            ['cppcheck', '--version'], capture_output=True, text=True, check=True).stdout:
+        pytest.skip(f'cppcheck {version} is not installed')
+    export = Exported(tmp_path / 'ecu', Export(CARS[name], tmp_path / 'ecu', []).write(20, 5, lambda: None))
+    done = export.run('make', 'misra')
+    assert done.returncode == 0, done.stderr
+    reported = {}
+    for file, rule in re.findall(r'^(?:.*/)?([^:/]+):\d+: misra-c2012-([\d.]+)$', done.stdout, re.MULTILINE):
+        reported.setdefault(rule, set()).add(file)
+    assert reported == listed_deviations(text)

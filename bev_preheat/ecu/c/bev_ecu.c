@@ -233,9 +233,8 @@ bev_status bev_ecu_plan_switch(const bev_vehicle *vehicle, const bev_trip *trip,
   }
   plan->on_s = NAN;
   plan->off_s = NAN;
-  const int arrives_late =
-      vehicle->heater_lag_s > 0.0 || vehicle->coolant_heat_capacity_j_per_k > 0.0;
-  status = arrives_late ? plan_late(vehicle, trip, situation, memory, plan)
-                        : plan_direct(vehicle, trip, situation, memory, plan);
+  status = vehicle->heater_lag_s > 0.0 || vehicle->coolant_heat_capacity_j_per_k > 0.0
+      ? plan_late(vehicle, trip, situation, memory, plan)
+      : plan_direct(vehicle, trip, situation, memory, plan);
   return status == BEV_OK ? conclude(trip, situation, plan) : status;
 }

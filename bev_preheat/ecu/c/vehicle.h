@@ -17,7 +17,7 @@ typedef struct {
   double default_target_c;
 } bev_ecu_car;
 
-extern const char bev_ecu_vehicle_name[];
+extern const char *const bev_ecu_vehicle_name;
 extern const bev_vehicle bev_ecu_vehicle;
 extern const bev_ecu_car bev_ecu_car_of_vehicle;
 
