@@ -83,7 +83,7 @@ static double earlier_s(const bev_heated_run *run, double until_s, double lead_k
 }
 
 /* How much warmer the battery arrives for each second that heating lasts longer, about. */
-static double rate_k_per_s(const bev_heated_run *run, double end_s) {
+static double warmed_k_per_s(const bev_heated_run *run, double end_s) {
   const bev_trip *trip = run->trip;
   const int32_t step = bev_step_at(trip, end_s);
   const double capacity = run->vehicle->heat_capacity_j_per_k;
@@ -99,7 +99,7 @@ static bev_status run_on(const bev_heated_run *run, int32_t first) {
 }
 
 /* The run that is heated until an instant, above the target on arrival. */
-static bev_status heat_until(void *searched, double end_s, double *above_k) {
+static bev_status heat_early_until(void *searched, double end_s, double *above_k) {
   search *of = (search *)searched;
   const bev_heated_run *run = of->run;
   const bev_trip *trip = run->trip;
@@ -127,19 +127,19 @@ static bev_status leave_out(const bev_heated_run *run, int32_t first, bev_early_
 }
 
 /* The run that is heated from an instant on, for as long as it needs; about until `guess_s`. */
-static bev_status heat_from(const bev_heated_run *run, double start_s, double guess_s,
+static bev_status heat_early_from(const bev_heated_run *run, double start_s, double guess_s,
                             bev_early_stretch *stretch) {
   const double arrival_s = run->trip->time_s[run->trip->steps];
   /* At first nothing after the start is as it is to be. */
   search of = {run, start_s, start_s};
   double end_s = bev_minimum(bev_maximum(guess_s, start_s), arrival_s);
   double above_k = 0.0;
-  bev_status status = heat_until(&of, end_s, &above_k);
+  bev_status status = heat_early_until(&of, end_s, &above_k);
   if (status < BEV_OK) {
     return status;
   }
   const bev_ending ending = {ARRIVAL_TOLERANCE_K, END_RESOLUTION_S, MOST_RUNS};
-  status = bev_follow_slope(arrival_s, start_s, rate_k_per_s(run, end_s), &ending, heat_until, &of,
+  status = bev_follow_slope(arrival_s, start_s, warmed_k_per_s(run, end_s), &ending, heat_early_until, &of,
                             &end_s, &above_k);
   stretch->first = bev_step_at(run->trip, start_s);
   stretch->start_s = end_s > start_s ? start_s : NAN;
@@ -168,12 +168,12 @@ bev_status bev_heat_early(const bev_heated_run *run, const bev_caution *caution,
   if (caution->is_heating != 0 && early_s <= caution->least_pause_s) {
     early_s = 0.0;
   }
-  if (isnan(early_s)) {
+  if (isnan(early_s) != 0) {
     return BEV_NOT_FINITE;
   }
   if (early_s >= start_s) {
     return BEV_OK;
   }
   /* What is heated earlier need not be heated later. */
-  return heat_from(run, early_s, arrival_s - (start_s - early_s), stretch);
+  return heat_early_from(run, early_s, arrival_s - (start_s - early_s), stretch);
 }

@@ -216,11 +216,13 @@ static bev_status find_stretch(const bev_seen_run *run, bev_switch_plan *plan) {
     if (heater_w != 0.0) {
       plan->is_heated = 1;
     }
-    if (bev_is_heated(trip, run->heater_w, k)) {
+    if (bev_is_heated(trip, run->heater_w, k) != 0) {
       if (plan->first_heated == trip->steps) {
         plan->first_heated = k;
       } else if (plan->end_heated < k) {
         plan->is_one_stretch = 0;
+      } else {
+        /* The stretch goes on. */
       }
       plan->end_heated = k + 1;
       heating_j += heater_w * trip->duration_s[k];
