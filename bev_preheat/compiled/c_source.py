@@ -10,7 +10,7 @@ power, and drives.h, what the estimation needs of a car that is known up to fact
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 import re
 import sys
@@ -40,6 +40,9 @@ HEATED_STEP = ('soc', 'temperature_c', 'heater_w', 'excess_k', *INPUTS, 'command
 CURVE = ('soc', 'temperature_c')
 LIMITS = ('soc', 'temperature_c', 'variance_w2')
 RATES = ('soc', 'temperature_c', *INPUTS[1:])
+# What curves give at a state, as arguments.
+CIRCUIT = ('voltage_v', 'resistance_ohm')
+POWER_LIMITS = ('charge_w', 'discharge_w')
 # State, factors and inputs of vehicle.uncertain_car, and the nominal leakage.
 FACTORS = ('heat_capacity', 'leakage', 'resistance', 'heater_efficiency', 'propulsion')
 ROUTE_DRIVE = tuple(field.name for field in fields(DriveInputs)
@@ -61,6 +64,25 @@ class _VehicleCurve:
         """`f(soc, temperature_c)`, a Symbol."""
         return lambda soc, temperature_c: Symbol(
             f'bev_at(&vehicle->{self.name}, saturating, {{}}, {{}})', soc, temperature_c)
+
+
+@dataclass(frozen=True)
+class _GivenCurve:
+    """A curve whose value at the state is an argument, read beforehand for many states at once."""
+
+    name: str
+
+    def function(self, arithmetic: Arithmetic[AnyNumber]) -> CurveFunction[AnyNumber]:
+        """`f(soc, temperature_c)`, a Symbol."""
+        return lambda soc, temperature_c: Symbol(self.name)
+
+
+def _with_given_curves(vehicle: Vehicle) -> Vehicle:
+    """Return a Vehicle whose curves have the values of CIRCUIT and POWER_LIMITS."""
+    voltage, resistance, charge, discharge = map(_GivenCurve, (*CIRCUIT, *POWER_LIMITS))
+    return replace(vehicle, battery=replace(
+        vehicle.battery, open_circuit_voltage=voltage, resistance=resistance, charge_power_limit=charge,
+        discharge_power_limit=discharge))
 
 
 def _vehicle(heat_path: HeatPath, leakage: Leakage = NO_LEAKAGE) -> Vehicle:
@@ -120,7 +142,11 @@ def formulas() -> str:
 
 
 def steps() -> str:
-    """Return steps.h: the rates, one function for each integrator, each kind of heat path, and the limits."""
+    """
+    Return steps.h: the rates, one function for each integrator, each kind of heat path, and the limits.
+
+    Rates and limits are there once more with what the curves give as arguments.
+    """
     lag_s = _field('heater_lag_s')
     coolant = _field('coolant_heat_capacity_j_per_k'), _field('coolant_conductance_w_per_k')
     direct = _vehicle(HeatPath())
@@ -141,6 +167,13 @@ def steps() -> str:
     functions.append(_function(
         'bev_terminal_limits', 'bev_vehicle *vehicle', LIMITS,
         make_terminal_limits(direct, SYMBOLS)(*(Symbol(each) for each in LIMITS))))
+    given = _with_given_curves(direct)
+    functions += [
+        _function('bev_rates_of_circuit', 'bev_vehicle *vehicle', (*CIRCUIT, *RATES[1:]), make_rates(
+            given, SYMBOLS)(*(Symbol(each) for each in RATES))),
+        _function('bev_terminal_limits_of_circuit', 'bev_vehicle *vehicle',
+                  (*CIRCUIT, *POWER_LIMITS, LIMITS[-1]), make_terminal_limits(given, SYMBOLS)(
+                      *(Symbol(each) for each in LIMITS)))]
     return '\n'.join([HEAD.format(guard='BEV_PREHEAT_CORE_STEPS_H_', includes='#include "curves.h"'),
                       *functions, '#endif', ''])
 

@@ -3,6 +3,7 @@
 #ifndef BEV_PREHEAT_CORE_SORTED_H_
 #define BEV_PREHEAT_CORE_SORTED_H_
 
+#include <stdbool.h>
 #include <stdint.h>
 
 /* Where a sorted array of `count` values is not above x for the last time; -1 where it always is. */
@@ -11,11 +12,10 @@ static inline int32_t bev_last_up_to(const double *values, int32_t count, double
   int32_t high = count;
   while (low < high) {
     const int32_t middle = low + (high - low) / 2;
-    if (x >= values[middle]) {
-      low = middle + 1;
-    } else {
-      high = middle;
-    }
+    /* Chosen without a branch, which would be guessed wrong half of the time. */
+    const bool is_up_to = x >= values[middle];
+    low = is_up_to ? middle + 1 : low;
+    high = is_up_to ? high : middle;
   }
   return low - 1;
 }
@@ -26,11 +26,9 @@ static inline int32_t bev_number_below(const double *values, int32_t count, doub
   int32_t high = count;
   while (low < high) {
     const int32_t middle = low + (high - low) / 2;
-    if (values[middle] < x) {
-      low = middle + 1;
-    } else {
-      high = middle;
-    }
+    const bool is_below = values[middle] < x;
+    low = is_below ? middle + 1 : low;
+    high = is_below ? high : middle;
   }
   return low;
 }
@@ -56,12 +54,12 @@ static inline double bev_interpolated(const double *x_of, const double *y_of, in
 }
 
 static inline int bev_is_sorted(const double *values, int32_t count) {
+  /* To the end in any case: without a branch several are looked at at once. */
+  int is_sorted = 1;
   for (int32_t n = 1; n < count; n++) {
-    if (!(values[n] >= values[n - 1])) {
-      return 0;
-    }
+    is_sorted = values[n] >= values[n - 1] ? is_sorted : 0;
   }
-  return 1;
+  return is_sorted;
 }
 
 #endif /* BEV_PREHEAT_CORE_SORTED_H_ */

@@ -5,6 +5,8 @@
  */
 #include "value_curve.h"
 
+#include <stdbool.h>
+
 #include "arithmetic.h"
 #include "checks.h"
 #include "sorted.h"
@@ -17,41 +19,41 @@
 #define LEAST_GAIN_K 1e-9
 #define LEAST_FAN_K 1e-6
 
-void bev_append(bev_points *curve, double temperature_c, double energy_j) {
-  curve->temperature_c[curve->count] = temperature_c;
-  curve->energy_j[curve->count] = energy_j;
-  curve->count++;
-}
-
-/* The curve before a stride: each point where it comes from, with what the stride takes. */
+/*
+ * The curve before a stride: each point where it comes from, with what the stride takes. As numpy.interp works
+ * it out, cell by cell of the map, whose slopes are the same for all points in it.
+ */
 static void run_backward(const bev_points *after, const double *grid_c, const double *end_c,
                          const double *energy_j, int32_t grid, double joule_worth,
                          bev_points *before) {
-  int32_t j = -1;
-  before->count = after->count;
-  for (int32_t n = 0; n < after->count; n++) {
-    const double x = after->temperature_c[n];
-    while (j + 1 < grid && end_c[j + 1] <= x) {
-      j++;
-    }
-    before->temperature_c[n] =
-        bev_at_point(end_c, grid_c, grid, j, x, grid_c[0], grid_c[grid - 1]);
-    before->energy_j[n] = after->energy_j[n]
-        + joule_worth * bev_at_point(end_c, energy_j, grid, j, x, energy_j[0], energy_j[grid - 1]);
+  const double *from_c = after->temperature_c;
+  const double *from_j = after->energy_j;
+  double *start_c = before->temperature_c;
+  double *start_j = before->energy_j;
+  const int32_t count = after->count;
+  int32_t n = 0;
+  before->count = count;
+  for (; n < count && from_c[n] < end_c[0]; n++) {
+    start_c[n] = grid_c[0];
+    start_j[n] = from_j[n] + joule_worth * energy_j[0];
   }
-}
-
-/* Whether a kelvin is worth more in piece n of the curve than the heater takes for it. */
-static int pays(const bev_curves *work, int32_t n, double warmest_c) {
-  const bev_points *after = &work->after;
-  const double gained_k =
-      work->unheated.temperature_c[n + 1] - work->heated.temperature_c[n + 1];
-  const double asked = gained_k > LEAST_GAIN_K
-      ? (work->heated.energy_j[n + 1] - work->unheated.energy_j[n + 1]) / gained_k
-      : -INFINITY;
-  return after->energy_j[n] - after->energy_j[n + 1]
-          > asked * (after->temperature_c[n + 1] - after->temperature_c[n])
-      && work->heated.temperature_c[n + 1] < warmest_c;
+  for (int32_t j = 0; j + 1 < grid && n < count; j++) {
+    if (from_c[n] < end_c[j + 1]) {
+      const double wide_k = end_c[j + 1] - end_c[j];
+      const double start_slope = (grid_c[j + 1] - grid_c[j]) / wide_k;
+      const double energy_slope = (energy_j[j + 1] - energy_j[j]) / wide_k;
+      do {
+        const double above_k = from_c[n] - end_c[j];
+        start_c[n] = start_slope * above_k + grid_c[j];
+        start_j[n] = from_j[n] + joule_worth * (energy_slope * above_k + energy_j[j]);
+        n++;
+      } while (n < count && from_c[n] < end_c[j + 1]);
+    }
+  }
+  for (; n < count; n++) {
+    start_c[n] = grid_c[grid - 1];
+    start_j[n] = from_j[n] + joule_worth * energy_j[grid - 1];
+  }
 }
 
 static void add_band(const bev_bands *bands, int32_t slot, double floor_c, double low_c,
@@ -63,19 +65,79 @@ static void add_band(const bev_bands *bands, int32_t slot, double floor_c, doubl
   }
 }
 
+static void copy(double *to, const double *from, int32_t count) {
+  for (int32_t n = 0; n < count; n++) {
+    to[n] = from[n];
+  }
+}
+
 /* Heated below the threshold, unheated above; heated in part between: a straight piece. */
 static void split_at(bev_curves *work, int32_t split, const bev_bands *bands) {
   const double low_c = work->heated.temperature_c[split];
   const double high_c = work->unheated.temperature_c[split];
   const int32_t fan = high_c > low_c + LEAST_FAN_K ? split + 1 : split;
-  work->next.count = 0;
-  for (int32_t n = 0; n < fan; n++) {
-    bev_append(&work->next, work->heated.temperature_c[n], work->heated.energy_j[n]);
-  }
-  for (int32_t n = split; n < work->unheated.count; n++) {
-    bev_append(&work->next, work->unheated.temperature_c[n], work->unheated.energy_j[n]);
-  }
+  const int32_t rest = work->unheated.count - split;
+  work->next.count = fan + rest;
+  copy(work->next.temperature_c, work->heated.temperature_c, fan);
+  copy(work->next.energy_j, work->heated.energy_j, fan);
+  copy(&work->next.temperature_c[fan], &work->unheated.temperature_c[split], rest);
+  copy(&work->next.energy_j[fan], &work->unheated.energy_j[split], rest);
   add_band(bands, 0, -INFINITY, low_c, bev_maximum(high_c, low_c + LEAST_GAIN_K));
+}
+
+/* On the line from point j of a curve to the next one. */
+static double on_line(const double *x_of, const double *y_of, int32_t j, double x) {
+  const double slope = (y_of[j + 1] - y_of[j]) / (x_of[j + 1] - x_of[j]);
+  return slope * (x - x_of[j]) + y_of[j];
+}
+
+/*
+ * The energy of both curves at the temperatures of both, which is `meshed`; each curve ends with infinity. As
+ * numpy.interp has it, without the heated one where only the unheated one is known, and the other way round.
+ */
+static void mesh_curves(bev_curves *work, int32_t meshed) {
+  const double *heated_c = work->heated.temperature_c;
+  const double *heated_j = work->heated.energy_j;
+  const double *unheated_c = work->unheated.temperature_c;
+  const double *unheated_j = work->unheated.energy_j;
+  const int32_t last = work->heated.count - 1;
+  /* The next point of each curve. */
+  int32_t h = 0;
+  int32_t u = 0;
+  for (int32_t n = 0; n < meshed; n++) {
+    /* Of points at the same temperature the last one counts. */
+    if (heated_c[h] <= unheated_c[u]) {
+      const double here_c = heated_c[h];
+      int32_t at = h;
+      int32_t below = u - 1;
+      while (heated_c[at + 1] <= here_c) {
+        at++;
+      }
+      while (unheated_c[below + 1] <= here_c) {
+        below++;
+      }
+      work->mesh_c[n] = here_c;
+      work->heated_j[n] = heated_j[at];
+      work->unheated_j[n] = below < 0 ? INFINITY
+          : below >= last             ? unheated_j[last]
+                                      : on_line(unheated_c, unheated_j, below, here_c);
+      h++;
+    } else {
+      const double here_c = unheated_c[u];
+      int32_t at = u;
+      const int32_t below = h - 1;
+      while (unheated_c[at + 1] <= here_c) {
+        at++;
+      }
+      work->mesh_c[n] = here_c;
+      work->heated_j[n] = below < 0 ? heated_j[0]
+          : below < last            ? on_line(heated_c, heated_j, below, here_c)
+          : here_c > heated_c[last] ? INFINITY
+                                    : heated_j[last];
+      work->unheated_j[n] = unheated_j[at];
+      u++;
+    }
+  }
 }
 
 /* The lower of the two curves, at the points of both. */
@@ -84,112 +146,98 @@ static bev_status take_lower(bev_curves *work, const bev_bands *bands) {
   const bev_points *unheated = &work->unheated;
   const int32_t count = heated->count;
   const int32_t meshed = 2 * count;
-  double *mesh_c = work->mesh_c;
-  if (meshed > BEV_CURVE_POINTS || !bev_is_sorted(heated->temperature_c, count)
+  const double *mesh_c = work->mesh_c;
+  if (meshed >= BEV_CURVE_POINTS || !bev_is_sorted(heated->temperature_c, count)
       || !bev_is_sorted(unheated->temperature_c, count)) {
     return BEV_NOT_SETTLED;
   }
-  int32_t h = 0;
-  int32_t u = 0;
+  heated->temperature_c[count] = INFINITY;
+  unheated->temperature_c[count] = INFINITY;
+  mesh_curves(work, meshed);
+  /* Where heating is no dearer: from behind the last point at which it is, to a point at which it is not. */
+  int32_t ends[BEV_MOST_LOWER_BANDS];
+  int32_t colder[BEV_MOST_LOWER_BANDS];
+  int32_t found = 0;
+  int32_t dearer = -1;
   for (int32_t n = 0; n < meshed; n++) {
-    if (u >= count || (h < count && heated->temperature_c[h] <= unheated->temperature_c[u])) {
-      mesh_c[n] = heated->temperature_c[h];
-      h++;
-    } else {
-      mesh_c[n] = unheated->temperature_c[u];
-      u++;
-    }
-  }
-  h = -1;
-  u = -1;
-  for (int32_t n = 0; n < meshed; n++) {
-    while (h + 1 < count && heated->temperature_c[h + 1] <= mesh_c[n]) {
-      h++;
-    }
-    while (u + 1 < count && unheated->temperature_c[u + 1] <= mesh_c[n]) {
-      u++;
-    }
-    work->heated_j[n] = bev_at_point(heated->temperature_c, heated->energy_j, count, h, mesh_c[n],
-                                 heated->energy_j[0], INFINITY);
-    work->unheated_j[n] = bev_at_point(unheated->temperature_c, unheated->energy_j, count, u,
-                                   mesh_c[n], INFINITY, unheated->energy_j[count - 1]);
-  }
-  /* Warmest band first. A point between low and high of a band is left out. */
-  int32_t slot = 0;
-  work->next.count = 0;
-  double left_out[2 * BEV_MOST_LOWER_BANDS];
-  for (int32_t last = meshed - 1; last >= 0; last--) {
-    const int is_heated = work->heated_j[last] <= work->unheated_j[last] + INDIFFERENCE_J;
-    const int is_next_heated = last + 1 < meshed
-        && work->heated_j[last + 1] <= work->unheated_j[last + 1] + INDIFFERENCE_J;
-    if (is_heated && !is_next_heated) {
-      if (slot >= BEV_MOST_LOWER_BANDS) {
+    if (!(work->heated_j[n] <= work->unheated_j[n] + INDIFFERENCE_J)) {
+      dearer = n;
+    } else if (n + 1 == meshed
+               || !(work->heated_j[n + 1] <= work->unheated_j[n + 1] + INDIFFERENCE_J)) {
+      if (found >= BEV_MOST_LOWER_BANDS) {
         return BEV_NOT_SETTLED;
       }
-      int32_t colder = last - 1;
-      while (colder >= 0
-             && work->heated_j[colder] <= work->unheated_j[colder] + INDIFFERENCE_J) {
-        colder--;
-      }
-      const double low_c = mesh_c[last];
-      const double high_c = bev_maximum(
-          bev_interpolated(heated->temperature_c, unheated->temperature_c, count, low_c),
-          low_c + LEAST_GAIN_K);
-      add_band(bands, slot, colder >= 0 ? mesh_c[colder] : -INFINITY, low_c, high_c);
-      left_out[2 * slot] = low_c;
-      left_out[2 * slot + 1] = high_c;
-      slot++;
+      ends[found] = n;
+      colder[found] = dearer;
+      found++;
     }
   }
+  /* Warmest band first. A point between low and high of a band is left out. */
+  double left_out[2 * BEV_MOST_LOWER_BANDS];
+  for (int32_t slot = 0; slot < found; slot++) {
+    const int32_t at = found - 1 - slot;
+    const double low_c = mesh_c[ends[at]];
+    const double high_c = bev_maximum(
+        bev_interpolated(heated->temperature_c, unheated->temperature_c, count, low_c),
+        low_c + LEAST_GAIN_K);
+    add_band(bands, slot, colder[at] >= 0 ? mesh_c[colder[at]] : -INFINITY, low_c, high_c);
+    left_out[2 * slot] = low_c;
+    left_out[2 * slot + 1] = high_c;
+  }
+  int32_t kept = 0;
   for (int32_t n = 0; n < meshed; n++) {
-    int is_kept = 1;
-    for (int32_t band = 0; band < slot; band++) {
-      if (mesh_c[n] > left_out[2 * band] && mesh_c[n] < left_out[2 * band + 1]) {
-        is_kept = 0;
-      }
+    int32_t is_kept = 1;
+    for (int32_t slot = 0; slot < found; slot++) {
+      is_kept = mesh_c[n] > left_out[2 * slot] && mesh_c[n] < left_out[2 * slot + 1] ? 0 : is_kept;
     }
-    if (is_kept) {
-      bev_append(&work->next, mesh_c[n], bev_minimum(work->heated_j[n], work->unheated_j[n]));
-    }
+    work->next.temperature_c[kept] = mesh_c[n];
+    work->next.energy_j[kept] = bev_minimum(work->heated_j[n], work->unheated_j[n]);
+    kept += is_kept;
   }
+  work->next.count = kept;
   return BEV_OK;
 }
 
-static void take(bev_points *to, const bev_points *from) {
-  to->count = 0;
-  for (int32_t n = 0; n < from->count; n++) {
-    bev_append(to, from->temperature_c[n], from->energy_j[n]);
+/* In which pieces of the curve a kelvin is worth more than the heater takes for it: not 0. */
+static void find_paid(const bev_curves *work, double warmest_c, double *is_paid) {
+  const double *after_c = work->after.temperature_c;
+  const double *after_j = work->after.energy_j;
+  const double *heated_c = work->heated.temperature_c;
+  const double *heated_j = work->heated.energy_j;
+  const double *unheated_c = work->unheated.temperature_c;
+  const double *unheated_j = work->unheated.energy_j;
+  /* Without a branch, so that several pieces are worked out at once. */
+  for (int32_t n = 0; n + 1 < work->after.count; n++) {
+    const double gained_k = unheated_c[n + 1] - heated_c[n + 1];
+    const double j_per_k = (heated_j[n + 1] - unheated_j[n + 1])
+        / (gained_k > LEAST_GAIN_K ? gained_k : LEAST_GAIN_K);
+    const double asked = gained_k > LEAST_GAIN_K ? j_per_k : -INFINITY;
+    const double is_worth =
+        after_j[n] - after_j[n + 1] > asked * (after_c[n + 1] - after_c[n]) ? 1.0 : 0.0;
+    is_paid[n] = heated_c[n + 1] < warmest_c ? is_worth : 0.0;
   }
 }
 
 /* The cheaper of the two branches of the curve before the stride goes into work->next. */
 static bev_status take_cheaper(bev_curves *work, const bev_bands *bands) {
-  const double warmest_c = work->map.start_c[work->map.count - 1];
   const int32_t pieces = work->after.count - 1;
+  const double *is_paid = work->mesh_c;
   int32_t splits = 0;
   int32_t split = 0;
-  int pays_first = 0;
-  int paid_before = 0;
+  find_paid(work, work->map.start_c[work->map.count - 1], work->mesh_c);
   for (int32_t n = 0; n < pieces; n++) {
-    const int is_paid = pays(work, n, warmest_c);
-    if (n == 0) {
-      pays_first = is_paid;
-    }
-    if (paid_before && !is_paid) {
+    if (is_paid[n] != 0.0 && (n + 1 == pieces || is_paid[n + 1] == 0.0)) {
       splits++;
-      split = n;
+      split = n + 1;
     }
-    paid_before = is_paid;
-  }
-  if (paid_before) {
-    splits++;
-    split = pieces;
   }
   if (splits == 0) {
-    take(&work->next, &work->unheated);
+    const bev_points unheated = work->unheated;
+    work->unheated = work->next;
+    work->next = unheated;
     return BEV_OK;
   }
-  if (pays_first && splits == 1) {
+  if (is_paid[0] != 0.0 && splits == 1) {
     split_at(work, split, bands);
     return BEV_OK;
   }
@@ -211,62 +259,79 @@ static bev_status add_point(bev_points *curve, double temperature_c, double ener
   return BEV_OK;
 }
 
-/* The part of a curve that the trip can reach, its points dense enough and few enough. */
-bev_status bev_part_of_curve(const bev_points *curve, double coldest_c, double warmest_c, bev_points *part) {
-  const int32_t below = bev_number_below(curve->temperature_c, curve->count, coldest_c) - 1;
-  const int32_t first = below > 0 ? below : 0;
-  int32_t last = bev_number_below(curve->temperature_c, curve->count, warmest_c) + 1;
-  last = last < curve->count ? last : curve->count;
-  part->count = 0;
-  double here_c = curve->temperature_c[first];
-  for (int32_t n = first; n < last; n++) {
-    /* Of points at the same temperature the last one is left. */
-    here_c = bev_maximum(here_c, curve->temperature_c[n]);
-    if (n + 1 < last && !(curve->temperature_c[n + 1] > here_c)) {
-      continue;
-    }
-    const double here_j = curve->energy_j[n];
-    if (part->count > 0 && here_c - part->temperature_c[part->count - 1] > WIDEST_GAP_K) {
-      if (part->count >= BEV_CURVE_POINTS) {
-        return BEV_NOT_SETTLED;
-      }
-      bev_append(part, 0.5 * (here_c + part->temperature_c[part->count - 1]),
-             0.5 * (here_j + part->energy_j[part->count - 1]));
-    }
-    if (part->count >= BEV_CURVE_POINTS) {
-      return BEV_NOT_SETTLED;
-    }
-    bev_append(part, here_c, here_j);
-  }
-  if (part->count <= MOST_POINTS) {
-    return BEV_OK;
-  }
+/* Of too many points, without every other one that lies on the line of its neighbours. */
+static void thin_out(bev_points *part) {
   const int32_t count = part->count;
-  const double *temperature_c = part->temperature_c;
-  const double *energy_j = part->energy_j;
-  int32_t kept = 0;
-  /* The point before each one that is looked at, as it was. */
+  double *temperature_c = part->temperature_c;
+  double *energy_j = part->energy_j;
+  int32_t kept = 1;
+  /* The last point that is kept in any case, as it was. */
   double before_c = temperature_c[0];
   double before_j = energy_j[0];
-  for (int32_t n = 0; n < count; n++) {
-    here_c = temperature_c[n];
+  int32_t n = 1;
+  for (; n + 1 < count; n += 2) {
+    const double here_c = temperature_c[n];
     const double here_j = energy_j[n];
-    int is_kept = 1;
-    if (n % 2 == 1 && n < count - 1) {
-      const double slope = (energy_j[n + 1] - before_j) / (temperature_c[n + 1] - before_c);
-      const double line_j = slope * (here_c - before_c) + before_j;
-      is_kept = fabs(here_j - line_j) > CURVE_TOLERANCE_J
-          || temperature_c[n + 1] - before_c > WIDEST_GAP_K;
+    const double after_c = temperature_c[n + 1];
+    const double after_j = energy_j[n + 1];
+    const double slope = (after_j - before_j) / (after_c - before_c);
+    const double line_j = slope * (here_c - before_c) + before_j;
+    temperature_c[kept] = here_c;
+    energy_j[kept] = here_j;
+    const bool says_much = fabs(here_j - line_j) > CURVE_TOLERANCE_J;
+    const bool is_far = after_c - before_c > WIDEST_GAP_K;
+    kept += says_much || is_far ? 1 : 0;
+    temperature_c[kept] = after_c;
+    energy_j[kept] = after_j;
+    kept++;
+    before_c = after_c;
+    before_j = after_j;
+  }
+  if (n < count) {
+    temperature_c[kept] = temperature_c[n];
+    energy_j[kept] = energy_j[n];
+    kept++;
+  }
+  part->count = kept;
+}
+
+/* The part of a curve that the trip can reach, its points dense enough and few enough. */
+bev_status bev_part_of_curve(const bev_points *curve, double coldest_c, double warmest_c, bev_points *part) {
+  const double *temperature_c = curve->temperature_c;
+  const double *energy_j = curve->energy_j;
+  const int32_t below = bev_number_below(temperature_c, curve->count, coldest_c) - 1;
+  const int32_t first = below > 0 ? below : 0;
+  int32_t last = bev_number_below(temperature_c, curve->count, warmest_c) + 1;
+  last = last < curve->count ? last : curve->count;
+  int32_t count = 0;
+  double here_c = temperature_c[first];
+  double before_c = INFINITY;
+  double before_j = 0.0;
+  for (int32_t n = first; n < last; n++) {
+    /* Of points at the same temperature the last one is left. */
+    here_c = bev_maximum(here_c, temperature_c[n]);
+    if (n + 1 < last && !(temperature_c[n + 1] > here_c)) {
+      continue;
     }
-    if (is_kept) {
-      part->temperature_c[kept] = here_c;
-      part->energy_j[kept] = here_j;
-      kept++;
+    if (count + 2 > BEV_CURVE_POINTS) {
+      return BEV_NOT_SETTLED;
     }
+    const double here_j = energy_j[n];
+    if (here_c - before_c > WIDEST_GAP_K) {
+      part->temperature_c[count] = 0.5 * (here_c + before_c);
+      part->energy_j[count] = 0.5 * (here_j + before_j);
+      count++;
+    }
+    part->temperature_c[count] = here_c;
+    part->energy_j[count] = here_j;
+    count++;
     before_c = here_c;
     before_j = here_j;
   }
-  part->count = kept;
+  part->count = count;
+  if (count > MOST_POINTS) {
+    thin_out(part);
+  }
   return BEV_OK;
 }
 
@@ -290,13 +355,12 @@ bev_status bev_curve_before(bev_curves *curves, double joule_worth, const bev_ba
                &curves->heated);
   run_backward(after, map->start_c, map->unheated_end_c, map->unheated_j, grid, joule_worth,
                &curves->unheated);
-  if (!bev_are_numbers(curves->heated.temperature_c, curves->heated.count)
-      || !bev_are_numbers(curves->heated.energy_j, curves->heated.count)
-      || !bev_are_numbers(curves->unheated.temperature_c, curves->unheated.count)
-      || !bev_are_numbers(curves->unheated.energy_j, curves->unheated.count)) {
+  bev_status status = take_cheaper(curves, bands);
+  if (status == BEV_OK
+      && (!bev_are_numbers(curves->next.temperature_c, curves->next.count)
+          || !bev_are_numbers(curves->next.energy_j, curves->next.count))) {
     return BEV_NOT_FINITE;
   }
-  bev_status status = take_cheaper(curves, bands);
   const double needed_c = map->needed_c;
   if (status == BEV_OK && needed_c > curves->next.temperature_c[0]) {
     const double end_c = bev_interpolated(map->start_c, map->unheated_end_c, grid, needed_c);

@@ -34,7 +34,11 @@ typedef struct {
 /* Curves without points, in BEV_CURVE_MEMORY doubles. */
 bev_curves bev_curves_in(double *memory);
 
-void bev_append(bev_points *curve, double temperature_c, double energy_j);
+static inline void bev_append(bev_points *curve, double temperature_c, double energy_j) {
+  curve->temperature_c[curve->count] = temperature_c;
+  curve->energy_j[curve->count] = energy_j;
+  curve->count++;
+}
 
 /*
  * The curve before a stride, `curves->next`, from the one after it and the stride's map; `bands` are written
