@@ -105,7 +105,7 @@ def arrival_sensitivities(vehicle: CompiledVehicle, terms: BeliefTermsStruct, le
     if library is None:
         return None
     steps = len(columns[0])
-    block = np.array(columns, dtype=float)
+    block = np.concatenate(columns, dtype=float)
     at, width = block.ctypes.data, DOUBLE_BYTES * steps
     course = CourseStruct(steps, *(at + n * width for n in range(len(columns))),
                           leakage.gamma_0_w_per_k, leakage.gamma_v_w_per_k_per_mps)

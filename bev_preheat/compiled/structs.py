@@ -203,7 +203,7 @@ class CompiledTrip:
         after = first + DOUBLE_BYTES * (self.steps + 1)
         width = DOUBLE_BYTES * self.steps
         self.struct = TripStruct(
-            self.steps, first, *(after + n * width for n in range(len(TRIP_COLUMNS) - 1)))
+            self.steps, first, *range(after, after + width * (len(TRIP_COLUMNS) - 1), width))
         self.address = addressof(self.struct)
 
 

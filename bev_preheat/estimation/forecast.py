@@ -98,6 +98,6 @@ def arrival_deviation_k(trip: Driven, plan: Plan, estimate: Estimate) -> float:
     spread = POWER_NOISE * np.maximum(
         1.0, LEAST_POWER_W / np.maximum(np.abs(route.propulsion_power_w), 1.0))
     lasting = np.maximum(1.0, POWER_NOISE_LASTS_S / route.duration_s)
-    traffic = float(np.sum((by_step * spread)**2 * lasting))
+    traffic = float(((by_step * spread)**2 * lasting).sum())
     return math.sqrt(max(0.0, float(sensitivities @ estimate.covariance @ sensitivities))
                      + traffic)

@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
+from functools import lru_cache
 import math
 from typing import TYPE_CHECKING
 
@@ -37,6 +38,8 @@ SHARE_COLUMN, IDENTITY = np.array(SHARES), np.eye(len(SHARES))
 # A heater fails once in so many seconds of driving, and is back after so many on average.
 FAILURE_S = 200.0 * 3600.0
 REPAIR_S = 1800.0
+# Battery states come in few intervals, mostly one.
+KEPT_TRANSITIONS = 8
 
 
 def prior_weights() -> FloatArray:
@@ -49,8 +52,9 @@ def prior_weights() -> FloatArray:
     return weights
 
 
+@lru_cache(maxsize=KEPT_TRANSITIONS)
 def transitions(duration_s: float) -> FloatArray:
-    """Probability that a heater of one kind (row) is of another (column) after so long [s]."""
+    """Probability that a heater of one kind (row) is of another (column) after so long [s]; not to be written."""
     fails = 1.0 - math.exp(-duration_s / FAILURE_S)
     repaired = 1.0 - math.exp(-duration_s / REPAIR_S)
     matrix: FloatArray = (1.0 - repaired) * IDENTITY

@@ -90,11 +90,12 @@ class _Drive:
     def due_now(self) -> Iterator[Moment]:
         """Yield the Moments of this instant: what has arrived, then the timers."""
         car = self._car
-        events: list[tuple[Reading | None, Event]] = [
-            (None, RouteArrived(self.planned(mission)))
-            for mission in filter(None, [car.route_news(START_NS)])]
-        events += [(None, ProgressArrived(progress))
-                   for progress in filter(None, [car.progress(START_NS)])]
+        events: list[tuple[Reading | None, Event]] = []
+        mission, progress = car.route_news(START_NS), car.progress(START_NS)
+        if mission is not None:
+            events.append((None, RouteArrived(self.planned(mission))))
+        if progress is not None:
+            events.append((None, ProgressArrived(progress)))
         events += [(reading, self._battery_event(reading)) for reading in car.readings()]
         ticks = self._tick_s <= car.time_s
         if ticks:

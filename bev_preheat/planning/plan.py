@@ -87,6 +87,13 @@ class Plan:
         """State of charge on arrival, 0 ... 1."""
         return float(self.soc[-1])
 
+    def told(self, status: Status, explanation: str) -> Plan:
+        """Return the plan with another status and sentence."""
+        told = object.__new__(Plan)
+        # Made with each update: `replace` would take as long as a good part of the plan.
+        vars(told).update(vars(self), status=status, explanation=explanation)
+        return told
+
     def power_at_w(self, elapsed_s: float) -> float:
         """
         Return the electrical heater power [W] at an instant [s] of the plan, 0 before it starts.

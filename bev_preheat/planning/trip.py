@@ -124,8 +124,11 @@ def _kept_trip(vehicle: Vehicle, one: _OneRoute, heater_share: float, heat_lag_s
 
 
 def _made_trip(vehicle: Vehicle, route: Route, heater_share: float, heat_lag_s: float) -> Trip:
-    route = route.divided(_longest_steps_s(vehicle, route))
     leakage_w_per_k = vehicle.battery.leakage.coefficient_w_per_k(route.speed_mps)
+    divided = route.divided(_longest_steps_s(vehicle, leakage_w_per_k))
+    if divided is not route:
+        route = divided
+        leakage_w_per_k = vehicle.battery.leakage.coefficient_w_per_k(route.speed_mps)
     drivetrain_heat_w = vehicle.drivetrain.heat_to_battery_w(route.propulsion_power_magnitude_w)
     heater_limit_w = heater_share * np.maximum(
         vehicle.hvch.maximum_power_w - route.cabin_heating_power_w, 0.0)
@@ -150,9 +153,8 @@ def _in_time(route: Route, heat_lag_s: float) -> FloatArray:
     return np.where(left_s > heat_lag_s, 1.0, 0.0)
 
 
-def _longest_steps_s(vehicle: Vehicle, route: Route) -> FloatArray | float:
+def _longest_steps_s(vehicle: Vehicle, leakage_w_per_k: FloatArray) -> FloatArray | float:
     """Longest step that the model is integrated with in each segment [s], shape (N,), or in all."""
-    leakage_w_per_k = vehicle.battery.leakage.coefficient_w_per_k(route.speed_mps)
     stiff_w_per_k = (TIME_CONSTANT_SHARE / LONGEST_STEP_S) * vehicle.battery.heat_capacity_j_per_k
     if leakage_w_per_k.max() <= stiff_w_per_k:
         return LONGEST_STEP_S

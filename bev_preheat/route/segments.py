@@ -87,10 +87,12 @@ class Route:
 
         `factor` is one number, or one for each segment, shape (N,).
         """
-        return replace(
-            self, propulsion_power_w=factor * self.propulsion_power_w,
-            propulsion_power_rms_w=np.abs(factor) * self.propulsion_power_rms_w,
-            propulsion_power_magnitude_w=np.abs(factor) * self.propulsion_power_magnitude_w)
+        magnitude = np.abs(factor)
+        return Route(
+            self.duration_s, self.speed_mps, factor * self.propulsion_power_w,
+            magnitude * self.propulsion_power_rms_w, self.ambient_temperature_c,
+            self.cabin_heating_power_w, self.auxiliary_power_w,
+            magnitude * self.propulsion_power_magnitude_w)
 
     def without_variation(self) -> Route:
         """Return the route with a propulsion power that is constant within each segment."""
@@ -98,7 +100,7 @@ class Route:
         return replace(self, propulsion_power_rms_w=constant_w,
                        propulsion_power_magnitude_w=constant_w)
 
-    @property
+    @cached_property
     def total_duration_s(self) -> float:
         """Duration of the whole route [s]."""
         # The same sum as time_s: np.sum adds in another order and rounds differently.
@@ -124,11 +126,11 @@ class Route:
             raise ValueError(f'instant {instant_s} s is not on this route of '
                              f'{self.total_duration_s} s')
         ends = self.time_s[1:]
-        first = int(np.searchsorted(ends, instant_s, side='right'))
-        rest = {field.name: getattr(self, field.name)[first:] for field in fields(self)}
-        rest['duration_s'] = rest['duration_s'].copy()
-        rest['duration_s'][0] = ends[first] - instant_s
-        return Route(**rest)
+        first = int(ends.searchsorted(instant_s, side='right'))
+        duration_s, *others = [getattr(self, name)[first:] for name in COLUMNS]
+        duration_s = duration_s.copy()
+        duration_s[0] = ends[first] - instant_s
+        return Route(duration_s, *others)
 
     def before(self, instant_s: float) -> Route:
         """
@@ -153,8 +155,7 @@ class Route:
 
     def segments(self, first: int, end: int) -> Route:
         """Return the route from segment `first` to the one before `end`."""
-        return Route(**{field.name: getattr(self, field.name)[first:end]
-                        for field in fields(self)})
+        return Route(*[getattr(self, name)[first:end] for name in COLUMNS])
 
     def divided(self, longest_s: float | FloatArray) -> Route:
         """
@@ -202,6 +203,9 @@ class Route:
             ambient_temperature_c=mean(self.ambient_temperature_c),
             cabin_heating_power_w=mean(self.cabin_heating_power_w),
             auxiliary_power_w=mean(self.auxiliary_power_w))
+
+
+COLUMNS = tuple(field.name for field in fields(Route))
 
 
 def make_route(columns: Mapping[str, Sequence[float] | FloatArray | None],

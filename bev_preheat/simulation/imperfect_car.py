@@ -150,6 +150,10 @@ class ImperfectCar:
 
     def _drive(self, lease: HeaterLease, to_s: float) -> None:
         faults = self.imperfections.heater_faults
+        if not faults:
+            if self.time_s < to_s:
+                self.plant.advance_under(lease, to_s)
+            return
         while self.time_s < to_s:
             until_s = min(to_s, next_change_s(faults, self.time_s))
             fault = fault_at(faults, self.time_s)

@@ -105,8 +105,9 @@ class SensorReadings:
         soc = _measured(random, plant.soc, sensors.soc_noise, sensors.soc_resolution)
         power: tuple[float | None, float | None] = (None, None)
         if sensors.reports_power:
-            power = (_measured(random, plant.terminal_voltage_v, sensors.voltage_noise_v),
-                     _measured(random, plant.current_a, sensors.current_noise_a))
+            voltage_v, current_a = plant.voltage_and_current
+            power = (_measured(random, voltage_v, sensors.voltage_noise_v),
+                     _measured(random, current_a, sensors.current_noise_a))
         return Reading(now_s, temperature_c, min(max(soc, 0.0), 1.0), *power)
 
     @property

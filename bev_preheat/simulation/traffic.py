@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What happens to a drive on its way, and what the trip planner says about it, and when."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
 import math
@@ -118,6 +118,8 @@ class ClockJump:
     by_s: float
 
 
-def clock_offset_s(jumps: Iterable[ClockJump], instant_s: float) -> float:
+def clock_offset_s(jumps: Sequence[ClockJump], instant_s: float) -> float:
     """Return by how much the clock is off at an instant of the drive [s]."""
+    if not jumps:
+        return 0.0
     return math.fsum(jump.by_s for jump in jumps if jump.at_s <= instant_s)

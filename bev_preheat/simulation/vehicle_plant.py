@@ -263,5 +263,11 @@ class VehiclePlant:
     @property
     def terminal_voltage_v(self) -> float:
         """Battery voltage now [V], under that current."""
+        return self.voltage_and_current[0]
+
+    @property
+    def voltage_and_current(self) -> tuple[float, float]:
+        """Battery voltage [V] and mean current [A] now, of which the one takes the other."""
+        current_a = self.current_a
         return (self._voltage(self.soc, self.temperature_c)
-                - self._resistance(self.soc, self.temperature_c) * self.current_a)
+                - self._resistance(self.soc, self.temperature_c) * current_a), current_a

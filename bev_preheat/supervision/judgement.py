@@ -29,6 +29,7 @@ from bev_preheat.supervision.wished_plan import in_words_of_wish, is_from_grid, 
 
 if TYPE_CHECKING:
     from bev_preheat.estimation.prior import Learned
+    from bev_preheat.planning.plan import Plan
     from bev_preheat.planning.situation import BatteryState, Goal
     from bev_preheat.route.segments import Route
     from bev_preheat.supervision.command_history import CommandHistory
@@ -163,13 +164,13 @@ class Judgement:
             choice = self._choose_target(inbox, leg, goal, route, estimate)
             goal = choice.goal(goal)
         if estimate is None:
-            decision = self._plan(inbox, leg, goal, measurement.state, start_ns)
+            decision = self._plan(inbox, leg, route, goal, measurement.state, start_ns)
             if decision.plan is None:
                 return decision
             plan = seen_from_now(
                 decision.plan, self._vehicle, goal, starts_in_s, heated_s=heated_s)
-            return _with_target(replace(
-                decision, status=plan.status, explanation=plan.explanation, plan=plan), choice)
+            return Decision(
+                plan.status, _explained(plan, choice), plan, start_ns, leg, target=choice)
         try:
             outlook = self._outlooks.make(
                 estimate, route, goal, settings, is_heating, starts_in_s,
@@ -177,11 +178,11 @@ class Judgement:
         except (InvalidInput, PlanningFailure) as error:
             return Decision(Status.INVALID_INPUT, str(error))
         plan = outlook.plan
-        return _with_target(Decision(
-            plan.status, plan.explanation, plan, start_ns, leg,
+        return Decision(
+            plan.status, _explained(plan, choice), plan, start_ns, leg,
             arrival_deviation_k=outlook.arrival_deviation_k,
             commanded=outlook.commanded, command_share=outlook.command_share,
-            model_factors=outlook.model_factors), choice)
+            model_factors=outlook.model_factors, target=choice)
 
     def _choose_target(self, inbox: Inbox, leg: Leg, goal: Goal, route: Route,
                        estimate: Estimate | None) -> TargetChoice:
@@ -199,11 +200,9 @@ class Judgement:
                 heater_share=believed_share(estimate.heater))
         return self._targets.choose(outset)
 
-    def _plan(self, inbox: Inbox, leg: Leg, goal: Goal, state: BatteryState,
+    def _plan(self, inbox: Inbox, leg: Leg, route: Route, goal: Goal, state: BatteryState,
               start_ns: int) -> Decision:
-        """Return the Decision for a leg from a state at an instant [ns] before its end on."""
-        route = leg.route_ahead(start_ns)
-        assert route is not None
+        """Return the Decision for a leg from a state at an instant [ns] on, at which the Route is ahead."""
         try:
             plan = plan_preheating(
                 self._vehicle, route, state, goal, inbox.settings.method
@@ -222,7 +221,7 @@ class Judgement:
             if following not in self._later_decisions:
                 assert leg.departure is not None
                 self._later_decisions[following] = self._plan(
-                    inbox, leg, inbox.goal_of(leg), leg.departure, leg.start_ns)
+                    inbox, leg, leg.route, inbox.goal_of(leg), leg.departure, leg.start_ns)
             planned = self._later_decisions[following]
             # A leg that begins later is driven, and heated for, no differently.
             decisions.append(planned if planned.leg in (None, leg) else replace(
@@ -230,12 +229,11 @@ class Judgement:
         return tuple(decisions)
 
 
-def _with_target(decision: Decision, choice: TargetChoice | None) -> Decision:
-    """Return a Decision that says where its target comes from, and why it does not heat."""
-    explanation = decision.explanation
-    if choice is not None and decision.status is Status.NOT_WORTH_IT:
-        explanation = f'{choice.reason} {explanation}'
-    return decision if choice is None else replace(decision, explanation=explanation, target=choice)
+def _explained(plan: Plan, choice: TargetChoice | None) -> str:
+    """Return the sentence of a Plan, with the reason of its target's choice where it does not heat for that."""
+    if choice is not None and plan.status is Status.NOT_WORTH_IT:
+        return f'{choice.reason} {plan.explanation}'
+    return plan.explanation
 
 
 def _standing_sentence(stood_s: float) -> str:

@@ -8,7 +8,7 @@ answers.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 import math
 from typing import Any, TYPE_CHECKING
 
@@ -96,8 +96,7 @@ def seen_from_now(plan: Plan, vehicle: Vehicle, goal: Goal, starts_in_s: float,
 
     `words` are those of planning.explanation.explain.
     """
-    status, explanation = _seen_from_now(plan, vehicle, goal, starts_in_s, **words)
-    return replace(plan, status=status, explanation=explanation)
+    return plan.told(*_seen_from_now(plan, vehicle, goal, starts_in_s, **words))
 
 
 def _seen_from_now(plan: Plan, vehicle: Vehicle, goal: Goal, starts_in_s: float,
@@ -211,9 +210,8 @@ class OutlookMaker:
         status, sentence = _seen_from_now(
             expected, vehicle, goal, starts_in_s, heated_s=heated_s,
             **UNHEATED.get(heater.heater, {}))
-        expected = accounted(replace(
-            expected, status=status,
-            explanation=_in_words(expected, sentence, heater, self._deviation_k)), wish, estimate.soc)
+        expected = accounted(expected.told(
+            status, _in_words(expected, sentence, heater, self._deviation_k)), wish, estimate.soc)
         return Outlook(
             expected, self._deviation_k, commanded, share, self._model_factors(estimate))
 

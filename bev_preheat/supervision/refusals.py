@@ -102,6 +102,8 @@ class Refusals:
     @property
     def obstacle(self) -> str | None:
         """The sentence of the latest refusal that holds the heater off; None if none does."""
+        if not self._by_source:
+            return None
         holding = [refusal.sentence for refusal in self._by_source.values() if refusal.holds]
         return holding[-1] if holding else None
 
@@ -139,6 +141,8 @@ class Refusals:
 
     def lift_by_battery(self) -> None:
         """Clear the refusals that a valid battery state makes good."""
+        if not self._by_source:
+            return
         self._by_source.pop(BATTERY, None)
         self._by_source = {
             source: replace(refusal, holds=refusal.until is Until.VALID_ROUTE)
