@@ -25,7 +25,7 @@ class BeliefTermsStruct(Structure):
     _fields_ = [('perturbation', c_double * ELEMENTS), ('lowest', c_double * BOUNDED),
                 ('highest', c_double * BOUNDED), *((name, c_double) for name in (
                     'nominal_heat_lag_s', 'nominal_sensor_lag_s', 'least_variance', 'least_weight',
-                    'most_apart_k', 'most_under_way_k'))]
+                    'most_apart_k', 'most_under_way_k', 'power_noise', 'least_power_w', 'power_noise_lasts_s'))]
 
 
 class DriveStruct(Structure):

@@ -15,6 +15,7 @@ import numpy as np
 
 from bev_preheat.compiled.belief_structs import BeliefStruct, CourseStruct, DriveStruct, ELEMENTS
 from bev_preheat.compiled.library import core, OK
+from bev_preheat.compiled.runs import doubles_at
 from bev_preheat.compiled.structs import DOUBLE_BYTES
 
 if TYPE_CHECKING:
@@ -94,12 +95,12 @@ class CompiledBelief:
         return both[0], both[1:]
 
 
-def arrival_sensitivities(vehicle: CompiledVehicle, terms: BeliefTermsStruct, leakage: Leakage,
-                          columns: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray] | None:
+def arrival_variance(vehicle: CompiledVehicle, terms: BeliefTermsStruct, leakage: Leakage,
+                     columns: Sequence[FloatArray], covariance: FloatArray) -> float | None:
     """
-    Do `bev_arrival_sensitivities`; return the changes with each element (ELEMENTS,) and in each step (N,).
+    Do `bev_arrival_variance`; return the variance of the temperature on arrival [K^2].
 
-    `columns` (N,) are those of COURSE_COLUMNS.
+    `columns` (N,) are those of COURSE_COLUMNS, `covariance` is (ELEMENTS, ELEMENTS).
     """
     library = core()
     if library is None:
@@ -109,10 +110,11 @@ def arrival_sensitivities(vehicle: CompiledVehicle, terms: BeliefTermsStruct, le
     at, width = block.ctypes.data, DOUBLE_BYTES * steps
     course = CourseStruct(steps, *(at + n * width for n in range(len(columns))),
                           leakage.gamma_0_w_per_k, leakage.gamma_v_w_per_k_per_mps)
-    total, by_step = np.empty(ELEMENTS), np.empty(steps)
-    status = library.bev_arrival_sensitivities(
-        vehicle.address, byref(course), byref(terms), _place(total), _place(by_step))
-    return (total, by_step) if status == OK else None
+    variance_k2 = c_double()
+    status = library.bev_arrival_variance(
+        vehicle.address, byref(course), byref(terms), doubles_at(covariance.ravel(), covariance.size),
+        byref(variance_k2))
+    return variance_k2.value if status == OK else None
 
 
 def _place(array: FloatArray, offset: int = 0) -> Any:

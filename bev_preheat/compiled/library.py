@@ -63,7 +63,7 @@ _SIGNATURES = {
     'bev_see_interval': 'PPIPDDIP',
     'bev_see_propulsion_power': 'PPDDDDP',
     'bev_expect': 'PPP',
-    'bev_arrival_sensitivities': 'PPPPP',
+    'bev_arrival_variance': 'PPPPP',
     'bev_heat_along': 'PPPPPP',
     'bev_find_two_switches': 'PPDPPPPPP',
     'bev_plan_trips': 'PPIPPPPDDIPPP',

@@ -9,7 +9,7 @@ from typing import Protocol, TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.compiled.beliefs import arrival_sensitivities as compiled_sensitivities
+from bev_preheat.compiled.beliefs import arrival_variance as compiled_variance
 from bev_preheat.estimation.belief import LEAST_POWER_W, POWER_NOISE, POWER_NOISE_LASTS_S, TERMS
 from bev_preheat.estimation.state import (
     PROPULSION,
@@ -60,20 +60,10 @@ def arrival_sensitivities(trip: Driven, plan: Plan) -> tuple[FloatArray, FloatAr
     the propulsion factor in each step alone, shape (N,).
     """
     car, route = trip.vehicle, trip.route
-    columns = (
-        route.speed_mps, route.ambient_temperature_c, route.propulsion_power_w,
-        route.propulsion_power_variance_w2, route.propulsion_power_magnitude_w,
-        route.cabin_heating_power_w, route.auxiliary_power_w, plan.hvch_battery_power_w)
-    compiled = compiled_vehicle(car)
-    found = None if compiled is None else compiled_sensitivities(
-        compiled, TERMS, car.battery.leakage, (
-            route.duration_s, *columns, plan.battery_temperature_c[:-1], plan.soc[:-1]))
-    if found is not None:
-        return found
     states = np.zeros((len(route), SIZE))
     states[:, TEMPERATURE] = plan.battery_temperature_c[:-1]
     states[:, SOC] = plan.soc[:-1]
-    drive = DriveInputs(*(column[:, np.newaxis] for column in columns))
+    drive = DriveInputs(*(column[:, np.newaxis] for column in _columns(route, plan)))
     _, slopes = rates_and_slopes(car, states, drive)
     slopes = slopes[:, TEMPERATURE] * route.duration_s[:, np.newaxis]
     # Worth on arrival of a kelvin at the end of each step.
@@ -86,14 +76,28 @@ def arrival_sensitivities(trip: Driven, plan: Plan) -> tuple[FloatArray, FloatAr
     return total, by_step[:, PROPULSION]
 
 
+def _columns(route: Route, plan: Plan) -> tuple[FloatArray, ...]:
+    """Return the DriveInputs of each step of a plan, (N,) each, in their order."""
+    return (route.speed_mps, route.ambient_temperature_c, route.propulsion_power_w,
+            route.propulsion_power_variance_w2, route.propulsion_power_magnitude_w,
+            route.cabin_heating_power_w, route.auxiliary_power_w, plan.hvch_battery_power_w)
+
+
 def arrival_deviation_k(trip: Driven, plan: Plan, estimate: Estimate) -> float:
     """
     Return the standard deviation [K] of the temperature on arrival, if the plan is driven as it is.
 
     `trip` must be that of the corrected vehicle and route that the plan was made for.
     """
+    car, route = trip.vehicle, trip.route
+    compiled = compiled_vehicle(car)
+    variance_k2 = None if compiled is None else compiled_variance(
+        compiled, TERMS, car.battery.leakage, (
+            route.duration_s, *_columns(route, plan), plan.battery_temperature_c[:-1], plan.soc[:-1]),
+        estimate.covariance)
+    if variance_k2 is not None:
+        return math.sqrt(variance_k2)
     sensitivities, by_step = arrival_sensitivities(trip, plan)
-    route = trip.route
     # What a factor cannot tell: traffic that differs from step to step.
     spread = POWER_NOISE * np.maximum(
         1.0, LEAST_POWER_W / np.maximum(np.abs(route.propulsion_power_w), 1.0))

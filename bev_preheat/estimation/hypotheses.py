@@ -29,7 +29,7 @@ class Heater(Enum):
 # leaves whatever is commanded.
 SHARES = (1.0, 0.8, 0.6, 0.4, 0.2, 0.0, 1.0)
 HEATERS = (Heater.ANSWERS, *(Heater.DERATED,) * 4, Heater.DEAD, Heater.STUCK_ON)
-STUCK = len(SHARES) - 1
+HEALTHY, STUCK = 0, len(SHARES) - 1
 # Standard deviation of the temperature signal's noise before it is rounded [K].
 NOISES_K = (0.05, 0.2, 0.5)
 COUNT = len(SHARES) * len(NOISES_K)
@@ -91,11 +91,7 @@ TIMES_AS_LIKELY = 3.0
 
 def is_suspect(weights: Sequence[float]) -> bool:
     """Return whether hypotheses' weights (heaters,) leave little doubt that there is a fault."""
-    return 1.0 - _share_of_healthy(weights) >= TOLD_FROM
-
-
-def _share_of_healthy(weights: Sequence[float]) -> float:
-    return float(sum(weight for weight, kind in zip(weights, HEATERS) if kind is Heater.ANSWERS))
+    return 1.0 - weights[HEALTHY] >= TOLD_FROM
 
 
 def judge(weights: Sequence[float], before: HeaterReport | None, is_quiet: bool = True,
@@ -109,7 +105,7 @@ def judge(weights: Sequence[float], before: HeaterReport | None, is_quiet: bool 
     has shown something of car and lags: until then a heater that is late may look like one that is weak,
     and none is called derated.
     """
-    healthy = _share_of_healthy(weights)
+    healthy = weights[HEALTHY]
     # Which fault it is may be open where it is clear that there is one.
     faulty = 1.0 - healthy
     told = Heater.ANSWERS if before is None else before.heater

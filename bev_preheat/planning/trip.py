@@ -14,7 +14,7 @@ from bev_preheat.route.segments import Route
 from bev_preheat.vehicle.description import Vehicle
 
 if TYPE_CHECKING:
-    from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.numerics.arrays import BoolArray, FloatArray
 
 # Longer steps are divided, because Euler's error grows with the step.
 LONGEST_STEP_S = 300.0
@@ -124,11 +124,11 @@ def _kept_trip(vehicle: Vehicle, one: _OneRoute, heater_share: float, heat_lag_s
 
 
 def _made_trip(vehicle: Vehicle, route: Route, heater_share: float, heat_lag_s: float) -> Trip:
-    leakage_w_per_k = vehicle.battery.leakage.coefficient_w_per_k(route.speed_mps)
-    divided = route.divided(_longest_steps_s(vehicle, leakage_w_per_k))
-    if divided is not route:
-        route = divided
-        leakage_w_per_k = vehicle.battery.leakage.coefficient_w_per_k(route.speed_mps)
+    whole, leakage = route, vehicle.battery.leakage
+    leakage_w_per_k = leakage.coefficient_w_per_k(whole.speed_mps)
+    route = whole.divided(_longest_steps_s(vehicle, leakage_w_per_k))
+    if route is not whole:
+        leakage_w_per_k = leakage.coefficient_w_per_k(route.speed_mps)
     drivetrain_heat_w = vehicle.drivetrain.heat_to_battery_w(route.propulsion_power_magnitude_w)
     heater_limit_w = heater_share * np.maximum(
         vehicle.hvch.maximum_power_w - route.cabin_heating_power_w, 0.0)
@@ -147,14 +147,15 @@ def _made_trip(vehicle: Vehicle, route: Route, heater_share: float, heat_lag_s: 
         heater_limit_w=heater_limit_w)
 
 
-def _in_time(route: Route, heat_lag_s: float) -> FloatArray:
-    """1 in the steps of which the heat arrives before the end, for the most part, 0 in the others."""
+def _in_time(route: Route, heat_lag_s: float) -> BoolArray:
+    """Return in which steps (N,) the heat arrives before the end, for the most part."""
     left_s = route.total_duration_s - route.time_s[1:] + 0.5 * route.duration_s
-    return np.where(left_s > heat_lag_s, 1.0, 0.0)
+    in_time: BoolArray = left_s > heat_lag_s
+    return in_time
 
 
 def _longest_steps_s(vehicle: Vehicle, leakage_w_per_k: FloatArray) -> FloatArray | float:
-    """Longest step that the model is integrated with in each segment [s], shape (N,), or in all."""
+    """Return the longest step that the model is integrated with [s], for each leakage (N,) or for all."""
     stiff_w_per_k = (TIME_CONSTANT_SHARE / LONGEST_STEP_S) * vehicle.battery.heat_capacity_j_per_k
     if leakage_w_per_k.max() <= stiff_w_per_k:
         return LONGEST_STEP_S

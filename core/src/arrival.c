@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* How the arrival depends on what is believed: bev_preheat.estimation.forecast, to rounding. */
+/* How sure the temperature on arrival is: bev_preheat.estimation.forecast, to rounding. */
 #include <stddef.h>
 #include <string.h>
 
@@ -32,15 +32,20 @@ static double rate_of(const bev_vehicle *vehicle, const bev_course *course, int3
   return rates[0];
 }
 
-bev_status bev_arrival_sensitivities(const bev_vehicle *vehicle, const bev_course *course,
-                                     const bev_belief_terms *terms, double *total, double *by_step) {
-  if (vehicle == NULL || course == NULL || terms == NULL || total == NULL || by_step == NULL
-      || !is_course(course)) {
-    return BEV_BAD_ARGUMENT;
-  }
-  if (!bev_is_vehicle(vehicle)) {
-    return BEV_BAD_VEHICLE;
-  }
+/* What traffic in a step makes of the arrival [K^2], which changes so with the logarithm of its power [K]. */
+static double traffic_k2(const bev_course *course, const bev_belief_terms *terms, int32_t k,
+                         double by_power_k) {
+  const double least_w = bev_maximum(fabs(course->propulsion_power_w[k]), 1.0);
+  const double deviation_k =
+      by_power_k * (terms->power_noise * bev_maximum(1.0, terms->least_power_w / least_w));
+  return deviation_k * deviation_k
+      * bev_maximum(1.0, terms->power_noise_lasts_s / course->duration_s[k]);
+}
+
+/* The change of the arrival with each element at the start, and what traffic makes of it [K^2]. */
+static bev_status find_sensitivities(const bev_vehicle *vehicle, const bev_course *course,
+                                     const bev_belief_terms *terms, double total[BEV_ELEMENTS],
+                                     double *by_traffic_k2) {
   const double *const moved_by = terms->perturbation;
   const double nominal[BEV_FACTORS] = {1.0, 1.0, 1.0, 1.0, 1.0};
   double moved[BEV_FACTORS];
@@ -48,6 +53,7 @@ bev_status bev_arrival_sensitivities(const bev_vehicle *vehicle, const bev_cours
     moved[n] = exp(moved_by[BEV_HEAT_CAPACITY + n]);
   }
   memset(total, 0, BEV_ELEMENTS * sizeof(double));
+  *by_traffic_k2 = 0.0;
   /* What a kelvin at the end of the step is worth on arrival. */
   double worth = 1.0;
   for (int32_t k = course->steps - 1; k >= 0; k--) {
@@ -72,7 +78,7 @@ bev_status bev_arrival_sensitivities(const bev_vehicle *vehicle, const bev_cours
              / moved_by[BEV_HEAT_CAPACITY + n] * duration_s);
       total[BEV_HEAT_CAPACITY + n] += last;
     }
-    by_step[k] = last;
+    *by_traffic_k2 += traffic_k2(course, terms, k, last);
     worth *= exp(by_temperature);
     if (!isfinite(worth) || !isfinite(last) || !isfinite(by_soc)) {
       return BEV_NOT_FINITE;
@@ -82,4 +88,32 @@ bev_status bev_arrival_sensitivities(const bev_vehicle *vehicle, const bev_cours
   total[BEV_TEMPERATURE] = worth;
   total[BEV_UNDER_WAY] = worth;
   return BEV_OK;
+}
+
+bev_status bev_arrival_variance(const bev_vehicle *vehicle, const bev_course *course,
+                                const bev_belief_terms *terms, const double *covariance,
+                                double *variance_k2) {
+  if (vehicle == NULL || course == NULL || terms == NULL || covariance == NULL
+      || variance_k2 == NULL || !is_course(course)) {
+    return BEV_BAD_ARGUMENT;
+  }
+  if (!bev_is_vehicle(vehicle)) {
+    return BEV_BAD_VEHICLE;
+  }
+  double total[BEV_ELEMENTS];
+  double by_traffic_k2 = 0.0;
+  const bev_status status = find_sensitivities(vehicle, course, terms, total, &by_traffic_k2);
+  if (status != BEV_OK) {
+    return status;
+  }
+  double believed_k2 = 0.0;
+  for (int32_t i = 0; i < BEV_ELEMENTS; i++) {
+    double row = 0.0;
+    for (int32_t j = 0; j < BEV_ELEMENTS; j++) {
+      row += covariance[i * BEV_ELEMENTS + j] * total[j];
+    }
+    believed_k2 += total[i] * row;
+  }
+  *variance_k2 = bev_maximum(0.0, believed_k2) + by_traffic_k2;
+  return isfinite(believed_k2) && isfinite(*variance_k2) ? BEV_OK : BEV_NOT_FINITE;
 }

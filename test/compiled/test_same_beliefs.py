@@ -7,11 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bev_preheat.compiled.beliefs import CompiledBelief
+from bev_preheat.compiled.belief_structs import COURSE_COLUMNS
+from bev_preheat.compiled.beliefs import arrival_variance, CompiledBelief
 from bev_preheat.compiled.library import core, without_core
 from bev_preheat.estimation import belief as belief_module
 from bev_preheat.estimation.belief import Belief, TERMS
-from bev_preheat.estimation.forecast import arrival_sensitivities
+from bev_preheat.estimation.estimate import Estimate
+from bev_preheat.estimation.forecast import arrival_deviation_k
+from bev_preheat.estimation.hypotheses import Heater, HeaterReport
+from bev_preheat.estimation.state import SIZE
 from bev_preheat.planning.dynamics import run_forward
 from bev_preheat.planning.plan import Plan
 from bev_preheat.planning.trip import make_trip
@@ -84,7 +88,7 @@ def test_filters_that_are_lost_are_found_again():
 
 
 @pytest.mark.parametrize('name', ['formulas', 'tables'])
-def test_sensitivities_are_the_same(name):
+def test_deviations_on_arrival_are_the_same(name):
     vehicle = VEHICLES[name]
     trip = make_trip(vehicle, load_route('alpine_pass', vehicle.defaults))
     heater_w = np.where(np.arange(len(trip.route)) % 3, 0.0, 2500.0)
@@ -93,11 +97,27 @@ def test_sensitivities_are_the_same(name):
     for field, value in {'soc': soc, 'battery_temperature_c': temperature_c,
                          'hvch_battery_power_w': heater_w}.items():
         object.__setattr__(plan, field, value)
-    total, by_step = arrival_sensitivities(trip, plan)
-    with without_core():
-        expected_total, expected_by_step = arrival_sensitivities(trip, plan)
-    assert total == pytest.approx(expected_total, rel=1e-7)
-    assert by_step == pytest.approx(expected_by_step, rel=1e-6, abs=1e-9)
+    drawn = np.random.default_rng(4)
+    # Nothing but traffic, each element by itself, and all of them.
+    covariances = [np.zeros((SIZE, SIZE)), *(np.diag(row) for row in np.eye(SIZE))]
+    for _ in range(20):
+        roots = drawn.normal(size=(SIZE, SIZE))
+        covariances.append(roots @ roots.T)
+    for number, covariance in enumerate(covariances):
+        estimate = Estimate(0, np.zeros(SIZE), covariance, HeaterReport(Heater.ANSWERS, 1.0, 1.0), 0.0)
+        found = arrival_deviation_k(trip, plan, estimate)
+        with without_core():
+            assert found == pytest.approx(arrival_deviation_k(trip, plan, estimate), rel=1e-7), number
+    assert found > 1.0
+
+
+def test_a_covariance_that_is_not_finite_is_left_to_python():
+    vehicle = VEHICLES['formulas']
+    trip = make_trip(vehicle, load_route('reference', vehicle.defaults))
+    columns = [np.ones(len(trip.route))] * len(COURSE_COLUMNS)
+    compiled, leakage = belief_module.compiled_vehicle(vehicle), vehicle.battery.leakage
+    assert arrival_variance(compiled, TERMS, leakage, columns, np.eye(SIZE)) > 0.0
+    assert arrival_variance(compiled, TERMS, leakage, columns, np.full((SIZE, SIZE), np.nan)) is None
 
 
 @pytest.mark.parametrize('spoil, call', [

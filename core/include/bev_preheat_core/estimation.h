@@ -69,6 +69,10 @@ typedef struct {
   /* How far battery and sensor may be apart, and how much heat may be under way [K]. */
   double most_apart_k;
   double most_under_way_k;
+  /* A route's power is wrong by this share of it, and of this power [W] at least, for so long [s]. */
+  double power_noise;
+  double least_power_w;
+  double power_noise_lasts_s;
 } bev_belief_terms;
 
 /* What the car does in one step; see bev_preheat.vehicle.uncertain_car. With the nominal leakage. */
@@ -146,11 +150,12 @@ bev_status bev_see_propulsion_power(const bev_belief *belief, const bev_belief_t
 bev_status bev_expect(const bev_belief *belief, double *mean, double *covariance);
 
 /*
- * Change of the arrival temperature [K] with each element at the start, `total` (BEV_ELEMENTS), and with
- * the logarithm of the propulsion power in each step alone, `by_step` (steps).
+ * Variance of the temperature on arrival [K^2]: of what is believed of the elements at the start, with this
+ * covariance (BEV_ELEMENTS * BEV_ELEMENTS), and of the traffic in each step.
  */
-bev_status bev_arrival_sensitivities(const bev_vehicle *vehicle, const bev_course *course,
-                                     const bev_belief_terms *terms, double *total, double *by_step);
+bev_status bev_arrival_variance(const bev_vehicle *vehicle, const bev_course *course,
+                                const bev_belief_terms *terms, const double *covariance,
+                                double *variance_k2);
 
 #ifdef __cplusplus
 }
