@@ -154,7 +154,7 @@ def in_words_of_wish(decision: Decision) -> Decision:
     explanation = f'~/prepare_battery: {decision.explanation}'
     plan = decision.plan
     return replace(decision, explanation=explanation,
-                   plan=None if plan is None else replace(plan, explanation=explanation))
+                   plan=None if plan is None else plan.told(plan.status, explanation))
 
 
 def reserve_before(inbox: Inbox, now_ns: int, until_ns: int) -> float:

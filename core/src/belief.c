@@ -104,12 +104,18 @@ static void rates_of(const bev_vehicle *vehicle, const bev_drive *drive, double 
   }
 }
 
-/* The lags of a state [s], and its factor on what the heater's power warms. */
-static void lags_of(const bev_belief_terms *terms, const double state[BEV_ELEMENTS],
+/* The lags of a state [s], and its factor on what the heater's power warms; of `moved` (-1: all) what depends on it. */
+static void lags_of(const bev_belief_terms *terms, const double state[BEV_ELEMENTS], int32_t moved,
                     double lags[3]) {
-  lags[0] = terms->nominal_heat_lag_s * exp(state[BEV_HEAT_LAG]);
-  lags[1] = terms->nominal_sensor_lag_s * exp(state[BEV_SENSOR_LAG]);
-  lags[2] = exp(state[BEV_HEATER] - state[BEV_HEAT_CAPACITY]);
+  if (moved < 0 || moved == BEV_HEAT_LAG) {
+    lags[0] = terms->nominal_heat_lag_s * exp(state[BEV_HEAT_LAG]);
+  }
+  if (moved < 0 || moved == BEV_SENSOR_LAG) {
+    lags[1] = terms->nominal_sensor_lag_s * exp(state[BEV_SENSOR_LAG]);
+  }
+  if (moved < 0 || moved == BEV_HEATER || moved == BEV_HEAT_CAPACITY) {
+    lags[2] = exp(state[BEV_HEATER] - state[BEV_HEAT_CAPACITY]);
+  }
 }
 
 /* Where a state leads, and the slopes of that over each element; whether all of it is finite. */
@@ -124,7 +130,7 @@ static int moved_with_slopes(const bev_vehicle *vehicle, const bev_belief_terms 
   double rates[2];
   rates_of(vehicle, drive, heater_w, state[BEV_TEMPERATURE], state[BEV_SOC], factor, rates);
   double lags[3];
-  lags_of(terms, state, lags);
+  lags_of(terms, state, -1, lags);
   double x[BEV_ELEMENTS];
   memcpy(x, state, sizeof x);
   int is_finite = 1;
@@ -143,8 +149,8 @@ static int moved_with_slopes(const bev_vehicle *vehicle, const bev_belief_terms 
       }
       rates_of(vehicle, drive, heater_w, x[BEV_TEMPERATURE], x[BEV_SOC], moved, own_rates);
     }
-    if (along >= BEV_HEAT_CAPACITY && along <= BEV_SENSOR_LAG) {
-      lags_of(terms, x, own_lags);
+    if (along >= 0) {
+      lags_of(terms, x, along, own_lags);
     }
     double end[MOVING];
     bev_lagging_step(

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The result: the keys that other programs read, shapes, and JSON."""
 
+from dataclasses import replace
 import json
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal
+from bev_preheat.planning.status import Status
 from bev_preheat.route.segments import make_route
 from bev_preheat.vehicle import load_vehicle
 
@@ -34,6 +36,14 @@ def test_dictionary_has_the_keys_of_the_contract(plan):
         'status', 'method', 'heating_start_s', 'arrival_time_s', 'arrival_temperature_c',
         'arrival_soc', 'energy_wh', 'time_s', 'battery_temperature_c', 'soc',
         'hvch_battery_power_w'}
+
+
+def test_a_plan_that_is_told_in_other_words_is_the_same_plan(plan):
+    before = vars(plan).copy()
+    told = plan.told(Status.INTERNAL_ERROR, 'Something else.')
+    assert vars(told) == {**before, 'status': Status.INTERNAL_ERROR, 'explanation': 'Something else.'}
+    assert vars(plan) == before
+    assert replace(told, status=plan.status).explanation == 'Something else.'
 
 
 def test_energies_have_the_keys_of_the_contract(plan):

@@ -68,7 +68,7 @@ def test_same_seed_and_number_draw_the_same_trip(draw):
     first, second = draw(VEHICLE, 4, 9), draw(VEHICLE, 4, 9)
     assert (first.state, first.goal) == (second.state, second.goal)
     assert all((values == getattr(second.route, name)).all()
-               for name, values in vars(first.route).items())
+               for name, values in asdict(first.route).items())
 
 
 @pytest.mark.parametrize('draw', [draw_trip, draw_limit_trip])
