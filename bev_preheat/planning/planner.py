@@ -47,7 +47,7 @@ PROPOSALS: dict[str, tuple[Method, ...]] = {
     'paper': (giving_way(plan_paper),),
 }
 DEFAULT_METHOD = 'merit_order'
-# Where no limit is active each heats, as a rule, from one instant on: a plan that is one call of the compiled core.
+# Where no limit is active each heats, as a rule, from one instant on: one call of the compiled core.
 UNLIMITED = {
     'merit_order': partial(plan_unlimited, in_one_stretch=False),
     'optimal_switch': plan_unlimited,
