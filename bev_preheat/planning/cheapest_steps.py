@@ -53,10 +53,10 @@ def heat_cheapest(trip: Trip, schedule: Schedule, target_c: float) -> Schedule:
         if not saving >= least_saving_wh / whole_charge_wh(trip, schedule):
             break
         guess_j = _sum((cheapest_w * trip.route.duration_s)[order])
-        found = _filled(trip, schedule, target_c, order, prices, guess_j)
-        if not found.soc[-1] > schedule.soc[-1]:
+        filled = _filled(trip, schedule, target_c, order, prices, guess_j)
+        if not filled.soc[-1] > schedule.soc[-1]:
             break
-        schedule = found
+        schedule = filled
     return schedule
 
 

@@ -31,6 +31,8 @@ from bev_preheat.planning.unlimited import plan_unlimited, plan_unlimited_paper
 from bev_preheat.vehicle.model import Integrator, make_runge_kutta_4
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from bev_preheat.route.segments import Route
     from bev_preheat.vehicle.description import Vehicle
 
@@ -48,7 +50,7 @@ PROPOSALS: dict[str, tuple[Method, ...]] = {
 }
 DEFAULT_METHOD = 'merit_order'
 # Where no limit is active each heats, as a rule, from one instant on: one call of the compiled core.
-UNLIMITED = {
+UNLIMITED: dict[str, Callable[..., tuple[Schedule, Outcome] | None]] = {
     'merit_order': partial(plan_unlimited, in_one_stretch=False),
     'optimal_switch': plan_unlimited,
     'paper': plan_unlimited_paper,
