@@ -5,6 +5,8 @@
  */
 #include "courses.h"
 
+#include <stdbool.h>
+
 #define COLDER_BY_K 5.0
 #define POWER_TOLERANCE 1e-6
 #define SOC_DIFFERENCE 1e-4
@@ -28,8 +30,8 @@ bev_status bev_watch_limits(const bev_vehicle *vehicle, const bev_trip *trip,
     }
     const double power_w = trip->idle_power_w[k];
     watch->charge[k] =
-        (uint8_t)(trip->propulsion_power_w[k] < 0.0 && power_w < limits_w[0]);
-    watch->discharge[k] = (uint8_t)(power_w + trip->heater_limit_w[k] > limits_w[1]);
+        trip->propulsion_power_w[k] < 0.0 && power_w < limits_w[0] ? 1u : 0u;
+    watch->discharge[k] = power_w + trip->heater_limit_w[k] > limits_w[1] ? 1u : 0u;
   }
   return BEV_OK;
 }
@@ -69,7 +71,7 @@ bev_status bev_blend_acceptance_loss(const bev_vehicle *vehicle, const bev_trip 
   for (int32_t k = 0; k < trip->steps; k++) {
     double lost = 0.0;
     double surplus_w = 0.0;
-    if (watch->charge[k] != 0) {
+    if (watch->charge[k] != 0u) {
       const double soc = course->states[0][k];
       const double temperature_c = course->states[1][k];
       const double variance_w2 = trip->power_variance_w2[k];
@@ -94,7 +96,7 @@ bev_status bev_blend_acceptance_loss(const bev_vehicle *vehicle, const bev_trip 
             1.0);
       }
     }
-    const int is_braked = surplus_w >= trip->heater_limit_w[k];
+    const bool is_braked = surplus_w >= trip->heater_limit_w[k];
     loss->to_brake[k] = 0.5 * (loss->to_brake[k] + (is_braked ? lost : 0.0));
     loss->to_heater[k] = 0.5 * (loss->to_heater[k] + (is_braked ? 0.0 : lost));
     if (!isfinite(loss->to_brake[k]) || !isfinite(loss->to_heater[k])) {

@@ -31,8 +31,22 @@ typedef struct {
 /* So many doubles of the memory, which begins behind them from then on. */
 static inline double *bev_take(double **memory, int32_t count) {
   double *const taken = *memory;
-  *memory += count;
+  *memory = &taken[count];
   return taken;
+}
+
+/* The rows of a run that lie one after the other; it does not strand. */
+static inline bev_course bev_course_of(int32_t rows, int32_t steps, double *states,
+                                       double *powers_w) {
+  bev_course course;
+  course.rows = rows;
+  for (int32_t n = 0; n < 4; n++) {
+    course.states[n] = n < rows ? &states[n * (steps + 1)] : NULL;
+    course.powers_w[n] = n < rows ? &powers_w[n * steps] : NULL;
+  }
+  course.stranding.step = -1;
+  course.stranding.driven_share = 1.0;
+  return course;
 }
 
 bev_status bev_watch_limits(const bev_vehicle *vehicle, const bev_trip *trip,

@@ -9,20 +9,24 @@
 
 /* The last of the steps that begin within so long after the end of step k. */
 static int32_t last_after(const bev_trip *trip, int32_t k, double duration_s) {
-  int32_t last = k;
   double left_s = duration_s;
-  while (last + 1 < trip->steps && left_s > 0.0) {
-    last++;
-    left_s -= trip->duration_s[last];
+  for (int32_t last = k; last + 1 < trip->steps; last++) {
+    if (!(left_s > 0.0)) {
+      return last;
+    }
+    left_s -= trip->duration_s[last + 1];
   }
-  return last;
+  return trip->steps - 1;
 }
 
 static int is_before_climb(const bev_limited_run *run, int32_t k) {
   const bev_trip *trip = run->trip;
   const double until_s = trip->time_s[k + 1] + LAGS_AHEAD * run->lag_s;
-  for (int32_t j = k + 1; j < trip->steps && trip->time_s[j] < until_s; j++) {
-    if (run->may_overdraw[j] != 0 && trip->time_s[j] > trip->time_s[k]) {
+  for (int32_t j = k + 1; j < trip->steps; j++) {
+    if (!(trip->time_s[j] < until_s)) {
+      return 0;
+    }
+    if (run->may_overdraw[j] != 0u && trip->time_s[j] > trip->time_s[k]) {
       return 1;
     }
   }
@@ -38,7 +42,7 @@ double bev_off_in_time_w(const bev_limited_run *run, int32_t k, const double sta
   for (int32_t j = last_after(trip, k, LAGS_AHEAD * run->lag_s); j > k; j--) {
     const double decay = exp(-trip->duration_s[j] / run->lag_s);
     allowed_w = decay > 0.0 ? allowed_w / decay : INFINITY;
-    if (run->may_overdraw[j] != 0) {
+    if (run->may_overdraw[j] != 0u) {
       double limits_w[2];
       bev_terminal_limits(run->vehicle, 0, states[0], states[1],
                           trip->power_variance_w2[j], limits_w);

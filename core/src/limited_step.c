@@ -2,6 +2,8 @@
 /* One step within limits: bev_preheat.planning.limits and bev_preheat.planning.heated_limits. */
 #include "limited_step.h"
 
+#include <stdbool.h>
+
 #include "foresight.h"
 #include "heating.h"
 
@@ -36,7 +38,7 @@ static bev_status end_of(const bev_limited_run *run, const step_start *start, do
                          double brake_w, double result[8]) {
   const bev_vehicle *vehicle = run->vehicle;
   bev_inputs inputs = start->idle;
-  if (run->is_direct) {
+  if (run->is_direct != 0) {
     inputs.power_w = start->idle.power_w + command_w + brake_w;
     inputs.heat_w = start->idle.heat_w + vehicle->heater_efficiency * command_w
         - vehicle->heat_share * brake_w;
@@ -62,14 +64,14 @@ static bev_status limited_command(const bev_limited_run *run, const step_start *
   const int32_t k = start->k;
   const double power_w = start->idle.power_w;
   const double heater_w = start->states[2];
-  const int may_overcharge = run->may_overcharge[k] != 0;
+  const bool may_overcharge = run->may_overcharge[k] != 0u;
   double cap_w = run->trip->heater_limit_w[k];
   double wanted_w = *command_w;
   if (bev_settled_c(run, start->states) >= run->vehicle->highest_c) {
     cap_w = 0.0;
     wanted_w = 0.0;
   }
-  if (may_overcharge || run->may_overdraw[k] != 0) {
+  if (may_overcharge || run->may_overdraw[k] != 0u) {
     double limits_w[2];
     bev_terminal_limits(run->vehicle, 0, start->states[0], start->states[1],
                         start->idle.variance_w2, limits_w);
@@ -123,7 +125,7 @@ static bev_status drive(const bev_limited_run *run, const step_start *start, dou
                         double *brake_w, double result[8]) {
   const double propulsion_w = run->trip->propulsion_power_w[start->k];
   const double highest_c = run->vehicle->highest_c;
-  const int may_overcharge = run->may_overcharge[start->k] != 0;
+  const bool may_overcharge = run->may_overcharge[start->k] != 0u;
   double least_w = 0.0;
   bev_status status = limited_command(run, start, command_w, &least_w);
   int is_settled = 0;
@@ -159,9 +161,12 @@ static bev_status drive(const bev_limited_run *run, const step_start *start, dou
 bev_status bev_drive_within_limits(const bev_limited_run *run, int32_t k, const double states[4],
                                    double wanted_w, double ends[4], double powers_w[4]) {
   const bev_trip *trip = run->trip;
-  const step_start start = {
-      k, bev_inputs_of(run->vehicle, trip, k, NULL, NULL), states,
-      run->is_direct ? 0.0 : bev_mean_share_left(run->lag_s, trip->duration_s[k])};
+  step_start start;
+  start.k = k;
+  start.idle = bev_inputs_of(run->vehicle, trip, k, NULL, NULL);
+  start.states = states;
+  start.left =
+      run->is_direct != 0 ? 0.0 : bev_mean_share_left(run->lag_s, trip->duration_s[k]);
   if (!bev_are_finite(&start.idle) || !isfinite(trip->propulsion_power_w[k])
       || !isfinite(trip->heater_limit_w[k]) || !isfinite(wanted_w)) {
     return BEV_BAD_INPUT;

@@ -43,16 +43,6 @@ typedef struct {
   double soc;
 } merit;
 
-static bev_course course_of(const bev_trip *trip, int32_t rows, double *states,
-                            double *powers_w) {
-  bev_course course = {rows, {NULL, NULL, NULL, NULL}, {NULL, NULL, NULL, NULL}, {-1, 1.0}};
-  for (int32_t n = 0; n < rows; n++) {
-    course.states[n] = &states[n * (trip->steps + 1)];
-    course.powers_w[n] = &powers_w[n * trip->steps];
-  }
-  return course;
-}
-
 /* Thresholds along a run: bev_preheat.planning.thresholds.find_thresholds. */
 static bev_status find_thresholds(const passes *pass, int32_t is_first_look,
                                   const bev_course *course) {
@@ -69,11 +59,13 @@ static bev_status find_thresholds(const passes *pass, int32_t is_first_look,
   const double warmest_c =
       bev_minimum(bev_maximum(most_c, target_c), pass->lumped->highest_c) + MARGIN_K;
   const double first = floor(bev_maximum(coldest_c - MARGIN_K, pass->vehicle->lowest_c) / GRID_K);
-  const double end = ceil(warmest_c / GRID_K) + BEV_COARSE;
-  if (!(end - first > BEV_COARSE) || !(end - first <= BEV_MOST_GRID)) {
+  const double end = ceil(warmest_c / GRID_K) + (double)BEV_COARSE;
+  const double wide = end - first;
+  const int32_t most = BEV_MOST_GRID;
+  if (!(wide > (double)BEV_COARSE) || !(wide <= (double)most)) {
     return BEV_NOT_SETTLED;
   }
-  const int32_t points = (int32_t)(end - first);
+  const int32_t points = (int32_t)wide;
   for (int32_t n = 0; n < points; n++) {
     pass->grid_c[n] = GRID_K * (first + (double)n);
   }
@@ -246,10 +238,11 @@ bev_status bev_merit_order(const bev_vehicle *vehicle, const bev_vehicle *lumped
   pass.watch.charge = &watched[2 * steps];
   pass.watch.discharge = &watched[3 * steps];
   pass.room.is_limited = &watched[4 * steps];
-  bev_course best = course_of(trip, rows, states, powers_w);
-  bev_course runs[2] = {
-      course_of(trip, rows, other_states, other_powers_w),
-      course_of(trip, rows, &other_states[rows * (steps + 1)], &other_powers_w[rows * steps])};
+  bev_course best = bev_course_of(rows, steps, states, powers_w);
+  bev_course runs[2];
+  runs[0] = bev_course_of(rows, steps, other_states, other_powers_w);
+  runs[1] = bev_course_of(rows, steps, &other_states[rows * (steps + 1)],
+                          &other_powers_w[rows * steps]);
   for (int32_t k = 0; k < steps; k++) {
     pass.loss.to_brake[k] = 0.0;
     pass.loss.to_heater[k] = 0.0;

@@ -1,5 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The runs of a search for thresholds, and how they are moved: bev_preheat.planning.threshold_search. */
+#include <stdbool.h>
+
 #include "heating.h"
 #include "threshold_search.h"
 
@@ -49,7 +51,7 @@ bev_status bev_search_drive(bev_threshold_search *search, int32_t first, int32_t
   }
   /* Of a run whose charge runs out, that step is driven again. */
   const int32_t known = other->stranding.step < 0 ? other->until : other->stranding.step;
-  int is_like = like != into;
+  bool is_like = like != into;
   run->until = until;
   run->stranding.step = -1;
   for (int32_t k = start; k < until; k++) {
@@ -165,7 +167,8 @@ static double left_of(double excess, double before) {
 /* The last trial that is enough, between one that is and one that is not. */
 static bev_status close_in(bev_threshold_search *search, int32_t first, int32_t last,
                            const bev_requirement *required, double tolerance,
-                           bev_search_trial *enough, bev_search_trial too_little) {
+                           bev_search_trial *enough, const bev_search_trial *first_too_little) {
+  bev_search_trial too_little = *first_too_little;
   const double aim = 0.5 * tolerance;
   double more = enough->excess - aim;
   double less = too_little.excess - aim;
@@ -173,7 +176,7 @@ static bev_status close_in(bev_threshold_search *search, int32_t first, int32_t 
   for (int32_t n = 0; n < MOST_RUNS && !(enough->excess <= tolerance); n++) {
     const double shift_k =
         too_little.shift_k + less / (less - more) * (enough->shift_k - too_little.shift_k);
-    const int is_near_enough =
+    const bool is_near_enough =
         fabs(enough->shift_k - shift_k) <= fabs(too_little.shift_k - shift_k);
     bev_search_trial trial;
     const bev_status status = attempt(
@@ -183,7 +186,7 @@ static bev_status close_in(bev_threshold_search *search, int32_t first, int32_t 
       return status;
     }
     const double excess = trial.excess - aim;
-    const int is_enough = trial.excess >= 0.0;
+    const bool is_enough = trial.excess >= 0.0;
     if (is_enough) {
       less = less * (was_enough == 1 ? left_of(excess, more) : 1.0);
       more = excess;
@@ -193,7 +196,7 @@ static bev_status close_in(bev_threshold_search *search, int32_t first, int32_t 
       less = excess;
       too_little = trial;
     }
-    was_enough = is_enough;
+    was_enough = is_enough ? 1 : 0;
   }
   return BEV_OK;
 }
@@ -220,7 +223,7 @@ bev_status bev_search_move(bev_threshold_search *search, int32_t first, int32_t 
       /* The middle of what is tolerated is aimed at: either side of it ends the search. */
       bev_search_trial enough = here.excess < 0.0 ? there : here;
       status = close_in(search, first, last, required, tolerance, &enough,
-                        here.excess < 0.0 ? here : there);
+                        here.excess < 0.0 ? &here : &there);
       return status == BEV_OK ? bev_search_keep(search, first, last, &enough) : status;
     }
     here = there;

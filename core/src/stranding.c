@@ -26,7 +26,7 @@ static bev_status drive_share(const last_drive *drive, int32_t k, double share,
   inputs.power_w = share * inputs.power_w;
   inputs.variance_w2 = share * inputs.variance_w2;
   inputs.heat_w = inputs.heat_w - (1.0 - share) * trip->drivetrain_heat_w[k];
-  if (drive->run->is_direct) {
+  if (drive->run->is_direct != 0) {
     inputs.power_w = inputs.power_w + share * (drive->command_w + drive->brake_w);
     inputs.heat_w = inputs.heat_w
         + share * (vehicle->heater_efficiency * drive->command_w

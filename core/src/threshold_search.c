@@ -2,6 +2,8 @@
 /* The run that delivers its climbs and arrives at the target: bev_preheat.planning.threshold_search. */
 #include "threshold_search.h"
 
+#include <stdbool.h>
+
 #include "heating.h"
 
 #define ARRIVAL_TOLERANCE_K 5e-6
@@ -19,7 +21,7 @@ static bev_status find_climbs(const bev_threshold_search *search,
                               bev_requirement climbs[MOST_CLIMBS], int32_t *count) {
   const bev_trip *trip = search->limits.trip;
   const bev_search_run *kept = &search->runs[BEV_KEPT_RUN];
-  int was_demanding = 0;
+  bool was_demanding = false;
   *count = 0;
   for (int32_t k = 0; k < trip->steps; k++) {
     double limits_w[2];
@@ -30,7 +32,7 @@ static bev_status find_climbs(const bev_threshold_search *search,
     if (!isfinite(limits_w[1])) {
       return BEV_NOT_FINITE;
     }
-    const int is_demanding = trip->idle_power_w[k] > limits_w[1];
+    const bool is_demanding = trip->idle_power_w[k] > limits_w[1];
     if (is_demanding && !was_demanding) {
       if (*count == MOST_CLIMBS) {
         return BEV_OK;

@@ -2,6 +2,8 @@
 /* A trip in strides: bev_preheat.planning.strides, and bev_preheat.planning.thresholds._in_steps. */
 #include "trip_strides.h"
 
+#include <stdbool.h>
+
 #define LONGEST_STRIDE_S 60.0
 #define COLDER_MARGIN_K 8.0
 #define WARMER_MARGIN_K 5.0
@@ -46,9 +48,9 @@ static int32_t find_first_steps(const bev_trip *trip, const bev_watch *watch,
                                 double *first_step) {
   int32_t count = 0;
   double length_s = 0.0;
-  int before_limited = 1;
+  bool before_limited = true;
   for (int32_t k = 0; k < trip->steps; k++) {
-    const int is_limited = watch->charge[k] != 0 || watch->discharge[k] != 0;
+    const bool is_limited = watch->charge[k] != 0u || watch->discharge[k] != 0u;
     const double duration_s = trip->duration_s[k];
     if (k == 0 || is_limited || before_limited || length_s + duration_s > LONGEST_STRIDE_S) {
       first_step[count] = (double)k;
@@ -114,7 +116,7 @@ bev_strides bev_make_strides(const bev_vehicle *vehicle, const bev_trip *trip,
     column[END][m] = course->states[1][last];
     column[TO_BRAKE][m] = loss->to_brake[first];
     column[TO_HEATER][m] = loss->to_heater[first];
-    room->is_limited[m] = (uint8_t)(watch->charge[first] != 0 || watch->discharge[first] != 0);
+    room->is_limited[m] = watch->charge[first] != 0u || watch->discharge[first] != 0u ? 1u : 0u;
   }
   find_reach(vehicle, trip, course, is_first_look, count, room);
   const bev_strides strides = {
