@@ -22,6 +22,7 @@ from bev_preheat.compiled.structs import (
     CautionStruct,
     CurveRangeStruct,
     HeatingStruct,
+    MeritPlanStruct,
     RunOfPowersStruct,
     SettlingStruct,
     StrandingStruct,
@@ -52,6 +53,8 @@ _SIGNATURES = {
     'bev_stand': 'PPPPP',
     'bev_settle': 'PPPPPPPP',
     'bev_merit_order': 'PPPPPPPPPP',
+    'bev_drive_as_planned': 'PPPPPPP',
+    'bev_plan_merit_order': 'PPPPPPPPPP',
     'bev_keep_accounts': 'PIPPPP',
     'bev_find_switch': 'PPDPPPPPP',
     'bev_plan_paper': 'PPDDDPPPPP',
@@ -138,7 +141,8 @@ def _is_ours(library: Any) -> bool:
             library.bev_size_of_switch_plan(), library.bev_size_of_belief(),
             library.bev_size_of_belief_terms(), library.bev_size_of_drive(),
             library.bev_size_of_course(), library.bev_size_of_arrival(),
-            library.bev_size_of_caution()) == (INTERFACE, *map(sizeof, (
+            library.bev_size_of_caution(), library.bev_size_of_merit_plan()) == (INTERFACE, *map(sizeof, (
                 VehicleStruct, TripStruct, HeatingStruct, StridesStruct, CurveRangeStruct,
                 SettlingStruct, StrandingStruct, RunOfPowersStruct, SwitchPlanStruct, BeliefStruct,
-                BeliefTermsStruct, DriveStruct, CourseStruct, ArrivalStruct, CautionStruct)))
+                BeliefTermsStruct, DriveStruct, CourseStruct, ArrivalStruct, CautionStruct,
+                MeritPlanStruct)))

@@ -7,8 +7,9 @@ As in `runs`, each returns None where the core does not answer.
 
 from __future__ import annotations
 
-from ctypes import byref
-from typing import TYPE_CHECKING
+from ctypes import byref, c_int32
+import math
+from typing import NamedTuple, TYPE_CHECKING
 
 import numpy as np
 
@@ -19,6 +20,7 @@ from bev_preheat.compiled.structs import (
     CurveRangeStruct,
     DOUBLE_BYTES,
     doubles,
+    MeritPlanStruct,
     SettlingStruct,
     StrandingStruct,
     STRIDE_COLUMNS,
@@ -28,6 +30,7 @@ from bev_preheat.compiled.structs import (
 # Doubles for each step of a trip, and for all of it.
 SETTLE_MEMORY = 48, 20
 MERIT_MEMORY = SETTLE_MEMORY[0] + 44, SETTLE_MEMORY[1] + CURVE_MEMORY + 512 + 11
+MERIT_PLAN_MEMORY = MERIT_MEMORY[0] + 1, MERIT_MEMORY[1]
 MERIT_BYTES = 5
 
 if TYPE_CHECKING:
@@ -130,6 +133,43 @@ def merit_order(vehicle: CompiledVehicle, lumped: CompiledVehicle, trip: Compile
         states.ctypes.data, powers_w.ctypes.data, byref(stranding), watched.ctypes.data,
         memory.ctypes.data)
     return (watched[:2], _stranded(stranding)) if status == OK else None
+
+
+class MeritPlan(NamedTuple):
+    """
+    A plan by merit order: states (S, N + 1) and powers (S, N), as of `settle`, and when it heats [s].
+
+    `start_s` is None where nothing is heated, `end_s` where it is heated until arrival; `stranded` as of `settle`.
+    """
+
+    states: FloatArray
+    powers_w: FloatArray
+    start_s: float | None
+    end_s: float | None
+    stranded: Stranded
+
+
+def plan_merit_order(vehicle: CompiledVehicle, trip: CompiledTrip, goal: SettlingStruct,
+                     idle_states: FloatArray) -> MeritPlan | None:
+    """Return the plan by merit order from the unheated run (S, N + 1) on; see `bev_plan_merit_order` in core.h."""
+    library = core()
+    if library is None:
+        return None
+    idle_states = doubles(idle_states)
+    states, powers_w = np.empty(idle_states.shape), np.empty((len(idle_states), trip.steps))
+    watched = np.empty((MERIT_BYTES, trip.steps), dtype=np.uint8)
+    memory = np.empty(MERIT_PLAN_MEMORY[0] * trip.steps + MERIT_PLAN_MEMORY[1])
+    plan = MeritPlanStruct()
+    status = library.bev_plan_merit_order(
+        vehicle.address, trip.address, byref(goal), idle_states.ctypes.data, states.ctypes.data,
+        powers_w.ctypes.data, watched.ctypes.data, (c_int32 * trip.steps)(), memory.ctypes.data, byref(plan))
+    return MeritPlan(states, powers_w, _number(plan.start_s), _number(plan.end_s),
+                     _stranded(plan.stranding)) if status == OK else None
+
+
+def _number(value: float) -> float | None:
+    """Return a number, None for NaN."""
+    return None if math.isnan(value) else value
 
 
 def _stranded(stranding: StrandingStruct) -> Stranded:

@@ -100,6 +100,12 @@ class StrandingStruct(Structure):
     _fields_ = [('step', c_int32), ('driven_share', c_double)]
 
 
+class MeritPlanStruct(Structure):
+    """`bev_merit_plan`."""
+
+    _fields_ = [('start_s', c_double), ('end_s', c_double), ('stranding', StrandingStruct)]
+
+
 class RunOfPowersStruct(Structure):
     """`bev_run_of_powers`."""
 

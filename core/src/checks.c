@@ -22,6 +22,9 @@ int32_t bev_size_of_run_of_powers(void) { return (int32_t)sizeof(bev_run_of_powe
 int32_t bev_size_of_caution(void) { return (int32_t)sizeof(bev_caution); }
 
 int32_t bev_size_of_switch_plan(void) { return (int32_t)sizeof(bev_switch_plan); }
+
+int32_t bev_size_of_merit_plan(void) { return (int32_t)sizeof(bev_merit_plan); }
+
 int32_t bev_size_of_arrival(void) { return (int32_t)sizeof(bev_arrival); }
 
 static int is_axis(const double *axis, int32_t count) {

@@ -76,3 +76,35 @@ bev_status bev_run_heated_within_limits(const bev_vehicle *vehicle, const bev_tr
                                    &powers_w[3 * steps]};
   return drive_on(&run, heating, first, 4, all_states, all_powers_w, empty_step);
 }
+
+bev_status bev_drive_as_planned(const bev_vehicle *vehicle, const bev_trip *trip,
+                                const double *command_w, double *states, double *powers_w,
+                                uint8_t *watched, bev_stranding *stranding) {
+  const bev_status checked = bev_checked(vehicle, trip, 0);
+  if (checked != BEV_OK) {
+    return checked;
+  }
+  if (command_w == NULL || states == NULL || powers_w == NULL || watched == NULL
+      || stranding == NULL) {
+    return BEV_BAD_ARGUMENT;
+  }
+  const int32_t steps = trip->steps;
+  const bev_heating heating = {0,    1,    command_w, NULL,
+                               NULL, NULL, watched,   &watched[steps]};
+  for (int32_t k = 0; k < steps; k++) {
+    watched[k] = trip->propulsion_power_w[k] < 0.0 ? 1u : 0u;
+    watched[steps + k] = 1u;
+  }
+  int32_t empty_step = -1;
+  bev_status status = bev_is_direct(vehicle)
+      ? bev_run_within_limits(vehicle, trip, &heating, 0, states, &states[steps + 1], powers_w,
+                              &powers_w[steps], &empty_step)
+      : bev_run_heated_within_limits(vehicle, trip, &heating, 0, states, powers_w, &empty_step);
+  stranding->step = -1;
+  stranding->driven_share = 1.0;
+  if (status == BEV_EMPTY) {
+    stranding->step = empty_step;
+    status = bev_stand(vehicle, trip, states, powers_w, stranding);
+  }
+  return status;
+}

@@ -7,18 +7,21 @@ from dataclasses import replace
 import drawn_situations
 import numpy as np
 import pytest
+import short_stretches
 
 from bev_preheat.compiled import library as library_module
 from bev_preheat.compiled import searches
 from bev_preheat.compiled.library import core, without_core
 from bev_preheat.compiled.runs import Heating
-from bev_preheat.compiled.structs import CurveRangeStruct, SettlingStruct, StrandingStruct
-from bev_preheat.experiments.optimality.drawn_trips import draw_limit_trip
+from bev_preheat.compiled.structs import CurveRangeStruct, MeritPlanStruct, SettlingStruct, StrandingStruct
+from bev_preheat.experiments.optimality.drawn_trips import draw_limit_trip, draw_trip
 from bev_preheat.planning import merit_order
 from bev_preheat.planning.charge_acceptance import find_acceptance_loss, no_acceptance_loss
 from bev_preheat.planning.dynamics import compiled_vehicle
-from bev_preheat.planning.limits import run_unheated, watch_limits
+from bev_preheat.planning.limits import drive_as_planned, limits_hold, run_unheated, watch_limits
 from bev_preheat.planning.merit_order import plan_merit_order
+from bev_preheat.planning.optimal_switch import plan_optimal_switch
+from bev_preheat.planning.planner import plan_without_heating
 from bev_preheat.planning.strides import make_strides
 from bev_preheat.planning.threshold_search import ThresholdSearch
 from bev_preheat.planning.thresholds import find_thresholds
@@ -210,6 +213,128 @@ def test_nothing_is_written_beyond_the_memory_that_is_asked_for():
     arguments[-2:] = guarded_bytes.ctypes.data, guarded.ctypes.data
     assert core().bev_merit_order(*arguments) == 0
     assert (guarded[len(memory):] == 7.25).all() and (guarded_bytes[watched.size:] == 3).all()
+
+
+def rows_of(schedule):
+    """Return states (S, N + 1) and powers (S, N) of a Schedule, as the core has them."""
+    states, powers_w = (schedule.soc, schedule.temperature_c), (schedule.heater_power_w, schedule.brake_power_w)
+    if schedule.heat is not None:
+        states += schedule.heat.heater_power_w, schedule.heat.coolant_excess_k
+        powers_w += schedule.heat.drawn_power_w, schedule.heat.arriving_heat_w
+    return np.array(states), np.array(powers_w)
+
+
+def merit_plan(trip, state, goal):
+    """Return the core's whole plan by merit order."""
+    idle_states, _ = rows_of(plan_without_heating(trip, state))
+    return searches.plan_merit_order(
+        compiled_vehicle(trip.vehicle), trip.compiled, SettlingStruct(True, goal.target_temperature_c),
+        idle_states)
+
+
+# In the odd ones heat arrives late. Of the last ones the charge runs out on the way, or, with a target of
+# -20 degC, nothing is paid for.
+@pytest.mark.parametrize('number, soc, target_c', [
+    *((number, None, None) for number in (1, 2, 4, 6, 7, 9, 11, 13)),
+    (1, 0.3, None), (4, 0.05, None), (5, 0.05, None), (4, None, -20.0), (7, None, -20.0)])
+def test_the_whole_plan_by_merit_is_the_same(number, soc, target_c):
+    trip, state, goal = situation(number)
+    state = replace(state, soc=soc or state.soc)
+    goal = goal if target_c is None else replace(goal, target_temperature_c=target_c)
+    found = merit_plan(trip, state, goal)
+    with without_core():
+        expected = plan_merit_order(trip, state, goal)
+    for rows, expected_rows in zip((found.states, found.powers_w), rows_of(expected), strict=True):
+        np.testing.assert_allclose(rows, expected_rows, **SAME)
+    assert found.start_s == pytest.approx(expected.heating_start_s, abs=1e-3)
+    assert found.end_s == pytest.approx(expected.heating_end_s, abs=1e-3)
+    if expected.empty_at_s is None:
+        assert found.stranded is None
+    else:
+        step, share = found.stranded
+        empty_at_s = trip.time_s[step] + share * trip.route.duration_s[step]
+        assert empty_at_s == pytest.approx(expected.empty_at_s, abs=1e-6)
+
+
+@pytest.mark.parametrize('number', [6, 8])
+def test_where_no_limit_is_active_the_whole_plan_is_one_stretch(number):
+    drawn = draw_trip(drawn_situations.car('reference'), 15, number)
+    for path in PATHS:
+        trip = make_trip(replace(drawn.vehicle, heat_path=path), drawn.route)
+        found = merit_plan(trip, drawn.state, drawn.goal)
+        with without_core():
+            expected = plan_merit_order(trip, drawn.state, drawn.goal)
+        assert limits_hold(trip, expected) and expected.heating_start_s is not None
+        for rows, expected_rows in zip((found.states, found.powers_w), rows_of(expected), strict=True):
+            np.testing.assert_allclose(rows, expected_rows, **SAME)
+        assert (found.start_s, found.end_s) == (
+            pytest.approx(expected.heating_start_s, abs=1e-6), pytest.approx(expected.heating_end_s, abs=1e-6))
+
+
+def test_where_heating_is_cheaper_elsewhere_the_whole_plan_heats_there():
+    changed = 0
+    for number in range(40):
+        vehicle, route, state, goal = short_stretches.draw(number)
+        trip = make_trip(vehicle, route)
+        found = merit_plan(trip, state, goal)
+        with without_core():
+            expected = plan_merit_order(trip, state, goal)
+            changed += expected.heating_start_s != plan_optimal_switch(trip, state, goal).heating_start_s
+        for rows, expected_rows in zip((found.states, found.powers_w), rows_of(expected), strict=True):
+            np.testing.assert_allclose(rows, expected_rows, **SAME)
+        assert found.start_s == pytest.approx(expected.heating_start_s, abs=1e-6) and found.end_s is None
+    assert changed > 3
+
+
+def merit_plan_call(number):
+    """Return the arguments of bev_plan_merit_order for a situation, and what they point to."""
+    trip, state, goal = situation(number)
+    idle_states, powers_w = rows_of(plan_without_heating(trip, state))
+    steps = trip.compiled.steps
+    settling, plan = SettlingStruct(True, goal.target_temperature_c), MeritPlanStruct()
+    states, watched = np.empty_like(idle_states), np.full(searches.MERIT_BYTES * steps + 64, 3, dtype=np.uint8)
+    order = np.empty(steps, dtype=np.int32)
+    memory = np.full(searches.MERIT_PLAN_MEMORY[0] * steps + searches.MERIT_PLAN_MEMORY[1] + 64, 7.25)
+    return [compiled_vehicle(trip.vehicle).address, trip.compiled.address, addressof(settling),
+            *(array.ctypes.data for array in (idle_states, states, powers_w, watched, order, memory)),
+            addressof(plan)], (trip, idle_states, states, powers_w, settling, plan, order, watched, memory)
+
+
+@pytest.mark.parametrize('number', [4, 7])
+def test_the_whole_plan_by_merit_needs_each_argument_and_no_more_memory_than_it_asks_for(number):
+    arguments, kept = merit_plan_call(number)
+    for missing in range(len(arguments)):
+        assert core().bev_plan_merit_order(
+            *arguments[:missing], None, *arguments[missing + 1:]) == BAD_ARGUMENT, missing
+    assert core().bev_plan_merit_order(*arguments) == 0
+    assert (kept[-1][-64:] == 7.25).all() and (kept[-2][-64:] == 3).all()
+    kept[1][0, 5] = np.nan
+    assert core().bev_plan_merit_order(*arguments) == BAD_INPUT
+
+
+@pytest.mark.parametrize('number, soc', [(4, None), (7, None), (1, 0.3), (4, 0.05)])
+def test_commands_are_driven_as_in_python(number, soc):
+    trip, state, _ = situation(number)
+    state = replace(state, soc=soc or state.soc)
+    steps = trip.compiled.steps
+    command_w = np.where(np.arange(steps) % 3 == 0, trip.heater_limit_w, 0.0)
+    with without_core():
+        expected = drive_as_planned(trip, state, command_w, take_surplus=True)
+    expected_states, expected_w = rows_of(expected)
+    states, powers_w = np.full_like(expected_states, np.nan), np.full_like(expected_w, np.nan)
+    states[:, 0] = expected_states[:, 0]
+    watched, stranding = np.empty(2 * steps, dtype=np.uint8), StrandingStruct()
+    arguments = [compiled_vehicle(trip.vehicle).address, trip.compiled.address,
+                 *(array.ctypes.data for array in (command_w, states, powers_w, watched)), addressof(stranding)]
+    assert core().bev_drive_as_planned(*arguments) == 0
+    np.testing.assert_allclose(states, expected_states, **SAME)
+    np.testing.assert_allclose(powers_w, expected_w, **SAME)
+    assert (stranding.step < 0) == (expected.empty_at_s is None)
+    np.testing.assert_array_equal(watched[:steps], trip.route.propulsion_power_w < 0.0)
+    assert (watched[steps:] == 1).all()
+    for missing in range(len(arguments)):
+        assert core().bev_drive_as_planned(
+            *arguments[:missing], None, *arguments[missing + 1:]) == BAD_ARGUMENT, missing
 
 
 def test_a_grid_of_too_few_or_too_many_points_is_refused():

@@ -398,6 +398,16 @@ typedef struct {
 bev_status bev_stand(const bev_vehicle *vehicle, const bev_trip *trip, double *states,
                      double *powers_w, bev_stranding *stranding);
 
+/*
+ * The run from a start that keeps the limits under heater commands [W]; surplus goes to the heater before it
+ * goes to the brake, and where the charge runs out the vehicle stands. `states`, whose first ones are the start,
+ * and `powers_w` are as of bev_settle. Of `watched`, 2 * steps bytes, the first `steps` say in which steps the
+ * charge limit was looked at, the others the discharge limit.
+ */
+bev_status bev_drive_as_planned(const bev_vehicle *vehicle, const bev_trip *trip,
+                                const double *command_w, double *states, double *powers_w,
+                                uint8_t *watched, bev_stranding *stranding);
+
 /* Room that bev_settle takes [doubles]. */
 #define BEV_SETTLE_MEMORY(steps) (48 * (steps) + 20)
 
@@ -433,6 +443,33 @@ bev_status bev_merit_order(const bev_vehicle *vehicle, const bev_vehicle *lumped
                            const bev_trip *trip, const bev_settling *goal, const double *paid_w,
                            double *states, double *powers_w, bev_stranding *stranding,
                            uint8_t *watched, double *memory);
+
+/* Memory of bev_plan_merit_order [doubles]; its `watched` has BEV_MERIT_BYTES. */
+#define BEV_MERIT_PLAN_MEMORY(steps) (BEV_MERIT_MEMORY(steps) + (steps))
+
+/* What bev_plan_merit_order finds beside the run. */
+typedef struct {
+  /* The first instant of heating [s]; NaN: there is none. */
+  double start_s;
+  /* Where the heat arrives late, the instant at which heating ends for good [s]; NaN: on arrival. */
+  double end_s;
+  bev_stranding stranding;
+} bev_merit_plan;
+
+int32_t bev_size_of_merit_plan(void);
+
+/*
+ * The whole plan by merit order, from the unheated run on: the run that is heated in one stretch, limits left
+ * aside, where it keeps them all, or that of bev_heat_cheapest; else that of bev_merit_order, as it can be driven.
+ *
+ * `idle_states` is the unheated run, limits left aside; it and what is written, `states` and `powers_w`, are as
+ * of bev_settle. What the plan costs of the charge that must be left is not looked at. `order` is room for
+ * `steps` numbers.
+ */
+bev_status bev_plan_merit_order(const bev_vehicle *vehicle, const bev_trip *trip,
+                                const bev_settling *goal, const double *idle_states,
+                                double *states, double *powers_w, uint8_t *watched,
+                                int32_t *order, double *memory, bev_merit_plan *plan);
 
 /*
  * The energies of a run that was made with an integrator. Where `columns` is not null, four arrays of `steps`

@@ -1,0 +1,244 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * The whole plan by merit order, from the unheated run on: bev_preheat.planning.merit_order.plan_merit_order,
+ * with what it takes of optimal_switch, two_switches, limits and schedule, where the reasons stand.
+ */
+#include "checks.h"
+#include "courses.h"
+#include "limited_step.h"
+#include "limits_of_run.h"
+
+/* A heater power below this share of what the cabin leaves is rounding. */
+#define HEATING_SHARE 1e-4
+/* A limit counts as active where it takes more than this [W]. */
+#define ACTIVE_W 1e-3
+
+/* What stays the same, and the run that is planned: its states and powers, one array after the other. */
+typedef struct {
+  const bev_vehicle *vehicle;
+  const bev_trip *trip;
+  const bev_settling *goal;
+  int32_t is_direct;
+  double *states;
+  double *powers_w;
+  double *paid_w;
+  uint8_t *watched;
+  double *memory;
+} planning;
+
+static double *powers_of(const planning *of, int32_t row) {
+  return &of->powers_w[row * of->trip->steps];
+}
+
+/* What the heater takes in each step, on average. */
+static const double *drawn_of(const planning *of) { return powers_of(of, of->is_direct ? 0 : 2); }
+
+/* The vehicle whose heat arrives at once, in a battery that has the coolant's heat capacity too. */
+static bev_vehicle lumped_of(const bev_vehicle *vehicle) {
+  bev_vehicle lumped = *vehicle;
+  lumped.heat_capacity_j_per_k = vehicle->heat_capacity_j_per_k
+      * (1.0 + vehicle->coolant_heat_capacity_j_per_k / vehicle->heat_capacity_j_per_k);
+  lumped.heater_lag_s = 0.0;
+  lumped.coolant_heat_capacity_j_per_k = 0.0;
+  lumped.coolant_conductance_w_per_k = 0.0;
+  return lumped;
+}
+
+/* One stretch of heating that meets the target; limits left aside. */
+static bev_status heat_once(const planning *of, const double *idle_states, bev_merit_plan *plan) {
+  const bev_trip *trip = of->trip;
+  const int32_t steps = trip->steps;
+  const int32_t instants = steps + 1;
+  double start_s = 0.0;
+  double end_s = 0.0;
+  bev_status status = BEV_OK;
+  for (int32_t n = 0; n < 2 * steps; n++) {
+    of->powers_w[n] = 0.0;
+  }
+  if (idle_states[instants + steps] >= of->goal->target_c) {
+    const int32_t rows = of->is_direct ? 2 : 4;
+    for (int32_t n = 0; n < rows * instants; n++) {
+      of->states[n] = idle_states[n];
+    }
+  } else if (of->is_direct != 0) {
+    status = bev_find_switch(of->vehicle, trip, of->goal->target_c, idle_states,
+                             &idle_states[instants], of->states, &of->states[instants],
+                             of->powers_w, &start_s);
+    plan->start_s = start_s;
+  } else {
+    status = bev_find_two_switches(of->vehicle, trip, of->goal->target_c, idle_states, of->memory,
+                                   of->states, of->powers_w, &start_s, &end_s);
+    for (int32_t k = 0; k < steps && isnan(plan->start_s); k++) {
+      if (of->powers_w[k] != 0.0) {
+        plan->start_s = start_s;
+        plan->end_s = end_s < trip->time_s[steps] ? end_s : NAN;
+      }
+    }
+  }
+  if (status < BEV_OK) {
+    return status;
+  }
+  return of->is_direct ? BEV_OK
+                       : bev_heat_along(of->vehicle, trip, of->states, of->powers_w, NULL,
+                                        powers_of(of, 2));
+}
+
+static bev_status keeps_limits(const planning *of) {
+  const int32_t steps = of->trip->steps;
+  const bev_seen_run run = {of->vehicle,   of->trip,   of->states, &of->states[steps + 1],
+                            drawn_of(of), of->memory, &of->memory[steps]};
+  return bev_keeps_limits(&run, 0);
+}
+
+/* The most heater power that each step is paid for: later than a plan without limits nothing is. */
+static void find_paid(const planning *of, double end_s) {
+  const bev_trip *trip = of->trip;
+  const double until_s = isnan(end_s) ? trip->time_s[trip->steps] : end_s;
+  for (int32_t k = 0; k < trip->steps; k++) {
+    of->paid_w[k] = trip->heater_limit_w[k];
+    if (!of->is_direct) {
+      const double paid_s =
+          bev_minimum(trip->time_s[k + 1], until_s) - bev_maximum(trip->time_s[k], 0.0);
+      of->paid_w[k] *= bev_minimum(bev_maximum(paid_s / trip->duration_s[k], 0.0), 1.0);
+    }
+  }
+}
+
+/* When a run within limits heats, from its commands and the steps whose limits were looked at. */
+static void find_instants(const planning *of, bev_merit_plan *plan) {
+  const bev_trip *trip = of->trip;
+  const double *command_w = of->powers_w;
+  int32_t first = -1;
+  int32_t last = -1;
+  plan->start_s = NAN;
+  plan->end_s = NAN;
+  for (int32_t k = 0; k < trip->steps; k++) {
+    if (command_w[k] > HEATING_SHARE * trip->heater_limit_w[k]) {
+      first = first < 0 ? k : first;
+      last = k;
+    }
+  }
+  if (first < 0) {
+    return;
+  }
+  /* A first step that is heated in part is off first, then at full power to its end. */
+  const double share_on = bev_minimum(command_w[first] / trip->heater_limit_w[first], 1.0);
+  plan->start_s = trip->time_s[first + 1] - share_on * trip->duration_s[first];
+  const int32_t on = bev_step_at(trip, plan->start_s);
+  if (of->watched[on] != 0u || of->watched[trip->steps + on] != 0u) {
+    /* One that is heated in part because of a limit is heated evenly, from its beginning. */
+    plan->start_s = trip->time_s[on];
+  }
+  if (!of->is_direct && last + 1 < trip->steps) {
+    plan->end_s = trip->time_s[last + 1];
+  }
+}
+
+/* BEV_OK if no limit is missed that can be kept, else BEV_LIMITED. */
+static bev_status misses_no_limit(const planning *of) {
+  const bev_trip *trip = of->trip;
+  const double *drawn_w = drawn_of(of);
+  const double *brake_w = powers_of(of, 1);
+  double *least_w = of->memory;
+  double *most_w = &of->memory[trip->steps];
+  bev_status status = bev_limits_along(of->vehicle, trip->steps, of->states,
+                                       &of->states[trip->steps + 1], trip->power_variance_w2,
+                                       least_w, most_w);
+  for (int32_t k = 0; k < trip->steps && status == BEV_OK; k++) {
+    const double terminal_w = trip->idle_power_w[k] + drawn_w[k] + brake_w[k];
+    const double overcharged_w = bev_minimum(least_w[k] - terminal_w,
+                                             -trip->propulsion_power_w[k] - brake_w[k]);
+    const double overdrawn_w = bev_minimum(terminal_w - most_w[k], drawn_w[k]);
+    if (!(overcharged_w <= ACTIVE_W && overdrawn_w <= ACTIVE_W)) {
+      status = BEV_LIMITED;
+    }
+  }
+  return status;
+}
+
+/* The run as it can be driven, the limits of each step looked at. */
+static bev_status keep_limits(const planning *of, bev_stranding *stranding) {
+  for (int32_t k = 0; k < of->trip->steps; k++) {
+    of->paid_w[k] = of->powers_w[k];
+  }
+  return bev_drive_as_planned(of->vehicle, of->trip, of->paid_w, of->states, of->powers_w,
+                              of->watched, stranding);
+}
+
+/* The run that is heated in the cheapest steps, if it keeps the limits as the one that is heated once does. */
+static bev_status heat_cheapest(const planning *of, const double *idle_states, int32_t *order,
+                                bev_merit_plan *plan) {
+  const int32_t steps = of->trip->steps;
+  int32_t orders = 0;
+  bev_status status = bev_heat_cheapest(of->vehicle, of->trip, of->goal->target_c, of->states,
+                                        &of->states[steps + 1], of->powers_w, of->memory, order,
+                                        &orders);
+  if (status != BEV_OK || orders == 0) {
+    return status;
+  }
+  status = keeps_limits(of);
+  if (status == BEV_LIMITED) {
+    return heat_once(of, idle_states, plan);
+  }
+  for (int32_t n = 0; n < 2 * steps; n++) {
+    of->watched[n] = 0u;
+  }
+  find_instants(of, plan);
+  return status;
+}
+
+bev_status bev_plan_merit_order(const bev_vehicle *vehicle, const bev_trip *trip,
+                                const bev_settling *goal, const double *idle_states,
+                                double *states, double *powers_w, uint8_t *watched,
+                                int32_t *order, double *memory, bev_merit_plan *plan) {
+  bev_status status = bev_checked(vehicle, trip, 0);
+  if (status != BEV_OK) {
+    return status;
+  }
+  if (goal == NULL || idle_states == NULL || states == NULL || powers_w == NULL || watched == NULL
+      || order == NULL || memory == NULL || plan == NULL || trip->steps < 1) {
+    return BEV_BAD_ARGUMENT;
+  }
+  planning of;
+  of.vehicle = vehicle;
+  of.trip = trip;
+  of.goal = goal;
+  of.is_direct = bev_is_direct(vehicle);
+  of.states = states;
+  of.powers_w = powers_w;
+  of.paid_w = bev_take(&memory, trip->steps);
+  of.watched = watched;
+  of.memory = memory;
+  if (!isfinite(goal->target_c) || !bev_is_time(trip)
+      || !bev_are_numbers(idle_states, (of.is_direct ? 2 : 4) * (trip->steps + 1))) {
+    return BEV_BAD_INPUT;
+  }
+  plan->start_s = NAN;
+  plan->end_s = NAN;
+  plan->stranding.step = -1;
+  plan->stranding.driven_share = 1.0;
+  status = heat_once(&of, idle_states, plan);
+  if (status == BEV_OK) {
+    status = keeps_limits(&of);
+  }
+  if (status == BEV_OK && of.is_direct != 0) {
+    status = heat_cheapest(&of, idle_states, order, plan);
+  }
+  if (status != BEV_LIMITED) {
+    return status;
+  }
+  const bev_vehicle lumped = lumped_of(vehicle);
+  find_paid(&of, plan->end_s);
+  status = bev_merit_order(vehicle, &lumped, trip, goal, of.paid_w, states, powers_w,
+                           &plan->stranding, watched, memory);
+  if (status == BEV_OK) {
+    status = misses_no_limit(&of);
+  }
+  if (status == BEV_LIMITED) {
+    status = keep_limits(&of, &plan->stranding);
+  }
+  if (status == BEV_OK) {
+    find_instants(&of, plan);
+  }
+  return status;
+}
