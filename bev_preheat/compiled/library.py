@@ -26,6 +26,7 @@ from bev_preheat.compiled.structs import (
     RunOfPowersStruct,
     SettlingStruct,
     StrandingStruct,
+    StretchStruct,
     StridesStruct,
     SwitchPlanStruct,
     TripStruct,
@@ -55,7 +56,9 @@ _SIGNATURES = {
     'bev_merit_order': 'PPPPPPPPPP',
     'bev_drive_as_planned': 'PPPPPPP',
     'bev_plan_merit_order': 'PPPPPPPPPP',
+    'bev_unheated_lacks': 'PPPPPPP',
     'bev_keep_accounts': 'PIPPPP',
+    'bev_find_outcome': 'PIPPPPPPP',
     'bev_find_switch': 'PPDPPPPPP',
     'bev_plan_paper': 'PPDDDPPPPP',
     'bev_find_prices': 'PPPPPPP',
@@ -141,8 +144,9 @@ def _is_ours(library: Any) -> bool:
             library.bev_size_of_switch_plan(), library.bev_size_of_belief(),
             library.bev_size_of_belief_terms(), library.bev_size_of_drive(),
             library.bev_size_of_course(), library.bev_size_of_arrival(),
-            library.bev_size_of_caution(), library.bev_size_of_merit_plan()) == (INTERFACE, *map(sizeof, (
+            library.bev_size_of_caution(), library.bev_size_of_merit_plan(),
+            library.bev_size_of_stretch()) == (INTERFACE, *map(sizeof, (
                 VehicleStruct, TripStruct, HeatingStruct, StridesStruct, CurveRangeStruct,
                 SettlingStruct, StrandingStruct, RunOfPowersStruct, SwitchPlanStruct, BeliefStruct,
                 BeliefTermsStruct, DriveStruct, CourseStruct, ArrivalStruct, CautionStruct,
-                MeritPlanStruct)))
+                MeritPlanStruct, StretchStruct)))

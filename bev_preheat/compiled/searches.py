@@ -7,7 +7,7 @@ As in `runs`, each returns None where the core does not answer.
 
 from __future__ import annotations
 
-from ctypes import byref, c_int32
+from ctypes import byref, c_double
 import math
 from typing import NamedTuple, TYPE_CHECKING
 
@@ -15,6 +15,7 @@ import numpy as np
 
 from bev_preheat.compiled.library import core, OK
 from bev_preheat.compiled.structs import (
+    address_of,
     BANDS,
     CURVE_MEMORY,
     CurveRangeStruct,
@@ -32,6 +33,7 @@ SETTLE_MEMORY = 48, 20
 MERIT_MEMORY = SETTLE_MEMORY[0] + 44, SETTLE_MEMORY[1] + CURVE_MEMORY + 512 + 11
 MERIT_PLAN_MEMORY = MERIT_MEMORY[0] + 1, MERIT_MEMORY[1]
 MERIT_BYTES = 5
+UNHEATED_MEMORY = 9, 4
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -112,29 +114,6 @@ def settle(vehicle: CompiledVehicle, trip: CompiledTrip, heating: Heating, goal:
     return (states, powers_w, _stranded(stranding)) if status == OK else None
 
 
-def merit_order(vehicle: CompiledVehicle, lumped: CompiledVehicle, trip: CompiledTrip, goal: SettlingStruct,
-                paid_w: FloatArray, states: FloatArray,
-                powers_w: FloatArray) -> tuple[BoolArray, Stranded] | None:
-    """
-    Write the run that heats by merit over the one without regard to limits; see `bev_merit_order` in core.h.
-
-    `states` (S, N + 1), `powers_w` (S, N), `paid_w` (N,). Returns in which steps its charge limit, and its
-    discharge limit, were looked at, (2, N), and where it strands, as `settle`.
-    """
-    library = core()
-    if library is None:
-        return None
-    paid_w = doubles(paid_w)
-    watched = np.empty((MERIT_BYTES, trip.steps), dtype=bool)
-    memory = np.empty(MERIT_MEMORY[0] * trip.steps + MERIT_MEMORY[1])
-    stranding = StrandingStruct()
-    status = library.bev_merit_order(
-        vehicle.address, lumped.address, trip.address, byref(goal), paid_w.ctypes.data,
-        states.ctypes.data, powers_w.ctypes.data, byref(stranding), watched.ctypes.data,
-        memory.ctypes.data)
-    return (watched[:2], _stranded(stranding)) if status == OK else None
-
-
 class MeritPlan(NamedTuple):
     """
     A plan by merit order: states (S, N + 1) and powers (S, N), as of `settle`, and when it heats [s].
@@ -159,12 +138,32 @@ def plan_merit_order(vehicle: CompiledVehicle, trip: CompiledTrip, goal: Settlin
     states, powers_w = np.empty(idle_states.shape), np.empty((len(idle_states), trip.steps))
     watched = np.empty((MERIT_BYTES, trip.steps), dtype=np.uint8)
     memory = np.empty(MERIT_PLAN_MEMORY[0] * trip.steps + MERIT_PLAN_MEMORY[1])
-    plan = MeritPlanStruct()
+    order, plan = np.empty(trip.steps, dtype=np.int32), MeritPlanStruct()
     status = library.bev_plan_merit_order(
-        vehicle.address, trip.address, byref(goal), idle_states.ctypes.data, states.ctypes.data,
-        powers_w.ctypes.data, watched.ctypes.data, (c_int32 * trip.steps)(), memory.ctypes.data, byref(plan))
+        vehicle.address, trip.address, byref(goal), *map(address_of, (
+            idle_states, states, powers_w, watched, order, memory)), byref(plan))
     return MeritPlan(states, powers_w, _number(plan.start_s), _number(plan.end_s),
                      _stranded(plan.stranding)) if status == OK else None
+
+
+def unheated_lacks(vehicle: CompiledVehicle, trip: CompiledTrip,
+                   start: Sequence[float]) -> tuple[float, Stranded] | None:
+    """
+    Return the most power [W] that a trip lacks without paid heating, and where it strands, as `settle`.
+
+    It is driven within the limits from the states `start`, two or, with a heat path, four; see
+    `bev_unheated_lacks` in core.h.
+    """
+    library = core()
+    if library is None:
+        return None
+    memory = np.empty(UNHEATED_MEMORY[0] * trip.steps + UNHEATED_MEMORY[1])
+    flags, states = np.empty(2 * trip.steps, dtype=np.uint8), (c_double * len(start))(*start)
+    stranding, lacking_w = StrandingStruct(), c_double()
+    status = library.bev_unheated_lacks(
+        vehicle.address, trip.address, byref(states), address_of(memory), address_of(flags),
+        byref(lacking_w), byref(stranding))
+    return (lacking_w.value, _stranded(stranding)) if status == OK else None
 
 
 def _number(value: float) -> float | None:

@@ -106,6 +106,12 @@ class MeritPlanStruct(Structure):
     _fields_ = [('start_s', c_double), ('end_s', c_double), ('stranding', StrandingStruct)]
 
 
+class StretchStruct(Structure):
+    """`bev_stretch`."""
+
+    _fields_ = [*((name, c_int32) for name in ('first', 'last', 'reason')), ('energy_wh', c_double)]
+
+
 class RunOfPowersStruct(Structure):
     """`bev_run_of_powers`."""
 

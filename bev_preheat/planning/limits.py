@@ -168,12 +168,7 @@ def along_limits(trip: Trip, watch: Watch, states: FloatArray, powers_w: FloatAr
     path they are those of `heated_limits`. `stranded` is the step in which the charge runs out and the
     share of it that is driven; None where it does not.
     """
-    empty_at_s = driven_share = None
-    if stranded is not None:
-        empty, share = stranded
-        empty_at_s = float(trip.time_s[empty] + share * trip.route.duration_s[empty])
-        driven_share = np.where(np.arange(len(trip.route)) < empty, 1.0, 0.0)
-        driven_share[empty] = share
+    empty_at_s, driven_share = where_stranded(trip, stranded)
     start_s = switched_on_s(trip, powers_w[0])
     if start_s is not None:
         # A step that is heated in part because of a limit is heated evenly, from its beginning.
@@ -185,6 +180,17 @@ def along_limits(trip: Trip, watch: Watch, states: FloatArray, powers_w: FloatAr
     (soc, temperature_c), (heater_power_w, brake_power_w) = states, powers_w
     return Schedule(start_s, heater_power_w, brake_power_w, soc, temperature_c, make_runge_kutta_4,
                     empty_at_s=empty_at_s, driven_share=driven_share)
+
+
+def where_stranded(trip: Trip,
+                   stranded: tuple[int, float] | None) -> tuple[float | None, FloatArray | None]:
+    """Return `empty_at_s` and `driven_share` of a Schedule; `stranded` as in `along_limits`."""
+    if stranded is None:
+        return None, None
+    empty, share = stranded
+    driven_share = np.where(np.arange(len(trip.route)) < empty, 1.0, 0.0)
+    driven_share[empty] = share
+    return float(trip.time_s[empty] + share * trip.route.duration_s[empty]), driven_share
 
 
 def _drive_on(trip: Trip, watch: Watch, wanted: WantedHeat, take_surplus: bool, first: int,

@@ -24,18 +24,19 @@ from bev_preheat.compiled import searches as compiled_searches
 from bev_preheat.compiled.structs import SettlingStruct
 from bev_preheat.planning.charge_acceptance import find_acceptance_loss, no_acceptance_loss
 from bev_preheat.planning.cheapest_steps import heat_cheapest
-from bev_preheat.planning.dynamics import compiled_vehicle
-from bev_preheat.planning.heat_run import with_coolant_in_battery
-from bev_preheat.planning.limits import along_limits, limits_hold, Watch, watch_limits, within_limits
+from bev_preheat.planning.dynamics import compiled_vehicle, run_forward
+from bev_preheat.planning.heat_run import initial_states, make_heat_run, roll_heated, with_coolant_in_battery
+from bev_preheat.planning.limits import limits_hold, watch_limits, where_stranded, within_limits
 from bev_preheat.planning.optimal_switch import ARRIVAL_TOLERANCE_K, plan_optimal_switch
 from bev_preheat.planning.safeguard import lacking_power, NO_WORSE_W
+from bev_preheat.planning.schedule import Schedule
 from bev_preheat.planning.threshold_search import ThresholdSearch
 from bev_preheat.planning.thresholds import find_thresholds
 from bev_preheat.planning.two_switches import paid_until
+from bev_preheat.vehicle.model import make_runge_kutta_4
 
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray
-    from bev_preheat.planning.schedule import Schedule
     from bev_preheat.planning.situation import BatteryState, Goal
     from bev_preheat.planning.trip import Trip
 
@@ -53,6 +54,9 @@ def plan_merit_order(trip: Trip, state: BatteryState, goal: Goal, unheated: Sche
     Without `serves_climbs` nothing is heated for the sake of a climb that the battery cannot
     deliver. `unheated` is the Schedule without any heating, limits left aside, where it is known.
     """
+    found = _found_by_core(trip, state, goal.target_temperature_c, unheated, serves_climbs)
+    if found is not None:
+        return found
     schedule = plan_optimal_switch(trip, state, goal, unheated)
     if limits_hold(trip, schedule):
         if not trip.vehicle.heat_path.is_direct:
@@ -66,31 +70,35 @@ def plan_merit_order(trip: Trip, state: BatteryState, goal: Goal, unheated: Sche
     if not trip.vehicle.heat_path.is_direct:
         paid_w = paid_until(trip, schedule.heating_end_s)
         lumped = replace(trip, vehicle=with_coolant_in_battery(trip.vehicle))
-    best = _compiled_passes(trip, lumped, schedule, paid_w, goal.target_temperature_c, serves_climbs)
-    if best is None:
-        best = _passes(trip, lumped, state, schedule, paid_w, goal, serves_climbs)
+    best = _passes(trip, lumped, state, schedule, paid_w, goal, serves_climbs)
     return within_limits(trip, state, best)
 
 
-def _compiled_passes(trip: Trip, lumped: Trip, schedule: Schedule, paid_w: FloatArray,
-                     target_c: float, serves_climbs: bool) -> Schedule | None:
-    """Return what `_passes` does, as the core makes it; None where it does not."""
-    vehicle, lumped_vehicle = compiled_vehicle(trip.vehicle), compiled_vehicle(lumped.vehicle)
-    if vehicle is None or lumped_vehicle is None:
+def _found_by_core(trip: Trip, state: BatteryState, target_c: float, unheated: Schedule | None,
+                   serves_climbs: bool) -> Schedule | None:
+    """Return the Schedule as the compiled core plans it; None where it does not answer."""
+    vehicle, path = compiled_vehicle(trip.vehicle), trip.vehicle.heat_path
+    if vehicle is None:
         return None
-    states: tuple[FloatArray, ...] = schedule.soc, schedule.temperature_c
-    powers_w: tuple[FloatArray, ...] = schedule.heater_power_w, schedule.brake_power_w
-    if schedule.heat is not None:
-        states += schedule.heat.heater_power_w, schedule.heat.coolant_excess_k
-        powers_w += schedule.heat.drawn_power_w, schedule.heat.arriving_heat_w
-    course = np.array(states), np.array(powers_w)
-    found = compiled_searches.merit_order(
-        vehicle, lumped_vehicle, trip.compiled, SettlingStruct(serves_climbs, target_c), paid_w,
-        *course)
-    if found is None:
+    idle_states: tuple[FloatArray, ...] | FloatArray
+    if unheated is None:
+        idle_w = np.zeros(len(trip.route))
+        idle_states = (run_forward(trip, make_runge_kutta_4, state.soc, state.temperature_c)
+                       if path.is_direct else roll_heated(trip, initial_states(state), idle_w))
+    elif unheated.heat is None:
+        idle_states = unheated.soc, unheated.temperature_c
+    else:
+        idle_states = (unheated.soc, unheated.temperature_c, unheated.heat.heater_power_w,
+                       unheated.heat.coolant_excess_k)
+    plan = compiled_searches.plan_merit_order(
+        vehicle, trip.compiled, SettlingStruct(serves_climbs, target_c), np.array(idle_states))
+    if plan is None:
         return None
-    watched, stranded = found
-    return along_limits(trip, Watch(*watched), *course, stranded)
+    (soc, temperature_c, *heat_states), (heater_w, brake_w, *heat_w) = plan.states, plan.powers_w
+    return Schedule(
+        plan.start_s, heater_w, brake_w, soc, temperature_c, make_runge_kutta_4, plan.end_s,
+        *where_stranded(trip, plan.stranded),
+        heat=None if path.is_direct else make_heat_run(path, *heat_states, *heat_w))
 
 
 def _passes(trip: Trip, lumped: Trip, state: BatteryState, schedule: Schedule, paid_w: FloatArray,

@@ -12,13 +12,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, TYPE_CHECKING
 
 import numpy as np
 
+from bev_preheat.compiled import searches as compiled_searches
 from bev_preheat.numerics.arithmetic import FLOATS
 from bev_preheat.planning.bracketing import close_in, Trial
-from bev_preheat.planning.dynamics import hottest_c, limits_along
+from bev_preheat.planning.dynamics import compiled_vehicle, hottest_c, limits_along
+from bev_preheat.planning.heat_run import initial_states
 from bev_preheat.planning.limits import drive_as_planned, limits_hold, run_unheated
 from bev_preheat.planning.schedule import HeldBack, Method, Schedule
 from bev_preheat.planning.situation import BatteryState, Goal, reserve_soc
@@ -48,12 +51,11 @@ Proposal = Callable[[float], Schedule]
 @dataclass(frozen=True)
 class Lacking:
     """
-    Power that the battery cannot deliver in each step [W], shape (N,), and the worst of it.
+    Power that the battery cannot deliver in the worst step [W].
 
-    `worst_w` is 0 where nothing but rounding is lacking; `at` is the worst step.
+    `worst_w` is 0 where nothing but rounding is lacking; `at` is that step.
     """
 
-    power_w: FloatArray
     worst_w: float
     at: int
 
@@ -66,14 +68,14 @@ def lacking_power(trip: Trip, schedule: Schedule, most_w: FloatArray | None = No
     """
     if most_w is None:
         _, most_w = limits_along(trip, schedule)
-    power_w = np.maximum(trip.idle_power_w + schedule.drawn_power_w - most_w, 0.0)
+    power_w = trip.idle_power_w + schedule.drawn_power_w - most_w
     if schedule.driven_share is not None:
         # What a vehicle that stands does not get is lacking charge, not power.
         power_w = np.where(schedule.driven_share < 1.0, 0.0, power_w)
-    at = int(np.argmax(power_w))
+    at = int(power_w.argmax())
     worst_w = float(power_w[at])
     is_rounding = worst_w <= POWER_TOLERANCE * abs(float(trip.idle_power_w[at]))
-    return Lacking(power_w, 0.0 if is_rounding else worst_w, at)
+    return Lacking(0.0 if is_rounding else worst_w, at)
 
 
 class Safeguard:
@@ -81,14 +83,29 @@ class Safeguard:
 
     def __init__(self, trip: Trip, state: BatteryState, goal: Goal, unheated: Schedule) -> None:
         """`unheated` is the Schedule without any heating, limits left aside."""
-        self._trip, self._goal = trip, goal
+        self._trip, self._state, self._goal = trip, state, goal
+        self._unlimited = unheated
         self._reserve = reserve_soc(trip.vehicle, goal)
         self._lowest_soc = trip.vehicle.battery.soc_range[0]
-        # What is free is taken: surplus that the friction brake would waste.
-        self.unheated = (unheated if limits_hold(trip, unheated)
-                         else run_unheated(trip, state))
-        lacking_w = lacking_power(trip, self.unheated).worst_w
+        lacking_w, self._is_stranded = self._lacks()
         self._allowed_w = lacking_w + NO_WORSE_W if lacking_w > 0.0 else 0.0
+
+    @cached_property
+    def unheated(self) -> Schedule:
+        """The Schedule without paid heating; what is free is taken: surplus that the brake would waste."""
+        return (self._unlimited if limits_hold(self._trip, self._unlimited)
+                else run_unheated(self._trip, self._state))
+
+    def _lacks(self) -> tuple[float, bool]:
+        """Return the power [W] that the trip without paid heating lacks, and whether its charge runs out."""
+        vehicle = compiled_vehicle(self._trip.vehicle)
+        start = initial_states(self._state)[:2 if self._trip.vehicle.heat_path.is_direct else 4]
+        found = None if vehicle is None else compiled_searches.unheated_lacks(
+            vehicle, self._trip.compiled, start)
+        if found is not None:
+            return found[0], found[1] is not None
+        return (lacking_power(self._trip, self.unheated).worst_w,
+                self.unheated.empty_at_s is not None)
 
     def serve(self, proposals: Sequence[Proposal]) -> Schedule:
         """
@@ -97,7 +114,7 @@ class Safeguard:
         A proposal is a function of a target [deg C] that returns a Schedule; the most demanding
         comes first. Each is tried with the goal's target, then with the warmest that is allowed.
         """
-        if self.unheated.empty_at_s is not None:
+        if self._is_stranded:
             return self.unheated
         held_back = None
         for proposal in proposals:

@@ -32,6 +32,8 @@ class Reason(IntEnum):
     CLIMB = 3
 
 
+# By their numbers.
+REASONS = tuple(Reason)
 SENTENCES = {
     Reason.ARRIVAL: 'to be warm on arrival',
     Reason.SURPLUS: 'with regeneration that the cold battery may not take',
@@ -72,35 +74,37 @@ def heating_stretches(trip: Trip, schedule: Schedule,
         too_late = last_of_all
     if heated[first:too_late].all() and not surplus.any():
         # The usual case: from one instant on until arrival.
-        return (_stretch(trip, schedule, first, too_late, Reason.ARRIVAL),)
+        steps = slice(first, too_late)
+        return (make_stretch(
+            schedule, float(trip.time_s[first]), float(trip.time_s[too_late]),
+            float(heater_w[steps] @ trip.route.duration_s[steps]) / JOULES_PER_WH, Reason.ARRIVAL),)
     kinds = np.where(surplus, int(Reason.SURPLUS), np.where(heated, int(Reason.ARRIVAL), -1))
-    edges = np.concatenate(([0], np.flatnonzero(np.diff(kinds)) + 1, [len(kinds)]))
-    stretches, events = [], None
-    for first, last in zip(edges, edges[1:]):
-        if kinds[first] < 0:
-            continue
-        reason = Reason(int(kinds[first]))
-        if reason is Reason.ARRIVAL and last < too_late:
-            events = _events(trip, schedule) if events is None else events
-            ahead = events[last:][events[last:] >= 0]
-            reason = Reason(int(ahead[0])) if len(ahead) else Reason.ARRIVAL
-        stretches.append(_stretch(trip, schedule, first, last, reason))
-    return tuple(stretches)
+    edges = np.concatenate(([0], np.flatnonzero(kinds[1:] != kinds[:-1]) + 1))
+    reasons = kinds[edges]
+    # The first step behind each stretch that gives a reason for heating before it.
+    ends = np.append(edges[1:], len(kinds))
+    for_later = np.flatnonzero((reasons == Reason.ARRIVAL) & (ends < too_late))
+    if len(for_later):
+        events = _events(trip, schedule)
+        steps = np.flatnonzero(events >= 0)
+        following = np.searchsorted(steps, ends[for_later])
+        reasons[for_later] = np.append(events[steps], int(Reason.ARRIVAL))[following]
+    energies_j = np.add.reduceat(heater_w * trip.route.duration_s, edges)
+    is_stretch = reasons >= 0
+    return tuple(
+        make_stretch(schedule, start_s, end_s, energy_j / JOULES_PER_WH, REASONS[reason])
+        for start_s, end_s, energy_j, reason in zip(*(column[is_stretch].tolist() for column in (
+            trip.time_s[edges], trip.time_s[ends], energies_j, reasons))))
 
 
-def _stretch(trip: Trip, schedule: Schedule, first: int, last: int,
-             reason: Reason) -> HeatingStretch:
-    """HeatingStretch of the steps first ... last - 1."""
-    start_s = float(trip.time_s[first])
+def make_stretch(schedule: Schedule, start_s: float, end_s: float, energy_wh: float,
+                 reason: Reason) -> HeatingStretch:
+    """Return the HeatingStretch of the steps of a Schedule between two instants [s], which takes so much [Wh]."""
     if schedule.heating_start_s is not None:
         start_s = max(start_s, schedule.heating_start_s)
-    heater_w, duration_s = schedule.heater_power_w, trip.route.duration_s
-    end_s = float(trip.time_s[last])
     if schedule.heat is not None and schedule.heating_end_s is not None:
         end_s = min(end_s, schedule.heating_end_s)
-    return HeatingStretch(start_s, end_s,
-                          float(heater_w[first:last] @ duration_s[first:last]) / JOULES_PER_WH,
-                          reason)
+    return HeatingStretch(start_s, end_s, energy_wh, reason)
 
 
 def _events(trip: Trip, schedule: Schedule) -> IntArray:

@@ -23,6 +23,8 @@ int32_t bev_size_of_caution(void) { return (int32_t)sizeof(bev_caution); }
 
 int32_t bev_size_of_switch_plan(void) { return (int32_t)sizeof(bev_switch_plan); }
 
+int32_t bev_size_of_stretch(void) { return (int32_t)sizeof(bev_stretch); }
+
 int32_t bev_size_of_merit_plan(void) { return (int32_t)sizeof(bev_merit_plan); }
 
 int32_t bev_size_of_arrival(void) { return (int32_t)sizeof(bev_arrival); }

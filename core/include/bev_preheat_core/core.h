@@ -471,6 +471,17 @@ bev_status bev_plan_merit_order(const bev_vehicle *vehicle, const bev_trip *trip
                                 double *states, double *powers_w, uint8_t *watched,
                                 int32_t *order, double *memory, bev_merit_plan *plan);
 
+/* Memory of bev_unheated_lacks [doubles]; its `flags` are 2 * steps bytes. */
+#define BEV_UNHEATED_MEMORY(steps) (9 * (steps) + 4)
+
+/*
+ * What a trip lacks that is not heated but with surplus, driven within the limits from a start (two states, or
+ * four, as of bev_settle): the most power that the battery cannot deliver [W], and where the charge runs out.
+ */
+bev_status bev_unheated_lacks(const bev_vehicle *vehicle, const bev_trip *trip,
+                              const double *start, double *memory, uint8_t *flags,
+                              double *lacking_w, bev_stranding *stranding);
+
 /*
  * The energies of a run that was made with an integrator. Where `columns` is not null, four arrays of `steps`
  * values are written, one after the other, means over each step [W]: Joule heat, leakage (negative where heat
@@ -480,6 +491,29 @@ bev_status bev_plan_merit_order(const bev_vehicle *vehicle, const bev_trip *trip
 bev_status bev_keep_accounts(const bev_vehicle *vehicle, int32_t integrator, const bev_trip *trip,
                              const bev_run_of_powers *run, double *columns,
                              bev_energies *energies);
+
+/*
+ * One stretch of heating: the steps first ... last - 1, what they take [Wh, electrical], and what they are for,
+ * in the numbers of PreheatPlan.stretch_reason.
+ */
+typedef struct {
+  int32_t first;
+  int32_t last;
+  int32_t reason;
+  double energy_wh;
+} bev_stretch;
+
+int32_t bev_size_of_stretch(void);
+
+/*
+ * What comes of a run: its energies, as of bev_keep_accounts, and its stretches of heating. `command_w` is the
+ * heater power that was asked for, `least_w` the least terminal power that the battery may take in each step [W].
+ * Of `stretches`, which has room for `steps`, `count` are written.
+ */
+bev_status bev_find_outcome(const bev_vehicle *vehicle, int32_t integrator, const bev_trip *trip,
+                            const bev_run_of_powers *run, const double *command_w,
+                            const double *least_w, bev_energies *energies,
+                            bev_stretch *stretches, int32_t *count);
 
 /*
  * The instant [s] from which on the heater takes all that the cabin leaves, so that the battery arrives at a
