@@ -15,8 +15,7 @@ static inline double bev_maximum(double a, double b) { return b > a ? b : a; }
 static inline double bev_minimum(double a, double b) { return b < a ? b : a; }
 
 static inline double bev_root(double value, int32_t saturating) {
-  /* Chosen before the root is taken, so that a loop over many values has no branch. */
-  return sqrt((saturating != 0 && !(value > 0.0)) ? 0.0 : value);
+  return (saturating != 0 && !(value > 0.0)) ? 0.0 : sqrt(value);
 }
 
 static inline double bev_share(double value, int32_t saturating) {
