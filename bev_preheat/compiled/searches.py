@@ -140,8 +140,8 @@ def plan_merit_order(vehicle: CompiledVehicle, trip: CompiledTrip, goal: Settlin
     memory = np.empty(MERIT_PLAN_MEMORY[0] * trip.steps + MERIT_PLAN_MEMORY[1])
     order, plan = np.empty(trip.steps, dtype=np.int32), MeritPlanStruct()
     status = library.bev_plan_merit_order(
-        vehicle.address, trip.address, byref(goal), *map(address_of, (
-            idle_states, states, powers_w, watched, order, memory)), byref(plan))
+        vehicle.address, trip.address, byref(goal), address_of(idle_states), address_of(states),
+        address_of(powers_w), address_of(watched), address_of(order), address_of(memory), byref(plan))
     return MeritPlan(states, powers_w, _number(plan.start_s), _number(plan.end_s),
                      _stranded(plan.stranding)) if status == OK else None
 

@@ -16,6 +16,8 @@ from bev_preheat.vehicle.corrections import ScaledCurve
 from bev_preheat.vehicle.curves import InverseTemperatureResistance, PolynomialVoltage, Table
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from bev_preheat.numerics.arithmetic import Curve
     from bev_preheat.numerics.arrays import FloatArray
     from bev_preheat.vehicle.description import Vehicle
@@ -219,8 +221,8 @@ class CompiledTrip:
         self.address = addressof(self.struct)
 
 
-def address_of(array: FloatArray | None) -> Any:
-    """Return where the numbers of a contiguous array of doubles begin; None for none."""
+def address_of(array: NDArray[Any] | None) -> Any:
+    """Return where the numbers of a contiguous array begin; None for none."""
     if array is None:
         return None
     try:

@@ -55,7 +55,8 @@ def _found_by_core(trip: Trip, schedule: Schedule, least_w: FloatArray,
     """
     Return energies and HeatingStretches of a Schedule; None where the compiled core does not answer.
 
-    `least_w` (N,) is that of `heating_stretches`; `is_deliverable`: the circuit gives every power that is asked for.
+    `least_w` (N,) is that of `heating_stretches`. `is_deliverable`: the circuit gives every power that is
+    asked for.
     """
     vehicle, heat = compiled_vehicle(trip.vehicle), schedule.heat
     if vehicle is None or schedule.driven_share is not None:

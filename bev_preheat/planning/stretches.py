@@ -86,9 +86,9 @@ def heating_stretches(trip: Trip, schedule: Schedule,
     for_later = np.flatnonzero((reasons == Reason.ARRIVAL) & (ends < too_late))
     if len(for_later):
         events = _events(trip, schedule)
-        steps = np.flatnonzero(events >= 0)
-        following = np.searchsorted(steps, ends[for_later])
-        reasons[for_later] = np.append(events[steps], int(Reason.ARRIVAL))[following]
+        telling = np.flatnonzero(events >= 0)
+        following = np.searchsorted(telling, ends[for_later])
+        reasons[for_later] = np.append(events[telling], int(Reason.ARRIVAL))[following]
     energies_j = np.add.reduceat(heater_w * trip.route.duration_s, edges)
     is_stretch = reasons >= 0
     return tuple(
