@@ -28,6 +28,8 @@ IPOPT_OPTIONS: ByName = {
     'ipopt.print_level': 0,
     'ipopt.sb': 'yes',
     'ipopt.max_iter': 500,
+    # With a barrier that only falls it may stay at one whose least value lies at a corner of a limit's table.
+    'ipopt.mu_strategy': 'adaptive',
     'ipopt.tol': TOLERANCE,
     'ipopt.constr_viol_tol': TOLERANCE,
     'ipopt.acceptable_iter': 0,
