@@ -50,6 +50,7 @@ _SIGNATURES = {
     'bev_run_within_limits': 'PPPIPPPPP',
     'bev_run_heated_within_limits': 'PPPIPPP',
     'bev_limits_along': 'PIPPPPP',
+    'bev_limits_of_steps': 'PIPPPPP',
     'bev_find_bands': 'PPPPP',
     'bev_stand': 'PPPPP',
     'bev_settle': 'PPPPPPPP',

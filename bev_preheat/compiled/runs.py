@@ -155,6 +155,20 @@ def limits_along(vehicle: CompiledVehicle, soc: FloatArray, temperature_c: Float
     return limits_w if status == OK else None
 
 
+def limits_of_steps(vehicle: CompiledVehicle, soc: FloatArray, temperature_c: FloatArray,
+                    variance_w2: FloatArray) -> FloatArray | None:
+    """Return least and most terminal power [W], (2, K), of steps with variances (K,) between states (K + 1,)."""
+    library = core()
+    if library is None:
+        return None
+    count = len(variance_w2)
+    limits_w = np.empty((2, count))
+    status = library.bev_limits_of_steps(
+        vehicle.address, count, doubles_at(soc, count + 1), doubles_at(temperature_c, count + 1),
+        doubles_at(variance_w2, count), *_rows(limits_w, 2))
+    return limits_w if status == OK else None
+
+
 def doubles_at(values: FloatArray | None, count: int) -> Any:
     """Return a pointer to values (count,), or to a copy that can be pointed to; None for none."""
     if values is None:

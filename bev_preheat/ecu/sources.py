@@ -19,7 +19,7 @@ SOURCES = ('accounts.c', 'caution.c', 'checks.c', 'curves.c', 'limits.c', 'price
            'switch_search.c', 'two_switches.c')
 HEADERS = (
     'arithmetic.h', 'bracketing.h', 'caution.h', 'checks.h', 'curves.h', 'limits_of_run.h', 'means.h',
-    'prices.h', 'steps_of_model.h')
+    'prices.h', 'step_limits.h', 'steps_of_model.h')
 OWN_FILES = ('MISRA.md', 'Makefile', 'README.md', 'bev_ecu.c', 'bev_ecu.h', 'check.c', 'main.c', 'vehicle.h')
 
 

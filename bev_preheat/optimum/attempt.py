@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from bev_preheat.optimum.drive_step import RESERVES
 from bev_preheat.optimum.program import build_program, Give, Program, Solution
 from bev_preheat.optimum.program_solvers import FATROP, has_fatrop, IPOPT
 from bev_preheat.optimum.symbols import FACTORS
@@ -226,14 +227,15 @@ def _variable_bounds(problem: Problem, program: Program) -> tuple[Values, Values
 def _constraint_bounds(problem: Problem) -> tuple[Values, Values]:
     """Return what the constraints may be at least and at most."""
     (lowest_soc, highest_soc), (_, warmest_c) = _ranges(problem)
+    reserves = [reserve.name for reserve in RESERVES]
     low: Values = {
         'soc_defect': 0.0, 'temperature_defect': 0.0, 'heater_power_defect': 0.0,
-        'coolant_excess_defect': 0.0, 'discharge': 0.0, 'charge': 0.0,
+        'coolant_excess_defect': 0.0, **dict.fromkeys(reserves, 0.0),
         'lowest_soc': lowest_soc, 'highest_soc': -np.inf, 'highest_temperature': -np.inf,
         'target': 0.0, 'final_soc': 0.0}
     high: Values = {
         'soc_defect': 0.0, 'temperature_defect': 0.0, 'heater_power_defect': 0.0,
-        'coolant_excess_defect': 0.0, 'discharge': np.inf, 'charge': np.inf,
+        'coolant_excess_defect': 0.0, **dict.fromkeys(reserves, np.inf),
         'lowest_soc': np.inf, 'highest_soc': highest_soc, 'highest_temperature': warmest_c,
         'target': np.inf, 'final_soc': np.inf}
     return low, high

@@ -25,6 +25,7 @@ from bev_preheat.charging.stop import arrival_state
 from bev_preheat.charging.worth import SECONDS_PER_H, WH_PER_KWH
 from bev_preheat.optimum.blocks import Blocks
 from bev_preheat.optimum.charging_steps import add_charging_steps
+from bev_preheat.optimum.drive_step import RESERVES
 from bev_preheat.optimum.drive_steps import add_drive_steps
 from bev_preheat.planning.dynamics import hottest_c, JOULES_PER_WH
 from bev_preheat.planning.limits import drive_as_planned, watch_limits
@@ -139,7 +140,8 @@ class ChargingProgram:
         drive = self._charged(start)
         guess = self._guess(drive)
         low, high = self._bounds()
-        above = {block.name: np.inf if block.name in ('discharge', 'charge') else 0.0
+        reserves = {reserve.name for reserve in RESERVES}
+        above = {block.name: np.inf if block.name in reserves else 0.0
                  for block in self._constraints.blocks}
         vehicle = self._trip.vehicle
         result = self._solver(

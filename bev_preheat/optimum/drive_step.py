@@ -25,8 +25,9 @@ SOC_SCALE = 0.01
 ENERGY_SCALE_J = 1e6
 
 HEATER, BRAKE = Quantity('heater', POWER_SCALE_W), Quantity('brake', POWER_SCALE_W)
-# What is left to the power limits (9i) at the start of a step.
-RESERVES = (Quantity('discharge', POWER_SCALE_W), Quantity('charge', POWER_SCALE_W))
+# What is left to the power limits (9i) at the start of a step, and at its end.
+RESERVES = (Quantity('discharge', POWER_SCALE_W), Quantity('charge', POWER_SCALE_W),
+            Quantity('discharge_at_end', POWER_SCALE_W), Quantity('charge_at_end', POWER_SCALE_W))
 # Duration [s], idle power [W], power variance [W^2], idle heat [W], leakage [W/K].
 ROUTE_INPUTS = 5
 # FACTORS and the heater's efficiency: inputs, so that a car whose factors are being learned needs no
@@ -87,16 +88,19 @@ def drive_step(vehicle: Vehicle, limited: bool) -> casadi.Function:
             in_si.get('coolant_excess', nothing), duration_s, idle_power_w + brake_w, variance_w2,
             heat_w, leakage_w_per_k, heater_w, *factors, efficiency)
     power_w = idle_power_w + brake_w + drawn_w
-    reserves = casadi.SX(0, 1)
+    reserves = []
     if limited:
-        battery_w = power_w + symbolic_rates(vehicle)(
-            soc, temperature_c, power_w, variance_w2, heat_w, leakage_w_per_k, *factors)[2]
-        most_w, least_w = (symbolic_curve(curve)(soc, temperature_c) for curve in (
+        rates = symbolic_rates(vehicle)
+        most_w, least_w = (symbolic_curve(curve) for curve in (
             vehicle.battery.discharge_power_limit, vehicle.battery.charge_power_limit))
-        reserves = casadi.vertcat(most_w - battery_w, battery_w - least_w) / POWER_SCALE_W
+        for state in (soc, temperature_c), (ends['soc'], ends['temperature']):
+            battery_w = power_w + rates(
+                *state, power_w, variance_w2, heat_w, leakage_w_per_k, *factors)[2]
+            reserves += [most_w(*state) - battery_w, battery_w - least_w(*state)]
     outputs = casadi.cse([
         casadi.vertcat(*(ends[state.name] / state.scale for state in drive_states(vehicle))),
-        duration_s * (power_w + joule_w) / ENERGY_SCALE_J, reserves])
+        duration_s * (power_w + joule_w) / ENERGY_SCALE_J,
+        casadi.vertcat(casadi.SX(0, 1), *reserves) / POWER_SCALE_W])
     return casadi.Function(
         'drive_step', [variables, route, corrections], outputs,
         ['variables', 'route', 'corrections'], ['ends', 'energy', 'reserves'],

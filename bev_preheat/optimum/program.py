@@ -120,7 +120,8 @@ class Program:
     slacks: `lacking_k` (of the target), `lacking_soc` at each instant, `lacking_w` (of the discharge
     power) with Give.DEMANDS, `soc_above` and `k_above` with RANGES. Constraints: `soc_defect`,
     `temperature_defect`, and one for each state of a heat path; if limited, `discharge` and
-    `charge`, what is left to either limit; with DEMANDS `lowest_soc`, with RANGES `highest_soc` and
+    `charge`, what is left to either limit at the start of a step, and `discharge_at_end` and
+    `charge_at_end`, what is left at its end; with DEMANDS `lowest_soc`, with RANGES `highest_soc` and
     `highest_temperature`, each with its slack; `target` and `final_soc`, by how much either is
     surpassed.
     """
@@ -216,7 +217,9 @@ def _stages(vehicle: Vehicle, limited: bool, give: Give) -> tuple[Stage, Stage]:
     if give:
         energy += DISCHARGE_PRICE * found['lacking_w']
     if give and limited:
-        reserves = casadi.vertcat(reserves[0] + found['lacking_w'], reserves[1])
+        reserves = casadi.vertcat(*(
+            value + found['lacking_w'] if reserve.name.startswith('discharge') else value
+            for reserve, value in zip(RESERVES, casadi.vertsplit(reserves))))
     step = Stage(in_step, (*(RESERVES if limited else ()), *bounds), column(found, in_step), route, common,
                  ends, energy + price, casadi.vertcat(reserves, *values))
     found = symbols(on_arrival)

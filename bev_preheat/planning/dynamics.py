@@ -127,13 +127,36 @@ def terminal_limits_w(vehicle: Vehicle, soc: FloatArray, temperature_c: FloatArr
     return least_w, most_w
 
 
+def limits_of_steps_w(vehicle: Vehicle, soc: FloatArray, temperature_c: FloatArray,
+                      variance_w2: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """
+    Return least and most terminal power [W] (K,) that keep the limits at both ends of each step.
+
+    `soc` and `temperature_c` [deg C] (K + 1,) are the states between which the steps lead, `variance_w2`
+    (K,) their power variances [W^2].
+    """
+    compiled = compiled_vehicle(vehicle)
+    limits_w = None if compiled is None else compiled_runs.limits_of_steps(
+        compiled, soc, temperature_c, variance_w2)
+    if limits_w is not None:
+        return limits_w[0], limits_w[1]
+    limits = make_terminal_limits(vehicle, ARRAYS)
+    (least_w, most_w), (least_end_w, most_end_w) = (
+        limits(soc[ends], temperature_c[ends], variance_w2) for ends in (slice(-1), slice(1, None)))
+    return np.maximum(least_w, least_end_w), np.minimum(most_w, most_end_w)
+
+
 def limits_along(trip: Trip, schedule: Schedule) -> tuple[FloatArray, FloatArray]:
-    """Return least and most terminal power [W] (N,) along the run of a Schedule; not to be written to."""
+    """
+    Return least and most terminal power [W] (N,) of each step of a Schedule; not to be written to.
+
+    They keep the limits at both ends of the step.
+    """
     vehicle, variance_w2 = trip.vehicle, trip.power_variance_w2
     kept = schedule.kept.get('limits')
     if kept is None or kept[0] is not vehicle or kept[1] is not variance_w2:
-        kept = (vehicle, variance_w2, terminal_limits_w(
-            vehicle, schedule.soc[:-1], schedule.temperature_c[:-1], variance_w2))
+        kept = (vehicle, variance_w2, limits_of_steps_w(
+            vehicle, schedule.soc, schedule.temperature_c, variance_w2))
         schedule.kept['limits'] = kept
     limits_w: tuple[FloatArray, FloatArray] = kept[2]
     return limits_w

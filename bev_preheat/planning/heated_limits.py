@@ -3,20 +3,22 @@
 The forward run that keeps the battery's limits, of a vehicle with a heat path.
 
 What `limits` does for a heater whose heat arrives at once. A heater that lags takes what it takes: its
-command is chosen so that the mean of the step keeps the limit. Heat that is under way counts as
+command is chosen so that the mean of the step keeps the limits at both ends. Heat that is under way counts as
 arrived where the battery's highest temperature, or a threshold of heating, is meant.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+import math
+from typing import cast, TYPE_CHECKING
 
 import numpy as np
 
 from bev_preheat.compiled import runs as compiled_runs
 from bev_preheat.compiled import searches as compiled_searches
 from bev_preheat.numerics.arithmetic import FLOATS
+from bev_preheat.planning.both_ends import drive_to_end, Driven
 from bev_preheat.planning.bracketing import halve
 from bev_preheat.planning.dynamics import compiled_vehicle, hottest_c
 from bev_preheat.planning.foresight import Foresight
@@ -122,7 +124,7 @@ def _drive_within_limits(trip: Trip, watch: Watch, wanted_w: WantedPower,
     vehicle, path = trip.vehicle, trip.vehicle.heat_path
     step = heated_step_of_floats(vehicle, True)
     limits: TerminalLimits[float] = make_terminal_limits(vehicle, FLOATS)
-    highest_c = vehicle.battery.temperature_range_c[1]
+    highest_c, most_c = vehicle.battery.temperature_range_c[1], hottest_c(vehicle)
     heat_share = vehicle.drivetrain.heat_share
     k_per_watt, share_of_excess = heat_to_come_k(vehicle)
     joules_per_k = (vehicle.battery.heat_capacity_j_per_k
@@ -151,39 +153,50 @@ def _drive_within_limits(trip: Trip, watch: Watch, wanted_w: WantedPower,
             return command_w
 
         settled_c = temperature_c + k_per_watt * heater_w + share_of_excess * excess_k
+        is_watched = may_overcharge or may_overdraw
         if settled_c >= highest_c:
-            command_w = cap_w = 0.0
+            asked_w = cap_w = 0.0
         else:
-            command_w = wanted_w(k, settled_c)
-        if may_overcharge or may_overdraw:
-            least_w, most_w = limits(soc, temperature_c, variance_w2)
-            command_w = max(0.0, min(command_w, command_for(most_w - power_w)))
-            if may_overcharge and take_surplus:
-                # As a steady command: one that made up for the lag would swing from step to step.
-                surplus_w = least_w - power_w
-                if foresight is not None and surplus_w > 0.0:
-                    surplus_w = min(surplus_w, foresight.lasting_surplus_w(k, states))
-                command_w = max(command_w, min(cap_w, surplus_w))
-        if foresight is not None and command_w > 0.0:
-            command_w = max(0.0, min(command_w, foresight.off_in_time_w(k, states)))
-        while True:
-            brake_w = 0.0
-            if may_overcharge:
-                drawn_w = left * heater_w + (1.0 - left) * command_w
-                brake_w = min(max(0.0, least_w - power_w - drawn_w), -propulsion_w)
-            ends = end_of(command_w, brake_w)
-            beyond_k = ends[1] + k_per_watt * ends[2] + share_of_excess * ends[3] - highest_c
-            if command_w <= 0.0 or beyond_k <= HIGHEST_TOLERANCE_K:
-                break
-            command_w = max(0.0, command_w - beyond_k * joules_per_k / duration_s)
-        if ends[0] > 1.0:
-            # The brake takes what would overfill the battery.
-            brake_w = halve(max(0.0, -propulsion_w), brake_w,
-                            lambda braked_w: end_of(command_w, braked_w)[0] <= 1.0)
-            ends = end_of(command_w, brake_w)
-        soc_end, end_c, heater_end_w, excess_end_k, _, _, drawn_w, arriving_w = ends
-        return ((min(soc_end, 1.0), end_c, heater_end_w, excess_end_k),
-                (command_w, brake_w, drawn_w, arriving_w))
+            asked_w = wanted_w(k, settled_c)
+
+        def between(least_w: float, most_w: float) -> Driven:
+            command_w = asked_w
+            if is_watched:
+                command_w = max(0.0, min(command_w, command_for(most_w - power_w)))
+                if may_overcharge and take_surplus:
+                    # As a steady command: one that made up for the lag would swing from step to step.
+                    surplus_w = least_w - power_w
+                    if foresight is not None and surplus_w > 0.0:
+                        surplus_w = min(surplus_w, foresight.lasting_surplus_w(k, states))
+                    command_w = max(command_w, min(cap_w, surplus_w))
+            if foresight is not None and command_w > 0.0:
+                command_w = max(0.0, min(command_w, foresight.off_in_time_w(k, states)))
+            while True:
+                brake_w = 0.0
+                if may_overcharge:
+                    drawn_w = left * heater_w + (1.0 - left) * command_w
+                    brake_w = min(max(0.0, least_w - power_w - drawn_w), -propulsion_w)
+                ends = end_of(command_w, brake_w)
+                beyond_k = ends[1] + k_per_watt * ends[2] + share_of_excess * ends[3] - highest_c
+                if command_w <= 0.0 or beyond_k <= HIGHEST_TOLERANCE_K:
+                    break
+                command_w = max(0.0, command_w - beyond_k * joules_per_k / duration_s)
+            if ends[0] > 1.0:
+                # The brake takes what would overfill the battery.
+                brake_w = halve(max(0.0, -propulsion_w), brake_w,
+                                lambda braked_w: end_of(command_w, braked_w)[0] <= 1.0)
+                ends = end_of(command_w, brake_w)
+            soc_end, end_c, heater_end_w, excess_end_k, _, _, drawn_w, arriving_w = ends
+            return ((min(soc_end, 1.0), end_c, heater_end_w, excess_end_k),
+                    (command_w, brake_w, drawn_w, arriving_w))
+
+        if is_watched:
+            ends, powers_w = drive_to_end(
+                limits, (soc, temperature_c), variance_w2, most_c, power_w, propulsion_w,
+                may_overcharge, between)
+        else:
+            ends, powers_w = between(-math.inf, math.inf)
+        return cast('States', ends), cast('Powers', powers_w)
 
     return drive
 

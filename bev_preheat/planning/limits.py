@@ -3,13 +3,14 @@
 The battery's power limits (9i) and the forward run that keeps them.
 
 Limits are on P_b; here they are turned into limits on the terminal power P_t, which is what heater,
-drivetrain and friction brake add up to. They are kept at the start of each step, as in the program.
+drivetrain and friction brake add up to. They are kept at both ends of each step, as in the program.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,13 +18,14 @@ import numpy as np
 from bev_preheat.compiled import runs as compiled_runs
 from bev_preheat.compiled import searches as compiled_searches
 from bev_preheat.numerics.arithmetic import FLOATS
+from bev_preheat.planning.both_ends import drive_to_end, Driven
 from bev_preheat.planning.bracketing import halve
 from bev_preheat.planning.dynamics import (
     compiled_vehicle,
     hottest_c,
     limits_along,
+    limits_of_steps_w,
     step_of_floats,
-    terminal_limits_w,
 )
 from bev_preheat.planning.heated_limits import along_heated_limits, run_heated_within_limits
 from bev_preheat.planning.schedule import Schedule, switched_on_s
@@ -102,8 +104,8 @@ class Watch:
 
 def watch_limits(trip: Trip, soc: FloatArray, temperature_c: FloatArray) -> Watch:
     """Return the Watch of a trip, from a run (N + 1 values) not much warmer than any other."""
-    least_w, most_w = terminal_limits_w(
-        trip.vehicle, soc[:-1], colder(trip.vehicle, temperature_c[:-1]), trip.power_variance_w2)
+    least_w, most_w = limits_of_steps_w(
+        trip.vehicle, soc, colder(trip.vehicle, temperature_c), trip.power_variance_w2)
     return Watch(
         charge=(trip.route.propulsion_power_w < 0.0) & (trip.idle_power_w < least_w),
         discharge=trip.idle_power_w + trip.heater_limit_w > most_w)
@@ -232,7 +234,7 @@ def _step_within_limits(trip: Trip, watch: Watch, wanted_w: WantedPower,
     vehicle = trip.vehicle
     step = step_of_floats(vehicle, make_runge_kutta_4, saturating=True)
     limits: TerminalLimits[float] = make_terminal_limits(vehicle, FLOATS)
-    highest_c = vehicle.battery.temperature_range_c[1]
+    highest_c, most_c = vehicle.battery.temperature_range_c[1], hottest_c(vehicle)
     efficiency, heat_share = vehicle.hvch.efficiency, vehicle.drivetrain.heat_share
     joules_per_k = vehicle.battery.heat_capacity_j_per_k / efficiency
     columns = list(zip(*(column.tolist() for column in (
@@ -243,37 +245,45 @@ def _step_within_limits(trip: Trip, watch: Watch, wanted_w: WantedPower,
     def drive(k: int, soc: float, temperature_c: float) -> tuple[float, float, float, float]:
         (duration_s, power_w, variance_w2, heat_w, leakage_w_per_k, cap_w, propulsion_w,
          may_overcharge, may_overdraw) = columns[k]
-
+        is_watched = may_overcharge or may_overdraw
         if temperature_c >= highest_c:
-            heater_w = cap_w = 0.0
+            asked_w = cap_w = 0.0
         else:
-            heater_w = wanted_w(k, temperature_c)
-        if may_overcharge or may_overdraw:
-            least_w, most_w = limits(soc, temperature_c, variance_w2)
-            heater_w = max(0.0, min(heater_w, most_w - power_w))
-            if may_overcharge and take_surplus:
-                heater_w = max(heater_w, min(cap_w, least_w - power_w))
-        while True:
-            brake_w = 0.0
-            if may_overcharge:
-                brake_w = min(max(0.0, least_w - power_w - heater_w), -propulsion_w)
-            soc_end, end_c, _, _ = step(
+            asked_w = wanted_w(k, temperature_c)
+
+        def end_of(heater_w: float, brake_w: float) -> tuple[float, ...]:
+            return step(
                 soc, temperature_c, duration_s, power_w + heater_w + brake_w, variance_w2,
                 heat_w + efficiency * heater_w - heat_share * brake_w, leakage_w_per_k)
-            if heater_w <= 0.0 or end_c - highest_c <= HIGHEST_TOLERANCE_K:
-                break
-            heater_w = max(0.0, heater_w - (end_c - highest_c) * joules_per_k / duration_s)
-        if soc_end > 1.0:
-            # The brake takes what would overfill the battery.
-            def end_of(brake_w: float) -> tuple[float, ...]:
-                return step(
-                    soc, temperature_c, duration_s, power_w + heater_w + brake_w, variance_w2,
-                    heat_w + efficiency * heater_w - heat_share * brake_w, leakage_w_per_k)
 
-            brake_w = halve(max(0.0, -propulsion_w), brake_w,
-                            lambda braked_w: end_of(braked_w)[0] <= 1.0)
-            soc_end, end_c, _, _ = end_of(brake_w)
-            soc_end = min(soc_end, 1.0)
+        def between(least_w: float, most_w: float) -> Driven:
+            heater_w = asked_w
+            if is_watched:
+                heater_w = max(0.0, min(heater_w, most_w - power_w))
+                if may_overcharge and take_surplus:
+                    heater_w = max(heater_w, min(cap_w, least_w - power_w))
+            while True:
+                brake_w = 0.0
+                if may_overcharge:
+                    brake_w = min(max(0.0, least_w - power_w - heater_w), -propulsion_w)
+                soc_end, end_c, _, _ = end_of(heater_w, brake_w)
+                if heater_w <= 0.0 or end_c - highest_c <= HIGHEST_TOLERANCE_K:
+                    break
+                heater_w = max(0.0, heater_w - (end_c - highest_c) * joules_per_k / duration_s)
+            if soc_end > 1.0:
+                # The brake takes what would overfill the battery.
+                brake_w = halve(max(0.0, -propulsion_w), brake_w,
+                                lambda braked_w: end_of(heater_w, braked_w)[0] <= 1.0)
+                soc_end, end_c, _, _ = end_of(heater_w, brake_w)
+                soc_end = min(soc_end, 1.0)
+            return (soc_end, end_c), (heater_w, brake_w)
+
+        if is_watched:
+            (soc_end, end_c), (heater_w, brake_w) = drive_to_end(
+                limits, (soc, temperature_c), variance_w2, most_c, power_w, propulsion_w,
+                may_overcharge, between)
+        else:
+            (soc_end, end_c), (heater_w, brake_w) = between(-math.inf, math.inf)
         return soc_end, end_c, heater_w, brake_w
 
     return drive

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.planning.dynamics import JOULES_PER_WH, terminal_limits_w
+from bev_preheat.planning.dynamics import JOULES_PER_WH, limits_of_steps_w
 from bev_preheat.planning.limits import colder
 from bev_preheat.planning.schedule import HEATING_SHARE, Schedule
 
@@ -109,8 +109,8 @@ def make_stretch(schedule: Schedule, start_s: float, end_s: float, energy_wh: fl
 
 def _events(trip: Trip, schedule: Schedule) -> IntArray:
     """Reason that a step gives for heating before it, shape (N,); -1 where it gives none."""
-    least_w, most_w = terminal_limits_w(
-        trip.vehicle, schedule.soc[:-1], colder(trip.vehicle, schedule.temperature_c[:-1]),
+    least_w, most_w = limits_of_steps_w(
+        trip.vehicle, schedule.soc, colder(trip.vehicle, schedule.temperature_c),
         trip.power_variance_w2)
     events = np.full(len(trip.route), -1)
     events[(trip.route.propulsion_power_w < 0.0) & (trip.idle_power_w < least_w)] = Reason.DESCENT

@@ -19,7 +19,7 @@ from bev_preheat.compiled import searches as compiled_searches
 from bev_preheat.compiled.runs import Heating
 from bev_preheat.compiled.structs import SettlingStruct
 from bev_preheat.planning.bracketing import close_in, Trial
-from bev_preheat.planning.dynamics import compiled_vehicle, terminal_limits_w
+from bev_preheat.planning.dynamics import compiled_vehicle, limits_along, limits_of_steps_w
 from bev_preheat.planning.heat_run import initial_states, mean_share_left
 from bev_preheat.planning.limits import along_limits, colder, run_within_limits, WantedHeat, Watch
 from bev_preheat.planning.optimal_switch import ARRIVAL_TOLERANCE_K
@@ -134,8 +134,8 @@ class ThresholdSearch:
 
     def _climbs(self, schedule: Schedule) -> list[tuple[int, int]]:
         """(first, last + 1) of the stretches that a battery a little colder could not deliver."""
-        _, most_w = terminal_limits_w(
-            self._trip.vehicle, schedule.soc[:-1], colder(self._trip.vehicle, schedule.temperature_c[:-1]),
+        _, most_w = limits_of_steps_w(
+            self._trip.vehicle, schedule.soc, colder(self._trip.vehicle, schedule.temperature_c),
             self._trip.power_variance_w2)
         demanding = self._trip.idle_power_w > most_w
         edges = np.flatnonzero(np.diff(np.concatenate(([False], demanding, [False]))))
@@ -231,8 +231,7 @@ class ThresholdSearch:
 
     def _spare_power_w(self, schedule: Schedule) -> FloatArray:
         """Return what the battery can give beyond what each step asks without heating [W], shape (N,)."""
-        _, most_w = terminal_limits_w(
-            self._trip.vehicle, schedule.soc[:-1], schedule.temperature_c[:-1], self._trip.power_variance_w2)
+        _, most_w = limits_along(self._trip, schedule)
         spare_w = most_w - self._trip.idle_power_w
         if schedule.heat is not None:
             # A heater that lags goes on taking power after it was switched off.

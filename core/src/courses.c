@@ -7,7 +7,8 @@
 
 #include <stdbool.h>
 
-#define COLDER_BY_K 5.0
+#include "step_limits.h"
+
 #define POWER_TOLERANCE 1e-6
 #define SOC_DIFFERENCE 1e-4
 #define SECONDS_PER_HOUR 3600.0
@@ -22,9 +23,9 @@ bev_status bev_watch_limits(const bev_vehicle *vehicle, const bev_trip *trip,
                             const bev_course *course, bev_watch *watch) {
   for (int32_t k = 0; k < trip->steps; k++) {
     double limits_w[2];
-    const double colder_c = bev_maximum(course->states[1][k] - COLDER_BY_K, vehicle->lowest_c);
-    const bev_status status = limits_at(vehicle, course->states[0][k], colder_c,
-                                        trip->power_variance_w2[k], limits_w);
+    const bev_status status =
+        bev_limits_of_colder_step(vehicle, &course->states[0][k], &course->states[1][k],
+                                  trip->power_variance_w2[k], limits_w);
     if (status != BEV_OK) {
       return status;
     }
@@ -46,8 +47,9 @@ bev_status bev_lacking_w(const bev_vehicle *vehicle, const bev_trip *trip,
   *worst_w = 0.0;
   for (int32_t k = 0; k < driven; k++) {
     double limits_w[2];
-    const bev_status status = limits_at(vehicle, course->states[0][k], course->states[1][k],
-                                        trip->power_variance_w2[k], limits_w);
+    const bev_status status =
+        bev_limits_of_step(vehicle, &course->states[0][k], &course->states[1][k],
+                           trip->power_variance_w2[k], limits_w);
     if (status != BEV_OK) {
       return status;
     }

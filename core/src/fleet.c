@@ -6,10 +6,9 @@
 #include "checks.h"
 #include "limits_of_run.h"
 #include "paper.h"
+#include "step_limits.h"
 #include "steps_of_model.h"
 
-/* A limit may matter where it is this near: by so much a run may be colder than the unheated one [K]. */
-#define COLDER_BY_K 5.0
 #define JOULES_PER_WH 3600.0
 /* Arrays of a trip in the memory, the first ones those of bev_plan_switch. */
 #define SWITCH_ROOMS 8
@@ -61,17 +60,14 @@ static int leaves_enough(const drive *of, const double *soc) {
 /* The steps in which a limit may matter: bev_preheat.planning.limits.watch_limits. */
 static bev_status watch_limits(const drive *of) {
   const bev_trip *trip = &of->trip;
-  double *colder_c = of->room[2];
-  double *least_w = of->room[3];
-  double *most_w = of->room[4];
-  for (int32_t k = 0; k < trip->steps; k++) {
-    colder_c[k] = bev_maximum(of->idle_c[k] - COLDER_BY_K, of->vehicle->lowest_c);
-  }
-  const bev_status status = bev_limits_along(of->vehicle, trip->steps, of->idle_soc, colder_c,
-                                             trip->power_variance_w2, least_w, most_w);
+  bev_status status = BEV_OK;
   for (int32_t k = 0; k < trip->steps && status == BEV_OK; k++) {
-    of->may_overcharge[k] = trip->propulsion_power_w[k] < 0.0 && trip->idle_power_w[k] < least_w[k];
-    of->may_overdraw[k] = trip->idle_power_w[k] + trip->heater_limit_w[k] > most_w[k];
+    double limits_w[2];
+    status = bev_limits_of_colder_step(of->vehicle, &of->idle_soc[k], &of->idle_c[k],
+                                       trip->power_variance_w2[k], limits_w);
+    of->may_overcharge[k] =
+        trip->propulsion_power_w[k] < 0.0 && trip->idle_power_w[k] < limits_w[0];
+    of->may_overdraw[k] = trip->idle_power_w[k] + trip->heater_limit_w[k] > limits_w[1];
   }
   return status;
 }

@@ -1,11 +1,18 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* One step within limits: bev_preheat.planning.limits and bev_preheat.planning.heated_limits. */
+/*
+ * One step within limits: bev_preheat.planning.limits and bev_preheat.planning.heated_limits, at its end
+ * bev_preheat.planning.both_ends.
+ */
 #include "limited_step.h"
 
 #include <stdbool.h>
 
+#include "bracketing.h"
 #include "foresight.h"
 #include "heating.h"
+
+/* The limit at the end of a step is kept by at most so much more than needed [W]. */
+#define END_TOLERANCE_W 1e-3
 
 /* One step on its way. */
 typedef struct {
@@ -58,9 +65,9 @@ static bev_status end_of(const bev_limited_run *run, const step_start *start, do
       : BEV_NOT_FINITE;
 }
 
-/* The command before the highest temperature is looked at, and the least terminal power [W]. */
+/* The command between two terminal powers [W], before the highest temperature is looked at. */
 static bev_status limited_command(const bev_limited_run *run, const step_start *start,
-                                  double *command_w, double *least_w) {
+                                  const double limits_w[2], double *command_w) {
   const int32_t k = start->k;
   const double power_w = start->idle.power_w;
   const double heater_w = start->states[2];
@@ -72,18 +79,11 @@ static bev_status limited_command(const bev_limited_run *run, const step_start *
     wanted_w = 0.0;
   }
   if (may_overcharge || run->may_overdraw[k] != 0u) {
-    double limits_w[2];
-    bev_terminal_limits(run->vehicle, 0, start->states[0], start->states[1],
-                        start->idle.variance_w2, limits_w);
-    if (!isfinite(limits_w[0]) || !isfinite(limits_w[1])) {
-      return BEV_NOT_FINITE;
-    }
-    *least_w = limits_w[0];
     const double room_w =
         ((limits_w[1] - power_w) - start->left * heater_w) / (1.0 - start->left);
     wanted_w = bev_maximum(0.0, bev_minimum(wanted_w, room_w));
     if (may_overcharge && run->takes_surplus != 0) {
-      double surplus_w = *least_w - power_w;
+      double surplus_w = limits_w[0] - power_w;
       if (run->lag_s > 0.0 && surplus_w > 0.0) {
         surplus_w = bev_minimum(surplus_w, bev_lasting_surplus_w(run, k, start->states));
       }
@@ -120,21 +120,24 @@ static bev_status keep_from_overfilling(const bev_limited_run *run, const step_s
   return end_of(run, start, command_w, enough_w, result);
 }
 
-/* The step with the command that keeps the highest temperature, and the brake that goes with it. */
-static bev_status drive(const bev_limited_run *run, const step_start *start, double *command_w,
-                        double *brake_w, double result[8]) {
+/*
+ * The step between two terminal powers [W], with the command that keeps the highest temperature, and the brake
+ * that goes with it. `command_w` is what is wanted, then what is commanded.
+ */
+static bev_status drive_between(const bev_limited_run *run, const step_start *start,
+                                const double limits_w[2], double *command_w, double *brake_w,
+                                double result[8]) {
   const double propulsion_w = run->trip->propulsion_power_w[start->k];
   const double highest_c = run->vehicle->highest_c;
   const bool may_overcharge = run->may_overcharge[start->k] != 0u;
-  double least_w = 0.0;
-  bev_status status = limited_command(run, start, command_w, &least_w);
+  bev_status status = limited_command(run, start, limits_w, command_w);
   int is_settled = 0;
   for (int32_t round = 0; status == BEV_OK && round < BEV_MOST_ROUNDS && !is_settled; round++) {
     *brake_w = 0.0;
     if (may_overcharge) {
       const double drawn_w = start->left * start->states[2] + (1.0 - start->left) * *command_w;
       *brake_w = bev_minimum(
-          bev_maximum(0.0, least_w - start->idle.power_w - drawn_w), -propulsion_w);
+          bev_maximum(0.0, limits_w[0] - start->idle.power_w - drawn_w), -propulsion_w);
     }
     status = end_of(run, start, *command_w, *brake_w, result);
     const double beyond_k = bev_settled_c(run, result) - highest_c;
@@ -158,6 +161,98 @@ static bev_status drive(const bev_limited_run *run, const step_start *start, dou
   return status;
 }
 
+/* A step whose limits at the end are kept, and what came of the last terminal power that was tried. */
+typedef struct {
+  const bev_limited_run *run;
+  const step_start *start;
+  double wanted_w;
+  /* Least and most terminal power [W]; which of them is moved. */
+  double limits_w[2];
+  int moved;
+  double command_w;
+  double brake_w;
+  double *result;
+} step_to_end;
+
+static double terminal_w(const step_to_end *of) {
+  return of->start->idle.power_w + of->result[6] + of->brake_w;
+}
+
+static bev_status limits_at_end(const step_to_end *of, double limits_w[2]) {
+  const bev_vehicle *vehicle = of->run->vehicle;
+  bev_terminal_limits(vehicle, 0, bev_minimum(of->result[0], 1.0),
+                      bev_minimum(of->result[1], vehicle->hottest_c),
+                      of->start->idle.variance_w2, limits_w);
+  return isfinite(limits_w[0]) && isfinite(limits_w[1]) ? BEV_OK : BEV_NOT_FINITE;
+}
+
+static double spare_w(const step_to_end *of, const double limits_w[2]) {
+  const double to_spare_w =
+      of->moved == 1 ? limits_w[1] - terminal_w(of) : terminal_w(of) - limits_w[0];
+  return to_spare_w - 0.5 * END_TOLERANCE_W;
+}
+
+/* The step with one of its limits moved. */
+static bev_status attempt(void *moved, double limit_w, double *excess) {
+  step_to_end *of = (step_to_end *)moved;
+  double at_end_w[2];
+  of->limits_w[of->moved] = limit_w;
+  of->command_w = of->wanted_w;
+  bev_status status = drive_between(of->run, of->start, of->limits_w, &of->command_w,
+                                    &of->brake_w, of->result);
+  if (status == BEV_OK) {
+    status = limits_at_end(of, at_end_w);
+  }
+  *excess = status == BEV_OK ? spare_w(of, at_end_w) : NAN;
+  return status;
+}
+
+/* Move the step's terminal power towards the utmost until the limit at the end holds. */
+static bev_status move_limit(step_to_end *of, int moved, double utmost_w,
+                             const double at_end_w[2]) {
+  double value_w = terminal_w(of);
+  of->moved = moved;
+  double excess_w = spare_w(of, at_end_w);
+  bev_status status =
+      bev_follow_slope(utmost_w, value_w, moved == 1 ? -1.0 : 1.0, 0.5 * END_TOLERANCE_W, attempt,
+                       of, &value_w, &excess_w);
+  if (status == BEV_OK && excess_w < -0.5 * END_TOLERANCE_W && value_w != utmost_w) {
+    /* In a long step less heat may lower the limit by more than it saves: nothing holds it. */
+    status = attempt(of, utmost_w, &excess_w);
+  }
+  return status;
+}
+
+/* The step that keeps the limits at both ends, as far as heater and brake can. */
+static bev_status drive_to_end(step_to_end *of) {
+  const bev_limited_run *run = of->run;
+  const step_start *start = of->start;
+  const double propulsion_w = run->trip->propulsion_power_w[start->k];
+  const int may_overcharge = run->may_overcharge[start->k] != 0;
+  bev_terminal_limits(run->vehicle, 0, start->states[0], start->states[1],
+                      start->idle.variance_w2, of->limits_w);
+  if (!isfinite(of->limits_w[0]) || !isfinite(of->limits_w[1])) {
+    return BEV_NOT_FINITE;
+  }
+  bev_status status = drive_between(run, start, of->limits_w, &of->command_w, &of->brake_w,
+                                    of->result);
+  if (status != BEV_OK || of->result[0] <= 0.0) {
+    return status;
+  }
+  double at_end_w[2];
+  status = limits_at_end(of, at_end_w);
+  if (status != BEV_OK) {
+    return status;
+  }
+  if (terminal_w(of) > at_end_w[1] && of->command_w > 0.0) {
+    return move_limit(of, 1, start->idle.power_w, at_end_w);
+  }
+  if (may_overcharge && terminal_w(of) < at_end_w[0] && of->brake_w < -propulsion_w) {
+    return move_limit(of, 0, start->idle.power_w - propulsion_w, at_end_w);
+  }
+  return BEV_OK;
+}
+
 bev_status bev_drive_within_limits(const bev_limited_run *run, int32_t k, const double states[4],
                                    double wanted_w, double ends[4], double powers_w[4]) {
   const bev_trip *trip = run->trip;
@@ -172,12 +267,16 @@ bev_status bev_drive_within_limits(const bev_limited_run *run, int32_t k, const 
     return BEV_BAD_INPUT;
   }
   double result[8];
-  powers_w[0] = wanted_w;
-  powers_w[1] = 0.0;
-  const bev_status status = drive(run, &start, &powers_w[0], &powers_w[1], result);
+  step_to_end driven = {run, &start, wanted_w, {0.0, 0.0}, 0, wanted_w, 0.0, result};
+  const bev_status status =
+      run->may_overcharge[k] != 0 || run->may_overdraw[k] != 0
+          ? drive_to_end(&driven)
+          : drive_between(run, &start, driven.limits_w, &driven.command_w, &driven.brake_w, result);
   if (status != BEV_OK) {
     return status;
   }
+  powers_w[0] = driven.command_w;
+  powers_w[1] = driven.brake_w;
   powers_w[2] = result[6];
   powers_w[3] = result[7];
   if (result[0] <= 0.0) {

@@ -141,7 +141,7 @@ static bev_status misses_no_limit(const planning *of) {
   const double *brake_w = powers_of(of, 1);
   double *least_w = of->memory;
   double *most_w = &of->memory[trip->steps];
-  bev_status status = bev_limits_along(of->vehicle, trip->steps, of->states,
+  bev_status status = bev_limits_of_steps(of->vehicle, trip->steps, of->states,
                                        &of->states[trip->steps + 1], trip->power_variance_w2,
                                        least_w, most_w);
   for (int32_t k = 0; k < trip->steps && status == BEV_OK; k++) {

@@ -5,6 +5,7 @@
  */
 #include "checks.h"
 #include "limited_step.h"
+#include "step_limits.h"
 
 /* A heater power below this share of what the cabin leaves is rounding. */
 #define HEATING_SHARE 1e-4
@@ -12,8 +13,6 @@
 #define SURPLUS_TOLERANCE_W 1.0
 /* Heating that ends so many lags of the heat path before arrival, or later, is for the arrival. */
 #define TOO_LATE_LAGS 12.0
-/* A limit may be what is heated for where it is this near: by so much the battery may be colder [K]. */
-#define COLDER_BY_K 5.0
 #define JOULES_PER_WH 3600.0
 
 /* A step that is not heated, or that gives no reason for heating before it. */
@@ -49,11 +48,10 @@ static int32_t kind_of(const told_run *run, int32_t k) {
 /* The reason that a step gives for heating before it: what a colder battery would not allow. */
 static bev_status find_event(const told_run *run, int32_t k, int32_t *event) {
   const bev_trip *trip = run->trip;
-  const double colder_c =
-      bev_maximum(run->temperature_c[k] - COLDER_BY_K, run->vehicle->lowest_c);
   double limits_w[2];
-  bev_terminal_limits(run->vehicle, BEV_AS_ARRAYS, run->soc[k], colder_c,
-                      trip->power_variance_w2[k], limits_w);
+  const bev_status status =
+      bev_limits_of_colder_step(run->vehicle, &run->soc[k], &run->temperature_c[k],
+                                trip->power_variance_w2[k], limits_w);
   *event = NOTHING;
   if (trip->propulsion_power_w[k] < 0.0 && trip->idle_power_w[k] < limits_w[0]) {
     *event = DESCENT;
@@ -61,7 +59,7 @@ static bev_status find_event(const told_run *run, int32_t k, int32_t *event) {
   if (trip->idle_power_w[k] > limits_w[1]) {
     *event = CLIMB;
   }
-  return isfinite(limits_w[0]) != 0 && isfinite(limits_w[1]) != 0 ? BEV_OK : BEV_NOT_FINITE;
+  return status;
 }
 
 /* The step from which on nothing is heated: where heat would come too late, before arrival. */

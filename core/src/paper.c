@@ -38,7 +38,7 @@ bev_status bev_run_paper(const bev_vehicle *vehicle, const bev_trip *trip, doubl
 bev_status bev_is_driven_as_planned(const bev_vehicle *vehicle, const bev_trip *trip,
                                     const double *soc, const double *temperature_c,
                                     const double *heater_w, double *least_w, double *most_w) {
-  const bev_status status = bev_limits_along(vehicle, trip->steps, soc, temperature_c,
+  const bev_status status = bev_limits_of_steps(vehicle, trip->steps, soc, temperature_c,
                                              trip->power_variance_w2, least_w, most_w);
   for (int32_t k = 0; k <= trip->steps && status == BEV_OK; k++) {
     if (!(soc[k] > 0.0 && soc[k] <= 1.0 && temperature_c[k] <= vehicle->hottest_c)) {

@@ -3,6 +3,7 @@
 #include <stdbool.h>
 
 #include "heating.h"
+#include "step_limits.h"
 #include "threshold_search.h"
 
 #define SMALL_SHIFT_K 1.0
@@ -100,8 +101,12 @@ bev_status bev_search_excess(const bev_threshold_search *search, const bev_searc
   double least_w = INFINITY;
   for (int32_t k = required->first; k < required->last; k++) {
     double limits_w[2];
-    bev_terminal_limits(search->limits.vehicle, BEV_AS_ARRAYS, run->states[0][k],
-                        run->states[1][k], trip->power_variance_w2[k], limits_w);
+    const bev_status status =
+        bev_limits_of_step(search->limits.vehicle, &run->states[0][k], &run->states[1][k],
+                           trip->power_variance_w2[k], limits_w);
+    if (status != BEV_OK) {
+      return status;
+    }
     double spare_w = limits_w[1] - trip->idle_power_w[k];
     if (!search->limits.is_direct) {
       /* A heater that lags goes on taking power after it was switched off. */

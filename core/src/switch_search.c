@@ -9,6 +9,7 @@
 #include "limits_of_run.h"
 #include "means.h"
 #include "prices.h"
+#include "step_limits.h"
 #include "steps_of_model.h"
 
 /* The target is met when the forward run arrives this close [K]. */
@@ -19,8 +20,6 @@
 #define LOST_ABOVE_TARGET_K 100.0
 /* Surplus is told from paid heating to this [W]. */
 #define SURPLUS_TOLERANCE_W 1.0
-/* A limit may be what is heated for where it is this near: by so much the battery may be colder [K]. */
-#define COLDER_BY_K 5.0
 #define JOULES_PER_WH 3600.0
 
 /* What stays the same while the instant is searched for, and where each trial is written. */
@@ -156,7 +155,7 @@ bev_status bev_find_switch(const bev_vehicle *vehicle, const bev_trip *trip, dou
 bev_status bev_keeps_limits(const bev_seen_run *run, int32_t first) {
   const bev_vehicle *vehicle = run->vehicle;
   const bev_trip *trip = run->trip;
-  const bev_status status = bev_limits_along(
+  const bev_status status = bev_limits_of_steps(
       vehicle, trip->steps - first, &run->soc[first], &run->temperature_c[first],
       &trip->power_variance_w2[first], &run->least_w[first], &run->most_w[first]);
   if (status != BEV_OK) {
@@ -183,13 +182,12 @@ static bev_status find_reason(const bev_seen_run *run, bev_switch_plan *plan) {
   const bev_trip *trip = run->trip;
   plan->reason = BEV_FOR_ARRIVAL;
   for (int32_t k = plan->end_heated; k < trip->steps; k++) {
-    const double colder_c =
-        bev_maximum(run->temperature_c[k] - COLDER_BY_K, run->vehicle->lowest_c);
     double limits_w[2];
-    bev_terminal_limits(run->vehicle, BEV_AS_ARRAYS, run->soc[k], colder_c,
-                        trip->power_variance_w2[k], limits_w);
-    if (!isfinite(limits_w[0]) || !isfinite(limits_w[1])) {
-      return BEV_NOT_FINITE;
+    const bev_status status =
+        bev_limits_of_colder_step(run->vehicle, &run->soc[k], &run->temperature_c[k],
+                                  trip->power_variance_w2[k], limits_w);
+    if (status != BEV_OK) {
+      return status;
     }
     if (trip->idle_power_w[k] > limits_w[1]) {
       plan->reason = BEV_FOR_CLIMB;

@@ -5,6 +5,7 @@
 #include <stdbool.h>
 
 #include "heating.h"
+#include "step_limits.h"
 
 #define ARRIVAL_TOLERANCE_K 5e-6
 #define ARRIVAL_OVERSHOOT_K 1.0
@@ -12,7 +13,6 @@
 #define UNHEATED_SHIFT_K (-1e3)
 #define POWER_SURPLUS 1e-5
 #define MOST_CLIMBS 6
-#define COLDER_BY_K 5.0
 
 static const bev_requirement TARGET = {-1, -1};
 
@@ -25,12 +25,11 @@ static bev_status find_climbs(const bev_threshold_search *search,
   *count = 0;
   for (int32_t k = 0; k < trip->steps; k++) {
     double limits_w[2];
-    bev_terminal_limits(
-        search->limits.vehicle, BEV_AS_ARRAYS, kept->states[0][k],
-        bev_maximum(kept->states[1][k] - COLDER_BY_K, search->limits.vehicle->lowest_c),
-        trip->power_variance_w2[k], limits_w);
-    if (!isfinite(limits_w[1])) {
-      return BEV_NOT_FINITE;
+    const bev_status status =
+        bev_limits_of_colder_step(search->limits.vehicle, &kept->states[0][k], &kept->states[1][k],
+                                  trip->power_variance_w2[k], limits_w);
+    if (status != BEV_OK) {
+      return status;
     }
     const bool is_demanding = trip->idle_power_w[k] > limits_w[1];
     if (is_demanding && !was_demanding) {

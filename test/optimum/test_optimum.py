@@ -236,11 +236,12 @@ def test_arrival_is_as_warm_and_as_charged_as_wanted(trip):
     assert plan.arrival_soc >= goal.minimum_arrival_soc - 1e-8
 
 
-def test_power_limits_hold_at_the_start_of_each_step(trip):
+@pytest.mark.parametrize('end', [0, 1], ids=['start', 'end'])
+def test_power_limits_hold_at_both_ends_of_each_step(trip, end):
     vehicle, route, _, _, plan = trip
     car, battery = Car(vehicle), vehicle.battery
     for k, segment in enumerate(segments_of(route)):
-        soc, temperature_c = plan.soc[k], plan.battery_temperature_c[k]
+        soc, temperature_c = plan.soc[k + end], plan.battery_temperature_c[k + end]
         power_w = car.heat_and_power(soc, temperature_c, segment, plan.hvch_battery_power_w[k],
                                      plan.friction_brake_power_w[k])[2]
         # A milliwatt, of some 10 kW.
@@ -456,6 +457,15 @@ def test_highest_temperature_is_kept_where_the_battery_need_not_deliver_all():
     optimum = solve_optimum(trip.vehicle, trip.route, trip.state, trip.goal)
     assert optimum.lacking
     assert optimum.plan.battery_temperature_c.max() <= 60.0 + 1e-6
+
+
+def test_a_barrier_whose_least_value_lies_at_a_corner_of_a_limit_does_not_keep_the_solver():
+    # In a descent the battery is at 25 degC, a point of the table, where one step ends and the next begins.
+    trip = draw_limit_trip(REFERENCE, 1, 60)
+    situation = trip.vehicle, trip.route, trip.state, trip.goal
+    optimum, plan = solve_optimum(*situation), plan_preheating(*situation)
+    assert (optimum.solver_status, optimum.lacking) == ('Solve_Succeeded', ())
+    assert optimum.plan.energy_wh.battery_total <= plan.energy_wh.battery_total + 1e-3
 
 
 def fresh_vehicle():

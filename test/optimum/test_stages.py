@@ -30,9 +30,9 @@ def test_variables_and_constraints_lie_stage_by_stage():
     assert {name: places.tolist() for name, places in staged.variables.places.items()} == {
         'soc': [0, 4, 8], 'temperature': [1, 5, 9], 'heater': [2, 6], 'brake': [3, 7]}
     assert {name: places.tolist() for name, places in staged.constraints.places.items()} == {
-        'soc_defect': [0, 4], 'temperature_defect': [1, 5], 'discharge': [2, 6], 'charge': [3, 7],
-        'target': [8], 'final_soc': [9]}
-    assert staged.is_equality.tolist() == [True, True, False, False] * 2 + [False, False]
+        'soc_defect': [0, 6], 'temperature_defect': [1, 7], 'discharge': [2, 8], 'charge': [3, 9],
+        'discharge_at_end': [4, 10], 'charge_at_end': [5, 11], 'target': [12], 'final_soc': [13]}
+    assert staged.is_equality.tolist() == [True, True, False, False, False, False] * 2 + [False, False]
 
 
 def test_values_are_packed_in_that_order_and_scaled():

@@ -119,3 +119,31 @@ class OwnPlant:
                 if soc <= 0.0:
                     return Driven(0.0, temperature_c, 0.0, lacking_w, now_s)
         return Driven(soc, temperature_c, lowest_soc, lacking_w, None)
+
+    def beyond_limits_w(self, route, state, heater_w, brake_w):
+        """Return by how much P_b exceeds discharge and charge limit in each step at most [W], (N, 2)."""
+        soc, temperature_c, beyond_w = state.soc, state.temperature_c, []
+        columns = (route.duration_s, route.speed_mps, route.propulsion_power_w,
+                   route.propulsion_power_rms_w, route.propulsion_power_magnitude_w, route.ambient_temperature_c,
+                   route.cabin_heating_power_w + route.auxiliary_power_w, heater_w, brake_w)
+        for duration_s, speed, drive_w, rms_w, magnitude_w, ambient_c, others_w, heat_w, braked_w in zip(
+                *(column.tolist() for column in columns)):
+            leakage = (self._leakage['gamma_0_w_per_k']
+                       + self._leakage['gamma_v_w_per_k_per_mps'] * speed)
+            terminal_w, worst_w = drive_w + others_w + heat_w + braked_w, (-np.inf, -np.inf)
+            step_s = duration_s / (steps := ceil(duration_s / STEP_S))
+            for part in range(steps + 1):
+                u = self.voltage_v(soc, temperature_c)
+                r = self.resistance_ohm(soc, temperature_c)
+                ripple_w = r * max(rms_w**2 - drive_w**2, 0.0) / u**2
+                current_a = (u - sqrt(max(u**2 - 4.0 * r * terminal_w, 0.0))) / (2.0 * r)
+                power_w = u * current_a + ripple_w
+                worst_w = (max(worst_w[0], power_w - self.discharge_w(soc, temperature_c)),
+                           max(worst_w[1], self.charge_w(soc, temperature_c) - power_w))
+                if part < steps:
+                    soc -= (current_a + ripple_w / u) / self._charge_as * step_s
+                    temperature_c += step_s / self._heat_capacity * (
+                        self._heater_efficiency * heat_w + leakage * (ambient_c - temperature_c)
+                        + r * current_a**2 + ripple_w + self._heat_share * (magnitude_w - braked_w))
+            beyond_w.append(worst_w)
+        return np.array(beyond_w)

@@ -76,8 +76,9 @@ def test_a_command_never_asks_for_more_than_the_battery_can_give(segments, state
     trip, schedule = driven(segments, state, path)
     if schedule.empty_at_s is not None:
         return
-    _, most_w = make_terminal_limits(trip.vehicle, ARRAYS)(
-        schedule.soc[:-1], schedule.temperature_c[:-1], trip.power_variance_w2)
+    most_w = np.min([make_terminal_limits(trip.vehicle, ARRAYS)(
+        schedule.soc[ends], schedule.temperature_c[ends], trip.power_variance_w2)[1]
+        for ends in (slice(-1), slice(1, None))], axis=0)
     # What a heater takes that was commanded nothing is the rest of what it was commanded before.
     beyond_w = (trip.idle_power_w + schedule.drawn_power_w - most_w)[schedule.heater_power_w > 0.0]
     surplus = (trip.route.propulsion_power_w < 0.0)[schedule.heater_power_w > 0.0]

@@ -74,8 +74,8 @@ static bev_status follow_heat(const bev_vehicle *vehicle, const bev_trip *trip,
   if (status != BEV_OK) {
     return status;
   }
-  status = bev_limits_along(vehicle, steps, states, temperature_c, trip->power_variance_w2,
-                            room->least_w, room->most_w);
+  status = bev_limits_of_steps(vehicle, steps, states, temperature_c, trip->power_variance_w2,
+                               room->least_w, room->most_w);
   if (status != BEV_OK) {
     return status;
   }

@@ -121,12 +121,15 @@ def solve_trip(vehicle: Vehicle, seed: int, number: int, trips: str = 'free') ->
 
 
 def _violation(drawn: DrawnTrip, plan: Plan) -> float:
-    """Largest share by which a step breaks a power limit at its start."""
+    """Largest share by which a step breaks a power limit at its start or at its end."""
     trip = make_trip(drawn.vehicle, drawn.route)
     terminal_w = (trip.idle_power_w + plan.drawn_power_w + plan.friction_brake_power_w)
-    least_w, most_w = make_terminal_limits(drawn.vehicle, ARRAYS)(
-        plan.soc[:-1], plan.battery_temperature_c[:-1], trip.power_variance_w2)
-    beyond_w = np.maximum(terminal_w - most_w, least_w - terminal_w)
+    limits = make_terminal_limits(drawn.vehicle, ARRAYS)
+    (least_w, most_w), (least_end_w, most_end_w) = (
+        limits(plan.soc[ends], plan.battery_temperature_c[ends], trip.power_variance_w2)
+        for ends in (slice(-1), slice(1, None)))
+    beyond_w = np.maximum(terminal_w - np.minimum(most_w, most_end_w),
+                          np.maximum(least_w, least_end_w) - terminal_w)
     return max(0.0, float((beyond_w / np.maximum(np.abs(terminal_w), 1.0)).max()))
 
 

@@ -325,6 +325,14 @@ bev_status bev_limits_along(const bev_vehicle *vehicle, int32_t count, const dou
                             double *least_w, double *most_w);
 
 /*
+ * The same for steps, whose power is to keep the limits at both ends: `soc` and `temperature_c` have a value
+ * more than there are steps, the others one for each.
+ */
+bev_status bev_limits_of_steps(const bev_vehicle *vehicle, int32_t steps, const double *soc,
+                               const double *temperature_c, const double *variance_w2,
+                               double *least_w, double *most_w);
+
+/*
  * A trip in strides, arrays of `strides` values: means of power, variance, heat, leakage, heater limit and
  * propulsion power over each, the charge at its start, the temperature about which its end is needed, the
  * shares of a joule that a fuller battery leaves to brake and heater [J/J], and whether charge or discharge
