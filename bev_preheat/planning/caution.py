@@ -17,8 +17,14 @@ import numpy as np
 
 from bev_preheat.planning.bracketing import follow_slope, Trial
 from bev_preheat.planning.dynamics import run_on
-from bev_preheat.planning.heat_run import run_heated, states_at
-from bev_preheat.planning.limits import drive_as_planned, limits_hold
+from bev_preheat.planning.heat_run import roll_heated, run_heated, states_at
+from bev_preheat.planning.limits import (
+    course_within_limits,
+    drive_as_planned,
+    limits_hold,
+    WantedHeat,
+    watch_everywhere,
+)
 from bev_preheat.planning.schedule import HEATING_SHARE, Schedule, switched_on_s
 from bev_preheat.vehicle.model import make_runge_kutta_4
 
@@ -73,10 +79,11 @@ def heat_early(trip: Trip, state: BatteryState, schedule: Schedule, target_c: fl
     # What is heated earlier need not be heated later.
     guess_s = end_s - (start_s - early_s)
     if stretch.may_leave_limits_aside():
-        early = _as_long_as_needed(stretch, stretch.until, target_c, guess_s)
+        early = stretch.until(_needed_until_s(stretch, stretch.arrival_c, target_c, guess_s))
         if limits_hold(trip, early):
             return early
-    return _as_long_as_needed(stretch, stretch.until_within_limits, target_c, guess_s)
+    return stretch.until_within_limits(
+        _needed_until_s(stretch, stretch.arrival_within_limits_c, target_c, guess_s))
 
 
 def _last_stretch(trip: Trip, schedule: Schedule) -> tuple[int, float] | None:
@@ -168,12 +175,32 @@ class _LastStretch:
         """Return the Schedule that leaves the stretch out, within the battery's limits."""
         return drive_as_planned(self._trip, self._state, self._before_w, take_surplus=True)
 
+    def arrival_within_limits_c(self, end_s: float) -> float:
+        """Return the temperature on arrival [deg C] of `until_within_limits`, at less cost."""
+        if self._driven is None:
+            return float(self.until_within_limits(end_s).temperature_c[-1])
+        states, _, _ = course_within_limits(
+            self._trip, self._state, watch_everywhere(self._trip), WantedHeat(self._heater_w(end_s)),
+            True, self._first, self._driven)
+        return float(states[1, -1])
+
     def until_within_limits(self, end_s: float) -> Schedule:
         """Return the Schedule that heats until `end_s` [s] as far as the battery's limits let it."""
         self._driven = drive_as_planned(
             self._trip, self._state, self._heater_w(end_s), take_surplus=True, first=self._first,
             before=self._driven)
         return replace(self._driven, heating_end_s=self._heating_end_s(end_s))
+
+    def arrival_c(self, end_s: float) -> float:
+        """Return the temperature on arrival [deg C] of `until`, at less cost."""
+        trip, planned, first = self._trip, self._schedule, self._first
+        heater_w = self._heater_w(end_s)
+        if planned.heat is not None:
+            return float(roll_heated(
+                trip, states_at(planned, first), heater_w, first, planned.brake_power_w)[1, -1])
+        _, temperature_c = run_on(trip, make_runge_kutta_4, planned.soc, planned.temperature_c, first,
+                                  heater_w, planned.brake_power_w)
+        return float(temperature_c[-1])
 
     def until(self, end_s: float) -> Schedule:
         """Return the Schedule that heats until `end_s` [s], limits left aside."""
@@ -205,15 +232,14 @@ class _LastStretch:
         return end_s if self.start_s < end_s < self.arrival_s else None
 
 
-def _as_long_as_needed(stretch: _LastStretch, until: Callable[[float], Schedule], target_c: float,
-                       guess_s: float) -> Schedule:
-    """Return the Schedule that ends its heating where the battery arrives at the target."""
-    def heated_until(end_s: float) -> Trial[Schedule]:
-        schedule = until(end_s)
-        return Trial(end_s, float(schedule.temperature_c[-1]) - target_c, schedule)
+def _needed_until_s(stretch: _LastStretch, arrival_c: Callable[[float], float], target_c: float,
+                    guess_s: float) -> float:
+    """Return the end of heating [s] with which the battery arrives at the target."""
+    def heated_until(end_s: float) -> Trial[None]:
+        return Trial(end_s, arrival_c(end_s) - target_c, None)
 
     # The later heating ends, the warmer the battery arrives.
     first = heated_until(min(max(guess_s, stretch.start_s), stretch.latest_end_s))
     return follow_slope(
         stretch.latest_end_s, stretch.start_s, first, stretch.rate_k_per_s(first.value), heated_until,
-        ARRIVAL_TOLERANCE_K, END_RESOLUTION_S, MOST_RUNS).outcome
+        ARRIVAL_TOLERANCE_K, END_RESOLUTION_S, MOST_RUNS).value

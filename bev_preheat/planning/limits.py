@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
@@ -48,6 +48,8 @@ HIGHEST_TOLERANCE_K = 1e-6
 
 # `wanted_w(step, temperature_c)` -> heater power [W].
 WantedPower = Callable[[int, float], float]
+# States, powers and where it strands: the arguments of `along_limits`.
+Course: TypeAlias = 'tuple[FloatArray, FloatArray, tuple[int, float] | None]'
 # `drive(step, soc, temperature_c)` -> state of charge, temperature, heater and brake power [W].
 StepWithinLimits = Callable[[int, float, float], tuple[float, float, float, float]]
 
@@ -143,9 +145,15 @@ def run_within_limits(trip: Trip, state: BatteryState, watch: Watch,
     The state of charge stays within 0 ... 1: what would overfill the battery goes to the friction
     brake, and where the charge runs out the vehicle stands for the rest of the trip.
     """
+    return along_limits(trip, watch, *course_within_limits(
+        trip, state, watch, wanted, take_surplus, first, before))
+
+
+def course_within_limits(trip: Trip, state: BatteryState, watch: Watch, wanted: WantedHeat,
+                         take_surplus: bool, first: int = 0, before: Schedule | None = None) -> Course:
+    """Return the Course of such a run, for who needs no Schedule of it."""
     if not trip.vehicle.heat_path.is_direct:
-        return along_limits(trip, watch, *run_heated_within_limits(
-            trip, state, watch, wanted, take_surplus, first, before))
+        return run_heated_within_limits(trip, state, watch, wanted, take_surplus, first, before)
     steps = len(trip.route)
     states, powers_w = np.empty((2, steps + 1)), np.empty((2, steps))
     if before is None or before.empty_at_s is not None:
@@ -158,7 +166,7 @@ def run_within_limits(trip: Trip, state: BatteryState, watch: Watch,
             kept[:len(values)] = values
     empty = _drive_on(trip, watch, wanted, take_surplus, first, states, powers_w)
     stranded = None if empty is None else (empty, _strand(trip, empty, states, powers_w))
-    return along_limits(trip, watch, states, powers_w, stranded)
+    return states, powers_w, stranded
 
 
 def along_limits(trip: Trip, watch: Watch, states: FloatArray, powers_w: FloatArray,
@@ -334,10 +342,8 @@ def _strand(trip: Trip, empty: int, states: FloatArray, powers_w: FloatArray) ->
 
 def run_unheated(trip: Trip, state: BatteryState) -> Schedule:
     """Return the Schedule of a forward run that keeps the limits, heated with free surplus only."""
-    everywhere = np.ones(len(trip.route), dtype=bool)
-    return run_within_limits(
-        trip, state, Watch(trip.route.propulsion_power_w < 0.0, everywhere),
-        WantedHeat(np.zeros(len(trip.route))), take_surplus=True)
+    return run_within_limits(trip, state, watch_everywhere(trip),
+                             WantedHeat(np.zeros(len(trip.route))), take_surplus=True)
 
 
 def drive_as_planned(trip: Trip, state: BatteryState, heater_power_w: FloatArray,
@@ -348,10 +354,13 @@ def drive_as_planned(trip: Trip, state: BatteryState, heater_power_w: FloatArray
 
     With `before`, a run of the same kind, its steps before `first` are kept.
     """
-    everywhere = np.ones(len(trip.route), dtype=bool)
-    return run_within_limits(
-        trip, state, Watch(trip.route.propulsion_power_w < 0.0, everywhere),
-        WantedHeat(heater_power_w), take_surplus, first, before)
+    return run_within_limits(trip, state, watch_everywhere(trip), WantedHeat(heater_power_w),
+                             take_surplus, first, before)
+
+
+def watch_everywhere(trip: Trip) -> Watch:
+    """Return the Watch under which a limit may matter in each step of a trip."""
+    return Watch(trip.route.propulsion_power_w < 0.0, np.ones(len(trip.route), dtype=bool))
 
 
 def within_limits(trip: Trip, state: BatteryState, schedule: Schedule) -> Schedule:
