@@ -30,6 +30,7 @@ from bev_preheat.compiled.structs import (
     StridesStruct,
     SwitchPlanStruct,
     TripStruct,
+    TripTermsStruct,
     VehicleStruct,
 )
 
@@ -42,6 +43,7 @@ OK, SATURATED, EMPTY, NO_CROSSING, LIMITED = 0, 1, 2, 3, 4
 _TYPES = {'P': c_void_p, 'D': c_double, 'I': c_int32}
 _SIGNATURES = {
     'bev_check_vehicle': 'P',
+    'bev_make_trip': 'PIPP',
     'bev_step': 'PIIDDDDDDDP',
     'bev_heated_step': 'PIPDDDDDDP',
     'bev_run': 'PIPIPPPP',
@@ -146,8 +148,8 @@ def _is_ours(library: Any) -> bool:
             library.bev_size_of_belief_terms(), library.bev_size_of_drive(),
             library.bev_size_of_course(), library.bev_size_of_arrival(),
             library.bev_size_of_caution(), library.bev_size_of_merit_plan(),
-            library.bev_size_of_stretch()) == (INTERFACE, *map(sizeof, (
+            library.bev_size_of_stretch(), library.bev_size_of_trip_terms()) == (INTERFACE, *map(sizeof, (
                 VehicleStruct, TripStruct, HeatingStruct, StridesStruct, CurveRangeStruct,
                 SettlingStruct, StrandingStruct, RunOfPowersStruct, SwitchPlanStruct, BeliefStruct,
                 BeliefTermsStruct, DriveStruct, CourseStruct, ArrivalStruct, CautionStruct,
-                MeritPlanStruct, StretchStruct)))
+                MeritPlanStruct, StretchStruct, TripTermsStruct)))

@@ -8,7 +8,7 @@ An object here keeps alive all memory that its struct points to. `address` is th
 from __future__ import annotations
 
 from ctypes import addressof, c_double, c_int32, c_void_p, Structure
-from typing import Any, TYPE_CHECKING
+from typing import Any, Self, TYPE_CHECKING
 
 import numpy as np
 
@@ -61,6 +61,14 @@ class TripStruct(Structure):
     """`bev_trip`."""
 
     _fields_ = [('steps', c_int32), *((name, c_void_p) for name in TRIP_COLUMNS)]
+
+
+class TripTermsStruct(Structure):
+    """`bev_trip_terms`."""
+
+    _fields_ = [(name, c_double) for name in (
+        'gamma_0_w_per_k', 'gamma_v_w_per_k_per_mps', 'heat_share', 'stiff_w_per_k', 'heater_w',
+        'heater_share', 'heat_lag_s')]
 
 
 class HeatingStruct(Structure):
@@ -209,16 +217,26 @@ class CompiledVehicle:
 class CompiledTrip:
     """A `bev_trip`: the columns of a trip in one block of memory."""
 
-    def __init__(self, *columns: FloatArray) -> None:
-        """`columns` are those of TRIP_COLUMNS, the first (N + 1,), the others (N,)."""
-        self.steps = len(columns[1])
-        self._block = np.concatenate(columns, dtype=float)
+    def __init__(self, steps: int, block: FloatArray) -> None:
+        """`block` has the columns of TRIP_COLUMNS one after the other, the first (N + 1,), the others (N,)."""
+        self.steps, self._block = steps, block
         first = address_of(self._block)
         after = first + DOUBLE_BYTES * (self.steps + 1)
         width = DOUBLE_BYTES * self.steps
         self.struct = TripStruct(
             self.steps, first, *range(after, after + width * (len(TRIP_COLUMNS) - 1), width))
         self.address = addressof(self.struct)
+
+    @classmethod
+    def of_columns(cls, *columns: FloatArray) -> Self:
+        """Return the trip with these columns."""
+        return cls(len(columns[1]), np.concatenate(columns, dtype=float))
+
+    @property
+    def columns(self) -> list[FloatArray]:
+        """The columns, as parts of the block."""
+        steps, block = self.steps, self._block
+        return [block[:steps + 1], *(block[at:at + steps] for at in range(steps + 1, len(block), steps))]
 
 
 def address_of(array: NDArray[Any] | None) -> Any:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
+from bev_preheat.compiled.made_trip import make_trip as compiled_trip
 from bev_preheat.compiled.structs import CompiledTrip
 from bev_preheat.route.segments import Route
 from bev_preheat.vehicle.description import Vehicle
@@ -51,7 +52,7 @@ class Trip:
     @cached_property
     def compiled(self) -> CompiledTrip:
         """The trip as the compiled core takes it."""
-        return CompiledTrip(
+        return CompiledTrip.of_columns(
             self.time_s, self.route.duration_s, self.idle_power_w, self.power_variance_w2,
             self.idle_heat_w, self.leakage_w_per_k, self.heater_limit_w,
             self.route.propulsion_power_w, self.drivetrain_heat_w, self.route.ambient_temperature_c)
@@ -124,6 +125,25 @@ def _kept_trip(vehicle: Vehicle, one: _OneRoute, heater_share: float, heat_lag_s
 
 
 def _made_trip(vehicle: Vehicle, route: Route, heater_share: float, heat_lag_s: float) -> Trip:
+    leakage = vehicle.battery.leakage
+    made = compiled_trip(
+        (leakage.gamma_0_w_per_k, leakage.gamma_v_w_per_k_per_mps, vehicle.drivetrain.heat_share,
+         _stiff_w_per_k(vehicle), vehicle.hvch.maximum_power_w, heater_share, heat_lag_s),
+        (route.duration_s, route.speed_mps, route.propulsion_power_w, route.propulsion_power_rms_w,
+         route.ambient_temperature_c, route.cabin_heating_power_w, route.auxiliary_power_w,
+         route.propulsion_power_magnitude_w))
+    if made is None:
+        return _trip_of_arrays(vehicle, route, heater_share, heat_lag_s)
+    (time_s, _, idle_power_w, power_variance_w2, idle_heat_w, leakage_w_per_k, heater_limit_w, _,
+     drivetrain_heat_w, _) = made.columns
+    trip = Trip(vehicle, route, time_s, idle_power_w, power_variance_w2, idle_heat_w, drivetrain_heat_w,
+                leakage_w_per_k, heater_limit_w)
+    vars(trip)['compiled'] = made
+    return trip
+
+
+def _trip_of_arrays(vehicle: Vehicle, route: Route, heater_share: float, heat_lag_s: float) -> Trip:
+    """Return what `make_trip` does: what the core is held against, and where a segment is too long for a step."""
     whole, leakage = route, vehicle.battery.leakage
     leakage_w_per_k = leakage.coefficient_w_per_k(whole.speed_mps)
     route = whole.divided(_longest_steps_s(vehicle, leakage_w_per_k))
@@ -156,11 +176,16 @@ def _in_time(route: Route, heat_lag_s: float) -> BoolArray:
 
 def _longest_steps_s(vehicle: Vehicle, leakage_w_per_k: FloatArray) -> FloatArray | float:
     """Return the longest step that the model is integrated with [s], for each leakage (N,) or for all."""
-    stiff_w_per_k = (TIME_CONSTANT_SHARE / LONGEST_STEP_S) * vehicle.battery.heat_capacity_j_per_k
+    stiff_w_per_k = _stiff_w_per_k(vehicle)
     if leakage_w_per_k.max() <= stiff_w_per_k:
         return LONGEST_STEP_S
     return LONGEST_STEP_S * np.minimum(1.0, stiff_w_per_k / np.maximum(
         leakage_w_per_k, stiff_w_per_k))
+
+
+def _stiff_w_per_k(vehicle: Vehicle) -> float:
+    """Return the leakage from which on steps must be shorter [W/K]."""
+    return (TIME_CONSTANT_SHARE / LONGEST_STEP_S) * vehicle.battery.heat_capacity_j_per_k
 
 
 def heated_throughout(trip: Trip) -> Trip:

@@ -27,6 +27,8 @@ int32_t bev_size_of_stretch(void) { return (int32_t)sizeof(bev_stretch); }
 
 int32_t bev_size_of_merit_plan(void) { return (int32_t)sizeof(bev_merit_plan); }
 
+int32_t bev_size_of_trip_terms(void) { return (int32_t)sizeof(bev_trip_terms); }
+
 int32_t bev_size_of_arrival(void) { return (int32_t)sizeof(bev_arrival); }
 
 static int is_axis(const double *axis, int32_t count) {

@@ -206,6 +206,21 @@ typedef enum {
   BEV_FOR_CLIMB = 3
 } bev_reason;
 
+/*
+ * What a trip is made with: the leakage at a speed, the share of the propulsion power's magnitude that warms the
+ * battery, the leakage from which on steps must be shorter, the heater's power, the share of it that is there for
+ * the battery, and how late its heat arrives.
+ */
+typedef struct {
+  double gamma_0_w_per_k;
+  double gamma_v_w_per_k_per_mps;
+  double heat_share;
+  double stiff_w_per_k;
+  double heater_w;
+  double heater_share;
+  double heat_lag_s;
+} bev_trip_terms;
+
 /* What bev_plan_switch finds. */
 typedef struct {
   /* From this instant on it is heated [s]; NaN where it is not. */
@@ -237,9 +252,19 @@ int32_t bev_size_of_stranding(void);
 int32_t bev_size_of_run_of_powers(void);
 int32_t bev_size_of_caution(void);
 int32_t bev_size_of_switch_plan(void);
+int32_t bev_size_of_trip_terms(void);
 
 /* BEV_OK, or BEV_BAD_VEHICLE or BEV_BAD_ARGUMENT. The runs do not look into the tables again. */
 bev_status bev_check_vehicle(const bev_vehicle *vehicle);
+
+/*
+ * The columns of a trip from those of a route. `route` has eight arrays of `steps` values, one after the other:
+ * duration, speed, mean and root mean square of the propulsion power, ambient temperature, cabin, auxiliaries,
+ * mean magnitude of the propulsion power. Written are those of bev_trip in their order: time_s, of steps + 1
+ * values, and nine of `steps`. A step that is too long for the integrators is a bad input.
+ */
+bev_status bev_make_trip(const bev_trip_terms *terms, int32_t steps, const double *route,
+                         double *columns);
 
 /* The value of a curve; NaN where there is none. `saturating` holds the charge within 0 ... 1. */
 double bev_curve_value(const bev_curve *curve, int32_t saturating, double soc,
