@@ -74,7 +74,7 @@ class VehiclePlant:
         self.heater_power_w = 0.0
         self._command_w, self._power_at_end_w = 0.0, state.heater_power_w
         # Made once: making them costs more than a step. The second one is for a battery that lacks power.
-        self._is_direct = vehicle.heat_path.is_direct
+        self._is_direct, self._has_coolant = vehicle.heat_path.is_direct, vehicle.heat_path.has_coolant
         self._steps: tuple[Step[float], Step[float]] = (
             step_of_floats(vehicle, make_runge_kutta_4),
             step_of_floats(vehicle, make_runge_kutta_4, saturating=True))
@@ -84,7 +84,7 @@ class VehiclePlant:
         self._voltage, self._resistance = (
             curve.function(SATURATING_FLOATS)
             for curve in (vehicle.battery.open_circuit_voltage, vehicle.battery.resistance))
-        self._hottest_c = hottest_c(vehicle)
+        self._highest_c, self._hottest_c = vehicle.battery.temperature_range_c[1], hottest_c(vehicle)
         self._efficiency, self._heat_share = vehicle.hvch.efficiency, vehicle.drivetrain.heat_share
         self._coolant_started_c = self.coolant_c
         self.brake_power_w = 0.0
@@ -161,7 +161,7 @@ class VehiclePlant:
         idle_w = segment.idle_power_w
         least_w, most_w = self._terminal_limits(self.soc, self.temperature_c, segment.variance_w2)
         self._command_w = max(0.0, min(wanted_w, segment.heater_limit_w, most_w - idle_w))
-        if self.temperature_c >= self.vehicle.battery.temperature_range_c[1]:
+        if self.temperature_c >= self._highest_c:
             self._command_w = 0.0
         # A heater that lags takes what it takes.
         self.heater_power_w = self._command_w if self._is_direct else self._power_at_end_w
@@ -206,7 +206,7 @@ class VehiclePlant:
         # Neither can a battery be emptier than empty, nor does a car let it get any hotter.
         self.soc = min(max(soc, 0.0), 1.0)
         self.temperature_c = min(temperature_c, self._hottest_c)
-        if not self.vehicle.heat_path.has_coolant:
+        if not self._has_coolant:
             self.coolant_c = self.temperature_c
         self.sensor_c = sensor_reading_c(
             self.vehicle.heat_path, self.sensor_c, started_c, self.temperature_c, step_s,
