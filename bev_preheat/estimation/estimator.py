@@ -263,9 +263,10 @@ class Estimator:
 
 def _is_sound(mean: FloatArray, covariance: FloatArray) -> bool:
     """Whether mean and covariance are numbers that a belief can have."""
-    variances = covariance.diagonal().tolist()
-    # A sum with one that is not finite is not, either.
-    return (math.isfinite(mean.sum()) and math.isfinite(covariance.sum())
+    # Of so few numbers NumPy's sums take longer. A sum with one that is not finite is not, either.
+    covariances = covariance.ravel().tolist()
+    variances = covariances[::len(covariance) + 1]
+    return (math.isfinite(sum(mean.tolist())) and math.isfinite(sum(covariances))
             and min(variances) >= 0.0 and variances[TEMPERATURE] <= MOST_DEVIATION_K**2)
 
 
