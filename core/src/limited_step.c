@@ -213,9 +213,9 @@ static bev_status move_limit(step_to_end *of, int moved, double utmost_w,
   double value_w = terminal_w(of);
   of->moved = moved;
   double excess_w = spare_w(of, at_end_w);
-  bev_status status =
-      bev_follow_slope(utmost_w, value_w, moved == 1 ? -1.0 : 1.0, 0.5 * END_TOLERANCE_W, attempt,
-                       of, &value_w, &excess_w);
+  const bev_ending ending = {0.5 * END_TOLERANCE_W, 0.0, BEV_MOST_TRIALS};
+  bev_status status = bev_follow_slope(utmost_w, value_w, moved == 1 ? -1.0 : 1.0, &ending,
+                                       attempt, of, &value_w, &excess_w);
   if (status == BEV_OK && excess_w < -0.5 * END_TOLERANCE_W && value_w != utmost_w) {
     /* In a long step less heat may lower the limit by more than it saves: nothing holds it. */
     status = attempt(of, utmost_w, &excess_w);
