@@ -11,7 +11,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, TextColumn
 from bev_preheat.commands.completion import completed_by, VEHICLES
 from bev_preheat.console.terminal import progress_bar, result_console
 from bev_preheat.ecu.export import Export
-from bev_preheat.ecu.vectors import LIMITED, OK
+from bev_preheat.ecu.vectors import BAD_INPUT, METHODS, OK
 from bev_preheat.errors import InvalidInput
 from bev_preheat.vehicle import load_vehicle, vehicle_file
 from bev_preheat.vehicle.assumptions import assumption_warning
@@ -28,9 +28,9 @@ def add_parser(subparsers: Subparsers) -> None:
     """Add the subcommand."""
     parser = subparsers.add_parser(
         'export-ecu', help='write the planner for one vehicle as C sources',
-        description='Write the planner for one vehicle as C99 sources for a control unit: method '
-        'optimal_switch where no limit is active, the vehicle as constants, and situations with the plans '
-        'of Python to hold the compiled code against.')
+        description='Write the planner for one vehicle as C99 sources for a control unit: the methods '
+        'optimal_switch, where no limit is active, and merit_order, the vehicle as constants, and situations with '
+        'the plans of Python to hold the compiled code against.')
     completed_by(VEHICLES, parser.add_argument(
         '--vehicle', required=True, metavar='NAME|FILE', help='a name in config/vehicles or a YAML file'))
     parser.add_argument('--output', required=True, metavar='DIR',
@@ -53,12 +53,13 @@ def run(arguments: Namespace) -> int:
     with progress_bar(TextColumn('situations'), BarColumn(), MofNCompleteColumn()) as progress:
         task = progress.add_task('', total=arguments.vectors)
         vectors = export.write(arguments.vectors, arguments.seed, lambda: progress.advance(task))
-    planned = sum(vector.status == OK for vector in vectors)
-    limited = sum(vector.status == LIMITED for vector in vectors)
+    planned = ', '.join(
+        f'{sum(vector.answers[n].status == OK for vector in vectors)} with a plan of {method}'
+        for n, method in enumerate(METHODS))
+    damaged = sum(vector.answers[0].status == BAD_INPUT for vector in vectors)
     console = result_console(soft_wrap=True)
     console.print(f'written: {arguments.output}: vehicle {vehicle.name}, {len(vectors)} situations: '
-                  f'{planned} with a plan, {limited} with an active limit, '
-                  f'{len(vectors) - planned - limited} with a number that is none', markup=False)
+                  f'{planned}, {damaged} with a number that is none', markup=False)
     warning = assumption_warning(vehicle, file)
     if warning:
         console.print(f'warning: {warning}', markup=False)

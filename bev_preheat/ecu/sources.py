@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+import re
 
 from ament_index_python.packages import get_package_prefix, PackageNotFoundError
 
@@ -14,13 +15,16 @@ from bev_preheat.errors import InvalidInput
 _CHECKOUT = Path(__file__).resolve().parents[2]
 _OWN = Path(__file__).resolve().parent / 'c'
 CORE = 'bev_preheat_core'
-# What bev_plan_switch and bev_find_two_switches need; the headers beside them are taken as well.
-SOURCES = ('accounts.c', 'caution.c', 'checks.c', 'curves.c', 'limits.c', 'prices.c', 'runs.c',
-           'switch_search.c', 'two_switches.c')
-HEADERS = (
-    'arithmetic.h', 'bracketing.h', 'caution.h', 'checks.h', 'curves.h', 'limits_of_run.h', 'means.h',
-    'prices.h', 'step_limits.h', 'steps_of_model.h')
-OWN_FILES = ('MISRA.md', 'Makefile', 'README.md', 'bev_ecu.c', 'bev_ecu.h', 'check.c', 'main.c', 'vehicle.h')
+# What bev_plan_switch, bev_find_two_switches and bev_plan_merit_order need; headers as they are included.
+SOURCES = (
+    'accounts.c', 'caution.c', 'cheapest_steps.c', 'checks.c', 'courses.c', 'curves.c', 'foresight.c',
+    'limited_run.c', 'limited_step.c',
+    'limits.c', 'merit_order.c', 'merit_plan.c', 'prices.c', 'runs.c', 'search_runs.c', 'stranding.c', 'strides.c',
+    'switch_search.c', 'threshold_search.c', 'thresholds.c', 'trip_strides.c', 'two_switches.c',
+    'value_curve.c')
+INCLUDED = re.compile(r'^#include "([^/"]+)"', re.MULTILINE)
+OWN_FILES = ('MISRA.md', 'Makefile', 'README.md', 'bev_ecu.c', 'bev_ecu.h', 'bev_ecu_merit.c', 'bev_ecu_shared.h',
+             'bev_ecu_switch.c', 'check.c', 'main.c', 'vehicle.h')
 
 
 def core_sources() -> dict[str, str]:
@@ -30,10 +34,13 @@ def core_sources() -> dict[str, str]:
     Raises InvalidInput where the core's sources are neither in a checkout nor installed.
     """
     include, source = _core_folders()
+    files = {}
     try:
-        files = {f'include/{CORE}/core.h': (include / CORE / 'core.h').read_text(encoding='utf-8'),
-                 **{f'src/{name}': (source / name).read_text(encoding='utf-8')
-                    for name in (*SOURCES, *HEADERS)}}
+        files[f'include/{CORE}/core.h'] = (include / CORE / 'core.h').read_text(encoding='utf-8')
+        wanted = [*SOURCES]
+        for name in wanted:
+            files[f'src/{name}'] = text = (source / name).read_text(encoding='utf-8')
+            wanted += [header for header in INCLUDED.findall(text) if header not in wanted]
     except OSError as error:
         raise InvalidInput(f'{error.filename}: the source of {CORE} cannot be read: {error.strerror}; '
                            'build the packages of one version') from error

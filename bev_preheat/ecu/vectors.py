@@ -10,16 +10,18 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 import math
-from typing import TYPE_CHECKING
+from typing import NamedTuple, TYPE_CHECKING
 
 import numpy as np
 
 from bev_preheat.compiled.library import without_core
 from bev_preheat.errors import InvalidInput
-from bev_preheat.planning.dynamics import keep_accounts
 from bev_preheat.planning.limits import limits_hold
+from bev_preheat.planning.merit_order import plan_merit_order
 from bev_preheat.planning.optimal_switch import plan_optimal_switch
+from bev_preheat.planning.outcome import find_outcome
 from bev_preheat.planning.planner import plan_without_heating
+from bev_preheat.planning.safeguard import Safeguard
 from bev_preheat.planning.situation import BatteryState, Goal, reserve_soc
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.route.segments import make_route
@@ -30,27 +32,28 @@ if TYPE_CHECKING:
     from bev_preheat.vehicle.description import Vehicle
 
 OK, LIMITED, BAD_INPUT = 0, 4, -3
+# The methods of an export, in the order in which a vector has their answers.
+METHODS = ('optimal_switch', 'merit_order')
 # Most steps of an export. One trip in so many has that many, and one a number that is none: never the same.
 MOST_STEPS = 360
 LONG_EVERY, LONG_AT = 50, 10
 DAMAGED_EVERY, DAMAGED_AT = 25, 24
 USUAL_STEPS = 60
+# The share of trips with climbs and descents at the limits of a cold battery and beyond.
+LIMITED_SHARE = 0.5
 NOMINAL_V = 350.0
 EXPECTED = 10
 NOT_A_NUMBER = (math.nan, math.inf, -math.inf)
 
 
-@dataclass(frozen=True)
-class Vector:
+class Answer(NamedTuple):
     """
-    A situation and what is expected of it; numbers in the order of check.c.
+    What one method is expected to answer: a status and, where it is OK, what the plan is told by.
 
-    `columns` are those of bev_trip, `situation` those of bev_ecu_situation, `expected` the instants of
-    switching on and off [s], six energies [Wh], and temperature [deg C] and charge on arrival; NaN is none.
+    `expected` are the instants of switching on and off [s], six energies [Wh], and temperature [deg C] and
+    charge on arrival; NaN is none.
     """
 
-    columns: tuple[list[float], ...]
-    situation: tuple[float, ...]
     status: int
     expected: tuple[float, ...] = EXPECTED * (math.nan,)
 
@@ -59,10 +62,24 @@ class Vector:
         """Whether it is planned and heated."""
         return self.status == OK and not math.isnan(self.expected[0])
 
+
+@dataclass(frozen=True)
+class Vector:
+    """
+    A situation and what each of METHODS is expected to answer; numbers in the order of check.c.
+
+    `columns` are those of bev_trip, `situation` those of bev_ecu_situation.
+    """
+
+    columns: tuple[list[float], ...]
+    situation: tuple[float, ...]
+    answers: tuple[Answer, ...]
+
     def lines(self) -> Iterator[str]:
         """Return it as lines of vectors.txt."""
         yield f'vector {len(self.columns[1])} {_words(self.situation)}'
-        yield f'{self.status} {_words(self.expected)}'
+        for answer in self.answers:
+            yield f'{answer.status} {_words(answer.expected)}'
         yield from map(_words, self.columns)
 
 
@@ -87,25 +104,41 @@ def draw_vector(vehicle: Vehicle, seed: int, number: int) -> Vector:
     if number % DAMAGED_EVERY == DAMAGED_AT:
         column = columns[int(random.integers(len(columns)))]
         column[int(random.integers(len(column)))] = NOT_A_NUMBER[int(random.integers(3))]
-        return Vector(columns, situation, BAD_INPUT)
-    expected = expected_plan(trip, state, goal)
-    return Vector(columns, situation, LIMITED) if expected is None else Vector(
-        columns, situation, OK, expected)
-
-
-def expected_plan(trip: Trip, state: BatteryState, goal: Goal) -> tuple[float, ...] | None:
-    """Return what the method optimal_switch plans, as `Vector.expected`; None where a limit is active."""
+        return Vector(columns, situation, len(METHODS) * (Answer(BAD_INPUT),))
     unheated = plan_without_heating(trip, state)
+    return Vector(columns, situation, tuple(
+        _answer(trip, plan(trip, state, goal, unheated)) for plan in (_switched, _by_merit)))
+
+
+def _switched(trip: Trip, state: BatteryState, goal: Goal, unheated: Schedule) -> Schedule | None:
+    """Return what the method optimal_switch plans; None where a limit is active."""
     if not limits_hold(trip, unheated):
         return None
     schedule = plan_optimal_switch(trip, state, goal, unheated)
     if (not limits_hold(trip, schedule) or schedule.soc[-1] < reserve_soc(trip.vehicle, goal)
             or schedule.soc.min() < trip.vehicle.battery.soc_range[0]):
         return None
-    energy = keep_accounts(trip, schedule, deliverable=True).energy_wh
-    return (*_instants_s(trip, schedule), energy.joule, energy.drivetrain_heat, energy.hvch_heat, energy.leakage,
-            energy.hvch_electric, energy.battery_total, float(schedule.temperature_c[-1]),
-            float(schedule.soc[-1]))
+    return schedule
+
+
+def _by_merit(trip: Trip, state: BatteryState, goal: Goal, unheated: Schedule) -> Schedule | None:
+    """Return what the method merit_order plans; None where that is worse than not heating."""
+    guard = Safeguard(trip, state, goal, unheated)
+    if guard.unheated.empty_at_s is not None:
+        return None
+    schedule = plan_merit_order(trip, state, goal, unheated)
+    return schedule if guard.allows(schedule) else None
+
+
+def _answer(trip: Trip, schedule: Schedule | None) -> Answer:
+    """Return what is expected of the C where Python plans a Schedule, and where it plans none."""
+    if schedule is None:
+        return Answer(LIMITED)
+    energy = find_outcome(trip, schedule).energy_wh
+    return Answer(OK, (
+        *_instants_s(trip, schedule), energy.joule, energy.drivetrain_heat, energy.hvch_heat, energy.leakage,
+        energy.hvch_electric, energy.battery_total, float(schedule.temperature_c[-1]),
+        float(schedule.soc[-1])))
 
 
 def _instants_s(trip: Trip, schedule: Schedule) -> tuple[float, float]:
@@ -133,28 +166,27 @@ def vectors_text(vectors: Sequence[Vector]) -> str:
 
 
 def first_heated(vectors: Sequence[Vector]) -> Vector:
-    """Return the first Vector that is heated, for the example; else the first that is planned."""
-    found = [vector for vector in vectors if vector.heats] or [
-        vector for vector in vectors if vector.status == OK]
-    if not found:
+    """Return the first Vector that both methods heat, for the example; else the first that both plan."""
+    planned = [vector for vector in vectors if all(answer.status == OK for answer in vector.answers)]
+    if not planned:
         raise InvalidInput('--vectors: no situation that was drawn has a plan without active limits; '
                            'draw more, or with another --seed')
-    return found[0]
+    return next((vector for vector in planned if all(answer.heats for answer in vector.answers)), planned[0])
 
 
 def _drawn(vehicle: Vehicle, random: np.random.Generator,
            number: int) -> tuple[Trip, BatteryState, Goal]:
-    """Return a trip of at most MOST_STEPS steps, mostly without active limits, a state and a goal."""
+    """Return a trip of at most MOST_STEPS steps, a state and a goal; in many a limit is active."""
     steps = MOST_STEPS if number % LONG_EVERY == LONG_AT else int(random.integers(2, USUAL_STEPS + 1))
     lowest_c, highest_c = vehicle.battery.temperature_range_c
     # Driving takes a part of the battery in an hour, whatever its size.
     capacity_wh = vehicle.battery.capacity_ah * NOMINAL_V
     power_w = random.uniform(-0.01, 0.25, steps) * capacity_wh
-    if random.random() < 0.2:
-        # A climb, then a descent, at the limits of a cold battery and beyond.
-        first, last = sorted(random.integers(0, steps, 2).tolist())
-        power_w[:first] += random.uniform(0.0, 1.5) * capacity_wh
-        power_w[first:last] -= random.uniform(0.0, 1.0) * capacity_wh
+    is_limited = random.random() < LIMITED_SHARE
+    for _ in range(int(random.integers(1, 4)) if is_limited else 0):
+        # A climb or a descent, at the limits of a cold battery and beyond.
+        first, length = int(random.integers(0, steps)), int(random.integers(1, 2 + steps // 6))
+        power_w[first:first + length] += random.uniform(-1.2, 1.5) * capacity_wh
     longest_s = min(200.0, 9000.0 / steps)
     coldest_c = max(lowest_c, -15.0)
     route = make_route({
@@ -168,7 +200,7 @@ def _drawn(vehicle: Vehicle, random: np.random.Generator,
     start_c = float(random.uniform(coldest_c + 10.0, min(coldest_c + 27.0, highest_c)))
     late = not vehicle.heat_path.is_direct and random.random() < 0.5
     state = BatteryState(
-        start_c, float(random.uniform(0.4, 0.95)),
+        start_c, float(random.uniform(0.75 if is_limited else 0.4, 0.98)),
         float(random.uniform(0.0, 0.5)) * vehicle.hvch.maximum_power_w if late else 0.0,
         float(random.uniform(0.0, 6.0)) if late else 0.0)
     goal = Goal(float(random.uniform(start_c - 5.0, min(start_c + 15.0, highest_c))),

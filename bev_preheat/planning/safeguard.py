@@ -119,7 +119,7 @@ class Safeguard:
         held_back = None
         for proposal in proposals:
             wanted = proposal(self._goal.target_temperature_c)
-            if self._spare_soc(wanted) >= 0.0 and self._spare_power_w(wanted) >= 0.0:
+            if self.allows(wanted):
                 return wanted
             held_back = (HeldBack.RESERVE if self._spare_soc(wanted) < 0.0
                          else HeldBack.POWER)
@@ -127,6 +127,10 @@ class Safeguard:
             if found is not None:
                 return replace(found, held_back=held_back)
         return replace(self.unheated, held_back=held_back)
+
+    def allows(self, schedule: Schedule) -> bool:
+        """Return whether a Schedule leaves the charge that must be left, and lacks no more power than it may."""
+        return self._spare_soc(schedule) >= 0.0 and self._spare_power_w(schedule) >= 0.0
 
     def _spare_soc(self, schedule: Schedule) -> float:
         """

@@ -2,7 +2,9 @@
 /*
  * Plans with random numbers in vehicle, trip and situation, some of them NaN, infinite, huge or zero.
  *
- *     fuzz_planner COUNT SEED     exit status 0: each answer is a status, and a plan is made of possible numbers
+ *     fuzz_planner METHOD COUNT SEED     METHOD: optimal_switch, merit_order
+ *
+ * Exit status 0: each answer is a status, and a plan is made of possible numbers.
  *
  * Each array is allocated with its exact size, so that a sanitizer sees what is read or written beyond it.
  */
@@ -51,6 +53,7 @@ static double odd_number(void) {
 
 /* The share of numbers that are odd, in this case. */
 static double odd_share;
+static int is_by_merit;
 
 static double mostly(double usual) { return uniform(0.0, 1.0) < odd_share ? odd_number() : usual; }
 
@@ -83,13 +86,19 @@ static void change_vehicle(bev_vehicle *vehicle) {
   }
 }
 
+/* A power of the drivetrain [W]; on some trips beyond what a cold battery gives and takes. */
+static double draw_power_w(int is_limited) {
+  return is_limited ? uniform(-90e3, 160e3) : uniform(-500.0, 20e3);
+}
+
 static void fill_columns(double *const columns[COLUMNS], int32_t steps) {
   const int time_may_be_odd = draw_below(3) == 0;
+  const int is_limited = is_by_merit && draw_below(2) == 0;
   columns[0][0] = 0.0;
   for (int32_t k = 0; k < steps; k++) {
     columns[1][k] = uniform(20.0, 200.0);
     columns[0][k + 1] = columns[0][k] + columns[1][k];
-    columns[7][k] = mostly(uniform(-500.0, 20e3));
+    columns[7][k] = mostly(draw_power_w(is_limited && draw_below(3) == 0));
     columns[2][k] = mostly(columns[7][k] + 1500.0);
     columns[3][k] = mostly(uniform(0.0, 1e6));
     columns[5][k] = mostly(uniform(20.0, 60.0));
@@ -107,9 +116,9 @@ static void fill_columns(double *const columns[COLUMNS], int32_t steps) {
 /* Whether a plan has only numbers that it may have. */
 static int is_possible(const bev_ecu_plan *plan, const bev_trip *trip) {
   const double numbers[] = {
-      plan->arrival_c, plan->arrival_soc, plan->least_soc, plan->shortfall_k, plan->energy_wh.joule,
-      plan->energy_wh.drivetrain_heat, plan->energy_wh.hvch_heat, plan->energy_wh.leakage,
-      plan->energy_wh.hvch_electric, plan->energy_wh.battery_total};
+      plan->arrival_c, plan->arrival_soc, plan->least_soc, plan->shortfall_k, plan->lacking_w,
+      plan->energy_wh.joule, plan->energy_wh.drivetrain_heat, plan->energy_wh.hvch_heat,
+      plan->energy_wh.leakage, plan->energy_wh.hvch_electric, plan->energy_wh.battery_total};
   for (size_t n = 0; n < sizeof numbers / sizeof *numbers; n++) {
     if (!isfinite(numbers[n])) {
       return 0;
@@ -117,7 +126,8 @@ static int is_possible(const bev_ecu_plan *plan, const bev_trip *trip) {
   }
   for (int32_t k = 0; k < trip->steps; k++) {
     if (!(plan->heater_w[k] >= 0.0 && plan->heater_w[k] <= trip->heater_limit_w[k])
-        || !isfinite(plan->soc[k + 1]) || !isfinite(plan->temperature_c[k + 1])) {
+        || !isfinite(plan->soc[k + 1]) || !isfinite(plan->temperature_c[k + 1])
+        || (plan->brake_w != NULL && !(plan->brake_w[k] >= 0.0))) {
       return 0;
     }
   }
@@ -128,10 +138,13 @@ static int is_possible(const bev_ecu_plan *plan, const bev_trip *trip) {
 static int plan_one(void) {
   const int32_t steps = 1 + draw_below(MOST_STEPS_DRAWN);
   double *columns[COLUMNS];
-  double *memory = malloc(sizeof(double) * (size_t)BEV_ECU_MEMORY(steps));
+  double *memory = malloc(
+      sizeof(double) * (size_t)(is_by_merit ? BEV_ECU_MERIT_MEMORY(steps) : BEV_ECU_MEMORY(steps)));
+  uint8_t *flags = malloc((size_t)BEV_ECU_MERIT_FLAGS(steps));
+  int32_t *order = malloc(sizeof(int32_t) * (size_t)steps);
   for (int n = 0; n < COLUMNS; n++) {
     columns[n] = malloc(sizeof(double) * (size_t)(steps + (n == 0)));
-    if (columns[n] == NULL || memory == NULL) {
+    if (columns[n] == NULL || memory == NULL || flags == NULL || order == NULL) {
       return 99;
     }
   }
@@ -147,7 +160,9 @@ static int plan_one(void) {
     trip.steps = draw_below(2) == 0 ? -steps : BEV_MOST_STEPS + 1;
   }
   bev_ecu_plan plan;
-  const bev_status status = bev_ecu_plan_switch(&vehicle, &trip, &situation, memory, &plan);
+  const bev_status status = is_by_merit
+      ? bev_ecu_plan_merit_order(&vehicle, &trip, &situation, memory, flags, order, &plan)
+      : bev_ecu_plan_switch(&vehicle, &trip, &situation, memory, &plan);
   int answer = (int)status;
   if (status == BEV_OK ? !is_possible(&plan, &trip)
                        : status != BEV_LIMITED && (status > BEV_OK || status < BEV_NOT_SETTLED)) {
@@ -157,14 +172,21 @@ static int plan_one(void) {
     free(columns[n]);
   }
   free(memory);
+  free(flags);
+  free(order);
   return answer;
 }
 
 int main(int count, char **arguments) {
   static const double shares[] = {0.0, 0.004, 0.03, 0.5};
   long answers[STATUSES] = {0};
-  const long cases = count == 3 ? strtol(arguments[1], NULL, 10) : 0;
-  state ^= count == 3 ? (uint64_t)strtol(arguments[2], NULL, 10) * 0x9E3779B97F4A7C15u : 0u;
+  if (count != 4) {
+    printf("usage: fuzz_planner METHOD COUNT SEED\n");
+    return 2;
+  }
+  const long cases = strtol(arguments[2], NULL, 10);
+  is_by_merit = strcmp(arguments[1], "merit_order") == 0;
+  state ^= (uint64_t)strtol(arguments[3], NULL, 10) * 0x9E3779B97F4A7C15u;
   for (long n = 0; n < cases; n++) {
     odd_share = shares[n % 4];
     const int answer = plan_one();

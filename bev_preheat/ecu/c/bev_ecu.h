@@ -1,10 +1,16 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * The interface of the exported planner: one function that plans, one that checks the vehicle.
+ * The interface of the exported planner: one function for each method. Whoever calls only one of them links only
+ * what that one needs.
  *
- * It covers the method optimal_switch on trips on which no limit of the battery is active. Where one is,
- * with heating or without, or where the charge that must be left is not, the answer is BEV_LIMITED and no
- * plan: the caller then keeps the heater off, or follows the plan it has.
+ * bev_ecu_plan_switch, the method optimal_switch: one stretch of heating, for trips on which no limit of the
+ * battery is active. It needs the least memory.
+ *
+ * bev_ecu_plan_merit_order, the method merit_order: the same where no limit is active, else a plan within the
+ * limits.
+ *
+ * Both answer BEV_LIMITED and no plan where they have none that is better than not heating: the caller then keeps
+ * the heater off, or follows the plan it has.
  *
  * Units: seconds, watts, kelvin, degrees Celsius (names that end in _c), states of charge 0 ... 1,
  * energies in Wh. bev_trip, bev_vehicle and the status codes are those of bev_preheat_core/core.h.
@@ -17,12 +23,19 @@
 
 #include "bev_preheat_core/core.h"
 
-/* Memory of a plan for a trip of so many steps [doubles], without and with a heat path, and the greater. */
+/*
+ * Memory of bev_ecu_plan_switch for a trip of so many steps [doubles], without and with a heat path, and the
+ * greater.
+ */
 #define BEV_ECU_DIRECT_MEMORY(steps) (BEV_SWITCH_MEMORY(steps) + 3 * (steps) + 2)
 #define BEV_ECU_LATE_MEMORY(steps) (BEV_TWO_SWITCHES_MEMORY(steps) + 13 * (steps) + 8)
 #define BEV_ECU_MEMORY(steps)                                                                       \
   (BEV_ECU_DIRECT_MEMORY(steps) > BEV_ECU_LATE_MEMORY(steps) ? BEV_ECU_DIRECT_MEMORY(steps)         \
                                                              : BEV_ECU_LATE_MEMORY(steps))
+
+/* Memory of bev_ecu_plan_merit_order: doubles, and bytes. */
+#define BEV_ECU_MERIT_MEMORY(steps) (BEV_MERIT_PLAN_MEMORY(steps) + 12 * (steps) + 8)
+#define BEV_ECU_MERIT_FLAGS(steps) BEV_MERIT_BYTES(steps)
 
 /* The state at the start of a trip, and what is wanted on arrival. */
 typedef struct {
@@ -43,9 +56,12 @@ typedef struct {
 /* A plan. Its arrays lie in the memory that was given. */
 typedef struct {
   /*
-   * The heater takes all that the cabin leaves from `on_s` until `off_s`, seconds after the start of the
-   * trip. `on_s` is NaN where nothing is heated, `off_s` where it is heated until arrival: always without a
-   * heat path. `off_s` is never within steps in which the cabin leaves nothing, but before them.
+   * Where no limit is active the heater takes all that the cabin leaves from `on_s` until `off_s`, seconds after
+   * the start of the trip. `on_s` is NaN where nothing is heated, `off_s` where it is heated until arrival:
+   * always without a heat path. `off_s` is never within steps in which the cabin leaves nothing, but before them.
+   *
+   * Where one is active they are the first and, with a heat path, the last instant of heating; `heater_w` says
+   * what is heated between them: there may be several stretches, with any power.
    */
   double on_s;
   double off_s;
@@ -55,6 +71,11 @@ typedef struct {
   double least_soc;
   /* What the target lacks although it is heated all the way [K], 0 if it is reached. */
   double shortfall_k;
+  /*
+   * The worst power that the battery cannot deliver [W], 0 if nothing is lacking: never more than it would be
+   * without paid heating, but for 10 W. It is driven with the most that the battery gives.
+   */
+  double lacking_w;
   /* As bev_energies has them, what a heater that lags takes after arrival included. */
   bev_energies energy_wh;
   /* At each instant, steps + 1 values. */
@@ -62,12 +83,14 @@ typedef struct {
   const double *temperature_c;
   /* What the heater is told in each step [W], mean. */
   const double *heater_w;
+  /* What the friction brake takes of the regeneration in each step [W], mean; null: nothing in any. */
+  const double *brake_w;
 } bev_ecu_plan;
 
 /*
  * The plan of a trip. BEV_OK: `plan` is written. Any other answer: there is no plan, `plan` means nothing.
  *
- *   BEV_LIMITED (4)        a limit of the battery is active, or the charge that must be left is not
+ *   BEV_LIMITED (4)        there is no plan that is better than not heating, see below
  *   BEV_BAD_ARGUMENT (-1)  a pointer is null, or the trip has no steps or more than BEV_MOST_STEPS
  *   BEV_BAD_VEHICLE (-2)   a number of the vehicle is not finite or impossible
  *   BEV_BAD_INPUT (-3)     a number of trip or situation is not finite or out of its range
@@ -75,10 +98,24 @@ typedef struct {
  *   BEV_NOT_SETTLED (-5)   a search did not end in the number of rounds it is given
  *
  * Ranges of the trip, beyond being finite: time_s rises, by duration_s; power_variance_w2,
- * leakage_w_per_k and heater_limit_w are 0 or more. `memory` has BEV_ECU_MEMORY(steps) doubles.
+ * leakage_w_per_k and heater_limit_w are 0 or more.
+ */
+
+/*
+ * BEV_LIMITED: a limit of the battery is active, with heating or without, or the charge that must be left is not.
+ * `memory` has BEV_ECU_MEMORY(steps) doubles.
  */
 bev_status bev_ecu_plan_switch(const bev_vehicle *vehicle, const bev_trip *trip,
                                const bev_ecu_situation *situation, double *memory,
                                bev_ecu_plan *plan);
+
+/*
+ * BEV_LIMITED: the plan that reaches the target does not leave the charge that must be left, or lacks more power
+ * than the trip without paid heating, or the charge does not carry the trip. `memory` has
+ * BEV_ECU_MERIT_MEMORY(steps) doubles, `flags` has BEV_ECU_MERIT_FLAGS(steps) bytes, `order` `steps` numbers.
+ */
+bev_status bev_ecu_plan_merit_order(const bev_vehicle *vehicle, const bev_trip *trip,
+                                    const bev_ecu_situation *situation, double *memory,
+                                    uint8_t *flags, int32_t *order, bev_ecu_plan *plan);
 
 #endif /* BEV_ECU_H_ */

@@ -1,13 +1,14 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Back to back: plans each situation of a file (vectors.txt) and compares with the plan that stands there.
+ * Back to back: plans each situation of a file (vectors.txt) with both methods and compares with the plans that
+ * stand there.
  *
  *     check FILE     exit status 0: all agree; 1: some do not; 2: the file cannot be read
  *
  * Of each vector the file has the word "vector", steps, charge, battery temperature, heater power, coolant
- * excess, target, charge that must be left on arrival and on the way; the expected status, instants of
- * switching on and off, six energies [Wh], temperature and charge on arrival; then the columns of the trip
- * in the order of bev_trip. The word "end" ends it, with the number of vectors.
+ * excess, target, charge that must be left on arrival and on the way; for optimal_switch, then for merit_order the
+ * expected status, instants of switching on and off, six energies [Wh], temperature and charge on arrival; then
+ * the columns of the trip in the order of bev_trip. The word "end" ends it, with the number of vectors.
  */
 #include <math.h>
 #include <stdio.h>
@@ -25,14 +26,20 @@
 #define EXPECTED_NUMBERS 10
 #define MOST_TOLD 10
 
+enum { SWITCH, MERIT_ORDER, METHODS };
+static const char *const methods[METHODS] = {"optimal_switch", "merit_order"};
+
+/* Merit order takes more. */
 static double columns[COLUMNS][BEV_MOST_STEPS + 1];
-static double memory[BEV_ECU_MEMORY(BEV_MOST_STEPS)];
+static double memory[BEV_ECU_MERIT_MEMORY(BEV_MOST_STEPS)];
+static uint8_t flags[BEV_ECU_MERIT_FLAGS(BEV_MOST_STEPS)];
+static int32_t order[BEV_MOST_STEPS];
 
 typedef struct {
   int32_t steps;
-  int32_t status;
   double situation[SITUATION_NUMBERS];
-  double expected[EXPECTED_NUMBERS];
+  int32_t status[METHODS];
+  double expected[METHODS][EXPECTED_NUMBERS];
 } vector;
 
 static const char *const names[EXPECTED_NUMBERS] = {
@@ -71,10 +78,20 @@ static int read_numbers(FILE *file, double *numbers, int32_t count) {
   return 1;
 }
 
+/* What one method is expected to answer. */
+static int read_answer(FILE *file, vector *read, int method) {
+  double status = 0.0;
+  if (!read_number(file, &status) || !(fabs(status) < 100.0)
+      || !read_numbers(file, read->expected[method], EXPECTED_NUMBERS)) {
+    return 0;
+  }
+  read->status[method] = (int32_t)status;
+  return 1;
+}
+
 /* What follows the word "vector". */
 static int read_vector(FILE *file, vector *read) {
   double steps = 0.0;
-  double status = 0.0;
   if (!read_number(file, &steps) || !(steps >= 1.0)) {
     return 0;
   }
@@ -83,12 +100,11 @@ static int read_vector(FILE *file, vector *read) {
            (long)BEV_MOST_STEPS);
     return 0;
   }
-  if (!read_numbers(file, read->situation, SITUATION_NUMBERS) || !read_number(file, &status)
-      || !(fabs(status) < 100.0) || !read_numbers(file, read->expected, EXPECTED_NUMBERS)) {
+  if (!read_numbers(file, read->situation, SITUATION_NUMBERS) || !read_answer(file, read, SWITCH)
+      || !read_answer(file, read, MERIT_ORDER)) {
     return 0;
   }
   read->steps = (int32_t)steps;
-  read->status = (int32_t)status;
   for (int32_t n = 0; n < COLUMNS; n++) {
     if (!read_numbers(file, columns[n], n == 0 ? read->steps + 1 : read->steps)) {
       return 0;
@@ -98,23 +114,24 @@ static int read_vector(FILE *file, vector *read) {
 }
 
 /* How many numbers of a plan differ; of each kind, the greatest difference is kept. */
-static int compare(const vector *from, const bev_ecu_plan *plan, long number, int is_told,
-                   double worst[EXPECTED_NUMBERS]) {
+static int compare(const vector *from, int method, const bev_ecu_plan *plan, long number,
+                   int is_told, double worst[EXPECTED_NUMBERS]) {
   const double found[EXPECTED_NUMBERS] = {
       plan->on_s, plan->off_s, plan->energy_wh.joule, plan->energy_wh.drivetrain_heat,
       plan->energy_wh.hvch_heat, plan->energy_wh.leakage, plan->energy_wh.hvch_electric,
       plan->energy_wh.battery_total, plan->arrival_c, plan->arrival_soc};
   int wrong = 0;
   for (int n = 0; n < EXPECTED_NUMBERS; n++) {
-    const double difference = fabs(found[n] - from->expected[n]);
-    if (isnan(found[n]) && isnan(from->expected[n])) {
+    const double expected = from->expected[method][n];
+    const double difference = fabs(found[n] - expected);
+    if (isnan(found[n]) && isnan(expected)) {
       continue;
     }
     if (!(difference <= tolerances[n])) {
       wrong++;
       if (is_told) {
-        printf("vector %ld: %s is %.17g, expected %.17g\n", number, names[n], found[n],
-               from->expected[n]);
+        printf("vector %ld, %s: %s is %.17g, expected %.17g\n", number, methods[method], names[n],
+               found[n], expected);
       }
     }
     if (difference > worst[n]) {
@@ -124,28 +141,31 @@ static int compare(const vector *from, const bev_ecu_plan *plan, long number, in
   return wrong;
 }
 
-static int is_as_expected(const vector *from, long number, int is_told,
+static int is_as_expected(const vector *from, int method, long number, int is_told,
                           double worst[EXPECTED_NUMBERS]) {
   const bev_trip trip = {from->steps, columns[0], columns[1], columns[2], columns[3], columns[4],
                          columns[5],  columns[6], columns[7], columns[8], columns[9]};
   const double *of = from->situation;
   const bev_ecu_situation situation = {of[0], of[1], of[2], of[3], of[4], of[5], of[6]};
   bev_ecu_plan plan;
-  const bev_status status =
-      bev_ecu_plan_switch(&bev_ecu_vehicle, &trip, &situation, memory, &plan);
-  if ((int32_t)status != from->status) {
+  const bev_status status = method == SWITCH
+      ? bev_ecu_plan_switch(&bev_ecu_vehicle, &trip, &situation, memory, &plan)
+      : bev_ecu_plan_merit_order(&bev_ecu_vehicle, &trip, &situation, memory, flags, order,
+                                 &plan);
+  if ((int32_t)status != from->status[method]) {
     if (is_told) {
-      printf("vector %ld: status is %d, expected %d\n", number, (int)status, (int)from->status);
+      printf("vector %ld, %s: status is %d, expected %d\n", number, methods[method], (int)status,
+             (int)from->status[method]);
     }
     return 0;
   }
-  return status != BEV_OK || compare(from, &plan, number, is_told, worst) == 0;
+  return status != BEV_OK || compare(from, method, &plan, number, is_told, worst) == 0;
 }
 
 int main(int count, char **arguments) {
   double worst[EXPECTED_NUMBERS] = {0.0};
   long vectors = 0;
-  long planned = 0;
+  long planned[METHODS] = {0};
   long wrong = 0;
   char word[16];
   vector read;
@@ -161,8 +181,12 @@ int main(int count, char **arguments) {
       return 2;
     }
     vectors++;
-    planned += read.status == BEV_OK;
-    wrong += !is_as_expected(&read, vectors, wrong < MOST_TOLD, worst);
+    int is_right = 1;
+    for (int method = 0; method < METHODS; method++) {
+      planned[method] += read.status[method] == BEV_OK;
+      is_right &= is_as_expected(&read, method, vectors, wrong < MOST_TOLD, worst);
+    }
+    wrong += !is_right;
   }
   double announced = -1.0;
   const int is_whole = strcmp(word, "end") == 0 && read_number(file, &announced)
@@ -177,7 +201,8 @@ int main(int count, char **arguments) {
   for (int n = 2; n < 8; n++) {
     energy_wh = fmax(energy_wh, worst[n]);
   }
-  printf("%ld vectors, %ld with a plan: %ld differ; most: %.2e ms, %.2e mWh, %.2e K\n", vectors,
-         planned, wrong, 1e3 * instant_s, 1e3 * energy_wh, worst[8]);
+  printf("%ld vectors, %ld with a plan of %s, %ld of %s: %ld differ; most: %.2e ms, %.2e mWh, %.2e K\n",
+         vectors, planned[SWITCH], methods[SWITCH], planned[MERIT_ORDER], methods[MERIT_ORDER], wrong,
+         1e3 * instant_s, 1e3 * energy_wh, worst[8]);
   return wrong == 0 ? 0 : 1;
 }
