@@ -374,9 +374,11 @@ bev_status bev_curve_before(bev_curves *curves, double joule_worth, const bev_ba
 }
 
 bev_curves bev_curves_in(double *memory) {
+  /* Curves change places, so there is as much room for each; a map has a point for each of the grid's. */
   double *room[16];
   for (int32_t n = 0; n < 16; n++) {
-    room[n] = &memory[n * BEV_CURVE_POINTS];
+    room[n] = n < 11 ? &memory[n * BEV_CURVE_POINTS]
+                     : &memory[11 * BEV_CURVE_POINTS + (n - 11) * BEV_MOST_GRID];
   }
   const bev_curves curves = {
       {0, room[0], room[1]}, {0, room[2], room[3]}, {0, room[4], room[5]}, {0, room[6], room[7]},

@@ -30,9 +30,13 @@ extern "C" {
 #define BEV_MOST_FACTORS 4
 #define BEV_CURVE_PARAMETERS 5
 #define BEV_BANDS 2
-/* Points of a value curve that there is room for, and the room it takes [doubles]. */
-#define BEV_CURVE_POINTS 1024
-#define BEV_CURVE_MEMORY (16 * BEV_CURVE_POINTS)
+/*
+ * Points of a value curve that there is room for (half of them after it was thinned), most points of its grid, and
+ * the room it takes [doubles].
+ */
+#define BEV_CURVE_POINTS 2048
+#define BEV_MOST_GRID 512
+#define BEV_CURVE_MEMORY (11 * BEV_CURVE_POINTS + 5 * BEV_MOST_GRID)
 /* Most bands of one stride in which heating may pay, of which BEV_BANDS are told. */
 #define BEV_MOST_LOWER_BANDS 32
 /* Memory of bev_plan_switch for a trip of so many steps [doubles]. */
@@ -457,8 +461,7 @@ bev_status bev_settle(const bev_vehicle *vehicle, const bev_trip *trip, const be
                       const bev_settling *goal, double *states, double *powers_w,
                       bev_stranding *stranding, double *memory);
 
-/* Most points of a curve's grid, and the room that bev_merit_order takes: doubles, and bytes. */
-#define BEV_MOST_GRID (BEV_CURVE_POINTS / 2)
+/* The room that bev_merit_order takes: doubles, and bytes. */
 #define BEV_MERIT_MEMORY(steps) \
   (BEV_SETTLE_MEMORY(steps) + BEV_CURVE_MEMORY + BEV_MOST_GRID + 44 * (steps) + 11)
 #define BEV_MERIT_BYTES(steps) (5 * (steps))
