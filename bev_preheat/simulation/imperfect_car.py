@@ -133,9 +133,8 @@ class ImperfectCar:
     @property
     def next_event_s(self) -> float:
         """When the next battery state is taken, or it, a route plan or a position arrives [s]."""
-        news_s = [news.at_s for news in self._news[:1]]
-        return min([self.readings_of.next_s, self.readings_of.next_arrival_s,
-                    self._position.next_s, *news_s])
+        news_s = self._news[0].at_s if self._news else math.inf
+        return min(self.readings_of.next_s, self.readings_of.next_arrival_s, self._position.next_s, news_s)
 
     def advance_under(self, lease: HeaterLease, to_s: float) -> None:
         """Drive on to `to_s` [s] under a HeaterLease, and take the readings that are due."""

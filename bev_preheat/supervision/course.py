@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 from bev_preheat.estimation.estimator import Stretch
@@ -19,12 +20,14 @@ from bev_preheat.vehicle.uncertain_car import DriveInputs
 
 if TYPE_CHECKING:
     from bev_preheat.supervision.command_history import CommandHistory
-    from bev_preheat.supervision.inputs import Mission
+    from bev_preheat.supervision.inputs import Leg, Mission
     from bev_preheat.supervision.timetable import Timetable
     from bev_preheat.vehicle.description import Vehicle
 
 # A route that goes by faster than this many times the plan's pace is a position that was corrected.
 FASTEST_PACE = 2.0
+# A segment lasts for many updates.
+KEPT_SEGMENTS = 8
 
 
 def stretches_between(edges_ns: Sequence[int], vehicle: Vehicle, timetable: Timetable | None,
@@ -88,8 +91,13 @@ def _planned_at(vehicle: Vehicle, mission: Mission,
     leg = mission.legs[mission.leg_number(middle_ns)]
     if leg.ended_for_s(middle_ns) >= 0.0:
         return None, 0.0
+    return _planned_in(vehicle, leg, leg.route.segment_at((middle_ns - leg.start_ns) / NS_PER_S))
+
+
+@lru_cache(maxsize=KEPT_SEGMENTS)
+def _planned_in(vehicle: Vehicle, leg: Leg, at: int) -> tuple[DriveInputs, float]:
+    """Return (DriveInputs, heater power left by the cabin [W]) of a segment of a Leg."""
     route = leg.route
-    at = route.segment_at((middle_ns - leg.start_ns) / NS_PER_S)
     power_w = float(route.propulsion_power_w[at])
     rms_w = float(route.propulsion_power_rms_w[at])
     cabin_w = float(route.cabin_heating_power_w[at])

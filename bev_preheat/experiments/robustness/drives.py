@@ -108,10 +108,12 @@ class _Tally:
         self._power_w, self._since_s = power_w, now_s
 
     def _is_partial(self) -> bool:
+        if self._power_w == 0.0:
+            return False
         cabin_w = float(
             self._route.cabin_heating_power_w[self._route.segment_at(self._since_s)])
         most_w = self._vehicle.hvch.maximum_power_w - cabin_w
-        return 0.0 < self._power_w < FULL_SHARE * most_w
+        return self._power_w < FULL_SHARE * most_w
 
 
 class FaultWatch:
