@@ -63,12 +63,13 @@ static inline void bev_table_at_charge(const bev_curve *curve, double soc, int32
   const double *high = &curve->values[next_i * columns];
   int32_t cell = 0;
   double per_k = 1.0 / (axis[1] - axis[0]);
+  const double last = (double)columns - 1.0;
   for (int32_t n = 0; n < count; n++) {
     const double x = temperature_c[n];
     /* As bev_place has it: beyond either end the position is that end. */
     double position = 0.0;
     if (x >= axis[columns - 1]) {
-      position = (double)(columns - 1);
+      position = last;
     } else if (x > axis[0]) {
       if (x >= axis[cell + 1]) {
         while (x >= axis[cell + 1]) {
@@ -77,6 +78,8 @@ static inline void bev_table_at_charge(const bev_curve *curve, double soc, int32
         per_k = 1.0 / (axis[cell + 1] - axis[cell]);
       }
       position = per_k * (x - axis[cell]) + (double)cell;
+    } else {
+      /* The first point. */
     }
     const int32_t reached = (int32_t)position;
     const int32_t j = reached < columns - 2 ? reached : columns - 2;
@@ -95,7 +98,7 @@ static inline void bev_curve_at_charge(const bev_curve *curve, double soc, int32
     case BEV_POLYNOMIAL:
     case BEV_POLYNOMIAL_AND_LOGARITHM:
       /* The same at all temperatures. */
-      value = curve->kind == BEV_POLYNOMIAL
+      value = curve->kind == (int32_t)BEV_POLYNOMIAL
           ? bev_polynomial(curve, BEV_AS_ARRAYS, soc, temperature_c[0])
           : bev_polynomial_and_logarithm(curve, BEV_AS_ARRAYS, soc, temperature_c[0]);
       for (int32_t n = 0; n < count; n++) {

@@ -193,7 +193,7 @@ static double spare_w(const step_to_end *of, const double limits_w[2]) {
 }
 
 /* The step with one of its limits moved. */
-static bev_status attempt(void *moved, double limit_w, double *excess) {
+static bev_status attempt_end(void *moved, double limit_w, double *excess) {
   step_to_end *of = (step_to_end *)moved;
   double at_end_w[2];
   of->limits_w[of->moved] = limit_w;
@@ -215,10 +215,10 @@ static bev_status move_limit(step_to_end *of, int moved, double utmost_w,
   double excess_w = spare_w(of, at_end_w);
   const bev_ending ending = {0.5 * END_TOLERANCE_W, 0.0, BEV_MOST_TRIALS};
   bev_status status = bev_follow_slope(utmost_w, value_w, moved == 1 ? -1.0 : 1.0, &ending,
-                                       attempt, of, &value_w, &excess_w);
+                                       attempt_end, of, &value_w, &excess_w);
   if (status == BEV_OK && excess_w < -0.5 * END_TOLERANCE_W && value_w != utmost_w) {
     /* In a long step less heat may lower the limit by more than it saves: nothing holds it. */
-    status = attempt(of, utmost_w, &excess_w);
+    status = attempt_end(of, utmost_w, &excess_w);
   }
   return status;
 }
@@ -228,7 +228,7 @@ static bev_status drive_to_end(step_to_end *of) {
   const bev_limited_run *run = of->run;
   const step_start *start = of->start;
   const double propulsion_w = run->trip->propulsion_power_w[start->k];
-  const int may_overcharge = run->may_overcharge[start->k] != 0;
+  const bool may_overcharge = run->may_overcharge[start->k] != 0u;
   bev_terminal_limits(run->vehicle, 0, start->states[0], start->states[1],
                       start->idle.variance_w2, of->limits_w);
   if (!isfinite(of->limits_w[0]) || !isfinite(of->limits_w[1])) {
@@ -269,7 +269,7 @@ bev_status bev_drive_within_limits(const bev_limited_run *run, int32_t k, const 
   double result[8];
   step_to_end driven = {run, &start, wanted_w, {0.0, 0.0}, 0, wanted_w, 0.0, result};
   const bev_status status =
-      run->may_overcharge[k] != 0 || run->may_overdraw[k] != 0
+      run->may_overcharge[k] != 0u || run->may_overdraw[k] != 0u
           ? drive_to_end(&driven)
           : drive_between(run, &start, driven.limits_w, &driven.command_w, &driven.brake_w, result);
   if (status != BEV_OK) {

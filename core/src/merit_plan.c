@@ -91,7 +91,7 @@ static bev_status keeps_limits(const planning *of) {
 }
 
 /* The most heater power that each step is paid for: later than a plan without limits nothing is. */
-static void find_paid(const planning *of, double end_s) {
+static void find_paid_w(const planning *of, double end_s) {
   const bev_trip *trip = of->trip;
   const double until_s = isnan(end_s) ? trip->time_s[trip->steps] : end_s;
   for (int32_t k = 0; k < trip->steps; k++) {
@@ -228,7 +228,7 @@ bev_status bev_plan_merit_order(const bev_vehicle *vehicle, const bev_trip *trip
     return status;
   }
   const bev_vehicle lumped = lumped_of(vehicle);
-  find_paid(&of, plan->end_s);
+  find_paid_w(&of, plan->end_s);
   status = bev_merit_order(vehicle, &lumped, trip, goal, of.paid_w, states, powers_w,
                            &plan->stranding, watched, memory);
   if (status == BEV_OK) {

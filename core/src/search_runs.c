@@ -139,7 +139,7 @@ bev_status bev_search_keep(bev_threshold_search *search, int32_t first, int32_t 
   return BEV_OK;
 }
 
-static bev_status attempt(bev_threshold_search *search, int32_t first, int32_t last, double shift_k,
+static bev_status attempt_shift(bev_threshold_search *search, int32_t first, int32_t last, double shift_k,
                       const bev_requirement *required, int32_t like, int32_t into,
                       bev_search_trial *trial) {
   const int32_t until =
@@ -184,7 +184,7 @@ static bev_status close_in(bev_threshold_search *search, int32_t first, int32_t 
     const bool is_near_enough =
         fabs(enough->shift_k - shift_k) <= fabs(too_little.shift_k - shift_k);
     bev_search_trial trial;
-    const bev_status status = attempt(
+    const bev_status status = attempt_shift(
         search, first, last, shift_k, required, is_near_enough ? enough->run : too_little.run,
         other_than(enough->run, too_little.run), &trial);
     if (status != BEV_OK) {
@@ -219,7 +219,7 @@ bev_status bev_search_move(bev_threshold_search *search, int32_t first, int32_t 
   const double direction = here.excess < 0.0 ? 1.0 : -1.0;
   for (int32_t n = 0; n < 3; n++) {
     bev_search_trial there;
-    status = attempt(search, first, last, direction * shifts_k[n], required, here.run,
+    status = attempt_shift(search, first, last, direction * shifts_k[n], required, here.run,
                  other_than(here.run, best.run), &there);
     if (status != BEV_OK) {
       return status;

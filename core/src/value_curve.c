@@ -65,7 +65,7 @@ static void add_band(const bev_bands *bands, int32_t slot, double floor_c, doubl
   }
 }
 
-static void copy(double *to, const double *from, int32_t count) {
+static void copy_numbers(double *to, const double *from, int32_t count) {
   for (int32_t n = 0; n < count; n++) {
     to[n] = from[n];
   }
@@ -78,10 +78,10 @@ static void split_at(bev_curves *work, int32_t split, const bev_bands *bands) {
   const int32_t fan = high_c > low_c + LEAST_FAN_K ? split + 1 : split;
   const int32_t rest = work->unheated.count - split;
   work->next.count = fan + rest;
-  copy(work->next.temperature_c, work->heated.temperature_c, fan);
-  copy(work->next.energy_j, work->heated.energy_j, fan);
-  copy(&work->next.temperature_c[fan], &work->unheated.temperature_c[split], rest);
-  copy(&work->next.energy_j[fan], &work->unheated.energy_j[split], rest);
+  copy_numbers(work->next.temperature_c, work->heated.temperature_c, fan);
+  copy_numbers(work->next.energy_j, work->heated.energy_j, fan);
+  copy_numbers(&work->next.temperature_c[fan], &work->unheated.temperature_c[split], rest);
+  copy_numbers(&work->next.energy_j[fan], &work->unheated.energy_j[split], rest);
   add_band(bands, 0, -INFINITY, low_c, bev_maximum(high_c, low_c + LEAST_GAIN_K));
 }
 
@@ -170,6 +170,8 @@ static bev_status take_lower(bev_curves *work, const bev_bands *bands) {
       ends[found] = n;
       colder[found] = dearer;
       found++;
+    } else {
+      /* Between the ends of a band. */
     }
   }
   /* Warmest band first. A point between low and high of a band is left out. */
@@ -199,7 +201,7 @@ static bev_status take_lower(bev_curves *work, const bev_bands *bands) {
 }
 
 /* In which pieces of the curve a kelvin is worth more than the heater takes for it: not 0. */
-static void find_paid(const bev_curves *work, double warmest_c, double *is_paid) {
+static void find_where_it_pays(const bev_curves *work, double warmest_c, double *is_paid) {
   const double *after_c = work->after.temperature_c;
   const double *after_j = work->after.energy_j;
   const double *heated_c = work->heated.temperature_c;
@@ -224,7 +226,7 @@ static bev_status take_cheaper(bev_curves *work, const bev_bands *bands) {
   const double *is_paid = work->mesh_c;
   int32_t splits = 0;
   int32_t split = 0;
-  find_paid(work, work->map.start_c[work->map.count - 1], work->mesh_c);
+  find_where_it_pays(work, work->map.start_c[work->map.count - 1], work->mesh_c);
   for (int32_t n = 0; n < pieces; n++) {
     if (is_paid[n] != 0.0 && (n + 1 == pieces || is_paid[n + 1] == 0.0)) {
       splits++;
