@@ -21,18 +21,24 @@ static bev_status limits_at(const bev_vehicle *vehicle, double soc, double tempe
 
 bev_status bev_watch_limits(const bev_vehicle *vehicle, const bev_trip *trip,
                             const bev_course *course, bev_watch *watch) {
-  for (int32_t k = 0; k < trip->steps; k++) {
-    double limits_w[2];
-    const bev_status status =
-        bev_limits_of_colder_step(vehicle, &course->states[0][k], &course->states[1][k],
-                                  trip->power_variance_w2[k], limits_w);
+  double least_w[BEV_LIMITS_BLOCK];
+  double most_w[BEV_LIMITS_BLOCK];
+  for (int32_t from = 0; from < trip->steps; from += BEV_LIMITS_BLOCK) {
+    const int32_t count =
+        trip->steps - from < BEV_LIMITS_BLOCK ? trip->steps - from : BEV_LIMITS_BLOCK;
+    const bev_status status = bev_limits_of_block(
+        vehicle, count, &course->states[0][from], &course->states[1][from], BEV_COLDER_BY_K,
+        &trip->power_variance_w2[from], least_w, most_w);
     if (status != BEV_OK) {
       return status;
     }
-    const double power_w = trip->idle_power_w[k];
-    watch->charge[k] =
-        trip->propulsion_power_w[k] < 0.0 && power_w < limits_w[0] ? 1u : 0u;
-    watch->discharge[k] = power_w + trip->heater_limit_w[k] > limits_w[1] ? 1u : 0u;
+    for (int32_t n = 0; n < count; n++) {
+      const int32_t k = from + n;
+      const double power_w = trip->idle_power_w[k];
+      watch->charge[k] =
+          trip->propulsion_power_w[k] < 0.0 && power_w < least_w[n] ? 1u : 0u;
+      watch->discharge[k] = power_w + trip->heater_limit_w[k] > most_w[n] ? 1u : 0u;
+    }
   }
   return BEV_OK;
 }
@@ -42,21 +48,25 @@ bev_status bev_lacking_w(const bev_vehicle *vehicle, const bev_trip *trip,
   /* With a heat path the heater takes on average what the third power says. */
   const double *drawn_w = course->powers_w[course->rows == 2 ? 0 : 2];
   double worst_at_w = 0.0;
+  double least_w[BEV_LIMITS_BLOCK];
+  double most_w[BEV_LIMITS_BLOCK];
   /* What a vehicle that stands does not get is lacking charge, not power. */
   const int32_t driven = course->stranding.step < 0 ? trip->steps : course->stranding.step;
   *worst_w = 0.0;
-  for (int32_t k = 0; k < driven; k++) {
-    double limits_w[2];
-    const bev_status status =
-        bev_limits_of_step(vehicle, &course->states[0][k], &course->states[1][k],
-                           trip->power_variance_w2[k], limits_w);
+  for (int32_t from = 0; from < driven; from += BEV_LIMITS_BLOCK) {
+    const int32_t count = driven - from < BEV_LIMITS_BLOCK ? driven - from : BEV_LIMITS_BLOCK;
+    const bev_status status = bev_limits_of_block(
+        vehicle, count, &course->states[0][from], &course->states[1][from], 0.0,
+        &trip->power_variance_w2[from], least_w, most_w);
     if (status != BEV_OK) {
       return status;
     }
-    const double lacking_w = trip->idle_power_w[k] + drawn_w[k] - limits_w[1];
-    if (lacking_w > *worst_w) {
-      *worst_w = lacking_w;
-      worst_at_w = trip->idle_power_w[k];
+    for (int32_t n = 0; n < count; n++) {
+      const double lacking_w = trip->idle_power_w[from + n] + drawn_w[from + n] - most_w[n];
+      if (lacking_w > *worst_w) {
+        *worst_w = lacking_w;
+        worst_at_w = trip->idle_power_w[from + n];
+      }
     }
   }
   if (*worst_w <= POWER_TOLERANCE * fabs(worst_at_w)) {

@@ -1,6 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The battery's limits along a run: terminal_limits_w and limits_of_steps_w of bev_preheat.planning.dynamics. */
+#include <stdbool.h>
+
 #include "checks.h"
+#include "curve_arrays.h"
+#include "step_limits.h"
 #include "steps_of_model.h"
 
 bev_status bev_limits_along(const bev_vehicle *vehicle, int32_t count, const double *soc,
@@ -26,6 +30,41 @@ bev_status bev_limits_along(const bev_vehicle *vehicle, int32_t count, const dou
   return BEV_OK;
 }
 
+bev_status bev_limits_of_block(const bev_vehicle *vehicle, int32_t steps, const double *soc,
+                               const double *temperature_c, double colder_by_k,
+                               const double *variance_w2, double *least_w, double *most_w) {
+  double colder_c[BEV_LIMITS_BLOCK + 1];
+  double voltage_v[BEV_LIMITS_BLOCK + 1];
+  double resistance_ohm[BEV_LIMITS_BLOCK + 1];
+  double charge_w[BEV_LIMITS_BLOCK + 1];
+  double discharge_w[BEV_LIMITS_BLOCK + 1];
+  const int32_t instants = steps + 1;
+  for (int32_t n = 0; n < instants; n++) {
+    colder_c[n] = colder_by_k > 0.0
+        ? bev_maximum(temperature_c[n] - colder_by_k, vehicle->lowest_c)
+        : temperature_c[n];
+  }
+  bev_curve_over(&vehicle->open_circuit_voltage, instants, soc, colder_c, voltage_v);
+  bev_curve_over(&vehicle->resistance, instants, soc, colder_c, resistance_ohm);
+  bev_curve_over(&vehicle->charge_power_limit, instants, soc, colder_c, charge_w);
+  bev_curve_over(&vehicle->discharge_power_limit, instants, soc, colder_c, discharge_w);
+  bool are_numbers = true;
+  for (int32_t n = 0; n < steps; n++) {
+    double start_w[2];
+    double end_w[2];
+    bev_terminal_limits_of_circuit(vehicle, BEV_AS_ARRAYS, voltage_v[n], resistance_ohm[n],
+                                   charge_w[n], discharge_w[n], variance_w2[n], start_w);
+    bev_terminal_limits_of_circuit(vehicle, BEV_AS_ARRAYS, voltage_v[n + 1],
+                                   resistance_ohm[n + 1], charge_w[n + 1], discharge_w[n + 1],
+                                   variance_w2[n], end_w);
+    least_w[n] = bev_maximum(start_w[0], end_w[0]);
+    most_w[n] = bev_minimum(start_w[1], end_w[1]);
+    are_numbers = are_numbers && isfinite(start_w[0]) != 0 && isfinite(start_w[1]) != 0
+        && isfinite(end_w[0]) != 0 && isfinite(end_w[1]) != 0;
+  }
+  return are_numbers ? BEV_OK : BEV_NOT_FINITE;
+}
+
 bev_status bev_limits_of_steps(const bev_vehicle *vehicle, int32_t steps, const double *soc,
                                const double *temperature_c, const double *variance_w2,
                                double *least_w, double *most_w) {
@@ -36,21 +75,11 @@ bev_status bev_limits_of_steps(const bev_vehicle *vehicle, int32_t steps, const 
   if (!bev_is_vehicle(vehicle)) {
     return BEV_BAD_VEHICLE;
   }
-  double end_w[2] = {0.0, 0.0};
-  for (int32_t k = 0; k < steps; k++) {
-    double start_w[2] = {end_w[0], end_w[1]};
-    if (k == 0 || variance_w2[k] != variance_w2[k - 1]) {
-      bev_terminal_limits(vehicle, BEV_AS_ARRAYS, soc[k], temperature_c[k], variance_w2[k],
-                          start_w);
-    }
-    bev_terminal_limits(vehicle, BEV_AS_ARRAYS, soc[k + 1], temperature_c[k + 1], variance_w2[k],
-                        end_w);
-    least_w[k] = bev_maximum(start_w[0], end_w[0]);
-    most_w[k] = bev_minimum(start_w[1], end_w[1]);
-    if (!isfinite(start_w[0]) || !isfinite(start_w[1]) || !isfinite(end_w[0])
-        || !isfinite(end_w[1])) {
-      return BEV_NOT_FINITE;
-    }
+  bev_status status = BEV_OK;
+  for (int32_t from = 0; from < steps && status == BEV_OK; from += BEV_LIMITS_BLOCK) {
+    const int32_t count = steps - from < BEV_LIMITS_BLOCK ? steps - from : BEV_LIMITS_BLOCK;
+    status = bev_limits_of_block(vehicle, count, &soc[from], &temperature_c[from], 0.0,
+                                 &variance_w2[from], &least_w[from], &most_w[from]);
   }
-  return BEV_OK;
+  return status;
 }

@@ -21,28 +21,33 @@ static bev_status find_climbs(const bev_threshold_search *search,
                               bev_requirement climbs[MOST_CLIMBS], int32_t *count) {
   const bev_trip *trip = search->limits.trip;
   const bev_search_run *kept = &search->runs[BEV_KEPT_RUN];
+  const int32_t steps = trip->steps;
+  double least_w[BEV_LIMITS_BLOCK];
+  double most_w[BEV_LIMITS_BLOCK];
   bool was_demanding = false;
   *count = 0;
-  for (int32_t k = 0; k < trip->steps; k++) {
-    double limits_w[2];
-    const bev_status status =
-        bev_limits_of_colder_step(search->limits.vehicle, &kept->states[0][k], &kept->states[1][k],
-                                  trip->power_variance_w2[k], limits_w);
+  for (int32_t from = 0; from < steps; from += BEV_LIMITS_BLOCK) {
+    const int32_t seen = steps - from < BEV_LIMITS_BLOCK ? steps - from : BEV_LIMITS_BLOCK;
+    const bev_status status = bev_limits_of_block(
+        search->limits.vehicle, seen, &kept->states[0][from], &kept->states[1][from], BEV_COLDER_BY_K,
+        &trip->power_variance_w2[from], least_w, most_w);
     if (status != BEV_OK) {
       return status;
     }
-    const bool is_demanding = trip->idle_power_w[k] > limits_w[1];
-    if (is_demanding && !was_demanding) {
-      if (*count == MOST_CLIMBS) {
-        return BEV_OK;
+    for (int32_t k = from; k < from + seen; k++) {
+      const bool is_demanding = trip->idle_power_w[k] > most_w[k - from];
+      if (is_demanding && !was_demanding) {
+        if (*count == MOST_CLIMBS) {
+          return BEV_OK;
+        }
+        climbs[*count].first = k;
+        (*count)++;
       }
-      climbs[*count].first = k;
-      (*count)++;
+      if (is_demanding) {
+        climbs[*count - 1].last = k + 1;
+      }
+      was_demanding = is_demanding;
     }
-    if (is_demanding) {
-      climbs[*count - 1].last = k + 1;
-    }
-    was_demanding = is_demanding;
   }
   return BEV_OK;
 }
