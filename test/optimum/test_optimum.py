@@ -464,7 +464,7 @@ def test_a_barrier_whose_least_value_lies_at_a_corner_of_a_limit_does_not_keep_t
     trip = draw_limit_trip(REFERENCE, 1, 60)
     situation = trip.vehicle, trip.route, trip.state, trip.goal
     optimum, plan = solve_optimum(*situation), plan_preheating(*situation)
-    assert (optimum.solver_status, optimum.lacking) == ('Solve_Succeeded', ())
+    assert (optimum.solver_status, optimum.lacking) == (SUCCESS, ())
     assert optimum.plan.energy_wh.battery_total <= plan.energy_wh.battery_total + 1e-3
 
 
