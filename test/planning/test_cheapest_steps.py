@@ -1,23 +1,30 @@
 # SPDX-License-Identifier: Apache-2.0
 """Where heating is cheaper than at the end of the trip: against small changes, and all choices of steps."""
 
+from ctypes import byref, c_int32
 from dataclasses import replace
 from itertools import product
+import math
 
 import numpy as np
 import pytest
 import short_stretches
 
-from bev_preheat.compiled.library import without_core
+from bev_preheat.compiled.library import core, without_core
+from bev_preheat.compiled.runs import place
+from bev_preheat.compiled.structs import CHEAPEST_ARRAYS
 from bev_preheat.planning.cheapest_steps import heat_cheapest, LEAST_SAVING_WH, whole_charge_wh
-from bev_preheat.planning.dynamics import run_forward
+from bev_preheat.planning.dynamics import compiled_vehicle, run_forward
 from bev_preheat.planning.merit_order import plan_merit_order
 from bev_preheat.planning.optimal_switch import plan_optimal_switch
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.prices import find_prices
 from bev_preheat.planning.situation import Goal
 from bev_preheat.planning.trip import make_trip
+from bev_preheat.vehicle.heat_path import HeatPath
 from bev_preheat.vehicle.model import make_runge_kutta_4
+
+BAD_ARGUMENT, BAD_INPUT = -1, -3
 
 
 def planned(number, **drawn):
@@ -141,3 +148,53 @@ def test_core_and_python_agree_to_the_last_bit():
         np.testing.assert_allclose(prices.charge_per_w, expected_prices.charge_per_w, rtol=1e-9)
         changed += found is not schedule
     assert changed >= 5
+
+
+def call_heat_cheapest(trip, schedule, target_c, null=None, changed=None):
+    """Return the status of bev_heat_cheapest; `null` is the argument that is to be a null pointer."""
+    steps = trip.compiled.steps
+    arrays = {'soc': schedule.soc.copy(), 'temperature_c': schedule.temperature_c.copy(),
+              'heater_w': schedule.heater_power_w.copy(), 'memory': np.full(CHEAPEST_ARRAYS * steps + 2 + 8, 7.25)}
+    for name, value in (changed or {}).items():
+        arrays[name][0] = value
+    order, orders = (c_int32 * (steps + 4))(*[-7] * (steps + 4)), c_int32()
+    status = core().bev_heat_cheapest(
+        None if null == 'vehicle' else compiled_vehicle(trip.vehicle).address,
+        None if null == 'trip' else trip.compiled.address, target_c,
+        *(None if name == null else place(array) for name, array in arrays.items()),
+        None if null == 'order' else order, None if null == 'orders' else byref(orders))
+    assert (arrays['memory'][-8:] == 7.25).all() and list(order)[-4:] == [-7] * 4
+    return status
+
+
+@pytest.mark.parametrize('null', [
+    'vehicle', 'trip', 'soc', 'temperature_c', 'heater_w', 'memory', 'order', 'orders'])
+def test_a_null_pointer_is_refused(null):
+    trip, _, goal, schedule = planned(2)
+    assert call_heat_cheapest(trip, schedule, goal.target_temperature_c) == 0
+    assert call_heat_cheapest(trip, schedule, goal.target_temperature_c, null) == BAD_ARGUMENT
+
+
+@pytest.mark.parametrize('number', [math.nan, math.inf, -math.inf])
+def test_a_number_that_is_none_is_refused(number):
+    trip, _, goal, schedule = planned(2)
+    assert call_heat_cheapest(trip, schedule, number) == BAD_INPUT
+    for name in ('soc', 'temperature_c', 'heater_w'):
+        assert call_heat_cheapest(
+            trip, schedule, goal.target_temperature_c, changed={name: number}) == BAD_INPUT, name
+
+
+@pytest.mark.parametrize('path', [HeatPath(30.0), HeatPath(0.0, 14e3, 300.0)])
+def test_heat_that_arrives_late_is_refused_by_the_core_and_left_as_it_is_by_the_method(path):
+    trip, state, goal, schedule = planned(2)
+    late = make_trip(replace(trip.vehicle, heat_path=path), trip.route)
+    assert call_heat_cheapest(late, schedule, goal.target_temperature_c) == BAD_ARGUMENT
+    plan, switch = (method(late, state, goal) for method in (plan_merit_order, plan_optimal_switch))
+    assert plan.heating_start_s == switch.heating_start_s
+
+
+def test_a_trip_of_one_step_is_heated_in_it():
+    trip, state, _, _ = planned(2, steps=1)
+    target_c = state.temperature_c + 0.2
+    schedule = plan_optimal_switch(trip, state, Goal(target_c))
+    assert heat_cheapest(trip, schedule, target_c) is schedule
