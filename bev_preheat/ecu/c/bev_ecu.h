@@ -6,8 +6,8 @@
  * bev_ecu_plan_switch, the method optimal_switch: one stretch of heating, for trips on which no limit of the
  * battery is active. It needs the least memory.
  *
- * bev_ecu_plan_merit_order, the method merit_order: the same where no limit is active, else a plan within the
- * limits.
+ * bev_ecu_plan_merit_order, the method merit_order: heating in the steps in which a kelvin costs the least, and
+ * within the limits where one is active.
  *
  * Both answer BEV_LIMITED and no plan where they have none that is better than not heating: the caller then keeps
  * the heater off, or follows the plan it has.
@@ -56,12 +56,12 @@ typedef struct {
 /* A plan. Its arrays lie in the memory that was given. */
 typedef struct {
   /*
-   * Where no limit is active the heater takes all that the cabin leaves from `on_s` until `off_s`, seconds after
+   * Of optimal_switch, the heater takes all that the cabin leaves from `on_s` until `off_s`, seconds after
    * the start of the trip. `on_s` is NaN where nothing is heated, `off_s` where it is heated until arrival:
    * always without a heat path. `off_s` is never within steps in which the cabin leaves nothing, but before them.
    *
-   * Where one is active they are the first and, with a heat path, the last instant of heating; `heater_w` says
-   * what is heated between them: there may be several stretches, with any power.
+   * Of merit_order they are the first and, with a heat path, the last instant of heating; `heater_w` says what is
+   * heated between them: there may be several stretches, and within limits any power.
    */
   double on_s;
   double off_s;
