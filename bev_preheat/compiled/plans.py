@@ -8,6 +8,7 @@ As those of `runs`, each returns None where the core does not answer.
 from __future__ import annotations
 
 from ctypes import addressof, byref, c_double, c_int32
+import math
 from typing import NamedTuple, TYPE_CHECKING
 
 import numpy as np
@@ -61,8 +62,13 @@ def find_switch(vehicle: CompiledVehicle, trip: CompiledTrip, target_c: float, i
 
 def plan_switch(vehicle: CompiledVehicle, trip: CompiledTrip, soc: float, temperature_c: float,
                 target_c: float, in_one_stretch: bool = True,
-                caution: CautionStruct | None = None) -> tuple[SwitchPlanStruct, SwitchedRun] | None:
-    """Return the whole plan of a trip on which no limit is active; None too where one is. See core.h."""
+                caution: CautionStruct | None = None
+                ) -> tuple[SwitchPlanStruct | None, SwitchedRun] | None:
+    """
+    Return the whole plan of a trip on which no limit is active; see core.h.
+
+    Where one is, or heating may be cheaper elsewhere, (None, the unheated run) is returned.
+    """
     library = core()
     if library is None:
         return None
@@ -71,6 +77,10 @@ def plan_switch(vehicle: CompiledVehicle, trip: CompiledTrip, soc: float, temper
     status = library.bev_plan_switch(
         vehicle.address, trip.address, soc, temperature_c, target_c, in_one_stretch,
         None if caution is None else addressof(caution), place(memory), *places, addressof(found))
+    if status > OK:
+        # The memory begins with the unheated run.
+        idle = memory[:2 * trip.steps + 2].reshape(2, -1).copy()
+        return None, SwitchedRun(math.nan, idle[0], idle[1], np.zeros(trip.steps))
     return (found, SwitchedRun(found.switching_instant_s, *run)) if status == OK else None
 
 

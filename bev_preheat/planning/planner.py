@@ -50,7 +50,7 @@ PROPOSALS: dict[str, tuple[Method, ...]] = {
 }
 DEFAULT_METHOD = 'merit_order'
 # Where no limit is active each heats, as a rule, from one instant on: one call of the compiled core.
-UNLIMITED: dict[str, Callable[..., tuple[Schedule, Outcome] | None]] = {
+UNLIMITED: dict[str, Callable[..., tuple[Schedule, Outcome | None] | None]] = {
     'merit_order': partial(plan_unlimited, in_one_stretch=False),
     'optimal_switch': plan_unlimited,
     'paper': plan_unlimited_paper,
@@ -93,18 +93,20 @@ def plan_preheating(vehicle: Vehicle, route: Route, state: BatteryState, goal: G
     try:
         found = (UNLIMITED[method](trip, state, goal, caution)
                  if safeguarded and not options else None)
-        if found is not None:
+        if found is not None and found[1] is not None:
             schedule, outcome = found
         else:
-            schedule = _schedule(trip, state, goal, method, caution, safeguarded, options)
+            unheated = plan_without_heating(trip, state) if found is None else found[0]
+            schedule = _schedule(
+                trip, state, goal, method, caution, safeguarded, options, unheated)
     except ArithmeticError as error:
         raise PlanningFailure(f'the battery model fails on this route: {error}') from error
     return finish_plan(trip, goal, schedule, method, started, outcome)
 
 
 def _schedule(trip: Trip, state: BatteryState, goal: Goal, method: str, caution: Caution | None,
-              safeguarded: bool, options: dict[str, Any]) -> Schedule:
-    unheated = plan_without_heating(trip, state)
+              safeguarded: bool, options: dict[str, Any], unheated: Schedule) -> Schedule:
+    """Return the Schedule of a method; `unheated` is the one without any heating, limits left aside."""
     if not goal.charging_planned:
         return as_described(trip, state, unheated)
     lowest_c, highest_c = trip.vehicle.battery.temperature_range_c

@@ -32,13 +32,15 @@ if TYPE_CHECKING:
 
 def plan_unlimited(trip: Trip, state: BatteryState, goal: Goal,
                    caution: Caution | None = None,
-                   in_one_stretch: bool = True) -> tuple[Schedule, Outcome] | None:
+                   in_one_stretch: bool = True) -> tuple[Schedule, Outcome | None] | None:
     """
     Return the Schedule that arrives at the target, and its Outcome; None where anything limits it.
 
     That is a limit of the battery, with heating or without, or the charge that must be left. None too
     where the heat arrives late, and where the core does not answer. With a Caution it heats earlier.
     Unless it is to heat `in_one_stretch`, None where it may be cheaper elsewhere (`cheapest_steps`).
+    Where that, or a limit of the battery, is the reason, the unheated Schedule is returned, limits left
+    aside, and None.
     """
     vehicle = trip.vehicle
     compiled = compiled_vehicle(vehicle) if vehicle.heat_path.is_direct else None
@@ -58,7 +60,9 @@ def plan_unlimited(trip: Trip, state: BatteryState, goal: Goal,
     plan, (instant_s, soc, temperature_c, heater_power_w) = found
     schedule = Schedule(
         _known(instant_s), heater_power_w, np.zeros(len(heater_power_w)), soc, temperature_c,
-        make_runge_kutta_4, _known(plan.heating_end_s))
+        make_runge_kutta_4, None if plan is None else _known(plan.heating_end_s))
+    if plan is None:
+        return schedule, None
     if goal.charging_planned and not _leaves_enough(trip, goal, schedule, plan.least_soc):
         return None
     return schedule, Outcome(
