@@ -3,8 +3,9 @@
 
 from __future__ import annotations
 
-from concurrent.futures import Executor, ProcessPoolExecutor
+from concurrent.futures import CancelledError, Executor, Future, ProcessPoolExecutor
 from contextlib import contextmanager
+from functools import partial
 import multiprocessing
 from multiprocessing import resource_tracker
 import os
@@ -14,7 +15,6 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
-    from concurrent.futures import Future
     from multiprocessing.process import BaseProcess
     from typing import Any, TypeVar
 
@@ -28,6 +28,9 @@ class Workers(Executor):
 
     Leaving its `with` block kills them, whatever they are doing. They do not hear SIGINT: Ctrl-C is for
     the process that started them, which then leaves the block. They end, too, when that process dies.
+
+    A task that was handed out cannot be cancelled by itself: the pool's thread, when a process ends,
+    gives each task that is left a result of its own, and stumbles over one that somebody cancelled.
     """
 
     def __init__(self, jobs: int | None) -> None:
@@ -41,14 +44,27 @@ class Workers(Executor):
     def submit(self, function: Callable[..., Result], /, *arguments: Any,
                **options: Any) -> Future[Result]:
         """Return the Future of a task; may start a process."""
+        task: Future[Result] = Future()
+        task.set_running_or_notify_cancel()
         with _interrupts_held():
-            return self._pool.submit(function, *arguments, **options)
+            of_the_pool = self._pool.submit(function, *arguments, **options)
+        of_the_pool.add_done_callback(partial(_hand_on, task))
+        return task
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         """Kill the processes."""
         for process in set(multiprocessing.active_children()) - self._others:
             process.kill()
         self._pool.shutdown(wait=False, cancel_futures=True)
+
+
+def _hand_on(task: Future[Result], ended: Future[Result]) -> None:
+    """Give the task what the pool's Future of it has."""
+    error = CancelledError() if ended.cancelled() else ended.exception()
+    if error is None:
+        task.set_result(ended.result())
+    else:
+        task.set_exception(error)
 
 
 @contextmanager
