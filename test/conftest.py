@@ -58,9 +58,8 @@ def pytest_collection_modifyitems(items):
 
 def pytest_collection_finish():
     """Let the garbage collector begin with what the tests leave behind."""
-    gc.enable()
-    gc.collect()
     gc.freeze()
+    gc.enable()
 
 
 @pytest.hookimpl(hookwrapper=True)
