@@ -25,12 +25,11 @@ def duration_text(seconds: float) -> str:
     return f'{hours}:{minutes:02d}:{rest:02d} h' if hours else f'{minutes}:{rest:02d} min'
 
 
-def explain(status: Status, plan: Plan, reserve: float, starts_in_s: float = 0.0,
-            unheated: str = 'no heating',
+def explain(plan: Plan, reserve: float, starts_in_s: float = 0.0, unheated: str = 'no heating',
             too_cold_because: str = 'The cabin leaves the heater no power',
             heated_s: float = 0.0) -> str:
     """
-    Return the sentence for the status of a Plan; `reserve` is the state of charge to be left.
+    Return the sentence on a Plan of its status; `reserve` is the state of charge to be left.
 
     Its times count from now, and the plan's time 0 lies `starts_in_s` [s] ahead. A plan that does not
     heat is told as `unheated`, and where it is to blame for a missed target, `too_cold_because`.
@@ -38,12 +37,13 @@ def explain(status: Status, plan: Plan, reserve: float, starts_in_s: float = 0.0
     """
     begins = (f'The route begins in {duration_text(starts_in_s)}. '
               if starts_in_s >= LEAST_TOLD_S else '')
-    return begins + _outcome(
-        status, plan, reserve, starts_in_s, unheated, too_cold_because, heated_s)
+    return begins + _outcome(plan, reserve, starts_in_s, unheated, too_cold_because, heated_s)
 
 
-def _outcome(status: Status, plan: Plan, reserve: float, starts_in_s: float, unheated: str,
-             too_cold_because: str, heated_s: float) -> str:
+def _outcome(plan: Plan, reserve: float, starts_in_s: float, unheated: str, too_cold_because: str,
+             heated_s: float) -> str:
+    status = plan.status
+
     def from_now(plan_s: float) -> str:
         return duration_text(max(0.0, plan_s + starts_in_s))
 

@@ -3,7 +3,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
+from functools import cached_property
 from typing import Any, TYPE_CHECKING
 
 import numpy as np
@@ -28,7 +30,8 @@ class Plan:
     `heating_start_s` is None where the plan does not heat, `heating_end_s` where heating ends with
     a step, as on arrival. `shortfall_k` says by how much the target is missed, `soc_shortfall` by
     how much the state of charge to be kept, `undeliverable_power_w` how much power the battery
-    lacks in the worst step (at `undeliverable_at_s`). `stretches`
+    lacks in the worst step (at `undeliverable_at_s`). `sentence` makes of the plan what `explanation`
+    says: most plans are followed, and not read. `stretches`
     (planning.stretches.HeatingStretch) say why it heats, `held_back` (planning.schedule.HeldBack)
     why it does not heat more, and `stranding` (planning.stranding.Stranding) where the charge runs
     out; None where it does not. Shapes: `time_s`,
@@ -39,7 +42,7 @@ class Plan:
     """
 
     status: Status
-    explanation: str
+    sentence: Callable[[Plan], str]
     method: str
     target_temperature_c: float
     heating_start_s: float | None
@@ -59,6 +62,11 @@ class Plan:
     held_back: HeldBack | None = None
     stranding: Stranding | None = None
     heat: HeatRun | None = None
+
+    @cached_property
+    def explanation(self) -> str:
+        """What comes of the plan, as a sentence."""
+        return self.sentence(self)
 
     @property
     def drawn_power_w(self) -> FloatArray:
@@ -87,11 +95,12 @@ class Plan:
         """State of charge on arrival, 0 ... 1."""
         return float(self.soc[-1])
 
-    def told(self, status: Status, explanation: str) -> Plan:
+    def told(self, status: Status, sentence: Callable[[Plan], str]) -> Plan:
         """Return the plan with another status and sentence."""
         told = object.__new__(Plan)
         # Made with each update: `replace` would take as long as a good part of the plan.
-        vars(told).update(vars(self), status=status, explanation=explanation)
+        vars(told).update(vars(self), status=status, sentence=sentence)
+        vars(told).pop('explanation', None)
         return told
 
     def power_at_w(self, elapsed_s: float) -> float:

@@ -180,7 +180,7 @@ def finish_plan(trip: Trip, goal: Goal, schedule: Schedule, method: str, started
     reserve = reserve_soc(trip.vehicle, goal)
     plan = Plan(
         status=Status.WAITING,
-        explanation='',
+        sentence=partial(explain, reserve=reserve),
         method=method,
         target_temperature_c=target_c,
         heating_start_s=outcome.heating_start_s,
@@ -200,10 +200,8 @@ def finish_plan(trip: Trip, goal: Goal, schedule: Schedule, method: str, started
         held_back=schedule.held_back,
         stranding=outcome.stranding,
         heat=schedule.heat)
-    status = _status(plan, goal)
     # Nobody has the plan yet, and `replace` would take as long as all of the above.
-    vars(plan).update(status=status, explanation=explain(status, plan, reserve),
-                      planning_time_s=perf_counter() - started)
+    vars(plan).update(status=_status(plan, goal), planning_time_s=perf_counter() - started)
     return plan
 
 

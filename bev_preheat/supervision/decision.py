@@ -24,6 +24,7 @@ class Decision:
     """
     Status and sentence that hold until the next input, and the plan behind them, if any.
 
+    `sentence` None is the plan's own.
     `plan_start_ns` is the instant of the plan's time 0, `leg` the leg that it plans. `later_legs`
     lie beyond the current or next stop. `arrival_deviation_k` is the standard deviation of the
     temperature on arrival [K], NaN where it is unknown. The command follows `commanded` where that
@@ -34,7 +35,7 @@ class Decision:
     """
 
     status: Status
-    explanation: str
+    sentence: str | None
     plan: Plan | None = None
     plan_start_ns: int = 0
     leg: Leg | None = None
@@ -45,6 +46,13 @@ class Decision:
     model_factors: tuple[float, ...] = ()
     target: TargetChoice | None = None
     charger_heat_w: float = 0.0
+
+    @property
+    def explanation(self) -> str:
+        """The sentence."""
+        if self.sentence is not None:
+            return self.sentence
+        return '' if self.plan is None else self.plan.explanation
 
 
 # Before anything has arrived, and until a valid route plan has.

@@ -170,7 +170,7 @@ class Judgement:
             plan = seen_from_now(
                 decision.plan, self._vehicle, goal, starts_in_s, heated_s=heated_s)
             return Decision(
-                plan.status, _explained(plan, choice), plan, start_ns, leg, target=choice)
+                plan.status, _own_sentence(plan, choice), plan, start_ns, leg, target=choice)
         try:
             outlook = self._outlooks.make(
                 estimate, route, goal, settings, is_heating, starts_in_s,
@@ -179,7 +179,7 @@ class Judgement:
             return Decision(Status.INVALID_INPUT, str(error))
         plan = outlook.plan
         return Decision(
-            plan.status, _explained(plan, choice), plan, start_ns, leg,
+            plan.status, _own_sentence(plan, choice), plan, start_ns, leg,
             arrival_deviation_k=outlook.arrival_deviation_k,
             commanded=outlook.commanded, command_share=outlook.command_share,
             model_factors=outlook.model_factors, target=choice)
@@ -210,7 +210,7 @@ class Judgement:
                 leg.made_for, self._vehicle, route, state, goal, inbox.settings.method)
         except (InvalidInput, PlanningFailure) as error:
             return Decision(Status.INVALID_INPUT, str(error))
-        return Decision(plan.status, plan.explanation, plan, start_ns, leg)
+        return Decision(plan.status, None, plan, start_ns, leg)
 
     def decide_later(self, inbox: Inbox, decision: Decision) -> tuple[Decision, ...]:
         """Return a Decision for each later leg of a Decision, from its departure on."""
@@ -229,11 +229,11 @@ class Judgement:
         return tuple(decisions)
 
 
-def _explained(plan: Plan, choice: TargetChoice | None) -> str:
-    """Return the sentence of a Plan, with the reason of its target's choice where it does not heat for that."""
+def _own_sentence(plan: Plan, choice: TargetChoice | None) -> str | None:
+    """Return the sentence with the reason of a target's choice for which nothing is heated; None: the Plan's."""
     if choice is not None and plan.status is Status.NOT_WORTH_IT:
         return f'{choice.reason} {plan.explanation}'
-    return plan.explanation
+    return None
 
 
 def _standing_sentence(stood_s: float) -> str:

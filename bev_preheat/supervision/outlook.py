@@ -9,6 +9,7 @@ answers.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 import math
 from typing import Any, TYPE_CHECKING
 
@@ -90,22 +91,20 @@ class Outlook:
 
 
 def seen_from_now(plan: Plan, vehicle: Vehicle, goal: Goal, starts_in_s: float,
-                  **words: Any) -> Plan:
+                  heated_s: float) -> Plan:
     """
     Return a Plan whose status and sentence hold now; its time 0 lies `starts_in_s` [s] ahead.
 
-    `words` are those of planning.explanation.explain.
+    The battery has been heated for `heated_s` [s].
     """
-    return plan.told(*_seen_from_now(plan, vehicle, goal, starts_in_s, **words))
+    return plan.told(_status_now(plan, starts_in_s), partial(
+        explain, reserve=reserve_soc(vehicle, goal), starts_in_s=starts_in_s, heated_s=heated_s))
 
 
-def _seen_from_now(plan: Plan, vehicle: Vehicle, goal: Goal, starts_in_s: float,
-                   **words: Any) -> tuple[Status, str]:
-    """Return the status and the sentence of `seen_from_now`."""
-    status = plan.status
-    if status is Status.HEATING and starts_in_s > 0.0:
-        status = Status.WAITING
-    return status, explain(status, plan, reserve_soc(vehicle, goal), starts_in_s, **words)
+def _status_now(plan: Plan, starts_in_s: float) -> Status:
+    """Return the Status of a Plan that holds now; its time 0 lies `starts_in_s` [s] ahead."""
+    return (Status.WAITING if plan.status is Status.HEATING and starts_in_s > 0.0
+            else plan.status)
 
 
 def believed_state(vehicle: Vehicle, estimate: Estimate) -> BatteryState:
@@ -207,11 +206,10 @@ class OutlookMaker:
             # Then some of the heat that is mostly late is better than none.
             commanded = plan(heat_lag_s=0.0, heater_share=share)
         self._deviation_k = deviation_k(expected)
-        status, sentence = _seen_from_now(
-            expected, vehicle, goal, starts_in_s, heated_s=heated_s,
-            **UNHEATED.get(heater.heater, {}))
-        expected = accounted(expected.told(
-            status, _in_words(expected, sentence, heater, self._deviation_k)), wish, estimate.soc)
+        expected = accounted(expected.told(_status_now(expected, starts_in_s), partial(
+            _in_words, heater=heater, deviation_k=self._deviation_k,
+            reserve=reserve_soc(vehicle, goal), starts_in_s=starts_in_s, heated_s=heated_s)),
+            wish, estimate.soc)
         return Outlook(
             expected, self._deviation_k, commanded, share, self._model_factors(estimate))
 
@@ -237,10 +235,14 @@ class OutlookMaker:
             least_heating_s=settings.minimum_on_time_s)
 
 
-def _in_words(plan: Plan, explanation: str, heater: HeaterReport, deviation_k: float) -> str:
-    """Return a plan's sentence with what the heater does, and what is uncertain."""
+def _in_words(plan: Plan, heater: HeaterReport, deviation_k: float, **told: float) -> str:
+    """
+    Return a plan's sentence with what the heater does, and what is uncertain.
+
+    `told` is what planning.explanation.explain needs in any case.
+    """
     sentence = SENTENCES.get(heater.heater, '').format(share=100.0 * heater.share)
-    sentence += explanation
+    sentence += explain(plan, **told, **UNHEATED.get(heater.heater, {}))
     if plan.heating_end_s is not None and plan.heat is None:
         sentence += (f' Uncertainty +-{deviation_k:.1f} K (1 sigma): heating starts early and stops '
                      'once the target is certain.')

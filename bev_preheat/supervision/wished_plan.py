@@ -153,8 +153,8 @@ def in_words_of_wish(decision: Decision) -> Decision:
     """Return the Decision whose sentence says that it is for a goal: arrival is its instant."""
     explanation = f'~/prepare_battery: {decision.explanation}'
     plan = decision.plan
-    return replace(decision, explanation=explanation,
-                   plan=None if plan is None else plan.told(plan.status, explanation))
+    return replace(decision, sentence=explanation, plan=None if plan is None else plan.told(
+        plan.status, lambda _: explanation))
 
 
 def reserve_before(inbox: Inbox, now_ns: int, until_ns: int) -> float:

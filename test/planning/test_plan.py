@@ -3,6 +3,7 @@
 
 from dataclasses import replace
 import json
+import pickle
 
 import numpy as np
 import pytest
@@ -39,11 +40,21 @@ def test_dictionary_has_the_keys_of_the_contract(plan):
 
 
 def test_a_plan_that_is_told_in_other_words_is_the_same_plan(plan):
-    before = vars(plan).copy()
-    told = plan.told(Status.INTERNAL_ERROR, 'Something else.')
-    assert vars(told) == {**before, 'status': Status.INTERNAL_ERROR, 'explanation': 'Something else.'}
+    sentence, before = plan.explanation, vars(plan).copy()
+    told = plan.told(Status.INTERNAL_ERROR, in_other_words)
+    assert told.explanation == 'A plan by paper: INTERNAL_ERROR.'
+    assert {**vars(told), 'status': plan.status, 'sentence': plan.sentence,
+            'explanation': sentence} == before
     assert vars(plan) == before
-    assert replace(told, status=plan.status).explanation == 'Something else.'
+    assert replace(told, status=Status.WAITING).explanation == 'A plan by paper: WAITING.'
+
+
+def in_other_words(plan):
+    return f'A plan by {plan.method}: {plan.status.name}.'
+
+
+def test_a_plan_that_another_process_has_sent_tells_itself(plan):
+    assert pickle.loads(pickle.dumps(plan)).explanation == plan.explanation
 
 
 def test_energies_have_the_keys_of_the_contract(plan):
