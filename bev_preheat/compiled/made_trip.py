@@ -18,17 +18,17 @@ if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray
 
 
-def make_trip(terms: Sequence[float], route: Sequence[FloatArray]) -> CompiledTrip | None:
+def make_trip(terms: Sequence[float], route: FloatArray) -> CompiledTrip | None:
     """
-    Return the trip of a route, whose columns (N,) are given in their order; see `bev_make_trip` in core.h.
+    Return the trip of a route, whose columns (8, N) are given in their order; see `bev_make_trip` in core.h.
 
     `terms` are those of TripTermsStruct. None too where a step is too long for the integrators.
     """
     library = core()
     if library is None:
         return None
-    steps = len(route[0])
+    steps = route.shape[1]
     columns = np.empty(len(TRIP_COLUMNS) * steps + 1)
     status = library.bev_make_trip(
-        byref(TripTermsStruct(*terms)), steps, place(np.concatenate(route, dtype=float)), place(columns))
+        byref(TripTermsStruct(*terms)), steps, place(route), place(columns))
     return CompiledTrip(steps, columns) if status == OK else None

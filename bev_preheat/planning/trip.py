@@ -128,10 +128,7 @@ def _made_trip(vehicle: Vehicle, route: Route, heater_share: float, heat_lag_s: 
     leakage = vehicle.battery.leakage
     made = compiled_trip(
         (leakage.gamma_0_w_per_k, leakage.gamma_v_w_per_k_per_mps, vehicle.drivetrain.heat_share,
-         _stiff_w_per_k(vehicle), vehicle.hvch.maximum_power_w, heater_share, heat_lag_s),
-        (route.duration_s, route.speed_mps, route.propulsion_power_w, route.propulsion_power_rms_w,
-         route.ambient_temperature_c, route.cabin_heating_power_w, route.auxiliary_power_w,
-         route.propulsion_power_magnitude_w))
+         _stiff_w_per_k(vehicle), vehicle.hvch.maximum_power_w, heater_share, heat_lag_s), route.block)
     if made is None:
         return _trip_of_arrays(vehicle, route, heater_share, heat_lag_s)
     (time_s, _, idle_power_w, power_variance_w2, idle_heat_w, leakage_w_per_k, heater_limit_w, _,

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import Self, TYPE_CHECKING
 
 import numpy as np
 
@@ -64,6 +64,19 @@ class Route:
         """Return the number of segments."""
         return len(self.duration_s)
 
+    @classmethod
+    def _of_block(cls, block: FloatArray) -> Self:
+        """Return the route of a `block`."""
+        route = object.__new__(cls)
+        # Made with each update of the planner: the constructor of a frozen class takes three times as long.
+        vars(route).update(zip(COLUMNS, block), block=block)
+        return route
+
+    @cached_property
+    def block(self) -> FloatArray:
+        """The fields one after the other in one block of memory, shape (8, N), not to be written to."""
+        return np.array([getattr(self, name) for name in COLUMNS], dtype=float)
+
     @cached_property
     def time_s(self) -> FloatArray:
         """Instants at which segments start, and the end: shape (N + 1,), not to be written to."""
@@ -87,12 +100,13 @@ class Route:
 
         `factor` is one number, or one for each segment, shape (N,).
         """
-        magnitude = np.abs(factor)
-        return Route(
-            self.duration_s, self.speed_mps, factor * self.propulsion_power_w,
-            magnitude * self.propulsion_power_rms_w, self.ambient_temperature_c,
-            self.cabin_heating_power_w, self.auxiliary_power_w,
-            magnitude * self.propulsion_power_magnitude_w)
+        magnitude = abs(factor)
+        route = self._of_block(self.block.copy())
+        for power_w, times in ((route.propulsion_power_w, factor),
+                               (route.propulsion_power_rms_w, magnitude),
+                               (route.propulsion_power_magnitude_w, magnitude)):
+            np.multiply(power_w, times, out=power_w)
+        return route
 
     def without_variation(self) -> Route:
         """Return the route with a propulsion power that is constant within each segment."""
@@ -127,10 +141,9 @@ class Route:
                              f'{self.total_duration_s} s')
         ends = self.time_s[1:]
         first = int(ends.searchsorted(instant_s, side='right'))
-        duration_s, *others = [getattr(self, name)[first:] for name in COLUMNS]
-        duration_s = duration_s.copy()
-        duration_s[0] = ends[first] - instant_s
-        return Route(duration_s, *others)
+        route = self._of_block(self.block[:, first:].copy())
+        route.duration_s[0] = ends[first] - instant_s
+        return route
 
     def before(self, instant_s: float) -> Route:
         """
