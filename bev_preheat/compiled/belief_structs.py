@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray
 
-ELEMENTS, BOUNDED = 11, 7
+ELEMENTS, BOUNDED, MOST_HEATERS = 11, 7, 16
 
 
 class BeliefStruct(Structure):
@@ -28,14 +28,31 @@ class BeliefTermsStruct(Structure):
                     'most_apart_k', 'most_under_way_k', 'power_noise', 'least_power_w', 'power_noise_lasts_s'))]
 
 
+DRIVE_COLUMNS = (
+    'speed_mps', 'ambient_temperature_c', 'propulsion_power_w', 'power_variance_w2',
+    'propulsion_power_magnitude_w', 'cabin_heating_power_w', 'auxiliary_power_w', 'terminal_power_w',
+    'hidden_variance_w2', 'gamma_0_w_per_k', 'gamma_v_w_per_k_per_mps')
+
+
 class DriveStruct(Structure):
     """`bev_drive`."""
 
-    _fields_ = [*((name, c_double) for name in (
-        'speed_mps', 'ambient_temperature_c', 'propulsion_power_w', 'power_variance_w2',
-        'propulsion_power_magnitude_w', 'cabin_heating_power_w', 'auxiliary_power_w',
-        'terminal_power_w', 'hidden_variance_w2', 'gamma_0_w_per_k', 'gamma_v_w_per_k_per_mps')),
-        ('is_seen', c_int32)]
+    _fields_ = [*((name, c_double) for name in DRIVE_COLUMNS), ('is_seen', c_int32)]
+
+
+class PassedStruct(Structure):
+    """`bev_passed`."""
+
+    _fields_ = [('transitions', c_void_p), ('wander', c_void_p), *((name, c_double) for name in (
+        'duration_s', 'hidden_variance_s2', 'seen_w', 'route_w', 'variance_w2', 'most_w')),
+        ('heater_power_w', c_double * MOST_HEATERS), ('drive', DriveStruct)]
+
+
+class ReadingStruct(Structure):
+    """`bev_reading`."""
+
+    _fields_ = [('noise_variances_k2', c_void_p), ('noise_variances', c_void_p), *((name, c_double) for name in (
+        'lowest_c', 'highest_c', 'lowest_soc', 'highest_soc'))]
 
 
 COURSE_COLUMNS = (

@@ -9,14 +9,24 @@ calls does it in Python.
 from __future__ import annotations
 
 from ctypes import addressof, byref, c_double, c_int32
+from struct import Struct as Packed
 from typing import Any, TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.compiled.belief_structs import BeliefStruct, CourseStruct, DriveStruct, ELEMENTS
+from bev_preheat.compiled.belief_structs import (
+    BeliefStruct,
+    CourseStruct,
+    DRIVE_COLUMNS,
+    DriveStruct,
+    ELEMENTS,
+    MOST_HEATERS,
+    PassedStruct,
+    ReadingStruct,
+)
 from bev_preheat.compiled.library import core, OK
 from bev_preheat.compiled.runs import doubles_at
-from bev_preheat.compiled.structs import DOUBLE_BYTES
+from bev_preheat.compiled.structs import address_of, DOUBLE_BYTES
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -28,6 +38,28 @@ if TYPE_CHECKING:
     from bev_preheat.vehicle.uncertain_car import DriveInputs
 
 
+class Elapsing:
+    """Time that passes [s]: the transitions (heaters, heaters) and the variances (ELEMENTS,) that come with it."""
+
+    def __init__(self, duration_s: float, transitions: FloatArray, wander: FloatArray) -> None:
+        """Keep the arrays alive, which must be contiguous."""
+        self.duration_s, self.transitions, self.wander = duration_s, transitions, wander
+        self.addresses = address_of(transitions), address_of(wander)
+
+
+class ReadingNoise:
+    """Variances (noises,) of a reading's temperature [K^2] and charge."""
+
+    def __init__(self, temperature_k2: FloatArray, soc: FloatArray) -> None:
+        """Keep the arrays alive, which must be contiguous."""
+        self._kept = temperature_k2, soc
+        self.addresses = address_of(temperature_k2), address_of(soc)
+
+
+# The numbers of these structs in a row: written at once, which takes a fifth of field by field.
+PASSED, READING = Packed(f'2P6d{MOST_HEATERS}d{len(DRIVE_COLUMNS)}di'), Packed('2P4d')
+
+
 class CompiledBelief:
     """A `bev_belief`: points to the arrays of weights, means and covariances, and keeps them alive."""
 
@@ -37,7 +69,11 @@ class CompiledBelief:
         self._memory = np.empty(sum(array.size for array in arrays))
         self._struct = BeliefStruct(*weights.shape, *(array.ctypes.data for array in (*arrays, self._memory)))
         self._address = addressof(self._struct)
-        self._lost = c_int32()
+        self._passed, self._reading = PassedStruct(), ReadingStruct()
+        self._places = addressof(self._passed), addressof(self._reading)
+        self._done, self._lost = c_int32(), c_int32()
+        self._counts = addressof(self._done), addressof(self._lost)
+        self._others_w = (0.0,) * (MOST_HEATERS - len(weights))
 
     def mix(self, transitions: FloatArray) -> bool:
         """Do `bev_mix_belief` with transitions (heaters, heaters)."""
@@ -52,12 +88,7 @@ class CompiledBelief:
         library = core()
         if library is None:
             return False
-        is_seen = drive.terminal_power_w is not None
-        struct = DriveStruct(
-            drive.speed_mps, drive.ambient_temperature_c, drive.propulsion_power_w,
-            drive.power_variance_w2, drive.propulsion_power_magnitude_w, drive.cabin_heating_power_w,
-            drive.auxiliary_power_w, drive.terminal_power_w if is_seen else 0.0, drive.hidden_variance_w2,
-            leakage.gamma_0_w_per_k, leakage.gamma_v_w_per_k_per_mps, is_seen)
+        struct = DriveStruct(*_numbers_of(drive, leakage))
         return bool(library.bev_move_belief(
             vehicle.address, self._address, byref(terms), byref(struct), duration_s, _place(heater_w),
             _place(wander), hidden_variance_s2) == OK)
@@ -82,6 +113,41 @@ class CompiledBelief:
         status = library.bev_see_propulsion_power(
             self._address, byref(terms), seen_w, route_w, variance_w2, most_w, byref(self._lost))
         return self._lost.value if status == OK else None
+
+    def follow(self, vehicle: CompiledVehicle, terms: BeliefTermsStruct, elapsing: Elapsing, drive: DriveInputs,
+               leakage: Leakage, heater_w: Sequence[float], hidden_variance_s2: float,
+               propulsion: tuple[float, float, float, float]) -> tuple[int, int]:
+        """
+        Do `bev_follow`; return how many of its three parts were done, and how many filters are lost.
+
+        `propulsion` is power seen and power of the route [W], variance [W^2], and most difference [W].
+        """
+        library = core()
+        if library is None:
+            return 0, 0
+        PASSED.pack_into(
+            self._passed, 0, *elapsing.addresses, elapsing.duration_s, hidden_variance_s2, *propulsion,
+            *heater_w, *self._others_w, *_numbers_of(drive, leakage))
+        library.bev_follow(
+            vehicle.address, self._address, addressof(terms), self._places[0], *self._counts)
+        return self._done.value, self._lost.value
+
+    def take_reading(self, terms: BeliefTermsStruct, noise: ReadingNoise, interval_c: tuple[float, float],
+                     interval: tuple[float, float]) -> tuple[int, int, tuple[FloatArray, FloatArray]]:
+        """
+        Do `bev_take_reading` of intervals of temperature [deg C] and charge.
+
+        Returns how many of its three parts were done, how many filters are lost, and, where all were,
+        what `expected` does.
+        """
+        library, both = core(), np.empty((ELEMENTS + 1, ELEMENTS))
+        if library is None:
+            return 0, 0, (both[0], both[1:])
+        at = address_of(both)
+        READING.pack_into(self._reading, 0, *noise.addresses, *interval_c, *interval)
+        library.bev_take_reading(
+            self._address, addressof(terms), self._places[1], at, at + DOUBLE_BYTES * ELEMENTS, *self._counts)
+        return self._done.value, self._lost.value, (both[0], both[1:])
 
     def expected(self) -> tuple[FloatArray, FloatArray] | None:
         """Return mean (ELEMENTS,) and covariance (ELEMENTS, ELEMENTS) over all hypotheses."""
@@ -115,6 +181,15 @@ def arrival_variance(vehicle: CompiledVehicle, terms: BeliefTermsStruct, leakage
         vehicle.address, byref(course), byref(terms), doubles_at(covariance.ravel(), covariance.size),
         byref(variance_k2))
     return variance_k2.value if status == OK else None
+
+
+def _numbers_of(drive: DriveInputs, leakage: Leakage) -> tuple[float, ...]:
+    """Return a `bev_drive` in the order of its fields."""
+    seen_w = drive.terminal_power_w
+    return (drive.speed_mps, drive.ambient_temperature_c, drive.propulsion_power_w,
+            drive.power_variance_w2, drive.propulsion_power_magnitude_w, drive.cabin_heating_power_w,
+            drive.auxiliary_power_w, 0.0 if seen_w is None else seen_w, drive.hidden_variance_w2,
+            leakage.gamma_0_w_per_k, leakage.gamma_v_w_per_k_per_mps, seen_w is not None)
 
 
 def _place(array: FloatArray, offset: int = 0) -> Any:

@@ -16,7 +16,14 @@ from functools import lru_cache
 import os
 from typing import Any
 
-from bev_preheat.compiled.belief_structs import BeliefStruct, BeliefTermsStruct, CourseStruct, DriveStruct
+from bev_preheat.compiled.belief_structs import (
+    BeliefStruct,
+    BeliefTermsStruct,
+    CourseStruct,
+    DriveStruct,
+    PassedStruct,
+    ReadingStruct,
+)
 from bev_preheat.compiled.structs import (
     ArrivalStruct,
     CautionStruct,
@@ -72,6 +79,8 @@ _SIGNATURES = {
     'bev_see_interval': 'PPIPDDIP',
     'bev_see_propulsion_power': 'PPDDDDP',
     'bev_expect': 'PPP',
+    'bev_follow': 'PPPPPP',
+    'bev_take_reading': 'PPPPPPP',
     'bev_arrival_variance': 'PPPPP',
     'bev_heat_along': 'PPPPPP',
     'bev_find_two_switches': 'PPDPPPPPP',
@@ -148,8 +157,9 @@ def _is_ours(library: Any) -> bool:
             library.bev_size_of_belief_terms(), library.bev_size_of_drive(),
             library.bev_size_of_course(), library.bev_size_of_arrival(),
             library.bev_size_of_caution(), library.bev_size_of_merit_plan(),
-            library.bev_size_of_stretch(), library.bev_size_of_trip_terms()) == (INTERFACE, *map(sizeof, (
+            library.bev_size_of_stretch(), library.bev_size_of_trip_terms(),
+            library.bev_size_of_passed(), library.bev_size_of_reading()) == (INTERFACE, *map(sizeof, (
                 VehicleStruct, TripStruct, HeatingStruct, StridesStruct, CurveRangeStruct,
                 SettlingStruct, StrandingStruct, RunOfPowersStruct, SwitchPlanStruct, BeliefStruct,
                 BeliefTermsStruct, DriveStruct, CourseStruct, ArrivalStruct, CautionStruct,
-                MeritPlanStruct, StretchStruct, TripTermsStruct)))
+                MeritPlanStruct, StretchStruct, TripTermsStruct, PassedStruct, ReadingStruct)))

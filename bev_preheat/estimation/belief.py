@@ -11,13 +11,21 @@ are, intervals (`truncated_normal`).
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from bev_preheat.compiled.belief_structs import belief_terms
-from bev_preheat.compiled.beliefs import CompiledBelief
-from bev_preheat.estimation.hypotheses import heater_power_w, NOISES_K, prior_weights, SHARES, transitions
+from bev_preheat.compiled.beliefs import CompiledBelief, Elapsing, ReadingNoise
+from bev_preheat.estimation.hypotheses import (
+    heater_power_w,
+    KEPT_TRANSITIONS,
+    NOISES_K,
+    prior_weights,
+    SHARES,
+    transitions,
+)
 from bev_preheat.estimation.prior import (
     described_lags,
     FACTOR_BOUNDS,
@@ -91,6 +99,32 @@ SOC_NOISE_VARIANCES = np.full(len(NOISES_K), SOC_NOISE**2)
 TERMS = belief_terms(
     PERTURBATION, LOWEST, HIGHEST, NOMINAL_HEAT_LAG_S, NOMINAL_SENSOR_LAG_S, LEAST_VARIANCE,
     LEAST_WEIGHT, MOST_APART_K, MOST_UNDER_WAY_K, POWER_NOISE, LEAST_POWER_W, POWER_NOISE_LASTS_S)
+READING = ReadingNoise(NOISE_VARIANCES, SOC_NOISE_VARIANCES)
+
+
+@lru_cache(maxsize=KEPT_TRANSITIONS)
+def _elapsing(duration_s: float) -> Elapsing:
+    """Return what time that passes [s] does to any filters; not to be written to."""
+    return Elapsing(duration_s, transitions(duration_s), WANDERED_IN_AN_HOUR * (duration_s / 3600.0))
+
+
+def _hidden_s2(drive: DriveInputs, duration_s: float) -> float:
+    """Return the variance of the logarithm of the propulsion power in `duration_s` [s] times s^2."""
+    # What traffic adds to the route's power is not seen; it moves both for a while.
+    return (0.0 if drive.terminal_power_w is not None
+            else POWER_NOISE_LASTS_S * duration_s * POWER_NOISE**2)
+
+
+def _propulsion_noise(route_w: float, duration_s: float) -> tuple[float, float]:
+    """Return the variance [W^2] of a route's power over `duration_s` [s], and where a difference is clipped [W]."""
+    deviation_w = POWER_NOISE * max(abs(route_w), LEAST_POWER_W)
+    return (deviation_w**2 * max(1.0, POWER_NOISE_LASTS_S / duration_s),
+            MOST_DEVIATIONS * deviation_w)
+
+
+def _interval(reading: float, resolution: float) -> tuple[float, float]:
+    """Return the interval in which a value lies that is read in whole steps."""
+    return reading - 0.5 * resolution, reading + 0.5 * resolution
 
 
 class Belief:
@@ -152,18 +186,46 @@ class Belief:
         what the car does.
         """
         self._mix(duration_s)
-        hours = duration_s / 3600.0
         if drive is None:
-            # The sensor goes with the battery.
-            self._add_noise(WANDER_UNKNOWN**2 * hours)
-            wandered = WANDER_UNKNOWN[TEMPERATURE]**2 * hours
-            for row, column in ((SENSOR, SENSOR), (TEMPERATURE, SENSOR), (SENSOR, TEMPERATURE)):
-                self.covariance[..., row, column] += wandered
-            return
-        heater_w, wander = heater_power_w(command_w, limit_w), WANDERED_IN_AN_HOUR * hours
-        # What traffic adds to the route's power is not seen; it moves both for a while.
-        hidden_s2 = (0.0 if drive.terminal_power_w is not None
-                     else POWER_NOISE_LASTS_S * duration_s * POWER_NOISE**2)
+            self._pass_unknown(duration_s)
+        else:
+            self._move(duration_s, drive, command_w, limit_w)
+
+    def follow(self, duration_s: float, drive: DriveInputs, command_w: float, limit_w: float,
+               propulsion_w: float) -> None:
+        """
+        Do `predict` with a drive, and where its terminal power was seen, `see_propulsion_power`.
+
+        `propulsion_w` [W] is what the terminal power leaves for the propulsion.
+        """
+        done, lost = 0, 0
+        if self._compiled_vehicle is not None:
+            done, lost = self._core_belief().follow(
+                self._compiled_vehicle, TERMS, _elapsing(duration_s), drive, self._vehicle.battery.leakage,
+                heater_power_w(command_w, limit_w), _hidden_s2(drive, duration_s),
+                (propulsion_w, drive.propulsion_power_w,
+                 *_propulsion_noise(drive.propulsion_power_w, duration_s)))
+        # What the core has not done, for whatever reason, is done here.
+        if done < 1:
+            self._mix(duration_s)
+        if done < 2:
+            self._move(duration_s, drive, command_w, limit_w)
+        if done == 3:
+            self._keep_bounds(lost)
+        elif drive.terminal_power_w is not None:
+            self.see_propulsion_power(propulsion_w, drive.propulsion_power_w, duration_s)
+
+    def _pass_unknown(self, duration_s: float) -> None:
+        hours = duration_s / 3600.0
+        # The sensor goes with the battery.
+        self._add_noise(WANDER_UNKNOWN**2 * hours)
+        wandered = WANDER_UNKNOWN[TEMPERATURE]**2 * hours
+        for row, column in ((SENSOR, SENSOR), (TEMPERATURE, SENSOR), (SENSOR, TEMPERATURE)):
+            self.covariance[..., row, column] += wandered
+
+    def _move(self, duration_s: float, drive: DriveInputs, command_w: float, limit_w: float) -> None:
+        heater_w, wander = np.array(heater_power_w(command_w, limit_w)), _elapsing(duration_s).wander
+        hidden_s2 = _hidden_s2(drive, duration_s)
         if self._compiled_vehicle is not None and self._core_belief().move(
                 self._compiled_vehicle, TERMS, drive, self._vehicle.battery.leakage, duration_s,
                 heater_w, wander, hidden_s2):
@@ -183,19 +245,16 @@ class Belief:
 
     def see_temperature(self, reading_c: float, resolution_k: float) -> None:
         """Take a reading of the temperature [deg C] into account, rounded to `resolution_k` [K]."""
-        self._see_interval(SENSOR, NOISE_VARIANCES, reading_c - 0.5 * resolution_k,
-                           reading_c + 0.5 * resolution_k)
+        self._see_interval(SENSOR, NOISE_VARIANCES, *_interval(reading_c, resolution_k))
 
     def see_soc(self, reading: float, resolution: float) -> None:
         """Take a reading of the state of charge (0 ... 1) into account."""
-        self._see_interval(SOC, SOC_NOISE_VARIANCES, reading - 0.5 * resolution,
-                           reading + 0.5 * resolution, tells_hypotheses=False)
+        self._see_interval(
+            SOC, SOC_NOISE_VARIANCES, *_interval(reading, resolution), tells_hypotheses=False)
 
     def see_propulsion_power(self, seen_w: float, route_w: float, duration_s: float) -> None:
         """Compare the mean propulsion power seen [W] with the route's over `duration_s` [s]."""
-        deviation_w = POWER_NOISE * max(abs(route_w), LEAST_POWER_W)
-        variance = deviation_w**2 * max(1.0, POWER_NOISE_LASTS_S / duration_s)
-        most_w = MOST_DEVIATIONS * deviation_w
+        variance, most_w = _propulsion_noise(route_w, duration_s)
         lost = self._core_belief().see_propulsion_power(TERMS, seen_w, route_w, variance, most_w)
         if lost is not None:
             self._keep_bounds(lost)
@@ -209,6 +268,22 @@ class Belief:
         self.covariance -= (gain[..., :, np.newaxis] * gain[..., np.newaxis, :]
                             / total[..., np.newaxis, np.newaxis])
         self._keep_bounds()
+
+    def see_battery(self, temperature_c: float, resolution_k: float, soc: float,
+                    resolution: float) -> tuple[FloatArray, FloatArray]:
+        """Do `see_temperature` and `see_soc`; return what is `expected` then."""
+        interval_c, interval = _interval(temperature_c, resolution_k), _interval(soc, resolution)
+        done, lost, expected = self._core_belief().take_reading(
+            TERMS, READING, interval_c, interval)
+        if done < 1:
+            self.see_temperature(temperature_c, resolution_k)
+        elif done == 1:
+            self._keep_bounds(lost)
+        if done < 2:
+            self.see_soc(soc, resolution)
+        elif done == 2:
+            self._keep_bounds(lost)
+        return self.expected() if done < 3 else expected
 
     def see_share(self, share: float, deviation: float, most_evidence: float) -> None:
         """
@@ -276,7 +351,7 @@ class Belief:
 
     def _mix(self, duration_s: float) -> None:
         """Mix the filters of the heaters, as one may have turned into another by now."""
-        matrix = transitions(duration_s)
+        matrix = _elapsing(duration_s).transitions
         if self._core_belief().mix(matrix):
             return
         # share[from, to, noise]: how much of `to` was `from` before.

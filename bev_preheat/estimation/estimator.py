@@ -165,10 +165,11 @@ class Estimator:
             return
         self._advance(stretches)
         if verdict is Verdict.BELIEVED:
-            self._belief.see_temperature(
-                state.temperature_c - self._offset_k, self._readings.temperature_resolution_k)
-            self._belief.see_soc(state.soc, self._readings.soc_resolution)
-        self._conclude(measurement)
+            self._conclude(measurement, *self._belief.see_battery(
+                state.temperature_c - self._offset_k, self._readings.temperature_resolution_k,
+                state.soc, self._readings.soc_resolution))
+        else:
+            self._conclude(measurement, *self._belief.expected())
 
     def _jump(self, measurement: Measurement, command_w: float) -> None:
         """Begin anew from a reading that is not what was expected."""
@@ -190,7 +191,7 @@ class Estimator:
             self._readings.soc_resolution**2 / 12.0 + READING_NOISE_SOC**2)
         power_w = self._plausible_power_w(measurement)
         self._powers_w = [] if power_w is None else [power_w]
-        self._conclude(measurement)
+        self._conclude(measurement, *self._belief.expected())
 
     def _plausible_power_w(self, measurement: Measurement) -> float | None:
         """Return the battery's power [W]; None where it is not known, or no car's."""
@@ -231,18 +232,20 @@ class Estimator:
                     hidden_variance_w2=max(0.0, drive.power_variance_w2 - lasting_w2))
             self._followed_s += duration_s
             self._quiet_s = 0.0 if stretch.command_w > 0.0 else self._quiet_s + duration_s
-            self._belief.predict(duration_s, drive, stretch.command_w, stretch.limit_w)
-            if drive is not None and seen_w is not None:
-                heater_w = stretch.command_w if self.estimate is None else (
-                    min(self.estimate.heater.share * stretch.command_w, stretch.limit_w))
-                self._belief.see_propulsion_power(
-                    seen_w - heater_w - drive.cabin_heating_power_w - drive.auxiliary_power_w,
-                    drive.propulsion_power_w, duration_s)
+            if drive is None or seen_w is None:
+                self._belief.predict(duration_s, drive, stretch.command_w, stretch.limit_w)
+                continue
+            heater_w = stretch.command_w if self.estimate is None else (
+                min(self.estimate.heater.share * stretch.command_w, stretch.limit_w))
+            self._belief.follow(
+                duration_s, drive, stretch.command_w, stretch.limit_w,
+                seen_w - heater_w - drive.cabin_heating_power_w - drive.auxiliary_power_w)
         self._powers_w = self._powers_w[-1:]
 
-    def _conclude(self, measurement: Measurement) -> None:
+    def _conclude(self, measurement: Measurement, mean: FloatArray, covariance: FloatArray) -> None:
+        """Make the estimate after a Measurement, with which this mean and covariance are expected."""
         stamp_ns = self._stamp_ns = measurement.stamp_ns
-        mean, covariance = self._expected = self._belief.expected()
+        self._expected = mean, covariance
         if not _is_sound(mean, covariance):
             self.restart('the estimate left the range in which it means anything', stamp_ns)
             self._place(measurement)

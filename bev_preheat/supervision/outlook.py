@@ -91,7 +91,7 @@ class Outlook:
 
 
 def seen_from_now(plan: Plan, vehicle: Vehicle, goal: Goal, starts_in_s: float,
-                  heated_s: float) -> Plan:
+                  heated_s: float = 0.0) -> Plan:
     """
     Return a Plan whose status and sentence hold now; its time 0 lies `starts_in_s` [s] ahead.
 

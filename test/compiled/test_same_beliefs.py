@@ -74,6 +74,49 @@ def test_beliefs_are_the_same(name):
         assert with_core[4] == pytest.approx(without[4], rel=1e-5, abs=1e-9)
 
 
+def updated(vehicle, is_in_one_call, lost=(), seen_w=None):
+    """
+    Return what a belief is after each of many updates, in one call each or part by part.
+
+    `lost` are the updates before which a filter is spoiled, (update, element); `seen_w` [W] is a power seen.
+    """
+    drawn, belief, course = np.random.default_rng(11), Belief(vehicle), []
+    belief.place(-5.0, 0.2, 0.7, 1e-5)
+    for number in range(40):
+        drive, duration_s = drawn_drive(drawn), drawn.choice([1.0, 4.0])
+        commanded_w, propulsion_w = drawn.choice([0.0, LIMIT_W]), drawn.normal(drive.propulsion_power_w, 2e3)
+        propulsion_w = propulsion_w if seen_w is None else seen_w
+        temperature_c, soc = drawn.normal(-5.0, 0.7), drawn.normal(0.7, 0.004)
+        if is_in_one_call:
+            belief.follow(duration_s, drive, commanded_w, LIMIT_W, propulsion_w)
+        else:
+            belief.predict(duration_s, drive, commanded_w, LIMIT_W)
+            if drive.terminal_power_w is not None:
+                belief.see_propulsion_power(propulsion_w, drive.propulsion_power_w, duration_s)
+        for _, element in filter(lambda spoiled: spoiled[0] == number, lost):
+            belief.mean[2, 1, element] += 3.0 * belief_module.MOST_APART_K
+        if is_in_one_call:
+            expected = belief.see_battery(temperature_c, 1.0, soc, 0.005)
+        else:
+            belief.see_temperature(temperature_c, 1.0)
+            belief.see_soc(soc, 0.005)
+            expected = belief.expected()
+        course.append([*map(np.copy, (belief.weights, belief.mean, belief.covariance, *expected))])
+    return course
+
+
+@pytest.mark.parametrize('context', [nullcontext, without_core])
+@pytest.mark.parametrize('spoiled', [
+    {}, {'lost': ((3, belief_module.UNDER_WAY), (8, belief_module.TEMPERATURE), (9, belief_module.SENSOR))},
+    {'seen_w': np.inf}], ids=['as_usual', 'lost_filters', 'power_that_the_core_refuses'])
+def test_an_update_in_one_call_is_its_parts_one_after_the_other(context, spoiled):
+    vehicle = VEHICLES['tables']
+    with context():
+        for together, apart in zip(updated(vehicle, True, **spoiled), updated(vehicle, False, **spoiled)):
+            for mine, theirs in zip(together, apart):
+                np.testing.assert_array_equal(mine, theirs)
+
+
 def test_filters_that_are_lost_are_found_again():
     beliefs = []
     for context in (nullcontext, without_core):

@@ -110,10 +110,36 @@ typedef struct {
   double gamma_v_w_per_k_per_mps;
 } bev_course;
 
+/* Time that has passed in a drive: what bev_mix_belief, bev_move_belief and bev_see_propulsion_power take. */
+typedef struct {
+  const double *transitions;
+  const double *wander;
+  double duration_s;
+  double hidden_variance_s2;
+  double seen_w;
+  double route_w;
+  double variance_w2;
+  double most_w;
+  double heater_power_w[BEV_MOST_HEATERS];
+  bev_drive drive;
+} bev_passed;
+
+/* A reading of the battery: the intervals in which temperature [deg C] and charge lie, with the noise of each kind. */
+typedef struct {
+  const double *noise_variances_k2;
+  const double *noise_variances;
+  double lowest_c;
+  double highest_c;
+  double lowest_soc;
+  double highest_soc;
+} bev_reading;
+
 int32_t bev_size_of_belief(void);
 int32_t bev_size_of_belief_terms(void);
 int32_t bev_size_of_drive(void);
 int32_t bev_size_of_course(void);
+int32_t bev_size_of_passed(void);
+int32_t bev_size_of_reading(void);
 
 /* Mix the filters: `transitions[from * heaters + to]` is how likely one heater turned into another. */
 bev_status bev_mix_belief(const bev_belief *belief, const double *transitions);
@@ -148,6 +174,24 @@ bev_status bev_see_propulsion_power(const bev_belief *belief, const bev_belief_t
 
 /* Mean (BEV_ELEMENTS) and covariance (BEV_ELEMENTS * BEV_ELEMENTS) over all hypotheses. */
 bev_status bev_expect(const bev_belief *belief, double *mean, double *covariance);
+
+/*
+ * Mix the filters, move them, and, where `drive.is_seen`, compare the propulsion power: the three calls in one.
+ *
+ * `done` is how many of them were; one that does not return BEV_OK ends the call, and what it returns is
+ * returned. `lost` as above.
+ */
+bev_status bev_follow(const bev_vehicle *vehicle, const bev_belief *belief,
+                      const bev_belief_terms *terms, const bev_passed *passed, int32_t *done,
+                      int32_t *lost);
+
+/*
+ * Take a reading's temperature and charge into account, and say what is expected then: bev_see_interval
+ * twice, and bev_expect. `done` and `lost` as in bev_follow; where filters are lost nothing more is done.
+ */
+bev_status bev_take_reading(const bev_belief *belief, const bev_belief_terms *terms,
+                            const bev_reading *reading, double *mean, double *covariance,
+                            int32_t *done, int32_t *lost);
 
 /*
  * Variance of the temperature on arrival [K^2]: of what is believed of the elements at the start, with this
