@@ -55,16 +55,11 @@ class ReadingStruct(Structure):
         'lowest_c', 'highest_c', 'lowest_soc', 'highest_soc'))]
 
 
-COURSE_COLUMNS = (
-    'duration_s', 'speed_mps', 'ambient_temperature_c', 'propulsion_power_w', 'power_variance_w2',
-    'propulsion_power_magnitude_w', 'cabin_heating_power_w', 'auxiliary_power_w', 'heater_power_w',
-    'temperature_c', 'soc')
-
-
 class CourseStruct(Structure):
     """`bev_course`."""
 
-    _fields_ = [('steps', c_int32), *((name, c_void_p) for name in COURSE_COLUMNS),
+    _fields_ = [('steps', c_int32), *((name, c_void_p) for name in (
+        'route', 'heater_power_w', 'temperature_c', 'soc')),
                 ('gamma_0_w_per_k', c_double), ('gamma_v_w_per_k_per_mps', c_double)]
 
 

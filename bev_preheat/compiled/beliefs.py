@@ -25,8 +25,7 @@ from bev_preheat.compiled.belief_structs import (
     ReadingStruct,
 )
 from bev_preheat.compiled.library import core, OK
-from bev_preheat.compiled.runs import doubles_at
-from bev_preheat.compiled.structs import address_of, DOUBLE_BYTES
+from bev_preheat.compiled.structs import address_of, DOUBLE_BYTES, doubles
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -161,25 +160,25 @@ class CompiledBelief:
         return both[0], both[1:]
 
 
-def arrival_variance(vehicle: CompiledVehicle, terms: BeliefTermsStruct, leakage: Leakage,
-                     columns: Sequence[FloatArray], covariance: FloatArray) -> float | None:
+def arrival_variance(vehicle: CompiledVehicle, terms: BeliefTermsStruct, leakage: Leakage, route: FloatArray,
+                     heater_w: FloatArray, temperature_c: FloatArray, soc: FloatArray,
+                     covariance: FloatArray) -> float | None:
     """
     Do `bev_arrival_variance`; return the variance of the temperature on arrival [K^2].
 
-    `columns` (N,) are those of COURSE_COLUMNS, `covariance` is (ELEMENTS, ELEMENTS).
+    `route` (8, N) are the columns of a route, `heater_w` (N,) is what the heater takes in each step [W],
+    temperatures [deg C] and charge (N + 1,) are the run, `covariance` is (ELEMENTS, ELEMENTS).
     """
     library = core()
     if library is None:
         return None
-    steps = len(columns[0])
-    block = np.concatenate(columns, dtype=float)
-    at, width = block.ctypes.data, DOUBLE_BYTES * steps
-    course = CourseStruct(steps, *(at + n * width for n in range(len(columns))),
-                          leakage.gamma_0_w_per_k, leakage.gamma_v_w_per_k_per_mps)
+    arrays = [*map(doubles, (route, heater_w, temperature_c, soc, covariance))]
+    *columns, believed = map(address_of, arrays)
+    course = CourseStruct(
+        route.shape[1], *columns, leakage.gamma_0_w_per_k, leakage.gamma_v_w_per_k_per_mps)
     variance_k2 = c_double()
     status = library.bev_arrival_variance(
-        vehicle.address, byref(course), byref(terms), doubles_at(covariance.ravel(), covariance.size),
-        byref(variance_k2))
+        vehicle.address, addressof(course), addressof(terms), believed, addressof(variance_k2))
     return variance_k2.value if status == OK else None
 
 

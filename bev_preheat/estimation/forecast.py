@@ -63,7 +63,10 @@ def arrival_sensitivities(trip: Driven, plan: Plan) -> tuple[FloatArray, FloatAr
     states = np.zeros((len(route), SIZE))
     states[:, TEMPERATURE] = plan.battery_temperature_c[:-1]
     states[:, SOC] = plan.soc[:-1]
-    drive = DriveInputs(*(column[:, np.newaxis] for column in _columns(route, plan)))
+    drive = DriveInputs(*(column[:, np.newaxis] for column in (
+        route.speed_mps, route.ambient_temperature_c, route.propulsion_power_w,
+        route.propulsion_power_variance_w2, route.propulsion_power_magnitude_w,
+        route.cabin_heating_power_w, route.auxiliary_power_w, plan.hvch_battery_power_w)))
     _, slopes = rates_and_slopes(car, states, drive)
     slopes = slopes[:, TEMPERATURE] * route.duration_s[:, np.newaxis]
     # Worth on arrival of a kelvin at the end of each step.
@@ -76,13 +79,6 @@ def arrival_sensitivities(trip: Driven, plan: Plan) -> tuple[FloatArray, FloatAr
     return total, by_step[:, PROPULSION]
 
 
-def _columns(route: Route, plan: Plan) -> tuple[FloatArray, ...]:
-    """Return the DriveInputs of each step of a plan, (N,) each, in their order."""
-    return (route.speed_mps, route.ambient_temperature_c, route.propulsion_power_w,
-            route.propulsion_power_variance_w2, route.propulsion_power_magnitude_w,
-            route.cabin_heating_power_w, route.auxiliary_power_w, plan.hvch_battery_power_w)
-
-
 def arrival_deviation_k(trip: Driven, plan: Plan, estimate: Estimate) -> float:
     """
     Return the standard deviation [K] of the temperature on arrival, if the plan is driven as it is.
@@ -92,9 +88,8 @@ def arrival_deviation_k(trip: Driven, plan: Plan, estimate: Estimate) -> float:
     car, route = trip.vehicle, trip.route
     compiled = compiled_vehicle(car)
     variance_k2 = None if compiled is None else compiled_variance(
-        compiled, TERMS, car.battery.leakage, (
-            route.duration_s, *_columns(route, plan), plan.battery_temperature_c[:-1], plan.soc[:-1]),
-        estimate.covariance)
+        compiled, TERMS, car.battery.leakage, route.block, plan.hvch_battery_power_w,
+        plan.battery_temperature_c, plan.soc, estimate.covariance)
     if variance_k2 is not None:
         return math.sqrt(variance_k2)
     sensitivities, by_step = arrival_sensitivities(trip, plan)

@@ -6,28 +6,31 @@
 #include "bev_preheat_core/estimation.h"
 #include "bev_preheat_core_generated/drives.h"
 #include "checks.h"
+#include "route_columns.h"
 
 int32_t bev_size_of_course(void) { return (int32_t)sizeof(bev_course); }
 
 static int is_course(const bev_course *course) {
-  return course->steps >= 1 && course->steps <= BEV_MOST_STEPS && course->duration_s != NULL
-      && course->speed_mps != NULL && course->ambient_temperature_c != NULL
-      && course->propulsion_power_w != NULL && course->power_variance_w2 != NULL
-      && course->propulsion_power_magnitude_w != NULL && course->cabin_heating_power_w != NULL
-      && course->auxiliary_power_w != NULL && course->heater_power_w != NULL
-      && course->temperature_c != NULL && course->soc != NULL;
+  return course->steps >= 1 && course->steps <= BEV_MOST_STEPS && course->route != NULL
+      && course->heater_power_w != NULL && course->temperature_c != NULL && course->soc != NULL;
+}
+
+/* The value of a column of the route in step k. */
+static double at(const bev_course *course, int32_t column, int32_t k) {
+  return course->route[column * course->steps + k];
 }
 
 /* dT/dt [K/s] in step k of a state and factors. */
 static double rate_of(const bev_vehicle *vehicle, const bev_course *course, int32_t k,
                       double temperature_c, double soc, const double factor[BEV_FACTORS]) {
+  const double power_w = at(course, BEV_ROUTE_PROPULSION, k);
   double rates[2];
   bev_rates_on_route(
       vehicle, BEV_AS_ARRAYS, temperature_c, soc, factor[0], factor[1], factor[2], factor[3],
-      factor[4], course->speed_mps[k], course->ambient_temperature_c[k],
-      course->propulsion_power_w[k], course->power_variance_w2[k],
-      course->propulsion_power_magnitude_w[k], course->cabin_heating_power_w[k],
-      course->auxiliary_power_w[k], course->heater_power_w[k], course->gamma_0_w_per_k,
+      factor[4], at(course, BEV_ROUTE_SPEED, k), at(course, BEV_ROUTE_AMBIENT, k), power_w,
+      bev_power_variance_w2(at(course, BEV_ROUTE_RMS, k), power_w),
+      at(course, BEV_ROUTE_MAGNITUDE, k), at(course, BEV_ROUTE_CABIN, k),
+      at(course, BEV_ROUTE_AUXILIARY, k), course->heater_power_w[k], course->gamma_0_w_per_k,
       course->gamma_v_w_per_k_per_mps, rates);
   return rates[0];
 }
@@ -35,11 +38,11 @@ static double rate_of(const bev_vehicle *vehicle, const bev_course *course, int3
 /* What traffic in a step makes of the arrival [K^2], which changes so with the logarithm of its power [K]. */
 static double traffic_k2(const bev_course *course, const bev_belief_terms *terms, int32_t k,
                          double by_power_k) {
-  const double least_w = bev_maximum(fabs(course->propulsion_power_w[k]), 1.0);
+  const double least_w = bev_maximum(fabs(at(course, BEV_ROUTE_PROPULSION, k)), 1.0);
   const double deviation_k =
       by_power_k * (terms->power_noise * bev_maximum(1.0, terms->least_power_w / least_w));
   return deviation_k * deviation_k
-      * bev_maximum(1.0, terms->power_noise_lasts_s / course->duration_s[k]);
+      * bev_maximum(1.0, terms->power_noise_lasts_s / at(course, BEV_ROUTE_DURATION, k));
 }
 
 /* The change of the arrival with each element at the start, and what traffic makes of it [K^2]. */
@@ -59,7 +62,7 @@ static bev_status find_sensitivities(const bev_vehicle *vehicle, const bev_cours
   for (int32_t k = course->steps - 1; k >= 0; k--) {
     const double temperature_c = course->temperature_c[k];
     const double soc = course->soc[k];
-    const double duration_s = course->duration_s[k];
+    const double duration_s = at(course, BEV_ROUTE_DURATION, k);
     const double rate = rate_of(vehicle, course, k, temperature_c, soc, nominal);
     const double by_temperature =
         (rate_of(vehicle, course, k, temperature_c + moved_by[BEV_TEMPERATURE], soc, nominal) - rate)

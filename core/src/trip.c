@@ -1,13 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The columns of a trip from those of a route: bev_preheat.planning.trip. */
-#include "arithmetic.h"
 #include "checks.h"
+#include "route_columns.h"
 
 /* Longer steps are divided by who asks for the trip: Euler's error grows with the step. */
 #define LONGEST_STEP_S 300.0
 
-/* The columns of a route, and those of a trip, in their order. */
-enum { DURATION, SPEED, PROPULSION, RMS, AMBIENT, CABIN, AUXILIARY, MAGNITUDE, ROUTE_COLUMNS };
+/* The columns of a trip, in their order. */
 enum {
   STEP_DURATION,
   IDLE_POWER,
@@ -22,15 +21,15 @@ enum {
 };
 
 static bev_status make_steps(const bev_trip_terms *terms, int32_t steps,
-                             const double *const from[ROUTE_COLUMNS], double *time_s,
+                             const double *const from[BEV_ROUTE_COLUMNS], double *time_s,
                              double *const to[TRIP_COLUMNS]) {
   time_s[0] = 0.0;
   for (int32_t k = 0; k < steps; k++) {
-    const double duration_s = from[DURATION][k];
-    const double power_w = from[PROPULSION][k];
+    const double duration_s = from[BEV_ROUTE_DURATION][k];
+    const double power_w = from[BEV_ROUTE_PROPULSION][k];
     const double leakage_w_per_k =
-        terms->gamma_0_w_per_k + terms->gamma_v_w_per_k_per_mps * from[SPEED][k];
-    const double drivetrain_heat_w = terms->heat_share * from[MAGNITUDE][k];
+        terms->gamma_0_w_per_k + terms->gamma_v_w_per_k_per_mps * from[BEV_ROUTE_SPEED][k];
+    const double drivetrain_heat_w = terms->heat_share * from[BEV_ROUTE_MAGNITUDE][k];
     const double longest_s = leakage_w_per_k <= terms->stiff_w_per_k
         ? LONGEST_STEP_S
         : LONGEST_STEP_S * (terms->stiff_w_per_k / leakage_w_per_k);
@@ -39,15 +38,15 @@ static bev_status make_steps(const bev_trip_terms *terms, int32_t steps,
     }
     time_s[k + 1] = time_s[k] + duration_s;
     to[STEP_DURATION][k] = duration_s;
-    to[IDLE_POWER][k] = power_w + from[CABIN][k] + from[AUXILIARY][k];
-    to[VARIANCE][k] = bev_maximum(from[RMS][k] * from[RMS][k] - power_w * power_w, 0.0);
-    to[IDLE_HEAT][k] = leakage_w_per_k * from[AMBIENT][k] + drivetrain_heat_w;
+    to[IDLE_POWER][k] = power_w + from[BEV_ROUTE_CABIN][k] + from[BEV_ROUTE_AUXILIARY][k];
+    to[VARIANCE][k] = bev_power_variance_w2(from[BEV_ROUTE_RMS][k], power_w);
+    to[IDLE_HEAT][k] = leakage_w_per_k * from[BEV_ROUTE_AMBIENT][k] + drivetrain_heat_w;
     to[LEAKAGE][k] = leakage_w_per_k;
     to[HEATER_LIMIT][k] =
-        terms->heater_share * bev_maximum(terms->heater_w - from[CABIN][k], 0.0);
+        terms->heater_share * bev_maximum(terms->heater_w - from[BEV_ROUTE_CABIN][k], 0.0);
     to[STEP_PROPULSION][k] = power_w;
     to[DRIVETRAIN_HEAT][k] = drivetrain_heat_w;
-    to[STEP_AMBIENT][k] = from[AMBIENT][k];
+    to[STEP_AMBIENT][k] = from[BEV_ROUTE_AMBIENT][k];
   }
   return BEV_OK;
 }
@@ -57,9 +56,9 @@ bev_status bev_make_trip(const bev_trip_terms *terms, int32_t steps, const doubl
   if (terms == NULL || steps < 1 || steps > BEV_MOST_STEPS || route == NULL || columns == NULL) {
     return BEV_BAD_ARGUMENT;
   }
-  const double *from[ROUTE_COLUMNS];
+  const double *from[BEV_ROUTE_COLUMNS];
   double *to[TRIP_COLUMNS];
-  for (int32_t n = 0; n < ROUTE_COLUMNS; n++) {
+  for (int32_t n = 0; n < BEV_ROUTE_COLUMNS; n++) {
     from[n] = &route[n * steps];
   }
   for (int32_t n = 0; n < TRIP_COLUMNS; n++) {

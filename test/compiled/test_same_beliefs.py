@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bev_preheat.compiled.belief_structs import COURSE_COLUMNS
 from bev_preheat.compiled.beliefs import arrival_variance, CompiledBelief
 from bev_preheat.compiled.library import core, without_core
 from bev_preheat.estimation import belief as belief_module
@@ -157,10 +156,11 @@ def test_deviations_on_arrival_are_the_same(name):
 def test_a_covariance_that_is_not_finite_is_left_to_python():
     vehicle = VEHICLES['formulas']
     trip = make_trip(vehicle, load_route('reference', vehicle.defaults))
-    columns = [np.ones(len(trip.route))] * len(COURSE_COLUMNS)
-    compiled, leakage = belief_module.compiled_vehicle(vehicle), vehicle.battery.leakage
-    assert arrival_variance(compiled, TERMS, leakage, columns, np.eye(SIZE)) > 0.0
-    assert arrival_variance(compiled, TERMS, leakage, columns, np.full((SIZE, SIZE), np.nan)) is None
+    count, compiled = len(trip.route), belief_module.compiled_vehicle(vehicle)
+    course = (compiled, TERMS, vehicle.battery.leakage, np.ones((8, count)), np.ones(count),
+              np.ones(count + 1), np.ones(count + 1))
+    assert arrival_variance(*course, np.eye(SIZE)) > 0.0
+    assert arrival_variance(*course, np.full((SIZE, SIZE), np.nan)) is None
 
 
 @pytest.mark.parametrize('spoil, call', [

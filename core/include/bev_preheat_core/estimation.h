@@ -92,17 +92,13 @@ typedef struct {
   int32_t is_seen;
 } bev_drive;
 
-/* The same along a trip, arrays of `steps` values, with the battery's course at the start of each. */
+/*
+ * The same along a trip of `steps` steps: the columns of its route, one after the other as bev_make_trip takes
+ * them, the heater's power in each step, and the battery's course at the start of each. With the nominal leakage.
+ */
 typedef struct {
   int32_t steps;
-  const double *duration_s;
-  const double *speed_mps;
-  const double *ambient_temperature_c;
-  const double *propulsion_power_w;
-  const double *power_variance_w2;
-  const double *propulsion_power_magnitude_w;
-  const double *cabin_heating_power_w;
-  const double *auxiliary_power_w;
+  const double *route;
   const double *heater_power_w;
   const double *temperature_c;
   const double *soc;
