@@ -59,30 +59,28 @@ def check_situation(vehicle: Vehicle, route: Route | None = None,
 
     What is None is not checked.
     """
-    battery = vehicle.battery
-    lowest_c, highest_c = battery.temperature_range_c
-    in_battery_range = (lowest_c, highest_c, "degC, the range of the vehicle's battery")
-    share = (0.0, 1.0, '')
-    checks = []
+    lowest_c, highest_c = vehicle.battery.temperature_range_c
+    in_battery_range = "degC, the range of the vehicle's battery"
+    # Value, least, most, what it is, and what the bounds are.
+    checks: list[tuple[float, float, float, str, str]] = []
     if state is not None:
-        checks += [('battery temperature', state.temperature_c, in_battery_range),
-                   ('state of charge', state.soc, share),
-                   ('heater power', state.heater_power_w, (
-                       0.0, vehicle.hvch.maximum_power_w, 'W')),
-                   ('coolant excess temperature', state.coolant_excess_k, (
-                       -MOST_EXCESS_K, MOST_EXCESS_K, 'K'))]
+        checks += (
+            (state.temperature_c, lowest_c, highest_c, 'battery temperature', in_battery_range),
+            (state.soc, 0.0, 1.0, 'state of charge', ''),
+            (state.heater_power_w, 0.0, vehicle.hvch.maximum_power_w, 'heater power', 'W'),
+            (state.coolant_excess_k, -MOST_EXCESS_K, MOST_EXCESS_K, 'coolant excess temperature', 'K'))
     if goal is not None:
-        checks.append(('minimum arrival state of charge', goal.minimum_arrival_soc, share))
+        checks.append((goal.minimum_arrival_soc, 0.0, 1.0, 'minimum arrival state of charge', ''))
         if goal.charging_planned:
-            checks.append(
-                ('target battery temperature', goal.target_temperature_c, in_battery_range))
+            checks.append((goal.target_temperature_c, lowest_c, highest_c, 'target battery temperature',
+                           in_battery_range))
     if route is not None:
-        checks.append(('ambient temperature', route.lowest_ambient_temperature_c, (
-            lowest_c, math.inf, "degC: the vehicle's battery is not described below that")))
+        checks.append((route.lowest_ambient_temperature_c, lowest_c, math.inf, 'ambient temperature',
+                       "degC: the vehicle's battery is not described below that"))
     problems = [
         f'{name}: {value:g} is not allowed; it must be '
         + (f'at least {low:g} {what}' if high == math.inf else
            f'{low:g} ... {high:g} {what}').rstrip()
-        for name, value, (low, high, what) in checks if not low <= value <= high]
+        for value, low, high, name, what in checks if not low <= value <= high]
     if problems:
         raise InvalidInput(problems)

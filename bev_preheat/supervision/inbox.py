@@ -121,8 +121,9 @@ class Inbox:
             self.refuse_battery(error)
             raise
         self.measurement = measurement
-        self._changes = replace(
-            self._changes, measurements=(*self._changes.measurements, measurement))
+        changes = self._changes
+        self._changes = Changes((*changes.measurements, measurement), changes.has_new_mission,
+                                changes.has_new_trip, changes.clock_restarted)
         self._refusals.lift_by_battery()
 
     def refuse_battery(self, error: InvalidInput) -> None:

@@ -161,7 +161,8 @@ class Judgement:
         if leg.made_for is not None:
             choice = target_of_wish(leg.made_for, settings)
         elif leg.charging_planned:
-            choice = self._choose_target(inbox, leg, goal, route, estimate)
+            choice = (self._targets.without_charger(leg, settings) if leg.charger is None
+                      else self._choose_target(inbox, leg, goal, route, estimate))
             goal = choice.goal(goal)
         if estimate is None:
             decision = self._plan(inbox, leg, route, goal, measurement.state, start_ns)
@@ -192,7 +193,7 @@ class Judgement:
         outset = Outset(
             mission.route_id, len(mission.legs) - 1 - mission.legs.index(leg), leg, inbox.settings,
             goal, self._vehicle, route, measurement.state, measurement.stamp_ns)
-        if estimate is not None and leg.charger is not None:
+        if estimate is not None:
             vehicle = self._outlooks.vehicle(estimate)
             outset = replace(
                 outset, vehicle=vehicle, route=route.with_propulsion(estimate.propulsion_factor),

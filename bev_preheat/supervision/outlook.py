@@ -34,7 +34,6 @@ from bev_preheat.vehicle.corrections import corrected_vehicle, Corrections
 if TYPE_CHECKING:
     from bev_preheat.estimation.estimate import Estimate
     from bev_preheat.estimation.hypotheses import HeaterReport
-    from bev_preheat.numerics.arrays import FloatArray
     from bev_preheat.route.segments import Route
     from bev_preheat.supervision.settings import Settings
     from bev_preheat.supervision.wish import Wish
@@ -130,7 +129,9 @@ class OutlookMaker:
     def __init__(self, vehicle: Vehicle) -> None:
         """Take the vehicle as its file describes it."""
         self._vehicle = vehicle
-        self._factors: FloatArray | None = None
+        # Logarithms of the factors that are corrected for, and the factors; none at first.
+        self._logs: list[float] = []
+        self._factors: tuple[float, ...] = ()
         self._corrected = vehicle
         self._deviation_k: float | None = None
 
@@ -140,13 +141,11 @@ class OutlookMaker:
 
     def vehicle(self, estimate: Estimate) -> Vehicle:
         """Return the corrected vehicle of an Estimate; the same one while the factors stay."""
-        factors = estimate.mean[FACTORS][:PROPULSION - FACTORS.start]
-        if self._factors is None or any(
-                abs(factor - before) > step for factor, before, step in zip(
-                    factors.tolist(), self._factors.tolist(), FACTOR_STEPS)):
-            self._factors = factors.copy()
-            self._corrected = corrected_vehicle(
-                self._vehicle, Corrections(*array_exp(factors).tolist()))
+        logs = estimate.mean[FACTORS.start:PROPULSION].tolist()
+        if not self._logs or any([abs(log - before) > step for log, before, step in zip(
+                logs, self._logs, FACTOR_STEPS)]):
+            self._logs, self._factors = logs, tuple(array_exp(logs).tolist())
+            self._corrected = corrected_vehicle(self._vehicle, Corrections(*self._factors))
         return self._corrected
 
     def make(self, estimate: Estimate, route: Route, goal: Goal, settings: Settings,
@@ -217,8 +216,7 @@ class OutlookMaker:
         """Factors of the corrected car; () where a heater that does not obey is beyond them."""
         if estimate.heater.heater is not Heater.ANSWERS:
             return ()
-        assert self._factors is not None
-        return (*array_exp(self._factors).tolist(), estimate.propulsion_factor)
+        return (*self._factors, estimate.propulsion_factor)
 
     def _caution(self, vehicle: Vehicle, estimate: Estimate, settings: Settings,
                  is_heating: bool) -> Caution:

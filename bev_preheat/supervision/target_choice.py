@@ -111,11 +111,7 @@ class Outset:
     @property
     def given(self) -> str:
         """Who gives a target, as a sentence; '': nobody."""
-        if self.leg.target_temperature_c is not None:
-            return 'The target is given by the route plan.'
-        if self.settings.target_temperature_c is not None:
-            return 'The target is given by the parameter target_battery_temperature.'
-        return ''
+        return _given(self.leg, self.settings)
 
 
 class TargetChooser:
@@ -136,13 +132,20 @@ class TargetChooser:
         """Search again for the same leg of another route plan."""
         self._is_outdated = True
 
+    def without_charger(self, leg: Leg, settings: Settings) -> TargetChoice:
+        """Return the TargetChoice of a leg of whose charger nothing is known."""
+        self._forget()
+        return _unchosen(leg, settings, "the route plan does not say the charger's power")
+
     def choose(self, now: Outset) -> TargetChoice:
         """Return the TargetChoice for an Outset; goes on with a search where one is needed."""
         charger = now.leg.charger
+        if charger is None:
+            return self.without_charger(now.leg, now.settings)
         obstacle = _obstacle(now)
-        if charger is None or obstacle:
+        if obstacle:
             self._forget()
-            return _unchosen(now, obstacle)
+            return _unchosen(now.leg, now.settings, obstacle)
         key = (now.route_id, now.legs_after, charger, now.leg.target_temperature_c, now.goal,
                now.settings.prices, now.settings.method)
         if key != self._key:
@@ -152,7 +155,7 @@ class TargetChooser:
             self._go_on(now, charger)
         except (InvalidInput, PlanningFailure, ArithmeticError) as error:
             self._search = None
-            self._choice = _unchosen(now, f'no target can be chosen: {error}')
+            self._choice = _unchosen(now.leg, now.settings, f'no target can be chosen: {error}')
         assert self._choice is not None
         return self._choice
 
@@ -219,7 +222,7 @@ class TargetChooser:
     def _best_of(self, search: WorthSearch, now: Outset) -> TargetChoice:
         best, without, before = search.best(), search.without, self._choice
         if math.isinf(best.cost):
-            return _with_figures(_unchosen(now, search.verdict(best)), without, without)
+            return _with_figures(_unchosen(now.leg, now.settings, search.verdict(best)), without, without)
         kept, kept_c = without, None
         if before is not None and before.heating_pays and before.target_c is not None:
             kept_c = before.target_c
@@ -232,8 +235,6 @@ class TargetChooser:
 
 def _obstacle(now: Outset) -> str:
     """Return why there is nothing to choose by, '' where there is."""
-    if now.leg.charger is None:
-        return "the route plan does not say the charger's power"
     try:
         charging_of(now.vehicle)
     except InvalidInput as error:
@@ -241,17 +242,27 @@ def _obstacle(now: Outset) -> str:
     return ''
 
 
-def _unchosen(now: Outset, why: str) -> TargetChoice:
+def _given(leg: Leg, settings: Settings) -> str:
+    """Return who gives a target, as a sentence; '': nobody."""
+    if leg.target_temperature_c is not None:
+        return 'The target is given by the route plan.'
+    if settings.target_temperature_c is not None:
+        return 'The target is given by the parameter target_battery_temperature.'
+    return ''
+
+
+def _unchosen(leg: Leg, settings: Settings, why: str) -> TargetChoice:
     """Return the TargetChoice of the target that holds where none is chosen."""
-    if now.given:
-        return TargetChoice(TargetSource.GIVEN, now.given)
+    given = _given(leg, settings)
+    if given:
+        return TargetChoice(TargetSource.GIVEN, given)
     return TargetChoice(TargetSource.DEFAULT, f"The target is the vehicle's default: {why.rstrip('.')}.")
 
 
 def _nothing_to_charge(now: Outset, arrival_soc: float, wanted_soc: float | None) -> TargetChoice:
     if wanted_soc is None:
-        return _unchosen(now, f'the battery arrives with {100.0 * arrival_soc:.1f} %, and the state of '
-                         'charge to leave with is not known')
+        return _unchosen(now.leg, now.settings, f'the battery arrives with {100.0 * arrival_soc:.1f} %, and '
+                         'the state of charge to leave with is not known')
     choice = TargetChoice(TargetSource.GIVEN, now.given) if now.given else TargetChoice(
         TargetSource.CHOSEN, f'Not worth it: the battery arrives with {100.0 * arrival_soc:.1f} %, and the '
         f'{100.0 * wanted_soc:.1f} % to leave with need no charging.', heating_pays=False)
