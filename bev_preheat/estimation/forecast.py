@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 import math
 from typing import Protocol, TYPE_CHECKING
 
@@ -41,6 +42,23 @@ class Driven(Protocol):
     @property
     def route(self) -> Route:
         """The route, whose segments are the steps of the plan."""
+
+
+class Forecast:
+    """
+    How sure the arrival is that a plan predicts; worked out when it is asked for the first time.
+
+    A command does not wait for it.
+    """
+
+    def __init__(self, trip: Driven, plan: Plan, estimate: Estimate) -> None:
+        """Take what `arrival_deviation_k` does; an Estimate's arrays are not written to."""
+        self._given = trip, plan, estimate
+
+    @cached_property
+    def deviation_k(self) -> float:
+        """Standard deviation of the temperature on arrival [K]."""
+        return arrival_deviation_k(*self._given)
 
 
 @dataclass(frozen=True)

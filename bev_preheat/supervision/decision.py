@@ -4,6 +4,7 @@
 from dataclasses import dataclass
 import math
 
+from bev_preheat.estimation.forecast import Forecast
 from bev_preheat.planning.plan import Plan
 from bev_preheat.planning.status import Status
 from bev_preheat.supervision.inputs import Leg
@@ -24,14 +25,13 @@ class Decision:
     """
     Status and sentence that hold until the next input, and the plan behind them, if any.
 
-    `sentence` None is the plan's own.
-    `plan_start_ns` is the instant of the plan's time 0, `leg` the leg that it plans. `later_legs`
-    lie beyond the current or next stop. `arrival_deviation_k` is the standard deviation of the
-    temperature on arrival [K], NaN where it is unknown. The command follows `commanded` where that
-    is not None, else the plan; the heater delivers `command_share` of the command. `model_factors`
-    are the factors of the corrected vehicle (PreheatPlan.msg); (): none. `target` says where the
-    plan's target comes from; None: it has none. `charger_heat_w` [W] is commanded while the vehicle
-    charges, where there is no plan.
+    `sentence` None is the plan's own. `plan_start_ns` is the instant of the plan's time 0, `leg` the leg
+    that it plans. `later_legs` lie beyond the current or next stop. `forecast` says how sure the
+    temperature on arrival is; None: that is unknown. The command follows `commanded` where that is not
+    None, else the plan; the heater delivers `command_share` of the command. `model_factors` are the
+    factors of the corrected vehicle (PreheatPlan.msg); (): none. `target` says where the plan's target
+    comes from; None: it has none. `charger_heat_w` [W] is commanded while the vehicle charges, where
+    there is no plan.
     """
 
     status: Status
@@ -40,7 +40,7 @@ class Decision:
     plan_start_ns: int = 0
     leg: Leg | None = None
     later_legs: tuple[Leg, ...] = ()
-    arrival_deviation_k: float = math.nan
+    forecast: Forecast | None = None
     commanded: Plan | None = None
     command_share: float = 1.0
     model_factors: tuple[float, ...] = ()
@@ -53,6 +53,11 @@ class Decision:
         if self.sentence is not None:
             return self.sentence
         return '' if self.plan is None else self.plan.explanation
+
+    @property
+    def arrival_deviation_k(self) -> float:
+        """Standard deviation of the temperature on arrival [K]; NaN where it is unknown."""
+        return math.nan if self.forecast is None else self.forecast.deviation_k
 
 
 # Before anything has arrived, and until a valid route plan has.

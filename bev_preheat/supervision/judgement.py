@@ -181,7 +181,7 @@ class Judgement:
         plan = outlook.plan
         return Decision(
             plan.status, _own_sentence(plan, choice), plan, start_ns, leg,
-            arrival_deviation_k=outlook.arrival_deviation_k,
+            forecast=outlook.forecast,
             commanded=outlook.commanded, command_share=outlook.command_share,
             model_factors=outlook.model_factors, target=choice)
 

@@ -15,7 +15,7 @@ from typing import Any, TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.estimation.forecast import arrival_deviation_k, DrivenRoute
+from bev_preheat.estimation.forecast import DrivenRoute, Forecast
 from bev_preheat.estimation.hypotheses import Heater
 from bev_preheat.estimation.prior import prior_factor_covariance
 from bev_preheat.estimation.state import FACTORS, PROPULSION
@@ -77,13 +77,13 @@ class Outlook:
     A Plan from an estimate; what is to be expected.
 
     `commanded` is the plan that the command follows, where it is another one: a heater that does
-    not respond is still commanded. `command_share` is what the heater gives of its command,
-    `arrival_deviation_k` the standard deviation of the temperature on arrival [K]. `model_factors`
-    are those of the corrected car; () where a heater that does not obey is beyond them.
+    not respond is still commanded. `command_share` is what the heater gives of its command, `forecast`
+    says how sure the temperature on arrival is. `model_factors` are those of the corrected car; () where
+    a heater that does not obey is beyond them.
     """
 
     plan: Plan
-    arrival_deviation_k: float
+    forecast: Forecast
     commanded: Plan | None
     command_share: float
     model_factors: tuple[float, ...]
@@ -133,11 +133,11 @@ class OutlookMaker:
         self._logs: list[float] = []
         self._factors: tuple[float, ...] = ()
         self._corrected = vehicle
-        self._deviation_k: float | None = None
+        self._forecast: Forecast | None = None
 
     def forget_deviation(self) -> None:
         """Forget how sure the arrival was: the route has changed."""
-        self._deviation_k = None
+        self._forecast = None
 
     def vehicle(self, estimate: Estimate) -> Vehicle:
         """Return the corrected vehicle of an Estimate; the same one while the factors stay."""
@@ -173,10 +173,10 @@ class OutlookMaker:
                 self._caution(vehicle, estimate, settings, is_heating or full_power is not None),
                 heat_lag_s=heat_lag_s, **heater_as)
 
-        def deviation_k(of: Plan) -> float:
+        def forecast(of: Plan) -> Forecast:
             # Only a trip whose long segments were divided has other steps than its route.
             has_its_steps = len(of.hvch_battery_power_w) == len(route)
-            return arrival_deviation_k(
+            return Forecast(
                 DrivenRoute(vehicle, route) if has_its_steps else make_trip(vehicle, route, share),
                 of, estimate)
 
@@ -191,9 +191,9 @@ class OutlookMaker:
             return full_power.plan(vehicle, goal, plan_on)
 
         wanted = plan_wanted()
-        if self._deviation_k is None:
+        if self._forecast is None:
             # The lead needs to know how sure the arrival is, and that needs a plan.
-            self._deviation_k = deviation_k(wanted)
+            self._forecast = forecast(wanted)
             wanted = plan_wanted()
         # A heater that does not obey is commanded as if it did, and something else is expected.
         expected, commanded = wanted, None
@@ -204,13 +204,13 @@ class OutlookMaker:
         elif wanted.status is Status.TARGET_UNREACHABLE and lag_s > 0.0:
             # Then some of the heat that is mostly late is better than none.
             commanded = plan(heat_lag_s=0.0, heater_share=share)
-        self._deviation_k = deviation_k(expected)
+        self._forecast = forecast(expected)
         expected = accounted(expected.told(_status_now(expected, starts_in_s), partial(
-            _in_words, heater=heater, deviation_k=self._deviation_k,
+            _in_words, heater=heater, forecast=self._forecast,
             reserve=reserve_soc(vehicle, goal), starts_in_s=starts_in_s, heated_s=heated_s)),
             wish, estimate.soc)
         return Outlook(
-            expected, self._deviation_k, commanded, share, self._model_factors(estimate))
+            expected, self._forecast, commanded, share, self._model_factors(estimate))
 
     def _model_factors(self, estimate: Estimate) -> tuple[float, ...]:
         """Factors of the corrected car; () where a heater that does not obey is beyond them."""
@@ -220,7 +220,7 @@ class OutlookMaker:
 
     def _caution(self, vehicle: Vehicle, estimate: Estimate, settings: Settings,
                  is_heating: bool) -> Caution:
-        lead_k = 0.0 if self._deviation_k is None else LEAD_DEVIATIONS * self._deviation_k
+        lead_k = 0.0 if self._forecast is None else LEAD_DEVIATIONS * self._forecast.deviation_k
         # What may come later than believed is begun with earlier.
         lead_k += estimate.later_heat_s(LATER_DEVIATIONS) * (
             vehicle.hvch.efficiency * vehicle.hvch.maximum_power_w
@@ -233,7 +233,7 @@ class OutlookMaker:
             least_heating_s=settings.minimum_on_time_s)
 
 
-def _in_words(plan: Plan, heater: HeaterReport, deviation_k: float, **told: float) -> str:
+def _in_words(plan: Plan, heater: HeaterReport, forecast: Forecast, **told: float) -> str:
     """
     Return a plan's sentence with what the heater does, and what is uncertain.
 
@@ -242,6 +242,6 @@ def _in_words(plan: Plan, heater: HeaterReport, deviation_k: float, **told: floa
     sentence = SENTENCES.get(heater.heater, '').format(share=100.0 * heater.share)
     sentence += explain(plan, **told, **UNHEATED.get(heater.heater, {}))
     if plan.heating_end_s is not None and plan.heat is None:
-        sentence += (f' Uncertainty +-{deviation_k:.1f} K (1 sigma): heating starts early and stops '
+        sentence += (f' Uncertainty +-{forecast.deviation_k:.1f} K (1 sigma): heating starts early and stops '
                      'once the target is certain.')
     return sentence

@@ -7,6 +7,7 @@ from math import inf, nan
 from pathlib import Path
 import random
 import re
+from types import SimpleNamespace
 
 from builtin_interfaces.msg import Time
 from hypothesis import example, given
@@ -558,13 +559,14 @@ def test_the_delay_of_a_mission_is_told_with_and_without_a_plan(decision, delay_
 @pytest.mark.parametrize('deviation_k, variance', [(nan, 0.0), (0.75, 0.5625)])
 def test_predicted_temperature(decision, deviation_k, variance):
     message = temperature_message(
-        replace(decision, arrival_deviation_k=deviation_k), now_ns=8 * NS_PER_S)
+        replace(decision, forecast=SimpleNamespace(deviation_k=deviation_k)), now_ns=8 * NS_PER_S)
     assert (message.temperature, message.variance, message.header.stamp) == (
         decision.plan.arrival_temperature_c, variance, Time(sec=8))
 
 
 def test_deviation_of_the_predicted_temperature(decision):
-    message = plan_message(replace(decision, arrival_deviation_k=0.625), EAST, 99 * NS_PER_S)
+    message = plan_message(
+        replace(decision, forecast=SimpleNamespace(deviation_k=0.625)), EAST, 99 * NS_PER_S)
     assert message.predicted_arrival_temperature_deviation == 0.625
 
 

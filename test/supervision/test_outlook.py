@@ -97,13 +97,13 @@ def test_the_lead_is_two_deviations_of_the_arrival(asked):
     assert [len(asked), asked[0].caution.lead_k] == [2, 0.0]
     make(estimate, maker)
     assert len(asked) == 3
-    assert 2.5 < 2.0 * before.arrival_deviation_k < 7.0
-    assert asked[2].caution.lead_k == pytest.approx(2.0 * before.arrival_deviation_k)
+    assert 2.5 < 2.0 * before.forecast.deviation_k < 7.0
+    assert asked[2].caution.lead_k == pytest.approx(2.0 * before.forecast.deviation_k)
 
 
 def test_the_lead_is_at_most_7_k(asked):
     outlook = make(make_estimate(deviations={TEMPERATURE: 5.0}))
-    assert outlook.arrival_deviation_k > 3.0
+    assert outlook.forecast.deviation_k > 3.0
     assert asked[-1].caution.lead_k == 7.0
 
 
@@ -271,7 +271,7 @@ def test_the_uncertainty_is_told_where_heating_ends_before_arrival():
     outlook = make(make_estimate(20.0, deviations={TEMPERATURE: 1.0}))
     assert outlook.plan.heating_end_s is not None
     assert outlook.plan.explanation.endswith(
-        f' Uncertainty +-{outlook.arrival_deviation_k:.1f} K (1 sigma): heating starts early and stops '
+        f' Uncertainty +-{outlook.forecast.deviation_k:.1f} K (1 sigma): heating starts early and stops '
         'once the target is certain.')
     assert 'Uncertainty' not in make(make_estimate(30.0)).plan.explanation
 
