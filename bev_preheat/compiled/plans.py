@@ -20,6 +20,7 @@ from bev_preheat.compiled.structs import (
     CHEAPEST_ARRAYS,
     DOUBLE_BYTES,
     ENERGIES,
+    EXCHANGE_MEMORY,
     RunOfPowersStruct,
     StretchStruct,
     SWITCH_ARRAYS,
@@ -144,6 +145,30 @@ def heat_cheapest(
     if status != OK:
         return None
     return (run if orders.value else None,)
+
+
+def exchange_heat(
+        vehicle: CompiledVehicle, trip: CompiledTrip, target_c: float, soc: FloatArray,
+        temperature_c: FloatArray, heater_w: FloatArray,
+        brake_w: FloatArray) -> tuple[tuple[FloatArray, FloatArray] | None] | None:
+    """
+    Return the run within limits after exchanges of heat, in a tuple; see core.h.
+
+    That is states (2, N + 1), charge and temperature, and powers (2, N), heater and brake, as of the run that
+    is given; None there: the run that is given is the one.
+    """
+    library = core()
+    if library is None:
+        return None
+    states, powers_w = np.array((soc, temperature_c)), np.array((heater_w, brake_w))
+    watched = np.empty((2, trip.steps), dtype=np.uint8)
+    memory, exchanges = np.empty(EXCHANGE_MEMORY[0] * trip.steps + EXCHANGE_MEMORY[1]), c_int32()
+    status = library.bev_exchange_heat(
+        vehicle.address, trip.address, target_c, place(states), place(powers_w), address_of(watched),
+        place(memory), byref(exchanges))
+    if status != OK:
+        return None
+    return ((states, powers_w) if exchanges.value else None,)
 
 
 class TwiceSwitchedRun(NamedTuple):

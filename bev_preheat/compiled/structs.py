@@ -131,6 +131,8 @@ class RunOfPowersStruct(Structure):
 
 # Arrays of N values that bev_heat_cheapest needs as memory, and two values more.
 CHEAPEST_ARRAYS = 6
+# What bev_exchange_heat needs as memory: doubles for each step, and so many more.
+EXCHANGE_MEMORY = 63, 2
 # Arrays of N + 1 values that bev_plan_switch needs as memory.
 SWITCH_ARRAYS = 8
 ENERGIES = ('joule', 'drivetrain_heat', 'hvch_heat', 'leakage', 'hvch_electric', 'battery_total')

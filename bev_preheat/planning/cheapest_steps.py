@@ -52,7 +52,7 @@ def heat_cheapest(trip: Trip, schedule: Schedule, target_c: float) -> Schedule:
         cheapest_w, saving = _first_guess(trip, schedule.heater_power_w, prices, order)
         if not saving >= least_saving_wh / whole_charge_wh(trip, schedule):
             break
-        guess_j = _sum((cheapest_w * trip.route.duration_s)[order])
+        guess_j = sum_in_turn((cheapest_w * trip.route.duration_s)[order])
         filled = _filled(trip, schedule, target_c, order, prices, guess_j)
         if not filled.soc[-1] > schedule.soc[-1]:
             break
@@ -77,13 +77,13 @@ def _first_guess(trip: Trip, heater_power_w: FloatArray, prices: Prices,
     limit_w, warmth_k_per_w = trip.heater_limit_w[order], prices.warmth_k_per_w[order]
     cheapest_w = np.zeros(len(heater_power_w))
     cheapest_w[order] = limit_w * _shares(
-        limit_w * warmth_k_per_w, _sum(heater_power_w[order] * warmth_k_per_w))
-    spent, cheapest = (_sum((power_w * prices.charge_per_w)[order])
+        limit_w * warmth_k_per_w, sum_in_turn(heater_power_w[order] * warmth_k_per_w))
+    spent, cheapest = (sum_in_turn((power_w * prices.charge_per_w)[order])
                        for power_w in (heater_power_w, cheapest_w))
     return cheapest_w, spent - cheapest
 
 
-def _sum(values: FloatArray) -> float:
+def sum_in_turn(values: FloatArray) -> float:
     """Return the sum of values, taken one after the other as the core takes it; 0 of none."""
     return float(np.cumsum(values)[-1]) if len(values) else 0.0
 
@@ -107,7 +107,7 @@ def _filled(trip: Trip, schedule: Schedule, target_c: float, order: IntArray, pr
         run = run_forward(trip, make_runge_kutta_4, *start, heater_power_w)
         return Trial(heat_j, float(run[1][-1]) - target_c, _schedule(trip, *run, heater_power_w))
 
-    whole_j = _sum(most_j)
+    whole_j = sum_in_turn(most_j)
     first = heated_with(min(guess_j, whole_j))
     # The last step that is heated says how much warmer a joule more makes the battery.
     last = order[np.flatnonzero(first.outcome.heater_power_w[order])[-1]]

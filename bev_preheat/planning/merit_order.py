@@ -25,6 +25,7 @@ from bev_preheat.compiled.structs import SettlingStruct
 from bev_preheat.planning.charge_acceptance import find_acceptance_loss, no_acceptance_loss
 from bev_preheat.planning.cheapest_steps import heat_cheapest
 from bev_preheat.planning.dynamics import compiled_vehicle, run_forward
+from bev_preheat.planning.exchange import exchange_heat
 from bev_preheat.planning.heat_run import initial_states, make_heat_run, roll_heated, with_coolant_in_battery
 from bev_preheat.planning.limits import limits_hold, watch_limits, where_stranded, within_limits
 from bev_preheat.planning.optimal_switch import ARRIVAL_TOLERANCE_K, plan_optimal_switch
@@ -41,7 +42,8 @@ if TYPE_CHECKING:
     from bev_preheat.planning.trip import Trip
 
 # The curve is made again where the run it leads to differs more than this in state of charge, or
-# takes less regeneration than it was made for. The best of the runs after the first look is the plan.
+# takes less regeneration than it was made for, unless exchanges of heat do the rest. The best of the runs after
+# the first look is the plan.
 SOC_AGREEMENT = 5e-4
 MOST_PASSES = 3
 
@@ -70,8 +72,11 @@ def plan_merit_order(trip: Trip, state: BatteryState, goal: Goal, unheated: Sche
     if not trip.vehicle.heat_path.is_direct:
         paid_w = paid_until(trip, schedule.heating_end_s)
         lumped = replace(trip, vehicle=with_coolant_in_battery(trip.vehicle))
-    best = _passes(trip, lumped, state, schedule, paid_w, goal, serves_climbs)
-    return within_limits(trip, state, best)
+    best = within_limits(trip, state, _passes(
+        trip, lumped, state, schedule, paid_w, goal, serves_climbs))
+    if not trip.vehicle.heat_path.is_direct:
+        return best
+    return exchange_heat(trip, state, best, goal.target_temperature_c)
 
 
 def _found_by_core(trip: Trip, state: BatteryState, target_c: float, unheated: Schedule | None,
@@ -126,10 +131,17 @@ def _passes(trip: Trip, lumped: Trip, state: BatteryState, schedule: Schedule, p
         # way from one to the other keeps the passes from going back and forth.
         assumed_loss, loss = loss, loss.blended(find_acceptance_loss(trip, watch, schedule))
         # Limits depend on the state of charge, and the curve was made for another.
-        if (number > 0 and np.abs(schedule.soc - assumed_soc).max() <= SOC_AGREEMENT
-                and assumed_loss.any == loss.any):
+        agrees = (np.abs(schedule.soc - assumed_soc).max() <= SOC_AGREEMENT
+                  and assumed_loss.any == loss.any)
+        if number > 0 and (agrees or _is_near_enough(trip, schedule, serves_climbs)):
             break
     return best or schedule
+
+
+def _is_near_enough(trip: Trip, schedule: Schedule, serves_climbs: bool) -> bool:
+    """Return whether exchanges of heat bring a Schedule to the best: it delivers all, and heat arrives at once."""
+    return (trip.vehicle.heat_path.is_direct and schedule.empty_at_s is None
+            and (not serves_climbs or lacking_power(trip, schedule).worst_w == 0.0))
 
 
 def _is_better(trip: Trip, schedule: Schedule, other: Schedule, goal: Goal,

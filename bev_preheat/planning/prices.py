@@ -10,6 +10,7 @@ the cells, and that is all heat: a heater that gives half of what it takes is ch
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -28,6 +29,12 @@ if TYPE_CHECKING:
 # Slopes of the model's rates are taken over these differences.
 SOC_DIFFERENCE = 1e-4
 TEMPERATURE_DIFFERENCE_K = 0.1
+# What is worth something on arrival.
+CHARGE, WARMTH = (1.0, 0.0), (0.0, 1.0)
+# Charge and warmth: what each of them changes by over a step, or is worth after one.
+ChargeWarmth = tuple[float, float]
+# `rates_at(heater_w, brake_w, fuller, warmer_k)` -> rates of charge and temperature in each step (2, N).
+RatesAlong = Callable[..., 'FloatArray']
 
 
 @dataclass(frozen=True)
@@ -51,49 +58,88 @@ class Prices:
         return steps[np.lexsort((-steps, per_k))]
 
 
+@dataclass(frozen=True)
+class Slopes:
+    """
+    By how much each step ends with more charge and warmth, N pairs each.
+
+    For more charge at its start, for a kelvin more, and for a watt of the heater, on average from no heating
+    to all that the cabin leaves.
+    """
+
+    by_charge: list[ChargeWarmth]
+    by_warmth: list[ChargeWarmth]
+    by_power: list[ChargeWarmth]
+
+    def effect_until(self, instant: int, worth: ChargeWarmth) -> FloatArray:
+        """
+        Return what a watt of the heater in each step (N,) does until an instant.
+
+        `worth` is what charge and warmth are worth at that instant. To the second order of a step.
+        """
+        per_w = np.zeros(len(self.by_power))
+        for k in range(instant - 1, -1, -1):
+            earlier = _before(worth, (self.by_charge[k], self.by_warmth[k]))
+            middle = 0.5 * (worth[0] + earlier[0]), 0.5 * (worth[1] + earlier[1])
+            per_w[k] = middle[0] * self.by_power[k][0] + middle[1] * self.by_power[k][1]
+            worth = self.with_limits(k, earlier, middle)
+        return per_w
+
+    def with_limits(self, k: int, earlier: ChargeWarmth, middle: ChargeWarmth) -> ChargeWarmth:
+        """Return what charge and warmth before step k are worth, from what they are without limits."""
+        return earlier
+
+
 def find_prices(trip: Trip, schedule: Schedule) -> Prices:
     """
     Return the Prices along the run of a Schedule, limits left aside, of a vehicle without a heat path.
 
-    To the second order of a step: they say in which order to heat, not what that costs.
+    They say in which order to heat, not what that costs.
     """
     vehicle = compiled_vehicle(trip.vehicle)
     found = None if vehicle is None else compiled_plans.find_prices(
         vehicle, trip.compiled, schedule.soc, schedule.temperature_c, schedule.heater_power_w)
     if found is not None:
         return Prices(*found)
-    duration_s, power_w, variance_w2, heat_w, leakage_w_per_k = trip.inputs()
-    heater_w, limit_w = schedule.heater_power_w, trip.heater_limit_w
+    slopes = Slopes(*(slope.T.tolist() for slope in model_slopes(
+        trip, rates_along(trip, schedule), schedule.heater_power_w, np.zeros(len(trip.route)))))
+    steps = len(trip.route)
+    return Prices(slopes.effect_until(steps, WARMTH), -slopes.effect_until(steps, CHARGE))
+
+
+def rates_along(trip: Trip, schedule: Schedule) -> RatesAlong:
+    """Return the model's rates in the middle of each step of a run, as a function of heater and brake [W]."""
+    _, power_w, variance_w2, heat_w, leakage_w_per_k = trip.inputs()
     soc, temperature_c = (0.5 * (values[:-1] + values[1:])
                           for values in (schedule.soc, schedule.temperature_c))
     rates = make_rates(trip.vehicle, ARRAYS)
+    efficiency, heat_share = trip.vehicle.hvch.efficiency, trip.vehicle.drivetrain.heat_share
 
-    def rates_at(heated_w: FloatArray, fuller: float = 0.0, warmer_k: float = 0.0) -> FloatArray:
+    def rates_at(heater_w: FloatArray, brake_w: FloatArray, fuller: float = 0.0,
+                 warmer_k: float = 0.0) -> FloatArray:
         return np.array(rates(
-            soc + fuller, temperature_c + warmer_k, power_w + heated_w, variance_w2,
-            heat_w + trip.vehicle.hvch.efficiency * heated_w, leakage_w_per_k)[:2])
+            soc + fuller, temperature_c + warmer_k, power_w + heater_w + brake_w, variance_w2,
+            heat_w + efficiency * heater_w - heat_share * brake_w, leakage_w_per_k)[:2])
 
-    here = rates_at(heater_w)
+    return rates_at
+
+
+def model_slopes(trip: Trip, rates_at: RatesAlong, heater_w: FloatArray,
+                 brake_w: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return Slopes as arrays (2, N), of steps whose heater and brake [W] do not depend on the state."""
+    limit_w, nothing_w = trip.heater_limit_w, np.zeros(len(trip.route))
+    here = rates_at(heater_w, brake_w)
     by_charge, by_warmth, by_power = (
-        ((there - before) / difference * duration_s).T.tolist() for there, before, difference in (
-            (rates_at(heater_w, fuller=SOC_DIFFERENCE), here, SOC_DIFFERENCE),
-            (rates_at(heater_w, warmer_k=TEMPERATURE_DIFFERENCE_K), here, TEMPERATURE_DIFFERENCE_K),
-            (rates_at(limit_w), rates_at(np.zeros(len(limit_w))), np.where(limit_w > 0.0, limit_w, 1.0))))
-    # What charge and warmth after a step are worth on arrival, in warmth and in charge.
-    warmth, charge = (0.0, 1.0), (1.0, 0.0)
-    per_w = np.empty((2, len(duration_s)))
-    for k in range(len(duration_s) - 1, -1, -1):
-        slopes = by_charge[k], by_warmth[k]
-        for row, worth in enumerate((warmth, charge)):
-            changed = _before(worth, slopes)
-            middle = 0.5 * (worth[0] + changed[0]), 0.5 * (worth[1] + changed[1])
-            per_w[row, k] = middle[0] * by_power[k][0] + middle[1] * by_power[k][1]
-        warmth, charge = _before(warmth, slopes), _before(charge, slopes)
-    return Prices(per_w[0], -per_w[1])
+        (there - before) / difference * trip.route.duration_s for there, before, difference in (
+            (rates_at(heater_w, brake_w, fuller=SOC_DIFFERENCE), here, SOC_DIFFERENCE),
+            (rates_at(heater_w, brake_w, warmer_k=TEMPERATURE_DIFFERENCE_K), here,
+             TEMPERATURE_DIFFERENCE_K),
+            (rates_at(limit_w, nothing_w), rates_at(nothing_w, nothing_w),
+             np.where(limit_w > 0.0, limit_w, 1.0))))
+    return by_charge, by_warmth, by_power
 
 
-def _before(worth: tuple[float, float],
-            slopes: tuple[list[float], list[float]]) -> tuple[float, float]:
+def _before(worth: ChargeWarmth, slopes: tuple[ChargeWarmth, ChargeWarmth]) -> ChargeWarmth:
     """Return what charge and warmth before a step are worth, from what they are after it."""
     first = tuple(worth[0] * slope[0] + worth[1] * slope[1] for slope in slopes)
     second = tuple(first[0] * slope[0] + first[1] * slope[1] for slope in slopes)

@@ -51,6 +51,15 @@ MOST_CLIMBS = 6
 Excess = Callable[[Schedule], float]
 
 
+def find_climbs(trip: Trip, run: Schedule) -> list[tuple[int, int]]:
+    """(first, last + 1) of the stretches that a battery a little colder could not deliver."""
+    _, most_w = limits_of_steps_w(
+        trip.vehicle, run.soc, colder(trip.vehicle, run.temperature_c), trip.power_variance_w2)
+    demanding = trip.idle_power_w > most_w
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], demanding, [False]))))
+    return list(zip(edges[::2].tolist(), edges[1::2].tolist()))[:MOST_CLIMBS]
+
+
 class ThresholdSearch:
     """Forward runs of one trip under one set of thresholds."""
 
@@ -91,7 +100,7 @@ class ThresholdSearch:
         self._kept = schedule = self._run()
         # What comes before `start` is settled for climbs; `free` is where a climb settles nothing.
         start = free = 0
-        for first, last in self._climbs(schedule) if serves_climbs else ():
+        for first, last in find_climbs(self._trip, schedule) if serves_climbs else ():
             if first > start:
                 def spare_w(run: Schedule, climb: slice = slice(first, last)) -> float:
                     return float(self._spare_power_w(run)[climb].min())
@@ -131,15 +140,6 @@ class ThresholdSearch:
         """Return the states at the start, with heater and coolant where there is a heat path."""
         states = initial_states(self._state)
         return states[:2] if self._trip.vehicle.heat_path.is_direct else states
-
-    def _climbs(self, schedule: Schedule) -> list[tuple[int, int]]:
-        """(first, last + 1) of the stretches that a battery a little colder could not deliver."""
-        _, most_w = limits_of_steps_w(
-            self._trip.vehicle, schedule.soc, colder(self._trip.vehicle, schedule.temperature_c),
-            self._trip.power_variance_w2)
-        demanding = self._trip.idle_power_w > most_w
-        edges = np.flatnonzero(np.diff(np.concatenate(([False], demanding, [False]))))
-        return list(zip(edges[::2].tolist(), edges[1::2].tolist()))[:MOST_CLIMBS]
 
     def _better_unheated(self, first: int, last: int, schedule: Schedule,
                          excess_of: Excess) -> Schedule:

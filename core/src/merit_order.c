@@ -130,6 +130,11 @@ static int is_better(const merit *one, const merit *other) {
   return one->soc > other->soc;
 }
 
+/* Whether exchanges of heat bring a run to the best: it delivers all, and heat arrives at once. */
+static int is_near_enough(const passes *pass, const merit *found) {
+  return bev_is_direct(pass->vehicle) && !found->is_stranded && found->lacking_w == 0.0;
+}
+
 /* Copy a run, and the steps in which its limits were looked at. */
 static void keep(const passes *pass, const bev_course *from, bev_course *to, uint8_t *watched) {
   const int32_t steps = pass->trip->steps;
@@ -181,8 +186,9 @@ static bev_status make_passes(passes *pass, bev_course runs[2], bev_course *best
     if (status != BEV_OK) {
       return status;
     }
-    if (n > 0 && has_loss == had_loss
-        && most_apart(course, &runs[assumed], pass->trip->steps) <= SOC_AGREEMENT) {
+    const int agrees = has_loss == had_loss
+        && most_apart(course, &runs[assumed], pass->trip->steps) <= SOC_AGREEMENT;
+    if (n > 0 && (agrees || is_near_enough(pass, &found))) {
       break;
     }
     had_loss = has_loss;

@@ -187,6 +187,22 @@ static bev_status heat_cheapest(const planning *of, const double *idle_states, i
   return status;
 }
 
+/* The run after exchanges of heat, all limits of which were looked at; one that strands stays what it is. */
+static bev_status exchange_heat(const planning *of, const bev_stranding *stranding) {
+  const int32_t steps = of->trip->steps;
+  int32_t exchanges = 0;
+  if (of->is_direct == 0 || stranding->step >= 0) {
+    return BEV_OK;
+  }
+  const bev_status status =
+      bev_exchange_heat(of->vehicle, of->trip, of->goal->target_c, of->states, of->powers_w,
+                        &of->watched[2 * steps], of->memory, &exchanges);
+  for (int32_t n = 0; n < 2 * steps && exchanges > 0; n++) {
+    of->watched[n] = of->watched[2 * steps + n];
+  }
+  return status;
+}
+
 bev_status bev_plan_merit_order(const bev_vehicle *vehicle, const bev_trip *trip,
                                 const bev_settling *goal, const double *idle_states,
                                 double *states, double *powers_w, uint8_t *watched,
@@ -236,6 +252,9 @@ bev_status bev_plan_merit_order(const bev_vehicle *vehicle, const bev_trip *trip
   }
   if (status == BEV_LIMITED) {
     status = keep_limits(&of, &plan->stranding);
+  }
+  if (status == BEV_OK) {
+    status = exchange_heat(&of, &plan->stranding);
   }
   if (status == BEV_OK) {
     find_instants(&of, plan);

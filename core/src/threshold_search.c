@@ -12,15 +12,12 @@
 #define CLIMB_OVERSHOOT_K 4.0
 #define UNHEATED_SHIFT_K (-1e3)
 #define POWER_SURPLUS 1e-5
-#define MOST_CLIMBS 6
 
 static const bev_requirement TARGET = {-1, -1};
 
-/* Stretches that a battery a little colder than the kept run's could not deliver. */
-static bev_status find_climbs(const bev_threshold_search *search,
-                              bev_requirement climbs[MOST_CLIMBS], int32_t *count) {
-  const bev_trip *trip = search->limits.trip;
-  const bev_search_run *kept = &search->runs[BEV_KEPT_RUN];
+bev_status bev_find_climbs(const bev_vehicle *vehicle, const bev_trip *trip, const double *soc,
+                           const double *temperature_c,
+                           bev_requirement climbs[BEV_MOST_CLIMBS], int32_t *count) {
   const int32_t steps = trip->steps;
   double least_w[BEV_LIMITS_BLOCK];
   double most_w[BEV_LIMITS_BLOCK];
@@ -29,7 +26,7 @@ static bev_status find_climbs(const bev_threshold_search *search,
   for (int32_t from = 0; from < steps; from += BEV_LIMITS_BLOCK) {
     const int32_t seen = steps - from < BEV_LIMITS_BLOCK ? steps - from : BEV_LIMITS_BLOCK;
     const bev_status status = bev_limits_of_block(
-        search->limits.vehicle, seen, &kept->states[0][from], &kept->states[1][from], BEV_COLDER_BY_K,
+        vehicle, seen, &soc[from], &temperature_c[from], BEV_COLDER_BY_K,
         &trip->power_variance_w2[from], least_w, most_w);
     if (status != BEV_OK) {
       return status;
@@ -37,7 +34,7 @@ static bev_status find_climbs(const bev_threshold_search *search,
     for (int32_t k = from; k < from + seen; k++) {
       const bool is_demanding = trip->idle_power_w[k] > most_w[k - from];
       if (is_demanding && !was_demanding) {
-        if (*count == MOST_CLIMBS) {
+        if (*count == BEV_MOST_CLIMBS) {
           return BEV_OK;
         }
         climbs[*count].first = k;
@@ -178,14 +175,16 @@ static bev_status serve_climb(bev_threshold_search *search, const bev_requiremen
 
 static bev_status settle(bev_threshold_search *search) {
   const int32_t steps = search->limits.trip->steps;
-  bev_requirement climbs[MOST_CLIMBS];
+  bev_requirement climbs[BEV_MOST_CLIMBS];
   int32_t count = 0;
   int32_t start = 0;
   int32_t free_from = 0;
   bev_status status =
       bev_search_drive(search, 0, 0, 0.0, steps, BEV_KEPT_RUN, BEV_KEPT_RUN);
   if (status == BEV_OK && search->goal->serves_climbs != 0) {
-    status = find_climbs(search, climbs, &count);
+    status = bev_find_climbs(search->limits.vehicle, search->limits.trip,
+                             search->runs[BEV_KEPT_RUN].states[0],
+                             search->runs[BEV_KEPT_RUN].states[1], climbs, &count);
   }
   for (int32_t n = 0; status == BEV_OK && n < count; n++) {
     if (climbs[n].first > start) {

@@ -44,6 +44,14 @@ typedef struct {
   int32_t last;
 } bev_requirement;
 
+/* So many climbs are looked at. */
+#define BEV_MOST_CLIMBS 6
+
+/* Stretches of a run that a battery a little colder could not deliver. */
+bev_status bev_find_climbs(const bev_vehicle *vehicle, const bev_trip *trip, const double *soc,
+                           const double *temperature_c,
+                           bev_requirement climbs[BEV_MOST_CLIMBS], int32_t *count);
+
 /* A shift that was tried, in which of the runs, and by how much that is above what is required. */
 typedef struct {
   double shift_k;

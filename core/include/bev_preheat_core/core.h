@@ -480,6 +480,21 @@ bev_status bev_merit_order(const bev_vehicle *vehicle, const bev_vehicle *lumped
                            double *states, double *powers_w, bev_stranding *stranding,
                            uint8_t *watched, double *memory);
 
+/* Room that bev_exchange_heat takes [doubles]. */
+#define BEV_EXCHANGE_MEMORY(steps) (63 * (steps) + 2)
+
+/*
+ * The run within limits after heat was moved from steps in which it costs much to steps in which it costs little.
+ *
+ * `states` and `powers_w`, two arrays each as of bev_settle, are a run within limits that does not strand, of a
+ * vehicle whose heat arrives at once. Where another one saves something, and falls no shorter of the target or of the
+ * power of the drive, it is written over it, and `exchanges` says in how many steps it was found; 0: nothing is
+ * written. `watched` is room for 2 * steps bytes.
+ */
+bev_status bev_exchange_heat(const bev_vehicle *vehicle, const bev_trip *trip, double target_c,
+                             double *states, double *powers_w, uint8_t *watched, double *memory,
+                             int32_t *exchanges);
+
 /* Memory of bev_plan_merit_order [doubles]; its `watched` has BEV_MERIT_BYTES. */
 #define BEV_MERIT_PLAN_MEMORY(steps) (BEV_MERIT_MEMORY(steps) + (steps))
 
@@ -496,7 +511,8 @@ int32_t bev_size_of_merit_plan(void);
 
 /*
  * The whole plan by merit order, from the unheated run on: the run that is heated in one stretch, limits left
- * aside, where it keeps them all, or that of bev_heat_cheapest; else that of bev_merit_order, as it can be driven.
+ * aside, where it keeps them all, or that of bev_heat_cheapest; else that of bev_merit_order, as it can be driven,
+ * and, where heat arrives at once, bev_exchange_heat.
  *
  * `idle_states` is the unheated run, limits left aside; it and what is written, `states` and `powers_w`, are as
  * of bev_settle. What the plan costs of the charge that must be left is not looked at. `order` is room for

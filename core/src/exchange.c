@@ -1,0 +1,305 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Heat that is moved to steps in which it costs less, within the limits: bev_preheat.planning.exchange. */
+#include <stdbool.h>
+
+#include "checks.h"
+#include "courses.h"
+#include "limited_prices.h"
+#include "limited_step.h"
+#include "linear_program.h"
+#include "prices.h"
+
+#define MOST_TRIALS 8
+#define FIRST_SHARE 0.25
+#define GOOD_SHARE 0.75
+#define POOR_SHARE 0.25
+#define MOST_MENDS 3
+#define MENDED_SHARE 0.5
+#define LEAST_LEFT 0.1
+#define MOST_LEFT 0.5
+
+/* The run so far, the one that is tried, and what is exchanged. */
+typedef struct {
+  bev_needs needs;
+  bev_limited_course run;
+  bev_limited_course there;
+  double *there_states;
+  double *there_powers_w;
+  double *command_w;
+  uint8_t *watched;
+  bev_changes changes;
+  bev_linear_program program;
+  double *gains;
+  double *uses;
+  double spare[BEV_MOST_NEEDS];
+  /* By how much more than the prices promise the run had of each need when it was last tried. */
+  double beyond[BEV_MOST_NEEDS];
+  int32_t mends;
+  /* So much heat is moved at most [J]. */
+  double trusted_j;
+} exchange;
+
+/* What an exchange promises, and what it brings. */
+typedef struct {
+  double saving;
+  double moved_j;
+  double saved;
+  bool is_met;
+} exchanged;
+
+static void begin_anew(exchange *of) {
+  for (int32_t n = 0; n <= of->needs.climb_count; n++) {
+    of->beyond[n] = 0.0;
+  }
+  of->mends = 0;
+}
+
+/* Whether the prices are held against what a run had of a need. */
+static bool is_corrected(const exchange *of) {
+  bool is_one = false;
+  for (int32_t n = 0; n <= of->needs.climb_count; n++) {
+    is_one = is_one || of->beyond[n] != 0.0;
+  }
+  return is_one;
+}
+
+/* The greatest magnitude of values, 1 where they are all 0. */
+static double greatest_of(const double *values, int32_t count) {
+  double greatest = 0.0;
+  for (int32_t n = 0; n < count; n++) {
+    greatest = bev_maximum(greatest, fabs(values[n]));
+  }
+  return greatest > 0.0 ? greatest : 1.0;
+}
+
+/* What is changed by so much of each change. */
+static double sum_of(const exchange *of, const double *per_j) {
+  double sum = 0.0;
+  for (int32_t n = 0; n < of->changes.count; n++) {
+    sum += per_j[n] * of->program.found[n];
+  }
+  return sum;
+}
+
+static const double *need_per_j(const exchange *of, int32_t need) {
+  return &of->changes.needs_per_j[need * of->changes.count];
+}
+
+/* How much of each change saves the most. */
+static void find_best(exchange *of, exchanged *best) {
+  const int32_t count = of->changes.count;
+  const int32_t needs = of->needs.climb_count + 1;
+  bev_linear_program *program = &of->program;
+  const double most_saved = greatest_of(of->changes.charge_per_j, count);
+  for (int32_t n = 0; n < count; n++) {
+    of->gains[n] = of->changes.charge_per_j[n] / most_saved;
+    of->uses[needs * count + n] = 1.0;
+  }
+  for (int32_t need = 0; need < needs; need++) {
+    const double *per_j = need_per_j(of, need);
+    const double most = greatest_of(per_j, count);
+    for (int32_t n = 0; n < count; n++) {
+      of->uses[need * count + n] = -per_j[n] / most;
+    }
+    program->left[need] = (of->spare[need] + of->beyond[need]) / most;
+  }
+  program->left[needs] = of->trusted_j;
+  program->count = count;
+  program->rows = needs + 1;
+  program->most = of->changes.most_j;
+  bev_maximise(program);
+  best->saving = sum_of(of, of->changes.charge_per_j);
+  best->moved_j = 0.0;
+  for (int32_t n = 0; n < count; n++) {
+    best->moved_j += program->found[n];
+  }
+}
+
+/* The commands after an exchange, without surplus. */
+static void find_commands(const exchange *of) {
+  const bev_trip *trip = of->needs.trip;
+  for (int32_t k = 0; k < trip->steps; k++) {
+    of->command_w[k] = of->run.heater_w[k];
+  }
+  for (int32_t n = 0; n < of->changes.count; n++) {
+    const int32_t k = (int32_t)of->changes.step[n];
+    const double sign = n < of->changes.more ? 1.0 : -1.0;
+    of->command_w[k] += sign * of->program.found[n] / trip->duration_s[k];
+  }
+  for (int32_t k = 0; k < trip->steps; k++) {
+    const double free_w = bev_free_heat_w(trip, &of->run, k);
+    const bool is_paid = of->command_w[k] > (free_w > 0.0 ? free_w + BEV_SURPLUS_TOLERANCE_W : 0.0);
+    of->command_w[k] =
+        is_paid ? bev_minimum(of->command_w[k], trip->heater_limit_w[k]) : 0.0;
+  }
+}
+
+/* Make the run after an exchange. */
+static bev_status try_exchange(const exchange *of, exchanged *best) {
+  const bev_vehicle *vehicle = of->needs.vehicle;
+  const bev_trip *trip = of->needs.trip;
+  bev_stranding stranding = {-1, 1.0};
+  find_commands(of);
+  of->there.soc[0] = of->run.soc[0];
+  of->there.temperature_c[0] = of->run.temperature_c[0];
+  bev_status status = bev_drive_as_planned(vehicle, trip, of->command_w, of->there_states,
+                                           of->there_powers_w, of->watched, &stranding);
+  if (status == BEV_OK) {
+    status = bev_look_at_limits(vehicle, trip, &of->there);
+  }
+  if (status == BEV_OK) {
+    best->saved = of->there.soc[trip->steps] - of->run.soc[trip->steps];
+    best->is_met = stranding.step < 0 && bev_are_met(&of->needs, &of->there) != 0;
+  }
+  return status;
+}
+
+/* Keep the run that was tried. */
+static void keep(exchange *of) {
+  const int32_t steps = of->needs.trip->steps;
+  for (int32_t k = 0; k <= steps; k++) {
+    of->run.soc[k] = of->there.soc[k];
+    of->run.temperature_c[k] = of->there.temperature_c[k];
+  }
+  for (int32_t k = 0; k < steps; k++) {
+    of->run.heater_w[k] = of->there.heater_w[k];
+    of->run.brake_w[k] = of->there.brake_w[k];
+    of->run.least_w[k] = of->there.least_w[k];
+    of->run.most_w[k] = of->there.most_w[k];
+  }
+}
+
+/* Learn from an exchange that was tried; whether the run that came of it is kept. */
+static bool learn(exchange *of, const exchanged *best, double least_saving) {
+  const bool is_kept = best->is_met && best->saved >= least_saving;
+  if (is_kept) {
+    if (best->saved > GOOD_SHARE * best->saving) {
+      of->trusted_j = 2.0 * of->trusted_j;
+    } else if (best->saved < POOR_SHARE * best->saving) {
+      of->trusted_j = MOST_LEFT * best->moved_j;
+    } else {
+      /* As much as before. */
+    }
+    keep(of);
+  } else {
+    double now[BEV_MOST_NEEDS];
+    double share = 1.0;
+    bev_spare_of(&of->needs, &of->changes, &of->there, now);
+    if (!best->is_met && best->saved > MENDED_SHARE * best->saving && of->mends < MOST_MENDS) {
+      of->mends++;
+    } else {
+      /* What differs from the promise does so in proportion to the square of what is moved. */
+      share = best->saved < best->saving
+          ? best->saving / (2.0 * (best->saving - best->saved))
+          : MOST_LEFT;
+      share = bev_minimum(bev_maximum(share, LEAST_LEFT), MOST_LEFT);
+      of->trusted_j = share * best->moved_j;
+      of->mends = 0;
+    }
+    for (int32_t n = 0; n <= of->needs.climb_count; n++) {
+      of->beyond[n] =
+          share * share * (now[n] - (of->spare[n] + sum_of(of, need_per_j(of, n))));
+    }
+  }
+  return is_kept;
+}
+
+/* Exchange heat as long as that saves something. */
+static bev_status exchange_on(exchange *of, double least_saving, int32_t *exchanges) {
+  bool is_new = true;
+  bool goes_on = true;
+  bev_status status = BEV_OK;
+  for (int32_t trial = 0; trial < MOST_TRIALS && goes_on && status == BEV_OK; trial++) {
+    if (is_new) {
+      status = bev_find_changes(&of->needs, &of->run, &of->changes);
+      bev_spare_of(&of->needs, &of->changes, &of->run, of->spare);
+      begin_anew(of);
+      is_new = false;
+      goes_on = of->changes.count > 0;
+    }
+    if (goes_on && status == BEV_OK) {
+      exchanged best = {0.0, 0.0, 0.0, false};
+      find_best(of, &best);
+      if (best.saving >= least_saving) {
+        status = try_exchange(of, &best);
+        is_new = status == BEV_OK && learn(of, &best, least_saving);
+        *exchanges += is_new ? 1 : 0;
+      } else {
+        goes_on = is_corrected(of);
+        of->trusted_j = MOST_LEFT * best.moved_j;
+        begin_anew(of);
+      }
+    }
+  }
+  return status;
+}
+
+static bev_limited_course course_of(int32_t steps, double *states, double *powers_w,
+                                    double *limits_w) {
+  const bev_limited_course course = {states,   &states[steps + 1], powers_w, &powers_w[steps],
+                                     limits_w, &limits_w[steps]};
+  return course;
+}
+
+/* Heat of a run that is more than surplus [J]. */
+static double paid_j(const bev_trip *trip, const bev_limited_course *run) {
+  double paid_j = 0.0;
+  for (int32_t k = 0; k < trip->steps; k++) {
+    paid_j += bev_maximum(run->heater_w[k] - bev_free_heat_w(trip, run, k), 0.0)
+        * trip->duration_s[k];
+  }
+  return paid_j;
+}
+
+bev_status bev_exchange_heat(const bev_vehicle *vehicle, const bev_trip *trip, double target_c,
+                             double *states, double *powers_w, uint8_t *watched, double *memory,
+                             int32_t *exchanges) {
+  bev_status status = bev_checked(vehicle, trip, 0);
+  if (status != BEV_OK) {
+    return status;
+  }
+  if (trip->steps < 1 || states == NULL || powers_w == NULL || watched == NULL || memory == NULL
+      || exchanges == NULL || !bev_is_direct(vehicle)) {
+    return BEV_BAD_ARGUMENT;
+  }
+  const int32_t steps = trip->steps;
+  if (!isfinite(target_c) || !bev_are_numbers(states, 2 * (steps + 1))
+      || !bev_are_numbers(powers_w, 2 * steps)) {
+    return BEV_BAD_INPUT;
+  }
+  exchange of;
+  of.needs.vehicle = vehicle;
+  of.needs.trip = trip;
+  of.needs.power_w = bev_take(&memory, steps);
+  of.run = course_of(steps, states, powers_w, bev_take(&memory, 2 * steps));
+  of.there_states = bev_take(&memory, 2 * (steps + 1));
+  of.there_powers_w = bev_take(&memory, 2 * steps);
+  of.there =
+      course_of(steps, of.there_states, of.there_powers_w, bev_take(&memory, 2 * steps));
+  of.command_w = bev_take(&memory, steps);
+  of.watched = watched;
+  of.changes.slopes = bev_take(&memory, BEV_SLOPES * steps);
+  of.changes.per_w = bev_take(&memory, steps);
+  of.changes.step = bev_take(&memory, 2 * steps);
+  of.changes.most_j = bev_take(&memory, 2 * steps);
+  of.changes.charge_per_j = bev_take(&memory, 2 * steps);
+  of.changes.needs_per_j = bev_take(&memory, BEV_MOST_NEEDS * 2 * steps);
+  of.gains = bev_take(&memory, 2 * steps);
+  of.uses = bev_take(&memory, BEV_MOST_ROWS * 2 * steps);
+  of.program.gains = of.gains;
+  of.program.uses = of.uses;
+  of.program.place = bev_take(&memory, 2 * steps);
+  of.program.found = bev_take(&memory, 2 * steps);
+  *exchanges = 0;
+  status = bev_look_at_limits(vehicle, trip, &of.run);
+  if (status == BEV_OK) {
+    status = bev_find_needs(&of.run, target_c, &of.needs);
+  }
+  if (status == BEV_OK) {
+    of.trusted_j = FIRST_SHARE * paid_j(trip, &of.run);
+    const double whole_wh =
+        bev_whole_charge_wh(vehicle, of.run.soc[steps], of.run.temperature_c[steps]);
+    status = exchange_on(&of, BEV_LEAST_SAVING_WH / whole_wh, exchanges);
+  }
+  return status;
+}

@@ -1,0 +1,78 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * What a joule of heat in each step does along a run within limits, of a vehicle without a heat path:
+ * bev_preheat.planning.limited_prices.
+ */
+#ifndef BEV_PREHEAT_CORE_LIMITED_PRICES_H_
+#define BEV_PREHEAT_CORE_LIMITED_PRICES_H_
+
+#include "threshold_search.h"
+
+/* The target, and each climb. */
+#define BEV_MOST_NEEDS (1 + BEV_MOST_CLIMBS)
+/* The slopes of a step are so many numbers. */
+#define BEV_SLOPES 10
+/* Paid heat is told from surplus to this [W]. */
+#define BEV_SURPLUS_TOLERANCE_W 1.0
+
+/* A run within limits, and the limits of its steps on the terminal power [W]. */
+typedef struct {
+  double *soc;
+  double *temperature_c;
+  double *heater_w;
+  double *brake_w;
+  double *least_w;
+  double *most_w;
+} bev_limited_course;
+
+/* What a run must not fall short of: the temperature on arrival, the power in each step, and in climbs. */
+typedef struct {
+  const bev_vehicle *vehicle;
+  const bev_trip *trip;
+  double arrival_c;
+  double *power_w;
+  int32_t climb_count;
+  bev_requirement climbs[BEV_MOST_CLIMBS];
+} bev_needs;
+
+/*
+ * What heating a step more, or less, does: `count` changes, the first `more` of which heat more. In each `step`
+ * (a double, so that one memory is enough) by at most so many joules. Of a joule, by how much it changes the charge
+ * on arrival, and each need, one array after the other: the temperature on arrival [K], then the power that can
+ * be given in the `worst` step of each climb [W].
+ */
+typedef struct {
+  int32_t count;
+  int32_t more;
+  double *step;
+  double *most_j;
+  double *charge_per_j;
+  double *needs_per_j;
+  int32_t worst[BEV_MOST_CLIMBS];
+  /* Room for BEV_SLOPES numbers of each step, and for one more. */
+  double *slopes;
+  double *per_w;
+} bev_changes;
+
+/* The limits of the steps of a run. */
+bev_status bev_look_at_limits(const bev_vehicle *vehicle, const bev_trip *trip,
+                              const bev_limited_course *run);
+
+/* What a run whose limits are known is to be compared with; vehicle, trip and room are known. */
+bev_status bev_find_needs(const bev_limited_course *run, double target_c, bev_needs *needs);
+
+/* Whether a run that does not strand falls short of nothing but rounding. */
+int bev_are_met(const bev_needs *needs, const bev_limited_course *run);
+
+/* What a run has beyond each need [K, W, ...], less what is aimed at. */
+void bev_spare_of(const bev_needs *needs, const bev_changes *changes, const bev_limited_course *run,
+                  double spare[BEV_MOST_NEEDS]);
+
+/* The surplus that goes to the heater in a step of a run anyway [W]. */
+double bev_free_heat_w(const bev_trip *trip, const bev_limited_course *run, int32_t k);
+
+/* The changes that can be made to a run. */
+bev_status bev_find_changes(const bev_needs *needs, const bev_limited_course *run,
+                            bev_changes *changes);
+
+#endif /* BEV_PREHEAT_CORE_LIMITED_PRICES_H_ */

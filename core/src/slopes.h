@@ -1,0 +1,119 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * By how much a step of a run ends otherwise, and what that is worth on arrival: Slopes of
+ * bev_preheat.planning.prices.
+ */
+#ifndef BEV_PREHEAT_CORE_SLOPES_H_
+#define BEV_PREHEAT_CORE_SLOPES_H_
+
+#include "steps_of_model.h"
+
+/* Slopes of the model's rates are taken over these differences. */
+#define BEV_SOC_DIFFERENCE 1e-4
+#define BEV_TEMPERATURE_DIFFERENCE_K 0.1
+
+/* A number for the charge and one for the warmth: rates, slopes, or what they are worth on arrival. */
+typedef struct {
+  double charge;
+  double warmth;
+} bev_charge_warmth;
+
+/* For more charge and for a kelvin more at the start of a step, and for a watt of the heater in it. */
+typedef struct {
+  bev_charge_warmth by_charge;
+  bev_charge_warmth by_warmth;
+  bev_charge_warmth by_power;
+} bev_slopes;
+
+/* A step of a run: its inputs without heater and brake, its state in the middle, heater and brake [W]. */
+typedef struct {
+  const bev_vehicle *vehicle;
+  bev_inputs idle;
+  double limit_w;
+  double soc;
+  double temperature_c;
+  double heater_w;
+  double brake_w;
+} bev_middle;
+
+static inline bev_middle bev_middle_of(const bev_vehicle *vehicle, const bev_trip *trip,
+                                       const double *soc, const double *temperature_c,
+                                       double heater_w, double brake_w, int32_t k) {
+  const bev_middle middle = {vehicle,
+                             bev_inputs_of(vehicle, trip, k, NULL, NULL),
+                             trip->heater_limit_w[k],
+                             0.5 * (soc[k] + soc[k + 1]),
+                             0.5 * (temperature_c[k] + temperature_c[k + 1]),
+                             heater_w,
+                             brake_w};
+  return middle;
+}
+
+static inline int bev_is_middle(const bev_middle *of) {
+  return bev_are_finite(&of->idle) && isfinite(of->limit_w) && isfinite(of->heater_w)
+      && isfinite(of->brake_w) && isfinite(of->soc) && isfinite(of->temperature_c);
+}
+
+/* The rates in a step under a heater and a friction brake power, with so much more charge and warmth. */
+static inline bev_charge_warmth bev_rates_at(const bev_middle *of, double heater_w, double brake_w,
+                                             double fuller, double warmer_k) {
+  const bev_vehicle *vehicle = of->vehicle;
+  double result[3];
+  bev_rates(vehicle, BEV_AS_ARRAYS, of->soc + fuller, of->temperature_c + warmer_k,
+            of->idle.power_w + heater_w + brake_w, of->idle.variance_w2,
+            of->idle.heat_w + vehicle->heater_efficiency * heater_w
+                - vehicle->heat_share * brake_w,
+            of->idle.leakage_w_per_k, result);
+  const bev_charge_warmth rates = {result[0], result[1]};
+  return rates;
+}
+
+/* By how much a step ends otherwise, for each unit of a difference in what it starts with. */
+static inline bev_charge_warmth bev_slope_of(bev_charge_warmth here, bev_charge_warmth there,
+                                             double difference, double duration_s) {
+  const bev_charge_warmth slope = {(there.charge - here.charge) / difference * duration_s,
+                                   (there.warmth - here.warmth) / difference * duration_s};
+  return slope;
+}
+
+/* Of a step whose heater and brake do not depend on the state. */
+static inline bev_slopes bev_slopes_of_model(const bev_middle *of) {
+  const double duration_s = of->idle.duration_s;
+  const bev_charge_warmth here = bev_rates_at(of, of->heater_w, of->brake_w, 0.0, 0.0);
+  const bev_slopes slopes = {
+      bev_slope_of(here, bev_rates_at(of, of->heater_w, of->brake_w, BEV_SOC_DIFFERENCE, 0.0),
+                   BEV_SOC_DIFFERENCE, duration_s),
+      bev_slope_of(
+          here, bev_rates_at(of, of->heater_w, of->brake_w, 0.0, BEV_TEMPERATURE_DIFFERENCE_K),
+          BEV_TEMPERATURE_DIFFERENCE_K, duration_s),
+      /* From no heating to all there is: a step is heated or not. */
+      bev_slope_of(bev_rates_at(of, 0.0, 0.0, 0.0, 0.0),
+                   bev_rates_at(of, of->limit_w, 0.0, 0.0, 0.0),
+                   of->limit_w > 0.0 ? of->limit_w : 1.0, duration_s)};
+  return slopes;
+}
+
+/* What charge and warmth before a step are worth, from what they are after it. */
+static inline bev_charge_warmth bev_worth_before(bev_charge_warmth worth,
+                                                 const bev_slopes *slopes) {
+  const bev_charge_warmth by_charge = slopes->by_charge;
+  const bev_charge_warmth by_warmth = slopes->by_warmth;
+  const bev_charge_warmth first = {
+      worth.charge * by_charge.charge + worth.warmth * by_charge.warmth,
+      worth.charge * by_warmth.charge + worth.warmth * by_warmth.warmth};
+  const bev_charge_warmth second = {
+      first.charge * by_charge.charge + first.warmth * by_charge.warmth,
+      first.charge * by_warmth.charge + first.warmth * by_warmth.warmth};
+  const bev_charge_warmth changed = {worth.charge + first.charge + 0.5 * second.charge,
+                                     worth.warmth + first.warmth + 0.5 * second.warmth};
+  return changed;
+}
+
+/* What a watt in a step makes on arrival, from what charge and warmth are worth at both ends. */
+static inline double bev_effect(bev_charge_warmth after, bev_charge_warmth earlier,
+                                bev_charge_warmth by_power) {
+  return 0.5 * (after.charge + earlier.charge) * by_power.charge
+      + 0.5 * (after.warmth + earlier.warmth) * by_power.warmth;
+}
+
+#endif /* BEV_PREHEAT_CORE_SLOPES_H_ */

@@ -1,0 +1,219 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Heat that is moved within limits: prices against runs, plans against the program, the core against Python."""
+
+from ctypes import byref, c_int32
+from dataclasses import replace
+from functools import lru_cache
+import math
+
+from hypothesis import given
+from hypothesis import strategies as st
+import numpy as np
+import pytest
+
+from bev_preheat.compiled.library import core, without_core
+from bev_preheat.compiled.runs import place
+from bev_preheat.compiled.structs import address_of, EXCHANGE_MEMORY
+from bev_preheat.experiments.optimality.drawn_trips import draw_limit_trip
+from bev_preheat.planning import merit_order
+from bev_preheat.planning.cheapest_steps import LEAST_SAVING_WH, whole_charge_wh
+from bev_preheat.planning.dynamics import compiled_vehicle, limits_along, terminal_limits_w
+from bev_preheat.planning.exchange import exchange_heat
+from bev_preheat.planning.limited_prices import find_changes, find_needs
+from bev_preheat.planning.limits import drive_as_planned, limits_hold
+from bev_preheat.planning.merit_order import plan_merit_order
+from bev_preheat.planning.optimal_switch import plan_optimal_switch
+from bev_preheat.planning.planner import plan_preheating
+from bev_preheat.planning.safeguard import lacking_power
+from bev_preheat.planning.situation import BatteryState
+from bev_preheat.planning.trip import make_trip
+from bev_preheat.vehicle import load_vehicle
+from bev_preheat.vehicle.heat_path import HeatPath
+
+BAD_ARGUMENT, BAD_INPUT = -1, -3
+CAR = load_vehicle('reference')
+# Drawn trips on which a limit is active: a descent, a climb, a climb and a tight cabin, a target that binds.
+DESCENT, CLIMB, TIGHT, TARGET = 205, 337, 288, 88
+
+
+@lru_cache
+def planned(number, seed=1):
+    """Return (trip, state, target [deg C], its Schedule by thresholds alone); None where no limit is active."""
+    drawn = draw_limit_trip(CAR, seed, number)
+    trip = make_trip(drawn.vehicle, drawn.route)
+    if limits_hold(trip, plan_optimal_switch(trip, drawn.state, drawn.goal)):
+        return None
+    with without_core(), pytest.MonkeyPatch.context() as patch:
+        patch.setattr(merit_order, 'exchange_heat', lambda trip, state, schedule, target_c: schedule)
+        schedule = plan_merit_order(trip, drawn.state, drawn.goal)
+    return trip, drawn.state, drawn.goal.target_temperature_c, schedule
+
+
+def saved_wh(trip, schedule, other):
+    return float(other.soc[-1] - schedule.soc[-1]) * whole_charge_wh(trip, schedule)
+
+
+@pytest.mark.costly
+@pytest.mark.parametrize('number', [DESCENT, CLIMB, TARGET])
+def test_effects_are_what_a_run_says_that_is_heated_a_little_more_or_less(number):
+    trip, state, target_c, schedule = planned(number)
+    needs = find_needs(trip, schedule, target_c)
+    changes = find_changes(trip, schedule, needs)
+    free_w = limits_along(trip, schedule)[0] - trip.idle_power_w
+    is_surplus = (trip.route.propulsion_power_w < 0.0) & (schedule.heater_power_w <= free_w + 1.0)
+    command_w = np.where(is_surplus, 0.0, schedule.heater_power_w)
+    before = drive_as_planned(trip, state, command_w, take_surplus=True)
+    compared = 0
+    for n in range(0, len(changes.step), 5):
+        k, sign = int(changes.step[n]), float(changes.sign[n])
+        duration_s = trip.route.duration_s[k]
+        moved_j = min(100.0 * duration_s, changes.most_j[n])
+        changed_w = command_w.copy()
+        changed_w[k] = schedule.heater_power_w[k] + sign * moved_j / duration_s
+        after = drive_as_planned(trip, state, changed_w, take_surplus=True)
+        # To 0.5 % of what a joule takes and gives itself.
+        scale_soc = moved_j / (3600.0 * whole_charge_wh(trip, schedule))
+        scale_k = moved_j / trip.vehicle.battery.heat_capacity_j_per_k
+        assert changes.charge_per_j[n] * moved_j == pytest.approx(
+            float(after.soc[-1] - before.soc[-1]), abs=0.005 * scale_soc), (k, sign)
+        assert changes.needs_per_j[0, n] * moved_j == pytest.approx(
+            float(after.temperature_c[-1] - before.temperature_c[-1]), abs=0.005 * scale_k), (k, sign)
+        for row, worst in enumerate(changes.worst, start=1):
+            spare_w = [needs.spare_w(trip, run)[worst] for run in (before, after)]
+            greatest = np.abs(changes.needs_per_j[row]).max() * moved_j
+            assert changes.needs_per_j[row, n] * moved_j == pytest.approx(
+                float(spare_w[1] - spare_w[0]), abs=0.01 * greatest), (k, sign)
+        compared += 1
+    assert compared >= 10
+
+
+@given(number=st.integers(0, 250), seed=st.integers(1, 4))
+def test_less_is_taken_from_the_battery_and_nothing_falls_short(number, seed):
+    situation = planned(number, seed)
+    if situation is None or situation[-1].empty_at_s is not None:
+        return
+    trip, state, target_c, schedule = situation
+    best = exchange_heat(trip, state, schedule, target_c)
+    saving_wh = saved_wh(trip, schedule, best)
+    assert best is schedule or saving_wh >= LEAST_SAVING_WH
+    assert best.temperature_c[-1] >= min(target_c, schedule.temperature_c[-1]) - 5e-6
+    assert lacking_power(trip, best).worst_w <= lacking_power(trip, schedule).worst_w + 1e-6 * abs(
+        trip.idle_power_w).max()
+    highest_c = trip.vehicle.battery.temperature_range_c[1]
+    heated = best.heater_power_w > 0.0
+    assert (best.temperature_c[1:][heated] <= highest_c + 1e-5).all()
+    assert ((best.heater_power_w >= 0.0) & (best.heater_power_w <= trip.heater_limit_w + 1e-9)).all()
+    # Neither limit is broken at either end of a step, as far as heater and brake can help it.
+    terminal_w = trip.idle_power_w + best.heater_power_w + best.brake_power_w
+    for ends in (slice(-1), slice(1, None)):
+        least_w, most_w = terminal_limits_w(
+            trip.vehicle, best.soc[ends], best.temperature_c[ends], trip.power_variance_w2)
+        can_brake = best.brake_power_w < -trip.route.propulsion_power_w
+        assert (terminal_w >= least_w - 2e-3)[can_brake & (trip.route.propulsion_power_w < 0.0)].all()
+        assert (terminal_w <= most_w + 2e-3)[heated].all()
+
+
+@given(number=st.integers(0, 250))
+def test_the_states_of_the_plan_are_those_of_a_drive_under_its_commands(number):
+    situation = planned(number)
+    if situation is None or situation[-1].empty_at_s is not None:
+        return
+    trip, state, target_c, schedule = situation
+    best = exchange_heat(trip, state, schedule, target_c)
+    driven = drive_as_planned(trip, state, best.heater_power_w, take_surplus=True)
+    np.testing.assert_allclose(driven.temperature_c, best.temperature_c, rtol=0.0, atol=1e-6)
+    np.testing.assert_allclose(driven.soc, best.soc, rtol=0.0, atol=1e-9)
+
+
+@pytest.mark.costly
+@pytest.mark.needs('casadi')
+@pytest.mark.parametrize('number, before_wh, after_wh', [
+    (TIGHT, 20.0, 0.3), (CLIMB, 6.0, 0.3), (401, 6.0, 0.3), (DESCENT, 6.0, 1.5), (TARGET, 2.0, 1.5)])
+def test_the_plan_is_close_to_the_program_where_thresholds_alone_were_not(number, before_wh, after_wh):
+    from bev_preheat.optimum.solve import solve_optimum
+    drawn = draw_limit_trip(CAR, 1, number)
+    optimum = solve_optimum(drawn.vehicle, drawn.route, drawn.state, drawn.goal).plan
+    trip, _, _, schedule = planned(number)
+    plan = plan_preheating(drawn.vehicle, drawn.route, drawn.state, drawn.goal)
+    gap_wh = plan.energy_wh.battery_total - optimum.energy_wh.battery_total
+    assert -0.05 < gap_wh < after_wh
+    assert gap_wh + saved_wh(trip, schedule, plan) > before_wh
+
+
+def test_what_saves_nothing_and_what_strands_stays_as_it_is():
+    trip, state, target_c, schedule = planned(CLIMB)
+    best = exchange_heat(trip, state, schedule, target_c)
+    assert best is not schedule
+    assert exchange_heat(trip, state, best, target_c) is best
+    empty = drive_as_planned(trip, BatteryState(state.temperature_c, 0.05), trip.heater_limit_w)
+    assert empty.empty_at_s is not None
+    assert exchange_heat(trip, state, empty, target_c) is empty
+
+
+@pytest.mark.costly
+def test_core_and_python_agree_to_the_last_bit():
+    changed = 0
+    for number in range(150):
+        situation = planned(number)
+        if situation is None:
+            continue
+        trip, state, target_c, schedule = situation
+        found = exchange_heat(trip, state, schedule, target_c)
+        with without_core():
+            expected = exchange_heat(trip, state, schedule, target_c)
+        assert (found is schedule) == (expected is schedule), number
+        for name in ('heater_power_w', 'brake_power_w', 'soc', 'temperature_c'):
+            assert getattr(found, name).tolist() == getattr(expected, name).tolist(), (number, name)
+        assert found.heating_start_s == expected.heating_start_s
+        changed += found is not schedule
+    assert changed >= 20
+
+
+def test_merit_order_exchanges_heat():
+    drawn = draw_limit_trip(CAR, 1, CLIMB)
+    trip, state, target_c, schedule = planned(CLIMB)
+    best = exchange_heat(trip, state, schedule, target_c)
+    plan = plan_merit_order(trip, drawn.state, drawn.goal)
+    assert plan.heater_power_w.tolist() == best.heater_power_w.tolist()
+    assert plan.heating_start_s == best.heating_start_s
+
+
+def call_exchange_heat(trip, schedule, target_c, null=None, changed=None):
+    """Return the status of bev_exchange_heat; `null` is the argument that is to be a null pointer."""
+    steps = trip.compiled.steps
+    arrays = {'states': np.array((schedule.soc, schedule.temperature_c)),
+              'powers_w': np.array((schedule.heater_power_w, schedule.brake_power_w)),
+              'memory': np.full((EXCHANGE_MEMORY[0] * steps + EXCHANGE_MEMORY[1] + 8), 7.25)}
+    for name, value in (changed or {}).items():
+        arrays[name][0, 0] = value
+    watched, exchanges = np.full(2 * steps + 8, 3, dtype=np.uint8), c_int32()
+    at = {name: place(array) for name, array in arrays.items()}
+    at['watched'] = address_of(watched)
+    status = core().bev_exchange_heat(
+        None if null == 'vehicle' else compiled_vehicle(trip.vehicle).address,
+        None if null == 'trip' else trip.compiled.address, target_c,
+        *(None if name == null else at[name] for name in ('states', 'powers_w', 'watched', 'memory')),
+        None if null == 'exchanges' else byref(exchanges))
+    assert (arrays['memory'][-8:] == 7.25).all() and (watched[-8:] == 3).all()
+    return status
+
+
+@pytest.mark.parametrize('null', ['vehicle', 'trip', 'states', 'powers_w', 'watched', 'memory', 'exchanges'])
+def test_a_null_pointer_is_refused(null):
+    trip, _, target_c, schedule = planned(CLIMB)
+    assert call_exchange_heat(trip, schedule, target_c) == 0
+    assert call_exchange_heat(trip, schedule, target_c, null) == BAD_ARGUMENT
+
+
+@pytest.mark.parametrize('number', [math.nan, math.inf, -math.inf])
+def test_a_number_that_is_none_is_refused(number):
+    trip, _, target_c, schedule = planned(CLIMB)
+    assert call_exchange_heat(trip, schedule, number) == BAD_INPUT
+    for name in ('states', 'powers_w'):
+        assert call_exchange_heat(trip, schedule, target_c, changed={name: number}) == BAD_INPUT, name
+
+
+def test_heat_that_arrives_late_is_refused():
+    trip, _, target_c, schedule = planned(CLIMB)
+    late = make_trip(replace(trip.vehicle, heat_path=HeatPath(30.0)), trip.route)
+    assert call_exchange_heat(late, schedule, target_c) == BAD_ARGUMENT
