@@ -121,7 +121,7 @@ def completions(line):
     pytest.param('preheat plan --ve', {'--vehicle'}, marks=pytest.mark.deep),
     pytest.param('preheat plan --vehicle ref', {'reference'}, marks=pytest.mark.deep),
     ('preheat plan --route al', {'alpine_pass'}),
-    ('preheat plan --method ', {'merit_order', 'optimal_switch', 'paper'}),
+    pytest.param('preheat plan --method ', {'merit_order', 'optimal_switch', 'paper'}, marks=pytest.mark.deep),
     ('preheat scenario nominal heater_d', {'heater_dead', 'heater_derated'})])
 def test_the_shell_completes(line, expected):
     """Without argcomplete, which is optional, nothing is offered, and nothing is said."""

@@ -38,12 +38,13 @@ def test_nobody_reads_the_output():
 
 @pytest.mark.costly
 @pytest.mark.parametrize('command, unbuffered', [
-    pytest.param(PLAN, '', id='table'), pytest.param(PLAN, '1', id='table, unbuffered'),
+    pytest.param(PLAN, '', id='table'),
+    pytest.param(PLAN, '1', id='table, unbuffered', marks=pytest.mark.deep),
     pytest.param([*PLAN, '--json', '-'], '', id='json'),
     pytest.param([*PLAN, '--json', '-'], '1', id='json, unbuffered', marks=pytest.mark.deep),
     pytest.param([*PLAN[:3], '--help'], '', id='help', marks=pytest.mark.deep),
     pytest.param([*PLAN[:3], '--help'], '1', id='help, unbuffered'),
-    pytest.param([*PLAN[:3], '--version'], '', id='version'),
+    pytest.param([*PLAN[:3], '--version'], '', id='version', marks=pytest.mark.deep),
     pytest.param([*PLAN[:3], '--version'], '1', id='version, unbuffered', marks=pytest.mark.deep)])
 def test_the_output_is_full(tmp_path, command, unbuffered):
     """A file that may not grow, as on a full disk."""
@@ -56,7 +57,8 @@ def test_the_output_is_full(tmp_path, command, unbuffered):
 
 
 @pytest.mark.costly
-@pytest.mark.parametrize('redirection, status', [('>&-', 0), ('2>&-', 0), ('>&- 2>&-', 0)])
+@pytest.mark.parametrize('redirection, status', [
+    ('>&-', 0), pytest.param('2>&-', 0, marks=pytest.mark.deep), ('>&- 2>&-', 0)])
 def test_closed_streams_are_no_error(redirection, status):
     assert ended(['sh', '-c', f'"$@" {redirection}', 'sh', *PLAN])[::2] == (status, '')
 

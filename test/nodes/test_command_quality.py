@@ -39,7 +39,8 @@ class Controller:
         self.misfits = event.total_count
 
 
-@pytest.mark.parametrize('liveliness', [LivelinessPolicy.AUTOMATIC, LivelinessPolicy.MANUAL_BY_TOPIC])
+@pytest.mark.parametrize('liveliness', [
+    pytest.param(LivelinessPolicy.AUTOMATIC, marks=pytest.mark.deep), LivelinessPolicy.MANUAL_BY_TOPIC])
 def test_a_planner_that_hangs_misses_its_deadline_and_is_not_alive(
         node, start_executable, wait_until, liveliness):
     controller = Controller(node, LEASE_S, liveliness)

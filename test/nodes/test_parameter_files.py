@@ -57,7 +57,9 @@ def dump(path, node_name, values):
                               default_flow_style=False))
 
 
-@pytest.mark.parametrize('name, arguments', NODES.items(), ids=NODES)
+@pytest.mark.parametrize('name, arguments', [
+    pytest.param(*item, id=item[0], marks=[pytest.mark.deep] * (item[0] in ('nlp_checker', 'charger_adviser')))
+    for item in NODES.items()])
 def test_what_was_dumped_can_be_loaded_and_started_with(bench, tmp_path, name, arguments):
     process, path = bench.start(name, *arguments), tmp_path / 'dumped.yaml'
     services = Services(bench, name)

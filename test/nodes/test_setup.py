@@ -159,7 +159,8 @@ def refusals(diagnostics):
             if 'battery_state refused' in status.message]
 
 
-@pytest.mark.parametrize('name', ['nlp_checker', 'planner'])
+@pytest.mark.parametrize('name', [
+    'nlp_checker', pytest.param('planner', marks=pytest.mark.deep)])
 def test_simulated_stamps_against_the_wall_clock_are_told(shared, name, wait_until):
     states = shared.publish(BatteryState, 'battery_state')
     shared.diagnostics.clear()
@@ -185,7 +186,7 @@ def test_a_misspelt_parameter_on_the_command_line_is_told_with_the_nearest(bench
 
 
 @pytest.mark.parametrize('name, misspelt, nearest', [
-    ('nlp_checker', 'time_limits', 'time_limit'),
+    pytest.param('nlp_checker', 'time_limits', 'time_limit', marks=pytest.mark.deep),
     ('vehicle_simulator', 'initial_socc', 'initial_soc')])
 def test_a_misspelt_parameter_in_a_file_is_told(bench, tmp_path, name, misspelt, nearest):
     path = tmp_path / 'parameters.yaml'
@@ -217,7 +218,8 @@ def test_a_file_for_another_node_is_told(bench, tmp_path):
 
 # Clocks
 
-@pytest.mark.parametrize('name', ['planner', 'nlp_checker'])
+@pytest.mark.parametrize('name', [
+    'planner', pytest.param('nlp_checker', marks=pytest.mark.deep)])
 def test_with_simulated_time_no_clock_and_wall_stamps_are_told(bench, wait_until, name):
     diagnostics = bench.record(DiagnosticArray, '/diagnostics')
     process = bench.start(name, '-p', 'use_sim_time:=true')

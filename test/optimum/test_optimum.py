@@ -426,8 +426,8 @@ def test_joule_heat_beyond_the_highest_temperature_is_lacking():
         f'K above its range at {30 * int(np.argmax(idle_c))} s')
 
 
-@pytest.mark.parametrize('number', [
-    *(pytest.param(number, marks=pytest.mark.deep) for number in (43, 637)), 292])
+@pytest.mark.deep
+@pytest.mark.parametrize('number', [43, 292, 637])
 def test_drawn_climbs_that_overheat_the_battery_are_explained(number):
     trip = draw_limit_trip(REFERENCE, 1, number)
     optimum = solve_optimum(trip.vehicle, trip.route, trip.state, trip.goal)

@@ -175,7 +175,8 @@ def test_an_interrupted_study_keeps_what_is_finished(arguments, monkeypatch, tmp
     assert imread(picture).std() > 0.02
 
 
-@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize('number', [
+    signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.deep)])
 def test_a_signal_ends_the_study_and_its_workers(arguments, tmp_path, number):
     """In a terminal, which shows how far it is; SIGINT goes to all processes, as with Ctrl-C."""
     file = tmp_path / 'study.json'
