@@ -73,7 +73,7 @@ static double greatest_of(const double *values, int32_t count) {
 }
 
 /* What is changed by so much of each change. */
-static double sum_of(const exchange *of, const double *per_j) {
+static double changed_by(const exchange *of, const double *per_j) {
   double sum = 0.0;
   for (int32_t n = 0; n < of->changes.count; n++) {
     sum += per_j[n] * of->program.found[n];
@@ -108,7 +108,7 @@ static void find_best(exchange *of, exchanged *best) {
   program->rows = needs + 1;
   program->most = of->changes.most_j;
   bev_maximise(program);
-  best->saving = sum_of(of, of->changes.charge_per_j);
+  best->saving = changed_by(of, of->changes.charge_per_j);
   best->moved_j = 0.0;
   for (int32_t n = 0; n < count; n++) {
     best->moved_j += program->found[n];
@@ -149,13 +149,13 @@ static bev_status try_exchange(const exchange *of, exchanged *best) {
   }
   if (status == BEV_OK) {
     best->saved = of->there.soc[trip->steps] - of->run.soc[trip->steps];
-    best->is_met = stranding.step < 0 && bev_are_met(&of->needs, &of->there) != 0;
+    best->is_met = stranding.step < 0 && bev_are_met(&of->needs, &of->there);
   }
   return status;
 }
 
 /* Keep the run that was tried. */
-static void keep(exchange *of) {
+static void keep_tried(exchange *of) {
   const int32_t steps = of->needs.trip->steps;
   for (int32_t k = 0; k <= steps; k++) {
     of->run.soc[k] = of->there.soc[k];
@@ -180,7 +180,7 @@ static bool learn(exchange *of, const exchanged *best, double least_saving) {
     } else {
       /* As much as before. */
     }
-    keep(of);
+    keep_tried(of);
   } else {
     double now[BEV_MOST_NEEDS];
     double share = 1.0;
@@ -198,7 +198,7 @@ static bool learn(exchange *of, const exchanged *best, double least_saving) {
     }
     for (int32_t n = 0; n <= of->needs.climb_count; n++) {
       of->beyond[n] =
-          share * share * (now[n] - (of->spare[n] + sum_of(of, need_per_j(of, n))));
+          share * share * (now[n] - (of->spare[n] + changed_by(of, need_per_j(of, n))));
     }
   }
   return is_kept;

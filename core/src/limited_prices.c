@@ -11,9 +11,6 @@
 #define NEAR_HIGHEST_K 1e-3
 #define POWER_ROUNDING 1e-6
 
-static const bev_charge_warmth CHARGE = {1.0, 0.0};
-static const bev_charge_warmth WARMTH = {0.0, 1.0};
-
 bev_status bev_look_at_limits(const bev_vehicle *vehicle, const bev_trip *trip,
                               const bev_limited_course *run) {
   return bev_limits_of_steps(vehicle, trip->steps, run->soc, run->temperature_c,
@@ -30,10 +27,10 @@ bev_status bev_find_needs(const bev_limited_course *run, double target_c, bev_ne
                          &needs->climb_count);
 }
 
-int bev_are_met(const bev_needs *needs, const bev_limited_course *run) {
+bool bev_are_met(const bev_needs *needs, const bev_limited_course *run) {
   const bev_trip *trip = needs->trip;
-  int are_met = run->temperature_c[trip->steps] >= needs->arrival_c - ARRIVAL_TOLERANCE_K;
-  for (int32_t k = 0; k < trip->steps && are_met != 0; k++) {
+  bool are_met = run->temperature_c[trip->steps] >= needs->arrival_c - ARRIVAL_TOLERANCE_K;
+  for (int32_t k = 0; k < trip->steps && are_met; k++) {
     are_met =
         run->most_w[k] - needs->power_w[k] >= -POWER_ROUNDING * fabs(trip->idle_power_w[k]);
   }
@@ -76,7 +73,11 @@ static double least_at(const bev_middle *of, double soc, double temperature_c) {
 /* The slopes of step k of a run, in which the heater takes so much surplus anyway [W]. */
 static limited_slopes slopes_of(const bev_middle *of, const bev_limited_course *run, int32_t k,
                                 double free_w) {
-  limited_slopes slopes = {bev_slopes_of_model(of), {0.0, 0.0}, {0.0, 0.0}};
+  static const bev_charge_warmth NOTHING = {0.0, 0.0};
+  limited_slopes slopes;
+  slopes.of_model = bev_slopes_of_model(of);
+  slopes.by_surplus = NOTHING;
+  slopes.surplus_w = NOTHING;
   if (of->brake_w > 0.0) {
     slopes.by_surplus = bev_slope_of(
         bev_rates_at(of, of->heater_w, of->brake_w, 0.0, 0.0),
@@ -231,6 +232,8 @@ static void find_worst(const bev_needs *needs, const bev_limited_course *run,
 
 bev_status bev_find_changes(const bev_needs *needs, const bev_limited_course *run,
                             bev_changes *changes) {
+  static const bev_charge_warmth CHARGE = {1.0, 0.0};
+  static const bev_charge_warmth WARMTH = {0.0, 1.0};
   const bev_trip *trip = needs->trip;
   find_room(needs, run, changes);
   find_worst(needs, run, changes);

@@ -6,6 +6,8 @@
 #ifndef BEV_PREHEAT_CORE_LIMITED_PRICES_H_
 #define BEV_PREHEAT_CORE_LIMITED_PRICES_H_
 
+#include <stdbool.h>
+
 #include "threshold_search.h"
 
 /* The target, and each climb. */
@@ -62,7 +64,7 @@ bev_status bev_look_at_limits(const bev_vehicle *vehicle, const bev_trip *trip,
 bev_status bev_find_needs(const bev_limited_course *run, double target_c, bev_needs *needs);
 
 /* Whether a run that does not strand falls short of nothing but rounding. */
-int bev_are_met(const bev_needs *needs, const bev_limited_course *run);
+bool bev_are_met(const bev_needs *needs, const bev_limited_course *run);
 
 /* What a run has beyond each need [K, W, ...], less what is aimed at. */
 void bev_spare_of(const bev_needs *needs, const bev_changes *changes, const bev_limited_course *run,

@@ -43,19 +43,20 @@ typedef struct {
   bool leaves_full;
 } pivot;
 
-static basis first_basis(const bev_linear_program *of) {
-  basis at;
+static void begin(const bev_linear_program *of, basis *at) {
   for (int32_t row = 0; row < of->rows; row++) {
     const bool lacks = !(of->left[row] >= 0.0);
-    at.variable[row] = of->count + row + (lacks ? of->rows : 0);
-    at.value[row] = fabs(of->left[row]);
-    at.worth[row] = lacks ? -PENALTY : 0.0;
+    at->variable[row] = of->count + row + (lacks ? of->rows : 0);
+    at->value[row] = fabs(of->left[row]);
+    at->worth[row] = lacks ? -PENALTY : 0.0;
     for (int32_t other = 0; other < of->rows; other++) {
-      at.inverse[row][other] = 0.0;
+      at->inverse[row][other] = 0.0;
     }
-    at.inverse[row][row] = lacks ? -1.0 : 1.0;
+    at->inverse[row][row] = lacks ? -1.0 : 1.0;
   }
-  return at;
+  for (int32_t n = 0; n < of->count; n++) {
+    of->place[n] = AT_NOTHING;
+  }
 }
 
 /* The variable that gains the most at the prices of the rows; whether it gains enough. */
@@ -68,6 +69,7 @@ static bool find_entry(const bev_linear_program *of, const basis *at, entry *ent
     }
   }
   double gain = -INFINITY;
+  enters->variable = 0;
   for (int32_t n = 0; n < of->count; n++) {
     double gained = of->gains[n];
     for (int32_t row = 0; row < of->rows; row++) {
@@ -162,13 +164,11 @@ static void change_basis(const bev_linear_program *of, basis *at, const entry *e
 }
 
 void bev_maximise(const bev_linear_program *program) {
-  basis at = first_basis(program);
-  for (int32_t n = 0; n < program->count; n++) {
-    program->place[n] = AT_NOTHING;
-  }
+  basis at;
+  entry enters;
   bool goes_on = true;
+  begin(program, &at);
   for (int32_t round = 0; round < MOST_ROUNDS && goes_on; round++) {
-    entry enters = {0, 1.0, INFINITY, {0.0}};
     goes_on = find_entry(program, &at, &enters);
     if (goes_on) {
       find_changes(program, &at, &enters);

@@ -3,6 +3,8 @@
  * Heating where a watt-hour of battery energy brings the most: the passes of
  * bev_preheat.planning.merit_order, where the constants below and the reasons for them stand.
  */
+#include <stdbool.h>
+
 #include "checks.h"
 #include "limited_step.h"
 #include "strides.h"
@@ -131,8 +133,8 @@ static int is_better(const merit *one, const merit *other) {
 }
 
 /* Whether exchanges of heat bring a run to the best: it delivers all, and heat arrives at once. */
-static int is_near_enough(const passes *pass, const merit *found) {
-  return bev_is_direct(pass->vehicle) && !found->is_stranded && found->lacking_w == 0.0;
+static bool is_near_enough(const passes *pass, const merit *found) {
+  return bev_is_direct(pass->vehicle) != 0 && found->is_stranded == 0 && found->lacking_w == 0.0;
 }
 
 /* Copy a run, and the steps in which its limits were looked at. */
@@ -186,7 +188,7 @@ static bev_status make_passes(passes *pass, bev_course runs[2], bev_course *best
     if (status != BEV_OK) {
       return status;
     }
-    const int agrees = has_loss == had_loss
+    const bool agrees = has_loss == had_loss
         && most_apart(course, &runs[assumed], pass->trip->steps) <= SOC_AGREEMENT;
     if (n > 0 && (agrees || is_near_enough(pass, &found))) {
       break;

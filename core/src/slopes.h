@@ -39,13 +39,14 @@ typedef struct {
 static inline bev_middle bev_middle_of(const bev_vehicle *vehicle, const bev_trip *trip,
                                        const double *soc, const double *temperature_c,
                                        double heater_w, double brake_w, int32_t k) {
-  const bev_middle middle = {vehicle,
-                             bev_inputs_of(vehicle, trip, k, NULL, NULL),
-                             trip->heater_limit_w[k],
-                             0.5 * (soc[k] + soc[k + 1]),
-                             0.5 * (temperature_c[k] + temperature_c[k + 1]),
-                             heater_w,
-                             brake_w};
+  bev_middle middle;
+  middle.vehicle = vehicle;
+  middle.idle = bev_inputs_of(vehicle, trip, k, NULL, NULL);
+  middle.limit_w = trip->heater_limit_w[k];
+  middle.soc = 0.5 * (soc[k] + soc[k + 1]);
+  middle.temperature_c = 0.5 * (temperature_c[k] + temperature_c[k + 1]);
+  middle.heater_w = heater_w;
+  middle.brake_w = brake_w;
   return middle;
 }
 
@@ -80,16 +81,17 @@ static inline bev_charge_warmth bev_slope_of(bev_charge_warmth here, bev_charge_
 static inline bev_slopes bev_slopes_of_model(const bev_middle *of) {
   const double duration_s = of->idle.duration_s;
   const bev_charge_warmth here = bev_rates_at(of, of->heater_w, of->brake_w, 0.0, 0.0);
-  const bev_slopes slopes = {
+  bev_slopes slopes;
+  slopes.by_charge =
       bev_slope_of(here, bev_rates_at(of, of->heater_w, of->brake_w, BEV_SOC_DIFFERENCE, 0.0),
-                   BEV_SOC_DIFFERENCE, duration_s),
-      bev_slope_of(
-          here, bev_rates_at(of, of->heater_w, of->brake_w, 0.0, BEV_TEMPERATURE_DIFFERENCE_K),
-          BEV_TEMPERATURE_DIFFERENCE_K, duration_s),
-      /* From no heating to all there is: a step is heated or not. */
-      bev_slope_of(bev_rates_at(of, 0.0, 0.0, 0.0, 0.0),
-                   bev_rates_at(of, of->limit_w, 0.0, 0.0, 0.0),
-                   of->limit_w > 0.0 ? of->limit_w : 1.0, duration_s)};
+                   BEV_SOC_DIFFERENCE, duration_s);
+  slopes.by_warmth = bev_slope_of(
+      here, bev_rates_at(of, of->heater_w, of->brake_w, 0.0, BEV_TEMPERATURE_DIFFERENCE_K),
+      BEV_TEMPERATURE_DIFFERENCE_K, duration_s);
+  /* From no heating to all there is: a step is heated or not. */
+  slopes.by_power = bev_slope_of(bev_rates_at(of, 0.0, 0.0, 0.0, 0.0),
+                                 bev_rates_at(of, of->limit_w, 0.0, 0.0, 0.0),
+                                 of->limit_w > 0.0 ? of->limit_w : 1.0, duration_s);
   return slopes;
 }
 
