@@ -42,9 +42,10 @@ if TYPE_CHECKING:
     from bev_preheat.planning.trip import Trip
 
 # The curve is made again where the run it leads to differs more than this in state of charge, or
-# takes less regeneration than it was made for, unless exchanges of heat do the rest. The best of the runs after
-# the first look is the plan.
+# takes less regeneration than it was made for. Where exchanges of heat do the rest, only where it differs more
+# than the second. The best of the runs after the first look is the plan.
 SOC_AGREEMENT = 5e-4
+SOC_AGREEMENT_FOR_EXCHANGES = 5e-3
 MOST_PASSES = 3
 
 
@@ -131,14 +132,15 @@ def _passes(trip: Trip, lumped: Trip, state: BatteryState, schedule: Schedule, p
         # way from one to the other keeps the passes from going back and forth.
         assumed_loss, loss = loss, loss.blended(find_acceptance_loss(trip, watch, schedule))
         # Limits depend on the state of charge, and the curve was made for another.
-        agrees = (np.abs(schedule.soc - assumed_soc).max() <= SOC_AGREEMENT
-                  and assumed_loss.any == loss.any)
-        if number > 0 and (agrees or _is_near_enough(trip, schedule, serves_climbs)):
+        apart = float(np.abs(schedule.soc - assumed_soc).max())
+        agrees = apart <= SOC_AGREEMENT and assumed_loss.any == loss.any
+        if number > 0 and (agrees or (apart <= SOC_AGREEMENT_FOR_EXCHANGES
+                                      and _is_exchanged(trip, schedule, serves_climbs))):
             break
     return best or schedule
 
 
-def _is_near_enough(trip: Trip, schedule: Schedule, serves_climbs: bool) -> bool:
+def _is_exchanged(trip: Trip, schedule: Schedule, serves_climbs: bool) -> bool:
     """Return whether exchanges of heat bring a Schedule to the best: it delivers all, and heat arrives at once."""
     return (trip.vehicle.heat_path.is_direct and schedule.empty_at_s is None
             and (not serves_climbs or lacking_power(trip, schedule).worst_w == 0.0))

@@ -11,6 +11,7 @@
 #include "trip_strides.h"
 
 #define SOC_AGREEMENT 5e-4
+#define SOC_AGREEMENT_FOR_EXCHANGES 5e-3
 #define MOST_PASSES 3
 #define NO_WORSE_W 10.0
 #define ARRIVAL_TOLERANCE_K 5e-6
@@ -133,7 +134,7 @@ static int is_better(const merit *one, const merit *other) {
 }
 
 /* Whether exchanges of heat bring a run to the best: it delivers all, and heat arrives at once. */
-static bool is_near_enough(const passes *pass, const merit *found) {
+static bool is_exchanged(const passes *pass, const merit *found) {
   return bev_is_direct(pass->vehicle) != 0 && found->is_stranded == 0 && found->lacking_w == 0.0;
 }
 
@@ -188,9 +189,10 @@ static bev_status make_passes(passes *pass, bev_course runs[2], bev_course *best
     if (status != BEV_OK) {
       return status;
     }
-    const bool agrees = has_loss == had_loss
-        && most_apart(course, &runs[assumed], pass->trip->steps) <= SOC_AGREEMENT;
-    if (n > 0 && (agrees || is_near_enough(pass, &found))) {
+    const double apart = most_apart(course, &runs[assumed], pass->trip->steps);
+    const bool agrees = has_loss == had_loss && apart <= SOC_AGREEMENT;
+    if (n > 0
+        && (agrees || (apart <= SOC_AGREEMENT_FOR_EXCHANGES && is_exchanged(pass, &found)))) {
       break;
     }
     had_loss = has_loss;

@@ -145,7 +145,7 @@ def test_a_lag_that_is_nothing_beside_the_steps_changes_nothing(lag_s, monkeypat
     # Over the pass climbs are heated for, and descents give surplus: of a lag nothing is left there. What
     # exchanges of heat do afterwards they do for heat at once only.
     monkeypatch.setattr(merit_order, 'exchange_heat', lambda trip, state, schedule, target_c: schedule)
-    monkeypatch.setattr(merit_order, '_is_near_enough', lambda *run: False)
+    monkeypatch.setattr(merit_order, '_is_exchanged', lambda *run: False)
     route = load_route('alpine_pass', REFERENCE.defaults)
     with without_core():
         direct, lagging = (
