@@ -116,7 +116,7 @@ def _hidden_s2(drive: DriveInputs, duration_s: float) -> float:
 
 
 def _propulsion_noise(route_w: float, duration_s: float) -> tuple[float, float]:
-    """Return the variance [W^2] of a route's power over `duration_s` [s], and where a difference is clipped [W]."""
+    """Return the variance [W^2] of a route's power over so long [s], and where a difference is clipped [W]."""
     deviation_w = POWER_NOISE * max(abs(route_w), LEAST_POWER_W)
     return (deviation_w**2 * max(1.0, POWER_NOISE_LASTS_S / duration_s),
             MOST_DEVIATIONS * deviation_w)

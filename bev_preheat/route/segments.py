@@ -97,7 +97,7 @@ class Route:
 
     @cached_property
     def _boundaries_s(self) -> list[float]:
-        """Instants at which one segment follows another [s]: a search in floats takes a fifth of one in an array."""
+        """Instants at which one segment follows another [s]: searched in a fifth of an array's time."""
         boundaries_s: list[float] = self.time_s[1:-1].tolist()
         return boundaries_s
 
@@ -107,12 +107,13 @@ class Route:
 
         `factor` is one number, or one for each segment, shape (N,).
         """
-        magnitude = abs(factor)
+        magnitude = np.abs(factor)
         route = self._of_block(self.block.copy())
-        for power_w, times in ((route.propulsion_power_w, factor),
-                               (route.propulsion_power_rms_w, magnitude),
-                               (route.propulsion_power_magnitude_w, magnitude)):
-            np.multiply(power_w, times, out=power_w)
+        power_w, rms_w, magnitude_w = (
+            route.propulsion_power_w, route.propulsion_power_rms_w, route.propulsion_power_magnitude_w)
+        power_w *= factor
+        rms_w *= magnitude
+        magnitude_w *= magnitude
         return route
 
     def without_variation(self) -> Route:

@@ -64,7 +64,7 @@ SENTENCES = {
     Heater.STUCK_ON: 'The heater heats without a command. ',
 }
 # What `explain` says of a plan without heating, where the heater is the cause.
-UNHEATED = {
+UNHEATED: dict[Heater, dict[str, Any]] = {
     Heater.DEAD: {'too_cold_because': 'Driving alone does not warm the battery enough'},
     Heater.STUCK_ON: {'too_cold_because': 'Its uncommanded heat is not enough',
                       'unheated': 'no heating is commanded'},
@@ -142,8 +142,8 @@ class OutlookMaker:
     def vehicle(self, estimate: Estimate) -> Vehicle:
         """Return the corrected vehicle of an Estimate; the same one while the factors stay."""
         logs = estimate.mean[FACTORS.start:PROPULSION].tolist()
-        if not self._logs or any([abs(log - before) > step for log, before, step in zip(
-                logs, self._logs, FACTOR_STEPS)]):
+        if not self._logs or any(abs(log - before) > step for log, before, step in zip(
+                logs, self._logs, FACTOR_STEPS)):
             self._logs, self._factors = logs, tuple(array_exp(logs).tolist())
             self._corrected = corrected_vehicle(self._vehicle, Corrections(*self._factors))
         return self._corrected
@@ -233,7 +233,7 @@ class OutlookMaker:
             least_heating_s=settings.minimum_on_time_s)
 
 
-def _in_words(plan: Plan, heater: HeaterReport, forecast: Forecast, **told: float) -> str:
+def _in_words(plan: Plan, heater: HeaterReport, forecast: Forecast, **told: Any) -> str:
     """
     Return a plan's sentence with what the heater does, and what is uncertain.
 
