@@ -87,7 +87,9 @@ def _exchanged(trip: Trip, state: BatteryState, schedule: Schedule, target_c: fl
             beyond, mends = [0.0] * len(spare), 0
             trusted_j = MOST_LEFT * all_moved_j
             continue
-        there = drive_as_planned(trip, state, _commands_w(trip, run, changes, moved_j), take_surplus=True)
+        # Before the first step that is heated otherwise nothing changes.
+        there = drive_as_planned(trip, state, _commands_w(trip, run, changes, moved_j), take_surplus=True,
+                                 first=int(changes.step[moved_j > 0.0].min()), before=run)
         saved = float(there.soc[-1]) - float(run.soc[-1])
         is_met = needs.are_met(trip, there)
         if is_met and saved >= least_saving:

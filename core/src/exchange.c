@@ -134,16 +134,43 @@ static void find_commands(const exchange *of) {
   }
 }
 
+/* The first step that is heated otherwise. */
+static int32_t first_changed(const exchange *of) {
+  int32_t first = of->needs.trip->steps;
+  for (int32_t n = 0; n < of->changes.count; n++) {
+    const int32_t k = (int32_t)of->changes.step[n];
+    if (of->program.found[n] > 0.0 && k < first) {
+      first = k;
+    }
+  }
+  return first;
+}
+
+/* Copy the states of a run until a step, and its powers before it. */
+static void copy_until(const bev_limited_course *from, const bev_limited_course *to,
+                       int32_t until) {
+  for (int32_t k = 0; k <= until; k++) {
+    to->soc[k] = from->soc[k];
+    to->temperature_c[k] = from->temperature_c[k];
+  }
+  for (int32_t k = 0; k < until; k++) {
+    to->heater_w[k] = from->heater_w[k];
+    to->brake_w[k] = from->brake_w[k];
+  }
+}
+
 /* Make the run after an exchange. */
 static bev_status try_exchange(const exchange *of, exchanged *best) {
   const bev_vehicle *vehicle = of->needs.vehicle;
   const bev_trip *trip = of->needs.trip;
   bev_stranding stranding = {-1, 1.0};
   find_commands(of);
-  of->there.soc[0] = of->run.soc[0];
-  of->there.temperature_c[0] = of->run.temperature_c[0];
-  bev_status status = bev_drive_as_planned(vehicle, trip, of->command_w, of->there_states,
-                                           of->there_powers_w, of->watched, &stranding);
+  /* Before the first step that is heated otherwise nothing changes. */
+  const int32_t first = first_changed(of);
+  copy_until(&of->run, &of->there, first);
+  bev_status status =
+      bev_drive_on_as_planned(vehicle, trip, of->command_w, first, of->there_states,
+                              of->there_powers_w, of->watched, &stranding);
   if (status == BEV_OK) {
     status = bev_look_at_limits(vehicle, trip, &of->there);
   }
@@ -157,13 +184,8 @@ static bev_status try_exchange(const exchange *of, exchanged *best) {
 /* Keep the run that was tried. */
 static void keep_tried(exchange *of) {
   const int32_t steps = of->needs.trip->steps;
-  for (int32_t k = 0; k <= steps; k++) {
-    of->run.soc[k] = of->there.soc[k];
-    of->run.temperature_c[k] = of->there.temperature_c[k];
-  }
+  copy_until(&of->there, &of->run, steps);
   for (int32_t k = 0; k < steps; k++) {
-    of->run.heater_w[k] = of->there.heater_w[k];
-    of->run.brake_w[k] = of->there.brake_w[k];
     of->run.least_w[k] = of->there.least_w[k];
     of->run.most_w[k] = of->there.most_w[k];
   }

@@ -80,7 +80,15 @@ bev_status bev_run_heated_within_limits(const bev_vehicle *vehicle, const bev_tr
 bev_status bev_drive_as_planned(const bev_vehicle *vehicle, const bev_trip *trip,
                                 const double *command_w, double *states, double *powers_w,
                                 uint8_t *watched, bev_stranding *stranding) {
-  const bev_status checked = bev_checked(vehicle, trip, 0);
+  return bev_drive_on_as_planned(vehicle, trip, command_w, 0, states, powers_w, watched,
+                                 stranding);
+}
+
+bev_status bev_drive_on_as_planned(const bev_vehicle *vehicle, const bev_trip *trip,
+                                   const double *command_w, int32_t first, double *states,
+                                   double *powers_w, uint8_t *watched,
+                                   bev_stranding *stranding) {
+  const bev_status checked = bev_checked(vehicle, trip, first);
   if (checked != BEV_OK) {
     return checked;
   }
@@ -97,9 +105,10 @@ bev_status bev_drive_as_planned(const bev_vehicle *vehicle, const bev_trip *trip
   }
   int32_t empty_step = -1;
   bev_status status = bev_is_direct(vehicle)
-      ? bev_run_within_limits(vehicle, trip, &heating, 0, states, &states[steps + 1], powers_w,
+      ? bev_run_within_limits(vehicle, trip, &heating, first, states, &states[steps + 1], powers_w,
                               &powers_w[steps], &empty_step)
-      : bev_run_heated_within_limits(vehicle, trip, &heating, 0, states, powers_w, &empty_step);
+      : bev_run_heated_within_limits(vehicle, trip, &heating, first, states, powers_w,
+                                     &empty_step);
   stranding->step = -1;
   stranding->driven_share = 1.0;
   if (status == BEV_EMPTY) {
