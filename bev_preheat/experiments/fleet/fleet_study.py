@@ -7,14 +7,16 @@ from collections import Counter
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import product
+from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from bev_preheat.experiments.fleet.arrivals import arrivals_of_all
-from bev_preheat.experiments.fleet.charging_times import charging_times_of
+from bev_preheat.experiments.fleet.charging_times import charging_times_of, ChargingTimes
 from bev_preheat.experiments.fleet.drawing import draw_fleet
-from bev_preheat.experiments.fleet.drawn_fleet import BLOCK, CARS, goal_of
+from bev_preheat.experiments.fleet.drawn_fleet import BLOCK, CARS, CHARGERS_W, goal_of
 from bev_preheat.experiments.fleet.tally import (
     ARRIVAL_C,
     BOUGHT_WH,
@@ -42,6 +44,8 @@ if TYPE_CHECKING:
     from bev_preheat.files.output_files import AnyPath
     from bev_preheat.numerics.arrays import FloatArray
 
+# Each car at each charger [W].
+PLUGS = tuple(product(CARS, CHARGERS_W))
 # Why trips are left out.
 NOT_DRIVEN, NEVER_CHARGED = 'not driven', 'never charged'
 
@@ -64,16 +68,17 @@ def block_from(record: dict[str, Any]) -> Block:
     return Block(record['number'], record['size'], tally_from(record))
 
 
-def block_of(trips: int, seed: int, number: int) -> Block:
-    """Return one Block of a fleet of so many trips."""
+def block_of(trips: int, seed: int, tables: Mapping[tuple[str, float], ChargingTimes], number: int) -> Block:
+    """Return one Block of a fleet of so many trips; `tables` are those of `tally_of`."""
     size = size_of(trips, number)
-    return Block(number, size, tally_of(draw_fleet(seed, number, size)))
+    return Block(number, size, tally_of(draw_fleet(seed, number, size), tables))
 
 
-def tally_of(trips: FleetTrips) -> Tally:
-    """Return the Tally of drawn trips."""
+def tally_of(trips: FleetTrips,
+             tables: Mapping[tuple[str, float], ChargingTimes] = MappingProxyType({})) -> Tally:
+    """Return the Tally of drawn trips; `tables` of cars at chargers [W] that are there need not be made."""
     arrivals = arrivals_of_all(trips)
-    charged = _charged(trips, arrivals)
+    charged = _charged(trips, arrivals, tables)
     are_charged = np.isfinite(charged).all(axis=(1, 2))
     are_counted = arrivals.are_driven & are_charged
     tally = Tally(left_out=+Counter({NOT_DRIVEN: int((~arrivals.are_driven).sum()),
@@ -86,7 +91,8 @@ def tally_of(trips: FleetTrips) -> Tally:
     return tally
 
 
-def _charged(trips: FleetTrips, arrivals: Arrivals) -> FloatArray:
+def _charged(trips: FleetTrips, arrivals: Arrivals,
+             tables: Mapping[tuple[str, float], ChargingTimes]) -> FloatArray:
     """
     Return what trips come to, shape (K, WAYS, QUANTITIES).
 
@@ -96,7 +102,8 @@ def _charged(trips: FleetTrips, arrivals: Arrivals) -> FloatArray:
     charging_s, bought_wh = np.empty_like(soc), np.empty_like(soc)
     target_c = np.array([goal_of(car).target_temperature_c for car in CARS])[trips.car, np.newaxis]
     for car, charger_w, places in trips.plugs():
-        found = charging_times_of(car, charger_w).of(
+        table = tables.get((car, charger_w)) or charging_times_of(car, charger_w)
+        found = table.of(
             np.repeat(trips.ambient_c[places], len(WAYS)), arrival_c[places].ravel(), soc[places].ravel())
         for values, of_plug in zip((charging_s, bought_wh), found):
             values[places] = of_plug.reshape(-1, len(WAYS))
@@ -126,9 +133,15 @@ def run_fleet(trips: int, seed: int, executor: Executor, report: Callable[[Block
 
     `keep` is that of `run_numbered`. Raises WorkerLost where a process dies.
     """
-    numbers = (number for number in range(-(-trips // BLOCK)) if number not in finished)
-    for block in run_numbered(executor, partial(block_of, trips, seed), numbers, keep=keep):
+    numbers = [number for number in range(-(-trips // BLOCK)) if number not in finished]
+    # A table takes as long as a thousand trips: each is made once, not in every process. One block needs not all.
+    tables = dict(zip(PLUGS, run_numbered(executor, _table, range(len(PLUGS))))) if len(numbers) > 1 else {}
+    for block in run_numbered(executor, partial(block_of, trips, seed, tables), numbers, keep=keep):
         report(block)
+
+
+def _table(number: int) -> ChargingTimes:
+    return charging_times_of(*PLUGS[number])
 
 
 @dataclass(frozen=True)

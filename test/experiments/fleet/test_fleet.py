@@ -181,7 +181,7 @@ def made_blocks(monkeypatch):
     """Trips that cost nothing: each counts its number. Gives the numbers of the trips that were counted."""
     ran = []
 
-    def tally_of(numbers):
+    def tally_of(numbers, tables=None):
         tally = Tally()
         ran.extend(numbers)
         tally.count([('all', 'car', 'a', 'l', 'a, l')] * len(numbers), WAYS, np.tile(
@@ -191,6 +191,8 @@ def made_blocks(monkeypatch):
     monkeypatch.setattr(fleet_study, 'draw_fleet',
                         lambda seed, number, size: list(range(10 * number, 10 * number + size)))
     monkeypatch.setattr(fleet_study, 'tally_of', tally_of)
+    # Seconds in all.
+    monkeypatch.setattr(fleet_study, 'charging_times_of', lambda *plug: plug)
     monkeypatch.setattr(fleet_study, 'BLOCK', 10)
     # What is pickled is what stands in the module.
     monkeypatch.setattr('bev_preheat.experiments.numbered.Shipped', lambda task: task)
@@ -202,6 +204,15 @@ def test_each_trip_is_in_one_block(made_blocks):
     run_fleet(37, 1, Here(), blocks.append)
     assert made_blocks == list(range(37))
     assert [(block.number, block.size) for block in blocks] == [(0, 10), (1, 10), (2, 10), (3, 7)]
+
+
+@pytest.mark.parametrize('trips, made', [(11, fleet_study.PLUGS), (10, ())])
+def test_tables_of_a_fleet_are_made_once(made_blocks, monkeypatch, trips, made):
+    """For all blocks; one alone makes those that it needs."""
+    seen = []
+    monkeypatch.setattr(fleet_study, 'tally_of', lambda numbers, tables: seen.append(tables) or Tally())
+    run_fleet(trips, 1, Here(), lambda block: None)
+    assert seen == [{plug: plug for plug in made}] * -(-trips // 10)
 
 
 def run_kept(path, trips):
