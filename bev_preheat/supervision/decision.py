@@ -54,6 +54,10 @@ class Decision:
             return self.sentence
         return '' if self.plan is None else self.plan.explanation
 
+    def read(self) -> tuple[str, float]:
+        """Return `explanation` and `arrival_deviation_k`; raises what working them out raises."""
+        return self.explanation, self.arrival_deviation_k
+
     @property
     def arrival_deviation_k(self) -> float:
         """Standard deviation of the temperature on arrival [K]; NaN where it is unknown."""

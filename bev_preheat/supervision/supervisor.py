@@ -269,6 +269,8 @@ class Supervisor:
         history = self._commander.history
         self._decision = self._judgement.decide(
             self._inbox, now_ns, self._commander.is_heating, history.heated_s(now_ns))
+        # Worked out when they are read. Where that fails the decision has failed, before any command.
+        self._decision.read()
         if self._decision.status in (Status.CHARGING, Status.ARRIVED):
             history.forget_heating(now_ns)
 

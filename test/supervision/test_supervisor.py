@@ -210,12 +210,14 @@ def test_a_failure_of_the_model_is_told(monkeypatch):
         Status.INVALID_INPUT, 'no finite temperatures', (0.0, Status.INVALID_INPUT))
 
 
-def test_an_exception_that_nobody_foresaw_switches_off_and_is_told_once(monkeypatch):
-    def fail(*_):
+@pytest.mark.parametrize('what', ['supervision.judgement.plan_preheating', 'supervision.outlook.explain'])
+def test_an_exception_that_nobody_foresaw_switches_off_and_is_told_once(monkeypatch, what):
+    """In a plan, or in its sentence, which is made when it is read."""
+    def fail(*_, **named):
         raise ZeroDivisionError('by chance')
     supervisor = make_supervisor()
     assert outcome(supervisor)[0] > 0.0
-    monkeypatch.setattr('bev_preheat.supervision.judgement.plan_preheating', fail)
+    monkeypatch.setattr(f'bev_preheat.{what}', fail)
     state = BatteryStateArrived(make_measurement(temperature_c=-6.0, stamp_ns=NOW_NS + ns(1.0)))
     output, = supervisor.step(NOW_NS + ns(1.0), state)
     assert (output.command, output.failure) == (
