@@ -26,6 +26,7 @@ from bev_preheat.experiments.cost import (
     planning_cost,
     process_cost,
     restart_cost,
+    study_cost,
     update_cost,
 )
 from bev_preheat.files.output_files import check_outputs
@@ -40,10 +41,12 @@ if TYPE_CHECKING:
 MEASUREMENTS = {'planning': planning_cost.measure, 'update': update_cost.measure,
                 'choice': choice_cost.measure, 'optimum': optimum_cost.measure,
                 'checker': checker_cost.measure, 'process': process_cost.measure,
-                'restart': restart_cost.measure, 'fleet': fleet_cost.measure}
+                'restart': restart_cost.measure, 'fleet': fleet_cost.measure,
+                'studies': study_cost.measure}
 # What they need beyond the planner's own packages.
 PACKAGES = {'planning': (), 'update': (), 'choice': (), 'optimum': ('casadi', 'do_mpc'),
-            'checker': ('casadi', 'psutil'), 'process': ('psutil',), 'restart': (), 'fleet': ()}
+            'checker': ('casadi', 'psutil'), 'process': ('psutil',), 'restart': (), 'fleet': (),
+            'studies': ()}
 # All that are planned for.
 ROUTES = ('reference', 'alpine_pass', 'motorway_3h')
 

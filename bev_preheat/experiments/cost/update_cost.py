@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from time import process_time
 from typing import TYPE_CHECKING
 
@@ -11,10 +12,14 @@ import numpy as np
 from bev_preheat.estimation.estimator import Estimator
 from bev_preheat.estimation.state import NOMINAL_HEAT_LAG_S
 from bev_preheat.experiments.cost.figures import Figure
+from bev_preheat.experiments.cost.planning_cost import GOAL, STATE
+from bev_preheat.experiments.supervised_drive import moments
 from bev_preheat.planning.caution import Caution
-from bev_preheat.planning.planner import plan_preheating
-from bev_preheat.planning.situation import BatteryState, Goal
+from bev_preheat.planning.planner import plan_preheating, plan_unheated
+from bev_preheat.planning.situation import BatteryState
 from bev_preheat.route import load_route
+from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections
+from bev_preheat.simulation.sensors import Sensors
 from bev_preheat.supervision.command_history import CommandHistory
 from bev_preheat.supervision.course import stretches_between
 from bev_preheat.supervision.events import BatteryStateArrived, RouteArrived
@@ -38,6 +43,8 @@ START_NS = 1_000_000 * NS_PER_S
 NOISE_K, NOISE_W = 0.1, 3e3
 VOLTAGE_V = 400.0
 MEDIAN_MS, RARELY_MS = 0.4, 1.0
+# Over the pass, where limits are active and the charge that must be left binds, a whole drive.
+BINDING_MEDIAN_MS, BINDING_WORST_MS = 5.0, 20.0
 # By how much a heating begins early that is as sure as after some minutes [K].
 LEAD_K = 4.0
 
@@ -45,7 +52,7 @@ LEAD_K = 4.0
 def measure(log: Callable[[str], object]) -> list[Figure]:
     """Return the Figures; `log` takes a line of progress."""
     vehicle, settings = load_vehicle('reference'), Settings()
-    leg = Leg(load_route('reference', vehicle.defaults), START_NS, target_temperature_c=25.0)
+    leg = Leg(load_route('reference', vehicle.defaults), START_NS, target_temperature_c=GOAL.target_temperature_c)
     mission = Mission('benchmark', (leg,)).in_planning_steps(settings.planning_step_s)
     measurements = _measurements(mission)
     figures = []
@@ -58,7 +65,23 @@ def measure(log: Callable[[str], object]) -> list[Figure]:
             figures.append(Figure(f'{what}, {name}', float(np.percentile(times_ms[FILLING:], share)),
                                   'ms of processor time', bound))
         log(f'{what}: {len(times_ms)} times')
-    return figures
+    return figures + _binding_figures(vehicle, settings, log)
+
+
+def _binding_figures(vehicle: Vehicle, settings: Settings, log: Callable[[str], object]) -> list[Figure]:
+    """Return what updates take over the pass where the reserve lets the battery get half as warm as wanted."""
+    route = load_route('alpine_pass', vehicle.defaults)
+    heated, unheated = (make_plan(vehicle, route, STATE, GOAL) for make_plan in (
+        plan_preheating, plan_unheated))
+    reserve = 0.5 * float(heated.soc[-1] + unheated.soc[-1]) - settings.arrival_soc_margin
+    car = ImperfectCar(vehicle, route, STATE, replace(GOAL, minimum_arrival_soc=reserve), Imperfections(
+        sensors=Sensors(temperature_noise_k=NOISE_K)))
+    times_ms = [1e3 * moment.cpu_s for moment in moments(
+        car, Supervisor(vehicle, settings), lambda: car.plant.is_standing) if moment.reading is not None]
+    what = 'update of the planner, alpine_pass, a reserve that binds'
+    log(f'{what}: {len(times_ms)} times')
+    return [Figure(f'{what}, {name}', value_ms, 'ms of processor time', bound_ms) for name, value_ms, bound_ms in (
+        ('median', float(np.median(times_ms)), BINDING_MEDIAN_MS), ('worst', max(times_ms), BINDING_WORST_MS))]
 
 
 def _measurements(mission: Mission) -> list[Measurement]:
@@ -97,7 +120,7 @@ def _plans_ms(vehicle: Vehicle, mission: Mission, measurements: list[Measurement
     def plan(measurement: Measurement) -> object:
         route = leg.route_ahead(measurement.stamp_ns)
         assert route is not None
-        return plan_preheating(vehicle, route, measurement.state, Goal(25.0), settings.method, caution,
+        return plan_preheating(vehicle, route, measurement.state, GOAL, settings.method, caution,
                                heat_lag_s=NOMINAL_HEAT_LAG_S)
 
     return _times_ms(plan, measurements)
