@@ -129,6 +129,7 @@ def test_a_stranger_that_commands_switches_the_heater_off(bench):
         assert '/tester also publishes hvch_command: the heater is off.' in planner.output()
 
 
+@pytest.mark.deep
 def test_a_planner_that_is_switched_off_says_so_too(bench):
     diagnostics = bench.record(DiagnosticArray, '/diagnostics', 100)
     with feeding(bench):
@@ -144,6 +145,7 @@ def test_a_planner_that_is_switched_off_says_so_too(bench):
             for status in array.status))
 
 
+@pytest.mark.deep
 def test_planners_of_two_cars_do_not_conflict(bench):
     first = bench.record(HvchCommand, '/car1/hvch_command', 100)
     second = bench.record(HvchCommand, '/car2/hvch_command', 100)

@@ -58,7 +58,7 @@ def dump(path, node_name, values):
 
 
 @pytest.mark.parametrize('name, arguments', [
-    pytest.param(*item, id=item[0], marks=[pytest.mark.deep] * (item[0] in ('nlp_checker', 'charger_adviser')))
+    pytest.param(*item, id=item[0], marks=[pytest.mark.deep] * (item[0] != 'planner'))
     for item in NODES.items()])
 def test_what_was_dumped_can_be_loaded_and_started_with(bench, tmp_path, name, arguments):
     process, path = bench.start(name, *arguments), tmp_path / 'dumped.yaml'

@@ -187,6 +187,7 @@ def test_after_a_huge_route_a_latched_one_of_another_publisher_arrives(bench, wa
     wait_until(lambda: times_accepted(planner, 'rescued'), 'the latched route')
 
 
+@pytest.mark.deep
 @pytest.mark.needs('casadi')
 def test_the_checker_hears_a_volatile_route(bench, wait_until):
     diagnostics = bench.record(DiagnosticArray, '/diagnostics')
