@@ -3,8 +3,8 @@
 The nonlinear program, stated for do-mpc: what somebody else's tool makes of it.
 
 The same problem throughout: the Runge-Kutta step of `model` as the discrete model, the same
-variables, scales, bounds, power limits, cost and IPOPT options. do-mpc writes one SX graph of all
-steps and starts from the initial state everywhere, as its own users would have it.
+variables, scales, bounds, power limits at both ends of a step, cost and IPOPT options. do-mpc writes
+one SX graph of all steps and starts from the initial state everywhere, as its own users would have it.
 """
 
 from __future__ import annotations
@@ -85,11 +85,12 @@ class PeerProblem:
         model.set_rhs('soc', soc_end)
         model.set_rhs('temperature', end_c)
         battery = vehicle.battery
-        battery_w = power_w + rates(soc, temperature_c, *inputs)[2]
-        most_w, least_w = (curve.function(SYMBOLS)(soc, temperature_c) for curve in (
-            battery.discharge_power_limit, battery.charge_power_limit))
-        model.set_expression('overdraw', (battery_w - most_w) / POWER_SCALE_W)
-        model.set_expression('overcharge', (least_w - battery_w) / POWER_SCALE_W)
+        for end, state in (('', (soc, temperature_c)), ('_at_end', (soc_end, end_c))):
+            battery_w = power_w + rates(*state, *inputs)[2]
+            most_w, least_w = (curve.function(SYMBOLS)(*state) for curve in (
+                battery.discharge_power_limit, battery.charge_power_limit))
+            model.set_expression(f'overdraw{end}', (battery_w - most_w) / POWER_SCALE_W)
+            model.set_expression(f'overcharge{end}', (least_w - battery_w) / POWER_SCALE_W)
         model.set_expression('energy', duration_s * (power_w + mean_joule_w) / ENERGY_SCALE_J)
         model.setup()
         return model
@@ -113,7 +114,7 @@ class PeerProblem:
         for name in ('heater', 'brake'):
             mpc.bounds['lower', '_u', name] = 0.0
         if self._limited:
-            for name in ('overdraw', 'overcharge'):
+            for name in ('overdraw', 'overcharge', 'overdraw_at_end', 'overcharge_at_end'):
                 mpc.set_nl_cons(name, model.aux[name], ub=0.0)
         # The trip is the horizon, so it is the same at any time.
         trip_now = mpc.get_tvp_template()
