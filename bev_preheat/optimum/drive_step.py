@@ -55,11 +55,12 @@ def drive_controls(limited: bool) -> tuple[Quantity, ...]:
     return (HEATER, BRAKE) if limited else (HEATER,)
 
 
-def drive_step(vehicle: Vehicle, limited: bool) -> casadi.Function:
+def drive_step(vehicle: Vehicle, limited: bool, end: casadi.SX | None = None) -> casadi.Function:
     """
     Return one step of a drive as a CasADi Function.
 
-    Inputs: states and controls (scaled, one column), the ROUTE_INPUTS of the step, the CORRECTIONS.
+    Inputs: states and controls (scaled, one column), the ROUTE_INPUTS of the step, the CORRECTIONS; and
+    `end`, where it is given: symbols that stand for the states at the end (scaled, one column) in the RESERVES.
     Outputs: the states at the end; the energy that the cells give (scaled); the RESERVES (scaled; none
     unless `limited`). Derivatives: with respect to states and controls only.
     """
@@ -88,12 +89,14 @@ def drive_step(vehicle: Vehicle, limited: bool) -> casadi.Function:
             in_si.get('coolant_excess', nothing), duration_s, idle_power_w + brake_w, variance_w2,
             heat_w, leakage_w_per_k, heater_w, *factors, efficiency)
     power_w = idle_power_w + brake_w + drawn_w
+    at_end = ends if end is None else {state.name: state.scale * value for state, value in zip(
+        drive_states(vehicle), casadi.vertsplit(end))}
     reserves = []
     if limited:
         rates = symbolic_rates(vehicle)
         most_w, least_w = (symbolic_curve(curve) for curve in (
             vehicle.battery.discharge_power_limit, vehicle.battery.charge_power_limit))
-        for state in (soc, temperature_c), (ends['soc'], ends['temperature']):
+        for state in (soc, temperature_c), (at_end['soc'], at_end['temperature']):
             battery_w = power_w + rates(
                 *state, power_w, variance_w2, heat_w, leakage_w_per_k, *factors)[2]
             reserves += [most_w(*state) - battery_w, battery_w - least_w(*state)]
@@ -101,10 +104,11 @@ def drive_step(vehicle: Vehicle, limited: bool) -> casadi.Function:
         casadi.vertcat(*(ends[state.name] / state.scale for state in drive_states(vehicle))),
         duration_s * (power_w + joule_w) / ENERGY_SCALE_J,
         casadi.vertcat(casadi.SX(0, 1), *reserves) / POWER_SCALE_W])
+    more = {} if end is None else {'end': end}
     return casadi.Function(
-        'drive_step', [variables, route, corrections], outputs,
-        ['variables', 'route', 'corrections'], ['ends', 'energy', 'reserves'],
-        {'is_diff_in': [True, False, False]})
+        'drive_step', [variables, route, corrections, *more.values()], outputs,
+        ['variables', 'route', 'corrections', *more], ['ends', 'energy', 'reserves'],
+        {'is_diff_in': [True, False, False, *(True for _ in more)]})
 
 
 def lost_after_arrival(vehicle: Vehicle, states: casadi.SX) -> casadi.SX:

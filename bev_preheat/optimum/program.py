@@ -211,8 +211,9 @@ def _stages(vehicle: Vehicle, limited: bool, give: Give) -> tuple[Stage, Stage]:
         return price, values
 
     found, route = symbols(in_step), casadi.SX.sym('route', ROUTE_INPUTS)
-    ends, energy, reserves = drive_step(vehicle, limited)(
-        column(found, (*states, *controls)), route, common[2:])
+    end = casadi.SX.sym('end', len(states))
+    ends, energy, reserves = drive_step(vehicle, limited, end)(
+        column(found, (*states, *controls)), route, common[2:], end)
     price, values = at_instant(found)
     if give:
         energy += DISCHARGE_PRICE * found['lacking_w']
@@ -221,7 +222,7 @@ def _stages(vehicle: Vehicle, limited: bool, give: Give) -> tuple[Stage, Stage]:
             value + found['lacking_w'] if reserve.name.startswith('discharge') else value
             for reserve, value in zip(RESERVES, casadi.vertsplit(reserves))))
     step = Stage(in_step, (*(RESERVES if limited else ()), *bounds), column(found, in_step), route, common,
-                 ends, energy + price, casadi.vertcat(reserves, *values))
+                 end, ends, energy + price, casadi.vertcat(reserves, *values))
     found = symbols(on_arrival)
     price, values = at_instant(found)
     beyond_k = found['temperature'] - common[0]
@@ -231,6 +232,6 @@ def _stages(vehicle: Vehicle, limited: bool, give: Give) -> tuple[Stage, Stage]:
         beyond_k, beyond_soc = beyond_k + found['lacking_k'], beyond_soc + found['lacking_soc']
     arrival = Stage(
         on_arrival, (*bounds, *ON_ARRIVAL), column(found, on_arrival), casadi.SX(0, 1), common,
-        casadi.SX(0, 1), lost_after_arrival(vehicle, column(found, states)) + price,
+        casadi.SX(0, 1), casadi.SX(0, 1), lost_after_arrival(vehicle, column(found, states)) + price,
         casadi.vertcat(*values, beyond_k, beyond_soc))
     return step, arrival

@@ -94,21 +94,21 @@ class Table:
             return self._function_of_floats()
         if arithmetic is ARRAYS:
             return self._function_of_arrays()
-        return self._function_of_weights(arithmetic)
+        return self._function_of_ramps(arithmetic)
 
-    def _function_of_weights(self, arithmetic: Arithmetic[AnyNumber]) -> CurveFunction[AnyNumber]:
-        """For symbols: no branches, each axis as a weight for each of its points."""
-        soc_axis, temperature_axis, values = self.soc, self.temperature_c, self.values
+    def _function_of_ramps(self, arithmetic: Arithmetic[AnyNumber]) -> CurveFunction[AnyNumber]:
+        """For symbols: no branches, and few operations in the first and second derivatives."""
+        coefficients = (_bends(self.soc) @ np.array(self.values) @ _bends(self.temperature_c).T).tolist()
 
         def lookup(soc: AnyNumber, temperature_c: AnyNumber) -> AnyNumber:
-            soc_weights = _hat_weights(soc_axis, soc, arithmetic)
-            temperature_weights = _hat_weights(temperature_axis, temperature_c, arithmetic)
+            soc_ramps = _ramps(self.soc, soc, arithmetic)
+            temperature_ramps = _ramps(self.temperature_c, temperature_c, arithmetic)
             total: AnyNumber = 0.0
-            for row, soc_weight in zip(values, soc_weights):
+            for row, soc_ramp in zip(coefficients, soc_ramps):
                 along_row: AnyNumber = 0.0
-                for value, weight in zip(row, temperature_weights):
-                    along_row = along_row + value * weight
-                total = total + soc_weight * along_row
+                for coefficient, ramp in zip(row, temperature_ramps):
+                    along_row = along_row + coefficient * ramp
+                total = total + soc_ramp * along_row
             return total
 
         return lookup
@@ -193,16 +193,17 @@ def _cell(axis: FloatArray, cells: FloatArray,
     return below, below + 1, position - below
 
 
-def _hat_weights(axis: Sequence[float], x: AnyNumber,
-                 arithmetic: Arithmetic[AnyNumber]) -> list[AnyNumber]:
-    """Weight of each axis point at x: 1 at the point, falling linearly to 0 at its neighbours."""
+def _ramps(axis: Sequence[float], x: AnyNumber, arithmetic: Arithmetic[AnyNumber]) -> list[AnyNumber]:
+    """Return 1 and, of each axis point but the last, how far x lies above it, 0 below; level beyond the ends."""
     if len(axis) == 1:
         return [1.0]
     maximum, minimum = arithmetic.maximum, arithmetic.minimum
     x = minimum(maximum(x, axis[0]), axis[-1])
-    weights = []
-    for i, point in enumerate(axis):
-        rising = (x - axis[i - 1]) / (point - axis[i - 1]) if i > 0 else 1.0
-        falling = (axis[i + 1] - x) / (axis[i + 1] - point) if i < len(axis) - 1 else 1.0
-        weights.append(maximum(minimum(rising, falling), 0.0))
-    return weights
+    return [1.0, x - axis[0], *(maximum(x - point, 0.0) for point in axis[1:-1])]
+
+
+def _bends(axis: Sequence[float]) -> FloatArray:
+    """Return the matrix that turns values at n axis points into factors of their `_ramps`, shape (n, n)."""
+    points = len(axis)
+    slopes = np.diff(np.eye(points), axis=0) / np.diff(axis)[:, np.newaxis]
+    return np.concatenate((np.eye(1, points), np.diff(slopes, axis=0, prepend=np.zeros((1, points)))[:points - 1]))
