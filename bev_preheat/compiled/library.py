@@ -66,6 +66,7 @@ _SIGNATURES = {
     'bev_merit_order': 'PPPPPPPPPP',
     'bev_drive_as_planned': 'PPPPPPP',
     'bev_plan_merit_order': 'PPPPPPPPPP',
+    'bev_heat_early': 'PPDPPPPPPP',
     'bev_unheated_lacks': 'PPPPPPP',
     'bev_keep_accounts': 'PIPPPP',
     'bev_find_outcome': 'PIPPPPPPP',

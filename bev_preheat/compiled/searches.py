@@ -7,7 +7,7 @@ As in `runs`, each returns None where the core does not answer.
 
 from __future__ import annotations
 
-from ctypes import byref, c_double
+from ctypes import byref, c_double, c_int32
 import math
 from typing import NamedTuple, TYPE_CHECKING
 
@@ -34,12 +34,14 @@ MERIT_MEMORY = SETTLE_MEMORY[0] + 44, SETTLE_MEMORY[1] + CURVE_MEMORY + 512 + 11
 MERIT_PLAN_MEMORY = MERIT_MEMORY[0] + 1, MERIT_MEMORY[1]
 MERIT_BYTES = 5
 UNHEATED_MEMORY = 9, 4
+# Arrays of N values that bev_heat_early needs as memory.
+HEAT_EARLY_ARRAYS = 3
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from bev_preheat.compiled.runs import Heating
-    from bev_preheat.compiled.structs import CompiledTrip, CompiledVehicle
+    from bev_preheat.compiled.structs import CautionStruct, CompiledTrip, CompiledVehicle
     from bev_preheat.numerics.arrays import BoolArray, FloatArray
 
     # The step in which the charge runs out, and the share of it that is driven.
@@ -116,7 +118,7 @@ def settle(vehicle: CompiledVehicle, trip: CompiledTrip, heating: Heating, goal:
 
 class MeritPlan(NamedTuple):
     """
-    A plan by merit order: states (S, N + 1) and powers (S, N), as of `settle`, and when it heats [s].
+    A plan: states (S, N + 1) and powers (S, N), as of `settle`, and when it heats [s].
 
     `start_s` is None where nothing is heated, `end_s` where it is heated until arrival; `stranded` as of `settle`.
     """
@@ -142,8 +144,29 @@ def plan_merit_order(vehicle: CompiledVehicle, trip: CompiledTrip, goal: Settlin
     status = library.bev_plan_merit_order(
         vehicle.address, trip.address, byref(goal), address_of(idle_states), address_of(states),
         address_of(powers_w), address_of(watched), address_of(order), address_of(memory), byref(plan))
-    return MeritPlan(states, powers_w, _number(plan.start_s), _number(plan.end_s),
-                     _stranded(plan.stranding)) if status == OK else None
+    return _merit_plan(states, powers_w, plan) if status == OK else None
+
+
+def heat_early(vehicle: CompiledVehicle, trip: CompiledTrip, target_c: float, caution: CautionStruct,
+               states: FloatArray, powers_w: FloatArray,
+               end_s: float | None) -> tuple[MeritPlan | None] | None:
+    """
+    Return the plan whose last stretch of heating begins early, in a tuple; None there: it stays as it is.
+
+    `states` (S, N + 1), `powers_w` (S, N) and `end_s` are those of a MeritPlan; both arrays are written to. See
+    `bev_heat_early` in core.h.
+    """
+    library = core()
+    if library is None:
+        return None
+    plan, is_changed = MeritPlanStruct(math.nan, math.nan if end_s is None else end_s), c_int32()
+    memory, watched = np.empty(HEAT_EARLY_ARRAYS * trip.steps), np.empty((2, trip.steps), dtype=np.uint8)
+    status = library.bev_heat_early(
+        vehicle.address, trip.address, target_c, byref(caution), address_of(states), address_of(powers_w),
+        address_of(watched), address_of(memory), byref(plan), byref(is_changed))
+    if status != OK:
+        return None
+    return (_merit_plan(states, powers_w, plan) if is_changed.value else None,)
 
 
 def unheated_lacks(vehicle: CompiledVehicle, trip: CompiledTrip,
@@ -164,6 +187,11 @@ def unheated_lacks(vehicle: CompiledVehicle, trip: CompiledTrip,
         vehicle.address, trip.address, byref(states), address_of(memory), address_of(flags),
         byref(lacking_w), byref(stranding))
     return (lacking_w.value, _stranded(stranding)) if status == OK else None
+
+
+def _merit_plan(states: FloatArray, powers_w: FloatArray, plan: MeritPlanStruct) -> MeritPlan:
+    return MeritPlan(states, powers_w, _number(plan.start_s), _number(plan.end_s),
+                     _stranded(plan.stranding))
 
 
 def _number(value: float) -> float | None:

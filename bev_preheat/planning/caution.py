@@ -10,13 +10,16 @@ it is enough. While it lasts it is not interrupted for a pause that is not worth
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 import math
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from bev_preheat.compiled import searches as compiled_searches
+from bev_preheat.compiled.structs import CautionStruct
 from bev_preheat.planning.bracketing import follow_slope, Trial
-from bev_preheat.planning.dynamics import run_on
+from bev_preheat.planning.dynamics import compiled_vehicle, run_on
 from bev_preheat.planning.heat_run import roll_heated, run_heated, states_at
 from bev_preheat.planning.limits import (
     course_within_limits,
@@ -25,6 +28,7 @@ from bev_preheat.planning.limits import (
     WantedHeat,
     watch_everywhere,
 )
+from bev_preheat.planning.rows import powers_of, schedule_of, states_of
 from bev_preheat.planning.schedule import HEATING_SHARE, Schedule, switched_on_s
 from bev_preheat.vehicle.model import make_runge_kutta_4
 
@@ -58,10 +62,18 @@ class Caution:
     least_pause_s: float = 0.0
     least_heating_s: float = 0.0
 
+    @cached_property
+    def compiled(self) -> CautionStruct:
+        """The caution as the compiled core takes it, to whom the target is told with its margin."""
+        return CautionStruct(self.lead_k, self.least_pause_s, self.least_heating_s, self.is_heating)
+
 
 def heat_early(trip: Trip, state: BatteryState, schedule: Schedule, target_c: float,
                caution: Caution) -> Schedule:
     """Return the Schedule with its last stretch of heating begun as early as Caution asks."""
+    found = _found_by_core(trip, schedule, target_c, caution)
+    if found is not None:
+        return found
     last = _last_stretch(trip, schedule)
     if last is None:
         return schedule
@@ -84,6 +96,19 @@ def heat_early(trip: Trip, state: BatteryState, schedule: Schedule, target_c: fl
             return early
     return stretch.until_within_limits(
         _needed_until_s(stretch, stretch.arrival_within_limits_c, target_c, guess_s))
+
+
+def _found_by_core(trip: Trip, schedule: Schedule, target_c: float, caution: Caution) -> Schedule | None:
+    """Return the Schedule as the compiled core heats early; None where it does not answer."""
+    vehicle = compiled_vehicle(trip.vehicle)
+    if vehicle is None or (schedule.heat is None) != trip.vehicle.heat_path.is_direct:
+        return None
+    found = compiled_searches.heat_early(
+        vehicle, trip.compiled, target_c, caution.compiled, states_of(schedule), powers_of(schedule),
+        schedule.heating_end_s)
+    if found is None:
+        return None
+    return schedule if found[0] is None else schedule_of(trip, found[0])
 
 
 def _last_stretch(trip: Trip, schedule: Schedule) -> tuple[int, float] | None:

@@ -26,11 +26,11 @@ from bev_preheat.planning.charge_acceptance import find_acceptance_loss, no_acce
 from bev_preheat.planning.cheapest_steps import heat_cheapest
 from bev_preheat.planning.dynamics import compiled_vehicle, run_forward
 from bev_preheat.planning.exchange import exchange_heat
-from bev_preheat.planning.heat_run import initial_states, make_heat_run, roll_heated, with_coolant_in_battery
-from bev_preheat.planning.limits import limits_hold, watch_limits, where_stranded, within_limits
+from bev_preheat.planning.heat_run import initial_states, roll_heated, with_coolant_in_battery
+from bev_preheat.planning.limits import limits_hold, watch_limits, within_limits
 from bev_preheat.planning.optimal_switch import ARRIVAL_TOLERANCE_K, plan_optimal_switch
+from bev_preheat.planning.rows import schedule_of, states_of
 from bev_preheat.planning.safeguard import lacking_power, NO_WORSE_W
-from bev_preheat.planning.schedule import Schedule
 from bev_preheat.planning.threshold_search import ThresholdSearch
 from bev_preheat.planning.thresholds import find_thresholds
 from bev_preheat.planning.two_switches import paid_until
@@ -38,6 +38,7 @@ from bev_preheat.vehicle.model import make_runge_kutta_4
 
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.planning.schedule import Schedule
     from bev_preheat.planning.situation import BatteryState, Goal
     from bev_preheat.planning.trip import Trip
 
@@ -86,25 +87,15 @@ def _found_by_core(trip: Trip, state: BatteryState, target_c: float, unheated: S
     vehicle, path = compiled_vehicle(trip.vehicle), trip.vehicle.heat_path
     if vehicle is None:
         return None
-    idle_states: tuple[FloatArray, ...] | FloatArray
-    if unheated is None:
-        idle_w = np.zeros(len(trip.route))
-        idle_states = (run_forward(trip, make_runge_kutta_4, state.soc, state.temperature_c)
-                       if path.is_direct else roll_heated(trip, initial_states(state), idle_w))
-    elif unheated.heat is None:
-        idle_states = unheated.soc, unheated.temperature_c
+    if unheated is not None:
+        idle_states = states_of(unheated)
+    elif path.is_direct:
+        idle_states = np.array(run_forward(trip, make_runge_kutta_4, state.soc, state.temperature_c))
     else:
-        idle_states = (unheated.soc, unheated.temperature_c, unheated.heat.heater_power_w,
-                       unheated.heat.coolant_excess_k)
+        idle_states = roll_heated(trip, initial_states(state), np.zeros(len(trip.route)))
     plan = compiled_searches.plan_merit_order(
-        vehicle, trip.compiled, SettlingStruct(serves_climbs, target_c), np.array(idle_states))
-    if plan is None:
-        return None
-    (soc, temperature_c, *heat_states), (heater_w, brake_w, *heat_w) = plan.states, plan.powers_w
-    return Schedule(
-        plan.start_s, heater_w, brake_w, soc, temperature_c, make_runge_kutta_4, plan.end_s,
-        *where_stranded(trip, plan.stranded),
-        heat=None if path.is_direct else make_heat_run(path, *heat_states, *heat_w))
+        vehicle, trip.compiled, SettlingStruct(serves_climbs, target_c), idle_states)
+    return None if plan is None else schedule_of(trip, plan)
 
 
 def _passes(trip: Trip, lumped: Trip, state: BatteryState, schedule: Schedule, paid_w: FloatArray,

@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.compiled import plans as compiled_plans
-from bev_preheat.compiled.structs import CautionStruct
 from bev_preheat.planning.dynamics import compiled_vehicle, energies_of, limits_along
 from bev_preheat.planning.outcome import Outcome
 from bev_preheat.planning.schedule import Schedule
@@ -51,8 +50,7 @@ def plan_unlimited(trip: Trip, state: BatteryState, goal: Goal,
     asked = None
     if caution is not None and goal.charging_planned:
         target_c = min(target_c + caution.margin_k, highest_c)
-        asked = CautionStruct(
-            caution.lead_k, caution.least_pause_s, caution.least_heating_s, caution.is_heating)
+        asked = caution.compiled
     found = compiled_plans.plan_switch(
         compiled, trip.compiled, state.soc, state.temperature_c, target_c, in_one_stretch, asked)
     if found is None:

@@ -37,7 +37,7 @@ static inline int bev_is_caution(const bev_caution *caution) {
 }
 
 /* The run with its last stretch of heating begun as early as `caution` asks, ended once it is enough. */
-bev_status bev_heat_early(const bev_heated_run *run, const bev_caution *caution,
-                          bev_early_stretch *stretch);
+bev_status bev_switch_on_early(const bev_heated_run *run, const bev_caution *caution,
+                               bev_early_stretch *stretch);
 
 #endif /* BEV_PREHEAT_CORE_CAUTION_H_ */

@@ -5,11 +5,10 @@
  */
 #include "checks.h"
 #include "courses.h"
+#include "instants.h"
 #include "limited_step.h"
 #include "limits_of_run.h"
 
-/* A heater power below this share of what the cabin leaves is rounding. */
-#define HEATING_SHARE 1e-4
 /* A limit counts as active where it takes more than this [W]. */
 #define ACTIVE_W 1e-3
 
@@ -106,32 +105,8 @@ static void find_paid_w(const planning *of, double end_s) {
 
 /* When a run within limits heats, from its commands and the steps whose limits were looked at. */
 static void find_instants(const planning *of, bev_merit_plan *plan) {
-  const bev_trip *trip = of->trip;
-  const double *command_w = of->powers_w;
-  int32_t first = -1;
-  int32_t last = -1;
-  plan->start_s = NAN;
-  plan->end_s = NAN;
-  for (int32_t k = 0; k < trip->steps; k++) {
-    if (command_w[k] > HEATING_SHARE * trip->heater_limit_w[k]) {
-      first = first < 0 ? k : first;
-      last = k;
-    }
-  }
-  if (first < 0) {
-    return;
-  }
-  /* A first step that is heated in part is off first, then at full power to its end. */
-  const double share_on = bev_minimum(command_w[first] / trip->heater_limit_w[first], 1.0);
-  plan->start_s = trip->time_s[first + 1] - share_on * trip->duration_s[first];
-  const int32_t on = bev_step_at(trip, plan->start_s);
-  if (of->watched[on] != 0u || of->watched[trip->steps + on] != 0u) {
-    /* One that is heated in part because of a limit is heated evenly, from its beginning. */
-    plan->start_s = trip->time_s[on];
-  }
-  if (!of->is_direct && last + 1 < trip->steps) {
-    plan->end_s = trip->time_s[last + 1];
-  }
+  plan->start_s = bev_switched_on_within_limits_s(of->trip, of->powers_w, of->watched);
+  plan->end_s = of->is_direct ? NAN : bev_ends_before_arrival_s(of->trip, of->powers_w);
 }
 
 /* BEV_OK if no limit is missed that can be kept, else BEV_LIMITED. */

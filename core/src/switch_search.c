@@ -253,7 +253,7 @@ static bev_status heat_early(const switch_search *of, const bev_seen_run *run, c
   const bev_heated_run heated = {of->vehicle, of->trip,     of->target_c, of->soc,
                                  of->temperature_c, of->heater_w, of->means};
   bev_early_stretch early;
-  const bev_status status = bev_heat_early(&heated, caution, &early);
+  const bev_status status = bev_switch_on_early(&heated, caution, &early);
   if (status < BEV_OK || early.first == of->trip->steps) {
     return status;
   }

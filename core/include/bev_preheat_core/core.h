@@ -498,11 +498,13 @@ bev_status bev_exchange_heat(const bev_vehicle *vehicle, const bev_trip *trip, d
 /* Memory of bev_plan_merit_order [doubles]; its `watched` has BEV_MERIT_BYTES. */
 #define BEV_MERIT_PLAN_MEMORY(steps) (BEV_MERIT_MEMORY(steps) + (steps))
 
-/* What bev_plan_merit_order finds beside the run. */
+/* What a plan is beside its run. */
 typedef struct {
   /* The first instant of heating [s]; NaN: there is none. */
   double start_s;
-  /* Where the heat arrives late, the instant at which heating ends for good [s]; NaN: on arrival. */
+  /*
+   * Where the heat arrives late, or heating begins early, the instant at which it ends for good [s]; NaN: on arrival.
+   */
   double end_s;
   bev_stranding stranding;
 } bev_merit_plan;
@@ -522,6 +524,22 @@ bev_status bev_plan_merit_order(const bev_vehicle *vehicle, const bev_trip *trip
                                 const bev_settling *goal, const double *idle_states,
                                 double *states, double *powers_w, uint8_t *watched,
                                 int32_t *order, double *memory, bev_merit_plan *plan);
+
+/* Memory of bev_heat_early [doubles]; its `watched` are 2 * steps bytes. */
+#define BEV_HEAT_EARLY_MEMORY(steps) (3 * (steps))
+
+/*
+ * A plan whose last stretch of heating begins as early as `caution` asks, and ends as soon as it is enough for the
+ * target [deg C].
+ *
+ * `states` and `powers_w`, as of bev_settle, and of `plan` the instant at which heating ends, are a plan. Where
+ * `is_changed` (not 0) all of it is written over: limits are left aside where none is active then, else it is the run
+ * of bev_drive_as_planned, as where a stretch is left out because it is too short, or its heat would come too late.
+ */
+bev_status bev_heat_early(const bev_vehicle *vehicle, const bev_trip *trip, double target_c,
+                          const bev_caution *caution, double *states, double *powers_w,
+                          uint8_t *watched, double *memory, bev_merit_plan *plan,
+                          int32_t *is_changed);
 
 /* Memory of bev_unheated_lacks [doubles]; its `flags` are 2 * steps bytes. */
 #define BEV_UNHEATED_MEMORY(steps) (9 * (steps) + 4)
