@@ -74,7 +74,7 @@ _SIGNATURES = {
     'bev_plan_paper': 'PPDDDPPPPP',
     'bev_find_prices': 'PPPPPPP',
     'bev_heat_cheapest': 'PPDPPPPPP',
-    'bev_exchange_heat': 'PPDPPPPP',
+    'bev_exchange_heat': 'PPPPPPPP',
     'bev_plan_switch': 'PPDDDIPPPPPP',
     'bev_mix_belief': 'PP',
     'bev_move_belief': 'PPPPDPPD',

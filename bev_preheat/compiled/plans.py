@@ -28,7 +28,7 @@ from bev_preheat.compiled.structs import (
 )
 
 if TYPE_CHECKING:
-    from bev_preheat.compiled.structs import CautionStruct, CompiledTrip, CompiledVehicle
+    from bev_preheat.compiled.structs import CautionStruct, CompiledTrip, CompiledVehicle, SettlingStruct
     from bev_preheat.numerics.arrays import FloatArray
     from bev_preheat.vehicle.model import Integrator
 
@@ -148,7 +148,7 @@ def heat_cheapest(
 
 
 def exchange_heat(
-        vehicle: CompiledVehicle, trip: CompiledTrip, target_c: float, soc: FloatArray,
+        vehicle: CompiledVehicle, trip: CompiledTrip, goal: SettlingStruct, soc: FloatArray,
         temperature_c: FloatArray, heater_w: FloatArray,
         brake_w: FloatArray) -> tuple[tuple[FloatArray, FloatArray] | None] | None:
     """
@@ -164,8 +164,8 @@ def exchange_heat(
     watched = np.empty((2, trip.steps), dtype=np.uint8)
     memory, exchanges = np.empty(EXCHANGE_MEMORY[0] * trip.steps + EXCHANGE_MEMORY[1]), c_int32()
     status = library.bev_exchange_heat(
-        vehicle.address, trip.address, target_c, place(states), place(powers_w), address_of(watched),
-        place(memory), byref(exchanges))
+        vehicle.address, trip.address, addressof(goal), place(states), place(powers_w),
+        address_of(watched), place(memory), byref(exchanges))
     if status != OK:
         return None
     return ((states, powers_w) if exchanges.value else None,)

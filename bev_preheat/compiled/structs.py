@@ -99,9 +99,9 @@ class CurveRangeStruct(Structure):
 
 
 class SettlingStruct(Structure):
-    """`bev_settling`: what a run under thresholds is to meet."""
+    """`bev_settling`: what a run is to meet."""
 
-    _fields_ = [('serves_climbs', c_int32), ('target_c', c_double)]
+    _fields_ = [('serves_climbs', c_int32), ('target_c', c_double), ('lowest_soc', c_double)]
 
 
 class StrandingStruct(Structure):
@@ -132,7 +132,7 @@ class RunOfPowersStruct(Structure):
 # Arrays of N values that bev_heat_cheapest needs as memory, and two values more.
 CHEAPEST_ARRAYS = 6
 # What bev_exchange_heat needs as memory: doubles for each step, and so many more.
-EXCHANGE_MEMORY = 63, 2
+EXCHANGE_MEMORY = 67, 2
 # Arrays of N + 1 values that bev_plan_switch needs as memory.
 SWITCH_ARRAYS = 8
 ENERGIES = ('joule', 'drivetrain_heat', 'hvch_heat', 'leakage', 'hvch_electric', 'battery_total')

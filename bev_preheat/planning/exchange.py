@@ -5,8 +5,8 @@ Where limits are active: move heat from steps in which it costs much to steps in
 The thresholds of `merit_order` come from a coarser model than its runs, and what they heat before a climb or
 a descent lies within a tenth of a kelvin of the best, but not quite in the best steps. Along the plan's own
 run `limited_prices` says what a joule more, or less, does in each step; a linear program moves heat so
-that the target and the climbs are still met, and only so much of it as those prices are trusted for. Then
-the run is made again within the limits. It is the plan if it costs less.
+that the target and the climbs are still met, and the charge stays in its range, and only so much of it as those
+prices are trusted for. Then the run is made again within the limits. It is the plan if it costs less.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.compiled import plans as compiled_plans
+from bev_preheat.compiled.structs import SettlingStruct
 from bev_preheat.numerics.linear_program import maximise
 from bev_preheat.planning.cheapest_steps import LEAST_SAVING_WH, sum_in_turn, whole_charge_wh
 from bev_preheat.planning.dynamics import compiled_vehicle
@@ -53,12 +54,13 @@ def exchange_heat(trip: Trip, state: BatteryState, schedule: Schedule, target_c:
     Return the Schedule after all exchanges of heat that save charge; itself where none does.
 
     `schedule` is a run within limits from a BatteryState, of a vehicle without a heat path, that arrives at
-    the target [deg C] as far as it can. No other falls shorter of it, or of the power of the drive.
+    the target [deg C] as far as it can. No other falls shorter of it, or of the power of the drive, or leads
+    below the charge that must be left on the way (`limited_prices.Needs`).
     """
     vehicle = compiled_vehicle(trip.vehicle)
     found = None if vehicle is None or schedule.empty_at_s is not None else compiled_plans.exchange_heat(
-        vehicle, trip.compiled, target_c, schedule.soc, schedule.temperature_c,
-        schedule.heater_power_w, schedule.brake_power_w)
+        vehicle, trip.compiled, SettlingStruct(True, target_c, trip.vehicle.battery.soc_range[0]),
+        schedule.soc, schedule.temperature_c, schedule.heater_power_w, schedule.brake_power_w)
     if found is not None:
         return (along_limits(trip, watch_everywhere(trip), *found[0], stranded=None) if found[0]
                 else schedule)

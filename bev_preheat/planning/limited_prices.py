@@ -4,7 +4,8 @@ What a joule of heat in each step does along a run within limits, to the charge 
 
 Prices as in `prices`, with what limits make of them. In a step whose surplus goes to the heater, or to the
 friction brake, a warmer battery takes more of it, so the heater gets less without being told. Beside the
-target a climb may be required, whose power the battery must be able to give.
+target a climb may be required, whose power the battery must be able to give, and before a descent the charge
+must not fall below the battery's range.
 """
 
 from __future__ import annotations
@@ -44,6 +45,13 @@ SURPLUS_TOLERANCE_W = 1.0
 NEAR_HIGHEST_K = 1e-3
 # A power that is lacking by less than this share is rounding.
 POWER_ROUNDING = 1e-6
+# The charge on the way stays this far above the lowest of the battery's range, or as low as it was: a plan that
+# leaves hardly more than that charge the safeguard takes for the warmest that it may allow.
+LOWEST_SOC_MARGIN = 2e-5
+# What is aimed at above that: by so much a run may differ from its prices.
+LOWEST_SOC_AIM = 1e-6
+# Further above no exchange leads below it.
+NEAR_LOWEST_SOC = 0.05
 
 
 @dataclass(frozen=True)
@@ -52,12 +60,13 @@ class Needs:
     What a run must not fall short of: what the run does that it is compared with.
 
     The temperature on arrival [deg C], and the terminal power that the battery can give in each step (N,) [W]:
-    what the drive asks, or what that run gives where it lacks power. `climbs` are the steps (first, last + 1)
-    that a battery a little colder could not deliver.
+    what the drive asks, or what that run gives where it lacks power. The state of charge never falls below
+    `lowest_soc`. `climbs` are the steps (first, last + 1) that a battery a little colder could not deliver.
     """
 
     arrival_c: float
     power_w: FloatArray
+    lowest_soc: float
     climbs: tuple[tuple[int, int], ...]
 
     def spare_w(self, trip: Trip, run: Schedule) -> FloatArray:
@@ -69,6 +78,7 @@ class Needs:
         short_w = -POWER_ROUNDING * np.abs(trip.idle_power_w)
         return (run.empty_at_s is None
                 and float(run.temperature_c[-1]) >= self.arrival_c - ARRIVAL_TOLERANCE_K
+                and float(run.soc.min()) >= self.lowest_soc
                 and bool((self.spare_w(trip, run) >= short_w).all()))
 
 
@@ -76,6 +86,7 @@ def find_needs(trip: Trip, schedule: Schedule, target_c: float) -> Needs:
     """Return the Needs of a run (a Schedule) that is to be improved, and its target [deg C]."""
     return Needs(min(target_c, float(schedule.temperature_c[-1])),
                  np.minimum(trip.idle_power_w, limits_along(trip, schedule)[1]),
+                 min(trip.vehicle.battery.soc_range[0] + LOWEST_SOC_MARGIN, float(schedule.soc.min())),
                  tuple(find_climbs(trip, schedule)))
 
 
@@ -93,7 +104,8 @@ class Changes:
 
     In each `step` (C,) by at most `most_j` [J], more where `sign` is 1.0, less where it is -1.0. A joule of
     it changes the charge on arrival by `charge_per_j`, and what is required by `needs_per_j` (R, C): the
-    temperature on arrival [K], then the power that can be given in `worst` steps, one for each climb [W].
+    temperature on arrival [K], the power that can be given in `worst` steps, one for each climb [W], and the
+    charge at the instant `lowest`, if that is not None.
     """
 
     step: IntArray
@@ -102,13 +114,16 @@ class Changes:
     charge_per_j: FloatArray
     needs_per_j: FloatArray
     worst: tuple[int, ...]
+    lowest: int | None
 
     def spare(self, trip: Trip, run: Schedule, needs: Needs) -> list[float]:
-        """Return what a run has beyond each need [K, W, ...], less what is aimed at."""
+        """Return what a run has beyond each need [K, W, ..., 1], less what is aimed at."""
         spare_w = needs.spare_w(trip, run)
+        spare_soc = ([] if self.lowest is None else
+                     [float(run.soc[self.lowest]) - needs.lowest_soc - LOWEST_SOC_AIM])
         return [float(run.temperature_c[-1]) - needs.arrival_c - 0.5 * ARRIVAL_TOLERANCE_K,
                 *(float(spare_w[k]) - 0.5 * POWER_SURPLUS * float(trip.idle_power_w[k])
-                  for k in self.worst)]
+                  for k in self.worst), *spare_soc]
 
 
 def find_changes(trip: Trip, run: Schedule, needs: Needs) -> Changes:
@@ -122,15 +137,25 @@ def find_changes(trip: Trip, run: Schedule, needs: Needs) -> Changes:
     more, less = (np.flatnonzero(each_w > LEAST_ROOM_W) for each_w in room_w)
     spare_w = needs.spare_w(trip, run)
     worst = tuple(first + int(spare_w[first:last].argmin()) for first, last in needs.climbs)
-    end = len(trip.route)
+    lowest, end = _lowest_instant(run, needs), len(trip.route)
     effects = [slopes.effect_until(*what) for what in (
-        (end, CHARGE), (end, WARMTH), *(_worth_of_climb(trip, run, k) for k in worst))]
+        (end, CHARGE), (end, WARMTH), *(_worth_of_climb(trip, run, k) for k in worst),
+        *(() if lowest is None else ((lowest, CHARGE),)))]
     step = np.concatenate((more, less))
     duration_s = trip.route.duration_s[step]
     sign = np.where(np.arange(len(step)) < len(more), 1.0, -1.0)
     per_j = np.array([sign * effect[step] / duration_s for effect in effects])
     return Changes(step, sign, np.concatenate((room_w[0][more], room_w[1][less])) * duration_s,
-                   per_j[0], per_j[1:], worst)
+                   per_j[0], per_j[1:], worst, lowest)
+
+
+def _lowest_instant(run: Schedule, needs: Needs) -> int | None:
+    """Return the instant from which a run charges again from its lowest; None where that is far above the need."""
+    rises = np.flatnonzero(run.soc[1:-1] < run.soc[2:]) + 1
+    if not len(rises):
+        return None
+    lowest = int(rises[run.soc[rises].argmin()])
+    return lowest if run.soc[lowest] < needs.lowest_soc + NEAR_LOWEST_SOC else None
 
 
 @dataclass(frozen=True)

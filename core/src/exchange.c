@@ -48,7 +48,7 @@ typedef struct {
 } exchanged;
 
 static void begin_anew(exchange *of) {
-  for (int32_t n = 0; n <= of->needs.climb_count; n++) {
+  for (int32_t n = 0; n < of->changes.needs; n++) {
     of->beyond[n] = 0.0;
   }
   of->mends = 0;
@@ -57,7 +57,7 @@ static void begin_anew(exchange *of) {
 /* Whether the prices are held against what a run had of a need. */
 static bool is_corrected(const exchange *of) {
   bool is_one = false;
-  for (int32_t n = 0; n <= of->needs.climb_count; n++) {
+  for (int32_t n = 0; n < of->changes.needs; n++) {
     is_one = is_one || of->beyond[n] != 0.0;
   }
   return is_one;
@@ -88,7 +88,7 @@ static const double *need_per_j(const exchange *of, int32_t need) {
 /* How much of each change saves the most. */
 static void find_best(exchange *of, exchanged *best) {
   const int32_t count = of->changes.count;
-  const int32_t needs = of->needs.climb_count + 1;
+  const int32_t needs = of->changes.needs;
   bev_linear_program *program = &of->program;
   const double most_saved = greatest_of(of->changes.charge_per_j, count);
   for (int32_t n = 0; n < count; n++) {
@@ -218,7 +218,7 @@ static bool learn(exchange *of, const exchanged *best, double least_saving) {
       of->trusted_j = share * best->moved_j;
       of->mends = 0;
     }
-    for (int32_t n = 0; n <= of->needs.climb_count; n++) {
+    for (int32_t n = 0; n < of->changes.needs; n++) {
       of->beyond[n] =
           share * share * (now[n] - (of->spare[n] + changed_by(of, need_per_j(of, n))));
     }
@@ -273,19 +273,20 @@ static double paid_j(const bev_trip *trip, const bev_limited_course *run) {
   return paid_j;
 }
 
-bev_status bev_exchange_heat(const bev_vehicle *vehicle, const bev_trip *trip, double target_c,
-                             double *states, double *powers_w, uint8_t *watched, double *memory,
-                             int32_t *exchanges) {
+bev_status bev_exchange_heat(const bev_vehicle *vehicle, const bev_trip *trip,
+                             const bev_settling *goal, double *states, double *powers_w,
+                             uint8_t *watched, double *memory, int32_t *exchanges) {
   bev_status status = bev_checked(vehicle, trip, 0);
   if (status != BEV_OK) {
     return status;
   }
-  if (trip->steps < 1 || states == NULL || powers_w == NULL || watched == NULL || memory == NULL
-      || exchanges == NULL || !bev_is_direct(vehicle)) {
+  if (trip->steps < 1 || goal == NULL || states == NULL || powers_w == NULL || watched == NULL
+      || memory == NULL || exchanges == NULL || !bev_is_direct(vehicle)) {
     return BEV_BAD_ARGUMENT;
   }
   const int32_t steps = trip->steps;
-  if (!isfinite(target_c) || !bev_are_numbers(states, 2 * (steps + 1))
+  if (!isfinite(goal->target_c) || !isfinite(goal->lowest_soc)
+      || !bev_are_numbers(states, 2 * (steps + 1))
       || !bev_are_numbers(powers_w, 2 * steps)) {
     return BEV_BAD_INPUT;
   }
@@ -315,7 +316,7 @@ bev_status bev_exchange_heat(const bev_vehicle *vehicle, const bev_trip *trip, d
   *exchanges = 0;
   status = bev_look_at_limits(vehicle, trip, &of.run);
   if (status == BEV_OK) {
-    status = bev_find_needs(&of.run, target_c, &of.needs);
+    status = bev_find_needs(&of.run, goal, &of.needs);
   }
   if (status == BEV_OK) {
     of.trusted_j = FIRST_SHARE * paid_j(trip, &of.run);

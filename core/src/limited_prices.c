@@ -10,6 +10,9 @@
 #define LEAST_ROOM_W 10.0
 #define NEAR_HIGHEST_K 1e-3
 #define POWER_ROUNDING 1e-6
+#define LOWEST_SOC_MARGIN 2e-5
+#define LOWEST_SOC_AIM 1e-6
+#define NEAR_LOWEST_SOC 0.05
 
 bev_status bev_look_at_limits(const bev_vehicle *vehicle, const bev_trip *trip,
                               const bev_limited_course *run) {
@@ -17,11 +20,16 @@ bev_status bev_look_at_limits(const bev_vehicle *vehicle, const bev_trip *trip,
                              trip->power_variance_w2, run->least_w, run->most_w);
 }
 
-bev_status bev_find_needs(const bev_limited_course *run, double target_c, bev_needs *needs) {
+bev_status bev_find_needs(const bev_limited_course *run, const bev_settling *goal,
+                          bev_needs *needs) {
   const bev_trip *trip = needs->trip;
-  needs->arrival_c = bev_minimum(target_c, run->temperature_c[trip->steps]);
+  needs->arrival_c = bev_minimum(goal->target_c, run->temperature_c[trip->steps]);
   for (int32_t k = 0; k < trip->steps; k++) {
     needs->power_w[k] = bev_minimum(trip->idle_power_w[k], run->most_w[k]);
+  }
+  needs->lowest_soc = goal->lowest_soc + LOWEST_SOC_MARGIN;
+  for (int32_t k = 0; k <= trip->steps; k++) {
+    needs->lowest_soc = bev_minimum(needs->lowest_soc, run->soc[k]);
   }
   return bev_find_climbs(needs->vehicle, trip, run->soc, run->temperature_c, needs->climbs,
                          &needs->climb_count);
@@ -30,6 +38,9 @@ bev_status bev_find_needs(const bev_limited_course *run, double target_c, bev_ne
 bool bev_are_met(const bev_needs *needs, const bev_limited_course *run) {
   const bev_trip *trip = needs->trip;
   bool are_met = run->temperature_c[trip->steps] >= needs->arrival_c - ARRIVAL_TOLERANCE_K;
+  for (int32_t k = 0; k <= trip->steps && are_met; k++) {
+    are_met = run->soc[k] >= needs->lowest_soc;
+  }
   for (int32_t k = 0; k < trip->steps && are_met; k++) {
     are_met =
         run->most_w[k] - needs->power_w[k] >= -POWER_ROUNDING * fabs(trip->idle_power_w[k]);
@@ -45,6 +56,10 @@ void bev_spare_of(const bev_needs *needs, const bev_changes *changes, const bev_
     const int32_t k = changes->worst[n];
     spare[n + 1] = (run->most_w[k] - needs->power_w[k])
         - 0.5 * POWER_SURPLUS * trip->idle_power_w[k];
+  }
+  if (changes->lowest >= 0) {
+    spare[needs->climb_count + 1] =
+        run->soc[changes->lowest] - needs->lowest_soc - LOWEST_SOC_AIM;
   }
 }
 
@@ -230,6 +245,19 @@ static void find_worst(const bev_needs *needs, const bev_limited_course *run,
   }
 }
 
+/* The instant from which a run charges again from its lowest; -1 where that is far above the need. */
+static int32_t lowest_instant(const bev_needs *needs, const bev_limited_course *run) {
+  int32_t lowest = -1;
+  double least_soc = needs->lowest_soc + NEAR_LOWEST_SOC;
+  for (int32_t k = 1; k < needs->trip->steps; k++) {
+    if (run->soc[k] < run->soc[k + 1] && run->soc[k] < least_soc) {
+      least_soc = run->soc[k];
+      lowest = k;
+    }
+  }
+  return lowest;
+}
+
 bev_status bev_find_changes(const bev_needs *needs, const bev_limited_course *run,
                             bev_changes *changes) {
   static const bev_charge_warmth CHARGE = {1.0, 0.0};
@@ -237,6 +265,8 @@ bev_status bev_find_changes(const bev_needs *needs, const bev_limited_course *ru
   const bev_trip *trip = needs->trip;
   find_room(needs, run, changes);
   find_worst(needs, run, changes);
+  changes->lowest = lowest_instant(needs, run);
+  changes->needs = 1 + needs->climb_count + (changes->lowest >= 0 ? 1 : 0);
   bev_status status = find_slopes(needs, run, changes);
   if (status == BEV_OK) {
     status = find_effects(trip, changes, trip->steps, CHARGE, changes->charge_per_j);
@@ -247,6 +277,10 @@ bev_status bev_find_changes(const bev_needs *needs, const bev_limited_course *ru
   for (int32_t n = 0; n < needs->climb_count && status == BEV_OK; n++) {
     status = find_effects_on_climb(needs, run, changes, changes->worst[n],
                                    &changes->needs_per_j[(n + 1) * changes->count]);
+  }
+  if (status == BEV_OK && changes->lowest >= 0) {
+    status = find_effects(trip, changes, changes->lowest, CHARGE,
+                          &changes->needs_per_j[(needs->climb_count + 1) * changes->count]);
   }
   return status;
 }

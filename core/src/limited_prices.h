@@ -10,8 +10,8 @@
 
 #include "threshold_search.h"
 
-/* The target, and each climb. */
-#define BEV_MOST_NEEDS (1 + BEV_MOST_CLIMBS)
+/* The target, each climb, and the lowest charge. */
+#define BEV_MOST_NEEDS (2 + BEV_MOST_CLIMBS)
 /* The slopes of a step are so many numbers. */
 #define BEV_SLOPES 10
 /* Paid heat is told from surplus to this [W]. */
@@ -27,12 +27,13 @@ typedef struct {
   double *most_w;
 } bev_limited_course;
 
-/* What a run must not fall short of: the temperature on arrival, the power in each step, and in climbs. */
+/* What a run must not fall short of: arrival temperature, power in each step, and in climbs, and lowest charge. */
 typedef struct {
   const bev_vehicle *vehicle;
   const bev_trip *trip;
   double arrival_c;
   double *power_w;
+  double lowest_soc;
   int32_t climb_count;
   bev_requirement climbs[BEV_MOST_CLIMBS];
 } bev_needs;
@@ -40,8 +41,8 @@ typedef struct {
 /*
  * What heating a step more, or less, does: `count` changes, the first `more` of which heat more. In each `step`
  * (a double, so that one memory is enough) by at most so many joules. Of a joule, by how much it changes the charge
- * on arrival, and each need, one array after the other: the temperature on arrival [K], then the power that can
- * be given in the `worst` step of each climb [W].
+ * on arrival, and each of `needs`, one array after the other: the temperature on arrival [K], the power that can
+ * be given in the `worst` step of each climb [W], and the charge at the instant `lowest`, if that is not -1.
  */
 typedef struct {
   int32_t count;
@@ -50,7 +51,9 @@ typedef struct {
   double *most_j;
   double *charge_per_j;
   double *needs_per_j;
+  int32_t needs;
   int32_t worst[BEV_MOST_CLIMBS];
+  int32_t lowest;
   /* Room for BEV_SLOPES numbers of each step, and for one more. */
   double *slopes;
   double *per_w;
@@ -61,12 +64,13 @@ bev_status bev_look_at_limits(const bev_vehicle *vehicle, const bev_trip *trip,
                               const bev_limited_course *run);
 
 /* What a run whose limits are known is to be compared with; vehicle, trip and room are known. */
-bev_status bev_find_needs(const bev_limited_course *run, double target_c, bev_needs *needs);
+bev_status bev_find_needs(const bev_limited_course *run, const bev_settling *goal,
+                          bev_needs *needs);
 
 /* Whether a run that does not strand falls short of nothing but rounding. */
 bool bev_are_met(const bev_needs *needs, const bev_limited_course *run);
 
-/* What a run has beyond each need [K, W, ...], less what is aimed at. */
+/* What a run has beyond each need [K, W, ..., 1], less what is aimed at. */
 void bev_spare_of(const bev_needs *needs, const bev_changes *changes, const bev_limited_course *run,
                   double spare[BEV_MOST_NEEDS]);
 

@@ -5,7 +5,7 @@
 
 #include <stdint.h>
 
-#define BEV_MOST_ROWS 8
+#define BEV_MOST_ROWS 9
 
 /*
  * The greatest sum of `gains` times what is found, of which each row's `uses` leave what it has `left`. What is

@@ -170,7 +170,7 @@ static bev_status exchange_heat(const planning *of, const bev_stranding *strandi
     return BEV_OK;
   }
   const bev_status status =
-      bev_exchange_heat(of->vehicle, of->trip, of->goal->target_c, of->states, of->powers_w,
+      bev_exchange_heat(of->vehicle, of->trip, of->goal, of->states, of->powers_w,
                         &of->watched[2 * steps], of->memory, &exchanges);
   for (int32_t n = 0; n < 2 * steps && exchanges > 0; n++) {
     of->watched[n] = of->watched[2 * steps + n];
@@ -200,7 +200,7 @@ bev_status bev_plan_merit_order(const bev_vehicle *vehicle, const bev_trip *trip
   of.paid_w = bev_take(&memory, trip->steps);
   of.watched = watched;
   of.memory = memory;
-  if (!isfinite(goal->target_c) || !bev_is_time(trip)
+  if (!isfinite(goal->target_c) || !isfinite(goal->lowest_soc) || !bev_is_time(trip)
       || !bev_are_numbers(idle_states, (of.is_direct ? 2 : 4) * (trip->steps + 1))) {
     return BEV_BAD_INPUT;
   }

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Heat that is moved within limits: prices against runs, plans against the program, the core against Python."""
 
-from ctypes import byref, c_int32
+from contextlib import contextmanager
+from ctypes import addressof, byref, c_int32
 from dataclasses import replace
 from functools import lru_cache
 import math
@@ -9,11 +10,12 @@ import math
 from hypothesis import given
 from hypothesis import strategies as st
 import numpy as np
+from own_plant import OwnPlant
 import pytest
 
 from bev_preheat.compiled.library import core, without_core
 from bev_preheat.compiled.runs import place
-from bev_preheat.compiled.structs import address_of, EXCHANGE_MEMORY
+from bev_preheat.compiled.structs import address_of, EXCHANGE_MEMORY, SettlingStruct
 from bev_preheat.experiments.optimality.drawn_trips import draw_limit_trip
 from bev_preheat.planning import merit_order
 from bev_preheat.planning.cheapest_steps import LEAST_SAVING_WH, whole_charge_wh
@@ -34,19 +36,43 @@ BAD_ARGUMENT, BAD_INPUT = -1, -3
 CAR = load_vehicle('reference')
 # Drawn trips on which a limit is active: a descent, a climb, a climb and a tight cabin, a target that binds.
 DESCENT, CLIMB, TIGHT, TARGET = 205, 337, 288, 88
+# Ones that charge again on a descent.
+RECHARGED = (0, 9, 51, 154, 214, 272)
 
 
 @lru_cache
-def planned(number, seed=1):
-    """Return (trip, state, target [deg C], its Schedule by thresholds alone); None where no limit is active."""
-    drawn = draw_limit_trip(CAR, seed, number)
+def planned(number, seed=1, above=None):
+    """
+    Return (trip, state, target [deg C], its Schedule by thresholds alone); None where no limit is active.
+
+    With `above` it starts with so little charge that on the way so much is left above the battery's range.
+    """
+    drawn = drawn_with_charge(number, seed, above)
     trip = make_trip(drawn.vehicle, drawn.route)
     if limits_hold(trip, plan_optimal_switch(trip, drawn.state, drawn.goal)):
         return None
-    with without_core(), pytest.MonkeyPatch.context() as patch:
-        patch.setattr(merit_order, 'exchange_heat', lambda trip, state, schedule, target_c: schedule)
+    with thresholds_alone():
         schedule = plan_merit_order(trip, drawn.state, drawn.goal)
     return trip, drawn.state, drawn.goal.target_temperature_c, schedule
+
+
+def drawn_with_charge(number, seed=1, above=None):
+    """Return a drawn trip; `above` as in `planned`, for the plan that it has as it is drawn."""
+    drawn = draw_limit_trip(CAR, seed, number)
+    if above is None:
+        return drawn
+    plan = plan_preheating(drawn.vehicle, drawn.route, drawn.state, drawn.goal)
+    lowest_soc = drawn.vehicle.battery.soc_range[0] + above
+    return replace(drawn, state=replace(
+        drawn.state, soc=float(drawn.state.soc - plan.soc.min() + lowest_soc)))
+
+
+@contextmanager
+def thresholds_alone():
+    """Plan without exchanges of heat for a while."""
+    with without_core(), pytest.MonkeyPatch.context() as patch:
+        patch.setattr(merit_order, 'exchange_heat', lambda trip, state, schedule, target_c: schedule)
+        yield
 
 
 def saved_wh(trip, schedule, other):
@@ -54,11 +80,13 @@ def saved_wh(trip, schedule, other):
 
 
 @pytest.mark.costly
-@pytest.mark.parametrize('number', [DESCENT, CLIMB, TARGET])
-def test_effects_are_what_a_run_says_that_is_heated_a_little_more_or_less(number):
-    trip, state, target_c, schedule = planned(number)
+@pytest.mark.parametrize('number, above', [
+    (DESCENT, None), (CLIMB, None), (TARGET, None), (51, 1e-3), (272, 1e-3)])
+def test_effects_are_what_a_run_says_that_is_heated_a_little_more_or_less(number, above):
+    trip, state, target_c, schedule = planned(number, above=above)
     needs = find_needs(trip, schedule, target_c)
     changes = find_changes(trip, schedule, needs)
+    assert len(changes.needs_per_j) == 1 + len(changes.worst) + (above is not None)
     free_w = limits_along(trip, schedule)[0] - trip.idle_power_w
     is_surplus = (trip.route.propulsion_power_w < 0.0) & (schedule.heater_power_w <= free_w + 1.0)
     command_w = np.where(is_surplus, 0.0, schedule.heater_power_w)
@@ -83,6 +111,10 @@ def test_effects_are_what_a_run_says_that_is_heated_a_little_more_or_less(number
             greatest = np.abs(changes.needs_per_j[row]).max() * moved_j
             assert changes.needs_per_j[row, n] * moved_j == pytest.approx(
                 float(spare_w[1] - spare_w[0]), abs=0.01 * greatest), (k, sign)
+        if above is not None:
+            assert changes.lowest == schedule.soc[:-1].argmin()
+            assert changes.needs_per_j[-1, n] * moved_j == pytest.approx(
+                float(after.soc[changes.lowest] - before.soc[changes.lowest]), abs=0.005 * scale_soc), (k, sign)
         compared += 1
     assert compared >= 10
 
@@ -111,6 +143,47 @@ def test_less_is_taken_from_the_battery_and_nothing_falls_short(number, seed):
         can_brake = best.brake_power_w < -trip.route.propulsion_power_w
         assert (terminal_w >= least_w - 2e-3)[can_brake & (trip.route.propulsion_power_w < 0.0)].all()
         assert (terminal_w <= most_w + 2e-3)[heated].all()
+
+
+@given(number=st.sampled_from(RECHARGED), above=st.floats(-2e-3, 1e-2))
+def test_the_charge_on_the_way_does_not_leave_its_range(number, above):
+    situation = planned(number, above=above)
+    if situation is None or situation[-1].empty_at_s is not None:
+        return
+    trip, state, target_c, schedule = situation
+    best = exchange_heat(trip, state, schedule, target_c)
+    assert best.soc.min() >= min(CAR.battery.soc_range[0], schedule.soc.min())
+
+
+@pytest.mark.costly
+@pytest.mark.parametrize('number, above', [(51, 6e-4), (60, 3.2e-3), (120, 2.5e-3)])
+def test_where_the_charge_on_the_way_binds_less_is_saved(number, above):
+    trip, state, target_c, schedule = planned(number, above=above)
+    lowest_soc = CAR.battery.soc_range[0]
+    assert lowest_soc + 5e-5 < schedule.soc.min() < lowest_soc + 2e-4
+    best = exchange_heat(trip, state, schedule, target_c)
+    to_nothing = replace(trip.vehicle, battery=replace(trip.vehicle.battery, soc_range=(0.0, 1.0)))
+    free = exchange_heat(make_trip(to_nothing, trip.route), state, schedule, target_c)
+    assert free.soc.min() < lowest_soc <= best.soc.min() < lowest_soc + 5e-5
+    assert LEAST_SAVING_WH < saved_wh(trip, schedule, best) < saved_wh(trip, schedule, free)
+
+
+@pytest.mark.costly
+@pytest.mark.parametrize('number', RECHARGED)
+@pytest.mark.parametrize('above', [2e-4, 3e-3])
+def test_no_plan_with_little_charge_is_worse_than_without_exchanges(number, above):
+    drawn = drawn_with_charge(number, above=above)
+    situation = drawn.vehicle, drawn.route, drawn.state, drawn.goal
+    plan = plan_preheating(*situation)
+    with thresholds_alone():
+        other = plan_preheating(*situation)
+    less_k = other.arrival_temperature_c - plan.arrival_temperature_c
+    more_wh = plan.energy_wh.battery_total - other.energy_wh.battery_total
+    # A kelvin takes some 120 Wh: heat capacity and the heater's efficiency.
+    assert more_wh <= (0.05 - 200.0 * less_k if less_k < 0.0 else 0.05 - 80.0 * less_k)
+    driven = OwnPlant('reference').drive(drawn.route, drawn.state, plan.hvch_battery_power_w)
+    assert driven.temperature_c == pytest.approx(plan.arrival_temperature_c, abs=0.1)
+    assert driven.lowest_soc >= min(CAR.battery.soc_range[0], other.soc.min()) - 5e-4
 
 
 @given(number=st.integers(0, 250))
@@ -151,11 +224,12 @@ def test_what_saves_nothing_and_what_strands_stays_as_it_is():
 
 
 @pytest.mark.costly
-@pytest.mark.parametrize('trips', [60, pytest.param(400, marks=pytest.mark.deep)])
-def test_core_and_python_agree_to_the_last_bit(trips):
+@pytest.mark.parametrize('trips, above', [
+    (60, None), (60, 1e-3), *(pytest.param(400, above, marks=pytest.mark.deep) for above in (None, 1e-3))])
+def test_core_and_python_agree_to_the_last_bit(trips, above):
     changed = 0
     for number in range(trips):
-        situation = planned(number)
+        situation = planned(number, above=above)
         if situation is None:
             continue
         trip, state, target_c, schedule = situation
@@ -179,9 +253,9 @@ def test_merit_order_exchanges_heat():
     assert plan.heating_start_s == best.heating_start_s
 
 
-def call_exchange_heat(trip, schedule, target_c, null=None, changed=None):
+def call_exchange_heat(trip, schedule, target_c, null=None, changed=None, lowest_soc=0.05):
     """Return the status of bev_exchange_heat; `null` is the argument that is to be a null pointer."""
-    steps = trip.compiled.steps
+    steps, goal = trip.compiled.steps, SettlingStruct(True, target_c, lowest_soc)
     arrays = {'states': np.array((schedule.soc, schedule.temperature_c)),
               'powers_w': np.array((schedule.heater_power_w, schedule.brake_power_w)),
               'memory': np.full((EXCHANGE_MEMORY[0] * steps + EXCHANGE_MEMORY[1] + 8), 7.25)}
@@ -192,14 +266,15 @@ def call_exchange_heat(trip, schedule, target_c, null=None, changed=None):
     at['watched'] = address_of(watched)
     status = core().bev_exchange_heat(
         None if null == 'vehicle' else compiled_vehicle(trip.vehicle).address,
-        None if null == 'trip' else trip.compiled.address, target_c,
+        None if null == 'trip' else trip.compiled.address, None if null == 'goal' else addressof(goal),
         *(None if name == null else at[name] for name in ('states', 'powers_w', 'watched', 'memory')),
         None if null == 'exchanges' else byref(exchanges))
     assert (arrays['memory'][-8:] == 7.25).all() and (watched[-8:] == 3).all()
     return status
 
 
-@pytest.mark.parametrize('null', ['vehicle', 'trip', 'states', 'powers_w', 'watched', 'memory', 'exchanges'])
+@pytest.mark.parametrize('null', [
+    'vehicle', 'trip', 'goal', 'states', 'powers_w', 'watched', 'memory', 'exchanges'])
 def test_a_null_pointer_is_refused(null):
     trip, _, target_c, schedule = planned(CLIMB)
     assert call_exchange_heat(trip, schedule, target_c) == 0
@@ -210,6 +285,7 @@ def test_a_null_pointer_is_refused(null):
 def test_a_number_that_is_none_is_refused(number):
     trip, _, target_c, schedule = planned(CLIMB)
     assert call_exchange_heat(trip, schedule, number) == BAD_INPUT
+    assert call_exchange_heat(trip, schedule, target_c, lowest_soc=number) == BAD_INPUT
     for name in ('states', 'powers_w'):
         assert call_exchange_heat(trip, schedule, target_c, changed={name: number}) == BAD_INPUT, name
 

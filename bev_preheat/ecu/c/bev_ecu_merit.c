@@ -116,7 +116,7 @@ static bev_status plan_within_limits(const bev_vehicle *vehicle, const bev_trip 
                                      const bev_ecu_situation *situation, const merit_room *room,
                                      bev_ecu_plan *plan) {
   const int32_t steps = trip->steps;
-  const bev_settling goal = {1, situation->target_c};
+  const bev_settling goal = {1, situation->target_c, situation->least_soc};
   bev_merit_plan found;
   double allowed_w = 0.0;
   bev_status status = run_idle(vehicle, trip, situation, room);

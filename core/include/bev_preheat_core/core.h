@@ -413,12 +413,13 @@ bev_status bev_find_bands(const bev_vehicle *vehicle, const bev_strides *strides
                           const bev_curve_range *range, double *memory, double *bands_c);
 
 /*
- * What a run under thresholds is to meet: the target on arrival [deg C] and, with `serves_climbs`, the power
- * of each climb.
+ * What a run is to meet: the target on arrival [deg C] and, with `serves_climbs`, the power of each climb.
+ * Exchanges of heat lead to no state of charge below `lowest_soc`; thresholds do not look at it.
  */
 typedef struct {
   int32_t serves_climbs;
   double target_c;
+  double lowest_soc;
 } bev_settling;
 
 /* Where the charge of a run runs out: in this step (-1: in none), of which so large a share is driven. */
@@ -481,19 +482,19 @@ bev_status bev_merit_order(const bev_vehicle *vehicle, const bev_vehicle *lumped
                            uint8_t *watched, double *memory);
 
 /* Room that bev_exchange_heat takes [doubles]. */
-#define BEV_EXCHANGE_MEMORY(steps) (63 * (steps) + 2)
+#define BEV_EXCHANGE_MEMORY(steps) (67 * (steps) + 2)
 
 /*
  * The run within limits after heat was moved from steps in which it costs much to steps in which it costs little.
  *
  * `states` and `powers_w`, two arrays each as of bev_settle, are a run within limits that does not strand, of a
- * vehicle whose heat arrives at once. Where another one saves something, and falls no shorter of the target or of the
- * power of the drive, it is written over it, and `exchanges` says in how many steps it was found; 0: nothing is
- * written. `watched` is room for 2 * steps bytes.
+ * vehicle whose heat arrives at once. Where another one saves something, and falls no shorter of the goal's
+ * target, of the power of the drive or of the goal's lowest charge, it is written over it, and `exchanges` says in how
+ * many steps it was found; 0: nothing is written. `watched` is room for 2 * steps bytes.
  */
-bev_status bev_exchange_heat(const bev_vehicle *vehicle, const bev_trip *trip, double target_c,
-                             double *states, double *powers_w, uint8_t *watched, double *memory,
-                             int32_t *exchanges);
+bev_status bev_exchange_heat(const bev_vehicle *vehicle, const bev_trip *trip,
+                             const bev_settling *goal, double *states, double *powers_w,
+                             uint8_t *watched, double *memory, int32_t *exchanges);
 
 /* Memory of bev_plan_merit_order [doubles]; its `watched` has BEV_MERIT_BYTES. */
 #define BEV_MERIT_PLAN_MEMORY(steps) (BEV_MERIT_MEMORY(steps) + (steps))
