@@ -21,12 +21,14 @@ from bev_preheat.estimation.state import (
     TEMPERATURE,
     UNDER_WAY,
 )
+from bev_preheat.records import made_at_once
 from bev_preheat.vehicle.corrections import Corrections
 
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray
 
 
+@made_at_once
 @dataclass(frozen=True, eq=False)
 class Estimate:
     """
@@ -57,45 +59,45 @@ class Estimate:
     @property
     def temperature_c(self) -> float:
         """Battery temperature [deg C]."""
-        return float(self.mean[TEMPERATURE])
+        return self.mean.item(TEMPERATURE)
 
     @property
     def temperature_deviation_k(self) -> float:
         """Standard deviation of the battery temperature [K]."""
-        return math.sqrt(max(self.covariance[TEMPERATURE, TEMPERATURE], 0.0))
+        return math.sqrt(max(self.covariance.item(TEMPERATURE, TEMPERATURE), 0.0))
 
     @property
     def settled_deviation_k(self) -> float:
         """Standard deviation of the battery temperature once the heat under way has arrived [K]."""
-        covariance = self.covariance
+        covariance = self.covariance.item
         return math.sqrt(max(
-            covariance[TEMPERATURE, TEMPERATURE] + covariance[UNDER_WAY, UNDER_WAY]
-            + 2.0 * covariance[TEMPERATURE, UNDER_WAY], 0.0))
+            covariance(TEMPERATURE, TEMPERATURE) + covariance(UNDER_WAY, UNDER_WAY)
+            + 2.0 * covariance(TEMPERATURE, UNDER_WAY), 0.0))
 
     @property
     def under_way_k(self) -> float:
         """Heat that the heater made and that has not arrived: what it will bring [K]."""
-        return max(float(self.mean[UNDER_WAY]), 0.0)
+        return max(self.mean.item(UNDER_WAY), 0.0)
 
     @property
     def heat_lag_s(self) -> float:
         """How late the heater's heat arrives [s]."""
-        return NOMINAL_HEAT_LAG_S * math.exp(self.mean[HEAT_LAG])
+        return NOMINAL_HEAT_LAG_S * math.exp(self.mean.item(HEAT_LAG))
 
     def later_heat_s(self, deviations: float) -> float:
         """How much later than believed the heater's heat arrives if so many deviations off [s]."""
-        deviation = math.sqrt(max(self.covariance[HEAT_LAG, HEAT_LAG], 0.0))
+        deviation = math.sqrt(max(self.covariance.item(HEAT_LAG, HEAT_LAG), 0.0))
         return self.heat_lag_s * math.expm1(deviations * deviation)
 
     @property
     def sensor_lag_s(self) -> float:
         """How late the temperature sensor is [s]."""
-        return NOMINAL_SENSOR_LAG_S * math.exp(self.mean[SENSOR_LAG])
+        return NOMINAL_SENSOR_LAG_S * math.exp(self.mean.item(SENSOR_LAG))
 
     @property
     def soc(self) -> float:
         """State of charge, 0 ... 1."""
-        return min(max(float(self.mean[SOC]), 0.0), 1.0)
+        return min(max(self.mean.item(SOC), 0.0), 1.0)
 
     @property
     def corrections(self) -> Corrections:
@@ -105,7 +107,7 @@ class Estimate:
     @property
     def propulsion_factor(self) -> float:
         """Propulsion power of the car as a multiple of the route's."""
-        return math.exp(self.mean[PROPULSION])
+        return math.exp(self.mean.item(PROPULSION))
 
     @property
     def factor_deviations(self) -> FloatArray:

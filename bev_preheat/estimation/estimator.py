@@ -8,7 +8,7 @@ Instants are integers, in nanoseconds of the clock that stamps the battery state
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 import math
 from typing import TYPE_CHECKING
@@ -20,6 +20,7 @@ from bev_preheat.estimation.power_response import PowerResponse
 from bev_preheat.estimation.readings import Measurement, ReadingCheck, Verdict
 from bev_preheat.estimation.standing import expected_offset_k
 from bev_preheat.estimation.state import SENSOR, TEMPERATURE
+from bev_preheat.records import made_at_once
 from bev_preheat.vehicle.uncertain_car import DriveInputs
 
 if TYPE_CHECKING:
@@ -53,6 +54,7 @@ MOST_DEVIATION_K = 50.0
 EVIDENCE_OF_A_SWITCHING = 5.0
 
 
+@made_at_once
 @dataclass(frozen=True)
 class Stretch:
     """
@@ -97,13 +99,15 @@ class Estimator:
         self._quiet_s, self._followed_s = math.inf, 0.0
         # Since when [ns] the heater has been suspect; None: it is not.
         self._suspect_since_ns: int | None = None
-        # Instant [s] and power [W] of the latest samples, for what varies from one to the other.
-        self._latest: deque[tuple[float, float]] = deque()
+        # Instants [s] and powers [W] of the latest samples, for what varies from one to the other.
+        self._latest_s: deque[float] = deque()
+        self._latest_w: deque[float] = deque()
 
     def lose_time(self) -> None:
         """Take the temperature from the next reading alone: stamps so far mean nothing."""
         self._stamp_ns, self._powers_w, self._suspect_since_ns = None, [], None
-        self._latest.clear()
+        self._latest_s.clear()
+        self._latest_w.clear()
         self._response = PowerResponse()
 
     def rely_on(self, standing: Standing) -> None:
@@ -132,7 +136,7 @@ class Estimator:
             return ()
         from_ns = self._stamp_ns
         steps = math.ceil((stamp_ns - from_ns) / NS_PER_S / LONGEST_STEP_S)
-        return tuple(from_ns + (stamp_ns - from_ns) * part // steps for part in range(steps + 1))
+        return tuple([from_ns + (stamp_ns - from_ns) * part // steps for part in range(steps + 1)])
 
     def observe(self, measurement: Measurement, command_w: float,
                 stretches: Iterable[Stretch]) -> None:
@@ -205,23 +209,22 @@ class Estimator:
             return
         self._powers_w.append(power_w)
         instant_s = measurement.stamp_ns / NS_PER_S
-        self._latest.append((instant_s, power_w))
-        while self._latest[0][0] < instant_s - VARIATION_S:
-            self._latest.popleft()
-        answer = self._response.see(measurement.stamp_ns / NS_PER_S, power_w, command_w)
+        self._latest_s.append(instant_s)
+        self._latest_w.append(power_w)
+        while self._latest_s[0] < instant_s - VARIATION_S:
+            self._latest_s.popleft()
+            self._latest_w.popleft()
+        answer = self._response.see(instant_s, power_w, command_w)
         if answer is not None:
             self._belief.see_share(answer.share, answer.deviation, EVIDENCE_OF_A_SWITCHING)
             self._expected = None
 
     def _advance(self, stretches: Iterable[Stretch]) -> None:
         """Move the belief on through Stretches."""
-        seen_w = None
-        variance_w2 = lasting_w2 = 0.0
+        seen_w, variance_w2 = None, 0.0
         # The first sample is that of the step before, which ended where this one begins.
         if len(self._powers_w) >= 2:
             seen_w, variance_w2 = _mean_and_variance(self._powers_w)
-            # Over as long as a route's segments last, as it was seen.
-            _, lasting_w2 = _mean_and_variance([power_w for _, power_w in self._latest])
         for stretch in stretches:
             drive, duration_s = stretch.drive, stretch.duration_s
             if drive is not None and seen_w is not None:
@@ -229,7 +232,7 @@ class Estimator:
                     drive.speed_mps, drive.ambient_temperature_c, drive.propulsion_power_w, variance_w2,
                     drive.propulsion_power_magnitude_w, drive.cabin_heating_power_w,
                     drive.auxiliary_power_w, drive.heater_power_w, terminal_power_w=seen_w,
-                    hidden_variance_w2=max(0.0, drive.power_variance_w2 - lasting_w2))
+                    hidden_variance_w2=self._hidden_w2(drive.power_variance_w2))
             self._followed_s += duration_s
             self._quiet_s = 0.0 if stretch.command_w > 0.0 else self._quiet_s + duration_s
             if drive is None or seen_w is None:
@@ -242,6 +245,14 @@ class Estimator:
                 seen_w - heater_w - drive.cabin_heating_power_w - drive.auxiliary_power_w)
         self._powers_w = self._powers_w[-1:]
 
+    def _hidden_w2(self, route_w2: float) -> float:
+        """Return what of a route's variance of the power within a segment [W^2] the sensors do not show."""
+        if route_w2 == 0.0:
+            return 0.0
+        # Over as long as a route's segments last, as it was seen.
+        _, lasting_w2 = _mean_and_variance(self._latest_w)
+        return max(0.0, route_w2 - lasting_w2)
+
     def _conclude(self, measurement: Measurement, mean: FloatArray, covariance: FloatArray) -> None:
         """Make the estimate after a Measurement, with which this mean and covariance are expected."""
         stamp_ns = self._stamp_ns = measurement.stamp_ns
@@ -250,7 +261,7 @@ class Estimator:
             self.restart('the estimate left the range in which it means anything', stamp_ns)
             self._place(measurement)
             return
-        weights = self._belief.weights.sum(axis=1).tolist()
+        weights = [*map(sum, self._belief.weights.tolist())]
         if not is_suspect(weights):
             self._suspect_since_ns = None
         elif self._suspect_since_ns is None:
@@ -273,7 +284,7 @@ def _is_sound(mean: FloatArray, covariance: FloatArray) -> bool:
             and min(variances) >= 0.0 and variances[TEMPERATURE] <= MOST_DEVIATION_K**2)
 
 
-def _mean_and_variance(values: Sequence[float]) -> tuple[float, float]:
+def _mean_and_variance(values: Collection[float]) -> tuple[float, float]:
     """Return mean and variance of values."""
     # Of a few dozen, for which NumPy takes longer.
     mean = sum(values) / len(values)

@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from bev_preheat.records import made_at_once
+
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray
 
@@ -67,9 +69,10 @@ def transitions(duration_s: float) -> FloatArray:
 def heater_power_w(command_w: float, limit_w: float) -> list[float]:
     """Return the power [W] that each heater takes under a command."""
     # Of so few numbers NumPy's take longer.
-    return [*(min(share * command_w, limit_w) for share in SHARES[:STUCK]), limit_w]
+    return [*[min(share * command_w, limit_w) for share in SHARES[:STUCK]], limit_w]
 
 
+@made_at_once
 @dataclass(frozen=True)
 class HeaterReport:
     """How the heater answers, how sure that is (0 ... 1), and its share of the command (0 ... 1)."""

@@ -86,10 +86,11 @@ class ReadingCheck:
     def _is_plausible(self, state: BatteryState, mean: FloatArray,
                       covariance: FloatArray) -> bool:
         """Whether readings are what is expected, or may be."""
-        return all(
-            abs(reading - mean[index]) <= 0.5 * step + IMPLAUSIBLE_DEVIATIONS * max(
-                math.sqrt(max(covariance[index, index], 0.0)), least)
-            for index, reading, step, least in self._looks_at(state))
+        # Numbers out of the arrays: sums of NumPy's scalars take three times as long.
+        return all([
+            abs(reading - mean.item(index)) <= 0.5 * step + IMPLAUSIBLE_DEVIATIONS * max(
+                math.sqrt(max(covariance.item(index, index), 0.0)), least)
+            for index, reading, step, least in self._looks_at(state)])
 
     def _agree(self, one: BatteryState, other: BatteryState) -> bool:
         """Whether two readings that were not believed say the same."""

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 
 from bev_preheat.errors import InvalidInput
 from bev_preheat.planning.situation import BatteryState
+from bev_preheat.records import made_at_once
 from bev_preheat.simulation.heater_lease import HeaterLease, NO_LEASE
 from bev_preheat.supervision.events import (
     BatteryStateArrived,
@@ -38,6 +39,7 @@ if TYPE_CHECKING:
 START_NS = 1_000_000 * NS_PER_S
 
 
+@made_at_once
 @dataclass(frozen=True)
 class Moment:
     """
@@ -65,8 +67,7 @@ def moments(car: ImperfectCar, supervisor: Supervisor,
     under the latest command until that expires.
     """
     drive = _Drive(car, supervisor)
-    yield from drive.step(
-        RouteArrived(drive.planned(car.mission(START_NS))), is_last=False)
+    yield drive.step(RouteArrived(drive.planned(car.mission(START_NS))), is_last=False)
     while not until():
         yield from drive.due_now()
         drive.go_on()
@@ -89,7 +90,7 @@ class _Drive:
 
     def due_now(self) -> Iterator[Moment]:
         """Yield the Moments of this instant: what has arrived, then the timers."""
-        car = self._car
+        car, now_s = self._car, self._car.time_s
         events: list[tuple[Reading | None, Event]] = []
         mission, progress = car.route_news(START_NS), car.progress(START_NS)
         if mission is not None:
@@ -97,17 +98,16 @@ class _Drive:
         if progress is not None:
             events.append((None, ProgressArrived(progress)))
         events += [(reading, self._battery_event(reading)) for reading in car.readings()]
-        ticks = self._tick_s <= car.time_s
+        ticks = self._tick_s <= now_s
         if ticks:
             self._ticks += 1
-        if self._stale_s <= car.time_s:
+        if self._stale_s <= now_s:
             self._stale_s += self._supervisor.settings.battery_state_timeout_s
             ticks = True
         for number, (reading, event) in enumerate(events, start=1):
-            yield from self.step(
-                event, reading=reading, is_last=number == len(events) and not ticks)
+            yield self.step(event, reading=reading, is_last=number == len(events) and not ticks)
         if ticks:
-            yield from self.step()
+            yield self.step()
 
     def go_on(self) -> None:
         """Drive on to the next instant at which anything happens."""
@@ -123,10 +123,10 @@ class _Drive:
             reading.voltage_v, reading.current_a))
 
     def step(self, *events: Event, reading: Reading | None = None,
-             is_last: bool = True) -> Iterator[Moment]:
-        """Yield the Moment of a step, and put its command into effect."""
-        car = self._car
-        now_ns = START_NS + round(car.clock_s * NS_PER_S)
+             is_last: bool = True) -> Moment:
+        """Return the Moment of a step whose command is in effect."""
+        time_s, clock_s = self._car.time_s, self._car.clock_s
+        now_ns = START_NS + round(clock_s * NS_PER_S)
         started = process_time()
         outputs = tuple(self._supervisor.step(now_ns, *events))
         cpu_s = process_time() - started
@@ -134,7 +134,7 @@ class _Drive:
             if output.command is not None:
                 lasts_s = (output.command.valid_until_ns - now_ns) / NS_PER_S
                 self._lease = HeaterLease(
-                    output.command.battery_heating_power_w, car.time_s + lasts_s)
-        if reading is not None and not any(output.refusals for output in outputs):
-            self._stale_s = car.time_s + self._supervisor.settings.battery_state_timeout_s
-        yield Moment(car.time_s, car.clock_s, reading, outputs, is_last, cpu_s)
+                    output.command.battery_heating_power_w, time_s + lasts_s)
+        if reading is not None and not any([output.refusals for output in outputs]):
+            self._stale_s = time_s + self._supervisor.settings.battery_state_timeout_s
+        return Moment(time_s, clock_s, reading, outputs, is_last, cpu_s)

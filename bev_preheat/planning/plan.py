@@ -5,10 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
-from functools import cached_property
 from typing import Any, TYPE_CHECKING
-
-import numpy as np
 
 from bev_preheat.planning.dynamics import Energies
 from bev_preheat.planning.heat_run import HeatRun
@@ -16,12 +13,14 @@ from bev_preheat.planning.schedule import HeldBack
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.planning.status import Status
 from bev_preheat.planning.stranding import Stranding
+from bev_preheat.records import kept_property, made_at_once
 
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray
     from bev_preheat.planning.stretches import HeatingStretch
 
 
+@made_at_once
 @dataclass(frozen=True)
 class Plan:
     """
@@ -63,7 +62,7 @@ class Plan:
     stranding: Stranding | None = None
     heat: HeatRun | None = None
 
-    @cached_property
+    @kept_property
     def explanation(self) -> str:
         """What comes of the plan, as a sentence."""
         return self.sentence(self)
@@ -83,17 +82,17 @@ class Plan:
     @property
     def arrival_time_s(self) -> float:
         """Instant of arrival [s]."""
-        return float(self.time_s[-1])
+        return self.time_s.item(-1)
 
     @property
     def arrival_temperature_c(self) -> float:
         """Battery temperature on arrival [deg C]."""
-        return float(self.battery_temperature_c[-1])
+        return self.battery_temperature_c.item(-1)
 
     @property
     def arrival_soc(self) -> float:
         """State of charge on arrival, 0 ... 1."""
-        return float(self.soc[-1])
+        return self.soc.item(-1)
 
     def told(self, status: Status, sentence: Callable[[Plan], str]) -> Plan:
         """Return the plan with another status and sentence."""
@@ -113,10 +112,10 @@ class Plan:
         last_s = self.arrival_time_s if self.heating_end_s is None else self.heating_end_s
         if self.heating_start_s is None or not self.heating_start_s <= elapsed_s < last_s:
             return 0.0
-        step = int(np.searchsorted(self.time_s, elapsed_s, side='right')) - 1
-        start_s, end_s = self.time_s[step], self.time_s[step + 1]
+        step = int(self.time_s.searchsorted(elapsed_s, side='right')) - 1
+        start_s, end_s = self.time_s.item(step), self.time_s.item(step + 1)
         heated_s = min(end_s, last_s) - max(start_s, self.heating_start_s)
-        return float(self.hvch_battery_power_w[step] * (end_s - start_s) / heated_s)
+        return self.hvch_battery_power_w.item(step) * (end_s - start_s) / heated_s
 
     def as_dictionary(self) -> dict[str, Any]:
         """Return the plan as `preheat plan --json` writes it: plain numbers, texts and lists."""

@@ -171,7 +171,7 @@ def finish_plan(trip: Trip, goal: Goal, schedule: Schedule, method: str, started
 
     `outcome` is the schedule's, where it is known already.
     """
-    arrival_c, arrival_soc = float(schedule.temperature_c[-1]), float(schedule.soc[-1])
+    arrival_c, arrival_soc = schedule.temperature_c.item(-1), schedule.soc.item(-1)
     target_c = goal.target_temperature_c if goal.heating_pays else arrival_c
     # NaN propagates, so checking the final state is enough.
     if not (math.isfinite(arrival_c) and math.isfinite(arrival_soc)):

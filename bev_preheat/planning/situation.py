@@ -8,6 +8,7 @@ import math
 from typing import TYPE_CHECKING
 
 from bev_preheat.errors import InvalidInput
+from bev_preheat.records import made_at_once
 
 if TYPE_CHECKING:
     from bev_preheat.route.segments import Route
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
 MOST_EXCESS_K = 150.0
 
 
+@made_at_once
 @dataclass(frozen=True)
 class BatteryState:
     """
@@ -32,6 +34,7 @@ class BatteryState:
     coolant_excess_k: float = 0.0
 
 
+@made_at_once
 @dataclass(frozen=True)
 class Goal:
     """

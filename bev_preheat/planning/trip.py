@@ -4,13 +4,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
 from bev_preheat.compiled.made_trip import make_trip as compiled_trip
 from bev_preheat.compiled.structs import CompiledTrip
+from bev_preheat.records import kept_property, made_at_once
 from bev_preheat.route.segments import Route
 from bev_preheat.vehicle.description import Vehicle
 
@@ -30,6 +31,7 @@ MOST_KEPT_SEGMENTS = 2000
 Inputs: TypeAlias = 'tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]'
 
 
+@made_at_once
 @dataclass(frozen=True)
 class Trip:
     """
@@ -49,7 +51,7 @@ class Trip:
     leakage_w_per_k: FloatArray
     heater_limit_w: FloatArray
 
-    @cached_property
+    @kept_property
     def compiled(self) -> CompiledTrip:
         """The trip as the compiled core takes it."""
         return CompiledTrip.of_columns(

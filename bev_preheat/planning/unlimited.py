@@ -19,7 +19,7 @@ from bev_preheat.planning.dynamics import compiled_vehicle, energies_of, limits_
 from bev_preheat.planning.outcome import Outcome
 from bev_preheat.planning.schedule import Schedule
 from bev_preheat.planning.situation import reserve_soc
-from bev_preheat.planning.stretches import heating_stretches, HeatingStretch, Reason
+from bev_preheat.planning.stretches import heating_stretches, HeatingStretch, REASONS
 from bev_preheat.vehicle.model import make_euler, make_runge_kutta_4
 
 if TYPE_CHECKING:
@@ -97,7 +97,7 @@ def _known(instant_s: float) -> float | None:
 
 def _leaves_enough(trip: Trip, goal: Goal, schedule: Schedule, least_soc: float) -> bool:
     """Return whether a Schedule leaves what must be left, on arrival and on the way."""
-    return (bool(schedule.soc[-1] >= reserve_soc(trip.vehicle, goal))
+    return (schedule.soc.item(-1) >= reserve_soc(trip.vehicle, goal)
             and least_soc >= trip.vehicle.battery.soc_range[0])
 
 
@@ -108,7 +108,7 @@ def _stretches(trip: Trip, schedule: Schedule,
     if first == len(schedule.heater_power_w):
         return ()
     if plan.is_one_stretch:
-        start_s = max(float(trip.time_s[first]), plan.switching_instant_s)
+        start_s = max(trip.time_s.item(first), plan.switching_instant_s)
         return (HeatingStretch(
-            start_s, float(trip.time_s[plan.end_heated]), plan.stretch_wh, Reason(plan.reason)),)
+            start_s, trip.time_s.item(plan.end_heated), plan.stretch_wh, REASONS[plan.reason]),)
     return heating_stretches(trip, schedule, limits_along(trip, schedule)[0])

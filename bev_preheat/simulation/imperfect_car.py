@@ -93,7 +93,8 @@ class ImperfectCar:
 
     def stamp_s(self, instant_s: float) -> float:
         """Return what the clock showed at an instant [s]."""
-        return instant_s + clock_offset_s(self.imperfections.clock_jumps, instant_s)
+        jumps = self.imperfections.clock_jumps
+        return instant_s + clock_offset_s(jumps, instant_s) if jumps else instant_s
 
     def mission(self, start_ns: int) -> Mission:
         """Return the Mission that the trip planner sends at the start, at an instant [ns]."""
@@ -138,9 +139,10 @@ class ImperfectCar:
 
     def advance_under(self, lease: HeaterLease, to_s: float) -> None:
         """Drive on to `to_s` [s] under a HeaterLease, and take the readings that are due."""
-        while (due_s := self.readings_of.next_s) <= to_s:
-            self._drive(lease, max(due_s, self.time_s))
-            self.readings_of.take(self.plant)
+        readings_of, plant = self.readings_of, self.plant
+        while (due_s := readings_of.next_s) <= to_s:
+            self._drive(lease, max(due_s, plant.time_s))
+            readings_of.take(plant)
         self._drive(lease, to_s)
 
     def readings(self) -> list[Reading]:
@@ -148,20 +150,19 @@ class ImperfectCar:
         return self.readings_of.arrived(self.time_s)
 
     def _drive(self, lease: HeaterLease, to_s: float) -> None:
-        faults = self.imperfections.heater_faults
-        if not faults:
-            if self.time_s < to_s:
-                self.plant.advance_under(lease, to_s)
-            return
-        while self.time_s < to_s:
-            until_s = min(to_s, next_change_s(faults, self.time_s))
-            fault = fault_at(faults, self.time_s)
+        plant, faults = self.plant, self.imperfections.heater_faults
+        while plant.time_s < to_s:
+            if not faults:
+                plant.advance_under(lease, to_s)
+                return
+            until_s = min(to_s, next_change_s(faults, plant.time_s))
+            fault = fault_at(faults, plant.time_s)
             if fault is None:
-                self.plant.advance_under(lease, until_s)
+                plant.advance_under(lease, until_s)
             elif fault.stuck_on:
-                self.plant.advance(until_s, self.plant.vehicle.hvch.maximum_power_w)
+                plant.advance(until_s, plant.vehicle.hvch.maximum_power_w)
             else:
-                self.plant.advance_under(
+                plant.advance_under(
                     HeaterLease(fault.share * lease.power_w, lease.until_s), until_s)
 
     def _send(self, route: Route, at_s: float, start_ns: int, charging_planned: bool) -> Mission:

@@ -9,6 +9,8 @@ from dataclasses import dataclass
 import math
 from typing import TYPE_CHECKING
 
+from bev_preheat.records import made_at_once
+
 if TYPE_CHECKING:
     import numpy as np
 
@@ -47,6 +49,7 @@ class Sensors:
     invalid: tuple[Span, ...] = ()
 
 
+@made_at_once
 @dataclass(frozen=True)
 class Reading:
     """
@@ -105,9 +108,8 @@ class SensorReadings:
         soc = _measured(random, plant.soc, sensors.soc_noise, sensors.soc_resolution)
         power: tuple[float | None, float | None] = (None, None)
         if sensors.reports_power:
-            voltage_v, current_a = plant.voltage_and_current
-            power = (_measured(random, voltage_v, sensors.voltage_noise_v),
-                     _measured(random, current_a, sensors.current_noise_a))
+            power = (_measured(random, plant.terminal_voltage_v, sensors.voltage_noise_v),
+                     _measured(random, plant.current_a, sensors.current_noise_a))
         return Reading(now_s, temperature_c, min(max(soc, 0.0), 1.0), *power)
 
     @property
@@ -137,4 +139,7 @@ def _measured(random: np.random.Generator, value: float, noise: float,
 
 def within(instant_s: float, spans: Iterable[Span]) -> bool:
     """Return whether an instant lies in one of the spans (from, until) [s]."""
-    return any(from_s <= instant_s < until_s for from_s, until_s in spans)
+    for from_s, until_s in spans:
+        if from_s <= instant_s < until_s:
+            return True
+    return False

@@ -120,6 +120,4 @@ class ClockJump:
 
 def clock_offset_s(jumps: Sequence[ClockJump], instant_s: float) -> float:
     """Return by how much the clock is off at an instant of the drive [s]."""
-    if not jumps:
-        return 0.0
     return math.fsum(jump.by_s for jump in jumps if jump.at_s <= instant_s)

@@ -45,17 +45,22 @@ class CommandHistory:
 
     def mean_w(self, from_ns: int, to_ns: int) -> float:
         """Return the mean commanded power [W] between two instants; at one, where they are one."""
+        if to_ns <= from_ns:
+            return self._power_w(to_ns)
         later_ns, energy = to_ns, 0.0
         for changed_ns, power_w in reversed(self._changes):
-            if changed_ns >= later_ns and to_ns > from_ns:
-                continue
-            if to_ns <= from_ns:
-                if changed_ns <= to_ns:
-                    return power_w
+            if changed_ns >= later_ns:
                 continue
             start_ns = max(changed_ns, from_ns)
             energy += power_w * (later_ns - start_ns)
             later_ns = start_ns
             if later_ns <= from_ns:
                 break
-        return energy / (to_ns - from_ns) if to_ns > from_ns else 0.0
+        return energy / (to_ns - from_ns)
+
+    def _power_w(self, instant_ns: int) -> float:
+        """Return the power [W] that was commanded at an instant."""
+        for changed_ns, power_w in reversed(self._changes):
+            if changed_ns <= instant_ns:
+                return power_w
+        return 0.0

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from bev_preheat.errors import InvalidInput
 from bev_preheat.planning.situation import BatteryState, check_situation, Goal
+from bev_preheat.records import made_at_once
 from bev_preheat.route.places import Places
 from bev_preheat.route.segments import Route
 from bev_preheat.supervision.settings import MOST_PLANNED_STEPS
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
 NS_PER_S = 1_000_000_000
 
 
+@made_at_once
 @dataclass(frozen=True)
 class Measurement:
     """
@@ -42,6 +44,7 @@ class Measurement:
         return self.voltage_v * self.current_a
 
 
+@made_at_once
 @dataclass(frozen=True)
 class Progress:
     """
@@ -137,8 +140,10 @@ class Mission:
 
     def leg_number(self, instant_ns: int) -> int:
         """Return the index of the latest leg begun at an instant [ns]; 0 before the trip."""
-        begun = sum(leg.start_ns <= instant_ns for leg in self.legs)
-        return max(0, begun - 1)
+        number = len(self.legs) - 1
+        while number > 0 and self.legs[number].start_ns > instant_ns:
+            number -= 1
+        return number
 
 
 def in_planning_steps(route: Route, planning_step_s: float) -> Route:

@@ -215,6 +215,8 @@ class Judgement:
 
     def decide_later(self, inbox: Inbox, decision: Decision) -> tuple[Decision, ...]:
         """Return a Decision for each later leg of a Decision, from its departure on."""
+        if not decision.later_legs:
+            return ()
         if inbox.settings != self._later_settings:
             self._later_decisions, self._later_settings = {}, inbox.settings
         decisions = []

@@ -28,6 +28,7 @@ from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal, reserve_soc
 from bev_preheat.planning.status import Status
 from bev_preheat.planning.trip import make_trip
+from bev_preheat.records import made_at_once
 from bev_preheat.supervision.wished_plan import accounted, fed, FullPower
 from bev_preheat.vehicle.corrections import corrected_vehicle, Corrections
 
@@ -71,6 +72,7 @@ UNHEATED: dict[Heater, dict[str, Any]] = {
 }
 
 
+@made_at_once
 @dataclass(frozen=True)
 class Outlook:
     """
@@ -142,8 +144,8 @@ class OutlookMaker:
     def vehicle(self, estimate: Estimate) -> Vehicle:
         """Return the corrected vehicle of an Estimate; the same one while the factors stay."""
         logs = estimate.mean[FACTORS.start:PROPULSION].tolist()
-        if not self._logs or any(abs(log - before) > step for log, before, step in zip(
-                logs, self._logs, FACTOR_STEPS)):
+        if not self._logs or any([abs(log - before) > step for log, before, step in zip(
+                logs, self._logs, FACTOR_STEPS)]):
             self._logs, self._factors = logs, tuple(array_exp(logs).tolist())
             self._corrected = corrected_vehicle(self._vehicle, Corrections(*self._factors))
         return self._corrected

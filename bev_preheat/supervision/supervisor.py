@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 from bev_preheat.compiled.library import use_core
 from bev_preheat.errors import InvalidInput, LONGEST_PROBLEM, shortened
 from bev_preheat.planning.status import Status
+from bev_preheat.records import made_at_once
 from bev_preheat.supervision.command import Commander, find_obstacle
 from bev_preheat.supervision.decision import Command, Decision, WITHOUT_ROUTE
 from bev_preheat.supervision.events import Event, ProgressArrived, ProgressUnreadable, Reconfigured
@@ -32,6 +33,10 @@ if TYPE_CHECKING:
     from bev_preheat.vehicle.description import Vehicle
 
 
+# Where the vehicle is, which nothing is planned for by itself.
+PLACES = ProgressArrived, ProgressUnreadable
+
+
 @dataclass(frozen=True)
 class Refusal:
     """An input that was refused: its source and an InvalidInput."""
@@ -40,6 +45,7 @@ class Refusal:
     error: InvalidInput
 
 
+@made_at_once
 @dataclass(frozen=True)
 class Output:
     """
@@ -100,8 +106,8 @@ class Supervisor:
 
     def _react(self, now_ns: int, events: tuple[Event, ...]) -> Iterator[Output]:
         refusals = tuple(filter(None, (self._deliver(event, now_ns) for event in events)))
-        use_core(self.settings.compiled_core)
-        if all(isinstance(event, ProgressArrived | ProgressUnreadable) for event in events):
+        use_core(self._inbox.settings.compiled_core)
+        if all(isinstance(event, PLACES) for event in events):
             yield Output(refusals=refusals)
             return
         self._attend_to_changes(now_ns, events)
@@ -245,8 +251,9 @@ class Supervisor:
                 measurement, history.mean_w(measurement.stamp_ns, measurement.stamp_ns), inbox)
         if self.settings.estimation:
             self._judgement.learn(changes.measurements, inbox.pursued, history, inbox.mission)
-        inbox.preparer.revise(
-            inbox, now_ns, 1.0 if self.estimate is None else self.estimate.propulsion_factor)
+        if self.wish is not None:
+            inbox.preparer.revise(
+                inbox, now_ns, 1.0 if self.estimate is None else self.estimate.propulsion_factor)
 
     def _decide(self, now_ns: int) -> None:
         self._judge(now_ns)
@@ -255,7 +262,8 @@ class Supervisor:
     def _conclude_preparation(self, now_ns: int) -> None:
         """Where the time of a wish has come, decide on what is left without it."""
         inbox = self._inbox
-        if inbox.preparer.conclude(inbox, now_ns, self._decision, self.temperature_c):
+        if self.wish is not None and inbox.preparer.conclude(
+                inbox, now_ns, self._decision, self.temperature_c):
             self._judgement.follow_new_mission()
             self._commander.allow_switching()
             self._commander.history.forget_heating(now_ns)
