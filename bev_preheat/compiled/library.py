@@ -30,6 +30,7 @@ from bev_preheat.compiled.structs import (
     CurveRangeStruct,
     HeatingStruct,
     MeritPlanStruct,
+    PlantStruct,
     RunOfPowersStruct,
     SettlingStruct,
     StrandingStruct,
@@ -87,6 +88,7 @@ _SIGNATURES = {
     'bev_heat_along': 'PPPPPP',
     'bev_find_two_switches': 'PPDPPPPPP',
     'bev_plan_trips': 'PPIPPPPDDIPPP',
+    'bev_drive_plant': 'PPDDDDP',
 }
 
 
@@ -160,8 +162,10 @@ def _is_ours(library: Any) -> bool:
             library.bev_size_of_course(), library.bev_size_of_arrival(),
             library.bev_size_of_caution(), library.bev_size_of_merit_plan(),
             library.bev_size_of_stretch(), library.bev_size_of_trip_terms(),
-            library.bev_size_of_passed(), library.bev_size_of_reading()) == (INTERFACE, *map(sizeof, (
+            library.bev_size_of_passed(), library.bev_size_of_reading(),
+            library.bev_size_of_plant()) == (INTERFACE, *map(sizeof, (
                 VehicleStruct, TripStruct, HeatingStruct, StridesStruct, CurveRangeStruct,
                 SettlingStruct, StrandingStruct, RunOfPowersStruct, SwitchPlanStruct, BeliefStruct,
                 BeliefTermsStruct, DriveStruct, CourseStruct, ArrivalStruct, CautionStruct,
-                MeritPlanStruct, StretchStruct, TripTermsStruct, PassedStruct, ReadingStruct)))
+                MeritPlanStruct, StretchStruct, TripTermsStruct, PassedStruct, ReadingStruct,
+                PlantStruct)))

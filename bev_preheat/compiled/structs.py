@@ -162,6 +162,17 @@ class ArrivalStruct(Structure):
                 ('status', c_int32)]
 
 
+PLANT_COLUMNS = (
+    'time_s', 'soc', 'temperature_c', 'sensor_c', 'coolant_c', 'heater_power_w', 'brake_power_w', 'command_w',
+    'power_at_end_w', 'voltage_v', 'current_a', 'joule_j', 'drivetrain_j', 'heater_j', 'leakage_j', 'battery_j', 'brake_j')
+
+
+class PlantStruct(Structure):
+    """`bev_plant`."""
+
+    _fields_ = [*((name, c_double) for name in PLANT_COLUMNS), ('segment', c_int32)]
+
+
 class NotDescribed(Exception):
     """The core has no such curve."""
 
@@ -238,7 +249,7 @@ class CompiledTrip:
     def columns(self) -> list[FloatArray]:
         """The columns, as parts of the block."""
         steps, block = self.steps, self._block
-        return [block[:steps + 1], *(block[at:at + steps] for at in range(steps + 1, len(block), steps))]
+        return [block[:steps + 1], *block[steps + 1:].reshape(-1, steps)]
 
 
 def address_of(array: NDArray[Any] | None) -> Any:

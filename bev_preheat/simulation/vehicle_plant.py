@@ -6,8 +6,16 @@ from __future__ import annotations
 from math import ceil, inf, isfinite
 from typing import NamedTuple, TYPE_CHECKING
 
+from bev_preheat.compiled.driven_plant import CompiledPlant
 from bev_preheat.numerics.arithmetic import FLOATS, SATURATING_FLOATS
-from bev_preheat.planning.dynamics import deliverable_power_w, Energies, hottest_c, JOULES_PER_WH, step_of_floats
+from bev_preheat.planning.dynamics import (
+    compiled_vehicle,
+    deliverable_power_w,
+    Energies,
+    hottest_c,
+    JOULES_PER_WH,
+    step_of_floats,
+)
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.vehicle.heat_path import HeatedStep, make_heated_step, sensor_reading_c
 from bev_preheat.vehicle.model import make_rates, make_runge_kutta_4, Rates, Step
@@ -55,7 +63,8 @@ class VehiclePlant:
 
     `heater_power_w` and `brake_power_w` are what these really take now [W], `coolant_c` and
     `sensor_c` the temperatures [deg C] of the coolant between heater and battery and of the sensor,
-    where the vehicle has a `heat_path` (else those of the battery),
+    where the vehicle has a `heat_path` (else those of the battery), `terminal_voltage_v` and `current_a` what the
+    battery's terminals show (mean; positive = discharging, 0 where the vehicle stands),
     `undeliverable_power_w` is the most that the battery has lacked so far [W], `empty_at_s` when
     it ran empty [s], None if it did not, and `without_lease_s` how long it drove without a valid
     command [s].
@@ -93,11 +102,16 @@ class VehiclePlant:
         self.without_lease_s = 0.0
         self._ends_s: list[float] = self.route.time_s[1:].tolist()
         self._segments = _segments_of(trip)
+        compiled = compiled_vehicle(vehicle)
+        self._compiled = None if compiled is None else CompiledPlant(
+            compiled, trip.compiled, vehicle.heat_path.sensor_lag_s)
         self._segment = 0
         self._joule_j = self._drivetrain_j = self._heater_j = self._leakage_j = 0.0
         self._battery_j = self._undeliverable_j = self._brake_j = 0.0
         self._terminal_limits: TerminalLimits[float] = make_terminal_limits(
             vehicle, SATURATING_FLOATS)
+        self.terminal_voltage_v = self.current_a = 0.0
+        self._look_at_terminals()
 
     @property
     def duration_s(self) -> float:
@@ -125,11 +139,9 @@ class VehiclePlant:
             raise ValueError(f'to_s: {to_s} is no finite instant from {self.time_s} on')
         if not (isfinite(heater_power_w) and heater_power_w >= 0.0):
             raise ValueError(f'heater_power_w: {heater_power_w} is no power from 0 on')
-        while self.time_s < to_s and not self.is_standing:
-            end_s = self._ends_s[self._segment]
-            self._drive_within_segment(min(to_s, end_s), heater_power_w)
-            if self.time_s == end_s and self.empty_at_s is None:
-                self._segment += 1
+        if not self._drive_by_core(to_s, heater_power_w):
+            self._drive(to_s, heater_power_w)
+            self._look_at_terminals()
         if self.is_standing:
             self.heater_power_w = self.brake_power_w = self._power_at_end_w = 0.0
         self.time_s = to_s
@@ -142,6 +154,34 @@ class VehiclePlant:
             since_s = self.time_s
             self.advance(to_s, 0.0)
             self.without_lease_s += max(0.0, min(to_s, self.end_s) - since_s)
+
+    def _drive_by_core(self, to_s: float, heater_power_w: float) -> bool:
+        """
+        Drive on as far as the compiled core does; return whether that is all the way.
+
+        It is not where the battery lacks power or runs empty in the segment that follows.
+        """
+        driven = None if self._compiled is None or self.empty_at_s is not None else self._compiled.drive(
+            to_s, heater_power_w, LONGEST_STEP_S, (
+                self.time_s, self.soc, self.temperature_c, self.sensor_c, self.coolant_c,
+                self.heater_power_w, self.brake_power_w, self._command_w, self._power_at_end_w,
+                self.terminal_voltage_v, self.current_a, self._joule_j, self._drivetrain_j, self._heater_j,
+                self._leakage_j, self._battery_j, self._brake_j, self._segment))
+        if driven is None:
+            return False
+        is_done, (
+            self.time_s, self.soc, self.temperature_c, self.sensor_c, self.coolant_c,
+            self.heater_power_w, self.brake_power_w, self._command_w, self._power_at_end_w,
+            self.terminal_voltage_v, self.current_a, self._joule_j, self._drivetrain_j, self._heater_j,
+            self._leakage_j, self._battery_j, self._brake_j, self._segment) = driven
+        return is_done
+
+    def _drive(self, to_s: float, heater_power_w: float) -> None:
+        while self.time_s < to_s and not self.is_standing:
+            end_s = self._ends_s[self._segment]
+            self._drive_within_segment(min(to_s, end_s), heater_power_w)
+            if self.time_s == end_s and self.empty_at_s is None:
+                self._segment += 1
 
     def _drive_within_segment(self, to_s: float, heater_power_w: float) -> None:
         steps = ceil((to_s - self.time_s) / LONGEST_STEP_S)
@@ -224,6 +264,15 @@ class VehiclePlant:
         self._undeliverable_j += step_s * lacking_w
         self._brake_j += step_s * self.brake_power_w
 
+    def _look_at_terminals(self) -> None:
+        self.current_a = 0.0
+        if not self.is_standing:
+            soc_rate, _, _ = self._rates(
+                self.soc, self.temperature_c, *self._inputs(self.heater_power_w))
+            self.current_a = -soc_rate * self.vehicle.battery.capacity_as
+        self.terminal_voltage_v = (self._voltage(self.soc, self.temperature_c)
+                          - self._resistance(self.soc, self.temperature_c) * self.current_a)
+
     @property
     def energy_wh(self) -> Energies:
         """Energies of what really happened so far [Wh]."""
@@ -250,24 +299,3 @@ class VehiclePlant:
     def friction_brake_energy_wh(self) -> float:
         """Energy that the battery could not take back, so that the brakes had to [Wh]."""
         return self._brake_j / JOULES_PER_WH
-
-    @property
-    def current_a(self) -> float:
-        """Mean battery current now [A]; positive = discharging, 0 where the vehicle stands."""
-        if self.is_standing:
-            return 0.0
-        soc_rate, _, _ = self._rates(
-            self.soc, self.temperature_c, *self._inputs(self.heater_power_w))
-        return -soc_rate * self.vehicle.battery.capacity_as
-
-    @property
-    def terminal_voltage_v(self) -> float:
-        """Battery voltage now [V], under that current."""
-        return self.voltage_and_current[0]
-
-    @property
-    def voltage_and_current(self) -> tuple[float, float]:
-        """Battery voltage [V] and mean current [A] now, of which the one takes the other."""
-        current_a = self.current_a
-        return (self._voltage(self.soc, self.temperature_c)
-                - self._resistance(self.soc, self.temperature_c) * current_a), current_a
