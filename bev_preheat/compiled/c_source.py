@@ -184,15 +184,19 @@ def steps() -> str:
 
 
 def drives() -> str:
-    """Return drives.h: the rates in a drive of which the route is known, or the power too, and the lags."""
+    """
+    Return drives.h: the rates in a drive of which the route is known, or the power too, and the lags.
+
+    What the curves give is an argument: of a car that is known up to factors it is the same for many.
+    """
     leakage: list[AnyNumber] = [Symbol(name) for name in LEAKAGE]
-    car = _vehicle(HeatPath(), Leakage(*leakage))
+    car = _with_given_curves(_vehicle(HeatPath(), Leakage(*leakage)))
     rates = make_drive_rates(car, SYMBOLS, lambda mean, variance: Symbol(
         'bev_mean_magnitude({}, {})', mean, variance))
-    step = make_lagging_step(car, SYMBOLS)
+    step = make_lagging_step(car)
     seen = tuple(field.name for field in fields(DriveInputs))
     functions = [
-        _function(name, 'bev_vehicle *vehicle', ('temperature_c', 'soc', *FACTORS, *inputs, *LEAKAGE), rates(
+        _function(name, 'bev_vehicle *vehicle', (*CIRCUIT, 'temperature_c', *FACTORS, *inputs, *LEAKAGE), rates(
             Symbol('temperature_c'), Symbol('soc'), [*map(Symbol, FACTORS)],
             DriveInputs(*map(Symbol, inputs))))
         for name, inputs in (('bev_rates_on_route', ROUTE_DRIVE), ('bev_rates_of_seen_power', seen))]

@@ -56,12 +56,13 @@ def moved(vehicle: Vehicle, state: FloatArray, drive: DriveInputs,
 
     Of states (..., SIZE) in DriveInputs, arrays (...).
     """
+    heat_lag_s = NOMINAL_HEAT_LAG_S * array_exp(state[..., HEAT_LAG])
+    sensor_lag_s = NOMINAL_SENSOR_LAG_S * array_exp(state[..., SENSOR_LAG])
     lagging = Lagging(
         state[..., TEMPERATURE], state[..., SOC], state[..., UNDER_WAY], state[..., SENSOR],
-        NOMINAL_HEAT_LAG_S * array_exp(state[..., HEAT_LAG]),
-        NOMINAL_SENSOR_LAG_S * array_exp(state[..., SENSOR_LAG]),
+        heat_lag_s, sensor_lag_s, array_exp(-duration_s / heat_lag_s), array_exp(-duration_s / sensor_lag_s),
         array_exp(state[..., HEATER] - state[..., HEAT_CAPACITY]))
-    return np.stack(make_lagging_step(vehicle, ARRAYS)(
+    return np.stack(make_lagging_step(vehicle)(
         lagging, state_rates(vehicle, state, drive), drive.heater_power_w, duration_s), axis=-1)
 
 

@@ -99,8 +99,8 @@ class Lagging:
     What a car shows of its battery, and the lags of that: floats or arrays.
 
     Temperature [deg C] and state of charge of the battery, heat that is under way [K], temperature that
-    the sensor shows [deg C]; the lags of heat and sensor [s]; the factor on what the heater's power
-    warms, HVCH efficiency over heat capacity.
+    the sensor shows [deg C]; the lags of heat and sensor [s], and what is left after the step of what lags so,
+    exp(-duration / lag); the factor on what the heater's power warms, HVCH efficiency over heat capacity.
     """
 
     temperature_c: AnyNumber
@@ -109,6 +109,8 @@ class Lagging:
     sensor_c: AnyNumber
     heat_lag_s: AnyNumber
     sensor_lag_s: AnyNumber
+    heat_left: AnyNumber
+    sensor_left: AnyNumber
     warming: AnyNumber
 
 
@@ -117,7 +119,7 @@ LaggingStep = Callable[[Lagging, tuple[AnyNumber, AnyNumber], AnyNumber, AnyNumb
                        tuple[AnyNumber, AnyNumber, AnyNumber, AnyNumber]]
 
 
-def make_lagging_step(vehicle: Vehicle, arithmetic: Arithmetic[AnyNumber]) -> LaggingStep:
+def make_lagging_step(vehicle: Vehicle) -> LaggingStep:
     """
     Return `step(lagging, rates, heater_power_w, duration_s)`: what of a Lagging moves, at its end.
 
@@ -125,21 +127,19 @@ def make_lagging_step(vehicle: Vehicle, arithmetic: Arithmetic[AnyNumber]) -> La
     `make_drive_rates`, in which heat arrives at once. The lags are solved within the step
     (vehicle.heat_path has the equations), as they may be shorter.
     """
-    exp = arithmetic.exp
-
     def step(car: Lagging, rates: tuple[AnyNumber, AnyNumber], heater_power_w: AnyNumber,
              duration_s: AnyNumber) -> tuple[AnyNumber, AnyNumber, AnyNumber, AnyNumber]:
         temperature_rate, soc_rate = rates
         made_k = duration_s * (
             car.warming * vehicle.hvch.efficiency / vehicle.battery.heat_capacity_j_per_k
             * heater_power_w)
-        left = exp(-duration_s / car.heat_lag_s)
-        under_way_k = car.under_way_k * left + made_k * car.heat_lag_s / duration_s * (1.0 - left)
+        under_way_k = (car.under_way_k * car.heat_left
+                       + made_k * car.heat_lag_s / duration_s * (1.0 - car.heat_left))
         warmer_k = duration_s * temperature_rate - (under_way_k - car.under_way_k)
         behind_k = warmer_k * car.sensor_lag_s / duration_s
         end_c = car.temperature_c + warmer_k
         sensor_c = end_c - behind_k + (
-            car.sensor_c - car.temperature_c + behind_k) * exp(-duration_s / car.sensor_lag_s)
+            car.sensor_c - car.temperature_c + behind_k) * car.sensor_left
         return end_c, car.soc + duration_s * soc_rate, under_way_k, sensor_c
 
     return step

@@ -6,6 +6,7 @@
 #include "bev_preheat_core/estimation.h"
 #include "bev_preheat_core_generated/drives.h"
 #include "checks.h"
+#include "circuit.h"
 #include "route_columns.h"
 
 int32_t bev_size_of_course(void) { return (int32_t)sizeof(bev_course); }
@@ -22,11 +23,11 @@ static double at(const bev_course *course, int32_t column, int32_t k) {
 
 /* dT/dt [K/s] in step k of a state and factors. */
 static double rate_of(const bev_vehicle *vehicle, const bev_course *course, int32_t k,
-                      double temperature_c, double soc, const double factor[BEV_FACTORS]) {
+                      const bev_circuit *of, const double factor[BEV_FACTORS]) {
   const double power_w = at(course, BEV_ROUTE_PROPULSION, k);
   double rates[2];
   bev_rates_on_route(
-      vehicle, BEV_AS_ARRAYS, temperature_c, soc, factor[0], factor[1], factor[2], factor[3],
+      vehicle, BEV_AS_ARRAYS, of->voltage_v, of->resistance_ohm, of->temperature_c, factor[0], factor[1], factor[2], factor[3],
       factor[4], at(course, BEV_ROUTE_SPEED, k), at(course, BEV_ROUTE_AMBIENT, k), power_w,
       bev_power_variance_w2(at(course, BEV_ROUTE_RMS, k), power_w),
       at(course, BEV_ROUTE_MAGNITUDE, k), at(course, BEV_ROUTE_CABIN, k),
@@ -63,12 +64,13 @@ static bev_status find_sensitivities(const bev_vehicle *vehicle, const bev_cours
     const double temperature_c = course->temperature_c[k];
     const double soc = course->soc[k];
     const double duration_s = at(course, BEV_ROUTE_DURATION, k);
-    const double rate = rate_of(vehicle, course, k, temperature_c, soc, nominal);
-    const double by_temperature =
-        (rate_of(vehicle, course, k, temperature_c + moved_by[BEV_TEMPERATURE], soc, nominal) - rate)
+    const bev_circuit here = bev_circuit_at(vehicle, soc, temperature_c);
+    const bev_circuit warmer = bev_circuit_at(vehicle, soc, temperature_c + moved_by[BEV_TEMPERATURE]);
+    const bev_circuit fuller = bev_circuit_at(vehicle, soc + moved_by[BEV_SOC], temperature_c);
+    const double rate = rate_of(vehicle, course, k, &here, nominal);
+    const double by_temperature = (rate_of(vehicle, course, k, &warmer, nominal) - rate)
         / moved_by[BEV_TEMPERATURE] * duration_s;
-    const double by_soc =
-        (rate_of(vehicle, course, k, temperature_c, soc + moved_by[BEV_SOC], nominal) - rate)
+    const double by_soc = (rate_of(vehicle, course, k, &fuller, nominal) - rate)
         / moved_by[BEV_SOC] * duration_s;
     total[BEV_SOC] += worth * by_soc;
     double last = 0.0;
@@ -77,7 +79,7 @@ static bev_status find_sensitivities(const bev_vehicle *vehicle, const bev_cours
       memcpy(factor, nominal, sizeof factor);
       factor[n] = moved[n];
       last = worth
-          * ((rate_of(vehicle, course, k, temperature_c, soc, factor) - rate)
+          * ((rate_of(vehicle, course, k, &here, factor) - rate)
              / moved_by[BEV_HEAT_CAPACITY + n] * duration_s);
       total[BEV_HEAT_CAPACITY + n] += last;
     }

@@ -7,6 +7,7 @@
 #include "bev_preheat_core/estimation.h"
 #include "bev_preheat_core_generated/drives.h"
 #include "checks.h"
+#include "circuit.h"
 
 #define SQUARE (BEV_ELEMENTS * BEV_ELEMENTS)
 
@@ -85,18 +86,17 @@ bev_status bev_mix_belief(const bev_belief *belief, const double *transitions) {
 }
 
 static void rates_of(const bev_vehicle *vehicle, const bev_drive *drive, double heater_w,
-                     double temperature_c, double soc, const double factor[BEV_FACTORS],
-                     double rates[2]) {
+                     const bev_circuit *at, const double factor[BEV_FACTORS], double rates[2]) {
   if (drive->is_seen) {
     bev_rates_of_seen_power(
-        vehicle, BEV_AS_ARRAYS, temperature_c, soc, factor[0], factor[1], factor[2], factor[3],
+        vehicle, BEV_AS_ARRAYS, at->voltage_v, at->resistance_ohm, at->temperature_c, factor[0], factor[1], factor[2], factor[3],
         factor[4], drive->speed_mps, drive->ambient_temperature_c, drive->propulsion_power_w,
         drive->power_variance_w2, drive->propulsion_power_magnitude_w,
         drive->cabin_heating_power_w, drive->auxiliary_power_w, heater_w, drive->terminal_power_w,
         drive->hidden_variance_w2, drive->gamma_0_w_per_k, drive->gamma_v_w_per_k_per_mps, rates);
   } else {
     bev_rates_on_route(
-        vehicle, BEV_AS_ARRAYS, temperature_c, soc, factor[0], factor[1], factor[2], factor[3],
+        vehicle, BEV_AS_ARRAYS, at->voltage_v, at->resistance_ohm, at->temperature_c, factor[0], factor[1], factor[2], factor[3],
         factor[4], drive->speed_mps, drive->ambient_temperature_c, drive->propulsion_power_w,
         drive->power_variance_w2, drive->propulsion_power_magnitude_w,
         drive->cabin_heating_power_w, drive->auxiliary_power_w, heater_w, drive->gamma_0_w_per_k,
@@ -104,17 +104,28 @@ static void rates_of(const bev_vehicle *vehicle, const bev_drive *drive, double 
   }
 }
 
-/* The lags of a state [s], and its factor on what the heater's power warms; of `moved` (-1: all) what depends on it. */
-static void lags_of(const bev_belief_terms *terms, const double state[BEV_ELEMENTS], int32_t moved,
-                    double lags[3]) {
+/* The lags of a state [s], what is left after a step of what lags so, and the factor on what the heater's power warms. */
+typedef struct {
+  double heat_s;
+  double sensor_s;
+  double heat_left;
+  double sensor_left;
+  double warming;
+} lags;
+
+/* Work out what of the lags depends on element `moved` of a state; -1: all. */
+static void find_lags(const bev_belief_terms *terms, const double state[BEV_ELEMENTS],
+                      double duration_s, int32_t moved, lags *of) {
   if (moved < 0 || moved == BEV_HEAT_LAG) {
-    lags[0] = terms->nominal_heat_lag_s * exp(state[BEV_HEAT_LAG]);
+    of->heat_s = terms->nominal_heat_lag_s * exp(state[BEV_HEAT_LAG]);
+    of->heat_left = exp(-duration_s / of->heat_s);
   }
   if (moved < 0 || moved == BEV_SENSOR_LAG) {
-    lags[1] = terms->nominal_sensor_lag_s * exp(state[BEV_SENSOR_LAG]);
+    of->sensor_s = terms->nominal_sensor_lag_s * exp(state[BEV_SENSOR_LAG]);
+    of->sensor_left = exp(-duration_s / of->sensor_s);
   }
   if (moved < 0 || moved == BEV_HEATER || moved == BEV_HEAT_CAPACITY) {
-    lags[2] = exp(state[BEV_HEATER] - state[BEV_HEAT_CAPACITY]);
+    of->warming = exp(state[BEV_HEATER] - state[BEV_HEAT_CAPACITY]);
   }
 }
 
@@ -127,17 +138,18 @@ static int moved_with_slopes(const bev_vehicle *vehicle, const bev_belief_terms 
   for (int32_t n = 0; n < BEV_FACTORS; n++) {
     factor[n] = exp(state[BEV_HEAT_CAPACITY + n]);
   }
+  const bev_circuit here = bev_circuit_at(vehicle, state[BEV_SOC], state[BEV_TEMPERATURE]);
   double rates[2];
-  rates_of(vehicle, drive, heater_w, state[BEV_TEMPERATURE], state[BEV_SOC], factor, rates);
-  double lags[3];
-  lags_of(terms, state, -1, lags);
+  rates_of(vehicle, drive, heater_w, &here, factor, rates);
+  lags lagging;
+  find_lags(terms, state, duration_s, -1, &lagging);
   double x[BEV_ELEMENTS];
   memcpy(x, state, sizeof x);
   int is_finite = 1;
   /* First as it is, then moved along each element. */
   for (int32_t along = -1; along < BEV_ELEMENTS; along++) {
     double own_rates[2] = {rates[0], rates[1]};
-    double own_lags[3] = {lags[0], lags[1], lags[2]};
+    lags own = lagging;
     if (along >= 0) {
       x[along] = state[along] + terms->perturbation[along];
     }
@@ -147,16 +159,19 @@ static int moved_with_slopes(const bev_vehicle *vehicle, const bev_belief_terms 
       if (along >= BEV_HEAT_CAPACITY) {
         moved[along - BEV_HEAT_CAPACITY] = exp(x[along]);
       }
-      rates_of(vehicle, drive, heater_w, x[BEV_TEMPERATURE], x[BEV_SOC], moved, own_rates);
+      const bev_circuit there = along < BEV_HEAT_CAPACITY
+          ? bev_circuit_at(vehicle, x[BEV_SOC], x[BEV_TEMPERATURE])
+          : here;
+      rates_of(vehicle, drive, heater_w, &there, moved, own_rates);
     }
     if (along >= 0) {
-      lags_of(terms, x, along, own_lags);
+      find_lags(terms, x, duration_s, along, &own);
     }
     double end[MOVING];
     bev_lagging_step(
         vehicle, BEV_AS_ARRAYS, x[BEV_TEMPERATURE], x[BEV_SOC], x[BEV_UNDER_WAY], x[BEV_SENSOR],
-        own_lags[0], own_lags[1], own_lags[2], own_rates[0], own_rates[1], heater_w, duration_s,
-        end);
+        own.heat_s, own.sensor_s, own.heat_left, own.sensor_left, own.warming, own_rates[0],
+        own_rates[1], heater_w, duration_s, end);
     for (int32_t m = 0; m < MOVING; m++) {
       if (along < 0) {
         after[m] = end[m];

@@ -20,6 +20,8 @@ static inline void bev_apply_factors(const bev_curve *curve, int32_t count, doub
 /* A curve over `count` states. */
 static inline void bev_curve_over(const bev_curve *curve, int32_t count, const double *soc,
                                   const double *temperature_c, double *values) {
+  bev_axis_walk along_soc = bev_walk_along(curve->soc, curve->soc_count);
+  bev_axis_walk along_temperature = bev_walk_along(curve->temperature_c, curve->temperature_count);
   switch (curve->kind) {
     case BEV_POLYNOMIAL:
       for (int32_t n = 0; n < count; n++) {
@@ -38,7 +40,7 @@ static inline void bev_curve_over(const bev_curve *curve, int32_t count, const d
       break;
     default:
       for (int32_t n = 0; n < count; n++) {
-        values[n] = bev_table_as_arrays(curve, soc[n], temperature_c[n]);
+        values[n] = bev_table_along(curve, &along_soc, &along_temperature, soc[n], temperature_c[n]);
       }
       break;
   }
@@ -58,7 +60,8 @@ static inline void bev_table_at_charge(const bev_curve *curve, double soc, int32
   }
   int32_t i;
   int32_t next_i;
-  const double a = bev_place(curve->soc, curve->soc_count, soc, &i, &next_i);
+  bev_axis_walk along_soc = bev_walk_along(curve->soc, curve->soc_count);
+  const double a = bev_place(&along_soc, soc, &i, &next_i);
   const double *low = &curve->values[i * columns];
   const double *high = &curve->values[next_i * columns];
   int32_t cell = 0;

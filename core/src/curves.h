@@ -77,9 +77,24 @@ static inline double bev_table(const bev_curve *curve, double soc, double temper
   return at_low + a * (high[0] + b * (high[1] - high[0]) - at_low);
 }
 
-/* Where x is along an axis: the point below, the one above, and how far it is between them. */
-static inline double bev_place(const double *axis, int32_t count, double x, int32_t *below,
-                               int32_t *above) {
+/* An axis, and the cell in which the last value along it was: the next one is mostly in the same. */
+typedef struct {
+  const double *axis;
+  int32_t count;
+  /* Below 0: none yet. */
+  int32_t cell;
+  double per_unit;
+} bev_axis_walk;
+
+static inline bev_axis_walk bev_walk_along(const double *axis, int32_t count) {
+  const bev_axis_walk walk = {axis, count, -1, 0.0};
+  return walk;
+}
+
+/* Where x is along the axis: the point below, the one above, and how far it is between them. */
+static inline double bev_place(bev_axis_walk *walk, double x, int32_t *below, int32_t *above) {
+  const double *axis = walk->axis;
+  const int32_t count = walk->count;
   *below = 0;
   *above = 0;
   if (count == 1) {
@@ -89,9 +104,11 @@ static inline double bev_place(const double *axis, int32_t count, double x, int3
   if (x >= axis[count - 1]) {
     position = (double)count - 1.0;
   } else if (x > axis[0]) {
-    const int32_t j = bev_points_up_to(axis, count, x) - 1;
-    const double slope = 1.0 / (axis[j + 1] - axis[j]);
-    position = slope * (x - axis[j]) + (double)j;
+    if (walk->cell < 0 || x < axis[walk->cell] || x >= axis[walk->cell + 1]) {
+      walk->cell = bev_points_up_to(axis, count, x) - 1;
+      walk->per_unit = 1.0 / (axis[walk->cell + 1] - axis[walk->cell]);
+    }
+    position = walk->per_unit * (x - axis[walk->cell]) + (double)walk->cell;
   } else {
     /* At the first point, or below. */
   }
@@ -101,9 +118,10 @@ static inline double bev_place(const double *axis, int32_t count, double x, int3
   return position - (double)*below;
 }
 
-/* Bilinear, in the order of operations of curves.Table for arrays. */
-static inline double bev_table_as_arrays(const bev_curve *curve, double soc,
-                                         double temperature_c) {
+/* Bilinear, in the order of operations of curves.Table for arrays, state after state. */
+static inline double bev_table_along(const bev_curve *curve, bev_axis_walk *along_soc,
+                                     bev_axis_walk *along_temperature, double soc,
+                                     double temperature_c) {
   if (isnan(soc) || isnan(temperature_c)) {
     return soc + temperature_c;
   }
@@ -111,14 +129,21 @@ static inline double bev_table_as_arrays(const bev_curve *curve, double soc,
   int32_t next_i;
   int32_t j;
   int32_t next_j;
-  const double a = bev_place(curve->soc, curve->soc_count, soc, &i, &next_i);
-  const double b =
-      bev_place(curve->temperature_c, curve->temperature_count, temperature_c, &j, &next_j);
+  const double a = bev_place(along_soc, soc, &i, &next_i);
+  const double b = bev_place(along_temperature, temperature_c, &j, &next_j);
   const double *low = &curve->values[i * curve->temperature_count];
   const double *high = &curve->values[next_i * curve->temperature_count];
   const double at_low = low[j] + b * (low[next_j] - low[j]);
   const double at_high = high[j] + b * (high[next_j] - high[j]);
   return at_low + a * (at_high - at_low);
+}
+
+/* The same of one state. */
+static inline double bev_table_as_arrays(const bev_curve *curve, double soc,
+                                         double temperature_c) {
+  bev_axis_walk along_soc = bev_walk_along(curve->soc, curve->soc_count);
+  bev_axis_walk along_temperature = bev_walk_along(curve->temperature_c, curve->temperature_count);
+  return bev_table_along(curve, &along_soc, &along_temperature, soc, temperature_c);
 }
 
 static inline double bev_at(const bev_curve *curve, int32_t saturating, double soc,

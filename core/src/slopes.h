@@ -6,6 +6,7 @@
 #ifndef BEV_PREHEAT_CORE_SLOPES_H_
 #define BEV_PREHEAT_CORE_SLOPES_H_
 
+#include "circuit.h"
 #include "steps_of_model.h"
 
 /* Slopes of the model's rates are taken over these differences. */
@@ -55,18 +56,31 @@ static inline int bev_is_middle(const bev_middle *of) {
       && isfinite(of->brake_w) && isfinite(of->soc) && isfinite(of->temperature_c);
 }
 
-/* The rates in a step under a heater and a friction brake power, with so much more charge and warmth. */
-static inline bev_charge_warmth bev_rates_at(const bev_middle *of, double heater_w, double brake_w,
-                                             double fuller, double warmer_k) {
+/* The circuit in a step, with so much more charge and warmth. */
+static inline bev_circuit bev_circuit_in(const bev_middle *of, double fuller, double warmer_k) {
+  return bev_circuit_at(of->vehicle, of->soc + fuller, of->temperature_c + warmer_k);
+}
+
+/* The rates in a step under a heater and a friction brake power. */
+static inline bev_charge_warmth bev_rates_under(const bev_middle *of, const bev_circuit *circuit,
+                                                double heater_w, double brake_w) {
   const bev_vehicle *vehicle = of->vehicle;
   double result[3];
-  bev_rates(vehicle, BEV_AS_ARRAYS, of->soc + fuller, of->temperature_c + warmer_k,
-            of->idle.power_w + heater_w + brake_w, of->idle.variance_w2,
-            of->idle.heat_w + vehicle->heater_efficiency * heater_w
-                - vehicle->heat_share * brake_w,
-            of->idle.leakage_w_per_k, result);
+  bev_rates_of_circuit(vehicle, BEV_AS_ARRAYS, circuit->voltage_v, circuit->resistance_ohm,
+                       circuit->temperature_c, of->idle.power_w + heater_w + brake_w,
+                       of->idle.variance_w2,
+                       of->idle.heat_w + vehicle->heater_efficiency * heater_w
+                           - vehicle->heat_share * brake_w,
+                       of->idle.leakage_w_per_k, result);
   const bev_charge_warmth rates = {result[0], result[1]};
   return rates;
+}
+
+/* The same with so much more charge and warmth. */
+static inline bev_charge_warmth bev_rates_at(const bev_middle *of, double heater_w, double brake_w,
+                                             double fuller, double warmer_k) {
+  const bev_circuit circuit = bev_circuit_in(of, fuller, warmer_k);
+  return bev_rates_under(of, &circuit, heater_w, brake_w);
 }
 
 /* By how much a step ends otherwise, for each unit of a difference in what it starts with. */
@@ -80,7 +94,8 @@ static inline bev_charge_warmth bev_slope_of(bev_charge_warmth here, bev_charge_
 /* Of a step whose heater and brake do not depend on the state. */
 static inline bev_slopes bev_slopes_of_model(const bev_middle *of) {
   const double duration_s = of->idle.duration_s;
-  const bev_charge_warmth here = bev_rates_at(of, of->heater_w, of->brake_w, 0.0, 0.0);
+  const bev_circuit circuit = bev_circuit_in(of, 0.0, 0.0);
+  const bev_charge_warmth here = bev_rates_under(of, &circuit, of->heater_w, of->brake_w);
   bev_slopes slopes;
   slopes.by_charge =
       bev_slope_of(here, bev_rates_at(of, of->heater_w, of->brake_w, BEV_SOC_DIFFERENCE, 0.0),
@@ -89,8 +104,8 @@ static inline bev_slopes bev_slopes_of_model(const bev_middle *of) {
       here, bev_rates_at(of, of->heater_w, of->brake_w, 0.0, BEV_TEMPERATURE_DIFFERENCE_K),
       BEV_TEMPERATURE_DIFFERENCE_K, duration_s);
   /* From no heating to all there is: a step is heated or not. */
-  slopes.by_power = bev_slope_of(bev_rates_at(of, 0.0, 0.0, 0.0, 0.0),
-                                 bev_rates_at(of, of->limit_w, 0.0, 0.0, 0.0),
+  slopes.by_power = bev_slope_of(bev_rates_under(of, &circuit, 0.0, 0.0),
+                                 bev_rates_under(of, &circuit, of->limit_w, 0.0),
                                  of->limit_w > 0.0 ? of->limit_w : 1.0, duration_s);
   return slopes;
 }
