@@ -39,6 +39,9 @@ class Changes:
     clock_restarted: bool = False
 
 
+NO_CHANGES = Changes()
+
+
 class Inbox:
     """Keeps the last valid inputs; `vehicle`, `settings`, `is_enabled` and `rivals` may be set."""
 
@@ -61,7 +64,7 @@ class Inbox:
         self._route_id: str | None = None
         self._refusals = Refusals()
         self._latest_ns = 0
-        self._changes = Changes()
+        self._changes = NO_CHANGES
 
     @property
     def mission(self) -> Mission | None:
@@ -103,7 +106,7 @@ class Inbox:
 
     def take_changes(self) -> Changes:
         """Return the Changes since the last call."""
-        changes, self._changes = self._changes, Changes()
+        changes, self._changes = self._changes, NO_CHANGES
         return changes
 
     # Battery states

@@ -64,6 +64,8 @@ class Preparer:
 
     def take_outcomes(self) -> tuple[Outcome, ...]:
         """Return the Outcomes since the last call, those of wishes that were refused too."""
+        if not self._outcomes:
+            return ()
         outcomes, self._outcomes = tuple(self._outcomes), []
         return outcomes
 

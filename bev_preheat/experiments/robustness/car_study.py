@@ -10,7 +10,12 @@ from typing import Any, TYPE_CHECKING
 
 from bev_preheat.experiments.numbered import run_numbered
 from bev_preheat.experiments.robustness.drawn_cars import draw_car
-from bev_preheat.experiments.robustness.drives import drive_informed, drive_with_planner, DriveOutcome
+from bev_preheat.experiments.robustness.drives import (
+    drive_informed,
+    drive_noting,
+    drive_with_planner,
+    DriveOutcome,
+)
 from bev_preheat.simulation.mismatch import Mismatch
 from bev_preheat.supervision.settings import Settings
 from bev_preheat.vehicle.heat_path import HeatPath
@@ -21,6 +26,7 @@ if TYPE_CHECKING:
 
     from bev_preheat.experiments.robustness.drawn_cars import Conditions
     from bev_preheat.experiments.robustness.drives import DriveTrace
+    from bev_preheat.simulation.imperfect_car import ImperfectCar
 
 # What is compared, by what the planner is set to.
 COMPARED = {
@@ -65,26 +71,35 @@ def settings_of_compared(method: str, period_s: float) -> Settings:
 def drive_car(conditions: Conditions, seed: int, number: int,
               methods: Iterable[str]) -> tuple[CarResult, dict[str, DriveTrace]]:
     """Return (CarResult, {method: DriveTrace}) of one drawn trip."""
-    started = process_time()
-    trip, goal = draw_car(conditions, seed, number), conditions.goal
-    try:
-        informed = drive_informed(trip.car(), goal)
-        drives = {method: drive_with_planner(
-            trip.car(), goal, settings_of_compared(method, conditions.period_s))
-            for method in methods}
-    except Exception as error:
-        error.add_note(f'in trip {number} of seed {seed}')
-        raise
-    result = CarResult(
-        number, trip.mismatch, trip.heat_path, informed,
-        {method: drive for method, (drive, _) in drives.items()}, process_time() - started,
-        trip.pace)
-    return result, {method: course for method, (_, course) in drives.items()}
+    courses = {}
+
+    def drive(method: str, car: ImperfectCar, settings: Settings) -> DriveOutcome:
+        outcome, courses[method] = drive_with_planner(car, conditions.goal, settings)
+        return outcome
+
+    return _driven(conditions, seed, number, methods, drive), courses
 
 
 def result_of(conditions: Conditions, seed: int, methods: Sequence[str], number: int) -> CarResult:
     """Return the CarResult of one drawn trip."""
-    return drive_car(conditions, seed, number, methods)[0]
+    return _driven(conditions, seed, number, methods, lambda _, car, settings: drive_noting(
+        car, conditions.goal, settings, None))
+
+
+def _driven(conditions: Conditions, seed: int, number: int, methods: Iterable[str],
+            drive: Callable[[str, ImperfectCar, Settings], DriveOutcome]) -> CarResult:
+    """Return the CarResult of one drawn trip; `drive(method, car, settings)` drives its car by a method."""
+    started = process_time()
+    trip = draw_car(conditions, seed, number)
+    try:
+        informed = drive_informed(trip.car(), conditions.goal)
+        drives = {method: drive(method, trip.car(), settings_of_compared(method, conditions.period_s))
+                  for method in methods}
+    except Exception as error:
+        error.add_note(f'in trip {number} of seed {seed}')
+        raise
+    return CarResult(number, trip.mismatch, trip.heat_path, informed, drives, process_time() - started,
+                     trip.pace)
 
 
 def run_study(conditions: Conditions, trips: int, seed: int, executor: Executor,

@@ -19,7 +19,7 @@ from bev_preheat.supervision.settings import Settings
 from bev_preheat.supervision.supervisor import Supervisor
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
     from typing import Any
 
     from bev_preheat.estimation.estimate import Estimate
@@ -161,8 +161,19 @@ def _kind_of(fault: HeaterFault) -> Heater:
 def drive_with_planner(car: ImperfectCar, goal: Goal,
                        settings: Settings) -> tuple[DriveOutcome, DriveTrace]:
     """Return (DriveOutcome, DriveTrace) of a car under a Supervisor with `settings`."""
+    rows: list[tuple[float, ...]] = []
+    return drive_noting(car, goal, settings, lambda *row: rows.append(row)), DriveTrace(*np.array(rows).T)
+
+
+def drive_noting(car: ImperfectCar, goal: Goal, settings: Settings,
+                 note: Callable[..., object] | None) -> DriveOutcome:
+    """
+    Return the DriveOutcome of a car under a Supervisor with `settings`.
+
+    `note` is called at each instant with what a DriveTrace has of it; None: nobody asks for that.
+    """
     supervisor, plant = Supervisor(car.vehicle, settings), car.plant
-    tally, rows, cpu_s = _Tally(car.vehicle, plant.route), [], 0.0
+    tally, cpu_s = _Tally(car.vehicle, plant.route), 0.0
     refused, without_plan, updates, measured_c = 0, 0, 0, math.nan
     power_w = 0.0
     verdicts: dict[str, float] = {}
@@ -180,20 +191,21 @@ def drive_with_planner(car: ImperfectCar, goal: Goal,
         if not moment.is_last:
             continue
         tally.note(moment.time_s, power_w)
-        estimate, plan = supervisor.estimate, supervisor.decision.plan
+        estimate = supervisor.estimate
         if estimate is not None and estimate.heater.heater is not Heater.ANSWERS:
             verdicts.setdefault(estimate.heater.heater.value, moment.time_s)
         fault.note(moment.time_s, power_w, estimate)
-        rows.append((moment.time_s, plant.temperature_c, measured_c,
-                     math.nan if estimate is None else estimate.temperature_c,
-                     math.nan if plan is None else plan.arrival_temperature_c, power_w))
+        if note is not None:
+            plan = supervisor.decision.plan
+            note(moment.time_s, plant.temperature_c, measured_c,
+                 math.nan if estimate is None else estimate.temperature_c,
+                 math.nan if plan is None else plan.arrival_temperature_c, power_w)
     tally.note(plant.time_s, 0.0)
     fault.end(plant.time_s)
-    drive = _drive(plant, goal, tally, refused_inputs=refused, updates_without_plan=without_plan,
-                   updates=updates, planner_cpu_s=cpu_s,
-                   verdicts=tuple(verdicts), fault_shown_s=fault.shown_s,
-                   fault_found_after_s=fault.found_after_s)
-    return drive, DriveTrace(*np.array(rows).T)
+    return _drive(plant, goal, tally, refused_inputs=refused, updates_without_plan=without_plan,
+                  updates=updates, planner_cpu_s=cpu_s,
+                  verdicts=tuple(verdicts), fault_shown_s=fault.shown_s,
+                  fault_found_after_s=fault.found_after_s)
 
 
 def drive_informed(car: ImperfectCar, goal: Goal) -> DriveOutcome:
