@@ -164,7 +164,8 @@ class ArrivalStruct(Structure):
 
 PLANT_COLUMNS = (
     'time_s', 'soc', 'temperature_c', 'sensor_c', 'coolant_c', 'heater_power_w', 'brake_power_w', 'command_w',
-    'power_at_end_w', 'voltage_v', 'current_a', 'joule_j', 'drivetrain_j', 'heater_j', 'leakage_j', 'battery_j', 'brake_j')
+    'power_at_end_w', 'voltage_v', 'current_a', 'joule_j', 'drivetrain_j', 'heater_j', 'leakage_j', 'battery_j',
+    'brake_j')
 
 
 class PlantStruct(Structure):
@@ -224,7 +225,7 @@ class CompiledVehicle:
         for name in ('soc', 'temperature_c', 'values'):
             array = np.array(getattr(table, name), dtype=float).ravel()
             self._kept.append(array)
-            setattr(struct, name, array.ctypes.data)
+            setattr(struct, name, address_of(array))
 
 
 class CompiledTrip:
@@ -233,11 +234,10 @@ class CompiledTrip:
     def __init__(self, steps: int, block: FloatArray) -> None:
         """`block` has the columns of TRIP_COLUMNS one after the other, the first (N + 1,), the others (N,)."""
         self.steps, self._block = steps, block
-        first = address_of(self._block)
-        after = first + DOUBLE_BYTES * (self.steps + 1)
-        width = DOUBLE_BYTES * self.steps
+        first = address_of(block)
+        after, width = first + DOUBLE_BYTES * (steps + 1), DOUBLE_BYTES * steps
         self.struct = TripStruct(
-            self.steps, first, *range(after, after + width * (len(TRIP_COLUMNS) - 1), width))
+            steps, first, *range(after, after + width * (len(TRIP_COLUMNS) - 1), width))
         self.address = addressof(self.struct)
 
     @classmethod
@@ -248,8 +248,14 @@ class CompiledTrip:
     @property
     def columns(self) -> list[FloatArray]:
         """The columns, as parts of the block."""
-        steps, block = self.steps, self._block
-        return [block[:steps + 1], *block[steps + 1:].reshape(-1, steps)]
+        return [*map(self.column, TRIP_COLUMNS)]
+
+    def column(self, name: str) -> FloatArray:
+        """Return one of TRIP_COLUMNS, as a part of the block."""
+        number, steps = TRIP_COLUMNS.index(name), self.steps
+        # The first has one value more.
+        end = 1 + (number + 1) * steps
+        return self._block[end - steps if number else 0:end]
 
 
 def address_of(array: NDArray[Any] | None) -> Any:

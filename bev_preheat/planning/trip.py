@@ -3,14 +3,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import lru_cache
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
 from bev_preheat.compiled.made_trip import make_trip as compiled_trip
-from bev_preheat.compiled.structs import CompiledTrip
+from bev_preheat.compiled.structs import CompiledTrip, TRIP_COLUMNS
 from bev_preheat.records import kept_property, made_at_once
 from bev_preheat.route.segments import Route
 from bev_preheat.vehicle.description import Vehicle
@@ -106,6 +106,20 @@ def make_trip(vehicle: Vehicle, route: Route, heater_share: float = 1.0,
     return _kept_trip(vehicle, _OneRoute(route), heater_share, heat_lag_s)
 
 
+COLUMNS = {field.name for field in fields(Trip)}.intersection(TRIP_COLUMNS)
+
+
+class _TripOfCore(Trip):
+    """A Trip whose columns the core has made: few of them are asked for."""
+
+    def __getattr__(self, name: str) -> FloatArray:
+        """Return a column that has not been asked for before."""
+        if name not in COLUMNS:
+            raise AttributeError(name)
+        column = vars(self)[name] = self.compiled.column(name)
+        return column
+
+
 class _OneRoute:
     """A route compared by identity, as a Vehicle is: its arrays cannot be hashed."""
 
@@ -133,14 +147,8 @@ def _made_trip(vehicle: Vehicle, route: Route, heater_share: float, heat_lag_s: 
          _stiff_w_per_k(vehicle), vehicle.hvch.maximum_power_w, heater_share, heat_lag_s), route.block)
     if made is None:
         return _trip_of_arrays(vehicle, route, heater_share, heat_lag_s)
-    (time_s, _, idle_power_w, power_variance_w2, idle_heat_w, leakage_w_per_k, heater_limit_w, _,
-     drivetrain_heat_w, _) = made.columns
-    trip = object.__new__(Trip)
-    # Made with each update of the planner: the constructor of a frozen class takes three times as long.
-    vars(trip).update(
-        vehicle=vehicle, route=route, time_s=time_s, idle_power_w=idle_power_w,
-        power_variance_w2=power_variance_w2, idle_heat_w=idle_heat_w, drivetrain_heat_w=drivetrain_heat_w,
-        leakage_w_per_k=leakage_w_per_k, heater_limit_w=heater_limit_w, compiled=made)
+    trip = object.__new__(_TripOfCore)
+    vars(trip).update(vehicle=vehicle, route=route, compiled=made)
     return trip
 
 
