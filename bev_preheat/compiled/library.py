@@ -32,6 +32,8 @@ from bev_preheat.compiled.structs import (
     MeritPlanStruct,
     PlantStruct,
     RunOfPowersStruct,
+    SafeGoalStruct,
+    SafePlanStruct,
     SettlingStruct,
     StrandingStruct,
     StretchStruct,
@@ -68,6 +70,7 @@ _SIGNATURES = {
     'bev_drive_as_planned': 'PPPPPPP',
     'bev_plan_merit_order': 'PPPPPPPPPP',
     'bev_heat_early': 'PPDPPPPPPP',
+    'bev_plan_safeguarded': 'PPPPPPPPPPP',
     'bev_unheated_lacks': 'PPPPPPP',
     'bev_keep_accounts': 'PIPPPP',
     'bev_find_outcome': 'PIPPPPPPP',
@@ -163,9 +166,10 @@ def _is_ours(library: Any) -> bool:
             library.bev_size_of_caution(), library.bev_size_of_merit_plan(),
             library.bev_size_of_stretch(), library.bev_size_of_trip_terms(),
             library.bev_size_of_passed(), library.bev_size_of_reading(),
-            library.bev_size_of_plant()) == (INTERFACE, *map(sizeof, (
+            library.bev_size_of_plant(), library.bev_size_of_safe_goal(),
+            library.bev_size_of_safe_plan()) == (INTERFACE, *map(sizeof, (
                 VehicleStruct, TripStruct, HeatingStruct, StridesStruct, CurveRangeStruct,
                 SettlingStruct, StrandingStruct, RunOfPowersStruct, SwitchPlanStruct, BeliefStruct,
                 BeliefTermsStruct, DriveStruct, CourseStruct, ArrivalStruct, CautionStruct,
                 MeritPlanStruct, StretchStruct, TripTermsStruct, PassedStruct, ReadingStruct,
-                PlantStruct)))
+                PlantStruct, SafeGoalStruct, SafePlanStruct)))

@@ -22,6 +22,8 @@ from bev_preheat.compiled.structs import (
     DOUBLE_BYTES,
     doubles,
     MeritPlanStruct,
+    SafeGoalStruct,
+    SafePlanStruct,
     SettlingStruct,
     StrandingStruct,
     STRIDE_COLUMNS,
@@ -33,6 +35,7 @@ SETTLE_MEMORY = 48, 20
 MERIT_MEMORY = SETTLE_MEMORY[0] + 44, SETTLE_MEMORY[1] + CURVE_MEMORY + 512 + 11
 MERIT_PLAN_MEMORY = MERIT_MEMORY[0] + 1, MERIT_MEMORY[1]
 MERIT_BYTES = 5
+SAFEGUARD_MEMORY = MERIT_PLAN_MEMORY[0] + 8, MERIT_PLAN_MEMORY[1] + 4
 UNHEATED_MEMORY = 9, 4
 # Arrays of N values that bev_heat_early needs as memory.
 HEAT_EARLY_ARRAYS = 3
@@ -167,6 +170,32 @@ def heat_early(vehicle: CompiledVehicle, trip: CompiledTrip, target_c: float, ca
     if status != OK:
         return None
     return (_merit_plan(states, powers_w, plan) if is_changed.value else None,)
+
+
+def plan_safeguarded(vehicle: CompiledVehicle, trip: CompiledTrip, goal: SafeGoalStruct,
+                     caution: CautionStruct | None,
+                     idle_states: FloatArray) -> tuple[MeritPlan | None, int] | None:
+    """
+    Return the plan by merit order that is no worse than not heating, and what holds it back, a `bev_held_back`.
+
+    None for the plan: no heating that is paid for is better than none. From the unheated run (S, N + 1) on; see
+    `bev_plan_safeguarded` in core.h.
+    """
+    library = core()
+    if library is None:
+        return None
+    idle_states = doubles(idle_states)
+    states, powers_w = np.empty(idle_states.shape), np.empty((len(idle_states), trip.steps))
+    watched = np.empty((MERIT_BYTES, trip.steps), dtype=np.uint8)
+    memory = np.empty(SAFEGUARD_MEMORY[0] * trip.steps + SAFEGUARD_MEMORY[1])
+    order, found = np.empty(trip.steps, dtype=np.int32), SafePlanStruct()
+    status = library.bev_plan_safeguarded(
+        vehicle.address, trip.address, byref(goal), None if caution is None else byref(caution),
+        address_of(idle_states), address_of(states), address_of(powers_w), address_of(watched),
+        address_of(order), address_of(memory), byref(found))
+    if status != OK:
+        return None
+    return (None if found.is_unheated else _merit_plan(states, powers_w, found.plan)), found.held_back
 
 
 def unheated_lacks(vehicle: CompiledVehicle, trip: CompiledTrip,

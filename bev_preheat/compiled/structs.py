@@ -116,6 +116,18 @@ class MeritPlanStruct(Structure):
     _fields_ = [('start_s', c_double), ('end_s', c_double), ('stranding', StrandingStruct)]
 
 
+class SafeGoalStruct(Structure):
+    """`bev_safe_goal`: what a plan is for, and what it must leave."""
+
+    _fields_ = [(name, c_double) for name in ('target_c', 'margin_k', 'reserve_soc', 'lowest_soc')]
+
+
+class SafePlanStruct(Structure):
+    """`bev_safe_plan`."""
+
+    _fields_ = [('plan', MeritPlanStruct), ('is_unheated', c_int32), ('held_back', c_int32)]
+
+
 class StretchStruct(Structure):
     """`bev_stretch`."""
 

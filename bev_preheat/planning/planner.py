@@ -22,7 +22,7 @@ from bev_preheat.planning.optimal_switch import plan_optimal_switch
 from bev_preheat.planning.outcome import find_outcome, Outcome
 from bev_preheat.planning.paper import plan_paper
 from bev_preheat.planning.plan import Plan
-from bev_preheat.planning.safeguard import giving_way, is_described, Proposal, Safeguard
+from bev_preheat.planning.safeguard import giving_way, is_described, Proposal, Safeguard, safeguarded_by_core
 from bev_preheat.planning.schedule import Method, Schedule
 from bev_preheat.planning.situation import BatteryState, check_situation, Goal, reserve_soc
 from bev_preheat.planning.status import Status
@@ -126,7 +126,10 @@ def _schedule(trip: Trip, state: BatteryState, goal: Goal, method: str, caution:
 
     if not safeguarded:
         return proposal(METHODS[method])(goal.target_temperature_c)
-    return Safeguard(trip, state, goal, unheated).serve(
+    found = None
+    if method == 'merit_order' and not options:
+        found = safeguarded_by_core(trip, state, goal, caution, unheated)
+    return found or Safeguard(trip, state, goal, unheated).serve(
         [proposal(propose) for propose in PROPOSALS[method]])
 
 

@@ -18,17 +18,20 @@ from typing import Any, TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.compiled import searches as compiled_searches
+from bev_preheat.compiled.structs import SafeGoalStruct
 from bev_preheat.numerics.arithmetic import FLOATS
 from bev_preheat.planning.bracketing import close_in, Trial
 from bev_preheat.planning.dynamics import compiled_vehicle, hottest_c, limits_along
 from bev_preheat.planning.heat_run import initial_states
 from bev_preheat.planning.limits import drive_as_planned, limits_hold, run_unheated
+from bev_preheat.planning.rows import schedule_of, states_of
 from bev_preheat.planning.schedule import HeldBack, Method, Schedule
 from bev_preheat.planning.situation import BatteryState, Goal, reserve_soc
 from bev_preheat.planning.stranding import find_stranding
 
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.planning.caution import Caution
     from bev_preheat.planning.trip import Trip
 
 # A power that is lacking by less than this share is rounding. Where power lacks in any case, a plan
@@ -43,6 +46,9 @@ TARGET_TOLERANCE_OF_POWER_K = 0.1
 MOST_TARGETS = 8
 # So much lacking power counts like the whole charge.
 POWER_WEIGHT_W = 1e6
+
+# In the order of `bev_held_back` in core.h.
+HELD_BACK = None, HeldBack.RESERVE, HeldBack.POWER
 
 # Returns the Schedule for a target [deg C].
 Proposal = Callable[[float], Schedule]
@@ -78,6 +84,34 @@ def lacking_power(trip: Trip, schedule: Schedule, most_w: FloatArray | None = No
     return Lacking(0.0 if is_rounding else worst_w, at)
 
 
+def unheated_within_limits(trip: Trip, state: BatteryState, unheated: Schedule) -> Schedule:
+    """Return the Schedule without any heating itself if it keeps the limits, else with free surplus only."""
+    return unheated if limits_hold(trip, unheated) else run_unheated(trip, state)
+
+
+def safeguarded_by_core(trip: Trip, state: BatteryState, goal: Goal, caution: Caution | None,
+                        unheated: Schedule) -> Schedule | None:
+    """
+    Return what `Safeguard.serve` does of the proposals of `merit_order`, in one call of the compiled core.
+
+    None where it does not answer. `unheated` is the Schedule without any heating, limits left aside.
+    """
+    vehicle = compiled_vehicle(trip.vehicle)
+    if vehicle is None:
+        return None
+    margin_k, asked = (0.0, None) if caution is None else (caution.margin_k, caution.compiled)
+    found = compiled_searches.plan_safeguarded(
+        vehicle, trip.compiled, SafeGoalStruct(
+            goal.target_temperature_c, margin_k, reserve_soc(trip.vehicle, goal),
+            trip.vehicle.battery.soc_range[0]), asked, states_of(unheated))
+    if found is None:
+        return None
+    plan, held_back = found
+    schedule = (unheated_within_limits(trip, state, unheated) if plan is None
+                else schedule_of(trip, plan))
+    return replace(schedule, held_back=HELD_BACK[held_back]) if held_back else schedule
+
+
 class Safeguard:
     """Holds proposals for one trip, state and goal against the trip without paid heating."""
 
@@ -93,8 +127,7 @@ class Safeguard:
     @cached_property
     def unheated(self) -> Schedule:
         """The Schedule without paid heating; what is free is taken: surplus that the brake would waste."""
-        return (self._unlimited if limits_hold(self._trip, self._unlimited)
-                else run_unheated(self._trip, self._state))
+        return unheated_within_limits(self._trip, self._state, self._unlimited)
 
     def _lacks(self) -> tuple[float, bool]:
         """Return the power [W] that the trip without paid heating lacks, and whether its charge runs out."""

@@ -27,6 +27,10 @@ int32_t bev_size_of_stretch(void) { return (int32_t)sizeof(bev_stretch); }
 
 int32_t bev_size_of_merit_plan(void) { return (int32_t)sizeof(bev_merit_plan); }
 
+int32_t bev_size_of_safe_goal(void) { return (int32_t)sizeof(bev_safe_goal); }
+
+int32_t bev_size_of_safe_plan(void) { return (int32_t)sizeof(bev_safe_plan); }
+
 int32_t bev_size_of_trip_terms(void) { return (int32_t)sizeof(bev_trip_terms); }
 
 int32_t bev_size_of_arrival(void) { return (int32_t)sizeof(bev_arrival); }

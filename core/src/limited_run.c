@@ -77,17 +77,11 @@ bev_status bev_run_heated_within_limits(const bev_vehicle *vehicle, const bev_tr
   return drive_on(&run, heating, first, 4, all_states, all_powers_w, empty_step);
 }
 
-bev_status bev_drive_as_planned(const bev_vehicle *vehicle, const bev_trip *trip,
-                                const double *command_w, double *states, double *powers_w,
-                                uint8_t *watched, bev_stranding *stranding) {
-  return bev_drive_on_as_planned(vehicle, trip, command_w, 0, states, powers_w, watched,
-                                 stranding);
-}
-
-bev_status bev_drive_on_as_planned(const bev_vehicle *vehicle, const bev_trip *trip,
-                                   const double *command_w, int32_t first, double *states,
-                                   double *powers_w, uint8_t *watched,
-                                   bev_stranding *stranding) {
+/* As bev_drive_as_planned, from step `first` on; `takes_surplus` as in bev_heating. */
+static bev_status drive_commands(const bev_vehicle *vehicle, const bev_trip *trip,
+                                 const double *command_w, int32_t takes_surplus, int32_t first,
+                                 double *states, double *powers_w, uint8_t *watched,
+                                 bev_stranding *stranding) {
   const bev_status checked = bev_checked(vehicle, trip, first);
   if (checked != BEV_OK) {
     return checked;
@@ -97,8 +91,8 @@ bev_status bev_drive_on_as_planned(const bev_vehicle *vehicle, const bev_trip *t
     return BEV_BAD_ARGUMENT;
   }
   const int32_t steps = trip->steps;
-  const bev_heating heating = {0,    1,    command_w, NULL,
-                               NULL, NULL, watched,   &watched[steps]};
+  const bev_heating heating = {0,    takes_surplus, command_w, NULL,
+                               NULL, NULL,          watched,   &watched[steps]};
   for (int32_t k = 0; k < steps; k++) {
     watched[k] = trip->propulsion_power_w[k] < 0.0 ? 1u : 0u;
     watched[steps + k] = 1u;
@@ -116,4 +110,23 @@ bev_status bev_drive_on_as_planned(const bev_vehicle *vehicle, const bev_trip *t
     status = bev_stand(vehicle, trip, states, powers_w, stranding);
   }
   return status;
+}
+
+bev_status bev_drive_as_planned(const bev_vehicle *vehicle, const bev_trip *trip,
+                                const double *command_w, double *states, double *powers_w,
+                                uint8_t *watched, bev_stranding *stranding) {
+  return drive_commands(vehicle, trip, command_w, 1, 0, states, powers_w, watched, stranding);
+}
+
+bev_status bev_drive_without_surplus(const bev_vehicle *vehicle, const bev_trip *trip,
+                                     const double *command_w, double *states, double *powers_w,
+                                     uint8_t *watched, bev_stranding *stranding) {
+  return drive_commands(vehicle, trip, command_w, 0, 0, states, powers_w, watched, stranding);
+}
+
+bev_status bev_drive_on_as_planned(const bev_vehicle *vehicle, const bev_trip *trip,
+                                   const double *command_w, int32_t first, double *states,
+                                   double *powers_w, uint8_t *watched,
+                                   bev_stranding *stranding) {
+  return drive_commands(vehicle, trip, command_w, 1, first, states, powers_w, watched, stranding);
 }

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Early heating within limits and with heat paths, in the core and in Python: back to back in random situations."""
+"""Early heating within limits and with heat paths, in the core and in Python: back to back in drawn situations."""
 
 from collections import Counter
 from ctypes import addressof

@@ -553,6 +553,52 @@ bev_status bev_unheated_lacks(const bev_vehicle *vehicle, const bev_trip *trip,
                               const double *start, double *memory, uint8_t *flags,
                               double *lacking_w, bev_stranding *stranding);
 
+/* Why a plan heats less than its target asks for: the charge that must be left, or power that would be lacking. */
+typedef enum {
+  BEV_NOT_HELD_BACK = 0,
+  BEV_BY_RESERVE = 1,
+  BEV_BY_POWER = 2
+} bev_held_back;
+
+/*
+ * What a plan is for, and what it must leave: the target on arrival [deg C], how much warmer than that the battery is
+ * to arrive if there is a caution [K], and the charge on arrival and on the way.
+ */
+typedef struct {
+  double target_c;
+  double margin_k;
+  double reserve_soc;
+  double lowest_soc;
+} bev_safe_goal;
+
+/* What bev_plan_safeguarded finds beside the run. */
+typedef struct {
+  bev_merit_plan plan;
+  /* Not 0: no heating that is paid for is better than none, and the run that is written means nothing. */
+  int32_t is_unheated;
+  /* A bev_held_back. */
+  int32_t held_back;
+} bev_safe_plan;
+
+int32_t bev_size_of_safe_goal(void);
+int32_t bev_size_of_safe_plan(void);
+
+/* Memory of bev_plan_safeguarded [doubles]; its `watched` has BEV_MERIT_BYTES. */
+#define BEV_SAFEGUARD_MEMORY(steps) (BEV_MERIT_PLAN_MEMORY(steps) + 8 * (steps) + 4)
+
+/*
+ * The plan of bev_plan_merit_order, with `caution` (null: without) that of bev_heat_early, that is no worse than not
+ * heating: where it would cost the charge that must be left, or the drive would lack more power, that for the warmest
+ * target that does not; where there is none, the same without heating for the sake of climbs.
+ *
+ * Arguments and what is written are those of bev_plan_merit_order.
+ */
+bev_status bev_plan_safeguarded(const bev_vehicle *vehicle, const bev_trip *trip,
+                                const bev_safe_goal *goal, const bev_caution *caution,
+                                const double *idle_states, double *states, double *powers_w,
+                                uint8_t *watched, int32_t *order, double *memory,
+                                bev_safe_plan *plan);
+
 /*
  * The energies of a run that was made with an integrator. Where `columns` is not null, four arrays of `steps`
  * values are written, one after the other, means over each step [W]: Joule heat, leakage (negative where heat

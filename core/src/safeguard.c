@@ -1,0 +1,343 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * No plan is worse than not heating: bev_preheat.planning.safeguard over what merit_order proposes, with a caution as
+ * bev_preheat.planning.planner has it.
+ */
+#include <stdbool.h>
+
+#include "caution.h"
+#include "checks.h"
+#include "courses.h"
+#include "instants.h"
+#include "limited_step.h"
+
+/* Where power lacks in any case, a plan that lacks so many watts more is no worse. */
+#define NO_WORSE_W 10.0
+/* The warmest target has been found where no more charge is to spare, or where it is known to this. */
+#define SOC_TOLERANCE 1e-5
+#define TARGET_TOLERANCE_K 5e-6
+#define TARGET_TOLERANCE_OF_POWER_K 0.1
+#define MOST_TARGETS 8
+/* So much lacking power counts like the whole charge. */
+#define POWER_WEIGHT_W 1e6
+/* Driving alone meets a target so far below the coldest of the unheated run. */
+#define BELOW_UNHEATED_K 1.0
+#define JOULES_PER_WH 3600.0
+
+/* What stays the same, the most power that may lack, and the room that plans are made in. */
+typedef struct {
+  const bev_vehicle *vehicle;
+  const bev_trip *trip;
+  const bev_safe_goal *goal;
+  const bev_caution *caution;
+  const double *idle_states;
+  int32_t rows;
+  double allowed_w;
+  int32_t serves_climbs;
+  uint8_t *watched;
+  int32_t *order;
+  double *memory;
+} safeguard;
+
+/* A run with its instants: what was proposed for a target, and what it leaves to spare. */
+typedef struct {
+  double *states;
+  double *powers_w;
+  bev_merit_plan plan;
+  double target_c;
+  double spare_soc;
+  double spare_w;
+} proposed;
+
+static bev_course course_of(const safeguard *of, const proposed *run) {
+  bev_course course = bev_course_of(of->rows, of->trip->steps, run->states, run->powers_w);
+  course.stranding = run->plan.stranding;
+  return course;
+}
+
+static double arrival_c(const safeguard *of, const proposed *run) {
+  return run->states[2 * of->trip->steps + 1];
+}
+
+/* The energy at the terminals that the rest of a trip would take whose charge runs out [Wh]. */
+static double lacking_wh(const bev_trip *trip, const bev_stranding *stranding) {
+  double rest_j = 0.0;
+  double most_j = 0.0;
+  for (int32_t k = stranding->step; k < trip->steps; k++) {
+    const double driven_share = k == stranding->step ? stranding->driven_share : 0.0;
+    rest_j += (1.0 - driven_share) * trip->idle_power_w[k] * trip->duration_s[k];
+    /* What a later descent would give back does not help before it. */
+    most_j = bev_maximum(most_j, rest_j);
+  }
+  return most_j / JOULES_PER_WH;
+}
+
+/* Charge to spare: on arrival above what must be left, on the way above the lowest. */
+static bev_status find_spare_soc(const safeguard *of, proposed *run) {
+  const int32_t steps = of->trip->steps;
+  double least = run->states[0];
+  for (int32_t k = 1; k <= steps; k++) {
+    least = bev_minimum(least, run->states[k]);
+  }
+  run->spare_soc =
+      bev_minimum(run->states[steps] - of->goal->reserve_soc, least - of->goal->lowest_soc);
+  if (run->plan.stranding.step >= 0) {
+    const double whole_wh = of->vehicle->capacity_ah
+        * bev_at(&of->vehicle->open_circuit_voltage, BEV_EXACT, 0.0, arrival_c(of, run));
+    run->spare_soc -=
+        bev_maximum(lacking_wh(of->trip, &run->plan.stranding) / whole_wh, SOC_TOLERANCE);
+  }
+  return isfinite(run->spare_soc) ? BEV_OK : BEV_NOT_FINITE;
+}
+
+static bev_status find_what_is_spare(const safeguard *of, proposed *run) {
+  const bev_course course = course_of(of, run);
+  double lacking_w = 0.0;
+  bev_status status = find_spare_soc(of, run);
+  if (status == BEV_OK) {
+    status = bev_lacking_w(of->vehicle, of->trip, &course, &lacking_w);
+  }
+  run->spare_w = of->allowed_w - lacking_w;
+  return status;
+}
+
+/* Whether a run stays within the charge, and the heat, that the model describes. */
+static bool is_described(const safeguard *of, const proposed *run) {
+  const int32_t instants = of->trip->steps + 1;
+  bool is = true;
+  for (int32_t k = 0; k < instants; k++) {
+    is = is && run->states[k] > 0.0 && run->states[k] <= 1.0
+        && run->states[instants + k] <= of->vehicle->hottest_c;
+  }
+  return is;
+}
+
+/* The run as it is driven within limits. */
+static bev_status drive(const safeguard *of, proposed *run) {
+  double *const command_w = of->memory;
+  for (int32_t k = 0; k < of->trip->steps; k++) {
+    command_w[k] = run->powers_w[k];
+  }
+  const bev_status status =
+      bev_drive_without_surplus(of->vehicle, of->trip, command_w, run->states, run->powers_w,
+                                of->watched, &run->plan.stranding);
+  run->plan.start_s = bev_switched_on_within_limits_s(of->trip, run->powers_w, of->watched);
+  run->plan.end_s =
+      of->rows == 2 ? NAN : bev_ends_before_arrival_s(of->trip, run->powers_w);
+  return status;
+}
+
+/* What is proposed for a target. */
+static bev_status propose(const safeguard *of, double target_c, proposed *run) {
+  int32_t is_changed = 0;
+  bev_settling goal = {of->serves_climbs, target_c};
+  if (of->caution != NULL) {
+    goal.target_c = bev_minimum(target_c + of->goal->margin_k, of->vehicle->highest_c);
+  }
+  bev_status status =
+      bev_plan_merit_order(of->vehicle, of->trip, &goal, of->idle_states, run->states,
+                           run->powers_w, of->watched, of->order, of->memory, &run->plan);
+  if (status == BEV_OK && of->caution != NULL) {
+    status = bev_heat_early(of->vehicle, of->trip, goal.target_c, of->caution, run->states,
+                            run->powers_w, of->watched, of->memory, &run->plan, &is_changed);
+  }
+  if (status == BEV_OK && !is_described(of, run)) {
+    status = drive(of, run);
+  }
+  run->target_c = target_c;
+  return status == BEV_OK ? find_what_is_spare(of, run) : status;
+}
+
+static bool is_allowed(const proposed *run) {
+  return run->spare_soc >= 0.0 && run->spare_w >= 0.0;
+}
+
+/* What a run leaves to spare [share of the charge]. */
+static double excess_of(const proposed *run) {
+  /* Power to spare does not make heat affordable; power that lacks forbids it. */
+  return run->spare_w >= 0.0 ? run->spare_soc
+                             : bev_minimum(run->spare_soc, run->spare_w / POWER_WEIGHT_W);
+}
+
+static bool is_close(const proposed *allowed, const proposed *forbidden) {
+  const double width_k =
+      forbidden->spare_w < 0.0 ? TARGET_TOLERANCE_OF_POWER_K : TARGET_TOLERANCE_K;
+  return excess_of(allowed) <= SOC_TOLERANCE || forbidden->target_c - allowed->target_c <= width_k;
+}
+
+/* What counts of the side that stands still, once the other's excess was `before`. */
+static double left_of(double excess, double before) {
+  const double left = before != 0.0 ? 1.0 - excess / before : 0.0;
+  return left > 0.0 ? left : 0.5;
+}
+
+/* The warmest run that is allowed, between one that is and one that is not: close_in of planning.bracketing. */
+static bev_status close_in(const safeguard *of, proposed *allowed, proposed *room,
+                           const proposed *wanted) {
+  proposed forbidden = *wanted;
+  double more = excess_of(allowed);
+  double less = excess_of(&forbidden);
+  int was_allowed = -1;
+  for (int32_t n = 0; n < MOST_TARGETS && !is_close(allowed, &forbidden); n++) {
+    const double target_c = forbidden.target_c
+        + less / (less - more) * (allowed->target_c - forbidden.target_c);
+    const bev_status status = propose(of, target_c, room);
+    if (status != BEV_OK) {
+      return status;
+    }
+    const double excess = excess_of(room);
+    if (excess >= 0.0) {
+      const proposed before = *allowed;
+      less = less * (was_allowed == 1 ? left_of(excess, more) : 1.0);
+      more = excess;
+      *allowed = *room;
+      *room = before;
+    } else {
+      more = more * (was_allowed == 0 ? left_of(excess, less) : 1.0);
+      less = excess;
+      forbidden = *room;
+    }
+    was_allowed = excess >= 0.0 ? 1 : 0;
+  }
+  return BEV_OK;
+}
+
+/* The trip without paid heating. */
+typedef struct {
+  double coldest_c;
+  double spare_soc;
+} unheated_trip;
+
+/* The warmest run of a proposal that is allowed, if `is_found`; `wanted` is that of the goal's target. */
+static bev_status find_warmest(const safeguard *of, const unheated_trip *unheated,
+                               proposed *wanted, proposed *found, bool *is_found) {
+  /* Driving alone meets this target, so only heating that pays for itself is left. */
+  const double cold_c =
+      bev_maximum(unheated->coldest_c - BELOW_UNHEATED_K, of->vehicle->lowest_c);
+  const bev_status status = propose(of, cold_c, found);
+  *is_found = false;
+  if (status != BEV_OK || found->spare_w < 0.0) {
+    return status;
+  }
+  *is_found = true;
+  if (found->spare_soc <= 0.0) {
+    *is_found = found->spare_soc >= bev_minimum(unheated->spare_soc, 0.0);
+    return BEV_OK;
+  }
+  found->target_c = bev_maximum(cold_c, arrival_c(of, found));
+  wanted->target_c = arrival_c(of, wanted);
+  return close_in(of, found, wanted, wanted);
+}
+
+/* How the trip without paid heating is driven; what may lack is what it lacks. */
+static bev_status drive_unheated(safeguard *of, proposed *run, unheated_trip *unheated) {
+  const int32_t instants = of->trip->steps + 1;
+  double *const command_w = of->memory;
+  double lacking_w = 0.0;
+  for (int32_t k = 0; k < of->trip->steps; k++) {
+    command_w[k] = 0.0;
+  }
+  for (int32_t n = 0; n < of->rows; n++) {
+    run->states[n * instants] = of->idle_states[n * instants];
+  }
+  bev_status status = bev_drive_as_planned(of->vehicle, of->trip, command_w, run->states,
+                                           run->powers_w, of->watched, &run->plan.stranding);
+  if (status == BEV_OK) {
+    const bev_course course = course_of(of, run);
+    status = bev_lacking_w(of->vehicle, of->trip, &course, &lacking_w);
+  }
+  if (status == BEV_OK) {
+    status = find_spare_soc(of, run);
+  }
+  of->allowed_w = lacking_w > 0.0 ? lacking_w + NO_WORSE_W : 0.0;
+  unheated->spare_soc = run->spare_soc;
+  unheated->coldest_c = run->states[instants];
+  for (int32_t k = 1; k < instants; k++) {
+    unheated->coldest_c = bev_minimum(unheated->coldest_c, run->states[instants + k]);
+  }
+  return status;
+}
+
+/* The first proposal that is allowed: with the goal's target, else the warmest below it. */
+static bev_status serve(safeguard *of, const unheated_trip *unheated, proposed *wanted,
+                        proposed *found, bev_safe_plan *plan) {
+  for (int32_t n = 0; n < 2 && plan->is_unheated != 0; n++) {
+    of->serves_climbs = n == 0 ? 1 : 0;
+    bev_status status = propose(of, of->goal->target_c, wanted);
+    if (status != BEV_OK) {
+      return status;
+    }
+    if (is_allowed(wanted)) {
+      plan->is_unheated = 0;
+      plan->held_back = BEV_NOT_HELD_BACK;
+      *found = *wanted;
+    } else {
+      bool is_found = false;
+      plan->held_back = wanted->spare_soc < 0.0 ? BEV_BY_RESERVE : BEV_BY_POWER;
+      status = find_warmest(of, unheated, wanted, found, &is_found);
+      if (status != BEV_OK) {
+        return status;
+      }
+      plan->is_unheated = is_found ? 0 : 1;
+    }
+  }
+  return BEV_OK;
+}
+
+bev_status bev_plan_safeguarded(const bev_vehicle *vehicle, const bev_trip *trip,
+                                const bev_safe_goal *goal, const bev_caution *caution,
+                                const double *idle_states, double *states, double *powers_w,
+                                uint8_t *watched, int32_t *order, double *memory,
+                                bev_safe_plan *plan) {
+  bev_status status = bev_checked(vehicle, trip, 0);
+  if (status != BEV_OK) {
+    return status;
+  }
+  if (goal == NULL || idle_states == NULL || states == NULL || powers_w == NULL || watched == NULL
+      || order == NULL || memory == NULL || plan == NULL || trip->steps < 1) {
+    return BEV_BAD_ARGUMENT;
+  }
+  const int32_t steps = trip->steps;
+  safeguard of;
+  of.vehicle = vehicle;
+  of.trip = trip;
+  of.goal = goal;
+  of.caution = caution;
+  of.idle_states = idle_states;
+  of.rows = bev_is_direct(vehicle) ? 2 : 4;
+  of.allowed_w = 0.0;
+  of.serves_climbs = 1;
+  of.watched = watched;
+  of.order = order;
+  if (!isfinite(goal->target_c) || !isfinite(goal->margin_k) || !isfinite(goal->reserve_soc)
+      || !isfinite(goal->lowest_soc) || !bev_is_caution(caution)
+      || !bev_are_numbers(idle_states, of.rows * (steps + 1))) {
+    return BEV_BAD_INPUT;
+  }
+  const bev_merit_plan none = {NAN, NAN, {-1, 1.0}};
+  proposed wanted = {states, powers_w, none, goal->target_c, 0.0, 0.0};
+  proposed found = wanted;
+  found.states = bev_take(&memory, of.rows * (steps + 1));
+  found.powers_w = bev_take(&memory, of.rows * steps);
+  of.memory = memory;
+  unheated_trip unheated = {0.0, 0.0};
+  plan->is_unheated = 1;
+  plan->held_back = BEV_NOT_HELD_BACK;
+  plan->plan = none;
+  status = drive_unheated(&of, &wanted, &unheated);
+  if (status != BEV_OK || wanted.plan.stranding.step >= 0) {
+    return status;
+  }
+  status = serve(&of, &unheated, &wanted, &found, plan);
+  if (status != BEV_OK || plan->is_unheated != 0) {
+    return status;
+  }
+  plan->plan = found.plan;
+  for (int32_t n = 0; n < of.rows * (steps + 1) && found.states != states; n++) {
+    states[n] = found.states[n];
+  }
+  for (int32_t n = 0; n < of.rows * steps && found.powers_w != powers_w; n++) {
+    powers_w[n] = found.powers_w[n];
+  }
+  return BEV_OK;
+}
