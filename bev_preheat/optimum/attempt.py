@@ -42,7 +42,8 @@ class Problem:
     """
     What the programs of one optimum have in common.
 
-    `vehicle` is as its file says, because programs are kept for it; that of `trip` is corrected.
+    `vehicle` is as its file says, because programs are kept for it; that of `trip` is corrected. The battery may
+    get `beyond_range_k` warmer than the highest temperature of its range.
     """
 
     vehicle: Vehicle
@@ -50,6 +51,7 @@ class Problem:
     trip: Trip
     state: BatteryState
     goal: Goal
+    beyond_range_k: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -190,8 +192,10 @@ def _ranges(problem: Problem) -> tuple[tuple[float, float], tuple[float, float]]
     """Return (lowest, highest) state of charge, and temperature [deg C]."""
     battery, state = problem.trip.vehicle.battery, problem.state
     lowest_soc, highest_soc = battery.soc_range
+    coldest_c, warmest_c = battery.temperature_range_c
     # A battery that starts outside its range may stay there.
-    return ((min(lowest_soc, state.soc), max(highest_soc, state.soc)), battery.temperature_range_c)
+    return ((min(lowest_soc, state.soc), max(highest_soc, state.soc)),
+            (coldest_c, warmest_c + problem.beyond_range_k))
 
 
 def _variable_bounds(problem: Problem, program: Program) -> tuple[Values, Values]:

@@ -67,9 +67,11 @@ def find_lacking(trip: Trip, solution: Solution) -> Iterator[Lacking]:
         yield Lacking(HIGHEST_SOC, percent, '%',
                       f'state of charge: {percent:.2f} % above its range at '
                       f'{trip.time_s[at + 1]:.0f} s')
-    at = int(np.argmax(slacks.above_k))
-    if slacks.above_k[at] > TOLERANCE_K:
-        above_k = float(slacks.above_k[at])
+    # Where the range may give without a slack, too.
+    beyond_k = solution.temperature_c[1:] - trip.vehicle.battery.temperature_range_c[1]
+    at = int(np.argmax(beyond_k))
+    if beyond_k[at] > TOLERANCE_K:
+        above_k = float(beyond_k[at])
         yield Lacking(HIGHEST_TEMPERATURE, above_k, 'K',
                       f'battery temperature: {above_k:.2f} K above its range at '
                       f'{trip.time_s[at + 1]:.0f} s')

@@ -15,7 +15,8 @@ An elastic program adds slacks, dearly paid for. It is solved where the program 
 solution, to say which constraint is at fault and what the best is that can be done. First what is
 asked of the battery gives: target, state of charge, discharge limit. What the battery may hold
 gives only where even that is not enough: a long climb can heat it beyond its highest temperature
-by Joule heat alone.
+by Joule heat alone. But where power lacks only because a battery that is warm enough to deliver a climb gets too
+hot on it, the highest temperature is no bound (`solve`).
 """
 
 from __future__ import annotations
@@ -81,15 +82,13 @@ class Slacks:
     What constraints lack; arrays of shape (N,).
 
     `target_k` [K]; `soc` below the lowest at the end of each step, in the last below the one on
-    arrival; `discharge_w` [W]; `soc_above` and `above_k` [K] beyond the highest at the end of each
-    step.
+    arrival; `discharge_w` [W]; `soc_above` beyond the highest at the end of each step.
     """
 
     target_k: float
     soc: FloatArray
     discharge_w: FloatArray
     soc_above: FloatArray
-    above_k: FloatArray
 
 
 @dataclass(frozen=True)
@@ -159,8 +158,7 @@ class Program:
         return Solution(
             found['soc'], found['temperature'], found['heater'], found.get('brake', nothing), Slacks(
                 float(found['lacking_k'][0]) if 'lacking_k' in found else 0.0,
-                later('lacking_soc'), found.get('lacking_w', nothing), later('soc_above'),
-                later('k_above')),
+                later('lacking_soc'), found.get('lacking_w', nothing), later('soc_above')),
             found.get('heater_power'), found.get('coolant_excess'))
 
 

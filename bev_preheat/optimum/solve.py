@@ -20,9 +20,9 @@ from bev_preheat.optimum.attempt import (
     unheated_start,
 )
 from bev_preheat.optimum.drive_step import ENERGY_SCALE_J
-from bev_preheat.optimum.lacking import CHARGE, find_lacking, Lacking, SOC_TOLERANCE
+from bev_preheat.optimum.lacking import CHARGE, find_lacking, Lacking, SOC_TOLERANCE, TOLERANCE_W
 from bev_preheat.optimum.program import build_program, Give
-from bev_preheat.planning.dynamics import JOULES_PER_WH
+from bev_preheat.planning.dynamics import HOTTEST_BEYOND_RANGE_K, JOULES_PER_WH
 from bev_preheat.planning.heat_run import along_states
 from bev_preheat.planning.limits import limits_hold, run_unheated
 from bev_preheat.planning.plan import Plan
@@ -45,6 +45,8 @@ METHOD = 'nlp'
 AS_DESCRIBED = Corrections()
 # What stands in place of the solver's word where it was not asked.
 NOT_SOLVED = 'not solved: the charge does not carry the trip'
+# A battery this close to its highest temperature is held there by the bound.
+NEAR_HIGHEST_K = 1e-3
 
 
 class SolverFailure(RuntimeError):
@@ -96,7 +98,8 @@ def solve_optimum(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goa
     at half the cost. Where limits are active the program may have several optima, so it is solved
     from the trip unheated and from the trip heated throughout, and the better one counts. A trip
     that the charge does not carry is not given to the solver: there is no optimum, and the best that can
-    be done is not to heat. `corrections` of the vehicle need no programs of their own, unlike a
+    be done is not to heat. Where the power of the drive lacks for the sake of the highest temperature alone, the
+    battery may get warmer. `corrections` of the vehicle need no programs of their own, unlike a
     corrected vehicle. Raises InvalidInput as `plan_preheating` does, SolverFailure where IPOPT
     finds neither an optimum nor what cannot be kept.
     """
@@ -126,6 +129,15 @@ def solve_optimum(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goa
         raise SolverFailure(f'IPOPT ended with {runs[0].status}, and with '
                             f'{runs[1].status} and {runs[2].status} where constraints may give')
     lacking = tuple(find_lacking(trip, run.solution))
+    if give is Give.DEMANDS and _is_held_cool(trip, run) and _undelivered_w(run) > TOLERANCE_W:
+        # A drive that can be delivered comes before the range, as in plans: its heat is left to the car's cooling.
+        warmer = attempt(
+            replace(problem, beyond_range_k=HOTTEST_BEYOND_RANGE_K), limited, give, [run.values])
+        if warmer.status == SUCCESS and _undelivered_w(warmer) <= TOLERANCE_W:
+            runs.append(warmer)
+            lacking = tuple(find_lacking(trip, warmer.solution))
+        else:
+            runs.insert(1, warmer)
     if give and not lacking:
         # All constraints can be kept: it was the solver that failed, and from here it may not.
         run = attempt(problem, limited, starts=[run.values])
@@ -134,6 +146,16 @@ def solve_optimum(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goa
             raise SolverFailure(f'IPOPT ended with {runs[1].status}, and with {run.status} when '
                                 'started where all constraints are kept')
     return _optimum(trip, goal, runs, lacking, started)
+
+
+def _is_held_cool(trip: Trip, run: Attempt) -> bool:
+    """Return whether the battery is as warm somewhere as its range allows."""
+    return bool(run.solution.temperature_c.max() > trip.vehicle.battery.temperature_range_c[1] - NEAR_HIGHEST_K)
+
+
+def _undelivered_w(run: Attempt) -> float:
+    """Return the power that the battery cannot deliver in the worst step [W]."""
+    return float(run.solution.slacks.discharge_w.max())
 
 
 def _stranded(trip: Trip, goal: Goal, unheated: Schedule, started: float) -> Optimum:

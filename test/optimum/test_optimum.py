@@ -434,6 +434,40 @@ def test_drawn_climbs_that_overheat_the_battery_are_explained(number):
     assert HIGHEST_TEMPERATURE in {item.constraint for item in optimum.lacking}
 
 
+@pytest.mark.parametrize('number', [137, 324])
+def test_power_of_a_climb_comes_before_the_highest_temperature(number):
+    trip = draw_limit_trip(REFERENCE, 1, number)
+    car, highest_c = Car(REFERENCE), REFERENCE.battery.temperature_range_c[1]
+    segments = segments_of(trip.route)
+
+    def driven(heater_w):
+        """Return the power that lacks in the worst step, at either end [W], and the highest temperature."""
+        run = car.drive(trip.route, trip.state, heater_w)
+        return max(
+            car.heat_and_power(*run[k + end, :2], segment, heater_w[k])[2]
+            - bilinear(REFERENCE.battery.discharge_power_limit, *run[k + end, :2])
+            for k, segment in enumerate(segments) for end in (0, 1)), run[:, 1].max()
+
+    optimum = solve_optimum(trip.vehicle, trip.route, trip.state, trip.goal)
+    (lacking,) = optimum.lacking
+    assert (lacking.constraint, lacking.unit) == (HIGHEST_TEMPERATURE, 'K')
+    lacking_w, warmest_c = driven(optimum.plan.hvch_battery_power_w)
+    assert lacking_w < 1.0
+    assert lacking.amount == pytest.approx(warmest_c - highest_c, abs=1e-3)
+    # Heat for the climb takes the least charge shortly before it: however much it is, one of the two gives.
+    limit_w, climb = car.heater_limit_w(trip.route), int(trip.route.propulsion_power_w.argmax())
+    most_j = (limit_w * trip.route.duration_s)[:climb]
+    later_j = np.append(np.cumsum(most_j[::-1])[::-1][1:], 0.0)
+    warmest = []
+    for heat_j in np.linspace(0.0, most_j.sum(), 41):
+        heater_w = np.zeros(len(trip.route))
+        heater_w[:climb] = np.clip(heat_j - later_j, 0.0, most_j) / trip.route.duration_s[:climb]
+        lacking_w, warmest_c = driven(heater_w)
+        assert lacking_w > 0.0 or warmest_c > highest_c, heat_j
+        warmest += [warmest_c] if lacking_w <= 0.0 else []
+    assert warmest and lacking.amount <= min(warmest) - highest_c + 1e-3
+
+
 def test_a_trip_that_the_charge_does_not_carry_is_not_given_to_the_solver():
     # The same climb until the battery is empty.
     trip = draw_limit_trip(REFERENCE, 1, 72)

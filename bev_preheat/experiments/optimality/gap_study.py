@@ -34,6 +34,8 @@ NOT_NEEDED = 'not needed'
 UNREACHABLE = 'unreachable'
 RESERVE_MISSED = 'reserve missed'
 POWER_LACKING = 'power lacking'
+# All that is asked for is met, but the drive itself heats the battery beyond its range.
+BEYOND_RANGE = 'beyond range'
 SOLVER_FAILED = 'solver failed'
 # A heater that the program does not use at all gives less than this.
 NO_HEATING_WH = 0.01
@@ -134,10 +136,10 @@ def _violation(drawn: DrawnTrip, plan: Plan) -> float:
 
 
 def _outcome(optimum: Optimum) -> tuple[str, str]:
-    from bev_preheat.optimum.lacking import ARRIVAL_SOC, TARGET
+    from bev_preheat.optimum.lacking import ARRIVAL_SOC, HIGHEST_TEMPERATURE, TARGET
     if optimum.lacking:
-        lacking = {item.constraint for item in optimum.lacking}
-        outcome = (UNREACHABLE if lacking == {TARGET} else
+        lacking = {item.constraint for item in optimum.lacking} - {HIGHEST_TEMPERATURE}
+        outcome = (BEYOND_RANGE if not lacking else UNREACHABLE if lacking == {TARGET} else
                    RESERVE_MISSED if lacking <= {TARGET, ARRIVAL_SOC} else POWER_LACKING)
         return outcome, '; '.join(optimum.infeasible)
     if optimum.plan.energy_wh.hvch_electric < NO_HEATING_WH:
@@ -154,6 +156,8 @@ EXPECTED = {
     RESERVE_MISSED: (Status.SOC_LIMITED.name, Status.POWER_LIMITED.name,
                      Status.OUT_OF_CHARGE.name),
     POWER_LACKING: (Status.POWER_LIMITED.name, Status.OUT_OF_CHARGE.name),
+    # Plans heat within the range only, and leave what the drive heats beyond it to the car's cooling.
+    BEYOND_RANGE: (Status.NOT_NEEDED.name, Status.WAITING.name, Status.HEATING.name),
     FEASIBLE: (Status.WAITING.name, Status.HEATING.name),
 }
 

@@ -17,6 +17,7 @@ from bev_preheat.experiments.optimality import gap_study as study_run
 from bev_preheat.experiments.optimality.drawn_trips import draw_limit_trip, draw_trip
 from bev_preheat.experiments.optimality.gap_figures import summarise_gaps
 from bev_preheat.experiments.optimality.gap_study import (
+    BEYOND_RANGE,
     disagreements,
     FEASIBLE,
     GapResult,
@@ -125,6 +126,14 @@ def test_statuses_agree_where_the_reserve_is_missed():
     assert [disagreements([result], method) for method in METHODS] == [[]] * len(METHODS)
 
 
+@pytest.mark.parametrize('number', [137, pytest.param(324, marks=pytest.mark.deep)])
+def test_a_climb_that_overheats_the_battery_is_no_lack_of_power(number):
+    result = solve_trip(VEHICLE, 1, number, 'limits')
+    assert result.outcome == BEYOND_RANGE
+    assert re.fullmatch(r'battery temperature: \d\.\d\d K above its range at \d+ s', result.detail)
+    assert disagreements([result], 'merit_order') == []
+
+
 def test_optimal_switch_is_the_optimum_of_feasible_trips(free_trips):
     gaps_wh = [result.methods['optimal_switch'].gap_wh for result in free_trips
                if result.outcome == FEASIBLE]
@@ -149,7 +158,8 @@ def test_gap_is_the_energy_above_the_optimum(free_trips):
     (FEASIBLE, 'WAITING', True), (FEASIBLE, 'HEATING', True), (FEASIBLE, 'NOT_NEEDED', False),
     (FEASIBLE, 'TARGET_UNREACHABLE', False), (NOT_NEEDED, 'NOT_NEEDED', True),
     (NOT_NEEDED, 'WAITING', False), (UNREACHABLE, 'TARGET_UNREACHABLE', True),
-    (UNREACHABLE, 'WAITING', False), (SOLVER_FAILED, 'WAITING', True)])
+    (UNREACHABLE, 'WAITING', False), (BEYOND_RANGE, 'WAITING', True),
+    (BEYOND_RANGE, 'POWER_LIMITED', False), (SOLVER_FAILED, 'WAITING', True)])
 def test_what_contradicts_the_program(outcome, status, agrees):
     result = made_result(5, outcome, one=made_method(status))
     assert (disagreements([result], 'one') == []) is agrees
