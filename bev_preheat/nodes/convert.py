@@ -252,10 +252,13 @@ def route_plan_message(mission: Mission) -> RoutePlan:
 
 def command_message(command: Command, now_ns: int) -> HvchCommand:
     """Return the HvchCommand of a Command made now."""
-    message = HvchCommand(battery_heating_power=command.battery_heating_power_w,
-                          valid_until=time_message(command.valid_until_ns),
-                          reason=int(command.reason))
-    message.header.stamp = time_message(now_ns)
+    message = HvchCommand()
+    # Filled in place: rclpy makes the parts of a message anyway, and the heater waits for this one.
+    stamp, valid_until = message.header.stamp, message.valid_until
+    stamp.sec, stamp.nanosec = divmod(now_ns, NS_PER_S)
+    valid_until.sec, valid_until.nanosec = divmod(command.valid_until_ns, NS_PER_S)
+    message.battery_heating_power = command.battery_heating_power_w
+    message.reason = int(command.reason)
     return message
 
 

@@ -10,16 +10,12 @@ import threading
 from typing import TYPE_CHECKING
 
 import rclpy
-from rclpy.executors import (
-    ConditionReachedException,
-    ExternalShutdownException,
-    ShutdownException,
-    SingleThreadedExecutor,
-)
+from rclpy.executors import ExternalShutdownException
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
 from bev_preheat.nodes.command_line import print_error, silent_rcl, START_ERRORS
+from bev_preheat.nodes.executor import PromptExecutor
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -52,11 +48,12 @@ def run_node(make_node: Callable[[], Node], program: Program | None = None) -> i
             print_error(error, program)
             return 2
         finished = getattr(node, 'finished', None) or Future()
-        executor = SingleThreadedExecutor()
+        executor = PromptExecutor()
         executor.add_node(node)
         threading.Thread(target=_wait_for_signal, args=(told_to_end, finished), daemon=True).start()
         try:
-            _spin_until(executor, finished)
+            finished.add_done_callback(lambda _: executor.wake())
+            executor.run(finished.done)
         except (KeyboardInterrupt, ExternalShutdownException):
             pass
         finally:
@@ -67,24 +64,6 @@ def run_node(make_node: Callable[[], Node], program: Program | None = None) -> i
         return 0
     finally:
         rclpy.try_shutdown()
-
-
-def _spin_until(executor: SingleThreadedExecutor, finished: Future) -> None:
-    """
-    Execute callbacks until the future is done.
-
-    The executor's own `spin_until_future_complete` hangs another callback on the future with every
-    message, and keeps them all: at 100 messages a second some 100 MB in an hour.
-    """
-    finished.add_done_callback(lambda _: executor.wake())
-    while rclpy.ok() and not finished.done():
-        try:
-            task, _, _ = executor.wait_for_ready_callbacks(condition=finished.done)
-        except (ConditionReachedException, ShutdownException):
-            return
-        task()
-        # Raises what the callback raised.
-        task.result()
 
 
 def _pipe_of_signals() -> int:

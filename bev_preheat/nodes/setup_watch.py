@@ -30,7 +30,8 @@ CLOCK_STANDS = 'use_sim_time is set and no /clock has arrived: time stands at 0'
 CLOCK_PATIENCE_LOOKS = 4
 LOG_PERIOD_S = 10.0
 # No delay and no drift of a clock that was set once: the two run by different clocks.
-FAR_DAYS = 1.0
+NS_PER_DAY = 86400 * NS_PER_S
+FAR_NS = NS_PER_DAY
 
 
 class SetupWatch:
@@ -110,15 +111,18 @@ class SetupWatch:
 
     def clock_hint(self, stamp: Time) -> str:
         """Return the hint at the clocks that a message's stamp calls for, '' for none."""
-        return clock_hint(self._node.get_parameter('use_sim_time').value,
-                          self._node.get_clock().now().nanoseconds, nanoseconds(stamp))
+        now_ns, stamp_ns = self._node.get_clock().now().nanoseconds, nanoseconds(stamp)
+        # With every battery state: the parameter is looked up where it is needed only.
+        if abs(stamp_ns - now_ns) < FAR_NS:
+            return ''
+        return clock_hint(self._node.get_parameter('use_sim_time').value, now_ns, stamp_ns)
 
 
 def clock_hint(uses_sim_time: bool, now_ns: int, stamp_ns: int) -> str:
     """Return which clock is likely wrong where now and a stamp [ns] are far apart; '' elsewhere."""
-    apart_days = (stamp_ns - now_ns) / NS_PER_S / 86400.0
-    if not now_ns or not stamp_ns or abs(apart_days) < FAR_DAYS:
+    if not now_ns or not stamp_ns or abs(stamp_ns - now_ns) < FAR_NS:
         return ''
+    apart_days = (stamp_ns - now_ns) / NS_PER_DAY
     where = f'{abs(apart_days):.0f} days {"after" if apart_days > 0.0 else "before"}'
     if uses_sim_time:
         return (f"the stamp lies {where} this node's time, which is /clock (use_sim_time is set): "
