@@ -1,55 +1,157 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The floor: a node of the planner's shape that plans nothing."""
+"""
+The floor: a node of the planner's shape that plans nothing.
+
+Its shape is the planner's: the same publishers, subscriptions, service, action server, timers and
+parameters, with the same qualities of service, clocks and event handlers, and messages of the size that
+the planner's have on the reference trip (a test holds them against each other). Its work is not: nothing
+is checked, learned or planned, what it publishes beside the command is made once, at the start, and it
+loads nothing of the planner. It is spun as rclpy spins any node; with the argument
+`--planners-executor`, by the planner's executor.
+"""
 
 from __future__ import annotations
 
-from diagnostic_msgs.msg import DiagnosticArray
+from array import array
+import sys
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rcl_interfaces.msg import SetParametersResult
 import rclpy
+from rclpy.action import ActionServer
+from rclpy.clock import Clock, ClockType
+from rclpy.duration import Duration
+from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
-from rclpy.qos import QoSDurabilityPolicy, QoSProfile, QoSReliabilityPolicy
+from rclpy.qos import (
+    LivelinessPolicy,
+    QoSDurabilityPolicy,
+    QoSPolicyKind,
+    QoSProfile,
+    QoSReliabilityPolicy,
+)
+from rclpy.qos_overriding_options import QoSOverridingOptions
 from sensor_msgs.msg import BatteryState, Temperature
 from std_srvs.srv import SetBool
 
-from bev_preheat_msgs.msg import HvchCommand, PreheatPlan, RoutePlan
+from bev_preheat_msgs.action import PrepareBattery
+from bev_preheat_msgs.msg import HvchCommand, PreheatPlan, RoutePlan, RouteProgress
+
+PLANNERS_EXECUTOR = '--planners-executor'
+PARAMETERS: dict[str, Any] = {
+    'vehicle': 'reference', 'method': 'merit_order', 'target_battery_temperature': 0.0,
+    'battery_state_timeout': 5.0, 'clock_tolerance': 1.0, 'command_period': 1.0,
+    'command_lease': 2.5, 'planning_step': 30.0, 'arrival_soc_margin': 0.0, 'estimation': True,
+    'minimum_on_time': 20.0, 'minimum_off_time': 120.0, 'route_progress_timeout': 10.0,
+    'energy_price': 0.6, 'value_of_time': 10.0, 'heat_while_charging': False,
+    'compiled_core': True, 'state_file': ''}
+# Of the plan for the reference trip: steps, stretches of heating, characters of its sentence.
+STEPS, STRETCHES, CHARACTERS = 120, 2, 120
+# Of the diagnostics.
+ENTRIES, VALUES = 3, 10
+LATCHED = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
+LATEST = QoSProfile(depth=1, reliability=QoSReliabilityPolicy.BEST_EFFORT)
+OVERRIDABLE = QoSOverridingOptions((QoSPolicyKind.HISTORY, QoSPolicyKind.DEPTH,
+                                    QoSPolicyKind.RELIABILITY, QoSPolicyKind.DURABILITY))
 
 
 class EmptyNode(Node):
     """
-    Answers each battery state with the planner's three messages, empty.
+    Answers each battery state with the planner's three messages.
 
-    But for the command: once a route has come it asks for heat, so that one hears it has.
+    Its command asks for heat once a route has come, so that one hears it has.
     """
 
     def __init__(self) -> None:
-        """Make publishers, subscriptions, service and timer as the planner does."""
+        """Make what the planner makes."""
         super().__init__('planner')
-        latched = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
-        self._command = self.create_publisher(HvchCommand, 'hvch_command', 1)
+        for name, value in PARAMETERS.items():
+            self.declare_parameter(name, value)
+        self._lease = Duration(seconds=PARAMETERS['command_lease'])
+        self._command = self.create_publisher(HvchCommand, 'hvch_command', QoSProfile(
+            depth=1, deadline=self._lease, liveliness=LivelinessPolicy.MANUAL_BY_TOPIC,
+            liveliness_lease_duration=self._lease))
         self._temperature = self.create_publisher(
             Temperature, 'predicted_arrival_temperature', 1)
-        self._plan = self.create_publisher(PreheatPlan, 'preheat_plan', latched)
+        self._plan = self.create_publisher(PreheatPlan, 'preheat_plan', LATCHED)
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
-        self.create_subscription(
-            BatteryState, 'battery_state', self._on_battery_state,
-            QoSProfile(depth=1, reliability=QoSReliabilityPolicy.BEST_EFFORT))
-        self.create_subscription(RoutePlan, 'route_plan', self._on_route_plan, latched)
+        self.create_subscription(BatteryState, 'battery_state', self._on_battery_state, LATEST)
+        self.create_subscription(RouteProgress, 'route_progress', _ignore, LATEST)
+        for profile, overriding in ((LATCHED, OVERRIDABLE), (QoSProfile(depth=1), None)):
+            self.create_subscription(
+                RoutePlan, 'route_plan', self._on_route_plan, profile, raw=True,
+                event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
+                qos_overriding_options=overriding)
         self._heating_w = 0.0
         self.create_service(SetBool, '~/enable', lambda request, response: response)
-        self.create_timer(1.0, lambda: self._diagnostics.publish(DiagnosticArray()))
+        self._server = ActionServer(self, PrepareBattery, '~/prepare_battery', _ignore)
+        self.add_on_set_parameters_callback(
+            lambda parameters: SetParametersResult(successful=True))
+        self.add_post_set_parameters_callback(_ignore)
+        self.create_timer(PARAMETERS['command_period'], self._on_repeat)
+        self._stale_timer = self.create_timer(
+            PARAMETERS['battery_state_timeout'], self._on_repeat)
+        # Of the look for best-effort publishers, of the state file, of the look around.
+        for period_s in (0.5, 60.0, 0.5):
+            self.create_timer(period_s, _ignore, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self._plan_message, self._diagnostics_message = plan_message(), diagnostics_message()
 
-    def _on_route_plan(self, message: RoutePlan) -> None:
+    def _on_route_plan(self, serialized: bytes) -> None:
         self._heating_w = 1.0
 
     def _on_battery_state(self, message: BatteryState) -> None:
-        self._command.publish(HvchCommand(battery_heating_power=self._heating_w))
+        self._publish_command()
+        self._plan.publish(self._plan_message)
         self._temperature.publish(Temperature())
-        self._plan.publish(PreheatPlan())
+        self._stale_timer.reset()
+
+    def _publish_command(self) -> None:
+        now = self.get_clock().now()
+        command = HvchCommand(battery_heating_power=self._heating_w,
+                              valid_until=(now + self._lease).to_msg())
+        command.header.stamp = now.to_msg()
+        self._command.publish(command)
+
+    def _on_repeat(self) -> None:
+        self._publish_command()
+        self._diagnostics.publish(self._diagnostics_message)
+
+
+def _ignore(*arguments: object) -> None:
+    """Do nothing."""
+
+
+def plan_message() -> PreheatPlan:
+    """Return a PreheatPlan of the size that the reference trip's has."""
+    message = PreheatPlan(route_id='benchmark', method='merit_order', explanation=CHARACTERS * '.')
+    edges, steps, stretches = (array('d', bytes(8 * count)) for count in (STEPS + 1, STEPS, STRETCHES))
+    message.time = message.battery_temperature = message.soc = edges
+    message.hvch_power = steps
+    message.stretch_start = message.stretch_end = message.stretch_energy = stretches
+    message.stretch_reason = bytes(STRETCHES)
+    return message
+
+
+def diagnostics_message() -> DiagnosticArray:
+    """Return a DiagnosticArray of about the size that the planner's has."""
+    values = [KeyValue(key='battery temperature [degC]', value='-7.00')] * VALUES
+    return DiagnosticArray(status=[DiagnosticStatus(
+        name='planner: preheating', hardware_id='reference', message=CHARACTERS * '.',
+        values=values)] * ENTRIES)
 
 
 def main() -> None:
     """Spin until killed."""
     rclpy.init()
-    rclpy.spin(EmptyNode())
+    node = EmptyNode()
+    if PLANNERS_EXECUTOR not in sys.argv:
+        rclpy.spin(node)
+        return
+    from bev_preheat.nodes.executor import PromptExecutor
+    executor = PromptExecutor()
+    executor.add_node(node)
+    executor.run(lambda: False)
 
 
 if __name__ == '__main__':

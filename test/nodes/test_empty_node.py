@@ -1,0 +1,103 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The empty node that the planner is measured against has the planner's shape."""
+
+from collections import Counter
+import subprocess
+import sys
+
+import pytest
+import rclpy
+from rclpy.serialization import serialize_message
+from rclpy.waitable import Waitable
+
+from bev_preheat.experiments.cost import empty_node
+from bev_preheat.nodes.convert import plan_message
+from bev_preheat.nodes.diagnostics import planner_diagnostics
+from bev_preheat.nodes.planner_node import PlannerNode
+from bev_preheat.planning.situation import BatteryState
+from bev_preheat.route import load_route
+from bev_preheat.supervision.events import BatteryStateArrived, RouteArrived
+from bev_preheat.supervision.inputs import Leg, Measurement, Mission, NS_PER_S
+from bev_preheat.supervision.settings import Settings
+from bev_preheat.supervision.supervisor import Supervisor
+from bev_preheat.vehicle import load_vehicle
+
+START_NS = 1_700_000_000 * NS_PER_S
+
+
+def kind(waitable):
+    """Return what rclpy calls a part that it waits for; an action server by what it derives from."""
+    kinds = type(waitable).__mro__
+    return kinds[kinds.index(Waitable) - 1].__name__, getattr(waitable, 'event_type', None)
+
+
+def shape(node):
+    """Return what a node has made, by what it is."""
+    return {
+        'parameters': {name: parameter.value for name, parameter in node._parameters.items()},
+        'checks of parameters': (len(node._on_set_parameters_callbacks),
+                                 len(node._post_set_parameters_callbacks)),
+        'publishers': {part.topic_name: (part.msg_type, part.qos_profile) for part in node.publishers},
+        'subscriptions': sorted(
+            (part.topic_name, str(part.msg_type), str(part.qos_profile), part.raw)
+            for part in node.subscriptions),
+        'services': sorted((part.srv_name, str(part.srv_type)) for part in node.services),
+        'clients': list(node.clients),
+        'timers': sorted((part.timer_period_ns, str(part.clock.clock_type)) for part in node.timers),
+        'waitables': Counter(map(kind, node.waitables)),
+        'guards': list(node.guards)}
+
+
+@pytest.fixture
+def shapes(domain_id):
+    """Give the shapes of planner and empty node."""
+    rclpy.init(domain_id=domain_id)
+    found = []
+    try:
+        for make in (PlannerNode, empty_node.EmptyNode):
+            node = make()
+            found.append(shape(node))
+            node.destroy_node()
+        yield found
+    finally:
+        rclpy.try_shutdown()
+
+
+def test_it_has_all_that_the_planner_has(shapes):
+    planner, empty = shapes
+    assert planner == empty
+    # Not that both are empty.
+    assert len(planner['publishers']) > 4 and len(planner['timers']) > 4
+
+
+@pytest.fixture(scope='module')
+def supervisor():
+    """Give a Supervisor with the reference trip and some minutes of battery states."""
+    vehicle, settings = load_vehicle('reference'), Settings()
+    leg = Leg(load_route('reference', vehicle.defaults), START_NS, target_temperature_c=25.0)
+    supervisor = Supervisor(vehicle, settings)
+    mission = Mission('benchmark', (leg,)).in_planning_steps(settings.planning_step_s)
+    list(supervisor.step(START_NS, RouteArrived(mission)))
+    for second in range(5):
+        now_ns = START_NS + second * NS_PER_S
+        list(supervisor.step(now_ns, BatteryStateArrived(Measurement(BatteryState(-7.0, 0.9), now_ns))))
+    return supervisor
+
+
+def test_its_messages_are_as_long_as_the_planners(supervisor):
+    now_ns = supervisor.measurement.stamp_ns
+    for its, the_planners in (
+            (empty_node.plan_message(),
+             plan_message(supervisor.decision, supervisor.mission, now_ns)),
+            (empty_node.diagnostics_message(), planner_diagnostics('/planner', supervisor, now_ns))):
+        assert len(serialize_message(its)) == pytest.approx(
+            len(serialize_message(the_planners)), rel=0.1)
+
+
+def test_it_loads_nothing_of_the_planner():
+    program = ('import sys; import bev_preheat.experiments.cost.empty_node; '
+               'print(*(name for name in sys.modules if name.startswith("bev_preheat.")))')
+    done = subprocess.run([sys.executable, '-c', program], capture_output=True, text=True, timeout=60)
+    assert set(done.stdout.split()) == {
+        'bev_preheat.experiments', 'bev_preheat.experiments.cost',
+        'bev_preheat.experiments.cost.empty_node'}, done.stderr
