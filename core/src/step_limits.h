@@ -35,7 +35,7 @@ static inline bev_status bev_limits_of_colder_step(const bev_vehicle *vehicle, c
 }
 
 /* So many steps are looked at side by side. */
-#define BEV_LIMITS_BLOCK 32
+#define BEV_LIMITS_BLOCK BEV_BLOCK
 
 /*
  * The same, to the last bit, of up to BEV_LIMITS_BLOCK steps between the states of a run, one more than there are

@@ -11,7 +11,7 @@
 
 #define LEAST_WIDTH_K 1e-9
 /* So many temperatures are worked out side by side. */
-#define BLOCK 32
+#define BLOCK BEV_BLOCK
 
 /*
  * One stride, and what it starts from: temperatures, and what the circuit and its limits are there; then where

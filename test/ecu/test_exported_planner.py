@@ -113,6 +113,16 @@ def test_it_compiles_without_a_warning_and_plans_what_python_plans(export):
         assert max(len(vector.columns[1]) for vector in heated(export.vectors, method)) == 360
 
 
+def test_plans_are_the_same_with_fewer_states_side_by_side(export, tmp_path):
+    folder = tmp_path / 'other'
+    shutil.copytree(export.folder, folder, ignore=shutil.ignore_patterns('build'))
+    other = Exported(folder, export.vectors)
+    made = other.run('make', 'build/check', 'CFLAGS=-O0', 'BLOCK=5')
+    assert made.returncode == 0, made.stdout + made.stderr
+    assert '-DBEV_BLOCK=5' in made.stdout
+    assert other.check().stdout == export.check().stdout
+
+
 def test_the_example_prints_the_plan_of_its_situation(export):
     printed = export.run('build/plan_one')
     vector = first_heated(export.vectors)

@@ -25,6 +25,10 @@ extern "C" {
 #ifndef BEV_MOST_STEPS
 #define BEV_MOST_STEPS 1000000
 #endif
+/* States that curves and limits are worked out for side by side; where stack is scarce, compile with less. */
+#ifndef BEV_BLOCK
+#define BEV_BLOCK 32
+#endif
 /* Most points of a table's axis, factors on a curve, bands of heating. */
 #define BEV_MOST_AXIS 1024
 #define BEV_MOST_FACTORS 4
