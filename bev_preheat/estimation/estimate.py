@@ -21,14 +21,12 @@ from bev_preheat.estimation.state import (
     TEMPERATURE,
     UNDER_WAY,
 )
-from bev_preheat.records import made_at_once
 from bev_preheat.vehicle.corrections import Corrections
 
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray
 
 
-@made_at_once
 @dataclass(frozen=True, eq=False)
 class Estimate:
     """

@@ -20,7 +20,6 @@ from bev_preheat.estimation.power_response import PowerResponse
 from bev_preheat.estimation.readings import Measurement, ReadingCheck, Verdict
 from bev_preheat.estimation.standing import expected_offset_k
 from bev_preheat.estimation.state import SENSOR, TEMPERATURE
-from bev_preheat.records import made_at_once
 from bev_preheat.vehicle.uncertain_car import DriveInputs
 
 if TYPE_CHECKING:
@@ -54,7 +53,6 @@ MOST_DEVIATION_K = 50.0
 EVIDENCE_OF_A_SWITCHING = 5.0
 
 
-@made_at_once
 @dataclass(frozen=True)
 class Stretch:
     """

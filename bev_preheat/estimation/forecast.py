@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 import math
 from typing import Protocol, TYPE_CHECKING
 
@@ -21,7 +22,6 @@ from bev_preheat.estimation.state import (
 )
 from bev_preheat.numerics.arithmetic import array_exp
 from bev_preheat.planning.dynamics import compiled_vehicle
-from bev_preheat.records import kept_property, made_at_once
 from bev_preheat.vehicle.uncertain_car import DriveInputs
 
 if TYPE_CHECKING:
@@ -55,13 +55,12 @@ class Forecast:
         """Take what `arrival_deviation_k` does; an Estimate's arrays are not written to."""
         self._given = trip, plan, estimate
 
-    @kept_property
+    @cached_property
     def deviation_k(self) -> float:
         """Standard deviation of the temperature on arrival [K]."""
         return arrival_deviation_k(*self._given)
 
 
-@made_at_once
 @dataclass(frozen=True)
 class DrivenRoute:
     """A vehicle and a route that needs no dividing into steps: a Trip costs more to make."""

@@ -12,8 +12,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.records import made_at_once
-
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray
 
@@ -72,7 +70,6 @@ def heater_power_w(command_w: float, limit_w: float) -> list[float]:
     return [*[min(share * command_w, limit_w) for share in SHARES[:STUCK]], limit_w]
 
 
-@made_at_once
 @dataclass(frozen=True)
 class HeaterReport:
     """How the heater answers, how sure that is (0 ... 1), and its share of the command (0 ... 1)."""

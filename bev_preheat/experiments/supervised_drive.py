@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING
 
 from bev_preheat.errors import InvalidInput
 from bev_preheat.planning.situation import BatteryState
-from bev_preheat.records import made_at_once
 from bev_preheat.simulation.heater_lease import HeaterLease, NO_LEASE
 from bev_preheat.supervision.events import (
     BatteryStateArrived,
@@ -39,7 +38,6 @@ if TYPE_CHECKING:
 START_NS = 1_000_000 * NS_PER_S
 
 
-@made_at_once
 @dataclass(frozen=True)
 class Moment:
     """

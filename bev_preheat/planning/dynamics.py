@@ -15,7 +15,6 @@ from bev_preheat.compiled import runs as compiled_runs
 from bev_preheat.compiled.library import core
 from bev_preheat.compiled.structs import CompiledVehicle, NotDescribed
 from bev_preheat.numerics.arithmetic import AnyNumber, ARRAYS, CurveFunction, FLOATS, SATURATING_FLOATS
-from bev_preheat.records import made_at_once
 from bev_preheat.vehicle.model import Integrator, make_rates, Step
 from bev_preheat.vehicle.terminal_limits import make_terminal_limits
 
@@ -172,7 +171,6 @@ def hottest_c(vehicle: Vehicle) -> float:
     return vehicle.battery.temperature_range_c[1] + HOTTEST_BEYOND_RANGE_K
 
 
-@made_at_once
 @dataclass(frozen=True)
 class Energies:
     """

@@ -93,8 +93,8 @@ def _found_by_core(trip: Trip, state: BatteryState, target_c: float, unheated: S
         idle_states = np.array(run_forward(trip, make_runge_kutta_4, state.soc, state.temperature_c))
     else:
         idle_states = roll_heated(trip, initial_states(state), np.zeros(len(trip.route)))
-    plan = compiled_searches.plan_merit_order(
-        vehicle, trip.compiled, SettlingStruct(serves_climbs, target_c, trip.vehicle.battery.soc_range[0]), idle_states)
+    settling = SettlingStruct(serves_climbs, target_c, trip.vehicle.battery.soc_range[0])
+    plan = compiled_searches.plan_merit_order(vehicle, trip.compiled, settling, idle_states)
     return None if plan is None else schedule_of(trip, plan)
 
 

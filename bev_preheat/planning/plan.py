@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
+from functools import cached_property
 from typing import Any, TYPE_CHECKING
 
 from bev_preheat.planning.dynamics import Energies
@@ -13,14 +14,12 @@ from bev_preheat.planning.schedule import HeldBack
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.planning.status import Status
 from bev_preheat.planning.stranding import Stranding
-from bev_preheat.records import kept_property, made_at_once
 
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray
     from bev_preheat.planning.stretches import HeatingStretch
 
 
-@made_at_once
 @dataclass(frozen=True)
 class Plan:
     """
@@ -62,7 +61,7 @@ class Plan:
     stranding: Stranding | None = None
     heat: HeatRun | None = None
 
-    @kept_property
+    @cached_property
     def explanation(self) -> str:
         """What comes of the plan, as a sentence."""
         return self.sentence(self)

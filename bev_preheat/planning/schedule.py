@@ -10,8 +10,6 @@ from typing import Any, TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.records import made_at_once
-
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray
     from bev_preheat.planning.heat_run import HeatRun
@@ -29,7 +27,6 @@ class HeldBack(Enum):
     POWER = 'the power that an emptier battery would lack'
 
 
-@made_at_once
 @dataclass(frozen=True)
 class Schedule:
     """

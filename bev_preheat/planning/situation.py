@@ -8,7 +8,6 @@ import math
 from typing import TYPE_CHECKING
 
 from bev_preheat.errors import InvalidInput
-from bev_preheat.records import made_at_once
 
 if TYPE_CHECKING:
     from bev_preheat.route.segments import Route
@@ -18,7 +17,6 @@ if TYPE_CHECKING:
 MOST_EXCESS_K = 150.0
 
 
-@made_at_once
 @dataclass(frozen=True)
 class BatteryState:
     """
@@ -34,7 +32,6 @@ class BatteryState:
     coolant_excess_k: float = 0.0
 
 
-@made_at_once
 @dataclass(frozen=True)
 class Goal:
     """

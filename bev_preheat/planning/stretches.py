@@ -12,7 +12,6 @@ import numpy as np
 from bev_preheat.planning.dynamics import JOULES_PER_WH, limits_of_steps_w
 from bev_preheat.planning.limits import colder
 from bev_preheat.planning.schedule import HEATING_SHARE, Schedule
-from bev_preheat.records import made_at_once
 
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray, IntArray
@@ -43,7 +42,6 @@ SENTENCES = {
 }
 
 
-@made_at_once
 @dataclass(frozen=True)
 class HeatingStretch:
     """Heating from one instant to another [s], what it takes [Wh, electrical], and why."""

@@ -4,14 +4,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
 from bev_preheat.compiled.made_trip import make_trip as compiled_trip
 from bev_preheat.compiled.structs import CompiledTrip, TRIP_COLUMNS
-from bev_preheat.records import kept_property, made_at_once
 from bev_preheat.route.segments import Route
 from bev_preheat.vehicle.description import Vehicle
 
@@ -31,7 +30,6 @@ MOST_KEPT_SEGMENTS = 2000
 Inputs: TypeAlias = 'tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]'
 
 
-@made_at_once
 @dataclass(frozen=True)
 class Trip:
     """
@@ -51,7 +49,7 @@ class Trip:
     leakage_w_per_k: FloatArray
     heater_limit_w: FloatArray
 
-    @kept_property
+    @cached_property
     def compiled(self) -> CompiledTrip:
         """The trip as the compiled core takes it."""
         return CompiledTrip.of_columns(

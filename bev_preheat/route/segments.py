@@ -10,13 +10,13 @@ from __future__ import annotations
 from bisect import bisect_right
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
+from functools import cached_property
 from typing import Self, TYPE_CHECKING
 
 import numpy as np
 
 from bev_preheat.errors import InvalidInput
 from bev_preheat.numerics.folded_normal import mean_magnitude
-from bev_preheat.records import kept_property
 
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray
@@ -73,12 +73,12 @@ class Route:
         vars(route).update(zip(COLUMNS, block), block=block)
         return route
 
-    @kept_property
+    @cached_property
     def block(self) -> FloatArray:
         """The fields one after the other in one block of memory, shape (8, N), not to be written to."""
         return np.array([getattr(self, name) for name in COLUMNS], dtype=float)
 
-    @kept_property
+    @cached_property
     def time_s(self) -> FloatArray:
         """Instants at which segments start, and the end: shape (N + 1,), not to be written to."""
         time_s = np.zeros(len(self.duration_s) + 1)
@@ -86,7 +86,7 @@ class Route:
         time_s.flags.writeable = False
         return time_s
 
-    @kept_property
+    @cached_property
     def lowest_ambient_temperature_c(self) -> float:
         """Lowest ambient temperature of all segments [deg C]."""
         return float(np.minimum.reduce(self.ambient_temperature_c))
@@ -95,7 +95,7 @@ class Route:
         """Return the index of the segment at an instant [s]; the first before, the last after it."""
         return bisect_right(self._boundaries_s, elapsed_s)
 
-    @kept_property
+    @cached_property
     def _boundaries_s(self) -> list[float]:
         """Instants at which one segment follows another [s]: searched in a fifth of an array's time."""
         boundaries_s: list[float] = self.time_s[1:-1].tolist()
@@ -122,7 +122,7 @@ class Route:
         return replace(self, propulsion_power_rms_w=constant_w,
                        propulsion_power_magnitude_w=constant_w)
 
-    @kept_property
+    @cached_property
     def total_duration_s(self) -> float:
         """Duration of the whole route [s]."""
         # The same sum as time_s: np.sum adds in another order and rounds differently.

@@ -5,10 +5,8 @@ from dataclasses import dataclass
 import math
 
 from bev_preheat.errors import InvalidInput
-from bev_preheat.records import made_at_once
 
 
-@made_at_once
 @dataclass(frozen=True)
 class HeaterLease:
     """

@@ -9,8 +9,6 @@ from dataclasses import dataclass
 import math
 from typing import TYPE_CHECKING
 
-from bev_preheat.records import made_at_once
-
 if TYPE_CHECKING:
     import numpy as np
 
@@ -49,7 +47,6 @@ class Sensors:
     invalid: tuple[Span, ...] = ()
 
 
-@made_at_once
 @dataclass(frozen=True)
 class Reading:
     """

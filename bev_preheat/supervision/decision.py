@@ -7,12 +7,10 @@ import math
 from bev_preheat.estimation.forecast import Forecast
 from bev_preheat.planning.plan import Plan
 from bev_preheat.planning.status import Status
-from bev_preheat.records import made_at_once
 from bev_preheat.supervision.inputs import Leg
 from bev_preheat.supervision.target_choice import TargetChoice
 
 
-@made_at_once
 @dataclass(frozen=True)
 class Command:
     """Electrical power for the battery [W], until when it may be used [ns], and why."""
@@ -22,7 +20,6 @@ class Command:
     reason: Status
 
 
-@made_at_once
 @dataclass(frozen=True)
 class Decision:
     """

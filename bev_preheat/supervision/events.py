@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from typing import ClassVar, TYPE_CHECKING
 
 from bev_preheat.errors import InvalidInput
-from bev_preheat.records import made_at_once
 from bev_preheat.supervision.inputs import Measurement, Mission, Progress
 from bev_preheat.supervision.refusals import BATTERY, PROGRESS, RefusedRoute, ROUTE
 from bev_preheat.supervision.settings import Settings
@@ -24,7 +23,6 @@ if TYPE_CHECKING:
     from bev_preheat.supervision.inbox import Inbox
 
 
-@made_at_once
 @dataclass(frozen=True)
 class BatteryStateArrived:
     """A battery state arrived; `hint` is added to its refusal, '' adds nothing."""
@@ -94,7 +92,6 @@ class TripCancelled:
         inbox.cancel()
 
 
-@made_at_once
 @dataclass(frozen=True)
 class ProgressArrived:
     """The vehicle said where on its route it is; `hint` is added to its refusal, '' adds nothing."""

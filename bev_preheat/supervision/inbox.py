@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 
 from bev_preheat.errors import InvalidInput
 from bev_preheat.planning.situation import check_situation, Goal
-from bev_preheat.records import made_at_once
 from bev_preheat.supervision.inputs import check_mission, Leg, Measurement, Mission, NS_PER_S, Progress
 from bev_preheat.supervision.preparer import Preparer
 from bev_preheat.supervision.refusals import PROGRESS, Refusals, RefusedRoute
@@ -22,7 +21,6 @@ from bev_preheat.vehicle.description import Defaults, Vehicle
 CLOCK_RESTART_S = 1.0
 
 
-@made_at_once
 @dataclass(frozen=True)
 class Changes:
     """

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 
 from bev_preheat.errors import InvalidInput
 from bev_preheat.planning.situation import BatteryState, check_situation, Goal
-from bev_preheat.records import made_at_once
 from bev_preheat.route.places import Places
 from bev_preheat.route.segments import Route
 from bev_preheat.supervision.settings import MOST_PLANNED_STEPS
@@ -22,7 +21,6 @@ if TYPE_CHECKING:
 NS_PER_S = 1_000_000_000
 
 
-@made_at_once
 @dataclass(frozen=True)
 class Measurement:
     """
@@ -44,7 +42,6 @@ class Measurement:
         return self.voltage_v * self.current_a
 
 
-@made_at_once
 @dataclass(frozen=True)
 class Progress:
     """

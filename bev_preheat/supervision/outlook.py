@@ -28,7 +28,6 @@ from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal, reserve_soc
 from bev_preheat.planning.status import Status
 from bev_preheat.planning.trip import make_trip
-from bev_preheat.records import made_at_once
 from bev_preheat.supervision.wished_plan import accounted, fed, FullPower
 from bev_preheat.vehicle.corrections import corrected_vehicle, Corrections
 
@@ -72,7 +71,6 @@ UNHEATED: dict[Heater, dict[str, Any]] = {
 }
 
 
-@made_at_once
 @dataclass(frozen=True)
 class Outlook:
     """

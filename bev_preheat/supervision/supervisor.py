@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING
 from bev_preheat.compiled.library import use_core
 from bev_preheat.errors import InvalidInput, LONGEST_PROBLEM, shortened
 from bev_preheat.planning.status import Status
-from bev_preheat.records import made_at_once
 from bev_preheat.supervision.command import Commander, find_obstacle
 from bev_preheat.supervision.decision import Command, Decision, WITHOUT_ROUTE
 from bev_preheat.supervision.events import Event, ProgressArrived, ProgressUnreadable, Reconfigured
@@ -45,7 +44,6 @@ class Refusal:
     error: InvalidInput
 
 
-@made_at_once
 @dataclass(frozen=True)
 class Output:
     """

@@ -23,7 +23,6 @@ from bev_preheat.charging.worth import targets_between, WorthSearch
 from bev_preheat.errors import InvalidInput, PlanningFailure
 from bev_preheat.estimation.prior import prior_factor_covariance
 from bev_preheat.planning.planner import plan_preheating, plan_unheated
-from bev_preheat.records import made_at_once
 from bev_preheat.supervision.inputs import NS_PER_S
 from bev_preheat.vehicle.charging import charging_of
 
@@ -60,7 +59,6 @@ class TargetSource(IntEnum):
     CHOSEN = 3
 
 
-@made_at_once
 @dataclass(frozen=True)
 class TargetChoice:
     """

@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from bev_preheat.numerics.arithmetic import AnyNumber, Arithmetic
-from bev_preheat.records import made_at_once
 from bev_preheat.vehicle.corrections import corrected_vehicle, Corrections
 from bev_preheat.vehicle.model import make_rates
 
@@ -21,7 +20,6 @@ if TYPE_CHECKING:
     from bev_preheat.vehicle.description import Vehicle
 
 
-@made_at_once
 @dataclass(frozen=True)
 class DriveInputs:
     """
