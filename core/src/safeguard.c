@@ -130,7 +130,7 @@ static bev_status drive(const safeguard *of, proposed *run) {
 /* What is proposed for a target. */
 static bev_status propose(const safeguard *of, double target_c, proposed *run) {
   int32_t is_changed = 0;
-  bev_settling goal = {of->serves_climbs, target_c};
+  bev_settling goal = {of->serves_climbs, target_c, of->goal->lowest_soc};
   if (of->caution != NULL) {
     goal.target_c = bev_minimum(target_c + of->goal->margin_k, of->vehicle->highest_c);
   }
