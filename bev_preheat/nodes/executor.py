@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from contextlib import ExitStack
 from itertools import chain
+import threading
 from typing import TYPE_CHECKING
 
 from rclpy.exceptions import InvalidHandle
@@ -53,11 +54,16 @@ class PromptExecutor(SingleThreadedExecutor):
         self._is_listed = False
         # Keeps what is waited for from being destroyed meanwhile.
         self._held = ExitStack()
+        self._thread: int | None = None
         super().__init__(context=context)
 
     def wake(self) -> None:
         """Let the wait end: something was created or destroyed, or the process is to end."""
         self._is_listed = False
+        if threading.get_ident() == self._thread:
+            # What a callback destroys goes at once: the middleware lets go of a topic's buffers only
+            # when the last of its subscriptions goes, and the callback may be about to make another.
+            self._held.close()
         super().wake()
 
     def add_node(self, node: Node) -> bool:
@@ -83,6 +89,7 @@ class PromptExecutor(SingleThreadedExecutor):
 
         Raises what a callback raises, and ExternalShutdownException where the context was shut down.
         """
+        self._thread = threading.get_ident()
         while self._context.ok() and not is_done():
             if not self._is_listed:
                 self._list()

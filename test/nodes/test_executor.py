@@ -102,7 +102,10 @@ def test_what_is_created_later_is_served_and_what_is_destroyed_is_not(spun, numb
     def hear_first(message):
         first.append(message.data)
         # With two more messages in its queue.
+        count = numbers.get_subscription_count()
         node.destroy_subscription(subscription)
+        # At once: the middleware keeps its buffers as long as it exists.
+        assert numbers.get_subscription_count() == count - 1
         node.create_timer(0.01, tick)
 
     def tick():
