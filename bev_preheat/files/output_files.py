@@ -14,7 +14,6 @@ from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 import os
-import secrets
 import stat
 
 from bev_preheat.errors import InvalidInput
@@ -155,7 +154,7 @@ def _replace(path: AnyPath, target: str, contents: bytes) -> None:
     before = existing_file(path)
     mode = 0o666 if before is None else stat.S_IMODE(before.st_mode)
     # Its own name, because the target's may be as long as a name can be.
-    temporary = os.path.join(os.path.dirname(target), f'.bev_preheat-{secrets.token_hex(8)}.tmp')
+    temporary = os.path.join(os.path.dirname(target), f'.bev_preheat-{os.urandom(8).hex()}.tmp')
     handle = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, mode & 0o777)
     try:
         with open(handle, 'wb') as file:

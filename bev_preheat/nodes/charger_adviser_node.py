@@ -100,7 +100,7 @@ class ChargerAdviserNode(Node):
 
     def _on_battery_state(self, message: BatteryState) -> None:
         self._deliver('battery_state', lambda: battery_event(
-            message, self._setup.clock_hint(message.header.stamp)))
+            message, self._setup.clock_hint(message.header.stamp, self._now_ns())))
 
     def _on_route_plan(self, message: RoutePlan) -> None:
         self._deliver('route_plan', lambda: self._routes.read(message, self._inbox))

@@ -180,7 +180,7 @@ class NlpCheckerNode(Node):
     @guarded
     def _on_battery_state(self, message: BatteryState) -> None:
         now_ns = self._now_ns()
-        event = battery_event(message, self._setup.clock_hint(message.header.stamp))
+        event = battery_event(message, self._setup.clock_hint(message.header.stamp, now_ns))
         if not self._is_accepted(event) or not isinstance(event, BatteryStateArrived):
             return
         measurement = event.measurement

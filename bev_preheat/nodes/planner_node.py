@@ -189,8 +189,9 @@ class PlannerNode(Node):
 
     @guarded
     def _on_battery_state(self, message: BatteryState) -> None:
-        event = battery_event(message, self._setup.clock_hint(message.header.stamp))
-        if self._step(event):
+        now_ns = self._now_ns()
+        event = battery_event(message, self._setup.clock_hint(message.header.stamp, now_ns))
+        if self._step(event, now_ns=now_ns):
             self._stale_timer.reset()
 
     @guarded
@@ -200,7 +201,9 @@ class PlannerNode(Node):
 
     @guarded
     def _on_route_progress(self, message: RouteProgress) -> None:
-        self._step(progress_event(message, self._setup.clock_hint(message.header.stamp)))
+        now_ns = self._now_ns()
+        self._step(progress_event(
+            message, self._setup.clock_hint(message.header.stamp, now_ns)), now_ns=now_ns)
 
     @guarded
     def _on_refused_route(self, error: InvalidInput) -> None:
@@ -313,9 +316,13 @@ class PlannerNode(Node):
 
     # Output
 
-    def _step(self, *events: Event) -> bool:
-        """Run a step of the supervisor and publish its outputs; return whether all was accepted."""
-        now_ns, has_failed = self._now_ns(), False
+    def _step(self, *events: Event, now_ns: int | None = None) -> bool:
+        """
+        Run a step of the supervisor and publish its outputs; return whether all was accepted.
+
+        `now_ns` is the step's instant [ns], None for that of the call.
+        """
+        now_ns, has_failed = self._now_ns() if now_ns is None else now_ns, False
         refusals: tuple[Refusal, ...] = ()
         for output in self._supervisor.step(now_ns, *events):
             self._publish(output, now_ns)

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import difflib
 import sys
 from typing import TYPE_CHECKING
 
@@ -109,9 +108,9 @@ class SetupWatch:
                    DiagnosticStatus.WARN if sentences else DiagnosticStatus.OK),
             message='; '.join(sentences) or 'parameters, clock and topics fit')
 
-    def clock_hint(self, stamp: Time) -> str:
-        """Return the hint at the clocks that a message's stamp calls for, '' for none."""
-        now_ns, stamp_ns = self._node.get_clock().now().nanoseconds, nanoseconds(stamp)
+    def clock_hint(self, stamp: Time, now_ns: int) -> str:
+        """Return the hint at the clocks that a message's stamp calls for at an instant [ns], '' for none."""
+        stamp_ns = nanoseconds(stamp)
         # With every battery state: the parameter is looked up where it is needed only.
         if abs(stamp_ns - now_ns) < FAR_NS:
             return ''
@@ -140,7 +139,9 @@ def unknown_parameters(node: Node) -> list[str]:
     for name in given:
         if node.has_parameter(name) or name.startswith(NOT_OURS):
             continue
-        nearest = difflib.get_close_matches(name, known, 1)
+        # Only where a name is wrong: every start would pay for it.
+        from difflib import get_close_matches
+        nearest = get_close_matches(name, known, 1)
         sentences.append(f'parameter {name!r} is unknown and ignored' + (
             f'; did you mean {nearest[0]!r}?' if nearest else ''))
     if not given and '--params-file' in sys.argv:

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from difflib import get_close_matches
 from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -173,6 +172,8 @@ def _keys_that_are_not_there(contents: dict[str, FileData]) -> Iterator[str]:
     for index, key in enumerate(contents.get('assumed', ())):
         if key in keys:
             continue
+        # Only where a name is wrong: every start would pay for it.
+        from difflib import get_close_matches
         near = get_close_matches(key, keys, n=1)
         hint = f'did you mean {near[0]!r}?' if near else 'such as battery.resistance'
         yield f'assumed[{index}]: {quoted(key)} is no key of this file; {hint}'
