@@ -70,10 +70,10 @@ setup(
     license='Apache-2.0',
     entry_points={
         'console_scripts': [
-            f'planner = {PACKAGE}.nodes.planner_node:main',
-            f'nlp_checker = {PACKAGE}.nodes.nlp_checker_node:main',
-            f'charger_adviser = {PACKAGE}.nodes.charger_adviser_node:main',
-            f'vehicle_simulator = {PACKAGE}.nodes.vehicle_simulator_node:main',
+            f'planner = {PACKAGE}.nodes.executables:planner',
+            f'nlp_checker = {PACKAGE}.nodes.executables:nlp_checker',
+            f'charger_adviser = {PACKAGE}.nodes.executables:charger_adviser',
+            f'vehicle_simulator = {PACKAGE}.nodes.executables:vehicle_simulator',
             f'preheat = {PACKAGE}.commands.main:main',
         ],
     },
