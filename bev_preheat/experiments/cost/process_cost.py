@@ -198,6 +198,7 @@ def _compared(what: str, field: str, results: dict[str, list[Round]], scale: flo
     """Return the Figures of a field: of the planner, of the empty node, and their ratios."""
     columns = {name: [getattr(result, field) for result in rounds]
                for name, rounds in results.items()}
+
     def ratio(name: str) -> float:
         # Round by round, as the machine has other work now and then.
         return median(ours / its for ours, its in zip(columns['planner'], columns[name]))
