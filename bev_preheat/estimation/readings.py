@@ -87,10 +87,10 @@ class ReadingCheck:
                       covariance: FloatArray) -> bool:
         """Whether readings are what is expected, or may be."""
         # Numbers out of the arrays: sums of NumPy's scalars take three times as long.
-        return all([
+        return all(
             abs(reading - mean.item(index)) <= 0.5 * step + IMPLAUSIBLE_DEVIATIONS * max(
                 math.sqrt(max(covariance.item(index, index), 0.0)), least)
-            for index, reading, step, least in self._looks_at(state)])
+            for index, reading, step, least in self._looks_at(state))
 
     def _agree(self, one: BatteryState, other: BatteryState) -> bool:
         """Whether two readings that were not believed say the same."""

@@ -133,6 +133,6 @@ class _Drive:
                 lasts_s = (output.command.valid_until_ns - now_ns) / NS_PER_S
                 self._lease = HeaterLease(
                     output.command.battery_heating_power_w, time_s + lasts_s)
-        if reading is not None and not any([output.refusals for output in outputs]):
+        if reading is not None and not any(output.refusals for output in outputs):
             self._stale_s = time_s + self._supervisor.settings.battery_state_timeout_s
         return Moment(time_s, clock_s, reading, outputs, is_last, cpu_s)

@@ -270,8 +270,9 @@ class VehiclePlant:
             soc_rate, _, _ = self._rates(
                 self.soc, self.temperature_c, *self._inputs(self.heater_power_w))
             self.current_a = -soc_rate * self.vehicle.battery.capacity_as
-        self.terminal_voltage_v = (self._voltage(self.soc, self.temperature_c)
-                          - self._resistance(self.soc, self.temperature_c) * self.current_a)
+        self.terminal_voltage_v = (
+            self._voltage(self.soc, self.temperature_c)
+            - self._resistance(self.soc, self.temperature_c) * self.current_a)
 
     @property
     def energy_wh(self) -> Energies:

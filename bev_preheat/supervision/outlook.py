@@ -142,8 +142,8 @@ class OutlookMaker:
     def vehicle(self, estimate: Estimate) -> Vehicle:
         """Return the corrected vehicle of an Estimate; the same one while the factors stay."""
         logs = estimate.mean[FACTORS.start:PROPULSION].tolist()
-        if not self._logs or any([abs(log - before) > step for log, before, step in zip(
-                logs, self._logs, FACTOR_STEPS)]):
+        if not self._logs or any(abs(log - before) > step for log, before, step in zip(
+                logs, self._logs, FACTOR_STEPS)):
             self._logs, self._factors = logs, tuple(array_exp(logs).tolist())
             self._corrected = corrected_vehicle(self._vehicle, Corrections(*self._factors))
         return self._corrected

@@ -105,7 +105,7 @@ class Supervisor:
     def _react(self, now_ns: int, events: tuple[Event, ...]) -> Iterator[Output]:
         refusals = tuple(filter(None, [self._deliver(event, now_ns) for event in events]))
         use_core(self._inbox.settings.compiled_core)
-        if all([isinstance(event, PLACES) for event in events]):
+        if all(isinstance(event, PLACES) for event in events):
             yield Output(refusals=refusals)
             return
         self._attend_to_changes(now_ns, events)

@@ -182,7 +182,7 @@ def drive_noting(car: ImperfectCar, goal: Goal, settings: Settings,
         cpu_s += moment.cpu_s
         if moment.reading is not None:
             measured_c = moment.reading.temperature_c
-            refused += any([output.refusals for output in moment.outputs])
+            refused += any(output.refusals for output in moment.outputs)
             without_plan += supervisor.decision.status is Status.INVALID_INPUT
             updates += 1
         for output in moment.outputs:
