@@ -3,20 +3,14 @@
 Leaves out, by name, the tests of optional packages that are not installed.
 
 A test is marked `needs('casadi')`, runs the installed nlp_checker, or its module imports what needs
-CasADi. The end of the run says in one line what was left out and how to install what it needs: no test
+the package. The end of the run says in one line what was left out and how to install what it needs: no test
 is skipped in silence, and `make test`, whose setup installs the optional packages, leaves out none.
 """
 
 import pytest
 
-from bev_preheat.optional_packages import advice, is_installed
+from bev_preheat.optional_packages import advice, is_installed, PURPOSES
 
-# Modules that consist of tests of an optional package.
-MODULES = {'casadi': ('nodes/test_nlp_checker.py', 'optimum/test_charging_program.py',
-                      'optimum/test_heat_path_program.py', 'optimum/test_optimum.py',
-                      'optimum/test_symbols.py', 'optimum/test_worker.py',
-                      'experiments/reproduction/test_table_two.py',
-                      'experiments/optimality/test_study.py')}
 # Only for tests, and no part of what the program says is missing.
 LINTERS = frozenset(('ament_flake8', 'ament_pep257'))
 LEFT_OUT = pytest.StashKey()
@@ -35,14 +29,24 @@ def how_to_install(package):
     return advice(package)
 
 
-def pytest_ignore_collect(collection_path, config):
-    """Leave out the modules of a package that is not installed."""
-    for package, modules in MODULES.items():
-        for module in modules:
-            if collection_path.as_posix().endswith(f'/test/{module}') and not is_installed(package):
-                config.stash[LEFT_OUT].setdefault(package, [set(), 0])[0].add(f'test/{module}')
-                return True
-    return None
+class _Module(pytest.Module):
+    """A module that is left out where what it imports, itself or through others, is not installed."""
+
+    def collect(self):
+        try:
+            return list(super().collect())
+        except self.CollectError as error:
+            package = getattr(error.__cause__, 'name', None)
+            if not isinstance(error.__cause__, ModuleNotFoundError) or package not in PURPOSES:
+                raise
+            name = self.path.relative_to(self.config.rootpath).as_posix()
+            self.config.stash[LEFT_OUT].setdefault(package, [set(), 0])[0].add(name)
+            return []
+
+
+def pytest_pycollect_makemodule(module_path, parent):
+    """Collect each module of tests as one that may be left out."""
+    return _Module.from_parent(parent, path=module_path)
 
 
 @pytest.hookimpl(trylast=True)

@@ -150,6 +150,8 @@ class PlannerNode(Node):
         self._supervisor = Supervisor(vehicle, settings, self._state_keeper.attach(
             values['state_file'], self._vehicle_fingerprint))
         self._told, self._news = _Told(), News()
+        # An exception has come out of the latest step, or out of what followed it.
+        self._is_in_doubt = False
         self._routes = RouteIntake()
 
         latched = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
@@ -320,12 +322,19 @@ class PlannerNode(Node):
         """
         Run a step of the supervisor and publish its outputs; return whether all was accepted.
 
-        `now_ns` is the step's instant [ns], None for that of the call.
+        `now_ns` is the step's instant [ns], None for that of the call. Nothing delays a command, but
+        after a failure it comes last: while the rest fails, heat is not commanded in between.
         """
         now_ns, has_failed = self._now_ns() if now_ns is None else now_ns, False
         refusals: tuple[Refusal, ...] = ()
-        for output in self._supervisor.step(now_ns, *events):
-            self._publish(output, now_ns)
+        outputs: Iterable[Output] = self._supervisor.step(now_ns, *events)
+        in_doubt = self._is_in_doubt
+        if in_doubt:
+            outputs = tuple(outputs)
+        for output in outputs:
+            if not in_doubt:
+                self._publish_command(output, now_ns)
+            self._publish_decision(output, now_ns)
             refusals += output.refusals
             has_failed = has_failed or bool(output.failure)
         for refusal in refusals:
@@ -333,11 +342,20 @@ class PlannerNode(Node):
             if self._news.has(sentence):
                 self.get_logger().error(sentence)
         self._tell_findings()
+        if in_doubt:
+            self._report(now_ns)
+            for output in outputs:
+                self._publish_command(output, now_ns)
+            # What says less than a plan does not show that a plan can be told.
+            in_doubt = not any(map(_has_plan_or_heats, outputs))
+        self._is_in_doubt = has_failed or in_doubt
         return not refusals and not has_failed
 
-    def _publish(self, output: Output, now_ns: int) -> None:
+    def _publish_command(self, output: Output, now_ns: int) -> None:
         if output.command is not None:
             self._command_publisher.publish(command_message(output.command, now_ns))
+
+    def _publish_decision(self, output: Output, now_ns: int) -> None:
         if output.failure:
             self.get_logger().error(output.failure)
         for outcome in output.outcomes:
@@ -357,8 +375,11 @@ class PlannerNode(Node):
     @guarded
     def _on_repeat(self) -> None:
         self._step()
-        self._prepare.publish_feedback(self._now_ns())
-        self._publish_diagnostics(self._now_ns())
+        self._report(self._now_ns())
+
+    def _report(self, now_ns: int) -> None:
+        self._prepare.publish_feedback(now_ns)
+        self._publish_diagnostics(now_ns)
 
     def _publish_diagnostics(self, now_ns: int) -> None:
         supervisor = self._supervisor
@@ -370,10 +391,17 @@ class PlannerNode(Node):
         self._diagnostics_publisher.publish(message)
 
     def fail(self, where: str, error: Exception) -> None:
-        """Switch the heater off after an exception outside of a step, and log it."""
-        now_ns = self._now_ns()
-        self._publish(
-            self._supervisor.fail(now_ns, f'{where}: {type(error).__name__}: {error}'), now_ns)
+        """Switch the heater off after an exception outside of a step, and log it; raise nothing."""
+        self._is_in_doubt = True
+        try:
+            now_ns = self._now_ns()
+            output = self._supervisor.fail(now_ns, f'{where}: {type(error).__name__}: {error}')
+            self.get_logger().error(output.failure)
+            self._publish_command(output, now_ns)
+        except Exception as another:
+            self.get_logger().error(
+                f'0 W could not be published after that: {type(another).__name__}: {another}; the '
+                'heater is off when the lease of the latest command ends.')
 
     @guarded
     def _on_save_due(self) -> None:
@@ -381,19 +409,31 @@ class PlannerNode(Node):
 
     def last_words(self) -> None:
         """Publish 0 W before the process ends, and wait a moment until it is out."""
-        self._end_goals()
-        # With a lease like any other: a heater's controller may ignore a command that has expired.
-        now_ns = self._now_ns()
-        self._publish(self._supervisor.stop(now_ns), now_ns)
-        self._on_save_due()
-        self._command_publisher.wait_for_all_acked(LAST_WORDS_TIME)
+        for last in (self._end_goals, self._switch_off, self._on_save_due, self._await_delivery):
+            last()
 
     @guarded
     def _end_goals(self) -> None:
         self._prepare.shut_down()
 
+    @guarded
+    def _switch_off(self) -> None:
+        # With a lease like any other: a heater's controller may ignore a command that has expired.
+        now_ns = self._now_ns()
+        self._publish_command(self._supervisor.stop(now_ns), now_ns)
+
+    @guarded
+    def _await_delivery(self) -> None:
+        self._command_publisher.wait_for_all_acked(LAST_WORDS_TIME)
+
     def _now_ns(self) -> int:
         return self.get_clock().now().nanoseconds
+
+
+def _has_plan_or_heats(output: Output) -> bool:
+    decision, command = output.decision, output.command
+    return (decision is not None and decision.plan is not None) or (
+        command is not None and command.battery_heating_power_w > 0.0)
 
 
 def _take_effect(values: Values) -> tuple[Vehicle, Settings]:

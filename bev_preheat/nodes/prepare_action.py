@@ -71,6 +71,12 @@ class PrepareAction:
         # A goal that is rejected cannot say why, so each is taken, and a bad one ends at once.
         goal_handle.execute()
         try:
+            self._begin(goal_handle)
+        except Exception as error:
+            self._fail('prepare_battery', error)
+
+    def _begin(self, goal_handle: ServerGoalHandle) -> None:
+        try:
             wish = wish_of_goal(goal_handle.request)
         except InvalidInput as error:
             self._node.get_logger().error(f'prepare_battery refused: {error}')
@@ -78,10 +84,7 @@ class PrepareAction:
                 Wish(), Ending.REFUSED, f'The goal was refused: {error}.'))
             return
         self._goals[wish] = goal_handle
-        try:
-            self._step(PreparationWanted(wish))
-        except Exception as error:
-            self._fail('prepare_battery', error)
+        self._step(PreparationWanted(wish))
 
     def _on_cancel(self, goal_handle: ServerGoalHandle) -> CancelResponse:
         wish = next((wish for wish, handle in self._goals.items() if handle == goal_handle), None)

@@ -15,14 +15,11 @@ from types import SimpleNamespace
 
 from builtin_interfaces.msg import Time
 import pytest
-import rclpy
-from rclpy.logging import LoggingSeverity
 from rclpy.parameter import Parameter
+from rehearsed_planner import rehearsed_planner
 from sensor_msgs.msg import BatteryState
 
-from bev_preheat.experiments.processes import reserved_domain_id
 from bev_preheat.nodes.convert import nanoseconds
-from bev_preheat.nodes.planner_node import PlannerNode
 from bev_preheat.planning.status import Status
 from bev_preheat_msgs.msg import RoutePlan
 
@@ -73,31 +70,15 @@ class Book:
     is_update_due: bool = False
 
 
-class Recorder:
-    """Takes the place of a publisher."""
-
-    def __init__(self):
-        self.last = None
-        self.count = 0
-
-    def publish(self, message):
-        self.last, self.count = message, self.count + 1
-
-    def wait_for_all_acked(self, timeout):
-        return True
-
-
 class Fuzz:
     """The node, its surroundings, and the oracle."""
 
-    def __init__(self, node, seed):
+    def __init__(self, planner, seed):
         self.random = random.Random(seed)
-        self.node = node
+        self.node = planner.node
         self.book = Book()
-        self.commands, self.plans = Recorder(), Recorder()
-        node._command_publisher, node._plan_publisher = self.commands, self.plans
-        node._temperature_publisher = node._diagnostics_publisher = Recorder()
-        node._now_ns = lambda: self.book.now_ns
+        self.commands, self.plans = planner.commands, planner.plans
+        self.node._now_ns = lambda: self.book.now_ns
         self.temperature_c = -7.0
         self.heated = self.heated_after_refused_update = 0
 
@@ -275,15 +256,8 @@ class Fuzz:
 @pytest.fixture
 def fuzz(dds, tmp_path, monkeypatch):
     monkeypatch.setenv('ROS_LOG_DIR', str(tmp_path))
-    with reserved_domain_id() as domain_id:
-        rclpy.init(domain_id=domain_id)
-        node = PlannerNode()
-        try:
-            node.get_logger().set_level(LoggingSeverity.FATAL)
-            yield Fuzz(node, SEED)
-        finally:
-            node.destroy_node()
-            rclpy.try_shutdown()
+    with rehearsed_planner() as planner:
+        yield Fuzz(planner, SEED)
 
 
 @pytest.mark.timeout(900)
@@ -303,56 +277,3 @@ def test_no_message_ends_the_process_or_leaves_heat_on(fuzz, messages):
     # The oracle was no idle one: it heated often in between.
     assert fuzz.heated > messages // 50
     assert fuzz.heated_after_refused_update > messages // 5000
-
-
-def a_cold_state(second):
-    message = BatteryState(temperature=-7.0, percentage=0.8)
-    message.header.stamp = Time(sec=START_NS // NS_PER_S + second)
-    return message
-
-
-def a_short_route():
-    """Return a route of 20 min, too short to reach 25 degC: heats at once."""
-    message = RoutePlan(
-        route_id='home', segment_duration=[30.0] * 40, speed=[20.0], propulsion_power=[20e3],
-        ambient_temperature=[-7.0], charging_planned=True, target_battery_temperature=25.0)
-    message.header.stamp = Time(sec=START_NS // NS_PER_S)
-    return message
-
-
-@pytest.mark.parametrize('where', [
-    'nodes.convert.measurement_from_message', 'supervision.inbox.check_situation',
-    'supervision.outlook.plan_preheating', 'nodes.planner_node.plan_message'])
-def test_an_exception_that_nobody_foresaw_switches_off_until_the_next_state(
-        fuzz, monkeypatch, where):
-    def fail(*_, **__):
-        raise ZeroDivisionError('by chance')
-
-    def after_state(second):
-        fuzz.book = replace(fuzz.book, now_ns=START_NS + second * NS_PER_S)
-        fuzz.node._on_battery_state(a_cold_state(second))
-        return fuzz.commands.last.battery_heating_power, Status(fuzz.commands.last.reason)
-
-    fuzz.node._on_route_plan(a_short_route())
-    heats = after_state(0)
-    assert heats[0] > 5000.0
-    with monkeypatch.context() as meanwhile:
-        meanwhile.setattr(f'bev_preheat.{where}', fail)
-        assert after_state(1) == (0.0, Status.INTERNAL_ERROR)
-    fuzz.node._on_repeat()
-    assert 'ZeroDivisionError: by chance' in fuzz.plans.last.explanation
-    assert after_state(2) == heats
-
-
-def test_a_route_at_which_the_planner_fails_is_not_told_as_taken(fuzz, monkeypatch):
-    def fail(*_, **__):
-        raise ZeroDivisionError('by chance')
-
-    told = []
-    monkeypatch.setattr(fuzz.node, '_tell_route', lambda: told.append(True))
-    fuzz.node._on_route_plan(a_short_route())
-    assert told == [True]
-    monkeypatch.setattr('bev_preheat.supervision.inbox.check_mission', fail)
-    fuzz.node._on_route_plan(a_short_route())
-    assert told == [True]
-    assert Status(fuzz.commands.last.reason) is Status.INTERNAL_ERROR

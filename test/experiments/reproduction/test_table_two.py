@@ -11,6 +11,8 @@ from bev_preheat.experiments.reproduction.table_two import fit_reference, reprod
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.description import Leakage
 
+pytestmark = pytest.mark.needs('casadi')
+
 # The paper's figures, copied from its Table II a second time [Wh]: heuristic, NLP.
 PAPER = {
     'joule': (345.1, 361.4),

@@ -1,0 +1,140 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Exceptions that nobody foresaw, put into the planner's own functions: doubt means off, and off it stays."""
+
+from itertools import count
+
+from builtin_interfaces.msg import Time
+import pytest
+from rehearsed_planner import rehearsed_planner
+from sensor_msgs.msg import BatteryState
+
+from bev_preheat.planning.status import Status
+from bev_preheat_msgs.msg import RoutePlan
+
+START_S = 1_700_000_000
+NS_PER_S = 1_000_000_000
+
+
+@pytest.fixture
+def planner(dds, tmp_path, monkeypatch):
+    monkeypatch.setenv('ROS_LOG_DIR', str(tmp_path))
+    with rehearsed_planner() as planner:
+        planner.set_clock(START_S * NS_PER_S)
+        yield planner
+
+
+def short_route():
+    """Return a route of 20 min, too short to reach 25 degC: heats at once."""
+    message = RoutePlan(
+        route_id='home', segment_duration=[30.0] * 40, speed=[20.0], propulsion_power=[20e3],
+        ambient_temperature=[-7.0], charging_planned=True, target_battery_temperature=25.0)
+    message.header.stamp = Time(sec=START_S)
+    return message
+
+
+def give_state(planner, second):
+    """Give a cold battery's state, measured so long after the start [s], at that instant."""
+    planner.set_clock((START_S + second) * NS_PER_S)
+    message = BatteryState(temperature=-7.0, percentage=0.8)
+    message.header.stamp = Time(sec=START_S + second)
+    planner.node._on_battery_state(message)
+
+
+def command(planner):
+    return planner.commands.last.battery_heating_power, Status(planner.commands.last.reason)
+
+
+def after_state(planner, second):
+    give_state(planner, second)
+    return command(planner)
+
+
+def fail(*_, **__):
+    raise ZeroDivisionError('by chance')
+
+
+@pytest.mark.parametrize('where', [
+    'nodes.convert.measurement_from_message', 'supervision.inbox.check_situation',
+    'supervision.outlook.plan_preheating', 'nodes.planner_node.plan_message'])
+def test_an_exception_that_nobody_foresaw_switches_off_until_the_next_state(
+        planner, monkeypatch, where):
+    planner.node._on_route_plan(short_route())
+    heats = after_state(planner, 0)
+    assert heats[0] > 5000.0
+    with monkeypatch.context() as meanwhile:
+        meanwhile.setattr(f'bev_preheat.{where}', fail)
+        assert after_state(planner, 1) == (0.0, Status.INTERNAL_ERROR)
+    planner.node._on_repeat()
+    assert 'ZeroDivisionError: by chance' in planner.plans.last.explanation
+    assert after_state(planner, 2) == heats
+
+
+@pytest.mark.parametrize('where', [
+    'plan_message', 'temperature_message', 'planner_diagnostics', 'PlannerNode._tell_findings'])
+def test_what_fails_after_the_command_each_time_lets_no_heat_through_in_between(planner, monkeypatch, where):
+    planner.node._on_route_plan(short_route())
+    assert after_state(planner, 0)[0] > 5000.0
+    powers_w = []
+    publish = planner.commands.publish
+
+    def note(message):
+        powers_w.append(message.battery_heating_power)
+        publish(message)
+
+    with monkeypatch.context() as meanwhile:
+        meanwhile.setattr(f'bev_preheat.nodes.planner_node.{where}', fail)
+        planner.node._on_repeat()
+        give_state(planner, 1)
+        planner.commands.publish = note
+        for second in range(2, 6):
+            give_state(planner, second)
+            planner.node._on_repeat()
+    assert powers_w == [0.0] * len(powers_w)
+    assert len(powers_w) >= 8
+    assert after_state(planner, 7)[0] > 5000.0
+
+
+def test_where_no_command_can_be_made_no_exception_leaves_a_callback(planner, monkeypatch):
+    planner.node._on_route_plan(short_route())
+    heats = after_state(planner, 0)
+    with monkeypatch.context() as meanwhile:
+        meanwhile.setattr('bev_preheat.nodes.planner_node.command_message', fail)
+        given = planner.commands.count
+        give_state(planner, 1)
+        planner.node._on_repeat()
+        planner.node._on_route_plan(short_route())
+        # Nothing was sent: the lease of the command before ends.
+        assert planner.commands.count == given
+    assert after_state(planner, 2) == heats
+
+
+@pytest.mark.parametrize('failing', [1, 2])
+def test_the_last_words_are_off_and_all_else_is_done_where_one_of_them_fails(planner, monkeypatch, failing):
+    from bev_preheat.nodes import planner_node
+
+    planner.node._on_route_plan(short_route())
+    assert after_state(planner, 0)[0] > 5000.0
+    calls, saved, command_message = count(1), [], planner_node.command_message
+
+    def fail_now_and_then(*arguments):
+        if next(calls) == failing:
+            fail()
+        return command_message(*arguments)
+
+    monkeypatch.setattr(planner_node, 'command_message', fail_now_and_then)
+    monkeypatch.setattr(planner.node._state_keeper, 'save', saved.append)
+    monkeypatch.setattr(planner.node._prepare, 'shut_down', fail)
+    planner.node.last_words()
+    assert planner.commands.last.battery_heating_power == 0.0
+    assert len(saved) == 1
+
+
+def test_a_route_at_which_the_planner_fails_is_not_told_as_taken(planner, monkeypatch):
+    told = []
+    monkeypatch.setattr(planner.node, '_tell_route', lambda: told.append(True))
+    planner.node._on_route_plan(short_route())
+    assert told == [True]
+    monkeypatch.setattr('bev_preheat.supervision.inbox.check_mission', fail)
+    planner.node._on_route_plan(short_route())
+    assert told == [True]
+    assert command(planner)[1] is Status.INTERNAL_ERROR
