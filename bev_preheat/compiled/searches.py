@@ -43,6 +43,8 @@ HEAT_EARLY_ARRAYS = 3
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from numpy.typing import NDArray
+
     from bev_preheat.compiled.runs import Heating
     from bev_preheat.compiled.structs import CautionStruct, CompiledTrip, CompiledVehicle
     from bev_preheat.numerics.arrays import BoolArray, FloatArray
@@ -139,15 +141,10 @@ def plan_merit_order(vehicle: CompiledVehicle, trip: CompiledTrip, goal: Settlin
     library = core()
     if library is None:
         return None
-    idle_states = doubles(idle_states)
-    states, powers_w = np.empty(idle_states.shape), np.empty((len(idle_states), trip.steps))
-    watched = np.empty((MERIT_BYTES, trip.steps), dtype=np.uint8)
-    memory = np.empty(MERIT_PLAN_MEMORY[0] * trip.steps + MERIT_PLAN_MEMORY[1])
-    order, plan = np.empty(trip.steps, dtype=np.int32), MeritPlanStruct()
+    arrays, plan = _merit_arrays(trip, idle_states, MERIT_PLAN_MEMORY), MeritPlanStruct()
     status = library.bev_plan_merit_order(
-        vehicle.address, trip.address, byref(goal), address_of(idle_states), address_of(states),
-        address_of(powers_w), address_of(watched), address_of(order), address_of(memory), byref(plan))
-    return _merit_plan(states, powers_w, plan) if status == OK else None
+        vehicle.address, trip.address, byref(goal), *[address_of(array) for array in arrays], byref(plan))
+    return _merit_plan(arrays.states, arrays.powers_w, plan) if status == OK else None
 
 
 def heat_early(vehicle: CompiledVehicle, trip: CompiledTrip, target_c: float, caution: CautionStruct,
@@ -184,18 +181,14 @@ def plan_safeguarded(vehicle: CompiledVehicle, trip: CompiledTrip, goal: SafeGoa
     library = core()
     if library is None:
         return None
-    idle_states = doubles(idle_states)
-    states, powers_w = np.empty(idle_states.shape), np.empty((len(idle_states), trip.steps))
-    watched = np.empty((MERIT_BYTES, trip.steps), dtype=np.uint8)
-    memory = np.empty(SAFEGUARD_MEMORY[0] * trip.steps + SAFEGUARD_MEMORY[1])
-    order, found = np.empty(trip.steps, dtype=np.int32), SafePlanStruct()
+    arrays, found = _merit_arrays(trip, idle_states, SAFEGUARD_MEMORY), SafePlanStruct()
     status = library.bev_plan_safeguarded(
         vehicle.address, trip.address, byref(goal), None if caution is None else byref(caution),
-        address_of(idle_states), address_of(states), address_of(powers_w), address_of(watched),
-        address_of(order), address_of(memory), byref(found))
+        *[address_of(array) for array in arrays], byref(found))
     if status != OK:
         return None
-    return (None if found.is_unheated else _merit_plan(states, powers_w, found.plan)), found.held_back
+    return (None if found.is_unheated else _merit_plan(arrays.states, arrays.powers_w, found.plan)
+            ), found.held_back
 
 
 def unheated_lacks(vehicle: CompiledVehicle, trip: CompiledTrip,
@@ -216,6 +209,26 @@ def unheated_lacks(vehicle: CompiledVehicle, trip: CompiledTrip,
         vehicle.address, trip.address, byref(states), address_of(memory), address_of(flags),
         byref(lacking_w), byref(stranding))
     return (lacking_w.value, _stranded(stranding)) if status == OK else None
+
+
+class _MeritArrays(NamedTuple):
+    """Arrays that the searches by merit order work on, in the order of their arguments."""
+
+    idle_states: FloatArray
+    states: FloatArray
+    powers_w: FloatArray
+    watched: NDArray[np.uint8]
+    order: NDArray[np.int32]
+    memory: FloatArray
+
+
+def _merit_arrays(trip: CompiledTrip, idle_states: FloatArray, memory: tuple[int, int]) -> _MeritArrays:
+    """Return the arrays for a search from the unheated run (S, N + 1), with doubles for each step and for all."""
+    idle_states, steps = doubles(idle_states), trip.steps
+    return _MeritArrays(
+        idle_states, np.empty(idle_states.shape), np.empty((len(idle_states), steps)),
+        np.empty((MERIT_BYTES, steps), dtype=np.uint8), np.empty(steps, dtype=np.int32),
+        np.empty(memory[0] * steps + memory[1]))
 
 
 def _merit_plan(states: FloatArray, powers_w: FloatArray, plan: MeritPlanStruct) -> MeritPlan:

@@ -5,6 +5,8 @@ Maps of a vehicle without corners, for programs that run along them.
 A table is linear between its points. Along a charging session a program meets dozens of its corners, and
 where each lies within a step decides a derivative: IPOPT comes to rest at none. Here each corner is
 rounded: the kink |x - x_i| becomes sqrt((x - x_i)^2 + w^2). Weights of the points still add up to 1.
+On a drive few corners are met, and programs keep them; but where power lacks for minutes, what lacks least may
+lie at one, and only with corners that are rounded a little does IPOPT find it.
 """
 
 from __future__ import annotations
@@ -24,22 +26,26 @@ if TYPE_CHECKING:
 
 # Half the width of a rounded corner: state of charge, temperature [K], power [W].
 SOC_WIDTH, TEMPERATURE_WIDTH_K, POWER_WIDTH_W = 0.005, 0.5, 200.0
+# The same on a drive: a limit that bends by 4 kW/K changes by 10 W at most.
+DRIVE_SOC_WIDTH, DRIVE_TEMPERATURE_WIDTH_K = 1e-4, 0.005
 
 
 @dataclass(frozen=True)
 class SmoothTable:
-    """A Table with rounded corners, for symbols."""
+    """A Table with corners rounded by half a width each, for symbols."""
 
     table: Table
+    soc_width: float
+    temperature_width_k: float
 
     def function(self, arithmetic: Arithmetic[AnyNumber]) -> CurveFunction[AnyNumber]:
         """`f(soc, temperature_c)`, of CasADi symbols."""
         table = self.table
 
         def lookup(soc: AnyNumber, temperature_c: AnyNumber) -> AnyNumber:
-            soc_weights = smooth_weights(table.soc, soc, SOC_WIDTH)
+            soc_weights = smooth_weights(table.soc, soc, self.soc_width)
             temperature_weights = smooth_weights(
-                table.temperature_c, temperature_c, TEMPERATURE_WIDTH_K)
+                table.temperature_c, temperature_c, self.temperature_width_k)
             return sum(soc_weight * sum(value * weight for value, weight in zip(
                 row, temperature_weights)) for row, soc_weight in zip(table.values, soc_weights))
 
@@ -68,14 +74,24 @@ SMOOTH: Arithmetic[AnyNumber] = replace(
 
 def smoothed(vehicle: Vehicle) -> Vehicle:
     """Return the Vehicle with rounded corners in the maps of its charging sessions."""
-    battery, charging = vehicle.battery, vehicle.charging
+    widths, battery, charging = (SOC_WIDTH, TEMPERATURE_WIDTH_K), vehicle.battery, vehicle.charging
     return replace(
         vehicle,
-        battery=replace(battery, open_circuit_voltage=_smooth(battery.open_circuit_voltage),
-                        resistance=_smooth(battery.resistance)),
+        battery=replace(battery, open_circuit_voltage=_smooth(battery.open_circuit_voltage, *widths),
+                        resistance=_smooth(battery.resistance, *widths)),
         charging=None if charging is None else replace(
-            charging, power_limit=_smooth(charging.power_limit)))
+            charging, power_limit=_smooth(charging.power_limit, *widths)))
 
 
-def _smooth(curve: Curve) -> Curve:
-    return SmoothTable(curve) if isinstance(curve, Table) else curve
+def smoothed_a_little(vehicle: Vehicle) -> Vehicle:
+    """Return the Vehicle with corners rounded by next to nothing in the maps of its drives."""
+    widths, battery = (DRIVE_SOC_WIDTH, DRIVE_TEMPERATURE_WIDTH_K), vehicle.battery
+    return replace(vehicle, battery=replace(
+        battery, open_circuit_voltage=_smooth(battery.open_circuit_voltage, *widths),
+        resistance=_smooth(battery.resistance, *widths),
+        discharge_power_limit=_smooth(battery.discharge_power_limit, *widths),
+        charge_power_limit=_smooth(battery.charge_power_limit, *widths)))
+
+
+def _smooth(curve: Curve, soc_width: float, temperature_width_k: float) -> Curve:
+    return SmoothTable(curve, soc_width, temperature_width_k) if isinstance(curve, Table) else curve

@@ -22,6 +22,7 @@ from bev_preheat.optimum.attempt import (
 from bev_preheat.optimum.drive_step import ENERGY_SCALE_J
 from bev_preheat.optimum.lacking import CHARGE, find_lacking, Lacking, SOC_TOLERANCE, TOLERANCE_W
 from bev_preheat.optimum.program import build_program, Give
+from bev_preheat.optimum.smooth_maps import smoothed_a_little
 from bev_preheat.planning.dynamics import HOTTEST_BEYOND_RANGE_K, JOULES_PER_WH
 from bev_preheat.planning.heat_run import along_states
 from bev_preheat.planning.limits import limits_hold, run_unheated
@@ -99,9 +100,10 @@ def solve_optimum(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goa
     from the trip unheated and from the trip heated throughout, and the better one counts. A trip
     that the charge does not carry is not given to the solver: there is no optimum, and the best that can
     be done is not to heat. Where the power of the drive lacks for the sake of the highest temperature alone, the
-    battery may get warmer. `corrections` of the vehicle need no programs of their own, unlike a
-    corrected vehicle. Raises InvalidInput as `plan_preheating` does, SolverFailure where IPOPT
-    finds neither an optimum nor what cannot be kept.
+    battery may get warmer. Where the solvers come to no rest, corners of the maps are rounded by next to
+    nothing (`smooth_maps`): limits hold within 10 W then. `corrections` of the vehicle need no programs of
+    their own, unlike a corrected vehicle. Raises InvalidInput as `plan_preheating` does, SolverFailure
+    where IPOPT finds neither an optimum nor what cannot be kept.
     """
     started = perf_counter()
     corrected = _corrected(vehicle, corrections)
@@ -113,6 +115,8 @@ def solve_optimum(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goa
     if unheated.empty_at_s is not None:
         return _stranded(trip, goal, unheated, started)
     problem, runs = Problem(vehicle, corrections, trip, state, goal), []
+    # An optimum may lie at a corner of a map, where IPOPT does not come to rest.
+    rounded = replace(problem, vehicle=smoothed_a_little(vehicle))
     if limited and limits_hold(trip, unheated):
         # If it fails, so does the program with limits, most often; one solver's word is enough.
         run = attempt(problem, limited=False, solvers=available_solvers(trip)[:1])
@@ -126,8 +130,11 @@ def solve_optimum(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goa
         if run.status == SUCCESS:
             break
     else:
-        raise SolverFailure(f'IPOPT ended with {runs[0].status}, and with '
-                            f'{runs[1].status} and {runs[2].status} where constraints may give')
+        run = attempt(rounded, limited, give, starts[:1])
+        if run.status != SUCCESS:
+            raise SolverFailure(f'IPOPT ended with {runs[0].status}, and with '
+                                f'{runs[1].status} and {runs[2].status} where constraints may give')
+        runs.append(run)
     lacking = tuple(find_lacking(trip, run.solution))
     if give is Give.DEMANDS and _is_held_cool(trip, run) and _undelivered_w(run) > TOLERANCE_W:
         # A drive that can be delivered comes before the range, as in plans: its heat is left to the car's cooling.
@@ -140,10 +147,13 @@ def solve_optimum(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goa
             runs.insert(1, warmer)
     if give and not lacking:
         # All constraints can be kept: it was the solver that failed, and from here it may not.
-        run = attempt(problem, limited, starts=[run.values])
-        runs = [run, *runs]
-        if run.status != SUCCESS:
-            raise SolverFailure(f'IPOPT ended with {runs[1].status}, and with {run.status} when '
+        for again in problem, rounded:
+            run = attempt(again, limited, starts=[run.values])
+            runs = [run, *runs]
+            if run.status == SUCCESS:
+                break
+        else:
+            raise SolverFailure(f'IPOPT ended with {runs[2].status}, and with {run.status} when '
                                 'started where all constraints are kept')
     return _optimum(trip, goal, runs, lacking, started)
 

@@ -17,7 +17,15 @@ from bev_preheat.errors import InvalidInput
 from bev_preheat.experiments.optimality.drawn_trips import draw_limit_trip
 from bev_preheat.optimum import program, program_solvers, solve
 from bev_preheat.optimum.attempt import SUCCESS
-from bev_preheat.optimum.lacking import ARRIVAL_SOC, CHARGE, HIGHEST_SOC, HIGHEST_TEMPERATURE, LOWEST_SOC, TARGET
+from bev_preheat.optimum.lacking import (
+    ARRIVAL_SOC,
+    CHARGE,
+    DISCHARGE_POWER,
+    HIGHEST_SOC,
+    HIGHEST_TEMPERATURE,
+    LOWEST_SOC,
+    TARGET,
+)
 from bev_preheat.optimum.solve import NOT_SOLVED, prepare_programs, solve_optimum, SolverFailure
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal
@@ -431,7 +439,38 @@ def test_joule_heat_beyond_the_highest_temperature_is_lacking():
 def test_drawn_climbs_that_overheat_the_battery_are_explained(number):
     trip = draw_limit_trip(REFERENCE, 1, number)
     optimum = solve_optimum(trip.vehicle, trip.route, trip.state, trip.goal)
-    assert HIGHEST_TEMPERATURE in {item.constraint for item in optimum.lacking}
+    lacking = {item.constraint: item.amount for item in optimum.lacking}
+    driven = Car(REFERENCE).drive(trip.route, trip.state, optimum.plan.hvch_battery_power_w)
+    warmest_c = max(driven[:, 1].max(), REFERENCE.battery.temperature_range_c[1])
+    assert lacking[HIGHEST_TEMPERATURE] == pytest.approx(
+        warmest_c - REFERENCE.battery.temperature_range_c[1], abs=1e-3)
+    # In the last, where what lacks least lies at a corner of the limit, the corners are rounded.
+    car, segments = Car(REFERENCE), segments_of(trip.route)
+    lacking_w = max(
+        car.heat_and_power(*driven[k + end, :2], segment, optimum.plan.hvch_battery_power_w[k])[2]
+        - bilinear(REFERENCE.battery.discharge_power_limit, *driven[k + end, :2])
+        for k, segment in enumerate(segments) for end in (0, 1))
+    assert lacking[DISCHARGE_POWER] == pytest.approx(lacking_w, abs=15.0)
+
+
+@pytest.mark.deep
+@pytest.mark.parametrize('number', [545, 772])
+def test_an_optimum_at_a_corner_of_a_map_is_found(number):
+    trip = draw_limit_trip(REFERENCE, 1, number)
+    optimum = solve_optimum(trip.vehicle, trip.route, trip.state, trip.goal)
+    assert (optimum.solver_status, optimum.lacking) == (SUCCESS, ())
+    plan, heater_w = optimum.plan, optimum.plan.hvch_battery_power_w
+    best = plan_preheating(trip.vehicle, trip.route, trip.state, trip.goal)
+    assert best.energy_wh.battery_total - 3.0 < plan.energy_wh.battery_total < best.energy_wh.battery_total
+    car, battery = Car(REFERENCE), REFERENCE.battery
+    brake_w = plan.friction_brake_power_w
+    driven = car.drive(trip.route, trip.state, heater_w, brake_w)
+    assert driven[-1, 1] == pytest.approx(plan.arrival_temperature_c, abs=1e-3)
+    for k, segment in enumerate(segments_of(trip.route)):
+        for state in driven[k, :2], driven[k + 1, :2]:
+            power_w = car.heat_and_power(*state, segment, heater_w[k], brake_w[k])[2]
+            assert bilinear(battery.charge_power_limit, *state) - 15.0 <= power_w
+            assert power_w <= bilinear(battery.discharge_power_limit, *state) + 15.0
 
 
 @pytest.mark.parametrize('number', [137, 324])
@@ -561,16 +600,17 @@ def failing_runs(monkeypatch):
     return limit
 
 
-def test_failure_on_a_trip_that_can_be_kept_is_tried_again(failing_runs):
-    failing_runs['runs'] = 2
+@pytest.mark.parametrize('runs, within_wh', [(2, 1e-3), (3, 0.02)], ids=['from there', 'with rounded corners'])
+def test_failure_on_a_trip_that_can_be_kept_is_tried_again(failing_runs, runs, within_wh):
+    failing_runs['runs'] = runs
     optimum = solve_optimum(*TRIPS['uneven'])
     assert (optimum.solver_status, optimum.lacking) == (SUCCESS, ())
     assert optimum.plan.energy_wh.battery_total == pytest.approx(
-        solution_of('uneven').plan.energy_wh.battery_total, abs=1e-3)
+        solution_of('uneven').plan.energy_wh.battery_total, abs=within_wh)
 
 
 def test_failure_on_a_trip_that_can_be_kept_is_no_optimum(failing_runs):
-    failing_runs['runs'] = 3
+    failing_runs['runs'] = 4
     with pytest.raises(SolverFailure, match='Restoration_Failed'):
         solve_optimum(*TRIPS['uneven'])
 
