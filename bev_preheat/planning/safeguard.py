@@ -41,6 +41,8 @@ NO_WORSE_W = 10.0
 # The warmest target that is allowed has been found where no more charge than this is to spare, or
 # where it is known to this, less exactly where power decides; so many are tried.
 SOC_TOLERANCE = 1e-5
+# What the search leaves to spare where a wish misses by less: it would not come away from the wish otherwise.
+SOC_AIM = 1e-6
 TARGET_TOLERANCE_K = 5e-6
 TARGET_TOLERANCE_OF_POWER_K = 0.1
 MOST_TARGETS = 8
@@ -196,10 +198,11 @@ class Safeguard:
         if self._spare_soc(found) <= 0.0:
             pays = self._spare_soc(found) >= min(self._spare_soc(self.unheated), 0.0)
             return found if pays else None
+        forbidden = self._trial(float(wanted.temperature_c[-1]), wanted)
         warmest = close_in(
-            self._trial(max(cold_c, float(found.temperature_c[-1])), found),
-            self._trial(float(wanted.temperature_c[-1]), wanted),
-            lambda target_c: self._trial(target_c, proposal(target_c)), _is_close, MOST_TARGETS)
+            self._trial(max(cold_c, float(found.temperature_c[-1])), found), forbidden,
+            lambda target_c: self._trial(target_c, proposal(target_c)), _is_close, MOST_TARGETS,
+            SOC_AIM if forbidden.excess > -SOC_AIM else 0.0)
         return warmest.outcome.schedule
 
     def _trial(self, target_c: float, schedule: Schedule) -> Trial[_Proposed]:

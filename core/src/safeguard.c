@@ -15,6 +15,8 @@
 #define NO_WORSE_W 10.0
 /* The warmest target has been found where no more charge is to spare, or where it is known to this. */
 #define SOC_TOLERANCE 1e-5
+/* What the search leaves to spare where a wish misses by less: it would not come away from the wish otherwise. */
+#define SOC_AIM 1e-6
 #define TARGET_TOLERANCE_K 5e-6
 #define TARGET_TOLERANCE_OF_POWER_K 0.1
 #define MOST_TARGETS 8
@@ -175,8 +177,9 @@ static double left_of(double excess, double before) {
 static bev_status close_in(const safeguard *of, proposed *allowed, proposed *room,
                            const proposed *wanted) {
   proposed forbidden = *wanted;
-  double more = excess_of(allowed);
-  double less = excess_of(&forbidden);
+  const double aim = excess_of(&forbidden) > -SOC_AIM ? SOC_AIM : 0.0;
+  double more = excess_of(allowed) - aim;
+  double less = excess_of(&forbidden) - aim;
   int was_allowed = -1;
   for (int32_t n = 0; n < MOST_TARGETS && !is_close(allowed, &forbidden); n++) {
     const double target_c = forbidden.target_c
@@ -185,8 +188,9 @@ static bev_status close_in(const safeguard *of, proposed *allowed, proposed *roo
     if (status != BEV_OK) {
       return status;
     }
-    const double excess = excess_of(room);
-    if (excess >= 0.0) {
+    const double excess = excess_of(room) - aim;
+    const bool is_allowed = excess_of(room) >= 0.0;
+    if (is_allowed) {
       const proposed before = *allowed;
       less = less * (was_allowed == 1 ? left_of(excess, more) : 1.0);
       more = excess;
@@ -197,7 +201,7 @@ static bev_status close_in(const safeguard *of, proposed *allowed, proposed *roo
       less = excess;
       forbidden = *room;
     }
-    was_allowed = excess >= 0.0 ? 1 : 0;
+    was_allowed = is_allowed ? 1 : 0;
   }
   return BEV_OK;
 }
