@@ -27,7 +27,7 @@ from bev_preheat.planning.cheapest_steps import heat_cheapest
 from bev_preheat.planning.dynamics import compiled_vehicle, run_forward
 from bev_preheat.planning.exchange import exchange_heat
 from bev_preheat.planning.heat_run import initial_states, roll_heated, with_coolant_in_battery
-from bev_preheat.planning.limits import limits_hold, watch_limits, within_limits
+from bev_preheat.planning.limits import drive_as_planned, limits_hold, watch_limits, within_limits
 from bev_preheat.planning.optimal_switch import ARRIVAL_TOLERANCE_K, plan_optimal_switch
 from bev_preheat.planning.rows import schedule_of, states_of
 from bev_preheat.planning.safeguard import lacking_power, NO_WORSE_W
@@ -48,6 +48,8 @@ if TYPE_CHECKING:
 SOC_AGREEMENT = 5e-4
 SOC_AGREEMENT_FOR_EXCHANGES = 5e-3
 MOST_PASSES = 3
+# Less of the charge than that, some 0.05 Wh, is not worth another plan.
+LEAST_SAVING_SOC = 1e-6
 
 
 def plan_merit_order(trip: Trip, state: BatteryState, goal: Goal, unheated: Schedule | None = None,
@@ -77,7 +79,7 @@ def plan_merit_order(trip: Trip, state: BatteryState, goal: Goal, unheated: Sche
     best = within_limits(trip, state, _passes(
         trip, lumped, state, schedule, paid_w, goal, serves_climbs))
     if not trip.vehicle.heat_path.is_direct:
-        return best
+        return _or_without_thresholds(trip, state, best, schedule, goal)
     return exchange_heat(trip, state, best, goal.target_temperature_c)
 
 
@@ -129,6 +131,32 @@ def _passes(trip: Trip, lumped: Trip, state: BatteryState, schedule: Schedule, p
                                       and _is_exchanged(trip, schedule, serves_climbs))):
             break
     return best or schedule
+
+
+def _or_without_thresholds(trip: Trip, state: BatteryState, best: Schedule, once: Schedule, goal: Goal) -> Schedule:
+    """
+    Return the best Schedule, or one without thresholds that saves against it and falls short of nothing.
+
+    Thresholds do not know that heat arrives late, and may cost more than they bring. Without them there are
+    the Schedule `once`, made without regard to limits, and the one that does not heat, both as they can be
+    driven, with surplus and without: a heater that lags goes on when the surplus is over.
+    """
+    for command_w in (once.heater_power_w, np.zeros(len(trip.route))):
+        for takes_surplus in (True, False):
+            other = drive_as_planned(trip, state, command_w, takes_surplus)
+            if _saves(trip, other, best, goal):
+                best = other
+    return best
+
+
+def _saves(trip: Trip, schedule: Schedule, other: Schedule, goal: Goal) -> bool:
+    """Return whether a Schedule leaves more charge than another, and is in nothing worse."""
+    target_c, lowest_soc = goal.target_temperature_c, trip.vehicle.battery.soc_range[0]
+    return bool(
+        schedule.empty_at_s is None and schedule.soc[-1] > other.soc[-1] + LEAST_SAVING_SOC
+        and schedule.temperature_c[-1] >= min(target_c, other.temperature_c[-1]) - ARRIVAL_TOLERANCE_K
+        and schedule.soc.min() >= min(lowest_soc, other.soc.min())
+        and lacking_power(trip, schedule).worst_w <= lacking_power(trip, other).worst_w)
 
 
 def _is_exchanged(trip: Trip, schedule: Schedule, serves_climbs: bool) -> bool:

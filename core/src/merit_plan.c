@@ -3,14 +3,19 @@
  * The whole plan by merit order, from the unheated run on: bev_preheat.planning.merit_order.plan_merit_order,
  * with what it takes of optimal_switch, two_switches, limits and schedule, where the reasons stand.
  */
+#include <stdbool.h>
+
 #include "checks.h"
 #include "courses.h"
+#include "early_start.h"
 #include "instants.h"
 #include "limited_step.h"
 #include "limits_of_run.h"
 
 /* A limit counts as active where it takes more than this [W]. */
 #define ACTIVE_W 1e-3
+#define ARRIVAL_TOLERANCE_K 5e-6
+#define LEAST_SAVING_SOC 1e-6
 
 /* What stays the same, and the run that is planned: its states and powers, one array after the other. */
 typedef struct {
@@ -166,7 +171,7 @@ static bev_status heat_cheapest(const planning *of, const double *idle_states, i
 static bev_status exchange_heat(const planning *of, const bev_stranding *stranding) {
   const int32_t steps = of->trip->steps;
   int32_t exchanges = 0;
-  if (of->is_direct == 0 || stranding->step >= 0) {
+  if (stranding->step >= 0) {
     return BEV_OK;
   }
   const bev_status status =
@@ -174,6 +179,97 @@ static bev_status exchange_heat(const planning *of, const bev_stranding *strandi
                         &of->watched[2 * steps], of->memory, &exchanges);
   for (int32_t n = 0; n < 2 * steps && exchanges > 0; n++) {
     of->watched[n] = of->watched[2 * steps + n];
+  }
+  return status;
+}
+
+/* What counts of a run. */
+typedef struct {
+  double lacking_w;
+  double arrival_c;
+  double soc;
+  double least_soc;
+  bool is_stranded;
+} merit;
+
+static bev_status merit_of(const planning *of, const bev_course *run, merit *found) {
+  const int32_t steps = of->trip->steps;
+  found->arrival_c = run->states[1][steps];
+  found->soc = run->states[0][steps];
+  found->least_soc = run->states[0][0];
+  for (int32_t k = 1; k <= steps; k++) {
+    found->least_soc = bev_minimum(found->least_soc, run->states[0][k]);
+  }
+  found->is_stranded = run->stranding.step >= 0;
+  return bev_lacking_w(of->vehicle, of->trip, run, &found->lacking_w);
+}
+
+/* Whether a run leaves more charge than another, and is in nothing worse. */
+static bool saves(const planning *of, const merit *one, const merit *other) {
+  const double wanted_c = bev_minimum(of->goal->target_c, other->arrival_c);
+  return !one->is_stranded && one->soc > other->soc + LEAST_SAVING_SOC
+      && one->arrival_c >= wanted_c - ARRIVAL_TOLERANCE_K
+      && one->least_soc >= bev_minimum(of->goal->lowest_soc, other->least_soc)
+      && one->lacking_w <= other->lacking_w;
+}
+
+/* Write a run over the one that is planned. */
+static void take_over(const planning *of, const bev_course *from, const uint8_t *watched) {
+  const int32_t steps = of->trip->steps;
+  for (int32_t n = 0; n < from->rows * (steps + 1); n++) {
+    of->states[n] = from->states[0][n];
+  }
+  for (int32_t n = 0; n < from->rows * steps; n++) {
+    of->powers_w[n] = from->powers_w[0][n];
+  }
+  for (int32_t n = 0; n < 2 * steps; n++) {
+    of->watched[n] = watched[n];
+  }
+}
+
+/*
+ * Where heat arrives late: the run without thresholds, heated once between two instants (NaN: not, and until arrival)
+ * or not at all, if it saves against the one that is there.
+ */
+static bev_status leave_out_thresholds(const planning *of, const bev_merit_plan *once,
+                                       bev_stranding *stranding) {
+  const bev_trip *trip = of->trip;
+  const int32_t steps = trip->steps;
+  const double end_s = isnan(once->end_s) != 0 ? trip->time_s[steps] : once->end_s;
+  double *memory = of->memory;
+  uint8_t *const watched = &of->watched[2 * steps];
+  double *const command_w = of->paid_w;
+  double *const states = bev_take(&memory, 4 * (steps + 1));
+  double *const powers_w = bev_take(&memory, 4 * steps);
+  bev_course best = bev_course_of(4, steps, of->states, of->powers_w);
+  merit best_merit;
+  best.stranding = *stranding;
+  bev_status status = merit_of(of, &best, &best_merit);
+  for (int32_t n = 0; n < 4 && status == BEV_OK; n++) {
+    bev_course run = bev_course_of(4, steps, states, powers_w);
+    merit found;
+    for (int32_t k = 0; k < steps; k++) {
+      command_w[k] = 0.0;
+    }
+    if (n < 2 && isnan(once->start_s) == 0) {
+      bev_heat_between(trip, 0, once->start_s, end_s, command_w);
+    }
+    for (int32_t row = 0; row < 4; row++) {
+      run.states[row][0] = of->states[row * (steps + 1)];
+    }
+    status = n % 2 == 0
+        ? bev_drive_as_planned(of->vehicle, trip, command_w, states, powers_w, watched,
+                               &run.stranding)
+        : bev_drive_without_surplus(of->vehicle, trip, command_w, states, powers_w, watched,
+                                    &run.stranding);
+    if (status == BEV_OK) {
+      status = merit_of(of, &run, &found);
+    }
+    if (status == BEV_OK && saves(of, &found, &best_merit)) {
+      best_merit = found;
+      take_over(of, &run, watched);
+      *stranding = run.stranding;
+    }
   }
   return status;
 }
@@ -219,6 +315,7 @@ bev_status bev_plan_merit_order(const bev_vehicle *vehicle, const bev_trip *trip
     return status;
   }
   const bev_vehicle lumped = lumped_of(vehicle);
+  const bev_merit_plan once = *plan;
   find_paid_w(&of, plan->end_s);
   status = bev_merit_order(vehicle, &lumped, trip, goal, of.paid_w, states, powers_w,
                            &plan->stranding, watched, memory);
@@ -229,7 +326,8 @@ bev_status bev_plan_merit_order(const bev_vehicle *vehicle, const bev_trip *trip
     status = keep_limits(&of, &plan->stranding);
   }
   if (status == BEV_OK) {
-    status = exchange_heat(&of, &plan->stranding);
+    status = of.is_direct != 0 ? exchange_heat(&of, &plan->stranding)
+                               : leave_out_thresholds(&of, &once, &plan->stranding);
   }
   if (status == BEV_OK) {
     find_instants(&of, plan);

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Plans for vehicles with a heat path, against a fine drive of the equations written here."""
 
+from contextlib import nullcontext
 from dataclasses import asdict, replace
 from functools import cache
 from math import sqrt
@@ -10,10 +11,12 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 
+from bev_preheat.compiled.library import without_core
 from bev_preheat.errors import InvalidInput
 from bev_preheat.numerics.arithmetic import FLOATS
 from bev_preheat.planning.caution import Caution
 from bev_preheat.planning.heat_run import state_with_heat_under_way
+from bev_preheat.planning.limits import drive_as_planned
 from bev_preheat.planning.planner import METHODS, plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.status import Status
@@ -22,6 +25,7 @@ from bev_preheat.planning.trip import make_trip
 from bev_preheat.route import load_route
 from bev_preheat.route.segments import make_route
 from bev_preheat.vehicle import load_vehicle
+from bev_preheat.vehicle.description import Hvch
 from bev_preheat.vehicle.heat_path import HeatPath
 
 REFERENCE = load_vehicle('reference')
@@ -337,3 +341,22 @@ def test_heated_from_the_first_instant_it_arrives_at_the_target_too():
     target_c = 0.25 * cold_c + 0.75 * hot_c
     plan = plan_preheating(vehicle, route, state, Goal(target_c), 'optimal_switch', safeguarded=False)
     assert plan.arrival_temperature_c == pytest.approx(target_c, abs=6e-6)
+
+
+@pytest.mark.parametrize('is_on', [True, False])
+@pytest.mark.parametrize('start_soc, heater_w', [(0.95, 6e3), (1.0, 15e3)])
+def test_late_heat_for_a_descent_costs_no_more_than_it_brings(is_on, start_soc, heater_w):
+    # A full battery takes no more of the descent for being warm, and what a heater that lags takes after it is paid for.
+    car = load_vehicle('mid_size_lfp')
+    car = replace(car, heat_path=HeatPath(90.0), hvch=Hvch(heater_w, 0.87))
+    route = load_route('alpine_pass', car.defaults)
+    route = replace(route, **{name: 1.5 * getattr(route, name) for name in (
+        'propulsion_power_w', 'propulsion_power_rms_w', 'propulsion_power_magnitude_w')})
+    trip, state, goal = make_trip(car, route), BatteryState(15.0, start_soc), Goal(20.0)
+    unheated = drive_as_planned(trip, state, np.zeros(len(trip.route)))
+    assert unheated.temperature_c[-1] > goal.target_temperature_c
+    with nullcontext() if is_on else without_core():
+        plan = plan_preheating(car, route, state, goal)
+    assert plan.arrival_soc >= unheated.soc[-1] - 1e-6
+    assert plan.status is Status.NOT_NEEDED
+    assert plan.undeliverable_power_w == 0.0
