@@ -60,8 +60,10 @@ UNLIMITED: dict[str, Callable[..., tuple[Schedule, Outcome | None] | None]] = {
 SHORTFALL_TOLERANCE_K = 0.2
 # The state of charge to be kept is kept to this.
 SOC_TOLERANCE = 1e-5
-# Runs by Euler and by Runge-Kutta differ less than this; runs within and without limits, more.
+# Runs by Euler and by Runge-Kutta differ less than this.
 SAME_SOC = 5e-4
+# A plan keeps the limits where heater and friction brake take the same within them, to this.
+SAME_POWER_W = 0.1
 # A switching instant this close is now.
 NOW_S = 1e-6
 
@@ -144,7 +146,11 @@ def as_driven(plan: Plan, vehicle: Vehicle, route: Route, state: BatteryState, g
     """Return a plan as it would be driven: itself where it keeps (9i), else within the limits."""
     trip = make_trip(vehicle, route)
     driven = drive_as_planned(trip, state, plan.hvch_battery_power_w)
-    if np.abs(driven.soc - plan.soc).max() < SAME_SOC:
+    moved_w = max(np.abs(driven.heater_power_w - plan.hvch_battery_power_w).max(),
+                  np.abs(driven.brake_power_w - plan.friction_brake_power_w).max())
+    # From where the charge runs out nothing is driven, and the powers of that step are shares of it.
+    is_same = moved_w < SAME_POWER_W or plan.stranding is not None
+    if is_same and np.abs(driven.soc - plan.soc).max() < SAME_SOC:
         return plan
     return finish_plan(trip, goal, replace(driven, held_back=plan.held_back),
                        f'{plan.method}, driven',

@@ -12,9 +12,9 @@ from own_plant import OwnPlant, STEP_S
 import pytest
 
 from bev_preheat.planning.caution import Caution
-from bev_preheat.planning.dynamics import JOULES_PER_WH
+from bev_preheat.planning.dynamics import JOULES_PER_WH, limits_of_steps_w
 from bev_preheat.planning.limits import limits_hold
-from bev_preheat.planning.planner import as_driven, METHODS, plan_preheating, plan_without_heating
+from bev_preheat.planning.planner import as_driven, METHODS, plan_preheating, plan_unheated, plan_without_heating
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.status import Status
 from bev_preheat.planning.stretches import Reason
@@ -292,6 +292,19 @@ def test_a_single_switch_that_misses_its_target_when_driven_is_not_waiting():
     assert driven.arrival_temperature_c < 24.5
     assert driven.status is Status.TARGET_UNREACHABLE
     assert driven.explanation.startswith('Heating from 49:30 min on is not enough: ')
+
+
+@pytest.mark.parametrize('name', ['small_hatchback', 'reference', 'mid_size_lfp'])
+def test_an_unheated_trip_keeps_limits_that_cost_little(name):
+    car = load_vehicle(name)
+    route = load_route('city_stop_and_go', car.defaults)
+    unheated = plan_unheated(car, route, BatteryState(-20.0, 0.9), Goal(25.0))
+    least_w, _ = limits_of_steps_w(car, unheated.soc, unheated.battery_temperature_c,
+                                   route.propulsion_power_variance_w2)
+    braked_w = unheated.friction_brake_power_w
+    lacks_w = least_w - make_trip(car, route).idle_power_w - braked_w
+    assert braked_w.max() > 10.0
+    assert np.minimum(lacks_w, -route.propulsion_power_w - braked_w).max() < 0.01
 
 
 # Inputs at the edge of what is allowed
