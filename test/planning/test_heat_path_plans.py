@@ -360,3 +360,16 @@ def test_late_heat_for_a_descent_costs_no_more_than_it_brings(is_on, start_soc, 
     assert plan.arrival_soc >= unheated.soc[-1] - 1e-6
     assert plan.status is Status.NOT_NEEDED
     assert plan.undeliverable_power_w == 0.0
+
+
+@pytest.mark.parametrize('is_on', [True, False])
+def test_coolant_that_takes_more_heat_than_it_gives_leaves_a_plan(is_on):
+    # The drive warms battery and coolant by 50 K: what the coolant takes counted as if the run without it were warmer.
+    car = load_vehicle('mid_size_lfp')
+    car = replace(car, heat_path=HeatPath(0.0, 20e3, 1000.0),
+                  battery=replace(car.battery, heat_capacity_j_per_k=22280.0))
+    route = load_route('alpine_pass', car.defaults)
+    with nullcontext() if is_on else without_core():
+        plan = plan_preheating(car, route, BatteryState(-20.0, 0.9), Goal(50.0))
+    assert np.isfinite(plan.battery_temperature_c).all()
+    assert plan.arrival_temperature_c == pytest.approx(50.0, abs=0.01)
