@@ -113,7 +113,7 @@ def _reach_c(trip: Trip, run: Schedule) -> tuple[FloatArray, FloatArray]:
     Return the coldest and the warmest that the battery can be at each instant [deg C], (N + 1,).
 
     About: the run without its heat, and with all that the heater could have given on top. What leaks
-    of a difference only makes it smaller. Coolant that took more heat than it gave makes no run without it warmer.
+    of a difference only makes it smaller. The run lies between them, also where coolant took more heat than it gave.
     """
     heater_w = trip.vehicle.hvch.efficiency * trip.heater_limit_w
     arrived_w = (trip.vehicle.hvch.efficiency * run.heater_power_w if run.heat is None
@@ -124,7 +124,7 @@ def _reach_c(trip: Trip, run: Schedule) -> tuple[FloatArray, FloatArray]:
         joules = np.concatenate(([0.0], np.cumsum(power_w * trip.route.duration_s)))
         return joules / trip.vehicle.battery.heat_capacity_j_per_k
 
-    return (run.temperature_c - np.maximum(warmed_k(arrived_w), 0.0) - COLDER_MARGIN_K,
+    return (run.temperature_c - np.maximum(warmed_k(arrived_w) + COLDER_MARGIN_K, 0.0),
             run.temperature_c + warmed_k(np.maximum(heater_w - arrived_w, 0.0) + braked_w)
             + WARMER_MARGIN_K)
 

@@ -73,9 +73,8 @@ static void find_reach(const bev_vehicle *vehicle, const bev_trip *trip, const b
   int32_t m = 0;
   for (int32_t k = 0; k <= trip->steps; k++) {
     if (m <= count && (int32_t)room->first_step[m] == k) {
-      /* Coolant that took more heat than it gave makes no run without it warmer. */
       room->coldest_c[m] = run_c[k]
-          - bev_maximum(arrived_j / vehicle->heat_capacity_j_per_k, 0.0) - COLDER_MARGIN_K;
+          - bev_maximum(arrived_j / vehicle->heat_capacity_j_per_k + COLDER_MARGIN_K, 0.0);
       room->warmest_c[m] = run_c[k] + more_j / vehicle->heat_capacity_j_per_k + WARMER_MARGIN_K;
       if (!is_first_look) {
         room->coldest_c[m] = bev_maximum(room->coldest_c[m], run_c[k] - NEAR_K);
