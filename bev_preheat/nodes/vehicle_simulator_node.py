@@ -241,7 +241,9 @@ class VehicleSimulatorNode(Node):
     @guarded
     def _on_hold(self) -> None:
         if self._is_held:
-            self._publish_reading(self._car.readings_of.read(self._plant))
+            # Before the first /clock a planner on simulated time has no use for it.
+            if self._has_told_route:
+                self._publish_reading(self._car.readings_of.read(self._plant))
             self._start_if_ready()
         else:
             self._hold_timer.cancel()
