@@ -136,7 +136,7 @@ def test_the_example_prints_the_plan_of_its_situation(export):
 
 @pytest.mark.parametrize('name', ['tables', 'heat path'])
 def test_tables_and_heat_paths_are_planned_as_in_python(export, tmp_path, name):
-    vectors = draw_vectors(CARS[name], 14, 8)
+    vectors = draw_vectors(CARS[name], 24, 8)
     assert {OK, LIMITED} <= seen(vectors)
     assert len(heated(vectors)) >= 3 and len(heated_within_limits(vectors)) >= 2
     if name == 'heat path':

@@ -346,7 +346,7 @@ def test_heated_from_the_first_instant_it_arrives_at_the_target_too():
 @pytest.mark.parametrize('is_on', [True, False])
 @pytest.mark.parametrize('start_soc, heater_w', [(0.95, 6e3), (1.0, 15e3)])
 def test_late_heat_for_a_descent_costs_no_more_than_it_brings(is_on, start_soc, heater_w):
-    # A full battery takes no more of the descent for being warm, and what a heater that lags takes after it is paid for.
+    # A full battery takes no more of the descent for being warm; what a heater that lags takes after it is paid for.
     car = load_vehicle('mid_size_lfp')
     car = replace(car, heat_path=HeatPath(90.0), hvch=Hvch(heater_w, 0.87))
     route = load_route('alpine_pass', car.defaults)
