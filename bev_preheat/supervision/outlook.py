@@ -69,6 +69,8 @@ UNHEATED: dict[Heater, dict[str, Any]] = {
     Heater.STUCK_ON: {'too_cold_because': 'Its uncommanded heat is not enough',
                       'unheated': 'no heating is commanded'},
 }
+# … and where the heat of the command would mostly be late for the arrival.
+LATE: dict[str, Any] = {'too_cold_because': 'Most of the heat arrives too late'}
 
 
 @dataclass(frozen=True)
@@ -197,6 +199,7 @@ class OutlookMaker:
             wanted = plan_wanted()
         # A heater that does not obey is commanded as if it did, and something else is expected.
         expected, commanded = wanted, None
+        unheated = UNHEATED.get(heater.heater, {})
         if heater.heater is Heater.DEAD:
             expected, commanded = plan(heater_share=0.0), wanted
         elif heater.heater is Heater.STUCK_ON:
@@ -204,9 +207,11 @@ class OutlookMaker:
         elif wanted.status is Status.TARGET_UNREACHABLE and lag_s > 0.0:
             # Then some of the heat that is mostly late is better than none.
             commanded = plan(heat_lag_s=0.0, heater_share=share)
+            if commanded.heating_start_s is not None:
+                unheated = LATE
         self._forecast = forecast(expected)
         expected = accounted(expected.told(_status_now(expected, starts_in_s), partial(
-            _in_words, heater=heater, forecast=self._forecast,
+            _in_words, heater=heater, forecast=self._forecast, **unheated,
             reserve=reserve_soc(vehicle, goal), starts_in_s=starts_in_s, heated_s=heated_s)),
             wish, estimate.soc)
         return Outlook(
@@ -240,7 +245,7 @@ def _in_words(plan: Plan, heater: HeaterReport, forecast: Forecast, **told: Any)
     `told` is what planning.explanation.explain needs in any case.
     """
     sentence = SENTENCES.get(heater.heater, '').format(share=100.0 * heater.share)
-    sentence += explain(plan, **told, **UNHEATED.get(heater.heater, {}))
+    sentence += explain(plan, **told)
     if plan.heating_end_s is not None and plan.heat is None:
         sentence += (f' Uncertainty +-{forecast.deviation_k:.1f} K (1 sigma): heating starts early and stops '
                      'once the target is certain.')

@@ -266,6 +266,22 @@ def test_heat_that_is_mostly_late_is_commanded_where_the_target_is_too_far(asked
     assert outlook.plan.battery_temperature_c is asked[-2].plan.battery_temperature_c
 
 
+def test_heat_that_is_commanded_though_all_of_it_is_late_is_told_as_that():
+    # The lag is 40 s: in the last half minute the expected plan does not heat any more, the command does.
+    outlook = make(make_estimate(-10.0), route=ROUTE.after(1170.0))
+    assert (outlook.plan.status, outlook.plan.heating_start_s) == (Status.TARGET_UNREACHABLE, None)
+    assert outlook.commanded.heating_start_s == 0.0
+    assert outlook.plan.explanation.startswith('Most of the heat arrives too late: arrival in 0:30 min at ')
+
+
+def test_the_cabin_is_to_blame_only_where_it_leaves_no_power():
+    route = make_route({'duration_s': [30.0], 'speed_mps': [20.0], 'propulsion_power_w': [20e3],
+                        'ambient_temperature_c': [-7.0], 'cabin_heating_power_w': [7000.0]}, VEHICLE.defaults)
+    outlook = make(make_estimate(-10.0), route=route)
+    assert outlook.commanded.heating_start_s is None
+    assert outlook.plan.explanation.startswith('The cabin leaves the heater no power: ')
+
+
 def test_the_uncertainty_is_told_where_heating_ends_before_arrival():
     # It ends before arrival because it begins early, as the arrival is uncertain.
     outlook = make(make_estimate(20.0, deviations={TEMPERATURE: 1.0}))
