@@ -5,17 +5,31 @@ from __future__ import annotations
 
 import argparse
 from difflib import get_close_matches
+import re
 from typing import TYPE_CHECKING
 
 from bev_preheat.console.program import REFUSED, say, write_output
+from bev_preheat.errors import quoted
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
     from typing import Any, NoReturn
 
 
+# No option looks like this. argparse's own pattern knows neither -7. nor -1e1, and of "-7C" it would say that
+# nothing was given.
+NEGATIVE_NUMBER = re.compile(r'-(\.?\d|inf|nan)', re.IGNORECASE)
+
+
 class OneLineParser(argparse.ArgumentParser):
     """A parser that refuses in one line, and names the option that was probably meant."""
+
+    def __init__(self, *arguments: Any, **options: Any) -> None:
+        """Take what argparse takes; numbers that are none are refused with what is allowed."""
+        super().__init__(*arguments, **options)
+        self._negative_number_matcher = NEGATIVE_NUMBER
+        self.register('type', float, _number)
+        self.register('type', int, _whole_number)
 
     def parse_known_args(  # type: ignore[override]  # argparse has three forms for this one
             self, args: Sequence[str] | None = None,
@@ -43,6 +57,22 @@ class OneLineParser(argparse.ArgumentParser):
         """Print one line on standard error and exit with status 2."""
         say(f'{self.prog}: error: {message}; see {self.prog} --help')
         self.exit(REFUSED)
+
+
+def _number(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(
+            f'{quoted(text)} is not a number; it must be one without a unit, with a decimal point') from None
+
+
+def _whole_number(text: str) -> int:
+    try:
+        return int(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(
+            f'{quoted(text)} is not a whole number; it must be digits only') from None
 
 
 class VersionAction(argparse.Action):

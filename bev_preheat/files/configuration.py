@@ -31,7 +31,9 @@ def find_configuration(kind: str, name_or_file: str | Path, suffix: str) -> Path
         file = os.path.expanduser(text)
         # pathlib's own question raises where a name is too long or a folder may not be entered.
         if not os.path.isfile(file):
-            raise InvalidInput(f'{text}: no such file')
+            raise InvalidInput(f'{text}: ' + (
+                'is a folder; a file is needed' if os.path.isdir(file) else
+                'is no regular file' if os.path.exists(file) else 'no such file'))
         return Path(file)
     folder = configuration_folder(kind)
     names = sorted(item.stem for item in folder.glob(f'*{suffix}'))

@@ -82,7 +82,7 @@ class ListeningPublisher:
                  self._node.get_publishers_info_by_topic(self.publisher.topic_name)]
         others = sorted(set(names) - {own})
         if names.count(own) > 1:
-            others.append(f'another node of the same name, {own},')
+            others.append(f'another node named {own}')
         return ' and '.join(others) or 'another node'
 
     def _on_message(self, serialized: bytes, info: Mapping[str, int]) -> None:

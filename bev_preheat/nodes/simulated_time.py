@@ -123,7 +123,7 @@ class OwnTime:
         if _order(claim) < _order(self._own_claim):
             name = claim.frame_id.partition(' ')[0]
             own = self._node.get_fully_qualified_name()
-            self._lose(f'another node of the same name, {own},' if name == own else name)
+            self._lose(f'another node named {own}' if name == own else name)
         else:
             self._later_claim_s = time.monotonic()
 

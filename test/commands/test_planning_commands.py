@@ -269,6 +269,8 @@ REFUSED = {
         ['--route', 'alpine_pas'],
         "route 'alpine_pas' is unknown; did you mean 'alpine_pass'?; there are: "),
     'no vehicle file': (['--vehicle', '/none/car.yaml'], '/none/car.yaml: no such file'),
+    'folder of a vehicle': (['--vehicle', '/tmp'], '/tmp: is a folder; a file is needed'),
+    'device for a route': (['--route', '/dev/null'], '/dev/null: is no regular file'),
     'no route file': (['--route', 'none.csv'], 'none.csv: no such file'),
     'too cold': (['--temperature', '-70'],
                  'battery temperature: -70 is not allowed; it must be -40 ... 60 degC'),
@@ -320,7 +322,12 @@ def test_each_refused_quantity_has_a_line(refusal):
     ([], 'the following arguments are required: COMMAND'),
     (['plan', '--vehicle', 'reference', '--route', 'reference', '--soc', '0.5'],
      'the following arguments are required: --temperature'),
-    (['plan', *SITUATION, '--soc', 'half'], "argument --soc: invalid float value: 'half'"),
+    (['plan', *SITUATION, '--soc', 'half'], "argument --soc: 'half' is not a number; it must be one without a "
+     'unit, with a decimal point'),
+    (['plan', *SITUATION, '--soc', '0,9'], "argument --soc: '0,9' is not a number"),
+    (['plan', *SITUATION, '--soc', '0.5', '--temperature', '-7C'], "argument --temperature: '-7C' is not a number"),
+    (['plan', *SITUATION, '--soc', '0.5', '--temperature'], 'argument --temperature: expected one argument'),
+    (['sweep', '--feasible', '1e3'], "argument --feasible: '1e3' is not a whole number; it must be digits only"),
     (['plan', *SITUATION, '--method', 'papre'], "argument --method: invalid choice: 'papre'"),
     (['optimum', *SITUATION, '--colour', 'red'], 'unrecognized arguments: --colour red')])
 def test_wrong_use_ends_with_2_and_says_why(capsys, arguments, end):
@@ -328,6 +335,22 @@ def test_wrong_use_ends_with_2_and_says_why(capsys, arguments, end):
         main(arguments)
     assert ended.value.code == 2
     assert end in capsys.readouterr().err.splitlines()[-1]
+
+
+@pytest.mark.parametrize('temperature', ['-7.', '-.7e1', '-7e0', '-07'])
+def test_a_temperature_below_zero_may_be_written_in_any_way(capsys, temperature):
+    status = main(['plan', '--vehicle', 'reference', '--route', 'reference', '--soc', '0.9', '--temperature',
+                   temperature])
+    assert (status, capsys.readouterr().out.splitlines()[-1]) == (
+        0, 'WAITING: Heating starts in 32:02 min: arrival in 1:00:00 h at 25.0 degC, target 25.0 degC.')
+
+
+@pytest.mark.parametrize('temperature', ['-inf', '-NaN', '-.9e9'])
+def test_a_temperature_below_zero_that_is_beyond_the_range_is_told_as_that(refusal, temperature):
+    status, lines = refusal('plan', '--vehicle', 'reference', '--route', 'reference', '--soc', '0.9',
+                            '--temperature', temperature)
+    assert status == 2
+    assert 'battery temperature: ' in lines[0] and ' is not allowed; it must be -40 ... 60 degC' in lines[0]
 
 
 def test_python_module_is_the_same_command():

@@ -64,7 +64,7 @@ def test_two_of_one_name_are_told_apart(bench, call_main):
     clock.wait_for()
     second = call_main('vehicle_simulator')
     assert second.returncode == 2
-    assert ('another node of the same name, /vehicle_simulator, publishes /clock already'
+    assert ('another node named /vehicle_simulator publishes /clock already'
             in second.stderr)
 
 

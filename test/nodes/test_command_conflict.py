@@ -93,7 +93,7 @@ def test_two_planners_of_one_name_stay_off_and_name_it(bench, wait_until):
     with feeding(bench):
         bench.start('planner', *QUICK)
         bench.start('planner', *QUICK)
-        diagnostics.wait_for(errors_of('planner', 'another node of the same name, /planner'))
+        diagnostics.wait_for(errors_of('planner', 'another node named /planner'))
         # One hears the other a little earlier; from both come 40 commands in a second.
         wait_until(lambda: len(commands.messages) >= 40
                    and all(map(is_in_conflict, commands.messages[-40:])), 'both in conflict')
