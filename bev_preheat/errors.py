@@ -34,6 +34,15 @@ def shortened(text: str, longest: int) -> str:
     return f'{text[:kept]} … {text[-kept:]}'
 
 
+def figure_beyond(value: float, low: float, high: float) -> str:
+    """Return a number that is not within `low` and `high` with six digits, or more until that shows."""
+    for digits in (6, 9, 12):
+        text = f'{value:.{digits}g}'
+        if not low <= float(text) <= high:
+            return text
+    return repr(value)
+
+
 def quoted(text: str) -> str:
     """Return a text from outside in quotes; of a long one only the beginning, and its length."""
     if len(text) <= LONGEST_QUOTE:

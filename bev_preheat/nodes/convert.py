@@ -15,7 +15,7 @@ from builtin_interfaces.msg import Time
 import numpy as np
 from sensor_msgs.msg import Temperature
 
-from bev_preheat.errors import InvalidInput, quoted
+from bev_preheat.errors import figure_beyond, InvalidInput, quoted
 from bev_preheat.nodes.chargers import charger_from_message, charger_problems, write_charger
 from bev_preheat.nodes.stops import STOP_FIELDS, stops_from_message, write_stops
 from bev_preheat.nodes.target_report import write_target
@@ -87,7 +87,8 @@ def measurement_from_message(message: BatteryStateMessage) -> Measurement:
                     ('percentage', message.percentage, '0 ... 1'))
                 if not math.isfinite(value)]
     if not 0.0 <= message.percentage <= 1.0 and math.isfinite(message.percentage):
-        problems.append(f'percentage: {message.percentage:g} is not allowed; it must be 0 ... 1')
+        problems.append(f'percentage: {figure_beyond(message.percentage, 0.0, 1.0)} is not allowed; '
+                        'it must be 0 ... 1')
     if message.percentage == 0.0 and not _shows_a_battery(message):
         problems.append('percentage: 0 counts as not given where present is false and '
                         f'{", ".join(EVIDENCE_OF_A_BATTERY)} are unset too; it must be 0 ... 1, '
@@ -149,7 +150,7 @@ def mission_from_message(message: RoutePlan, defaults: Defaults,
     problems = stamp_problems(message.header.stamp)
     soc = message.minimum_arrival_soc
     if not 0.0 <= soc <= 1.0:
-        problems.append(f'minimum_arrival_soc: {soc:g} is not allowed; it must be 0 ... 1')
+        problems.append(f'minimum_arrival_soc: {figure_beyond(soc, 0.0, 1.0)} is not allowed; it must be 0 ... 1')
     if not 0.0 <= message.standing_time < math.inf:
         problems.append(f'standing_time: {message.standing_time:g} is not allowed; it must be '
                         'finite and at least 0 s (0: not known)')
@@ -159,7 +160,7 @@ def mission_from_message(message: RoutePlan, defaults: Defaults,
     route: Route | None = None
     stops: tuple[Stop, ...] = ()
     try:
-        route = make_route(columns, defaults, ROUTE_FIELDS)
+        route = make_route(columns, defaults, ROUTE_FIELDS, tells_units=True)
     except InvalidInput as error:
         problems += error.problems
     try:

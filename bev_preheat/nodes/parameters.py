@@ -9,7 +9,7 @@ from typing import Any, TYPE_CHECKING
 
 from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
 
-from bev_preheat.errors import InvalidInput, quoted
+from bev_preheat.errors import figure_beyond, InvalidInput, quoted
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -80,7 +80,7 @@ class Parameter:
             return None
         low, high = self.limits
         if not low <= value <= high:
-            return (f'{self.name}: {value:g}{unit} is not allowed; it must be '
+            return (f'{self.name}: {figure_beyond(value, low, high)}{unit} is not allowed; it must be '
                     f'{low:g} ... {high:g}{unit}')
         return None
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import math
 from typing import TYPE_CHECKING
 
-from bev_preheat.errors import InvalidInput
+from bev_preheat.errors import figure_beyond, InvalidInput
 
 if TYPE_CHECKING:
     from bev_preheat.route.segments import Route
@@ -78,7 +78,7 @@ def check_situation(vehicle: Vehicle, route: Route | None = None,
         checks.append((route.lowest_ambient_temperature_c, lowest_c, math.inf, 'ambient temperature',
                        "degC: the vehicle's battery is not described below that"))
     problems = [
-        f'{name}: {value:g} is not allowed; it must be '
+        f'{name}: {figure_beyond(value, low, high)} is not allowed; it must be '
         + (f'at least {low:g} {what}' if high == math.inf else
            f'{low:g} ... {high:g} {what}').rstrip()
         for value, low, high, name, what in checks if not low <= value <= high]

@@ -15,7 +15,7 @@ from typing import Self, TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.errors import InvalidInput
+from bev_preheat.errors import figure_beyond, InvalidInput
 from bev_preheat.numerics.folded_normal import mean_magnitude
 
 if TYPE_CHECKING:
@@ -226,10 +226,13 @@ class Route:
 
 
 COLUMNS = tuple(field.name for field in fields(Route))
+# As the end of each name says.
+UNITS = {name: {'s': 's', 'mps': 'm/s', 'c': 'degC', 'w': 'W'}[name.rpartition('_')[2]] for name in COLUMNS}
 
 
 def make_route(columns: Mapping[str, Sequence[float] | FloatArray | None],
-               defaults: Defaults | None, names: dict[str, str] | None = None) -> Route:
+               defaults: Defaults | None, names: dict[str, str] | None = None,
+               tells_units: bool = False) -> Route:
     """
     Check columns and return the Route they make.
 
@@ -238,7 +241,7 @@ def make_route(columns: Mapping[str, Sequence[float] | FloatArray | None],
     `auxiliary_power_w` may be None or empty: |mean|, the mean magnitude of a power that varies
     normally with that mean and rms, and the vehicle's `defaults` (vehicle.description.Defaults)
     then hold; `defaults` may be None where the last two are given. `names` maps fields to what the
-    source calls them, for the messages.
+    source calls them, for the messages; `tells_units`: these names do not say the unit, so the messages do.
 
     Raises InvalidInput with one problem a field.
     """
@@ -249,7 +252,7 @@ def make_route(columns: Mapping[str, Sequence[float] | FloatArray | None],
         if values is None or len(values) == 0:
             continue
         array = np.asarray(values, dtype=float)
-        problem = problem_with_values(array, limits)
+        problem = problem_with_values(array, limits, UNITS[field] if tells_units else '')
         if problem:
             problems.append(f'{names.get(field, field)}{problem}')
         arrays[field] = array
@@ -310,7 +313,7 @@ def _check_order(large_w: FloatArray, small_w: FloatArray, name: str, than: str,
                            f'{small_w[at]:g}')
 
 
-def problem_with_values(array: FloatArray, limits: tuple[float, float]) -> str | None:
+def problem_with_values(array: FloatArray, limits: tuple[float, float], unit: str = '') -> str | None:
     """Return what is wrong with the values of a column, to stand behind its name, or None."""
     if array.ndim != 1:
         return f': has {array.ndim} dimensions; it must be a plain list'
@@ -320,4 +323,5 @@ def problem_with_values(array: FloatArray, limits: tuple[float, float]) -> str |
         return None
     at, others = int(np.argmax(bad)), int(bad.sum()) - 1
     more = f' (and {others} more)' if others else ''
-    return f'[{at}]: {array[at]:g} is not allowed; it must be {low:g} ... {high:g}{more}'
+    return (f'[{at}]: {figure_beyond(float(array[at]), low, high)} is not allowed; it must be '
+            f'{low:g} ... {high:g} {unit}'.rstrip() + more)

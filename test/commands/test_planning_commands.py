@@ -279,6 +279,8 @@ REFUSED = {
                        'state of charge: nan is not allowed; it must be 0 ... 1'),
     'charge in per cent': (['--soc', '88'],
                            'state of charge: 88 is not allowed; it must be 0 ... 1'),
+    'rounded charge': (['--soc', '1.0000001'],
+                       'state of charge: 1.0000001 is not allowed; it must be 0 ... 1'),
     'target too warm': (['--target', '61'],
                         'target battery temperature: 61 is not allowed; it must be -40 ... 60'),
     'unknown reserve': (['--min-soc', 'nan'],
@@ -325,7 +327,8 @@ def test_each_refused_quantity_has_a_line(refusal):
     (['plan', *SITUATION, '--soc', 'half'], "argument --soc: 'half' is not a number; it must be one without a "
      'unit, with a decimal point'),
     (['plan', *SITUATION, '--soc', '0,9'], "argument --soc: '0,9' is not a number"),
-    (['plan', *SITUATION, '--soc', '0.5', '--temperature', '-7C'], "argument --temperature: '-7C' is not a number"),
+    (['plan', *SITUATION, '--soc', '0.5', '--temperature', '-7C'],
+     "argument --temperature: '-7C' is not a number"),
     (['plan', *SITUATION, '--soc', '0.5', '--temperature'], 'argument --temperature: expected one argument'),
     (['sweep', '--feasible', '1e3'], "argument --feasible: '1e3' is not a whole number; it must be digits only"),
     (['plan', *SITUATION, '--method', 'papre'], "argument --method: invalid choice: 'papre'"),

@@ -103,6 +103,8 @@ def test_battery_state():
     ({'percentage': inf}, 'percentage: inf is not a known value; it must be 0 ... 1'),
     ({'percentage': 1.25}, 'percentage: 1.25 is not allowed; it must be 0 ... 1'),
     ({'percentage': -0.25}, 'percentage: -0.25 is not allowed; it must be 0 ... 1'),
+    # The next number of single precision above 1.
+    ({'percentage': 1.0 + 2.0**-23}, 'percentage: 1.00000012 is not allowed; it must be 0 ... 1'),
     ({'percentage': 64.0}, 'percentage: 64 is not allowed; it must be 0 ... 1'),
     ({'stamp': Time()}, UNSET_STAMP),
 ])
@@ -148,10 +150,10 @@ def test_an_empty_battery_with_another_value_is_empty(field, value):
 
 ARRAYS = list(ROUTE_FIELDS.values())
 LIMITS_TEXT = {
-    'segment_duration': '0.001 ... 86400', 'speed': '0 ... 100',
-    'propulsion_power': '-2e+06 ... 2e+06', 'propulsion_power_rms': '0 ... 2e+06',
-    'ambient_temperature': '-60 ... 60', 'cabin_heating_power': '0 ... 50000',
-    'auxiliary_power': '0 ... 50000', 'propulsion_power_magnitude': '0 ... 2e+06'}
+    'segment_duration': '0.001 ... 86400 s', 'speed': '0 ... 100 m/s',
+    'propulsion_power': '-2e+06 ... 2e+06 W', 'propulsion_power_rms': '0 ... 2e+06 W',
+    'ambient_temperature': '-60 ... 60 degC', 'cabin_heating_power': '0 ... 50000 W',
+    'auxiliary_power': '0 ... 50000 W', 'propulsion_power_magnitude': '0 ... 2e+06 W'}
 
 
 @pytest.mark.parametrize('value, text', [(nan, 'nan'), (inf, 'inf'), (-inf, '-inf')])
@@ -165,16 +167,16 @@ def test_a_number_that_is_none_is_refused_in_each_array(field, value, text):
 
 @pytest.mark.parametrize('field, values, problem', [
     ('segment_duration', [10.0, 20.0, -30.0],
-     'segment_duration[2]: -30 is not allowed; it must be 0.001 ... 86400'),
+     'segment_duration[2]: -30 is not allowed; it must be 0.001 ... 86400 s'),
     ('segment_duration', [0.0, 20.0, 0.0],
-     'segment_duration[0]: 0 is not allowed; it must be 0.001 ... 86400 (and 1 more)'),
-    ('speed', [11.0, 130.0, 13.0], 'speed[1]: 130 is not allowed; it must be 0 ... 100'),
-    ('speed', [-1.0], 'speed[0]: -1 is not allowed; it must be 0 ... 100'),
+     'segment_duration[0]: 0 is not allowed; it must be 0.001 ... 86400 s (and 1 more)'),
+    ('speed', [11.0, 130.0, 13.0], 'speed[1]: 130 is not allowed; it must be 0 ... 100 m/s'),
+    ('speed', [-1.0], 'speed[0]: -1 is not allowed; it must be 0 ... 100 m/s'),
     ('ambient_temperature', [266.0],
-     'ambient_temperature[0]: 266 is not allowed; it must be -60 ... 60'),
+     'ambient_temperature[0]: 266 is not allowed; it must be -60 ... 60 degC'),
     ('cabin_heating_power', [710.0, -1.0, 730.0],
-     'cabin_heating_power[1]: -1 is not allowed; it must be 0 ... 50000'),
-    ('auxiliary_power', [-5.0], 'auxiliary_power[0]: -5 is not allowed; it must be 0 ... 50000'),
+     'cabin_heating_power[1]: -1 is not allowed; it must be 0 ... 50000 W'),
+    ('auxiliary_power', [-5.0], 'auxiliary_power[0]: -5 is not allowed; it must be 0 ... 50000 W'),
     ('propulsion_power_rms', [1.5e3, 1.9e3, 3.5e3],
      'propulsion_power_rms[1]: 1900 is below the magnitude of the mean, 2000'),
     ('segment_duration', [86000.0, 300.0, 200.0],

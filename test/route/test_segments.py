@@ -229,7 +229,7 @@ def test_defaults_hold_where_optional_columns_say_nothing(missing):
 @pytest.mark.parametrize('side', [0, 1])
 def test_values_beyond_the_limits_are_refused(field, side):
     low, high = LIMITS[field]
-    beyond = (low - 1.0, high + 1e6)[side]
+    beyond = (low - 1e6, high + 1e6)[side]
     values = columns()[field]
     values[1] = beyond
     assert problems_with(**{field: values})[0] == (
@@ -243,6 +243,11 @@ def test_values_that_are_not_finite_are_refused(field, value):
     values[2] = value
     assert problems_with(**{field: values})[0].startswith(
         f'{field}[2]: {value:g} is not allowed; it must be ')
+
+
+def test_a_value_just_beyond_the_limits_has_the_digits_that_show_it():
+    assert problems_with(propulsion_power_w=[0.0, -2000001.0, 0.0]) == [
+        'propulsion_power_w[1]: -2000001 is not allowed; it must be -2e+06 ... 2e+06']
 
 
 def test_further_values_beyond_the_limits_are_counted():
