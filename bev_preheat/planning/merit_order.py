@@ -133,7 +133,8 @@ def _passes(trip: Trip, lumped: Trip, state: BatteryState, schedule: Schedule, p
     return best or schedule
 
 
-def _or_without_thresholds(trip: Trip, state: BatteryState, best: Schedule, once: Schedule, goal: Goal) -> Schedule:
+def _or_without_thresholds(trip: Trip, state: BatteryState, best: Schedule, once: Schedule,
+                           goal: Goal) -> Schedule:
     """
     Return the best Schedule, or one without thresholds that saves against it and falls short of nothing.
 

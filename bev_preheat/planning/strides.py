@@ -113,7 +113,8 @@ def _reach_c(trip: Trip, run: Schedule) -> tuple[FloatArray, FloatArray]:
     Return the coldest and the warmest that the battery can be at each instant [deg C], (N + 1,).
 
     About: the run without its heat, and with all that the heater could have given on top. What leaks
-    of a difference only makes it smaller. The run lies between them, also where coolant took more heat than it gave.
+    of a difference only makes it smaller. The run lies between them, also where coolant took more heat than
+    it gave.
     """
     heater_w = trip.vehicle.hvch.efficiency * trip.heater_limit_w
     arrived_w = (trip.vehicle.hvch.efficiency * run.heater_power_w if run.heat is None

@@ -346,7 +346,7 @@ def test_heated_from_the_first_instant_it_arrives_at_the_target_too():
 @pytest.mark.parametrize('is_on', [True, False])
 @pytest.mark.parametrize('start_soc, heater_w', [(0.95, 6e3), (1.0, 15e3)])
 def test_late_heat_for_a_descent_costs_no_more_than_it_brings(is_on, start_soc, heater_w):
-    # A full battery takes no more of the descent for being warm; what a heater that lags takes after it is paid for.
+    # A full battery takes no more of the descent for being warm; what a heater that lags takes later is paid.
     car = load_vehicle('mid_size_lfp')
     car = replace(car, heat_path=HeatPath(90.0), hvch=Hvch(heater_w, 0.87))
     route = load_route('alpine_pass', car.defaults)
@@ -364,7 +364,8 @@ def test_late_heat_for_a_descent_costs_no_more_than_it_brings(is_on, start_soc, 
 
 @pytest.mark.parametrize('is_on', [True, False])
 def test_coolant_that_takes_more_heat_than_it_gives_leaves_a_plan(is_on):
-    # The drive warms battery and coolant by 50 K: what the coolant takes counted as if the run without it were warmer.
+    # The drive warms battery and coolant by 50 K: what the coolant takes had counted as if the run were warmer
+    # without it.
     car = load_vehicle('mid_size_lfp')
     car = replace(car, heat_path=HeatPath(0.0, 20e3, 1000.0),
                   battery=replace(car.battery, heat_capacity_j_per_k=22280.0))
