@@ -88,7 +88,7 @@ def test_help_is_printed(capsys, command):
      'see preheat plan --help'),
     (['sweep', '--seed', '1e9'],
      "preheat sweep: error: argument --seed: '1e9' is not a whole number; it must be digits only; "
-         'see preheat sweep --help')])
+     'see preheat sweep --help')])
 def test_wrong_use_is_one_line(capsys, arguments, message):
     with pytest.raises(SystemExit) as ended:
         main(arguments)
