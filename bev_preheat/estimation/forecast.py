@@ -111,9 +111,10 @@ def arrival_deviation_k(trip: Driven, plan: Plan, estimate: Estimate) -> float:
     if variance_k2 is not None:
         return math.sqrt(variance_k2)
     sensitivities, by_step = arrival_sensitivities(trip, plan)
-    # What a factor cannot tell: traffic that differs from step to step.
+    # What a factor cannot tell: traffic that differs from step to step. Of a step that drives and regenerates
+    # about as much the mean is small, and what it warms is not.
     spread = POWER_NOISE * np.maximum(
-        1.0, LEAST_POWER_W / np.maximum(np.abs(route.propulsion_power_w), 1.0))
+        1.0, LEAST_POWER_W / np.maximum(route.propulsion_power_magnitude_w, 1.0))
     lasting = np.maximum(1.0, POWER_NOISE_LASTS_S / route.duration_s)
     traffic = float(((by_step * spread)**2 * lasting).sum())
     return math.sqrt(max(0.0, float(sensitivities @ estimate.covariance @ sensitivities))

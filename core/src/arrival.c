@@ -39,9 +39,10 @@ static double rate_of(const bev_vehicle *vehicle, const bev_course *course, int3
 /* What traffic in a step makes of the arrival [K^2], which changes so with the logarithm of its power [K]. */
 static double traffic_k2(const bev_course *course, const bev_belief_terms *terms, int32_t k,
                          double by_power_k) {
-  const double least_w = bev_maximum(fabs(at(course, BEV_ROUTE_PROPULSION, k)), 1.0);
+  /* Of a step that drives and regenerates about as much the mean is small, and what it warms is not. */
+  const double magnitude_w = bev_maximum(at(course, BEV_ROUTE_MAGNITUDE, k), 1.0);
   const double deviation_k =
-      by_power_k * (terms->power_noise * bev_maximum(1.0, terms->least_power_w / least_w));
+      by_power_k * (terms->power_noise * bev_maximum(1.0, terms->least_power_w / magnitude_w));
   return deviation_k * deviation_k
       * bev_maximum(1.0, terms->power_noise_lasts_s / at(course, BEV_ROUTE_DURATION, k));
 }

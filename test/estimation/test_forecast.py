@@ -74,8 +74,7 @@ def estimate_with(covariance):
 
 
 @pytest.mark.costly
-@pytest.mark.parametrize('name', [
-    'reference', pytest.param('small_car', marks=pytest.mark.deep)])
+@pytest.mark.parametrize('name', TRIPS)
 def test_deviation_is_that_of_many_drives(name):
     vehicle, route, state, plan = planned(name)
     belief = Belief(vehicle)
