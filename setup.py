@@ -76,5 +76,7 @@ setup(
             f'vehicle_simulator = {PACKAGE}.nodes.executables:vehicle_simulator',
             f'preheat = {PACKAGE}.commands.main:main',
         ],
+        # What `make bench` holds the planner against; nothing that anybody runs.
+        f'{PACKAGE}.bench': [f'empty_node = {PACKAGE}.experiments.cost.empty_node:main'],
     },
 )

@@ -16,7 +16,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 import math
-from typing import Any, TYPE_CHECKING
+from typing import Any, NamedTuple, TYPE_CHECKING
 
 import numpy as np
 
@@ -126,8 +126,7 @@ class Session:
             'hvch_battery_power_w': self.hvch_battery_power_w.tolist()}
 
 
-@dataclass(frozen=True)
-class _State:
+class _State(NamedTuple):
     """State of charge, battery temperature [deg C], heater's power [W], coolant's excess [K]."""
 
     soc: float
@@ -136,8 +135,7 @@ class _State:
     excess_k: float
 
 
-@dataclass(frozen=True)
-class _Step:
+class _Step(NamedTuple):
     """One step [s]: its end, and the means of powers [W] and of the battery's temperature [deg C]."""
 
     duration_s: float

@@ -9,9 +9,8 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Collection, Iterable
-from dataclasses import dataclass
 import math
-from typing import TYPE_CHECKING
+from typing import NamedTuple, TYPE_CHECKING
 
 from bev_preheat.estimation.belief import Belief
 from bev_preheat.estimation.estimate import Estimate
@@ -53,8 +52,7 @@ MOST_DEVIATION_K = 50.0
 EVIDENCE_OF_A_SWITCHING = 5.0
 
 
-@dataclass(frozen=True)
-class Stretch:
+class Stretch(NamedTuple):
     """
     What was planned and commanded for `duration_s` [s].
 

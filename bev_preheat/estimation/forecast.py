@@ -3,10 +3,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property
 import math
-from typing import Protocol, TYPE_CHECKING
+from typing import NamedTuple, Protocol, TYPE_CHECKING
 
 import numpy as np
 
@@ -61,8 +60,7 @@ class Forecast:
         return arrival_deviation_k(*self._given)
 
 
-@dataclass(frozen=True)
-class DrivenRoute:
+class DrivenRoute(NamedTuple):
     """A vehicle and a route that needs no dividing into steps: a Trip costs more to make."""
 
     vehicle: Vehicle

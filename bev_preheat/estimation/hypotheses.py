@@ -4,11 +4,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from enum import Enum
 from functools import lru_cache
 import math
-from typing import TYPE_CHECKING
+from typing import NamedTuple, TYPE_CHECKING
 
 import numpy as np
 
@@ -70,8 +69,7 @@ def heater_power_w(command_w: float, limit_w: float) -> list[float]:
     return [*[min(share * command_w, limit_w) for share in SHARES[:STUCK]], limit_w]
 
 
-@dataclass(frozen=True)
-class HeaterReport:
+class HeaterReport(NamedTuple):
     """How the heater answers, how sure that is (0 ... 1), and its share of the command (0 ... 1)."""
 
     heater: Heater

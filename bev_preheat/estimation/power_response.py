@@ -8,8 +8,8 @@ far this one may be wrong. Heaters ramp up, so the second window begins a while 
 """
 
 from collections import deque
-from dataclasses import dataclass
 import math
+from typing import NamedTuple
 
 # Windows before and after a switching [s], and how far apart their ends are.
 WINDOW_S = 10.0
@@ -29,8 +29,7 @@ FORGETTING = 0.03
 Sample = tuple[float, float, float]
 
 
-@dataclass(frozen=True)
-class Answer:
+class Answer(NamedTuple):
     """Share of a switched power that was seen in the battery's, and its standard deviation."""
 
     share: float

@@ -9,9 +9,8 @@ heat capacity, which the vehicle file has about right. The route's ambient tempe
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 import math
-from typing import TYPE_CHECKING
+from typing import NamedTuple, TYPE_CHECKING
 
 from bev_preheat.estimation.prior import FACTOR_DEVIATIONS
 from bev_preheat.estimation.state import HEAT_CAPACITY, LEAKAGE
@@ -37,8 +36,7 @@ TIME_CONSTANT_DEVIATION = math.hypot(FACTOR_DEVIATIONS[HEAT_CAPACITY], FACTOR_DE
 MOST_TIME_CONSTANTS = 100.0
 
 
-@dataclass(frozen=True)
-class Standing:
+class Standing(NamedTuple):
     """
     What is expected of a battery that stood: its temperature [deg C].
 

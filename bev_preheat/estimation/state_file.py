@@ -11,12 +11,11 @@ its place. What was learned with another vehicle file stays in the file.
 from __future__ import annotations
 
 from contextlib import suppress
-from dataclasses import dataclass
 from itertools import count
 import json
 import os
 import re
-from typing import TYPE_CHECKING
+from typing import NamedTuple, TYPE_CHECKING
 
 from bev_preheat.errors import InvalidInput
 from bev_preheat.estimation.memory import as_entry, from_entry, KEYS
@@ -36,16 +35,14 @@ LONGEST_SENTENCE = 300
 MOST_CARS = 50
 
 
-@dataclass(frozen=True)
-class Recalled:
+class Recalled(NamedTuple):
     """What was Learned of one car (None: nothing); what is damaged in the file ('': nothing)."""
 
     learned: Learned | None
     damage: str = ''
 
 
-@dataclass(frozen=True)
-class _Found:
+class _Found(NamedTuple):
     """Entries by fingerprint, oldest first; `damage` says what is damaged in the file."""
 
     cars: dict[str, FileData]

@@ -12,9 +12,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 import os
 import stat
+from typing import NamedTuple
 
 from bev_preheat.errors import InvalidInput
 from bev_preheat.optional_packages import require
@@ -28,8 +28,7 @@ STANDARD_OUTPUT = '-'
 STANDARD_STREAMS = {1: 'standard output', 2: 'standard error'}
 
 
-@dataclass(frozen=True)
-class Output:
+class Output(NamedTuple):
     """
     A file that a run is to write: the option that names it, and its path (None: not wanted).
 

@@ -3,10 +3,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import wraps
 import sys
-from typing import TYPE_CHECKING
+from typing import NamedTuple, TYPE_CHECKING
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import SetParametersResult
@@ -39,7 +38,7 @@ from bev_preheat.supervision.events import PreheatingSwitched, Reconfigured, Riv
 from bev_preheat.supervision.inputs import NS_PER_S
 from bev_preheat.supervision.settings import FIELD_OF_PARAMETER, Settings, settings_of
 from bev_preheat.supervision.supervisor import Supervisor
-from bev_preheat.vehicle import load_vehicle, vehicle_file, vehicle_fingerprint
+from bev_preheat.vehicle import load_vehicle, vehicle_contents, vehicle_file
 from bev_preheat.vehicle.assumptions import assumption_warning
 from bev_preheat_msgs.msg import PreheatPlan, RouteProgress
 
@@ -116,8 +115,7 @@ LAST_WORDS_TIME = Duration(seconds=0.5)
 _OWN = frozenset(parameter.name for parameter in PARAMETERS)
 
 
-@dataclass(frozen=True)
-class _Told:
+class _Told(NamedTuple):
     """What of the estimation's findings the log has."""
 
     heater: Heater = Heater.ANSWERS
@@ -145,10 +143,10 @@ class PlannerNode(Node):
         values = declare(self, PARAMETERS)
         vehicle, settings = _take_effect(values)
         check_parameter(values['state_file'])
-        self._vehicle_fingerprint = vehicle_fingerprint(values['vehicle'])
+        self._vehicle_contents = vehicle_contents(values['vehicle'])
         self._state_keeper = StateKeeper(self.get_logger())
         self._supervisor = Supervisor(vehicle, settings, self._state_keeper.attach(
-            values['state_file'], self._vehicle_fingerprint))
+            values['state_file'], self._vehicle_contents))
         self._told, self._news = _Told(), News()
         # An exception has come out of the latest step, or out of what followed it.
         self._is_in_doubt = False
@@ -292,11 +290,11 @@ class PlannerNode(Node):
         supervisor = self._supervisor
         values = self._values_with(parameters)
         vehicle, settings = _take_effect(values)
-        fingerprint = vehicle_fingerprint(values['vehicle'])
-        is_new_car = fingerprint != self._vehicle_fingerprint
+        contents = vehicle_contents(values['vehicle'])
+        is_new_car = contents != self._vehicle_contents
         if is_new_car:
             self._state_keeper.save(supervisor.estimate)
-            self._vehicle_fingerprint = fingerprint
+            self._vehicle_contents = contents
         else:
             # The estimation goes on while the vehicle stays the same object.
             vehicle = supervisor.vehicle
@@ -306,7 +304,7 @@ class PlannerNode(Node):
             timer.reset()
         self._step(Reconfigured(
             vehicle, settings, self._routes.read_again(supervisor, vehicle, settings),
-            self._state_keeper.attach(values['state_file'], fingerprint)))
+            self._state_keeper.attach(values['state_file'], contents)))
         if is_new_car:
             self._tell_assumptions(values['vehicle'])
 

@@ -3,14 +3,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 import time
-from typing import TYPE_CHECKING
+from typing import NamedTuple, TYPE_CHECKING
 
 from bev_preheat.errors import InvalidInput
 from bev_preheat.estimation.memory import learned_from
 from bev_preheat.estimation.state_file import check_state_file, load_learned, save_learned
 from bev_preheat.files.output_files import check_writable
+from bev_preheat.vehicle import vehicle_fingerprint
 
 if TYPE_CHECKING:
     from rclpy.impl.rcutils_logger import RcutilsLogger
@@ -21,8 +21,7 @@ if TYPE_CHECKING:
 SAVE_PERIOD_S = 60.0
 
 
-@dataclass(frozen=True)
-class StateFileReport:
+class StateFileReport(NamedTuple):
     """
     How it stands with the state file.
 
@@ -56,7 +55,7 @@ class StateKeeper:
     def __init__(self, logger: RcutilsLogger) -> None:
         """Take the node's logger."""
         self._logger = logger
-        self._path, self._fingerprint = '', ''
+        self._path, self._contents, self._fingerprint = '', b'', ''
         self._saved: Estimate | None = None
         self._forget_report()
 
@@ -64,21 +63,22 @@ class StateKeeper:
         self._problem, self._kept_aside = '', ''
         self._written_s: float | None = None
 
-    def attach(self, path: str, fingerprint: str) -> Learned | None:
+    def attach(self, path: str, contents: bytes) -> Learned | None:
         """
-        Use a file for the car with this fingerprint.
+        Use a file for the car whose vehicle file has these contents.
 
         Returns the Learned that the file holds; None where it holds none or was attached before.
         """
-        if (path, fingerprint) == (self._path, self._fingerprint):
+        if (path, contents) == (self._path, self._contents):
             return None
         if path != self._path:
             self._forget_report()
-        self._path, self._fingerprint, self._saved = path, fingerprint, None
+        self._path, self._contents, self._saved = path, contents, None
         if not path:
             return None
+        self._fingerprint = vehicle_fingerprint(contents)
         try:
-            recalled = load_learned(path, fingerprint)
+            recalled = load_learned(path, self._fingerprint)
             check_writable(path, make_folder=True)
         except InvalidInput as error:
             self._fail(str(error))

@@ -9,8 +9,7 @@ on heat before a descent costs less than a joule for the same reason.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import NamedTuple, TYPE_CHECKING
 
 import numpy as np
 
@@ -27,8 +26,7 @@ if TYPE_CHECKING:
 SOC_DIFFERENCE = 1e-4
 
 
-@dataclass(frozen=True)
-class AcceptanceLoss:
+class AcceptanceLoss(NamedTuple):
     """
     What the battery takes less in each step, for a joule more in it [J/J, 0 ... 1], shape (N,).
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING
+from typing import NamedTuple, TYPE_CHECKING
 
 import numpy as np
 
@@ -197,8 +197,7 @@ def energies_of(until_arrival_wh: Sequence[float], lost_wh: float = 0.0) -> Ener
                     battery_total + lost_wh)
 
 
-@dataclass(frozen=True)
-class Accounts:
+class Accounts(NamedTuple):
     """
     What a forward run costs: its energies, and what they are made of in each of the N steps [W].
 

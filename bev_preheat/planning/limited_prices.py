@@ -11,7 +11,7 @@ must not fall below the battery's range.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import NamedTuple, TYPE_CHECKING
 
 import numpy as np
 
@@ -54,8 +54,7 @@ LOWEST_SOC_AIM = 1e-6
 NEAR_LOWEST_SOC = 0.05
 
 
-@dataclass(frozen=True)
-class Needs:
+class Needs(NamedTuple):
     """
     What a run must not fall short of: what the run does that it is compared with.
 
@@ -97,8 +96,7 @@ def free_heat_w(trip: Trip, run: Schedule) -> FloatArray:
                     np.minimum(np.maximum(surplus_w, 0.0), trip.heater_limit_w), 0.0)
 
 
-@dataclass(frozen=True)
-class Changes:
+class Changes(NamedTuple):
     """
     What heating a step more, or less, does along a run, C changes that can be made.
 

@@ -9,9 +9,8 @@ drivetrain and friction brake add up to. They are kept at both ends of each step
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 import math
-from typing import TYPE_CHECKING, TypeAlias
+from typing import NamedTuple, TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
@@ -59,8 +58,7 @@ def colder(vehicle: Vehicle, temperature_c: FloatArray) -> FloatArray:
     return np.maximum(temperature_c - COLDER_BY_K, vehicle.battery.temperature_range_c[0])
 
 
-@dataclass(frozen=True)
-class WantedHeat:
+class WantedHeat(NamedTuple):
     """
     What a run within limits is to heat with in each step, before limits cut it.
 
@@ -91,8 +89,7 @@ class WantedHeat:
         return wanted_w
 
 
-@dataclass(frozen=True)
-class Watch:
+class Watch(NamedTuple):
     """Steps in which a limit may matter, shape (N,): regeneration, or drive and heater."""
 
     charge: BoolArray

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import NamedTuple, TYPE_CHECKING
 
 import numpy as np
 
@@ -37,8 +37,7 @@ ChargeWarmth = tuple[float, float]
 RatesAlong = Callable[..., 'FloatArray']
 
 
-@dataclass(frozen=True)
-class Prices:
+class Prices(NamedTuple):
     """
     What a watt of the heater in each step does until arrival, two arrays (N,).
 

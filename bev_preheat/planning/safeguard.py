@@ -11,9 +11,9 @@ battery, but an empty one only gets emptier.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
-from typing import Any, TYPE_CHECKING
+from typing import Any, NamedTuple, TYPE_CHECKING
 
 import numpy as np
 
@@ -56,8 +56,7 @@ HELD_BACK = None, HeldBack.RESERVE, HeldBack.POWER
 Proposal = Callable[[float], Schedule]
 
 
-@dataclass(frozen=True)
-class Lacking:
+class Lacking(NamedTuple):
     """
     Power that the battery cannot deliver in the worst step [W].
 
@@ -213,8 +212,7 @@ class Safeguard:
         return Trial(target_c, excess, _Proposed(schedule, spare_w < 0.0))
 
 
-@dataclass(frozen=True)
-class _Proposed:
+class _Proposed(NamedTuple):
     """A proposal for a target; `lacks_power`: more than is allowed."""
 
     schedule: Schedule

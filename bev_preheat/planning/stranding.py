@@ -3,8 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import NamedTuple, TYPE_CHECKING
 
 import numpy as np
 
@@ -15,8 +14,7 @@ if TYPE_CHECKING:
     from bev_preheat.planning.trip import Trip
 
 
-@dataclass(frozen=True)
-class Stranding:
+class Stranding(NamedTuple):
     """
     The charge runs out `at_s` [s] and `at_m` [m] after the start of the trip.
 

@@ -15,9 +15,8 @@ limit that is less than a joule (`charge_acceptance`).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 import math
-from typing import TYPE_CHECKING
+from typing import NamedTuple, TYPE_CHECKING
 
 import numpy as np
 
@@ -48,8 +47,7 @@ BANDS = 2
 NEIGHBOUR_K = 3.0
 
 
-@dataclass(frozen=True)
-class Thresholds:
+class Thresholds(NamedTuple):
     """
     Where heating pays in step k: bands of temperature, at most BANDS of them, shape (N, BANDS).
 

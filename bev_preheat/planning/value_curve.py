@@ -10,8 +10,7 @@ that is the cheaper branch and unheated elsewhere, so its kinks stay sharp.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import NamedTuple, TYPE_CHECKING
 
 import numpy as np
 
@@ -33,8 +32,7 @@ LEAST_GAIN_K = 1e-9
 Band = tuple[float, float, float]
 
 
-@dataclass(frozen=True)
-class ValueCurve:
+class ValueCurve(NamedTuple):
     """
     Battery energy [J] that the rest of a trip costs, over temperature [deg C]: two arrays (P,).
 

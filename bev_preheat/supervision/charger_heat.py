@@ -8,8 +8,7 @@ battery's own power, so without voltage and current there is no such heat.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import NamedTuple, TYPE_CHECKING
 
 if TYPE_CHECKING:
     from bev_preheat.supervision.inputs import Leg, Measurement
@@ -19,8 +18,7 @@ if TYPE_CHECKING:
 BEGINS_BELOW_K = 1.0
 
 
-@dataclass(frozen=True)
-class ChargerHeat:
+class ChargerHeat(NamedTuple):
     """Power to command while the vehicle charges [W], 0: none; and why, as a sentence."""
 
     power_w: float

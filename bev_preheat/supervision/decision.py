@@ -3,6 +3,7 @@
 
 from dataclasses import dataclass
 import math
+from typing import NamedTuple
 
 from bev_preheat.estimation.forecast import Forecast
 from bev_preheat.planning.plan import Plan
@@ -11,8 +12,7 @@ from bev_preheat.supervision.inputs import Leg
 from bev_preheat.supervision.target_choice import TargetChoice
 
 
-@dataclass(frozen=True)
-class Command:
+class Command(NamedTuple):
     """Electrical power for the battery [W], until when it may be used [ns], and why."""
 
     battery_heating_power_w: float

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import NamedTuple, TYPE_CHECKING
 
 from bev_preheat.errors import InvalidInput
 from bev_preheat.planning.situation import BatteryState, check_situation, Goal
@@ -42,8 +42,7 @@ class Measurement:
         return self.voltage_v * self.current_a
 
 
-@dataclass(frozen=True)
-class Progress:
+class Progress(NamedTuple):
     """
     Where on its route the vehicle is: the distance [m] from its start at an instant [ns].
 

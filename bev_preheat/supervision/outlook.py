@@ -8,10 +8,9 @@ answers.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import partial
 import math
-from typing import Any, TYPE_CHECKING
+from typing import Any, NamedTuple, TYPE_CHECKING
 
 import numpy as np
 
@@ -73,8 +72,7 @@ UNHEATED: dict[Heater, dict[str, Any]] = {
 LATE: dict[str, Any] = {'too_cold_because': 'Most of the heat arrives too late'}
 
 
-@dataclass(frozen=True)
-class Outlook:
+class Outlook(NamedTuple):
     """
     A Plan from an estimate; what is to be expected.
 

@@ -3,8 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import NamedTuple, TYPE_CHECKING
 
 from bev_preheat.estimation.standing import after_standing, Standing
 from bev_preheat.planning.explanation import duration_text
@@ -21,8 +20,7 @@ FIRST_STATE_WITHIN_S = 60.0
 CONTRADICTS_BEYOND_K = 2.0
 
 
-@dataclass(frozen=True)
-class StandReport:
+class StandReport(NamedTuple):
     """A temperature [deg C] that was read after `stood_s` [s] at `ambient_c` [deg C], and Standing."""
 
     reading_c: float

@@ -9,8 +9,7 @@ the planner does. Instants are integers, in nanoseconds of the node's clock.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import NamedTuple, TYPE_CHECKING
 
 from bev_preheat.compiled.library import use_core
 from bev_preheat.errors import InvalidInput, LONGEST_PROBLEM, shortened
@@ -36,16 +35,14 @@ if TYPE_CHECKING:
 PLACES = ProgressArrived, ProgressUnreadable
 
 
-@dataclass(frozen=True)
-class Refusal:
+class Refusal(NamedTuple):
     """An input that was refused: its source and an InvalidInput."""
 
     source: str
     error: InvalidInput
 
 
-@dataclass(frozen=True)
-class Output:
+class Output(NamedTuple):
     """
     What is to be published, None where nothing is.
 

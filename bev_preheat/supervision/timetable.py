@@ -10,8 +10,7 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections import deque
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import NamedTuple, TYPE_CHECKING
 
 from bev_preheat.errors import InvalidInput, quoted
 from bev_preheat.route.places import Places
@@ -38,8 +37,7 @@ SPACED_NS = NS_PER_S
 PACE_OVER_NS = 5 * NS_PER_S
 
 
-@dataclass(frozen=True)
-class _Fix:
+class _Fix(NamedTuple):
     """An instant, and the instant at which the vehicle was to be where it is then [ns]."""
 
     stamp_ns: int

@@ -6,6 +6,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import IntEnum
 import math
+from typing import NamedTuple
 
 
 class Ending(IntEnum):
@@ -43,8 +44,7 @@ class Wish:
         return self.ready_at_ns == 0
 
 
-@dataclass(frozen=True)
-class Outcome:
+class Outcome(NamedTuple):
     """
     How a Wish ended, and in one sentence why.
 

@@ -2,6 +2,6 @@
 """The vehicle description and its YAML files."""
 
 from bev_preheat.vehicle.description import Vehicle
-from bev_preheat.vehicle.loading import load_vehicle, vehicle_file, vehicle_fingerprint
+from bev_preheat.vehicle.loading import load_vehicle, vehicle_contents, vehicle_file, vehicle_fingerprint
 
-__all__ = ['Vehicle', 'load_vehicle', 'vehicle_file', 'vehicle_fingerprint']
+__all__ = ['Vehicle', 'load_vehicle', 'vehicle_contents', 'vehicle_file', 'vehicle_fingerprint']

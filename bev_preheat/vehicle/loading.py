@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -161,9 +160,16 @@ def vehicle_file(name_or_file: str | Path) -> Path:
     return find_configuration('vehicles', name_or_file, '.yaml')
 
 
-def vehicle_fingerprint(name_or_file: str | Path) -> str:
-    """Return the SHA-256 of a vehicle file's bytes, as text; the file is one that was loaded."""
-    return sha256(vehicle_file(name_or_file).read_bytes()).hexdigest()
+def vehicle_contents(name_or_file: str | Path) -> bytes:
+    """Return the bytes of a vehicle file, which is one that was loaded."""
+    return vehicle_file(name_or_file).read_bytes()
+
+
+def vehicle_fingerprint(contents: bytes) -> str:
+    """Return the SHA-256 of a vehicle file's bytes, as text."""
+    # Loads OpenSSL, which nothing else here needs: only where a car is remembered.
+    from hashlib import sha256
+    return sha256(contents).hexdigest()
 
 
 def _keys_that_are_not_there(contents: dict[str, FileData]) -> Iterator[str]:

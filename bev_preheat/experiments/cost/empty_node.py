@@ -6,7 +6,8 @@ Its shape is the planner's: the same publishers, subscriptions, service, action 
 parameters, with the same qualities of service, clocks and event handlers, and messages of the size that
 the planner's have on the reference trip (a test holds them against each other). Its work is not: nothing
 is checked, learned or planned, what it publishes beside the command is made once, at the start, and it
-loads nothing of the planner. It is spun as rclpy spins any node; with the argument
+loads nothing of the planner. As any node that is installed it starts through its entry point, and logs a
+line when it is there. It is spun as rclpy spins any node; with the argument
 `--planners-executor`, by the planner's executor.
 """
 
@@ -96,6 +97,7 @@ class EmptyNode(Node):
         for period_s in (0.5, 60.0, 0.5):
             self.create_timer(period_s, _ignore, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._plan_message, self._diagnostics_message = plan_message(), diagnostics_message()
+        self.get_logger().info('Waiting for a route plan.')
 
     def _on_route_plan(self, serialized: bytes) -> None:
         self._heating_w = 1.0
@@ -142,7 +144,7 @@ def diagnostics_message() -> DiagnosticArray:
 
 
 def main() -> None:
-    """Spin until killed."""
+    """Spin until killed; what the process's entry point names."""
     rclpy.init()
     node = EmptyNode()
     if PLANNERS_EXECUTOR not in sys.argv:
