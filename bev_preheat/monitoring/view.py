@@ -96,7 +96,7 @@ def line(heard: Heard) -> str:
 
 def waiting(heard: Heard, publishers: Callable[[str], int], domain_id: str) -> str:
     """Return what is waited for: `publishers` tells how many publish each topic."""
-    lines = [f'Waiting for a planner in ROS domain {domain_id}.']
+    lines = [f'Waiting for {"what is silent" if heard.latest else "a planner"} in ROS domain {domain_id}.']
     for topic in heard.silent_topics:
         count = publishers(topic)
         lines.append(f'  {topic}: ' + ('nobody publishes it' if count == 0 else

@@ -305,6 +305,8 @@ class PlannerNode(Node):
         self._step(Reconfigured(
             vehicle, settings, self._routes.read_again(supervisor, vehicle, settings),
             self._state_keeper.attach(values['state_file'], contents)))
+        self.get_logger().info('In effect now: ' + ', '.join(
+            f'{parameter.name} = {parameter.value}' for parameter in parameters if parameter.name in _OWN) + '.')
         if is_new_car:
             self._tell_assumptions(values['vehicle'])
 

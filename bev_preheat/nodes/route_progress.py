@@ -77,7 +77,7 @@ def progress_diagnostics(name: str, supervisor: Supervisor,
                   'has stood for [s]': f'{timetable.stood_ns / NS_PER_S:.0f}'}
         is_late = age_s > limit_s
         if is_late:
-            sentences.append(f'The latest valid route_progress is {age_s:.1f} s old; at most '
+            sentences.append(f'The latest valid route_progress is {age_s:.3f} s old; at most '
                              f'{limit_s:g} s are allowed: the planner goes on by time from there.')
         elif refused is None:
             sentences.append(_delay_in_words(delay_s))

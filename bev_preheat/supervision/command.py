@@ -38,10 +38,13 @@ def find_obstacle(inbox: Inbox, now_ns: int) -> Decision | None:
     if inbox.measurement is None:
         return Decision(Status.NO_BATTERY_STATE, 'No valid battery state has arrived yet.')
     age_s = (now_ns - inbox.measurement.stamp_ns) / NS_PER_S
-    timeout_s = inbox.settings.battery_state_timeout_s
-    if not -inbox.settings.clock_tolerance_s <= age_s < timeout_s:
-        return Decision(Status.STALE_INPUT, f'battery_state is {age_s:.1f} s old; at most '
+    timeout_s, tolerance_s = inbox.settings.battery_state_timeout_s, inbox.settings.clock_tolerance_s
+    if age_s >= timeout_s:
+        return Decision(Status.STALE_INPUT, f'battery_state is {age_s:.3f} s old; less than '
                         f'{timeout_s:g} s are allowed.')
+    if age_s < -tolerance_s:
+        return Decision(Status.STALE_INPUT, f'battery_state is stamped {-age_s:.3f} s ahead '
+                        f'of the clock; at most {tolerance_s:g} s are allowed.')
     return None
 
 

@@ -792,7 +792,8 @@ def test_a_new_timeout_takes_effect_at_once(tunable_car):
     assert car.set_parameters(battery_state_timeout=0.3).successful
     with car.silence():
         plan = car.plans.wait_for(lambda plan: plan.status == Status.STALE_INPUT)
-    assert plan.explanation.endswith('at most 0.3 s are allowed.')
+    assert plan.explanation.endswith('less than 0.3 s are allowed.')
+    assert 'In effect now: battery_state_timeout = 0.3.' in car.process.output()
 
 
 REFUSED = {

@@ -118,7 +118,7 @@ def test_a_place_that_is_too_old_is_a_warning():
     told(supervisor, 110.5)
     assert said(supervisor, START_NS + round(118.5 * NS_PER_S))[0] == DiagnosticStatus.OK
     assert said(supervisor, START_NS + round(119.0 * NS_PER_S)) == (
-        DiagnosticStatus.WARN, 'The latest valid route_progress is 8.5 s old; at most 8 s are '
+        DiagnosticStatus.WARN, 'The latest valid route_progress is 8.500 s old; at most 8 s are '
         'allowed: the planner goes on by time from there.')
 
 

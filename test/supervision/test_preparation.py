@@ -404,7 +404,7 @@ def test_without_a_fresh_battery_state_goals_are_refused():
     assert 'No valid battery state' in last.outcomes[0].explanation and isnan(last.outcomes[0].temperature_c)
     car = Car()
     car.now_s = 6.0
-    assert 'battery_state is 6.0 s old' in car.ended(car.want()).explanation
+    assert 'battery_state is 6.000 s old' in car.ended(car.want()).explanation
 
 
 # How goals end
@@ -527,7 +527,7 @@ def test_an_instant_at_which_nothing_is_known_is_no_success():
     car.now_s = 30.0
     car.step()
     assert car.ended(wish).ending is Ending.INPUT_LOST
-    assert 'The heater was off at the instant: battery_state is 30.0 s old' in car.ended(wish).explanation
+    assert 'The heater was off at the instant: battery_state is 30.000 s old' in car.ended(wish).explanation
 
 
 @pytest.mark.parametrize('soc, goes_on', [(0.585, True), (0.575, False)])

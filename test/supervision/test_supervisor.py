@@ -284,7 +284,14 @@ def test_time_passing_is_noticed_without_planning():
     supervisor = make_supervisor()
     supervisor.refresh(NOW_NS + ns(4.2))
     assert (supervisor.decision.status, supervisor.decision.explanation) == (
-        Status.STALE_INPUT, 'battery_state is 4.2 s old; at most 4 s are allowed.')
+        Status.STALE_INPUT, 'battery_state is 4.200 s old; less than 4 s are allowed.')
+
+
+def test_a_clock_set_back_is_told_as_that():
+    supervisor = make_supervisor()
+    supervisor.refresh(NOW_NS - ns(94.9))
+    assert (supervisor.decision.status, supervisor.decision.explanation) == (
+        Status.STALE_INPUT, 'battery_state is stamped 94.900 s ahead of the clock; at most 0.5 s are allowed.')
 
 
 def test_time_passing_leaves_a_good_decision():
