@@ -7,8 +7,17 @@ import sys
 from xml.etree import ElementTree
 
 from setuptools import find_packages, setup
+from setuptools.command.develop import develop
+from setuptools.command.install_scripts import install_scripts
 
 PACKAGE = 'bev_preheat'
+ENTRY_POINTS = {
+    'planner': f'{PACKAGE}.nodes.executables:planner',
+    'nlp_checker': f'{PACKAGE}.nodes.executables:nlp_checker',
+    'charger_adviser': f'{PACKAGE}.nodes.executables:charger_adviser',
+    'vehicle_simulator': f'{PACKAGE}.nodes.executables:vehicle_simulator',
+    'preheat': f'{PACKAGE}.commands.main:main',
+}
 
 
 def configuration_files():
@@ -40,6 +49,32 @@ def check_that_messages_are_built():
                  f'{here}/core {here}/msg_defs')
 
 
+class DirectScripts:
+    """
+    Makes the executables of the entry points import and call them, as those that pip writes do.
+
+    setuptools' own look the package up among all that are installed, at every start.
+    """
+
+    def write_script(self, script_name, contents, mode='t', *others):
+        """Write an executable with the first line, Python's path, that setuptools has for it."""
+        entry_point = ENTRY_POINTS.get(script_name)
+        if entry_point is not None:
+            module, function = entry_point.split(':')
+            first_line = contents.splitlines()[0]
+            contents = (f'{first_line}\nimport sys\n\nfrom {module} import {function}\n\n'
+                        f"if __name__ == '__main__':\n    sys.exit({function}())\n")
+        super().write_script(script_name, contents, mode, *others)
+
+
+class InstallScripts(DirectScripts, install_scripts):
+    """Of colcon build."""
+
+
+class Develop(DirectScripts, develop):
+    """Of colcon build --symlink-install."""
+
+
 check_that_messages_are_built()
 setup(
     name=PACKAGE,
@@ -69,14 +104,7 @@ setup(
     description='Battery preheating before fast charging, as a ROS 2 node.',
     license='Apache-2.0',
     entry_points={
-        'console_scripts': [
-            f'planner = {PACKAGE}.nodes.executables:planner',
-            f'nlp_checker = {PACKAGE}.nodes.executables:nlp_checker',
-            f'charger_adviser = {PACKAGE}.nodes.executables:charger_adviser',
-            f'vehicle_simulator = {PACKAGE}.nodes.executables:vehicle_simulator',
-            f'preheat = {PACKAGE}.commands.main:main',
-        ],
-        # What `make bench` holds the planner against; nothing that anybody runs.
-        f'{PACKAGE}.bench': [f'empty_node = {PACKAGE}.experiments.cost.empty_node:main'],
+        'console_scripts': [f'{name} = {function}' for name, function in ENTRY_POINTS.items()],
     },
+    cmdclass={'install_scripts': InstallScripts, 'develop': Develop},
 )
