@@ -8,6 +8,7 @@ that the executable calls, in this process.
 
 from pathlib import Path
 import subprocess
+import sys
 
 from ament_index_python.packages import get_package_prefix
 import pytest
@@ -29,6 +30,16 @@ def run_installed(name, *arguments):
 def test_an_installed_executable_ends_with_2_and_one_line(domain_id, name):
     assert_one_line(run_installed(name, '--ros-args', '-p', 'vehicle:=bicycle'), name,
                     "vehicle 'bicycle' is unknown")
+
+
+def test_a_start_does_not_look_installed_packages_up_or_load_openssl(domain_id):
+    prefix = Path(get_package_prefix('bev_preheat'))
+    done = subprocess.run(
+        [sys.executable, '-X', 'importtime', str(prefix / 'lib' / 'bev_preheat' / 'planner'), '--help'],
+        text=True, capture_output=True, timeout=60)
+    loaded = {line.rpartition('|')[2].strip() for line in done.stderr.splitlines()}
+    assert done.returncode == 0 and 'bev_preheat.supervision.supervisor' in loaded
+    assert not {'importlib.metadata', 'pkg_resources', 'hashlib'} & loaded
 
 
 def test_an_installed_executable_prints_its_help(domain_id):

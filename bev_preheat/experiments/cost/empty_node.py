@@ -6,8 +6,8 @@ Its shape is the planner's: the same publishers, subscriptions, service, action 
 parameters, with the same qualities of service, clocks and event handlers, and messages of the size that
 the planner's have on the reference trip (a test holds them against each other). Its work is not: nothing
 is checked, learned or planned, what it publishes beside the command is made once, at the start, and it
-loads nothing of the planner. As any node it logs a line when it is there. It is spun as rclpy spins any node; with the argument
-`--planners-executor`, by the planner's executor.
+loads nothing of the planner. As any node it logs a line when it is there. It is spun as rclpy spins any
+node; with the argument `--planners-executor`, by the planner's executor.
 """
 
 from __future__ import annotations
