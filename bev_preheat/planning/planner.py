@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 import math
 from time import perf_counter
@@ -13,7 +13,7 @@ import numpy as np
 
 from bev_preheat.errors import InvalidInput, PlanningFailure
 from bev_preheat.planning.caution import Caution, heat_early
-from bev_preheat.planning.dynamics import run_forward
+from bev_preheat.planning.dynamics import Energies, JOULES_PER_WH, run_forward
 from bev_preheat.planning.explanation import explain
 from bev_preheat.planning.heat_run import initial_states, run_heated
 from bev_preheat.planning.limits import drive_as_planned
@@ -33,6 +33,7 @@ from bev_preheat.vehicle.model import Integrator, make_runge_kutta_4
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from bev_preheat.numerics.arrays import FloatArray
     from bev_preheat.route.segments import Route
     from bev_preheat.vehicle.description import Vehicle
 
@@ -77,20 +78,23 @@ def plan_preheating(vehicle: Vehicle, route: Route, state: BatteryState, goal: G
 
     `method` is one of METHODS, `options` are its own. `caution` (a Caution) makes it heat a little
     more and earlier; `heater_share` (0 ... 1) is what the heater gives of its power; with
-    `heats_throughout` it heats whatever is planned. Its heat arrives `heat_lag_s` [s] late; what
-    would come after the end is not made. (For a vehicle without a heat path; one that has a heat
-    path is planned with it, and `state` says what is under way.) Without `safeguarded` the plan is what the
-    method makes of it, even if that is worse than not heating: for comparing methods, never for
-    driving. Raises InvalidInput where state, goal or route are outside what the vehicle's model
-    describes, or the method is unknown; PlanningFailure where the model yields no numbers.
+    `heats_throughout` it heats whatever is planned, which the energies contain. Its heat arrives
+    `heat_lag_s` [s] late; what would come after the end is not made. (For a vehicle without a heat path;
+    one that has a heat path is planned with it, and `state` says what is under way.) Without
+    `safeguarded` the plan is what the method makes of it, even if that is worse than not heating: for
+    comparing methods, never for driving. Raises InvalidInput where state, goal or route are outside what
+    the vehicle's model describes, or the method is unknown; PlanningFailure where the model yields no
+    numbers.
     """
     started = perf_counter()
     if method not in METHODS:
         raise InvalidInput(f'method: {method!r} is not one of {", ".join(METHODS)}')
     check_situation(vehicle, route, state, goal)
     trip = make_trip(vehicle, route, heater_share, heat_lag_s)
+    uncommanded = None
     if heats_throughout:
-        trip = heated_throughout(trip)
+        uncommanded = _Uncommanded(make_trip(vehicle, route, heater_share).heater_limit_w, trip)
+        trip = heated_throughout(trip, uncommanded.taken_w)
     outcome = None
     try:
         found = (UNLIMITED[method](trip, state, goal, caution)
@@ -103,7 +107,29 @@ def plan_preheating(vehicle: Vehicle, route: Route, state: BatteryState, goal: G
                 trip, state, goal, method, caution, safeguarded, options, unheated)
     except ArithmeticError as error:
         raise PlanningFailure(f'the battery model fails on this route: {error}') from error
-    return finish_plan(trip, goal, schedule, method, started, outcome)
+    plan = finish_plan(trip, goal, schedule, method, started, outcome)
+    if uncommanded is None:
+        return plan
+    return replace(plan, energy_wh=uncommanded.told_as_heater(plan.energy_wh, schedule.driven_share))
+
+
+@dataclass(frozen=True)
+class _Uncommanded:
+    """What a heater takes of each step whatever is commanded [W], (N,), on a Trip as if it obeyed."""
+
+    taken_w: FloatArray
+    obeyed: Trip
+
+    def told_as_heater(self, energy_wh: Energies, driven_share: FloatArray | None) -> Energies:
+        """Return the Energies of the trip `heated_throughout`, where they are the drive's, as the heater's."""
+        hours = self.obeyed.route.duration_s / JOULES_PER_WH
+        if driven_share is not None:
+            hours = driven_share * hours
+        heat_wh = self.obeyed.vehicle.hvch.efficiency * float(hours @ self.obeyed.heater_limit_w)
+        return replace(
+            energy_wh, drivetrain_heat=energy_wh.drivetrain_heat - heat_wh,
+            hvch_heat=energy_wh.hvch_heat + heat_wh,
+            hvch_electric=energy_wh.hvch_electric + float(hours @ self.taken_w))
 
 
 def _schedule(trip: Trip, state: BatteryState, goal: Goal, method: str, caution: Caution | None,

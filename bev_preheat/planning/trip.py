@@ -196,10 +196,14 @@ def _stiff_w_per_k(vehicle: Vehicle) -> float:
     return (TIME_CONSTANT_SHARE / LONGEST_STEP_S) * vehicle.battery.heat_capacity_j_per_k
 
 
-def heated_throughout(trip: Trip) -> Trip:
-    """Return the Trip of a heater that takes all that the cabin leaves, whatever is commanded."""
-    heater_w = trip.heater_limit_w
+def heated_throughout(trip: Trip, taken_w: FloatArray) -> Trip:
+    """
+    Return the Trip of a heater that takes `taken_w` (N,) [W], whatever is commanded.
+
+    Of it so much heat arrives as the heater could give; like the drivetrain's, with which it is counted, it
+    ends where the vehicle stands without charge.
+    """
+    heat_w = trip.vehicle.hvch.efficiency * trip.heater_limit_w
     return replace(
-        trip, idle_power_w=trip.idle_power_w + heater_w,
-        idle_heat_w=trip.idle_heat_w + trip.vehicle.hvch.efficiency * heater_w,
-        heater_limit_w=np.zeros(len(heater_w)))
+        trip, idle_power_w=trip.idle_power_w + taken_w, idle_heat_w=trip.idle_heat_w + heat_w,
+        drivetrain_heat_w=trip.drivetrain_heat_w + heat_w, heater_limit_w=np.zeros(len(heat_w)))

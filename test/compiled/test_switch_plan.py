@@ -305,7 +305,7 @@ def test_a_trip_is_kept_for_the_same_vehicle_and_route_only():
     assert make_trip(TABLES, route).vehicle is TABLES
     assert make_trip(FORMULAS, route, 0.7).heater_limit_w[0] == pytest.approx(0.7 * trip.heater_limit_w[0])
     assert make_trip(FORMULAS, route, 0.7, 200.0).heater_limit_w[-1] == 0.0 < trip.heater_limit_w[-1]
-    assert heated_throughout(make_trip(FORMULAS, route)).heater_limit_w.max() == 0.0 < trip.heater_limit_w.max()
+    assert heated_throughout(trip, trip.heater_limit_w).heater_limit_w.max() == 0.0 < trip.heater_limit_w.max()
     long = steady_route(MOST_KEPT_SEGMENTS + 1, duration_s=[5.0])
     assert make_trip(FORMULAS, long) is not make_trip(FORMULAS, long)
 

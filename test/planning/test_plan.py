@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The result: the keys that other programs read, shapes, and JSON."""
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 import json
 import pickle
 
@@ -16,14 +16,16 @@ from bev_preheat.vehicle import load_vehicle
 
 VEHICLE = load_vehicle('reference')
 COUNT = 7
+# What the cabin leaves the heater [W].
+LEFT_W = VEHICLE.hvch.maximum_power_w - VEHICLE.defaults.cabin_heating_power_w
 
 
-def made_plan(target_c=25.0, charging_planned=True):
+def made_plan(target_c=25.0, charging_planned=True, method='paper', **how):
     route = make_route({
         'duration_s': [40.0, 10.0, 25.0, 60.0, 30.0, 5.0, 90.0], 'speed_mps': [22.0],
         'propulsion_power_w': [19e3], 'ambient_temperature_c': [-6.0]}, VEHICLE.defaults)
     return plan_preheating(VEHICLE, route, BatteryState(temperature_c=-3.0, soc=0.83),
-                           Goal(target_c, charging_planned=charging_planned), method='paper')
+                           Goal(target_c, charging_planned=charging_planned), method=method, **how)
 
 
 @pytest.fixture(scope='module')
@@ -114,6 +116,23 @@ def test_heater_energy_is_the_heater_power_over_time(plan):
     electric_wh = np.diff(plan.time_s) @ plan.hvch_battery_power_w / 3600.0
     assert plan.as_dictionary()['energy_wh']['hvch_electric'] == pytest.approx(
         electric_wh, rel=1e-12)
+
+
+def test_energies_are_the_same_whether_a_heater_heats_by_command_or_without():
+    commanded, uncommanded = (made_plan(40.0, method='optimal_switch', **how) for how in (
+        {}, {'heats_throughout': True}))
+    assert (commanded.heating_start_s, uncommanded.heating_start_s) == (0.0, None)
+    assert asdict(uncommanded.energy_wh) == pytest.approx(asdict(commanded.energy_wh), rel=1e-12)
+    assert uncommanded.energy_wh.hvch_electric == pytest.approx(LEFT_W * 260.0 / 3600.0)
+
+
+def test_a_heater_that_cannot_be_switched_off_takes_power_for_heat_that_comes_too_late():
+    # The middle of the last step, 90 s, lies 45 s before arrival.
+    energy_wh = made_plan(40.0, heats_throughout=True, heat_lag_s=47.0).energy_wh
+    in_time = made_plan(40.0, heat_lag_s=47.0).energy_wh
+    assert energy_wh.hvch_electric == pytest.approx(LEFT_W * 260.0 / 3600.0)
+    assert energy_wh.hvch_heat == pytest.approx(in_time.hvch_heat)
+    assert energy_wh.battery_total > in_time.battery_total + LEFT_W * 90.0 / 3600.0
 
 
 def test_heating_that_never_starts_is_null():

@@ -133,6 +133,18 @@ def test_its_energies_balance(stranded):
     assert 365.0 * 200.0 * state.soc - 1e-6 <= energy.battery_total <= 390.0 * 200.0 * state.soc + 1e-6
 
 
+def test_a_heater_that_cannot_be_switched_off_heats_until_the_car_stands():
+    plan = plan_preheating(REFERENCE, REFERENCE_ROUTE, BatteryState(COLD, 0.2), Goal(25.0), heats_throughout=True)
+    trip, energy = make_trip(REFERENCE, REFERENCE_ROUTE), plan.energy_wh
+    driven_s = np.clip(plan.stranding.at_s - trip.time_s[:-1], 0.0, trip.route.duration_s)
+    assert energy.hvch_electric == pytest.approx(trip.heater_limit_w @ driven_s / 3600.0, rel=1e-9)
+    assert energy.hvch_heat == pytest.approx(REFERENCE.hvch.efficiency * energy.hvch_electric, rel=1e-9)
+    assert energy.drivetrain_heat == pytest.approx(trip.drivetrain_heat_w @ driven_s / 3600.0, rel=1e-9)
+    stored_wh = 377376.0 * (plan.arrival_temperature_c - COLD) / 3600.0
+    assert (energy.joule + energy.drivetrain_heat + energy.hvch_heat + energy.leakage
+            == pytest.approx(stored_wh, abs=1e-6))
+
+
 @pytest.mark.parametrize('method', METHODS)
 def test_no_method_heats_where_the_charge_does_not_carry(method):
     plan = plan_preheating(
