@@ -7,6 +7,8 @@ from collections.abc import Iterable
 LONGEST_PROBLEM = 600
 MOST_PROBLEMS = 40
 LONGEST_QUOTE = 60
+# From here on a number is written with an exponent.
+MOST_WRITTEN_OUT = 1e12
 
 
 class InvalidInput(ValueError):
@@ -34,13 +36,27 @@ def shortened(text: str, longest: int) -> str:
     return f'{text[:kept]} … {text[-kept:]}'
 
 
+def figure(value: float, digits: int = 6) -> str:
+    """Return a number with so many digits as a person writes it: 2000000, not 2e+06."""
+    text = f'{value:.{digits}g}'
+    return f'{value:.0f}' if 'e+' in text and abs(value) < MOST_WRITTEN_OUT else text
+
+
 def figure_beyond(value: float, low: float, high: float) -> str:
     """Return a number that is not within `low` and `high` with six digits, or more until that shows."""
     for digits in (6, 9, 12):
-        text = f'{value:.{digits}g}'
+        text = figure(value, digits)
         if not low <= float(text) <= high:
             return text
     return repr(value)
+
+
+def age_beyond(age_s: float, ahead_s: float, oldest_s: float) -> str:
+    """Return in words an age [s] that is not within -`ahead_s` and `oldest_s`, and what is allowed."""
+    if age_s < 0.0:
+        return (f'{figure_beyond(-age_s, 0.0, ahead_s)} s ahead of the clock; at most {ahead_s:g} s are '
+                'allowed')
+    return f'{figure_beyond(age_s, 0.0, oldest_s)} s old; at most {oldest_s:g} s are allowed'
 
 
 def quoted(text: str) -> str:

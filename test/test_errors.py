@@ -3,7 +3,7 @@
 
 import pytest
 
-from bev_preheat.errors import InvalidInput, quoted, shortened
+from bev_preheat.errors import age_beyond, figure, figure_beyond, InvalidInput, quoted, shortened
 from bev_preheat.files.configuration import find_configuration
 
 
@@ -31,3 +31,23 @@ def test_a_file_name_that_no_file_system_has_is_refused_in_few_words(name):
     with pytest.raises(InvalidInput) as refusal:
         find_configuration('vehicles', name, '.yaml')
     assert len(str(refusal.value)) < 1000
+
+
+@pytest.mark.parametrize('value, text', [
+    (2e6, '2000000'), (-2e6, '-2000000'), (86400.0, '86400'), (0.001, '0.001'), (12.3456789, '12.3457'),
+    (1e-7, '1e-07'), (3.4e38, '3.4e+38'), (float('inf'), 'inf'), (float('nan'), 'nan')])
+def test_a_figure_is_written_as_a_person_writes_it(value, text):
+    assert figure(value) == text
+
+
+@pytest.mark.parametrize('value, text', [
+    (2000000.4, '2000000.4'), (5e6, '5000000'), (-1e-9, '-1e-09')])
+def test_a_figure_shows_that_it_is_beyond_its_limits(value, text):
+    assert figure_beyond(value, 0.0, 2e6) == text
+
+
+@pytest.mark.parametrize('age_s, words', [
+    (94.9, '94.9 s old; at most 2 s are allowed'), (2.0000004, '2.0000004 s old; at most 2 s are allowed'),
+    (-94.9, '94.9 s ahead of the clock; at most 0.5 s are allowed')])
+def test_an_age_is_told_in_the_direction_in_which_it_is_wrong(age_s, words):
+    assert age_beyond(age_s, 0.5, 2.0) == words

@@ -56,6 +56,8 @@ OUTLOOK_POINTS = 101
 # Steps end this close to the temperature [K] and the state of charge at which they are to end.
 TEMPERATURE_TOLERANCE_K = 1e-6
 SOC_TOLERANCE = 1e-12
+# A battery that lacks less state of charge than this is as full as is asked.
+LACKING_SOC = 1e-9
 MOST_TRIALS = 60
 
 
@@ -158,7 +160,7 @@ def charge(vehicle: Vehicle, stop: Stop, state: BatteryState, step_s: float = ST
     plug = _Plug(vehicle, stop, step_s)
     now = _State(state.soc, state.temperature_c, state.heater_power_w, state.coolant_excess_k)
     states, steps, elapsed_s, problem = [now], [], 0.0, None
-    while problem is None and now.soc < stop.departure_soc:
+    while problem is None and stop.departure_soc - now.soc > LACKING_SOC:
         problem = plug.problem_at(now)
         if problem is None and elapsed_s >= LONGEST_SESSION_S:
             problem = (f'the battery has {100.0 * now.soc:.1f} % after '

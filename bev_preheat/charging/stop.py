@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import math
 from typing import TYPE_CHECKING
 
-from bev_preheat.errors import InvalidInput
+from bev_preheat.errors import figure, figure_beyond, InvalidInput
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.situation import BatteryState, check_situation
 from bev_preheat.vehicle.charging import charging_of
@@ -87,7 +87,8 @@ def check_stop(vehicle: Vehicle, stop: Stop, state: BatteryState | None = None) 
     charging_of(vehicle)
     battery = vehicle.battery
     problems = [
-        f'{name}: {value:g} is not allowed; it must be {low:g} ... {high:g} {unit}'.rstrip()
+        f'{name}: {figure_beyond(value, low, high)} is not allowed; it must be {figure(low)} ... '
+        f'{figure(high)} {unit}'.rstrip()
         for name, value, (low, high), unit in (
             ('charger power', stop.charger_power_w, CHARGER_RANGE_W, 'W'),
             ('departure state of charge', stop.departure_soc, battery.soc_range,

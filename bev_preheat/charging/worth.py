@@ -19,7 +19,7 @@ from typing import Any, TYPE_CHECKING
 from bev_preheat.charging.session import charge
 from bev_preheat.charging.stop import arrival_state, check_stop, refuse_stranded, stop_after
 from bev_preheat.charging.verdict import verdict_on
-from bev_preheat.errors import InvalidInput
+from bev_preheat.errors import figure, figure_beyond, InvalidInput
 from bev_preheat.planning.bracketing import least_of, Trial
 from bev_preheat.planning.planner import DEFAULT_METHOD, plan_preheating, plan_unheated
 from bev_preheat.planning.situation import check_situation
@@ -110,7 +110,7 @@ class Worth:
 
 def check_prices(prices: Prices) -> None:
     """Raise InvalidInput, one sentence a problem, where Prices are negative or no numbers."""
-    problems = [f'{name}: {value:g} is not allowed; it must be 0 ... {most:g} {unit}'
+    problems = [f'{name}: {figure_beyond(value, 0.0, most)} is not allowed; it must be 0 ... {figure(most)} {unit}'
                 for name, value, most, unit in (
                     ('energy price', prices.energy_per_kwh, MOST_PRICE_PER_KWH, 'per kWh'),
                     ('value of time', prices.time_per_h, MOST_VALUE_PER_H, 'per h'))

@@ -47,7 +47,11 @@ class OneLineParser(argparse.ArgumentParser):
                     near = get_close_matches(option, known, n=1)
                     if near:
                         self.error(f'unrecognized arguments: {option}; did you mean {near[0]}?')
-        return super().parse_known_args(args, namespace)
+        parsed, beyond = super().parse_known_args(args, namespace)
+        if beyond:
+            # argparse leaves that to the main parser, whose help does not say what a subcommand takes.
+            self.error(f'unrecognized arguments: {" ".join(beyond)}')
+        return parsed, beyond
 
     def print_help(self, file: Any = None) -> None:
         """Print the help; argparse would keep it to itself that the output is full."""

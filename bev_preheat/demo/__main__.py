@@ -31,7 +31,7 @@ from bev_preheat.console.terminal import print_figures, result_console
 from bev_preheat.demo.display import charging_sentence, shown, summary_rows, verdict
 from bev_preheat.demo.observer import Observer
 from bev_preheat.drawing.demo_figure import draw_drive
-from bev_preheat.errors import InvalidInput
+from bev_preheat.errors import figure, figure_beyond, InvalidInput
 from bev_preheat.experiments.processes import NodeProcess, reserved_domain_id
 from bev_preheat.files.output_files import check_outputs, expanded, Output, PICTURE_SUFFIXES
 from bev_preheat.nodes.listening import listening
@@ -129,8 +129,8 @@ def _load(arguments: Sequence[str] | None) -> Callable[[], int]:
 def _check_charger(parsed: Namespace) -> None:
     low_w, high_w = CHARGER_RANGE_W
     if parsed.charger_power is not None and not low_w <= parsed.charger_power <= high_w:
-        raise InvalidInput(f'--charger-power: {parsed.charger_power:g} is not allowed; it must be '
-                           f'{low_w:g} ... {high_w:g} W')
+        raise InvalidInput(f'--charger-power: {figure_beyond(parsed.charger_power, low_w, high_w)} is not '
+                           f'allowed; it must be {figure(low_w)} ... {figure(high_w)} W')
     if parsed.departure_soc is None:
         return
     if parsed.charger_power is None:

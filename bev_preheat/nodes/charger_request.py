@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from bev_preheat.charging.candidates import Candidate, ranking_verdict
 from bev_preheat.charging.stop import CHARGER_RANGE_W
 from bev_preheat.charging.worth import MOST_PRICE_PER_KWH
-from bev_preheat.errors import InvalidInput, quoted
+from bev_preheat.errors import figure, figure_beyond, InvalidInput, quoted
 from bev_preheat.route.places import Places
 
 if TYPE_CHECKING:
@@ -25,6 +25,7 @@ LONGEST_ASIDE_S = 14400.0
 # Arrays of the request that may be empty: (low, high), and what an element is then.
 OPTIONAL = {'energy_price': ((0.0, MOST_PRICE_PER_KWH), math.nan),
             'detour': ((0.0, LONGEST_ASIDE_S), 0.0), 'expected_wait': ((0.0, LONGEST_ASIDE_S), 0.0)}
+UNITS = {'distance': 'm', 'charger_power': 'W', 'energy_price': 'per kWh', 'detour': 's', 'expected_wait': 's'}
 # Nearer to the end of the route than this [s] is its end.
 END_S = 1.0
 
@@ -80,7 +81,8 @@ def _column(request: RankChargers.Request, field: str, limits: tuple[float, floa
         is_unset = default is not None and math.isnan(default) and math.isnan(value)
         if not (is_unset or low <= value <= high):
             where = ', on the rest of the route' if field == 'distance' else ''
-            problems.append(f'{field}[{at}]: {value:g} is not allowed; it must be {low:g} ... {high:g}{where}')
+            problems.append(f'{field}[{at}]: {figure_beyond(value, low, high)} is not allowed; it must be '
+                            f'{figure(low)} ... {figure(high)} {UNITS[field]}{where}')
     return values
 
 

@@ -7,25 +7,26 @@ import math
 from typing import TYPE_CHECKING
 
 from bev_preheat.charging.stop import CHARGER_RANGE_W, USUAL_DEPARTURE_SOC
+from bev_preheat.errors import figure, figure_beyond
 from bev_preheat.nodes.stops import charger_of, NOT_KNOWN
 
 if TYPE_CHECKING:
     from bev_preheat.charging.stop import Charger
     from bev_preheat_msgs.msg import RoutePlan
 
-# Fields of RoutePlan: (low, high), and what 0 and NaN mean.
-FIELDS = {'charger_power': (CHARGER_RANGE_W, NOT_KNOWN),
-          'charging_departure_soc': ((0.0, 1.0), f'{NOT_KNOWN}, {USUAL_DEPARTURE_SOC:g}')}
+# Fields of RoutePlan: (low, high), their unit, and what 0 and NaN mean.
+FIELDS = {'charger_power': (CHARGER_RANGE_W, ' W', NOT_KNOWN),
+          'charging_departure_soc': ((0.0, 1.0), '', f'{NOT_KNOWN}, {USUAL_DEPARTURE_SOC:g}')}
 
 
 def charger_problems(message: RoutePlan) -> list[str]:
     """Return what is wrong with the charger of a RoutePlan, as sentences."""
     problems = []
-    for field, ((low, high), unset_means) in FIELDS.items():
+    for field, ((low, high), unit, unset_means) in FIELDS.items():
         value = getattr(message, field)
         if not (value == 0.0 or math.isnan(value) or low <= value <= high):
-            problems.append(f'{field}: {value:g} is not allowed; it must be {low:g} ... {high:g}, or 0 or '
-                            f'NaN: {unset_means}')
+            problems.append(f'{field}: {figure_beyond(value, low, high)} is not allowed; it must be '
+                            f'{figure(low)} ... {figure(high)}{unit}, or 0 or NaN: {unset_means}')
     return problems
 
 

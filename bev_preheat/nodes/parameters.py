@@ -9,7 +9,7 @@ from typing import Any, TYPE_CHECKING
 
 from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
 
-from bev_preheat.errors import figure_beyond, InvalidInput, quoted
+from bev_preheat.errors import figure, figure_beyond, InvalidInput, quoted
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -40,7 +40,7 @@ class Parameter:
         """Return what `ros2 param describe` shows."""
         constraints = []
         if self.limits and self.unset_means:
-            constraints.append(f'{self.limits[0]:g} ... {self.limits[1]:g}; 0 or NaN: '
+            constraints.append(f'{figure(self.limits[0])} ... {figure(self.limits[1])}; 0 or NaN: '
                                f'{self.unset_means}')
         if self.choices:
             constraints.append(f'one of {", ".join(self.choices)}')
@@ -65,7 +65,7 @@ class Parameter:
         text = self.description.rstrip('.')
         unit = f' {self.unit}' if self.unit else ''
         if self.limits:
-            text += f'; {self.limits[0]:g} ... {self.limits[1]:g}{unit}'
+            text += f'; {figure(self.limits[0])} ... {figure(self.limits[1])}{unit}'
             text += f'; 0 or NaN: {self.unset_means}' if self.unset_means else ''
         if self.choices:
             text += f'; one of {", ".join(self.choices)}'
@@ -81,7 +81,7 @@ class Parameter:
         low, high = self.limits
         if not low <= value <= high:
             return (f'{self.name}: {figure_beyond(value, low, high)}{unit} is not allowed; it must be '
-                    f'{low:g} ... {high:g}{unit}')
+                    f'{figure(low)} ... {figure(high)}{unit}')
         return None
 
 

@@ -9,7 +9,7 @@ import math
 from typing import TYPE_CHECKING
 
 from bev_preheat.charging.stop import Charger, CHARGER_RANGE_W, USUAL_DEPARTURE_SOC
-from bev_preheat.errors import InvalidInput
+from bev_preheat.errors import figure, figure_beyond, InvalidInput
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.supervision.settings import MOST_STOPS
 
@@ -29,6 +29,8 @@ LIMITS = {
     'departure_battery_temperature': (-60.0, 60.0),
     'departure_soc': (0.0, 1.0),
 }
+UNITS = {'stop_duration': 's', 'stop_charger_power': 'W',
+         **dict.fromkeys(('stop_target_battery_temperature', 'departure_battery_temperature'), 'degC')}
 # Of these a NaN has a meaning.
 NAN_MEANS = {
     'stop_target_battery_temperature': "the planner's own default",
@@ -147,8 +149,8 @@ def value_problems(field: str, values: Iterable[float]) -> list[str]:
     for at, value in enumerate(values):
         if not (low <= value <= high or (zero is not None and value == 0.0)
                 or (nan is not None and math.isnan(value))):
-            return [f'{field}[{at}]: {value:g} is not allowed; it must be {low:g} ... {high:g}'
-                    f'{unknown}']
+            return [f'{field}[{at}]: {figure_beyond(value, low, high)} is not allowed; it must be '
+                    f'{figure(low)} ... {figure(high)} {UNITS.get(field, "")}'.rstrip() + unknown]
     return []
 
 

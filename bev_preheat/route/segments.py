@@ -15,7 +15,7 @@ from typing import Self, TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.errors import figure_beyond, InvalidInput
+from bev_preheat.errors import figure, figure_beyond, InvalidInput
 from bev_preheat.numerics.folded_normal import mean_magnitude
 
 if TYPE_CHECKING:
@@ -282,8 +282,8 @@ def make_route(columns: Mapping[str, Sequence[float] | FloatArray | None],
     route = Route(**arrays)
     if route.total_duration_s > LONGEST_ROUTE_S:
         raise InvalidInput(f'{names.get("duration_s", "duration_s")}: the route lasts '
-                           f'{route.total_duration_s:g} s; at most {LONGEST_ROUTE_S:g} s are '
-                           'planned')
+                           f'{figure_beyond(route.total_duration_s, 0.0, LONGEST_ROUTE_S)} s; at most '
+                           f'{LONGEST_ROUTE_S:g} s are planned')
     return route
 
 
@@ -324,4 +324,4 @@ def problem_with_values(array: FloatArray, limits: tuple[float, float], unit: st
     at, others = int(np.argmax(bad)), int(bad.sum()) - 1
     more = f' (and {others} more)' if others else ''
     return (f'[{at}]: {figure_beyond(float(array[at]), low, high)} is not allowed; it must be '
-            f'{low:g} ... {high:g} {unit}'.rstrip() + more)
+            f'{figure(low)} ... {figure(high)} {unit}'.rstrip() + more)

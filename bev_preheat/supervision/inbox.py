@@ -8,7 +8,7 @@ integers, in nanoseconds of the node's clock.
 
 from dataclasses import dataclass, replace
 
-from bev_preheat.errors import InvalidInput
+from bev_preheat.errors import age_beyond, InvalidInput
 from bev_preheat.planning.situation import check_situation, Goal
 from bev_preheat.supervision.inputs import check_mission, Leg, Measurement, Mission, NS_PER_S, Progress
 from bev_preheat.supervision.preparer import Preparer
@@ -141,8 +141,7 @@ class Inbox:
         timeout_s = self.settings.battery_state_timeout_s
         ahead_s = self.settings.clock_tolerance_s
         if not -ahead_s <= age_s <= timeout_s:
-            raise InvalidInput(f'header.stamp: the state is {age_s:.3f} s old; it must be '
-                               f'{-ahead_s:g} ... {timeout_s:g} s')
+            raise InvalidInput(f'header.stamp: the state is {age_beyond(age_s, ahead_s, timeout_s)}')
         if self.measurement is not None and measurement.stamp_ns < self.measurement.stamp_ns:
             late_s = (self.measurement.stamp_ns - measurement.stamp_ns) / NS_PER_S
             raise InvalidInput(f'header.stamp: the state is {late_s:.3f} s older than one that '

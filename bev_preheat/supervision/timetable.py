@@ -12,7 +12,7 @@ from bisect import bisect_right
 from collections import deque
 from typing import NamedTuple, TYPE_CHECKING
 
-from bev_preheat.errors import InvalidInput, quoted
+from bev_preheat.errors import age_beyond, InvalidInput, quoted
 from bev_preheat.route.places import Places
 from bev_preheat.route.segments import LIMITS
 from bev_preheat.supervision.inputs import NS_PER_S
@@ -164,8 +164,7 @@ class Timetable:
         age_s = (now_ns - progress.stamp_ns) / NS_PER_S
         oldest_s, ahead_s = settings.route_progress_timeout_s, settings.clock_tolerance_s
         if not -ahead_s <= age_s <= oldest_s:
-            problems.append(f'header.stamp: the position is {age_s:.3f} s old; it must be '
-                            f'{-ahead_s:g} ... {oldest_s:g} s')
+            problems.append(f'header.stamp: the position is {age_beyond(age_s, ahead_s, oldest_s)}')
         if problems:
             # What a distance along another route means is not known.
             return problems

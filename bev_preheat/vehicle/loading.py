@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.errors import InvalidInput, quoted
+from bev_preheat.errors import figure, figure_beyond, InvalidInput, quoted
 from bev_preheat.files.checked_yaml import FileData, load_checked_yaml
 from bev_preheat.files.configuration import find_configuration
 from bev_preheat.numerics.arithmetic import ARRAYS, Curve
@@ -256,8 +256,8 @@ def _values_outside(key: str, curve: Curve, grid: tuple[FloatArray, FloatArray],
         bad = ~((values >= allowed[0]) & (values <= allowed[1]))
     if bad.any():
         at = np.argmax(bad)
-        yield (f'{key}: {values.flat[at]:g} {unit} at soc {soc.flat[at]:g} and '
-               f'{temperature_c.flat[at]:g} degC; it must be {allowed[0]:g} ... {allowed[1]:g} '
+        yield (f'{key}: {figure_beyond(float(values.flat[at]), *allowed)} {unit} at soc {soc.flat[at]:g} and '
+               f'{temperature_c.flat[at]:g} degC; it must be {figure(allowed[0])} ... {figure(allowed[1])} '
                f'{unit} over the whole soc_range and temperature_range_c')
 
 

@@ -196,6 +196,13 @@ def test_a_session_that_cannot_begin_says_why(vehicle, stop, temperature_c, prob
     assert len(session.time_s) == 1
 
 
+@pytest.mark.parametrize('lacking', [0.0, 1e-12, 9e-10])
+def test_a_battery_that_lacks_next_to_nothing_is_full_even_where_the_charger_gives_it_nothing(lacking):
+    # Cabin and heater take all of 3 kW.
+    session = charge(REFERENCE, Stop(3e3, 0.5 + lacking, 0.0, 1648.0, 350.0), BatteryState(0.0, 0.5))
+    assert (session.problem, session.charging_time_s) == (None, 0.0)
+
+
 def test_a_full_battery_takes_less_and_less_and_the_session_says_so():
     session = charge(REFERENCE, replace(STOP, departure_soc=1.0), BatteryState(25.0, 0.9), 60.0)
     assert 'the battery takes less than 50 W' in session.problem
@@ -238,11 +245,11 @@ NAN = math.nan
 
 
 @pytest.mark.parametrize('changes, state, problem', [
-    ({'charger_power_w': 0.0}, (5.0, 0.2), 'charger power: 0 is not allowed; it must be 1000 ... 2e+06 W'),
+    ({'charger_power_w': 0.0}, (5.0, 0.2), 'charger power: 0 is not allowed; it must be 1000 ... 2000000 W'),
     ({'charger_power_w': NAN}, (5.0, 0.2), 'charger power: nan is not allowed; it must be 1000 ... '
-     '2e+06 W'),
+     '2000000 W'),
     ({'charger_power_w': 150.0}, (5.0, 0.2), 'charger power: 150 is not allowed; it must be 1000 ... '
-     '2e+06 W'),
+     '2000000 W'),
     ({'departure_soc': 1.1}, (5.0, 0.2), 'departure state of charge: 1.1 is not allowed; it must be '
      "0.05 ... 1 (the vehicle's soc_range)"),
     ({'departure_soc': 0.3}, (5.0, 0.41239), 'departure state of charge: 0.3 is below the 0.412 that '

@@ -74,7 +74,7 @@ def test_sessions_are_drawn(said, tmp_path, arguments):
 
 
 @pytest.mark.parametrize('arguments, problem', [
-    ([*DRIVE, '--charger-power', '0'], 'charger power: 0 is not allowed; it must be 1000 ... 2e+06 W'),
+    ([*DRIVE, '--charger-power', '0'], 'charger power: 0 is not allowed; it must be 1000 ... 2000000 W'),
     ([*DRIVE, '--charger-power', 'nan'], 'charger power: nan is not allowed; '),
     ([*DRIVE, '--departure-soc', '0.3'], 'departure state of charge: 0.3 is below the 0.4'),
     ([*DRIVE, '--soc', '0.2'], 'state of charge: 20 % do not carry this trip, even without heating: the battery '

@@ -88,7 +88,11 @@ def test_help_is_printed(capsys, command):
      'see preheat plan --help'),
     (['sweep', '--seed', '1e9'],
      "preheat sweep: error: argument --seed: '1e9' is not a whole number; it must be digits only; "
-     'see preheat sweep --help')])
+     'see preheat sweep --help'),
+    (['plan', *SITUATION, 'home.csv'],
+     'preheat plan: error: unrecognized arguments: home.csv; see preheat plan --help'),
+    (['vehicle', 'list', 'small_car'],
+     'preheat vehicle list: error: unrecognized arguments: small_car; see preheat vehicle list --help')])
 def test_wrong_use_is_one_line(capsys, arguments, message):
     with pytest.raises(SystemExit) as ended:
         main(arguments)

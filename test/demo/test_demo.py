@@ -120,8 +120,8 @@ def test_refused_parameter_is_told(tmp_path, capsys):
 
 
 @pytest.mark.parametrize('arguments, problem', [
-    (['--charger-power', '150'], '--charger-power: 150 is not allowed; it must be 1000 ... 2e+06 W'),
-    (['--charger-power', 'nan'], '--charger-power: nan is not allowed; it must be 1000 ... 2e+06 W'),
+    (['--charger-power', '150'], '--charger-power: 150 is not allowed; it must be 1000 ... 2000000 W'),
+    (['--charger-power', 'nan'], '--charger-power: nan is not allowed; it must be 1000 ... 2000000 W'),
     (['--departure-soc', '0.8'], '--departure-soc: needs --charger-power beside it'),
     (['--charger-power', '5e4', '--departure-soc', '80'],
      '--departure-soc: 80 is not allowed; it must be above 0 and at most 1')])

@@ -55,11 +55,11 @@ def test_what_is_left_out_is_the_parameter_and_nothing():
 @pytest.mark.parametrize('changed, problems', [
     ({'name': []}, ['name: has 0 elements; it must have 1 ... 20', 'distance: has 2 elements; it must have 0']),
     ({'name': ['a', 'a']}, ["name: 'a' stands 2 times"]), ({'name': ['a', '']}, ['name[1]: must not be empty']),
-    ({'distance': [15e3, 61e3]}, ['distance[1]: 61000 is not allowed; it must be 0 ... 60000, on the rest']),
+    ({'distance': [15e3, 61e3]}, ['distance[1]: 61000 is not allowed; it must be 0 ... 60000 m, on the rest']),
     ({'distance': [math.nan, 1e3]}, ['distance[0]: nan is not allowed']),
-    ({'charger_power': [0.0, 150e3]}, ['charger_power[0]: 0 is not allowed; it must be 1000 ... 2e+06']),
-    ({'energy_price': [-0.1, 0.3]}, ['energy_price[0]: -0.1 is not allowed; it must be 0 ... 1000']),
-    ({'detour': [math.inf, 0.0]}, ['detour[0]: inf is not allowed; it must be 0 ... 14400']),
+    ({'charger_power': [0.0, 150e3]}, ['charger_power[0]: 0 is not allowed; it must be 1000 ... 2000000 W']),
+    ({'energy_price': [-0.1, 0.3]}, ['energy_price[0]: -0.1 is not allowed; it must be 0 ... 1000 per kWh']),
+    ({'detour': [math.inf, 0.0]}, ['detour[0]: inf is not allowed; it must be 0 ... 14400 s']),
     ({'expected_wait': [60.0]}, ['expected_wait: has 1 elements; it must have 2, as name has, or be empty'])])
 def test_what_is_wrong_is_named(changed, problems):
     with pytest.raises(InvalidInput) as refused:

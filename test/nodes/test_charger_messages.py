@@ -10,7 +10,7 @@ import pytest
 from stepwise import Stepwise
 
 from bev_preheat.charging.stop import Charger
-from bev_preheat.errors import InvalidInput
+from bev_preheat.errors import figure, InvalidInput
 from bev_preheat.nodes.convert import (
     is_cancellation,
     mission_from_message,
@@ -33,7 +33,7 @@ from bev_preheat_msgs.msg import PreheatPlan, RoutePlan
 VEHICLE = load_vehicle('reference')
 START_S = 1_700_000_000
 STATE = BatteryState(6.0, 0.4375)
-POWER = '1000 ... 2e+06, or 0 or NaN: not known'
+POWER = '1000 ... 2000000 W, or 0 or NaN: not known'
 DEPARTURE = '0 ... 1, or 0 or NaN: not known, 0.8'
 
 
@@ -63,7 +63,7 @@ def chargers(**changed):
 def test_a_bad_charger_is_refused(field, value, allowed):
     with pytest.raises(InvalidInput) as refusal:
         convert(**{field: value})
-    assert refusal.value.problems == [f'{field}: {value:g} is not allowed; it must be {allowed}']
+    assert refusal.value.problems == [f'{field}: {figure(value)} is not allowed; it must be {allowed}']
 
 
 @pytest.mark.parametrize('value', [50.0, 2.1e6, -50e3, inf])
@@ -71,7 +71,7 @@ def test_a_bad_charger_at_a_stop_is_refused(value):
     with pytest.raises(InvalidInput) as refusal:
         convert(stop_charger_power=[value])
     assert refusal.value.problems == [
-        f'stop_charger_power[0]: {value:g} is not allowed; it must be {POWER}']
+        f'stop_charger_power[0]: {figure(value)} is not allowed; it must be {POWER}']
 
 
 def test_chargers_of_another_number_than_stops_are_refused():
@@ -193,5 +193,5 @@ def test_prices_are_parameters():
     assert prices['energy_price'].problem_with(-0.1) == (
         'energy_price: -0.1 per kWh is not allowed; it must be 0 ... 1000 per kWh')
     assert prices['value_of_time'].problem_with(nan) == (
-        'value_of_time: nan per h is not allowed; it must be 0 ... 1e+06 per h')
+        'value_of_time: nan per h is not allowed; it must be 0 ... 1000000 per h')
     assert not any(parameter.read_only for parameter in prices.values())

@@ -375,8 +375,8 @@ BAD_STATES = {
                          'percentage: 0 counts as not given where present is false'),
     'no_stamp': (lambda car: BatteryState(temperature=-7.0, percentage=0.8),
                  'header.stamp: is 0; it must be set, as "header: auto" of ros2 topic pub does'),
-    'late': (lambda car: car.state(age_s=60.0), 'header.stamp: the state is 60.'),
-    'from_the_future': (lambda car: car.state(age_s=-60.0), 'header.stamp: the state is -'),
+    'late': (lambda car: car.state(age_s=60.0), 'header.stamp: the state is 60'),
+    'from_the_future': (lambda car: car.state(age_s=-60.0), 's ahead of the clock; at most'),
     'out_of_order': (lambda car: car.state(age_s=0.9 * TIMEOUT_S),
                      'older than one that came before it; stamps must not go back'),
 }
@@ -441,7 +441,7 @@ BAD_ROUTES = {
                'target_battery_temperature: inf is not allowed'),
     'reserve': ({'minimum_arrival_soc': 20.0}, 'minimum_arrival_soc: 20 is not allowed'),
     'too_long': ({'segment_duration': array('d', [30.0]) * 100_000},
-                 'the route lasts 3e+06 s; at most 86400 s are planned'),
+                 'the route lasts 3000000 s; at most 86400 s are planned'),
 }
 
 

@@ -54,10 +54,10 @@ def problems_of(**changed):
 # What is refused
 
 ALLOWED = {
-    'stop_duration': '1 ... 86400',
-    'stop_target_battery_temperature': "-60 ... 60, or NaN: the planner's own default",
+    'stop_duration': '1 ... 86400 s',
+    'stop_target_battery_temperature': "-60 ... 60 degC, or NaN: the planner's own default",
     'stop_minimum_arrival_soc': '0 ... 1',
-    'departure_battery_temperature': '-60 ... 60, or NaN: that wanted on arrival',
+    'departure_battery_temperature': '-60 ... 60 degC, or NaN: that wanted on arrival',
     'departure_soc': '0 ... 1, or NaN: 0.8'}
 NAN_IS_ALLOWED = ('stop_target_battery_temperature', 'departure_battery_temperature',
                   'departure_soc')

@@ -105,7 +105,7 @@ def test_a_root_mean_square_below_the_mean_is_named_with_its_line(tmp_path):
 
 def test_nan_is_refused(tmp_path):
     assert problems_with(tmp_path, f'{HEADER}\n30,10,nan,6e3,-7,1500,500\n') == [
-        ', line 2: propulsion_power_w: nan is not allowed; it must be -2e+06 ... 2e+06']
+        ', line 2: propulsion_power_w: nan is not allowed; it must be -2000000 ... 2000000']
 
 
 def test_text_in_place_of_a_number_is_refused(tmp_path):

@@ -512,7 +512,7 @@ def test_power_that_no_car_has_is_refused(problems_with):
     (problem,) = problems_with([{**LEG, 'slope_percent': 35}],
                                car={'mass_kg': 100e3, 'maximum_power_w': np.inf})
     assert problem.startswith('propulsion_power_w[')
-    assert 'is not allowed; it must be -2e+06 ... 2e+06' in problem
+    assert 'is not allowed; it must be -2000000 ... 2000000' in problem
 
 
 def test_an_unknown_name_gets_the_nearest():

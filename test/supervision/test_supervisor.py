@@ -310,12 +310,18 @@ def test_a_stale_battery_recovers_with_the_next_state():
 
 def test_a_state_that_comes_too_late_is_refused_by_its_age():
     assert refused_battery(Stepwise(VEHICLE, SETTINGS), NOW_NS, stamp_ns=NOW_NS - ns(4.25)) == (
-        'header.stamp: the state is 4.250 s old; it must be -0.5 ... 4 s')
+        'header.stamp: the state is 4.25 s old; at most 4 s are allowed')
 
 
 def test_a_state_from_the_future_is_refused_by_its_age():
     assert refused_battery(Stepwise(VEHICLE, SETTINGS), NOW_NS, stamp_ns=NOW_NS + ns(0.75)) == (
-        'header.stamp: the state is -0.750 s old; it must be -0.5 ... 4 s')
+        'header.stamp: the state is 0.75 s ahead of the clock; at most 0.5 s are allowed')
+
+
+def test_an_age_shows_that_it_is_beyond_what_is_allowed():
+    stamp_ns = NOW_NS - ns(4.0) - 1
+    assert refused_battery(Stepwise(VEHICLE, SETTINGS), NOW_NS, stamp_ns=stamp_ns) == (
+        'header.stamp: the state is 4.000000001 s old; at most 4 s are allowed')
 
 
 def test_a_stamp_a_little_ahead_of_the_clock_heats_now():

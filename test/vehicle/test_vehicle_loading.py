@@ -279,7 +279,7 @@ def test_reference_is_the_car_of_the_papers_table_1():
     ('charging', {'maximum_inlet_power_w': 150}, 'charging.maximum_inlet_power_w: 150 is not allowed; '
      'it must be at least 1000 and at most 2000000'),
     ('charging', {'power_limit': {'temperature_c': [-20, 10], 'values': [2000, 70000]}},
-     f'charging.power_limit: 2000 W at soc 0.04 and -33 degC; it must be -2e+06 ... 0 W {EVERYWHERE}'),
+     f'charging.power_limit: 2000 W at soc 0.04 and -33 degC; it must be -2000000 ... 0 W {EVERYWHERE}'),
     ('charging', {'power_limit': {'temperature_c': [10, -20], 'values': [-2000, -7000]}},
      'charging.power_limit.temperature_c: [10.0, -20.0] must rise from point to point'),
     # Numbers that are none.
@@ -338,9 +338,9 @@ def test_reference_is_the_car_of_the_papers_table_1():
     (f'{RESISTANCE}.formula.reference_temperature_c', 22, f'{RESISTANCE}: -0.5 ohm at soc 0.04 '
      f'and -33 degC; it must be 1e-06 ... 100 ohm {EVERYWHERE}'),
     (f'{DISCHARGE}.values', [-1000, -1000, 90000], f'{DISCHARGE}: -1000 W at soc 0.04 and -33 '
-     f'degC; it must be 0 ... 2e+06 W {EVERYWHERE}'),
+     f'degC; it must be 0 ... 2000000 W {EVERYWHERE}'),
     (f'{CHARGE}.values', [2000, 70000], f'{CHARGE}: 2000 W at soc 0.04 and -33 degC; it must be '
-     f'-2e+06 ... 0 W {EVERYWHERE}'),
+     f'-2000000 ... 0 W {EVERYWHERE}'),
     # Between the points of any even grid, at one point of the table only.
     (RESISTANCE, {'table': {'soc': [0.0, 0.5, 0.501, 0.502, 1.0],
                             'values': [0.2, 0.2, -0.1, 0.2, 0.2]}},
