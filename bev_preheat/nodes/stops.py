@@ -134,6 +134,9 @@ def order_problems(after_segment: Sequence[int], segments: int | None) -> list[s
         if segment <= before:
             return [f'stop_after_segment[{at}]: {segment} is not allowed; it must be above '
                     f'{before}, the one before it']
+        if segments == 1:
+            return [f'stop_after_segment[{at}]: {segment} is not allowed; a route of one segment has no stop '
+                    'on the way']
         if segments is not None and segment > segments - 2:
             return [f'stop_after_segment[{at}]: {segment} is not allowed; it must be below '
                     f'{segments - 1}, the last segment of the route']

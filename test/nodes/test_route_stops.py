@@ -98,6 +98,11 @@ def test_stops_out_of_order_are_refused(after_segment, problem):
     assert problems_of(stop_after_segment=after_segment) == [problem]
 
 
+def test_a_route_of_one_segment_has_no_stop():
+    assert ('stop_after_segment[0]: 0 is not allowed; a route of one segment has no stop on the way'
+            in problems_of(segment_duration=[900.0], speed=[11.0], stop_after_segment=[0]))
+
+
 def test_stops_without_their_segments_are_refused():
     assert [problem.partition(':')[0] for problem in problems_of(stop_after_segment=[])] == list(
         STOP_FIELDS)
