@@ -300,6 +300,8 @@ def print_summary(console: Console, summary: Figures, methods: Sequence[str]) ->
 
 def _judged(requirement: Figures) -> Text:
     value = requirement['value']
+    if requirement['met'] is None:
+        return Text('no trip to compare')
     text = _text(value, 'd' if isinstance(value, int) else '+.2f')
     colour, verdict = ('green', 'met') if requirement['met'] else ('red', 'not met')
     return Text.assemble(f'{text} {requirement["unit"]}'.rstrip(), ' ', (verdict, colour))

@@ -12,7 +12,7 @@ from bisect import bisect_right
 from collections import deque
 from typing import NamedTuple, TYPE_CHECKING
 
-from bev_preheat.errors import age_beyond, InvalidInput, quoted
+from bev_preheat.errors import age_beyond, figure_beyond, InvalidInput, quoted
 from bev_preheat.route.places import Places
 from bev_preheat.route.segments import LIMITS
 from bev_preheat.supervision.inputs import NS_PER_S
@@ -173,8 +173,8 @@ class Timetable:
             return ['distance: says nothing on a route whose speed is 0 in each segment']
         most_m = length_m + max(END_KNOWN_TO * length_m, CORRECTED_BY_M)
         if not 0.0 <= distance_m <= most_m:
-            return [f'distance: {distance_m:g} m is not allowed; it must be 0 ... {length_m:.0f} m, '
-                    'the length of the route']
+            return [f'distance: {figure_beyond(distance_m, 0.0, most_m)} m is not allowed; it must be 0 ... '
+                    f'{length_m:.0f} m, the length of the route']
         latest = self.latest
         if latest is None:
             return []

@@ -217,6 +217,7 @@ def test_a_vehicle_that_stands_gets_no_further():
     ((50.0, inf), {}, 'distance: inf m is not allowed'),
     ((50.0, -0.1), {}, 'distance: -0.1 m is not allowed'),
     ((50.0, 5100.1), {}, 'distance: 5100.1 m is not allowed; it must be 0 ... 5000 m'),
+    ((50.0, 1e9), {}, 'distance: 1000000000 m is not allowed; it must be 0 ... 5000 m'),
     ((50.0, 1000.0), {'route_id': 'work'},
      "route_id: 'work' is not the route that is driven, 'home'"),
     ((50.0, 1000.0), {'route_id': ''}, "route_id: '' is not the route"),

@@ -139,6 +139,12 @@ def test_energies_are_shown_in_per_cent():
     assert '+2.50 % met' in row_of(text, 'heating energy above informed, mean')
 
 
+def test_where_no_trip_arrives_as_warm_as_the_informed_one_its_energy_is_not_judged():
+    results = [made_result(0, planner=made_drive(arrival_error_k=-0.5))]
+    row = row_of(table_of(results, ['planner']), 'heating energy above informed, mean')
+    assert 'no trip to compare' in row and 'met' not in row
+
+
 @pytest.mark.parametrize('switch_ons', [0, pytest.param(1, marks=pytest.mark.deep), 400])
 def test_trips_without_heating_can_be_shown(switch_ons, tmp_path):
     results = [made_result(
