@@ -7,7 +7,8 @@ surplus costs nothing. Then come those in which a kelvin is worth the most to th
 for what it takes (`thresholds`): before a descent, so that a warmer battery takes more of it;
 before a climb that the cold battery cannot deliver; and, by leakage, the later the better, before
 arrival. Heating stops where the target or the highest temperature is met. What it may cost of the
-charge, and that it serves what it is for, `safeguard` sees to.
+charge, and that it serves what it is for, `safeguard` sees to. One stretch of heating as it can be driven
+(`limited_switch`) is the plan where thresholds lead to a worse one.
 
 Where no limit is active all that is left is the end of the trip, `optimal_switch`, but for the few trips
 on which heating is cheaper elsewhere (`cheapest_steps`).
@@ -27,6 +28,7 @@ from bev_preheat.planning.cheapest_steps import heat_cheapest
 from bev_preheat.planning.dynamics import compiled_vehicle, run_forward
 from bev_preheat.planning.exchange import exchange_heat
 from bev_preheat.planning.heat_run import initial_states, roll_heated, with_coolant_in_battery
+from bev_preheat.planning.limited_switch import switch_within_limits
 from bev_preheat.planning.limits import drive_as_planned, limits_hold, watch_limits, within_limits
 from bev_preheat.planning.optimal_switch import ARRIVAL_TOLERANCE_K, plan_optimal_switch
 from bev_preheat.planning.rows import schedule_of, states_of
@@ -50,6 +52,8 @@ SOC_AGREEMENT_FOR_EXCHANGES = 5e-3
 MOST_PASSES = 3
 # Less of the charge than that, some 0.05 Wh, is not worth another plan.
 LEAST_SAVING_SOC = 1e-6
+# Arriving so much nearer to the target is worth what it costs.
+LEAST_WARMER_K = 0.1
 
 
 def plan_merit_order(trip: Trip, state: BatteryState, goal: Goal, unheated: Schedule | None = None,
@@ -79,8 +83,13 @@ def plan_merit_order(trip: Trip, state: BatteryState, goal: Goal, unheated: Sche
     best = within_limits(trip, state, _passes(
         trip, lumped, state, schedule, paid_w, goal, serves_climbs))
     if not trip.vehicle.heat_path.is_direct:
-        return _or_without_thresholds(trip, state, best, schedule, goal)
-    return exchange_heat(trip, state, best, goal.target_temperature_c)
+        best = _or_without_thresholds(trip, state, best, schedule, goal)
+        switched = _switched_once(trip, state, best, schedule, goal)
+        return switched if _saves(trip, switched, best, goal) else best
+    best = exchange_heat(trip, state, best, goal.target_temperature_c)
+    switched = _switched_once(trip, state, best, schedule, goal)
+    return (exchange_heat(trip, state, switched, goal.target_temperature_c)
+            if _saves(trip, switched, best, goal) else best)
 
 
 def _found_by_core(trip: Trip, state: BatteryState, target_c: float, unheated: Schedule | None,
@@ -150,14 +159,28 @@ def _or_without_thresholds(trip: Trip, state: BatteryState, best: Schedule, once
     return best
 
 
+def _switched_once(trip: Trip, state: BatteryState, best: Schedule, once: Schedule, goal: Goal) -> Schedule:
+    """Return the run within limits with one stretch of heating, which ends where that of `once` does."""
+    off_s = float(trip.time_s[-1]) if once.heating_end_s is None else once.heating_end_s
+    return switch_within_limits(trip, state, goal.target_temperature_c, best, off_s)
+
+
 def _saves(trip: Trip, schedule: Schedule, other: Schedule, goal: Goal) -> bool:
-    """Return whether a Schedule leaves more charge than another, and is in nothing worse."""
-    target_c, lowest_soc = goal.target_temperature_c, trip.vehicle.battery.soc_range[0]
+    """Return whether a Schedule arrives clearly nearer to the target than another, or saves charge."""
+    lowest_soc = trip.vehicle.battery.soc_range[0]
+    more_missed_k = _missed_k(schedule, goal) - _missed_k(other, goal)
     return bool(
-        schedule.empty_at_s is None and schedule.soc[-1] > other.soc[-1] + LEAST_SAVING_SOC
-        and schedule.temperature_c[-1] >= min(target_c, other.temperature_c[-1]) - ARRIVAL_TOLERANCE_K
+        schedule.empty_at_s is None
+        and (more_missed_k < -LEAST_WARMER_K
+             or (more_missed_k <= ARRIVAL_TOLERANCE_K
+                 and schedule.soc[-1] > other.soc[-1] + LEAST_SAVING_SOC))
         and schedule.soc.min() >= min(lowest_soc, other.soc.min())
         and lacking_power(trip, schedule).worst_w <= lacking_power(trip, other).worst_w)
+
+
+def _missed_k(schedule: Schedule, goal: Goal) -> float:
+    """Return by how much a Schedule misses the target [K]."""
+    return max(0.0, goal.target_temperature_c - float(schedule.temperature_c[-1]))
 
 
 def _is_exchanged(trip: Trip, schedule: Schedule, serves_climbs: bool) -> bool:
@@ -175,9 +198,7 @@ def _is_better(trip: Trip, schedule: Schedule, other: Schedule, goal: Goal,
         more_w = lacking_power(trip, schedule).worst_w - lacking_power(trip, other).worst_w
         if abs(more_w) > NO_WORSE_W:
             return more_w < 0.0
-    missed_k, other_missed_k = (
-        max(0.0, goal.target_temperature_c - float(run.temperature_c[-1]))
-        for run in (schedule, other))
+    missed_k, other_missed_k = (_missed_k(run, goal) for run in (schedule, other))
     if abs(missed_k - other_missed_k) > ARRIVAL_TOLERANCE_K:
         return missed_k < other_missed_k
     return bool(schedule.soc[-1] > other.soc[-1])

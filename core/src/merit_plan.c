@@ -10,12 +10,14 @@
 #include "early_start.h"
 #include "instants.h"
 #include "limited_step.h"
+#include "limited_switch.h"
 #include "limits_of_run.h"
 
 /* A limit counts as active where it takes more than this [W]. */
 #define ACTIVE_W 1e-3
 #define ARRIVAL_TOLERANCE_K 5e-6
 #define LEAST_SAVING_SOC 1e-6
+#define LEAST_WARMER_K 0.1
 
 /* What stays the same, and the run that is planned: its states and powers, one array after the other. */
 typedef struct {
@@ -183,34 +185,39 @@ static bev_status exchange_heat(const planning *of, const bev_stranding *strandi
   return status;
 }
 
-/* What counts of a run. */
-typedef struct {
-  double lacking_w;
-  double arrival_c;
-  double soc;
-  double least_soc;
-  bool is_stranded;
-} merit;
-
-static bev_status merit_of(const planning *of, const bev_course *run, merit *found) {
-  const int32_t steps = of->trip->steps;
-  found->arrival_c = run->states[1][steps];
-  found->soc = run->states[0][steps];
-  found->least_soc = run->states[0][0];
-  for (int32_t k = 1; k <= steps; k++) {
-    found->least_soc = bev_minimum(found->least_soc, run->states[0][k]);
-  }
-  found->is_stranded = run->stranding.step >= 0;
-  return bev_lacking_w(of->vehicle, of->trip, run, &found->lacking_w);
+static double missed_k(const planning *of, const bev_course *run) {
+  return bev_maximum(0.0, of->goal->target_c - run->states[1][of->trip->steps]);
 }
 
-/* Whether a run leaves more charge than another, and is in nothing worse. */
-static bool saves(const planning *of, const merit *one, const merit *other) {
-  const double wanted_c = bev_minimum(of->goal->target_c, other->arrival_c);
-  return !one->is_stranded && one->soc > other->soc + LEAST_SAVING_SOC
-      && one->arrival_c >= wanted_c - ARRIVAL_TOLERANCE_K
-      && one->least_soc >= bev_minimum(of->goal->lowest_soc, other->least_soc)
-      && one->lacking_w <= other->lacking_w;
+static double least_soc(const planning *of, const bev_course *run) {
+  double least = run->states[0][0];
+  for (int32_t k = 1; k <= of->trip->steps; k++) {
+    least = bev_minimum(least, run->states[0][k]);
+  }
+  return least;
+}
+
+/* Whether a run arrives clearly nearer to the target than another, or saves charge. */
+static bev_status saves(const planning *of, const bev_course *run, const bev_course *other,
+                        bool *is_so) {
+  const int32_t steps = of->trip->steps;
+  const double more_missed_k = missed_k(of, run) - missed_k(of, other);
+  const bool is_warmer = more_missed_k < -LEAST_WARMER_K;
+  const bool is_cheaper = more_missed_k <= ARRIVAL_TOLERANCE_K
+      && run->states[0][steps] > other->states[0][steps] + LEAST_SAVING_SOC;
+  double lacking_w = 0.0;
+  double other_lacking_w = 0.0;
+  bev_status status = BEV_OK;
+  *is_so = run->stranding.step < 0 && (is_warmer || is_cheaper)
+      && least_soc(of, run) >= bev_minimum(of->goal->lowest_soc, least_soc(of, other));
+  if (*is_so) {
+    status = bev_lacking_w(of->vehicle, of->trip, run, &lacking_w);
+    if (status == BEV_OK) {
+      status = bev_lacking_w(of->vehicle, of->trip, other, &other_lacking_w);
+    }
+    *is_so = lacking_w <= other_lacking_w;
+  }
+  return status;
 }
 
 /* Write a run over the one that is planned. */
@@ -242,12 +249,11 @@ static bev_status leave_out_thresholds(const planning *of, const bev_merit_plan 
   double *const states = bev_take(&memory, 4 * (steps + 1));
   double *const powers_w = bev_take(&memory, 4 * steps);
   bev_course best = bev_course_of(4, steps, of->states, of->powers_w);
-  merit best_merit;
+  bev_status status = BEV_OK;
   best.stranding = *stranding;
-  bev_status status = merit_of(of, &best, &best_merit);
   for (int32_t n = 0; n < 4 && status == BEV_OK; n++) {
     bev_course run = bev_course_of(4, steps, states, powers_w);
-    merit found;
+    bool is_better = false;
     for (int32_t k = 0; k < steps; k++) {
       command_w[k] = 0.0;
     }
@@ -263,15 +269,54 @@ static bev_status leave_out_thresholds(const planning *of, const bev_merit_plan 
         : bev_drive_without_surplus(of->vehicle, trip, command_w, states, powers_w, watched,
                                     &run.stranding);
     if (status == BEV_OK) {
-      status = merit_of(of, &run, &found);
+      status = saves(of, &run, &best, &is_better);
     }
-    if (status == BEV_OK && saves(of, &found, &best_merit)) {
-      best_merit = found;
+    if (status == BEV_OK && is_better) {
       take_over(of, &run, watched);
+      best.stranding = run.stranding;
       *stranding = run.stranding;
     }
   }
   return status;
+}
+
+/* One stretch of heating as it can be driven, which ends where that of `once` does, if it saves. */
+static bev_status switch_once(const planning *of, const bev_merit_plan *once,
+                              bev_stranding *stranding, bool *is_taken) {
+  const bev_trip *trip = of->trip;
+  const int32_t steps = trip->steps;
+  const int32_t rows = of->is_direct != 0 ? 2 : 4;
+  double *memory = of->memory;
+  uint8_t *const watched = &of->watched[2 * steps];
+  double *const states = bev_take(&memory, rows * (steps + 1));
+  double *const powers_w = bev_take(&memory, rows * steps);
+  bev_course run = bev_course_of(rows, steps, states, powers_w);
+  bev_course best = bev_course_of(rows, steps, of->states, of->powers_w);
+  best.stranding = *stranding;
+  const bev_limited_stretch stretch = {
+      of->vehicle, trip, of->goal->target_c,
+      isnan(once->end_s) != 0 ? trip->time_s[steps] : once->end_s, &best};
+  bev_status status = bev_switch_within_limits(&stretch, &run, watched, memory);
+  if (status == BEV_OK) {
+    status = saves(of, &run, &best, is_taken);
+  }
+  if (status == BEV_OK && *is_taken) {
+    take_over(of, &run, watched);
+    *stranding = run.stranding;
+  }
+  return status;
+}
+
+/* What is left to the run under thresholds, and to one stretch of heating if that is the better one. */
+static bev_status improve(const planning *of, const bev_merit_plan *once,
+                          bev_stranding *stranding) {
+  bool is_taken = false;
+  bev_status status = of->is_direct != 0 ? exchange_heat(of, stranding)
+                                         : leave_out_thresholds(of, once, stranding);
+  if (status == BEV_OK) {
+    status = switch_once(of, once, stranding, &is_taken);
+  }
+  return status == BEV_OK && is_taken && of->is_direct != 0 ? exchange_heat(of, stranding) : status;
 }
 
 bev_status bev_plan_merit_order(const bev_vehicle *vehicle, const bev_trip *trip,
@@ -326,8 +371,7 @@ bev_status bev_plan_merit_order(const bev_vehicle *vehicle, const bev_trip *trip
     status = keep_limits(&of, &plan->stranding);
   }
   if (status == BEV_OK) {
-    status = of.is_direct != 0 ? exchange_heat(&of, &plan->stranding)
-                               : leave_out_thresholds(&of, &once, &plan->stranding);
+    status = improve(&of, &once, &plan->stranding);
   }
   if (status == BEV_OK) {
     find_instants(&of, plan);

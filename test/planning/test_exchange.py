@@ -69,9 +69,10 @@ def drawn_with_charge(number, seed=1, above=None):
 
 @contextmanager
 def thresholds_alone():
-    """Plan without exchanges of heat for a while."""
+    """Plan without exchanges of heat, and not in one stretch instead, for a while."""
     with without_core(), pytest.MonkeyPatch.context() as patch:
         patch.setattr(merit_order, 'exchange_heat', lambda trip, state, schedule, target_c: schedule)
+        patch.setattr(merit_order, 'switch_within_limits', lambda trip, state, target_c, planned, off_s: planned)
         yield
 
 

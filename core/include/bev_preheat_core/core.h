@@ -520,7 +520,8 @@ int32_t bev_size_of_merit_plan(void);
  * The whole plan by merit order, from the unheated run on: the run that is heated in one stretch, limits left
  * aside, where it keeps them all, or that of bev_heat_cheapest; else that of bev_merit_order, as it can be driven,
  * and, where heat arrives at once, bev_exchange_heat; where it arrives late, the run that is heated once, or not at
- * all, if that saves charge as it can be driven.
+ * all, if that saves charge as it can be driven. Last, one stretch of heating that arrives at the target within the
+ * limits, if it saves charge, with bev_exchange_heat again.
  *
  * `idle_states` is the unheated run, limits left aside; it and what is written, `states` and `powers_w`, are as
  * of bev_settle. What the plan costs of the charge that must be left is not looked at. `order` is room for
