@@ -24,8 +24,8 @@ import numpy as np
 from bev_preheat.compiled import searches as compiled_searches
 from bev_preheat.compiled.structs import SettlingStruct
 from bev_preheat.planning.charge_acceptance import find_acceptance_loss, no_acceptance_loss
-from bev_preheat.planning.cheapest_steps import heat_cheapest
-from bev_preheat.planning.dynamics import compiled_vehicle, run_forward
+from bev_preheat.planning.cheapest_steps import heat_cheapest, whole_charge_wh
+from bev_preheat.planning.dynamics import compiled_vehicle, JOULES_PER_WH, run_forward
 from bev_preheat.planning.exchange import exchange_heat
 from bev_preheat.planning.heat_run import initial_states, roll_heated, with_coolant_in_battery
 from bev_preheat.planning.limited_switch import switch_within_limits
@@ -34,7 +34,7 @@ from bev_preheat.planning.optimal_switch import ARRIVAL_TOLERANCE_K, plan_optima
 from bev_preheat.planning.rows import schedule_of, states_of
 from bev_preheat.planning.safeguard import lacking_power, NO_WORSE_W
 from bev_preheat.planning.threshold_search import ThresholdSearch
-from bev_preheat.planning.thresholds import find_thresholds
+from bev_preheat.planning.thresholds import find_thresholds, PENALTY
 from bev_preheat.planning.two_switches import paid_until
 from bev_preheat.vehicle.model import make_runge_kutta_4
 
@@ -166,12 +166,20 @@ def _switched_once(trip: Trip, state: BatteryState, best: Schedule, once: Schedu
 
 
 def _saves(trip: Trip, schedule: Schedule, other: Schedule, goal: Goal) -> bool:
-    """Return whether a Schedule arrives clearly nearer to the target than another, or saves charge."""
+    """
+    Return whether a Schedule is nearer to the target than another, or saves charge, and is else no worse.
+
+    What it takes to be a little nearer is bounded as thresholds have it.
+    """
     lowest_soc = trip.vehicle.battery.soc_range[0]
     more_missed_k = _missed_k(schedule, goal) - _missed_k(other, goal)
+    soc_per_k = (PENALTY * trip.vehicle.battery.heat_capacity_j_per_k / trip.vehicle.hvch.efficiency
+                 / (whole_charge_wh(trip, other) * JOULES_PER_WH))
     return bool(
         schedule.empty_at_s is None
         and (more_missed_k < -LEAST_WARMER_K
+             or (more_missed_k < -ARRIVAL_TOLERANCE_K
+                 and other.soc[-1] - schedule.soc[-1] <= -more_missed_k * soc_per_k)
              or (more_missed_k <= ARRIVAL_TOLERANCE_K
                  and schedule.soc[-1] > other.soc[-1] + LEAST_SAVING_SOC))
         and schedule.soc.min() >= min(lowest_soc, other.soc.min())

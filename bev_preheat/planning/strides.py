@@ -35,8 +35,10 @@ WARMER_MARGIN_K = 5.0
 # Where no limit matters a stride's map is nearly straight, and a first look need not be sharp: of the grid's
 # points every so many are enough.
 COARSE = 4
-# After the first look the battery stays this near to the run.
+# After the first look the battery stays this near to the run. One that is paid to arrive warmer than the target
+# by more than the second will not be what becomes of it.
 NEAR_K = 10.0
+NEAR_TARGET_K = 5.0
 
 
 @dataclass(frozen=True)
@@ -75,19 +77,20 @@ class Strides:
         return len(self.first)
 
 
-def make_strides(trip: Trip, watch: Watch, run: Schedule, loss: AcceptanceLoss,
+def make_strides(trip: Trip, watch: Watch, run: Schedule, loss: AcceptanceLoss, target_c: float,
                  is_first_look: bool = False) -> Strides:
     """
     Return the Strides of a trip along a run (a Schedule); limits matter where `watch` says so.
 
-    At a first look the run may be far from what becomes of it.
+    At a first look the run may be far from what becomes of it. It is to arrive at the target [deg C].
     """
     first = _first_steps(trip.route.duration_s.tolist(), (watch.charge | watch.discharge).tolist())
     duration_s = np.add.reduceat(trip.route.duration_s, first)
     instants = np.append(first, len(trip.route))
     coldest_c, warmest_c = _reach_c(trip, run)
     if not is_first_look:
-        coldest_c = np.maximum(coldest_c, run.temperature_c - NEAR_K)
+        too_warm_k = min(float(run.temperature_c[-1]) - target_c, _paid_k(trip, run)) - NEAR_TARGET_K
+        coldest_c = np.maximum(coldest_c, run.temperature_c - (NEAR_K + max(too_warm_k, 0.0)))
         warmest_c = np.minimum(warmest_c, run.temperature_c + NEAR_K)
     is_limited = watch.charge[first] | watch.discharge[first]
 
@@ -106,6 +109,13 @@ def make_strides(trip: Trip, watch: Watch, run: Schedule, loss: AcceptanceLoss,
         may_overcharge=watch.charge[first], may_overdraw=watch.discharge[first],
         every=np.where(is_limited & (not is_first_look), 1, COARSE),
         coldest_c=coldest_c[instants], warmest_c=warmest_c[instants])
+
+
+def _paid_k(trip: Trip, run: Schedule) -> float:
+    """Return by how much a run is warmed in steps that do not regenerate [K]; what leaks is left aside."""
+    paid_w = np.where(trip.route.propulsion_power_w < 0.0, 0.0, run.heater_power_w)
+    return (trip.vehicle.hvch.efficiency * float((paid_w * trip.route.duration_s).cumsum()[-1])
+            / trip.vehicle.battery.heat_capacity_j_per_k)
 
 
 def _reach_c(trip: Trip, run: Schedule) -> tuple[FloatArray, FloatArray]:

@@ -72,7 +72,7 @@ def find_thresholds(trip: Trip, watch: Watch, run: Schedule, target_c: float, lo
     that the battery lacks costs nothing. A first look is coarser, and looks further from the run.
     """
     battery = trip.vehicle.battery
-    strides = make_strides(trip, watch, run, loss, is_first_look)
+    strides = make_strides(trip, watch, run, loss, target_c, is_first_look)
     # Outside its range the battery is not described, and beyond its highest temperature not heated.
     lowest_c, highest_c = battery.temperature_range_c
     coldest_c = max(min(run.temperature_c.min(), target_c) - MARGIN_K, lowest_c)

@@ -72,8 +72,9 @@ static bev_status find_thresholds(const passes *pass, int32_t is_first_look,
   for (int32_t n = 0; n < points; n++) {
     pass->grid_c[n] = GRID_K * (first + (double)n);
   }
+  const bev_look look = {is_first_look, target_c};
   const bev_strides strides = bev_make_strides(pass->lumped, trip, &pass->watch, course,
-                                               &pass->loss, is_first_look, &pass->room);
+                                               &pass->loss, &look, &pass->room);
   const bev_curve_range range = {points,    is_first_look, pass->grid_c,
                                  target_c,  coldest_c,     warmest_c,
                                  pass->goal->serves_climbs != 0 ? PENALTY : 0.0, PENALTY};

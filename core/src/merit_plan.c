@@ -12,12 +12,15 @@
 #include "limited_step.h"
 #include "limited_switch.h"
 #include "limits_of_run.h"
+#include "prices.h"
 
 /* A limit counts as active where it takes more than this [W]. */
 #define ACTIVE_W 1e-3
 #define ARRIVAL_TOLERANCE_K 5e-6
 #define LEAST_SAVING_SOC 1e-6
 #define LEAST_WARMER_K 0.1
+#define PENALTY 30.0
+#define JOULES_PER_WH 3600.0
 
 /* What stays the same, and the run that is planned: its states and powers, one array after the other. */
 typedef struct {
@@ -197,14 +200,21 @@ static double least_soc(const planning *of, const bev_course *run) {
   return least;
 }
 
-/* Whether a run arrives clearly nearer to the target than another, or saves charge. */
+/* Whether a run is nearer to the target than another, or saves charge, and is else no worse. */
 static bev_status saves(const planning *of, const bev_course *run, const bev_course *other,
                         bool *is_so) {
   const int32_t steps = of->trip->steps;
   const double more_missed_k = missed_k(of, run) - missed_k(of, other);
-  const bool is_warmer = more_missed_k < -LEAST_WARMER_K;
-  const bool is_cheaper = more_missed_k <= ARRIVAL_TOLERANCE_K
-      && run->states[0][steps] > other->states[0][steps] + LEAST_SAVING_SOC;
+  const double soc = run->states[0][steps];
+  const double other_soc = other->states[0][steps];
+  const double whole_wh = bev_whole_charge_wh(of->vehicle, other_soc, other->states[1][steps]);
+  const double soc_per_k = PENALTY * of->vehicle->heat_capacity_j_per_k
+      / of->vehicle->heater_efficiency / (whole_wh * JOULES_PER_WH);
+  const bool is_warmer = more_missed_k < -LEAST_WARMER_K
+      || (more_missed_k < -ARRIVAL_TOLERANCE_K
+          && other_soc - soc <= -more_missed_k * soc_per_k);
+  const bool is_cheaper =
+      more_missed_k <= ARRIVAL_TOLERANCE_K && soc > other_soc + LEAST_SAVING_SOC;
   double lacking_w = 0.0;
   double other_lacking_w = 0.0;
   bev_status status = BEV_OK;

@@ -8,6 +8,7 @@
 #define COLDER_MARGIN_K 8.0
 #define WARMER_MARGIN_K 5.0
 #define NEAR_K 10.0
+#define NEAR_TARGET_K 5.0
 #define NEIGHBOUR_K 3.0
 /* Terms that NumPy adds side by side. */
 #define LANES 8
@@ -64,10 +65,23 @@ static int32_t find_first_steps(const bev_trip *trip, const bev_watch *watch,
   return count;
 }
 
+/* By how much a run is warmed in steps that do not regenerate [K]; what leaks is left aside. */
+static double paid_k(const bev_vehicle *vehicle, const bev_trip *trip, const double *heater_w) {
+  double paid_j = 0.0;
+  for (int32_t k = 0; k < trip->steps; k++) {
+    paid_j += trip->propulsion_power_w[k] < 0.0 ? 0.0 : heater_w[k] * trip->duration_s[k];
+  }
+  return vehicle->heater_efficiency * paid_j / vehicle->heat_capacity_j_per_k;
+}
+
 /* The coldest and the warmest that the battery can be at the start of each stride, about. */
 static void find_reach(const bev_vehicle *vehicle, const bev_trip *trip, const bev_course *course,
-                       int32_t is_first_look, int32_t count, const bev_stride_room *room) {
+                       const bev_look *look, int32_t count, const bev_stride_room *room) {
   const double *run_c = course->states[1];
+  const double too_warm_k = bev_minimum(run_c[trip->steps] - look->target_c,
+                                        paid_k(vehicle, trip, course->powers_w[0]))
+      - NEAR_TARGET_K;
+  const double colder_k = NEAR_K + bev_maximum(too_warm_k, 0.0);
   double arrived_j = 0.0;
   double more_j = 0.0;
   int32_t m = 0;
@@ -76,8 +90,8 @@ static void find_reach(const bev_vehicle *vehicle, const bev_trip *trip, const b
       room->coldest_c[m] = run_c[k]
           - bev_maximum(arrived_j / vehicle->heat_capacity_j_per_k + COLDER_MARGIN_K, 0.0);
       room->warmest_c[m] = run_c[k] + more_j / vehicle->heat_capacity_j_per_k + WARMER_MARGIN_K;
-      if (!is_first_look) {
-        room->coldest_c[m] = bev_maximum(room->coldest_c[m], run_c[k] - NEAR_K);
+      if (!look->is_first) {
+        room->coldest_c[m] = bev_maximum(room->coldest_c[m], run_c[k] - colder_k);
         room->warmest_c[m] = bev_minimum(room->warmest_c[m], run_c[k] + NEAR_K);
       }
       m++;
@@ -97,7 +111,7 @@ static void find_reach(const bev_vehicle *vehicle, const bev_trip *trip, const b
 
 bev_strides bev_make_strides(const bev_vehicle *vehicle, const bev_trip *trip,
                              const bev_watch *watch, const bev_course *course,
-                             const bev_acceptance_loss *loss, int32_t is_first_look,
+                             const bev_acceptance_loss *loss, const bev_look *look,
                              const bev_stride_room *room) {
   const double *const averaged[PROPULSION - POWER + 1] = {
       trip->idle_power_w,    trip->power_variance_w2, trip->idle_heat_w,
@@ -118,7 +132,7 @@ bev_strides bev_make_strides(const bev_vehicle *vehicle, const bev_trip *trip,
     column[TO_HEATER][m] = loss->to_heater[first];
     room->is_limited[m] = watch->charge[first] != 0u || watch->discharge[first] != 0u ? 1u : 0u;
   }
-  find_reach(vehicle, trip, course, is_first_look, count, room);
+  find_reach(vehicle, trip, course, look, count, room);
   const bev_strides strides = {
       count,           column[DURATION], column[POWER],     column[VARIANCE], column[HEAT],
       column[LEAKAGE], column[LIMIT],    column[PROPULSION], column[SOC],     column[END],

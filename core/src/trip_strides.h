@@ -18,10 +18,16 @@ typedef struct {
   uint8_t *is_limited;
 } bev_stride_room;
 
+/* What strides are made for: a first look, from which the run may be far, or not; the target [deg C]. */
+typedef struct {
+  int32_t is_first;
+  double target_c;
+} bev_look;
+
 /* The strides of a trip along a run: bev_preheat.planning.strides.make_strides. */
 bev_strides bev_make_strides(const bev_vehicle *vehicle, const bev_trip *trip,
                              const bev_watch *watch, const bev_course *course,
-                             const bev_acceptance_loss *loss, int32_t is_first_look,
+                             const bev_acceptance_loss *loss, const bev_look *look,
                              const bev_stride_room *room);
 
 /* Thresholds of steps from those of strides, in between along a line: arrays of steps * BEV_BANDS. */

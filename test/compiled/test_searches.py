@@ -341,7 +341,7 @@ def test_a_grid_of_too_few_or_too_many_points_is_refused():
     trip, state, _ = situation(4)
     run = run_unheated(trip, state)
     watch = watch_limits(trip, run.soc, run.temperature_c)
-    strides = make_strides(trip, watch, run, no_acceptance_loss(trip))
+    strides = make_strides(trip, watch, run, no_acceptance_loss(trip), 20.0)
     limited = strides.may_overcharge | strides.may_overdraw
     vehicle = compiled_vehicle(trip.vehicle)
     ends = 20.0, -20.0, 40.0, 30.0, 30.0
