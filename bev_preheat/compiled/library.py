@@ -73,7 +73,7 @@ _SIGNATURES = {
     'bev_plan_safeguarded': 'PPPPPPPPPPP',
     'bev_unheated_lacks': 'PPPPPPP',
     'bev_keep_accounts': 'PIPPPP',
-    'bev_find_outcome': 'PIPPPPPPP',
+    'bev_find_outcome': 'PIPPPPIPPP',
     'bev_find_switch': 'PPDPPPPPP',
     'bev_plan_paper': 'PPDDDPPPPP',
     'bev_find_prices': 'PPPPPPP',

@@ -232,12 +232,13 @@ def keep_accounts(vehicle: CompiledVehicle, make_integrator: Integrator, trip: C
 def find_outcome(vehicle: CompiledVehicle, make_integrator: Integrator, trip: CompiledTrip,
                  deliverable: bool, soc: FloatArray, temperature_c: FloatArray, drawn_w: FloatArray,
                  arriving_heat_w: FloatArray | None, brake_w: FloatArray, command_w: FloatArray,
-                 least_w: FloatArray) -> tuple[list[float], list[Stretch]] | None:
+                 least_w: FloatArray, may_end_early: bool) -> tuple[list[float], list[Stretch]] | None:
     """
     Return energies [Wh], as ENERGIES, and the Stretches of heating of a run; see core.h.
 
     The arguments up to `brake_w` are those of `keep_accounts`; `command_w` and `least_w` (N,) are the heater
-    power that was asked for and the least terminal power of each step [W].
+    power that was asked for and the least terminal power of each step [W]. `may_end_early`: heating for the
+    arrival may end before it.
     """
     library, integrator = core(), INTEGRATORS.get(make_integrator)
     if library is None or integrator is None:
@@ -248,6 +249,6 @@ def find_outcome(vehicle: CompiledVehicle, make_integrator: Integrator, trip: Co
     *columns, command, least = map(address_of, kept)
     count, run = c_int32(), RunOfPowersStruct(deliverable, *columns)
     status = library.bev_find_outcome(
-        vehicle.address, integrator, trip.address, addressof(run), command, least,
+        vehicle.address, integrator, trip.address, addressof(run), command, least, may_end_early,
         addressof(energies_wh), address_of(stretches), byref(count))
     return (energies_wh[:], stretches[:count.value].tolist()) if status == OK else None

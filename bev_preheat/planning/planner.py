@@ -211,7 +211,8 @@ def finish_plan(trip: Trip, goal: Goal, schedule: Schedule, method: str, started
     # NaN propagates, so checking the final state is enough.
     if not (math.isfinite(arrival_c) and math.isfinite(arrival_soc)):
         raise PlanningFailure('the battery model yields no finite temperatures on this route')
-    outcome = outcome or find_outcome(trip, schedule)
+    outcome = outcome or find_outcome(
+        trip, schedule, goal.target_temperature_c if goal.heating_pays else -math.inf)
     reserve = reserve_soc(trip.vehicle, goal)
     plan = Plan(
         status=Status.WAITING,

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import IntEnum
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -21,6 +22,8 @@ if TYPE_CHECKING:
 SURPLUS_TOLERANCE_W = 1.0
 # Heating that ends so many lags of the heat path before arrival, or later, is for the arrival.
 TOO_LATE_LAGS = 12.0
+# Nobody heats for an arrival so much warmer than the target, with what a caution adds to it.
+WARMER_K = 0.5
 
 
 class Reason(IntEnum):
@@ -52,12 +55,18 @@ class HeatingStretch:
     reason: Reason
 
 
-def heating_stretches(trip: Trip, schedule: Schedule,
-                      least_w: FloatArray) -> tuple[HeatingStretch, ...]:
+def may_end_early(schedule: Schedule, target_c: float) -> bool:
+    """Return whether heating for the arrival may end before it, as heat comes late, at a target [deg C]."""
+    return schedule.heat is not None and float(schedule.temperature_c[-1]) <= target_c + WARMER_K
+
+
+def heating_stretches(trip: Trip, schedule: Schedule, least_w: FloatArray,
+                      target_c: float = math.inf) -> tuple[HeatingStretch, ...]:
     """
     Return the HeatingStretches of a Schedule, in order.
 
-    `least_w` is the least terminal power [W] that the battery may take in each step, shape (N,).
+    `least_w` is the least terminal power [W] that the battery may take in each step, shape (N,). The target
+    [deg C] is what heating for the arrival is for.
     """
     heater_w = schedule.heater_power_w
     heated = heater_w > HEATING_SHARE * trip.heater_limit_w
@@ -69,8 +78,8 @@ def heating_stretches(trip: Trip, schedule: Schedule,
     first = int(heated.argmax())
     # Where heat would come too late, heating ends before arrival.
     too_late, last_of_all = len(heated), int(np.flatnonzero(heated)[-1]) + 1
-    if schedule.heat is not None and (trip.time_s[-1] - trip.time_s[last_of_all]
-                                      <= TOO_LATE_LAGS * trip.vehicle.heat_path.heat_lag_s):
+    left_s = trip.time_s[-1] - trip.time_s[last_of_all]
+    if may_end_early(schedule, target_c) and left_s <= TOO_LATE_LAGS * trip.vehicle.heat_path.heat_lag_s:
         too_late = last_of_all
     if heated[first:too_late].all() and not surplus.any():
         # The usual case: from one instant on until arrival.

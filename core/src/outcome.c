@@ -63,15 +63,16 @@ static bev_status find_event(const told_run *run, int32_t k, int32_t *event) {
 }
 
 /* The step from which on nothing is heated: where heat would come too late, before arrival. */
-static int32_t too_late_from(const told_run *run, int32_t is_late) {
+static int32_t too_late_from(const told_run *run, int32_t may_end_early) {
   const bev_trip *trip = run->trip;
   int32_t last = trip->steps;
   while (last > 0 && kind_of(run, last - 1) == NOTHING) {
     last--;
   }
   const double left_s = trip->time_s[trip->steps] - trip->time_s[last];
-  return is_late != 0 && left_s <= TOO_LATE_LAGS * bev_heat_lag_s(run->vehicle) ? last
-                                                                                : trip->steps;
+  return may_end_early != 0 && left_s <= TOO_LATE_LAGS * bev_heat_lag_s(run->vehicle)
+      ? last
+      : trip->steps;
 }
 
 /* The heated steps in stretches, each of one kind. */
@@ -125,7 +126,7 @@ static bev_status find_reasons(const told_run *run, int32_t too_late, bev_stretc
 
 bev_status bev_find_outcome(const bev_vehicle *vehicle, int32_t integrator, const bev_trip *trip,
                             const bev_run_of_powers *run, const double *command_w,
-                            const double *least_w, bev_energies *energies,
+                            const double *least_w, int32_t may_end_early, bev_energies *energies,
                             bev_stretch *stretches, int32_t *count) {
   if (command_w == NULL || least_w == NULL || stretches == NULL || count == NULL) {
     return BEV_BAD_ARGUMENT;
@@ -136,7 +137,6 @@ bev_status bev_find_outcome(const bev_vehicle *vehicle, int32_t integrator, cons
     return status;
   }
   const told_run told = {vehicle, trip, run->soc, run->temperature_c, command_w, least_w};
-  const int32_t is_late = run->arriving_heat_w != NULL ? 1 : 0;
   *count = divide(&told, stretches);
-  return find_reasons(&told, too_late_from(&told, is_late), stretches, *count);
+  return find_reasons(&told, too_late_from(&told, may_end_early), stretches, *count);
 }

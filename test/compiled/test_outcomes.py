@@ -48,13 +48,14 @@ def test_energies_and_stretches_are_the_same(monkeypatch):
     reasons = set()
     for number in range(24):
         trip, schedule = schedule_of(number)
+        target_c = float(schedule.temperature_c[-1]) - (number % 3)
         with monkeypatch.context() as patched:
             # It is the core that answers.
             patched.setattr(outcome, 'keep_accounts', None)
             patched.setattr(outcome, 'heating_stretches', None)
-            found = find_outcome(trip, schedule)
+            found = find_outcome(trip, schedule, target_c)
         with without_core():
-            expected = find_outcome(trip, schedule)
+            expected = find_outcome(trip, schedule, target_c)
         assert astuple(found.energy_wh) == pytest.approx(astuple(expected.energy_wh), rel=1e-9, abs=1e-6)
         assert len(found.stretches) == len(expected.stretches)
         for stretch, other in zip(found.stretches, expected.stretches):
@@ -106,6 +107,7 @@ def outcome_call(null=None):
         'run': addressof(run), 'command_w': place(arrays['heater_power_w']), 'least_w': place(least_w),
         'energies': addressof(energies_wh), 'stretches': address_of(stretches), 'count': byref(count)}
     vehicle, *others = (None if name == null else pointer for name, pointer in pointers.items())
+    others.insert(4, False)
     return core().bev_find_outcome(vehicle, plans.INTEGRATORS[make_runge_kutta_4], *others)
 
 

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Why a plan heats: each reason on a trip made for it, and what holds for all stretches."""
 
+from contextlib import nullcontext
 from dataclasses import replace
 from functools import lru_cache
 
@@ -9,6 +10,7 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 
+from bev_preheat.compiled.library import without_core
 from bev_preheat.experiments.optimality.drawn_trips import draw_limit_trip
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal
@@ -17,6 +19,7 @@ from bev_preheat.route.segments import make_route
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.curves import InverseTemperatureResistance, PolynomialVoltage, Table
 from bev_preheat.vehicle.description import Drivetrain, Hvch, Leakage
+from bev_preheat.vehicle.heat_path import HeatPath
 
 SHIPPED_CAR = load_vehicle('reference')
 # A limit that rises by 3 kW/K when discharging, 2 kW/K when charging, from 60 kW and nothing.
@@ -34,14 +37,14 @@ CAR = replace(
 NUMBERS = st.integers(0, 24 if settings.default.derandomize else 10**6)
 
 
-def plan_of(*parts, target_c=-30.0, start_c=-12.0, ambient_c=-12.0, cabin_w=1500.0):
+def plan_of(*parts, target_c=-30.0, start_c=-12.0, ambient_c=-12.0, cabin_w=1500.0, car=CAR):
     """Plan of a drive of parts (steps of half a minute, propulsion power [W])."""
     power_w = np.concatenate([np.full(count, float(value)) for count, value in parts])
     route = make_route({
         'duration_s': [30.0], 'speed_mps': [20.0], 'propulsion_power_w': power_w,
         'ambient_temperature_c': [ambient_c], 'auxiliary_power_w': [400.0],
-        'cabin_heating_power_w': np.broadcast_to(cabin_w, len(power_w))}, CAR.defaults)
-    return plan_preheating(CAR, route, BatteryState(start_c, 0.85), Goal(target_c))
+        'cabin_heating_power_w': np.broadcast_to(cabin_w, len(power_w))}, car.defaults)
+    return plan_preheating(car, route, BatteryState(start_c, 0.85), Goal(target_c))
 
 
 @lru_cache(maxsize=32)
@@ -92,6 +95,19 @@ def test_heating_for_a_climb_ends_just_before_it():
     plan = plan_of((60, 15e3), (4, 125e3), (20, 15e3))
     # Within the two steps about the threshold.
     assert 1740.0 <= plan.stretches[0].end_s <= 1800.0
+
+
+@pytest.mark.parametrize('is_on', [True, False])
+@pytest.mark.parametrize('parts, target_c, told', [
+    ([(60, 15e3), (3, 125e3)], -30.0, Reason.CLIMB), ([(63, 15e3)], 15.0, Reason.ARRIVAL)])
+def test_late_heat_that_is_switched_off_before_arrival_is_for_what_needs_it(parts, target_c, told, is_on):
+    # A heater that lags is switched off before arrival. Where it was for a climb that comes shortly before, that
+    # was taken for the arrival, whatever the target.
+    slow = replace(CAR, heat_path=HeatPath(45.0))
+    with nullcontext() if is_on else without_core():
+        plan = plan_of(*parts, target_c=target_c, car=slow)
+    assert plan.arrival_time_s - 12.0 * 45.0 < plan.stretches[-1].end_s < plan.arrival_time_s
+    assert set(reasons(plan)) == {told}
 
 
 def test_heating_before_a_climb_and_before_arrival_has_two_reasons():

@@ -631,11 +631,12 @@ int32_t bev_size_of_stretch(void);
 /*
  * What comes of a run: its energies, as of bev_keep_accounts, and its stretches of heating. `command_w` is the
  * heater power that was asked for, `least_w` the least terminal power that the battery may take in each step [W].
+ * `may_end_early` (not 0): heating for the arrival may end before it, as the heat comes late.
  * Of `stretches`, which has room for `steps`, `count` are written.
  */
 bev_status bev_find_outcome(const bev_vehicle *vehicle, int32_t integrator, const bev_trip *trip,
                             const bev_run_of_powers *run, const double *command_w,
-                            const double *least_w, bev_energies *energies,
+                            const double *least_w, int32_t may_end_early, bev_energies *energies,
                             bev_stretch *stretches, int32_t *count);
 
 /*
