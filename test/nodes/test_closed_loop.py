@@ -19,7 +19,8 @@ from sensor_msgs.msg import BatteryState
 from bev_preheat.nodes.convert import nanoseconds
 from bev_preheat.nodes.simulator_messages import outcome_from_diagnostics
 from bev_preheat.planning.planner import plan_preheating
-from bev_preheat.planning.situation import BatteryState as State, Goal
+from bev_preheat.planning.situation import BatteryState as State
+from bev_preheat.planning.situation import Goal
 from bev_preheat.planning.status import Status
 from bev_preheat.route import load_route
 from bev_preheat.supervision.inputs import NS_PER_S

@@ -29,7 +29,7 @@ MOST_EXCESS = 0.04
 
 @dataclass(frozen=True)
 class Requirement:
-    """A figure (None where there is none), its bound as a text, and whether it keeps to that (None: nothing says)."""
+    """A figure (None where there is none), its bound as a text, and whether it keeps to that (None: unknown)."""
 
     name: str
     bound: str
