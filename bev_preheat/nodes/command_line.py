@@ -6,6 +6,7 @@ from __future__ import annotations
 import argparse
 from contextlib import contextmanager
 from dataclasses import dataclass
+import os
 import re
 import sys
 import textwrap
@@ -29,7 +30,8 @@ START_ERRORS = (
     InvalidInput, NameValidationException, ParameterException, InvalidQoSProfileException,
     rclpy_implementation.RCLError, rclpy_implementation.UnknownROSArgsError)
 HELP_WIDTH = 98
-
+# DDSI-RTPS 2.5, 9.6.2.3: port 7400 + 250 x domain id, and some more for each participant.
+MOST_DOMAIN_ID = 232
 
 RCL_LOGGER = 'rcl'
 
@@ -96,6 +98,23 @@ class _Parser(argparse.ArgumentParser):
 
 def _indented(text: str) -> list[str]:
     return textwrap.wrap(text, HELP_WIDTH, initial_indent='      ', subsequent_indent='      ')
+
+
+def has_other_than_ros_arguments(arguments: Sequence[str]) -> bool:
+    """Tell whether the arguments of the process, its name first, ask for help or for what ROS does not know."""
+    return bool(_without_ros_arguments(arguments[1:]))
+
+
+def check_domain_id() -> None:
+    """
+    Raise InvalidInput where ROS_DOMAIN_ID is a number that no participant can have.
+
+    DDS takes its ports from it, and some implementations end the process where these do not fit. What is
+    no number rcl refuses.
+    """
+    text = os.environ.get('ROS_DOMAIN_ID', '')
+    if text.isdecimal() and int(text) > MOST_DOMAIN_ID:
+        raise InvalidInput(f'ROS_DOMAIN_ID: {text} is not allowed; it must be 0 ... {MOST_DOMAIN_ID}')
 
 
 def _without_ros_arguments(arguments: Iterable[str]) -> list[str]:

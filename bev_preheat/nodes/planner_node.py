@@ -48,6 +48,7 @@ if TYPE_CHECKING:
 
     from rclpy.parameter import Parameter as RosParameter
 
+    from bev_preheat.nodes.process import Herald
     from bev_preheat.supervision.events import Event
     from bev_preheat.supervision.supervisor import Output, Refusal
     from bev_preheat.vehicle import Vehicle
@@ -447,9 +448,9 @@ def _take_effect(values: Values) -> tuple[Vehicle, Settings]:
         {name: values[name] for name in FIELD_OF_PARAMETER})
 
 
-def main() -> None:
-    """Run the planner until it is told to end."""
-    sys.exit(run_node(PlannerNode, PROGRAM))
+def main(herald: Herald | None = None) -> None:
+    """Run the planner until it is told to end; `herald` is what `process.join_graph` returned."""
+    sys.exit(run_node(PlannerNode, PROGRAM, herald))
 
 
 if __name__ == '__main__':

@@ -4,6 +4,11 @@
 import os
 import subprocess
 import sys
+import time
+
+from ament_index_python.packages import get_package_prefix
+import pytest
+import rclpy
 
 PROGRAM = """
 import gc
@@ -55,3 +60,78 @@ def test_what_a_callback_raises_ends_the_process_after_its_last_words(domain_id)
     assert done.returncode == 1
     assert 'last words' in done.stdout
     assert 'LookupError: told' in done.stderr
+
+
+LOADS = """
+import sys
+import time
+
+from rclpy.node import Node
+from rclpy.task import Future
+
+from bev_preheat.nodes.process import join_graph, run_node
+
+
+class Slow(Node):
+    def __init__(self):
+        sys.stdin.readline()
+        super().__init__('slow')
+        self.finished = Future()
+
+
+herald = join_graph('slow')
+print('joined', flush=True)
+sys.exit(run_node(Slow, None, herald))
+"""
+
+
+def await_names(node, wanted):
+    end = time.monotonic() + 20.0
+    while time.monotonic() < end:
+        names = set(node.get_node_names()) - {node.get_name()}
+        if names == wanted:
+            return
+        time.sleep(0.02)
+    raise AssertionError(f'{wanted} expected, {names} there')
+
+
+def test_a_process_is_found_before_its_node_is_made_and_only_as_that_node_afterwards(domain_id):
+    rclpy.init(domain_id=domain_id)
+    onlooker = rclpy.create_node('onlooker')
+    process = subprocess.Popen([sys.executable, '-c', LOADS, '--ros-args', '-r', '__ns:=/car'], text=True,
+                               stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+                               env={**os.environ, 'ROS_DOMAIN_ID': str(domain_id)})
+    try:
+        assert process.stdout.readline() == 'joined\n'
+        await_names(onlooker, {'_slow_loads'})
+        process.stdin.write('\n')
+        process.stdin.flush()
+        await_names(onlooker, {'slow'})
+        assert ('slow', '/car') in onlooker.get_node_names_and_namespaces()
+        process.terminate()
+        assert process.wait(20.0) == 0
+    finally:
+        process.kill()
+        onlooker.destroy_node()
+        rclpy.shutdown()
+
+
+@pytest.mark.parametrize('value, status, text', [
+    ('abc', 2, 'ROS_DOMAIN_ID'),
+    ('233', 2, 'ROS_DOMAIN_ID: 233 is not allowed; it must be 0 ... 232'),
+    ('99999999999999999999', 2, 'it must be 0 ... 232')])
+@pytest.mark.parametrize('name', ['planner', 'charger_adviser'])
+def test_a_domain_that_no_participant_can_have_is_refused_in_one_line(name, value, status, text):
+    executable = os.path.join(get_package_prefix('bev_preheat'), 'lib', 'bev_preheat', name)
+    done = subprocess.run([executable], text=True, capture_output=True, timeout=60,
+                          env={**os.environ, 'ROS_DOMAIN_ID': value})
+    (line,) = done.stderr.splitlines()
+    assert (done.returncode, done.stdout) == (status, '')
+    assert line.startswith(f'{name}: error: ') and text in line
+
+
+def test_help_is_printed_whatever_the_domain():
+    executable = os.path.join(get_package_prefix('bev_preheat'), 'lib', 'bev_preheat', 'planner')
+    done = subprocess.run([executable, '--help'], text=True, capture_output=True, timeout=60,
+                          env={**os.environ, 'ROS_DOMAIN_ID': '9999'})
+    assert (done.returncode, done.stderr) == (0, '')
