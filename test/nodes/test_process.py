@@ -2,6 +2,7 @@
 """The main loop: what it keeps, what ends it, and what it passes on."""
 
 import os
+import signal
 import subprocess
 import sys
 import time
@@ -135,3 +136,34 @@ def test_help_is_printed_whatever_the_domain():
     done = subprocess.run([executable, '--help'], text=True, capture_output=True, timeout=60,
                           env={**os.environ, 'ROS_DOMAIN_ID': '9999'})
     assert (done.returncode, done.stderr) == (0, '')
+
+
+HANGING_LOAD = """
+import sys
+import time
+
+from bev_preheat.nodes import executables
+
+
+def load(module):
+    print('loads', flush=True)
+    time.sleep(60.0)
+
+
+executables.import_module = load
+executables.{name}()
+"""
+
+
+@pytest.mark.parametrize('name', ['planner', 'nlp_checker', 'charger_adviser', 'vehicle_simulator'])
+def test_ctrl_c_while_a_node_is_loaded_ends_it_without_a_traceback(name, domain_id):
+    process = subprocess.Popen(
+        [sys.executable, '-c', HANGING_LOAD.format(name=name)], text=True, stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE, env={**os.environ, 'ROS_DOMAIN_ID': str(domain_id)})
+    try:
+        assert process.stdout.readline() == 'loads\n'
+        process.send_signal(signal.SIGINT)
+        _, told = process.communicate(timeout=20.0)
+    finally:
+        process.kill()
+    assert (process.returncode, told) == (-signal.SIGINT, '')
