@@ -46,7 +46,7 @@ def halve(enough: float, too_little: float, is_enough: Callable[[float], bool],
 def close_in(enough: Trial[Outcome], too_little: Trial[Outcome],
              attempt: Callable[[float], Trial[Outcome]],
              is_close: Callable[[Trial[Outcome], Trial[Outcome]], bool], most_trials: int,
-             aim: float = 0.0) -> Trial[Outcome]:
+             aim: float = 0.0, halvings: int = 0) -> Trial[Outcome]:
     """
     Return the last Trial that is enough (excess >= 0) once `is_close(enough, too_little)`.
 
@@ -54,14 +54,17 @@ def close_in(enough: Trial[Outcome], too_little: Trial[Outcome],
     line between both has the excess `aim`. A side that stands still for a second trial counts less,
     by what the other side's excess has fallen (Anderson and Bjorck), or the other would creep. At
     most `most_trials` are made.
+
+    An excess that jumps may keep all of them on one side: after them the bracket is halved, at
+    most `halvings` times.
     """
     more, less = enough.excess - aim, too_little.excess - aim
     was_enough: bool | None = None
-    for _ in range(most_trials):
+    for number in range(most_trials + halvings):
         if is_close(enough, too_little):
             break
-        trial = attempt(
-            too_little.value + less / (less - more) * (enough.value - too_little.value))
+        share = less / (less - more) if number < most_trials else 0.5
+        trial = attempt(too_little.value + share * (enough.value - too_little.value))
         excess, is_enough = trial.excess - aim, trial.excess >= 0.0
         if is_enough:
             less *= _left(excess, more) if was_enough is True else 1.0

@@ -39,13 +39,15 @@ if TYPE_CHECKING:
 POWER_TOLERANCE = 1e-6
 NO_WORSE_W = 10.0
 # The warmest target that is allowed has been found where no more charge than this is to spare, or
-# where it is known to this, less exactly where power decides; so many are tried.
+# where it is known to this, less exactly where power decides; so many are tried, and, as what is to spare
+# jumps where power begins to lack, so many more.
 SOC_TOLERANCE = 1e-5
 # What the search leaves to spare where a wish misses by less: it would not come away from the wish otherwise.
 SOC_AIM = 1e-6
 TARGET_TOLERANCE_K = 5e-6
 TARGET_TOLERANCE_OF_POWER_K = 0.1
 MOST_TARGETS = 8
+MOST_HALVINGS = 8
 # So much lacking power counts like the whole charge.
 POWER_WEIGHT_W = 1e6
 
@@ -197,11 +199,17 @@ class Safeguard:
         if self._spare_soc(found) <= 0.0:
             pays = self._spare_soc(found) >= min(self._spare_soc(self.unheated), 0.0)
             return found if pays else None
-        forbidden = self._trial(float(wanted.temperature_c[-1]), wanted)
+        allowed = self._trial(max(cold_c, float(found.temperature_c[-1])), found)
+        forbidden = self._trial(self._goal.target_temperature_c, wanted)
+        arrival_c = float(wanted.temperature_c[-1])
+        if arrival_c < forbidden.value - TARGET_TOLERANCE_OF_POWER_K:
+            # Of a target that is out of reach nothing else is known; asking for what comes of it heats less
+            # where the heater gives way to the drive.
+            reached = self._trial(arrival_c, proposal(arrival_c))
+            allowed, forbidden = (reached, forbidden) if reached.excess >= 0.0 else (allowed, reached)
         warmest = close_in(
-            self._trial(max(cold_c, float(found.temperature_c[-1])), found), forbidden,
-            lambda target_c: self._trial(target_c, proposal(target_c)), _is_close, MOST_TARGETS,
-            SOC_AIM if forbidden.excess > -SOC_AIM else 0.0)
+            allowed, forbidden, lambda target_c: self._trial(target_c, proposal(target_c)), _is_close,
+            MOST_TARGETS, SOC_AIM if forbidden.excess > -SOC_AIM else 0.0, MOST_HALVINGS)
         return warmest.outcome.schedule
 
     def _trial(self, target_c: float, schedule: Schedule) -> Trial[_Proposed]:

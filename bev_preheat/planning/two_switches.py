@@ -31,6 +31,8 @@ if TYPE_CHECKING:
 # switching off are compared, this close is enough: what it lacks, or is too much, is worth its energy.
 ARRIVAL_TOLERANCE_K = 5e-6
 COMPARED_TOLERANCE_K = 2e-4
+# So much of what is heated at the start is sure to be there on arrival.
+SURE_SHARE = 0.5
 # So many lags before arrival all heat but a thousandth has arrived.
 MOST_LAGS = 7.0
 # Around the best instant of switching off the energy hardly changes.
@@ -116,8 +118,9 @@ class _Search:
         self._found.append((off_s, on_s))
         schedule = self._along(on_s, off_s, found.outcome)
         taken_wh = keep_accounts(self._trip, schedule, deliverable=True).energy_wh.battery_total
-        # Heated from the first instant on, what is lacking cannot be made up for.
-        allowed_k = COMPARED_TOLERANCE_K if on_s > 0.0 else ARRIVAL_TOLERANCE_K
+        # What is lacking is to be made up for by heat from the first instant on, of which some leaks, or stays in
+        # the coolant.
+        allowed_k = min(COMPARED_TOLERANCE_K, ARRIVAL_TOLERANCE_K + SURE_SHARE * self._before_k(on_s))
         if above_k < -allowed_k:
             taken_wh -= LACKING_WH_PER_K * above_k
         elif (slope := self._slope_k_per_s(on_s)) < 0.0:
@@ -169,6 +172,12 @@ class _Search:
             np.concatenate((before[:first], after)) for before, after in zip((
                 unheated.soc, unheated.temperature_c, unheated.heat.heater_power_w,
                 unheated.heat.coolant_excess_k), states)]))
+
+    def _before_k(self, on_s: float) -> float:
+        """Return by how much full heating until an instant [s] warms battery and coolant [K] without leakage."""
+        heat_j = self._trip.vehicle.hvch.efficiency * float(
+            maximum_between(self._trip, 0.0, on_s) @ self._trip.route.duration_s)
+        return heat_j / self._capacity_j_per_k
 
     def _slope_k_per_s(self, on_s: float) -> float:
         """Change of the arrival temperature with the instant of switching on [K/s], an estimate."""

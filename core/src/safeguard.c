@@ -20,6 +20,7 @@
 #define TARGET_TOLERANCE_K 5e-6
 #define TARGET_TOLERANCE_OF_POWER_K 0.1
 #define MOST_TARGETS 8
+#define MOST_HALVINGS 8
 /* So much lacking power counts like the whole charge. */
 #define POWER_WEIGHT_W 1e6
 /* Driving alone meets a target so far below the coldest of the unheated run. */
@@ -175,15 +176,16 @@ static double left_of(double excess, double before) {
 
 /* The warmest run that is allowed, between one that is and one that is not: close_in of planning.bracketing. */
 static bev_status close_in(const safeguard *of, proposed *allowed, proposed *room,
-                           const proposed *wanted) {
-  proposed forbidden = *wanted;
+                           const proposed *too_warm) {
+  proposed forbidden = *too_warm;
   const double aim = excess_of(&forbidden) > -SOC_AIM ? SOC_AIM : 0.0;
   double more = excess_of(allowed) - aim;
   double less = excess_of(&forbidden) - aim;
   int was_allowed = -1;
-  for (int32_t n = 0; n < MOST_TARGETS && !is_close(allowed, &forbidden); n++) {
-    const double target_c = forbidden.target_c
-        + less / (less - more) * (allowed->target_c - forbidden.target_c);
+  for (int32_t n = 0; n < MOST_TARGETS + MOST_HALVINGS && !is_close(allowed, &forbidden); n++) {
+    const double share = n < MOST_TARGETS ? less / (less - more) : 0.5;
+    const double target_c =
+        forbidden.target_c + share * (allowed->target_c - forbidden.target_c);
     const bev_status status = propose(of, target_c, room);
     if (status != BEV_OK) {
       return status;
@@ -218,7 +220,7 @@ static bev_status find_warmest(const safeguard *of, const unheated_trip *unheate
   /* Driving alone meets this target, so only heating that pays for itself is left. */
   const double cold_c =
       bev_maximum(unheated->coldest_c - BELOW_UNHEATED_K, of->vehicle->lowest_c);
-  const bev_status status = propose(of, cold_c, found);
+  bev_status status = propose(of, cold_c, found);
   *is_found = false;
   if (status != BEV_OK || found->spare_w < 0.0) {
     return status;
@@ -229,8 +231,26 @@ static bev_status find_warmest(const safeguard *of, const unheated_trip *unheate
     return BEV_OK;
   }
   found->target_c = bev_maximum(cold_c, arrival_c(of, found));
-  wanted->target_c = arrival_c(of, wanted);
-  return close_in(of, found, wanted, wanted);
+  proposed forbidden = *wanted;
+  const double reached_c = arrival_c(of, wanted);
+  if (reached_c < wanted->target_c - TARGET_TOLERANCE_OF_POWER_K) {
+    /*
+     * Of a target that is out of reach nothing else is known; asking for what comes of it heats less where the
+     * heater gives way to the drive.
+     */
+    status = propose(of, reached_c, wanted);
+    if (status != BEV_OK) {
+      return status;
+    }
+    if (excess_of(wanted) >= 0.0) {
+      const proposed before = *found;
+      *found = *wanted;
+      *wanted = before;
+    } else {
+      forbidden = *wanted;
+    }
+  }
+  return close_in(of, found, wanted, &forbidden);
 }
 
 /* How the trip without paid heating is driven; what may lack is what it lacks. */

@@ -11,6 +11,8 @@
 /* The target is met when the forward run arrives this close [K]; instants are compared with less. */
 #define ARRIVAL_TOLERANCE_K 5e-6
 #define COMPARED_TOLERANCE_K 2e-4
+/* So much of what is heated at the start is sure to be there on arrival. */
+#define SURE_SHARE 0.5
 /* So many lags before arrival all heat but a thousandth has arrived. */
 #define MOST_LAGS 7.0
 /* Around the best instant of switching off the energy hardly changes. */
@@ -131,6 +133,16 @@ static bev_status find_on(two_switch_search *of, double off_s, double guessed_s,
                           above_k);
 }
 
+/* By how much full heating until an instant warms battery and coolant [K], leakage left aside. */
+static double before_k(const two_switch_search *of, double on_s) {
+  const bev_trip *trip = of->trip;
+  double heater_j = 0.0;
+  for (int32_t k = 0; k < trip->steps && trip->time_s[k] < on_s; k++) {
+    heater_j += trip->heater_limit_w[k] * (bev_minimum(trip->time_s[k + 1], on_s) - trip->time_s[k]);
+  }
+  return of->vehicle->heater_efficiency * heater_j / of->capacity_j_per_k;
+}
+
 /* What it takes to arrive at the target, switched off at an instant. */
 static bev_status heat_until(two_switch_search *of, double off_s, pair *made) {
   if (of->pairs >= MOST_PAIRS) {
@@ -147,8 +159,12 @@ static bev_status heat_until(two_switch_search *of, double off_s, pair *made) {
   of->on_of[of->pairs] = made->on_s;
   of->pairs++;
   made->taken_wh = of->taken_wh;
-  /* Heated from the first instant on, what is lacking cannot be made up for. */
-  const double allowed_k = made->on_s > 0.0 ? COMPARED_TOLERANCE_K : ARRIVAL_TOLERANCE_K;
+  /*
+   * What is lacking is to be made up for by heat from the first instant on, of which some leaks, or stays in the
+   * coolant.
+   */
+  const double allowed_k = bev_minimum(
+      COMPARED_TOLERANCE_K, ARRIVAL_TOLERANCE_K + (SURE_SHARE * before_k(of, made->on_s)));
   const double slope = slope_k_per_s(of, made->on_s);
   if (above_k < -allowed_k) {
     made->taken_wh -= LACKING_WH_PER_K * above_k;

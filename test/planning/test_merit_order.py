@@ -301,12 +301,13 @@ def test_reserve_is_kept_whenever_it_can_be(number, share):
 # Wanted is next to nothing more than the whole heat leaves.
 @example(number=4, shares=(0.5, 1e-11))
 @example(number=4, shares=(0.5, 1e-7))
+@example(number=10080, shares=(0.0, -0.0625))
 def test_more_reserve_never_means_more_heating(number, shares):
     _, warm = drawn_plan(number, minimum_arrival_soc=0.0)
     _, cold = drawn_plan(number, minimum_arrival_soc=0.0, target_temperature_c=-40.0)
     heating_wh = []
-    for share in sorted(shares):
-        reserve = warm.arrival_soc + share * (cold.arrival_soc - warm.arrival_soc)
+    # Where only a climb is heated for, both arrive with the same charge but for rounding.
+    for reserve in sorted(warm.arrival_soc + share * (cold.arrival_soc - warm.arrival_soc) for share in shares):
         _, plan = drawn_plan(number, minimum_arrival_soc=float(np.clip(reserve, 0.0, 1.0)))
         heating_wh.append(plan.energy_wh.hvch_electric)
     assert heating_wh[1] <= heating_wh[0] + THRESHOLDS_WH
@@ -330,6 +331,8 @@ def test_higher_target_never_costs_less(number, warmer_k):
 
 @pytest.mark.costly
 @given(number=NUMBERS, warmer_k=st.floats(0.1, 20.0))
+# The same heat for a climb, a step later.
+@example(number=138296, warmer_k=5.0)
 def test_higher_target_never_means_less_heat_at_any_time_where_nothing_is_regenerated(
         number, warmer_k):
     # With a descent it can: what is heated for the target before it takes the place of what the
@@ -340,11 +343,13 @@ def test_higher_target_never_means_less_heat_at_any_time_where_nothing_is_regene
     _, warmer = drawn_plan(number, minimum_arrival_soc=0.0, target_temperature_c=(
         trip.goal.target_temperature_c + warmer_k))
     assume(plan.undeliverable_power_w == warmer.undeliverable_power_w)
-    # Before a climb heating is spread over the steps about the threshold, one way or another.
+    # Before a climb heating is spread over the steps about the threshold, one way or another: a step later is
+    # as good.
     heated_wh, warmer_heated_wh = (
         np.cumsum(each.hvch_battery_power_w * trip.route.duration_s) / 3600.0
         for each in (plan, warmer))
-    assert (warmer_heated_wh >= heated_wh - THRESHOLDS_WH).all()
+    assert (warmer_heated_wh[1:] >= heated_wh[:-1] - THRESHOLDS_WH).all()
+    assert warmer_heated_wh[-1] >= heated_wh[-1] - THRESHOLDS_WH
 
 
 @pytest.mark.costly
