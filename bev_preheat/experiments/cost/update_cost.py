@@ -3,9 +3,8 @@
 
 from __future__ import annotations
 
-from contextlib import contextmanager
 from dataclasses import replace
-from time import perf_counter, process_time
+from time import process_time
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,6 +12,7 @@ import numpy as np
 from bev_preheat.compiled.library import core
 from bev_preheat.estimation.estimator import Estimator
 from bev_preheat.estimation.state import NOMINAL_HEAT_LAG_S
+from bev_preheat.experiments.cost.core_time import timed_core
 from bev_preheat.experiments.cost.figures import Figure
 from bev_preheat.experiments.cost.planning_cost import GOAL, STATE
 from bev_preheat.experiments.supervised_drive import moments
@@ -33,7 +33,7 @@ from bev_preheat.supervision.timetable import Timetable
 from bev_preheat.vehicle import load_vehicle
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable
 
     from bev_preheat.numerics.arrays import FloatArray
     from bev_preheat.vehicle import Vehicle
@@ -79,7 +79,7 @@ def _core_figures(vehicle: Vehicle, mission: Mission, measurements: list[Measure
     counts, sums_ms = [], []
     supervisor = Supervisor(vehicle, Settings())
     list(supervisor.step(START_NS, RouteArrived(mission)))
-    with _timed_core(durations_s):
+    with timed_core(durations_s):
         for measurement in measurements:
             durations_s.clear()
             list(supervisor.step(measurement.stamp_ns, BatteryStateArrived(measurement)))
@@ -87,29 +87,6 @@ def _core_figures(vehicle: Vehicle, mission: Mission, measurements: list[Measure
             sums_ms.append(1e3 * sum(durations_s))
     return [Figure('of it, in calls of the core, median', float(np.median(sums_ms[FILLING:])), 'ms'),
             Figure('calls of the core in an update, median', float(np.median(counts[FILLING:])), '')]
-
-
-@contextmanager
-def _timed_core(durations_s: list[float]) -> Iterator[None]:
-    """Append what each call of the core takes [s] while the block lasts."""
-    library = core()
-    functions = {name: each for name, each in vars(library).items() if name.startswith('bev_')}
-
-    def timed(function: Callable[..., int]) -> Callable[..., int]:
-        def call(*arguments: object) -> int:
-            started = perf_counter()
-            status = function(*arguments)
-            durations_s.append(perf_counter() - started)
-            return status
-        return call
-
-    for name, each in functions.items():
-        setattr(library, name, timed(each))
-    try:
-        yield
-    finally:
-        for name, each in functions.items():
-            setattr(library, name, each)
 
 
 def _binding_figures(vehicle: Vehicle, settings: Settings, log: Callable[[str], object]) -> list[Figure]:

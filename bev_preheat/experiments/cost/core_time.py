@@ -1,0 +1,36 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What calls of the compiled core take."""
+
+from __future__ import annotations
+
+from contextlib import contextmanager
+from time import perf_counter
+from typing import TYPE_CHECKING
+
+from bev_preheat.compiled.library import core
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+
+@contextmanager
+def timed_core(durations_s: list[float]) -> Iterator[None]:
+    """Append what each call of the core takes [s] while the block lasts."""
+    library = core()
+    functions = {name: each for name, each in vars(library).items() if name.startswith('bev_')}
+
+    def timed(function: Callable[..., int]) -> Callable[..., int]:
+        def call(*arguments: object) -> int:
+            started = perf_counter()
+            status = function(*arguments)
+            durations_s.append(perf_counter() - started)
+            return status
+        return call
+
+    for name, each in functions.items():
+        setattr(library, name, timed(each))
+    try:
+        yield
+    finally:
+        for name, each in functions.items():
+            setattr(library, name, each)
