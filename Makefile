@@ -2,7 +2,7 @@
 SHELL := bash
 .SHELLFLAGS := -eu -o pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help setup build demo test test-quick test-deep test-oldest test-repeated coverage bench soak soak-monitor docs lint clean
+.PHONY: help setup build demo test test-quick test-deep test-oldest test-repeated coverage bench footprint soak soak-monitor docs lint clean
 
 DEMO := python3 -m bev_preheat.demo
 BENCH := python3 -m bev_preheat.experiments.cost
@@ -66,6 +66,10 @@ coverage: build ## all tests, with the lines and branches that they execute, tho
 bench: build ## speed and cost against other ways to plan
 	@scripts/setup.bash bench
 	@$(environment); $(local_only); $(BENCH)
+
+footprint: build ## bytes, stack and instructions of what preheat export-ecu writes, for this computer and a Cortex-M7
+	@scripts/setup.bash footprint
+	@$(environment); python3 -m bev_preheat.experiments.footprint
 
 soak: build ## the planner under load for MINUTES (10), in real time
 	@$(environment); $(local_only); python3 -m bev_preheat.soak --minutes $(MINUTES)

@@ -86,7 +86,8 @@ setup(
                             'supervision/itinerary_schema.yaml',
                             'simulation/scenario_schema.yaml', 'vehicle/chemistry.yaml',
                             'vehicle/vehicle_template.yaml',
-                            'vehicle/road_load_template.yaml', 'ecu/c/*']},
+                            'vehicle/road_load_template.yaml', 'ecu/c/*',
+                            'experiments/footprint/*.[ch]']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{PACKAGE}']),
         (f'share/{PACKAGE}', ['package.xml']),

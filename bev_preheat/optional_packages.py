@@ -15,11 +15,17 @@ PURPOSES = {
     'casadi': 'solves the nonlinear program',
     'distributed': 'runs studies on a cluster',
     'do_mpc': 'is what the nonlinear program is compared with',
+    'elftools': 'reads object files',
     'matplotlib': 'draws figures',
     'plotext': 'draws the chart',
     'psutil': 'measures processes',
     'scipy': 'fits the vehicle to the paper',
+    'unicorn': "emulates a control unit's processor",
 }
+# What they are called where they come from, if that is not the module's name; and the target of make that installs
+# them, if that is not setup.
+PACKAGES = {'do_mpc': 'do-mpc', 'elftools': 'pyelftools'}
+TARGETS = {'do_mpc': 'bench', 'unicorn': 'footprint'}
 
 
 class MissingPackage(InvalidInput):
@@ -33,9 +39,7 @@ def is_installed(module: str) -> bool:
 
 def advice(module: str) -> str:
     """Return the sentence that says that a module of PURPOSES is missing, and how to install it."""
-    package = module.replace('_', '-')
-    # Only the benchmark's own package is not part of the usual environment.
-    target = 'bench' if module == 'do_mpc' else 'setup'
+    package, target = PACKAGES.get(module, module), TARGETS.get(module, 'setup')
     return (f'the Python package {package}, which {PURPOSES[module]}, is not installed; in the checkout, '
             f'make {target} installs it; elsewhere: python3 -m pip install {package}')
 

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# Compiles the core, and what is exported with it, with each compiler there is, every warning an error; keeps nothing. Run in scripts/env.bash.
+# Compiles the core, what is exported with it, and what measures that, with each compiler there is, every warning an error; keeps nothing. Run in scripts/env.bash.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 
@@ -9,7 +9,7 @@ trap 'rm -rf "$generated"' EXIT
 PYTHONPATH=$PWD:${PYTHONPATH:-} python3 -m bev_preheat.compiled.c_source "$generated/bev_preheat_core_generated"
 for compiler in gcc clang; do
     command -v "$compiler" >/dev/null || continue
-    for source in core/src/*.c bev_preheat/ecu/c/*.c; do
+    for source in core/src/*.c bev_preheat/ecu/c/*.c bev_preheat/experiments/footprint/*.c; do
         "$compiler" -std=c99 -O2 -Wall -Wextra -Wpedantic -Wconversion -Werror -ffp-contract=off \
             -Icore/include -Icore/src -Ibev_preheat/ecu/c -I"$generated" -c "$source" -o "$generated/object.o"
     done

@@ -1,9 +1,8 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
 # Makes the working environment in .venv, once. With a ROS 2 distribution: what the distribution lacks. Without:
-# ROS 2 Jazzy from wheels. "setup.bash bench" adds what only make bench needs; so do docs and lint. With
-# BEV_PREHEAT_OLDEST=1: the
-# oldest supported versions and no optional package, in .oldest/.venv.
+# ROS 2 Jazzy from wheels. "setup.bash bench" adds what only make bench needs; so do docs, footprint and lint. With
+# BEV_PREHEAT_OLDEST=1: the oldest supported versions and no optional package, in .oldest/.venv.
 set -euo pipefail
 
 bev_preheat_root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd -P)
@@ -249,7 +248,7 @@ add_to_distribution() {
 # What only one target of the Makefile needs: scripts/requirements-GROUP.txt.
 add_group() {
     local file=scripts/requirements-$1.txt stamp
-    [ -f "$file" ] || fail "unknown group $1; usage: scripts/setup.bash [bench | docs | lint]"
+    [ -f "$file" ] || fail "unknown group $1; usage: scripts/setup.bash [bench | docs | footprint | lint]"
     stamp=$(cksum <"$file")
     if [ "$(cat "$venv/.ready-$1" 2>/dev/null)" != "$stamp" ]; then
         say "adding the packages of make $1 to $venv_name"

@@ -98,16 +98,25 @@ def draw_vector(vehicle: Vehicle, seed: int, number: int) -> Vector:
     """Return one Vector of a Vehicle."""
     random = np.random.default_rng([seed, number])
     trip, state, goal = _drawn(vehicle, random, number)
-    columns = _columns(trip)
-    situation = (state.soc, state.temperature_c, state.heater_power_w, state.coolant_excess_k,
-                 goal.target_temperature_c, reserve_soc(vehicle, goal), vehicle.battery.soc_range[0])
     if number % DAMAGED_EVERY == DAMAGED_AT:
+        columns = _columns(trip)
         column = columns[int(random.integers(len(columns)))]
         column[int(random.integers(len(column)))] = NOT_A_NUMBER[int(random.integers(3))]
-        return Vector(columns, situation, len(METHODS) * (Answer(BAD_INPUT),))
+        return Vector(columns, _situation(vehicle, state, goal), len(METHODS) * (Answer(BAD_INPUT),))
+    return vector_of(trip, state, goal)
+
+
+def vector_of(trip: Trip, state: BatteryState, goal: Goal) -> Vector:
+    """Return the Vector of a Trip; made without the core if it is called without."""
     unheated = plan_without_heating(trip, state)
-    return Vector(columns, situation, tuple(
+    return Vector(_columns(trip), _situation(trip.vehicle, state, goal), tuple(
         _answer(trip, plan(trip, state, goal, unheated)) for plan in (_switched, _by_merit)))
+
+
+def _situation(vehicle: Vehicle, state: BatteryState, goal: Goal) -> tuple[float, ...]:
+    """Return the numbers of bev_ecu_situation."""
+    return (state.soc, state.temperature_c, state.heater_power_w, state.coolant_excess_k,
+            goal.target_temperature_c, reserve_soc(vehicle, goal), vehicle.battery.soc_range[0])
 
 
 def _switched(trip: Trip, state: BatteryState, goal: Goal, unheated: Schedule) -> Schedule | None:

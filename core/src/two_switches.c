@@ -137,8 +137,9 @@ static bev_status find_on(two_switch_search *of, double off_s, double guessed_s,
 static double before_k(const two_switch_search *of, double on_s) {
   const bev_trip *trip = of->trip;
   double heater_j = 0.0;
-  for (int32_t k = 0; k < trip->steps && trip->time_s[k] < on_s; k++) {
-    heater_j += trip->heater_limit_w[k] * (bev_minimum(trip->time_s[k + 1], on_s) - trip->time_s[k]);
+  for (int32_t k = 0; k < trip->steps; k++) {
+    const double heated_s = bev_minimum(trip->time_s[k + 1], on_s) - trip->time_s[k];
+    heater_j += trip->heater_limit_w[k] * bev_maximum(heated_s, 0.0);
   }
   return of->vehicle->heater_efficiency * heater_j / of->capacity_j_per_k;
 }

@@ -1,0 +1,90 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is planned, with the plans of Python to hold the answers against."""
+
+from __future__ import annotations
+
+from array import array
+from dataclasses import dataclass
+from typing import NamedTuple, TYPE_CHECKING
+
+import numpy as np
+
+from bev_preheat.compiled.library import without_core
+from bev_preheat.ecu.vectors import BAD_INPUT, draw_vector, LONG_AT, LONG_EVERY, OK, vector_of
+from bev_preheat.planning.situation import BatteryState, Goal
+from bev_preheat.planning.trip import make_trip
+from bev_preheat.route import load_route
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from bev_preheat.ecu.vectors import Vector
+    from bev_preheat.vehicle.description import Vehicle
+
+# As in check.c.
+INSTANT_TOLERANCE_S, ENERGY_TOLERANCE_WH, ARRIVAL_TOLERANCE_K, ARRIVAL_TOLERANCE_SOC = 1e-3, 1e-3, 1e-4, 1e-7
+TOLERANCES = np.array([
+    *2 * [INSTANT_TOLERANCE_S], *6 * [ENERGY_TOLERANCE_WH], ARRIVAL_TOLERANCE_K, ARRIVAL_TOLERANCE_SOC])
+# Routes of the package, driven from a temperature [deg C].
+ROUTES = {'reference': 0.0, 'alpine_pass': -10.0}
+ROUTE_SOC, ROUTE_TARGET_C = 0.9, 25.0
+
+
+class Planned(NamedTuple):
+    """
+    What a plan took, and what it is told by.
+
+    `instructions` is None where they are not counted.
+    """
+
+    status: int
+    stack_bytes: int
+    instructions: int | None
+    told: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Situation:
+    """A Vector, and the route that it is; '' for one that was drawn."""
+
+    vector: Vector
+    route: str = ''
+
+    @property
+    def steps(self) -> int:
+        """Number of steps of the trip."""
+        return len(self.vector.columns[1])
+
+    @property
+    def numbers(self) -> array[float]:
+        """The numbers of `take_situation` in planned.h."""
+        return array('d', [*self.vector.situation, *(value for column in self.vector.columns for value in column)])
+
+    def agrees(self, method: int, planned: Planned) -> bool:
+        """Return whether a plan of METHODS[method] is that of Python."""
+        answer = self.vector.answers[method]
+        if planned.status != answer.status or answer.status != OK:
+            return planned.status == answer.status
+        return bool(np.isclose(
+            planned.told, answer.expected, rtol=0.0, atol=TOLERANCES, equal_nan=True).all())
+
+
+def situations(vehicle: Vehicle, drawn: int, long: int, seed: int,
+               report: Callable[[], None] = lambda: None) -> Iterator[Situation]:
+    """
+    Yield Situations of a Vehicle: so many that are drawn, so many more of the most steps, and the ROUTES.
+
+    Those with a number that is none are left out. `report` is called after each.
+    """
+    with without_core():
+        numbers = [*range(drawn), *(LONG_AT + LONG_EVERY * (drawn + number) for number in range(long))]
+        for number in numbers:
+            vector = draw_vector(vehicle, seed, number)
+            report()
+            if vector.answers[0].status != BAD_INPUT:
+                yield Situation(vector)
+        for route, start_c in ROUTES.items():
+            trip = make_trip(vehicle, load_route(route, vehicle.defaults))
+            yield Situation(vector_of(
+                trip, BatteryState(start_c, ROUTE_SOC), Goal(ROUTE_TARGET_C)), route)
+            report()
