@@ -91,6 +91,12 @@ class Route:
         """Lowest ambient temperature of all segments [deg C]."""
         return float(np.minimum.reduce(self.ambient_temperature_c))
 
+    @cached_property
+    def _lowest_ambient_from_c(self) -> list[float]:
+        """Lowest ambient temperature of each segment and all after it [deg C]."""
+        lowest_c: list[float] = np.minimum.accumulate(self.ambient_temperature_c[::-1])[::-1].tolist()
+        return lowest_c
+
     def segment_at(self, elapsed_s: float) -> int:
         """Return the index of the segment at an instant [s]; the first before, the last after it."""
         return bisect_right(self._boundaries_s, elapsed_s)
@@ -109,6 +115,7 @@ class Route:
         """
         magnitude = np.abs(factor)
         route = self._of_block(self.block.copy())
+        vars(route)['lowest_ambient_temperature_c'] = self.lowest_ambient_temperature_c
         power_w, rms_w, magnitude_w = (
             route.propulsion_power_w, route.propulsion_power_rms_w, route.propulsion_power_magnitude_w)
         power_w *= factor
@@ -150,6 +157,7 @@ class Route:
         first = self.segment_at(instant_s)
         route = self._of_block(self.block[:, first:].copy())
         route.duration_s[0] = self.time_s[first + 1] - instant_s
+        vars(route)['lowest_ambient_temperature_c'] = self._lowest_ambient_from_c[first]
         return route
 
     def before(self, instant_s: float) -> Route:

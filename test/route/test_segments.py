@@ -79,6 +79,14 @@ def test_after_composes(route, first, second):
                                    rtol=1e-9, atol=1e-6)
 
 
+@given(ROUTES, SHARES)
+def test_the_lowest_ambient_temperature_is_that_of_what_is_ahead(route, share):
+    rest = route.after(share * route.total_duration_s)
+    assert rest.lowest_ambient_temperature_c == min(rest.ambient_temperature_c)
+    assert rest.with_propulsion(1.1).lowest_ambient_temperature_c == min(rest.ambient_temperature_c)
+    assert route.lowest_ambient_temperature_c == min(route.ambient_temperature_c)
+
+
 def test_after_the_start_is_the_whole_route():
     route = route_of([(7.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0), (11.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0)])
     for field in fields(Route):

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from time import process_time
+from time import perf_counter, process_time, sleep
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -41,6 +41,8 @@ if TYPE_CHECKING:
 # Readings a second apart, of which the first few are not counted: caches fill.
 UPDATES, FILLING = 400, 20
 START_NS = 1_000_000 * NS_PER_S
+# As between two states of the latency's measurement (`process_cost`).
+PAUSE_S = 0.005
 # Noise of the readings: of the temperature [K] and of the power [W].
 NOISE_K, NOISE_W = 0.1, 3e3
 VOLTAGE_V = 400.0
@@ -72,21 +74,31 @@ def measure(log: Callable[[str], object]) -> list[Figure]:
 
 
 def _core_figures(vehicle: Vehicle, mission: Mission, measurements: list[Measurement]) -> list[Figure]:
-    """Return what calls of the core in an update take, Python's calling included; none without a core."""
+    """
+    Return what an update takes with its calls of the core, Python's calling included; none without a core.
+
+    One after the other, and each after a pause, in which others have used the caches.
+    """
     if core() is None:
         return []
-    durations_s: list[float] = []
-    counts, sums_ms = [], []
-    supervisor = Supervisor(vehicle, Settings())
-    list(supervisor.step(START_NS, RouteArrived(mission)))
-    with timed_core(durations_s):
-        for measurement in measurements:
-            durations_s.clear()
-            list(supervisor.step(measurement.stamp_ns, BatteryStateArrived(measurement)))
-            counts.append(len(durations_s))
-            sums_ms.append(1e3 * sum(durations_s))
-    return [Figure('of it, in calls of the core, median', float(np.median(sums_ms[FILLING:])), 'ms'),
-            Figure('calls of the core in an update, median', float(np.median(counts[FILLING:])), '')]
+    figures = []
+    for what, pause_s in (('update', 0.0), (f'update after {1e3 * PAUSE_S:g} ms without work', PAUSE_S)):
+        durations_s: list[float] = []
+        updates_ms, counts, sums_ms = [], [], []
+        supervisor = Supervisor(vehicle, Settings())
+        list(supervisor.step(START_NS, RouteArrived(mission)))
+        with timed_core(durations_s):
+            for measurement in measurements:
+                sleep(pause_s)
+                durations_s.clear()
+                started = perf_counter()
+                list(supervisor.step(measurement.stamp_ns, BatteryStateArrived(measurement)))
+                updates_ms.append(1e3 * (perf_counter() - started))
+                counts.append(len(durations_s))
+                sums_ms.append(1e3 * sum(durations_s))
+        figures += [Figure(f'{what}, elapsed, median', float(np.median(updates_ms[FILLING:])), 'ms'),
+                    Figure('of it, in calls of the core, median', float(np.median(sums_ms[FILLING:])), 'ms')]
+    return [*figures, Figure('calls of the core in an update, median', float(np.median(counts[FILLING:])), '')]
 
 
 def _binding_figures(vehicle: Vehicle, settings: Settings, log: Callable[[str], object]) -> list[Figure]:
