@@ -138,7 +138,9 @@ class Observer:
         self.drive.plan = message
         if math.isfinite(message.target_battery_temperature):
             self.drive.latest_target_c = message.target_battery_temperature
-        if charging_text(message) and not self.drive.switched_on_s:
+        instant_s, heated_s = self._instant_s(message), self.drive.switched_on_s
+        # The command that switches on may be heard before the plan that it follows; both have the same stamp.
+        if charging_text(message) and instant_s is not None and (not heated_s or instant_s <= heated_s[0]):
             self.drive.charging_plan = message
 
     def _on_state(self, message: BatteryState) -> None:

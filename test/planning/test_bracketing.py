@@ -85,10 +85,10 @@ def test_following_the_slope_finds_the_root_from_anywhere(root, stretch, bend, r
     sign = 1.0 if rises else -1.0
     attempt = Counted(lambda value: sign * bent(root, stretch, bend)(value))
     most, least = root + sign * stretch, root - 1.5 * sign * stretch
-    first = attempt(least + start * (most - least))
+    low, high = sorted((most, least))
+    first = attempt(min(max(least + start * (most - least), low), high))
     found = follow_slope(most, least, first, sign * slope / stretch, attempt, tolerance=1e-9)
     assert abs(found.excess) <= 1e-9
-    low, high = sorted((most, least))
     assert all(low <= value <= high for value in attempt.values)
     assert len(attempt.values) <= 40
 
