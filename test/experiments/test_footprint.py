@@ -2,6 +2,7 @@
 """What an export takes: object files, stack and instructions, each counted where the answer is known."""
 
 from dataclasses import replace
+import json
 import struct
 import subprocess
 
@@ -11,13 +12,14 @@ from bev_preheat.ecu.export import Export
 from bev_preheat.ecu.sources import core_sources, own_sources
 from bev_preheat.ecu.vectors import Answer, METHODS, OK, Vector
 from bev_preheat.errors import InvalidInput
-from bev_preheat.experiments.footprint.builds import Build, COMPUTER, HERE, INCLUDES, Target
+from bev_preheat.experiments.footprint import __main__ as footprint
+from bev_preheat.experiments.footprint.builds import Build, COMPUTER, CORTEX_M7, HERE, INCLUDES, Target
 from bev_preheat.experiments.footprint.emulated import instructions_in
-from bev_preheat.experiments.footprint.measured import measure
+from bev_preheat.experiments.footprint.measured import measure, Measured, Plans
 from bev_preheat.experiments.footprint.object_bytes import Bytes, needed_for, read_object, total
 from bev_preheat.experiments.footprint.painted import PaintedStack
-from bev_preheat.experiments.footprint.situations import Situation, situations
-from bev_preheat.experiments.footprint.tables import byte_rows
+from bev_preheat.experiments.footprint.situations import Planned, Situation, situations
+from bev_preheat.experiments.footprint.tables import byte_rows, instruction_rows
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.heat_path import HeatPath
 
@@ -170,3 +172,62 @@ def test_a_compiler_that_fails_is_quoted(tmp_path):
     build = Build(Target('this', 'cc', flags=('-Dbev_run=1bad',)), '-O0', tmp_path, 360, 32)
     with pytest.raises(InvalidInput, match='this, -O0: make ends with 2: .*error'):
         build.make_library()
+
+
+# --- The tables ---
+
+HEATED, UNHEATED = Answer(OK, (100.0, *9 * (0.0,))), Answer(OK, (float('nan'), *9 * (0.0,)))
+
+
+def counted(steps, instructions, *, heated=True, limited=False, route=''):
+    """A situation, and what its plans by both methods took."""
+    answer = HEATED if heated else UNHEATED
+    situation = replace(asked(steps), route=route)
+    status = 4 if limited else OK
+    return (replace(situation, vector=replace(situation.vector, answers=(answer, answer))),
+            Planned(status, 9, instructions, ()), Planned(OK, 9, 2 * instructions, ()))
+
+
+def test_instructions_are_told_for_heated_plans_by_length_and_limit():
+    plans = [counted(40, 1_000_000), counted(60, 3_000_000), counted(50, 7_000_000), counted(61, 9_000_000),
+             counted(50, 8_000_000, heated=False), counted(45, 5_000_000, limited=True),
+             counted(360, 40_000_000), counted(45, 6_000_000, route='reference')]
+    situations_of, switched, by_merit = zip(*plans)
+    build = Build(CORTEX_M7, '-Os', HERE, 360, 32)
+    headings, rows, _ = instruction_rows([Measured(
+        build, HeatPath(), situations_of,
+        {'optimal_switch': Plans(Bytes(), list(switched)), 'merit_order': Plans(Bytes(), list(by_merit))},
+        Bytes(), Bytes(), 0, {})])
+    assert headings[3:] == ['40 to 60 steps', '360 steps', 'route reference', 'route alpine_pass']
+    assert [row[2:] for row in rows] == [
+        # What the answers say is heated counts, also where a limit is active.
+        ['optimal_switch', '1, 4, 7 (4)', '40', '6', '-'],
+        ['merit_order, no limit active', '2, 6, 14 (3)', '80', '12', '-'],
+        ['merit_order, a limit active', '10', '-', '-', '-']]
+
+
+@pytest.mark.costly
+@pytest.mark.needs('elftools')
+def test_the_command_tells_what_it_can_where_the_other_compiler_is_missing(monkeypatch, tmp_path, capsys):
+    for name, value in {'DRAWN': 12, 'LONG': 0, 'SEED': 4, 'LEVELS': ('-O0',),
+                        'CORTEX_M7': replace(CORTEX_M7, compiler='no-such-compiler')}.items():
+        monkeypatch.setattr(footprint, name, value)
+    file = tmp_path / 'footprint.json'
+    assert footprint.main(['--vehicle', 'small_car', '--block', '8', '--json', str(file)]) == 0
+    told = capsys.readouterr().out
+    for words in ('optimal_switch [bytes]', 'merit_order [bytes]', 'working memory, 360 steps',
+                  'not measured: Cortex-M7', 'sudo apt install'):
+        assert words in told
+    builds = json.loads(file.read_text())['builds']
+    assert [(build['level'], build['differ']) for build in builds] == 2 * [('-O0', 0)]
+    # The stack shrinks with the block.
+    assert builds[0]['methods']['merit_order']['stack_bytes'] < 6000
+
+
+@pytest.mark.parametrize('arguments, problem', [
+    (['--block', '0'], '--block: 0 is not allowed; it must be 1 ... 32'),
+    (['--vehicle', 'none'], "vehicle 'none'")])
+def test_what_is_wrong_is_said_in_one_line(capsys, arguments, problem):
+    assert footprint.main(arguments) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert problem in line

@@ -66,7 +66,7 @@ def _load(arguments: Sequence[str] | None) -> Callable[[], int]:
                         help='- is standard output (default: %(default)s)')
     parsed = parser.parse_args(arguments)
     if not 1 <= parsed.block <= USUAL_BLOCK:
-        parser.error(f'--block: {parsed.block} is not allowed; it must be 1 ... {USUAL_BLOCK}')
+        raise InvalidInput(f'--block: {parsed.block} is not allowed; it must be 1 ... {USUAL_BLOCK}')
     for tool in ('make', COMPUTER.compiler):
         if shutil.which(tool) is None:
             raise InvalidInput(f'{tool} is not installed (Debian, Ubuntu: sudo apt install build-essential)')
