@@ -133,8 +133,8 @@ def measured(tmp_path_factory):
     """What an export of a vehicle with a heat path takes on this computer."""
     folder, path = tmp_path_factory.mktemp('export'), HeatPath(45.0, 20e3, 400.0)
     car = replace(SMALL, heat_path=path)
-    Export(car, folder, []).write(12, 4, lambda: None)
-    return measure(Build(COMPUTER, '-O0', folder, 360, 32), path, list(situations(car, 12, 1, 4)), (10, 20))
+    exported = Export(car, folder, []).write(12, 4, lambda: None)
+    return measure(Build(COMPUTER, '-O0', folder, 360, 32), path, situations(car, exported, 1, 4), (10, 20))
 
 
 @pytest.mark.costly

@@ -97,7 +97,7 @@ class OwnPlant:
                 *(column.tolist() for column in columns)):
             leakage = (self._leakage['gamma_0_w_per_k']
                        + self._leakage['gamma_v_w_per_k_per_mps'] * speed)
-            for part in range(steps := ceil(duration_s / STEP_S)):
+            for part in range((steps := ceil(duration_s / STEP_S)) + 1):
                 u = self.voltage_v(soc, temperature_c)
                 r = self.resistance_ohm(soc, temperature_c)
                 ripple_w = r * max(rms_w**2 - drive_w**2, 0.0) / u**2
@@ -105,8 +105,10 @@ class OwnPlant:
                 least_a = (self.charge_w(soc, temperature_c) - ripple_w) / u
                 asked_w = drive_w + others_w + heat_w
                 brake_w = min(max(0.0, u * least_a - r * least_a**2 - asked_w), max(-drive_w, 0.0))
-                if part == 0:
-                    lacking_w = max(lacking_w, asked_w - (u * most_a - r * most_a**2))
+                # From the start of a step to its end, where the battery is the emptiest.
+                lacking_w = max(lacking_w, asked_w - (u * most_a - r * most_a**2))
+                if part == steps:
+                    break
                 root_v = sqrt(max(u**2 - 4.0 * r * (asked_w + brake_w), 0.0))
                 current_a = (u - root_v) / (2.0 * r)
                 step_s = duration_s / steps

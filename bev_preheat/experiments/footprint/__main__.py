@@ -67,12 +67,12 @@ def _load(arguments: Sequence[str] | None) -> Callable[[], int]:
     parsed = parser.parse_args(arguments)
     if not 1 <= parsed.block <= USUAL_BLOCK:
         raise InvalidInput(f'--block: {parsed.block} is not allowed; it must be 1 ... {USUAL_BLOCK}')
+    vehicle = load_vehicle(parsed.vehicle)
+    check_outputs([json_output(parsed.json, make_folder=True)], [vehicle_file(parsed.vehicle)])
     for tool in ('make', COMPUTER.compiler):
         if shutil.which(tool) is None:
             raise InvalidInput(f'{tool} is not installed (Debian, Ubuntu: sudo apt install build-essential)')
     require('elftools', *(('unicorn',) if CORTEX_M7.is_there else ()))
-    vehicle = load_vehicle(parsed.vehicle)
-    check_outputs([json_output(parsed.json, make_folder=True)], [vehicle_file(parsed.vehicle)])
     return lambda: _measure(parsed, vehicle)
 
 
@@ -82,8 +82,8 @@ def _measure(arguments: Namespace, vehicle: Vehicle) -> int:
     with TemporaryDirectory() as folder, console.status('measuring …'):
         for path in (HeatPath(), LATE):
             car, export = replace(vehicle, heat_path=path), Path(folder, path_name(path))
-            Export(car, export, []).write(DRAWN, SEED, lambda: None)
-            planned = list(situations(car, DRAWN, LONG, SEED))
+            exported = Export(car, export, []).write(DRAWN, SEED, lambda: None)
+            planned = situations(car, exported, LONG, SEED)
             for target in targets:
                 for level in LEVELS:
                     results.append(measured := measure(

@@ -16,7 +16,7 @@ from bev_preheat.planning.trip import make_trip
 from bev_preheat.route import load_route
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Sequence
 
     from bev_preheat.ecu.vectors import Vector
     from bev_preheat.vehicle.description import Vehicle
@@ -69,22 +69,17 @@ class Situation:
             planned.told, answer.expected, rtol=0.0, atol=TOLERANCES, equal_nan=True).all())
 
 
-def situations(vehicle: Vehicle, drawn: int, long: int, seed: int,
-               report: Callable[[], None] = lambda: None) -> Iterator[Situation]:
+def situations(vehicle: Vehicle, exported: Sequence[Vector], long: int, seed: int) -> list[Situation]:
     """
-    Yield Situations of a Vehicle: so many that are drawn, so many more of the most steps, and the ROUTES.
+    Return Situations of a Vehicle: those of its export, so many more of the most steps, and the ROUTES.
 
-    Those with a number that is none are left out. `report` is called after each.
+    Those with a number that is none are left out.
     """
     with without_core():
-        numbers = [*range(drawn), *(LONG_AT + LONG_EVERY * (drawn + number) for number in range(long))]
-        for number in numbers:
-            vector = draw_vector(vehicle, seed, number)
-            report()
-            if vector.answers[0].status != BAD_INPUT:
-                yield Situation(vector)
-        for route, start_c in ROUTES.items():
-            trip = make_trip(vehicle, load_route(route, vehicle.defaults))
-            yield Situation(vector_of(
-                trip, BatteryState(start_c, ROUTE_SOC), Goal(ROUTE_TARGET_C)), route)
-            report()
+        vectors = [*exported, *(draw_vector(vehicle, seed, LONG_AT + LONG_EVERY * (len(exported) + number))
+                                for number in range(long))]
+        return [
+            *(Situation(vector) for vector in vectors if vector.answers[0].status != BAD_INPUT),
+            *(Situation(vector_of(make_trip(vehicle, load_route(route, vehicle.defaults)),
+                                  BatteryState(start_c, ROUTE_SOC), Goal(ROUTE_TARGET_C)), route)
+              for route, start_c in ROUTES.items())]
