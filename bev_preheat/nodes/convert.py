@@ -16,6 +16,12 @@ import numpy as np
 from sensor_msgs.msg import Temperature
 
 from bev_preheat.errors import figure_beyond, InvalidInput, quoted
+from bev_preheat.nodes.battery_fields import (
+    read_percentage,
+    read_supply_status,
+    read_temperatures,
+    read_voltage_and_current,
+)
 from bev_preheat.nodes.chargers import charger_from_message, charger_problems, write_charger
 from bev_preheat.nodes.stops import STOP_FIELDS, stops_from_message, write_stops
 from bev_preheat.nodes.target_report import write_target
@@ -40,9 +46,6 @@ if TYPE_CHECKING:
 
 # The last second that a builtin_interfaces/Time can hold.
 LATEST_S = 2**31 - 1
-# Beyond these a voltage [V] or a current [A] is no battery's of a road vehicle.
-HIGHEST_VOLTAGE_V = 2000.0
-HIGHEST_CURRENT_A = 5000.0
 # It is repeated in every plan and log line.
 LONGEST_ROUTE_ID = 256
 # Fields of Route and what RoutePlan calls them.
@@ -56,8 +59,6 @@ ROUTE_FIELDS = {
     'auxiliary_power_w': 'auxiliary_power',
     'propulsion_power_magnitude_w': 'propulsion_power_magnitude',
 }
-# Fields of a BatteryState that are 0 or NaN where nobody filled in more than the percentage.
-EVIDENCE_OF_A_BATTERY = ('voltage', 'current', 'charge', 'capacity', 'design_capacity')
 # Fields of Energies and what PreheatPlan calls them.
 ENERGY_FIELDS = {
     'joule': 'joule_energy',
@@ -81,24 +82,18 @@ def time_message(instant_ns: int) -> Time:
 
 def measurement_from_message(message: BatteryStateMessage) -> Measurement:
     """Return the Measurement of a sensor_msgs/BatteryState; raise InvalidInput on unknown values."""
-    problems = [f'{field}: {value} is not a known value; it must be {allowed}'
-                for field, value, allowed in (
-                    ('temperature', message.temperature, 'a finite number, in degC'),
-                    ('percentage', message.percentage, '0 ... 1'))
-                if not math.isfinite(value)]
-    if not 0.0 <= message.percentage <= 1.0 and math.isfinite(message.percentage):
-        problems.append(f'percentage: {figure_beyond(message.percentage, 0.0, 1.0)} is not allowed; '
-                        'it must be 0 ... 1')
-    if message.percentage == 0.0 and not _shows_a_battery(message):
-        problems.append('percentage: 0 counts as not given where present is false and '
-                        f'{", ".join(EVIDENCE_OF_A_BATTERY)} are unset too; it must be 0 ... 1, '
-                        'and a battery that is really empty says "present: true" or its voltage')
+    problems: list[str] = []
+    temperatures = read_temperatures(message, problems)
+    soc = read_percentage(message, problems)
     problems += stamp_problems(message.header.stamp)
     if problems:
         raise InvalidInput(problems)
+    voltage_v, current_a = read_voltage_and_current(message)
     return Measurement(
-        BatteryState(float(message.temperature), float(message.percentage)),
-        nanoseconds(message.header.stamp), *_voltage_and_current(message))
+        BatteryState(temperatures.battery_c, soc), nanoseconds(message.header.stamp), voltage_v, current_a,
+        coldest_cell_c=temperatures.coldest_cell_c, cell_spread_k=temperatures.cell_spread_k,
+        supply_status=read_supply_status(message),
+        location=message.location, serial_number=message.serial_number)
 
 
 def battery_event(message: BatteryStateMessage,
@@ -107,25 +102,8 @@ def battery_event(message: BatteryStateMessage,
     try:
         return BatteryStateArrived(measurement_from_message(message), hint)
     except InvalidInput as error:
-        return BatteryStateUnreadable(InvalidInput([*error.problems, hint]) if hint else error)
-
-
-def _shows_a_battery(message: BatteryStateMessage) -> bool:
-    return message.present or any(
-        value != 0.0 and not math.isnan(value)
-        for value in (getattr(message, field) for field in EVIDENCE_OF_A_BATTERY))
-
-
-def _voltage_and_current(message: BatteryStateMessage) -> tuple[float, float] | tuple[None, None]:
-    """
-    Return the voltage [V] and the current [A], positive = discharging; (None, None): not known.
-
-    A field that nobody filled reads 0, and a battery that carries a drive is never exactly at 0.
-    """
-    voltage_v, current_a = float(message.voltage), -float(message.current)
-    known = (0.0 < voltage_v <= HIGHEST_VOLTAGE_V and current_a != 0.0
-             and abs(current_a) <= HIGHEST_CURRENT_A)
-    return (voltage_v, current_a) if known else (None, None)
+        return BatteryStateUnreadable(InvalidInput([*error.problems, hint]) if hint else error,
+                                      float(message.percentage))
 
 
 def is_cancellation(message: RoutePlan) -> bool:

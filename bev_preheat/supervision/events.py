@@ -9,6 +9,7 @@ Everything that a step of the planner can be given.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import nan
 from typing import ClassVar, TYPE_CHECKING
 
 from bev_preheat.errors import InvalidInput
@@ -39,15 +40,17 @@ class BatteryStateArrived:
             if not self.hint:
                 raise
             BatteryStateUnreadable(
-                InvalidInput([*error.problems, self.hint])).deliver(inbox, now_ns)
+                InvalidInput([*error.problems, self.hint]),
+                self.measurement.state.soc).deliver(inbox, now_ns)
 
 
 @dataclass(frozen=True)
 class BatteryStateUnreadable:
-    """A battery state arrived that could not be read."""
+    """A battery state arrived that could not be read; `percentage` is the message's own, NaN: none."""
 
     source: ClassVar[str] = BATTERY
     error: InvalidInput
+    percentage: float = nan
 
     def deliver(self, inbox: Inbox, now_ns: int) -> None:
         """Refuse it."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from enum import IntEnum
 from typing import NamedTuple, TYPE_CHECKING
 
 from bev_preheat.errors import InvalidInput
@@ -19,6 +20,18 @@ if TYPE_CHECKING:
     from bev_preheat.vehicle.description import Vehicle
 
 NS_PER_S = 1_000_000_000
+# Cells of a healthy battery differ by less, also while coolant heats them [K].
+WIDEST_CELL_SPREAD_K = 10.0
+
+
+class SupplyStatus(IntEnum):
+    """`power_supply_status` of sensor_msgs/BatteryState; the numbers are those of the message."""
+
+    UNKNOWN = 0
+    CHARGING = 1
+    DISCHARGING = 2
+    NOT_CHARGING = 3
+    FULL = 4
 
 
 @dataclass(frozen=True)
@@ -26,13 +39,21 @@ class Measurement:
     """
     The battery's state at an instant [ns of the node's clock], as its sensors tell it.
 
-    Terminal voltage [V] and current [A], positive = discharging, are None where they are not known.
+    None stands for an unknown terminal voltage [V], current [A], positive = discharging, temperature of
+    the coldest cell [deg C], and difference between the warmest and the coldest cell [K]. `location` and
+    `serial_number` tell batteries apart ('': not given); their lengths are not bounded, so quote them
+    with `errors.quoted`.
     """
 
     state: BatteryState
     stamp_ns: int
     voltage_v: float | None = None
     current_a: float | None = None
+    coldest_cell_c: float | None = None
+    cell_spread_k: float | None = None
+    supply_status: SupplyStatus = SupplyStatus.UNKNOWN
+    location: str = ''
+    serial_number: str = ''
 
     @property
     def power_w(self) -> float | None:
@@ -40,6 +61,15 @@ class Measurement:
         if self.voltage_v is None or self.current_a is None:
             return None
         return self.voltage_v * self.current_a
+
+    @property
+    def cell_warning(self) -> str:
+        """A sentence on cells that differ by more than WIDEST_CELL_SPREAD_K; '' for no more."""
+        if self.coldest_cell_c is None or self.cell_spread_k is None or (
+                self.cell_spread_k <= WIDEST_CELL_SPREAD_K):
+            return ''
+        return (f'cell_temperature: the cells differ by {self.cell_spread_k:.1f} K, the coldest is at '
+                f'{self.coldest_cell_c:.1f} degC; at most {WIDEST_CELL_SPREAD_K:g} K are expected')
 
 
 class Progress(NamedTuple):

@@ -19,6 +19,7 @@ from varying_power import magnitude_w
 
 from bev_preheat.errors import InvalidInput
 from bev_preheat.nodes.convert import (
+    battery_event,
     command_message,
     is_cancellation,
     measurement_from_message,
@@ -37,7 +38,7 @@ from bev_preheat.planning.stranding import Stranding
 from bev_preheat.planning.stretches import HeatingStretch, Reason
 from bev_preheat.route.segments import make_route
 from bev_preheat.supervision.decision import Command, Decision
-from bev_preheat.supervision.inputs import Leg, Mission, NS_PER_S, with_stops
+from bev_preheat.supervision.inputs import Leg, Mission, NS_PER_S, SupplyStatus, with_stops
 from bev_preheat.supervision.target_choice import TargetSource
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.description import Defaults
@@ -103,8 +104,8 @@ def test_battery_state():
     ({'percentage': inf}, 'percentage: inf is not a known value; it must be 0 ... 1'),
     ({'percentage': 1.25}, 'percentage: 1.25 is not allowed; it must be 0 ... 1'),
     ({'percentage': -0.25}, 'percentage: -0.25 is not allowed; it must be 0 ... 1'),
-    # The next number of single precision above 1.
-    ({'percentage': 1.0 + 2.0**-23}, 'percentage: 1.00000012 is not allowed; it must be 0 ... 1'),
+    ({'percentage': 1.0051}, 'percentage: 1.0051 is not allowed; it must be 0 ... 1'),
+    ({'percentage': -0.0051}, 'percentage: -0.0051 is not allowed; it must be 0 ... 1'),
     ({'percentage': 64.0}, 'percentage: 64 is not allowed; it must be 0 ... 1'),
     ({'stamp': Time()}, UNSET_STAMP),
 ])
@@ -123,6 +124,75 @@ def test_every_bad_field_of_a_battery_state_is_named():
 def test_the_ends_of_the_state_of_charge_are_allowed(soc):
     message = battery_message(percentage=soc, present=True)
     assert measurement_from_message(message).state.soc == soc
+
+
+@pytest.mark.parametrize('percentage, soc', [
+    # The next number of single precision above 1; a byte that counts 0.4 %, at 100.4 %.
+    (1.0 + 2.0**-23, 1.0), (251 * 0.004, 1.0), (1.0049, 1.0), (-0.0049, 0.0), (-1e-9, 0.0)])
+def test_a_percentage_that_was_rounded_is_that_of_the_end(percentage, soc):
+    assert measurement_from_message(battery_message(percentage=percentage)).state.soc == soc
+
+
+def test_the_event_of_a_refused_state_has_its_percentage():
+    assert battery_event(battery_message(percentage=64.0)).percentage == 64.0
+    assert battery_event(battery_message(temperature=nan, percentage=0.25)).percentage == 0.25
+
+
+# Cells: their order, and NaN among them, must not matter.
+CELLS_C = [4.0, nan, 1.5, 9.5]
+
+
+def test_cells_stand_for_a_temperature_that_is_not_known():
+    measurement = measurement_from_message(
+        battery_message(temperature=nan, cell_temperature=CELLS_C))
+    assert (measurement.state.temperature_c, measurement.coldest_cell_c, measurement.cell_spread_k) == (
+        5.0, 1.5, 8.0)
+    assert measurement.cell_warning == ''
+
+
+def test_a_temperature_goes_before_the_mean_of_the_cells():
+    measurement = measurement_from_message(battery_message(cell_temperature=CELLS_C))
+    assert (measurement.state.temperature_c, measurement.coldest_cell_c, measurement.cell_spread_k) == (
+        -5.0, 1.5, 8.0)
+
+
+@pytest.mark.parametrize('cells_c', [[], [nan, nan], [inf, -inf]])
+def test_without_a_known_cell_there_is_no_coldest(cells_c):
+    measurement = measurement_from_message(battery_message(cell_temperature=cells_c))
+    assert (measurement.coldest_cell_c, measurement.cell_spread_k, measurement.cell_warning) == (None, None, '')
+    assert problems_of(measurement_from_message, battery_message(
+        temperature=nan, cell_temperature=cells_c)) == [
+            'temperature: nan is not a known value; it must be a finite number, in degC']
+
+
+@pytest.mark.parametrize('code_c, shown', [(215.0, '215'), (-273.0, '-273')])
+def test_a_code_for_a_missing_sensor_is_no_cell(code_c, shown):
+    cells_c = [4.0, code_c, 1.5]
+    assert problems_of(measurement_from_message, battery_message(
+        temperature=nan, cell_temperature=cells_c)) == [
+            f'cell_temperature: {shown} is not allowed; it must be -60 ... 100 degC, or NaN: unknown']
+    measurement = measurement_from_message(battery_message(cell_temperature=cells_c))
+    assert (measurement.state.temperature_c, measurement.coldest_cell_c) == (-5.0, None)
+
+
+@pytest.mark.parametrize('warmest_c, warning', [
+    (12.0, ''),
+    (12.5, 'cell_temperature: the cells differ by 10.5 K, the coldest is at 2.0 degC; at most 10 K are '
+     'expected')])
+def test_cells_that_differ_widely_are_reported(warmest_c, warning):
+    assert measurement_from_message(
+        battery_message(cell_temperature=[2.0, warmest_c])).cell_warning == warning
+
+
+def test_supply_status_and_names_of_a_battery():
+    for name in ('UNKNOWN', 'CHARGING', 'DISCHARGING', 'NOT_CHARGING', 'FULL'):
+        measurement = measurement_from_message(battery_message(
+            power_supply_status=getattr(BatteryStateMessage, f'POWER_SUPPLY_STATUS_{name}'),
+            location='under the floor', serial_number='T-7'))
+        assert measurement.supply_status is SupplyStatus[name]
+        assert (measurement.location, measurement.serial_number) == ('under the floor', 'T-7')
+    assert measurement_from_message(
+        battery_message(power_supply_status=77)).supply_status is SupplyStatus.UNKNOWN
 
 
 EVIDENCE = ('voltage', 'current', 'charge', 'capacity', 'design_capacity')

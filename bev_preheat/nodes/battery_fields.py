@@ -1,0 +1,106 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The fields of a sensor_msgs/BatteryState, checked: temperatures, percentage, power, supply status."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple, TYPE_CHECKING
+
+import numpy as np
+
+from bev_preheat.errors import figure_beyond
+from bev_preheat.supervision.inputs import SupplyStatus
+
+if TYPE_CHECKING:
+    from sensor_msgs.msg import BatteryState
+
+# Beyond these a voltage [V] or a current [A] is no battery's of a road vehicle.
+HIGHEST_VOLTAGE_V = 2000.0
+HIGHEST_CURRENT_A = 5000.0
+# A percentage this far beyond 0 ... 1 was rounded: to 0.4 % or 1 % a bit, or to single precision.
+PERCENTAGE_ROUNDING = 0.005
+# A temperature beyond these [deg C] is a code for a missing sensor, not a cell's.
+CELL_RANGE_C = (-60.0, 100.0)
+# Fields that are all 0 or NaN in a message without a percentage.
+EVIDENCE_OF_A_BATTERY = ('voltage', 'current', 'charge', 'capacity', 'design_capacity')
+SUPPLY_STATUSES = {int(status): status for status in SupplyStatus}
+
+
+class Temperatures(NamedTuple):
+    """
+    The battery's temperature [deg C], and those of its cells.
+
+    The coldest cell's temperature [deg C] and the difference between warmest and coldest [K]; None:
+    unknown.
+    """
+
+    battery_c: float
+    coldest_cell_c: float | None = None
+    cell_spread_k: float | None = None
+
+
+def read_temperatures(message: BatteryState, problems: list[str]) -> Temperatures:
+    """
+    Return the Temperatures of a message; the sentences of a refusal are added to `problems`.
+
+    Where `temperature` is NaN, the mean of the known cell temperatures stands for it.
+    """
+    battery_c, low_c, high_c = float(message.temperature), *CELL_RANGE_C
+    cells_c = np.asarray(message.cell_temperature, dtype=float)
+    cells_c = cells_c[np.isfinite(cells_c)]
+    if len(cells_c) == 0 or math.isinf(battery_c):
+        if not math.isfinite(battery_c):
+            problems.append(
+                f'temperature: {battery_c} is not a known value; it must be a finite number, in degC')
+        return Temperatures(battery_c)
+    coldest_c, warmest_c = float(cells_c.min()), float(cells_c.max())
+    if low_c <= coldest_c and warmest_c <= high_c:
+        return Temperatures(float(cells_c.mean()) if math.isnan(battery_c) else battery_c,
+                            coldest_c, warmest_c - coldest_c)
+    if math.isnan(battery_c):
+        wrong_c = warmest_c if warmest_c > high_c else coldest_c
+        problems.append(f'cell_temperature: {figure_beyond(wrong_c, low_c, high_c)} is not allowed; it '
+                        f'must be {low_c:g} ... {high_c:g} degC, or NaN: unknown')
+    return Temperatures(battery_c)
+
+
+def read_percentage(message: BatteryState, problems: list[str]) -> float:
+    """
+    Return the state of charge (0 ... 1) of a message; the sentences of a refusal are added to `problems`.
+
+    A value at most PERCENTAGE_ROUNDING beyond either end is that end.
+    """
+    percentage = float(message.percentage)
+    if not math.isfinite(percentage):
+        problems.append(f'percentage: {percentage} is not a known value; it must be 0 ... 1')
+    elif not -PERCENTAGE_ROUNDING <= percentage <= 1.0 + PERCENTAGE_ROUNDING:
+        problems.append(
+            f'percentage: {figure_beyond(percentage, 0.0, 1.0)} is not allowed; it must be 0 ... 1')
+    elif percentage == 0.0 and not _shows_a_battery(message):
+        problems.append('percentage: 0 counts as not given where present is false and '
+                        f'{", ".join(EVIDENCE_OF_A_BATTERY)} are unset too; it must be 0 ... 1, '
+                        'and a battery that is really empty says "present: true" or its voltage')
+    return min(max(percentage, 0.0), 1.0)
+
+
+def _shows_a_battery(message: BatteryState) -> bool:
+    return message.present or any(
+        value != 0.0 and not math.isnan(value)
+        for value in (getattr(message, field) for field in EVIDENCE_OF_A_BATTERY))
+
+
+def read_voltage_and_current(message: BatteryState) -> tuple[float, float] | tuple[None, None]:
+    """
+    Return the voltage [V] and the current [A], positive = discharging; (None, None): not known.
+
+    An unset field reads 0, and a battery that carries a drive is never exactly at 0.
+    """
+    voltage_v, current_a = float(message.voltage), -float(message.current)
+    known = (0.0 < voltage_v <= HIGHEST_VOLTAGE_V and current_a != 0.0
+             and abs(current_a) <= HIGHEST_CURRENT_A)
+    return (voltage_v, current_a) if known else (None, None)
+
+
+def read_supply_status(message: BatteryState) -> SupplyStatus:
+    """Return the SupplyStatus of a message; any other number is UNKNOWN."""
+    return SUPPLY_STATUSES.get(message.power_supply_status, SupplyStatus.UNKNOWN)
