@@ -71,6 +71,8 @@ WANDER_IN_AN_HOUR = np.array(
 WANDERED_IN_AN_HOUR = np.square(WANDER_IN_AN_HOUR)
 # Where the route says nothing of what the car does, it may do anything.
 WANDER_UNKNOWN = np.array([10.0, 0.3, 0.0, 0.0, 0.0, 0.0, 0.1, 0.0, 0.0, 1.0, 0.1])
+# The same while a car is charged or stands: nothing is learned of its factors and lags.
+HELD_WANDER = np.array([10.0, 0.3, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 10.0])
 # What may be under way [K] after a silence, and how far battery and sensor may then be apart [K].
 UNKNOWN_UNDER_WAY_K = 0.5
 UNKNOWN_APART_K = 0.5
@@ -214,6 +216,43 @@ class Belief:
             self._keep_bounds(lost)
         elif drive.terminal_power_w is not None:
             self.see_propulsion_power(propulsion_w, drive.propulsion_power_w, duration_s)
+
+    def hold(self, duration_s: float, interval_c: tuple[float, float] | None,
+             interval: tuple[float, float] | None) -> None:
+        """
+        Let `duration_s` [s] pass in which the model does not describe the battery; learn nothing of the car.
+
+        Factors, lags and the weights of the hypotheses stay. Temperature and state of charge follow
+        the intervals of their readings [deg C], (0 ... 1); None: there is no valid reading. Heat
+        under way arrives, and the sensor comes to the battery's temperature, with their lags.
+        """
+        self._forget_correlations()
+        sensor_left, heat_left = (
+            np.exp(-duration_s / (nominal_s * array_exp(self.mean[..., index])))
+            for index, nominal_s in ((SENSOR_LAG, NOMINAL_SENSOR_LAG_S), (HEAT_LAG, NOMINAL_HEAT_LAG_S)))
+        step = np.zeros((*SHAPE, SIZE, SIZE))
+        step[..., range(SIZE), range(SIZE)] = 1.0
+        step[..., TEMPERATURE, TEMPERATURE] = sensor_left
+        step[..., TEMPERATURE, SENSOR] = 1.0 - sensor_left
+        step[..., UNDER_WAY, UNDER_WAY] = heat_left
+        self.mean = (step @ self.mean[..., np.newaxis])[..., 0]
+        self.covariance = step @ self.covariance @ np.swapaxes(step, -1, -2)
+        wandered = HELD_WANDER**2 * (duration_s / 3600.0)
+        self._add_noise(wandered)
+        for row, column in ((TEMPERATURE, SENSOR), (SENSOR, TEMPERATURE)):
+            self.covariance[..., row, column] += wandered[TEMPERATURE]
+        if interval_c is not None:
+            self._see_interval(SENSOR, NOISE_VARIANCES, *interval_c, tells_hypotheses=False)
+        if interval is not None:
+            self._see_interval(SOC, SOC_NOISE_VARIANCES, *interval, tells_hypotheses=False)
+
+    def _forget_correlations(self) -> None:
+        """Separate the moving elements from factors and lags, so that their readings do not move those."""
+        for index in MOVING:
+            kept = self.covariance[..., index, MOVING].copy()
+            self.covariance[..., index, :] = self.covariance[..., :, index] = 0.0
+            self.covariance[..., index, MOVING] = kept
+            self.covariance[..., MOVING, index] = kept
 
     def _pass_unknown(self, duration_s: float) -> None:
         hours = duration_s / 3600.0

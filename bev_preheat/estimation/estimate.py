@@ -36,7 +36,8 @@ class Estimate:
 
     `heater` says how the heater answers, `temperature_resolution_k` in which steps the temperature
     is reported (0: continuous), `resets` how often the estimator was reset, why and when last.
-    `sensor_offset_k` is what was subtracted from the readings [K].
+    `sensor_offset_k` is what was subtracted from the readings [K], `ignored_share` (0 ... 1) the share of
+    the latest readings that were too far off to be used.
     """
 
     stamp_ns: int
@@ -48,6 +49,7 @@ class Estimate:
     reset_reason: str = ''
     reset_at_ns: int | None = None
     sensor_offset_k: float = 0.0
+    ignored_share: float = 0.0
 
     @property
     def log_factors(self) -> FloatArray:

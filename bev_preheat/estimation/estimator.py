@@ -22,6 +22,7 @@ from bev_preheat.estimation.state import SENSOR, TEMPERATURE
 from bev_preheat.vehicle.uncertain_car import DriveInputs
 
 if TYPE_CHECKING:
+    from bev_preheat.estimation.hypotheses import HeaterReport
     from bev_preheat.estimation.prior import Learned
     from bev_preheat.estimation.standing import Standing
     from bev_preheat.numerics.arrays import FloatArray
@@ -171,6 +172,52 @@ class Estimator:
         else:
             self._conclude(measurement, *self._belief.expected())
 
+    def hold(self, measurement: Measurement, trusts_temperature: bool = True,
+             trusts_soc: bool = True) -> None:
+        """
+        Follow a Measurement at an instant that the model does not describe, and learn nothing from it.
+
+        The vehicle is charged, stands where its route drives, is on no leg, or a signal is in doubt.
+        Hypotheses, factors, lags and the report on the heater stay as they are. A reading that is not
+        trusted is not used.
+        """
+        state, stamp_ns = measurement.state, measurement.stamp_ns
+        if trusts_temperature:
+            self._readings.see(state)
+        # The next step that is described begins here, with its own samples of the power.
+        self._powers_w, self._quiet_s, self._suspect_since_ns = [], 0.0, None
+        self._latest_s.clear()
+        self._latest_w.clear()
+        if self._stamp_ns is None or (stamp_ns - self._stamp_ns) / NS_PER_S > LONGEST_GAP_S:
+            if trusts_temperature and trusts_soc:
+                self._place(measurement)
+            return
+        elapsed_s = (stamp_ns - self._stamp_ns) / NS_PER_S
+        if elapsed_s < LEAST_INTERVAL_S:
+            return
+        mean, covariance = self._belief.expected() if self._expected is None else self._expected
+        if self._offset_k != 0.0:
+            mean = mean.copy()
+            mean[SENSOR] += self._offset_k
+        is_believed = True
+        if trusts_temperature and trusts_soc:
+            verdict = self._readings.judge(measurement, mean, covariance)
+            if verdict is Verdict.JUMPED:
+                # What was learned of the car holds: only the battery's state was not followed.
+                self._stamp_ns = None
+                self._place(measurement)
+                return
+            is_believed = verdict is Verdict.BELIEVED
+        temperature_k, soc_step = self._readings.temperature_resolution_k, self._readings.soc_resolution
+        reading_c = state.temperature_c - self._offset_k
+        self._belief.hold(
+            elapsed_s,
+            (reading_c - 0.5 * temperature_k, reading_c + 0.5 * temperature_k)
+            if is_believed and trusts_temperature else None,
+            (state.soc - 0.5 * soc_step, state.soc + 0.5 * soc_step)
+            if is_believed and trusts_soc else None)
+        self._conclude(measurement, *self._belief.expected(), is_held=True)
+
     def _jump(self, measurement: Measurement, command_w: float) -> None:
         """Begin anew from a reading that is not what was expected."""
         assert self.estimate is not None
@@ -249,8 +296,13 @@ class Estimator:
         _, lasting_w2 = _mean_and_variance(self._latest_w)
         return max(0.0, route_w2 - lasting_w2)
 
-    def _conclude(self, measurement: Measurement, mean: FloatArray, covariance: FloatArray) -> None:
-        """Make the estimate after a Measurement, with which this mean and covariance are expected."""
+    def _conclude(self, measurement: Measurement, mean: FloatArray, covariance: FloatArray,
+                  is_held: bool = False) -> None:
+        """
+        Make the estimate after a Measurement, with which this mean and covariance are expected.
+
+        `is_held`: nothing was learned, so the report on the heater stays.
+        """
         stamp_ns = self._stamp_ns = measurement.stamp_ns
         self._expected = mean, covariance
         if not _is_sound(mean, covariance):
@@ -258,6 +310,9 @@ class Estimator:
             self._place(measurement)
             return
         weights = [*map(sum, self._belief.weights.tolist())]
+        if is_held and self.estimate is not None:
+            self._make_estimate(stamp_ns, mean, covariance, self.estimate.heater)
+            return
         if not is_suspect(weights):
             self._suspect_since_ns = None
         elif self._suspect_since_ns is None:
@@ -266,9 +321,13 @@ class Estimator:
         report = judge(weights, self.estimate.heater if self.estimate else None,
                        self._quiet_s >= LONGEST_LAGS_S, (stamp_ns - since_ns) / NS_PER_S,
                        self._followed_s >= KNOWN_AFTER_S)
+        self._make_estimate(stamp_ns, mean, covariance, report)
+
+    def _make_estimate(self, stamp_ns: int, mean: FloatArray, covariance: FloatArray,
+                       report: HeaterReport) -> None:
         self.estimate = Estimate(
             stamp_ns, mean, covariance, report, self._readings.temperature_resolution_k, self._resets,
-            self._reason, self._reset_at_ns, self._offset_k)
+            self._reason, self._reset_at_ns, self._offset_k, self._readings.ignored_share)
 
 
 def _is_sound(mean: FloatArray, covariance: FloatArray) -> bool:

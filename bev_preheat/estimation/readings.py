@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from enum import Enum
 import math
 from typing import Protocol, TYPE_CHECKING
@@ -18,6 +19,8 @@ if TYPE_CHECKING:
 IMPLAUSIBLE_DEVIATIONS = 6.0
 LEAST_DEVIATION_K = 0.3
 LEAST_SOC_DEVIATION = 0.01
+# The share of ignored readings is that of so many latest ones.
+COUNTED = 300
 # Element of `state`, reading, step of the signal, least standard deviation.
 Look = tuple[int, float, float, float]
 
@@ -55,6 +58,12 @@ class ReadingCheck:
         self._soc_steps = Resolution(SOC_STEPS)
         # A reading that was not believed, waiting for a second one.
         self._doubted: Measurement | None = None
+        self._ignored: deque[bool] = deque(maxlen=COUNTED)
+
+    @property
+    def ignored_share(self) -> float:
+        """Share of the latest readings that were ignored, 0 ... 1."""
+        return sum(self._ignored) / len(self._ignored) if self._ignored else 0.0
 
     @property
     def temperature_resolution_k(self) -> float:
@@ -73,7 +82,9 @@ class ReadingCheck:
 
     def judge(self, measurement: Measurement, mean: FloatArray, covariance: FloatArray) -> Verdict:
         """Return the Verdict on a Measurement; `mean` and `covariance` are what is expected."""
-        if self._is_plausible(measurement.state, mean, covariance):
+        is_plausible = self._is_plausible(measurement.state, mean, covariance)
+        self._ignored.append(not is_plausible)
+        if is_plausible:
             self._doubted = None
             return Verdict.BELIEVED
         before, self._doubted = self._doubted, measurement

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The planner's entries in /diagnostics: preheating, heater, estimation, route progress, state file."""
+"""The planner's entries in /diagnostics: preheating, signals, heater, estimation, route progress, state file."""
 
 from __future__ import annotations
 
@@ -52,6 +52,8 @@ HEATER_SENTENCES = {
     Heater.DEAD: 'the battery does not get the commanded heat; it is still commanded',
     Heater.STUCK_ON: 'the battery is heated without a command',
 }
+# More ignored readings than this share are worth a warning.
+MOST_IGNORED_SHARE = 0.05
 # The reason of a reset is shown this long.
 RESET_SHOWN_S = 60.0
 
@@ -64,7 +66,8 @@ def planner_diagnostics(node_name: str, supervisor: Supervisor, now_ns: int,
     `memory` is a state_keeper.StateFileReport, None where nothing is kept.
     """
     name, hardware = node_name.lstrip('/'), supervisor.vehicle.name
-    message = DiagnosticArray(status=[_preheating(name, hardware, supervisor, now_ns)])
+    message = DiagnosticArray(status=[_preheating(name, hardware, supervisor, now_ns),
+                                      _signals(name, hardware, supervisor, now_ns)])
     estimate = supervisor.estimate
     if estimate is not None:
         message.status.append(_heater(name, hardware, estimate.heater))
@@ -114,6 +117,30 @@ def _preheating(name: str, hardware: str, supervisor: Supervisor, now_ns: int) -
         level = DiagnosticStatus.ERROR
         text = text if refused in text else f'{text} {refused}'
     return _entry(f'{name}: preheating', hardware, level, f'{decision.status.name}: {text}', values)
+
+
+def _signals(name: str, hardware: str, supervisor: Supervisor, now_ns: int) -> DiagnosticStatus:
+    """Return the entry on regime and signals; WARN while a signal is in doubt."""
+    regime, estimate, measurement = supervisor.regime, supervisor.estimate, supervisor.measurement
+    ignored_share = 0.0 if estimate is None else estimate.ignored_share
+    values = {
+        'regime': regime.regime.value,
+        'regime since [s]': f'{(now_ns - regime.since_ns) / NS_PER_S:.0f}' if regime.since_ns else '',
+        'regime evidence': regime.suspicion or regime.evidence,
+        'ignored readings [%]': f'{100.0 * ignored_share:.1f}'}
+    sentences = []
+    for verdict in supervisor.signal_verdicts:
+        values[f'{verdict.signal} in doubt since [s]'] = f'{(now_ns - verdict.since_ns) / NS_PER_S:.0f}'
+        sentences.append(verdict.sentence)
+    if measurement is not None and measurement.cell_warning:
+        sentences.append(measurement.cell_warning)
+    if ignored_share > MOST_IGNORED_SHARE:
+        sentences.append(f'{100.0 * ignored_share:.0f} % of the latest readings were ignored, because they are far '
+                         f'from the expected state; at most {100.0 * MOST_IGNORED_SHARE:.0f} % are usual')
+    if regime.suspicion:
+        sentences.append(f'suspected: {regime.suspicion}')
+    return _entry(f'{name}: signals', hardware, DiagnosticStatus.WARN if sentences else DiagnosticStatus.OK,
+                  '; '.join(sentences) or f'{regime.regime.value}, every signal holds', values)
 
 
 def _wish_in_words(wish: Wish, now_ns: int) -> str:

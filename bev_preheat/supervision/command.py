@@ -45,6 +45,8 @@ def find_obstacle(inbox: Inbox, now_ns: int) -> Decision | None:
     if age_s < -tolerance_s:
         return Decision(Status.STALE_INPUT, f'battery_state is stamped {-age_s:.3f} s ahead '
                         f'of the clock; at most {tolerance_s:g} s are allowed.')
+    if inbox.doubt is not None:
+        return Decision(Status.INVALID_INPUT, inbox.doubt)
     return None
 
 

@@ -14,18 +14,23 @@ from dataclasses import replace
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from bev_preheat.estimation.estimator import Stretch
 from bev_preheat.supervision.inputs import NS_PER_S
+from bev_preheat.supervision.regime import PlannedPower
 from bev_preheat.vehicle.uncertain_car import DriveInputs
 
 if TYPE_CHECKING:
     from bev_preheat.supervision.command_history import CommandHistory
     from bev_preheat.supervision.inputs import Leg, Mission
     from bev_preheat.supervision.timetable import Timetable
-    from bev_preheat.vehicle.description import Vehicle
+    from bev_preheat.vehicle.description import Defaults, Vehicle
 
 # A route that goes by faster than this many times the plan's pace is a position that was corrected.
 FASTEST_PACE = 2.0
+# Where exactly the vehicle is on its route is not known: the power of so long before and after counts.
+AROUND_NS = 60 * NS_PER_S
 # A segment lasts for many updates.
 KEPT_SEGMENTS = 8
 
@@ -56,6 +61,35 @@ def shown_command_w(timetable: Timetable | None, instant_ns: int, commands: Comm
         if mission.legs[mission.leg_number(planned_ns)].ended_for_s(planned_ns) >= 0.0:
             return 0.0
     return commands.mean_w(instant_ns, instant_ns)
+
+
+def driven_at(vehicle: Vehicle, timetable: Timetable | None, instant_ns: int) -> DriveInputs | None:
+    """Return the DriveInputs that the route plans at an instant [ns]; None where no leg covers it."""
+    if timetable is None:
+        return None
+    return _planned_at(vehicle, timetable.planned, timetable.planned_ns(instant_ns))[0]
+
+
+def planned_around(timetable: Timetable | None, instant_ns: int, defaults: Defaults) -> PlannedPower:
+    """Return the PlannedPower within AROUND_NS of an instant [ns]; Defaults where no leg covers it."""
+    if timetable is not None:
+        mission, planned_ns = timetable.planned, timetable.planned_ns(instant_ns)
+        leg = mission.legs[mission.leg_number(planned_ns)]
+        if leg.start_ns <= planned_ns < leg.arrival_ns:
+            first, last = (leg.route.segment_at((planned_ns + by_ns - leg.start_ns) / NS_PER_S)
+                           for by_ns in (-AROUND_NS, AROUND_NS))
+            return _planned_power(leg, first, last)
+    return PlannedPower(0.0, 0.0, defaults.cabin_heating_power_w + defaults.auxiliary_power_w, False)
+
+
+@lru_cache(maxsize=KEPT_SEGMENTS)
+def _planned_power(leg: Leg, first: int, last: int) -> PlannedPower:
+    """Return the PlannedPower of the segments `first` to `last` of a Leg."""
+    route, part = leg.route, slice(first, last + 1)
+    propulsion_w = route.propulsion_power_w[part]
+    return PlannedPower(
+        float(np.average(propulsion_w, weights=route.duration_s[part])), float(propulsion_w.min()),
+        float((route.cabin_heating_power_w[part] + route.auxiliary_power_w[part]).max()))
 
 
 def _driven_between(vehicle: Vehicle, timetable: Timetable | None, from_ns: int,

@@ -48,6 +48,8 @@ class Inbox:
         self.vehicle, self.settings = vehicle, settings
         self.is_enabled = True
         self.rivals = ''  # Names of other nodes that command the same heater.
+        # The sentence on signals of the latest battery state without which nothing is heated.
+        self.doubt: str | None = None
         # Of the current route; None without one.
         self.timetable: Timetable | None = None
         # The sentence of the latest refused route progress; None after a valid one, or a route.

@@ -8,7 +8,6 @@ from the departure that the route gives; its plan is made once.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -21,8 +20,9 @@ from bev_preheat.planning.status import Status
 from bev_preheat.supervision.charger_heat import charger_heat, ChargerHeat
 from bev_preheat.supervision.course import shown_command_w, stretches_between
 from bev_preheat.supervision.decision import Decision
-from bev_preheat.supervision.inputs import Leg, Measurement, NS_PER_S
+from bev_preheat.supervision.inputs import Leg, NS_PER_S
 from bev_preheat.supervision.outlook import believed_share, believed_state, OutlookMaker, seen_from_now
+from bev_preheat.supervision.regime import Regime
 from bev_preheat.supervision.stand_watch import StandReport, StandWatch
 from bev_preheat.supervision.target_choice import Outset, TargetChoice, TargetChooser
 from bev_preheat.supervision.wished_plan import in_words_of_wish, is_from_grid, plan_wish, target_of_wish
@@ -35,12 +35,16 @@ if TYPE_CHECKING:
     from bev_preheat.supervision.command_history import CommandHistory
     from bev_preheat.supervision.inbox import Inbox
     from bev_preheat.supervision.inputs import Mission
+    from bev_preheat.supervision.knowledge import Known
+    from bev_preheat.supervision.regime import RegimeReport
     from bev_preheat.supervision.settings import Settings
     from bev_preheat.supervision.timetable import Timetable
     from bev_preheat.vehicle.description import Vehicle
 
-# A vehicle that has stood for so long where its route does not stop may stand for hours.
+# A vehicle that has stood for so long where its route does not stop may stand for hours; one that is
+# parked, with its consumers off, does so.
 MOST_STANDING_S = 900.0
+MOST_PARKED_S = 180.0
 # What a vehicle that stands too long is told instead of these: they heat, or are about to.
 WITHHELD = (Status.WAITING, Status.HEATING, Status.TARGET_UNREACHABLE, Status.SOC_LIMITED,
             Status.POWER_LIMITED)
@@ -85,29 +89,33 @@ class Judgement:
         """Take the temperature from the next reading alone, because the clock was restarted."""
         self._estimator.lose_time()
 
-    def learn(self, measurements: Iterable[Measurement], timetable: Timetable | None,
-              commands: CommandHistory, trip: Mission | None) -> None:
+    def learn(self, known: Known, timetable: Timetable | None, commands: CommandHistory,
+              trip: Mission | None) -> None:
         """
-        Take Measurements in, on a Timetable's mission and under a CommandHistory.
+        Take a Known measurement in, on a Timetable's mission and under a CommandHistory.
 
         `trip` is the Mission of the route plan, before which the vehicle may have stood.
         """
-        for measurement in measurements:
-            stamp_ns = measurement.stamp_ns
-            standing = self._stand_watch.look(trip, measurement)
-            if timetable is not None and is_from_grid(timetable.mission.legs[0]):
-                # The battery's power then says nothing of the heater.
-                measurement = replace(measurement, voltage_v=None, current_a=None)
-            if standing is not None:
-                self._estimator.rely_on(standing)
-            self._estimator.observe(
-                measurement, shown_command_w(timetable, stamp_ns, commands),
-                stretches_between(
-                    self._estimator.edges_ns(stamp_ns), self._vehicle, timetable, commands))
+        measurement = known.measurement
+        stamp_ns = measurement.stamp_ns
+        standing = self._stand_watch.look(trip, measurement) if known.trusts_temperature else None
+        if timetable is not None and is_from_grid(timetable.mission.legs[0]):
+            # The battery's power then says nothing of the heater.
+            measurement = replace(measurement, voltage_v=None, current_a=None)
+        if standing is not None:
+            self._estimator.rely_on(standing)
+        if not known.is_described:
+            self._estimator.hold(measurement, known.trusts_temperature, known.trusts_soc)
+            return
+        self._estimator.observe(
+            measurement, shown_command_w(timetable, stamp_ns, commands),
+            stretches_between(
+                self._estimator.edges_ns(stamp_ns), self._vehicle, timetable, commands))
 
-    def decide(self, inbox: Inbox, now_ns: int, is_heating: bool, heated_s: float) -> Decision:
+    def decide(self, inbox: Inbox, regime: RegimeReport, now_ns: int, is_heating: bool,
+               heated_s: float) -> Decision:
         """
-        Return the Decision for valid inputs at an instant [ns].
+        Return the Decision for valid inputs in a RegimeReport's regime at an instant [ns].
 
         `is_heating`: the heater is on; it has heated the battery for `heated_s` [s] on this trip.
         """
@@ -118,12 +126,15 @@ class Judgement:
         leg, later_legs = mission.legs[number], mission.legs[number + 1:]
         ended_for_s = leg.ended_for_s(now_ns)
         if ended_for_s < 0.0:
-            decision = self._plan_current(inbox, leg, now_ns, is_heating, heated_s)
             if leg.made_for is not None:
-                return in_words_of_wish(decision)
-            stood_s = timetable.stood_ns / NS_PER_S
-            if stood_s > MOST_STANDING_S and decision.status in WITHHELD:
-                decision = Decision(Status.WAITING, _standing_sentence(stood_s))
+                return in_words_of_wish(self._plan_current(inbox, leg, now_ns, is_heating, heated_s))
+            decision = self._charged_on_the_way(inbox, leg, regime, now_ns, is_heating)
+            if decision is None:
+                decision = self._plan_current(inbox, leg, now_ns, is_heating, heated_s)
+                stood_s = timetable.stood_ns / NS_PER_S
+                limit_s = MOST_PARKED_S if regime.is_parked else MOST_STANDING_S
+                if stood_s > limit_s and decision.status in WITHHELD:
+                    decision = Decision(Status.WAITING, _standing_sentence(stood_s, regime))
             return replace(decision, later_legs=later_legs) if later_legs else decision
         heat = self._charger_heat(inbox, leg, is_heating)
         why = f' {heat.reason}' if heat.reason else ''
@@ -134,6 +145,23 @@ class Judgement:
         if heat.power_w > 0.0:
             return Decision(Status.CHARGING, arrived + why, charger_heat_w=heat.power_w)
         return Decision(Status.ARRIVED, arrived)
+
+    def _charged_on_the_way(self, inbox: Inbox, leg: Leg, regime: RegimeReport, now_ns: int,
+                            is_heating: bool) -> Decision | None:
+        """Return the Decision for a vehicle that is charged, or seems to be, on a leg; None if it is not."""
+        if now_ns < leg.start_ns:
+            return None
+        if regime.regime is Regime.CHARGING:
+            heat = self._charger_heat(inbox, leg, is_heating)
+            why = f' {heat.reason}' if heat.reason else ''
+            return Decision(Status.CHARGING, (
+                f'The vehicle is charged {duration_text(-leg.ended_for_s(now_ns))} before its route ends: '
+                f'{regime.evidence}; no heating for the route until it drives on.{why}'), leg=leg,
+                charger_heat_w=heat.power_w)
+        if regime.suspicion:
+            return Decision(Status.WAITING, (
+                f'The heater waits: {regime.suspicion}; the state of charge will decide.'), leg=leg)
+        return None
 
     def _charger_heat(self, inbox: Inbox, leg: Leg, is_heating: bool) -> ChargerHeat:
         """Return the ChargerHeat after a leg that has ended; nothing where nobody asks for it."""
@@ -239,10 +267,11 @@ def _own_sentence(plan: Plan, choice: TargetChoice | None) -> str | None:
     return None
 
 
-def _standing_sentence(stood_s: float) -> str:
+def _standing_sentence(stood_s: float, regime: RegimeReport) -> str:
     """Return the sentence on a vehicle that has stood for too long to be kept warm."""
-    return (f'The vehicle has stood for {duration_text(stood_s)} where its route does not stop, by '
-            'route_progress: no heating until it drives on.')
+    evidence = f' ({regime.evidence})' if regime.evidence else ''
+    return (f'The vehicle has stood for {duration_text(stood_s)} where its route does not stop{evidence}: '
+            'no heating until it drives on.')
 
 
 def _charging_sentence(leg: Leg, now_ns: int) -> str:

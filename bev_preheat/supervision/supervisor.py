@@ -19,11 +19,14 @@ from bev_preheat.supervision.decision import Command, Decision, WITHOUT_ROUTE
 from bev_preheat.supervision.events import Event, ProgressArrived, ProgressUnreadable, Reconfigured
 from bev_preheat.supervision.inbox import Inbox
 from bev_preheat.supervision.judgement import Judgement
+from bev_preheat.supervision.knowledge import Knowledge
 
 if TYPE_CHECKING:
     from bev_preheat.estimation.estimate import Estimate
     from bev_preheat.estimation.prior import Learned
+    from bev_preheat.signals.verdict import SignalVerdict
     from bev_preheat.supervision.inputs import Measurement, Mission
+    from bev_preheat.supervision.regime import RegimeReport
     from bev_preheat.supervision.settings import Settings
     from bev_preheat.supervision.stand_watch import StandReport
     from bev_preheat.supervision.timetable import Timetable
@@ -77,6 +80,7 @@ class Supervisor:
         """
         use_core(settings.compiled_core)
         self._inbox = Inbox(vehicle, settings)
+        self._knowledge = Knowledge(vehicle)
         self._judgement = Judgement(vehicle, learned)
         self._commander = Commander()
         self._decision = WITHOUT_ROUTE
@@ -193,6 +197,16 @@ class Supervisor:
         return self._inbox.measurement
 
     @property
+    def regime(self) -> RegimeReport:
+        """Whether the vehicle drives, stands or is charged, by evidence."""
+        return self._knowledge.regime
+
+    @property
+    def signal_verdicts(self) -> tuple[SignalVerdict, ...]:
+        """The SignalVerdicts that hold; () while every signal does."""
+        return self._knowledge.verdicts
+
+    @property
     def refused_route(self) -> str | None:
         """The sentence of the latest route plan's refusal; None after a valid one."""
         return self._inbox.refused_route
@@ -233,8 +247,11 @@ class Supervisor:
             if isinstance(event, Reconfigured) and (
                     event.learned or event.vehicle is not self._judgement.vehicle):
                 self._judgement = Judgement(event.vehicle, event.learned)
+            if isinstance(event, Reconfigured) and event.vehicle is not self._knowledge.vehicle:
+                self._knowledge = Knowledge(event.vehicle)
         if changes.clock_restarted:
             self._judgement.lose_time()
+            self._knowledge.lose_time()
         if changes.has_new_mission:
             self._judgement.follow_new_mission()
             self._commander.allow_switching()
@@ -242,10 +259,12 @@ class Supervisor:
             self._commander.history.forget_heating(now_ns)
         inbox, history = self._inbox, self._commander.history
         for measurement in changes.measurements:
+            known = self._knowledge.see(measurement, inbox.pursued, history, inbox.settings, inbox.defaults)
+            inbox.measurement, inbox.doubt = known.measurement, self._knowledge.obstacle
             inbox.preparer.see(
-                measurement, history.mean_w(measurement.stamp_ns, measurement.stamp_ns), inbox)
-        if self.settings.estimation:
-            self._judgement.learn(changes.measurements, inbox.pursued, history, inbox.mission)
+                known.measurement, history.mean_w(measurement.stamp_ns, measurement.stamp_ns), inbox)
+            if self.settings.estimation:
+                self._judgement.learn(known, inbox.pursued, history, inbox.mission)
         if self.wish is not None:
             inbox.preparer.revise(
                 inbox, now_ns, 1.0 if self.estimate is None else self.estimate.propulsion_factor)
@@ -271,7 +290,7 @@ class Supervisor:
             return
         history = self._commander.history
         self._decision = self._judgement.decide(
-            self._inbox, now_ns, self._commander.is_heating, history.heated_s(now_ns))
+            self._inbox, self._knowledge.regime, now_ns, self._commander.is_heating, history.heated_s(now_ns))
         # Worked out when they are read. Where that fails the decision has failed, before any command.
         self._decision.read()
         if self._decision.status in (Status.CHARGING, Status.ARRIVED):

@@ -35,6 +35,8 @@ KEPT_NS = 70 * NS_PER_S
 SPACED_NS = NS_PER_S
 # How fast the route goes by is taken from so much time.
 PACE_OVER_NS = 5 * NS_PER_S
+# A position that has grown by more than KNOWN_TO_M within so long is that of a vehicle that moves.
+MOVES_WITHIN_NS = 10 * NS_PER_S
 
 
 class _Fix(NamedTuple):
@@ -66,6 +68,9 @@ class Timetable:
         # The furthest distance so far [m], and since when it is this one, by distance and delay.
         self._furthest_m = 0.0
         self._stands_at_m, self._stands_from_ns = 0.0, 0
+        # When it grew last [ns], and the planned instant at which the vehicle stands by other evidence.
+        self._moved_ns = 0
+        self._frozen_ns: int | None = None
 
     @property
     def places(self) -> Places:
@@ -89,6 +94,7 @@ class Timetable:
     def lose_time(self) -> None:
         """Go by the Mission's own stamp again, because the clock was restarted."""
         self.latest, self.mission, self.stood_ns = None, self.planned, 0
+        self._frozen_ns = None
         self._fixes.clear()
 
     def revise(self, planned: Mission) -> None:
@@ -149,8 +155,52 @@ class Timetable:
             self.mission = self.planned.delayed(delay_ns)
         if not is_followed or self._furthest_m > self._stands_at_m + KNOWN_TO_M:
             self._stands_at_m, self._stands_from_ns = self._furthest_m, delay_ns
+            self._moved_ns = progress.stamp_ns
         self.stood_ns = delay_ns - self._stands_from_ns
         self.latest = progress
+
+    def has_moved(self, now_ns: int, settings: Settings) -> bool | None:
+        """Return whether the vehicle moves, by its latest Progress; None without a recent one."""
+        latest = self.latest
+        if latest is None or now_ns - latest.stamp_ns > settings.route_progress_timeout_s * NS_PER_S:
+            return None
+        return latest.stamp_ns - self._moved_ns <= MOVES_WITHIN_NS
+
+    def stand(self, since_ns: int, recognised_ns: int, now_ns: int) -> None:
+        """
+        Stay at the place of an instant, because the vehicle stands or is charged: the route gets later.
+
+        It stands since `since_ns` [ns], which was recognised at `recognised_ns` [ns]. The place is
+        that of the recognition: a short stop is part of the route. Before the trip, at its stops and
+        behind its end time goes on as planned.
+        """
+        planned, planned_ns = self.planned, self.planned_ns(now_ns)
+        leg = planned.legs[planned.leg_number(planned_ns)]
+        if self._frozen_ns is None:
+            if not leg.start_ns <= planned_ns < leg.arrival_ns:
+                return
+            self._frozen_ns = max(self.planned_ns(recognised_ns), leg.start_ns)
+            self._note(_Fix(min(recognised_ns, now_ns), self._frozen_ns))
+        self._note(_Fix(now_ns, self._frozen_ns))
+        self._goes_on_ns = 0
+        self.mission = planned.delayed(now_ns - self._frozen_ns)
+        self.stood_ns = now_ns - max(since_ns, planned.start_ns)
+
+    def go_on(self) -> None:
+        """Let the route go on from where the vehicle stood."""
+        if self._frozen_ns is not None:
+            self._frozen_ns, self.stood_ns = None, 0
+
+    def arrive(self, since_ns: int) -> None:
+        """Be at the end of the current leg since an instant [ns]: the vehicle has reached its charger."""
+        planned = self.planned
+        leg = planned.legs[planned.leg_number(
+            self.planned_ns(since_ns) if self._frozen_ns is None else self._frozen_ns)]
+        self._frozen_ns, self.stood_ns = None, 0
+        self._fixes.clear()
+        self._note(_Fix(since_ns, leg.arrival_ns))
+        self._goes_on_ns = 0
+        self.mission = planned.delayed(since_ns - leg.arrival_ns)
 
     def _is_followed(self, progress: Progress, settings: Settings) -> bool:
         """Whether the latest Progress is recent enough to be compared with this one."""

@@ -240,8 +240,8 @@ def test_who_drives_on_is_heated_again_at_once():
     drive = Drive()
     assert stood(drive, 2000)[0] == OFF
     assert drive.supervisor.decision.explanation == (
-        'The vehicle has stood for 31:34 min where its route does not stop, by route_progress: no '
-        'heating until it drives on.')
+        'The vehicle has stood for 31:34 min where its route does not stop (the position has not moved for '
+        '1894 s): no heating until it drives on.')
     drive.tell(2001.0, 6030.0)
     assert drive.feed(2001.0)[0] == HEATS
 

@@ -591,6 +591,12 @@ class Oracle:
         self.enabled = True
         self.battery_trusted = self.route_trusted = False
         self.stamp_ns = self.mission = None
+        self._temperature_c = 0.0
+
+    def temperature_c(self, seeded):
+        """Return the battery's temperature, as one that wanders: two batteries in turn are never heated."""
+        self._temperature_c = min(max(self._temperature_c + seeded.uniform(-2.0, 2.0), -39.0), 30.0)
+        return self._temperature_c
 
     def objection(self, command, now_ns):
         """Return why a command must not be, None if it may."""
@@ -626,7 +632,7 @@ def random_step(seeded, supervisor, oracle, now_ns):
         stamp_ns = now_ns - ns(seeded.uniform(-0.6, 4.4))
         try:
             supervisor.accept_battery(
-                make_measurement(seeded.uniform(-39.0, 30.0), seeded.random(), stamp_ns), now_ns)
+                make_measurement(oracle.temperature_c(seeded), 0.7, stamp_ns), now_ns)
             oracle.stamp_ns = stamp_ns
             oracle.battery_trusted, oracle.route_trusted = True, oracle.mission is not None
         except InvalidInput:

@@ -1,0 +1,116 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Whether the current has the sign that it is to have: positive = discharging inside this software.
+
+Two witnesses. The voltage falls while the discharge current rises, by the resistance: in measured
+drives their changes are correlated by -0.99. The state of charge falls while the battery is
+discharged. The latest proof holds.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from enum import Enum
+import math
+from typing import NamedTuple
+
+from bev_preheat.estimation.resolution import Resolution, SOC_STEPS
+
+# Changes of voltage and current from one state to the next, over so many states, that are no
+# further apart than this [s]; the current must have changed by this standard deviation [A].
+CHANGES, LEAST_CHANGES = 60, 20
+APART_S = 2.5
+LEAST_DEVIATION_A = 5.0
+# … and their correlation must be beyond this one.
+PROVES_CORRELATION = 0.7
+# The state of charge must have moved by so much, and by more than this share of its step.
+LEAST_MOVED = 0.004
+LEAST_STEPS = 0.9
+# The current must account for this share of that at least, if it was as much as that itself.
+LEAST_SHARE = 0.25
+# After so much charge without proof the comparison starts again.
+RESTART_AFTER = 0.05
+
+
+class Sign(Enum):
+    """What is known of the sign of the current."""
+
+    UNKNOWN = 'unknown'
+    RIGHT = 'right'
+    REVERSED = 'reversed'
+
+
+class _Sample(NamedTuple):
+    instant_s: float
+    voltage_v: float
+    current_a: float
+
+
+class CurrentSign:
+    """Watches voltage, current and state of charge; `sign` is the Sign, `evidence` a sentence."""
+
+    def __init__(self, capacity_as: float) -> None:
+        """Know nothing; `capacity_as` [As] is that of the battery."""
+        self._capacity_as = capacity_as
+        self.sign, self.evidence = Sign.UNKNOWN, ''
+        self._changes: deque[tuple[float, float]] = deque(maxlen=CHANGES)
+        self._before: _Sample | None = None
+        self._soc_steps = Resolution(SOC_STEPS)
+        self._first_soc: float | None = None
+        self._discharged = 0.0
+
+    def lose_time(self) -> None:
+        """Forget the latest state, because the next one does not follow it."""
+        self._before = self._first_soc = None
+        self._discharged = 0.0
+
+    def see(self, instant_s: float, voltage_v: float, current_a: float, soc: float) -> Sign:
+        """Take a state in: instant [s], voltage [V], current [A], state of charge (0 ... 1); return the Sign."""
+        before, self._before = self._before, _Sample(instant_s, voltage_v, current_a)
+        self._soc_steps.see(soc)
+        if before is None or not 0.0 < instant_s - before.instant_s <= 60.0:
+            self._first_soc, self._discharged = soc, 0.0
+            return self.sign
+        elapsed_s = instant_s - before.instant_s
+        if elapsed_s <= APART_S:
+            self._changes.append((voltage_v - before.voltage_v, current_a - before.current_a))
+        self._discharged += 0.5 * (current_a + before.current_a) * elapsed_s / self._capacity_as
+        self._judge_voltage()
+        self._judge_charge(soc)
+        return self.sign
+
+    def _judge_voltage(self) -> None:
+        count = len(self._changes)
+        if count < LEAST_CHANGES:
+            return
+        voltages = current = mixed = 0.0
+        for change_v, change_a in self._changes:
+            voltages += change_v * change_v
+            current += change_a * change_a
+            mixed += change_v * change_a
+        if voltages == 0.0 or current < count * LEAST_DEVIATION_A**2:
+            return
+        correlation = mixed / math.sqrt(voltages * current)
+        if correlation > PROVES_CORRELATION:
+            self._prove(Sign.REVERSED, 'the voltage rises while the current discharges more')
+        elif correlation < -PROVES_CORRELATION:
+            self._prove(Sign.RIGHT, '')
+
+    def _judge_charge(self, soc: float) -> None:
+        if self._first_soc is None:
+            self._first_soc = soc
+        fallen, least = self._first_soc - soc, max(LEAST_MOVED, LEAST_STEPS * self._soc_steps.step)
+        if abs(fallen) < least or abs(self._discharged) < max(LEAST_SHARE * abs(fallen), 0.5 * least):
+            if abs(self._discharged) > max(RESTART_AFTER, 3.0 * least):
+                self._first_soc, self._discharged = soc, 0.0
+            return
+        if fallen * self._discharged > 0.0:
+            self._prove(Sign.RIGHT, '')
+        else:
+            self._prove(Sign.REVERSED, (
+                f'the state of charge {"fell" if fallen > 0.0 else "rose"} by {100 * abs(fallen):.1f} % while '
+                f'the current says that it {"rises" if self._discharged < 0.0 else "falls"}'))
+        self._first_soc, self._discharged = soc, 0.0
+
+    def _prove(self, sign: Sign, evidence: str) -> None:
+        self.sign, self.evidence = sign, evidence

@@ -1,0 +1,71 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Whether voltage and state of charge fit the battery that the vehicle file describes.
+
+The terminal voltage lies near U_oc(soc, T) - R(soc, T) I. Vehicle files differ from cars, so the
+bounds are wide: they find another battery, a scale, and a charge that was never set.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from bev_preheat.numerics.arithmetic import FLOATS
+
+if TYPE_CHECKING:
+    from bev_preheat.vehicle.description import Vehicle
+
+# The voltage may differ by this share of the open-circuit voltage, and by this multiple of R I.
+VOLTAGE_WITHIN = 0.2
+VOLTAGE_WITHIN_DROPS = 1.0
+# A state of charge that reads no more than this is contradicted by the voltage of a fuller battery,
+EMPTY_BELOW = 0.001
+# … of one beyond half the way from empty to this state of charge.
+FULLER_SOC = 0.2
+
+
+class ElectricalCheck:
+    """Compares voltage and state of charge with the curves of a vehicle."""
+
+    def __init__(self, vehicle: Vehicle) -> None:
+        """Take the curves of a Vehicle."""
+        battery = vehicle.battery
+        self._voltage_v = battery.open_circuit_voltage.function(FLOATS)
+        self._resistance_ohm = battery.resistance.function(FLOATS)
+        self._lowest_soc = 0.0
+        self._temperatures_c = battery.temperature_range_c
+
+    def voltage_doubt(self, voltage_v: float, current_a: float, temperature_c: float, soc: float) -> str:
+        """Return the sentence on a voltage [V] that is not this battery's; '' if it may be."""
+        expected_v, drop_v = self._expected(current_a, temperature_c, soc)
+        allowed_v = VOLTAGE_WITHIN * expected_v + VOLTAGE_WITHIN_DROPS * abs(drop_v)
+        if abs(voltage_v - (expected_v - drop_v)) <= allowed_v:
+            return ''
+        return (f'voltage: {voltage_v:g} V is not that of this battery: {expected_v - drop_v:.0f} V are expected at '
+                f'{100 * soc:.1f} % and {current_a:.0f} A, within {allowed_v:.0f} V; voltage and current are not used')
+
+    def charge_doubt(self, voltage_v: float, current_a: float, temperature_c: float, soc: float) -> str:
+        """Return the sentence on a state of charge of 0 that the voltage [V] contradicts; '' if it does not."""
+        if soc > EMPTY_BELOW:
+            return ''
+        empty_v, drop_v = self._expected(current_a, temperature_c, 0.0)
+        fuller_v, _ = self._expected(current_a, temperature_c, FULLER_SOC)
+        resting_v = voltage_v + drop_v
+        if resting_v <= empty_v + 0.5 * (fuller_v - empty_v):
+            return ''
+        return (f'percentage: {100 * soc:.1f} % contradicts {voltage_v:.1f} V: an empty battery has '
+                f'{empty_v - drop_v:.1f} V; is the field set?')
+
+    def is_nearer(self, voltage_v: float, current_a: float, temperature_c: float, soc: float,
+                  other_soc: float) -> bool:
+        """Return whether a voltage [V] fits a state of charge better than another."""
+        (own_v, drop_v), (other_v, _) = (self._expected(current_a, temperature_c, each) for each in (soc, other_soc))
+        resting_v = voltage_v + drop_v
+        return abs(resting_v - own_v) < abs(resting_v - other_v)
+
+    def _expected(self, current_a: float, temperature_c: float, soc: float) -> tuple[float, float]:
+        """Return (open-circuit voltage, voltage drop of a current) [V] at a state within the curves' range."""
+        low_c, high_c = self._temperatures_c
+        temperature_c = min(max(temperature_c, low_c), high_c)
+        return (self._voltage_v(soc, temperature_c),
+                self._resistance_ohm(soc, temperature_c) * current_a)

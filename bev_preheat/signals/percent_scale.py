@@ -1,0 +1,45 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+A state of charge on a scale of 100, which near empty looks like one of 0 ... 1.
+
+Values above 1 were refused; a value below 1 that follows them is on their scale, too, unless it goes
+on from the last valid one.
+"""
+
+from __future__ import annotations
+
+# A value that follows one on a scale of 100 within so long [s] is on that scale.
+FOLLOWS_WITHIN_S = 600.0
+# … unless it is this near to the last valid one.
+GOES_ON_WITHIN = 0.1
+
+
+class PercentScale:
+    """Remembers the latest percentages, those that were refused too."""
+
+    def __init__(self) -> None:
+        """Know nothing yet."""
+        self._latest: float | None = None
+        self._latest_s = 0.0
+        self._valid: float | None = None
+
+    def note_refused(self, instant_s: float, percentage: float) -> None:
+        """Note a percentage that was refused at an instant [s]; one above 1 is on a scale of 100."""
+        if 1.0 < percentage <= 100.0:
+            self._latest, self._latest_s = percentage, instant_s
+
+    def doubt(self, instant_s: float, soc: float, is_vouched_for: bool) -> str:
+        """
+        Return the sentence on a state of charge that is on a scale of 100; '' if it is not.
+
+        `is_vouched_for`: the voltage fits it better than the hundredth of it.
+        """
+        before = self._latest
+        goes_on = self._valid is not None and abs(soc - self._valid) <= GOES_ON_WITHIN
+        if (before is None or is_vouched_for or goes_on or soc == 0.0
+                or not 0.0 <= instant_s - self._latest_s <= FOLLOWS_WITHIN_S):
+            self._latest, self._valid = None, soc
+            return ''
+        self._latest_s = instant_s
+        return (f'percentage: {soc:g} follows {before:g}, which is on a scale of 100; expected 0 ... 1: '
+                f'{soc / 100:g}?')

@@ -1,0 +1,93 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Whether the battery states are from one battery.
+
+Two batteries on one topic contradict each other: from one message to the next temperature, charge or
+voltage move by more than any battery can, again and again, and back. Or the messages say so
+themselves, by `location` or `serial_number`. Which of the two is meant cannot be known.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from typing import NamedTuple
+
+# Beyond these from one state to the next [K], (0 ... 1), share of the voltage, it is not one battery.
+JUMP_K = 3.0
+JUMP_SOC = 0.03
+JUMP_VOLTAGE = 0.2
+# … and beyond this rate of the temperature [K/s], where states are far apart.
+RATE_K_PER_S = 0.1
+# States further apart than this [s] are not compared.
+TOGETHER_S = 30.0
+# So many of the latest states are looked at; with so many jumps among them they are from two batteries.
+STATES = 20
+LEAST_JUMPS = 3
+# One battery again after so many states in a row without a jump.
+CALM_STATES = 30
+
+
+class _State(NamedTuple):
+    instant_s: float
+    temperature_c: float
+    soc: float
+    voltage_v: float | None
+    name: str
+
+
+class SourceWatch:
+    """Watches from which battery states come; `doubt` is the sentence, '' if it is one battery."""
+
+    def __init__(self) -> None:
+        """Know nothing yet."""
+        self.doubt = ''
+        self._before: _State | None = None
+        self._jumps: deque[bool] = deque(maxlen=STATES)
+        self._calm = 0
+
+    def lose_time(self) -> None:
+        """Forget the latest state, because the next one does not follow it."""
+        self._before = None
+
+    def see(self, instant_s: float, temperature_c: float, soc: float, voltage_v: float | None,
+            name: str = '') -> str:
+        """
+        Take a state in: instant [s], temperature [deg C], state of charge (0 ... 1), voltage [V].
+
+        `name` is what the message says of its battery, '' for nothing. Returns `doubt`.
+        """
+        state = _State(instant_s, temperature_c, soc, voltage_v, name)
+        before, self._before = self._before, state
+        if before is None or not 0.0 <= instant_s - before.instant_s <= TOGETHER_S:
+            self._jumps.clear()
+            return self.doubt
+        has_jumped = _has_jumped(before, state)
+        self._jumps.append(has_jumped)
+        self._calm = 0 if has_jumped else self._calm + 1
+        if sum(self._jumps) >= LEAST_JUMPS:
+            self.doubt = self._sentence(before, state) if has_jumped or not self.doubt else self.doubt
+        elif self._calm >= CALM_STATES:
+            self.doubt = ''
+        return self.doubt
+
+    def _sentence(self, one: _State, other: _State) -> str:
+        if one.name != other.name:
+            return (f'battery_state comes from two batteries: {one.name or "without a name"!r} and '
+                    f'{other.name or "without a name"!r}; remap the topic to the traction battery')
+        share = 100.0 * sum(self._jumps) / len(self._jumps)
+        return (f'battery_state comes from two batteries: {share:.0f} % of the readings contradict the one before, '
+                f'{_in_words(one)} and {_in_words(other)}; remap the topic to the traction battery')
+
+
+def _has_jumped(one: _State, other: _State) -> bool:
+    elapsed_s = other.instant_s - one.instant_s
+    return (one.name != other.name
+            or abs(other.temperature_c - one.temperature_c) > max(JUMP_K, RATE_K_PER_S * elapsed_s)
+            or abs(other.soc - one.soc) > JUMP_SOC
+            or (one.voltage_v is not None and other.voltage_v is not None
+                and abs(other.voltage_v - one.voltage_v) > JUMP_VOLTAGE * max(one.voltage_v, other.voltage_v)))
+
+
+def _in_words(state: _State) -> str:
+    voltage = '' if state.voltage_v is None else f', {state.voltage_v:.0f} V'
+    return f'{state.temperature_c:.1f} degC, {100 * state.soc:.1f} %{voltage}'

@@ -1,0 +1,77 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Whether the temperature moves where it must.
+
+The change that the model expects since the reading last moved is summed up. Only power that was
+seen counts as heat of the heater: a heater that takes no power explains a battery that stays cold.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+
+# The reading must move before the model expects this change [K], and a step of the sensor on top:
+# a heater and a sensor that both lag by two minutes hold back up to 3 K.
+EXPECTED_K = 3.0
+# … within so long [s]: a slow change may be an error of the model.
+WITHIN_S = 900.0
+# A reading that has moved by less than this [K] has not moved.
+MOVED_K = 0.05
+# States further apart than this [s] are not followed.
+TOGETHER_S = 60.0
+# A battery is not colder than ambient by more than this [K]: no vehicle cools it below that.
+BELOW_AMBIENT_K = 20.0
+
+
+class StuckTemperature:
+    """Watches the temperature; `doubt` is the sentence, '' while the reading moves as it must."""
+
+    def __init__(self) -> None:
+        """Know nothing yet."""
+        self.doubt = ''
+        self._reading_c: float | None = None
+        self._since_s = self._latest_s = 0.0
+        # (instant [s], change expected until then [K]) since the reading moved.
+        self._expected: deque[tuple[float, float]] = deque()
+        self._has_ever_moved = False
+
+    def lose_time(self) -> None:
+        """Start again at the next reading, because time was lost."""
+        self._reading_c = None
+        self._expected.clear()
+
+    def see(self, instant_s: float, reading_c: float, step_k: float, rate_k_per_s: float,
+            ambient_c: float | None) -> str:
+        """
+        Take a reading in; return `doubt`.
+
+        Instant [s], reading and ambient temperature [deg C] (None: unknown), step of the sensor [K],
+        rate at which the model expects the temperature to change [K/s].
+        """
+        if ambient_c is not None and reading_c < ambient_c - BELOW_AMBIENT_K:
+            self.doubt = (f'temperature: {reading_c:.1f} degC is {ambient_c - reading_c:.1f} K below the ambient '
+                          f'temperature of {ambient_c:.1f} degC; at most {BELOW_AMBIENT_K:g} K are possible; '
+                          'is the field set?')
+            self._reading_c = reading_c
+            return self.doubt
+        before_c, elapsed_s = self._reading_c, instant_s - self._latest_s
+        self._latest_s = instant_s
+        if before_c is None or abs(reading_c - before_c) > MOVED_K or not 0.0 <= elapsed_s <= TOGETHER_S:
+            self._has_ever_moved = self._has_ever_moved or (
+                before_c is not None and abs(reading_c - before_c) > MOVED_K)
+            if before_c is None or abs(reading_c - before_c) > MOVED_K:
+                self.doubt = ''
+            self._reading_c, self._since_s = reading_c, instant_s
+            self._expected.clear()
+            self._expected.append((instant_s, 0.0))
+            return self.doubt
+        expected = self._expected
+        expected.append((instant_s, expected[-1][1] + rate_k_per_s * elapsed_s))
+        while expected[0][0] < instant_s - WITHIN_S:
+            expected.popleft()
+        change_k = expected[-1][1] - expected[0][1]
+        if abs(change_k) > EXPECTED_K + step_k:
+            still = f'for {instant_s - self._since_s:.0f} s' if self._has_ever_moved else 'since the first state'
+            self.doubt = (f'temperature: has read {reading_c:.2f} degC {still}, while the battery must have '
+                          f'{"warmed" if change_k > 0.0 else "cooled"} by {abs(change_k):.1f} K; is the field set?')
+        return self.doubt

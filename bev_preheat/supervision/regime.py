@@ -1,0 +1,278 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Whether the vehicle drives, stands or is charged, from evidence and not from its route.
+
+The battery's power is the quickest witness. Charging is steady and flows into the battery where the
+route plans no such regeneration; a vehicle that stands takes no more than its consumers where the
+route drives. A position outranks the power, and `power_supply_status` counts where it is set.
+Instants are integers, in nanoseconds of the node's clock; power is positive while the battery is
+discharged. Limits were chosen on measured winter drives: in 10 300 s, braking with regeneration
+never lasted 20 s, and was as steady as charging for 8 s at most twice in a drive.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from enum import Enum
+from typing import NamedTuple
+
+from bev_preheat.supervision.inputs import NS_PER_S, SupplyStatus
+
+# Charging is recognised after so long; at least this many battery states show it.
+CHARGING_AFTER_S = 8.0
+LEAST_STATES = 3
+# … where each of them shows at least this power into the battery [W],
+CHARGES_W = 1000.0
+# and their powers differ by no more than this share of their mean, or by this [W].
+STEADY_SHARE = 0.2
+STEADY_W = 600.0
+# A descent in the route plans regeneration: charging is this many times as much, and this much more [W].
+BEYOND_REGENERATION = 2.0
+BEYOND_REGENERATION_W = 2000.0
+# Standing is recognised after so long, where the route plans to drive with more than this [W].
+STANDING_AFTER_S = 60.0
+DRIVES_W = 2000.0
+# A vehicle that stands takes at most this much more than route and command say [W]; its power
+# varies by no more than that, and does not flow into the battery by more than the second.
+STANDS_WITHIN_W = 1000.0
+STANDS_ABOVE_W = -500.0
+# A vehicle is parked where it takes less than this share of what the route says of its consumers, until
+# it takes more than the second.
+PARKED_SHARE, NOT_PARKED_SHARE = 0.5, 0.8
+# Driving is recognised again after so long.
+DRIVING_AFTER_S = 3.0
+# A heater may take so long to follow its command.
+HEATER_FOLLOWS_S = 120.0
+# The power of a current with the wrong sign is that of the route within this share of it.
+MIRRORED_WITHIN = 0.4
+# States that are further apart than this do not belong together.
+TOGETHER_S = 30.0
+
+
+class Regime(Enum):
+    """What the vehicle does."""
+
+    UNKNOWN = 'unknown'
+    DRIVING = 'driving'
+    STANDING = 'standing'
+    CHARGING = 'charging'
+
+
+class RegimeReport(NamedTuple):
+    """
+    A Regime, since when [ns], and the evidence as a sentence without full stop; '': none.
+
+    `recognised_ns` [ns] is the instant at which it was recognised. `suspicion` is a sentence on a
+    regime that is likely and not certain; '': there is none. `is_parked`: it stands, and takes less than its
+    consumers would.
+    """
+
+    regime: Regime
+    since_ns: int = 0
+    evidence: str = ''
+    recognised_ns: int = 0
+    suspicion: str = ''
+    is_parked: bool = False
+
+
+class PlannedPower(NamedTuple):
+    """
+    The power that the route plans around an instant [W].
+
+    `propulsion_w` is the mean, `least_propulsion_w` the least of a segment; `others_w` is the power
+    of cabin and auxiliaries. `is_driving`: a leg of the route covers the instant.
+    """
+
+    propulsion_w: float
+    least_propulsion_w: float
+    others_w: float
+    is_driving: bool = True
+
+
+class Evidence(NamedTuple):
+    """
+    What is known at an instant [ns].
+
+    `power_w` is the battery's terminal power [W], None: unknown. `command_w` is the heater's
+    command [W]. `has_moved`: by its position the vehicle moved within the last seconds; None: no
+    position is known. `stood_s` [s] is for how long it has not, by its position.
+    `is_sign_proven`: the sign of the current is known to be right.
+    """
+
+    stamp_ns: int
+    power_w: float | None
+    command_w: float
+    planned: PlannedPower
+    supply: SupplyStatus = SupplyStatus.UNKNOWN
+    has_moved: bool | None = None
+    stood_s: float = 0.0
+    is_sign_proven: bool = True
+
+
+class _Sample(NamedTuple):
+    stamp_ns: int
+    power_w: float | None
+    command_w: float
+    supply: SupplyStatus
+
+
+class RegimeWatch:
+    """Keeps the RegimeReport `report`; `see` takes the Evidence of a battery state."""
+
+    def __init__(self) -> None:
+        """Know nothing yet."""
+        self.report = RegimeReport(Regime.UNKNOWN)
+        self._samples: deque[_Sample] = deque()
+
+    def lose_time(self) -> None:
+        """Forget all instants, because the clock was restarted."""
+        self.report = RegimeReport(Regime.UNKNOWN)
+        self._samples.clear()
+
+    def see(self, evidence: Evidence) -> RegimeReport:
+        """Take the Evidence of a battery state, the latest so far, and return the RegimeReport."""
+        samples = self._samples
+        if samples and not 0 <= evidence.stamp_ns - samples[-1].stamp_ns <= TOGETHER_S * NS_PER_S:
+            samples.clear()
+            self.report = RegimeReport(Regime.UNKNOWN, evidence.stamp_ns)
+        samples.append(_Sample(evidence.stamp_ns, evidence.power_w, evidence.command_w, evidence.supply))
+        while samples[0].stamp_ns < evidence.stamp_ns - HEATER_FOLLOWS_S * NS_PER_S:
+            samples.popleft()
+        self._judge(evidence)
+        return self.report
+
+    def _judge(self, evidence: Evidence) -> None:
+        before = self.report.regime
+        charging = self._charging(evidence)
+        suspicion = ''
+        if charging and not evidence.is_sign_proven and _is_mirrored(evidence):
+            suspicion = (f'{charging}: about the power that the route takes from it, so the sign of '
+                         'battery_state.current may be reversed')
+            charging = ''
+        if evidence.has_moved:
+            self._enter(Regime.DRIVING, evidence.stamp_ns, evidence.stamp_ns, 'the position moves')
+        elif charging:
+            self._enter(Regime.CHARGING, self._window(CHARGING_AFTER_S)[0].stamp_ns, evidence.stamp_ns, charging)
+        elif before is Regime.CHARGING and self._is_still_charged():
+            pass
+        elif before is not Regime.DRIVING and not suspicion and self._drives(evidence):
+            self._enter(Regime.DRIVING, evidence.stamp_ns, evidence.stamp_ns,
+                        f'the battery gives {evidence.power_w or 0.0:.0f} W')
+        elif standing := self._standing(evidence):
+            is_parked = self._is_parked(evidence)
+            since_ns = evidence.stamp_ns - round(max(evidence.stood_s, STANDING_AFTER_S) * NS_PER_S)
+            self._enter(Regime.STANDING, since_ns, evidence.stamp_ns, standing)
+            self.report = self.report._replace(is_parked=is_parked)
+        elif before is Regime.CHARGING:
+            self._enter(Regime.STANDING, evidence.stamp_ns, evidence.stamp_ns, 'it is not charged any more')
+        elif before is Regime.STANDING and (evidence.power_w is not None or evidence.has_moved is not None):
+            pass
+        elif evidence.power_w is not None and not suspicion:
+            self._enter(Regime.DRIVING if evidence.planned.is_driving else Regime.UNKNOWN,
+                        evidence.stamp_ns, evidence.stamp_ns, '')
+        else:
+            self._enter(Regime.UNKNOWN, evidence.stamp_ns, evidence.stamp_ns, '')
+        self.report = self.report._replace(suspicion=suspicion)
+
+    def _enter(self, regime: Regime, since_ns: int, now_ns: int, evidence: str) -> None:
+        if regime is not self.report.regime:
+            self.report = RegimeReport(regime, since_ns, evidence, now_ns)
+        elif evidence:
+            self.report = self.report._replace(evidence=evidence)
+
+    def _window(self, duration_s: float) -> list[_Sample]:
+        """Return the samples of the last `duration_s` [s] and the one before; [] if they cover less."""
+        samples, from_ns = self._samples, self._samples[-1].stamp_ns - round(duration_s * NS_PER_S)
+        if samples[0].stamp_ns > from_ns:
+            return []
+        window = [sample for sample in samples if sample.stamp_ns > from_ns]
+        return [samples[len(samples) - len(window) - 1], *window]
+
+    def _powers_w(self, window: list[_Sample]) -> list[float]:
+        """Return the powers of a window [W]; [] if one is unknown or there are too few."""
+        powers_w = [sample.power_w for sample in window if sample.power_w is not None]
+        return powers_w if len(window) >= LEAST_STATES and len(powers_w) == len(window) else []
+
+    def _charging(self, evidence: Evidence) -> str:
+        """Return the evidence of charging; '' for none."""
+        window = self._window(CHARGING_AFTER_S)
+        by_status = len(window) >= LEAST_STATES and all(
+            sample.supply is SupplyStatus.CHARGING for sample in window)
+        planned = evidence.planned
+        regeneration_w = max(0.0, -planned.least_propulsion_w) if planned.is_driving else 0.0
+        if evidence.power_w is None:
+            return ('power_supply_status is CHARGING' if by_status and regeneration_w == 0.0
+                    and all(sample.power_w is None for sample in window) else '')
+        powers_w = self._powers_w(window)
+        if not powers_w or max(powers_w) > -CHARGES_W:
+            return ''
+        mean_w = sum(powers_w) / len(powers_w)
+        says_otherwise = all(sample.supply in (SupplyStatus.DISCHARGING, SupplyStatus.NOT_CHARGING)
+                             for sample in window)
+        is_certain = evidence.has_moved is False or (by_status and regeneration_w == 0.0)
+        if not is_certain and (
+                says_otherwise or max(powers_w) - min(powers_w) > max(STEADY_SHARE * -mean_w, STEADY_W)
+                or -mean_w < BEYOND_REGENERATION * regeneration_w + (
+                    BEYOND_REGENERATION_W if regeneration_w > 0.0 else 0.0)):
+            return ''
+        return f'the battery is charged with {-mean_w:.0f} W'
+
+    def _is_still_charged(self) -> bool:
+        """Whether one of the last samples is still one of a battery that is charged."""
+        window = self._window(DRIVING_AFTER_S) or list(self._samples)
+        return any(sample.supply is SupplyStatus.CHARGING if sample.power_w is None
+                   else sample.power_w < STANDS_ABOVE_W for sample in window)
+
+    def _drives(self, evidence: Evidence) -> bool:
+        """Whether the battery has given more than consumers and heater take for some seconds."""
+        window = self._window(DRIVING_AFTER_S)
+        powers_w = [sample.power_w for sample in window if sample.power_w is not None]
+        if len(powers_w) < 2:
+            return False
+        heater_w = max(sample.command_w for sample in self._samples)
+        return min(powers_w) > evidence.planned.others_w + heater_w + DRIVES_W
+
+    def _standing(self, evidence: Evidence) -> str:
+        """Return the evidence of standing; '' for none."""
+        if evidence.has_moved is False and evidence.stood_s >= STANDING_AFTER_S:
+            return f'the position has not moved for {evidence.stood_s:.0f} s'
+        planned = evidence.planned
+        if evidence.has_moved is not None or (planned.is_driving and planned.propulsion_w <= DRIVES_W):
+            return ''
+        window = self._window(STANDING_AFTER_S)
+        powers_w = self._powers_w(window)
+        if not powers_w or min(powers_w) < STANDS_ABOVE_W:
+            return ''
+        commands_w = [sample.command_w for sample in window]
+        heater_w = sum(commands_w) / len(commands_w)
+        mean_w = sum(powers_w) / len(powers_w)
+        varies_w = max(powers_w) - min(powers_w) - (max(commands_w) - min(commands_w))
+        most_w = planned.others_w + heater_w + STANDS_WITHIN_W
+        if mean_w > most_w or varies_w > STANDS_WITHIN_W:
+            return ''
+        if not planned.is_driving:
+            return f'the battery gives {mean_w:.0f} W'
+        return (f'the battery gives {mean_w:.0f} W, and the route plans '
+                f'{planned.propulsion_w + planned.others_w + heater_w:.0f} W')
+
+    def _is_parked(self, evidence: Evidence) -> bool:
+        """Whether the consumers of a vehicle that stands are off, by the power of the last minute."""
+        window = self._window(STANDING_AFTER_S)
+        powers_w = self._powers_w(window)
+        if not powers_w:
+            return False
+        others_w = evidence.planned.others_w
+        if self.report.regime is Regime.STANDING and self.report.is_parked:
+            # The power of a heater that has been switched off falls slowly.
+            heater_w = max(sample.command_w for sample in self._samples)
+            return min(powers_w) - heater_w < NOT_PARKED_SHARE * others_w
+        consumers_w = sum(powers_w) - sum(sample.command_w for sample in window)
+        return consumers_w < PARKED_SHARE * others_w * len(powers_w)
+
+
+def _is_mirrored(evidence: Evidence) -> bool:
+    """Whether the power is about that of the route with the other sign."""
+    planned = evidence.planned
+    expected_w = planned.propulsion_w + planned.others_w + evidence.command_w
+    assert evidence.power_w is not None
+    return planned.is_driving and abs(evidence.power_w + expected_w) <= MIRRORED_WITHIN * abs(expected_w)
