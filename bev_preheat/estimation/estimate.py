@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import math
 from typing import TYPE_CHECKING
 
@@ -16,6 +16,7 @@ from bev_preheat.estimation.state import (
     NOMINAL_HEAT_LAG_S,
     NOMINAL_SENSOR_LAG_S,
     PROPULSION,
+    SENSOR,
     SENSOR_LAG,
     SOC,
     TEMPERATURE,
@@ -50,6 +51,13 @@ class Estimate:
     reset_at_ns: int | None = None
     sensor_offset_k: float = 0.0
     ignored_share: float = 0.0
+
+    def stood_until(self, temperature_c: float) -> Estimate:
+        """Return the Estimate of a battery that has stood until it is at a temperature [deg C]: nothing is under way."""
+        mean = self.mean.copy()
+        mean[TEMPERATURE] = mean[SENSOR] = temperature_c
+        mean[UNDER_WAY] = 0.0
+        return replace(self, mean=mean)
 
     @property
     def log_factors(self) -> FloatArray:

@@ -3,7 +3,7 @@
 The temperature of a battery that stood, and what a sensor that shows another one is off by.
 
 A battery that is left alone comes to ambient temperature with the time constant C / gamma(0). How
-near it is after a while depends on what it was parked with, which nobody tells, and on leakage and
+near it is after a while depends on the temperature at which it was parked, if that is known, and on leakage and
 heat capacity, which the vehicle file has about right. The route's ambient temperature is a forecast.
 """
 
@@ -22,6 +22,9 @@ if TYPE_CHECKING:
 # that stood outside to one that comes from a fast charger. Assumed.
 PARKED_WARMER_K = 10.0
 PARKED_DEVIATION_K = 10.0
+# Standard deviation of a temperature that was last known before the vehicle was parked [K]: core and shell
+# have not been at the same one. Assumed.
+KNOWN_PARKED_DEVIATION_K = 1.0
 # Standard deviation of what the route says of the ambient temperature where the car stood [K], and
 # of the offset of temperature sensors [K]. Assumed.
 AMBIENT_DEVIATION_K = 1.5
@@ -53,16 +56,31 @@ class Standing(NamedTuple):
         return math.hypot(self.left_deviation_k, AMBIENT_DEVIATION_K)
 
 
-def after_standing(vehicle: Vehicle, ambient_c: float, standing_s: float) -> Standing:
-    """Return the Standing of a vehicle's battery after so long [s] at an ambient temperature [deg C]."""
-    rate_per_s = (vehicle.battery.leakage.coefficient_w_per_k(0.0)
-                  / vehicle.battery.heat_capacity_j_per_k)
-    time_constants = min(rate_per_s * standing_s, MOST_TIME_CONSTANTS)
+def after_standing(vehicle: Vehicle, ambient_c: float, standing_s: float,
+                   parked_c: float | None = None) -> Standing:
+    """
+    Return the Standing of a vehicle's battery after so long [s] at an ambient temperature [deg C].
+
+    `parked_c` is the battery's temperature [deg C] at the beginning of that; None: unknown.
+    """
+    warmer_k, deviation_k = ((PARKED_WARMER_K, PARKED_DEVIATION_K) if parked_c is None
+                             else (parked_c - ambient_c, KNOWN_PARKED_DEVIATION_K))
+    time_constants = _time_constants(vehicle, standing_s)
     left = math.exp(-time_constants)
     return Standing(
-        ambient_c + PARKED_WARMER_K * left,
-        left * math.hypot(PARKED_DEVIATION_K,
-                          PARKED_WARMER_K * time_constants * TIME_CONSTANT_DEVIATION))
+        ambient_c + warmer_k * left,
+        left * math.hypot(deviation_k, warmer_k * time_constants * TIME_CONSTANT_DEVIATION))
+
+
+def temperature_after(vehicle: Vehicle, parked_c: float, ambient_c: float, standing_s: float) -> float:
+    """Return the temperature [deg C] of a battery that has stood for so long [s] since it was at `parked_c` [deg C]."""
+    return ambient_c + (parked_c - ambient_c) * math.exp(-_time_constants(vehicle, standing_s))
+
+
+def _time_constants(vehicle: Vehicle, standing_s: float) -> float:
+    rate_per_s = (vehicle.battery.leakage.coefficient_w_per_k(0.0)
+                  / vehicle.battery.heat_capacity_j_per_k)
+    return min(rate_per_s * standing_s, MOST_TIME_CONSTANTS)
 
 
 def expected_offset_k(standing: Standing, reading_c: float, reading_variance: float) -> float:

@@ -93,11 +93,11 @@ def read_voltage_and_current(message: BatteryState) -> tuple[float, float] | tup
     """
     Return the voltage [V] and the current [A], positive = discharging; (None, None): not known.
 
-    An unset field reads 0, and a battery that carries a drive is never exactly at 0.
+    An unset voltage reads 0. A current of 0 is that of a parked vehicle, or of an unset field: only a
+    field that has had another value is known to be set (supervision.knowledge).
     """
     voltage_v, current_a = float(message.voltage), -float(message.current)
-    known = (0.0 < voltage_v <= HIGHEST_VOLTAGE_V and current_a != 0.0
-             and abs(current_a) <= HIGHEST_CURRENT_A)
+    known = 0.0 < voltage_v <= HIGHEST_VOLTAGE_V and abs(current_a) <= HIGHEST_CURRENT_A
     return (voltage_v, current_a) if known else (None, None)
 
 

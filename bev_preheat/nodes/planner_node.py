@@ -180,7 +180,8 @@ class PlannerNode(Node):
         self._setup = SetupWatch(
             self, ('battery_state', 'route_plan', 'route_progress'),
             ('hvch_command', 'preheat_plan', 'predicted_arrival_temperature'),
-            also=(commands.look, self._on_rival, self._on_standing_clock))
+            also=(commands.look, self._on_rival, self._on_standing_clock),
+            single=('battery_state', 'route_progress'))
         self.get_logger().info(
             f'Planning for vehicle {vehicle.name} with method {settings.method}; '
             f'compiled core {core_in_words()}.')

@@ -41,15 +41,15 @@ class SetupWatch:
     """
 
     def __init__(self, node: Node, subscribes: Iterable[str], publishes: Iterable[str],
-                 also: Sequence[Callable[[], object]] = ()) -> None:
+                 also: Sequence[Callable[[], object]] = (), single: Iterable[str] = ()) -> None:
         """
         Begin to look; call it when all parameters are declared.
 
         `subscribes` and `publishes` are the topics that the node shares with others; `also` are
-        functions that are called at each look.
+        functions that are called at each look. Each topic in `single` must have one publisher.
         """
         self._node, self._also = node, also
-        self._surroundings = Surroundings(node, subscribes, publishes)
+        self._surroundings = Surroundings(node, subscribes, publishes, single)
         self._unknown = unknown_parameters(node)
         self._logged: set[str] = set()
         self._found: list[str] = []

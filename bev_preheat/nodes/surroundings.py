@@ -31,9 +31,11 @@ def endpoint_name(endpoint: TopicEndpointInfo) -> str:
 class Surroundings:
     """Finds publishers and subscriptions that do not fit a node's own in type or quality of service."""
 
-    def __init__(self, node: Node, subscribes: Iterable[str], publishes: Iterable[str]) -> None:
-        """Look after the topics that the node subscribes to and publishes."""
+    def __init__(self, node: Node, subscribes: Iterable[str], publishes: Iterable[str],
+                 single: Iterable[str] = ()) -> None:
+        """Look after the topics that the node subscribes to and publishes; `single` need one publisher."""
         self._node = node
+        self._single = frozenset(node.resolve_topic_name(topic) for topic in single)
         self._subscribes = [node.resolve_topic_name(topic) for topic in subscribes]
         self._publishes = [node.resolve_topic_name(topic) for topic in publishes]
 
@@ -42,7 +44,11 @@ class Surroundings:
         node, problems = self._node, []
         for topic in self._subscribes:
             own = self._own(node.get_subscriptions_info_by_topic(topic))
-            for other in node.get_publishers_info_by_topic(topic):
+            publishers = node.get_publishers_info_by_topic(topic)
+            if topic in self._single and len(publishers) > 1:
+                names = ', '.join(sorted(map(endpoint_name, publishers)))
+                problems.append(f'{topic} has {len(publishers)} publishers, {names}; it must have one')
+            for other in publishers:
                 problems.append(_problem(
                     other, f'publishes {topic}', own, partial(
                         qos_check_compatible, other.qos_profile)))

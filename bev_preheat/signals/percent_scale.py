@@ -8,6 +8,13 @@ on from the last valid one.
 
 from __future__ import annotations
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
 # A value that follows one on a scale of 100 within so long [s] is on that scale.
 FOLLOWS_WITHIN_S = 600.0
 # … unless it is this near to the last valid one.
@@ -28,16 +35,16 @@ class PercentScale:
         if 1.0 < percentage <= 100.0:
             self._latest, self._latest_s = percentage, instant_s
 
-    def doubt(self, instant_s: float, soc: float, is_vouched_for: bool) -> str:
+    def doubt(self, instant_s: float, soc: float, is_vouched_for: Callable[[], bool]) -> str:
         """
         Return the sentence on a state of charge that is on a scale of 100; '' if it is not.
 
-        `is_vouched_for`: the voltage fits it better than the hundredth of it.
+        `is_vouched_for()`: the voltage fits it better than the hundredth of it.
         """
         before = self._latest
         goes_on = self._valid is not None and abs(soc - self._valid) <= GOES_ON_WITHIN
-        if (before is None or is_vouched_for or goes_on or soc == 0.0
-                or not 0.0 <= instant_s - self._latest_s <= FOLLOWS_WITHIN_S):
+        if (before is None or goes_on or soc == 0.0
+                or not 0.0 <= instant_s - self._latest_s <= FOLLOWS_WITHIN_S or is_vouched_for()):
             self._latest, self._valid = None, soc
             return ''
         self._latest_s = instant_s

@@ -54,7 +54,7 @@ class BatteryStateUnreadable:
 
     def deliver(self, inbox: Inbox, now_ns: int) -> None:
         """Refuse it."""
-        inbox.refuse_battery(self.error)
+        inbox.refuse_battery(self.error, self.percentage, now_ns)
         raise self.error
 
 

@@ -7,9 +7,12 @@ integers, in nanoseconds of the node's clock.
 """
 
 from dataclasses import dataclass, replace
+import math
 
 from bev_preheat.errors import age_beyond, InvalidInput
 from bev_preheat.planning.situation import check_situation, Goal
+from bev_preheat.signals.electrical import ElectricalCheck
+from bev_preheat.signals.percent_scale import PercentScale
 from bev_preheat.supervision.inputs import check_mission, Leg, Measurement, Mission, NS_PER_S, Progress
 from bev_preheat.supervision.preparer import Preparer
 from bev_preheat.supervision.refusals import PROGRESS, Refusals, RefusedRoute
@@ -63,6 +66,7 @@ class Inbox:
         # Of the latest valid route, also after that was dropped.
         self._route_id: str | None = None
         self._refusals = Refusals()
+        self._percent_scale = PercentScale()
         self._latest_ns = 0
         self._changes = NO_CHANGES
 
@@ -131,8 +135,13 @@ class Inbox:
                                 changes.has_new_trip, changes.clock_restarted)
         self._refusals.lift_by_battery()
 
-    def refuse_battery(self, error: InvalidInput) -> None:
-        """Note that a battery state was refused: 0 W until a valid one arrives."""
+    def refuse_battery(self, error: InvalidInput, percentage: float = math.nan, now_ns: int = 0) -> None:
+        """
+        Note that a battery state was refused: 0 W until a valid one arrives.
+
+        `percentage` is that of the message, NaN: unknown, at `now_ns` [ns].
+        """
+        self._percent_scale.note_refused(now_ns / NS_PER_S, percentage)
         self._refusals.note_battery(error)
 
     def _check_battery(self, measurement: Measurement, now_ns: int) -> None:
@@ -148,6 +157,16 @@ class Inbox:
             late_s = (self.measurement.stamp_ns - measurement.stamp_ns) / NS_PER_S
             raise InvalidInput(f'header.stamp: the state is {late_s:.3f} s older than one that '
                                'came before it; stamps must not go back')
+        scale_doubt = self._percent_scale.doubt(
+            now_ns / NS_PER_S, measurement.state.soc, lambda: self._voltage_vouches_for(measurement))
+        if scale_doubt:
+            raise InvalidInput(scale_doubt)
+
+    def _voltage_vouches_for(self, measurement: Measurement) -> bool:
+        """Whether the voltage fits the state of charge better than the hundredth of it."""
+        state, voltage_v, current_a = measurement.state, measurement.voltage_v, measurement.current_a
+        return voltage_v is not None and current_a is not None and ElectricalCheck(self.vehicle).is_nearer(
+            voltage_v, current_a, state.temperature_c, state.soc, state.soc / 100.0)
 
     # Where the vehicle is: needed by nothing, so that a refusal leaves the heater alone
 

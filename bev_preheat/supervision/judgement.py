@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 from bev_preheat.errors import InvalidInput, PlanningFailure
 from bev_preheat.estimation.estimate import Estimate
 from bev_preheat.estimation.estimator import Estimator
+from bev_preheat.estimation.standing import temperature_after
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.status import Status
@@ -45,6 +46,9 @@ if TYPE_CHECKING:
 # parked, with its consumers off, does so.
 MOST_STANDING_S = 900.0
 MOST_PARKED_S = 180.0
+# A trip that starts later than this gives no alarm: until then the battery may be charged, or heated.
+FORESEEN_S = 1800.0
+ALARMS = (Status.TARGET_UNREACHABLE, Status.SOC_LIMITED, Status.POWER_LIMITED, Status.OUT_OF_CHARGE)
 # What a vehicle that stands too long is told instead of these: they heat, or are about to.
 WITHHELD = (Status.WAITING, Status.HEATING, Status.TARGET_UNREACHABLE, Status.SOC_LIMITED,
             Status.POWER_LIMITED)
@@ -135,6 +139,11 @@ class Judgement:
                 limit_s = MOST_PARKED_S if regime.is_parked else MOST_STANDING_S
                 if stood_s > limit_s and decision.status in WITHHELD:
                     decision = Decision(Status.WAITING, _standing_sentence(stood_s, regime))
+                starts_in_s = (leg.start_ns - now_ns) / NS_PER_S
+                if starts_in_s > FORESEEN_S and decision.status in ALARMS:
+                    decision = replace(decision, status=Status.WAITING, sentence=(
+                        f'The route starts in {duration_text(starts_in_s)}; the heater waits until then. '
+                        f'From the present state: {decision.explanation}'))
             return replace(decision, later_legs=later_legs) if later_legs else decision
         heat = self._charger_heat(inbox, leg, is_heating)
         why = f' {heat.reason}' if heat.reason else ''
@@ -179,6 +188,7 @@ class Judgement:
         settings, goal, measurement = inbox.settings, inbox.goal_of(leg), inbox.measurement
         choice: TargetChoice | None = None
         assert measurement is not None
+        state = measurement.state
         estimate = self.estimate if settings.estimation else None
         stamp_ns = measurement.stamp_ns if estimate is None else estimate.stamp_ns
         # A stamp ahead of this clock must not delay what the plan wants now.
@@ -186,6 +196,13 @@ class Judgement:
         starts_in_s = (start_ns - now_ns) / NS_PER_S
         route = leg.route_ahead(start_ns)
         assert route is not None
+        if starts_in_s > 0.0:
+            # Until then it stands.
+            ambient_c = float(route.ambient_temperature_c[0])
+            state = replace(state, temperature_c=temperature_after(
+                self._vehicle, state.temperature_c, ambient_c, starts_in_s))
+            estimate = None if estimate is None else estimate.stood_until(temperature_after(
+                self._vehicle, estimate.temperature_c, ambient_c, starts_in_s))
         if leg.made_for is not None:
             choice = target_of_wish(leg.made_for, settings)
         elif leg.charging_planned:
@@ -193,7 +210,7 @@ class Judgement:
                       else self._choose_target(inbox, leg, goal, route, estimate))
             goal = choice.goal(goal)
         if estimate is None:
-            decision = self._plan(inbox, leg, route, goal, measurement.state, start_ns)
+            decision = self._plan(inbox, leg, route, goal, state, start_ns)
             if decision.plan is None:
                 return decision
             plan = seen_from_now(

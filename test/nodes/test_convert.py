@@ -659,7 +659,7 @@ def test_without_heating_it_has_no_end(decision):
 
 @pytest.mark.parametrize('voltage, current, expected', [
     (400.0, -50.0, (400.0, 50.0)), (390.0, 12.5, (390.0, -12.5)),
-    (0.0, -50.0, (None, None)), (400.0, 0.0, (None, None)), (nan, -50.0, (None, None)),
+    (0.0, -50.0, (None, None)), (400.0, 0.0, (400.0, 0.0)), (nan, -50.0, (None, None)),
     (400.0, nan, (None, None)), (-400.0, 5.0, (None, None)),
     (inf, 5.0, (None, None)), (400.0, -inf, (None, None)), (400.0, 1e6, (None, None))])
 def test_voltage_and_current(voltage, current, expected):
