@@ -10,9 +10,10 @@ from __future__ import annotations
 
 from collections import deque
 
-# The reading must move before the model expects this change [K], and a step of the sensor on top:
-# a heater and a sensor that both lag by two minutes hold back up to 3 K.
+# The reading must move before the model expects this change [K], and a step of the sensor on top. Where
+# the change is fast, lags of heater and sensor hold more back: that of so long [s], beside the second [K].
 EXPECTED_K = 3.0
+LAGS_S, BESIDE_LAGS_K = 120.0, 1.5
 # … within so long [s]: a slow change may be an error of the model.
 WITHIN_S = 900.0
 # A reading that has moved by less than this [K] has not moved.
@@ -70,7 +71,9 @@ class StuckTemperature:
         while expected[0][0] < instant_s - WITHIN_S:
             expected.popleft()
         change_k = expected[-1][1] - expected[0][1]
-        if abs(change_k) > EXPECTED_K + step_k:
+        elapsed_s = expected[-1][0] - expected[0][0]
+        held_back_k = BESIDE_LAGS_K + (LAGS_S * abs(change_k) / elapsed_s if elapsed_s > 0.0 else 0.0)
+        if abs(change_k) > max(EXPECTED_K, held_back_k) + step_k:
             still = f'for {instant_s - self._since_s:.0f} s' if self._has_ever_moved else 'since the first state'
             self.doubt = (f'temperature: has read {reading_c:.2f} degC {still}, while the battery must have '
                           f'{"warmed" if change_k > 0.0 else "cooled"} by {abs(change_k):.1f} K; is the field set?')

@@ -1,0 +1,77 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The sign of the current, from voltage and from state of charge."""
+
+import random
+
+import pytest
+
+from bev_preheat.signals.current_sign import CurrentSign, Sign
+
+CAPACITY_AS = 60.0 * 3600.0
+
+
+def drive(sign=1.0, seconds=600, deviation_a=25.0, mean_a=45.0, soc_step=0.0, resistance_ohm=0.11, seed=1,
+          voltage_noise_v=0.2, fixed_voltage=False, charging=False):
+    """
+    Return (instant of the first proof [s], Sign at the end) of a drive.
+
+    The cell is U = 360 + 40 s, R = 0.11 ohm; the current wanders about its mean [A].
+    """
+    drawn, watch, soc, wander = random.Random(seed), CurrentSign(CAPACITY_AS), 0.7, 0.0
+    proven_s = None
+    for second in range(seconds):
+        wander += -0.3 * wander + 0.7 * deviation_a * drawn.gauss(0.0, 1.0)
+        current_a = (-1.0 if charging else 1.0) * (mean_a + wander)
+        soc -= current_a / CAPACITY_AS
+        voltage_v = 380.0 if fixed_voltage else (
+            360.0 + 40.0 * soc - resistance_ohm * current_a + drawn.gauss(0.0, voltage_noise_v))
+        said = round(soc / soc_step) * soc_step if soc_step else soc
+        found = watch.see(1000.0 + second, voltage_v, sign * current_a, said)
+        if proven_s is None and found is not Sign.UNKNOWN:
+            proven_s = second
+    return proven_s, watch.sign
+
+
+@pytest.mark.parametrize('sign, expected', [(1.0, Sign.RIGHT), (-1.0, Sign.REVERSED)])
+@pytest.mark.parametrize('seed', range(5))
+def test_voltage_proves_the_sign_within_half_a_minute(sign, expected, seed):
+    proven_s, found = drive(sign, soc_step=0.01, seed=seed)
+    assert found is expected
+    assert proven_s <= 30
+
+
+@pytest.mark.parametrize('sign, expected', [(1.0, Sign.RIGHT), (-1.0, Sign.REVERSED)])
+def test_the_charge_proves_it_where_the_current_is_steady(sign, expected):
+    # 0.4 % at 45 A of 60 Ah takes 19 s.
+    proven_s, found = drive(sign, deviation_a=0.0)
+    assert (found, proven_s) == (expected, pytest.approx(20, abs=2))
+
+
+@pytest.mark.parametrize('sign, expected', [(1.0, Sign.RIGHT), (-1.0, Sign.REVERSED)])
+def test_a_charge_in_whole_percent_takes_its_step(sign, expected):
+    proven_s, found = drive(sign, deviation_a=0.0, soc_step=0.01, fixed_voltage=True)
+    assert found is expected
+    # 1 % lasts 48 s.
+    assert proven_s <= 2 * 48 + 5
+
+
+@pytest.mark.parametrize('sign, expected', [(1.0, Sign.RIGHT), (-1.0, Sign.REVERSED)])
+def test_charging_tells_as_much_as_driving(sign, expected):
+    assert drive(sign, charging=True, deviation_a=0.0)[1] is expected
+
+
+def test_a_charge_that_never_moves_proves_nothing():
+    watch = CurrentSign(CAPACITY_AS)
+    for second in range(3000):
+        assert watch.see(float(second + 1), 380.0, 45.0, 0.5) is Sign.UNKNOWN
+
+
+def test_a_later_proof_replaces_the_one_before():
+    watch, soc = CurrentSign(CAPACITY_AS), 0.7
+    for second in range(200):
+        soc -= 45.0 / CAPACITY_AS
+        watch.see(float(second + 1), 380.0, -45.0 if second < 100 else 45.0, soc)
+        if second == 99:
+            assert watch.sign is Sign.REVERSED
+            assert 'fell' in watch.evidence and 'rises' in watch.evidence
+    assert watch.sign is Sign.RIGHT
