@@ -46,7 +46,7 @@ from bev_preheat.compiled.structs import (
 
 FILE = 'libbev_preheat_core.so'
 # Of core.h.
-INTERFACE = 4
+INTERFACE = 5
 OK, SATURATED, EMPTY, NO_CROSSING, LIMITED = 0, 1, 2, 3, 4
 
 # Arguments by type: P an address, D a double, I an integer.
@@ -72,6 +72,7 @@ _SIGNATURES = {
     'bev_heat_early': 'PPDPPPPPPP',
     'bev_plan_safeguarded': 'PPPPPPPPPPP',
     'bev_unheated_lacks': 'PPPPPPP',
+    'bev_find_surplus_ceiling': 'PPPDPPPP',
     'bev_keep_accounts': 'PIPPPP',
     'bev_find_outcome': 'PIPPPPIPPP',
     'bev_find_switch': 'PPDPPPPPP',

@@ -14,6 +14,7 @@ from typing import NamedTuple, TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.compiled.library import core, OK
+from bev_preheat.compiled.runs import doubles_at
 from bev_preheat.compiled.structs import (
     address_of,
     BANDS,
@@ -37,6 +38,7 @@ MERIT_PLAN_MEMORY = MERIT_MEMORY[0] + 1, MERIT_MEMORY[1]
 MERIT_BYTES = 5
 SAFEGUARD_MEMORY = MERIT_PLAN_MEMORY[0] + 8, MERIT_PLAN_MEMORY[1] + 4
 UNHEATED_MEMORY = 9, 4
+CEILING_MEMORY = 13, 8
 # Arrays of N values that bev_heat_early needs as memory.
 HEAT_EARLY_ARRAYS = 3
 
@@ -209,6 +211,26 @@ def unheated_lacks(vehicle: CompiledVehicle, trip: CompiledTrip,
         vehicle.address, trip.address, byref(states), address_of(memory), address_of(flags),
         byref(lacking_w), byref(stranding))
     return (lacking_w.value, _stranded(stranding)) if status == OK else None
+
+
+def find_surplus_ceiling(vehicle: CompiledVehicle, trip: CompiledTrip, start: Sequence[float],
+                         target_c: float, soc: FloatArray) -> FloatArray | None:
+    """
+    Return how warm surplus may make the battery by the end of each step [deg C], (N,).
+
+    From the states `start`, as of `unheated_lacks`, at the states of charge `soc` (N + 1,); see
+    `bev_find_surplus_ceiling` in core.h.
+    """
+    library = core()
+    if library is None:
+        return None
+    memory = np.empty(CEILING_MEMORY[0] * trip.steps + CEILING_MEMORY[1])
+    flags, states = np.empty(2 * trip.steps, dtype=np.uint8), (c_double * len(start))(*start)
+    ceiling_c = np.empty(trip.steps)
+    status = library.bev_find_surplus_ceiling(
+        vehicle.address, trip.address, byref(states), target_c, doubles_at(soc, trip.steps + 1),
+        address_of(memory), address_of(flags), address_of(ceiling_c))
+    return ceiling_c if status == OK else None
 
 
 class _MeritArrays(NamedTuple):

@@ -60,7 +60,7 @@ TRIP_COLUMNS = ('time_s', 'duration_s', 'idle_power_w', 'power_variance_w2', 'id
 class TripStruct(Structure):
     """`bev_trip`."""
 
-    _fields_ = [('steps', c_int32), *((name, c_void_p) for name in TRIP_COLUMNS)]
+    _fields_ = [('steps', c_int32), *((name, c_void_p) for name in (*TRIP_COLUMNS, 'surplus_ceiling_c'))]
 
 
 class TripTermsStruct(Structure):
@@ -246,6 +246,7 @@ class CompiledTrip:
     def __init__(self, steps: int, block: FloatArray) -> None:
         """`block` has the columns of TRIP_COLUMNS one after the other, the first (N + 1,), the others (N,)."""
         self.steps, self._block = steps, block
+        self._surplus_ceiling_c: FloatArray | None = None
         first = address_of(block)
         after, width = first + DOUBLE_BYTES * (steps + 1), DOUBLE_BYTES * steps
         self.struct = TripStruct(
@@ -253,9 +254,13 @@ class CompiledTrip:
         self.address = addressof(self.struct)
 
     @classmethod
-    def of_columns(cls, *columns: FloatArray) -> Self:
-        """Return the trip with these columns."""
-        return cls(len(columns[1]), np.concatenate(columns, dtype=float))
+    def of_columns(cls, *columns: FloatArray, surplus_ceiling_c: FloatArray | None = None) -> Self:
+        """Return the trip with these columns, and how warm surplus may make the battery [deg C], (N,)."""
+        trip = cls(len(columns[1]), np.concatenate(columns, dtype=float))
+        if surplus_ceiling_c is not None:
+            trip._surplus_ceiling_c = doubles(surplus_ceiling_c)
+            trip.struct.surplus_ceiling_c = address_of(trip._surplus_ceiling_c)
+        return trip
 
     @property
     def columns(self) -> list[FloatArray]:

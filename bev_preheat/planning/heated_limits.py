@@ -132,13 +132,14 @@ def _drive_within_limits(trip: Trip, watch: Watch, wanted_w: WantedPower,
     columns = list(zip(*(column.tolist() for column in (
         trip.route.duration_s, trip.idle_power_w, trip.power_variance_w2, trip.idle_heat_w,
         trip.leakage_w_per_k, trip.heater_limit_w, trip.route.propulsion_power_w, watch.charge,
-        watch.discharge, mean_share_left(vehicle.heat_path, trip.route.duration_s)))))
+        watch.discharge, mean_share_left(vehicle.heat_path, trip.route.duration_s),
+        trip.surplus_ceilings_c))))
 
     foresight = Foresight(trip, watch, limits) if path.heater_lag_s > 0.0 else None
 
     def drive(k: int, states: States) -> tuple[States, Powers]:
         (duration_s, power_w, variance_w2, heat_w, leakage_w_per_k, cap_w, propulsion_w,
-         may_overcharge, may_overdraw, left) = columns[k]
+         may_overcharge, may_overdraw, left, ceiling_c) = columns[k]
         soc, temperature_c, heater_w, excess_k = states
 
         def end_of(command_w: float, brake_w: float) -> tuple[float, ...]:
@@ -163,12 +164,16 @@ def _drive_within_limits(trip: Trip, watch: Watch, wanted_w: WantedPower,
             command_w = asked_w
             if is_watched:
                 command_w = max(0.0, min(command_w, command_for(most_w - power_w)))
-                if may_overcharge and take_surplus:
-                    # As a steady command: one that made up for the lag would swing from step to step.
-                    surplus_w = least_w - power_w
-                    if foresight is not None and surplus_w > 0.0:
-                        surplus_w = min(surplus_w, foresight.lasting_surplus_w(k, states))
-                    command_w = max(command_w, min(cap_w, surplus_w))
+            paid_w = command_w
+            if may_overcharge and take_surplus:
+                # As a steady command: one that made up for the lag would swing from step to step.
+                surplus_w = least_w - power_w
+                if foresight is not None and surplus_w > 0.0:
+                    surplus_w = min(surplus_w, foresight.lasting_surplus_w(k, states))
+                free_w = min(cap_w, surplus_w)
+                if command_w <= free_w:
+                    # None of it is paid for, whoever asks.
+                    command_w, paid_w = free_w, 0.0
             if foresight is not None and command_w > 0.0:
                 command_w = max(0.0, min(command_w, foresight.off_in_time_w(k, states)))
             while True:
@@ -177,10 +182,13 @@ def _drive_within_limits(trip: Trip, watch: Watch, wanted_w: WantedPower,
                     drawn_w = left * heater_w + (1.0 - left) * command_w
                     brake_w = min(max(0.0, least_w - power_w - drawn_w), -propulsion_w)
                 ends = end_of(command_w, brake_w)
-                beyond_k = ends[1] + k_per_watt * ends[2] + share_of_excess * ends[3] - highest_c
+                settled_end_c = ends[1] + k_per_watt * ends[2] + share_of_excess * ends[3]
+                # Surplus that is not useful goes to the brake.
+                least_command_w, beyond_k = ((paid_w, settled_end_c - ceiling_c) if command_w > paid_w
+                                             else (0.0, settled_end_c - highest_c))
                 if command_w <= 0.0 or beyond_k <= HIGHEST_TOLERANCE_K:
                     break
-                command_w = max(0.0, command_w - beyond_k * joules_per_k / duration_s)
+                command_w = max(least_command_w, command_w - beyond_k * joules_per_k / duration_s)
             if ends[0] > 1.0:
                 # The brake takes what would overfill the battery.
                 brake_w = halve(max(0.0, -propulsion_w), brake_w,

@@ -92,8 +92,10 @@ def find_needs(trip: Trip, schedule: Schedule, target_c: float) -> Needs:
 def free_heat_w(trip: Trip, run: Schedule) -> FloatArray:
     """Return the surplus that goes to the heater in each step of a run anyway [W], (N,)."""
     surplus_w = limits_along(trip, run)[0] - trip.idle_power_w
-    return np.where(trip.route.propulsion_power_w < 0.0,
-                    np.minimum(np.maximum(surplus_w, 0.0), trip.heater_limit_w), 0.0)
+    free_w = np.where(trip.route.propulsion_power_w < 0.0,
+                      np.minimum(np.maximum(surplus_w, 0.0), trip.heater_limit_w), 0.0)
+    # Where the brake takes some of it the heater takes no more: it is warm enough.
+    return np.where(run.brake_power_w > 0.0, np.minimum(free_w, run.heater_power_w), free_w)
 
 
 class Changes(NamedTuple):

@@ -136,7 +136,7 @@ def run_within_limits(trip: Trip, state: BatteryState, watch: Watch,
 
     `wanted` is the WantedHeat, cut where the battery cannot give it or would exceed its highest
     temperature. With `take_surplus`, what the battery may not take of the regeneration goes to the
-    heater first; the friction brake takes the rest. With `before`, a Schedule of the same trip, its
+    heater first, as far as it is useful (`free_heat`); the friction brake takes the rest. With `before`, a Schedule of the same trip, its
     steps before `first` are kept.
 
     The state of charge stays within 0 ... 1: what would overfill the battery goes to the friction
@@ -245,11 +245,11 @@ def _step_within_limits(trip: Trip, watch: Watch, wanted_w: WantedPower,
     columns = list(zip(*(column.tolist() for column in (
         trip.route.duration_s, trip.idle_power_w, trip.power_variance_w2, trip.idle_heat_w,
         trip.leakage_w_per_k, trip.heater_limit_w, trip.route.propulsion_power_w, watch.charge,
-        watch.discharge))))
+        watch.discharge, trip.surplus_ceilings_c))))
 
     def drive(k: int, soc: float, temperature_c: float) -> tuple[float, float, float, float]:
         (duration_s, power_w, variance_w2, heat_w, leakage_w_per_k, cap_w, propulsion_w,
-         may_overcharge, may_overdraw) = columns[k]
+         may_overcharge, may_overdraw, ceiling_c) = columns[k]
         is_watched = may_overcharge or may_overdraw
         if temperature_c >= highest_c:
             asked_w = cap_w = 0.0
@@ -265,16 +265,23 @@ def _step_within_limits(trip: Trip, watch: Watch, wanted_w: WantedPower,
             heater_w = asked_w
             if is_watched:
                 heater_w = max(0.0, min(heater_w, most_w - power_w))
-                if may_overcharge and take_surplus:
-                    heater_w = max(heater_w, min(cap_w, least_w - power_w))
+            paid_w = heater_w
+            if may_overcharge and take_surplus:
+                free_w = min(cap_w, least_w - power_w)
+                if heater_w <= free_w:
+                    # None of it is paid for, whoever asks.
+                    heater_w, paid_w = free_w, 0.0
             while True:
                 brake_w = 0.0
                 if may_overcharge:
                     brake_w = min(max(0.0, least_w - power_w - heater_w), -propulsion_w)
                 soc_end, end_c, _, _ = end_of(heater_w, brake_w)
-                if heater_w <= 0.0 or end_c - highest_c <= HIGHEST_TOLERANCE_K:
+                # Surplus that is not useful goes to the brake.
+                least_heat_w, beyond_k = ((paid_w, end_c - ceiling_c) if heater_w > paid_w
+                                          else (0.0, end_c - highest_c))
+                if heater_w <= 0.0 or beyond_k <= HIGHEST_TOLERANCE_K:
                     break
-                heater_w = max(0.0, heater_w - (end_c - highest_c) * joules_per_k / duration_s)
+                heater_w = max(least_heat_w, heater_w - beyond_k * joules_per_k / duration_s)
             if soc_end > 1.0:
                 # The brake takes what would overfill the battery.
                 brake_w = halve(max(0.0, -propulsion_w), brake_w,

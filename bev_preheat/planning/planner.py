@@ -15,6 +15,7 @@ from bev_preheat.errors import InvalidInput, PlanningFailure
 from bev_preheat.planning.caution import Caution, heat_early
 from bev_preheat.planning.dynamics import Energies, JOULES_PER_WH, run_forward
 from bev_preheat.planning.explanation import explain
+from bev_preheat.planning.free_heat import leave_useless_heat
 from bev_preheat.planning.heat_run import initial_states, run_heated
 from bev_preheat.planning.limits import drive_as_planned
 from bev_preheat.planning.merit_order import plan_merit_order
@@ -141,10 +142,12 @@ def _schedule(trip: Trip, state: BatteryState, goal: Goal, method: str, caution:
     if not goal.heating_pays:
         goal = replace(goal, target_temperature_c=lowest_c)
 
-    def proposal(propose: Method) -> Proposal:
+    def with_caution_c(target_c: float) -> float:
+        return target_c if caution is None else min(target_c + caution.margin_k, highest_c)
+
+    def proposal(trip: Trip, propose: Method) -> Proposal:
         def schedule_for(target_c: float) -> Schedule:
-            if caution is not None:
-                target_c = min(target_c + caution.margin_k, highest_c)
+            target_c = with_caution_c(target_c)
             schedule = propose(trip, state, replace(goal, target_temperature_c=target_c),
                                unheated=unheated, **options)
             if caution is not None:
@@ -152,13 +155,17 @@ def _schedule(trip: Trip, state: BatteryState, goal: Goal, method: str, caution:
             return as_described(trip, state, schedule)
         return schedule_for
 
+    def serve(trip: Trip) -> Schedule:
+        found = None
+        if method == 'merit_order' and not options:
+            found = safeguarded_by_core(trip, state, goal, caution, unheated)
+        return found or Safeguard(trip, state, goal, unheated).serve(
+            [proposal(trip, propose) for propose in PROPOSALS[method]])
+
     if not safeguarded:
-        return proposal(METHODS[method])(goal.target_temperature_c)
-    found = None
-    if method == 'merit_order' and not options:
-        found = safeguarded_by_core(trip, state, goal, caution, unheated)
-    return found or Safeguard(trip, state, goal, unheated).serve(
-        [proposal(propose) for propose in PROPOSALS[method]])
+        return proposal(trip, METHODS[method])(goal.target_temperature_c)
+    return leave_useless_heat(
+        trip, state, with_caution_c(goal.target_temperature_c), serve(trip), serve)
 
 
 def as_described(trip: Trip, state: BatteryState, schedule: Schedule) -> Schedule:

@@ -36,7 +36,8 @@ class Trip:
     The model's inputs in N steps, without battery heating; arrays of shape (N,), `time_s` (N + 1,).
 
     `idle_power_w` is P_t without battery heating, `idle_heat_w` is gamma T_amb + Q_ed,
-    `heater_limit_w` what the cabin leaves of the HVCH (9g).
+    `heater_limit_w` what the cabin leaves of the HVCH (9g). By the end of each step surplus regeneration may
+    heat the battery to `surplus_ceiling_c` [deg C], where that is None to its highest temperature.
     """
 
     vehicle: Vehicle
@@ -48,6 +49,14 @@ class Trip:
     drivetrain_heat_w: FloatArray
     leakage_w_per_k: FloatArray
     heater_limit_w: FloatArray
+    surplus_ceiling_c: FloatArray | None = None
+
+    @property
+    def surplus_ceilings_c(self) -> FloatArray:
+        """How warm surplus may make the battery by the end of each step [deg C], (N,)."""
+        if self.surplus_ceiling_c is not None:
+            return self.surplus_ceiling_c
+        return np.full(len(self.route), self.vehicle.battery.temperature_range_c[1])
 
     @cached_property
     def compiled(self) -> CompiledTrip:
@@ -55,7 +64,8 @@ class Trip:
         return CompiledTrip.of_columns(
             self.time_s, self.route.duration_s, self.idle_power_w, self.power_variance_w2,
             self.idle_heat_w, self.leakage_w_per_k, self.heater_limit_w,
-            self.route.propulsion_power_w, self.drivetrain_heat_w, self.route.ambient_temperature_c)
+            self.route.propulsion_power_w, self.drivetrain_heat_w, self.route.ambient_temperature_c,
+            surplus_ceiling_c=self.surplus_ceiling_c)
 
     def inputs(
             self, heater_power_w: FloatArray | float | None = None,

@@ -189,7 +189,8 @@ static bev_trip trip_at(const bev_trip *trips, int32_t first, int32_t steps, dou
                          &trips->heater_limit_w[first],
                          &trips->propulsion_power_w[first],
                          &trips->drivetrain_heat_w[first],
-                         &trips->ambient_temperature_c[first]};
+                         &trips->ambient_temperature_c[first],
+                         NULL};
   time_s[0] = 0.0;
   for (int32_t k = 0; k < steps; k++) {
     time_s[k + 1] = time_s[k] + trip.duration_s[k];

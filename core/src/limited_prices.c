@@ -65,9 +65,11 @@ void bev_spare_of(const bev_needs *needs, const bev_changes *changes, const bev_
 
 double bev_free_heat_w(const bev_trip *trip, const bev_limited_course *run, int32_t k) {
   const double surplus_w = run->least_w[k] - trip->idle_power_w[k];
-  return trip->propulsion_power_w[k] < 0.0
+  const double free_w = trip->propulsion_power_w[k] < 0.0
       ? bev_minimum(bev_maximum(surplus_w, 0.0), trip->heater_limit_w[k])
       : 0.0;
+  /* Where the brake takes some of it the heater takes no more: it is warm enough. */
+  return run->brake_w[k] > 0.0 ? bev_minimum(free_w, run->heater_w[k]) : free_w;
 }
 
 /* The slopes of a step within limits: for a watt of surplus, too, and how much more of it [W] there is then. */

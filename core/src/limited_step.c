@@ -65,9 +65,12 @@ static bev_status end_of(const bev_limited_run *run, const step_start *start, do
       : BEV_NOT_FINITE;
 }
 
-/* The command between two terminal powers [W], before the highest temperature is looked at. */
+/*
+ * The command between two terminal powers [W], before temperatures are looked at; what is more than `paid_w` of it
+ * is surplus.
+ */
 static bev_status limited_command(const bev_limited_run *run, const step_start *start,
-                                  const double limits_w[2], double *command_w) {
+                                  const double limits_w[2], double *command_w, double *paid_w) {
   const int32_t k = start->k;
   const double power_w = start->idle.power_w;
   const double heater_w = start->states[2];
@@ -82,12 +85,18 @@ static bev_status limited_command(const bev_limited_run *run, const step_start *
     const double room_w =
         ((limits_w[1] - power_w) - start->left * heater_w) / (1.0 - start->left);
     wanted_w = bev_maximum(0.0, bev_minimum(wanted_w, room_w));
-    if (may_overcharge && run->takes_surplus != 0) {
-      double surplus_w = limits_w[0] - power_w;
-      if (run->lag_s > 0.0 && surplus_w > 0.0) {
-        surplus_w = bev_minimum(surplus_w, bev_lasting_surplus_w(run, k, start->states));
-      }
-      wanted_w = bev_maximum(wanted_w, bev_minimum(cap_w, surplus_w));
+  }
+  *paid_w = wanted_w;
+  if (may_overcharge && run->takes_surplus != 0) {
+    double surplus_w = limits_w[0] - power_w;
+    if (run->lag_s > 0.0 && surplus_w > 0.0) {
+      surplus_w = bev_minimum(surplus_w, bev_lasting_surplus_w(run, k, start->states));
+    }
+    const double free_w = bev_minimum(cap_w, surplus_w);
+    if (wanted_w <= free_w) {
+      /* None of it is paid for, whoever asks. */
+      wanted_w = free_w;
+      *paid_w = 0.0;
     }
   }
   if (run->lag_s > 0.0 && wanted_w > 0.0) {
@@ -121,16 +130,19 @@ static bev_status keep_from_overfilling(const bev_limited_run *run, const step_s
 }
 
 /*
- * The step between two terminal powers [W], with the command that keeps the highest temperature, and the brake
- * that goes with it. `command_w` is what is wanted, then what is commanded.
+ * The step between two terminal powers [W], with the command that keeps the highest temperature, its surplus as far
+ * as that is useful, and the brake that goes with it. `command_w` is what is wanted, then what is commanded.
  */
 static bev_status drive_between(const bev_limited_run *run, const step_start *start,
                                 const double limits_w[2], double *command_w, double *brake_w,
                                 double result[8]) {
   const double propulsion_w = run->trip->propulsion_power_w[start->k];
   const double highest_c = run->vehicle->highest_c;
+  const double *const ceiling_c = run->trip->surplus_ceiling_c;
+  const double surplus_ceiling_c = ceiling_c == NULL ? highest_c : ceiling_c[start->k];
   const bool may_overcharge = run->may_overcharge[start->k] != 0u;
-  bev_status status = limited_command(run, start, limits_w, command_w);
+  double paid_w = 0.0;
+  bev_status status = limited_command(run, start, limits_w, command_w, &paid_w);
   int is_settled = 0;
   for (int32_t round = 0; status == BEV_OK && round < BEV_MOST_ROUNDS && !is_settled; round++) {
     *brake_w = 0.0;
@@ -140,12 +152,16 @@ static bev_status drive_between(const bev_limited_run *run, const step_start *st
           bev_maximum(0.0, limits_w[0] - start->idle.power_w - drawn_w), -propulsion_w);
     }
     status = end_of(run, start, *command_w, *brake_w, result);
-    const double beyond_k = bev_settled_c(run, result) - highest_c;
+    /* Surplus that is not useful goes to the brake. */
+    const bool has_surplus = *command_w > paid_w;
+    const double beyond_k =
+        bev_settled_c(run, result) - (has_surplus ? surplus_ceiling_c : highest_c);
     if (*command_w <= 0.0 || beyond_k <= BEV_HIGHEST_TOLERANCE_K) {
       is_settled = 1;
     } else {
-      *command_w = bev_maximum(
-          0.0, *command_w - beyond_k * run->joules_per_k / start->idle.duration_s);
+      *command_w =
+          bev_maximum(has_surplus ? paid_w : 0.0,
+                      *command_w - beyond_k * run->joules_per_k / start->idle.duration_s);
     }
   }
   if (status != BEV_OK) {

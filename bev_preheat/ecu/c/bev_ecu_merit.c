@@ -21,6 +21,7 @@ typedef struct {
   double *idle_states;
   double *states;
   double *powers_w;
+  double *ceiling_c;
   double *work;
   uint8_t *watched;
   int32_t *order;
@@ -168,6 +169,7 @@ bev_status bev_ecu_plan_merit_order(const bev_vehicle *vehicle, const bev_trip *
   room.idle_states = bev_take(&memory, room.rows * (trip->steps + 1));
   room.states = bev_take(&memory, room.rows * (trip->steps + 1));
   room.powers_w = bev_take(&memory, room.rows * trip->steps);
+  room.ceiling_c = bev_take(&memory, trip->steps);
   room.work = memory;
   room.watched = flags;
   room.order = order;

@@ -24,7 +24,8 @@ void take_situation(int32_t steps, const double *numbers) {
                           &after[5 * steps],
                           &after[6 * steps],
                           &after[7 * steps],
-                          &after[8 * steps]};
+                          &after[8 * steps],
+                          NULL};
   const bev_ecu_situation of = {numbers[0], numbers[1], numbers[2], numbers[3],
                                 numbers[4], numbers[5], numbers[6]};
   trip = taken;

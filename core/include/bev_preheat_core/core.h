@@ -12,6 +12,7 @@
 #ifndef BEV_PREHEAT_CORE_CORE_H_
 #define BEV_PREHEAT_CORE_CORE_H_
 
+#include <stddef.h>
 #include <stdint.h>
 
 #ifdef __cplusplus
@@ -19,7 +20,7 @@ extern "C" {
 #endif
 
 /* Changes whenever a struct or a function of this file does. */
-#define BEV_INTERFACE 4
+#define BEV_INTERFACE 5
 
 /* Most steps of a trip; where memory is fixed, compile with less: -DBEV_MOST_STEPS=360. */
 #ifndef BEV_MOST_STEPS
@@ -146,6 +147,11 @@ typedef struct {
   /* Of the idle heat, what comes from the drivetrain [W]. */
   const double *drivetrain_heat_w;
   const double *ambient_temperature_c;
+  /*
+   * How warm surplus regeneration may make the battery by the end of each step [deg C], as bev_find_surplus_ceiling
+   * has it; null: up to its highest temperature.
+   */
+  const double *surplus_ceiling_c;
 } bev_trip;
 
 /*
@@ -558,6 +564,19 @@ bev_status bev_heat_early(const bev_vehicle *vehicle, const bev_trip *trip, doub
 bev_status bev_unheated_lacks(const bev_vehicle *vehicle, const bev_trip *trip,
                               const double *start, double *memory, uint8_t *flags,
                               double *lacking_w, bev_stranding *stranding);
+
+/* Memory of bev_find_surplus_ceiling [doubles]; its `flags` are 2 * steps bytes. */
+#define BEV_SURPLUS_CEILING_MEMORY(steps) (13 * (steps) + 8)
+
+/*
+ * How warm surplus regeneration is of use by the end of each step of a trip [deg C]: as warm as it takes to arrive at
+ * the target without further heating, or as warm as gains energy that the battery's limits would refuse at the states
+ * of charge `soc` (steps + 1 values), whichever is warmer, and never near its highest temperature. From a start of two
+ * states, or four, as of bev_settle.
+ */
+bev_status bev_find_surplus_ceiling(const bev_vehicle *vehicle, const bev_trip *trip,
+                                    const double *start, double target_c, const double *soc,
+                                    double *memory, uint8_t *flags, double *ceiling_c);
 
 /* Why a plan heats less than its target asks for: the charge that must be left, or power that would be lacking. */
 typedef enum {
