@@ -55,7 +55,7 @@ def add_parser(subparsers: Subparsers) -> None:
 
 def run(arguments: Namespace) -> int:
     """Drive, print, write; returns 0 where all went as expected."""
-    from bev_preheat.simulation.evaluation import evaluate
+    from bev_preheat.simulation.evaluation import evaluate_chain
     from bev_preheat.simulation.scenario import load_scenario
     if not 1.0 <= arguments.speed_up <= 1000.0:
         raise InvalidInput(f'--speed-up: {arguments.speed_up:g} is not allowed; it must be '
@@ -87,7 +87,8 @@ def run(arguments: Namespace) -> int:
                 progress.update(task, completed=number + share)
 
             record = _drive(arguments, name, scenario, report)
-            findings[scenario.name] = evaluate(scenario.expectations, record)
+            findings[scenario.name] = evaluate_chain(
+                scenario.expectations, scenario.phase_expectations, record)
     bad = [name for name, found in findings.items() if not all(item.good for item in found)]
     if findings:
         if arguments.json:

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from contextlib import contextmanager
+import math
 import os
 from pathlib import Path
 import tempfile
@@ -17,9 +18,9 @@ from sensor_msgs.msg import BatteryState
 from bev_preheat.experiments.processes import NodeProcess, reserved_domain_id
 from bev_preheat.nodes.convert import nanoseconds
 from bev_preheat.nodes.listening import listening
-from bev_preheat.nodes.simulator_messages import ARRIVED, outcome_from_diagnostics, true_temperature_c
+from bev_preheat.nodes.simulator_messages import ARRIVED, outcome_from_diagnostics, phase_ends
 from bev_preheat.planning.status import Status
-from bev_preheat.simulation.evaluation import DriveRecord
+from bev_preheat.simulation.evaluation import DriveRecord, fill_phases, PhaseEnd, SIGNALS
 from bev_preheat_msgs.msg import HvchCommand, PreheatPlan
 
 if TYPE_CHECKING:
@@ -33,7 +34,7 @@ if TYPE_CHECKING:
     from bev_preheat.simulation.scenario import Scenario
 
 START_S = 1_700_000_000
-HEATER_ENTRY = 'planner: heater'
+HEATER_ENTRY, SIGNALS_ENTRY = 'planner: heater', 'planner: signals'
 # Real time that the processes have to find each other, and the drive beyond its own length [s].
 START_LIMIT_S = 120.0
 PATIENCE_S = 120.0
@@ -48,11 +49,13 @@ class ScenarioFailed(Exception):
 
 
 class _Recorder:
-    """Fills a DriveRecord from the topics."""
+    """Fills a DriveRecord from the topics; `ends` say how the phases of the drive ended."""
 
     def __init__(self, node: Node, target_c: float) -> None:
         self.record = DriveRecord(target_c)
+        self.ends: list[PhaseEnd] = []
         self.has_ended = False
+        self._temperature_c = math.nan
         latched = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
         self._node, self._listens_to_states = node, False
         self._subscriptions = [
@@ -66,7 +69,10 @@ class _Recorder:
                 subscription.get_publisher_count() for subscription in self._subscriptions):
             self._listens_to_states = True
             self._node.create_subscription(
-                BatteryState, 'battery_state', lambda message: None, qos_profile_sensor_data)
+                BatteryState, 'battery_state', self._on_state, qos_profile_sensor_data)
+
+    def _on_state(self, message: BatteryState) -> None:
+        self._temperature_c = message.temperature
 
     def _on_command(self, message: HvchCommand) -> None:
         reason = Status(message.reason).name
@@ -74,6 +80,8 @@ class _Recorder:
         if instant_s > 0.0:
             self.record.commands.append((instant_s, message.battery_heating_power, reason))
             self.record.statuses.add(reason)
+            if message.battery_heating_power > 0.0 and self._temperature_c > self.record.hottest_heated_c:
+                self.record.hottest_heated_c = self._temperature_c
 
     def _on_plan(self, message: PreheatPlan) -> None:
         if _instant_s(message) > 0.0:
@@ -81,13 +89,16 @@ class _Recorder:
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
+            values = {item.key: item.value for item in status.values}
             if status.name == HEATER_ENTRY and not self.has_ended:
-                self.record.heater = next(
-                    item.value for item in status.values if item.key == 'heater')
+                self.record.note_heater(_instant_s(message), values['heater'])
+            elif status.name == SIGNALS_ENTRY and _instant_s(message) > 0.0:
+                self.record.regimes.append((_instant_s(message), values['regime']))
+                self.record.note_signals(_instant_s(message), SIGNALS & values.keys())
         outcome = outcome_from_diagnostics(message)
-        if outcome is not None and outcome.state == ARRIVED and not self.has_ended:
-            self.record.arrival_c = true_temperature_c(message)
-            self.has_ended = True
+        if outcome is not None and not self.has_ended:
+            self.ends = phase_ends(message)
+            self.has_ended = outcome.state == ARRIVED
 
 
 def _instant_s(message: Any) -> float:
@@ -126,6 +137,7 @@ def drive_with_nodes(scenario: Scenario, name_or_file: str, speed_up: float,
                      '-p', 'wait_for_listeners:=2', '-p', 'exit_on_arrival:=true'],
                     simulator_log) as simulator:
                 _follow(listener, recorder, simulator, planner, scenario, speed_up)
+            fill_phases(recorder.record, scenario, recorder.ends)
             return recorder.record
 
 
@@ -134,7 +146,7 @@ def _follow(listener: Listener, recorder: _Recorder, simulator: NodeProcess, pla
     """Return when the drive is over."""
     car = scenario.car()
     limit_s = (time.monotonic() + START_LIMIT_S + PATIENCE_S
-               + 2.0 * car.plant.duration_s / speed_up)
+               + 2.0 * car.longest_s / speed_up)
     while simulator.exit_status is None:
         if planner.exit_status is not None:
             raise ScenarioFailed(f'planner ended with exit status {planner.exit_status}: '

@@ -4,7 +4,7 @@ A simulated car under the planner's own step, without ROS.
 
 The planner gets what the node would get, when the node would get it: each battery state, route plan
 and position at the instant of its arrival, and the timers in between. Unlike in the node, planning
-takes no time.
+takes no time. While the car's computers sleep the planner takes no step.
 """
 
 from __future__ import annotations
@@ -108,9 +108,15 @@ class _Drive:
             yield self.step()
 
     def go_on(self) -> None:
-        """Drive on to the next instant at which anything happens."""
-        self._car.advance_under(self._lease, min(
-            self._tick_s, self._stale_s, self._car.next_event_s))
+        """Drive on to the next instant at which anything happens; while the computers sleep nothing does."""
+        wakes_s, settings = self._car.asleep_until_s, self._supervisor.settings
+        if wakes_s is None:
+            self._car.advance_under(self._lease, min(
+                self._tick_s, self._stale_s, self._car.next_event_s))
+            return
+        self._car.advance_under(self._lease, wakes_s)
+        self._ticks = math.ceil(wakes_s / settings.command_period_s)
+        self._stale_s = wakes_s + settings.battery_state_timeout_s
 
     def _battery_event(self, reading: Reading) -> BatteryStateArrived | BatteryStateUnreadable:
         if math.isnan(reading.temperature_c):
@@ -118,7 +124,8 @@ class _Drive:
         return BatteryStateArrived(Measurement(
             BatteryState(reading.temperature_c, reading.soc),
             START_NS + round(self._car.stamp_s(reading.instant_s) * NS_PER_S),
-            reading.voltage_v, reading.current_a))
+            reading.voltage_v, reading.current_a, supply_status=reading.supply_status,
+            location=reading.location))
 
     def step(self, *events: Event, reading: Reading | None = None,
              is_last: bool = True) -> Moment:

@@ -11,6 +11,8 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from sensor_msgs.msg import BatteryState
 
 from bev_preheat.planning.dynamics import Energies
+from bev_preheat.simulation.evaluation import PhaseEnd
+from bev_preheat.simulation.phases import Charge, Park
 
 if TYPE_CHECKING:
     from dataclasses import Field
@@ -18,20 +20,24 @@ if TYPE_CHECKING:
 
     from builtin_interfaces.msg import Time
 
+    from bev_preheat.simulation.imperfect_car import ImperfectCar
+    from bev_preheat.simulation.phases import Phase
     from bev_preheat.simulation.sensors import Reading
-    from bev_preheat.simulation.vehicle_plant import VehiclePlant
 
 # The name of the entry in /diagnostics begins with that of the node.
 ENTRY = ': trip'
 TEMPERATURE = 'battery temperature [degC]'
 WITHOUT_COMMAND = 'time without a valid command [s]'
 DRIVING, ARRIVED, EMPTY = 'driving', 'arrived', 'the battery is empty'
+CHARGING, PARKED = 'charging', 'parked'
+# Keys of what is said of a phase that has ended, as fields of PhaseEnd and PhaseReport.
+PHASE_KEYS = {'started_s': 'start [s]', 'ended_s': 'end [s]', 'arrival_c': 'arrival temperature [degC]'}
 
 
 @dataclass(frozen=True)
 class Outcome:
     """
-    How a trip stands: `state` is DRIVING, ARRIVED or EMPTY, the energies are those so far [Wh].
+    How a trip stands: `state` is DRIVING, CHARGING, PARKED, ARRIVED or EMPTY, the energies are those so far [Wh].
 
     `without_command_s` is how long the vehicle drove without a valid heater command [s].
     """
@@ -53,7 +59,8 @@ def battery_state_message(reading: Reading, capacity_ah: float, stamp: Time) -> 
         capacity=math.nan,
         design_capacity=capacity_ah,
         percentage=reading.soc,
-        power_supply_status=_supply_status(current_a),
+        power_supply_status=int(reading.supply_status),
+        location=reading.location,
         power_supply_health=BatteryState.POWER_SUPPLY_HEALTH_UNKNOWN,
         power_supply_technology=BatteryState.POWER_SUPPLY_TECHNOLOGY_UNKNOWN,
         present=True)
@@ -61,23 +68,14 @@ def battery_state_message(reading: Reading, capacity_ah: float, stamp: Time) -> 
     return message
 
 
-def _supply_status(current_a: float) -> int:
-    if current_a > 0.0:
-        return BatteryState.POWER_SUPPLY_STATUS_DISCHARGING
-    if current_a < 0.0:
-        return BatteryState.POWER_SUPPLY_STATUS_CHARGING
-    if math.isnan(current_a):
-        return BatteryState.POWER_SUPPLY_STATUS_UNKNOWN
-    return BatteryState.POWER_SUPPLY_STATUS_NOT_CHARGING
-
-
-def trip_diagnostics(node_name: str, plant: VehiclePlant, stamp: Time) -> DiagnosticArray:
-    """Return the DiagnosticArray with what really happened on the trip so far."""
+def trip_diagnostics(node_name: str, car: ImperfectCar, stamp: Time) -> DiagnosticArray:
+    """Return the DiagnosticArray with what really happened so far, and how each phase ended."""
+    plant = car.plant
     if plant.empty_at_s is not None:
         level, text = DiagnosticStatus.ERROR, EMPTY
     else:
         level = DiagnosticStatus.WARN if plant.undeliverable_power_w else DiagnosticStatus.OK
-        text = ARRIVED if plant.has_arrived else DRIVING
+        text = ARRIVED if car.is_over else _doing(car.phase)
     values = {
         'time [s]': plant.time_s,
         TEMPERATURE: plant.temperature_c,
@@ -87,6 +85,8 @@ def trip_diagnostics(node_name: str, plant: VehiclePlant, stamp: Time) -> Diagno
         'undeliverable power [W]': plant.undeliverable_power_w,
         'undeliverable energy [Wh]': plant.undeliverable_energy_wh,
         **{_energy_key(field): getattr(plant.energy_wh, field.name) for field in fields(Energies)},
+        **{f'phase {number}: {key}': getattr(report, name)
+           for number, report in enumerate(car.reports, start=1) for name, key in PHASE_KEYS.items()},
     }
     message = DiagnosticArray(status=[DiagnosticStatus(
         name=node_name.lstrip('/') + ENTRY, hardware_id=plant.vehicle.name, level=level, message=text,
@@ -108,10 +108,21 @@ def outcome_from_diagnostics(message: DiagnosticArray) -> Outcome | None:
     return None
 
 
-def true_temperature_c(message: DiagnosticArray) -> float:
-    """Return the battery's true temperature [deg C] in a DiagnosticArray of the simulator's."""
+def phase_ends(message: DiagnosticArray) -> list[PhaseEnd]:
+    """Return how the phases ended that a DiagnosticArray of the simulator's tells of."""
     (status,) = (status for status in message.status if status.name.endswith(ENTRY))
-    return next(float(item.value) for item in status.values if item.key == TEMPERATURE)
+    values = {item.key: float(item.value) for item in status.values}
+    ends: list[PhaseEnd] = []
+    while f'phase {len(ends) + 1}: {PHASE_KEYS["started_s"]}' in values:
+        number = len(ends) + 1
+        ends.append(PhaseEnd(**{name: values[f'phase {number}: {key}'] for name, key in PHASE_KEYS.items()}))
+    return ends
+
+
+def _doing(phase: Phase) -> str:
+    if isinstance(phase, Charge):
+        return CHARGING
+    return PARKED if isinstance(phase, Park) else DRIVING
 
 
 def _energy_key(field: Field[Any]) -> str:

@@ -53,6 +53,7 @@ if TYPE_CHECKING:
     from rclpy.parameter import Parameter as RosParameter
 
     from bev_preheat.simulation.sensors import Reading
+    from bev_preheat.simulation.vehicle_plant import VehiclePlant
 
     # A method that ROS calls.
     Callback = Callable[..., Any]
@@ -153,7 +154,6 @@ class VehicleSimulatorNode(Node):
         self._car, route_name, warnings = _departure(values)
         for warning in warnings:
             self.get_logger().warning(warning)
-        self._plant = self._car.plant
         self._owns_clock = values['publish_clock']
         if not self._owns_clock and self._car.imperfections.clock_jumps:
             raise InvalidInput(f'scenario {values["scenario"]} makes the clock jump; that is not '
@@ -190,16 +190,20 @@ class VehicleSimulatorNode(Node):
             DIAGNOSTICS_PERIOD_S, self._on_diagnostics_due, clock=self._steady_clock)
         self._setup = SetupWatch(self, ('hvch_command',), ('battery_state', 'route_plan', 'route_progress'))
         self.get_logger().info(
-            f'Vehicle {self._plant.vehicle.name}, route {route_name!r}: '
+            f'Vehicle {self._plant.vehicle.name}, route {route_name!r}{self._car.in_words}: '
             f'{duration_text(self._plant.duration_s)}, '
             f'{self._plant.route.distance_m / 1000:.1f} km, at {self._pace.speed_up:g} times real '
             f'time.{" The clock waits." if self._is_held else ""}')
 
     # Time
 
+    @property
+    def _plant(self) -> VehiclePlant:
+        return self._car.plant
+
     @guarded
     def _on_tick(self) -> None:
-        plant = self._plant
+        car = self._car
         if not self._time.has_started:
             return
         if not self._has_told_route:
@@ -210,8 +214,8 @@ class VehicleSimulatorNode(Node):
             self._time.publish(self._stamp())
             return
         real_s = self._steady_clock.now().nanoseconds * 1e-9
-        if self._patience and not plant.is_standing and not self._patience.lets_go_on(
-                self._car.clock_s, real_s):
+        if self._patience and not car.is_over and not self._patience.lets_go_on(
+                car.clock_s, real_s):
             self._time.stand()
             self._time.publish(self._stamp())
             return
@@ -220,20 +224,23 @@ class VehicleSimulatorNode(Node):
         except InvalidInput as error:
             self._end(2, error)
             return
-        self._car.advance_under(self._lease, elapsed_s)
+        if self._owns_clock and car.asleep_until_s is not None:
+            # Nobody is there to see the hours go by.
+            elapsed_s = self._pace.elapsed_s = max(elapsed_s, car.asleep_until_s)
+        car.advance_under(self._lease, elapsed_s)
         # The time first: who reads a battery state looks at the clock for its age.
         self._time.publish(self._stamp())
-        news = self._car.route_news(self._time.start_ns)
+        news = car.route_news(self._time.start_ns)
         if news is not None:
             self._route_publisher.publish(route_plan_message(news))
-        progress = self._car.progress(self._time.start_ns)
+        progress = car.progress(self._time.start_ns)
         if progress is not None:
             self._progress_publisher.publish(progress_message(progress))
-        if plant.is_standing and self._stood_since_s is None:
+        if car.is_over and self._stood_since_s is None:
             self._stand(real_s)
         else:
             # Who follows gets the latest; more within one tick would only push each other out.
-            for reading in self._car.readings()[-1:]:
+            for reading in car.readings()[-1:]:
                 self._publish_reading(reading)
         if self._stood_since_s is not None:
             self._leave_in_time(real_s, *self._stood_since_s)
@@ -243,7 +250,7 @@ class VehicleSimulatorNode(Node):
         if self._is_held:
             # Before the first /clock a planner on simulated time has no use for it.
             if self._has_told_route:
-                self._publish_reading(self._car.readings_of.read(self._plant))
+                self._publish_reading(self._car.read())
             self._start_if_ready()
         else:
             self._hold_timer.cancel()
@@ -265,7 +272,7 @@ class VehicleSimulatorNode(Node):
         """Tell that the drive is over."""
         plant = self._plant
         self._stood_since_s = (real_s, plant.time_s)
-        self._publish_reading(self._car.readings_of.read(plant))
+        self._publish_reading(self._car.read())
         self._publish_diagnostics()
         energy = plant.energy_wh
         figures = (
@@ -296,7 +303,7 @@ class VehicleSimulatorNode(Node):
     @guarded
     def _on_command(self, message: HvchCommand) -> None:
         plant = self._plant
-        if plant.is_standing or self._time.start_ns == 0:
+        if self._car.is_over or self._time.start_ns == 0:
             return
         if self._patience:
             self._patience.hear(
@@ -341,7 +348,7 @@ class VehicleSimulatorNode(Node):
                 f'{self._pace.speed_up:g}: this computer is too busy.', throttle_duration_sec=10.0)
 
     def _publish_diagnostics(self) -> None:
-        message = trip_diagnostics(self.get_fully_qualified_name(), self._plant, self._stamp())
+        message = trip_diagnostics(self.get_fully_qualified_name(), self._car, self._stamp())
         message.status.append(self._setup.entry(self._plant.vehicle.name))
         self._diagnostics_publisher.publish(message)
 

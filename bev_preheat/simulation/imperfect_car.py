@@ -3,19 +3,21 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 import math
-from typing import TYPE_CHECKING
+from typing import NamedTuple, TYPE_CHECKING
 
 import numpy as np
 
 from bev_preheat.simulation.heater_faults import fault_at, HeaterFault, next_change_s
 from bev_preheat.simulation.heater_lease import HeaterLease
 from bev_preheat.simulation.mismatch import Mismatch, true_route, true_vehicle
+from bev_preheat.simulation.phases import Charge, Drive, Park
 from bev_preheat.simulation.position import Position, PositionReports
 from bev_preheat.simulation.sensors import Reading, SensorReadings, Sensors
-from bev_preheat.simulation.traffic import clock_offset_s, ClockJump, drive_with_events, Event
+from bev_preheat.simulation.traffic import clock_offset_s, ClockJump, drive_with_events, Event, News
 from bev_preheat.simulation.vehicle_plant import VehiclePlant
 from bev_preheat.supervision.inputs import Leg, Mission, NS_PER_S, Progress
 from bev_preheat.vehicle.heat_path import HeatPath
@@ -24,6 +26,7 @@ if TYPE_CHECKING:
     from bev_preheat.charging.stop import Charger
     from bev_preheat.planning.situation import BatteryState, Goal
     from bev_preheat.route.segments import Route
+    from bev_preheat.simulation.phases import Phase
     from bev_preheat.vehicle.description import Vehicle
 
 
@@ -33,7 +36,7 @@ class Imperfections:
     All deviations of the simulated drive from vehicle and route file; none by default.
 
     `heat_path` is None where the car's is that of its vehicle file, `position` where the car does not
-    say where it is.
+    say where it is. `events` and `position` are those of the first drive.
     """
 
     mismatch: Mismatch = field(default_factory=Mismatch)
@@ -45,41 +48,77 @@ class Imperfections:
     position: PositionReports | None = None
 
 
+# The car's computers go on for so long [s] after the battery states have stopped.
+COMPUTERS_GO_ON_S = 60.0
+
+
+@dataclass(frozen=True)
+class PhaseReport:
+    """
+    What became of a Phase: its instants [s], the battery at its end, what the heater took [Wh].
+
+    `ran_empty`: the battery did.
+    """
+
+    phase: Phase
+    started_s: float
+    ended_s: float
+    temperature_c: float
+    soc: float
+    heating_energy_wh: float
+    ran_empty: bool
+
+    @property
+    def arrival_c(self) -> float:
+        """The battery's temperature at the end of a drive [deg C]; NaN where there is no arrival."""
+        return self.temperature_c if isinstance(self.phase, Drive) and not self.ran_empty else math.nan
+
+
+class _Letter(NamedTuple):
+    """What the trip planner says at an instant [s] of a Drive that begins, or began, at another [s]."""
+
+    at_s: float
+    begins_s: float
+    drive: Drive
+    news: News
+    route_id: str
+
+
 class ImperfectCar:
     """
-    A car on its way.
+    A car on its way, through one phase or several.
 
-    `vehicle` is what its file says, `plant` (a VehiclePlant) the truth. Instants are seconds after
-    the start; the same arguments make the same car.
+    `vehicle` is what its file says, `plant` (a VehiclePlant) the truth of the `phase` now, `reports` say
+    what became of the phases that have ended. Instants are seconds after the start; the same arguments
+    make the same car.
     """
 
     def __init__(self, vehicle: Vehicle, route: Route, state: BatteryState, goal: Goal,
                  imperfections: Imperfections = Imperfections(), seed: int | Sequence[int] = 0,
                  route_id: str = 'simulated', standing_time_s: float = 0.0,
-                 charger: Charger | None = None) -> None:
+                 charger: Charger | None = None, following: Sequence[Phase] = ()) -> None:
         """
         Put the car at the start of a Route, with its battery in `state`; see numpy for `seed`.
 
         The trip planner says that it stood for `standing_time_s` [s] before; 0: it does not know. It
-        knows the Charger at the end; None: it does not.
+        knows the Charger at the end; None: it does not. `following` are the Phases after this drive.
         """
-        drive_seed, sensor_seed, position_seed = np.random.SeedSequence(seed).spawn(3)
+        self._drive_seed, sensor_seed, self._position_seed = np.random.SeedSequence(seed).spawn(3)
         self.vehicle = vehicle
         self.imperfections = imperfections
-        self._goal, self._route, self._route_id = goal, route, route_id
-        self._standing_time_s, self._charger = standing_time_s, charger
-        driven, self._news = drive_with_events(
-            route, imperfections.events, goal.charging_planned)
-        mismatch = imperfections.mismatch
-        self.plant = VehiclePlant(
-            true_vehicle(vehicle, mismatch, imperfections.heat_path),
-            true_route(driven, mismatch, np.random.default_rng(drive_seed)), state)
+        self.phase: Phase = Drive(route, goal, standing_time_s, imperfections.events, imperfections.position)
+        self.reports: list[PhaseReport] = []
+        self._first_state = state
+        self._following, self._phases = deque(following), 1 + len(following)
+        self._route_id, self._drives, self._charger = route_id, 0, charger
+        self._true_vehicle = true_vehicle(vehicle, imperfections.mismatch, imperfections.heat_path)
+        self._letters: list[_Letter] = []
+        self._heats_itself, self._asleep_from_s = False, math.inf
+        self.plant = VehiclePlant(self._true_vehicle, self._begin_drive(self.phase, 0.0), state)
+        self._latest_drive = self.plant
         self.readings_of = SensorReadings(
             imperfections.sensors, np.random.default_rng(sensor_seed))
         self.readings_of.take(self.plant)
-        self._position = Position(imperfections.position, driven, imperfections.events,
-                                  np.random.default_rng(position_seed))
-        self._sent_start_ns: int | None = None
 
     @property
     def time_s(self) -> float:
@@ -96,10 +135,40 @@ class ImperfectCar:
         jumps = self.imperfections.clock_jumps
         return instant_s + clock_offset_s(jumps, instant_s) if jumps else instant_s
 
+    @property
+    def is_over(self) -> bool:
+        """Whether the last phase has ended."""
+        return not self._following and self._has_ended()
+
+    @property
+    def in_words(self) -> str:
+        """What follows the first drive, to be added to its name; '' for nothing."""
+        return ''.join(f', {type(phase).__name__.lower()}' for phase in self._following)
+
+    @property
+    def is_charging(self) -> bool:
+        """Whether the car is at a charger."""
+        return isinstance(self.phase, Charge)
+
+    @property
+    def longest_s(self) -> float:
+        """How long all phases take at most [s]; longer where drives are late."""
+        return self.plant.end_s + sum(
+            phase.route.total_duration_s if isinstance(phase, Drive) else phase.duration_s
+            for phase in self._following)
+
+    @property
+    def asleep_until_s(self) -> float | None:
+        """When the car wakes up [s], where it sleeps and so do its computers; None: they do not."""
+        wakes_s = self.plant.end_s
+        return wakes_s if self._asleep_from_s + COMPUTERS_GO_ON_S <= self.time_s < wakes_s else None
+
     def mission(self, start_ns: int) -> Mission:
         """Return the Mission that the trip planner sends at the start, at an instant [ns]."""
-        mission = self._send(self._route, 0.0, start_ns, self._goal.charging_planned)
-        return replace(mission, standing_time_s=self._standing_time_s)
+        drive = self.phase
+        assert isinstance(drive, Drive)
+        return self._send(_Letter(0.0, 0.0, drive, News(0.0, drive.route, drive.goal.charging_planned),
+                                  self._route_id), start_ns)
 
     def route_news(self, start_ns: int) -> Mission | None:
         """
@@ -108,16 +177,9 @@ class ImperfectCar:
         `start_ns` is the instant of the start. Of several that are due the latest is returned.
         """
         due = None
-        while self._news and self._news[0].at_s <= self.time_s:
-            due = self._news.pop(0)
-        if due is None:
-            return None
-        if due.route is None:
-            # The drive has ended: the last segment of what was driven, behind us.
-            last = self.plant.route.segments(len(self.plant.route) - 1, len(self.plant.route))
-            began_s = self.plant.duration_s - last.total_duration_s
-            return self._send(last, began_s, start_ns, due.charging_planned)
-        return self._send(due.route, due.at_s, start_ns, due.charging_planned)
+        while self._letters and self._letters[0].at_s <= self.time_s:
+            due = self._letters.pop(0)
+        return None if due is None else self._send(due, start_ns)
 
     def progress(self, start_ns: int) -> Progress | None:
         """
@@ -125,52 +187,141 @@ class ImperfectCar:
 
         `start_ns` is the instant of the start.
         """
-        distance_m = self._position.report_m(self.time_s)
+        if not isinstance(self.phase, Drive):
+            return None
+        distance_m = self._position.report_m(self.time_s - self.plant.start_s)
         if distance_m is None or self._sent_start_ns is None:
             return None
-        return Progress(distance_m, start_ns + round(self.clock_s * NS_PER_S), self._route_id,
+        return Progress(distance_m, start_ns + round(self.clock_s * NS_PER_S), self._sent_route_id,
                         self._sent_start_ns)
 
     @property
     def next_event_s(self) -> float:
-        """When the next battery state is taken, or it, a route plan or a position arrives [s]."""
-        news_s = self._news[0].at_s if self._news else math.inf
-        return min(self.readings_of.next_s, self.readings_of.next_arrival_s, self._position.next_s, news_s)
+        """When the next battery state is taken, or it, a route plan or a position arrives, or a phase ends [s]."""
+        news_s = self._letters[0].at_s if self._letters else math.inf
+        place_s = (self.plant.start_s + self._position.next_s if isinstance(self.phase, Drive) else math.inf)
+        end_s = self.plant.end_s if self._following else math.inf
+        return min(self.readings_of.next_s, self.readings_of.next_arrival_s, place_s, news_s, end_s)
 
     def advance_under(self, lease: HeaterLease, to_s: float) -> None:
         """Drive on to `to_s` [s] under a HeaterLease, and take the readings that are due."""
-        readings_of, plant = self.readings_of, self.plant
+        readings_of = self.readings_of
         while (due_s := readings_of.next_s) <= to_s:
-            self._drive(lease, max(due_s, plant.time_s))
-            readings_of.take(plant)
-        self._drive(lease, to_s)
+            if self._asleep_from_s < due_s < self.plant.end_s:
+                readings_of.next_s = self.plant.end_s
+                continue
+            self._go_on(lease, max(due_s, self.time_s))
+            readings_of.take(self.plant, self.is_charging)
+        self._go_on(lease, to_s)
 
     def readings(self) -> list[Reading]:
         """Return the Readings that have arrived since the last call, oldest first."""
         return self.readings_of.arrived(self.time_s)
 
-    def _drive(self, lease: HeaterLease, to_s: float) -> None:
-        plant, faults = self.plant, self.imperfections.heater_faults
-        while plant.time_s < to_s:
-            if not faults:
-                plant.advance_under(lease, to_s)
-                return
-            until_s = min(to_s, next_change_s(faults, plant.time_s))
-            fault = fault_at(faults, plant.time_s)
-            if fault is None:
-                plant.advance_under(lease, until_s)
-            elif fault.stuck_on:
-                plant.advance(until_s, plant.vehicle.hvch.maximum_power_w)
-            else:
-                plant.advance_under(
-                    HeaterLease(fault.share * lease.power_w, lease.until_s), until_s)
+    def read(self) -> Reading:
+        """Return the Reading of now, whether it is due or not."""
+        return self.readings_of.read(self.plant, self.is_charging)
 
-    def _send(self, route: Route, at_s: float, start_ns: int, charging_planned: bool) -> Mission:
-        """Return the Mission of a route that begins where the car is at an instant of the drive [s]."""
-        goal = self._goal
-        self._position.begin_route(at_s)
+    # Phases
+
+    def _go_on(self, lease: HeaterLease, to_s: float) -> None:
+        """Go on to an instant [s], through the phases that begin before it or then."""
+        while self.time_s < to_s:
+            self._drive(lease, min(to_s, self.plant.end_s) if self._following else to_s)
+            if self._following and self._has_ended():
+                self._end_phase()
+                self._begin(self._following.popleft())
+        if self.is_over and len(self.reports) < self._phases:
+            self._end_phase()
+
+    def _has_ended(self) -> bool:
+        phase, plant = self.phase, self.plant
+        return plant.is_standing or isinstance(phase, Charge) and plant.soc >= phase.until_soc
+
+    def _end_phase(self) -> None:
+        plant = self.plant
+        self.reports.append(PhaseReport(
+            self.phase, plant.start_s, min(plant.time_s, plant.end_s), plant.temperature_c, plant.soc,
+            plant.energy_wh.hvch_electric, plant.empty_at_s is not None))
+
+    def _begin(self, phase: Phase) -> None:
+        now_s, vehicle = self.time_s, self._true_vehicle
+        self.phase, self._heats_itself, self._asleep_from_s = phase, False, math.inf
+        if isinstance(phase, Drive):
+            route = self._begin_drive(phase, now_s)
+            self.plant = self._latest_drive = (
+                VehiclePlant(vehicle, route, self._first_state, now_s) if phase.starts_over
+                else self.plant.followed_by(vehicle, route))
+            return
+        if isinstance(phase, Charge):
+            self.plant = self.plant.followed_by(phase.vehicle(vehicle), phase.route())
+            return
+        self.plant = self.plant.followed_by(vehicle, phase.route())
+        if phase.awake_s < phase.duration_s:
+            self._asleep_from_s = now_s + phase.awake_s
+        next_phase = self._following[0] if self._following else None
+        if isinstance(next_phase, Drive) and next_phase.announced_s > 0.0:
+            self._announce(next_phase, self.plant.end_s)
+
+    def _begin_drive(self, drive: Drive, begins_s: float) -> Route:
+        """Return the Route that is really driven on a Drive, and prepare what will be said on the way."""
+        driven, news = drive_with_events(drive.route, drive.events, drive.goal.charging_planned)
+        route_id = self._id_of(self._drives)
+        if self._drives > 0 and drive.announced_s == 0.0:
+            news.insert(0, News(0.0, drive.route, drive.goal.charging_planned))
+        # What was said of the drive before, and has not come yet, is of no use.
+        self._letters = [_Letter(begins_s + each.at_s, begins_s, drive, each, route_id) for each in news]
+        random = self._random_of(self._drive_seed)
+        self._position = Position(drive.position, driven, drive.events, self._random_of(self._position_seed))
+        if drive.announced_s == 0.0:
+            self._sent_start_ns: int | None = None
+        self._drives += 1
+        return true_route(driven, self.imperfections.mismatch, random)
+
+    def _random_of(self, seed: np.random.SeedSequence) -> np.random.Generator:
+        """Return the generator of a drive; that of the first one is the seed's own."""
+        return np.random.default_rng(seed if self._drives == 0 else seed.spawn(1)[0])
+
+    def _id_of(self, number: int) -> str:
+        return self._route_id if number == 0 else f'{self._route_id} {number + 1}'
+
+    def _announce(self, drive: Drive, begins_s: float) -> None:
+        at_s = max(self.time_s, begins_s - drive.announced_s)
+        self._letters.append(_Letter(at_s, begins_s, drive, News(0.0, drive.route, drive.goal.charging_planned),
+                                     self._id_of(self._drives)))
+
+    def _drive(self, lease: HeaterLease, to_s: float) -> None:
+        plant, faults, phase = self.plant, self.imperfections.heater_faults, self.phase
+        while plant.time_s < to_s:
+            own_w = 0.0
+            if isinstance(phase, Charge):
+                own_w = phase.own_heat_w(self.vehicle, plant.temperature_c, self._heats_itself)
+                self._heats_itself = own_w > 0.0
+            until_s = min(to_s, next_change_s(faults, plant.time_s)) if faults else to_s
+            fault = fault_at(faults, plant.time_s) if faults else None
+            if fault is not None and fault.stuck_on:
+                plant.advance(until_s, plant.vehicle.hvch.maximum_power_w)
+            elif own_w > 0.0:
+                plant.advance(until_s, (1.0 if fault is None else fault.share) * own_w)
+            else:
+                plant.advance_under(lease if fault is None else HeaterLease(
+                    fault.share * lease.power_w, lease.until_s), until_s)
+
+    def _send(self, letter: _Letter, start_ns: int) -> Mission:
+        """Return the Mission of a letter, whose route begins where the car is, or is to be, at its instant."""
+        drive, news, goal = letter.drive, letter.news, letter.drive.goal
+        route, at_s, standing_time_s = news.route, letter.begins_s + news.at_s, 0.0
+        if route is None:
+            # The drive has ended: the last segment of what was driven, behind us.
+            driven = self._latest_drive
+            route = driven.route.segments(len(driven.route) - 1, len(driven.route))
+            at_s = driven.start_s + driven.duration_s - route.total_duration_s
+        elif news.at_s == 0.0 and route is drive.route:
+            standing_time_s = drive.standing_time_s
+        self._position.begin_route(at_s - letter.begins_s)
         self._sent_start_ns = start_ns + round(self.stamp_s(at_s) * NS_PER_S)
-        return Mission(self._route_id, (Leg(
-            route, self._sent_start_ns, charging_planned,
+        self._sent_route_id = letter.route_id
+        return Mission(letter.route_id, (Leg(
+            route, self._sent_start_ns, news.charging_planned,
             None if math.isnan(goal.target_temperature_c) else goal.target_temperature_c,
-            goal.minimum_arrival_soc, charger=self._charger),))
+            goal.minimum_arrival_soc, charger=self._charger),), standing_time_s)

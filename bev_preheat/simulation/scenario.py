@@ -17,8 +17,9 @@ from bev_preheat.route.segments import Route
 from bev_preheat.simulation.heater_faults import HeaterFault
 from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections
 from bev_preheat.simulation.mismatch import Mismatch
+from bev_preheat.simulation.phases import Charge, Drive, Park, Phase
 from bev_preheat.simulation.position import PositionReports
-from bev_preheat.simulation.sensors import Sensors, Span
+from bev_preheat.simulation.sensors import OtherBattery, Sensors, Span, Spike
 from bev_preheat.simulation.traffic import ClockJump, Event, Kind
 from bev_preheat.supervision.settings import FIELD_OF_PARAMETER
 from bev_preheat.vehicle import load_vehicle, Vehicle, vehicle_file
@@ -29,6 +30,9 @@ if TYPE_CHECKING:
     from bev_preheat.route.for_vehicle import RouteForVehicle
 
 SCHEMA = Path(__file__).with_name('scenario_schema.yaml')
+# Keys of the section `drive` that a chain leaves there, and sections that belong to a drive.
+OF_A_CAR = 'vehicle', 'initial_battery_temperature_c', 'initial_soc'
+OF_A_DRIVE = 'traffic', 'route_progress'
 
 
 @dataclass(frozen=True)
@@ -42,17 +46,26 @@ class Expectations:
     off_during: tuple[Span, ...] = ()
     heats_during: tuple[Span, ...] = ()
     heater: str | None = None
+    never_heater_verdict: bool = False
+    not_heated_above_c: float | None = None
+    # (regime, from, until [s])
+    regime_during: tuple[tuple[str, float, float], ...] = ()
+    never_regimes: tuple[str, ...] = ()
+    signals: tuple[str, ...] = ()
+    named_within_s: float | None = None
+    no_signals: bool = False
 
 
 @dataclass(frozen=True)
 class Scenario:
     """
-    A drive, what is wrong with it, and what is expected.
+    A drive, or a chain that begins with it, what is wrong with it, and what is expected.
 
     The car stood for `standing_time_s` [s] before (0: not known). `planner` holds parameters of the
     node `planner` by name, `vehicle_name` what the file calls the
     vehicle: a name, or a file's path. `files` are the paths of all files that were read;
-    `warnings` are sentences on routes that were made for another vehicle.
+    `warnings` are sentences on routes that were made for another vehicle. `following` are the phases of a
+    chain after the drive, `phase_expectations` what is expected of each phase of a chain.
     """
 
     name: str
@@ -69,11 +82,20 @@ class Scenario:
     files: tuple[Path, ...] = ()
     warnings: tuple[str, ...] = ()
     standing_time_s: float = 0.0
+    following: tuple[Phase, ...] = ()
+    phase_expectations: tuple[Expectations | None, ...] = ()
+
+    @property
+    def drives(self) -> list[Drive]:
+        """All drives, in order."""
+        first = Drive(self.route, self.goal, self.standing_time_s, self.imperfections.events,
+                      self.imperfections.position)
+        return [first, *(phase for phase in self.following if isinstance(phase, Drive))]
 
     def car(self) -> ImperfectCar:
         """Return the ImperfectCar at its start."""
         return ImperfectCar(self.vehicle, self.route, self.state, self.goal, self.imperfections,
-                            self.seed, self.name, self.standing_time_s)
+                            self.seed, self.name, self.standing_time_s, following=self.following)
 
 
 def load_scenario(name_or_file: str | Path) -> Scenario:
@@ -91,43 +113,90 @@ def load_scenario(name_or_file: str | Path) -> Scenario:
 
 
 def _scenario(path: Path, contents: dict[str, FileData]) -> Scenario:
-    drive, folder = contents['drive'], path.parent
-    vehicle_name = _seen_from(folder, drive['vehicle'])
-    vehicle = load_vehicle(vehicle_name)
-    driven = route_for(drive['route'], vehicle, folder)
-    detours = [route_for(node['route'], vehicle, folder) if 'route' in node else None
-               for node in contents.get('traffic', ())]
-    routes = [driven, *filter(None, detours)]
-    route = driven.route
-    if 'ends_after_s' in drive:
-        if drive['ends_after_s'] > route.total_duration_s:
-            raise InvalidInput(f'drive.ends_after_s: {drive["ends_after_s"]:g} s is beyond the '
-                               f'end of the route, {route.total_duration_s:g} s')
-        route = route.before(float(drive['ends_after_s']))
-    state = BatteryState(float(drive['initial_battery_temperature_c']),
-                         float(drive['initial_soc']))
-    goal = Goal(
-        float(drive.get('target_battery_temperature_c',
-                        vehicle.defaults.target_battery_temperature_c)),
-        float(drive.get('minimum_arrival_soc', 0.0)), drive.get('charging_planned', True))
-    check_situation(vehicle, route, state, goal)
+    node = contents['drive']
+    vehicle_name = _seen_from(path.parent, node['vehicle'])
+    reader = _PhaseReader(load_vehicle(vehicle_name), path.parent)
+    state = BatteryState(float(node['initial_battery_temperature_c']), float(node['initial_soc']))
+    phases = reader.chain(contents) if 'chain' in contents else [reader.drive({
+        **node, **{key: contents[key] for key in OF_A_DRIVE if key in contents}}, '')]
+    drive = phases[0]
+    assert isinstance(drive, Drive)
+    check_situation(reader.vehicle, drive.route, state, drive.goal)
     return Scenario(
         name=contents['name'], description=contents['description'], vehicle_name=vehicle_name,
-        vehicle=vehicle, route=route, state=state, goal=goal, seed=contents.get('seed', 0),
+        vehicle=reader.vehicle, route=drive.route, state=state, goal=drive.goal, seed=contents.get('seed', 0),
         imperfections=Imperfections(
             mismatch=Mismatch(**contents.get('mismatch', {})),
             heat_path=_heat_path(contents),
-            position=_position(contents),
+            position=drive.position,
             sensors=_sensors(contents.get('sensors', {})),
             heater_faults=tuple(HeaterFault(**node) for node in contents.get('heater_faults', ())),
-            events=tuple(_event(at, node, detour) for at, (node, detour) in enumerate(
-                zip(contents.get('traffic', ()), detours))),
+            events=drive.events,
             clock_jumps=tuple(ClockJump(**node) for node in contents.get('clock_jumps', ()))),
-        expectations=_expectations(contents['expect']),
+        expectations=_expectations(contents['expect'], 'expect'),
         planner=_planner(contents.get('planner', {})),
-        standing_time_s=float(drive.get('standing_time_s', 0.0)),
-        files=(path, vehicle_file(vehicle_name), *(each.file for each in routes)),
-        warnings=tuple(dict.fromkeys(each.warning for each in routes if each.warning)))
+        standing_time_s=drive.standing_time_s,
+        following=tuple(phases[1:]),
+        phase_expectations=tuple(
+            _expectations(item['expect'], f'chain[{at}].expect') if 'expect' in item else None
+            for at, item in enumerate(contents.get('chain', ()))),
+        files=(path, vehicle_file(vehicle_name), *(each.file for each in reader.routes)),
+        warnings=tuple(dict.fromkeys(each.warning for each in reader.routes if each.warning)))
+
+
+class _PhaseReader:
+    """Reads the phases of a scenario; `routes` are all that were read."""
+
+    def __init__(self, vehicle: Vehicle, folder: Path) -> None:
+        self.vehicle, self._folder = vehicle, folder
+        self.routes: list[RouteForVehicle] = []
+
+    def chain(self, contents: dict[str, FileData]) -> list[Phase]:
+        """Return the phases of a chain."""
+        outside = [key for key in contents['drive'] if key not in OF_A_CAR] + [
+            key for key in OF_A_DRIVE if key in contents]
+        if outside:
+            raise InvalidInput(f'{", ".join(outside)}: with a chain this belongs to one of its drives')
+        phases: list[Phase] = []
+        for at, item in enumerate(contents['chain']):
+            where, kinds = f'chain[{at}]', [key for key in item if key != 'expect']
+            if len(kinds) != 1 or at == 0 and kinds != ['drive']:
+                raise InvalidInput(f'{where}: has {", ".join(kinds) or "nothing"}; it must have '
+                                   + ('a drive' if at == 0 else 'one of drive, charge, park'))
+            node = item[kinds[0]]
+            if kinds == ['drive']:
+                phase: Phase = self.drive(node, f'{where}.drive.')
+                if phase.announced_s > 0.0 and not isinstance(phases[-1] if phases else None, Park):
+                    raise InvalidInput(f'{where}.drive.announced_s: is for a drive after a park')
+            else:
+                phase = (Charge if kinds == ['charge'] else Park)(**node)
+            phases.append(phase)
+        return phases
+
+    def drive(self, node: dict[str, FileData], where: str) -> Drive:
+        """Return the Drive of a node with its `traffic` and `route_progress`; `where` stands before its keys."""
+        vehicle = self.vehicle
+        if 'route' not in node:
+            raise InvalidInput('drive: missing route')
+        route = self._route(node['route'])
+        traffic = node.get('traffic', ())
+        events = tuple(_event(f'{where}traffic[{at}]', each, self._route(each['route']) if 'route' in each else None)
+                       for at, each in enumerate(traffic))
+        if 'ends_after_s' in node:
+            if node['ends_after_s'] > route.total_duration_s:
+                raise InvalidInput(f'{where or "drive."}ends_after_s: {node["ends_after_s"]:g} s is beyond the '
+                                   f'end of the route, {route.total_duration_s:g} s')
+            route = route.before(float(node['ends_after_s']))
+        goal = Goal(float(node.get('target_battery_temperature_c', vehicle.defaults.target_battery_temperature_c)),
+                    float(node.get('minimum_arrival_soc', 0.0)), node.get('charging_planned', True))
+        check_situation(vehicle, route, goal=goal)
+        return Drive(route, goal, float(node.get('standing_time_s', 0.0)), events,
+                     _position(node, where), float(node.get('announced_s', 0.0)), node.get('starts_over', False))
+
+    def _route(self, name_or_file: str) -> Route:
+        loaded = route_for(name_or_file, self.vehicle, self._folder)
+        self.routes.append(loaded)
+        return loaded.route
 
 
 def _planner(parameters: dict[str, FileData]) -> dict[str, FileData]:
@@ -162,16 +231,18 @@ def _heat_path(contents: dict[str, FileData]) -> HeatPath | None:
     return path
 
 
-def _position(contents: dict[str, FileData]) -> PositionReports | None:
+def _position(contents: dict[str, FileData], where: str) -> PositionReports | None:
     """Return how the car says where it is; None: it does not."""
     node = contents.get('route_progress')
     return None if node is None else PositionReports(
-        **{**node, 'drop_outs': _spans(node, 'drop_outs', 'route_progress')})
+        **{**node, 'drop_outs': _spans(node, 'drop_outs', f'{where}route_progress')})
 
 
 def _sensors(node: dict[str, FileData]) -> Sensors:
     spans = {key: _spans(node, key, 'sensors') for key in ('drop_outs', 'stuck', 'invalid')}
-    return Sensors(**{**node, **spans})
+    other = OtherBattery(**node['other']) if 'other' in node else None
+    return Sensors(**{**node, **spans, 'other': other,
+                      'spikes': tuple(Spike(**each) for each in node.get('spikes', ()))})
 
 
 # Keys that an event of a kind must have besides its instant, and no other has.
@@ -180,29 +251,31 @@ OWN_KEYS: dict[Kind, set[str]] = {
     Kind.DETOUR: {'route'}, Kind.CANCEL_CHARGING: set(), Kind.ARRIVE_EARLY: set()}
 
 
-def _event(at: int, node: dict[str, FileData], detour: RouteForVehicle | None) -> Event:
+def _event(where: str, node: dict[str, FileData], detour: Route | None) -> Event:
     kind = Kind(node['event'])
     own = {key: value for key, value in node.items()
            if key not in ('event', 'at_s', 'route_plan_after_s')}
     if set(own) != OWN_KEYS[kind]:
-        raise InvalidInput(f'traffic[{at}]: {kind.value} has '
+        raise InvalidInput(f'{where}: {kind.value} has '
                            f'{", ".join(sorted(own)) or "nothing"} besides its instant; it must '
                            f'have {", ".join(sorted(OWN_KEYS[kind])) or "nothing"}')
     if detour is not None:
-        own['route'] = detour.route
+        own['route'] = detour
     return Event(kind, float(node['at_s']), node.get('route_plan_after_s', 0.0), **own)
 
 
-def _expectations(node: dict[str, FileData]) -> Expectations:
+def _expectations(node: dict[str, FileData], where: str) -> Expectations:
     known = {status.name for status in Status}
     for key in ('statuses', 'never'):
         for at, name in enumerate(node.get(key, ())):
             if name not in known:
-                raise InvalidInput(f'expect.{key}[{at}]: {name!r} is not one of '
+                raise InvalidInput(f'{where}.{key}[{at}]: {name!r} is not one of '
                                    f'{", ".join(sorted(known))}')
     values: dict[str, FileData] = {
         key: tuple(value) if isinstance(value, list) else value
         for key, value in node.items()}
     for key in ('off_during', 'heats_during'):
-        values[key] = _spans(node, key, 'expect')
+        values[key] = _spans(node, key, where)
+    values['regime_during'] = tuple(
+        (span['regime'], span['from_s'], span['until_s']) for span in node.get('regime_during', ()))
     return Expectations(**values)

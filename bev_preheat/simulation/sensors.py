@@ -1,13 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The battery as its sensors report it: noisy, in steps, late, or not at all."""
+"""The battery as its sensors report it: noisy, in steps, late, wrong, or not at all."""
 
 from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import math
 from typing import TYPE_CHECKING
+
+from bev_preheat.supervision.inputs import SupplyStatus
 
 if TYPE_CHECKING:
     import numpy as np
@@ -16,6 +18,33 @@ if TYPE_CHECKING:
 
 # From, until [s].
 Span = tuple[float, float]
+# What power_supply_status says: nothing, whether the car is at a charger, or the sign of the current.
+SUPPLY_STATUS = ('unknown', 'plugged', 'sign')
+
+
+@dataclass(frozen=True)
+class Spike:
+    """From one instant to another [s] the temperature is shown too high by `by_k` [K]."""
+
+    from_s: float
+    until_s: float
+    by_k: float
+
+
+@dataclass(frozen=True)
+class OtherBattery:
+    """
+    Another battery on the same topic: its states come in turn with those of the car's own.
+
+    `is_first`: the first state is the other's. `location` is what its states say of where it is.
+    """
+
+    temperature_c: float
+    soc: float
+    voltage_v: float
+    current_a: float = 0.0
+    location: str = ''
+    is_first: bool = False
 
 
 @dataclass(frozen=True)
@@ -29,6 +58,13 @@ class Sensors:
     [s] and arrives `delay_s` [s] later, or with the probability `loss` never. In the spans (from, until)
     [s] of `drop_outs` none is taken, in those of `stuck` the temperature repeats itself, in those of
     `invalid` it is NaN.
+
+    Wrong from start to end: `temperature_stuck_at_c` [deg C], `soc_stuck_at` (0 ... 1) and
+    `voltage_stuck_at_v` [V] are shown in place of what is measured; state of charge and voltage are
+    shown times `soc_scale` and `voltage_scale`; with `reverses_current` discharging is shown as charging.
+    Each `invalid_every`-th temperature is NaN, each `reordered_every`-th reading arrives after the one
+    that follows it (0: none). `supply_status` is one of SUPPLY_STATUS, `location` where the battery is
+    said to be, and `other` is a second battery on the topic.
     """
 
     temperature_noise_k: float = 0.0
@@ -45,6 +81,18 @@ class Sensors:
     drop_outs: tuple[Span, ...] = ()
     stuck: tuple[Span, ...] = ()
     invalid: tuple[Span, ...] = ()
+    spikes: tuple[Spike, ...] = ()
+    invalid_every: int = 0
+    reordered_every: int = 0
+    temperature_stuck_at_c: float | None = None
+    soc_stuck_at: float | None = None
+    soc_scale: float = 1.0
+    voltage_stuck_at_v: float | None = None
+    voltage_scale: float = 1.0
+    reverses_current: bool = False
+    supply_status: str = 'unknown'
+    location: str = ''
+    other: OtherBattery | None = None
 
 
 @dataclass(frozen=True)
@@ -52,7 +100,7 @@ class Reading:
     """
     What the sensors said at an instant [s]: deg C, 0 ... 1, V, A (positive = discharging).
 
-    Voltage and current are None where they are not reported.
+    Voltage and current are None where they are not reported, `location` is '' where nothing is said.
     """
 
     instant_s: float
@@ -60,6 +108,8 @@ class Reading:
     soc: float
     voltage_v: float | None
     current_a: float | None
+    supply_status: SupplyStatus = SupplyStatus.UNKNOWN
+    location: str = ''
 
 
 class SensorReadings:
@@ -71,28 +121,51 @@ class SensorReadings:
         self._random = random
         self._under_way: deque[Reading] = deque()
         self._stuck_at_c: float | None = None
+        self._taken = 0
+        # That which arrives after the one that follows it.
+        self._held_back: Reading | None = None
         self.next_s = 0.0
 
     def set_period(self, period_s: float, now_s: float) -> None:
         """Take readings this often [s], from now on."""
-        self.sensors = _with_period(self.sensors, period_s)
+        self.sensors = replace(self.sensors, period_s=period_s)
         self.next_s = now_s
 
-    def take(self, plant: VehiclePlant) -> None:
-        """Take a reading of a plant; it is due when its time is `next_s` or later."""
+    def take(self, plant: VehiclePlant, is_charging: bool = False) -> None:
+        """Take a reading of a plant, at a charger or not; it is due when its time is `next_s` or later."""
         now_s, period_s = plant.time_s, self.sensors.period_s
         # What was missed is not made up for.
         self.next_s += (math.floor((now_s - self.next_s) / period_s) + 1) * period_s
-        reading = self.read(plant)
+        reading = self.read(plant, is_charging)
         lost = self.sensors.loss > 0.0 and self._random.random() < self.sensors.loss
         if not lost and not within(now_s, self.sensors.drop_outs):
-            self._under_way.append(reading)
+            self._send(reading)
 
-    def read(self, plant: VehiclePlant) -> Reading:
-        """Return the Reading of a plant now, whether it is due or not."""
+    def _send(self, reading: Reading) -> None:
+        """Let a Reading be under way, in turn with those of another battery, and in the order in which they arrive."""
+        sensors = self.sensors
+        self._taken += 1
+        if sensors.invalid_every > 0 and self._taken % sensors.invalid_every == 0:
+            reading = replace(reading, temperature_c=math.nan)
+        other = sensors.other
+        if other is not None and self._taken % 2 == (1 if other.is_first else 0):
+            temperature_c = _measured(
+                self._random, other.temperature_c, sensors.temperature_noise_k, sensors.temperature_resolution_k)
+            reading = Reading(reading.instant_s, temperature_c, other.soc, other.voltage_v, other.current_a,
+                              location=other.location)
+        held_back, self._held_back = self._held_back, None
+        if sensors.reordered_every > 0 and self._taken % sensors.reordered_every == 0:
+            self._held_back = reading
+        else:
+            self._under_way.append(reading)
+        if held_back is not None:
+            self._under_way.append(held_back)
+
+    def read(self, plant: VehiclePlant, is_charging: bool = False) -> Reading:
+        """Return the Reading of a plant now, at a charger or not, whether it is due or not."""
         sensors, random, now_s = self.sensors, self._random, plant.time_s
         temperature_c = _measured(
-            random, plant.sensor_c + sensors.temperature_offset_k,
+            random, plant.sensor_c + sensors.temperature_offset_k + _spike_k(now_s, sensors.spikes),
             sensors.temperature_noise_k, sensors.temperature_resolution_k)
         if not within(now_s, sensors.stuck):
             self._stuck_at_c = None
@@ -100,14 +173,22 @@ class SensorReadings:
             self._stuck_at_c = temperature_c
         else:
             temperature_c = self._stuck_at_c
+        if sensors.temperature_stuck_at_c is not None:
+            temperature_c = sensors.temperature_stuck_at_c
         if within(now_s, sensors.invalid):
             temperature_c = math.nan
-        soc = _measured(random, plant.soc, sensors.soc_noise, sensors.soc_resolution)
+        soc = min(max(_measured(random, plant.soc, sensors.soc_noise, sensors.soc_resolution), 0.0), 1.0)
+        if sensors.soc_stuck_at is not None:
+            soc = sensors.soc_stuck_at
         power: tuple[float | None, float | None] = (None, None)
         if sensors.reports_power:
-            power = (_measured(random, plant.terminal_voltage_v, sensors.voltage_noise_v),
-                     _measured(random, plant.current_a, sensors.current_noise_a))
-        return Reading(now_s, temperature_c, min(max(soc, 0.0), 1.0), *power)
+            voltage_v = _measured(random, plant.terminal_voltage_v, sensors.voltage_noise_v)
+            current_a = _measured(random, plant.current_a, sensors.current_noise_a)
+            if sensors.voltage_stuck_at_v is not None:
+                voltage_v = sensors.voltage_stuck_at_v
+            power = (sensors.voltage_scale * voltage_v, -current_a if sensors.reverses_current else current_a)
+        return Reading(now_s, temperature_c, sensors.soc_scale * soc, *power,
+                       _supply_status(sensors.supply_status, is_charging, plant.current_a), sensors.location)
 
     @property
     def next_arrival_s(self) -> float:
@@ -123,8 +204,17 @@ class SensorReadings:
         return arrived
 
 
-def _with_period(sensors: Sensors, period_s: float) -> Sensors:
-    return Sensors(**{**vars(sensors), 'period_s': period_s})
+def _spike_k(now_s: float, spikes: Iterable[Spike]) -> float:
+    """Return by how much the temperature is shown too high at an instant [K]."""
+    return sum(spike.by_k for spike in spikes if spike.from_s <= now_s < spike.until_s)
+
+
+def _supply_status(kind: str, is_charging: bool, current_a: float) -> SupplyStatus:
+    """Return what power_supply_status says, by its kind of SUPPLY_STATUS; a regeneration has the sign of charging."""
+    if kind == 'unknown':
+        return SupplyStatus.UNKNOWN
+    is_charging = is_charging if kind == 'plugged' else current_a < 0.0
+    return SupplyStatus.CHARGING if is_charging else SupplyStatus.DISCHARGING
 
 
 def _measured(random: np.random.Generator, value: float, noise: float,

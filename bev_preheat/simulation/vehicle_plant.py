@@ -16,13 +16,13 @@ from bev_preheat.planning.dynamics import (
     JOULES_PER_WH,
     step_of_floats,
 )
+from bev_preheat.planning.situation import BatteryState
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.vehicle.heat_path import HeatedStep, make_heated_step, sensor_reading_c
 from bev_preheat.vehicle.model import make_rates, make_runge_kutta_4, Rates, Step
 from bev_preheat.vehicle.terminal_limits import make_terminal_limits, TerminalLimits
 
 if TYPE_CHECKING:
-    from bev_preheat.planning.situation import BatteryState
     from bev_preheat.planning.trip import Trip
     from bev_preheat.route.segments import Route
     from bev_preheat.simulation.heater_lease import HeaterLease
@@ -56,10 +56,10 @@ class VehiclePlant:
     State of charge (0 ... 1) and battery temperature [deg C] of a vehicle on its way.
 
     Integrates `model` in steps of at most LONGEST_STEP_S that end at the segments' boundaries,
-    finer than the plans that it is there to try. `time_s` counts from the start of the route. At
-    the end of the route, or with an empty battery, the vehicle stands: its time goes on, state and
-    sums stay. Cabin and battery come first: the heater gets what they leave, and what the battery
-    must not take back goes into the friction brake.
+    finer than the plans that it is there to try. The route starts at the instant `start_s`; `time_s`
+    is the instant now. At the end of the route, or with an empty battery, the vehicle stands: its
+    time goes on, state and sums stay. Cabin and battery come first: the heater gets what they leave,
+    and what the battery must not take back goes into the friction brake.
 
     `heater_power_w` and `brake_power_w` are what these really take now [W], `coolant_c` and
     `sensor_c` the temperatures [deg C] of the coolant between heater and battery and of the sensor,
@@ -70,13 +70,15 @@ class VehiclePlant:
     command [s].
     """
 
-    def __init__(self, vehicle: Vehicle, route: Route, state: BatteryState) -> None:
-        """Put a vehicle at the start of a route, with the battery in `state` (a BatteryState)."""
-        self.vehicle = vehicle
+    def __init__(self, vehicle: Vehicle, route: Route, state: BatteryState, start_s: float = 0.0) -> None:
+        """Put a vehicle at the start of a route at an instant [s], with the battery in `state` (a BatteryState)."""
+        self.vehicle, self.start_s = vehicle, start_s
         # In it, segments that are too long for one Trip step are divided.
         trip = make_trip(vehicle, route)
         self.route = trip.route
-        self.time_s = 0.0
+        self.time_s = start_s
+        # The core counts from the start of the route.
+        self._elapsed_s = 0.0
         self.soc = state.soc
         self.temperature_c = self.sensor_c = state.temperature_c
         self.coolant_c = state.temperature_c + state.coolant_excess_k
@@ -131,7 +133,14 @@ class VehiclePlant:
     @property
     def end_s(self) -> float:
         """Instant at which the drive ends, as far as that is known [s]."""
-        return self.duration_s if self.empty_at_s is None else self.empty_at_s
+        return self.start_s + self.duration_s if self.empty_at_s is None else self.empty_at_s
+
+    def followed_by(self, vehicle: Vehicle, route: Route) -> VehiclePlant:
+        """Return the plant that goes on from here and now on another Route, as another Vehicle; its sums start at 0."""
+        following = VehiclePlant(vehicle, route, BatteryState(
+            self.temperature_c, self.soc, self._power_at_end_w, self.coolant_c - self.temperature_c), self.time_s)
+        following.sensor_c = self.sensor_c
+        return following
 
     def advance(self, to_s: float, heater_power_w: float) -> None:
         """Drive on to `to_s` [s] with a heater power [W], as far as limits allow it."""
@@ -139,12 +148,14 @@ class VehiclePlant:
             raise ValueError(f'to_s: {to_s} is no finite instant from {self.time_s} on')
         if not (isfinite(heater_power_w) and heater_power_w >= 0.0):
             raise ValueError(f'heater_power_w: {heater_power_w} is no power from 0 on')
-        if not self._drive_by_core(to_s, heater_power_w):
-            self._drive(to_s, heater_power_w)
+        # Differences do not end exactly where they should.
+        until_s = max(to_s - self.start_s, self.duration_s if to_s >= self.end_s else 0.0)
+        if not self._drive_by_core(until_s, heater_power_w):
+            self._drive(until_s, heater_power_w)
             self._look_at_terminals()
         if self.is_standing:
             self.heater_power_w = self.brake_power_w = self._power_at_end_w = 0.0
-        self.time_s = to_s
+        self._elapsed_s, self.time_s = until_s, to_s
 
     def advance_under(self, lease: HeaterLease, to_s: float) -> None:
         """Drive on to `to_s` [s] with the power of a HeaterLease, and with 0 W from its end on."""
@@ -155,45 +166,45 @@ class VehiclePlant:
             self.advance(to_s, 0.0)
             self.without_lease_s += max(0.0, min(to_s, self.end_s) - since_s)
 
-    def _drive_by_core(self, to_s: float, heater_power_w: float) -> bool:
+    def _drive_by_core(self, until_s: float, heater_power_w: float) -> bool:
         """
         Drive on as far as the compiled core does; return whether that is all the way.
 
         It is not where the battery lacks power or runs empty in the segment that follows.
         """
         driven = None if self._compiled is None or self.empty_at_s is not None else self._compiled.drive(
-            to_s, heater_power_w, LONGEST_STEP_S, (
-                self.time_s, self.soc, self.temperature_c, self.sensor_c, self.coolant_c,
+            until_s, heater_power_w, LONGEST_STEP_S, (
+                self._elapsed_s, self.soc, self.temperature_c, self.sensor_c, self.coolant_c,
                 self.heater_power_w, self.brake_power_w, self._command_w, self._power_at_end_w,
                 self.terminal_voltage_v, self.current_a, self._joule_j, self._drivetrain_j, self._heater_j,
                 self._leakage_j, self._battery_j, self._brake_j, self._segment))
         if driven is None:
             return False
         is_done, (
-            self.time_s, self.soc, self.temperature_c, self.sensor_c, self.coolant_c,
+            self._elapsed_s, self.soc, self.temperature_c, self.sensor_c, self.coolant_c,
             self.heater_power_w, self.brake_power_w, self._command_w, self._power_at_end_w,
             self.terminal_voltage_v, self.current_a, self._joule_j, self._drivetrain_j, self._heater_j,
             self._leakage_j, self._battery_j, self._brake_j, self._segment) = driven
         return is_done
 
-    def _drive(self, to_s: float, heater_power_w: float) -> None:
-        while self.time_s < to_s and not self.is_standing:
+    def _drive(self, until_s: float, heater_power_w: float) -> None:
+        while self._elapsed_s < until_s and not self.is_standing:
             end_s = self._ends_s[self._segment]
-            self._drive_within_segment(min(to_s, end_s), heater_power_w)
-            if self.time_s == end_s and self.empty_at_s is None:
+            self._drive_within_segment(min(until_s, end_s), heater_power_w)
+            if self._elapsed_s == end_s and self.empty_at_s is None:
                 self._segment += 1
 
-    def _drive_within_segment(self, to_s: float, heater_power_w: float) -> None:
-        steps = ceil((to_s - self.time_s) / LONGEST_STEP_S)
-        step_s = (to_s - self.time_s) / steps
+    def _drive_within_segment(self, until_s: float, heater_power_w: float) -> None:
+        steps = ceil((until_s - self._elapsed_s) / LONGEST_STEP_S)
+        step_s = (until_s - self._elapsed_s) / steps
         for _ in range(steps):
             self._keep_limits(heater_power_w)
             self._step(step_s)
             if self.soc == 0.0:
-                self.empty_at_s = self.time_s
+                self.empty_at_s = self.start_s + self._elapsed_s
                 return
         # Sums of steps do not end exactly where they should.
-        self.time_s = to_s
+        self._elapsed_s = until_s
 
     def _keep_limits(self, wanted_w: float) -> None:
         """Command heater and friction brake what cabin and battery leave them; [W] is wanted."""
@@ -252,7 +263,7 @@ class VehiclePlant:
             self.vehicle.heat_path, self.sensor_c, started_c, self.temperature_c, step_s,
             SATURATING_FLOATS)
         cooled_j = self.vehicle.battery.heat_capacity_j_per_k * (temperature_c - self.temperature_c)
-        self.time_s += step_s
+        self._elapsed_s += step_s
         self.undeliverable_power_w = max(self.undeliverable_power_w, lacking_w)
         drivetrain_heat_w = segment.drivetrain_heat_w - self._heat_share * self.brake_power_w
         self._joule_j += step_s * joule_w

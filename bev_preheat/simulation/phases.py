@@ -1,0 +1,116 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a simulated car does one after the other: it drives, charges, and is parked."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+import math
+from typing import TYPE_CHECKING
+
+from bev_preheat.route.segments import make_route
+
+if TYPE_CHECKING:
+    from bev_preheat.planning.situation import Goal
+    from bev_preheat.route.segments import Route
+    from bev_preheat.simulation.position import PositionReports
+    from bev_preheat.simulation.traffic import Event
+    from bev_preheat.vehicle.description import Vehicle
+
+# What a parked car takes with its computers awake, and asleep [W].
+AWAKE_POWER_W = 250.0
+ASLEEP_POWER_W = 20.0
+# A car that heats itself at the charger begins again this far below its limit [K].
+HEATS_AGAIN_BELOW_K = 1.0
+
+
+@dataclass(frozen=True)
+class Drive:
+    """
+    A drive over a Route, which the trip planner sends when it starts, or `announced_s` [s] before.
+
+    The trip planner says that the car stood for `standing_time_s` [s] before; 0: it does not know. The
+    instants of `events` count from the start of the drive. `position` is None where the car does not say
+    where it is. With `starts_over` the battery is at once what it was at the very start, as in a recording
+    that is played again.
+    """
+
+    route: Route
+    goal: Goal
+    standing_time_s: float = 0.0
+    events: tuple[Event, ...] = ()
+    position: PositionReports | None = None
+    announced_s: float = 0.0
+    starts_over: bool = False
+
+
+@dataclass(frozen=True)
+class Charge:
+    """
+    Standing at a charger of `power_w` [W] until `until_soc` (0 ... 1) or for `duration_s` [s].
+
+    The charger feeds battery, heater, cabin and auxiliaries; the battery takes what its charge limit
+    allows. With `heats_itself` the car heats its battery with all that the cabin leaves, without a
+    command, up to the temperature that its file says (`charging.heating_limit_c`).
+    """
+
+    power_w: float
+    duration_s: float
+    ambient_temperature_c: float
+    until_soc: float = 1.0
+    cabin_heating_power_w: float = 0.0
+    auxiliary_power_w: float = AWAKE_POWER_W
+    heats_itself: bool = False
+
+    def route(self) -> Route:
+        """Return it as one segment of a Route, on which the charger is a regeneration without speed."""
+        return _standing(self.duration_s, self.ambient_temperature_c, -self.power_w,
+                         self.cabin_heating_power_w, self.auxiliary_power_w)
+
+    def vehicle(self, vehicle: Vehicle) -> Vehicle:
+        """Return the Vehicle at the charger: no drivetrain gives heat, and the limit is that of charging."""
+        battery = vehicle.battery
+        if vehicle.charging is not None:
+            battery = replace(battery, charge_power_limit=vehicle.charging.power_limit)
+        return replace(vehicle, battery=battery, drivetrain=replace(
+            vehicle.drivetrain, heat_recovery_efficiency=0.0))
+
+    def own_heat_w(self, vehicle: Vehicle, temperature_c: float, is_heating: bool) -> float:
+        """Return what the car heats with by itself [W] at a battery temperature [deg C]."""
+        if not self.heats_itself or vehicle.charging is None:
+            return 0.0
+        below_c = vehicle.charging.heated_below_c - (0.0 if is_heating else HEATS_AGAIN_BELOW_K)
+        return max(0.0, vehicle.hvch.maximum_power_w - self.cabin_heating_power_w
+                   ) if temperature_c < below_c else 0.0
+
+
+@dataclass(frozen=True)
+class Park:
+    """
+    Parked for `duration_s` [s] with the ignition off: no drive, no cabin, small auxiliaries.
+
+    Battery states go on for `awake_s` [s]; then the car is asleep until the end.
+    """
+
+    duration_s: float
+    ambient_temperature_c: float
+    awake_s: float = math.inf
+
+    def route(self) -> Route:
+        """Return it as one or two segments of a Route."""
+        awake_s = min(self.awake_s, self.duration_s)
+        parts = [_standing(duration_s, self.ambient_temperature_c, 0.0, 0.0, power_w)
+                 for duration_s, power_w in ((awake_s, AWAKE_POWER_W),
+                                             (self.duration_s - awake_s, ASLEEP_POWER_W))
+                 if duration_s > 0.0]
+        return parts[0] if len(parts) == 1 else parts[0].followed_by(parts[1])
+
+
+Phase = Drive | Charge | Park
+
+
+def _standing(duration_s: float, ambient_c: float, propulsion_power_w: float, cabin_w: float,
+              auxiliary_w: float) -> Route:
+    return make_route({
+        'duration_s': [duration_s], 'speed_mps': [0.0], 'propulsion_power_w': [propulsion_power_w],
+        'ambient_temperature_c': [ambient_c], 'cabin_heating_power_w': [cabin_w],
+        'auxiliary_power_w': [auxiliary_w]}, None)
