@@ -21,8 +21,8 @@ class Stepwise(Supervisor):
     What takes no instant happens at that of the step before.
     """
 
-    def __init__(self, vehicle, settings, learned=None):
-        super().__init__(vehicle, settings, learned)
+    def __init__(self, vehicle, settings, learned=None, **before_restart):
+        super().__init__(vehicle, settings, learned, **before_restart)
         self.outputs, self._now_ns = [], 0
 
     def run(self, now_ns, *events):

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-The file that keeps what was learned of cars, each under the SHA-256 of its vehicle file.
+The state file: knowledge of cars, their last states, and the driver's choices.
 
-It is written only where there is no file, or one that this module recognises as its own by the
-keys in it: the present format, or format 1, which held a single car. Everything else is refused.
+Cars are kept under the SHA-256 of their vehicle files. Only a new file is written, or a file that this
+module recognises as its own by its keys: the present format, format 2, which had no driver, or format
+1, which held a single car. Everything else is refused.
 A file of its own that is damaged is kept aside, under a name that is free, before a new one takes
 its place. What was learned with another vehicle file stays in the file.
 """
@@ -18,15 +19,20 @@ import re
 from typing import NamedTuple, TYPE_CHECKING
 
 from bev_preheat.errors import InvalidInput
+from bev_preheat.estimation.driver_choices import choices_entry, choices_from, NO_CHOICES
+from bev_preheat.estimation.last_seen import last_seen_entry, last_seen_from
 from bev_preheat.estimation.memory import as_entry, from_entry, KEYS
 from bev_preheat.files.output_files import AnyPath, existing_file, expanded, target_of, write_whole
 
 if TYPE_CHECKING:
+    from bev_preheat.estimation.driver_choices import DriverChoices
+    from bev_preheat.estimation.last_seen import LastSeen
     from bev_preheat.estimation.prior import Learned
     from bev_preheat.files.checked_yaml import FileData
 
-FORMAT_KEY, FORMAT = 'bev_preheat_state_file', 2
-# How the files of both formats begin; it recognises one that no longer parses.
+FORMAT_KEY, FORMAT, FORMATS_WITH_CARS = 'bev_preheat_state_file', 3, (2, 3)
+DRIVER, LAST_SEEN, LEARNED = 'driver', 'last_seen', KEYS[0]
+# How the files of all formats begin; this recognises damaged ones, too.
 OWN_HEAD = re.compile(
     rb'\s*\{\s*("bev_preheat_state_file"\s*:|"format"\s*:\s*1\s*,\s*"vehicle_file_sha256"\s*:)')
 LARGEST_FILE_BYTES = 100_000
@@ -36,16 +42,23 @@ MOST_CARS = 50
 
 
 class Recalled(NamedTuple):
-    """What was Learned of one car (None: nothing); what is damaged in the file ('': nothing)."""
+    """
+    The Learned of one car, and its LastSeen (None: nothing), and the DriverChoices.
 
-    learned: Learned | None
+    `damage` names the damage in the file ('': none).
+    """
+
+    learned: Learned | None = None
+    last_seen: LastSeen | None = None
+    choices: DriverChoices = NO_CHOICES
     damage: str = ''
 
 
 class _Found(NamedTuple):
-    """Entries by fingerprint, oldest first; `damage` says what is damaged in the file."""
+    """Entries by fingerprint, oldest first, and the driver's choices; `damage`: see Recalled."""
 
     cars: dict[str, FileData]
+    choices: DriverChoices = NO_CHOICES
     damage: str = ''
 
 
@@ -54,28 +67,38 @@ def check_state_file(path: AnyPath) -> None:
     _find(path)
 
 
-def load_learned(path: AnyPath, fingerprint: str) -> Recalled:
+def load_state(path: AnyPath, fingerprint: str) -> Recalled:
     """
     Return what is Recalled of the car with this fingerprint.
 
     Raises InvalidInput, naming file and problem, where the file is none of ours.
     """
     found = _find(path)
-    entry = found.cars.get(fingerprint)
-    return Recalled(None if entry is None else from_entry(entry), found.damage)
+    entry = found.cars.get(fingerprint, {})
+    return Recalled(from_entry(entry) if LEARNED in entry else None,
+                    last_seen_from(entry[LAST_SEEN]) if LAST_SEEN in entry else None,
+                    found.choices, found.damage)
 
 
-def save_learned(path: AnyPath, fingerprint: str, learned: Learned) -> str | None:
+def save_state(path: AnyPath, fingerprint: str, learned: Learned | None,
+               last_seen: LastSeen | None = None, choices: DriverChoices | None = None) -> str | None:
     """
-    Write what was Learned of a car, beside what the file holds of others.
+    Write the Learned of a car, its LastSeen and the DriverChoices, beside the file's other cars.
 
-    Returns the path to which a damaged file was moved, None where it was not damaged. Raises
-    InvalidInput where the file is none of ours, or cannot be written.
+    A value of None stays as the file has it. Returns the path to which a damaged file was moved, None
+    for a sound one. Raises InvalidInput if the file is foreign, or cannot be written.
     """
     found = _find(path)
     others = [item for item in found.cars.items() if item[0] != fingerprint]
+    before = found.cars.get(fingerprint, {})
+    entry = {key: value for key, value in before.items() if key == LAST_SEEN or learned is None}
+    if learned is not None:
+        entry = {**as_entry(learned), **entry}
+    if last_seen is not None:
+        entry[LAST_SEEN] = last_seen_entry(last_seen)
     contents = {FORMAT_KEY: FORMAT,
-                'cars': {**dict(others[-(MOST_CARS - 1):]), fingerprint: as_entry(learned)}}
+                'cars': {**dict(others[-(MOST_CARS - 1):]), **({fingerprint: entry} if entry else {})},
+                DRIVER: choices_entry(found.choices if choices is None else choices)}
     target = target_of(path)
     aside = _move_aside(path, target) if found.damage else None
     try:
@@ -96,20 +119,21 @@ def _find(path: AnyPath) -> _Found:
     has_own_head = OWN_HEAD.match(raw)
     if len(raw) > LARGEST_FILE_BYTES:
         if has_own_head:
-            return _Found({}, f'it is larger than {LARGEST_FILE_BYTES} bytes')
+            return _Found({}, damage=f'it is larger than {LARGEST_FILE_BYTES} bytes')
         raise InvalidInput(_not_ours(path))
     try:
         contents = json.loads(raw)
     except (ValueError, RecursionError) as error:
         if has_own_head:
-            return _Found({}, f'it cannot be read: {error}')
+            return _Found({}, damage=f'it cannot be read: {error}')
         raise InvalidInput(_not_ours(path)) from error
     if isinstance(contents, dict) and FORMAT_KEY in contents:
         number = contents[FORMAT_KEY]
         if isinstance(number, int) and number > FORMAT:
             raise InvalidInput(f'{path}: is of format {number}, of a later version; this one knows '
-                               f'1 and {FORMAT}; name another file')
-        return _sound(contents.get('cars') if number == FORMAT else None)
+                               f'1 to {FORMAT}; name another file')
+        return _sound(*((contents.get('cars'), contents.get(DRIVER))
+                        if number in FORMATS_WITH_CARS else (None, None)))
     if isinstance(contents, dict) and contents.get('format') == 1 \
             and 'vehicle_file_sha256' in contents:
         fingerprint = contents['vehicle_file_sha256']
@@ -117,20 +141,33 @@ def _find(path: AnyPath) -> _Found:
     raise InvalidInput(_not_ours(path))
 
 
-def _sound(cars: FileData) -> _Found:
+def _sound(cars: FileData, driver: FileData = None) -> _Found:
     """Return as _Found the entries that hold; the others are damage."""
     if not isinstance(cars, dict):
-        return _Found({}, 'its format or its list of cars is damaged')
-    sound, problems = {}, []
+        return _Found({}, damage='its format or its list of cars is damaged')
+    sound, choices, problems = {}, NO_CHOICES, []
     for fingerprint, entry in cars.items():
         try:
-            from_entry(entry)
+            sound[fingerprint] = _sound_entry(entry)
         except InvalidInput as error:
             problems.append(f'car {fingerprint[:12]}: {error}')
-        else:
-            sound[fingerprint] = {key: entry[key] for key in KEYS if key in entry}
+    try:
+        choices = NO_CHOICES if driver is None else choices_from(driver)
+    except InvalidInput as error:
+        problems.append(str(error))
     # It goes into a line of the log, however long the text that was found is.
-    return _Found(sound, '; '.join(problems)[:LONGEST_SENTENCE])
+    return _Found(sound, choices, '; '.join(problems)[:LONGEST_SENTENCE])
+
+
+def _sound_entry(entry: FileData) -> FileData:
+    """Return the known keys of a car's entry; raise InvalidInput if a value is damaged."""
+    is_seen = isinstance(entry, dict) and LAST_SEEN in entry
+    if is_seen:
+        last_seen_from(entry[LAST_SEEN])
+    # A car that was only seen has nothing learned.
+    if not is_seen or LEARNED in entry:
+        from_entry(entry)
+    return {key: entry[key] for key in (*KEYS, LAST_SEEN) if key in entry}
 
 
 def _read(path: AnyPath) -> bytes | None:

@@ -201,6 +201,7 @@ def _state_file(name: str, hardware: str, memory: StateFileReport) -> Diagnostic
     written = ('nothing written yet' if memory.written_s_ago is None
                else f'written {memory.written_s_ago:.0f} s ago')
     return _entry(f'{name}: state file', hardware,
+                  DiagnosticStatus.ERROR if memory.is_foreign else
                   DiagnosticStatus.WARN if memory.problem else DiagnosticStatus.OK,
                   memory.problem or written,
                   {'file': memory.path, 'last write': written,

@@ -96,8 +96,8 @@ PARAMETERS = (
               'Heat on at the charger, where the vehicle file says that the vehicle does so.'),
     Parameter('compiled_core', DEFAULTS.compiled_core,
               'Plan with the compiled core, where it is built; plans are the same without.'),
-    Parameter('state_file', '', 'File that keeps what was learned of the car: a new one, or one '
-              'that was written before; empty: none.'),
+    Parameter('state_file', '', 'File that keeps the learned factors of the car, and the '
+              "driver's choices: a new file, or a state file; empty: none."),
 )
 PROGRAM = Program(
     'planner', 'Plans when to heat the battery before fast charging, and commands the heater.',
@@ -143,11 +143,12 @@ class PlannerNode(Node):
         super().__init__('planner')
         values = declare(self, PARAMETERS)
         vehicle, settings = _take_effect(values)
-        check_parameter(values['state_file'])
         self._vehicle_contents = vehicle_contents(values['vehicle'])
         self._state_keeper = StateKeeper(self.get_logger())
-        self._supervisor = Supervisor(vehicle, settings, self._state_keeper.attach(
-            values['state_file'], self._vehicle_contents))
+        recalled = self._state_keeper.attach(values['state_file'], self._vehicle_contents)
+        choices = recalled.choices.after_restart(self._now_ns())
+        self._supervisor = Supervisor(
+            vehicle, settings, recalled.learned, recalled.last_seen, choices)
         self._told, self._news = _Told(), News()
         # An exception has come out of the latest step, or out of what followed it.
         self._is_in_doubt = False
@@ -186,6 +187,8 @@ class PlannerNode(Node):
             f'Planning for vehicle {vehicle.name} with method {settings.method}; '
             f'compiled core {core_in_words()}.')
         self._tell_assumptions(values['vehicle'])
+        if not self._supervisor.is_enabled:
+            self.get_logger().info('Preheating is switched off, as it was before the restart.')
 
     # Input
 
@@ -295,7 +298,7 @@ class PlannerNode(Node):
         contents = vehicle_contents(values['vehicle'])
         is_new_car = contents != self._vehicle_contents
         if is_new_car:
-            self._state_keeper.save(supervisor.estimate)
+            self._state_keeper.save(supervisor)
             self._vehicle_contents = contents
         else:
             # The estimation goes on while the vehicle stays the same object.
@@ -306,7 +309,7 @@ class PlannerNode(Node):
             timer.reset()
         self._step(Reconfigured(
             vehicle, settings, self._routes.read_again(supervisor, vehicle, settings),
-            self._state_keeper.attach(values['state_file'], contents)))
+            self._state_keeper.attach(values['state_file'], contents).learned))
         self.get_logger().info('In effect now: ' + ', '.join(
             f'{parameter.name} = {parameter.value}' for parameter in parameters if parameter.name in _OWN) + '.')
         if is_new_car:
@@ -351,6 +354,7 @@ class PlannerNode(Node):
             # What says less than a plan does not show that a plan can be told.
             in_doubt = not any(map(_has_plan_or_heats, outputs))
         self._is_in_doubt = has_failed or in_doubt
+        self._state_keeper.save_choices(self._supervisor)
         return not refusals and not has_failed
 
     def _publish_command(self, output: Output, now_ns: int) -> None:
@@ -407,7 +411,7 @@ class PlannerNode(Node):
 
     @guarded
     def _on_save_due(self) -> None:
-        self._state_keeper.save(self._supervisor.estimate)
+        self._state_keeper.save(self._supervisor)
 
     def last_words(self) -> None:
         """Publish 0 W before the process ends, and wait a moment until it is out."""

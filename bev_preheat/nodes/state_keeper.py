@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Keeps what the planner has learned of the car across restarts of its process."""
+"""Keeps knowledge of the car, and the driver's choices, across restarts of the planner's process."""
 
 from __future__ import annotations
 
@@ -7,32 +7,45 @@ import time
 from typing import NamedTuple, TYPE_CHECKING
 
 from bev_preheat.errors import InvalidInput
+from bev_preheat.estimation.driver_choices import NO_CHOICES
 from bev_preheat.estimation.memory import learned_from
-from bev_preheat.estimation.state_file import check_state_file, load_learned, save_learned
+from bev_preheat.estimation.state_file import check_state_file, load_state, Recalled, save_state
 from bev_preheat.files.output_files import check_writable
 from bev_preheat.vehicle import vehicle_fingerprint
 
 if TYPE_CHECKING:
     from rclpy.impl.rcutils_logger import RcutilsLogger
 
+    from bev_preheat.estimation.driver_choices import DriverChoices
     from bev_preheat.estimation.estimate import Estimate
-    from bev_preheat.estimation.prior import Learned
+    from bev_preheat.estimation.last_seen import LastSeen
+    from bev_preheat.supervision.supervisor import Supervisor
 
 SAVE_PERIOD_S = 60.0
 
 
 class StateFileReport(NamedTuple):
     """
-    How it stands with the state file.
+    The condition of the state file.
 
-    `problem` is a sentence, empty if there is none; `written_s_ago` is None before the first
-    write; `kept_aside` is where a damaged file was moved, empty if none was.
+    `problem` is a sentence, or empty; `is_foreign`: the file is not this planner's, or
+    cannot be read, so it is never written. `written_s_ago` is None before the first write; `kept_aside`
+    is the new path of a damaged file, empty if none was moved.
     """
 
     path: str
     problem: str
+    is_foreign: bool
     written_s_ago: float | None
     kept_aside: str
+
+
+class _Kept(NamedTuple):
+    """The values of the last write."""
+
+    estimate: Estimate | None = None
+    last_seen: LastSeen | None = None
+    choices: DriverChoices = NO_CHOICES
 
 
 def check_parameter(path: str) -> None:
@@ -56,65 +69,92 @@ class StateKeeper:
         """Take the node's logger."""
         self._logger = logger
         self._path, self._contents, self._fingerprint = '', b'', ''
-        self._saved: Estimate | None = None
+        self._written = _Kept()
+        # Of the latest attempt to write, so that a failure is not repeated with every step.
+        self._tried_choices = NO_CHOICES
         self._forget_report()
 
     def _forget_report(self) -> None:
-        self._problem, self._kept_aside = '', ''
+        self._problem, self._is_foreign, self._kept_aside = '', False, ''
         self._written_s: float | None = None
 
-    def attach(self, path: str, contents: bytes) -> Learned | None:
+    def attach(self, path: str, contents: bytes) -> Recalled:
         """
         Use a file for the car whose vehicle file has these contents.
 
-        Returns the Learned that the file holds; None where it holds none or was attached before.
+        Returns the file's contents; an empty Recalled for a file that was attached before.
         """
         if (path, contents) == (self._path, self._contents):
-            return None
+            return Recalled()
         if path != self._path:
             self._forget_report()
-        self._path, self._contents, self._saved = path, contents, None
+        self._path, self._contents, self._written = path, contents, _Kept()
         if not path:
-            return None
+            return Recalled()
         self._fingerprint = vehicle_fingerprint(contents)
         try:
-            recalled = load_learned(path, self._fingerprint)
+            recalled = load_state(path, self._fingerprint)
+        except InvalidInput as error:
+            self._fail(str(error), is_foreign=True)
+            return Recalled()
+        try:
             check_writable(path, make_folder=True)
         except InvalidInput as error:
             self._fail(str(error))
-            return None
         if recalled.damage:
             self._fail(f'{path}: is damaged: {recalled.damage}; it will be kept aside')
-        if recalled.learned is None:
-            self._logger.info(f'state_file: {path}: nothing was learned of this vehicle yet.')
-            return None
-        self._logger.info(f'state_file: {path}: the estimation begins with what was learned.')
-        return recalled.learned
+        self._written = _Kept(None, recalled.last_seen, recalled.choices)
+        self._tried_choices = recalled.choices
+        self._logger.info(
+            f'state_file: {path}: nothing was learned of this vehicle yet.' if recalled.learned is None
+            else f'state_file: {path}: the estimation begins with the learned factors.')
+        return recalled
 
-    def save(self, estimate: Estimate | None) -> None:
-        """Write what has been learned, an Estimate or None, if it is news."""
-        if not self._path or estimate is None or estimate is self._saved:
+    def save(self, supervisor: Supervisor) -> None:
+        """Write a Supervisor's knowledge of the car and the driver's choices, if there is news."""
+        kept = _Kept(supervisor.estimate, supervisor.last_seen, supervisor.choices)
+        if not self._path or (kept.estimate is self._written.estimate and kept[1:] == self._written[1:]):
             return
+        self._tried_choices = kept.choices
         try:
-            kept_aside = save_learned(self._path, self._fingerprint, learned_from(estimate))
+            kept_aside = save_state(
+                self._path, self._fingerprint,
+                None if kept.estimate is None else learned_from(kept.estimate), *kept[1:])
         except InvalidInput as error:
-            self._fail(str(error))
+            self._fail(str(error), is_foreign=_is_foreign(self._path))
             return
         if kept_aside is not None:
             self._kept_aside = kept_aside
             self._logger.warning(f'state_file: the damaged file was kept as {kept_aside}.')
         if self._problem:
             self._logger.info(f'state_file: {self._path} is written again.')
-        self._saved, self._problem, self._written_s = estimate, '', time.monotonic()
+        self._written, self._problem, self._is_foreign = kept, '', False
+        self._written_s = time.monotonic()
+
+    def save_choices(self, supervisor: Supervisor) -> None:
+        """Write new choices of the driver at once: a process may be killed at any time."""
+        if supervisor.choices != self._tried_choices:
+            self.save(supervisor)
 
     def report(self) -> StateFileReport | None:
         """Return the StateFileReport; None where nothing is to be kept."""
         if not self._path:
             return None
         written_s_ago = None if self._written_s is None else time.monotonic() - self._written_s
-        return StateFileReport(self._path, self._problem, written_s_ago, self._kept_aside)
+        return StateFileReport(
+            self._path, self._problem, self._is_foreign, written_s_ago, self._kept_aside)
 
-    def _fail(self, problem: str) -> None:
+    def _fail(self, problem: str, is_foreign: bool = False) -> None:
         if problem != self._problem:
-            self._logger.warning(f'state_file: {problem}.')
-        self._problem = problem
+            log = self._logger.error if is_foreign else self._logger.warning
+            log(f'state_file: {problem}.')
+        self._problem, self._is_foreign = problem, is_foreign
+
+
+def _is_foreign(path: str) -> bool:
+    """Return whether a path holds a foreign file; False: it is ours, or the path is free."""
+    try:
+        check_state_file(path)
+    except InvalidInput:
+        return True
+    return False

@@ -31,10 +31,7 @@ def find_obstacle(inbox: Inbox, now_ns: int) -> Decision | None:
     if inbox.refusal is not None:
         return Decision(Status.INVALID_INPUT, inbox.refusal)
     if inbox.pursued is None:
-        return Decision(
-            Status.NO_CHARGING_PLANNED,
-            'The trip was cancelled: no heating until a new route plan arrives.'
-        ) if inbox.is_cancelled else WITHOUT_ROUTE
+        return _cancelled(inbox) if inbox.is_cancelled else WITHOUT_ROUTE
     if inbox.measurement is None:
         return Decision(Status.NO_BATTERY_STATE, 'No valid battery state has arrived yet.')
     age_s = (now_ns - inbox.measurement.stamp_ns) / NS_PER_S
@@ -48,6 +45,13 @@ def find_obstacle(inbox: Inbox, now_ns: int) -> Decision | None:
     if inbox.doubt is not None:
         return Decision(Status.INVALID_INPUT, inbox.doubt)
     return None
+
+
+def _cancelled(inbox: Inbox) -> Decision:
+    before, wanted = (' before the planner restarted', 'route plan with another stamp'
+                      ) if inbox.is_cancelled_before_restart else ('', 'new route plan')
+    return Decision(Status.NO_CHARGING_PLANNED,
+                    f'The trip was cancelled{before}: no heating until a {wanted} arrives.')
 
 
 class Commander:

@@ -92,7 +92,7 @@ class TripCancelled:
 
     def deliver(self, inbox: Inbox, now_ns: int) -> None:
         """Drop the route."""
-        inbox.cancel()
+        inbox.cancel(now_ns)
 
 
 @dataclass(frozen=True)
@@ -134,7 +134,7 @@ class PreheatingSwitched:
 
     def deliver(self, inbox: Inbox, now_ns: int) -> None:
         """Note it."""
-        inbox.is_enabled = self.is_enabled
+        inbox.switch(self.is_enabled, now_ns)
 
 
 @dataclass(frozen=True)

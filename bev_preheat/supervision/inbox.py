@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 import math
 
 from bev_preheat.errors import age_beyond, InvalidInput
+from bev_preheat.estimation.driver_choices import CancelledTrip, DriverChoices, NO_CHOICES
 from bev_preheat.planning.situation import check_situation, Goal
 from bev_preheat.signals.electrical import ElectricalCheck
 from bev_preheat.signals.percent_scale import PercentScale
@@ -44,12 +45,13 @@ NO_CHANGES = Changes()
 
 
 class Inbox:
-    """Keeps the last valid inputs; `vehicle`, `settings`, `is_enabled` and `rivals` may be set."""
+    """Keeps the last valid inputs; `vehicle`, `settings` and `rivals` may be set."""
 
-    def __init__(self, vehicle: Vehicle, settings: Settings) -> None:
-        """Start without input."""
-        self.vehicle, self.settings = vehicle, settings
-        self.is_enabled = True
+    def __init__(self, vehicle: Vehicle, settings: Settings, choices: DriverChoices = NO_CHOICES) -> None:
+        """Start without input, but with the DriverChoices from before a restart."""
+        self.vehicle, self.settings, self.choices = vehicle, settings, choices
+        # Cancelled before a restart: another node cancelled it, so its publisher may still latch it.
+        self._cancelled_before = choices.cancelled_trip
         self.rivals = ''  # Names of other nodes that command the same heater.
         # The sentence on signals of the latest battery state without which nothing is heated.
         self.doubt: str | None = None
@@ -60,7 +62,7 @@ class Inbox:
         # The mission, or the one that was dropped because it does not fit the parameters.
         self.latest_mission: Mission | None = None
         self.measurement: Measurement | None = None
-        self.is_cancelled = False  # By the latest route plan.
+        self.is_cancelled = False  # By the latest route plan, or before a restart.
         # Its wish goes before the route.
         self.preparer = Preparer()
         # Of the latest valid route, also after that was dropped.
@@ -69,6 +71,15 @@ class Inbox:
         self._percent_scale = PercentScale()
         self._latest_ns = 0
         self._changes = NO_CHANGES
+
+    @property
+    def is_enabled(self) -> bool:
+        """Whether the driver allows preheating."""
+        return self.choices.switched_off_ns is None
+
+    def switch(self, is_enabled: bool, now_ns: int) -> None:
+        """Note that the driver allows preheating, or does not, at an instant [ns]."""
+        self.choices = replace(self.choices, switched_off_ns=None if is_enabled else now_ns)
 
     @property
     def mission(self) -> Mission | None:
@@ -189,6 +200,12 @@ class Inbox:
         except InvalidInput as error:
             self.refuse_route(error, RefusedRoute.of_mission(mission))
             raise
+        before = self._cancelled_before
+        if before is not None and before.is_of(mission.route_id, mission.stamp_ns):
+            self._drop_cancelled()
+            return
+        self._cancelled_before = None
+        self.choices = replace(self.choices, cancelled_trip=None)
         is_new_trip = mission.route_id != self._route_id
         self._route_id = mission.route_id
         self._follow(mission, is_new_trip)
@@ -220,8 +237,20 @@ class Inbox:
         self.latest_mission = latest_mission
         self._refusals.note_misfit(error)
 
-    def cancel(self) -> None:
-        """Drop the route: there is nothing to heat for until a new one arrives."""
+    def cancel(self, now_ns: int) -> None:
+        """Drop the route at an instant [ns]: there is nothing to heat for until a new one arrives."""
+        mission = self.latest_mission
+        if mission is not None:
+            self.choices = replace(self.choices, cancelled_trip=CancelledTrip(
+                mission.route_id, mission.stamp_ns, now_ns))
+        self._drop_cancelled()
+
+    @property
+    def is_cancelled_before_restart(self) -> bool:
+        """Whether the latest route plan was cancelled before a restart."""
+        return self.is_cancelled and self._cancelled_before is not None
+
+    def _drop_cancelled(self) -> None:
         self._follow(None, is_new_trip=True)
         self.is_cancelled = True
         self._refusals.lift_by_route()

@@ -154,6 +154,11 @@ class Mission:
         """Instant at which the first leg starts [ns]."""
         return self.legs[0].start_ns
 
+    @property
+    def stamp_ns(self) -> int:
+        """Stamp of its route plan [ns]."""
+        return self.start_ns - self.delay_ns
+
     def in_planning_steps(self, planning_step_s: float) -> Mission:
         """Return the Mission with its legs in steps of `planning_step_s` seconds or longer."""
         return replace(self, legs=tuple(

@@ -13,6 +13,8 @@ from typing import NamedTuple, TYPE_CHECKING
 
 from bev_preheat.compiled.library import use_core
 from bev_preheat.errors import InvalidInput, LONGEST_PROBLEM, shortened
+from bev_preheat.estimation.driver_choices import NO_CHOICES
+from bev_preheat.estimation.last_seen import LastSeen
 from bev_preheat.planning.status import Status
 from bev_preheat.supervision.command import Commander, find_obstacle
 from bev_preheat.supervision.decision import Command, Decision, WITHOUT_ROUTE
@@ -22,6 +24,7 @@ from bev_preheat.supervision.judgement import Judgement
 from bev_preheat.supervision.knowledge import Knowledge
 
 if TYPE_CHECKING:
+    from bev_preheat.estimation.driver_choices import DriverChoices
     from bev_preheat.estimation.estimate import Estimate
     from bev_preheat.estimation.prior import Learned
     from bev_preheat.signals.verdict import SignalVerdict
@@ -71,15 +74,17 @@ class Supervisor:
     The properties show the state after the latest step; asking for them changes nothing.
     """
 
-    def __init__(self, vehicle: Vehicle, settings: Settings,
-                 learned: Learned | None = None) -> None:
+    def __init__(self, vehicle: Vehicle, settings: Settings, learned: Learned | None = None,
+                 last_seen: LastSeen | None = None, choices: DriverChoices = NO_CHOICES) -> None:
         """
         Start without input.
 
-        `learned` is what was Learned on drives before, None to start from the vehicle file.
+        From before a restart: the Learned (None: start from the vehicle file), the battery's
+        LastSeen (None: unknown), and the DriverChoices that still count.
         """
         use_core(settings.compiled_core)
-        self._inbox = Inbox(vehicle, settings)
+        self._inbox = Inbox(vehicle, settings, choices)
+        self._last_seen = last_seen
         self._knowledge = Knowledge(vehicle)
         self._judgement = Judgement(vehicle, learned)
         self._commander = Commander()
@@ -148,6 +153,22 @@ class Supervisor:
     def is_enabled(self) -> bool:
         """Whether preheating is switched on."""
         return self._inbox.is_enabled
+
+    @property
+    def choices(self) -> DriverChoices:
+        """The DriverChoices, which outlive the process."""
+        return self._inbox.choices
+
+    @property
+    def last_seen(self) -> LastSeen | None:
+        """The battery's LastSeen: estimated, measured, or from before a restart; None: unknown."""
+        if self.estimate is not None:
+            return LastSeen(self.estimate.temperature_c, min(max(self.estimate.soc, 0.0), 1.0),
+                            self.estimate.stamp_ns)
+        if self.measurement is None:
+            return self._last_seen
+        state = self.measurement.state
+        return LastSeen(state.temperature_c, state.soc, self.measurement.stamp_ns)
 
     @property
     def rivals(self) -> str:

@@ -14,9 +14,11 @@ import pytest
 
 from bev_preheat.errors import InvalidInput
 from bev_preheat.estimation import state_file as module
+from bev_preheat.estimation.driver_choices import CancelledTrip, DriverChoices, NO_CHOICES
+from bev_preheat.estimation.last_seen import LastSeen
 from bev_preheat.estimation.memory import as_entry, learned_from
 from bev_preheat.estimation.prior import nothing_learned
-from bev_preheat.estimation.state_file import check_state_file, load_learned, MOST_CARS, save_learned
+from bev_preheat.estimation.state_file import check_state_file, load_state, MOST_CARS, Recalled, save_state
 from bev_preheat.files.configuration import configuration_folder
 
 CAR, OTHER = 'a' * 64, 'b' * 64
@@ -31,7 +33,7 @@ def learned():
 @pytest.fixture
 def state_file(tmp_path):
     path = tmp_path / 'deeper' / 'state.json'
-    assert save_learned(path, CAR, learned()) is None
+    assert save_state(path, CAR, learned()) is None
     return path
 
 
@@ -49,8 +51,8 @@ def written_by_version_0_2(contents):
 def refusal(path):
     """Return why a path is refused, whether it is looked at, read or written."""
     sentences = set()
-    for use in (lambda: check_state_file(path), lambda: load_learned(path, CAR),
-                lambda: save_learned(path, CAR, learned())):
+    for use in (lambda: check_state_file(path), lambda: load_state(path, CAR),
+                lambda: save_state(path, CAR, learned())):
         with pytest.raises(InvalidInput) as refused:
             use()
         sentences.add(str(refused.value))
@@ -61,7 +63,7 @@ def refusal(path):
 # What comes back
 
 def test_the_car_is_remembered(state_file):
-    recalled = load_learned(state_file, CAR)
+    recalled = load_state(state_file, CAR)
     assert recalled.learned.factors[:4] == pytest.approx(FACTORS_SEEN[:4])
     assert recalled.damage == ''
 
@@ -69,35 +71,35 @@ def test_the_car_is_remembered(state_file):
 def test_no_file_is_nothing_learned(tmp_path):
     path = tmp_path / 'none.json'
     check_state_file(path)
-    assert load_learned(path, CAR).learned is None
+    assert load_state(path, CAR).learned is None
     assert not path.exists()
 
 
 def test_what_was_learned_with_another_vehicle_file_is_kept_and_not_taken_over(state_file):
-    assert load_learned(state_file, OTHER).learned is None
-    save_learned(state_file, OTHER, UNKNOWN)
-    assert load_learned(state_file, OTHER).learned.factors.tolist() == [0.0] * 5
-    assert load_learned(state_file, CAR).learned.factors[:4] == pytest.approx(FACTORS_SEEN[:4])
+    assert load_state(state_file, OTHER).learned is None
+    save_state(state_file, OTHER, UNKNOWN)
+    assert load_state(state_file, OTHER).learned.factors.tolist() == [0.0] * 5
+    assert load_state(state_file, CAR).learned.factors[:4] == pytest.approx(FACTORS_SEEN[:4])
 
 
 def test_writing_one_car_again_and_again_leaves_the_others_as_they_were(state_file):
     before = json.loads(state_file.read_text())['cars'][CAR]
     for _ in range(3):
-        save_learned(state_file, OTHER, UNKNOWN)
+        save_state(state_file, OTHER, UNKNOWN)
     assert json.loads(state_file.read_text())['cars'][CAR] == before
 
 
 @pytest.mark.costly
 def test_the_car_that_was_written_longest_ago_gives_way(state_file):
     for number in range(MOST_CARS - 1):
-        save_learned(state_file, f'{number:064x}', UNKNOWN)
-    assert load_learned(state_file, CAR).learned is not None
+        save_state(state_file, f'{number:064x}', UNKNOWN)
+    assert load_state(state_file, CAR).learned is not None
     assert len(state_file.read_bytes()) < module.LARGEST_FILE_BYTES / 2
-    save_learned(state_file, f'{0:064x}', UNKNOWN)
-    save_learned(state_file, OTHER, UNKNOWN)
-    assert load_learned(state_file, CAR).learned is None
-    assert load_learned(state_file, f'{0:064x}').learned is not None
-    assert load_learned(state_file, f'{1:064x}').learned is not None
+    save_state(state_file, f'{0:064x}', UNKNOWN)
+    save_state(state_file, OTHER, UNKNOWN)
+    assert load_state(state_file, CAR).learned is None
+    assert load_state(state_file, f'{0:064x}').learned is not None
+    assert load_state(state_file, f'{1:064x}').learned is not None
 
 
 @pytest.mark.parametrize('as_text', [
@@ -106,49 +108,106 @@ def test_the_car_that_was_written_longest_ago_gives_way(state_file):
 def test_a_file_of_format_1_is_read_and_becomes_one_of_the_present_format(tmp_path, as_text):
     path = tmp_path / 'state.json'
     path.write_text(as_text(format_1()))
-    assert load_learned(path, CAR).learned.factors[:4] == pytest.approx(FACTORS_SEEN[:4])
-    assert load_learned(path, OTHER).learned is None
-    save_learned(path, OTHER, UNKNOWN)
-    assert load_learned(path, CAR).learned.factors[:4] == pytest.approx(FACTORS_SEEN[:4])
+    assert load_state(path, CAR).learned.factors[:4] == pytest.approx(FACTORS_SEEN[:4])
+    assert load_state(path, OTHER).learned is None
+    save_state(path, OTHER, UNKNOWN)
+    assert load_state(path, CAR).learned.factors[:4] == pytest.approx(FACTORS_SEEN[:4])
     assert set(json.loads(path.read_text())['cars']) == {CAR, OTHER}
 
 
 def test_lags_come_back_and_outlive_other_cars(state_file):
-    save_learned(state_file, OTHER, UNKNOWN)
-    assert load_learned(state_file, CAR).learned.lags.logs == pytest.approx(LAGS_SEEN)
+    save_state(state_file, OTHER, UNKNOWN)
+    assert load_state(state_file, CAR).learned.lags.logs == pytest.approx(LAGS_SEEN)
 
 
 def test_a_car_without_lags_stays_one_without(tmp_path):
     """Versions before 0.3.0 wrote none."""
     path = tmp_path / 'state.json'
     path.write_text(written_by_version_0_2(format_1()))
-    save_learned(path, OTHER, UNKNOWN)
+    save_state(path, OTHER, UNKNOWN)
     assert set(json.loads(path.read_text())['cars'][CAR]) == {'log_factors', 'covariance'}
-    recalled = load_learned(path, CAR)
+    recalled = load_state(path, CAR)
     assert recalled.damage == ''
     assert recalled.learned.lags is None
 
 
 def test_home_is_expanded(tmp_path, monkeypatch):
     monkeypatch.setenv('HOME', str(tmp_path))
-    save_learned('~/learned/state.json', CAR, learned())
-    assert load_learned(tmp_path / 'learned' / 'state.json', CAR).learned is not None
-    assert load_learned('~/learned/state.json', CAR).learned is not None
+    save_state('~/learned/state.json', CAR, learned())
+    assert load_state(tmp_path / 'learned' / 'state.json', CAR).learned is not None
+    assert load_state('~/learned/state.json', CAR).learned is not None
 
 
 def test_a_link_to_a_state_file_is_written_through(state_file, tmp_path):
     link = tmp_path / 'link'
     link.symlink_to(state_file)
-    save_learned(link, OTHER, UNKNOWN)
+    save_state(link, OTHER, UNKNOWN)
     assert link.is_symlink()
-    assert load_learned(state_file, OTHER).learned is not None
+    assert load_state(state_file, OTHER).learned is not None
 
 
 def test_a_file_that_vanished_is_written_anew(state_file):
     state_file.unlink()
     state_file.parent.rmdir()
-    save_learned(state_file, CAR, learned())
-    assert load_learned(state_file, CAR).learned is not None
+    save_state(state_file, CAR, learned())
+    assert load_state(state_file, CAR).learned is not None
+
+
+# Last seen, and the driver
+
+SEEN, SEEN_LATER = LastSeen(11.5, 0.375, 1_700_000_000_000_000_001), LastSeen(-3.25, 0.75, 7)
+CHOICES = DriverChoices(5, CancelledTrip('to the café', 2, 3))
+
+
+def test_last_seen_and_choices_come_back(state_file):
+    save_state(state_file, CAR, learned(), SEEN, CHOICES)
+    recalled = load_state(state_file, CAR)
+    assert (recalled.last_seen, recalled.choices, recalled.damage) == (SEEN, CHOICES, '')
+    assert recalled.learned.factors[:4] == pytest.approx(FACTORS_SEEN[:4])
+
+
+def test_each_car_has_been_seen_by_itself_but_the_driver_is_one(state_file):
+    save_state(state_file, CAR, None, SEEN, CHOICES)
+    save_state(state_file, OTHER, UNKNOWN, SEEN_LATER)
+    assert load_state(state_file, CAR).last_seen == SEEN
+    assert load_state(state_file, OTHER).last_seen == SEEN_LATER
+    assert load_state(state_file, CAR).choices == load_state(state_file, 'c' * 64).choices == CHOICES
+    save_state(state_file, OTHER, None, None, NO_CHOICES)
+    assert load_state(state_file, CAR).choices == NO_CHOICES
+
+
+def test_what_is_not_given_stays_as_it_was(state_file):
+    save_state(state_file, CAR, None, SEEN)
+    assert load_state(state_file, CAR).learned.factors[:4] == pytest.approx(FACTORS_SEEN[:4])
+    save_state(state_file, CAR, learned())
+    assert load_state(state_file, CAR).last_seen == SEEN
+
+
+def test_a_car_that_was_only_seen_has_nothing_learned(tmp_path):
+    path = tmp_path / 'state.json'
+    save_state(path, CAR, None, SEEN)
+    assert load_state(path, CAR) == Recalled(None, SEEN)
+    save_state(path, CAR, None, None, CHOICES)
+    save_state(path, CAR, learned())
+    assert load_state(path, CAR).last_seen == SEEN
+    assert load_state(path, CAR).learned is not None
+
+
+def test_choices_need_no_car(tmp_path):
+    path = tmp_path / 'state.json'
+    save_state(path, CAR, None, None, CHOICES)
+    assert load_state(path, CAR) == Recalled(choices=CHOICES)
+
+
+def test_a_file_of_format_2_is_read_and_becomes_one_of_the_present_format(tmp_path):
+    path = tmp_path / 'state.json'
+    path.write_text(WHOLE)
+    recalled = load_state(path, CAR)
+    assert (recalled.last_seen, recalled.choices, recalled.damage) == (None, NO_CHOICES, '')
+    assert recalled.learned.factors[:4] == pytest.approx(FACTORS_SEEN[:4])
+    save_state(path, OTHER, None, SEEN)
+    assert json.loads(path.read_text())['bev_preheat_state_file'] == 3
+    assert load_state(path, CAR).learned is not None
 
 
 # What is not ours
@@ -186,10 +245,10 @@ def test_no_file_that_comes_with_the_package_is_written_over(path, tmp_path):
 
 
 def test_a_file_of_a_later_version_is_not_written_over(state_file):
-    contents = {**json.loads(state_file.read_text()), 'bev_preheat_state_file': 3, 'new': [1]}
+    contents = {**json.loads(state_file.read_text()), 'bev_preheat_state_file': 4, 'new': [1]}
     state_file.write_text(json.dumps(contents))
-    assert refusal(state_file) == (f'{state_file}: is of format 3, of a later version; this one '
-                                   'knows 1 and 2; name another file')
+    assert refusal(state_file) == (f'{state_file}: is of format 4, of a later version; this one '
+                                   'knows 1 to 3; name another file')
     assert json.loads(state_file.read_text()) == contents
 
 
@@ -243,10 +302,10 @@ def test_a_file_that_cannot_be_read_is_refused(state_file, monkeypatch):
 
 
 def test_what_has_taken_its_place_since_is_not_written_over(state_file):
-    assert load_learned(state_file, CAR).learned is not None
+    assert load_state(state_file, CAR).learned is not None
     state_file.write_text('name: mine\n')
     with pytest.raises(InvalidInput, match='is not written over'):
-        save_learned(state_file, CAR, learned())
+        save_state(state_file, CAR, learned())
     assert state_file.read_text() == 'name: mine\n'
 
 
@@ -276,6 +335,20 @@ DAMAGED = {
     'lag out of bounds': (with_entry(log_lags={'heat': 9.0, 'sensor': 0.0}),
                           'car aaaaaaaaaaaa: log_lags.heat: 9 is not allowed'),
     'no covariance': (with_entry(covariance='x' * 10_000), 'car aaaaaaaaaaaa: log_factors or'),
+    'seen too warm': (with_entry(last_seen={'temperature_c': 1e3, 'soc': 0.5, 'stamp_ns': 1}),
+                      "car aaaaaaaaaaaa: last_seen.temperature_c: '1000.0' is not allowed; it must be "
+                      '-100 ... 150'),
+    'seen too full': (with_entry(last_seen={'temperature_c': 1.0, 'soc': float('nan'), 'stamp_ns': 1}),
+                      "car aaaaaaaaaaaa: last_seen.soc: 'nan' is not allowed; it must be 0 ... 1"),
+    'seen at no instant': (with_entry(last_seen={'temperature_c': 1.0, 'soc': 0.5, 'stamp_ns': 1.5}),
+                           "car aaaaaaaaaaaa: last_seen.stamp_ns: '1.5' is not allowed; it must be a "
+                           'whole number, 0 ... 9223372036854775807'),
+    'nothing seen': (with_entry(last_seen=None), 'car aaaaaaaaaaaa: last_seen: must have'),
+    'no driver': ('{"bev_preheat_state_file": 3, "cars": {}, "driver": 7}', 'driver: must have'),
+    'off at no instant': ('{"bev_preheat_state_file": 3, "cars": {}, "driver": {"switched_off_ns": true}}',
+                          "driver.switched_off_ns: 'True' is not allowed"),
+    'no trip': ('{"bev_preheat_state_file": 3, "cars": {}, "driver": {"cancelled_trip": {}}}',
+                'driver.cancelled_trip: must have route_id'),
     'format 1, cut off': (written_by_version_0_2(format_1())[:100], 'it cannot be read: '),
     'format 1, covariance': (format_1_with(covariance=[]), 'car aaaaaaaaaaaa: covariance: must'),
     'format 1, fingerprint': (format_1_with(vehicle_file_sha256=[1]), 'its format or its list')}
@@ -286,14 +359,14 @@ def test_a_damaged_file_of_ours_is_kept_aside_and_a_new_one_begun(tmp_path, cont
     path = tmp_path / 'state.json'
     path.write_text(contents)
     check_state_file(path)
-    recalled = load_learned(path, CAR)
+    recalled = load_state(path, CAR)
     assert recalled.learned is None
     assert recalled.damage.startswith(damage) and len(recalled.damage) <= 300
     assert os.listdir(tmp_path) == ['state.json'] and path.read_text() == contents
-    assert save_learned(path, CAR, learned()) == os.path.realpath(f'{path}.damaged')
+    assert save_state(path, CAR, learned()) == os.path.realpath(f'{path}.damaged')
     assert Path(f'{path}.damaged').read_text() == contents
-    assert load_learned(path, CAR).learned is not None
-    assert load_learned(path, CAR).damage == ''
+    assert load_state(path, CAR).learned is not None
+    assert load_state(path, CAR).damage == ''
     assert sorted(os.listdir(tmp_path)) == ['state.json', 'state.json.damaged']
 
 
@@ -301,7 +374,7 @@ def test_files_that_were_kept_aside_before_stay(tmp_path):
     path = tmp_path / 'state.json'
     for number in range(3):
         path.write_text(WHOLE[:50 + number])
-        save_learned(path, CAR, learned())
+        save_state(path, CAR, learned())
     kept = {name: (tmp_path / name).read_text() for name in os.listdir(tmp_path)}
     del kept['state.json']
     assert kept == {'state.json.damaged': WHOLE[:50], 'state.json.damaged.2': WHOLE[:51],
@@ -312,11 +385,11 @@ def test_what_is_sound_in_a_damaged_file_goes_on(tmp_path):
     path = tmp_path / 'state.json'
     path.write_text(json.dumps({'bev_preheat_state_file': 2, 'cars': {
         CAR: as_entry(learned()), OTHER: {'log_factors': None}}}))
-    recalled = load_learned(path, CAR)
+    recalled = load_state(path, CAR)
     assert recalled.learned.factors[:4] == pytest.approx(FACTORS_SEEN[:4])
     assert recalled.damage.startswith('car bbbbbbbbbbbb: log_factors or covariance is damaged')
-    save_learned(path, OTHER, UNKNOWN)
-    assert load_learned(path, CAR).learned.factors[:4] == pytest.approx(FACTORS_SEEN[:4])
+    save_state(path, OTHER, UNKNOWN)
+    assert load_state(path, CAR).learned.factors[:4] == pytest.approx(FACTORS_SEEN[:4])
 
 
 def test_a_damaged_file_stays_in_its_place_where_no_new_one_can_be_written(tmp_path, monkeypatch):
@@ -328,7 +401,7 @@ def test_a_damaged_file_stays_in_its_place_where_no_new_one_can_be_written(tmp_p
 
     monkeypatch.setattr(module, 'write_whole', fail)
     with pytest.raises(InvalidInput, match='no space left'):
-        save_learned(path, CAR, learned())
+        save_state(path, CAR, learned())
     assert path.read_text() == WHOLE[:50]
     assert os.listdir(tmp_path) == ['state.json']
 
@@ -338,13 +411,18 @@ JSON = st.recursive(
     lambda inner: st.lists(inner, max_size=5) | st.dictionaries(
         st.sampled_from(NAMES), inner, max_size=4), max_leaves=30)
 ENTRY = st.fixed_dictionaries({'log_factors': JSON, 'covariance': JSON | st.lists(
-    st.lists(st.floats(), min_size=4, max_size=4), min_size=4, max_size=4)})
+    st.lists(st.floats(), min_size=4, max_size=4), min_size=4, max_size=4)}, optional={
+        'last_seen': st.fixed_dictionaries({'temperature_c': JSON, 'soc': JSON, 'stamp_ns': JSON})})
+DRIVER = st.fixed_dictionaries({}, optional={
+    'switched_off_ns': JSON, 'cancelled_trip': st.fixed_dictionaries(
+        {'route_id': JSON, 'route_stamp_ns': JSON, 'cancelled_ns': JSON})})
 
 
 @given(contents=st.one_of(
     st.binary(max_size=200),
-    st.fixed_dictionaries({'bev_preheat_state_file': st.just(2),
-                           'cars': st.dictionaries(st.just(CAR), ENTRY | JSON)}).map(
+    st.fixed_dictionaries({'bev_preheat_state_file': st.sampled_from([2, 3]),
+                           'cars': st.dictionaries(st.just(CAR), ENTRY | JSON)},
+                          optional={'driver': DRIVER | JSON}).map(
         lambda value: json.dumps(value).encode()),
     st.integers(0, len(WHOLE)).map(lambda length: WHOLE[:length].encode())))
 def test_whatever_stands_in_it_is_refused_or_kept(tmp_path_factory, contents):
@@ -353,13 +431,13 @@ def test_whatever_stands_in_it_is_refused_or_kept(tmp_path_factory, contents):
     path = folder / 'any.json'
     path.write_bytes(contents)
     try:
-        recalled = load_learned(path, CAR)
+        recalled = load_state(path, CAR)
     except InvalidInput:
         with pytest.raises(InvalidInput):
-            save_learned(path, OTHER, UNKNOWN)
+            save_state(path, OTHER, UNKNOWN)
         assert path.read_bytes() == contents
         return
-    save_learned(path, OTHER, UNKNOWN)
+    save_state(path, OTHER, UNKNOWN)
     if recalled.damage:
         assert (folder / 'any.json.damaged').read_bytes() == contents
     else:

@@ -90,27 +90,52 @@ def start(bench, wait_until):
     return lambda *arguments: Planner(bench, wait_until, *arguments)
 
 
-OK, WARN = DiagnosticStatus.OK, DiagnosticStatus.WARN
+OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 
 
-def test_a_vehicle_file_as_state_file_is_refused_at_the_start(call_main, theirs):
-    done = call_main('planner', '--ros-args', '-p', f'state_file:={theirs}')
-    assert done.returncode == 2
-    assert done.stderr == f'planner: error: state_file: {theirs}: {NOT_OURS}\n'
+def link_to_nothing(path):
+    path.symlink_to('none')
 
 
-@pytest.mark.parametrize('make, problem', [
-    (os.mkfifo, 'is a named pipe; only a regular file can be written'),
-    (os.mkdir, 'is a folder; only a regular file can be written')], ids=['pipe', 'folder'])
-def test_what_is_no_file_is_refused_at_the_start(call_main, tmp_path, make, problem):
-    path = tmp_path / 'state.json'
+FOREIGN = {
+    'a vehicle file': (lambda path: path.write_bytes(VEHICLE), NOT_OURS),
+    'empty': (lambda path: path.write_bytes(b''),
+              'is not written over: it is empty; name a file that does not exist yet'),
+    'garbled': (lambda path: path.write_bytes(b'\x00\xff{' * 50), NOT_OURS),
+    'of a later version': (lambda path: path.write_text('{"bev_preheat_state_file": 9, "cars": {}}'),
+                           'is of format 9, of a later version; this one knows 1 to 3; name another file'),
+    'pipe': (os.mkfifo, 'is a named pipe; only a regular file can be written'),
+    'folder': (os.mkdir, 'is a folder; only a regular file can be written'),
+    'dangling link': (link_to_nothing, 'is a link to {folder}/none, which does not exist; name that file '
+                      'itself'),
+    'loop': (lambda path: path.symlink_to(path), 'cannot be a file: Too many levels of symbolic links')}
+
+
+def what_is_there(path):
+    """Return all that a write would change; reading may change the time of access."""
+    found = path.lstat()
+    return found.st_ino, found.st_mode, found.st_size, found.st_mtime_ns, found.st_ctime_ns
+
+
+@pytest.mark.parametrize('make, problem', FOREIGN.values(), ids=FOREIGN)
+def test_with_a_file_of_others_it_starts_and_never_writes_it(start, tmp_path, make, problem):
+    folder = tmp_path / 'memory'
+    path = folder / 'state.json'
+    folder.mkdir()
     make(path)
-    before = path.lstat().st_ctime_ns
-    done = call_main('planner', '--ros-args', '-p', f'state_file:={path}')
-    assert done.returncode == 2
-    assert done.stderr == f'planner: error: state_file: {path}: {problem}\n'
-    # Looking at it may change the time of access only.
-    assert path.lstat().st_ctime_ns == before
+    before = what_is_there(path)
+    planner = start('-p', f'state_file:={path}')
+    problem = f'{path}: {problem.format(folder=os.path.realpath(folder))}'
+    assert planner.says(ERROR, problem)['last write'] == 'nothing written yet'
+    planner.learn()
+    # At the change of the car, and at the end, it would be written.
+    assert planner.set(vehicle='small_car') == ''
+    planner.says(ERROR, problem)
+    planner.learn('small_car')
+    planner.end()
+    assert what_is_there(path) == before
+    assert os.listdir(folder) == ['state.json']
+    assert f'state_file: {problem}.' in planner.process.output()
 
 
 def test_files_of_others_are_refused_while_it_runs(start, theirs, tmp_path):
@@ -135,7 +160,7 @@ def test_a_file_that_was_replaced_meanwhile_is_left_alone_and_told(start, theirs
     path.write_bytes(VEHICLE)
     # What was learned of a car is written when another takes its place; that is not refused.
     assert planner.set(vehicle='small_car') == ''
-    planner.says(WARN, f'{path}: {NOT_OURS}')
+    planner.says(ERROR, f'{path}: {NOT_OURS}')
     assert planner.set(state_file=str(path)) == f'state_file: {path}: {NOT_OURS}'
     planner.learn('small_car')
     planner.end()
@@ -152,7 +177,7 @@ def test_a_failure_to_write_is_told_until_it_is_written_again(start, tmp_path):
     # Root may write into any folder, but not below a file.
     folder.write_text('in the way')
     assert planner.set(vehicle='small_car') == ''
-    planner.says(WARN, f'{path}: cannot be a file: Not a directory')
+    planner.says(ERROR, f'{path}: cannot be a file: Not a directory')
     folder.unlink()
     planner.learn('small_car')
     assert planner.set(vehicle='reference') == ''
@@ -176,7 +201,8 @@ def test_a_damaged_file_is_kept_aside(start, tmp_path):
     assert planner.says(OK, ' s ago')['damaged file kept as'] == aside
     planner.end()
     assert (tmp_path / 'state.json.damaged').read_text() == DAMAGED
-    assert len(json.loads(path.read_text())['cars']) == 1
+    # Of the small car nothing was learned.
+    assert sum('log_factors' in car for car in json.loads(path.read_text())['cars'].values()) == 1
     assert f'the damaged file was kept as {aside}' in planner.process.output()
 
 

@@ -5,10 +5,11 @@ import json
 import signal
 
 from diagnostic_msgs.msg import DiagnosticArray
-from node_bench import repeating
+from node_bench import poll_until, repeating
 import pytest
 from rclpy.qos import QoSDurabilityPolicy, QoSProfile
 from sensor_msgs.msg import BatteryState
+from std_srvs.srv import SetBool
 
 from bev_preheat.nodes.convert import nanoseconds, time_message
 from bev_preheat.supervision.inputs import NS_PER_S
@@ -33,8 +34,11 @@ class Car:
         self.diagnostics = bench.record(DiagnosticArray, '/diagnostics')
         self._states = bench.publisher(BatteryState, 'battery_state')
         self._routes = bench.publisher(RoutePlan, 'route_plan', LATCHED)
+        self.send_route('home')
+
+    def send_route(self, name):
         route = RoutePlan(
-            route_id='home', segment_duration=[30.0] * 40, speed=[20.0],
+            route_id=name, segment_duration=[30.0] * 40, speed=[20.0],
             propulsion_power=[20e3], ambient_temperature=[-7.0], charging_planned=True,
             target_battery_temperature=25.0)
         route.header.stamp = self.stamp()
@@ -94,7 +98,66 @@ def test_what_was_learned_outlives_the_process(car, tmp_path):
     values = {item.key: item.value for item in entry_of(array, 'estimation').values}
     # exp(0.125)
     assert values['heat capacity / vehicle file [1]'].startswith('1.133 ')
-    assert 'the estimation begins with what was learned' in second.output()
+    assert 'the estimation begins with the learned factors' in second.output()
+
+
+def kill(process):
+    process.send_signal(signal.SIGKILL)
+    assert process.wait() == -signal.SIGKILL
+
+
+def test_an_opt_out_outlives_a_killed_process(bench, car, tmp_path):
+    memory = tmp_path / 'state.json'
+    first = car.start_planner('-p', f'state_file:={memory}')
+    car.wait_for_heat()
+    bench.call(SetBool, '/planner/enable', SetBool.Request(data=False))
+    kill(first)
+    car.commands.clear()
+    second = car.start_planner('-p', f'state_file:={memory}')
+    car.commands.wait_for(lambda command: command.reason == HvchCommand.DISABLED)
+    assert 'Preheating is switched off, as it was before the restart.' in second.output()
+    assert not any(command.battery_heating_power for command in car.commands.messages)
+    bench.call(SetBool, '/planner/enable', SetBool.Request(data=True))
+    car.wait_for_heat()
+    kill(second)
+    car.commands.clear()
+    car.start_planner('-p', f'state_file:={memory}')
+    car.wait_for_heat()
+
+
+def test_a_cancelled_trip_outlives_a_killed_process(bench, car, tmp_path):
+    """The navigation latches its route; a button in the car, another node, cancels it."""
+    memory = tmp_path / 'state.json'
+    first = car.start_planner('-p', f'state_file:={memory}')
+    car.wait_for_heat()
+    button = bench.publisher(RoutePlan, 'route_plan', 1)
+    button.wait_for_subscription()
+    button.publish(RoutePlan())
+    car.commands.wait_for(lambda command: command.reason == HvchCommand.NO_CHARGING_PLANNED)
+    # It is written after the command.
+    poll_until(lambda: memory.exists() and json.loads(memory.read_text())['driver']['cancelled_trip'],
+               'the cancelled trip in the file')
+    kill(first)
+    car.commands.clear()
+    car.start_planner('-p', f'state_file:={memory}')
+    car.commands.wait_for(lambda command: command.reason == HvchCommand.NO_CHARGING_PLANNED)
+    assert not any(command.battery_heating_power for command in car.commands.messages)
+    car.send_route('work')
+    car.wait_for_heat()
+
+
+def test_the_file_has_the_battery_as_it_was_seen_last(car, tmp_path):
+    memory = tmp_path / 'state.json'
+    planner = car.start_planner('-p', f'state_file:={memory}')
+    car.wait_for_heat()
+    planner.send_signal(signal.SIGTERM)
+    assert planner.wait() == 0
+    (entry,) = json.loads(memory.read_text())['cars'].values()
+    seen = entry['last_seen']
+    # It takes the heat of some seconds for more than the sensor's noise.
+    assert (seen['temperature_c'], seen['soc']) == (
+        pytest.approx(-7.0, abs=0.5), pytest.approx(0.8, abs=0.01))
+    assert 0 <= nanoseconds(car.stamp()) - seen['stamp_ns'] < 60 * NS_PER_S
 
 
 def test_a_restarted_simulator_is_followed(bench):

@@ -1,0 +1,79 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The driver's choices that outlive the planner's process, and how a file holds them."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING
+
+from bev_preheat.errors import InvalidInput
+from bev_preheat.estimation.last_seen import instant_from
+
+if TYPE_CHECKING:
+    from bev_preheat.files.checked_yaml import FileData
+
+# After a restart, older choices no longer count [ns]: after 24 h the driver has forgotten them.
+OLDEST_CHOICE_NS = 24 * 3600 * 1_000_000_000
+
+
+@dataclass(frozen=True)
+class CancelledTrip:
+    """A route that was cancelled: its identification, the stamp of its message [ns], and when [ns]."""
+
+    route_id: str
+    route_stamp_ns: int
+    cancelled_ns: int
+
+    def is_of(self, route_id: str, route_stamp_ns: int) -> bool:
+        """Return whether a message with this identification and stamp [ns] is the cancelled one."""
+        return (self.route_id, self.route_stamp_ns) == (route_id, route_stamp_ns)
+
+
+@dataclass(frozen=True)
+class DriverChoices:
+    """
+    When preheating was switched off [ns], None while it is on, and the trip cancelled last, if any.
+
+    Instants are those of the node's clock.
+    """
+
+    switched_off_ns: int | None = None
+    cancelled_trip: CancelledTrip | None = None
+
+    def after_restart(self, now_ns: int) -> DriverChoices:
+        """
+        Return the choices that still count at an instant [ns]: those not older than OLDEST_CHOICE_NS.
+
+        The age of a choice in the future is unknown, because the clock was set back; it counts.
+        """
+        oldest_ns, trip = now_ns - OLDEST_CHOICE_NS, self.cancelled_trip
+        return DriverChoices(
+            None if self.switched_off_ns is None or self.switched_off_ns < oldest_ns
+            else self.switched_off_ns,
+            None if trip is None or trip.cancelled_ns < oldest_ns else trip)
+
+
+NO_CHOICES = DriverChoices()
+
+
+def choices_entry(choices: DriverChoices) -> FileData:
+    """Return DriverChoices as plain values for JSON."""
+    return asdict(choices)
+
+
+def choices_from(entry: FileData) -> DriverChoices:
+    """Return the DriverChoices of an entry; raise InvalidInput, naming field, value and range."""
+    if not isinstance(entry, dict):
+        raise InvalidInput('driver: must have switched_off_ns and cancelled_trip')
+    off_ns, trip = entry.get('switched_off_ns'), entry.get('cancelled_trip')
+    return DriverChoices(
+        None if off_ns is None else instant_from(off_ns, 'driver.switched_off_ns'),
+        None if trip is None else _trip_from(trip))
+
+
+def _trip_from(entry: FileData) -> CancelledTrip:
+    if not isinstance(entry, dict) or not isinstance(entry.get('route_id'), str):
+        raise InvalidInput('driver.cancelled_trip: must have route_id, route_stamp_ns and cancelled_ns')
+    return CancelledTrip(entry['route_id'], *(
+        instant_from(entry.get(name), f'driver.cancelled_trip.{name}')
+        for name in ('route_stamp_ns', 'cancelled_ns')))
