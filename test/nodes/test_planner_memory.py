@@ -210,4 +210,4 @@ def test_without_a_state_file_nothing_is_said_of_it(start):
     planner = start()
     planner.learn()
     assert planner.entries == {'planner: preheating', 'planner: heater', 'planner: estimation',
-                               'planner: setup'}
+                               'planner: signals', 'planner: setup'}
