@@ -44,16 +44,17 @@ class Standing(NamedTuple):
     What is expected of a battery that stood: its temperature [deg C].
 
     `left_deviation_k` is the standard deviation [K] of what is left of the temperature with which it
-    was parked; that of the ambient temperature comes on top of it.
+    was parked; `ambient_deviation_k` [K], that of the ambient temperature, comes on top of it.
     """
 
     temperature_c: float
     left_deviation_k: float
+    ambient_deviation_k: float = AMBIENT_DEVIATION_K
 
     @property
     def deviation_k(self) -> float:
         """Standard deviation of the temperature [K]."""
-        return math.hypot(self.left_deviation_k, AMBIENT_DEVIATION_K)
+        return math.hypot(self.left_deviation_k, self.ambient_deviation_k)
 
 
 def after_standing(vehicle: Vehicle, ambient_c: float, standing_s: float,
@@ -69,7 +70,9 @@ def after_standing(vehicle: Vehicle, ambient_c: float, standing_s: float,
     left = math.exp(-time_constants)
     return Standing(
         ambient_c + warmer_k * left,
-        left * math.hypot(deviation_k, warmer_k * time_constants * TIME_CONSTANT_DEVIATION))
+        left * math.hypot(deviation_k, warmer_k * time_constants * TIME_CONSTANT_DEVIATION),
+        # A battery that was seen a moment ago has not come to ambient temperature.
+        AMBIENT_DEVIATION_K * (1.0 if parked_c is None else 1.0 - left))
 
 
 def temperature_after(vehicle: Vehicle, parked_c: float, ambient_c: float, standing_s: float) -> float:

@@ -14,6 +14,7 @@ from bev_preheat.estimation.driver_choices import CancelledTrip, DriverChoices, 
 from bev_preheat.planning.situation import check_situation, Goal
 from bev_preheat.signals.electrical import ElectricalCheck
 from bev_preheat.signals.percent_scale import PercentScale
+from bev_preheat.signals.verdict import SignalVerdict, STATE_OF_CHARGE
 from bev_preheat.supervision.inputs import check_mission, Leg, Measurement, Mission, NS_PER_S, Progress
 from bev_preheat.supervision.preparer import Preparer
 from bev_preheat.supervision.refusals import PROGRESS, Refusals, RefusedRoute
@@ -69,6 +70,8 @@ class Inbox:
         self._route_id: str | None = None
         self._refusals = Refusals()
         self._percent_scale = PercentScale()
+        # On a state of charge that is on a scale of 100; None: it is not.
+        self.scale_verdict: SignalVerdict | None = None
         self._latest_ns = 0
         self._changes = NO_CHANGES
 
@@ -138,7 +141,7 @@ class Inbox:
         try:
             self._check_battery(measurement, now_ns)
         except InvalidInput as error:
-            self.refuse_battery(error)
+            self.refuse_battery(error, measurement.state.soc, now_ns)
             raise
         self.measurement = measurement
         changes = self._changes
@@ -171,7 +174,10 @@ class Inbox:
         scale_doubt = self._percent_scale.doubt(
             now_ns / NS_PER_S, measurement.state.soc, lambda: self._voltage_vouches_for(measurement))
         if scale_doubt:
+            since_ns = now_ns if self.scale_verdict is None else self.scale_verdict.since_ns
+            self.scale_verdict = SignalVerdict(STATE_OF_CHARGE, scale_doubt, since_ns)
             raise InvalidInput(scale_doubt)
+        self.scale_verdict = None
 
     def _voltage_vouches_for(self, measurement: Measurement) -> bool:
         """Whether the voltage fits the state of charge better than the hundredth of it."""

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 from bev_preheat.errors import InvalidInput, PlanningFailure
 from bev_preheat.estimation.estimate import Estimate
 from bev_preheat.estimation.estimator import Estimator
+from bev_preheat.estimation.last_seen import LastSeen
 from bev_preheat.estimation.standing import temperature_after
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.planner import plan_preheating
@@ -57,13 +58,14 @@ WITHHELD = (Status.WAITING, Status.HEATING, Status.TARGET_UNREACHABLE, Status.SO
 class Judgement:
     """Learns from battery states and makes Decisions for one vehicle."""
 
-    def __init__(self, vehicle: Vehicle, learned: Learned | None = None) -> None:
-        """Start from the vehicle file, or from what was Learned on drives before."""
+    def __init__(self, vehicle: Vehicle, learned: Learned | None = None,
+                 last_seen: LastSeen | None = None) -> None:
+        """Start from the vehicle file, or from what was Learned on drives before, and the battery's LastSeen."""
         self._vehicle = vehicle
         self._outlooks = OutlookMaker(vehicle)
         self._targets = TargetChooser()
         self._estimator = Estimator(vehicle, learned)
-        self._stand_watch = StandWatch(vehicle)
+        self._stand_watch = StandWatch(vehicle, last_seen)
         # Decisions by how many legs follow, and the settings that they were made with.
         self._later_decisions: dict[int, Decision] = {}
         self._later_settings: Settings | None = None
@@ -108,13 +110,16 @@ class Judgement:
             measurement = replace(measurement, voltage_v=None, current_a=None)
         if standing is not None:
             self._estimator.rely_on(standing)
-        if not known.is_described:
+        if known.is_described:
+            self._estimator.observe(
+                measurement, shown_command_w(timetable, stamp_ns, commands),
+                stretches_between(
+                    self._estimator.edges_ns(stamp_ns), self._vehicle, timetable, commands))
+        else:
             self._estimator.hold(measurement, known.trusts_temperature, known.trusts_soc)
-            return
-        self._estimator.observe(
-            measurement, shown_command_w(timetable, stamp_ns, commands),
-            stretches_between(
-                self._estimator.edges_ns(stamp_ns), self._vehicle, timetable, commands))
+        estimate = self._estimator.estimate
+        if estimate is not None:
+            self._stand_watch.note(LastSeen(estimate.temperature_c, estimate.soc, estimate.stamp_ns))
 
     def decide(self, inbox: Inbox, regime: RegimeReport, now_ns: int, is_heating: bool,
                heated_s: float) -> Decision:

@@ -168,8 +168,8 @@ class RegimeWatch:
         elif before is Regime.STANDING and (evidence.power_w is not None or evidence.has_moved is not None):
             pass
         elif evidence.power_w is not None and not suspicion:
-            self._enter(Regime.DRIVING if evidence.planned.is_driving else Regime.UNKNOWN,
-                        evidence.stamp_ns, evidence.stamp_ns, '')
+            self._enter(Regime.DRIVING if evidence.planned.is_driving or before is Regime.DRIVING
+                        else Regime.UNKNOWN, evidence.stamp_ns, evidence.stamp_ns, '')
         else:
             self._enter(Regime.UNKNOWN, evidence.stamp_ns, evidence.stamp_ns, '')
         self.report = self.report._replace(suspicion=suspicion)

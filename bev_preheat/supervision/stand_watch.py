@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from typing import NamedTuple, TYPE_CHECKING
 
 from bev_preheat.estimation.standing import after_standing, Standing
@@ -10,11 +11,17 @@ from bev_preheat.planning.explanation import duration_text
 from bev_preheat.supervision.inputs import NS_PER_S
 
 if TYPE_CHECKING:
+    from bev_preheat.estimation.last_seen import LastSeen
     from bev_preheat.supervision.inputs import Measurement, Mission
     from bev_preheat.vehicle.description import Vehicle
 
 # A state that comes later than this after the start [s] is no longer one of a battery that stood.
 FIRST_STATE_WITHIN_S = 60.0
+# A temperature that was seen so long before or after the vehicle was parked [s] is that of the parked battery.
+SEEN_BEFORE_S, SEEN_AFTER_S = 900.0, 600.0
+# Temperatures are noted this often [s], and before a silence longer than the second; for two days.
+NOTED_EVERY_S, SILENCE_S = 300.0, 60.0
+MOST_NOTED = 576
 # A sensor contradicts the standing time beyond this [K], and a standard deviation of what is left of
 # the temperature with which the battery was parked.
 CONTRADICTS_BEYOND_K = 2.0
@@ -46,12 +53,32 @@ class StandReport(NamedTuple):
 class StandWatch:
     """Looks at the first battery state of each trip; `report` is the StandReport of this one."""
 
-    def __init__(self, vehicle: Vehicle) -> None:
-        """Start without a trip."""
+    def __init__(self, vehicle: Vehicle, last_seen: LastSeen | None = None) -> None:
+        """Start without a trip; `last_seen` is the battery's LastSeen before a restart, None: unknown."""
         self._vehicle = vehicle
+        self._history: deque[LastSeen] = deque(() if last_seen is None else (last_seen,), maxlen=MOST_NOTED)
+        self._latest: LastSeen | None = None
         self._route_id: str | None = None
         self._is_done = False
         self.report: StandReport | None = None
+
+    def note(self, seen: LastSeen) -> None:
+        """Note a LastSeen, later than those before: the vehicle may be parked then."""
+        history, latest = self._history, self._latest
+        if latest is not None and (
+                seen.stamp_ns < latest.stamp_ns or seen.stamp_ns - latest.stamp_ns > SILENCE_S * NS_PER_S):
+            history.append(latest)
+        if history and seen.stamp_ns < history[-1].stamp_ns:
+            # The clock was set back.
+            history.clear()
+        if not history or seen.stamp_ns - history[-1].stamp_ns >= NOTED_EVERY_S * NS_PER_S:
+            history.append(seen)
+        self._latest = seen
+
+    def _parked(self, parked_ns: int) -> LastSeen | None:
+        """Return the latest LastSeen of about the instant [ns] at which the vehicle was parked; None: unknown."""
+        return next((seen for seen in reversed(self._history)
+                     if -SEEN_BEFORE_S * NS_PER_S <= seen.stamp_ns - parked_ns <= SEEN_AFTER_S * NS_PER_S), None)
 
     def look(self, mission: Mission | None, measurement: Measurement) -> Standing | None:
         """
@@ -71,7 +98,11 @@ class StandWatch:
             return None
         self._is_done = True
         ambient_c = float(mission.legs[0].route.ambient_temperature_c[0])
-        standing = after_standing(self._vehicle, ambient_c, stood_s)
+        parked = self._parked(measurement.stamp_ns - round(stood_s * NS_PER_S))
+        parked_c = None
+        if parked is not None:
+            stood_s, parked_c = (measurement.stamp_ns - parked.stamp_ns) / NS_PER_S, parked.temperature_c
+        standing = after_standing(self._vehicle, ambient_c, stood_s, parked_c)
         self.report = StandReport(
             measurement.state.temperature_c, stood_s, ambient_c, standing)
         return standing

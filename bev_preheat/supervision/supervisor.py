@@ -86,7 +86,7 @@ class Supervisor:
         self._inbox = Inbox(vehicle, settings, choices)
         self._last_seen = last_seen
         self._knowledge = Knowledge(vehicle)
-        self._judgement = Judgement(vehicle, learned)
+        self._judgement = Judgement(vehicle, learned, last_seen)
         self._commander = Commander()
         self._decision = WITHOUT_ROUTE
         self._latest_command: Command | None = None
@@ -225,7 +225,8 @@ class Supervisor:
     @property
     def signal_verdicts(self) -> tuple[SignalVerdict, ...]:
         """The SignalVerdicts that hold; () while every signal does."""
-        return self._knowledge.verdicts
+        scale = self._inbox.scale_verdict
+        return self._knowledge.verdicts if scale is None else (*self._knowledge.verdicts, scale)
 
     @property
     def refused_route(self) -> str | None:

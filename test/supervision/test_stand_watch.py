@@ -2,10 +2,12 @@
 """When a battery state is held against the standing time, and what is said of a sensor that is off."""
 
 from dataclasses import replace
+from math import exp
 
 import pytest
 from stepwise import Stepwise
 
+from bev_preheat.estimation.last_seen import LastSeen
 from bev_preheat.estimation.standing import after_standing
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.route.segments import make_route
@@ -130,3 +132,59 @@ def test_without_estimation_nothing_is_said():
     supervisor.accept_mission(trip())
     supervisor.accept_battery(measured(3.0), START_NS)
     assert supervisor.stand_report is None
+
+
+# The battery's own last temperature
+
+def seen(temperature_c, before_s):
+    return LastSeen(temperature_c, 0.8, START_NS - round(before_s * NS_PER_S))
+
+
+def cooled_c(warmer_k, stood_s):
+    """Return how warm the battery is by Newton's law of cooling, with the leakage at rest."""
+    battery = VEHICLE.battery
+    return -7.0 + warmer_k * exp(-battery.leakage.gamma_0_w_per_k * stood_s / battery.heat_capacity_j_per_k)
+
+
+def test_the_stand_starts_from_the_last_temperature_before_a_silence():
+    watch = StandWatch(VEHICLE)
+    for before_s in range(60):
+        watch.note(seen(36.0, NIGHT_S + 60.0 - before_s))
+    # The battery wakes before the route arrives.
+    watch.note(seen(-5.1, 2.0))
+    watch.note(seen(-5.0, 1.0))
+    standing = watch.look(trip(), measured())
+    assert standing.temperature_c == pytest.approx(cooled_c(43.0, NIGHT_S), abs=0.01)
+
+
+def test_a_known_temperature_is_surer_than_a_guess():
+    # 10 K warmer than ambient is the guess.
+    known = StandWatch(VEHICLE, seen(3.0, NIGHT_S)).look(trip(), measured())
+    guessed = StandWatch(VEHICLE).look(trip(), measured())
+    assert known.temperature_c == pytest.approx(guessed.temperature_c)
+    assert known.left_deviation_k < guessed.left_deviation_k
+
+
+def test_a_battery_that_is_awake_all_night_was_parked_when_the_route_says():
+    watch = StandWatch(VEHICLE)
+    for before_s in range(int(NIGHT_S) + 7200, 0, -10):
+        watch.note(seen(cooled_c(43.0, NIGHT_S - before_s) if before_s < NIGHT_S else 36.0, float(before_s)))
+    assert watch.look(trip(), measured()).temperature_c == pytest.approx(cooled_c(43.0, NIGHT_S), abs=0.1)
+
+
+def test_a_restart_remembers_it():
+    standing = StandWatch(VEHICLE, seen(36.0, NIGHT_S)).look(trip(), measured())
+    assert standing.temperature_c == pytest.approx(cooled_c(43.0, NIGHT_S))
+
+
+def test_an_older_drive_or_a_clock_that_was_set_tells_nothing():
+    for before_s in (NIGHT_S + 7200.0, -60.0):
+        assert StandWatch(VEHICLE, seen(36.0, before_s)).look(trip(), measured()) == after_standing(
+            VEHICLE, -7.0, NIGHT_S)
+
+
+def test_temperatures_of_days_are_bounded():
+    watch = StandWatch(VEHICLE)
+    for number in range(5000):
+        watch.note(seen(5.0, 86400.0 * 20 - 300.0 * number))
+    assert len(watch._history) <= 576
