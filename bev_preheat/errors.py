@@ -1,11 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """The exceptions that the package raises on purpose, and how they quote what came from outside."""
 
+from collections import Counter
 from collections.abc import Iterable
+import re
 
 # Messages go to logs, diagnostics and topics: none grows with the input that it is about.
 LONGEST_PROBLEM = 600
-MOST_PROBLEMS = 40
+LONGEST_MESSAGE = 2000
+# At most this many sentences are kept that differ in numbers and quotations only.
+MOST_ALIKE = 3
+DETAILS = re.compile(r"'[^']*'|[0-9]+")
 LONGEST_QUOTE = 60
 # From here on a number is written with an exponent.
 MOST_WRITTEN_OUT = 1e12
@@ -15,13 +20,31 @@ class InvalidInput(ValueError):
     """Input that was refused at the door; the message names field, value and what is allowed."""
 
     def __init__(self, problems: str | Iterable[str]) -> None:
-        """`problems`: one sentence, or a sequence of them; beyond a limit they are shortened."""
+        """
+        Take one sentence, or several; long ones are shortened.
+
+        The first few of many are kept, and a last sentence gives the number of the others.
+        """
         problems = [problems] if isinstance(problems, str) else list(problems)
-        self.problems = [shortened(problem, LONGEST_PROBLEM)
-                         for problem in problems[:MOST_PROBLEMS]]
-        if len(problems) > MOST_PROBLEMS:
-            self.problems.append(f'{len(problems) - MOST_PROBLEMS} more problems')
+        self.problems = _first_of(problems)
+        others = len(problems) - len(self.problems)
+        if others:
+            self.problems.append(f'{others} more problem{"s" if others > 1 else ""}')
         super().__init__('; '.join(self.problems))
+
+
+def _first_of(problems: Iterable[str]) -> list[str]:
+    """Return the first few of each kind, shortened, up to LONGEST_MESSAGE."""
+    kept, alike, length = [], Counter[str](), 0
+    for problem in problems:
+        sentence = shortened(problem, LONGEST_PROBLEM)
+        kind = DETAILS.sub('', sentence)
+        alike[kind] += 1
+        if alike[kind] > MOST_ALIKE or length + len(sentence) > LONGEST_MESSAGE:
+            continue
+        length += len(sentence) + len('; ')
+        kept.append(sentence)
+    return kept
 
 
 class PlanningFailure(ArithmeticError):

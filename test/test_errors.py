@@ -21,9 +21,23 @@ def test_a_long_text_keeps_its_ends():
 
 def test_messages_do_not_grow_with_what_they_are_about():
     error = InvalidInput([f'{"k" * 10_000}: {at} is not allowed' for at in range(1000)])
-    assert len(str(error)) < 30_000
-    assert (len(error.problems), error.problems[-1]) == (41, '960 more problems')
+    assert len(str(error)) < 2100
+    assert (len(error.problems), error.problems[-1]) == (4, '997 more problems')
     assert error.problems[0].endswith('0 is not allowed')
+
+
+def test_of_one_problem_in_each_row_the_first_few_are_named():
+    rows = [f"line {at}: speed_mps: '{at}x' is not a number" for at in range(1, 501)]
+    error = InvalidInput([*rows, 'target: missing'])
+    assert error.problems == [*rows[:3], 'target: missing', '497 more problems']
+    assert InvalidInput(rows[:4]).problems[-1] == '1 more problem'
+
+
+def test_problems_that_differ_are_all_named_until_the_message_is_long():
+    words = [f'key_{chr(ord("a") + at)}: {"is not allowed; " * 5}' for at in range(26)]
+    assert InvalidInput(words[:20]).problems == words[:20]
+    problems = InvalidInput(words * 10).problems
+    assert len('; '.join(problems)) < 2100 and problems[-1] == f'{260 - len(problems) + 1} more problems'
 
 
 @pytest.mark.parametrize('name', ['x' * 1_000_000, f'/{"x" * 1_000_000}', '/x' * 500_000])

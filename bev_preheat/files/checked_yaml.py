@@ -17,6 +17,8 @@ from bev_preheat.files.schema_check import surely_obeys
 
 # A value out of a YAML or JSON file; a schema says its type.
 FileData = Any
+# No quantity of a file is larger, and each calculation can take it as a float.
+LARGEST_INTEGER = 10**300
 
 
 def load_checked_yaml(path: str | Path, schema_path: Path) -> dict[str, FileData]:
@@ -34,22 +36,25 @@ def load_checked_yaml(path: str | Path, schema_path: Path) -> dict[str, FileData
         raise InvalidInput(f'{path}: cannot be read: {reason}') from error
     try:
         contents = _load(text)
-        problems = list(_numbers_that_are_not_finite(contents, ''))
+        problems = list(_unfit_numbers(contents, ''))
     except RecursionError as error:
         # Thousands of brackets, or an alias within the very value that it stands for.
         raise InvalidInput(f'{path}: cannot be read: its values are nested too deeply') from error
     except (yaml.YAMLError, ValueError) as error:
         # ValueError: what looks like a date or a number but is none, such as 2024-13-45.
         raise InvalidInput(f'{path}: is not YAML: {" ".join(str(error).split())}') from error
+    except (ArithmeticError, AttributeError, LookupError, TypeError) as error:
+        # PyYAML says no more of `!!int ""`, `!!bool maybe` and `!!timestamp soon`.
+        raise InvalidInput(f'{path}: is not YAML: a value does not fit its tag (!!…)') from error
     if not isinstance(contents, dict):
         raise InvalidInput(f'{path}: must be a mapping of keys to values')
+    if problems:
+        raise InvalidInput([f'{path}: {problem}' for problem in problems])
     schema = load_schema(schema_path)
     if not surely_obeys(schema, contents):
         # Imported here, because it loads jsonschema.
         from bev_preheat.files.schema_problems import schema_problems
-        problems += schema_problems(schema, contents)
-    if problems:
-        raise InvalidInput([f'{path}: {problem}' for problem in problems])
+        raise InvalidInput([f'{path}: {problem}' for problem in schema_problems(schema, contents)])
     return contents
 
 
@@ -111,13 +116,18 @@ def load_schema(path: Path) -> FileData:
     return whole(yaml.load(path.read_text(encoding='utf-8'), Loader=_FastLoader))
 
 
-def _numbers_that_are_not_finite(value: FileData, key: str) -> Iterator[str]:
+def _unfit_numbers(value: FileData, key: str) -> Iterator[str]:
+    """Yield a sentence for each number that no calculation can take, keys included."""
     # A schema cannot refuse NaN: every comparison with it is false.
     if isinstance(value, float) and not math.isfinite(value):
         yield f'{key}: {value} is not a finite number'
+    elif isinstance(value, int) and abs(value) > LARGEST_INTEGER:
+        # Python writes no integer of more than some thousand digits.
+        yield f'{key}: an integer of {value.bit_length()} bits is too large'
     elif isinstance(value, dict):
         for name, item in value.items():
-            yield from _numbers_that_are_not_finite(item, f'{key}.{name}' if key else str(name))
+            unfit = list(_unfit_numbers(name, f'{key}: a key' if key else 'a key'))
+            yield from unfit or _unfit_numbers(item, f'{key}.{name}' if key else str(name))
     elif isinstance(value, list):
         for index, item in enumerate(value):
-            yield from _numbers_that_are_not_finite(item, f'{key}[{index}]')
+            yield from _unfit_numbers(item, f'{key}[{index}]')

@@ -12,14 +12,20 @@ from difflib import get_close_matches
 from typing import Any, cast
 
 from jsonschema import Draft7Validator, ValidationError
+from jsonschema.validators import extend
 
 # A value out of a file, or a schema for it.
 Data = Any
 
 
+# JSON Schema counts 6.0 as an integer; what takes an integer here, an index or a seed, takes no 6.0.
+_Validator = extend(Draft7Validator, type_checker=Draft7Validator.TYPE_CHECKER.redefine(
+    'integer', lambda checker, value: isinstance(value, int) and not isinstance(value, bool)))  # type: ignore[no-untyped-call]
+
+
 def schema_problems(schema: Data, contents: Data) -> list[str]:
     """Return one sentence for each key of `contents` that does not obey the schema (draft 7)."""
-    errors = sorted(Draft7Validator(schema).iter_errors(contents),
+    errors = sorted(_Validator(schema).iter_errors(contents),
                     key=lambda error: [str(part) for part in error.absolute_path])
     return [sentence for error in errors for sentence in _in_words(error)]
 

@@ -1,13 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Parameters with a description, a unit and a range, declared and checked from one table."""
+"""
+Parameters with a description, a unit and a range, declared and checked from one table.
+
+A whole number is taken for a parameter of type double: people write 12, and ROS refuses that.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 import math
 from typing import Any, TYPE_CHECKING
 
 from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
+from rclpy.parameter import Parameter as RosParameter
 
 from bev_preheat.errors import figure, figure_beyond, InvalidInput, quoted
 
@@ -15,6 +21,10 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
     from rclpy.node import Node
+
+
+# By the type of the default.
+IN_WORDS = {float: 'a number', int: 'a whole number', bool: 'true or false', str: 'a text'}
 
 
 @dataclass(frozen=True)
@@ -71,6 +81,21 @@ class Parameter:
             text += f'; one of {", ".join(self.choices)}'
         return f'{text}.'
 
+    def taken(self, value: Any) -> Any:
+        """Return a value as the node keeps it: a whole number for a double as a float."""
+        is_whole = isinstance(value, int) and not isinstance(value, bool)
+        return float(value) if is_whole and isinstance(self.default, float) else value
+
+    def type_problem_with(self, value: Any) -> str | None:
+        """Return a sentence on a value of another type than the default's; None for the same type."""
+        wanted = type(self.default)
+        if type(value) is wanted:
+            return None
+        # An empty default shows nothing.
+        example = '' if wanted is bool or self.default == '' else f', such as {self.default_text()}'
+        return (f'{self.name}: {quoted(_as_typed(value))} is not allowed; it must be '
+                f'{IN_WORDS[wanted]}{example}')
+
     def problem_with(self, value: Any) -> str | None:
         """Return a sentence on what is wrong with a value, None if nothing is."""
         unit = f' {self.unit}' if self.unit else ''
@@ -86,13 +111,42 @@ class Parameter:
 
 
 def declare(node: Node, parameters: Sequence[Parameter]) -> dict[str, Any]:
-    """Declare the parameters and return their values by name; raise InvalidInput on a bad one."""
+    """Declare the parameters and return their values by name; raise InvalidInput on bad ones."""
+    _take_overrides(node, parameters)
+    node.add_pre_set_parameters_callback(partial(_taken, {item.name: item for item in parameters}))
     values = {}
     for parameter in parameters:
         values[parameter.name] = node.declare_parameter(
             parameter.name, parameter.default, parameter.descriptor()).value
     check(parameters, values)
     return values
+
+
+def _take_overrides(node: Node, parameters: Sequence[Parameter]) -> None:
+    """Let whole numbers be doubles; raise InvalidInput with all wrong values, as rclpy names only one."""
+    # rclpy has no public list of the parameters that were given.
+    overrides, problems = node._parameter_overrides, []
+    for parameter in parameters:
+        if parameter.name not in overrides:
+            continue
+        value = parameter.taken(overrides[parameter.name].value)
+        problem = parameter.type_problem_with(value) or parameter.problem_with(value)
+        if problem:
+            problems.append(problem)
+        else:
+            overrides[parameter.name] = RosParameter(parameter.name, value=value)
+    if problems:
+        raise InvalidInput(problems)
+
+
+def _taken(table: Mapping[str, Parameter], given: Sequence[RosParameter]) -> list[RosParameter]:
+    """Return the parameters that are to be set, with doubles in place of whole numbers."""
+    return [RosParameter(item.name, value=table[item.name].taken(item.value))
+            if item.name in table and item.type_ == RosParameter.Type.INTEGER else item for item in given]
+
+
+def _as_typed(value: Any) -> str:
+    return str(value).lower() if isinstance(value, bool) else str(value)
 
 
 def check(parameters: Iterable[Parameter], values: Mapping[str, Any]) -> None:

@@ -6,6 +6,7 @@ Each kind of answer is asked of an installed executable once; what else there is
 that the executable calls, in this process.
 """
 
+import math
 from pathlib import Path
 import subprocess
 import sys
@@ -114,6 +115,41 @@ def test_a_malformed_parameter_file_is_named(call_main, tmp_path, content, text)
     done = call_main('planner', '--ros-args', '--params-file', str(path))
     assert_one_line(done, 'planner', f'parameter file {path}: ')
     assert text in done.stderr
+
+
+# Of each node a text, a truth value and a whole number where another type is meant.
+MISTYPED = {
+    'planner': {'value_of_time': ('much', 'a number, such as 10.0'), 'estimation': ('1', 'true or false'),
+                'vehicle': ('2024', 'a text, such as reference'), 'state_file': ('true', 'a text'),
+                'energy_price': ('-1', None)},
+    'nlp_checker': {'check_period': ('often', 'a number, such as 60.0'),
+                    'vehicle': ('1.5', 'a text, such as reference')},
+    'charger_adviser': {'value_of_time': ('[1.0]', 'a number, such as 10.0'),
+                        'vehicle': ('7', 'a text, such as reference')},
+    'vehicle_simulator': {'speed_up': ('fast', 'a number, such as 1.0'), 'publish_clock': ('0', 'true or false')}}
+
+
+@pytest.mark.parametrize('name', MISTYPED)
+def test_all_values_of_a_wrong_type_are_one_line_and_2(call_main, name):
+    given = MISTYPED[name]
+    done = call_main(name, '--ros-args', *(
+        word for parameter, (value, _) in given.items() for word in ('-p', f'{parameter}:={value}')))
+    assert_one_line(done, name, '')
+    for parameter, (_, allowed) in given.items():
+        assert f'{parameter}: ' in done.stderr
+        assert allowed is None or f'is not allowed; it must be {allowed}' in done.stderr
+
+
+@pytest.mark.parametrize('name', MISTYPED)
+def test_a_whole_number_is_taken_where_a_double_is_meant(call_main, name):
+    """Only the vehicle is refused."""
+    doubles = [item for item in NODES[name].PARAMETERS if isinstance(item.default, float) and not item.read_only]
+    assert doubles
+    words = [word for item in doubles
+             for word in ('-p', f'{item.name}:={math.ceil(max(item.default, (item.limits or (0.0,))[0]))}')]
+    done = call_main(name, '--ros-args', '-p', 'vehicle:=bicycle', '-p', 'command_lease:=9', *words)
+    assert_one_line(done, name, "vehicle 'bicycle' is unknown")
+    assert not any(f'{item.name}: ' in done.stderr for item in doubles)
 
 
 KEY = 'qos_overrides./route_plan.subscription'

@@ -802,7 +802,8 @@ REFUSED = {
     'nan': ({'command_lease': nan}, 'command_lease: '),
     'target': ({'target_battery_temperature': 298.15},
                'target_battery_temperature: 298.15 degC is not allowed; it must be -40 ... 60'),
-    'integer': ({'command_period': 1}, 'Wrong parameter type, expected '),
+    # It is taken for 1.0, so it is the value that is refused.
+    'integer': ({'command_period': 1}, 'command_lease: 0.6 s must be longer than command_period, 1 s'),
     'text': ({'target_battery_temperature': 'warm'}, 'Wrong parameter type, expected '),
     'method': ({'method': 'magic'}, "method: 'magic' is not one of "),
     'vehicle': ({'vehicle': 'refrence'},
@@ -823,6 +824,12 @@ def test_a_wrong_parameter_is_refused_with_the_reason(tunable_car, values, text)
     assert text.partition(':')[0] in result.reason
     # rclpy checks ranges itself and words them itself.
     assert text in result.reason or 'range' in result.reason
+
+
+def test_a_whole_number_is_taken_for_a_double(tunable_car):
+    assert tunable_car.set_parameters(value_of_time=12).successful
+    assert tunable_car.get_parameters('value_of_time') == [12.0]
+    assert 'In effect now: value_of_time = 12.0.' in tunable_car.process.output()
 
 
 def test_a_file_that_breaks_the_reader_is_refused(tunable_car, tmp_path):
@@ -874,7 +881,7 @@ def test_a_number_has_its_unit_and_its_range(car, name, unit):
 
 @pytest.mark.parametrize('arguments, text', [
     (('-p', 'command_period:=100.0'), 'command_period'),
-    (('-p', 'command_period:=1'), 'command_period'),
+    (('-p', 'command_period:=soon'), 'command_period'),
     (('-p', 'command_period:=.nan'), 'command_period'),
     (('-p', 'method:=magic'), "'magic' is not one of"),
     (('-p', 'vehicle:=refrence'), "did you mean 'reference'?"),

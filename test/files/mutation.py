@@ -1,0 +1,118 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Files with the mistakes of an editor, a script or a worn-out disk."""
+
+import re
+
+NUMBER = re.compile(r'(?<![\w.])[-+]?\d+\.?\d*(?:[eE][-+]?\d+)?(?![\w.])')
+STRANGE = (
+    '0', '-0.0', '-1', '6.0', '1e308', '-1e308', '1e-320', '.nan', '-.inf', 'nan', 'inf', '1' * 400,
+    '-' + '9' * 5000, '0x' + 'f' * 5000, '0o17', '1_000', '1:30', '12,5', '1.2.3', '9' * 20, 'true',
+    'null', '~', '""', "'7'", 'text', '[]', '{}', '[1, 2]', '[[1], [2, 3]]', '{a: 1}', '&x [*x]',
+    '*unknown', '!!binary aGVsbG8=', '!!set {a}', '!!python/object:os.system x', '2024-01-01',
+    '2024-13-45', '\u0664\u0662', '\u200b', 'Ω' * 700, '|', '>', '? a', '- ', '<<', '!!float abc',
+    '!!int ""', '!!bool maybe', '!!timestamp soon', '!!omap [a: 1]')
+SCALES = (-1, 0, 1e-9, 1e-3, 60, 1e3, 1e9, 1e200)
+REPLACED = ((',', ';'), ('.', ','), ('0', ''), ('-', '--'), (':', ''), (' ', '\t'), ('1', 'l'),
+            ('\n', '\r'), ('"', ''), ('_', ' '))
+
+
+def mutated(contents, random):
+    """Return bytes with one to four mistakes; `random` is a random.Random."""
+    for _ in range(random.choice((1, 1, 1, 2, 4))):
+        contents = random.choice(MISTAKES)(contents, random)
+    return contents
+
+
+def _of_text(change):
+    return lambda contents, random: change(contents.decode('utf-8', 'surrogateescape'), random).encode(
+        'utf-8', 'surrogateescape')
+
+
+def _of_lines(change):
+    def changed(text, random):
+        lines = text.splitlines(keepends=True)
+        if lines:
+            change(lines, random)
+        return ''.join(lines)
+    return _of_text(changed)
+
+
+def _other_number(text, random):
+    found = list(NUMBER.finditer(text))
+    if not found:
+        return text
+    at = random.choice(found)
+    return text[:at.start()] + random.choice(STRANGE) + text[at.end():]
+
+
+def _other_value(text, random):
+    found = list(re.finditer(r'(?<=[:,\[] )[^\n,\]}]+|(?<=,)[^\n,]+', text))
+    if not found:
+        return text
+    at = random.choice(found)
+    return text[:at.start()] + random.choice(STRANGE) + text[at.end():]
+
+
+def _other_scale(text, random):
+    found = list(NUMBER.finditer(text))
+    if not found:
+        return text
+    at = random.choice(found)
+    return f'{text[:at.start()]}{float(at[0]) * random.choice(SCALES):g}{text[at.end():]}'
+
+
+def _everywhere(text, random):
+    """Spoil one kind of text in all rows."""
+    old, new = random.choice(REPLACED)
+    return text.replace(old, new)
+
+
+def _lose(lines, random):
+    del lines[random.randrange(len(lines))]
+
+
+def _repeat(lines, random):
+    at = random.randrange(len(lines))
+    lines[at:at] = lines[at:at + random.choice((1, 1, 5))] * random.choice((1, 2, 300))
+
+
+def _swap(lines, random):
+    one, other = random.randrange(len(lines)), random.randrange(len(lines))
+    lines[one], lines[other] = lines[other], lines[one]
+
+
+def _indent(lines, random):
+    at = random.randrange(len(lines))
+    lines[at] = random.choice(('  ', '\t', ' ')) + lines[at] if random.random() < 0.5 else lines[at].lstrip()
+
+
+def _misspell(text, random):
+    found = list(re.finditer(r'\w{3,}', text))
+    if not found:
+        return text
+    at = random.choice(found)
+    word = at[0]
+    other = random.choice((word[:-1], word + 'x', word.upper(), word[::-1], ''))
+    return text[:at.start()] + other + text[at.end():]
+
+
+def _flip(contents, random):
+    if not contents:
+        return contents
+    at = random.randrange(len(contents))
+    return contents[:at] + bytes([random.randrange(256)]) + contents[at + 1:]
+
+
+def _cut(contents, random):
+    return contents[:random.randrange(len(contents) + 1)]
+
+
+def _zeros(contents, random):
+    at = random.randrange(len(contents) + 1)
+    return contents[:at] + b'\0' * random.choice((1, 100))
+
+
+MISTAKES = (
+    *map(_of_text, (_other_number, _other_number, _other_value, _other_value, _other_scale, _everywhere,
+                    _misspell)),
+    *map(_of_lines, (_lose, _repeat, _swap, _indent)), _flip, _cut, _zeros)
