@@ -11,7 +11,7 @@ from bev_preheat.console.output import add_output_arguments, check_output_argume
 from bev_preheat.console.program import FAILED, say
 from bev_preheat.console.terminal import progress_console, result_console
 from bev_preheat.optional_packages import require
-from bev_preheat.planning.comparison import difference, energy_gap_wh, SAME_SHORTFALL_K
+from bev_preheat.planning.comparison import difference_of_plans, energy_gap_wh, SAME_SHORTFALL_K
 from bev_preheat.planning.planner import as_driven, DEFAULT_METHOD, METHODS, plan_preheating
 
 if TYPE_CHECKING:
@@ -55,7 +55,7 @@ def run(arguments: Namespace) -> int:
     title = f'vehicle {situation.vehicle.name}, route {arguments.route}'
     best = optimum.plan
     gaps_wh = {plan.method: energy_gap_wh(plan, best) for plan in plans}
-    differences = {plan.method: difference(plan, best) for plan in plans}
+    differences = {plan.method: difference_of_plans(plan, best) for plan in plans}
     if arguments.json:
         write_json(arguments.json, {
             'plans': {plan.method: plan.as_dictionary() for plan in plans},

@@ -149,7 +149,7 @@ def print_summary(console: Console, summary: Figures) -> None:
         console.print(
             f'{method}: worst gap in trip {figures["worst_trip"]}; ' +
             (f'{others} trips have none, as it does not reach the same as the program '
-             f'(to {SAME_SHORTFALL_K:g} K); ' if others else '') +
+             f'(to {SAME_SHORTFALL_K:g} K) or leaves free heat above the target; ' if others else '') +
             f'{figures["plans_that_break_limits"]} plans break a limit and are shown as driven '
             f'within it; {len(figures["disagreements"])} trips in which its status contradicts '
             'the program', soft_wrap=True)

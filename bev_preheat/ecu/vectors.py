@@ -17,6 +17,7 @@ import numpy as np
 from bev_preheat.compiled.library import without_core
 from bev_preheat.errors import InvalidInput
 from bev_preheat.planning.limits import limits_hold
+from bev_preheat.planning.free_heat import leave_useless_heat
 from bev_preheat.planning.merit_order import plan_merit_order
 from bev_preheat.planning.optimal_switch import plan_optimal_switch
 from bev_preheat.planning.outcome import find_outcome
@@ -135,7 +136,9 @@ def _by_merit(trip: Trip, state: BatteryState, goal: Goal, unheated: Schedule) -
     guard = Safeguard(trip, state, goal, unheated)
     if guard.unheated.empty_at_s is not None:
         return None
-    schedule = plan_merit_order(trip, state, goal, unheated)
+    schedule = leave_useless_heat(
+        trip, state, goal.target_temperature_c, plan_merit_order(trip, state, goal, unheated),
+        lambda bounded: plan_merit_order(bounded, state, goal, unheated))
     return schedule if guard.allows(schedule) else None
 
 

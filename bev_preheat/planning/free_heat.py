@@ -22,6 +22,7 @@ from bev_preheat.planning.dynamics import compiled_vehicle, JOULES_PER_WH, termi
 from bev_preheat.planning.heat_run import initial_states
 from bev_preheat.planning.limits import drive_as_planned
 from bev_preheat.planning.safeguard import lacking_power
+from bev_preheat.planning.trip import BELOW_HIGHEST_K
 
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray
@@ -29,14 +30,14 @@ if TYPE_CHECKING:
     from bev_preheat.planning.situation import BatteryState
     from bev_preheat.planning.trip import Trip
 
-# Free heat stays this far below the highest temperature of the battery's range, or at the target if that is higher.
-BELOW_HIGHEST_K = 5.0
 # A joule of free heat must bring at least so many joules of charge.
 LEAST_GAIN = 0.1
 # A plan that arrives no warmer than this above its target has no use for a ceiling.
 ABOVE_TARGET_K = 0.2
 # So many ceilings are tried.
-MOST_CEILINGS = 2
+MOST_CEILINGS = 3
+# The first one aims so far above the target, the next ones by this factor of what was missed higher.
+AIM_K, MORE_AIM = 0.1, 1.2
 # A battery is full from this state of charge on.
 FULL_SOC = 1.0 - 1e-6
 # The plan under a ceiling may miss the target by so much more.
@@ -60,25 +61,23 @@ def leave_useless_heat(trip: Trip, state: BatteryState, target_c: float, schedul
     """
     if not _is_too_warm(trip, target_c, schedule):
         return schedule
-    ceiling_c, bounded = None, schedule
+    ceiling_c, bounded, aim_c = None, schedule, target_c + AIM_K
     for _ in range(MOST_CEILINGS):
         # A battery that is heated less is less full, and warmth may gain more there.
-        along_c = find_surplus_ceiling_c(trip, state, target_c, bounded.soc)
+        along_c = find_surplus_ceiling_c(trip, state, aim_c, bounded.soc)
         ceiling_c = along_c if ceiling_c is None else np.maximum(ceiling_c, along_c)
         bounded = plan_again(replace(trip, surplus_ceiling_c=ceiling_c))
         if _is_as_useful(trip, target_c, bounded, schedule):
             return bounded
+        # How much of a kelvin is left depends on how warm the battery is.
+        aim_c += MORE_AIM * max(target_c - float(bounded.temperature_c[-1]), 0.0)
     return schedule
 
 
 def _is_too_warm(trip: Trip, target_c: float, schedule: Schedule) -> bool:
-    """Return whether free heat, if there is any, leads beyond the target, or near the highest temperature."""
+    """Return whether free heat, if there is any, leads beyond the target."""
     is_free = (schedule.heater_power_w > 0.0) & (trip.route.propulsion_power_w < 0.0)
-    if not is_free.any():
-        return False
-    highest_c = trip.vehicle.battery.temperature_range_c[1]
-    return bool(schedule.temperature_c[-1] > target_c + ABOVE_TARGET_K
-                or schedule.temperature_c[1:][is_free].max() > highest_c - BELOW_HIGHEST_K)
+    return bool(is_free.any() and schedule.temperature_c[-1] > target_c + ABOVE_TARGET_K)
 
 
 def _is_as_useful(trip: Trip, target_c: float, bounded: Schedule, free: Schedule) -> bool:

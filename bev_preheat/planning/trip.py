@@ -26,6 +26,8 @@ TIME_CONSTANT_SHARE = 0.5
 # no more segments than this.
 KEPT_TRIPS = 8
 MOST_KEPT_SEGMENTS = 2000
+# Surplus regeneration heats no further than this below the highest temperature of the battery's range.
+BELOW_HIGHEST_K = 5.0
 # Columns of a step's arguments in `model`, after the states.
 Inputs: TypeAlias = 'tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]'
 
@@ -37,7 +39,7 @@ class Trip:
 
     `idle_power_w` is P_t without battery heating, `idle_heat_w` is gamma T_amb + Q_ed,
     `heater_limit_w` what the cabin leaves of the HVCH (9g). By the end of each step surplus regeneration may
-    heat the battery to `surplus_ceiling_c` [deg C], where that is None to its highest temperature.
+    heat the battery to `surplus_ceiling_c` [deg C], where that is None to BELOW_HIGHEST_K below its highest.
     """
 
     vehicle: Vehicle
@@ -56,7 +58,7 @@ class Trip:
         """How warm surplus may make the battery by the end of each step [deg C], (N,)."""
         if self.surplus_ceiling_c is not None:
             return self.surplus_ceiling_c
-        return np.full(len(self.route), self.vehicle.battery.temperature_range_c[1])
+        return np.full(len(self.route), self.vehicle.battery.temperature_range_c[1] - BELOW_HIGHEST_K)
 
     @cached_property
     def compiled(self) -> CompiledTrip:

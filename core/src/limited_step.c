@@ -139,7 +139,8 @@ static bev_status drive_between(const bev_limited_run *run, const step_start *st
   const double propulsion_w = run->trip->propulsion_power_w[start->k];
   const double highest_c = run->vehicle->highest_c;
   const double *const ceiling_c = run->trip->surplus_ceiling_c;
-  const double surplus_ceiling_c = ceiling_c == NULL ? highest_c : ceiling_c[start->k];
+  const double surplus_ceiling_c =
+      ceiling_c == NULL ? highest_c - BEV_BELOW_HIGHEST_K : ceiling_c[start->k];
   const bool may_overcharge = run->may_overcharge[start->k] != 0u;
   double paid_w = 0.0;
   bev_status status = limited_command(run, start, limits_w, command_w, &paid_w);

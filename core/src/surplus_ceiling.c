@@ -1,14 +1,17 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* How warm surplus regeneration may heat the battery: bev_preheat.planning.free_heat, where the reasons stand. */
-#include <stdbool.h>
+#include "surplus_ceiling.h"
 
 #include "checks.h"
-#include "courses.h"
+#include "heating.h"
 #include "limited_step.h"
+#include "prices.h"
 
-#define BELOW_HIGHEST_K 5.0
 #define LEAST_GAIN 0.1
+#define ABOVE_TARGET_K 0.2
+#define MISSED_K 1e-3
 #define WARMER_K 5.0
+#define JOULES_PER_WH 3600.0
 #define LEAST_KEPT 1e-3
 #define PIECES 32
 #define WIDER 1.15
@@ -79,7 +82,7 @@ static bev_status find_ceiling(const coasting *of, double target_c, double *ceil
   const double arrival_c = of->temperature_c[steps];
   const double highest_c = of->vehicle->highest_c;
   const double most_c =
-      bev_maximum(highest_c - BELOW_HIGHEST_K, bev_minimum(target_c, highest_c));
+      bev_maximum(highest_c - BEV_BELOW_HIGHEST_K, bev_minimum(target_c, highest_c));
   double gained_j[PIECES + 1] = {0.0};
   bool is_full = false;
   for (int32_t k = steps - 1; k >= 0; k--) {
@@ -138,4 +141,40 @@ bev_status bev_find_surplus_ceiling(const bev_vehicle *vehicle, const bev_trip *
     width_k *= WIDER;
   }
   return find_ceiling(&of, target_c, ceiling_c);
+}
+
+bool bev_is_too_warm(const bev_trip *trip, double target_c, const bev_course *course) {
+  bool is_free = false;
+  for (int32_t k = 0; k < trip->steps; k++) {
+    is_free = is_free || (course->powers_w[0][k] > 0.0 && trip->propulsion_power_w[k] < 0.0);
+  }
+  return is_free && course->states[1][trip->steps] > target_c + ABOVE_TARGET_K;
+}
+
+bev_status bev_is_as_useful(const bev_vehicle *vehicle, const bev_trip *trip, double target_c,
+                            const bev_course *bounded, const bev_course *free_run, bool *is_so) {
+  const int32_t steps = trip->steps;
+  const int32_t drawn = bounded->rows == 2 ? 0 : 2;
+  const double missed_k = target_c - bounded->states[1][steps];
+  const double free_missed_k = target_c - free_run->states[1][steps];
+  double lacking_w = 0.0;
+  double free_lacking_w = 0.0;
+  double saved_j = 0.0;
+  *is_so = false;
+  if ((bounded->stranding.step < 0) != (free_run->stranding.step < 0)
+      || missed_k > bev_maximum(free_missed_k, 0.0) + MISSED_K) {
+    return BEV_OK;
+  }
+  bev_status status = bev_lacking_w(vehicle, trip, bounded, &lacking_w);
+  if (status == BEV_OK) {
+    status = bev_lacking_w(vehicle, trip, free_run, &free_lacking_w);
+  }
+  for (int32_t k = 0; k < steps; k++) {
+    saved_j += (free_run->powers_w[drawn][k] - bounded->powers_w[drawn][k]) * trip->duration_s[k];
+  }
+  const double lost_wh = (free_run->states[0][steps] - bounded->states[0][steps])
+      * bev_whole_charge_wh(vehicle, free_run->states[0][steps], free_run->states[1][steps]);
+  *is_so = lacking_w <= free_lacking_w
+      && lost_wh <= LEAST_GAIN * bev_maximum(saved_j / JOULES_PER_WH, 0.0);
+  return status;
 }

@@ -16,7 +16,7 @@ from bev_preheat.route.segments import make_route
 
 CAR = drawn_situations.car(drawn_situations.CARS[0])
 BAD_ARGUMENT, BAD_INPUT = -1, -3
-COLUMNS = [field.name for field in fields(Trip) if field.name not in ('vehicle', 'route')]
+COLUMNS = [field.name for field in fields(Trip) if field.name not in ('vehicle', 'route', 'surplus_ceiling_c')]
 
 
 def drawn(number):

@@ -34,7 +34,7 @@
                                                              : BEV_ECU_LATE_MEMORY(steps))
 
 /* Memory of bev_ecu_plan_merit_order: doubles, and bytes. */
-#define BEV_ECU_MERIT_MEMORY(steps) (BEV_MERIT_PLAN_MEMORY(steps) + 13 * (steps) + 8)
+#define BEV_ECU_MERIT_MEMORY(steps) (BEV_MERIT_PLAN_MEMORY(steps) + 22 * (steps) + 12)
 #define BEV_ECU_MERIT_FLAGS(steps) BEV_MERIT_BYTES(steps)
 
 /* The state at the start of a trip, and what is wanted on arrival. */

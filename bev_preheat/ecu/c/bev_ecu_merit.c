@@ -11,6 +11,7 @@
 
 #include "courses.h"
 #include "limits_of_run.h"
+#include "surplus_ceiling.h"
 
 /* Where power lacks in any case, a plan that lacks so many watts more is no worse. */
 #define NO_WORSE_W 10.0
@@ -21,7 +22,11 @@ typedef struct {
   double *idle_states;
   double *states;
   double *powers_w;
+  /* Those of a plan under a ceiling on free heat, and that ceiling. */
+  double *bounded_states;
+  double *bounded_powers_w;
   double *ceiling_c;
+  double *along_c;
   double *work;
   uint8_t *watched;
   int32_t *order;
@@ -113,22 +118,79 @@ static bev_status keep_accounts(const bev_vehicle *vehicle, const bev_trip *trip
   return status;
 }
 
+/* The plan for a trip, whose run is written. */
+static bev_status plan_run(const bev_vehicle *vehicle, const bev_trip *trip,
+                           const bev_ecu_situation *situation, const merit_room *room,
+                           double *states, double *powers_w, bev_merit_plan *plan,
+                           bev_course *course) {
+  const bev_settling goal = {1, situation->target_c, situation->least_soc};
+  const bev_status status =
+      bev_plan_merit_order(vehicle, trip, &goal, room->idle_states, states, powers_w,
+                           room->watched, room->order, room->work, plan);
+  *course = bev_course_of(room->rows, trip->steps, states, powers_w);
+  course->stranding = plan->stranding;
+  return status;
+}
+
+/* The plan, made again under a ceiling on free heat if that loses no use: bev_preheat.planning.free_heat. */
+static bev_status plan_useful(const bev_vehicle *vehicle, const bev_trip *trip,
+                              const bev_ecu_situation *situation, merit_room *room,
+                              bev_merit_plan *found, bev_course *course) {
+  const double start[4] = {situation->soc, situation->temperature_c, situation->heater_w,
+                           situation->coolant_excess_k};
+  bev_status status = plan_run(vehicle, trip, situation, room, room->states, room->powers_w,
+                               found, course);
+  if (status != BEV_OK || !bev_is_too_warm(trip, situation->target_c, course)) {
+    return status;
+  }
+  bev_trip bounded_trip = *trip;
+  const double *soc = room->states;
+  double aim_c = situation->target_c + BEV_AIM_K;
+  bool is_useful = false;
+  for (int32_t n = 0; n < BEV_MOST_CEILINGS && status == BEV_OK && !is_useful; n++) {
+    bev_merit_plan bounded;
+    bev_course bounded_course;
+    status = bev_find_surplus_ceiling(vehicle, trip, start, aim_c, soc, room->work, room->watched,
+                                      room->along_c);
+    for (int32_t k = 0; k < trip->steps && status == BEV_OK; k++) {
+      room->ceiling_c[k] = n == 0 || room->along_c[k] > room->ceiling_c[k] ? room->along_c[k]
+                                                                          : room->ceiling_c[k];
+    }
+    bounded_trip.surplus_ceiling_c = room->ceiling_c;
+    if (status == BEV_OK) {
+      status = plan_run(vehicle, &bounded_trip, situation, room, room->bounded_states,
+                        room->bounded_powers_w, &bounded, &bounded_course);
+    }
+    if (status == BEV_OK) {
+      status = bev_is_as_useful(vehicle, trip, situation->target_c, &bounded_course, course,
+                                &is_useful);
+    }
+    if (status == BEV_OK && is_useful) {
+      room->states = room->bounded_states;
+      room->powers_w = room->bounded_powers_w;
+      *found = bounded;
+      *course = bounded_course;
+    }
+    soc = room->bounded_states;
+    if (status == BEV_OK && bounded_course.states[1][trip->steps] < situation->target_c) {
+      aim_c += BEV_MORE_AIM * (situation->target_c - bounded_course.states[1][trip->steps]);
+    }
+  }
+  return status;
+}
+
 static bev_status plan_within_limits(const bev_vehicle *vehicle, const bev_trip *trip,
-                                     const bev_ecu_situation *situation, const merit_room *room,
+                                     const bev_ecu_situation *situation, merit_room *room,
                                      bev_ecu_plan *plan) {
   const int32_t steps = trip->steps;
-  const bev_settling goal = {1, situation->target_c, situation->least_soc};
   bev_merit_plan found;
+  bev_course course;
   double allowed_w = 0.0;
   bev_status status = run_idle(vehicle, trip, situation, room);
   if (status == BEV_OK) {
-    status = bev_plan_merit_order(vehicle, trip, &goal, room->idle_states, room->states,
-                                  room->powers_w, room->watched, room->order, room->work,
-                                  &found);
+    status = plan_useful(vehicle, trip, situation, room, &found, &course);
   }
   if (status == BEV_OK) {
-    bev_course course = bev_course_of(room->rows, steps, room->states, room->powers_w);
-    course.stranding = found.stranding;
     status = bev_lacking_w(vehicle, trip, &course, &plan->lacking_w);
   }
   if (status == BEV_OK) {
@@ -169,7 +231,10 @@ bev_status bev_ecu_plan_merit_order(const bev_vehicle *vehicle, const bev_trip *
   room.idle_states = bev_take(&memory, room.rows * (trip->steps + 1));
   room.states = bev_take(&memory, room.rows * (trip->steps + 1));
   room.powers_w = bev_take(&memory, room.rows * trip->steps);
+  room.bounded_states = bev_take(&memory, room.rows * (trip->steps + 1));
+  room.bounded_powers_w = bev_take(&memory, room.rows * trip->steps);
   room.ceiling_c = bev_take(&memory, trip->steps);
+  room.along_c = bev_take(&memory, trip->steps);
   room.work = memory;
   room.watched = flags;
   room.order = order;

@@ -43,10 +43,9 @@ def summarise_gaps(results: Sequence[GapResult], methods: Iterable[str]) -> Figu
             # Of the trips on which the method reaches the same as the program.
             'compared_trips': len(compared),
             'gap_wh': _distribution([gap_wh for gap_wh, _ in compared]),
-            # What pays for itself may lead beyond the target, which is no error.
             'arrival_error_k': _distribution([
-                abs(result.methods[method].arrival_temperature_c
-                    - max(result.target_c, result.optimal_arrival_c))
+                _arrival_error_k(result.methods[method].arrival_temperature_c, result.target_c,
+                                 result.optimal_arrival_c)
                 for result in feasible if result.optimal_arrival_c is not None]),
             'violation': _distribution([result.violation for result in own]),
             'plans_that_break_limits': sum(not result.keeps_limits for result in own),
@@ -58,6 +57,12 @@ def summarise_gaps(results: Sequence[GapResult], methods: Iterable[str]) -> Figu
             'worst_trip': max(compared, key=itemgetter(0))[1] if compared else None,
         }
     return summary
+
+
+def _arrival_error_k(arrival_c: float, target_c: float, optimal_arrival_c: float) -> float:
+    """Return by how much an arrival lies outside the target and the program's arrival [K]."""
+    # Heat that pays for itself may lead beyond the target, as far as the program takes it.
+    return max(target_c - arrival_c, arrival_c - max(target_c, optimal_arrival_c), 0.0)
 
 
 def _distribution(values: Sequence[float]) -> dict[str, float]:

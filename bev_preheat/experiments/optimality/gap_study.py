@@ -13,7 +13,7 @@ import numpy as np
 from bev_preheat.experiments.numbered import run_numbered
 from bev_preheat.experiments.optimality.drawn_trips import DRAWS
 from bev_preheat.numerics.arithmetic import ARRAYS
-from bev_preheat.planning.comparison import difference, energy_gap_wh
+from bev_preheat.planning.comparison import difference_of_plans, energy_gap_wh
 from bev_preheat.planning.planner import as_driven, DEFAULT_METHOD, METHODS, plan_preheating, SHORTFALL_TOLERANCE_K
 from bev_preheat.planning.status import Status
 from bev_preheat.planning.trip import make_trip
@@ -115,7 +115,7 @@ def solve_trip(vehicle: Vehicle, seed: int, number: int, trips: str = 'free') ->
             arrival_temperature_c=plan.arrival_temperature_c,
             energy_wh=plan.energy_wh.battery_total,
             gap_wh=energy_gap_wh(plan, best) if best else None,
-            difference=difference(plan, best) if best else '',
+            difference=difference_of_plans(plan, best) if best else '',
             arrival_soc=plan.arrival_soc,
             violation=_violation(trip, plan) if limited else 0.0,
             keeps_limits=plan is plans[method],

@@ -149,7 +149,7 @@ typedef struct {
   const double *ambient_temperature_c;
   /*
    * How warm surplus regeneration may make the battery by the end of each step [deg C], as bev_find_surplus_ceiling
-   * has it; null: up to its highest temperature.
+   * has it; null: up to 5 K below its highest temperature.
    */
   const double *surplus_ceiling_c;
 } bev_trip;

@@ -1,0 +1,23 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Whether a plan heats with surplus that is of no use: bev_preheat.planning.free_heat. */
+#ifndef BEV_PREHEAT_CORE_SURPLUS_CEILING_H_
+#define BEV_PREHEAT_CORE_SURPLUS_CEILING_H_
+
+#include <stdbool.h>
+
+#include "courses.h"
+
+/* So many ceilings are tried. */
+#define BEV_MOST_CEILINGS 3
+/* The first one aims so far above the target, the next ones by this factor of what was missed higher. */
+#define BEV_AIM_K 0.1
+#define BEV_MORE_AIM 1.2
+
+/* Whether free heat, if there is any, leads beyond the target. */
+bool bev_is_too_warm(const bev_trip *trip, double target_c, const bev_course *course);
+
+/* Whether what a run has less than another, in charge, warmth and power, is worth the heat it saves. */
+bev_status bev_is_as_useful(const bev_vehicle *vehicle, const bev_trip *trip, double target_c,
+                            const bev_course *bounded, const bev_course *free_run, bool *is_so);
+
+#endif /* BEV_PREHEAT_CORE_SURPLUS_CEILING_H_ */
