@@ -94,7 +94,8 @@ class _Recorder:
                 self.record.note_heater(_instant_s(message), values['heater'])
             elif status.name == SIGNALS_ENTRY and _instant_s(message) > 0.0:
                 self.record.regimes.append((_instant_s(message), values['regime']))
-                self.record.note_signals(_instant_s(message), SIGNALS & values.keys())
+                self.record.note_signals(_instant_s(message), [
+                    name for name in SIGNALS if any(key.startswith(f'{name} in doubt') for key in values)])
         outcome = outcome_from_diagnostics(message)
         if outcome is not None and not self.has_ended:
             self.ends = phase_ends(message)

@@ -120,7 +120,10 @@ class _Drive:
 
     def _battery_event(self, reading: Reading) -> BatteryStateArrived | BatteryStateUnreadable:
         if math.isnan(reading.temperature_c):
-            return BatteryStateUnreadable(InvalidInput('temperature: nan is not a known value'))
+            return BatteryStateUnreadable(InvalidInput('temperature: nan is not a known value'), reading.soc)
+        if reading.soc > 1.0:
+            return BatteryStateUnreadable(InvalidInput(
+                f'percentage: {reading.soc:g} is not allowed; it must be 0 ... 1'), reading.soc)
         return BatteryStateArrived(Measurement(
             BatteryState(reading.temperature_c, reading.soc),
             START_NS + round(self._car.stamp_s(reading.instant_s) * NS_PER_S),

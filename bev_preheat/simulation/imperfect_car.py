@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 import math
 from typing import NamedTuple, TYPE_CHECKING
 
@@ -14,7 +14,7 @@ import numpy as np
 from bev_preheat.simulation.heater_faults import fault_at, HeaterFault, next_change_s
 from bev_preheat.simulation.heater_lease import HeaterLease
 from bev_preheat.simulation.mismatch import Mismatch, true_route, true_vehicle
-from bev_preheat.simulation.phases import Charge, Drive, Park
+from bev_preheat.simulation.phases import Charge, Drive
 from bev_preheat.simulation.position import Position, PositionReports
 from bev_preheat.simulation.sensors import Reading, SensorReadings, Sensors
 from bev_preheat.simulation.traffic import clock_offset_s, ClockJump, drive_with_events, Event, News
@@ -236,7 +236,7 @@ class ImperfectCar:
 
     def _has_ended(self) -> bool:
         phase, plant = self.phase, self.plant
-        return plant.is_standing or isinstance(phase, Charge) and plant.soc >= phase.until_soc
+        return plant.is_standing or (isinstance(phase, Charge) and plant.soc >= phase.until_soc)
 
     def _end_phase(self) -> None:
         plant = self.plant

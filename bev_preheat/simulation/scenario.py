@@ -160,17 +160,16 @@ class _PhaseReader:
         phases: list[Phase] = []
         for at, item in enumerate(contents['chain']):
             where, kinds = f'chain[{at}]', [key for key in item if key != 'expect']
-            if len(kinds) != 1 or at == 0 and kinds != ['drive']:
+            if len(kinds) != 1 or (at == 0 and kinds != ['drive']):
                 raise InvalidInput(f'{where}: has {", ".join(kinds) or "nothing"}; it must have '
                                    + ('a drive' if at == 0 else 'one of drive, charge, park'))
             node = item[kinds[0]]
             if kinds == ['drive']:
-                phase: Phase = self.drive(node, f'{where}.drive.')
-                if phase.announced_s > 0.0 and not isinstance(phases[-1] if phases else None, Park):
+                if node.get('announced_s') and not (phases and isinstance(phases[-1], Park)):
                     raise InvalidInput(f'{where}.drive.announced_s: is for a drive after a park')
+                phases.append(self.drive(node, f'{where}.drive.'))
             else:
-                phase = (Charge if kinds == ['charge'] else Park)(**node)
-            phases.append(phase)
+                phases.append((Charge if kinds == ['charge'] else Park)(**node))
         return phases
 
     def drive(self, node: dict[str, FileData], where: str) -> Drive:
@@ -179,9 +178,9 @@ class _PhaseReader:
         if 'route' not in node:
             raise InvalidInput('drive: missing route')
         route = self._route(node['route'])
-        traffic = node.get('traffic', ())
-        events = tuple(_event(f'{where}traffic[{at}]', each, self._route(each['route']) if 'route' in each else None)
-                       for at, each in enumerate(traffic))
+        events = tuple(
+            _event(f'{where}traffic[{at}]', each, self._route(each['route']) if 'route' in each else None)
+            for at, each in enumerate(node.get('traffic', ())))
         if 'ends_after_s' in node:
             if node['ends_after_s'] > route.total_duration_s:
                 raise InvalidInput(f'{where or "drive."}ends_after_s: {node["ends_after_s"]:g} s is beyond the '

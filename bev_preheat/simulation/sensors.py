@@ -142,7 +142,7 @@ class SensorReadings:
             self._send(reading)
 
     def _send(self, reading: Reading) -> None:
-        """Let a Reading be under way, in turn with those of another battery, and in the order in which they arrive."""
+        """Let a Reading be under way, in turn with those of another battery, or after the next one."""
         sensors = self.sensors
         self._taken += 1
         if sensors.invalid_every > 0 and self._taken % sensors.invalid_every == 0:
@@ -210,7 +210,7 @@ def _spike_k(now_s: float, spikes: Iterable[Spike]) -> float:
 
 
 def _supply_status(kind: str, is_charging: bool, current_a: float) -> SupplyStatus:
-    """Return what power_supply_status says, by its kind of SUPPLY_STATUS; a regeneration has the sign of charging."""
+    """Return what power_supply_status says, by one of SUPPLY_STATUS; regeneration has the sign of charging."""
     if kind == 'unknown':
         return SupplyStatus.UNKNOWN
     is_charging = is_charging if kind == 'plugged' else current_a < 0.0

@@ -71,7 +71,7 @@ class VehiclePlant:
     """
 
     def __init__(self, vehicle: Vehicle, route: Route, state: BatteryState, start_s: float = 0.0) -> None:
-        """Put a vehicle at the start of a route at an instant [s], with the battery in `state` (a BatteryState)."""
+        """Put a vehicle at the start of a route at an instant [s], with the battery in a BatteryState."""
         self.vehicle, self.start_s = vehicle, start_s
         # In it, segments that are too long for one Trip step are divided.
         trip = make_trip(vehicle, route)
@@ -136,7 +136,7 @@ class VehiclePlant:
         return self.start_s + self.duration_s if self.empty_at_s is None else self.empty_at_s
 
     def followed_by(self, vehicle: Vehicle, route: Route) -> VehiclePlant:
-        """Return the plant that goes on from here and now on another Route, as another Vehicle; its sums start at 0."""
+        """Return the plant that goes on from here and now, as another Vehicle on another Route, with sums of 0."""
         following = VehiclePlant(vehicle, route, BatteryState(
             self.temperature_c, self.soc, self._power_at_end_w, self.coolant_c - self.temperature_c), self.time_s)
         following.sensor_c = self.sensor_c

@@ -243,7 +243,7 @@ class TestWhileTheClockIsHeld:
         assert math.isnan(message.capacity)
         # Terminal power of the first segment, but for its ripple; negative current = discharging.
         assert message.voltage * message.current == pytest.approx(-(8e3 + 2100.0 + 450.0), rel=1e-2)
-        assert message.power_supply_status == BatteryState.POWER_SUPPLY_STATUS_DISCHARGING
+        assert message.power_supply_status == BatteryState.POWER_SUPPLY_STATUS_UNKNOWN
         assert message.present
 
     def test_without_a_target_it_is_left_to_the_planner(self, held):

@@ -5,16 +5,28 @@ from math import nan
 
 import pytest
 
-from bev_preheat.simulation.evaluation import DriveRecord, evaluate
-from bev_preheat.simulation.scenario import Expectations
+from bev_preheat.simulation.evaluation import DriveRecord, evaluate, evaluate_chain, fill_phases, PhaseEnd
+from bev_preheat.simulation.scenario import Expectations, load_scenario
 
 COMMANDS = [(0.0, 0.0, 'WAITING'), (10.0, 5000.0, 'HEATING'), (20.0, 5000.0, 'HEATING'),
             (30.0, 0.0, 'STALE_INPUT'), (40.0, 3000.0, 'HEATING'), (50.0, 0.0, 'ARRIVED')]
 
 
-def found(arrival_c=25.3, seen_heater='answers', **expected):
+def a_record(arrival_c=25.3, seen_heater='answers'):
     record = DriveRecord(25.0, list(COMMANDS), {'WAITING', 'HEATING', 'STALE_INPUT', 'ARRIVED'},
-                         seen_heater, arrival_c)
+                         arrival_c=arrival_c, hottest_heated_c=31.0)
+    for instant_s, regime, verdict, doubted in (
+            (0.0, 'driving', 'answers', ()), (20.0, 'driving', 'answers', ('current',)),
+            (30.0, 'standing', 'derated', ('current', 'source')), (40.0, 'driving', seen_heater, ()),
+            (50.0, 'driving', seen_heater, ('current',))):
+        record.regimes.append((instant_s, regime))
+        record.note_heater(instant_s, verdict)
+        record.note_signals(instant_s, doubted)
+    return record
+
+
+def found(arrival_c=25.3, seen_heater='answers', **expected):
+    record = a_record(arrival_c, seen_heater)
     finding, = evaluate(Expectations(**expected), record)
     return finding
 
@@ -27,7 +39,15 @@ def found(arrival_c=25.3, seen_heater='answers', **expected):
     ({'never': ('INTERNAL_ERROR',)}, True), ({'never': ('STALE_INPUT',)}, False),
     ({'off_during': ((30.0, 40.0),)}, True), ({'off_during': ((30.0, 40.1),)}, False),
     ({'heats_during': ((0.0, 11.0),)}, True), ({'heats_during': ((0.0, 10.0),)}, False),
-    ({'heater': 'answers'}, True), ({'heater': 'dead'}, False)])
+    ({'heater': 'answers'}, True), ({'heater': 'dead'}, False),
+    ({'never_heater_verdict': True}, False),
+    ({'not_heated_above_c': 31.0}, True), ({'not_heated_above_c': 30.9}, False),
+    ({'regime_during': (('driving', 0.0, 30.0),)}, True), ({'regime_during': (('driving', 0.0, 30.1),)}, False),
+    ({'regime_during': (('standing', 30.0, 40.0),)}, True), ({'regime_during': (('driving', 60.0, 70.0),)}, False),
+    ({'never_regimes': ('charging', 'unknown')}, True), ({'never_regimes': ('charging', 'standing')}, False),
+    ({'signals': ('source',), 'named_within_s': 30.0}, True),
+    ({'signals': ('source',), 'named_within_s': 29.9}, False),
+    ({'signals': ('source',)}, True), ({'signals': ('feed',)}, False), ({'no_signals': True}, False)])
 def test_each_expectation_is_held_against_the_drive(expected, good):
     assert found(**expected).good is good
 
@@ -56,3 +76,42 @@ def test_nothing_expected_nothing_found():
 def test_switch_ons_count_the_first():
     assert DriveRecord(25.0, [(0.0, 100.0, 'HEATING')]).switch_ons == 1
     assert DriveRecord(25.0).switch_ons == 0
+
+
+def test_a_heater_and_signals_of_which_nothing_is_said_are_good():
+    record = DriveRecord(25.0)
+    record.note_heater(0.0, 'answers')
+    record.note_signals(0.0, ())
+    assert [finding.good for finding in evaluate(
+        Expectations(never_heater_verdict=True, no_signals=True), record)] == [True, True]
+
+
+def test_a_signal_that_is_in_doubt_again_is_named_again():
+    record = a_record()
+    assert record.signals == [(20.0, 'current'), (30.0, 'source'), (50.0, 'current')]
+    assert record.heater_verdicts == [(0.0, 'answers'), (30.0, 'derated'), (40.0, 'answers')]
+
+
+def test_a_phase_is_held_against_what_was_seen_in_it():
+    # Its phases: drive, charge, park, drive; the clock of the chain does not jump.
+    scenario = load_scenario('stood_after_charging')
+    record = a_record()
+    fill_phases(record, scenario, [PhaseEnd(0.0, 20.0, 24.0), PhaseEnd(20.0, 35.0, nan),
+                                   PhaseEnd(35.0, 38.0, nan), PhaseEnd(38.0, 60.0, 25.5)])
+    first, charged, parked, last = record.phases
+    assert (first.arrival_c, last.arrival_c, record.arrival_c) == (24.0, 25.5, 24.0)
+    assert (first.switch_ons, charged.commands) == (1, [(0.0, 5000.0, 'HEATING'), (10.0, 0.0, 'STALE_INPUT')])
+    assert charged.regimes == [(0.0, 'driving'), (10.0, 'standing')]
+    assert charged.signals == [(0.0, 'current'), (10.0, 'source')]
+    # What is said of the heater holds until something else is said.
+    assert parked.heater_verdicts == [(0.0, 'derated')]
+    assert last.heater_verdicts == [(0.0, 'derated'), (2.0, 'answers')]
+    findings = evaluate_chain(Expectations(), (None, Expectations(most_switch_ons=0), None, Expectations(
+        arrival_error_k=(0.4, 0.6))), record)
+    assert [(finding.what, finding.good) for finding in findings] == [
+        ('phase 2: heater switched on [times]', False), ('phase 4: arrival error [K]', True)]
+
+
+def test_a_chain_that_never_came_to_its_end_is_no_good():
+    finding, = evaluate_chain(Expectations(), (None, None), DriveRecord(25.0))
+    assert (finding.what, finding.expected, finding.seen, finding.good) == ('phases', '2', '0', False)

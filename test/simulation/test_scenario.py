@@ -8,9 +8,12 @@ import yaml
 
 from bev_preheat.errors import InvalidInput
 from bev_preheat.files.configuration import configuration_folder
+from bev_preheat.planning.situation import Goal
 from bev_preheat.simulation.evaluation import evaluate
+from bev_preheat.simulation.phases import Charge, Park
 from bev_preheat.simulation.position import PositionReports
 from bev_preheat.simulation.scenario import load_scenario
+from bev_preheat.simulation.sensors import OtherBattery, Spike
 from bev_preheat.simulation.traffic import Kind
 from bev_preheat.supervision.inputs import NS_PER_S
 from bev_preheat.vehicle.heat_path import HeatPath
@@ -27,7 +30,11 @@ GOOD = {
     'planner': {'minimum_off_time': 60.0, 'estimation': False},
     'mismatch': {'heat_capacity': 1.1, 'propulsion_power_variability': 0.2},
     'sensors': {'temperature_noise_k': 0.2, 'period_s': 0.5, 'drop_outs': [[10, 20]],
-                'invalid': [[30, 40]]},
+                'invalid': [[30, 40]], 'spikes': [{'from_s': 5, 'until_s': 9, 'by_k': 2}],
+                'invalid_every': 7, 'reordered_every': 8, 'temperature_stuck_at_c': -40, 'soc_stuck_at': 0,
+                'soc_scale': 100, 'voltage_stuck_at_v': 12.6, 'voltage_scale': 0.1, 'reverses_current': True,
+                'supply_status': 'sign', 'location': 'floor', 'other': {
+                    'temperature_c': 20, 'soc': 0.9, 'voltage_v': 24.6, 'location': 'trunk', 'is_first': True}},
     'heater_faults': [{'from_s': 100, 'until_s': 200, 'share': 0.4}, {'from_s': 300,
                                                                       'stuck_on': True}],
     'traffic': [{'event': 'stop', 'at_s': 400, 'duration_s': 60, 'route_plan_after_s': None},
@@ -38,7 +45,9 @@ GOOD = {
     'route_progress': {'period_s': 2.0, 'noise_m': 5.0, 'drop_outs': [[100, 200]]},
     'expect': {'arrival_error_k': [-0.5, 1.0], 'most_switch_ons': 3, 'statuses': ['WAITING'],
                'never': ['INTERNAL_ERROR'], 'off_during': [[30, 40]], 'heats_during': [[500, 600]],
-               'heater': 'stuck on'},
+               'heater': 'stuck on', 'never_heater_verdict': True, 'not_heated_above_c': 40,
+               'regime_during': [{'regime': 'standing', 'from_s': 460, 'until_s': 500}],
+               'never_regimes': ['charging'], 'signals': ['current'], 'named_within_s': 120},
 }
 
 
@@ -69,7 +78,7 @@ def test_a_scenario_that_comes_along_says_what_it_is(name):
     assert scenario.description.endswith('.')
     assert scenario.car().plant.duration_s > 0.0
     # It expects something.
-    assert any(value not in (None, ()) for value in vars(scenario.expectations).values())
+    assert any(value not in (None, (), False) for value in vars(scenario.expectations).values())
 
 
 @pytest.mark.costly
@@ -107,6 +116,71 @@ def test_every_key_takes_effect(tmp_path):
     assert imperfections.position == PositionReports(2.0, 5.0, ((100, 200),))
     assert expected.arrival_error_k == (-0.5, 1.0)
     assert (expected.off_during, expected.heats_during) == (((30, 40),), ((500, 600),))
+    sensors = imperfections.sensors
+    assert (sensors.spikes, sensors.other) == (
+        (Spike(5, 9, 2),), OtherBattery(20, 0.9, 24.6, 0.0, 'trunk', True))
+    assert (sensors.invalid_every, sensors.reordered_every, sensors.temperature_stuck_at_c, sensors.soc_stuck_at,
+            sensors.soc_scale, sensors.voltage_stuck_at_v, sensors.voltage_scale, sensors.reverses_current,
+            sensors.supply_status, sensors.location) == (7, 8, -40, 0, 100, 12.6, 0.1, True, 'sign', 'floor')
+    assert (expected.regime_during, expected.never_regimes) == ((('standing', 460, 500),), ('charging',))
+    assert (expected.signals, expected.named_within_s) == (('current',), 120)
+    assert (expected.never_heater_verdict, expected.not_heated_above_c) == (True, 40)
+
+
+CHAIN = [
+    {'drive': {'route': 'reference', 'ends_after_s': 600, 'standing_time_s': 60, 'charging_planned': False,
+               'traffic': [{'event': 'arrive_early', 'at_s': 500, 'route_plan_after_s': None}]},
+     'expect': {'most_switch_ons': 1}},
+    {'charge': {'power_w': 90000, 'duration_s': 900, 'ambient_temperature_c': -8, 'until_soc': 0.9,
+                'cabin_heating_power_w': 1000, 'heats_itself': True}},
+    {'park': {'duration_s': 3600, 'ambient_temperature_c': -9, 'awake_s': 300},
+     'expect': {'off_during': [[10, 3600]]}},
+    {'drive': {'route': 'reference', 'ends_after_s': 700, 'announced_s': 1800, 'target_battery_temperature_c': 15,
+               'minimum_arrival_soc': 0.1, 'starts_over': True, 'route_progress': {'noise_m': 3.0}}}]
+
+
+def chained(chain, **sections):
+    contents = {key: value for key, value in GOOD.items() if key not in ('traffic', 'route_progress')}
+    return {**contents, 'drive': {'vehicle': 'reference', 'initial_battery_temperature_c': -5, 'initial_soc': 0.8},
+            'chain': chain, **sections}
+
+
+def test_every_key_of_a_chain_takes_effect(tmp_path):
+    scenario = load(tmp_path, chained(CHAIN))
+    charge, park, drive = scenario.following
+    assert charge == Charge(90000, 900, -8, 0.9, 1000, heats_itself=True)
+    assert park == Park(3600, -9, 300)
+    assert (drive.route.total_duration_s, drive.announced_s, drive.starts_over) == (700.0, 1800.0, True)
+    assert (drive.goal, drive.position) == (Goal(15.0, 0.1, True), PositionReports(noise_m=3.0))
+    assert (scenario.route.total_duration_s, scenario.standing_time_s) == (600.0, 60.0)
+    assert [event.kind for event in scenario.imperfections.events] == [Kind.ARRIVE_EARLY]
+    assert not scenario.goal.charging_planned
+    first, charged, parked, last = scenario.phase_expectations
+    assert (first.most_switch_ons, charged, parked.off_during, last) == (1, None, ((10, 3600),), None)
+    assert scenario.car().longest_s == 500.0 + 900.0 + 3600.0 + 700.0
+    assert [each.goal.charging_planned for each in scenario.drives] == [False, True]
+
+
+@pytest.mark.parametrize('contents, problem', [
+    (chained(CHAIN[1:]), r'chain\[0\]: has charge; it must have a drive'),
+    (chained([CHAIN[0], {**CHAIN[1], **CHAIN[2]}]), r'chain\[1\]: has charge, park; it must have one of'),
+    (chained([CHAIN[0], {'expect': {'no_signals': True}}]), r'chain\[1\]: has nothing; it must have one of'),
+    (chained([CHAIN[0], CHAIN[3]]), r'chain\[1\].drive.announced_s: is for a drive after a park'),
+    (chained(CHAIN, traffic=[]), 'traffic: with a chain this belongs to one of its drives'),
+    (chained(CHAIN, drive=GOOD['drive']), 'charging_planned, ends_after_s, .*: with a chain this belongs'),
+    (chained([CHAIN[0], {'charge': {'power_w': 0, 'duration_s': 9, 'ambient_temperature_c': 0}}]),
+     r'chain\[1\].charge.power_w: 0'),
+    (chained([CHAIN[0], {'drive': {'route': 'reference', 'ends_after_s': 9000}}]),
+     r'chain\[1\].drive.ends_after_s: 9000 s is beyond'),
+    (chained([CHAIN[0], {'drive': {'route': 'reference', 'traffic': [{'event': 'stop', 'at_s': 5}]}}]),
+     r'chain\[1\].drive.traffic\[0\]: stop has nothing'),
+    (chained([CHAIN[0], {**CHAIN[2], 'expect': {'off_during': [[9, 5]]}}]),
+     r'chain\[1\].expect.off_during\[0\]: \[9, 5\] must rise')])
+def test_a_wrong_chain_is_refused_with_file_key_and_value(tmp_path, contents, problem):
+    with pytest.raises(InvalidInput) as refusal:
+        load(tmp_path, contents)
+    assert re.search(problem, str(refusal.value)), refusal.value
+    assert 'tried.yaml' in str(refusal.value)
 
 
 def test_a_heat_path_is_that_of_the_vehicle_file_unless_the_scenario_has_its_own(tmp_path):
@@ -126,6 +200,7 @@ def test_a_heat_path_is_that_of_the_vehicle_file_unless_the_scenario_has_its_own
     (('drive', 'standing_time_s'), -1, 'drive.standing_time_s: -1'),
     (('drive', 'standing_time_s'), float('nan'), 'drive.standing_time_s: nan'),
     (('drive', 'initial_soc'), None, 'drive: missing initial_soc'),
+    (('drive', 'route'), None, 'drive: missing route'),
     (('drive', 'vehicle'), 'no_such', "vehicle 'no_such' is unknown"),
     (('drive', 'route'), 'no_such', "route 'no_such' is unknown"),
     (('drive', 'ends_after_s'), 5000, 'drive.ends_after_s: 5000 s is beyond'),

@@ -1,0 +1,230 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A car that drives, charges and is parked: balances and closed forms, instants, and what is said when."""
+
+from dataclasses import replace
+import math
+
+import pytest
+
+from bev_preheat.experiments.supervised_drive import moments
+from bev_preheat.planning.situation import BatteryState, Goal
+from bev_preheat.route.segments import make_route
+from bev_preheat.simulation.heater_faults import HeaterFault
+from bev_preheat.simulation.heater_lease import HeaterLease, NO_LEASE
+from bev_preheat.simulation.imperfect_car import COMPUTERS_GO_ON_S, ImperfectCar, Imperfections
+from bev_preheat.simulation.phases import ASLEEP_POWER_W, AWAKE_POWER_W, Charge, Drive, Park
+from bev_preheat.simulation.position import PositionReports
+from bev_preheat.simulation.sensors import Sensors
+from bev_preheat.simulation.traffic import ClockJump, Event, Kind
+from bev_preheat.supervision.settings import Settings
+from bev_preheat.supervision.supervisor import Supervisor
+from bev_preheat.vehicle import load_vehicle
+from bev_preheat.vehicle.curves import Table
+from bev_preheat.vehicle.description import Leakage
+
+HEAT_CAPACITY_J_PER_K, CAPACITY_AH, VOLTAGE_V, RESISTANCE_OHM = 361e3, 170.0, 390.0, 0.17
+NS_PER_S = 1_000_000_000
+
+
+def level(value):
+    return Table(soc=(0.0,), temperature_c=(0.0,), values=((value,),))
+
+
+def vehicle(leakage_w_per_k=0.0, charge_w=-2e5, heating_limit_c=25.0):
+    """A vehicle with constant voltage and resistance."""
+    base = load_vehicle('reference')
+    return replace(base, battery=replace(
+        base.battery, capacity_ah=CAPACITY_AH, heat_capacity_j_per_k=HEAT_CAPACITY_J_PER_K,
+        open_circuit_voltage=level(VOLTAGE_V), resistance=level(RESISTANCE_OHM),
+        charge_power_limit=level(charge_w), leakage=Leakage(leakage_w_per_k, 0.0)),
+        charging=replace(base.charging, power_limit=level(charge_w), heating_limit_c=heating_limit_c))
+
+
+def a_route(duration_s=100.0):
+    return make_route({
+        'duration_s': [duration_s], 'speed_mps': [20.0], 'propulsion_power_w': [5e3],
+        'ambient_temperature_c': [0.0], 'cabin_heating_power_w': [0.0], 'auxiliary_power_w': [0.0]}, None)
+
+
+def a_car(*following, of=None, soc=0.5, temperature_c=10.0, **imperfections):
+    imperfections.setdefault('sensors', Sensors(period_s=10.0))
+    return ImperfectCar(of or vehicle(), a_route(), BatteryState(temperature_c, soc), Goal(20.0),
+                        Imperfections(**imperfections), route_id='home', following=following)
+
+
+def at_the_start_of_its_second_phase(*following, **of):
+    car = a_car(*following, **of)
+    car.advance_under(NO_LEASE, 100.0)
+    return car
+
+
+def charging_current_a(power_w):
+    """Return I of U I + R I^2 = P."""
+    return (math.sqrt(VOLTAGE_V**2 + 4.0 * RESISTANCE_OHM * power_w) - VOLTAGE_V) / (2.0 * RESISTANCE_OHM)
+
+
+def test_the_charger_feeds_consumers_and_battery():
+    charge = Charge(30e3, 900.0, 0.0, cabin_heating_power_w=1500.0, auxiliary_power_w=700.0)
+    car = at_the_start_of_its_second_phase(charge)
+    soc, temperature_c = car.plant.soc, car.plant.temperature_c
+    car.advance_under(NO_LEASE, 1000.0)
+    current_a = charging_current_a(30e3 - 1500.0 - 700.0)
+    assert car.plant.soc - soc == pytest.approx(900.0 * current_a / (3600.0 * CAPACITY_AH), rel=1e-9)
+    # The cells are warmed by I^2 R alone: no drivetrain runs.
+    assert car.plant.temperature_c - temperature_c == pytest.approx(
+        900.0 * RESISTANCE_OHM * current_a**2 / HEAT_CAPACITY_J_PER_K, rel=1e-9)
+
+
+def test_what_the_planner_commands_at_the_charger_the_charger_gives():
+    charge = Charge(30e3, 900.0, 0.0)
+    idle, heated = (at_the_start_of_its_second_phase(charge) for _ in range(2))
+    idle.advance_under(NO_LEASE, 700.0)
+    heated.advance_under(HeaterLease(4000.0, 700.0), 700.0)
+    # Less current flows into the battery meanwhile, and warms it less.
+    heat_w = vehicle().hvch.efficiency * 4000.0 + RESISTANCE_OHM * (
+        charging_current_a(30e3 - AWAKE_POWER_W - 4000.0)**2 - charging_current_a(30e3 - AWAKE_POWER_W)**2)
+    assert heated.plant.temperature_c - idle.plant.temperature_c == pytest.approx(
+        600.0 * heat_w / HEAT_CAPACITY_J_PER_K, rel=1e-6)
+
+
+def test_no_more_is_charged_than_the_battery_takes():
+    car = at_the_start_of_its_second_phase(Charge(150e3, 900.0, 0.0), of=vehicle(charge_w=-20e3))
+    soc = car.plant.soc
+    car.advance_under(NO_LEASE, 700.0)
+    # The limit is on U I.
+    assert car.plant.soc - soc == pytest.approx(600.0 * 20e3 / VOLTAGE_V / (3600.0 * CAPACITY_AH), rel=1e-6)
+
+
+def test_charging_ends_at_its_state_of_charge_and_the_next_phase_begins():
+    car = at_the_start_of_its_second_phase(Charge(50e3, 7200.0, 0.0, until_soc=0.55), Park(600.0, 0.0))
+    car.advance_under(NO_LEASE, 3600.0)
+    _, charged, _ = car.reports
+    # To the next battery state.
+    assert 0.55 <= charged.soc < 0.55 + 10.0 * 55e3 / VOLTAGE_V / (3600.0 * CAPACITY_AH)
+    assert charged.ended_s < 3600.0 - 600.0
+    assert car.is_over
+
+
+def test_a_car_may_heat_itself_at_the_charger_up_to_its_limit():
+    hot, cold = (at_the_start_of_its_second_phase(
+        Charge(8e3, 7200.0, 0.0, heats_itself=heats), temperature_c=15.0) for heats in (True, False))
+    for car in (hot, cold):
+        car.advance_under(NO_LEASE, 110.0)
+    assert hot.plant.heater_power_w == pytest.approx(vehicle().hvch.maximum_power_w)
+    assert cold.plant.heater_power_w == 0.0
+    hot.advance_under(NO_LEASE, 3600.0)
+    # Beyond it heating between two battery states gives 0.2 K, and the charging current of 20 A 0.5 K.
+    assert 24.0 < hot.plant.temperature_c < 25.7
+
+
+def test_a_fault_of_the_heater_is_one_at_the_charger_too():
+    car = at_the_start_of_its_second_phase(Charge(30e3, 7200.0, 0.0, heats_itself=True),
+                                           heater_faults=(HeaterFault(0.0, share=0.25),))
+    car.advance_under(NO_LEASE, 120.0)
+    assert car.plant.heater_power_w == pytest.approx(0.25 * vehicle().hvch.maximum_power_w)
+
+
+def test_a_parked_battery_cools_to_the_ambient():
+    car = at_the_start_of_its_second_phase(Park(9 * 3600.0, -8.0), of=vehicle(leakage_w_per_k=31.0))
+    warm_k, soc = car.plant.temperature_c + 8.0, car.plant.soc
+    car.advance_under(NO_LEASE, 100.0 + 9 * 3600.0)
+    decay = math.exp(-31.0 * 9 * 3600.0 / HEAT_CAPACITY_J_PER_K)
+    # Half an ampere warms it by some millikelvin.
+    assert car.plant.temperature_c == pytest.approx(-8.0 + warm_k * decay, abs=5e-3)
+    assert (soc - car.plant.soc) * 3600.0 * CAPACITY_AH * VOLTAGE_V == pytest.approx(
+        9 * 3600.0 * AWAKE_POWER_W, rel=1e-3)
+
+
+def test_a_car_that_sleeps_says_nothing_and_takes_little():
+    car = at_the_start_of_its_second_phase(Park(7200.0, 0.0, awake_s=600.0), Drive(a_route(), Goal(20.0)))
+    car.readings()
+    soc = car.plant.soc
+    car.advance_under(NO_LEASE, 7290.0)
+    assert max(reading.instant_s for reading in car.readings()) == 700.0
+    assert car.asleep_until_s == 7300.0
+    assert (soc - car.plant.soc) * 3600.0 * CAPACITY_AH * VOLTAGE_V == pytest.approx(
+        600.0 * AWAKE_POWER_W + 6590.0 * ASLEEP_POWER_W, rel=1e-3)
+    car.advance_under(NO_LEASE, 7330.0)
+    assert [reading.instant_s for reading in car.readings()] == [7300.0, 7310.0, 7320.0, 7330.0]
+    assert car.asleep_until_s is None
+
+
+def test_state_and_sensor_go_on_from_phase_to_phase():
+    parked = Park(50.0, 10.0)
+    car = a_car(parked, Charge(30e3, 50.0, 0.0), parked)
+    before = None
+    for second in range(1, 250):
+        car.advance_under(NO_LEASE, float(second))
+        now = (car.plant.temperature_c, car.plant.sensor_c, car.plant.soc)
+        if before is not None:
+            assert now == pytest.approx(before, abs=3e-3)
+        before = now
+    assert [(report.started_s, report.ended_s) for report in car.reports] == [(0, 100), (100, 150), (150, 200)]
+
+
+@pytest.mark.parametrize('sent_after_s, announced', [(None, 0.0), (0.0, 0.0), (None, 300.0)])
+def test_each_drive_is_sent_when_it_starts_or_before(sent_after_s, announced):
+    events = () if sent_after_s is None else (Event(Kind.CANCEL_CHARGING, 20.0, sent_after_s),)
+    drive = Drive(a_route(40.0), Goal(15.0), 600.0, events, announced_s=announced)
+    car = a_car(Park(600.0, 0.0), drive)
+    assert car.mission(0).route_id == 'home'
+    sent = []
+    for second in range(1, 741):
+        car.advance_under(NO_LEASE, float(second))
+        news = car.route_news(5 * NS_PER_S)
+        if news is not None:
+            sent.append((second, news.route_id, news.start_ns // NS_PER_S, news.standing_time_s,
+                         news.legs[0].charging_planned))
+    first = (700 - announced, 'home 2', 705, 600.0, True)
+    assert sent == [first] if sent_after_s is None else [first, (720, 'home 2', 725, 0.0, False)]
+
+
+def test_an_early_arrival_leads_into_the_next_phase_without_a_word():
+    car = a_car(Charge(50e3, 600.0, 0.0), events=(Event(Kind.ARRIVE_EARLY, 60.0, None),))
+    car.advance_under(NO_LEASE, 70.0)
+    assert car.is_charging and car.route_news(0) is None
+    assert car.plant.current_a < -100.0
+
+
+def test_a_car_says_where_it_is_while_it_drives():
+    car = a_car(Park(50.0, 0.0), Drive(a_route(), Goal(20.0), position=PositionReports(10.0)),
+                position=PositionReports(10.0))
+    car.mission(0)
+    said = {}
+    for second in range(250):
+        car.advance_under(NO_LEASE, float(second))
+        car.route_news(0)
+        progress = car.progress(0)
+        if progress is not None:
+            said[second] = (progress.route_id, progress.route_start_ns // NS_PER_S, round(progress.distance_m))
+    assert said[50], said[160] == (('home', 0, 1000), ('home 2', 150, 200))
+    assert set(said) == {*range(0, 100, 10), *range(150, 250, 10)}
+
+
+def test_a_recording_that_is_played_again_begins_with_the_first_state():
+    car = a_car(Drive(a_route(), Goal(20.0), starts_over=True), clock_jumps=(ClockJump(100.0, -100.0),))
+    car.advance_under(HeaterLease(4000.0, 100.0), 99.0)
+    assert (car.clock_s, car.plant.temperature_c > 10.5) == (99.0, True)
+    car.advance_under(NO_LEASE, 100.0)
+    assert (car.clock_s, car.plant.temperature_c, car.plant.soc) == (0.0, 10.0, 0.5)
+
+
+def test_the_same_arguments_make_the_same_chain():
+    def readings():
+        car = a_car(Charge(50e3, 600.0, 0.0), Park(60.0, 0.0), Drive(a_route(), Goal(20.0)),
+                    sensors=Sensors(temperature_noise_k=0.3))
+        car.advance_under(NO_LEASE, 860.0)
+        return car.readings()
+
+    assert readings() == readings()
+
+
+def test_no_step_is_taken_while_the_computers_sleep():
+    car = a_car(Park(36_000.0, 0.0, awake_s=300.0), Drive(a_route(), Goal(20.0)))
+    steps_s = [moment.time_s for moment in moments(
+        car, Supervisor(car.vehicle, Settings()), lambda: car.is_over)]
+    asleep_s = 100.0 + 300.0 + COMPUTERS_GO_ON_S
+    assert max(step_s for step_s in steps_s if step_s < 36_100.0) == asleep_s
+    assert min(step_s for step_s in steps_s if step_s > asleep_s) == 36_100.0
+    # Each second of the drive after it, and not the hours before it.
+    assert sum(step_s > asleep_s for step_s in steps_s) < 250
