@@ -13,7 +13,7 @@ from collections import deque
 from typing import NamedTuple
 
 # Beyond these from one state to the next [K], (0 ... 1), share of the voltage, it is not one battery.
-JUMP_K = 3.0
+JUMP_K = 4.0
 JUMP_SOC = 0.03
 JUMP_VOLTAGE = 0.2
 # … and beyond this rate of the temperature [K/s], where states are far apart.
