@@ -28,6 +28,7 @@ LEAST_MOVED = 0.004
 LEAST_STEPS = 0.9
 # The current must account for this share of that at least, if it was as much as that itself.
 LEAST_SHARE = 0.25
+CONFIRMED_EVERY_S = 10.0
 # After so much charge without proof the comparison starts again.
 RESTART_AFTER = 0.05
 
@@ -58,10 +59,12 @@ class CurrentSign:
         self._soc_steps = Resolution(SOC_STEPS)
         self._first_soc: float | None = None
         self._discharged = 0.0
+        self._confirmed_s = -math.inf
 
     def lose_time(self) -> None:
         """Forget the latest state, because the next one does not follow it."""
         self._before = self._first_soc = None
+        self._confirmed_s = -math.inf
         self._discharged = 0.0
 
     def see(self, instant_s: float, voltage_v: float, current_a: float, soc: float) -> Sign:
@@ -75,7 +78,10 @@ class CurrentSign:
         if elapsed_s <= APART_S:
             self._changes.append((voltage_v - before.voltage_v, current_a - before.current_a))
         self._discharged += 0.5 * (current_a + before.current_a) * elapsed_s / self._capacity_as
-        self._judge_voltage()
+        # A sign that is known to be right is confirmed now and then.
+        if self.sign is not Sign.RIGHT or instant_s >= self._confirmed_s + CONFIRMED_EVERY_S:
+            self._confirmed_s = instant_s
+            self._judge_voltage()
         self._judge_charge(soc)
         return self.sign
 
