@@ -99,7 +99,7 @@ def _pursue(client: PreparationClient, wanted: Wanted) -> int:
         say('preheat: interrupted')
         return INTERRUPTED
     console = result_console()
-    told, is_canceled = None, False
+    told, is_cancelled = None, False
     with progress_bar(TextColumn('{task.description}'), BarColumn()) as progress:
         task = progress.add_task('waiting for the planner', total=1.0)
 
@@ -116,10 +116,10 @@ def _pursue(client: PreparationClient, wanted: Wanted) -> int:
 
         result = client.follow(show)
         if result is None:
-            is_canceled = client.cancel()
+            is_cancelled = client.cancel()
     if result is None:
-        say('preheat: interrupted; the goal is canceled, its heating is off' if is_canceled else
-            'preheat: interrupted; the planner has not confirmed that the goal is canceled')
+        say('preheat: interrupted; the goal is cancelled, its heating is off' if is_cancelled else
+            'preheat: interrupted; the planner has not confirmed that the goal is cancelled')
         return INTERRUPTED
     if result.code == Ending.REFUSED:
         raise InvalidInput(result.explanation.removesuffix('.'))

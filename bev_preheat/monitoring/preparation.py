@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 FOUND_WITHIN_S = 10.0
 # An answer to a goal that has not come by then is lost [s].
 ANSWERED_WITHIN_S = 3.0
-CANCELED_WITHIN_S = 5.0
+CANCELLED_WITHIN_S = 5.0
 # Feedback comes every command_period, at most 10 s; after such a silence the planner is gone [s].
 SILENCE_S = 30.0
 REFRESH_S = 0.1
@@ -88,7 +88,7 @@ class PreparationClient:
                           'is it running, in this ROS domain, and named so?'):
             return False
         sent, sent_s = self._send(wanted), time.monotonic()
-        # Even after a signal: a goal whose handle nobody has cannot be canceled.
+        # Even after a signal: a goal without a handle cannot be cancelled.
         end_s = sent_s + FOUND_WITHIN_S
         while not sent.done() and time.monotonic() < end_s:
             if time.monotonic() - sent_s > ANSWERED_WITHIN_S:
@@ -127,7 +127,7 @@ class PreparationClient:
     def cancel(self) -> bool:
         """Cancel the goal; return whether the planner confirms that it has ended."""
         self._goal_handle.cancel_goal_async()
-        end_s = time.monotonic() + CANCELED_WITHIN_S
+        end_s = time.monotonic() + CANCELLED_WITHIN_S
         while not self._result.done() and time.monotonic() < end_s:
             self._listener.listen(REFRESH_S)
         return bool(self._result.done())

@@ -92,7 +92,7 @@ class PrepareAction:
             # It has ended already.
             return CancelResponse.REJECT
         try:
-            self._step(PreparationEnded(wish, Ending.CANCELED, 'The goal was canceled.'))
+            self._step(PreparationEnded(wish, Ending.CANCELED, 'The goal was cancelled.'))
         except Exception as error:
             self._fail('prepare_battery', error)
         return CancelResponse.ACCEPT

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from typing import NamedTuple, TYPE_CHECKING
 
 from bev_preheat.planning.schedule import HeldBack
 from bev_preheat.planning.status import Status
@@ -18,6 +18,18 @@ if TYPE_CHECKING:
 LEAST_TOLD_S = 0.5
 
 
+class Words(NamedTuple):
+    """The words of a sentence that depend on the plan's purpose."""
+
+    arrival: str
+    low_charge: str
+
+
+OF_TRIP = Words('arrival in {time} at {temperature} degC', 'The battery arrives {missing} below')
+# The battery is wanted warm at an instant, without a trip.
+OF_GOAL = Words('in {time} the battery is at {temperature} degC', 'The battery will be {missing} below')
+
+
 def duration_text(seconds: float) -> str:
     """Return a duration as 1:02:03 h or 12:34 min."""
     total = round(seconds)
@@ -27,7 +39,7 @@ def duration_text(seconds: float) -> str:
 
 def explain(plan: Plan, reserve: float, starts_in_s: float = 0.0, unheated: str = 'no heating',
             too_cold_because: str = 'The cabin leaves the heater no power',
-            heated_s: float = 0.0) -> str:
+            heated_s: float = 0.0, words: Words = OF_TRIP) -> str:
     """
     Return the sentence on a Plan of its status; `reserve` is the state of charge to be left.
 
@@ -37,18 +49,18 @@ def explain(plan: Plan, reserve: float, starts_in_s: float = 0.0, unheated: str 
     """
     begins = (f'The route begins in {duration_text(starts_in_s)}. '
               if starts_in_s >= LEAST_TOLD_S else '')
-    return begins + _outcome(plan, reserve, starts_in_s, unheated, too_cold_because, heated_s)
+    return begins + _outcome(plan, reserve, starts_in_s, unheated, too_cold_because, heated_s, words)
 
 
 def _outcome(plan: Plan, reserve: float, starts_in_s: float, unheated: str, too_cold_because: str,
-             heated_s: float) -> str:
+             heated_s: float, words: Words) -> str:
     status = plan.status
 
     def from_now(plan_s: float) -> str:
         return duration_text(max(0.0, plan_s + starts_in_s))
 
-    arrival = (f'arrival in {from_now(plan.arrival_time_s)} at '
-               f'{plan.arrival_temperature_c:.1f} degC')
+    arrival = words.arrival.format(
+        time=from_now(plan.arrival_time_s), temperature=f'{plan.arrival_temperature_c:.1f}')
     target = f'target {plan.target_temperature_c:.1f} degC'
     if status is Status.NO_CHARGING_PLANNED:
         if plan.stranding is not None:
@@ -84,8 +96,8 @@ def _outcome(plan: Plan, reserve: float, starts_in_s: float, unheated: str, too_
     if status is Status.SOC_LIMITED:
         reserve_text = f'{100 * reserve:.1f} %'
         if plan.soc_shortfall > 0.0:
-            return (f'The battery arrives {100 * plan.soc_shortfall:.1f} % below the '
-                    f'{reserve_text} that must be left: {heating}; {arrival}, {target}.')
+            low_charge = words.low_charge.format(missing=f'{100 * plan.soc_shortfall:.1f} %')
+            return (f'{low_charge} the {reserve_text} that must be left: {heating}; {arrival}, {target}.')
         if plan.held_back is HeldBack.POWER:
             return (f'A battery that is emptier by more heating could not deliver what the route asks '
                     f'for; the target is missed by {plan.shortfall_k:.1f} K: {heating}; {arrival}, '

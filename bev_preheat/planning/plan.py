@@ -40,7 +40,7 @@ class Plan:
     """
 
     status: Status
-    sentence: Callable[[Plan], str]
+    sentence: Callable[..., str]
     method: str
     target_temperature_c: float
     heating_start_s: float | None
@@ -93,8 +93,8 @@ class Plan:
         """State of charge on arrival, 0 ... 1."""
         return self.soc.item(-1)
 
-    def told(self, status: Status, sentence: Callable[[Plan], str]) -> Plan:
-        """Return the plan with another status and sentence."""
+    def told(self, status: Status, sentence: Callable[..., str]) -> Plan:
+        """Return the plan with another status and sentence; `words` of `explain` is passed on to the latter."""
         told = object.__new__(Plan)
         # Made with each update: `replace` would take as long as a good part of the plan.
         vars(told).update(vars(self), status=status, sentence=sentence)

@@ -10,11 +10,13 @@ nothing.
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from bev_preheat.errors import InvalidInput, PlanningFailure
+from bev_preheat.planning.explanation import OF_GOAL
 from bev_preheat.planning.limits import drive_as_planned
 from bev_preheat.planning.planner import plan_preheating, plan_unheated, SHORTFALL_TOLERANCE_K
 from bev_preheat.planning.schedule import HeldBack
@@ -44,6 +46,8 @@ if TYPE_CHECKING:
 # A route on which full power all the way exceeds the target by rounding would have heating begin a
 # moment later, again and again; so it ends where this much is missing [K].
 AIMS_BELOW_K = 0.05
+# How a sentence for a goal begins.
+PREPARING = 'Preparing the battery.'
 # So much more than the reserve is left, for the same reason.
 SPARES = 1e-4
 
@@ -141,20 +145,20 @@ def accounted(plan: Plan, wish: Wish | None, soc: float) -> Plan:
 def target_of_wish(wish: Wish, settings: Settings) -> TargetChoice:
     """Return where the target of a Wish comes from; it is never chosen."""
     if wish.target_c is not None:
-        return TargetChoice(TargetSource.GIVEN, 'The target is given by the goal of ~/prepare_battery.')
+        return TargetChoice(TargetSource.GIVEN, 'The target is given by the goal.')
     if settings.target_temperature_c is not None:
         return TargetChoice(
             TargetSource.GIVEN, 'The target is given by the parameter target_battery_temperature.')
-    return TargetChoice(TargetSource.DEFAULT, "The target is the vehicle's default: the goal of "
-                        '~/prepare_battery gives none.')
+    return TargetChoice(TargetSource.DEFAULT, "The target is the vehicle's default: the goal gives none.")
 
 
 def in_words_of_wish(decision: Decision) -> Decision:
-    """Return the Decision whose sentence says that it is for a goal: arrival is its instant."""
-    explanation = f'~/prepare_battery: {decision.explanation}'
+    """Return the Decision for a goal, in words without a trip: its instant is not an arrival."""
     plan = decision.plan
-    return replace(decision, sentence=explanation, plan=None if plan is None else plan.told(
-        plan.status, lambda _: explanation))
+    if plan is None:
+        return replace(decision, sentence=f'{PREPARING} {decision.explanation}')
+    plan = plan.told(plan.status, partial(plan.sentence, words=OF_GOAL))
+    return replace(decision, sentence=f'{PREPARING} {plan.explanation}', plan=plan)
 
 
 def reserve_before(inbox: Inbox, now_ns: int, until_ns: int) -> float:

@@ -179,10 +179,10 @@ def test_the_monitor_shows_the_plan_for_a_goal():
     _, _, plan = planned(Wish(0, 20.0))
     heard = Heard()
     heard.hear('preheat_plan', plan)
-    assert '~/prepare_battery: Heating' in line(heard)
+    assert 'Preparing the battery. Heating' in line(heard)
     console = Console(width=100, file=io.StringIO())
     console.print(page(heard))
-    assert 'HEATING: ~/prepare_battery: Heating' in console.file.getvalue()
+    assert 'HEATING: Preparing the battery. Heating' in console.file.getvalue()
 
 
 class PlannerThatAnswersLate:
@@ -300,7 +300,7 @@ def driver(module_bench):
         take_down(module_bench.node, driver.client.destroy)
 
 
-def test_a_goal_heats_tells_how_it_goes_and_is_canceled(driver):
+def test_a_goal_heats_tells_how_it_goes_and_is_cancelled(driver):
     handle, result = driver.send()
     assert driver.heats().reason == int(Status.HEATING)
     poll_until(lambda: driver.feedback, 'feedback')
@@ -319,7 +319,7 @@ def test_a_goal_heats_tells_how_it_goes_and_is_canceled(driver):
     driver.done(handle.cancel_goal_async())
     answer = driver.done(result)
     assert (answer.status, answer.result.code) == (GoalStatus.STATUS_CANCELED, PrepareBattery.Result.CANCELED)
-    assert answer.result.explanation == 'The goal was canceled.' and not answer.result.reached
+    assert answer.result.explanation == 'The goal was cancelled.' and not answer.result.reached
     off = driver.commands.wait_for(lambda command: command.battery_heating_power == 0.0)
     assert off.reason == int(Status.NO_ROUTE)
     driver.commands.clear()
@@ -369,7 +369,7 @@ def test_ctrl_c_cancels_the_goal_and_the_heater_is_off(driver, prepare):
     process.send_signal(signal.SIGINT)
     _, errors = process.communicate(timeout=LIMIT_S)
     assert (process.returncode, errors) == (
-        130, 'preheat: interrupted; the goal is canceled, its heating is off\n')
+        130, 'preheat: interrupted; the goal is cancelled, its heating is off\n')
     driver.commands.clear()
     assert driver.commands.wait_for_count(1)[0].battery_heating_power == 0.0
 

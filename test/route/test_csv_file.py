@@ -12,7 +12,7 @@ import pytest
 
 from bev_preheat.errors import InvalidInput
 from bev_preheat.route.csv_file import load_route, save_route
-from bev_preheat.route.segments import make_route, Route
+from bev_preheat.route.segments import LIMITS, make_route, Route
 from bev_preheat.vehicle.description import Defaults
 
 DEFAULTS = Defaults(cabin_heating_power_w=1111.0, auxiliary_power_w=222.0,
@@ -187,3 +187,9 @@ def test_an_unknown_name_gets_the_nearest_and_all_there_are():
             r"^route 'referense' is unknown; did you mean 'reference'\?; there are: "
             r'alpine_pass, city_stop_and_go, motorway_3h, reference, winter_commute; ')):
         load_route('referense', DEFAULTS)
+
+
+def test_the_reference_names_every_column():
+    reference = (Path(__file__).parents[2] / 'docs' / 'reference' / 'files.md').read_text()
+    table = reference.partition('## Route CSV')[2].partition('\n## ')[0]
+    assert [name for name in LIMITS if f'\n| `{name}` |' not in table] == []

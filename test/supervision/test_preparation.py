@@ -3,6 +3,7 @@
 
 from dataclasses import replace
 from math import exp, inf, isnan, log, nan
+import re
 
 import numpy as np
 import pytest
@@ -466,17 +467,17 @@ def test_a_later_goal_replaces_the_one_before():
     assert car.supervisor.wish is second and car.command == (FULL_W, Status.HEATING)
 
 
-def test_a_canceled_goal_switches_off_at_once_within_the_least_time_on():
+def test_a_cancelled_goal_switches_off_at_once_within_the_least_time_on():
     car = Car()
     wish = car.want()
     assert car.command[0] == FULL_W
     car.now_s = 1.0
-    car.step(PreparationEnded(wish, Ending.CANCELED, 'The goal was canceled.'))
+    car.step(PreparationEnded(wish, Ending.CANCELED, 'The goal was cancelled.'))
     assert car.command == (0.0, Status.NO_ROUTE)
     assert car.ended(wish).ending is Ending.CANCELED and car.supervisor.wish is None
-    # Nor does canceling it again harm the next.
+    # Nor does cancelling it again harm the next.
     later = car.want()
-    car.step(PreparationEnded(wish, Ending.CANCELED, 'The goal was canceled.'))
+    car.step(PreparationEnded(wish, Ending.CANCELED, 'The goal was cancelled.'))
     assert car.supervisor.wish is later and car.command[0] == FULL_W
 
 
@@ -486,7 +487,7 @@ def test_after_a_goal_the_route_is_heated_for_again():
     assert car.command == (FULL_W, Status.TARGET_UNREACHABLE)
     wish = car.want(900.0, target_c=9.0)
     assert car.command == (0.0, Status.WAITING)
-    car.step(PreparationEnded(wish, Ending.CANCELED, 'The goal was canceled.'))
+    car.step(PreparationEnded(wish, Ending.CANCELED, 'The goal was cancelled.'))
     assert car.command == (FULL_W, Status.TARGET_UNREACHABLE)
     assert car.supervisor.pursued_mission.route_id == 'home'
 
@@ -619,5 +620,8 @@ def test_a_wish_that_takes_hours_is_given_up_after_six():
 def test_the_words_say_what_the_plan_is_for():
     car = Car()
     car.want(900.0)
-    assert car.supervisor.decision.explanation.startswith('~/prepare_battery: Heating')
-    assert car.plan.explanation == car.supervisor.decision.explanation
+    sentence = car.supervisor.decision.explanation
+    assert sentence == f'Preparing the battery. {car.plan.explanation}'
+    # It has no trip, so nothing arrives, and no name that only an engineer knows.
+    assert re.fullmatch(r'Heating[^.:]*: in 15:00 min the battery is at [0-9.]+ degC, .*', car.plan.explanation)
+    assert 'arriv' not in sentence and '~/' not in sentence
