@@ -36,6 +36,7 @@ from bev_preheat.nodes.state_keeper import check_parameter, SAVE_PERIOD_S, State
 from bev_preheat.planning.planner import METHODS
 from bev_preheat.supervision.events import PreheatingSwitched, Reconfigured, RivalsChanged, RouteUnreadable
 from bev_preheat.supervision.inputs import NS_PER_S
+from bev_preheat.supervision.regime import Regime
 from bev_preheat.supervision.settings import FIELD_OF_PARAMETER, Settings, settings_of
 from bev_preheat.supervision.supervisor import Supervisor
 from bev_preheat.vehicle import load_vehicle, vehicle_contents, vehicle_file
@@ -96,6 +97,8 @@ PARAMETERS = (
               'Heat on at the charger, where the vehicle file says that the vehicle does so.'),
     Parameter('compiled_core', DEFAULTS.compiled_core,
               'Plan with the compiled core, where it is built; plans are the same without.'),
+    Parameter('coldest_cell_limits', DEFAULTS.coldest_cell_limits,
+              "Power limits of battery and charger are the coldest cell's, where cell_temperature is known."),
     Parameter('state_file', '', 'File that keeps the learned factors of the car, and the '
               "driver's choices: a new file, or a state file; empty: none."),
 )
@@ -117,10 +120,12 @@ _OWN = frozenset(parameter.name for parameter in PARAMETERS)
 
 
 class _Told(NamedTuple):
-    """What of the estimation's findings the log has."""
+    """The findings that the log has."""
 
     heater: Heater = Heater.ANSWERS
     resets: int = 0
+    regime: Regime = Regime.UNKNOWN
+    signals: frozenset[str] = frozenset()
 
 
 def guarded(callback: Callback) -> Callback:
@@ -258,7 +263,17 @@ class PlannerNode(Node):
             self.get_logger().warning(f'{warning}.')
 
     def _tell_findings(self) -> None:
-        """Log what the estimation has found out, once."""
+        """Log regime, signals in doubt and the findings of the estimation, once."""
+        regime, verdicts = self._supervisor.regime, self._supervisor.signal_verdicts
+        if regime.regime is not self._told.regime and regime.evidence:
+            self.get_logger().info(f'Regime: {regime.regime.value}: {regime.evidence}.')
+        signals = frozenset(verdict.signal for verdict in verdicts)
+        for verdict in verdicts:
+            if verdict.signal not in self._told.signals:
+                self.get_logger().warning(f'Signal in doubt: {verdict.sentence}.')
+        for signal in sorted(self._told.signals - signals):
+            self.get_logger().info(f'Signal holds again: {signal}.')
+        self._told = self._told._replace(regime=regime.regime, signals=signals)
         estimate = self._supervisor.estimate
         if estimate is None:
             return
@@ -266,7 +281,7 @@ class PlannerNode(Node):
             self.get_logger().warning(f'Heater: {heater_sentence(estimate.heater)}.')
         if estimate.resets != self._told.resets:
             self.get_logger().warning(f'The estimator was reset: {estimate.reset_reason}.')
-        self._told = _Told(estimate.heater.heater, estimate.resets)
+        self._told = self._told._replace(heater=estimate.heater.heater, resets=estimate.resets)
 
     # Parameters
 

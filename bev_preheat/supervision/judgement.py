@@ -28,6 +28,7 @@ from bev_preheat.supervision.regime import Regime
 from bev_preheat.supervision.stand_watch import StandReport, StandWatch
 from bev_preheat.supervision.target_choice import Outset, TargetChoice, TargetChooser
 from bev_preheat.supervision.wished_plan import in_words_of_wish, is_from_grid, plan_wish, target_of_wish
+from bev_preheat.vehicle.cell_spread import limited_by_coldest_cell
 
 if TYPE_CHECKING:
     from bev_preheat.estimation.prior import Learned
@@ -36,7 +37,7 @@ if TYPE_CHECKING:
     from bev_preheat.route.segments import Route
     from bev_preheat.supervision.command_history import CommandHistory
     from bev_preheat.supervision.inbox import Inbox
-    from bev_preheat.supervision.inputs import Mission
+    from bev_preheat.supervision.inputs import Measurement, Mission
     from bev_preheat.supervision.knowledge import Known
     from bev_preheat.supervision.regime import RegimeReport
     from bev_preheat.supervision.settings import Settings
@@ -50,6 +51,8 @@ MOST_PARKED_S = 180.0
 # A trip that starts later than this gives no alarm: until then the battery may be charged, or heated.
 FORESEEN_S = 1800.0
 ALARMS = (Status.TARGET_UNREACHABLE, Status.SOC_LIMITED, Status.POWER_LIMITED, Status.OUT_OF_CHARGE)
+# A cell that is colder than the battery by more than this [K] is a sensor at fault.
+MOST_COLDER_K = 20.0
 # What a vehicle that stands too long is told instead of these: they heat, or are about to.
 WITHHELD = (Status.WAITING, Status.HEATING, Status.TARGET_UNREACHABLE, Status.SOC_LIMITED,
             Status.POWER_LIMITED)
@@ -61,7 +64,9 @@ class Judgement:
     def __init__(self, vehicle: Vehicle, learned: Learned | None = None,
                  last_seen: LastSeen | None = None) -> None:
         """Start from the vehicle file, or from what was Learned on drives before, and the battery's LastSeen."""
-        self._vehicle = vehicle
+        # As described, and with the power limits of its coldest cell.
+        self._vehicle = self._limited = vehicle
+        self._colder_by_k = 0.0
         self._outlooks = OutlookMaker(vehicle)
         self._targets = TargetChooser()
         self._estimator = Estimator(vehicle, learned)
@@ -194,6 +199,7 @@ class Judgement:
         choice: TargetChoice | None = None
         assert measurement is not None
         state = measurement.state
+        self._limit_to_coldest_cell(measurement, settings)
         estimate = self.estimate if settings.estimation else None
         stamp_ns = measurement.stamp_ns if estimate is None else estimate.stamp_ns
         # A stamp ahead of this clock must not delay what the plan wants now.
@@ -219,7 +225,7 @@ class Judgement:
             if decision.plan is None:
                 return decision
             plan = seen_from_now(
-                decision.plan, self._vehicle, goal, starts_in_s, heated_s=heated_s)
+                decision.plan, self._limited, goal, starts_in_s, heated_s=heated_s)
             return Decision(
                 plan.status, _own_sentence(plan, choice), plan, start_ns, leg, target=choice)
         try:
@@ -235,6 +241,18 @@ class Judgement:
             commanded=outlook.commanded, command_share=outlook.command_share,
             model_factors=outlook.model_factors, target=choice)
 
+    def _limit_to_coldest_cell(self, measurement: Measurement, settings: Settings) -> None:
+        """Take the power limits of the coldest cell, where it is known and asked for."""
+        coldest_c = measurement.coldest_cell_c if settings.coldest_cell_limits else None
+        colder_by_k = 0.0 if coldest_c is None else min(
+            max(measurement.state.temperature_c - coldest_c, 0.0), MOST_COLDER_K)
+        # A vehicle is made for whole kelvins only: each costs some milliseconds.
+        if abs(colder_by_k - self._colder_by_k) >= 1.0:
+            self._colder_by_k = float(round(colder_by_k))
+            self._limited = limited_by_coldest_cell(self._vehicle, self._colder_by_k)
+            self._outlooks.limit_to(self._limited)
+            self._later_decisions.clear()
+
     def _choose_target(self, inbox: Inbox, leg: Leg, goal: Goal, route: Route,
                        estimate: Estimate | None) -> TargetChoice:
         """Return the TargetChoice for the current leg, of which the Route is ahead."""
@@ -242,7 +260,7 @@ class Judgement:
         assert mission is not None and measurement is not None
         outset = Outset(
             mission.route_id, len(mission.legs) - 1 - mission.legs.index(leg), leg, inbox.settings,
-            goal, self._vehicle, route, measurement.state, measurement.stamp_ns)
+            goal, self._limited, route, measurement.state, measurement.stamp_ns)
         if estimate is not None:
             vehicle = self._outlooks.vehicle(estimate)
             outset = replace(
@@ -256,9 +274,9 @@ class Judgement:
         """Return the Decision for a leg from a state at an instant [ns] on, at which the Route is ahead."""
         try:
             plan = plan_preheating(
-                self._vehicle, route, state, goal, inbox.settings.method
+                self._limited, route, state, goal, inbox.settings.method
             ) if leg.made_for is None else plan_wish(
-                leg.made_for, self._vehicle, route, state, goal, inbox.settings.method)
+                leg.made_for, self._limited, route, state, goal, inbox.settings.method)
         except (InvalidInput, PlanningFailure) as error:
             return Decision(Status.INVALID_INPUT, str(error))
         return Decision(plan.status, None, plan, start_ns, leg)

@@ -135,6 +135,10 @@ class OutlookMaker:
         self._corrected = vehicle
         self._forecast: Forecast | None = None
 
+    def limit_to(self, vehicle: Vehicle) -> None:
+        """Take the same vehicle with other power limits."""
+        self._vehicle, self._logs = vehicle, []
+
     def forget_deviation(self) -> None:
         """Forget how sure the arrival was: the route has changed."""
         self._forecast = None

@@ -35,6 +35,7 @@ class Settings:
     `minimum_on_time_s`, `minimum_off_time_s`: the heater is not switched more often than that.
     `energy_price_per_kwh`, `value_of_time_per_h`: what the target is chosen by where the charger is
     known, in one currency. `heat_while_charging`: heat on while the vehicle charges, where it does so.
+    `coldest_cell_limits`: power limits are those of the coldest cell, where cell temperatures are known.
     `compiled_core`: plans are made with the compiled core where it is built; it changes no plan.
     """
 
@@ -54,6 +55,7 @@ class Settings:
     value_of_time_per_h: float = VALUE_OF_TIME_PER_H
     heat_while_charging: bool = False
     compiled_core: bool = True
+    coldest_cell_limits: bool = True
 
     @property
     def prices(self) -> Prices:
@@ -86,6 +88,7 @@ FIELD_OF_PARAMETER = {
     'value_of_time': 'value_of_time_per_h',
     'heat_while_charging': 'heat_while_charging',
     'compiled_core': 'compiled_core',
+    'coldest_cell_limits': 'coldest_cell_limits',
 }
 
 
