@@ -127,7 +127,8 @@ def _signals(name: str, hardware: str, supervisor: Supervisor, now_ns: int) -> D
         'regime': regime.regime.value,
         'regime since [s]': f'{(now_ns - regime.since_ns) / NS_PER_S:.0f}' if regime.since_ns else '',
         'regime evidence': regime.suspicion or regime.evidence,
-        'ignored readings [%]': f'{100.0 * ignored_share:.1f}'}
+        'ignored readings [%]': f'{100.0 * ignored_share:.1f}',
+        'overtaken battery states': str(supervisor.overtaken_states)}
     sentences = []
     for verdict in supervisor.signal_verdicts:
         values[f'{verdict.signal} in doubt since [s]'] = f'{(now_ns - verdict.since_ns) / NS_PER_S:.0f}'

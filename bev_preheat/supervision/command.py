@@ -8,6 +8,7 @@ command with a lease. Nothing is planned here.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from bev_preheat.planning.status import Status
@@ -15,10 +16,28 @@ from bev_preheat.supervision.command_history import CommandHistory
 from bev_preheat.supervision.decision import Command, Decision, WITHOUT_ROUTE
 from bev_preheat.supervision.heater_switch import HeaterSwitch
 from bev_preheat.supervision.inputs import Leg, NS_PER_S
+from bev_preheat.supervision.refusals import BATTERY, ROUTE
 
 if TYPE_CHECKING:
+    from bev_preheat.planning.plan import Plan
     from bev_preheat.supervision.inbox import Inbox
+    from bev_preheat.supervision.settings import Settings
     from bev_preheat.vehicle.description import Vehicle
+
+# Off for one of these, the heater stays off until nothing has been wrong for a while.
+CAUSES = {
+    Status.STALE_INPUT: 'battery_state was too old, or ahead of the clock,',
+    Status.COMMAND_CONFLICT: 'Another node commanded the heater',
+    Status.INTERNAL_ERROR: 'Planning failed',
+    Status.NO_BATTERY_STATE: 'No valid battery state was there',
+}
+DOUBT = frozenset((*CAUSES, Status.INVALID_INPUT))
+# Off for one of these, the least time off holds as for any other switching by plan.
+BY_PLAN = frozenset((Status.OUT_OF_CHARGE, Status.NOT_WORTH_IT, Status.WAITING))
+# For its least time the heater is held on no further above the target than this, and stays so far below the
+# highest temperature of the battery's range [K].
+HELD_ABOVE_TARGET_K = 1.0
+HELD_BELOW_HIGHEST_K = 3.0
 
 
 def find_obstacle(inbox: Inbox, now_ns: int) -> Decision | None:
@@ -37,8 +56,9 @@ def find_obstacle(inbox: Inbox, now_ns: int) -> Decision | None:
     age_s = (now_ns - inbox.measurement.stamp_ns) / NS_PER_S
     timeout_s, tolerance_s = inbox.settings.battery_state_timeout_s, inbox.settings.clock_tolerance_s
     if age_s >= timeout_s:
+        also = '' if inbox.doubt is None else f' {inbox.doubt}'
         return Decision(Status.STALE_INPUT, f'battery_state is {age_s:.3f} s old; less than '
-                        f'{timeout_s:g} s are allowed.')
+                        f'{timeout_s:g} s are allowed.{also}')
     if age_s < -tolerance_s:
         return Decision(Status.STALE_INPUT, f'battery_state is stamped {-age_s:.3f} s ahead '
                         f'of the clock; at most {tolerance_s:g} s are allowed.')
@@ -61,6 +81,9 @@ class Commander:
         """Start with the heater off."""
         self.history = CommandHistory()
         self._switch = HeaterSwitch()
+        # Why the latest pause began, and whether heat that is wanted waits for its end.
+        self._doubt = Status.WAITING
+        self._is_paused = False
 
     @property
     def is_heating(self) -> bool:
@@ -71,21 +94,47 @@ class Commander:
         """Let the heater be switched at once: the reason for its waiting time is gone."""
         self._switch.allow()
 
-    def off(self, now_ns: int, lease_s: float, reason: Status) -> Command:
-        """Return a Command of 0 W for a reason; it counts as given."""
-        self._switch.force_off()
+    def off(self, now_ns: int, settings: Settings, reason: Status, sentence: str = '') -> Command:
+        """Return a Command of 0 W for a reason, and the sentence on it; it counts as given."""
+        if reason in DOUBT:
+            self._switch.doubt(now_ns, _cause_in_words(reason, sentence), settings.minimum_off_time_s)
+            self._doubt = reason
+        elif reason in BY_PLAN:
+            self._switch.turn_off(now_ns)
+        else:
+            self._switch.force_off()
         self.history.note(now_ns, 0.0)
-        return Command(0.0, now_ns + round(lease_s * NS_PER_S), reason)
+        return Command(0.0, now_ns + round(settings.lease_s * NS_PER_S), reason)
+
+    def in_words(self, now_ns: int, inbox: Inbox, decision: Decision) -> Decision:
+        """
+        Return a Decision with the status and the sentence of the command that was given for it at an instant [ns].
+
+        They are its own unless the heater is kept off by a pause, or on by its least time.
+        """
+        plan = decision.commanded or decision.plan
+        if plan is None:
+            return decision
+        if self._switch.is_held:
+            left_s = self._switch.held_for_s(now_ns, inbox.settings.minimum_on_time_s)
+            return replace(decision, status=Status.HEATING, sentence=(
+                f'The heater stays on for minimum_on_time, {left_s:.0f} s more: arrival at '
+                f'{plan.arrival_temperature_c:.1f} degC, target {plan.target_temperature_c:.1f} degC.'))
+        if not self._is_paused:
+            return decision
+        return replace(decision, sentence=f'{self._switch.pause.sentence} {decision.explanation}', status=(
+            Status.WAITING if decision.status is Status.HEATING else decision.status))
 
     def give(self, now_ns: int, inbox: Inbox, decision: Decision) -> Command:
         """Return the Command that a Decision allows at an instant; it counts as given."""
         settings = inbox.settings
+        self._is_paused = False
         decision = find_obstacle(inbox, now_ns) or decision
         if decision.charger_heat_w > 0.0 and not _has_departed(decision, now_ns):
             return self._heat_at_charger(now_ns, inbox, decision)
         reason = self._reason_for_off(now_ns, decision)
         if reason is not None:
-            return self.off(now_ns, settings.lease_s, reason)
+            return self.off(now_ns, settings, reason, decision.explanation)
         plan = decision.commanded or decision.plan
         assert plan is not None and decision.leg is not None
         # A partial step's power is computed and may round to slightly more than the limit.
@@ -94,12 +143,17 @@ class Commander:
         wanted_w = min(plan.power_at_w(elapsed_s) / decision.command_share, limit_w)
         if wanted_w == 0.0 and decision.status is Status.OUT_OF_CHARGE:
             # Not even for the heater's minimum time on: each watt-hour is needed to get further.
-            return self.off(now_ns, settings.lease_s, decision.status)
+            return self.off(now_ns, settings, decision.status)
+        if wanted_w == 0.0 and not _may_be_held_on(inbox, plan):
+            self._switch.turn_off(now_ns)
         power_w = self._switch.power_w(
             now_ns, wanted_w, limit_w, settings.minimum_on_time_s, settings.minimum_off_time_s)
         self.history.note(now_ns, power_w)
         reason = decision.status
-        if power_w > 0.0 and reason is Status.WAITING:
+        self._is_paused = wanted_w > 0.0 and power_w == 0.0 and self._switch.pause.left_s > 0.0
+        if self._is_paused:
+            reason = self._doubt if self._switch.pause.is_for_doubt else Status.WAITING
+        elif power_w > 0.0 and reason in (Status.WAITING, Status.NOT_NEEDED):
             reason = Status.HEATING
         elif power_w == 0.0 and reason is Status.HEATING:
             reason = Status.WAITING
@@ -128,6 +182,24 @@ class Commander:
                 Status.NO_CHARGING_PLANNED, Status.NOT_WORTH_IT):
             return decision.status
         return None
+
+
+def _may_be_held_on(inbox: Inbox, plan: Plan) -> bool:
+    """Return whether a heater that a Plan has no use for may stay on for its least time: heat is harmless."""
+    assert inbox.measurement is not None
+    temperature_c = inbox.measurement.state.temperature_c
+    highest_c = inbox.vehicle.battery.temperature_range_c[1]
+    return temperature_c <= min(plan.target_temperature_c + HELD_ABOVE_TARGET_K, highest_c - HELD_BELOW_HIGHEST_K)
+
+
+def _cause_in_words(reason: Status, sentence: str) -> str:
+    """Return what began a pause, for a sentence that goes on with how long ago that was."""
+    if reason is Status.INVALID_INPUT:
+        for source in (BATTERY, ROUTE):
+            if sentence.startswith(f'{source} refused'):
+                return f'{source} was refused'
+        return 'A signal was in doubt' if sentence.startswith('Signal in doubt') else 'The input was refused'
+    return CAUSES[reason]
 
 
 def _lease_end_ns(now_ns: int, inbox: Inbox) -> int:

@@ -22,6 +22,8 @@ from bev_preheat.supervision.settings import defaults_of, Settings
 from bev_preheat.supervision.timetable import Timetable
 from bev_preheat.vehicle.description import Defaults, Vehicle
 
+# A battery state that another one overtook by no more than this is dropped without a word.
+MOST_OVERTAKEN_S = 1.0
 # A clock that falls back by more than this was set or restarted; stamps before it mean nothing.
 CLOCK_RESTART_S = 1.0
 
@@ -63,6 +65,8 @@ class Inbox:
         # The mission, or the one that was dropped because it does not fit the parameters.
         self.latest_mission: Mission | None = None
         self.measurement: Measurement | None = None
+        # Battery states that were dropped because a later one came before them.
+        self.overtaken_states = 0
         self.is_cancelled = False  # By the latest route plan, or before a restart.
         # Its wish goes before the route.
         self.preparer = Preparer()
@@ -139,7 +143,12 @@ class Inbox:
             self._changes = replace(self._changes, measurements=(), clock_restarted=True)
         self._latest_ns = now_ns
         try:
-            self._check_battery(measurement, now_ns)
+            self._check_content(measurement, now_ns)
+            if self._is_overtaken(measurement, now_ns):
+                self.overtaken_states += 1
+                return
+            self._check_stamp(measurement, now_ns)
+            self._check_scale(measurement, now_ns)
         except InvalidInput as error:
             self.refuse_battery(error, measurement.state.soc, now_ns)
             raise
@@ -148,6 +157,14 @@ class Inbox:
         self._changes = Changes((*changes.measurements, measurement), changes.has_new_mission,
                                 changes.has_new_trip, changes.clock_restarted)
         self._refusals.lift_by_battery()
+
+    def _is_overtaken(self, measurement: Measurement, now_ns: int) -> bool:
+        """Whether a later state has arrived before this one, a moment ago."""
+        if self.measurement is None:
+            return False
+        late_ns = self.measurement.stamp_ns - measurement.stamp_ns
+        most_s = min(MOST_OVERTAKEN_S, self.settings.battery_state_timeout_s)
+        return 0 < late_ns <= most_s * NS_PER_S and now_ns >= measurement.stamp_ns
 
     def refuse_battery(self, error: InvalidInput, percentage: float = math.nan, now_ns: int = 0) -> None:
         """
@@ -158,10 +175,12 @@ class Inbox:
         self._percent_scale.note_refused(now_ns / NS_PER_S, percentage)
         self._refusals.note_battery(error)
 
-    def _check_battery(self, measurement: Measurement, now_ns: int) -> None:
+    def _check_content(self, measurement: Measurement, now_ns: int) -> None:
         if now_ns == 0:
             raise InvalidInput('use_sim_time is set and no /clock has arrived: time stands at 0')
         check_situation(self.vehicle, state=measurement.state)
+
+    def _check_stamp(self, measurement: Measurement, now_ns: int) -> None:
         age_s = (now_ns - measurement.stamp_ns) / NS_PER_S
         timeout_s = self.settings.battery_state_timeout_s
         ahead_s = self.settings.clock_tolerance_s
@@ -171,6 +190,8 @@ class Inbox:
             late_s = (self.measurement.stamp_ns - measurement.stamp_ns) / NS_PER_S
             raise InvalidInput(f'header.stamp: the state is {late_s:.3f} s older than one that '
                                'came before it; stamps must not go back')
+
+    def _check_scale(self, measurement: Measurement, now_ns: int) -> None:
         scale_doubt = self._percent_scale.doubt(
             now_ns / NS_PER_S, measurement.state.soc, lambda: self._voltage_vouches_for(measurement))
         if scale_doubt:

@@ -16,9 +16,19 @@ from bev_preheat.numerics.arithmetic import SATURATING_FLOATS
 from bev_preheat.numerics.folded_normal import mean_magnitude
 from bev_preheat.signals.current_sign import CurrentSign, Sign
 from bev_preheat.signals.electrical import ElectricalCheck
+from bev_preheat.signals.feed import FeedWatch
 from bev_preheat.signals.source import SourceWatch
 from bev_preheat.signals.stuck_temperature import StuckTemperature
-from bev_preheat.signals.verdict import CURRENT, NEEDED, SignalVerdict, SOURCE, STATE_OF_CHARGE, TEMPERATURE, VOLTAGE
+from bev_preheat.signals.verdict import (
+    CURRENT,
+    FEED,
+    NEEDED,
+    SignalVerdict,
+    SOURCE,
+    STATE_OF_CHARGE,
+    TEMPERATURE,
+    VOLTAGE,
+)
 from bev_preheat.supervision.course import driven_at, planned_around
 from bev_preheat.supervision.inputs import NS_PER_S
 from bev_preheat.supervision.regime import Evidence, Regime, RegimeReport, RegimeWatch
@@ -69,6 +79,7 @@ class Knowledge:
         self._electrical = ElectricalCheck(vehicle)
         self._source = SourceWatch()
         self._stuck = StuckTemperature()
+        self._feed = FeedWatch()
         self._steps = Resolution(TEMPERATURE_STEPS_K)
         self._rates = make_drive_rates(vehicle, SATURATING_FLOATS, lambda mean, variance: float(
             mean_magnitude(mean, variance)))
@@ -101,9 +112,13 @@ class Knowledge:
         sentences = [verdict.sentence for verdict in self._verdicts.values() if verdict.signal in NEEDED]
         return f'Signal in doubt: {"; ".join(sentences)}.' if sentences else None
 
+    def note_expired_state(self) -> None:
+        """Note that the latest battery state is too old, and no other has arrived."""
+        self._feed.note_expired()
+
     def lose_time(self) -> None:
         """Forget all instants, because the clock was restarted; the sign of the current is still known."""
-        for watch in (self._regime, self._sign, self._source, self._stuck):
+        for watch in (self._regime, self._sign, self._source, self._stuck, self._feed):
             watch.lose_time()
         self._stamp_ns = None
         self._shown_until_ns.clear()
@@ -118,6 +133,7 @@ class Knowledge:
         """
         stamp_ns = measurement.stamp_ns
         command_w = commands.mean_w(stamp_ns, stamp_ns)
+        self._note(FEED, self._feed.see(stamp_ns / NS_PER_S, settings.battery_state_timeout_s), stamp_ns)
         seen = self._screened(measurement)
         planned = planned_around(timetable, stamp_ns, defaults)
         has_moved = None if timetable is None else timetable.has_moved(stamp_ns, settings)

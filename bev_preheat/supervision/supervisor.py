@@ -88,7 +88,8 @@ class Supervisor:
         self._knowledge = Knowledge(vehicle)
         self._judgement = Judgement(vehicle, learned, last_seen)
         self._commander = Commander()
-        self._decision = WITHOUT_ROUTE
+        # As it was made, and as the command says it.
+        self._decision = self._shown = WITHOUT_ROUTE
         self._latest_command: Command | None = None
         self._published_status: Status | None = None
 
@@ -121,16 +122,16 @@ class Supervisor:
         yield self._publication()
 
     def _let_time_pass(self, now_ns: int) -> Iterator[Output]:
-        self._decision = find_obstacle(self._inbox, now_ns) or self._decision
+        self._decision = self._obstacle(now_ns) or self._decision
         self._conclude_preparation(now_ns)
         yield Output(command=self._command(now_ns))
-        if self._decision.status is not self._published_status:
+        if self._shown.status is not self._published_status:
             yield self._publication()
 
     def fail(self, now_ns: int, what: str) -> Output:
         """Return the Output that switches the heater off after an exception, told in words."""
         what = shortened(what, LONGEST_PROBLEM)
-        self._decision = Decision(Status.INTERNAL_ERROR, f'Planning failed: {what}')
+        self._decision = self._shown = Decision(Status.INTERNAL_ERROR, f'Planning failed: {what}')
         return Output(command=self._off(now_ns, Status.INTERNAL_ERROR), failure=what)
 
     def stop(self, now_ns: int) -> Output:
@@ -229,6 +230,11 @@ class Supervisor:
         return self._knowledge.verdicts if scale is None else (*self._knowledge.verdicts, scale)
 
     @property
+    def overtaken_states(self) -> int:
+        """How many battery states were dropped because a later one came a moment before them."""
+        return self._inbox.overtaken_states
+
+    @property
     def refused_route(self) -> str | None:
         """The sentence of the latest route plan's refusal; None after a valid one."""
         return self._inbox.refused_route
@@ -245,8 +251,8 @@ class Supervisor:
 
     @property
     def decision(self) -> Decision:
-        """The current Decision."""
-        return self._decision
+        """The current Decision, with the status and the sentence of the latest command."""
+        return self._shown
 
     @property
     def latest_command(self) -> Command | None:
@@ -306,7 +312,7 @@ class Supervisor:
             self._judge(now_ns)
 
     def _judge(self, now_ns: int) -> None:
-        obstacle = find_obstacle(self._inbox, now_ns)
+        obstacle = self._obstacle(now_ns)
         if obstacle is not None:
             self._decision = obstacle
             return
@@ -318,17 +324,24 @@ class Supervisor:
         if self._decision.status in (Status.CHARGING, Status.ARRIVED):
             history.forget_heating(now_ns)
 
+    def _obstacle(self, now_ns: int) -> Decision | None:
+        obstacle = find_obstacle(self._inbox, now_ns)
+        if obstacle is not None and obstacle.status is Status.STALE_INPUT:
+            self._knowledge.note_expired_state()
+        return obstacle
+
     def _command(self, now_ns: int) -> Command:
         self._latest_command = self._commander.give(now_ns, self._inbox, self._decision)
+        self._shown = self._commander.in_words(now_ns, self._inbox, self._decision)
         return self._latest_command
 
     def _off(self, now_ns: int, reason: Status) -> Command:
-        self._latest_command = self._commander.off(now_ns, self.settings.lease_s, reason)
+        self._latest_command = self._commander.off(now_ns, self.settings, reason)
         return self._latest_command
 
     def _publication(self) -> Output:
-        later_decisions = self._judgement.decide_later(self._inbox, self._decision)
-        status, before = self._decision.status, self._published_status
+        later_decisions = self._judgement.decide_later(self._inbox, self._shown)
+        status, before = self._shown.status, self._published_status
         self._published_status = status
-        return Output(decision=self._decision, later_decisions=later_decisions,
+        return Output(decision=self._shown, later_decisions=later_decisions,
                       has_new_status=status is not before)

@@ -57,6 +57,13 @@ def test_a_wish_that_is_taken_back_in_time_was_no_switching(heating):
     assert heating.at(1020.0, 0.0) == 0.0
 
 
+def test_an_off_by_plan_starts_the_least_time_off(heating):
+    heating.turn_off(1005 * S)
+    heating.turn_off(1006 * S)
+    assert heating.at(1124.999, FULL_W) == 0.0
+    assert heating.at(1125.0, FULL_W) == FULL_W
+
+
 def test_force_off_does_not_wait_and_leaves_no_wait_behind(heating):
     heating.force_off()
     assert not heating.is_on
