@@ -16,8 +16,8 @@ import numpy as np
 
 from bev_preheat.compiled.library import without_core
 from bev_preheat.errors import InvalidInput
-from bev_preheat.planning.limits import limits_hold
 from bev_preheat.planning.free_heat import leave_useless_heat
+from bev_preheat.planning.limits import limits_hold
 from bev_preheat.planning.merit_order import plan_merit_order
 from bev_preheat.planning.optimal_switch import plan_optimal_switch
 from bev_preheat.planning.outcome import find_outcome

@@ -72,6 +72,16 @@ def drive_to_end(limits: TerminalLimits[float], state: tuple[float, float], vari
     return driven
 
 
+def warmth_beyond(heater_w: float, paid_w: float, end_c: float, ceiling_c: float,
+                  highest_c: float) -> tuple[float, float]:
+    """
+    Return the least heater power [W] that is left where a step ends too warm [deg C], and by how much it does [K].
+
+    Surplus, what is more than `paid_w`, goes to the brake above `ceiling_c`; paid heat ends at `highest_c`.
+    """
+    return (paid_w, end_c - ceiling_c) if heater_w > paid_w else (0.0, end_c - highest_c)
+
+
 def _as_much_as_needed(utmost_w: float, slope: float, first: Trial[Driven],
                        attempt: Callable[[float], Trial[Driven]]) -> Driven:
     """Return the step whose terminal power [W] is moved towards the utmost until the limit holds."""

@@ -55,7 +55,7 @@ OFFSETS_K = (WIDER ** np.arange(PIECES + 1) - 1.0) / (WIDER - 1.0)
 def leave_useless_heat(trip: Trip, state: BatteryState, target_c: float, schedule: Schedule,
                        plan_again: Callable[[Trip], Schedule]) -> Schedule:
     """
-    Return a Schedule for a target [deg C], or the one planned again with a ceiling on free heat, if no use is lost.
+    Return a Schedule for a target [deg C], or that planned again with a ceiling on free heat, if no use is lost.
 
     `plan_again` plans a Trip from the same state for the same target.
     """
@@ -81,7 +81,7 @@ def _is_too_warm(trip: Trip, target_c: float, schedule: Schedule) -> bool:
 
 
 def _is_as_useful(trip: Trip, target_c: float, bounded: Schedule, free: Schedule) -> bool:
-    """Return whether what a Schedule has less than another, in charge, warmth and power, is worth the heat it saves."""
+    """Return whether a Schedule saves more heat than what it has less of charge, warmth and power is worth."""
     missed_k, free_missed_k = (target_c - float(run.temperature_c[-1]) for run in (bounded, free))
     if ((bounded.empty_at_s is None) != (free.empty_at_s is None)
             or missed_k > max(free_missed_k, 0.0) + MISSED_K
@@ -114,7 +114,8 @@ def find_surplus_ceiling_c(trip: Trip, state: BatteryState, target_c: float, soc
     coasting_c = cool_c + (target_c - cool_c[-1]) * kept / kept[-1]
     highest_c = trip.vehicle.battery.temperature_range_c[1]
     useful_c = np.maximum(coasting_c, cool_c + _gaining_k(trip, soc, cool_c, kept))[1:]
-    return np.minimum(useful_c, max(highest_c - BELOW_HIGHEST_K, min(target_c, highest_c)))
+    ceiling_c: FloatArray = np.minimum(useful_c, max(highest_c - BELOW_HIGHEST_K, min(target_c, highest_c)))
+    return ceiling_c
 
 
 def _gaining_k(trip: Trip, soc: FloatArray, cool_c: FloatArray, kept: FloatArray) -> FloatArray:

@@ -18,7 +18,7 @@ import numpy as np
 from bev_preheat.compiled import runs as compiled_runs
 from bev_preheat.compiled import searches as compiled_searches
 from bev_preheat.numerics.arithmetic import FLOATS
-from bev_preheat.planning.both_ends import drive_to_end, Driven
+from bev_preheat.planning.both_ends import drive_to_end, Driven, warmth_beyond
 from bev_preheat.planning.bracketing import halve
 from bev_preheat.planning.dynamics import compiled_vehicle, hottest_c
 from bev_preheat.planning.foresight import Foresight
@@ -171,9 +171,8 @@ def _drive_within_limits(trip: Trip, watch: Watch, wanted_w: WantedPower,
                 if foresight is not None and surplus_w > 0.0:
                     surplus_w = min(surplus_w, foresight.lasting_surplus_w(k, states))
                 free_w = min(cap_w, surplus_w)
-                if command_w <= free_w:
-                    # None of it is paid for, whoever asks.
-                    command_w, paid_w = free_w, 0.0
+                # Where that is enough none of it is paid for, whoever asks.
+                command_w, paid_w = (free_w, 0.0) if command_w <= free_w else (command_w, paid_w)
             if foresight is not None and command_w > 0.0:
                 command_w = max(0.0, min(command_w, foresight.off_in_time_w(k, states)))
             while True:
@@ -183,9 +182,8 @@ def _drive_within_limits(trip: Trip, watch: Watch, wanted_w: WantedPower,
                     brake_w = min(max(0.0, least_w - power_w - drawn_w), -propulsion_w)
                 ends = end_of(command_w, brake_w)
                 settled_end_c = ends[1] + k_per_watt * ends[2] + share_of_excess * ends[3]
-                # Surplus that is not useful goes to the brake.
-                least_command_w, beyond_k = ((paid_w, settled_end_c - ceiling_c) if command_w > paid_w
-                                             else (0.0, settled_end_c - highest_c))
+                least_command_w, beyond_k = warmth_beyond(
+                    command_w, paid_w, settled_end_c, ceiling_c, highest_c)
                 if command_w <= 0.0 or beyond_k <= HIGHEST_TOLERANCE_K:
                     break
                 command_w = max(least_command_w, command_w - beyond_k * joules_per_k / duration_s)

@@ -17,7 +17,7 @@ import numpy as np
 from bev_preheat.compiled import runs as compiled_runs
 from bev_preheat.compiled import searches as compiled_searches
 from bev_preheat.numerics.arithmetic import FLOATS
-from bev_preheat.planning.both_ends import drive_to_end, Driven
+from bev_preheat.planning.both_ends import drive_to_end, Driven, warmth_beyond
 from bev_preheat.planning.bracketing import halve
 from bev_preheat.planning.dynamics import (
     compiled_vehicle,
@@ -136,8 +136,8 @@ def run_within_limits(trip: Trip, state: BatteryState, watch: Watch,
 
     `wanted` is the WantedHeat, cut where the battery cannot give it or would exceed its highest
     temperature. With `take_surplus`, what the battery may not take of the regeneration goes to the
-    heater first, as far as it is useful (`free_heat`); the friction brake takes the rest. With `before`, a Schedule of the same trip, its
-    steps before `first` are kept.
+    heater first, as far as it is useful (`free_heat`); the friction brake takes the rest. With `before`, a
+    Schedule of the same trip, its steps before `first` are kept.
 
     The state of charge stays within 0 ... 1: what would overfill the battery goes to the friction
     brake, and where the charge runs out the vehicle stands for the rest of the trip.
@@ -276,9 +276,7 @@ def _step_within_limits(trip: Trip, watch: Watch, wanted_w: WantedPower,
                 if may_overcharge:
                     brake_w = min(max(0.0, least_w - power_w - heater_w), -propulsion_w)
                 soc_end, end_c, _, _ = end_of(heater_w, brake_w)
-                # Surplus that is not useful goes to the brake.
-                least_heat_w, beyond_k = ((paid_w, end_c - ceiling_c) if heater_w > paid_w
-                                          else (0.0, end_c - highest_c))
+                least_heat_w, beyond_k = warmth_beyond(heater_w, paid_w, end_c, ceiling_c, highest_c)
                 if heater_w <= 0.0 or beyond_k <= HIGHEST_TOLERANCE_K:
                     break
                 heater_w = max(least_heat_w, heater_w - beyond_k * joules_per_k / duration_s)

@@ -17,15 +17,20 @@ from typing import NamedTuple
 from bev_preheat.estimation.resolution import Resolution, SOC_STEPS
 
 # Changes of voltage and current from one state to the next, over so many states, that are no
-# further apart than this [s]; the current must have changed by this standard deviation [A].
+# further apart than this [s]; the current must have changed by the first standard deviation [A] if they
+# are few, by the second if they are all.
 CHANGES, LEAST_CHANGES = 60, 20
 APART_S = 2.5
-LEAST_DEVIATION_A = 5.0
+LEAST_DEVIATION_A, LEAST_DEVIATION_OF_ALL_A = 5.0, 1.5
 # … and their correlation must be beyond this one.
 PROVES_CORRELATION = 0.7
-# The state of charge must have moved by so much, and by more than this share of its step.
-LEAST_MOVED = 0.004
+# The state of charge must have moved by so much, by more than this share of its step, and by more than so
+# many standard deviations of its noise, which shows from one state to the next.
+LEAST_MOVED = 0.0025
 LEAST_STEPS = 0.9
+LEAST_DEVIATIONS = 5.0
+# That of so many states.
+NOISE_OVER = 30.0
 # The current must account for this share of that at least, if it was as much as that itself.
 LEAST_SHARE = 0.25
 CONFIRMED_EVERY_S = 10.0
@@ -59,6 +64,9 @@ class CurrentSign:
         self._soc_steps = Resolution(SOC_STEPS)
         self._first_soc: float | None = None
         self._discharged = 0.0
+        # Variance of the change of the state of charge from one state to the next.
+        self._latest_soc: float | None = None
+        self._noise = 0.0
         self._confirmed_s = -math.inf
 
     def lose_time(self) -> None:
@@ -77,6 +85,9 @@ class CurrentSign:
         elapsed_s = instant_s - before.instant_s
         if elapsed_s <= APART_S:
             self._changes.append((voltage_v - before.voltage_v, current_a - before.current_a))
+        if self._latest_soc is not None and self._soc_steps.step == 0.0:
+            self._noise += ((soc - self._latest_soc)**2 - self._noise) / NOISE_OVER
+        self._latest_soc = soc
         self._discharged += 0.5 * (current_a + before.current_a) * elapsed_s / self._capacity_as
         # A sign that is known to be right is confirmed now and then.
         if self.sign is not Sign.RIGHT or instant_s >= self._confirmed_s + CONFIRMED_EVERY_S:
@@ -94,7 +105,8 @@ class CurrentSign:
             voltages += change_v * change_v
             current += change_a * change_a
             mixed += change_v * change_a
-        if voltages == 0.0 or current < count * LEAST_DEVIATION_A**2:
+        least_a = LEAST_DEVIATION_OF_ALL_A if count == CHANGES else LEAST_DEVIATION_A
+        if voltages == 0.0 or current < count * least_a**2:
             return
         correlation = mixed / math.sqrt(voltages * current)
         if correlation > PROVES_CORRELATION:
@@ -105,7 +117,8 @@ class CurrentSign:
     def _judge_charge(self, soc: float) -> None:
         if self._first_soc is None:
             self._first_soc = soc
-        fallen, least = self._first_soc - soc, max(LEAST_MOVED, LEAST_STEPS * self._soc_steps.step)
+        fallen = self._first_soc - soc
+        least = max(LEAST_MOVED, LEAST_STEPS * self._soc_steps.step, LEAST_DEVIATIONS * math.sqrt(0.5 * self._noise))
         if abs(fallen) < least or abs(self._discharged) < max(LEAST_SHARE * abs(fallen), 0.5 * least):
             if abs(self._discharged) > max(RESTART_AFTER, 3.0 * least):
                 self._first_soc, self._discharged = soc, 0.0

@@ -39,8 +39,8 @@ class FeedWatch:
         if not self._is_slow:
             return ''
         every_s = sum(self._too_long_s) / len(self._too_long_s)
-        return (f'battery_state arrives every {every_s:.1f} s; battery_state_timeout is {timeout_s:g} s: raise it, or '
-                'send battery_state more often')
+        return (f'battery_state arrives every {every_s:.1f} s; battery_state_timeout is {timeout_s:g} s: '
+                'raise it, or send battery_state more often')
 
     def _count(self, gap_s: float) -> None:
         if self._has_expired:

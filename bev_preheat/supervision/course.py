@@ -79,7 +79,7 @@ def planned_around(timetable: Timetable | None, instant_ns: int, defaults: Defau
             first, last = (leg.route.segment_at((planned_ns + by_ns - leg.start_ns) / NS_PER_S)
                            for by_ns in (-AROUND_NS, AROUND_NS))
             return _planned_power(leg, first, last)
-    return PlannedPower(0.0, 0.0, defaults.cabin_heating_power_w + defaults.auxiliary_power_w, False)
+    return PlannedPower(0.0, 0.0, 0.0, defaults.cabin_heating_power_w + defaults.auxiliary_power_w, False)
 
 
 @lru_cache(maxsize=KEPT_SEGMENTS)
@@ -88,7 +88,7 @@ def _planned_power(leg: Leg, first: int, last: int) -> PlannedPower:
     route, part = leg.route, slice(first, last + 1)
     propulsion_w = route.propulsion_power_w[part]
     return PlannedPower(
-        float(np.average(propulsion_w, weights=route.duration_s[part])), float(propulsion_w.min()),
+        float(np.average(propulsion_w, weights=route.duration_s[part])), float(propulsion_w.min()), float(propulsion_w.max()),
         float((route.cabin_heating_power_w[part] + route.auxiliary_power_w[part]).max()))
 
 

@@ -82,8 +82,8 @@ class HeatingPause:
             return (f'{self._cause} {ago_s:.0f} s ago; heating resumes after {self._wait_ns / NS_PER_S:g} s of '
                     f'valid input{again}.')
         if self._hour_left_ns() > 0:
-            return (f'The heater was switched on {MOST_SWITCH_ONS} times within an hour; the next time is possible '
-                    f'in {self._hour_left_ns() / NS_PER_S:.0f} s.')
+            return (f'The heater was switched on {MOST_SWITCH_ONS} times within an hour; the next time is '
+                    f'possible in {self._hour_left_ns() / NS_PER_S:.0f} s.')
         return ''
 
     def _doubt_left_ns(self) -> int:

@@ -81,12 +81,13 @@ class PlannedPower(NamedTuple):
     """
     The power that the route plans around an instant [W].
 
-    `propulsion_w` is the mean, `least_propulsion_w` the least of a segment; `others_w` is the power
-    of cabin and auxiliaries. `is_driving`: a leg of the route covers the instant.
+    `propulsion_w` is the mean, `least_propulsion_w` and `most_propulsion_w` are those of segments; `others_w`
+    is the power of cabin and auxiliaries. `is_driving`: a leg of the route covers the instant.
     """
 
     propulsion_w: float
     least_propulsion_w: float
+    most_propulsion_w: float
     others_w: float
     is_driving: bool = True
 
@@ -146,12 +147,13 @@ class RegimeWatch:
 
     def _judge(self, evidence: Evidence) -> None:
         before = self.report.regime
-        charging = self._charging(evidence)
-        suspicion = ''
-        if charging and not evidence.is_sign_proven and _is_mirrored(evidence):
-            suspicion = (f'{charging}, no more than the route takes from it, so the sign of '
-                         'battery_state.current may be reversed')
-            charging = ''
+        charging, suspicion = self._charging(evidence), ''
+        if not evidence.is_sign_proven:
+            suspicion = self.report.suspicion if self._may_be_reversed() else ''
+            if charging and _is_mirrored(evidence):
+                suspicion = (f'{charging}, no more than the route takes from it, so the sign of '
+                             'battery_state.current may be reversed')
+            charging = '' if suspicion else charging
         if evidence.has_moved:
             self._enter(Regime.DRIVING, evidence.stamp_ns, evidence.stamp_ns, 'the position moves')
         elif charging:
@@ -228,6 +230,11 @@ class RegimeWatch:
         return any(sample.supply is SupplyStatus.CHARGING if sample.power_w is None
                    else sample.power_w < STANDS_ABOVE_W for sample in window)
 
+    def _may_be_reversed(self) -> bool:
+        """Whether a current that was suspected of the wrong sign has not flowed out since."""
+        power_w = self._samples[-1].power_w
+        return power_w is not None and power_w < CHARGES_W
+
     def _drives(self, evidence: Evidence) -> bool:
         """Whether the battery has given more than consumers and heater take for some seconds."""
         window = self._window(DRIVING_AFTER_S)
@@ -282,6 +289,6 @@ class RegimeWatch:
 def _is_mirrored(evidence: Evidence) -> bool:
     """Whether the power, with the other sign, may be that of the vehicle on its route."""
     planned = evidence.planned
-    expected_w = max(planned.propulsion_w, 0.0) + planned.others_w + evidence.command_w
+    expected_w = max(planned.most_propulsion_w, 0.0) + planned.others_w + evidence.command_w
     return (planned.is_driving and evidence.power_w is not None
             and -evidence.power_w <= MIRRORED_UP_TO * expected_w)

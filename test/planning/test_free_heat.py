@@ -67,7 +67,7 @@ def test_warmth_that_the_target_lacks_is_taken_for_nothing(start_c, ambient_c, c
 
 
 def test_what_a_kelvin_gains_decides_how_warm_it_gets():
-    # Beyond 25 degC the limit rises by 1 kW/K or less; at half charge it takes 115 kW there, so nothing is refused.
+    # Beyond 25 degC the limit rises by 1 kW/K or less; at half charge it takes 115 kW there: nothing is refused.
     state = BatteryState(10.0, 0.5)
     plan = plan_preheating(REFERENCE, descent(20, 10.0, -60e3), state, Goal(5.0))
     # 62 kW at 10 degC: all of it is taken, and warmth is of no use.

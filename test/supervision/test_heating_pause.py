@@ -134,8 +134,8 @@ def test_a_clock_that_falls_back_does_not_lock_the_heater(back_s):
 
 
 STEPS = st.lists(st.tuples(
-    st.floats(0.0, 700.0), st.sampled_from(['on', 'on', 'on', 'off', 'doubt', 'force', 'by plan', 'allow', 'back'])),
-    max_size=300)
+    st.floats(0.0, 700.0), st.sampled_from([
+        'on', 'on', 'on', 'off', 'doubt', 'force', 'by plan', 'allow', 'back'])), max_size=300)
 
 
 @pytest.mark.costly

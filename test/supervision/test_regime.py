@@ -11,10 +11,10 @@ from bev_preheat.supervision.regime import Evidence, PlannedPower, Regime, Regim
 
 START_S = 5000
 # The route plans 15.3 kW of propulsion and 2.1 kW of consumers.
-ROAD = PlannedPower(15300.0, 12000.0, 2100.0)
-DESCENT = PlannedPower(-14000.0, -22000.0, 2100.0)
-CITY = PlannedPower(1700.0, -900.0, 2100.0)
-STOP = PlannedPower(0.0, 0.0, 2100.0, False)
+ROAD = PlannedPower(15300.0, 12000.0, 19000.0, 2100.0)
+DESCENT = PlannedPower(-14000.0, -22000.0, -5000.0, 2100.0)
+CITY = PlannedPower(1700.0, -900.0, 4000.0, 2100.0)
+STOP = PlannedPower(0.0, 0.0, 0.0, 2100.0, False)
 
 
 def watch(powers_w, planned=ROAD, period_s=1.0, **evidence):
@@ -133,6 +133,9 @@ def test_a_power_that_mirrors_the_route_is_suspected_only_while_the_sign_is_not_
     assert report.regime is not Regime.CHARGING
     assert 'sign of battery_state.current may be reversed' in report.suspicion
     assert last([-17400.0] * 30).regime is Regime.CHARGING
+    # It goes on while the current varies, until some flows out.
+    assert last([-17400.0] * 30 + [-6000.0, -30000.0] * 10, is_sign_proven=False).suspicion
+    assert not last([-17400.0] * 30 + [9000.0] * 2, is_sign_proven=False).suspicion
     assert last([-90000.0] * 30, is_sign_proven=False).regime is Regime.CHARGING
 
 

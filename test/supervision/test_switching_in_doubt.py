@@ -2,7 +2,6 @@
 """How the heater is switched by a supervisor whose inputs are wrong now and then."""
 
 from dataclasses import replace
-from math import nan
 import random
 
 import pytest
@@ -104,8 +103,8 @@ def test_what_makes_it_wait_is_said():
     for second in range(10, 14):
         car.give(second, car.state(second))
     sentence = car.planner.decision.explanation
-    assert sentence.startswith('battery_state was refused 4 s ago; heating resumes after 10 s of valid input.') or (
-        sentence.startswith('battery_state was refused 3 s ago;'))
+    # 3.5 s ago.
+    assert sentence.startswith('battery_state was refused 4 s ago; heating resumes after 10 s of valid input.')
     assert 'target 60.0 degC' in sentence
     assert (car.powers_w[-1], car.reason) == (0.0, Status.INVALID_INPUT)
 
@@ -148,7 +147,8 @@ def test_an_exception_makes_it_wait(monkeypatch):
     assert car.powers_w[-1] > 0.0
 
 
-@pytest.mark.parametrize('every_s, timeout_s, doubted', [(10.0, 5.0, True), (4.0, 5.0, False), (10.0, 15.0, False)])
+@pytest.mark.parametrize('every_s, timeout_s, doubted', [
+    (10.0, 5.0, True), (4.0, 5.0, False), (10.0, 15.0, False)])
 def test_a_feed_slower_than_the_timeout_does_not_relay(every_s, timeout_s, doubted):
     car = Car(replace(SETTINGS, battery_state_timeout_s=timeout_s))
     for second in range(1200):
@@ -192,7 +192,8 @@ def test_within_its_least_time_on_the_heater_says_that_it_is_held(above_k):
     car = held_car(25.0 + above_k, 25.0)
     assert (car.powers_w[-1] > 0.0, car.reason, car.planner.decision.status) == (
         True, Status.HEATING, Status.HEATING)
-    assert car.planner.decision.explanation.startswith('The heater stays on for minimum_on_time, 17 s more: arrival at ')
+    assert car.planner.decision.explanation.startswith(
+        'The heater stays on for minimum_on_time, 17 s more: arrival at ')
     for second in range(4, 22):
         car.give(second, car.state(second))
     assert (car.powers_w[-1], car.reason) == (0.0, Status.NOT_NEEDED)
@@ -205,7 +206,8 @@ def test_within_its_least_time_on_the_heater_says_that_it_is_held(above_k):
 def test_the_least_time_on_does_not_outrank_limit_and_target(temperature_c, target_c):
     car = held_car(temperature_c, target_c)
     assert car.powers_w[-1] == 0.0
-    assert car.reason is car.planner.decision.status is Status.NOT_NEEDED
+    assert car.reason is car.planner.decision.status
+    assert car.reason in (Status.NOT_NEEDED, Status.WAITING)
     # The least time off holds.
     car.temperature_c = target_c - 10.0
     for second in range(4, 122):
@@ -217,7 +219,8 @@ def test_the_least_time_on_does_not_outrank_limit_and_target(temperature_c, targ
 
 def random_event(seeded, car, at_s):
     what = seeded.choice(('state',) * 12 + (
-        'nan', 'late', 'overtaken', 'cancel', 'route', 'route', 'bad route', 'no', 'yes', 'rival', 'alone', 'nothing'))
+        'nan', 'late', 'overtaken', 'cancel', 'route', 'route', 'bad route', 'no', 'yes', 'rival', 'alone',
+        'nothing'))
     state = Measurement(BatteryState(car.temperature_c, 0.8), NOW_NS + ns(at_s))
     return {
         'state': BatteryStateArrived(state), 'nan': BatteryStateUnreadable(UNREADABLE),
