@@ -32,8 +32,6 @@ BEYOND_REGENERATION_W = 2000.0
 # Standing is recognised after so long, where the route plans to drive with more than this [W].
 STANDING_AFTER_S = 60.0
 DRIVES_W = 2000.0
-# … of which a vehicle that drives is asked this often.
-LOOKS_EVERY_S = 5.0
 # A vehicle that stands takes at most this much more than route and command say [W]; its power
 # varies by no more than that, and does not flow into the battery by more than the second.
 STANDS_WITHIN_W = 1000.0
@@ -126,7 +124,6 @@ class RegimeWatch:
         """Know nothing yet."""
         self.report = RegimeReport(Regime.UNKNOWN)
         self._samples: deque[_Sample] = deque()
-        self._looked_ns = 0
 
     def lose_time(self) -> None:
         """Forget all instants, because the clock was restarted."""
@@ -251,10 +248,10 @@ class RegimeWatch:
         planned = evidence.planned
         if evidence.has_moved is not None or (planned.is_driving and planned.propulsion_w <= DRIVES_W):
             return ''
-        if self.report.regime is Regime.DRIVING:
-            if 0 <= evidence.stamp_ns - self._looked_ns < LOOKS_EVERY_S * NS_PER_S:
-                return ''
-            self._looked_ns = evidence.stamp_ns
+        if evidence.power_w is None or (
+                evidence.power_w - evidence.command_w > planned.others_w + 2.0 * STANDS_WITHIN_W):
+            # Most states of a drive are decided by this one alone.
+            return ''
         window = self._window(STANDING_AFTER_S)
         powers_w = self._powers_w(window)
         if not powers_w or min(powers_w) < STANDS_ABOVE_W:
