@@ -2,7 +2,7 @@
 SHELL := bash
 .SHELLFLAGS := -eu -o pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help setup build demo test test-quick test-deep test-oldest test-repeated coverage bench footprint soak soak-monitor docs lint clean
+.PHONY: help setup build demo test test-quick test-deep test-oldest test-pythons test-repeated coverage bench footprint soak soak-monitor docs lint clean
 
 DEMO := python3 -m bev_preheat.demo
 BENCH := python3 -m bev_preheat.experiments.cost
@@ -54,6 +54,9 @@ test-oldest: export BEV_PREHEAT_OLDEST := 1
 test-oldest: build ## all tests with the oldest supported versions (scripts/requirements-oldest.txt), no optional package
 	@$(environment); $(local_only); python3 -m pytest -q $(several_files_at_once) -m "not deep and not linter" $(TESTS)
 
+test-pythons: ## all tests with each supported Python that is installed (scripts/pythons.txt), in PATH or by pyenv
+	@scripts/test_pythons.bash $(TESTS)
+
 test-repeated: build ## make test 20 times, half of them beside one busy loop for each core
 	@scripts/repeat_tests.bash
 
@@ -94,4 +97,4 @@ lint: setup ## ruff (errors, imports, names, docstrings), mypy, ament_flake8 and
 
 clean: ## what build and tests made; .venv stays
 	rm -rf build install log out .pytest_cache .hypothesis
-	find . \( -name .venv -o -path ./.oldest \) -prune -o -name __pycache__ -type d -print0 | xargs -0 -r rm -rf
+	find . \( -name .venv -o -path ./.oldest -o -path ./.pythons \) -prune -o -name __pycache__ -type d -print0 | xargs -0 -r rm -rf

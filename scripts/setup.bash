@@ -36,7 +36,13 @@ venv_name=${venv#"$bev_preheat_root/"}
 
 version_of() { "$1" -I -S -c 'import sys; print(*sys.version_info[:3], sep=".")' 2>/dev/null; }
 
-is_new_enough() { "$1" -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null; }
+# The supported versions, and the first of them.
+pythons=$(cat scripts/pythons.txt)
+oldest_python=${pythons%%$'\n'*}
+
+is_new_enough() {
+    "$1" -c 'import sys; sys.exit(sys.version_info[:2] < tuple(map(int, sys.argv[1].split("."))))' "$oldest_python" 2>/dev/null
+}
 
 check_build_tools() {
     local tool
@@ -54,7 +60,7 @@ find_distribution_python() {
     for candidate in ${PYTHON:-python3 /usr/bin/python3}; do
         if "$candidate" -c 'import rclpy' 2>/dev/null; then
             is_new_enough "$candidate" ||
-                fail "ROS 2 ${ROS_DISTRO:-} in $bev_preheat_underlay uses $("$candidate" --version); this project needs ROS 2 Jazzy, with Python 3.11 or newer"
+                fail "ROS 2 ${ROS_DISTRO:-} in $bev_preheat_underlay uses $("$candidate" --version); this project needs ROS 2 Jazzy, with Python $oldest_python or newer"
             command -v "$candidate"
             return
         fi
@@ -80,16 +86,16 @@ PYTHON
 }
 
 find_python() {
-    local candidate candidates="python3 python3.12 python3.11 python3.13"
-    # The last Python for which there are wheels of all oldest versions is 3.11.
-    [ -z "${BEV_PREHEAT_OLDEST:-}" ] || candidates="python3.11 python3.12 python3"
+    local candidate candidates="python3 ${pythons//3./python3.}"
+    # The last Python with wheels of all oldest versions is the oldest supported one.
+    [ -z "${BEV_PREHEAT_OLDEST:-}" ] || candidates="${pythons//3./python3.} python3"
     for candidate in ${PYTHON:-$candidates}; do
         if is_new_enough "$candidate"; then
             command -v "$candidate"
             return
         fi
     done
-    fail "needs Python 3.11 or newer; ${PYTHON:-python3} is $("${PYTHON:-python3}" --version 2>/dev/null || echo not there)" \
+    fail "needs Python $oldest_python or newer; ${PYTHON:-python3} is $("${PYTHON:-python3}" --version 2>/dev/null || echo not there)" \
         "  install one (Debian, Ubuntu: python3.12 python3.12-venv python3.12-dev) or name it: make setup PYTHON=/path/to/python3.12"
 }
 

@@ -11,6 +11,7 @@ from bev_preheat.commands.completion import completed_by, ROUTES, VEHICLES
 from bev_preheat.errors import InvalidInput
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route import Route, route_for
+from bev_preheat.route.plausibility import unit_warnings
 from bev_preheat.vehicle import load_vehicle, Vehicle, vehicle_file
 from bev_preheat.vehicle.assumptions import assumption_warning
 
@@ -87,7 +88,8 @@ def read_situation(arguments: Namespace) -> Situation:
     """Return the Situation of parsed arguments; raise InvalidInput where they make none."""
     vehicle = load_planned_vehicle(arguments.vehicle)
     loaded = route_for(arguments.route, vehicle)
-    warn(loaded.warning)
+    warn(loaded.warning, *(f'route {arguments.route}: {sentence}'
+                           for sentence in unit_warnings([loaded.route], vehicle, with_units=True)))
     return Situation(vehicle, in_steps(loaded.route, arguments),
                      BatteryState(arguments.temperature, arguments.soc),
                      Goal(target_of(arguments, vehicle), arguments.min_soc,

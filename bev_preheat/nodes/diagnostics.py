@@ -111,6 +111,9 @@ def _preheating(name: str, hardware: str, supervisor: Supervisor, now_ns: int) -
         values['predicted arrival state of charge [1]'] = f'{plan.arrival_soc:.4f}'
         values['planning time [ms]'] = f'{plan.planning_time_s * 1e3:.3f}'
     level, text = LEVELS.get(decision.status, DiagnosticStatus.OK), decision.explanation
+    if supervisor.unit_warnings:
+        level = max(level, DiagnosticStatus.WARN)
+        text += f' route_plan: {"; ".join(supervisor.unit_warnings)}.'
     refused = supervisor.refused_route
     if refused is not None:
         # Someone's trip is not the one that is planned, even where the one before it goes on.

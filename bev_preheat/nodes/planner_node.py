@@ -230,6 +230,8 @@ class PlannerNode(Node):
             f'{sum(route.total_duration_s for route in routes) / 60:.1f} min, '
             f'{sum(route.distance_m for route in routes) / 1000:.1f} km, '
             f'stops on the way: {len(routes) - 1}.')
+        for warning in self._supervisor.unit_warnings:
+            self.get_logger().warning(f'route_plan: {warning}.')
 
     @guarded
     def _on_rival(self) -> None:

@@ -240,6 +240,11 @@ class Supervisor:
         return self._inbox.refused_route
 
     @property
+    def unit_warnings(self) -> list[str]:
+        """Sentences on fields of the current route that look like wrong units."""
+        return self._inbox.unit_warnings
+
+    @property
     def estimate(self) -> Estimate | None:
         """The latest estimation.estimate.Estimate; None without one."""
         return self._judgement.estimate if self.settings.estimation else None

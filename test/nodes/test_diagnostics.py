@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the entry `planner: estimation` says of a temperature sensor that is off."""
 
+from dataclasses import replace
 import re
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -54,3 +55,21 @@ def test_a_reset_is_said_first():
     assert RESET_SHOWN_S > 2.0
     entry, _ = estimation_entry([-2.0, 9.0, 9.0], 36_000.0)
     assert entry.message.startswith('reset: ')
+
+
+@pytest.mark.parametrize('cabin_w, warning', [
+    (2000.0, ''), (50e3, ' route_plan: cabin_heating_power: 50000 W at min 0.0; the heater has 7000 W; '
+                   'check the unit.')])
+def test_a_wrong_unit_in_the_route_is_a_warning_and_no_refusal(cabin_w, warning):
+    supervisor = Stepwise(VEHICLE, Settings())
+    route = load_route('reference', VEHICLE.defaults)
+    powers_w = route.cabin_heating_power_w.copy()
+    # For so short that the charge still carries the trip.
+    powers_w[0] = cabin_w
+    supervisor.accept_mission(Mission('home', (
+        Leg(replace(route, cabin_heating_power_w=powers_w), START_NS, True, -10.0),)))
+    supervisor.accept_battery(Measurement(BatteryState(-7.0, 0.8), START_NS), START_NS)
+    entry = planner_diagnostics('planner', supervisor, START_NS).status[0]
+    assert entry.level == (DiagnosticStatus.WARN if warning else DiagnosticStatus.OK)
+    assert entry.message.startswith('NOT_NEEDED: ') and entry.message.endswith(warning)
+    assert ('check the unit' in entry.message) is bool(warning)

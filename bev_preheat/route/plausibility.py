@@ -1,0 +1,87 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Warnings of units gone wrong in a route: values that may be sent, but that no such car has.
+
+They are warnings and no refusals, because the limits are those of usual cars.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from bev_preheat.errors import figure
+
+if TYPE_CHECKING:
+    from bev_preheat.route.segments import Route
+    from bev_preheat.vehicle.description import Vehicle
+
+# Auxiliaries take at most this [W], and no car drives in hotter air [deg C].
+MOST_AUXILIARY_W = 6e3
+HOTTEST_AMBIENT_C = 50.0
+# Power beyond a maximum by this factor is not rounding, nor a rough data sheet, nor a cabin that asks for more.
+MOST_BEYOND_MAXIMUM = 1.5
+# Half of the air's density times the least drag area of a car [kg/m]; 1.2 kg/m^3 and 0.4 m^2.
+LEAST_DRAG_KG_PER_M = 0.24
+# Drag exceeds the energy of a drive by this factor only if power or speed is wrong: on descents it may be more.
+MOST_DRAG = 1.5
+# Drag counts on average above this speed [m/s].
+LEAST_SPEED_MPS = 5.0
+# Less power than this on average [W] at such a speed: kilowatts.
+LEAST_POWER_W = 300.0
+
+
+def unit_warnings(routes: Iterable[Route], vehicle: Vehicle, with_units: bool = False) -> list[str]:
+    """
+    Return a sentence for each field of the Routes of a trip that looks like a wrong unit.
+
+    Fields are named as in RoutePlan, `with_units` as in a route file.
+    """
+    found: dict[str, str] = {}
+    for route in routes:
+        for field, sentence in _warnings(route, vehicle):
+            name = field if with_units else field.rpartition('_')[0]
+            found.setdefault(field, f'{name}: {sentence}')
+    return list(found.values())
+
+
+def _warnings(route: Route, vehicle: Vehicle) -> Iterator[tuple[str, str]]:
+    heater_w, drive_w = vehicle.hvch.maximum_power_w, vehicle.drivetrain.maximum_power_w
+    for field, most, why in (
+            ('cabin_heating_power_w', heater_w, 'the heater has'),
+            ('propulsion_power_w', drive_w, 'the drivetrain has'),
+            ('auxiliary_power_w', MOST_AUXILIARY_W, 'usual cars take at most')):
+        values = getattr(route, field)
+        at = int(np.abs(values).argmax())
+        if abs(values[at]) > MOST_BEYOND_MAXIMUM * most:
+            yield (field, f'{figure(values[at])} W {_when(route, at)}; {why} {figure(most, 3)} W; '
+                   'check the unit')
+    ambient_c = route.ambient_temperature_c
+    at = int(ambient_c.argmax())
+    if ambient_c[at] > HOTTEST_AMBIENT_C:
+        yield ('ambient_temperature_c', f'{figure(ambient_c[at])} degC {_when(route, at)}; '
+               f'at most {HOTTEST_AMBIENT_C:g} degC are usual; check the unit')
+    yield from _drag_warnings(route)
+
+
+def _when(route: Route, at: int) -> str:
+    return f'at min {float(route.duration_s[:at].sum()) / 60.0:.1f}'
+
+
+def _drag_warnings(route: Route) -> Iterator[tuple[str, str]]:
+    """Yield the warning of a drive with less energy than the drag of the slimmest car at its speed."""
+    duration_s, speed_mps = route.duration_s, route.speed_mps
+    total_s = route.total_duration_s
+    mean_w = float(np.maximum(route.propulsion_power_magnitude_w, 0.0) @ duration_s) / total_s
+    mean_mps = float(speed_mps @ duration_s) / total_s
+    drag_w = LEAST_DRAG_KG_PER_M * float(speed_mps**3 @ duration_s) / total_s
+    if mean_mps < LEAST_SPEED_MPS or drag_w <= MOST_DRAG * mean_w:
+        return
+    sentence = (f'{{}} on average; drag alone takes {figure(drag_w, 3)} W at these speeds, and the drive has '
+                f'{figure(mean_w, 3)} W; check the unit')
+    if mean_w < LEAST_POWER_W:
+        yield 'propulsion_power_w', sentence.format(f'{figure(mean_w, 3)} W')
+    else:
+        yield 'speed_mps', sentence.format(f'{mean_mps:.1f} m/s')

@@ -1,0 +1,63 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Units gone wrong in a route are warned of, and right ones are not."""
+
+from dataclasses import replace
+
+import pytest
+
+from bev_preheat.errors import InvalidInput
+from bev_preheat.files.configuration import configuration_folder
+from bev_preheat.route.for_vehicle import route_for
+from bev_preheat.route.plausibility import unit_warnings
+from bev_preheat.vehicle import load_vehicle
+
+VEHICLE = load_vehicle('reference')
+ROUTE = route_for('reference', VEHICLE).route
+ROUTES = [*(path.stem for path in configuration_folder('routes').glob('*.csv')),
+          *(f'legs/{path.stem}' for path in configuration_folder('routes/legs').glob('*.yaml'))]
+VEHICLES = [path.stem for path in configuration_folder('vehicles').glob('*.yaml')]
+
+
+def times(field, factor):
+    return replace(ROUTE, **{field: factor * getattr(ROUTE, field)})
+
+
+@pytest.mark.parametrize('vehicle', VEHICLES)
+@pytest.mark.parametrize('route', ROUTES)
+def test_no_route_that_comes_with_the_package_is_warned_of(route, vehicle):
+    vehicle = load_vehicle(vehicle)
+    try:
+        loaded = route_for(route, vehicle).route
+    except InvalidInput:
+        # Its drivetrain is too weak for the road, or nothing is known of its road load.
+        return
+    assert unit_warnings([loaded], vehicle) == []
+
+
+@pytest.mark.parametrize('route, field', [
+    (replace(ROUTE, cabin_heating_power_w=0.0 * ROUTE.duration_s + 50e3), 'cabin_heating_power'),
+    (replace(ROUTE, auxiliary_power_w=0.0 * ROUTE.duration_s + 50e3), 'auxiliary_power'),
+    (replace(ROUTE, ambient_temperature_c=0.0 * ROUTE.duration_s + 59.0), 'ambient_temperature'),
+    # In km/h.
+    (times('speed_mps', 3.6), 'speed'),
+    # In kW; and in mW.
+    (replace(ROUTE, **{name: getattr(ROUTE, name) / 1e3 for name in (
+        'propulsion_power_w', 'propulsion_power_rms_w', 'propulsion_power_magnitude_w')}), 'propulsion_power'),
+    (times('propulsion_power_w', 100.0), 'propulsion_power')])
+def test_a_wrong_unit_is_named(route, field):
+    (warning,) = unit_warnings([ROUTE, route], VEHICLE)
+    assert warning.startswith(f'{field}: ') and warning.endswith('; check the unit')
+
+
+def test_the_sentence_has_value_place_and_limit():
+    cabin_w = ROUTE.cabin_heating_power_w.copy()
+    cabin_w[3] = 50e3
+    route = replace(ROUTE, cabin_heating_power_w=cabin_w)
+    assert unit_warnings([route], VEHICLE, with_units=True) == [
+        f'cabin_heating_power_w: 50000 W at min {ROUTE.duration_s[:3].sum() / 60:.1f}; the heater has '
+        '7000 W; check the unit']
+
+
+def test_a_cabin_that_asks_for_a_little_more_than_the_heater_has_is_usual():
+    route = replace(ROUTE, cabin_heating_power_w=0.0 * ROUTE.duration_s + 10e3)
+    assert unit_warnings([route], VEHICLE) == []
