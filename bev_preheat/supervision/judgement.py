@@ -115,6 +115,9 @@ class Judgement:
             measurement = replace(measurement, voltage_v=None, current_a=None)
         if standing is not None:
             self._estimator.rely_on(standing)
+        if known.is_open:
+            # The next state that is not will be compared with the latest before this one.
+            return
         if known.is_described:
             self._estimator.observe(
                 measurement, shown_command_w(timetable, stamp_ns, commands),

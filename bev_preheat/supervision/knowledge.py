@@ -48,6 +48,8 @@ SHOWN_FOR_S = 30.0
 COMPARED_EVERY_S = 5.0
 # The heater's power is taken from the battery's over about so long [s].
 SEEN_OVER_S = 60.0
+# Nobody unplugs and drives off faster than this [s]: power that ended sooner was that of a descent.
+UNPLUGGED_AFTER_S = 20.0
 # A car that is charged for so long near the end of a leg to a charger has arrived there:
 ARRIVES_AFTER_S = 120.0
 # … within so long of the end [s], or this share of the leg.
@@ -58,12 +60,13 @@ class Known(NamedTuple):
     """
     A Measurement with the signals that hold; the others are None in it.
 
-    `is_described`: the model describes this instant, so it may be learned from. `trusts_temperature`,
-    `trusts_soc`: these readings hold.
+    `is_described`: the model describes this instant, so it may be learned from; `is_open`: that is not
+    known yet. `trusts_temperature`, `trusts_soc`: these readings hold.
     """
 
     measurement: Measurement
     is_described: bool
+    is_open: bool
     trusts_temperature: bool
     trusts_soc: bool
 
@@ -90,6 +93,8 @@ class Knowledge:
         self._seen_w = self._commanded_w = 0.0
         self._stamp_ns: int | None = None
         self._compared_ns = 0
+        # When the vehicle was charged last, on the way [ns]; None: it has driven since.
+        self._charged_ns: int | None = None
 
     @property
     def vehicle(self) -> Vehicle:
@@ -120,7 +125,7 @@ class Knowledge:
         """Forget all instants, because the clock was restarted; the sign of the current is still known."""
         for watch in (self._regime, self._sign, self._source, self._stuck, self._feed):
             watch.lose_time()
-        self._stamp_ns = None
+        self._stamp_ns = self._charged_ns = None
         self._shown_until_ns.clear()
 
     def see(self, measurement: Measurement, timetable: Timetable | None, commands: CommandHistory,
@@ -149,7 +154,7 @@ class Knowledge:
         is_described = (
             drive is not None and report.regime not in (Regime.CHARGING, Regime.STANDING)
             and not report.suspicion and not any(signal in NEEDED for signal in self._verdicts))
-        return Known(seen, is_described, TEMPERATURE not in self._verdicts and SOURCE not in self._verdicts,
+        return Known(seen, is_described, is_described and report.is_doubtful, TEMPERATURE not in self._verdicts and SOURCE not in self._verdicts,
                      STATE_OF_CHARGE not in self._verdicts and SOURCE not in self._verdicts)
 
     def _keep_place(self, timetable: Timetable, report: RegimeReport, now_ns: int, settings: Settings) -> None:
@@ -157,7 +162,12 @@ class Knowledge:
         leg = timetable.mission.legs[timetable.mission.leg_number(now_ns)]
         if timetable.has_moved(now_ns, settings) is not None or leg.made_for is not None:
             return
+        if report.regime is Regime.CHARGING:
+            self._charged_ns = now_ns
         if report.regime not in (Regime.CHARGING, Regime.STANDING):
+            if self._charged_ns is not None and now_ns - self._charged_ns <= UNPLUGGED_AFTER_S * NS_PER_S:
+                timetable.take_back()
+            self._charged_ns = None
             timetable.go_on()
             return
         left_s = -leg.ended_for_s(now_ns)

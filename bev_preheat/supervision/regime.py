@@ -21,6 +21,8 @@ from bev_preheat.supervision.inputs import NS_PER_S, SupplyStatus
 # Charging is recognised after so long; at least this many battery states show it.
 CHARGING_AFTER_S = 9.0
 LEAST_STATES = 3
+# … and after so long nothing is learned of the car until it is recognised, or not.
+DOUBTED_AFTER_S = 2.0
 # … where each of them shows at least this power into the battery [W],
 CHARGES_W = 1000.0
 # and their powers differ by no more than this share of their mean, or by this [W].
@@ -64,7 +66,7 @@ class RegimeReport(NamedTuple):
 
     `recognised_ns` [ns] is the instant at which it was recognised. `suspicion` is a sentence on a
     regime that is likely and not certain; '': there is none. `is_parked`: it stands, and takes less than its
-    consumers would.
+    consumers would. `is_doubtful`: the latest states look like charging, and are too few to recognise it.
     """
 
     regime: Regime
@@ -73,6 +75,7 @@ class RegimeReport(NamedTuple):
     recognised_ns: int = 0
     suspicion: str = ''
     is_parked: bool = False
+    is_doubtful: bool = False
 
 
 class PlannedPower(NamedTuple):
@@ -174,7 +177,9 @@ class RegimeWatch:
                         else Regime.UNKNOWN, evidence.stamp_ns, evidence.stamp_ns, '')
         else:
             self._enter(Regime.UNKNOWN, evidence.stamp_ns, evidence.stamp_ns, '')
-        self.report = self.report._replace(suspicion=suspicion)
+        is_doubtful = (self.report.regime is not Regime.CHARGING and not evidence.has_moved
+                       and self._charging(evidence, DOUBTED_AFTER_S) != '')
+        self.report = self.report._replace(suspicion=suspicion, is_doubtful=is_doubtful)
 
     def _enter(self, regime: Regime, since_ns: int, now_ns: int, evidence: str) -> None:
         if regime is not self.report.regime:
@@ -195,11 +200,11 @@ class RegimeWatch:
         powers_w = [sample.power_w for sample in window if sample.power_w is not None]
         return powers_w if len(window) >= LEAST_STATES and len(powers_w) == len(window) else []
 
-    def _charging(self, evidence: Evidence) -> str:
-        """Return the evidence of charging; '' for none."""
+    def _charging(self, evidence: Evidence, after_s: float = CHARGING_AFTER_S) -> str:
+        """Return the evidence of charging for so long [s]; '' for none."""
         if evidence.power_w is not None and evidence.power_w > -CHARGES_W:
             return ''
-        window = self._window(CHARGING_AFTER_S)
+        window = self._window(after_s)
         by_status = len(window) >= LEAST_STATES and all(
             sample.supply is SupplyStatus.CHARGING for sample in window)
         planned = evidence.planned

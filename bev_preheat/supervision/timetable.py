@@ -71,6 +71,8 @@ class Timetable:
         # When it grew last [ns], and the planned instant at which the vehicle stands by other evidence.
         self._moved_ns = 0
         self._frozen_ns: int | None = None
+        # The delay before that [ns]; None: it never stood so.
+        self._delay_before_ns: int | None = None
 
     @property
     def places(self) -> Places:
@@ -94,7 +96,7 @@ class Timetable:
     def lose_time(self) -> None:
         """Go by the Mission's own stamp again, because the clock was restarted."""
         self.latest, self.mission, self.stood_ns = None, self.planned, 0
-        self._frozen_ns = None
+        self._frozen_ns = self._delay_before_ns = None
         self._fixes.clear()
 
     def revise(self, planned: Mission) -> None:
@@ -180,6 +182,7 @@ class Timetable:
             if not leg.start_ns <= planned_ns < leg.arrival_ns:
                 return
             self._frozen_ns = max(self.planned_ns(recognised_ns), leg.start_ns)
+            self._delay_before_ns = self.delay_ns
             self._note(_Fix(min(recognised_ns, now_ns), self._frozen_ns))
         self._note(_Fix(now_ns, self._frozen_ns))
         self._goes_on_ns = 0
@@ -190,6 +193,15 @@ class Timetable:
         """Let the route go on from where the vehicle stood."""
         if self._frozen_ns is not None:
             self._frozen_ns, self.stood_ns = None, 0
+
+    def take_back(self) -> None:
+        """Undo the latest `stand` or `arrive`: the vehicle has driven all the while."""
+        if self._delay_before_ns is None:
+            return
+        self.mission = self.planned.delayed(self._delay_before_ns)
+        self._frozen_ns = self._delay_before_ns = None
+        self.stood_ns = 0
+        self._fixes.clear()
 
     def arrive(self, since_ns: int) -> None:
         """Be at the end of the current leg since an instant [ns]: the vehicle has reached its charger."""
