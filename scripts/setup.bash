@@ -36,7 +36,7 @@ venv_name=${venv#"$bev_preheat_root/"}
 
 version_of() { "$1" -I -S -c 'import sys; print(*sys.version_info[:3], sep=".")' 2>/dev/null; }
 
-# The supported versions, and the first of them.
+# The supported versions, and the oldest.
 pythons=$(cat scripts/pythons.txt)
 oldest_python=${pythons%%$'\n'*}
 

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
 # Runs the tests with each supported Python (scripts/pythons.txt) that is installed, in PATH or by pyenv. Each has an
-# environment and a build of its own, in .pythons/VERSION. What is given is passed to pytest.
+# environment and a build of its own, in .pythons/VERSION. Arguments go to pytest.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 

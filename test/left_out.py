@@ -70,9 +70,11 @@ def pytest_collection_modifyitems(config, items):
 @pytest.hookimpl(optionalhook=True)
 def pytest_testnodedown(node):
     """Take over what a worker of xdist has left out: each collects all tests."""
-    node.config.stash[LEFT_OUT] = {
-        package: (set(modules), count)
-        for package, (modules, count) in node.workeroutput.get('left_out', {}).items()}
+    # A worker that has crashed has no output, and xdist is about to give the reason.
+    left_out = getattr(node, 'workeroutput', {}).get('left_out')
+    if left_out is not None:
+        node.config.stash[LEFT_OUT] = {
+            package: (set(modules), count) for package, (modules, count) in left_out.items()}
 
 
 def pytest_sessionfinish(session):

@@ -203,4 +203,5 @@ def _shown(path: AnyPath) -> str:
 
 
 def _reason(error: Exception) -> str:
-    return getattr(error, 'strerror', None) or str(error)
+    # A ValueError is of a path with a NUL character, in words that differ with Python's version.
+    return getattr(error, 'strerror', None) or 'a path must not have a NUL character'

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """`preheat export-ecu`, as its user meets it: what is refused, and before anything is computed."""
 
+import errno
 import os
 from pathlib import Path
 
@@ -43,7 +44,7 @@ def test_what_stands_in_the_way_of_a_file_is_refused(refused):
         'preheat: error: --output: out/vectors.txt: is a folder; only a regular file can be written')
     Path('file').write_text('kept')
     assert refused('--vehicle', 'reference', '--output', 'file/below') == (
-        'preheat: error: --output: file/below/MISRA.md: cannot be a file: Not a directory')
+        f'preheat: error: --output: file/below/MISRA.md: cannot be a file: {os.strerror(errno.ENOTDIR)}')
 
 
 def test_the_vehicle_file_is_not_written_over(refused):

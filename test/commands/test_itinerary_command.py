@@ -211,8 +211,8 @@ def test_an_unknown_itinerary_is_refused_with_the_names_there_are(preheat_plan):
 
 
 @pytest.mark.parametrize('arguments, text', [
-    (('--route', 'reference', '--itinerary', 'winter_holiday'), 'not allowed with argument'),
-    ((), 'one of the arguments --route --itinerary is required')])
+    (('--route', 'reference', '--itinerary', 'winter_holiday'), 'argument --itinerary: '),
+    ((), ' --route --itinerary ')])
 def test_either_a_route_or_an_itinerary_is_given(preheat_plan, arguments, text):
     status, _, errors = preheat_plan(
         arguments=('--temperature', '-6', '--soc', '0.75', *arguments))

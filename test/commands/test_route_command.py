@@ -2,6 +2,7 @@
 """`preheat route`: from descriptions and from drive logs to files, tables and plots."""
 
 from dataclasses import fields
+import errno
 import os
 import subprocess
 import sys
@@ -154,7 +155,7 @@ def test_a_plot_has_title_units_and_legend(preheat_route, legs, tmp_path):
     (['--legs', 'reference', '--vehicle', 'reference', '--step', '10'],
      '--step: only with --log; a description of legs states its own segment_duration_s'),
     (['--log', 'nowhere.csv', '--vehicle', 'small_car'],
-     'nowhere.csv: cannot be read: No such file or directory'),
+     f'nowhere.csv: cannot be read: {os.strerror(errno.ENOENT)}'),
     (['--log', 'nowhere.csv', '--vehicle', 'smal_car'],
      "vehicle 'smal_car' is unknown; did you mean 'small_car'?"),
 ])
@@ -172,7 +173,7 @@ def test_a_route_is_made_for_a_vehicle(preheat_route, capsys, source):
     with pytest.raises(SystemExit) as caught:
         preheat_route(*source)
     assert caught.value.code == 2
-    assert 'the following arguments are required: --vehicle' in capsys.readouterr().err
+    assert ': --vehicle' in capsys.readouterr().err
 
 
 def test_an_output_that_cannot_be_written_is_explained(preheat_route, tmp_path):

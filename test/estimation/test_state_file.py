@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The state file: whose file is written over, what is kept aside, and what comes back of it."""
 
+import errno
 import json
 import os
 from pathlib import Path
@@ -267,7 +268,7 @@ def what_is_there(path):
     (Path.mkdir, 'is a folder; only a regular file can be written'),
     (os.mkfifo, 'is a named pipe; only a regular file can be written'),
     (make_socket, 'is a socket; only a regular file can be written'),
-    (lambda path: path.symlink_to(path), 'cannot be a file: Too many levels of symbolic links'),
+    (lambda path: path.symlink_to(path), f'cannot be a file: {os.strerror(errno.ELOOP)}'),
     (lambda path: path.symlink_to('none'), 'is a link to {folder}/none, which does not exist; '
      'name that file itself')],
     ids=['folder', 'pipe', 'socket', 'loop', 'dangling link'])

@@ -6,7 +6,9 @@ Each kind of answer is asked of an installed executable once; what else there is
 that the executable calls, in this process.
 """
 
+import errno
 import math
+import os
 from pathlib import Path
 import subprocess
 import sys
@@ -82,9 +84,9 @@ PROBLEMS = {
     'name': (['--ros-args', '-r', '__node:=a-b'],
              '-r __node:=a-b: cannot be read; it must be FROM:=TO'),
     'no file': (['--ros-args', '--params-file', '/no/such.yaml'],
-                'parameter file /no/such.yaml: cannot be read: No such file or directory'),
+                f'parameter file /no/such.yaml: cannot be read: {os.strerror(errno.ENOENT)}'),
     'folder': (['--ros-args', '--params-file', '/tmp'],
-               'parameter file /tmp: cannot be read: Is a directory'),
+               f'parameter file /tmp: cannot be read: {os.strerror(errno.EISDIR)}'),
     'level': (['--ros-args', '--log-level', 'loud'], "'--log-level loud'"),
 }
 

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The installed planner and its `state_file`: what it refuses, keeps aside and says about it."""
 
+import errno
 import json
 import os
 import signal
@@ -108,7 +109,7 @@ FOREIGN = {
     'folder': (os.mkdir, 'is a folder; only a regular file can be written'),
     'dangling link': (link_to_nothing, 'is a link to {folder}/none, which does not exist; name that file '
                       'itself'),
-    'loop': (lambda path: path.symlink_to(path), 'cannot be a file: Too many levels of symbolic links')}
+    'loop': (lambda path: path.symlink_to(path), f'cannot be a file: {os.strerror(errno.ELOOP)}')}
 
 
 def what_is_there(path):
@@ -177,7 +178,7 @@ def test_a_failure_to_write_is_told_until_it_is_written_again(start, tmp_path):
     # Root may write into any folder, but not below a file.
     folder.write_text('in the way')
     assert planner.set(vehicle='small_car') == ''
-    planner.says(ERROR, f'{path}: cannot be a file: Not a directory')
+    planner.says(ERROR, f'{path}: cannot be a file: {os.strerror(errno.ENOTDIR)}')
     folder.unlink()
     planner.learn('small_car')
     assert planner.set(vehicle='reference') == ''

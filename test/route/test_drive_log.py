@@ -2,6 +2,7 @@
 """Drive logs: means, root mean squares, gaps and faults, on small logs made here."""
 
 from dataclasses import asdict, fields, replace
+import errno
 import os
 from pathlib import Path
 
@@ -276,7 +277,7 @@ def test_logs_of_less_than_two_samples_are_refused(tmp_path, rows, count):
 
 def test_a_log_that_is_not_there_is_named(tmp_path):
     assert problems_with(tmp_path / 'nowhere.csv') == [
-        ': cannot be read: No such file or directory']
+        f': cannot be read: {os.strerror(errno.ENOENT)}']
 
 
 @pytest.mark.parametrize('step_s', [0.0, -30.0, 4000.0, float('nan')])
