@@ -152,7 +152,7 @@ def test_ceilings_of_the_core_are_those_of_python(path, number):
 @pytest.mark.parametrize('path', [HeatPath(), HeatPath(45.0, 15e3, 300.0)], ids=['direct', 'late'])
 @pytest.mark.parametrize('number', [0, 13, 14, 22, 25])
 def test_plans_of_the_core_are_those_of_python(number, path):
-    # On all of them free heat leads beyond the target without a ceiling.
+    # Without a ceiling free heat leads beyond the target on each of these trips.
     drawn = draw_limit_trip(REFERENCE, 1, number)
     situation = replace(drawn.vehicle, heat_path=path), drawn.route, drawn.state, drawn.goal
     plan = plan_preheating(*situation)
