@@ -38,6 +38,8 @@ ABOVE_TARGET_K = 0.2
 MOST_CEILINGS = 3
 # The first one aims so far above the target, the next ones by this factor of what was missed higher.
 AIM_K, MORE_AIM = 0.1, 1.2
+# One that is nowhere higher than the one before by more than this is not tried.
+HIGHER_K = 0.01
 # A battery is full from this state of charge on.
 FULL_SOC = 1.0 - 1e-6
 # The plan under a ceiling may miss the target by so much more.
@@ -61,11 +63,14 @@ def leave_useless_heat(trip: Trip, state: BatteryState, target_c: float, schedul
     """
     if not _is_too_warm(trip, target_c, schedule):
         return schedule
-    ceiling_c, bounded, aim_c = None, schedule, target_c + AIM_K
+    bounded, aim_c = schedule, target_c + AIM_K
+    ceiling_c = np.full(len(trip.route), -np.inf)
     for _ in range(MOST_CEILINGS):
         # A battery that is heated less is less full, and warmth may gain more there.
         along_c = find_surplus_ceiling_c(trip, state, aim_c, bounded.soc)
-        ceiling_c = along_c if ceiling_c is None else np.maximum(ceiling_c, along_c)
+        if not (along_c > ceiling_c + HIGHER_K).any():
+            break
+        ceiling_c = np.maximum(ceiling_c, along_c)
         bounded = plan_again(replace(trip, surplus_ceiling_c=ceiling_c))
         if _is_as_useful(trip, target_c, bounded, schedule):
             return bounded

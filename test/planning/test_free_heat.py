@@ -146,3 +146,18 @@ def test_ceilings_of_the_core_are_those_of_python(path, number):
     with without_core():
         expected = find_surplus_ceiling_c(*arguments)
     np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-8)
+
+
+@pytest.mark.costly
+@pytest.mark.parametrize('path', [HeatPath(), HeatPath(45.0, 15e3, 300.0)], ids=['direct', 'late'])
+@pytest.mark.parametrize('number', [0, 13, 14, 22, 25])
+def test_plans_of_the_core_are_those_of_python(number, path):
+    # Without a ceiling free heat leads beyond the target on each of these trips.
+    drawn = draw_limit_trip(REFERENCE, 1, number)
+    situation = replace(drawn.vehicle, heat_path=path), drawn.route, drawn.state, drawn.goal
+    plan = plan_preheating(*situation)
+    with without_core():
+        expected = plan_preheating(*situation)
+    np.testing.assert_allclose(plan.hvch_battery_power_w, expected.hvch_battery_power_w, rtol=0.0, atol=0.01)
+    np.testing.assert_allclose(
+        plan.battery_temperature_c, expected.battery_temperature_c, rtol=0.0, atol=1e-5)

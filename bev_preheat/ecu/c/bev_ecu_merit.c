@@ -152,9 +152,14 @@ static bev_status plan_useful(const bev_vehicle *vehicle, const bev_trip *trip,
     bev_course bounded_course;
     status = bev_find_surplus_ceiling(vehicle, trip, start, aim_c, soc, room->work, room->watched,
                                       room->along_c);
+    bool is_higher = n == 0;
     for (int32_t k = 0; k < trip->steps && status == BEV_OK; k++) {
+      is_higher = is_higher || room->along_c[k] > room->ceiling_c[k] + BEV_HIGHER_K;
       room->ceiling_c[k] = n == 0 || room->along_c[k] > room->ceiling_c[k] ? room->along_c[k]
                                                                           : room->ceiling_c[k];
+    }
+    if (status == BEV_OK && !is_higher) {
+      return status;
     }
     bounded_trip.surplus_ceiling_c = room->ceiling_c;
     if (status == BEV_OK) {
