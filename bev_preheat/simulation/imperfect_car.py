@@ -187,9 +187,10 @@ class ImperfectCar:
 
         `start_ns` is the instant of the start.
         """
-        if not isinstance(self.phase, Drive):
+        if self.time_s < self._next_position_s:
             return None
-        distance_m = self._position.report_m(self.time_s - self.plant.start_s)
+        # Differences fall short of the instants that they come from.
+        distance_m = self._position.report_m(max(self.time_s - self.plant.start_s, self._position.next_s))
         if distance_m is None or self._sent_start_ns is None:
             return None
         return Progress(distance_m, start_ns + round(self.clock_s * NS_PER_S), self._sent_route_id,
@@ -199,9 +200,13 @@ class ImperfectCar:
     def next_event_s(self) -> float:
         """When the next battery state is taken, or it, a route plan or a position arrives, or a phase ends [s]."""
         news_s = self._letters[0].at_s if self._letters else math.inf
-        place_s = (self.plant.start_s + self._position.next_s if isinstance(self.phase, Drive) else math.inf)
         end_s = self.plant.end_s if self._following else math.inf
-        return min(self.readings_of.next_s, self.readings_of.next_arrival_s, place_s, news_s, end_s)
+        return min(self.readings_of.next_s, self.readings_of.next_arrival_s, self._next_position_s,
+                   news_s, end_s)
+
+    @property
+    def _next_position_s(self) -> float:
+        return self.plant.start_s + self._position.next_s if isinstance(self.phase, Drive) else math.inf
 
     def advance_under(self, lease: HeaterLease, to_s: float) -> None:
         """Drive on to `to_s` [s] under a HeaterLease, and take the readings that are due."""
@@ -293,11 +298,15 @@ class ImperfectCar:
     def _drive(self, lease: HeaterLease, to_s: float) -> None:
         plant, faults, phase = self.plant, self.imperfections.heater_faults, self.phase
         while plant.time_s < to_s:
+            if plant.time_s >= self._asleep_from_s:
+                # Its high voltage is off.
+                plant.advance(to_s, 0.0)
+                return
             own_w = 0.0
             if isinstance(phase, Charge):
                 own_w = phase.own_heat_w(self.vehicle, plant.temperature_c, self._heats_itself)
                 self._heats_itself = own_w > 0.0
-            until_s = min(to_s, next_change_s(faults, plant.time_s)) if faults else to_s
+            until_s = min(to_s, self._asleep_from_s, next_change_s(faults, plant.time_s))
             fault = fault_at(faults, plant.time_s) if faults else None
             if fault is not None and fault.stuck_on:
                 plant.advance(until_s, plant.vehicle.hvch.maximum_power_w)
