@@ -41,8 +41,8 @@ class TripOutcome:
     """
     What became of one trip of a day, the `position`-th (0: the first).
 
-    `arrival_error_k` [K] is the true temperature on arrival above the target, or above what heating all
-    the way reaches where that is less; None where the trip was cut short, or the battery ran empty.
+    `arrival_error_k` [K] is the true temperature on arrival above the target, or above the nearest
+    temperature that any heating can end with; None where the trip was cut short, or the battery ran empty.
     `route` is the number of the route, `pace` how many times as long as the route says it took,
     `is_told`: the car said where it is. `switch_ons` counts how often the command rose from 0 W.
     """
@@ -93,7 +93,7 @@ class _Tally:
     signal_verdicts: list[str] = field(default_factory=list)
     heated_s: dict[type, float] = field(default_factory=lambda: {Charge: 0.0, Park: 0.0})
     switch_ons: list[int] = field(default_factory=list)
-    reachable_c: list[float] = field(default_factory=list)
+    within_c: list[tuple[float, float]] = field(default_factory=list)
     driven_s: float = 0.0
     _phase: object = None
     _power_w: float = 0.0
@@ -142,15 +142,16 @@ class _Tally:
         if isinstance(car.phase, Drive):
             # What holds over the boundary is no switch-on of this trip.
             self.switch_ons.append(0)
-            self.reachable_c.append(_reachable_c(car))
+            self.within_c.append((_end_c(car, 0.0), _end_c(car, car.vehicle.hvch.maximum_power_w)))
 
     def trips(self) -> tuple[TripOutcome, ...]:
         """Return the outcomes of the trips that have ended."""
         ends = [report for report in self.car.reports if isinstance(report.phase, Drive)]
         outcomes = []
-        for position, (end, switch_ons, reachable_c) in enumerate(zip(ends, self.switch_ons, self.reachable_c)):
+        for position, (end, switch_ons, (unheated_c, heated_c)) in enumerate(zip(
+                ends, self.switch_ons, self.within_c)):
             assert isinstance(end.phase, Drive)
-            target_c = min(end.phase.goal.target_temperature_c, reachable_c)
+            target_c = min(max(end.phase.goal.target_temperature_c, unheated_c), heated_c)
             is_cut = any(event.kind is Kind.ARRIVE_EARLY for event in end.phase.events)
             outcomes.append(TripOutcome(
                 position, self.day.route_numbers[position], self.day.paces[position],
@@ -159,13 +160,13 @@ class _Tally:
         return tuple(outcomes)
 
 
-def _reachable_c(car: ImperfectCar) -> float:
-    """Return how warm the battery [deg C] would be at the end of the drive with full heating all the way."""
+def _end_c(car: ImperfectCar, heater_power_w: float) -> float:
+    """Return how warm the battery [deg C] would be at the end of the drive with this power all the way [W]."""
     plant = car.plant
     state = BatteryState(plant.temperature_c, plant.soc, coolant_excess_k=plant.coolant_c - plant.temperature_c)
-    heated = VehiclePlant(plant.vehicle, plant.route, state)
-    heated.advance(heated.duration_s, plant.vehicle.hvch.maximum_power_w)
-    return heated.temperature_c
+    driven = VehiclePlant(plant.vehicle, plant.route, state)
+    driven.advance(driven.duration_s, heater_power_w)
+    return driven.temperature_c
 
 
 def drive_day(conditions: Conditions, seed: int, number: int) -> DayResult:

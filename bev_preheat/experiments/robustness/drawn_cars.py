@@ -98,13 +98,13 @@ class DrawnCar:
         routes = self.conditions.routes
         return routes[self.number % len(routes)]
 
-    def car(self) -> ImperfectCar:
-        """Return the car at its start; each one drives, and is measured, in the same way."""
+    def car(self, sensors: Sensors | None = None) -> ImperfectCar:
+        """Return the car at its start, with other Sensors or its own; each one drives in the same way."""
         conditions = self.conditions
         return ImperfectCar(
             conditions.vehicle, self.route, conditions.state, conditions.goal,
             Imperfections(
-                self.mismatch, self.heat_path, self.sensors(), self.heater_faults, self._events(),
+                self.mismatch, self.heat_path, sensors or self.sensors(), self.heater_faults, self._events(),
                 position=(PositionReports(conditions.period_s, POSITION_NOISE_M)
                           if conditions.tells_position else None)),
             [self.seed, self.number])
