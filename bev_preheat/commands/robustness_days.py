@@ -97,8 +97,8 @@ def _run_one(arguments: Namespace, conditions: Conditions, described: dict[str, 
 
 def print_days(console: Console, summary: Figures, has_fault: bool) -> None:
     """Print the tables of a summary."""
-    console.print(f'{summary["days"]} days with {summary["trips"]} trips, {summary["hours"]:.0f} h; processor time '
-                  f'{summary["cpu_s"]:.0f} s.', soft_wrap=True)
+    console.print(f'{summary["days"]} days with {summary["trips"]} trips, {summary["hours"]:.0f} h; '
+                  f'{summary["cpu_s"]:.0f} s of processor time.', soft_wrap=True)
     groups = summary['arrival_error_k']
     print_figures(console, 'Arrival error [K]', ('trips', *groups), [
         (name, *(_text(group[key], form) for group in groups.values()))
@@ -114,11 +114,13 @@ def print_days(console: Console, summary: Figures, has_fault: bool) -> None:
     if has_fault:
         fault = summary['fault']
         found = None if fault['found'] is None else 100.0 * fault['found']
-        console.print(f'Fault of the heater: shows in {fault["shown"]} days, found in {_text(found, ".0f")} %, after '
-                      f'{_text(fault["median_s"], ".0f")} s of driving (median), {_text(fault["most_s"], ".0f")} s '
-                      '(most).', soft_wrap=True)
+        console.print(
+            f'Fault of the heater: shows in {fault["shown"]} days, found in {_text(found, ".0f")} %, after '
+            f'{_text(fault["median_s"], ".0f")} s of driving (median), {_text(fault["most_s"], ".0f")} s (most).',
+            soft_wrap=True)
     print_records(console, 'Requirements', ('', 'bound', ''), [
-        (each['name'], each['bound'], _judged(each)) for each in summary['requirements']], ('left', 'left', 'right'))
+        (each['name'], each['bound'], _judged(each)) for each in summary['requirements']],
+        ('left', 'left', 'right'))
     for what, key in (('heater', 'heater_accused'), ('signals', 'signals_accused')):
         lines = summary[key]
         for line in lines[:MOST_LINES]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import partial
-import math
 from time import process_time
 from typing import Any, TYPE_CHECKING
 

@@ -76,11 +76,12 @@ def _requirements(figures: Figures, has_fault: bool) -> list[Requirement]:
     requirements = []
     for name in ('first, time known', 'later, time known'):
         errors = figures['arrival_error_k'][name]
-        for share, bound_k, is_least in (('5 %', LEAST_ARRIVAL_ERROR_K, True), ('95 %', MOST_ARRIVAL_ERROR_K, False)):
-            value_k = errors[share]
-            requirements.append(Requirement(
-                f'arrival error {share}, {name}', f'at {"least" if is_least else "most"} {bound_k:+.1f} K', value_k,
-                'K', None if value_k is None else (value_k >= bound_k if is_least else value_k <= bound_k)))
+        low_k, high_k = errors['5 %'], errors['95 %']
+        requirements += [
+            Requirement(f'arrival error 5 %, {name}', f'at least {LEAST_ARRIVAL_ERROR_K:+.1f} K', low_k, 'K',
+                        None if low_k is None else low_k >= LEAST_ARRIVAL_ERROR_K),
+            Requirement(f'arrival error 95 %, {name}', f'at most {MOST_ARRIVAL_ERROR_K:+.1f} K', high_k, 'K',
+                        None if high_k is None else high_k <= MOST_ARRIVAL_ERROR_K)]
     for name, value, bound in (
             ('healthy heaters that were accused', len(figures['heater_accused']), 0),
             ('good signals that were named', len(figures['signals_accused']), 0),

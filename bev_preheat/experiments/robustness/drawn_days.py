@@ -23,14 +23,14 @@ if TYPE_CHECKING:
 
 # Days are drawn apart, so that the cars are those of the study of single trips.
 DAY_STREAM = 2
-# Each number is drawn evenly between these; the charger's power [W] evenly in its logarithm.
+# Each number is drawn evenly between these; the charger's power [W] by its logarithm.
 TRIPS = (2, 5)
-CHARGER_W = (11e3, 150e3)
+LOG_CHARGER_W = (math.log(11e3), math.log(150e3))
 CHARGED_TO = (0.6, 0.95)
 PARKED_S = (0.5 * 3600.0, 12.0 * 3600.0)
 AWAKE_S = (60.0, 1200.0)
-# What is parked stands in an air that differs from that of the next route by so much [K].
-AMBIENT_BEYOND_K = 2.0
+# The air where a car is parked or charged is so much warmer than that of the next route [K].
+AMBIENT_BEYOND_K = (-2.0, 2.0)
 # Probabilities: voltage and current are known; the car says where it is; power_supply_status is set;
 # it heats itself at chargers; a trip takes longer or shorter than its route says; it ends on the way, and the car
 # is parked; the car charges after it, and is parked then; the next route says for how long.
@@ -131,11 +131,11 @@ class _Day:
 
     def stay(self, following: Route) -> None:
         """Charge, or be parked, or both, before the route that follows."""
-        ambient_c = float(following.ambient_temperature_c[0]) + self._between((-AMBIENT_BEYOND_K, AMBIENT_BEYOND_K))
+        ambient_c = float(following.ambient_temperature_c[0]) + self._between(AMBIENT_BEYOND_K)
         least_soc = _needed_soc(self._conditions, following) + RESERVE_SOC
         wants_to_charge, wants_to_park = self._happens(CHARGES), self._happens(PARKS)
-        charge = Charge(math.exp(self._between((math.log(CHARGER_W[0]), math.log(CHARGER_W[1])))), LONGEST_CHARGE_S,
-                        ambient_c, min(max(self._between(CHARGED_TO), self._soc + LEAST_CHARGED, least_soc), MOST_SOC),
+        until_soc = min(max(self._between(CHARGED_TO), self._soc + LEAST_CHARGED, least_soc), MOST_SOC)
+        charge = Charge(math.exp(self._between(LOG_CHARGER_W)), LONGEST_CHARGE_S, ambient_c, until_soc,
                         heats_itself=self._heats_itself)
         park = Park(self._between(PARKED_S), ambient_c, self._between(AWAKE_S))
         must_charge = self._soc < least_soc

@@ -88,7 +88,7 @@ class SignalResult:
 
 
 def drive_case(conditions: Conditions, seed: int, number: int) -> SignalResult:
-    """Return the SignalResult of a number: the cases of CASES, in turn, in car 0, then in car 1 …"""
+    """Return the SignalResult of a number: all CASES in turn in car 0, then in car 1, and so on."""
     started = process_time()
     name = list(CASES)[number % len(CASES)]
     case, car_number = CASES[name], number // len(CASES)
