@@ -191,7 +191,7 @@ def run(arguments: Namespace) -> int:
 
 
 def _choose_defaults(arguments: Namespace) -> None:
-    """Fill in what depends on the kind of study, and refuse what a kind draws by itself."""
+    """Fill in defaults that depend on the kind of study, and refuse options that it draws by itself."""
     kind = 'days' if arguments.days else 'signals' if arguments.signals else ''
     if arguments.trips is None:
         arguments.trips = DEFAULT_TRIPS[kind]
@@ -203,7 +203,7 @@ def _choose_defaults(arguments: Namespace) -> None:
                '--only': kind == 'signals' and arguments.only is not None}
     names = [name for name, is_given in refused.items() if kind and is_given]
     if names:
-        raise InvalidInput(f'{", ".join(names)}: not with --{kind}, which draws that itself or has none of it')
+        raise InvalidInput(f'{", ".join(names)}: not allowed with --{kind}')
 
 
 def _run_of_kind(arguments: Namespace, conditions: Conditions) -> int:

@@ -37,16 +37,16 @@ if TYPE_CHECKING:
 
 # Routes on which each climb and each descent has heating of its own.
 HILLY = ('alpine_pass',)
-# So many lines of what was named are printed; all of them are in the file of --json.
+# Lines with false verdicts that are printed; the file of --json has all.
 MOST_LINES = 10
 
 
 def run_days_study(arguments: Namespace, conditions: Conditions, described: dict[str, Any],
                    study: dict[str, Any]) -> int:
-    """Run the study of `arguments.trips` days, or one of them; returns 0."""
+    """Run the study of `arguments.trips` days, or a single day; returns 0."""
     if arguments.only is not None:
         if arguments.results is not None or arguments.cluster is not None:
-            raise InvalidInput('--results and --cluster are for a whole study; --only runs one day of it here')
+            raise InvalidInput('--results and --cluster are for a whole study; --only runs a single day here')
         return _run_one(arguments, conditions, described)
     results: list[DayResult] = []
     with (keeping_what_is_finished() as ending,
@@ -83,7 +83,7 @@ def _run_one(arguments: Namespace, conditions: Conditions, described: dict[str, 
     console = result_console(arguments.json)
     known = 'known' if result.knows_power else 'not known'
     console.print(f'day {result.number}: {result.hours:.1f} h, voltage and current {known}', soft_wrap=True)
-    print_records(console, 'Trips', ('trip', 'route', 'takes, times the plan', 'says where it is',
+    print_records(console, 'Trips', ('trip', 'route', 'takes, times the plan', 'position known',
                                      'arrival error [K]', 'switch-ons'), [
         (str(trip.position + 1), arguments.route[trip.route], f'{trip.pace:.3f}', 'yes' if trip.is_told else 'no',
          '–' if trip.arrival_error_k is None else f'{trip.arrival_error_k:+.2f}', str(trip.switch_ons))

@@ -35,8 +35,8 @@ class Imperfections:
     """
     All deviations of the simulated drive from vehicle and route file; none by default.
 
-    `heat_path` is None where the car's is that of its vehicle file, `position` where the car does not
-    say where it is. `events` and `position` are those of the first drive.
+    `heat_path` None: that of the vehicle file. `position` None: the car does not report its position.
+    `events` and `position` are those of the first drive.
     """
 
     mismatch: Mismatch = field(default_factory=Mismatch)
@@ -48,14 +48,14 @@ class Imperfections:
     position: PositionReports | None = None
 
 
-# The car's computers go on for so long [s] after the battery states have stopped.
+# The car's computers fall asleep this long after the last battery state [s].
 COMPUTERS_GO_ON_S = 60.0
 
 
 @dataclass(frozen=True)
 class PhaseReport:
     """
-    What became of a Phase: its instants [s], the battery at its end, what the heater took [Wh].
+    Result of a Phase: its instants [s], the battery at its end, the heater's energy [Wh].
 
     `ran_empty`: the battery did.
     """
@@ -70,12 +70,12 @@ class PhaseReport:
 
     @property
     def arrival_c(self) -> float:
-        """The battery's temperature at the end of a drive [deg C]; NaN where there is no arrival."""
+        """The battery's temperature at the end of a drive [deg C]; NaN without an arrival."""
         return self.temperature_c if isinstance(self.phase, Drive) and not self.ran_empty else math.nan
 
 
 class _Letter(NamedTuple):
-    """What the trip planner says at an instant [s] of a Drive that begins, or began, at another [s]."""
+    """A message of the trip planner, due at `at_s` [s], about a Drive that begins at `begins_s` [s]."""
 
     at_s: float
     begins_s: float
@@ -88,8 +88,8 @@ class ImperfectCar:
     """
     A car on its way, through one phase or several.
 
-    `vehicle` is what its file says, `plant` (a VehiclePlant) the truth of the `phase` now, `reports` say
-    what became of the phases that have ended. Instants are seconds after the start; the same arguments
+    `vehicle` is the described one, `plant` (a VehiclePlant) the true one in the current `phase`, `reports`
+    are the results of the phases that have ended. Instants are seconds after the start; the same arguments
     make the same car.
     """
 
@@ -142,7 +142,7 @@ class ImperfectCar:
 
     @property
     def in_words(self) -> str:
-        """What follows the first drive, to be added to its name; '' for nothing."""
+        """The phases ahead, as an addition to the name of the first drive; '' without any."""
         return ''.join(f', {type(phase).__name__.lower()}' for phase in self._following)
 
     @property
@@ -159,7 +159,7 @@ class ImperfectCar:
 
     @property
     def asleep_until_s(self) -> float | None:
-        """When the car wakes up [s], where it sleeps and so do its computers; None: they do not."""
+        """The instant at which the car and its computers wake up [s]; None: they are awake."""
         wakes_s = self.plant.end_s
         return wakes_s if self._asleep_from_s + COMPUTERS_GO_ON_S <= self.time_s < wakes_s else None
 
@@ -274,7 +274,7 @@ class ImperfectCar:
         route_id = self._id_of(self._drives)
         if self._drives > 0 and drive.announced_s == 0.0:
             news.insert(0, News(0.0, drive.route, drive.goal.charging_planned))
-        # What was said of the drive before, and has not come yet, is of no use.
+        # Messages about the previous drive that have not arrived yet are dropped.
         self._letters = [_Letter(begins_s + each.at_s, begins_s, drive, each, route_id) for each in news]
         random = self._random_of(self._drive_seed)
         self._position = Position(drive.position, driven, drive.events, self._random_of(self._position_seed))
@@ -321,7 +321,7 @@ class ImperfectCar:
         drive, news, goal = letter.drive, letter.news, letter.drive.goal
         route, at_s, standing_time_s = news.route, letter.begins_s + news.at_s, 0.0
         if route is None:
-            # The drive has ended: the last segment of what was driven, behind us.
+            # The drive has ended: the last driven segment, behind us.
             driven = self._latest_drive
             route = driven.route.segments(len(driven.route) - 1, len(driven.route))
             at_s = driven.start_s + driven.duration_s - route.total_duration_s

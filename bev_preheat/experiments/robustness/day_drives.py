@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Days under the planner's own step: what it says, when it heats, and how warm each trip ends."""
+"""Days under the planner's own step: verdicts, heating, and the temperature at the end of each trip."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ if TYPE_CHECKING:
     from bev_preheat.experiments.supervised_drive import Moment
     from bev_preheat.simulation.imperfect_car import ImperfectCar
 
-# Heating must have ended so long [s] after charging, or being parked, began (docs/explanation/safety.md);
-# a command period is added.
+# Heating must end within these times after charging, or parking, began [s], plus a command period
+# (docs/explanation/safety.md).
 CHARGING_KNOWN_AFTER_S = 10.0
 PARKED_OFF_AFTER_S = 180.0
 
@@ -38,12 +38,12 @@ PARKED_OFF_AFTER_S = 180.0
 @dataclass(frozen=True)
 class TripOutcome:
     """
-    What became of one trip of a day, the `position`-th (0: the first).
+    Outcome of one trip of a day, the `position`-th (0: the first).
 
     `arrival_error_k` [K] is the true temperature on arrival above the target, or above the nearest
     temperature that any heating can end with; None where the trip was cut short, or the battery ran empty.
-    `route` is the number of the route, `pace` how many times as long as the route says it took,
-    `is_told`: the car said where it is. `switch_ons` counts how often the command rose from 0 W.
+    `route` is the number of the route, `pace` its duration as a multiple of the route's,
+    `is_told`: the car reported its position. `switch_ons` counts how often the command rose from 0 W.
     """
 
     position: int
@@ -82,7 +82,7 @@ class DayResult:
 
 @dataclass
 class _Tally:
-    """What is counted along a day."""
+    """Counters along a day."""
 
     day: DrawnDay
     car: ImperfectCar
@@ -202,7 +202,7 @@ def run_days(conditions: Conditions, days: int, seed: int, executor: Executor,
 
 
 def day_from(record: dict[str, Any]) -> DayResult:
-    """Return a DayResult from `asdict` of it, as JSON gives it back."""
+    """Return the DayResult of a dictionary that `asdict` made, read back from JSON."""
     return DayResult(**{
         **record, 'trips': tuple(TripOutcome(**trip) for trip in record['trips']),
         'heater_verdicts': tuple(record['heater_verdicts']), 'signal_verdicts': tuple(record['signal_verdicts'])})

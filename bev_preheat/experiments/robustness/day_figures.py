@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a study of days says, and whether that is good enough."""
+"""Figures of a study of days, and requirements on them."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from bev_preheat.experiments.robustness.car_figures import Figures
     from bev_preheat.experiments.robustness.day_drives import DayResult, TripOutcome
 
-# A trip that takes so much longer or shorter than its route says is on time.
+# A trip whose duration differs from its route's by up to this share is on time.
 ON_TIME_WITHIN = 0.005
 LEAST_FOUND = 0.95
 
@@ -63,7 +63,7 @@ def summarise_days(results: Sequence[DayResult], has_fault: bool, hilly: Collect
 
 
 def is_time_known(trip: TripOutcome) -> bool:
-    """Return whether the planner can know when a trip ends: it is on time, or the car says where it is."""
+    """Return whether the planner can know when a trip ends: it is on time, or the position is known."""
     return trip.is_told or abs(trip.pace - 1.0) <= ON_TIME_WITHIN
 
 
@@ -108,7 +108,7 @@ def _named(results: Iterable[DayResult], field: str) -> list[str]:
 
 
 def _most(results: Sequence[DayResult], field: str) -> Figures:
-    """Return total and most of a time [s], and of which day the most is."""
+    """Return total and most of a time [s], and the day that has the most."""
     if not results:
         return {'total': 0.0, 'most': 0.0, 'day': None}
     worst = max(results, key=lambda result: getattr(result, field))

@@ -31,14 +31,14 @@ PARKED_S = (0.5 * 3600.0, 12.0 * 3600.0)
 AWAKE_S = (60.0, 1200.0)
 # The air where a car is parked or charged is so much warmer than that of the next route [K].
 AMBIENT_BEYOND_K = (-2.0, 2.0)
-# Probabilities: voltage and current are known; the car says where it is; power_supply_status is set;
-# it heats itself at chargers; a trip takes longer or shorter than its route says; it ends on the way, and the car
-# is parked; the car charges after it, and is parked then; the next route says for how long.
+# Probabilities: voltage and current are known; the position is known; power_supply_status is set; the car
+# heats itself at chargers; a trip is early or late; it ends halfway, and the car is parked; the car charges
+# after it, and is parked then; the next route has the standing time.
 KNOWS_POWER, TELLS_POSITION, TELLS_SUPPLY, HEATS_ITSELF = 0.67, 0.5, 0.33, 0.33
 OFF_PACE, CUT_SHORT, CHARGES, PARKS, TELLS_STANDING = 0.67, 0.15, 0.8, 0.8, 0.5
 # A trip takes longer or shorter by up to this share.
 MOST_OFF_PACE = 0.1
-# A trip that is cut short ends in this part of it.
+# A trip that is cut short ends after this share.
 CUT_AT = (0.3, 0.8)
 # No drive begins with less than it needs and this.
 RESERVE_SOC = 0.2
@@ -51,9 +51,8 @@ class DrawnDay:
     """
     One drawn chain; `seed` and `number` of its `drawn` car make it again.
 
-    `phases` are what the car does, the first a drive; `route_numbers` say of each drive which of the
-    conditions' routes it takes, `paces` how many times as long as the route says. `conditions` are those
-    of this day: whether power is known, and whether the car says where it is.
+    The first of the `phases` is a drive. For each drive, `route_numbers` has the index among the routes of
+    the conditions, `paces` its duration as a multiple of the route's. `conditions` are those of this day.
     """
 
     drawn: DrawnCar
@@ -78,7 +77,7 @@ class DrawnDay:
 
 
 def draw_day(conditions: Conditions, seed: int, number: int) -> DrawnDay:
-    """Return day `number` of a study; what the conditions say of power and position is drawn."""
+    """Return day `number` of a study; it draws whether power and position are known."""
     random = np.random.default_rng([seed, number, DAY_STREAM])
     conditions = replace(conditions, reports_power=bool(random.random() < KNOWS_POWER),
                          tells_position=bool(random.random() < TELLS_POSITION), traffic=0.0)
@@ -107,7 +106,7 @@ class _Day:
         self._conditions, self._random, self._heats_itself = conditions, random, heats_itself
         self.phases: list[Phase] = []
         self.paces: list[float] = []
-        # Roughly what is left, how long the car has been parked [s], whether the latest drive was cut short.
+        # Estimated state of charge, time parked [s], whether the latest drive was cut short.
         self._soc, self._parked_s, self._is_cut = conditions.state.soc, 0.0, False
 
     def _between(self, span: tuple[float, float]) -> float:
@@ -139,7 +138,7 @@ class _Day:
                         heats_itself=self._heats_itself)
         park = Park(self._between(PARKED_S), ambient_c, self._between(AWAKE_S))
         must_charge = self._soc < least_soc
-        # A car that is parked on its way is no charger's before.
+        # A car that is parked halfway is not at a charger.
         phases: tuple[Phase, ...] = (park, charge) if self._is_cut else (charge, park)
         if self._is_cut:
             is_kept = {Charge: must_charge, Park: True}
@@ -154,7 +153,7 @@ class _Day:
 
 
 def _events(route: Route, pace: float, cut_at_s: float | None) -> tuple[Event, ...]:
-    """Return what the trip planner does not say: another pace, and an end on the way."""
+    """Return the events that no route plan reports: another pace, and an end on the way."""
     events = []
     if pace != 1.0:
         events.append(Event(Kind.OTHER_PACE, 0.0, None, route.total_duration_s, pace))
@@ -164,7 +163,7 @@ def _events(route: Route, pace: float, cut_at_s: float | None) -> tuple[Event, .
 
 
 def _needed_soc(conditions: Conditions, route: Route) -> float:
-    """Return what a drive takes of the state of charge, roughly, with full heating all the way."""
+    """Estimate the state of charge that a drive needs, with full heating all the way."""
     battery = conditions.vehicle.battery
     power_w = (route.propulsion_power_w + route.auxiliary_power_w
                + np.maximum(route.cabin_heating_power_w, conditions.vehicle.hvch.maximum_power_w))

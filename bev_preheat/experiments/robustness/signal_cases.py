@@ -72,8 +72,8 @@ class SignalResult:
     One case in one drawn car; instants are seconds of the drive.
 
     `named_s` is when the signal was named, None: never; `others` are other signals that were named,
-    `heater_verdicts` what was found in the heater. `heated_after_s` is how long heating was commanded
-    after the naming [s].
+    `heater_verdicts` faults found in the heater. `heated_after_s` is the heating time after
+    the naming [s].
     """
 
     number: int
@@ -88,7 +88,7 @@ class SignalResult:
 
 
 def drive_case(conditions: Conditions, seed: int, number: int) -> SignalResult:
-    """Return the SignalResult of a number: all CASES in turn in car 0, then in car 1, and so on."""
+    """Return the SignalResult of a number, which counts the CASES in car 0, then in car 1, and so on."""
     started = process_time()
     name = list(CASES)[number % len(CASES)]
     case, car_number = CASES[name], number // len(CASES)
@@ -134,7 +134,7 @@ def run_cases(conditions: Conditions, cars: int, seed: int, executor: Executor,
 
 
 def case_from(record: dict[str, Any]) -> SignalResult:
-    """Return a SignalResult from `asdict` of it, as JSON gives it back."""
+    """Return the SignalResult of a dictionary that `asdict` made, read back from JSON."""
     return SignalResult(**{**record, 'others': tuple(record['others']),
                            'heater_verdicts': tuple(record['heater_verdicts'])})
 
