@@ -52,6 +52,9 @@ if TYPE_CHECKING:
     from bev_preheat.experiments.robustness.car_figures import Figures
     from bev_preheat.experiments.robustness.car_study import CarResult
 
+# How many trips, days or cars, by the kind of study; the routes of days.
+DEFAULT_TRIPS = {'': 300, 'days': 200, 'signals': 20}
+ROUTES_OF_DAYS = 'reference', 'alpine_pass', 'city_stop_and_go', 'motorway_3h', 'winter_commute'
 # (low, high) of what the options allow.
 LIMITS = {
     'trips': (1, 100_000),
@@ -103,10 +106,17 @@ def add_parser(subparsers: Subparsers) -> None:
         'reports how warm they arrive, how often they switch, and what they spend more than a '
         'plan that knows the truth, on trips that they end as warm. Ctrl-C ends the study; the '
         'summary is then of the trips that are finished.')
-    parser.add_argument('--trips', type=int, default=300, metavar='N',
-                        help='how many (default: %(default)s)')
+    kinds = parser.add_mutually_exclusive_group()
+    kinds.add_argument('--days', action='store_true',
+                       help='whole days in one process: 2 … 5 trips with charging and parking between them, early '
+                       'and late, with voltage and current or without')
+    kinds.add_argument('--signals', action='store_true',
+                       help='battery states that are wrong: which signals are named, after how long')
+    parser.add_argument('--trips', type=int, metavar='N',
+                        help='how many (default: 300); with --days, how many days (200); with --signals, in how '
+                        'many cars each case (20)')
     parser.add_argument('--only', type=int, metavar='NUMBER',
-                        help='run one trip of the study; --plot then draws it over time')
+                        help='run one trip, or day, of the study; --plot then draws a trip over time')
     parser.add_argument('--seed', type=int, default=1, help='default: %(default)s')
     add_study_arguments(parser)
     parser.add_argument('--methods', nargs='+', choices=tuple(COMPARED), default=list(COMPARED),
@@ -115,9 +125,9 @@ def add_parser(subparsers: Subparsers) -> None:
         '--vehicle', default='reference', metavar='NAME|FILE',
         help='vehicle as described (default: %(default)s)'))
     completed_by(ROUTES, parser.add_argument(
-        '--route', nargs='+', default=['reference'], metavar='NAME|FILE',
-        help='route as described, or legs/NAME; of several, trips take one after the other '
-        '(default: reference)'))
+        '--route', nargs='+', metavar='NAME|FILE',
+        help='route as described, or legs/NAME; of several, trips take one after the other, and days any '
+        '(default: reference; with --days the five of config/routes)'))
     parser.add_argument('--fault', choices=tuple(FAULTS), default='none',
                         help='a fault that the heater really has from some instant on (default: %(default)s)')
     parser.add_argument('--plant', choices=tuple(PLANTS), default='nominal',
@@ -147,9 +157,12 @@ def add_parser(subparsers: Subparsers) -> None:
 
 def run(arguments: Namespace) -> int:
     """Run the study, or one trip of it; returns 0 whether or not the requirements are met."""
+    _choose_defaults(arguments)
     conditions = _conditions(arguments)
     check_study_arguments(
         arguments, (vehicle_file(arguments.vehicle), *map(route_source, arguments.route)))
+    if arguments.days or arguments.signals:
+        return _run_of_kind(arguments, conditions)
     # Each once, in the order in which they were asked for.
     methods = list(dict.fromkeys(arguments.methods))
     if arguments.only is not None:
@@ -175,6 +188,31 @@ def run(arguments: Namespace) -> int:
     ending.tell(len(results), arguments.trips, 'trips', (arguments.json, arguments.plot),
                 arguments.results)
     return 0
+
+
+def _choose_defaults(arguments: Namespace) -> None:
+    """Fill in defaults that depend on the kind of study, and refuse options that it draws by itself."""
+    kind = 'days' if arguments.days else 'signals' if arguments.signals else ''
+    if arguments.trips is None:
+        arguments.trips = DEFAULT_TRIPS[kind]
+    if arguments.route is None:
+        arguments.route = list(ROUTES_OF_DAYS) if kind == 'days' else ['reference']
+    refused = {'--plot': arguments.plot is not None, '--progress': arguments.progress,
+               '--no-power': arguments.no_power, '--traffic': arguments.traffic != 0.0,
+               '--fault': kind == 'signals' and arguments.fault != 'none',
+               '--only': kind == 'signals' and arguments.only is not None}
+    names = [name for name, is_given in refused.items() if kind and is_given]
+    if names:
+        raise InvalidInput(f'{", ".join(names)}: not allowed with --{kind}')
+
+
+def _run_of_kind(arguments: Namespace, conditions: Conditions) -> int:
+    """Run the study of days, or that of signals."""
+    if arguments.days:
+        from bev_preheat.commands.robustness_days import run_days_study
+        return run_days_study(arguments, conditions, _described(arguments), _study(arguments, conditions, ()))
+    from bev_preheat.commands.robustness_signals import run_signals_study
+    return run_signals_study(arguments, conditions, _described(arguments), _study(arguments, conditions, ()))
 
 
 def _give_out(arguments: Namespace, results: list[CarResult], methods: Sequence[str],

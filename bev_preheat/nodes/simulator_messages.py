@@ -30,7 +30,7 @@ TEMPERATURE = 'battery temperature [degC]'
 WITHOUT_COMMAND = 'time without a valid command [s]'
 DRIVING, ARRIVED, EMPTY = 'driving', 'arrived', 'the battery is empty'
 CHARGING, PARKED = 'charging', 'parked'
-# Keys of what is said of a phase that has ended, as fields of PhaseEnd and PhaseReport.
+# Keys of a phase that has ended, by fields of PhaseEnd and PhaseReport.
 PHASE_KEYS = {'started_s': 'start [s]', 'ended_s': 'end [s]', 'arrival_c': 'arrival temperature [degC]'}
 
 
@@ -109,7 +109,7 @@ def outcome_from_diagnostics(message: DiagnosticArray) -> Outcome | None:
 
 
 def phase_ends(message: DiagnosticArray) -> list[PhaseEnd]:
-    """Return how the phases ended that a DiagnosticArray of the simulator's tells of."""
+    """Return the PhaseEnds in a DiagnosticArray of the simulator's."""
     (status,) = (status for status in message.status if status.name.endswith(ENTRY))
     values = {item.key: float(item.value) for item in status.values}
     ends: list[PhaseEnd] = []

@@ -225,7 +225,7 @@ class VehicleSimulatorNode(Node):
             self._end(2, error)
             return
         if self._owns_clock and car.asleep_until_s is not None:
-            # Nobody is there to see the hours go by.
+            # All computers sleep: skip the hours.
             elapsed_s = self._pace.elapsed_s = max(elapsed_s, car.asleep_until_s)
         car.advance_under(self._lease, elapsed_s)
         # The time first: who reads a battery state looks at the clock for its age.

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
     from bev_preheat.simulation.scenario import Expectations, Scenario
 
-# What the diagnostics say of a heater that has no fault.
+# Word of the diagnostics for a heater without a fault.
 HEALTHY = 'answers'
 # Signals that may be in doubt.
 SIGNALS = frozenset(('battery_temperature', 'state_of_charge', 'voltage', 'current', 'source', 'feed'))
@@ -32,15 +32,15 @@ class PhaseEnd(NamedTuple):
 @dataclass
 class DriveRecord:
     """
-    What was seen of a drive, or of one phase of a chain; instants are seconds of the clock since the start.
+    Observations of a drive, or of one phase of a chain; instants are seconds of the clock since the start.
 
     `commands` holds (instant, power [W], reason's name) in order, `statuses` the names of all
-    statuses that plans and commands had, `heater` what the diagnostics said of the heater at last.
-    `arrival_c` is the true temperature at the end of the drive, NaN where the car never arrived.
-    `heater_verdicts` holds (instant, what was said of the heater) whenever that changed, `regimes`
-    (instant, name), `signals` (instant, name) whenever a signal was newly in doubt. `hottest_heated_c` is
-    the highest temperature [deg C] at which more than 0 W was commanded, -inf where it never was. `phases`
-    are the records of all phases, whose instants count from their start.
+    statuses of plans and commands, `heater` the last verdict on the heater in the diagnostics.
+    `arrival_c` is the true temperature at the end of the drive, NaN without an arrival.
+    `heater_verdicts` holds (instant, word of the diagnostics) at each change, `regimes` (instant, name),
+    `signals` (instant, name) at each new doubt. `hottest_heated_c` is the highest temperature [deg C] at
+    which more than 0 W was commanded, -inf without such a command. `phases` are the records of all
+    phases, whose instants count from their start.
     """
 
     target_c: float
@@ -56,7 +56,7 @@ class DriveRecord:
     _doubted: frozenset[str] = frozenset()
 
     def note_heater(self, instant_s: float, said: str) -> None:
-        """Note what is said of the heater at an instant [s]."""
+        """Note the verdict on the heater at an instant [s]."""
         if said != self.heater:
             self.heater_verdicts.append((instant_s, said))
         self.heater = said

@@ -35,8 +35,8 @@ class Imperfections:
     """
     All deviations of the simulated drive from vehicle and route file; none by default.
 
-    `heat_path` is None where the car's is that of its vehicle file, `position` where the car does not
-    say where it is. `events` and `position` are those of the first drive.
+    `heat_path` None: that of the vehicle file. `position` None: the car does not report its position.
+    `events` and `position` are those of the first drive.
     """
 
     mismatch: Mismatch = field(default_factory=Mismatch)
@@ -48,14 +48,14 @@ class Imperfections:
     position: PositionReports | None = None
 
 
-# The car's computers go on for so long [s] after the battery states have stopped.
+# The car's computers fall asleep this long after the last battery state [s].
 COMPUTERS_GO_ON_S = 60.0
 
 
 @dataclass(frozen=True)
 class PhaseReport:
     """
-    What became of a Phase: its instants [s], the battery at its end, what the heater took [Wh].
+    Result of a Phase: its instants [s], the battery at its end, the heater's energy [Wh].
 
     `ran_empty`: the battery did.
     """
@@ -70,12 +70,12 @@ class PhaseReport:
 
     @property
     def arrival_c(self) -> float:
-        """The battery's temperature at the end of a drive [deg C]; NaN where there is no arrival."""
+        """The battery's temperature at the end of a drive [deg C]; NaN without an arrival."""
         return self.temperature_c if isinstance(self.phase, Drive) and not self.ran_empty else math.nan
 
 
 class _Letter(NamedTuple):
-    """What the trip planner says at an instant [s] of a Drive that begins, or began, at another [s]."""
+    """A message of the trip planner, due at `at_s` [s], about a Drive that begins at `begins_s` [s]."""
 
     at_s: float
     begins_s: float
@@ -88,8 +88,8 @@ class ImperfectCar:
     """
     A car on its way, through one phase or several.
 
-    `vehicle` is what its file says, `plant` (a VehiclePlant) the truth of the `phase` now, `reports` say
-    what became of the phases that have ended. Instants are seconds after the start; the same arguments
+    `vehicle` is the described one, `plant` (a VehiclePlant) the true one in the current `phase`, `reports`
+    are the results of the phases that have ended. Instants are seconds after the start; the same arguments
     make the same car.
     """
 
@@ -142,7 +142,7 @@ class ImperfectCar:
 
     @property
     def in_words(self) -> str:
-        """What follows the first drive, to be added to its name; '' for nothing."""
+        """The phases ahead, as an addition to the name of the first drive; '' without any."""
         return ''.join(f', {type(phase).__name__.lower()}' for phase in self._following)
 
     @property
@@ -159,7 +159,7 @@ class ImperfectCar:
 
     @property
     def asleep_until_s(self) -> float | None:
-        """When the car wakes up [s], where it sleeps and so do its computers; None: they do not."""
+        """The instant at which the car and its computers wake up [s]; None: they are awake."""
         wakes_s = self.plant.end_s
         return wakes_s if self._asleep_from_s + COMPUTERS_GO_ON_S <= self.time_s < wakes_s else None
 
@@ -187,9 +187,10 @@ class ImperfectCar:
 
         `start_ns` is the instant of the start.
         """
-        if not isinstance(self.phase, Drive):
+        if self.time_s < self._next_position_s:
             return None
-        distance_m = self._position.report_m(self.time_s - self.plant.start_s)
+        # Differences fall short of the instants that they come from.
+        distance_m = self._position.report_m(max(self.time_s - self.plant.start_s, self._position.next_s))
         if distance_m is None or self._sent_start_ns is None:
             return None
         return Progress(distance_m, start_ns + round(self.clock_s * NS_PER_S), self._sent_route_id,
@@ -199,9 +200,13 @@ class ImperfectCar:
     def next_event_s(self) -> float:
         """When the next battery state is taken, or it, a route plan or a position arrives, or a phase ends [s]."""
         news_s = self._letters[0].at_s if self._letters else math.inf
-        place_s = (self.plant.start_s + self._position.next_s if isinstance(self.phase, Drive) else math.inf)
         end_s = self.plant.end_s if self._following else math.inf
-        return min(self.readings_of.next_s, self.readings_of.next_arrival_s, place_s, news_s, end_s)
+        return min(self.readings_of.next_s, self.readings_of.next_arrival_s, self._next_position_s,
+                   news_s, end_s)
+
+    @property
+    def _next_position_s(self) -> float:
+        return self.plant.start_s + self._position.next_s if isinstance(self.phase, Drive) else math.inf
 
     def advance_under(self, lease: HeaterLease, to_s: float) -> None:
         """Drive on to `to_s` [s] under a HeaterLease, and take the readings that are due."""
@@ -269,7 +274,7 @@ class ImperfectCar:
         route_id = self._id_of(self._drives)
         if self._drives > 0 and drive.announced_s == 0.0:
             news.insert(0, News(0.0, drive.route, drive.goal.charging_planned))
-        # What was said of the drive before, and has not come yet, is of no use.
+        # Messages about the previous drive that have not arrived yet are dropped.
         self._letters = [_Letter(begins_s + each.at_s, begins_s, drive, each, route_id) for each in news]
         random = self._random_of(self._drive_seed)
         self._position = Position(drive.position, driven, drive.events, self._random_of(self._position_seed))
@@ -293,11 +298,15 @@ class ImperfectCar:
     def _drive(self, lease: HeaterLease, to_s: float) -> None:
         plant, faults, phase = self.plant, self.imperfections.heater_faults, self.phase
         while plant.time_s < to_s:
+            if plant.time_s >= self._asleep_from_s:
+                # Its high voltage is off.
+                plant.advance(to_s, 0.0)
+                return
             own_w = 0.0
             if isinstance(phase, Charge):
                 own_w = phase.own_heat_w(self.vehicle, plant.temperature_c, self._heats_itself)
                 self._heats_itself = own_w > 0.0
-            until_s = min(to_s, next_change_s(faults, plant.time_s)) if faults else to_s
+            until_s = min(to_s, self._asleep_from_s, next_change_s(faults, plant.time_s))
             fault = fault_at(faults, plant.time_s) if faults else None
             if fault is not None and fault.stuck_on:
                 plant.advance(until_s, plant.vehicle.hvch.maximum_power_w)
@@ -312,7 +321,7 @@ class ImperfectCar:
         drive, news, goal = letter.drive, letter.news, letter.drive.goal
         route, at_s, standing_time_s = news.route, letter.begins_s + news.at_s, 0.0
         if route is None:
-            # The drive has ended: the last segment of what was driven, behind us.
+            # The drive has ended: the last driven segment, behind us.
             driven = self._latest_drive
             route = driven.route.segments(len(driven.route) - 1, len(driven.route))
             at_s = driven.start_s + driven.duration_s - route.total_duration_s

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a simulated car does one after the other: it drives, charges, and is parked."""
+"""The phases of a simulated car's day: it drives, charges, and is parked."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from bev_preheat.simulation.traffic import Event
     from bev_preheat.vehicle.description import Vehicle
 
-# What a parked car takes with its computers awake, and asleep [W].
+# Power of a parked car with its computers awake, and asleep [W].
 AWAKE_POWER_W = 250.0
 ASLEEP_POWER_W = 20.0
 # A car that heats itself at the charger begins again this far below its limit [K].
@@ -29,9 +29,9 @@ class Drive:
     A drive over a Route, which the trip planner sends when it starts, or `announced_s` [s] before.
 
     The trip planner says that the car stood for `standing_time_s` [s] before; 0: it does not know. The
-    instants of `events` count from the start of the drive. `position` is None where the car does not say
-    where it is. With `starts_over` the battery is at once what it was at the very start, as in a recording
-    that is played again.
+    instants of `events` count from the start of the drive. `position` None: the car does not report its
+    position. With `starts_over` the battery returns to the first state of all, as in a recording that is
+    played again.
     """
 
     route: Route
@@ -48,8 +48,8 @@ class Charge:
     """
     Standing at a charger of `power_w` [W] until `until_soc` (0 ... 1) or for `duration_s` [s].
 
-    The charger feeds battery, heater, cabin and auxiliaries; the battery takes what its charge limit
-    allows. With `heats_itself` the car heats its battery with all that the cabin leaves, without a
+    The charger feeds battery, heater, cabin and auxiliaries; the battery's charge limit
+    holds. With `heats_itself` the car heats its battery with all that the cabin leaves, without a
     command, up to the temperature that its file says (`charging.heating_limit_c`).
     """
 
@@ -75,7 +75,7 @@ class Charge:
             vehicle.drivetrain, heat_recovery_efficiency=0.0))
 
     def own_heat_w(self, vehicle: Vehicle, temperature_c: float, is_heating: bool) -> float:
-        """Return what the car heats with by itself [W] at a battery temperature [deg C]."""
+        """Return the power that the car heats with by itself [W] at a battery temperature [deg C]."""
         if not self.heats_itself or vehicle.charging is None:
             return 0.0
         below_c = vehicle.charging.heated_below_c - (0.0 if is_heating else HEATS_AGAIN_BELOW_K)

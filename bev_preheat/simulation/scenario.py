@@ -59,13 +59,13 @@ class Expectations:
 @dataclass(frozen=True)
 class Scenario:
     """
-    A drive, or a chain that begins with it, what is wrong with it, and what is expected.
+    A drive, or a chain that begins with it, its faults, and the expectations.
 
     The car stood for `standing_time_s` [s] before (0: not known). `planner` holds parameters of the
     node `planner` by name, `vehicle_name` what the file calls the
     vehicle: a name, or a file's path. `files` are the paths of all files that were read;
     `warnings` are sentences on routes that were made for another vehicle. `following` are the phases of a
-    chain after the drive, `phase_expectations` what is expected of each phase of a chain.
+    chain after the drive, `phase_expectations` the Expectations of each phase of a chain.
     """
 
     name: str
@@ -156,13 +156,13 @@ class _PhaseReader:
         outside = [key for key in contents['drive'] if key not in OF_A_CAR] + [
             key for key in OF_A_DRIVE if key in contents]
         if outside:
-            raise InvalidInput(f'{", ".join(outside)}: with a chain this belongs to one of its drives')
+            raise InvalidInput(f'{", ".join(outside)}: with a chain this belongs to a drive')
         phases: list[Phase] = []
         for at, item in enumerate(contents['chain']):
             where, kinds = f'chain[{at}]', [key for key in item if key != 'expect']
             if len(kinds) != 1 or (at == 0 and kinds != ['drive']):
                 raise InvalidInput(f'{where}: has {", ".join(kinds) or "nothing"}; it must have '
-                                   + ('a drive' if at == 0 else 'one of drive, charge, park'))
+                                   + ('a drive' if at == 0 else 'a drive, a charge or a park'))
             node = item[kinds[0]]
             if kinds == ['drive']:
                 if node.get('announced_s') and not (phases and isinstance(phases[-1], Park)):

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 # From, until [s].
 Span = tuple[float, float]
-# What power_supply_status says: nothing, whether the car is at a charger, or the sign of the current.
+# Source of power_supply_status: none, the plug, or the sign of the current.
 SUPPLY_STATUS = ('unknown', 'plugged', 'sign')
 
 
@@ -34,9 +34,9 @@ class Spike:
 @dataclass(frozen=True)
 class OtherBattery:
     """
-    Another battery on the same topic: its states come in turn with those of the car's own.
+    Another battery on the same topic; its states alternate with those of the traction battery.
 
-    `is_first`: the first state is the other's. `location` is what its states say of where it is.
+    `is_first`: its state comes first. `location` is that field of its states.
     """
 
     temperature_c: float
@@ -60,11 +60,11 @@ class Sensors:
     `invalid` it is NaN.
 
     Wrong from start to end: `temperature_stuck_at_c` [deg C], `soc_stuck_at` (0 ... 1) and
-    `voltage_stuck_at_v` [V] are shown in place of what is measured; state of charge and voltage are
-    shown times `soc_scale` and `voltage_scale`; with `reverses_current` discharging is shown as charging.
+    `voltage_stuck_at_v` [V] replace the measured values; state of charge and voltage are shown times
+    `soc_scale` and `voltage_scale`; with `reverses_current` discharging is shown as charging.
     Each `invalid_every`-th temperature is NaN, each `reordered_every`-th reading arrives after the one
-    that follows it (0: none). `supply_status` is one of SUPPLY_STATUS, `location` where the battery is
-    said to be, and `other` is a second battery on the topic.
+    that follows it (0: none). `supply_status` is an item of SUPPLY_STATUS, `location` that field of the
+    battery states, and `other` a second battery on the topic.
     """
 
     temperature_noise_k: float = 0.0
@@ -100,7 +100,7 @@ class Reading:
     """
     What the sensors said at an instant [s]: deg C, 0 ... 1, V, A (positive = discharging).
 
-    Voltage and current are None where they are not reported, `location` is '' where nothing is said.
+    Voltage and current None: not reported; `location` '': not given.
     """
 
     instant_s: float
@@ -122,7 +122,7 @@ class SensorReadings:
         self._under_way: deque[Reading] = deque()
         self._stuck_at_c: float | None = None
         self._taken = 0
-        # That which arrives after the one that follows it.
+        # A Reading that arrives after its successor.
         self._held_back: Reading | None = None
         self.next_s = 0.0
 
@@ -142,7 +142,7 @@ class SensorReadings:
             self._send(reading)
 
     def _send(self, reading: Reading) -> None:
-        """Let a Reading be under way, in turn with those of another battery, or after the next one."""
+        """Send a Reading on its way; another battery may replace it, or its successor overtake it."""
         sensors = self.sensors
         self._taken += 1
         if sensors.invalid_every > 0 and self._taken % sensors.invalid_every == 0:
@@ -210,7 +210,7 @@ def _spike_k(now_s: float, spikes: Iterable[Spike]) -> float:
 
 
 def _supply_status(kind: str, is_charging: bool, current_a: float) -> SupplyStatus:
-    """Return what power_supply_status says, by one of SUPPLY_STATUS; regeneration has the sign of charging."""
+    """Return power_supply_status by a `kind` of SUPPLY_STATUS; regeneration has the sign of charging."""
     if kind == 'unknown':
         return SupplyStatus.UNKNOWN
     is_charging = is_charging if kind == 'plugged' else current_a < 0.0

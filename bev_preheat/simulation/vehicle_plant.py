@@ -148,7 +148,7 @@ class VehiclePlant:
             raise ValueError(f'to_s: {to_s} is no finite instant from {self.time_s} on')
         if not (isfinite(heater_power_w) and heater_power_w >= 0.0):
             raise ValueError(f'heater_power_w: {heater_power_w} is no power from 0 on')
-        # Differences do not end exactly where they should.
+        # Rounding of the difference must not leave the last segment unfinished.
         until_s = max(to_s - self.start_s, self.duration_s if to_s >= self.end_s else 0.0)
         if not self._drive_by_core(until_s, heater_power_w):
             self._drive(until_s, heater_power_w)

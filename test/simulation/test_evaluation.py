@@ -103,7 +103,7 @@ def test_a_phase_is_held_against_what_was_seen_in_it():
     assert (first.switch_ons, charged.commands) == (1, [(0.0, 5000.0, 'HEATING'), (10.0, 0.0, 'STALE_INPUT')])
     assert charged.regimes == [(0.0, 'driving'), (10.0, 'standing')]
     assert charged.signals == [(0.0, 'current'), (10.0, 'source')]
-    # What is said of the heater holds until something else is said.
+    # A verdict on the heater holds until the next one.
     assert parked.heater_verdicts == [(0.0, 'derated')]
     assert last.heater_verdicts == [(0.0, 'derated'), (2.0, 'answers')]
     findings = evaluate_chain(Expectations(), (None, Expectations(most_switch_ons=0), None, Expectations(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A car that drives, charges and is parked: balances and closed forms, instants, and what is said when."""
+"""A car that drives, charges and is parked: balances and closed forms, instants, and messages."""
 
 from dataclasses import replace
 import math

@@ -98,21 +98,24 @@ class DrawnCar:
         routes = self.conditions.routes
         return routes[self.number % len(routes)]
 
-    def car(self) -> ImperfectCar:
-        """Return the car at its start; each one drives, and is measured, in the same way."""
+    def car(self, sensors: Sensors | None = None) -> ImperfectCar:
+        """Return the car at its start, with other Sensors or its own; each one drives in the same way."""
         conditions = self.conditions
-        sensors = Sensors(
-            temperature_noise_k=TEMPERATURE_NOISE_K,
-            temperature_resolution_k=TEMPERATURE_RESOLUTION_K,
-            reports_power=conditions.reports_power,
-            period_s=conditions.period_s)
         return ImperfectCar(
             conditions.vehicle, self.route, conditions.state, conditions.goal,
             Imperfections(
-                self.mismatch, self.heat_path, sensors, self.heater_faults, self._events(),
+                self.mismatch, self.heat_path, sensors or self.sensors(), self.heater_faults, self._events(),
                 position=(PositionReports(conditions.period_s, POSITION_NOISE_M)
                           if conditions.tells_position else None)),
             [self.seed, self.number])
+
+    def sensors(self) -> Sensors:
+        """Return how the battery is reported."""
+        return Sensors(
+            temperature_noise_k=TEMPERATURE_NOISE_K,
+            temperature_resolution_k=TEMPERATURE_RESOLUTION_K,
+            reports_power=self.conditions.reports_power,
+            period_s=self.conditions.period_s)
 
     def _events(self) -> tuple[Event, ...]:
         """Return what makes the whole route another pace; the trip planner says nothing of it."""
