@@ -37,7 +37,7 @@ class Estimate:
 
     `heater` says how the heater answers, `temperature_resolution_k` in which steps the temperature
     is reported (0: continuous), `resets` how often the estimator was reset, why and when last.
-    `sensor_offset_k` is what was subtracted from the readings [K], `ignored_share` (0 ... 1) the share of
+    `sensor_offset_k` is subtracted from the readings [K], `ignored_share` (0 ... 1) the share of
     the latest readings that were too far off to be used.
     """
 

@@ -203,7 +203,7 @@ class Estimator:
         if trusts_temperature and trusts_soc:
             verdict = self._readings.judge(measurement, mean, covariance)
             if verdict is Verdict.JUMPED:
-                # What was learned of the car holds: only the battery's state was not followed.
+                # The factors of the car stay valid: only the battery's state was not followed.
                 self._stamp_ns = None
                 self._place(measurement)
                 return

@@ -43,8 +43,8 @@ class Standing(NamedTuple):
     """
     What is expected of a battery that stood: its temperature [deg C].
 
-    `left_deviation_k` is the standard deviation [K] of what is left of the temperature with which it
-    was parked; `ambient_deviation_k` [K], that of the ambient temperature, comes on top of it.
+    `left_deviation_k` is the standard deviation [K] of the remaining difference to ambient;
+    `ambient_deviation_k` [K] is that of the ambient temperature.
     """
 
     temperature_c: float
@@ -60,7 +60,7 @@ class Standing(NamedTuple):
 def after_standing(vehicle: Vehicle, ambient_c: float, standing_s: float,
                    parked_c: float | None = None) -> Standing:
     """
-    Return the Standing of a vehicle's battery after so long [s] at an ambient temperature [deg C].
+    Return the Standing of a vehicle's battery after `standing_s` [s] at an ambient temperature [deg C].
 
     `parked_c` is the battery's temperature [deg C] at the beginning of that; None: unknown.
     """
@@ -76,7 +76,7 @@ def after_standing(vehicle: Vehicle, ambient_c: float, standing_s: float,
 
 
 def temperature_after(vehicle: Vehicle, parked_c: float, ambient_c: float, standing_s: float) -> float:
-    """Return the temperature [deg C] of a battery that has stood for so long [s] since it was at `parked_c` [deg C]."""
+    """Return the temperature [deg C] of a battery that was parked at `parked_c` [deg C], after `standing_s` [s]."""
     return ambient_c + (parked_c - ambient_c) * math.exp(-_time_constants(vehicle, standing_s))
 
 

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Whether the current has the sign that it is to have: positive = discharging inside this software.
+Whether the current has the expected sign: positive = discharging inside this software.
 
 Two witnesses. The voltage falls while the discharge current rises, by the resistance: in measured
 drives their changes are correlated by -0.99. The state of charge falls while the battery is
@@ -16,30 +16,30 @@ from typing import NamedTuple
 
 from bev_preheat.estimation.resolution import Resolution, SOC_STEPS
 
-# Changes of voltage and current from one state to the next, over so many states, that are no
-# further apart than this [s]; the current must have changed by the first standard deviation [A] if they
-# are few, by the second if they are all.
+# Number of latest changes of voltage and current that are correlated, and the least number for a proof.
+# The states of a change are at most APART_S [s] apart. The standard deviation of the current's changes [A]
+# must exceed the first bound for few changes, the second for all of them.
 CHANGES, LEAST_CHANGES = 60, 20
 APART_S = 2.5
 LEAST_DEVIATION_A, LEAST_DEVIATION_OF_ALL_A = 5.0, 1.5
-# … and their correlation must be beyond this one.
+# Least magnitude of the correlation.
 PROVES_CORRELATION = 0.7
-# The state of charge must have moved by so much, by more than this share of its step, and by more than so
-# many standard deviations of its noise, which shows from one state to the next.
+# Least change of the state of charge: an absolute bound, a share of the signal's step, and a multiple of the
+# standard deviation of its noise, which shows in consecutive states.
 LEAST_MOVED = 0.0025
 LEAST_STEPS = 0.9
 LEAST_DEVIATIONS = 5.0
-# That of so many states.
+# Number of states over which the noise is averaged.
 NOISE_OVER = 30.0
-# The current must account for this share of that at least, if it was as much as that itself.
+# Least share of this change that the current accounts for.
 LEAST_SHARE = 0.25
 CONFIRMED_EVERY_S = 10.0
-# After so much charge without proof the comparison starts again.
+# The comparison starts again after this charge without proof.
 RESTART_AFTER = 0.05
 
 
 class Sign(Enum):
-    """What is known of the sign of the current."""
+    """State of knowledge about the sign of the current."""
 
     UNKNOWN = 'unknown'
     RIGHT = 'right'

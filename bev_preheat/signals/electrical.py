@@ -3,7 +3,7 @@
 Whether voltage and state of charge fit the battery that the vehicle file describes.
 
 The terminal voltage lies near U_oc(soc, T) - R(soc, T) I. Vehicle files differ from cars, so the
-bounds are wide: they find another battery, a scale, and a charge that was never set.
+bounds are wide: they detect another battery, a wrong scale, and a charge that was never set.
 """
 
 from __future__ import annotations
@@ -18,9 +18,8 @@ if TYPE_CHECKING:
 # The voltage may differ by this share of the open-circuit voltage, and by this multiple of R I.
 VOLTAGE_WITHIN = 0.2
 VOLTAGE_WITHIN_DROPS = 1.0
-# A state of charge that reads no more than this is contradicted by the voltage of a fuller battery,
+# A state of charge up to this one is contradicted by a voltage above the mean of those at 0 and at FULLER_SOC.
 EMPTY_BELOW = 0.001
-# … of one beyond half the way from empty to this state of charge.
 FULLER_SOC = 0.2
 
 

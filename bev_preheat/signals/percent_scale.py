@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-A state of charge on a scale of 100, which near empty looks like one of 0 ... 1.
+Detects a state of charge in per cent: near empty its values lie within 0 ... 1.
 
-Values above 1 were refused; a value below 1 that follows them is on their scale, too, unless it goes
-on from the last valid one.
+Values above 1 are refused. A value below 1 that follows them has the same scale, unless it continues the
+last valid value.
 """
 
 from __future__ import annotations
@@ -15,14 +15,14 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-# A value that follows one on a scale of 100 within so long [s] is on that scale.
+# A value has the scale of the one before if they are at most this far apart [s].
 FOLLOWS_WITHIN_S = 600.0
-# … unless it is this near to the last valid one.
+# A value this near to the last valid one continues it.
 GOES_ON_WITHIN = 0.1
 
 
 class PercentScale:
-    """Remembers the latest percentages, those that were refused too."""
+    """Remembers the latest percentages, including refused ones."""
 
     def __init__(self) -> None:
         """Know nothing yet."""
@@ -39,7 +39,7 @@ class PercentScale:
         """
         Return the sentence on a state of charge that is on a scale of 100; '' if it is not.
 
-        `is_vouched_for()`: the voltage fits it better than the hundredth of it.
+        `is_vouched_for()`: the voltage fits the value better than a hundredth of this value.
         """
         before = self._latest
         goes_on = self._valid is not None and abs(soc - self._valid) <= GOES_ON_WITHIN

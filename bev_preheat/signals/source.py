@@ -2,9 +2,9 @@
 """
 Whether the battery states are from one battery.
 
-Two batteries on one topic contradict each other: from one message to the next temperature, charge or
-voltage move by more than any battery can, again and again, and back. Or the messages say so
-themselves, by `location` or `serial_number`. Which of the two is meant cannot be known.
+Two batteries on one topic contradict each other: temperature, charge or voltage jump back and forth
+between consecutive messages, faster than any battery can. Or `location` or `serial_number` changes. The
+traction battery cannot be told from the other one.
 """
 
 from __future__ import annotations
@@ -12,18 +12,18 @@ from __future__ import annotations
 from collections import deque
 from typing import NamedTuple
 
-# Beyond these from one state to the next [K], (0 ... 1), share of the voltage, it is not one battery.
+# Largest changes between consecutive states of one battery: [K], (0 ... 1), share of the voltage.
 JUMP_K = 4.0
 JUMP_SOC = 0.03
 JUMP_VOLTAGE = 0.2
-# … and beyond this rate of the temperature [K/s], where states are far apart.
+# Fastest change of the temperature [K/s], for states that are far apart.
 RATE_K_PER_S = 0.1
 # States further apart than this [s] are not compared.
 TOGETHER_S = 30.0
-# So many of the latest states are looked at; with so many jumps among them they are from two batteries.
+# Two batteries: at least LEAST_JUMPS among the latest STATES.
 STATES = 20
 LEAST_JUMPS = 3
-# One battery again after so many states in a row without a jump.
+# Number of consecutive states without a jump that end the doubt.
 CALM_STATES = 30
 
 
@@ -54,7 +54,7 @@ class SourceWatch:
         """
         Take a state in: instant [s], temperature [deg C], state of charge (0 ... 1), voltage [V].
 
-        `name` is what the message says of its battery, '' for nothing. Returns `doubt`.
+        `name` identifies the battery in the message, '' if it does not. Returns `doubt`.
         """
         state = _State(instant_s, temperature_c, soc, voltage_v, name)
         before, self._before = self._before, state

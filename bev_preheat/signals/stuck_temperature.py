@@ -1,20 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Whether the temperature moves where it must.
+Detects a temperature reading that does not follow the battery.
 
-The change that the model expects since the reading last moved is summed up. Only power that was
-seen counts as heat of the heater: a heater that takes no power explains a battery that stays cold.
+The model's expected change is integrated since the reading last moved. The heater's heat counts only as
+far as its power was measured, because a heater that takes no power explains a cold battery.
 """
 
 from __future__ import annotations
 
 from collections import deque
 
-# The reading must move before the model expects this change [K], and a step of the sensor on top. Where
-# the change is fast, lags of heater and sensor hold more back: that of so long [s], beside the second [K].
+# Expected change without any movement of the reading that proves a fault [K]; a step of the sensor comes on
+# top. Fast changes need more, because heater and sensor lag: LAGS_S [s] of the change, plus BESIDE_LAGS_K.
 EXPECTED_K = 3.0
 LAGS_S, BESIDE_LAGS_K = 120.0, 1.5
-# … within so long [s]: a slow change may be an error of the model.
+# The change is integrated over at most this time [s]: a slower one may be an error of the model.
 WITHIN_S = 900.0
 # A reading that has moved by less than this [K] has not moved.
 MOVED_K = 0.05
@@ -25,7 +25,7 @@ BELOW_AMBIENT_K = 20.0
 
 
 class StuckTemperature:
-    """Watches the temperature; `doubt` is the sentence, '' while the reading moves as it must."""
+    """Watches the temperature; `doubt` is the sentence, '' while the reading follows the battery."""
 
     def __init__(self) -> None:
         """Know nothing yet."""

@@ -19,7 +19,7 @@ NEEDED = frozenset((TEMPERATURE, STATE_OF_CHARGE, SOURCE, FEED))
 
 
 class SignalVerdict(NamedTuple):
-    """A signal (one of SIGNALS) in doubt, the evidence in a sentence, and since when [ns]."""
+    """A signal in doubt (see SIGNALS), the evidence in a sentence, and since when [ns]."""
 
     signal: str
     sentence: str

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from bev_preheat.supervision.settings import Settings
     from bev_preheat.vehicle.description import Vehicle
 
-# Off for one of these, the heater stays off until nothing has been wrong for a while.
+# Doubt: the heater stays off until the input has been valid for a while.
 CAUSES = {
     Status.STALE_INPUT: 'battery_state was too old, or ahead of the clock,',
     Status.COMMAND_CONFLICT: 'Another node commanded the heater',
@@ -32,7 +32,7 @@ CAUSES = {
     Status.NO_BATTERY_STATE: 'No valid battery state was there',
 }
 DOUBT = frozenset((*CAUSES, Status.INVALID_INPUT))
-# Off for one of these, the least time off holds as for any other switching by plan.
+# Decisions of the plan: the least time off holds as for any other switching.
 BY_PLAN = frozenset((Status.OUT_OF_CHARGE, Status.NOT_WORTH_IT, Status.WAITING))
 # For its least time the heater is held on no further above the target than this, and stays so far below the
 # highest temperature of the battery's range [K].

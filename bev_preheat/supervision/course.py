@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 # A route that goes by faster than this many times the plan's pace is a position that was corrected.
 FASTEST_PACE = 2.0
-# Where exactly the vehicle is on its route is not known: the power of so long before and after counts.
+# The place on the route is uncertain: power within this time before and after an instant counts.
 AROUND_NS = 60 * NS_PER_S
 # A segment lasts for many updates.
 KEPT_SEGMENTS = 8
@@ -64,14 +64,14 @@ def shown_command_w(timetable: Timetable | None, instant_ns: int, commands: Comm
 
 
 def driven_at(vehicle: Vehicle, timetable: Timetable | None, instant_ns: int) -> DriveInputs | None:
-    """Return the DriveInputs that the route plans at an instant [ns]; None where no leg covers it."""
+    """Return the DriveInputs that the route plans at an instant [ns]; None outside the legs."""
     if timetable is None:
         return None
     return _planned_at(vehicle, timetable.planned, timetable.planned_ns(instant_ns))[0]
 
 
 def planned_around(timetable: Timetable | None, instant_ns: int, defaults: Defaults) -> PlannedPower:
-    """Return the PlannedPower within AROUND_NS of an instant [ns]; Defaults where no leg covers it."""
+    """Return the PlannedPower within AROUND_NS of an instant [ns]; from the Defaults outside the legs."""
     if timetable is not None:
         mission, planned_ns = timetable.planned, timetable.planned_ns(instant_ns)
         leg = mission.legs[mission.leg_number(planned_ns)]

@@ -204,7 +204,7 @@ class Inbox:
         self.scale_verdict = None
 
     def _voltage_vouches_for(self, measurement: Measurement) -> bool:
-        """Whether the voltage fits the state of charge better than the hundredth of it."""
+        """Whether the voltage fits the state of charge better than a hundredth of that."""
         state, voltage_v, current_a = measurement.state, measurement.voltage_v, measurement.current_a
         return voltage_v is not None and current_a is not None and ElectricalCheck(self.vehicle).is_nearer(
             voltage_v, current_a, state.temperature_c, state.soc, state.soc / 100.0)

@@ -44,8 +44,8 @@ if TYPE_CHECKING:
     from bev_preheat.supervision.timetable import Timetable
     from bev_preheat.vehicle.description import Vehicle
 
-# A vehicle that has stood for so long where its route does not stop may stand for hours; one that is
-# parked, with its consumers off, does so.
+# Heating ends after this time of standing where the route does not stop: the vehicle may stand for hours. With
+# its consumers off it is parked.
 MOST_STANDING_S = 900.0
 MOST_PARKED_S = 180.0
 # A trip that starts later than this gives no alarm: until then the battery may be charged, or heated.
@@ -63,7 +63,7 @@ class Judgement:
 
     def __init__(self, vehicle: Vehicle, learned: Learned | None = None,
                  last_seen: LastSeen | None = None) -> None:
-        """Start from the vehicle file, or from what was Learned on drives before, and the battery's LastSeen."""
+        """Start from the vehicle file, or from the Learned of earlier drives, and the battery's LastSeen."""
         # As described, and with the power limits of its coldest cell.
         self._vehicle = self._limited = vehicle
         self._colder_by_k = 0.0
@@ -245,7 +245,7 @@ class Judgement:
             model_factors=outlook.model_factors, target=choice)
 
     def _limit_to_coldest_cell(self, measurement: Measurement, settings: Settings) -> None:
-        """Take the power limits of the coldest cell, where it is known and asked for."""
+        """Take the power limits of the coldest cell, if it is known and the settings say so."""
         coldest_c = measurement.coldest_cell_c if settings.coldest_cell_limits else None
         colder_by_k = 0.0 if coldest_c is None else min(
             max(measurement.state.temperature_c - coldest_c, 0.0), MOST_COLDER_K)

@@ -42,17 +42,17 @@ if TYPE_CHECKING:
     from bev_preheat.vehicle.description import Defaults, Vehicle
     from bev_preheat.vehicle.uncertain_car import DriveInputs
 
-# A doubt about voltage or current is shown for so long after the last reading that gave rise to it.
+# Time for which a doubt about voltage or current is shown after its last reading [s].
 SHOWN_FOR_S = 30.0
 # The temperature is compared with the model this often [s].
 COMPARED_EVERY_S = 5.0
-# The heater's power is taken from the battery's over about so long [s].
+# Time over which the heater's power is averaged from the battery's [s].
 SEEN_OVER_S = 60.0
-# Nobody unplugs and drives off faster than this [s]: power that ended sooner was that of a descent.
+# Unplugging and driving off takes longer than this [s]: power that ended sooner was that of a descent.
 UNPLUGGED_AFTER_S = 20.0
-# A car that is charged for so long near the end of a leg to a charger has arrived there:
+# A car that is charged for ARRIVES_AFTER_S [s] near the end of a leg to a charger has arrived there. Near: within
+# NEAR_END_S [s] or NEAR_END_SHARE of the leg.
 ARRIVES_AFTER_S = 120.0
-# … within so long of the end [s], or this share of the leg.
 NEAR_END_S, NEAR_END_SHARE = 900.0, 0.25
 
 
@@ -134,7 +134,7 @@ class Knowledge:
         Take a valid Measurement in and return it as Known.
 
         `timetable` is that which is planned for; None without one. Where the vehicle stands or is
-        charged on a leg of it, the timetable stays at that place.
+        charged on a leg, the timetable stays at that place.
         """
         stamp_ns = measurement.stamp_ns
         command_w = commands.mean_w(stamp_ns, stamp_ns)
@@ -207,7 +207,7 @@ class Knowledge:
         return measurement if sign is not Sign.REVERSED else replace(measurement, voltage_v=None, current_a=None)
 
     def _has_current(self, current_a: float) -> bool:
-        """Whether a current [A] is known: one that has always been 0 is a field that nobody fills."""
+        """Whether a current [A] is known: a field that has always been 0 is not filled."""
         self._has_seen_current = self._has_seen_current or current_a != 0.0
         return self._has_seen_current
 

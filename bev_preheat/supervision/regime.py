@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Whether the vehicle drives, stands or is charged, from evidence and not from its route.
+The regime of the vehicle, from evidence and not from its route: driving, standing or charging.
 
 The battery's power is the quickest witness. Charging is steady and flows into the battery where the
 route plans no such regeneration; a vehicle that stands takes no more than its consumers where the
-route drives. A position outranks the power, and `power_supply_status` counts where it is set.
+route drives. A position outranks the power; `power_supply_status` counts if it is set.
 Instants are integers, in nanoseconds of the node's clock; power is positive while the battery is
 discharged. Limits were chosen on nine measured winter drives (10 300 s): regeneration never lasted
 20 s, and never stayed within 10 % for 9 s, although it once ran at the charge limit of a cold battery.
@@ -18,32 +18,32 @@ from typing import NamedTuple
 
 from bev_preheat.supervision.inputs import NS_PER_S, SupplyStatus
 
-# Charging is recognised after so long; at least this many battery states show it.
+# Time [s] and number of battery states after which charging is recognised. Learning pauses earlier, until the
+# regime is clear.
 CHARGING_AFTER_S = 9.0
 LEAST_STATES = 3
-# … and after so long nothing is learned of the car until it is recognised, or not.
 DOUBTED_AFTER_S = 2.0
-# … where each of them shows at least this power into the battery [W],
+# Charging: each state shows at least this power into the battery [W], and the powers are steady within this
+# share of their mean, or within STEADY_W [W].
 CHARGES_W = 1000.0
-# and their powers differ by no more than this share of their mean, or by this [W].
 STEADY_SHARE = 0.1
 STEADY_W = 600.0
-# A descent in the route plans regeneration: charging is this many times as much, and this much more [W].
+# If the route plans regeneration, charging exceeds it by this factor and by this power [W].
 BEYOND_REGENERATION = 2.0
 BEYOND_REGENERATION_W = 2000.0
-# Standing is recognised after so long, where the route plans to drive with more than this [W].
+# Standing is recognised after this time [s], if the route plans to drive with more than DRIVES_W [W].
 STANDING_AFTER_S = 60.0
 DRIVES_W = 2000.0
-# A vehicle that stands takes at most this much more than route and command say [W]; its power
-# varies by no more than that, and does not flow into the battery by more than the second.
+# A standing vehicle takes at most STANDS_WITHIN_W [W] more than route and command say, and its power varies by no
+# more than that. The power stays above STANDS_ABOVE_W [W].
 STANDS_WITHIN_W = 1000.0
 STANDS_ABOVE_W = -500.0
-# A vehicle is parked where it takes less than this share of what the route says of its consumers, until
-# it takes more than the second.
+# A standing vehicle is parked below the first share of the route's cabin and auxiliary power, until it exceeds
+# the second.
 PARKED_SHARE, NOT_PARKED_SHARE = 0.5, 0.8
-# Driving is recognised again after so long.
+# Time after which driving is recognised again [s].
 DRIVING_AFTER_S = 3.0
-# A heater may take so long to follow its command.
+# Longest time that a heater takes to follow its command [s].
 HEATER_FOLLOWS_S = 120.0
 # A current with the wrong sign shows up to this multiple of the power that the route takes, as charging.
 MIRRORED_UP_TO = 1.4
@@ -52,7 +52,7 @@ TOGETHER_S = 30.0
 
 
 class Regime(Enum):
-    """What the vehicle does."""
+    """Regimes of the vehicle; the values are the words in diagnostics."""
 
     UNKNOWN = 'unknown'
     DRIVING = 'driving'
@@ -65,8 +65,8 @@ class RegimeReport(NamedTuple):
     A Regime, since when [ns], and the evidence as a sentence without full stop; '': none.
 
     `recognised_ns` [ns] is the instant at which it was recognised. `suspicion` is a sentence on a
-    regime that is likely and not certain; '': there is none. `is_parked`: it stands, and takes less than its
-    consumers would. `is_doubtful`: the latest states look like charging, and are too few to recognise it.
+    regime that is likely but not certain; '': no suspicion. `is_parked`: it stands with its consumers
+    off. `is_doubtful`: the latest states look like charging, and are too few to recognise it.
     """
 
     regime: Regime
@@ -95,7 +95,7 @@ class PlannedPower(NamedTuple):
 
 class Evidence(NamedTuple):
     """
-    What is known at an instant [ns].
+    Evidence at an instant [ns].
 
     `power_w` is the battery's terminal power [W], None: unknown. `command_w` is the heater's
     command [W]. `has_moved`: by its position the vehicle moved within the last seconds; None: no
@@ -201,7 +201,7 @@ class RegimeWatch:
         return powers_w if len(window) >= LEAST_STATES and len(powers_w) == len(window) else []
 
     def _charging(self, evidence: Evidence, after_s: float = CHARGING_AFTER_S) -> str:
-        """Return the evidence of charging for so long [s]; '' for none."""
+        """Return the evidence of charging for `after_s` [s]; '' for none."""
         if evidence.power_w is not None and evidence.power_w > -CHARGES_W:
             return ''
         window = self._window(after_s)
@@ -227,7 +227,7 @@ class RegimeWatch:
         return f'the battery is charged with {-mean_w:.0f} W'
 
     def _is_still_charged(self) -> bool:
-        """Whether one of the last samples is still one of a battery that is charged."""
+        """Whether any of the last samples still shows charging."""
         window = self._window(DRIVING_AFTER_S) or list(self._samples)
         return any(sample.supply is SupplyStatus.CHARGING if sample.power_w is None
                    else sample.power_w < STANDS_ABOVE_W for sample in window)

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 # A state that comes later than this after the start [s] is no longer one of a battery that stood.
 FIRST_STATE_WITHIN_S = 60.0
-# A temperature that was seen so long before or after the vehicle was parked [s] is that of the parked battery.
+# A temperature within this time before or after parking [s] is that of the parked battery.
 SEEN_BEFORE_S, SEEN_AFTER_S = 900.0, 600.0
 # Temperatures are noted this often [s], and before a silence longer than the second; for two days.
 NOTED_EVERY_S, SILENCE_S = 300.0, 60.0

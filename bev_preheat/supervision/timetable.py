@@ -35,7 +35,7 @@ KEPT_NS = 70 * NS_PER_S
 SPACED_NS = NS_PER_S
 # How fast the route goes by is taken from so much time.
 PACE_OVER_NS = 5 * NS_PER_S
-# A position that has grown by more than KNOWN_TO_M within so long is that of a vehicle that moves.
+# A vehicle moves if its position has grown by more than KNOWN_TO_M within this time.
 MOVES_WITHIN_NS = 10 * NS_PER_S
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A temperature that does not move where it must."""
+"""A temperature reading that does not follow the battery."""
 
 import pytest
 

@@ -90,7 +90,7 @@ def test_charging_on_the_way_is_a_stop_that_nobody_planned():
     assert car.planner.decision.status is Status.CHARGING
     car.go(60, 0.0)
     car.go(30, DRIVE_W)
-    # 15 min of charging and one of standing, but for the seconds of recognition.
+    # 15 min of charging and 1 min of standing, less the seconds of recognition.
     assert car.delay_s == pytest.approx(960.0, abs=15.0)
     assert car.planner.decision.status in (Status.WAITING, Status.HEATING)
 
@@ -114,7 +114,7 @@ def test_a_parked_car_is_not_heated_for_longer_than_stated():
     assert 'has stood for 30:' in car.planner.decision.explanation or 'has stood for 29:' in (
         car.planner.decision.explanation)
     assert car.delay_s == pytest.approx(1800.0 - 60.0, abs=3.0)
-    # It drives on: as much of the route is left, and the heater goes on.
+    # It drives on: the rest of the route is the same, and the heater goes on.
     car.go(10, DRIVE_W)
     assert car.command_w > 0.0
     assert car.delay_s == pytest.approx(1740.0, abs=8.0)
