@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The best target of `preheat worth` is never dearer than no heating, also with a heat path and in coarse steps."""
+"""The best target of `preheat worth` is never dearer than no heating, with a heat path and in coarse steps."""
 
 from dataclasses import fields, replace
 
