@@ -18,9 +18,10 @@ from jsonschema.validators import extend
 Data = Any
 
 
-# JSON Schema counts 6.0 as an integer; what takes an integer here, an index or a seed, takes no 6.0.
-_Validator = extend(Draft7Validator, type_checker=Draft7Validator.TYPE_CHECKER.redefine(
-    'integer', lambda checker, value: isinstance(value, int) and not isinstance(value, bool)))  # type: ignore[no-untyped-call]
+# JSON Schema counts 6.0 as an integer; an index or a seed is refused here.
+_TYPES = Draft7Validator.TYPE_CHECKER.redefine(
+    'integer', lambda checker, value: isinstance(value, int) and not isinstance(value, bool))
+_Validator = extend(Draft7Validator, type_checker=_TYPES)  # type: ignore[no-untyped-call]
 
 
 def schema_problems(schema: Data, contents: Data) -> list[str]:
