@@ -60,6 +60,38 @@ def test_study_is_printed_and_written(arguments, tmp_path, capsys):
     assert len(np.unique(imread(picture)[:, :, :3].reshape(-1, 3), axis=0)) > 10
 
 
+def test_days_are_printed_written_and_gone_on_with(arguments, tmp_path, capsys):
+    file, results = tmp_path / 'days.json', tmp_path / 'days.jsonl'
+    study = [*arguments, '--days', '--jobs', '1', '--json', str(file), '--results', str(results)]
+    assert main([*study, '--trips', '1']) == 0
+    assert main([*study, '--trips', '2']) == 0
+    printed = ' '.join(capsys.readouterr().out.split())
+    for text in ('2 days with', 'later, time known', 'Heating while parked, too long', 'Requirements',
+                 'healthy heaters that were accused'):
+        assert text in printed
+    written = json.loads(file.read_text(encoding='utf-8'))
+    assert [result['number'] for result in written['results']] == [0, 1]
+    assert written['summary']['trips'] == sum(len(result['trips']) for result in written['results'])
+    assert main([*arguments, '--days', '--only', '1']) == 0
+    assert 'day 1:' in capsys.readouterr().out
+
+
+def test_signals_are_printed_and_written(arguments, tmp_path, capsys):
+    file = tmp_path / 'signals.json'
+    assert main([*arguments, '--signals', '--trips', '1', '--jobs', '1', '--json', str(file)]) == 0
+    assert 'current reversed' in capsys.readouterr().out
+    written = json.loads(file.read_text(encoding='utf-8'))
+    assert written['summary'].keys() == {result['case'] for result in written['results']}
+
+
+@pytest.mark.parametrize('kind, option', [
+    ('--days', ['--plot', 'days.png']), ('--days', ['--progress']), ('--days', ['--traffic', '0.1']),
+    ('--days', ['--no-power']), ('--signals', ['--fault', 'dead']), ('--signals', ['--only', '3'])])
+def test_what_a_kind_of_study_draws_itself_is_refused(arguments, capsys, kind, option):
+    assert main([*arguments, kind, *option]) == 2
+    assert f'{option[0]}: not allowed with {kind}' in ' '.join(capsys.readouterr().err.split())
+
+
 @pytest.mark.deep
 def test_one_trip_of_a_study_is_the_same_by_itself(arguments, tmp_path, capsys):
     study, single, picture = (tmp_path / name for name in ('study.json', 'one.json', 'one.png'))

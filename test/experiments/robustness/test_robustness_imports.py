@@ -11,6 +11,7 @@ import pytest
 UNWANTED = ('rclpy', 'casadi', 'scipy', 'matplotlib')
 IMPORT_AND_LIST = ('import sys, bev_preheat.experiments.robustness.car_study, '
                    'bev_preheat.experiments.robustness.car_figures, '
+                   'bev_preheat.commands.robustness_days, bev_preheat.commands.robustness_signals, '
                    f'bev_preheat.commands.robustness; print(*set({UNWANTED}) & set(sys.modules))')
 
 
