@@ -102,8 +102,8 @@ LEAST_POWER_W = 3000.0
 POWER_NOISE_LASTS_S = 60.0
 # Readings further off than so many deviations are clipped here.
 MOST_DEVIATIONS = 2.5
-# No reading makes a hypothesis less likely than this [nats], or a spike of two minutes would decide.
-MOST_EVIDENCE = 0.05
+# No reading makes a hypothesis less likely than this [nats], or a single odd one would decide.
+MOST_EVIDENCE = 3.0
 # Rounding may leave a variance a little below 0.
 LEAST_VARIANCE = 1e-12
 # No hypothesis is less probable than this, or it would never come back.

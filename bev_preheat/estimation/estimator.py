@@ -38,10 +38,6 @@ LONGEST_STEP_S = 10.0
 LONGEST_GAP_S = 60.0
 # Within a segment of a route the power varies over so long [s], about.
 VARIATION_S = 40.0
-# After so long [s] most of the heat that was commanded has arrived, and the sensor shows it.
-LONGEST_LAGS_S = 300.0
-# Nothing was known of the car before so long [s]: a heater that is late may look like one that is weak.
-KNOWN_AFTER_S = 2.0 * LONGEST_LAGS_S
 # Standard deviation of a single reading's noise, where nothing else is known of it.
 READING_NOISE_K = 0.3
 READING_NOISE_SOC = 0.005
@@ -93,8 +89,6 @@ class Estimator:
         self._offset_k = 0.0
         self._powers_w: list[float] = []
         self._knows_power = False
-        # How long nothing has been commanded, and for how long the car has been followed [s].
-        self._quiet_s, self._followed_s = math.inf, 0.0
         # Since when [ns] the heater has been suspect; None: it is not.
         self._suspect_since_ns: int | None = None
         # Heat commanded, and uncommanded heat that the heater could have given, since then [K].
@@ -186,7 +180,7 @@ class Estimator:
         if trusts_temperature:
             self._readings.see(state)
         # The next step that is described begins here, with its own samples of the power.
-        self._powers_w, self._quiet_s, self._suspect_since_ns = [], 0.0, None
+        self._powers_w, self._suspect_since_ns = [], None
         self._latest_s.clear()
         self._latest_w.clear()
         if self._stamp_ns is None or (stamp_ns - self._stamp_ns) / NS_PER_S > LONGEST_GAP_S:
@@ -279,10 +273,8 @@ class Estimator:
                     drive.propulsion_power_magnitude_w, drive.cabin_heating_power_w,
                     drive.auxiliary_power_w, drive.heater_power_w, terminal_power_w=seen_w,
                     hidden_variance_w2=self._hidden_w2(drive.power_variance_w2))
-            self._followed_s += duration_s
             self._commanded_k += self._k_per_j * duration_s * stretch.command_w
             self._uncommanded_k += self._k_per_j * duration_s * max(0.0, stretch.limit_w - stretch.command_w)
-            self._quiet_s = 0.0 if stretch.command_w > 0.0 else self._quiet_s + duration_s
             if drive is None or seen_w is None:
                 self._belief.predict(duration_s, drive, stretch.command_w, stretch.limit_w)
                 continue
@@ -338,8 +330,7 @@ class Estimator:
         since_ns = stamp_ns if self._suspect_since_ns is None else self._suspect_since_ns
         suspicion = Suspicion((stamp_ns - since_ns) / NS_PER_S, self._commanded_k, self._uncommanded_k)
         report = judge(weights, self.estimate.heater if self.estimate else None,
-                       self._quiet_s >= LONGEST_LAGS_S, suspicion, self._followed_s >= KNOWN_AFTER_S,
-                       self._response.support if self._knows_power else None)
+                       suspicion, self._response.support if self._knows_power else None)
         self._make_estimate(stamp_ns, mean, covariance, report)
 
     def _make_estimate(self, stamp_ns: int, mean: FloatArray, covariance: FloatArray,

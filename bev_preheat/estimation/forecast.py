@@ -119,7 +119,7 @@ def arrival_deviation_k(trip: Driven, plan: Plan, estimate: Estimate) -> float:
         compiled, TERMS, car.battery.leakage, route.block, plan.hvch_battery_power_w,
         plan.battery_temperature_c, plan.soc, estimate.covariance)
     if variance_k2 is not None:
-        return math.sqrt(variance_k2 + wandered_k2(plan.arrival_time_s))
+        return math.sqrt(variance_k2 + wandered_k2(route.total_duration_s))
     sensitivities, by_step = arrival_sensitivities(trip, plan)
     # What a factor cannot tell: traffic that differs from step to step. Of a step that drives and regenerates
     # about as much the mean is small, and what it warms is not.
@@ -128,7 +128,7 @@ def arrival_deviation_k(trip: Driven, plan: Plan, estimate: Estimate) -> float:
     lasting = np.maximum(1.0, POWER_NOISE_LASTS_S / route.duration_s)
     traffic = float(((by_step * spread)**2 * lasting).sum())
     return math.sqrt(max(0.0, float(sensitivities @ estimate.covariance @ sensitivities))
-                     + traffic + wandered_k2(plan.arrival_time_s))
+                     + traffic + wandered_k2(route.total_duration_s))
 
 
 def wandered_k2(duration_s: float) -> float:
@@ -147,7 +147,7 @@ def replanned_deviation_k(as_planned_k: float, trip: Driven, plan: Plan, estimat
     colder_k, warmer_k, end_s = _heat_ahead(trip, plan)
     if warmer_k <= 0.0:
         return as_planned_k
-    arrival_s = plan.arrival_time_s
+    arrival_s = trip.route.total_duration_s
     after = (arrival_s - end_s) / arrival_s
     kept_k2 = estimate.settled_deviation_k**2 + wandered_k2(arrival_s - end_s) + after * max(
         0.0, as_planned_k**2 - estimate.settled_deviation_k**2 - wandered_k2(arrival_s))

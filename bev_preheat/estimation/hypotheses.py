@@ -35,7 +35,7 @@ COUNT = len(SHARES) * len(NOISES_K)
 IDENTITY = np.eye(len(SHARES))
 
 # A heater fails once in so many seconds of driving, and is back after so many on average.
-FAILURE_S = 2000.0 * 3600.0
+FAILURE_S = 200.0 * 3600.0
 REPAIR_S = 50.0 * 3600.0
 # This share of the heaters has failed before the first drive.
 FAULTY = 0.0025
@@ -93,12 +93,12 @@ class Suspicion(NamedTuple):
 
 
 UNLIMITED = Suspicion(math.inf, math.inf, math.inf)
-# A fault is reported once it has been this probable for this long [s], if the battery's power has made it at least
-# ten times as likely itself [nats].
-TOLD_FROM, TOLD_AFTER_S = 0.95, 20.0
+# A fault is suspected from the first probability on. It is reported from the second one on, once it has been suspected
+# for this long [s], if the battery's power has made it at least ten times as likely itself [nats].
+SUSPECT_FROM, TOLD_FROM, TOLD_AFTER_S = 0.5, 0.95, 20.0
 LEAST_SUPPORT = math.log(10.0)
 # Without that temperature must have shown it over a long course, which power does not contradict [nats]: while it was
-# this probable, the heat that is missing or uncommanded amounted to this [K]. A spike, hysteresis, local heat or a
+# suspected, the heat that is missing or uncommanded amounted to this [K]. A spike, hysteresis, local heat or a
 # second mass do not reach it. So does a heater that is stuck on: other consumers step like one.
 LEAST_COURSE_K = 3.0
 NO_CONTRADICTION = -2.0
@@ -109,22 +109,17 @@ TIMES_AS_LIKELY = 3.0
 
 
 def is_suspect(weights: Sequence[float]) -> bool:
-    """Return whether hypotheses' weights (heaters,) leave little doubt that there is a fault."""
-    return 1.0 - weights[HEALTHY] >= TOLD_FROM
+    """Return whether hypotheses' weights (heaters,) make a fault as likely as none."""
+    return 1.0 - weights[HEALTHY] >= SUSPECT_FROM
 
 
-def judge(weights: Sequence[float], before: HeaterReport | None, is_quiet: bool = True,
-          suspicion: Suspicion = UNLIMITED, is_car_known: bool = True,
+def judge(weights: Sequence[float], before: HeaterReport | None, suspicion: Suspicion = UNLIMITED,
           support: Callable[[Heater], float] | None = None) -> HeaterReport:
     """
     Return the HeaterReport of hypotheses' weights (heaters,); `before` is the latest report.
 
-    `is_quiet` says that all heat that was commanded has arrived: only then a battery that gets
-    warm tells of a heater that is stuck on, else of one that answers sooner than was thought.
-    `suspicion` is the Suspicion since `is_suspect` holds. `is_car_known` says that the drive
-    has shown something of car and lags: until then a heater that is late may look like one that is weak,
-    and none is called derated. `support` returns how much likelier the battery's power makes a kind of heater
-    [nats]; None: power is not known.
+    `suspicion` is the Suspicion since `is_suspect` holds. `support` returns how much likelier the battery's power
+    makes a kind of heater [nats]; None: power is not known.
     """
     healthy = weights[HEALTHY]
     # Which fault it is may be open where it is clear that there is one.
@@ -144,10 +139,6 @@ def judge(weights: Sequence[float], before: HeaterReport | None, is_quiet: bool 
                 if kind is fault) / by_kind[fault]
     if told is not fault and not _has_evidence(fault, share, suspicion, support):
         return HeaterReport(told, by_kind[told], 1.0) if before is None else before
-    if fault is Heater.STUCK_ON and told is not fault and not is_quiet:
-        return HeaterReport(told, by_kind[told], 1.0) if before is None else before
-    if fault is Heater.DERATED and told is Heater.ANSWERS and not is_car_known:
-        return HeaterReport(told, by_kind[told], 1.0)
     return HeaterReport(fault, by_kind[fault], share)
 
 

@@ -29,10 +29,10 @@ BLOCK_S = 30.0
 HEATER_LAGS_S = np.array([3.0, 30.0, 90.0])
 # Standard deviation of the excess [W], and how long it lasts [s]: 10 % of 20 kW, until the road changes.
 EXCESS_W = 2000.0
-EXCESS_LASTS_S = 600.0
+EXCESS_LASTS_S = 1800.0
 # What is believed of the scatter from block to block before it is seen [W], and for how many blocks that counts.
 SCATTER_W = 2500.0
-SCATTER_BLOCKS = 4.0
+SCATTER_BLOCKS = 2.0
 # The scatter of a block is correlated with the next one's, so their differences show less than all of it.
 CORRELATED = 1.5
 # Never less than this [W]: other consumers and sensors.
@@ -44,7 +44,6 @@ MOST_EVIDENCE = 3.0
 # Degrees of freedom of Student's t: traffic makes large errors likely.
 FREEDOM = 4.0
 LEAST_WEIGHT = 1e-9
-PRIOR = prior_weights().sum(axis=1)
 
 
 class PowerResponse:
@@ -53,7 +52,9 @@ class PowerResponse:
     def __init__(self) -> None:
         """Know nothing yet."""
         shape = len(SHARES), len(HEATER_LAGS_S)
-        self._weights = PRIOR[:, np.newaxis] * np.full(shape[1], 1.0 / shape[1])
+        # How likely each heater is without any evidence, and with that of the power, for each lag.
+        self._prior = prior_weights().sum(axis=1)
+        self._weights = self._prior[:, np.newaxis] * np.full(shape[1], 1.0 / shape[1])
         self._excess_w, self._variance_w2 = np.zeros(shape), np.full(shape, EXCESS_W**2)
         self._scatter_w2, self._blocks = SCATTER_W**2, SCATTER_BLOCKS
         # What a heater of each lag takes now [W]; None: no command is known yet.
@@ -116,7 +117,9 @@ class PowerResponse:
     def _mix(self, duration_s: float) -> None:
         """Mix the filters of the heaters, as one may have turned into another by now."""
         # share[from, to, lag]: how much of `to` was `from` before.
-        share = transitions(duration_s)[:, :, np.newaxis] * self._weights[:, np.newaxis, :]
+        matrix = transitions(duration_s)
+        self._prior = self._prior @ matrix
+        share = matrix[:, :, np.newaxis] * self._weights[:, np.newaxis, :]
         self._weights = share.sum(axis=0)
         share /= self._weights
         excess_w = (share * self._excess_w[:, np.newaxis]).sum(axis=0)
@@ -139,4 +142,4 @@ class PowerResponse:
         weights = self._weights.sum(axis=1)
         of_kind = [number for number, own in enumerate(HEATERS) if own is kind]
         return math.log(float(weights[of_kind].sum() / weights[HEALTHY])
-                        / float(PRIOR[of_kind].sum() / PRIOR[HEALTHY]))
+                        / float(self._prior[of_kind].sum() / self._prior[HEALTHY]))

@@ -48,8 +48,8 @@ LAG_BOUNDS = np.log(np.array([LAG_RANGES_S[index] for index in LAGS]) / NOMINAL_
 # a module nothing. A shell of a fifth of the battery, at 1500 W/K, gets 0.5 K/kW warmer than its core.
 RISES = (JOULE_RISE, HEATER_RISE)
 RISES_K_PER_KW = np.array([0.25, 0.0])
-import os as _os
-RISE_DEVIATIONS = np.array([0.25, float(_os.environ.get("HR", 0.2))])
+
+RISE_DEVIATIONS = np.array([0.25, 0.1])
 RISE_BOUNDS = np.array([(0.0, 1.0), (-0.8, 0.8)])
 
 

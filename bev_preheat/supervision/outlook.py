@@ -41,17 +41,18 @@ if TYPE_CHECKING:
 # The battery is to arrive warmer than the target by so many deviations of what cannot be made good
 # any more once heating has ended, at most by MOST_MARGIN_K.
 MARGIN_DEVIATIONS = 1.3
-import os as _os
-MOST_MARGIN_K = float(_os.environ.get("MM", 0.15))
+MOST_MARGIN_K = 0.15
 # The last stretch of heating begins early by so many deviations of the temperature on arrival, and
 # by the heat that is made while its lag is so many deviations longer than believed; together at most
 # by MOST_LEAD_K: until it begins more will be learned. Both found on `preheat robustness`.
-import os as _os
-LEAD_DEVIATIONS = float(_os.environ.get("LD", 2.0))
-LATER_DEVIATIONS = float(_os.environ.get("LTD", 1.6))
+LEAD_DEVIATIONS = 1.7
+LATER_DEVIATIONS = 1.3
 MOST_LEAD_K = 7.0
-# A pause that is shorter saves less than a switching is worth.
+# The lead is not taken back for a pause that is shorter: what the first minutes of heating tell of the car they may
+# tell of the sensor's place.
 LEAST_PAUSE_S = 900.0
+# A heater that is off is not switched on before arrival for less heat than this takes: some 80 Wh.
+LEAST_HEATING_S = 60.0
 # The corrected vehicle is made anew where a factor has moved by more than this share of what is
 # uncertain of it in a car of which only the file is known.
 FACTOR_STEP = 0.05
@@ -239,7 +240,7 @@ class OutlookMaker:
             lead_k=min(lead_k, MOST_LEAD_K) if math.isfinite(lead_k) else MOST_LEAD_K,
             is_heating=is_heating,
             least_pause_s=max(settings.minimum_off_time_s, LEAST_PAUSE_S),
-            least_heating_s=max(settings.minimum_on_time_s, float(_os.environ.get("LH", 20))))
+            least_heating_s=max(settings.minimum_on_time_s, LEAST_HEATING_S))
 
 
 def _in_words(plan: Plan, heater: HeaterReport, forecast: Forecast, **told: Any) -> str:
