@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray
 
-ELEMENTS, BOUNDED, MOST_HEATERS = 11, 7, 16
+ELEMENTS, BOUNDED, MOST_HEATERS = 14, 9, 16
 
 
 class BeliefStruct(Structure):
@@ -24,8 +24,9 @@ class BeliefTermsStruct(Structure):
 
     _fields_ = [('perturbation', c_double * ELEMENTS), ('lowest', c_double * BOUNDED),
                 ('highest', c_double * BOUNDED), *((name, c_double) for name in (
-                    'nominal_heat_lag_s', 'nominal_sensor_lag_s', 'least_variance', 'least_weight',
-                    'most_apart_k', 'most_under_way_k', 'power_noise', 'least_power_w', 'power_noise_lasts_s'))]
+                    'nominal_heat_lag_s', 'nominal_sensor_lag_s', 'local_lag_s', 'least_variance', 'least_weight',
+                    'most_evidence', 'most_apart_k', 'most_under_way_k', 'power_noise', 'least_power_w',
+                    'power_noise_lasts_s'))]
 
 
 DRIVE_COLUMNS = (
@@ -52,7 +53,7 @@ class ReadingStruct(Structure):
     """`bev_reading`."""
 
     _fields_ = [('noise_variances_k2', c_void_p), ('noise_variances', c_void_p), *((name, c_double) for name in (
-        'lowest_c', 'highest_c', 'lowest_soc', 'highest_soc'))]
+        'lowest_c', 'highest_c', 'lowest_soc', 'highest_soc')), ('tells_hypotheses', c_int32)]
 
 
 class CourseStruct(Structure):

@@ -56,7 +56,7 @@ class ReadingNoise:
 
 
 # The numbers of these structs in a row: written at once, which takes a fifth of field by field.
-PASSED, READING = Packed(f'2P6d{MOST_HEATERS}d{len(DRIVE_COLUMNS)}di'), Packed('2P4d')
+PASSED, READING = Packed(f'2P6d{MOST_HEATERS}d{len(DRIVE_COLUMNS)}di'), Packed('2P4di')
 
 
 class CompiledBelief:
@@ -132,9 +132,10 @@ class CompiledBelief:
         return self._done.value, self._lost.value
 
     def take_reading(self, terms: BeliefTermsStruct, noise: ReadingNoise, interval_c: tuple[float, float],
-                     interval: tuple[float, float]) -> tuple[int, int, tuple[FloatArray, FloatArray]]:
+                     interval: tuple[float, float], tells_hypotheses: bool,
+                     ) -> tuple[int, int, tuple[FloatArray, FloatArray]]:
         """
-        Do `bev_take_reading` of intervals of temperature [deg C] and charge.
+        Do `bev_take_reading` of intervals of temperature [deg C] and charge; see bev_reading.
 
         Returns how many of its three parts were done, how many filters are lost, and, where all were,
         what `expected` does.
@@ -143,7 +144,7 @@ class CompiledBelief:
         if library is None:
             return 0, 0, (both[0], both[1:])
         at = address_of(both)
-        READING.pack_into(self._reading, 0, *noise.addresses, *interval_c, *interval)
+        READING.pack_into(self._reading, 0, *noise.addresses, *interval_c, *interval, tells_hypotheses)
         library.bev_take_reading(
             self._address, addressof(terms), self._places[1], at, at + DOUBLE_BYTES * ELEMENTS, *self._counts)
         return self._done.value, self._lost.value, (both[0], both[1:])

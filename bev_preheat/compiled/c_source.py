@@ -202,8 +202,8 @@ def drives() -> str:
         for name, inputs in (('bev_rates_on_route', ROUTE_DRIVE), ('bev_rates_of_seen_power', seen))]
     functions.append(_function(
         'bev_lagging_step', 'bev_vehicle *vehicle',
-        (*LAGGING, 'temperature_rate', 'soc_rate', 'heater_power_w', 'duration_s'),
-        step(Lagging(*map(Symbol, LAGGING)), (Symbol('temperature_rate'), Symbol('soc_rate')),
+        (*LAGGING, 'temperature_rate', 'soc_rate', 'joule_w', 'heater_power_w', 'duration_s'),
+        step(Lagging(*map(Symbol, LAGGING)), (Symbol('temperature_rate'), Symbol('soc_rate'), Symbol('joule_w')),
              Symbol('heater_power_w'), Symbol('duration_s'))))
     lag_s, reading_c, start_c, end_c, duration_s = _arguments(SENSOR)
     functions.append(_function(

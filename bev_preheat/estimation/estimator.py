@@ -14,16 +14,17 @@ from typing import NamedTuple, TYPE_CHECKING
 
 from bev_preheat.estimation.belief import Belief
 from bev_preheat.estimation.estimate import Estimate
-from bev_preheat.estimation.hypotheses import is_suspect, judge
+from bev_preheat.estimation.hypotheses import is_suspect, judge, Suspicion
 from bev_preheat.estimation.power_response import PowerResponse
 from bev_preheat.estimation.readings import Measurement, ReadingCheck, Verdict
 from bev_preheat.estimation.standing import expected_offset_k
-from bev_preheat.estimation.state import SENSOR, TEMPERATURE
+from bev_preheat.estimation.state import LOCAL, SENSOR, SOC, TEMPERATURE
 from bev_preheat.vehicle.uncertain_car import DriveInputs
 
 if TYPE_CHECKING:
     from bev_preheat.estimation.hypotheses import HeaterReport
     from bev_preheat.estimation.prior import Learned
+    from bev_preheat.estimation.readings import Expected
     from bev_preheat.estimation.standing import Standing
     from bev_preheat.numerics.arrays import FloatArray
     from bev_preheat.vehicle.description import Vehicle
@@ -37,10 +38,6 @@ LONGEST_STEP_S = 10.0
 LONGEST_GAP_S = 60.0
 # Within a segment of a route the power varies over so long [s], about.
 VARIATION_S = 40.0
-# After so long [s] most of the heat that was commanded has arrived, and the sensor shows it.
-LONGEST_LAGS_S = 300.0
-# Nothing was known of the car before so long [s]: a heater that is late may look like one that is weak.
-KNOWN_AFTER_S = 2.0 * LONGEST_LAGS_S
 # Standard deviation of a single reading's noise, where nothing else is known of it.
 READING_NOISE_K = 0.3
 READING_NOISE_SOC = 0.005
@@ -49,8 +46,6 @@ READING_NOISE_SOC = 0.005
 MOST_OTHER_POWER_W = 20e3
 # A belief less sure than this has been upset [K].
 MOST_DEVIATION_K = 50.0
-# One switching of the heater tells no more than this (nats), or a single odd step would decide.
-EVIDENCE_OF_A_SWITCHING = 5.0
 
 
 class Stretch(NamedTuple):
@@ -75,6 +70,7 @@ class Estimator:
         self._vehicle = vehicle
         self._most_power_w = (vehicle.drivetrain.maximum_power_w + vehicle.hvch.maximum_power_w
                               + MOST_OTHER_POWER_W)
+        self._k_per_j = vehicle.hvch.efficiency / vehicle.battery.heat_capacity_j_per_k
         self._learned = learned
         self.estimate: Estimate | None = None
         self._resets, self._reason = 0, ''
@@ -92,10 +88,11 @@ class Estimator:
         self._standing: Standing | None = None
         self._offset_k = 0.0
         self._powers_w: list[float] = []
-        # How long nothing has been commanded, and for how long the car has been followed [s].
-        self._quiet_s, self._followed_s = math.inf, 0.0
+        self._knows_power = False
         # Since when [ns] the heater has been suspect; None: it is not.
         self._suspect_since_ns: int | None = None
+        # Heat commanded, and uncommanded heat that the heater could have given, since then [K].
+        self._commanded_k = self._uncommanded_k = 0.0
         # Instants [s] and powers [W] of the latest samples, for what varies from one to the other.
         self._latest_s: deque[float] = deque()
         self._latest_w: deque[float] = deque()
@@ -153,22 +150,20 @@ class Estimator:
         if elapsed_s > LONGEST_GAP_S:
             self._place(measurement)
             return
-        mean, covariance = self._belief.expected() if self._expected is None else self._expected
-        if self._offset_k != 0.0:
-            mean = mean.copy()
-            mean[SENSOR] += self._offset_k
-        verdict = self._readings.judge(measurement, mean, covariance)
+        verdict = self._readings.judge(measurement, self._expected_readings())
         if verdict is Verdict.JUMPED:
             self._jump(measurement, command_w)
             return
-        self._see_power(measurement, command_w)
+        self._see_power(measurement)
         if elapsed_s < LEAST_INTERVAL_S:
             return
         self._advance(stretches)
         if verdict is Verdict.BELIEVED:
             self._conclude(measurement, *self._belief.see_battery(
                 state.temperature_c - self._offset_k, self._readings.temperature_resolution_k,
-                state.soc, self._readings.soc_resolution))
+                state.soc, self._readings.soc_resolution,
+                # Where power is known, it says how the heater answers.
+                tells_hypotheses=True))
         else:
             self._conclude(measurement, *self._belief.expected())
 
@@ -185,7 +180,7 @@ class Estimator:
         if trusts_temperature:
             self._readings.see(state)
         # The next step that is described begins here, with its own samples of the power.
-        self._powers_w, self._quiet_s, self._suspect_since_ns = [], 0.0, None
+        self._powers_w, self._suspect_since_ns = [], None
         self._latest_s.clear()
         self._latest_w.clear()
         if self._stamp_ns is None or (stamp_ns - self._stamp_ns) / NS_PER_S > LONGEST_GAP_S:
@@ -195,13 +190,9 @@ class Estimator:
         elapsed_s = (stamp_ns - self._stamp_ns) / NS_PER_S
         if elapsed_s < LEAST_INTERVAL_S:
             return
-        mean, covariance = self._belief.expected() if self._expected is None else self._expected
-        if self._offset_k != 0.0:
-            mean = mean.copy()
-            mean[SENSOR] += self._offset_k
         is_believed = True
         if trusts_temperature and trusts_soc:
-            verdict = self._readings.judge(measurement, mean, covariance)
+            verdict = self._readings.judge(measurement, self._expected_readings())
             if verdict is Verdict.JUMPED:
                 # The factors of the car stay valid: only the battery's state was not followed.
                 self._stamp_ns = None
@@ -217,6 +208,14 @@ class Estimator:
             (state.soc - 0.5 * soc_step, state.soc + 0.5 * soc_step)
             if is_believed and trusts_soc else None)
         self._conclude(measurement, *self._belief.expected(), is_held=True)
+
+    def _expected_readings(self) -> tuple[Expected, Expected]:
+        """Return what the next readings of temperature [deg C] and charge are expected to be, with variances."""
+        mean, covariance = self._belief.expected() if self._expected is None else self._expected
+        at, between = mean.item, covariance.item
+        return ((at(SENSOR) + at(LOCAL) + self._offset_k,
+                 between(SENSOR, SENSOR) + 2.0 * between(SENSOR, LOCAL) + between(LOCAL, LOCAL)),
+                (at(SOC), between(SOC, SOC)))
 
     def _jump(self, measurement: Measurement, command_w: float) -> None:
         """Begin anew from a reading that is not what was expected."""
@@ -245,7 +244,7 @@ class Estimator:
         power_w = measurement.power_w
         return None if power_w is None or abs(power_w) > self._most_power_w else power_w
 
-    def _see_power(self, measurement: Measurement, command_w: float) -> None:
+    def _see_power(self, measurement: Measurement) -> None:
         power_w = self._plausible_power_w(measurement)
         if power_w is None:
             self._powers_w = []
@@ -257,10 +256,6 @@ class Estimator:
         while self._latest_s[0] < instant_s - VARIATION_S:
             self._latest_s.popleft()
             self._latest_w.popleft()
-        answer = self._response.see(instant_s, power_w, command_w)
-        if answer is not None:
-            self._belief.see_share(answer.share, answer.deviation, EVIDENCE_OF_A_SWITCHING)
-            self._expected = None
 
     def _advance(self, stretches: Iterable[Stretch]) -> None:
         """Move the belief on through Stretches."""
@@ -268,16 +263,18 @@ class Estimator:
         # The first sample is that of the step before, which ended where this one begins.
         if len(self._powers_w) >= 2:
             seen_w, variance_w2 = _mean_and_variance(self._powers_w)
+        self._knows_power = seen_w is not None
         for stretch in stretches:
             drive, duration_s = stretch.drive, stretch.duration_s
+            self._hear_heater(stretch, seen_w)
             if drive is not None and seen_w is not None:
                 drive = DriveInputs(
                     drive.speed_mps, drive.ambient_temperature_c, drive.propulsion_power_w, variance_w2,
                     drive.propulsion_power_magnitude_w, drive.cabin_heating_power_w,
                     drive.auxiliary_power_w, drive.heater_power_w, terminal_power_w=seen_w,
                     hidden_variance_w2=self._hidden_w2(drive.power_variance_w2))
-            self._followed_s += duration_s
-            self._quiet_s = 0.0 if stretch.command_w > 0.0 else self._quiet_s + duration_s
+            self._commanded_k += self._k_per_j * duration_s * stretch.command_w
+            self._uncommanded_k += self._k_per_j * duration_s * max(0.0, stretch.limit_w - stretch.command_w)
             if drive is None or seen_w is None:
                 self._belief.predict(duration_s, drive, stretch.command_w, stretch.limit_w)
                 continue
@@ -287,6 +284,19 @@ class Estimator:
                 duration_s, drive, stretch.command_w, stretch.limit_w,
                 seen_w - heater_w - drive.cabin_heating_power_w - drive.auxiliary_power_w)
         self._powers_w = self._powers_w[-1:]
+
+    def _hear_heater(self, stretch: Stretch, seen_w: float | None) -> None:
+        """Let the power seen [W] in a Stretch, None where it is not known, weigh the heaters."""
+        drive = stretch.drive
+        if drive is None or seen_w is None:
+            self._response.pause()
+            return
+        logs = self._response.see(
+            stretch.duration_s,
+            seen_w - drive.propulsion_power_w - drive.cabin_heating_power_w - drive.auxiliary_power_w,
+            stretch.command_w, stretch.limit_w)
+        if logs is not None:
+            self._belief.weigh(logs.tolist())
 
     def _hidden_w2(self, route_w2: float) -> float:
         """Return what of a route's variance of the power within a segment [W^2] the sensors do not show."""
@@ -316,11 +326,11 @@ class Estimator:
         if not is_suspect(weights):
             self._suspect_since_ns = None
         elif self._suspect_since_ns is None:
-            self._suspect_since_ns = stamp_ns
+            self._suspect_since_ns, self._commanded_k, self._uncommanded_k = stamp_ns, 0.0, 0.0
         since_ns = stamp_ns if self._suspect_since_ns is None else self._suspect_since_ns
+        suspicion = Suspicion((stamp_ns - since_ns) / NS_PER_S, self._commanded_k, self._uncommanded_k)
         report = judge(weights, self.estimate.heater if self.estimate else None,
-                       self._quiet_s >= LONGEST_LAGS_S, (stamp_ns - since_ns) / NS_PER_S,
-                       self._followed_s >= KNOWN_AFTER_S)
+                       suspicion, self._response.support if self._knows_power else None)
         self._make_estimate(stamp_ns, mean, covariance, report)
 
     def _make_estimate(self, stamp_ns: int, mean: FloatArray, covariance: FloatArray,

@@ -10,7 +10,13 @@ from typing import NamedTuple, Protocol, TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.compiled.beliefs import arrival_variance as compiled_variance
-from bev_preheat.estimation.belief import LEAST_POWER_W, POWER_NOISE, POWER_NOISE_LASTS_S, TERMS
+from bev_preheat.estimation.belief import (
+    LEAST_POWER_W,
+    POWER_NOISE,
+    POWER_NOISE_LASTS_S,
+    TERMS,
+    WANDERED_IN_AN_HOUR,
+)
 from bev_preheat.estimation.state import (
     PROPULSION,
     rates_and_slopes,
@@ -45,9 +51,10 @@ class Driven(Protocol):
 
 class Forecast:
     """
-    How sure the arrival is that a plan predicts; worked out when it is asked for the first time.
+    How sure the arrival is that a plan predicts; computed on first use, so that no command waits for it.
 
-    A command does not wait for it.
+    `deviation_k` is that of the arrival with heating that is replanned on the way, `as_planned_k` that of the plan
+    if nobody changes it any more: what heating has to make good.
     """
 
     def __init__(self, trip: Driven, plan: Plan, estimate: Estimate) -> None:
@@ -55,9 +62,14 @@ class Forecast:
         self._given = trip, plan, estimate
 
     @cached_property
+    def as_planned_k(self) -> float:
+        """Standard deviation of the temperature on arrival if the plan is driven as it is [K]."""
+        return arrival_deviation_k(*self._given)
+
+    @cached_property
     def deviation_k(self) -> float:
         """Standard deviation of the temperature on arrival [K]."""
-        return arrival_deviation_k(*self._given)
+        return replanned_deviation_k(self.as_planned_k, *self._given)
 
 
 class DrivenRoute(NamedTuple):
@@ -107,7 +119,7 @@ def arrival_deviation_k(trip: Driven, plan: Plan, estimate: Estimate) -> float:
         compiled, TERMS, car.battery.leakage, route.block, plan.hvch_battery_power_w,
         plan.battery_temperature_c, plan.soc, estimate.covariance)
     if variance_k2 is not None:
-        return math.sqrt(variance_k2)
+        return math.sqrt(variance_k2 + wandered_k2(route.total_duration_s))
     sensitivities, by_step = arrival_sensitivities(trip, plan)
     # What a factor cannot tell: traffic that differs from step to step. Of a step that drives and regenerates
     # about as much the mean is small, and what it warms is not.
@@ -116,4 +128,48 @@ def arrival_deviation_k(trip: Driven, plan: Plan, estimate: Estimate) -> float:
     lasting = np.maximum(1.0, POWER_NOISE_LASTS_S / route.duration_s)
     traffic = float(((by_step * spread)**2 * lasting).sum())
     return math.sqrt(max(0.0, float(sensitivities @ estimate.covariance @ sensitivities))
-                     + traffic)
+                     + traffic + wandered_k2(route.total_duration_s))
+
+
+def wandered_k2(duration_s: float) -> float:
+    """Return what heat outside the model adds to the temperature's variance in a drive of `duration_s` [K^2]."""
+    return float(WANDERED_IN_AN_HOUR[TEMPERATURE]) * duration_s / 3600.0
+
+
+def replanned_deviation_k(as_planned_k: float, trip: Driven, plan: Plan, estimate: Estimate) -> float:
+    """
+    Return the standard deviation of the temperature on arrival [K] with heating that is replanned on the way.
+
+    `as_planned_k` [K] is that of the plan as it is. While heating lies ahead it ends later if the battery turns out
+    colder, and earlier if it turns out warmer. What stays is what is not known of the temperature then, what happens
+    after the end of heating, and what is beyond the heat that can be added or saved.
+    """
+    colder_k, warmer_k, end_s = _heat_ahead(trip, plan)
+    if warmer_k <= 0.0:
+        return as_planned_k
+    arrival_s = trip.route.total_duration_s
+    after = (arrival_s - end_s) / arrival_s
+    kept_k2 = estimate.settled_deviation_k**2 + wandered_k2(arrival_s - end_s) + after * max(
+        0.0, as_planned_k**2 - estimate.settled_deviation_k**2 - wandered_k2(arrival_s))
+    beyond_k2 = as_planned_k**2 * (_beyond(colder_k / as_planned_k) + _beyond(warmer_k / as_planned_k))
+    return min(as_planned_k, math.sqrt(kept_k2 + beyond_k2))
+
+
+def _heat_ahead(trip: Driven, plan: Plan) -> tuple[float, float, float]:
+    """Return the heat that can be added and saved in a Plan [K], and the instant of the latest heating [s]."""
+    car, route = trip.vehicle, trip.route
+    heated = np.flatnonzero(plan.hvch_battery_power_w > 0.0)
+    if len(heated) == 0:
+        return 0.0, 0.0, 0.0
+    k_per_j = car.hvch.efficiency / car.battery.heat_capacity_j_per_k
+    limit_w = np.maximum(0.0, car.hvch.maximum_power_w - route.cabin_heating_power_w)
+    saved_j = float((plan.hvch_battery_power_w * route.duration_s).sum())
+    added_j = float(np.maximum(0.0, limit_w - plan.hvch_battery_power_w) @ route.duration_s)
+    end_s = float(plan.time_s[heated[-1] + 1]) if plan.heating_end_s is None else plan.heating_end_s
+    return k_per_j * added_j, k_per_j * saved_j, end_s
+
+
+def _beyond(deviations: float) -> float:
+    """Return the mean square by which a standard normal variable is beyond so many deviations on one side."""
+    density = math.exp(-0.5 * deviations**2) / math.sqrt(2.0 * math.pi)
+    return (1.0 + deviations**2) * 0.5 * math.erfc(deviations / math.sqrt(2.0)) - deviations * density

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from enum import Enum
 from functools import lru_cache
 import math
@@ -26,26 +26,27 @@ class Heater(Enum):
 
 # Share of the commanded power that the heater gives. The last one heats with all that the cabin
 # leaves whatever is commanded.
-SHARES = (1.0, 0.8, 0.6, 0.4, 0.2, 0.0, 1.0)
-HEATERS = (Heater.ANSWERS, *(Heater.DERATED,) * 4, Heater.DEAD, Heater.STUCK_ON)
+SHARES = (1.0, 0.5, 0.25, 0.0, 1.0)
+HEATERS = (Heater.ANSWERS, *(Heater.DERATED,) * 2, Heater.DEAD, Heater.STUCK_ON)
 HEALTHY, STUCK = 0, len(SHARES) - 1
 # Standard deviation of the temperature signal's noise before it is rounded [K].
-NOISES_K = (0.05, 0.2, 0.5)
+NOISES_K = (0.2,)
 COUNT = len(SHARES) * len(NOISES_K)
 IDENTITY = np.eye(len(SHARES))
 
 # A heater fails once in so many seconds of driving, and is back after so many on average.
 FAILURE_S = 200.0 * 3600.0
-REPAIR_S = 1800.0
+REPAIR_S = 50.0 * 3600.0
+# This share of the heaters has failed before the first drive.
+FAULTY = 0.0025
 # Battery states come in few intervals, mostly one.
 KEPT_TRANSITIONS = 8
 
 
 def prior_weights() -> FloatArray:
     """Probability of each hypothesis at first, shape (heaters, noises)."""
-    faulty = REPAIR_S / FAILURE_S
-    heaters = np.full(len(SHARES), faulty / (len(SHARES) - 1))
-    heaters[0] = 1.0 - faulty
+    heaters = np.full(len(SHARES), FAULTY / (len(SHARES) - 1))
+    heaters[0] = 1.0 - FAULTY
     noises = np.full(len(NOISES_K), 1.0 / len(NOISES_K))
     weights: FloatArray = heaters[:, np.newaxis] * noises
     return weights
@@ -77,9 +78,30 @@ class HeaterReport(NamedTuple):
     share: float
 
 
-# A fault is told where it has been so probable for so long [s]: a healthy heater whose heat comes late came
-# to 0.97 for four seconds.
-TOLD_FROM, TOLD_AFTER_S = 0.95, 20.0
+
+class Suspicion(NamedTuple):
+    """
+    What has happened since a fault is suspected: its duration [s].
+
+    `commanded_k` and `uncommanded_k` are how much heat was commanded, and how much more the heater could have given
+    without a command, as the warming of the battery [K].
+    """
+
+    lasts_s: float
+    commanded_k: float
+    uncommanded_k: float
+
+
+UNLIMITED = Suspicion(math.inf, math.inf, math.inf)
+# A fault is suspected from the first probability on. It is reported from the second one on, once it has been suspected
+# for this long [s], if the battery's power has made it at least ten times as likely itself [nats].
+SUSPECT_FROM, TOLD_FROM, TOLD_AFTER_S = 0.5, 0.95, 20.0
+LEAST_SUPPORT = math.log(10.0)
+# Without that temperature must have shown it over a long course, which power does not contradict [nats]: while it was
+# suspected, the heat that is missing or uncommanded amounted to this [K]. A spike, hysteresis, local heat or a
+# second mass do not reach it. So does a heater that is stuck on: other consumers step like one.
+LEAST_COURSE_K = 3.0
+NO_CONTRADICTION = -2.0
 # It is taken back below this one.
 TAKEN_BACK_BELOW = 0.2
 # One fault is told instead of another where it is so many times as likely.
@@ -87,26 +109,23 @@ TIMES_AS_LIKELY = 3.0
 
 
 def is_suspect(weights: Sequence[float]) -> bool:
-    """Return whether hypotheses' weights (heaters,) leave little doubt that there is a fault."""
-    return 1.0 - weights[HEALTHY] >= TOLD_FROM
+    """Return whether hypotheses' weights (heaters,) make a fault as likely as none."""
+    return 1.0 - weights[HEALTHY] >= SUSPECT_FROM
 
 
-def judge(weights: Sequence[float], before: HeaterReport | None, is_quiet: bool = True,
-          suspect_for_s: float = math.inf, is_car_known: bool = True) -> HeaterReport:
+def judge(weights: Sequence[float], before: HeaterReport | None, suspicion: Suspicion = UNLIMITED,
+          support: Callable[[Heater], float] | None = None) -> HeaterReport:
     """
     Return the HeaterReport of hypotheses' weights (heaters,); `before` is the latest report.
 
-    `is_quiet` says that all heat that was commanded has arrived: only then a battery that gets
-    warm tells of a heater that is stuck on, else of one that answers sooner than was thought.
-    `suspect_for_s` [s] is for how long `is_suspect` has held. `is_car_known` says that the drive
-    has shown something of car and lags: until then a heater that is late may look like one that is weak,
-    and none is called derated.
+    `suspicion` is the Suspicion since `is_suspect` holds. `support` returns how much likelier the battery's power
+    makes a kind of heater [nats]; None: power is not known.
     """
     healthy = weights[HEALTHY]
     # Which fault it is may be open where it is clear that there is one.
     faulty = 1.0 - healthy
     told = Heater.ANSWERS if before is None else before.heater
-    is_cleared = (faulty < TOLD_FROM or suspect_for_s < TOLD_AFTER_S if told is Heater.ANSWERS
+    is_cleared = (faulty < TOLD_FROM or suspicion.lasts_s < TOLD_AFTER_S if told is Heater.ANSWERS
                   else faulty < TAKEN_BACK_BELOW)
     if is_cleared:
         return HeaterReport(Heater.ANSWERS, healthy, 1.0)
@@ -116,9 +135,21 @@ def judge(weights: Sequence[float], before: HeaterReport | None, is_quiet: bool 
     fault = max((kind for kind in Heater if kind is not Heater.ANSWERS), key=by_kind.__getitem__)
     if told is not Heater.ANSWERS and by_kind[fault] < TIMES_AS_LIKELY * by_kind[told]:
         fault = told
-    if fault is Heater.STUCK_ON and told is not fault and not is_quiet:
+    share = sum(weight * share for weight, share, kind in zip(weights, SHARES, HEATERS)
+                if kind is fault) / by_kind[fault]
+    if told is not fault and not _has_evidence(fault, share, suspicion, support):
         return HeaterReport(told, by_kind[told], 1.0) if before is None else before
-    if fault is Heater.DERATED and told is Heater.ANSWERS and not is_car_known:
-        return HeaterReport(told, by_kind[told], 1.0)
-    taken = sum(weight * share for weight, share, kind in zip(weights, SHARES, HEATERS) if kind is fault)
-    return HeaterReport(fault, by_kind[fault], taken / by_kind[fault])
+    return HeaterReport(fault, by_kind[fault], share)
+
+
+def _has_evidence(fault: Heater, share: float, suspicion: Suspicion,
+                  support: Callable[[Heater], float] | None) -> bool:
+    """Return whether power, or a long course of temperature, shows a fault that gives a share of the command."""
+    supported = 0.0 if support is None else support(fault)
+    if fault is Heater.STUCK_ON:
+        course_k = suspicion.uncommanded_k
+    elif support is not None and supported >= LEAST_SUPPORT:
+        return True
+    else:
+        course_k = (1.0 - share) * suspicion.commanded_k
+    return course_k >= LEAST_COURSE_K and supported >= NO_CONTRADICTION

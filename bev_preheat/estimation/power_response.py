@@ -1,90 +1,145 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Whether the battery's power answers when the heater is switched.
+How the battery's power answers the heater's command: the evidence on the heater where power is known.
 
-A single look at the power says little, as traffic moves it too. So the step at each switching is held
-against the steps that the same windows see while nothing is switched: how far those scatter is how
-far this one may be wrong. Heaters ramp up, so the second window begins a while after the switching.
+The power beyond the route plan, its cabin and its auxiliaries is the heater's, and an excess: traffic, a wrong
+consumption, a consumer that the plan does not know. The excess lasts for minutes, and the heater's power follows
+its command with a lag. So each kind of heater, with each of three lags, has a scalar Kalman filter for the
+excess, and is weighed by how well it predicts the mean power of the next block. A power that does not step with
+the command moves the excess only.
 """
 
-from collections import deque
+from __future__ import annotations
+
 import math
-from typing import NamedTuple
+from typing import TYPE_CHECKING
 
-# Windows before and after a switching [s], and how far apart their ends are.
-WINDOW_S = 10.0
-APART_S = 30.0
-# A heater may take so long to come to the power that is commanded, and is not looked at meanwhile.
-RAMP_S = 10.0
-# Samples that each window must have, and quiet steps that must have been seen.
-LEAST_SAMPLES = 2
-LEAST_STEPS = 8
-# Steps of the command below this are no switching [W].
-LEAST_SWITCHED_W = 1000.0
-# What the sensors and other consumers make uncertain in any case [W].
-FLOOR_W = 150.0
-# Quiet steps are forgotten at this rate.
-FORGETTING = 0.03
-# Instant [s], power [W], command [W].
-Sample = tuple[float, float, float]
+import numpy as np
 
+from bev_preheat.estimation.hypotheses import HEATERS, HEALTHY, prior_weights, SHARES, STUCK, transitions
+from bev_preheat.numerics.arithmetic import array_exp, array_log
 
-class Answer(NamedTuple):
-    """Share of a switched power that was seen in the battery's, and its standard deviation."""
+if TYPE_CHECKING:
+    from bev_preheat.estimation.hypotheses import Heater
+    from bev_preheat.numerics.arrays import FloatArray
 
-    share: float
-    deviation: float
+# Power is taken in blocks of this length [s]: longer than most heaters' ramps, shorter than a heating.
+BLOCK_S = 30.0
+# Lags of the heater behind its command [s]; heaters lag by up to 90 s.
+HEATER_LAGS_S = np.array([3.0, 30.0, 90.0])
+# Standard deviation of the excess [W], and how long it lasts [s]: 10 % of 20 kW, until the road changes.
+EXCESS_W = 2000.0
+EXCESS_LASTS_S = 1800.0
+# What is believed of the scatter from block to block before it is seen [W], and for how many blocks that counts.
+SCATTER_W = 2500.0
+SCATTER_BLOCKS = 2.0
+# The scatter of a block is correlated with the next one's, so their differences show less than all of it.
+CORRELATED = 1.5
+# Never less than this [W]: other consumers and sensors.
+LEAST_SCATTER_W = 300.0
+# The scatter is forgotten at this rate a block.
+FORGETTING = 0.05
+# No block tells more than this [nats], or a single odd one would decide.
+MOST_EVIDENCE = 3.0
+# Degrees of freedom of Student's t: traffic makes large errors likely.
+FREEDOM = 4.0
+LEAST_WEIGHT = 1e-9
 
 
 class PowerResponse:
-    """Watches the battery's terminal power and the heater's command."""
+    """Watches the battery's power beyond the route plan, and the heater's command."""
 
     def __init__(self) -> None:
         """Know nothing yet."""
-        self._samples: deque[Sample] = deque()
-        self._variance_w2, self._steps = 0.0, 0
-        self._next_s = -math.inf
+        shape = len(SHARES), len(HEATER_LAGS_S)
+        # How likely each heater is without any evidence, and with that of the power, for each lag.
+        self._prior = prior_weights().sum(axis=1)
+        self._weights = self._prior[:, np.newaxis] * np.full(shape[1], 1.0 / shape[1])
+        self._excess_w, self._variance_w2 = np.zeros(shape), np.full(shape, EXCESS_W**2)
+        self._scatter_w2, self._blocks = SCATTER_W**2, SCATTER_BLOCKS
+        # What a heater of each lag takes now [W]; None: no command is known yet.
+        self._followed_w: FloatArray | None = None
+        self._before_w: float | None = None
+        self._begin_block()
 
-    def see(self, instant_s: float, power_w: float, command_w: float) -> Answer | None:
+    def _begin_block(self) -> None:
+        self._lasted_s, self._beyond_ws, self._limit_ws = 0.0, 0.0, 0.0
+        self._taken_ws = np.zeros(len(HEATER_LAGS_S))
+
+    def pause(self) -> None:
+        """Note that power or plan is not known now; the evidence so far stays."""
+        self._begin_block()
+        self._before_w, self._followed_w = None, None
+
+    def see(self, duration_s: float, beyond_plan_w: float, command_w: float,
+            limit_w: float) -> FloatArray | None:
         """
-        Take a sample in; return an Answer where one is due, else None.
+        Take what the battery gave beyond the plan [W] for `duration_s` [s] in, under a mean command [W].
 
-        Instants [s] rise. Every window is looked at once, so an answer is given once.
+        Returns the logarithms of how likely each heater (heaters,) makes a block that is complete; else None.
         """
-        samples = self._samples
-        if samples and instant_s - samples[-1][0] > WINDOW_S:
-            samples.clear()
-        samples.append((instant_s, power_w, command_w))
-        while samples and samples[0][0] < instant_s - APART_S - WINDOW_S:
-            samples.popleft()
-        if (instant_s < self._next_s
-                or samples[0][0] > instant_s - APART_S - 0.5 * WINDOW_S):
-            return None
-        before = [sample for sample in samples if sample[0] <= instant_s - APART_S]
-        after = [sample for sample in samples if sample[0] > instant_s - WINDOW_S]
-        if min(len(before), len(after)) < LEAST_SAMPLES:
-            return None
-        settled = [sample for sample in samples if sample[0] > instant_s - WINDOW_S - RAMP_S]
-        commands_w = [{sample[2] for sample in window} for window in (before, settled)]
-        if any(max(window) - min(window) > FLOOR_W for window in commands_w):
-            return None
-        step_w = _mean(before, after, 1)
-        switched_w = _mean(before, after, 2)
-        self._next_s = instant_s + WINDOW_S
-        if abs(switched_w) < LEAST_SWITCHED_W:
-            self._steps += 1
-            share = max(FORGETTING, 1.0 / self._steps)
-            self._variance_w2 += share * (step_w**2 - self._variance_w2)
-            return None
-        if self._steps < LEAST_STEPS:
-            return None
-        # The same switching must not be answered by the next windows.
-        self._next_s = instant_s + APART_S + WINDOW_S
-        deviation_w = math.sqrt(self._variance_w2 + FLOOR_W**2)
-        return Answer(step_w / switched_w, deviation_w / abs(switched_w))
+        if self._followed_w is None:
+            self._followed_w = np.full(len(HEATER_LAGS_S), command_w)
+        left = array_exp(-duration_s / HEATER_LAGS_S)
+        mean_share = (1.0 - left) * HEATER_LAGS_S / duration_s
+        self._taken_ws += duration_s * (command_w + (self._followed_w - command_w) * mean_share)
+        self._followed_w = command_w + (self._followed_w - command_w) * left
+        self._lasted_s += duration_s
+        self._beyond_ws += duration_s * beyond_plan_w
+        self._limit_ws += duration_s * limit_w
+        return None if self._lasted_s < BLOCK_S - 0.5 else self._end_block()
 
+    def _end_block(self) -> FloatArray:
+        lasted_s = self._lasted_s
+        beyond_w, limit_w = self._beyond_ws / lasted_s, self._limit_ws / lasted_s
+        heater_w = np.minimum(np.multiply.outer(SHARES, self._taken_ws / lasted_s), limit_w)
+        heater_w[STUCK] = limit_w
+        self._mix(lasted_s)
+        left = math.exp(-lasted_s / EXCESS_LASTS_S)
+        excess_w = left * self._excess_w
+        variance_w2 = left**2 * self._variance_w2 + (1.0 - left**2) * EXCESS_W**2
+        total_w2 = variance_w2 + self._scatter_w2
+        error_w = beyond_w - heater_w - excess_w
+        logs = (-0.5 * array_log(total_w2)
+                - 0.5 * (FREEDOM + 1.0) * array_log(1.0 + error_w**2 / (FREEDOM * total_w2)))
+        logs = np.maximum(logs - logs.max(), -MOST_EVIDENCE)
+        gain = variance_w2 / total_w2
+        self._excess_w = excess_w + gain * error_w
+        self._variance_w2 = (1.0 - gain) * variance_w2
+        before = self._weights.sum(axis=1)
+        weights = self._weights * array_exp(logs)
+        self._learn_scatter(beyond_w - float((weights * heater_w).sum() / weights.sum()))
+        self._weights = np.maximum(weights / weights.sum(), LEAST_WEIGHT)
+        self._begin_block()
+        seen: FloatArray = array_log(weights.sum(axis=1) / before)
+        return seen
 
-def _mean(before: list[Sample], after: list[Sample], column: int) -> float:
-    """Mean of a column after minus before."""
-    return (sum(sample[column] for sample in after) / len(after)
-            - sum(sample[column] for sample in before) / len(before))
+    def _mix(self, duration_s: float) -> None:
+        """Mix the filters of the heaters, as one may have turned into another by now."""
+        # share[from, to, lag]: how much of `to` was `from` before.
+        matrix = transitions(duration_s)
+        self._prior = self._prior @ matrix
+        share = matrix[:, :, np.newaxis] * self._weights[:, np.newaxis, :]
+        self._weights = share.sum(axis=0)
+        share /= self._weights
+        excess_w = (share * self._excess_w[:, np.newaxis]).sum(axis=0)
+        off_w = self._excess_w[:, np.newaxis] - excess_w
+        self._variance_w2 = (share * (self._variance_w2[:, np.newaxis] + off_w**2)).sum(axis=0)
+        self._excess_w = excess_w
+
+    def _learn_scatter(self, rest_w: float) -> None:
+        """Learn from the power without the heater's [W] how far blocks scatter."""
+        before_w, self._before_w = self._before_w, rest_w
+        if before_w is None:
+            return
+        self._blocks += 1.0
+        seen_w2 = 0.5 * CORRELATED * (rest_w - before_w)**2
+        self._scatter_w2 += max(FORGETTING, 1.0 / self._blocks) * (seen_w2 - self._scatter_w2)
+        self._scatter_w2 = max(self._scatter_w2, LEAST_SCATTER_W**2)
+
+    def support(self, kind: Heater) -> float:
+        """Return how much likelier the power has made a kind of heater than one that answers [nats]."""
+        weights = self._weights.sum(axis=1)
+        of_kind = [number for number, own in enumerate(HEATERS) if own is kind]
+        return math.log(float(weights[of_kind].sum() / weights[HEALTHY])
+                        / float(self._prior[of_kind].sum() / self._prior[HEALTHY]))

@@ -9,10 +9,8 @@ import math
 from typing import Protocol, TYPE_CHECKING
 
 from bev_preheat.estimation.resolution import Resolution, SOC_STEPS, TEMPERATURE_STEPS_K
-from bev_preheat.estimation.state import SENSOR, SOC
 
 if TYPE_CHECKING:
-    from bev_preheat.numerics.arrays import FloatArray
     from bev_preheat.planning.situation import BatteryState
 
 # A reading this many deviations off is not believed, until a second one says the same.
@@ -21,8 +19,10 @@ LEAST_DEVIATION_K = 0.3
 LEAST_SOC_DEVIATION = 0.01
 # The share of ignored readings is that of so many latest ones.
 COUNTED = 300
-# Element of `state`, reading, step of the signal, least standard deviation.
-Look = tuple[int, float, float, float]
+# Reading, step of the signal, least standard deviation.
+Look = tuple[float, float, float]
+# Mean and variance of a reading that is expected.
+Expected = tuple[float, float]
 
 
 class Measurement(Protocol):
@@ -80,9 +80,9 @@ class ReadingCheck:
         self._temperature_steps.see(state.temperature_c)
         self._soc_steps.see(state.soc)
 
-    def judge(self, measurement: Measurement, mean: FloatArray, covariance: FloatArray) -> Verdict:
-        """Return the Verdict on a Measurement; `mean` and `covariance` are what is expected."""
-        is_plausible = self._is_plausible(measurement.state, mean, covariance)
+    def judge(self, measurement: Measurement, expected: tuple[Expected, Expected]) -> Verdict:
+        """Return the Verdict on a Measurement; `expected` are temperature [deg C] and charge, with variances."""
+        is_plausible = self._is_plausible(measurement.state, expected)
         self._ignored.append(not is_plausible)
         if is_plausible:
             self._doubted = None
@@ -94,24 +94,21 @@ class ReadingCheck:
             return Verdict.DOUBTED
         return Verdict.JUMPED
 
-    def _is_plausible(self, state: BatteryState, mean: FloatArray,
-                      covariance: FloatArray) -> bool:
+    def _is_plausible(self, state: BatteryState, expected: tuple[Expected, Expected]) -> bool:
         """Whether readings are what is expected, or may be."""
-        # Numbers out of the arrays: sums of NumPy's scalars take three times as long.
         return all(
-            abs(reading - mean.item(index)) <= 0.5 * step + IMPLAUSIBLE_DEVIATIONS * max(
-                math.sqrt(max(covariance.item(index, index), 0.0)), least)
-            for index, reading, step, least in self._looks_at(state))
+            abs(reading - mean) <= 0.5 * step + IMPLAUSIBLE_DEVIATIONS * max(
+                math.sqrt(max(variance, 0.0)), least)
+            for (reading, step, least), (mean, variance) in zip(self._looks_at(state), expected))
 
     def _agree(self, one: BatteryState, other: BatteryState) -> bool:
         """Whether two readings that were not believed say the same."""
         return all(
             abs(reading - before) <= step + IMPLAUSIBLE_DEVIATIONS * least
-            for (_, before, _, _), (_, reading, step, least) in zip(
+            for (before, _, _), (reading, step, least) in zip(
                 self._looks_at(one), self._looks_at(other)))
 
     def _looks_at(self, state: BatteryState) -> tuple[Look, Look]:
-        """(element, reading, step of the signal, least standard deviation) of both readings."""
-        return ((SENSOR, state.temperature_c, self._temperature_steps.step,
-                 LEAST_DEVIATION_K),
-                (SOC, state.soc, self._soc_steps.step, LEAST_SOC_DEVIATION))
+        """(reading, step of the signal, least standard deviation) of both readings."""
+        return ((state.temperature_c, self._temperature_steps.step, LEAST_DEVIATION_K),
+                (state.soc, self._soc_steps.step, LEAST_SOC_DEVIATION))

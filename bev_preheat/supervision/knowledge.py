@@ -222,7 +222,7 @@ class Knowledge:
         if 0 <= now_ns - self._compared_ns < COMPARED_EVERY_S * NS_PER_S:
             return
         self._compared_ns = now_ns
-        rate_k_per_s, _ = self._rates(state.temperature_c, state.soc, (1.0,) * 5, replace(
+        rate_k_per_s, _, _ = self._rates(state.temperature_c, state.soc, (1.0,) * 5, replace(
             drive, heater_power_w=heater_w, terminal_power_w=seen.power_w,
             power_variance_w2=0.0 if seen.power_w is not None else drive.power_variance_w2))
         self._note(TEMPERATURE, self._stuck.see(

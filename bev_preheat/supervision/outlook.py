@@ -45,11 +45,14 @@ MOST_MARGIN_K = 0.15
 # The last stretch of heating begins early by so many deviations of the temperature on arrival, and
 # by the heat that is made while its lag is so many deviations longer than believed; together at most
 # by MOST_LEAD_K: until it begins more will be learned. Both found on `preheat robustness`.
-LEAD_DEVIATIONS = 2.0
-LATER_DEVIATIONS = 1.6
+LEAD_DEVIATIONS = 1.7
+LATER_DEVIATIONS = 1.3
 MOST_LEAD_K = 7.0
-# A pause that is shorter saves less than a switching is worth.
-LEAST_PAUSE_S = 300.0
+# The lead is not taken back for a pause that is shorter: what the first minutes of heating tell of the car they may
+# tell of the sensor's place.
+LEAST_PAUSE_S = 900.0
+# A heater that is off is not switched on before arrival for less heat than this takes: some 80 Wh.
+LEAST_HEATING_S = 60.0
 # The corrected vehicle is made anew where a factor has moved by more than this share of what is
 # uncertain of it in a car of which only the file is known.
 FACTOR_STEP = 0.05
@@ -227,7 +230,7 @@ class OutlookMaker:
 
     def _caution(self, vehicle: Vehicle, estimate: Estimate, settings: Settings,
                  is_heating: bool) -> Caution:
-        lead_k = 0.0 if self._forecast is None else LEAD_DEVIATIONS * self._forecast.deviation_k
+        lead_k = 0.0 if self._forecast is None else LEAD_DEVIATIONS * self._forecast.as_planned_k
         # What may come later than believed is begun with earlier.
         lead_k += estimate.later_heat_s(LATER_DEVIATIONS) * (
             vehicle.hvch.efficiency * vehicle.hvch.maximum_power_w
@@ -237,7 +240,7 @@ class OutlookMaker:
             lead_k=min(lead_k, MOST_LEAD_K) if math.isfinite(lead_k) else MOST_LEAD_K,
             is_heating=is_heating,
             least_pause_s=max(settings.minimum_off_time_s, LEAST_PAUSE_S),
-            least_heating_s=settings.minimum_on_time_s)
+            least_heating_s=max(settings.minimum_on_time_s, LEAST_HEATING_S))
 
 
 def _in_words(plan: Plan, heater: HeaterReport, forecast: Forecast, **told: Any) -> str:

@@ -45,9 +45,9 @@ class DriveInputs:
     hidden_variance_w2: AnyNumber = 0.0
 
 
-# `rates(temperature_c, soc, factors, drive)` -> (dT/dt [K/s], d soc/dt [1/s]).
+# `rates(temperature_c, soc, factors, drive)` -> (dT/dt [K/s], d soc/dt [1/s], Joule heat [W]).
 DriveRates = Callable[[AnyNumber, AnyNumber, Sequence[AnyNumber], DriveInputs],
-                      tuple[AnyNumber, AnyNumber]]
+                      tuple[AnyNumber, AnyNumber, AnyNumber]]
 # `mean_magnitude(mean, variance)`: see numerics.folded_normal.
 MeanMagnitude = Callable[[AnyNumber, AnyNumber], AnyNumber]
 
@@ -55,14 +55,14 @@ MeanMagnitude = Callable[[AnyNumber, AnyNumber], AnyNumber]
 def make_drive_rates(vehicle: Vehicle, arithmetic: Arithmetic[AnyNumber],
                      mean_magnitude: MeanMagnitude) -> DriveRates:
     """
-    Return `rates(temperature_c, soc, factors, drive)` -> (dT/dt [K/s], d soc/dt [1/s]).
+    Return `rates(temperature_c, soc, factors, drive)` -> (dT/dt [K/s], d soc/dt [1/s], Joule heat [W]).
 
     The factors are those on heat capacity, leakage, resistance, HVCH efficiency and the route's
     propulsion power. Where the battery's power was seen, the propulsion power is what it leaves of it;
     else it is the route's, times its factor.
     """
     def rates(temperature_c: AnyNumber, soc: AnyNumber, factors: Sequence[AnyNumber],
-              drive: DriveInputs) -> tuple[AnyNumber, AnyNumber]:
+              drive: DriveInputs) -> tuple[AnyNumber, AnyNumber, AnyNumber]:
         heat_capacity, leakage, resistance, heater_efficiency, propulsion = factors
         car = corrected_vehicle(vehicle, Corrections(
             heat_capacity, leakage, resistance, heater_efficiency))
@@ -84,9 +84,9 @@ def make_drive_rates(vehicle: Vehicle, arithmetic: Arithmetic[AnyNumber],
         heat_w = (car.hvch.efficiency * drive.heater_power_w
                   + leakage_w_per_k * drive.ambient_temperature_c
                   + car.drivetrain.heat_to_battery_w(magnitude_w))
-        soc_rate, temperature_rate, _ = make_rates(car, arithmetic)(
+        soc_rate, temperature_rate, joule_w = make_rates(car, arithmetic)(
             soc, temperature_c, terminal_w, variance_w2, heat_w, leakage_w_per_k)
-        return temperature_rate, soc_rate
+        return temperature_rate, soc_rate, joule_w
 
     return rates
 
@@ -96,38 +96,44 @@ class Lagging:
     """
     What a car shows of its battery, and the lags of that: floats or arrays.
 
-    Temperature [deg C] and state of charge of the battery, heat that is under way [K], temperature that
-    the sensor shows [deg C]; the lags of heat and sensor [s], and what is left after the step of what lags so,
-    exp(-duration / lag); the factor on what the heater's power warms, HVCH efficiency over heat capacity.
+    Temperature [deg C] and state of charge of the battery, heat under way [K], temperature of the sensor's cell
+    [deg C], and how much warmer the sensor is than its cell by local heat [K]; the lags of heat and sensor [s];
+    the shares left of heat under way, sensor difference and local rise after the step, exp(-duration / lag); the
+    factor on the warming by the heater's power, HVCH efficiency over heat capacity; the steady local rise
+    by Joule heat and by heater heat [K/kW].
     """
 
     temperature_c: AnyNumber
     soc: AnyNumber
     under_way_k: AnyNumber
     sensor_c: AnyNumber
+    local_k: AnyNumber
     heat_lag_s: AnyNumber
     sensor_lag_s: AnyNumber
     heat_left: AnyNumber
     sensor_left: AnyNumber
+    local_left: AnyNumber
     warming: AnyNumber
+    joule_rise_k_per_kw: AnyNumber
+    heater_rise_k_per_kw: AnyNumber
 
 
-# `step(lagging, rates, heater_power_w, duration_s)` -> temperature, charge, heat under way, sensor.
-LaggingStep = Callable[[Lagging, tuple[AnyNumber, AnyNumber], AnyNumber, AnyNumber],
-                       tuple[AnyNumber, AnyNumber, AnyNumber, AnyNumber]]
+# `step(lagging, rates, heater_power_w, duration_s)` -> temperature, charge, heat under way, sensor, local rise.
+LaggingStep = Callable[[Lagging, tuple[AnyNumber, AnyNumber, AnyNumber], AnyNumber, AnyNumber],
+                       tuple[AnyNumber, AnyNumber, AnyNumber, AnyNumber, AnyNumber]]
 
 
 def make_lagging_step(vehicle: Vehicle) -> LaggingStep:
     """
     Return `step(lagging, rates, heater_power_w, duration_s)`: what of a Lagging moves, at its end.
 
-    That is temperature, state of charge, heat under way and sensor; `rates` are those of
+    That is temperature, state of charge, heat under way, sensor and local rise; `rates` are those of
     `make_drive_rates`, in which heat arrives at once. The lags are solved within the step
     (vehicle.heat_path has the equations), as they may be shorter.
     """
-    def step(car: Lagging, rates: tuple[AnyNumber, AnyNumber], heater_power_w: AnyNumber,
-             duration_s: AnyNumber) -> tuple[AnyNumber, AnyNumber, AnyNumber, AnyNumber]:
-        temperature_rate, soc_rate = rates
+    def step(car: Lagging, rates: tuple[AnyNumber, AnyNumber, AnyNumber], heater_power_w: AnyNumber,
+             duration_s: AnyNumber) -> tuple[AnyNumber, AnyNumber, AnyNumber, AnyNumber, AnyNumber]:
+        temperature_rate, soc_rate, joule_w = rates
         made_k = duration_s * (
             car.warming * vehicle.hvch.efficiency / vehicle.battery.heat_capacity_j_per_k
             * heater_power_w)
@@ -138,6 +144,9 @@ def make_lagging_step(vehicle: Vehicle) -> LaggingStep:
         end_c = car.temperature_c + warmer_k
         sensor_c = end_c - behind_k + (
             car.sensor_c - car.temperature_c + behind_k) * car.sensor_left
-        return end_c, car.soc + duration_s * soc_rate, under_way_k, sensor_c
+        steady_k = 1e-3 * (car.joule_rise_k_per_kw * joule_w
+                           + car.heater_rise_k_per_kw * (vehicle.hvch.efficiency * heater_power_w))
+        local_k = steady_k + (car.local_k - steady_k) * car.local_left
+        return end_c, car.soc + duration_s * soc_rate, under_way_k, sensor_c, local_k
 
     return step

@@ -25,7 +25,7 @@ static double at(const bev_course *course, int32_t column, int32_t k) {
 static double rate_of(const bev_vehicle *vehicle, const bev_course *course, int32_t k,
                       const bev_circuit *of, const double factor[BEV_FACTORS]) {
   const double power_w = at(course, BEV_ROUTE_PROPULSION, k);
-  double rates[2];
+  double rates[3];
   bev_rates_on_route(
       vehicle, BEV_AS_ARRAYS, of->voltage_v, of->resistance_ohm, of->temperature_c, factor[0], factor[1], factor[2], factor[3],
       factor[4], at(course, BEV_ROUTE_SPEED, k), at(course, BEV_ROUTE_AMBIENT, k), power_w,

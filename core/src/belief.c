@@ -18,8 +18,10 @@ int32_t bev_size_of_belief_terms(void) { return (int32_t)sizeof(bev_belief_terms
 int32_t bev_size_of_drive(void) { return (int32_t)sizeof(bev_drive); }
 
 /* The elements that move with time; all others wander. */
-#define MOVING 4
-static const int32_t MOVED[MOVING] = {BEV_TEMPERATURE, BEV_SOC, BEV_UNDER_WAY, BEV_SENSOR};
+#define MOVING 5
+static const int32_t MOVED[MOVING] = {BEV_TEMPERATURE, BEV_SOC, BEV_UNDER_WAY, BEV_SENSOR, BEV_LOCAL};
+/* Temperature and charge change at rates, which come with the Joule heat. */
+#define RATES 3
 
 static int is_belief(const bev_belief *belief) {
   return belief != NULL && belief->heaters >= 1 && belief->heaters <= BEV_MOST_HEATERS
@@ -86,7 +88,7 @@ bev_status bev_mix_belief(const bev_belief *belief, const double *transitions) {
 }
 
 static void rates_of(const bev_vehicle *vehicle, const bev_drive *drive, double heater_w,
-                     const bev_circuit *at, const double factor[BEV_FACTORS], double rates[2]) {
+                     const bev_circuit *at, const double factor[BEV_FACTORS], double rates[RATES]) {
   if (drive->is_seen) {
     bev_rates_of_seen_power(
         vehicle, BEV_AS_ARRAYS, at->voltage_v, at->resistance_ohm, at->temperature_c, factor[0], factor[1], factor[2], factor[3],
@@ -110,6 +112,7 @@ typedef struct {
   double sensor_s;
   double heat_left;
   double sensor_left;
+  double local_left;
   double warming;
 } lags;
 
@@ -123,6 +126,9 @@ static void find_lags(const bev_belief_terms *terms, const double state[BEV_ELEM
   if (moved < 0 || moved == BEV_SENSOR_LAG) {
     of->sensor_s = terms->nominal_sensor_lag_s * exp(state[BEV_SENSOR_LAG]);
     of->sensor_left = exp(-duration_s / of->sensor_s);
+  }
+  if (moved < 0) {
+    of->local_left = exp(-duration_s / terms->local_lag_s);
   }
   if (moved < 0 || moved == BEV_HEATER || moved == BEV_HEAT_CAPACITY) {
     of->warming = exp(state[BEV_HEATER] - state[BEV_HEAT_CAPACITY]);
@@ -139,7 +145,7 @@ static int moved_with_slopes(const bev_vehicle *vehicle, const bev_belief_terms 
     factor[n] = exp(state[BEV_HEAT_CAPACITY + n]);
   }
   const bev_circuit here = bev_circuit_at(vehicle, state[BEV_SOC], state[BEV_TEMPERATURE]);
-  double rates[2];
+  double rates[RATES];
   rates_of(vehicle, drive, heater_w, &here, factor, rates);
   lags lagging;
   find_lags(terms, state, duration_s, -1, &lagging);
@@ -148,7 +154,7 @@ static int moved_with_slopes(const bev_vehicle *vehicle, const bev_belief_terms 
   int is_finite = 1;
   /* First as it is, then moved along each element. */
   for (int32_t along = -1; along < BEV_ELEMENTS; along++) {
-    double own_rates[2] = {rates[0], rates[1]};
+    double own_rates[RATES] = {rates[0], rates[1], rates[2]};
     lags own = lagging;
     if (along >= 0) {
       x[along] = state[along] + terms->perturbation[along];
@@ -170,8 +176,9 @@ static int moved_with_slopes(const bev_vehicle *vehicle, const bev_belief_terms 
     double end[MOVING];
     bev_lagging_step(
         vehicle, BEV_AS_ARRAYS, x[BEV_TEMPERATURE], x[BEV_SOC], x[BEV_UNDER_WAY], x[BEV_SENSOR],
-        own.heat_s, own.sensor_s, own.heat_left, own.sensor_left, own.warming, own_rates[0],
-        own_rates[1], heater_w, duration_s, end);
+        x[BEV_LOCAL], own.heat_s, own.sensor_s, own.heat_left, own.sensor_left, own.local_left, own.warming,
+        x[BEV_JOULE_RISE], x[BEV_HEATER_RISE], own_rates[0], own_rates[1], own_rates[2], heater_w, duration_s,
+        end);
     for (int32_t m = 0; m < MOVING; m++) {
       if (along < 0) {
         after[m] = end[m];
@@ -247,7 +254,7 @@ bev_status bev_move_belief(const bev_vehicle *vehicle, const bev_belief *belief,
   for (int32_t filter = 0; filter < filters; filter++) {
     double *const mean = &means[filter * BEV_ELEMENTS];
     double *const covariance = &covariances[filter * SQUARE];
-    double after[MOVING] = {0.0, 0.0, 0.0, 0.0};
+    double after[MOVING] = {0.0, 0.0, 0.0, 0.0, 0.0};
     double slopes[MOVING][BEV_ELEMENTS];
     if (!moved_with_slopes(vehicle, terms, drive, duration_s,
                            heater_power_w[filter / belief->noises], mean, after, slopes)) {
@@ -358,13 +365,14 @@ static void truncated_moments(double mean, double variance, double low, double h
   moments[2] = log(probability);
 }
 
-/* Weigh the hypotheses by the logarithms of their likelihoods. */
+/* Weigh the hypotheses by the logarithms of their likelihoods, of which no reading tells more than `most_evidence`. */
 static void weigh(const bev_belief *belief, const bev_belief_terms *terms, const double *logs,
                   double likeliest) {
   const int32_t filters = belief->heaters * belief->noises;
   double total = 0.0;
   for (int32_t filter = 0; filter < filters; filter++) {
-    const double weight = belief->weights[filter] * exp(logs[filter] - likeliest);
+    const double weight = belief->weights[filter]
+        * exp(bev_maximum(logs[filter] - likeliest, -terms->most_evidence));
     belief->weights[filter] = bev_maximum(weight, terms->least_weight);
     total += belief->weights[filter];
   }
@@ -386,13 +394,20 @@ bev_status bev_see_interval(const bev_belief *belief, const bev_belief_terms *te
   const int32_t filters = belief->heaters * belief->noises;
   double *const logs = belief->memory;
   double *const seen = &logs[filters];
+  /* What is read beside the element; nothing counts as itself, not at all. */
+  const int32_t also = element == BEV_SENSOR ? BEV_LOCAL : element;
+  const double share = element == BEV_SENSOR ? 1.0 : 0.0;
   double likeliest = -DBL_MAX;
   for (int32_t filter = 0; filter < filters; filter++) {
+    const double *const own = &belief->covariance[filter * SQUARE];
     const double variance = bev_maximum(
-        belief->covariance[filter * SQUARE + element * BEV_ELEMENTS + element]
+        own[element * BEV_ELEMENTS + element]
+            + share * (own[element * BEV_ELEMENTS + also] + own[also * BEV_ELEMENTS + element]
+                       + own[also * BEV_ELEMENTS + also])
             + noise_variance[filter % belief->noises],
         terms->least_variance);
-    const double mean = belief->mean[filter * BEV_ELEMENTS + element];
+    const double mean = belief->mean[filter * BEV_ELEMENTS + element]
+        + share * belief->mean[filter * BEV_ELEMENTS + also];
     double moments[3];
     truncated_moments(mean, variance, low, high, moments);
     if (!isfinite(moments[0]) || !isfinite(moments[1]) || !isfinite(moments[2])) {
@@ -410,7 +425,8 @@ bev_status bev_see_interval(const bev_belief *belief, const bev_belief_terms *te
     double *const covariance = &belief->covariance[filter * SQUARE];
     double gain[BEV_ELEMENTS];
     for (int32_t i = 0; i < BEV_ELEMENTS; i++) {
-      gain[i] = covariance[i * BEV_ELEMENTS + element] / seen[3 * filter];
+      gain[i] = (covariance[i * BEV_ELEMENTS + element] + share * covariance[i * BEV_ELEMENTS + also])
+          / seen[3 * filter];
     }
     update(mean, covariance, gain, seen[3 * filter + 1], seen[3 * filter + 2]);
     *lost += hold(terms, mean);

@@ -43,7 +43,7 @@ bev_status bev_take_reading(const bev_belief *belief, const bev_belief_terms *te
   *lost = 0;
   bev_status status =
       bev_see_interval(belief, terms, BEV_SENSOR, reading->noise_variances_k2,
-                       reading->lowest_c, reading->highest_c, 1, lost);
+                       reading->lowest_c, reading->highest_c, reading->tells_hypotheses, lost);
   if (status == BEV_OK) {
     *done = 1;
   }

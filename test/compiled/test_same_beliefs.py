@@ -93,7 +93,7 @@ def updated(vehicle, is_in_one_call, lost=(), seen_w=None):
             if drive.terminal_power_w is not None:
                 belief.see_propulsion_power(propulsion_w, drive.propulsion_power_w, duration_s)
         for _, element in filter(lambda spoiled: spoiled[0] == number, lost):
-            belief.mean[2, 1, element] += 3.0 * belief_module.MOST_APART_K
+            belief.mean[2, 0, element] += 3.0 * belief_module.MOST_APART_K
         if is_in_one_call:
             expected = belief.see_battery(temperature_c, 1.0, soc, 0.005)
         else:
@@ -122,11 +122,11 @@ def test_filters_that_are_lost_are_found_again():
         with context():
             belief = Belief(VEHICLES['formulas'])
             belief.place(-5.0, 0.2, 0.7, 1e-5)
-            belief.mean[1, 2, belief_module.TEMPERATURE] += 2.0 * belief_module.MOST_APART_K
+            belief.mean[1, 0, belief_module.TEMPERATURE] += 2.0 * belief_module.MOST_APART_K
             belief.see_soc(0.7, 0.005)
             beliefs.append(belief)
     assert beliefs[0].mean == pytest.approx(beliefs[1].mean, rel=1e-9)
-    assert beliefs[0].mean[1, 2, belief_module.TEMPERATURE] == pytest.approx(-5.0)
+    assert beliefs[0].mean[1, 0, belief_module.TEMPERATURE] == pytest.approx(-5.0)
 
 
 @pytest.mark.parametrize('name', ['formulas', 'tables'])
@@ -164,13 +164,13 @@ def test_a_covariance_that_is_not_finite_is_left_to_python():
 
 
 @pytest.mark.parametrize('spoil, call', [
-    ('mean', lambda compiled: compiled.see_interval(TERMS, 0, np.full(3, 0.1), -1.0, 1.0, True)),
+    ('mean', lambda compiled: compiled.see_interval(TERMS, 0, np.full(1, 0.1), -1.0, 1.0, True)),
     ('mean', lambda compiled: compiled.move(
         belief_module.compiled_vehicle(VEHICLES['formulas']), TERMS, drawn_drive(np.random.default_rng(1)),
-        VEHICLES['formulas'].battery.leakage, 1.0, np.zeros(7), np.zeros(11), 0.0)),
-    ('weights', lambda compiled: compiled.mix(np.eye(7))),
-    (None, lambda compiled: compiled.see_interval(TERMS, 0, np.full(3, 0.1), np.nan, 1.0, True)),
-    (None, lambda compiled: compiled.see_interval(TERMS, 11, np.full(3, 0.1), -1.0, 1.0, True)),
+        VEHICLES['formulas'].battery.leakage, 1.0, np.zeros(5), np.zeros(SIZE), 0.0)),
+    ('weights', lambda compiled: compiled.mix(np.eye(5))),
+    (None, lambda compiled: compiled.see_interval(TERMS, 0, np.full(1, 0.1), np.nan, 1.0, True)),
+    (None, lambda compiled: compiled.see_interval(TERMS, SIZE, np.full(1, 0.1), -1.0, 1.0, True)),
     (None, lambda compiled: compiled.see_propulsion_power(TERMS, np.inf, 1e4, 1e6, 1e4))],
     ids=['state', 'state that moves', 'weights', 'reading', 'element', 'power'])
 def test_what_is_not_finite_is_left_to_python_and_nothing_is_changed(spoil, call):

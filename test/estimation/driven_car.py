@@ -66,7 +66,8 @@ class DrivenCar:
     """
     The truth. `heater` maps (second, commanded power) to the power that the heater takes [W].
 
-    Traffic moves the power by `traffic_w` (standard deviation, half a minute long).
+    Traffic moves the power by `traffic_w` (standard deviation, half a minute long), and the sensor's place is
+    warmer than the battery by `local_k` (standard deviation, 100 s long).
     """
 
     corrections: Corrections = Corrections()
@@ -77,6 +78,7 @@ class DrivenCar:
     heater: object = staticmethod(lambda second, commanded_w: commanded_w)
     noise_k: float = 0.2
     step_k: float = 1.0
+    local_k: float = 0.0
     seed: int = 0
     with_power: bool = True
     second: int = 0
@@ -84,7 +86,8 @@ class DrivenCar:
     def __post_init__(self):
         self._rates = make_rates(corrected_vehicle(VEHICLE, self.corrections), FLOATS)
         self._drawn = np.random.default_rng(self.seed)
-        self._extra_w = 0.0
+        self._extra_w = self._local_k = 0.0
+        self._drawn_locally = np.random.default_rng([self.seed, 1])
         self._car = corrected_vehicle(VEHICLE, self.corrections)
 
     def drive(self, seconds=1):
@@ -102,8 +105,10 @@ class DrivenCar:
                 self.soc, self.temperature_c, terminal_w, 0.0, heat_w, gamma)
             self.soc += soc_rate
             self.temperature_c += temperature_rate
+            self._local_k += -self._local_k / 100.0 + self.local_k * np.sqrt(
+                2 / 100.0) * self._drawn_locally.standard_normal()
             self.second += 1
-        seen_c = self.temperature_c + self.noise_k * self._drawn.standard_normal()
+        seen_c = self.temperature_c + self._local_k + self.noise_k * self._drawn.standard_normal()
         if self.step_k:
             seen_c = round(seen_c / self.step_k) * self.step_k
         return Measurement(

@@ -7,7 +7,7 @@ from driven_car import AMBIENT_C, Course, LIMIT_W, VEHICLE
 import numpy as np
 import pytest
 
-from bev_preheat.estimation.belief import Belief, SHAPE, WANDER_IN_AN_HOUR
+from bev_preheat.estimation.belief import Belief, LOCAL_DEVIATION_K, SHAPE, WANDER_IN_AN_HOUR
 from bev_preheat.estimation.hypotheses import NOISES_K, SHARES
 from bev_preheat.estimation.prior import (
     described_lags,
@@ -16,19 +16,25 @@ from bev_preheat.estimation.prior import (
     Learned,
     nothing_learned,
     prior_factor_covariance,
+    RISES,
 )
 from bev_preheat.estimation.state import (
     FACTORS,
     HEAT_LAG,
     HEATER,
+    JOULE_RISE,
+    LOCAL,
+    LOCAL_LAG_S,
     NOMINAL_HEAT_LAG_S,
     NOMINAL_SENSOR_LAG_S,
     PROPULSION,
     SENSOR,
     SENSOR_LAG,
+    SOC,
     TEMPERATURE,
     UNDER_WAY,
 )
+from bev_preheat.numerics.arithmetic import FLOATS
 from bev_preheat.vehicle.heat_path import HeatPath
 
 ROUTE_DRIVE, _ = Course().between(0, 0)
@@ -48,32 +54,37 @@ def eigenvalues(belief):
 
 
 def test_temperature_is_that_of_a_kalman_filter_written_here():
-    # Factors and lags are known, so battery and sensor stand alone; a continuous sensor, one noise.
+    # Factors, lags and rises are known, so battery, sensor and local rise stand alone; a continuous sensor.
     belief = placed(Learned(np.zeros(5), np.zeros((5, 5)), Lags(np.zeros(2), np.zeros(2))))
+    for rise in RISES:
+        belief.mean[..., rise] = belief.covariance[..., rise, rise] = 0.0
     gamma = VEHICLE.battery.leakage.coefficient_w_per_k(0.0)
     decay = 10.0 * gamma / VEHICLE.battery.heat_capacity_j_per_k
-    noise = NOISES_K.index(0.2)
     # Over 10 s the sensor follows a battery that changes evenly.
     left = np.exp(-10.0 / NOMINAL_SENSOR_LAG_S)
     behind = NOMINAL_SENSOR_LAG_S / 10.0 * (1.0 - left)
-    battery = np.array([1.0 - decay, 0.0])
-    sensor = np.array([1.0 - left, left]) + (1.0 - behind) * (battery - [1.0, 0.0])
-    step = np.stack((battery, sensor))
-    constant = decay * AMBIENT_C * np.array([1.0, 1.0 - behind])
-    mean, covariance = np.full(2, -5.0), np.full((2, 2), 0.4)
+    battery = np.array([1.0 - decay, 0.0, 0.0])
+    sensor = np.array([1.0 - left, left, 0.0]) + (1.0 - behind) * (battery - [1.0, 0.0, 0.0])
+    step = np.stack((battery, sensor, [0.0, 0.0, np.exp(-10.0 / LOCAL_LAG_S)]))
+    constant = decay * AMBIENT_C * np.array([1.0, 1.0 - behind, 0.0])
+    mean, covariance = np.array([-5.0, -5.0, 0.0]), np.zeros((3, 3))
+    covariance[:2, :2] = 0.4
+    # The reading is that of sensor and local rise.
+    read = np.array([0.0, 1.0, 1.0])
     for reading_c in (-4.2, -5.6, -5.1, -4.9, -6.0):
         mean = step @ mean + constant
         covariance = step @ covariance @ step.T + np.diag(
-            WANDER_IN_AN_HOUR[[TEMPERATURE, SENSOR]]**2 * 10.0 / 3600.0)
-        gain = covariance[:, 1] / (covariance[1, 1] + 0.2**2)
-        mean = mean + gain * (reading_c - mean[1])
-        covariance = covariance - np.outer(gain, covariance[1])
+            WANDER_IN_AN_HOUR[[TEMPERATURE, SENSOR, LOCAL]]**2 * 10.0 / 3600.0)
+        gain = covariance @ read / (read @ covariance @ read + NOISES_K[0]**2)
+        mean = mean + gain * (reading_c - read @ mean)
+        covariance = covariance - np.outer(gain, read @ covariance)
         belief.predict(10.0, STILL, 0.0, LIMIT_W)
         belief.see_temperature(reading_c, 0.0)
-    seen = np.ix_([TEMPERATURE, SENSOR], [TEMPERATURE, SENSOR])
+    assert LOCAL_DEVIATION_K**2 == pytest.approx(WANDER_IN_AN_HOUR[LOCAL]**2 / 3600.0 * LOCAL_LAG_S / 2.0)
+    seen = np.ix_([TEMPERATURE, SENSOR, LOCAL], [TEMPERATURE, SENSOR, LOCAL])
     # The other heaters' filters hardly mix in: they fail once in hundreds of hours.
-    assert belief.mean[0, noise, [TEMPERATURE, SENSOR]] == pytest.approx(mean, rel=1e-4)
-    assert belief.covariance[0, noise][seen] == pytest.approx(covariance, rel=5e-3)
+    assert belief.mean[0, 0, [TEMPERATURE, SENSOR, LOCAL]] == pytest.approx(mean, rel=1e-4)
+    assert belief.covariance[0, 0][seen] == pytest.approx(covariance, rel=5e-3)
 
 
 def test_weights_follow_the_likelihoods():
@@ -87,7 +98,7 @@ def test_weights_follow_the_likelihoods():
 
 def test_mixing_keeps_mean_and_spread_of_all():
     belief, drawn = placed(), np.random.default_rng(4)
-    belief.mean += drawn.normal(size=belief.mean.shape) * [1.0, 0.01, *[0.02] * 5, 0.1, 0.1, 0.1, 1.0]
+    belief.mean += drawn.normal(size=belief.mean.shape) * [1.0, 0.01, *[0.02] * 5, 0.1, 0.1, 0.1, 0.1, 0.1, 1.0, 0.2]
     belief.weights = drawn.dirichlet(np.ones(belief.weights.size)).reshape(SHAPE)
     mean, covariance = belief.expected()
     belief._mix(600.0)
@@ -129,21 +140,39 @@ def test_place_forgets_what_the_state_was_correlated_with():
     belief.place(10.0, 0.3, 0.5, 1e-5)
     assert belief.mean[..., FACTORS] == pytest.approx(learned)
     assert (belief.covariance[..., TEMPERATURE, FACTORS] == 0.0).all()
-    # After a silence battery and sensor may be apart.
-    assert (belief.covariance[..., SENSOR, SENSOR] == 0.3).all()
-    assert belief.covariance[..., TEMPERATURE, TEMPERATURE] == pytest.approx(0.3 + 0.5**2)
+    # After a silence battery and sensor may be apart, and the sensor warmer than its cell; their sum was read.
+    seen = belief.covariance[..., SENSOR, SENSOR]
+    assert seen == pytest.approx(np.full(SHAPE, 0.3 + LOCAL_DEVIATION_K**2))
+    assert seen + 2.0 * belief.covariance[..., SENSOR, LOCAL] + belief.covariance[..., LOCAL, LOCAL] == pytest.approx(
+        np.full(SHAPE, 0.3))
+    assert belief.covariance[..., TEMPERATURE, TEMPERATURE] == pytest.approx(seen + 0.5**2)
 
 
-@pytest.mark.parametrize('share', [0.0, 0.5, 1.0])
-def test_a_seen_share_makes_the_nearest_heater_likelier(share):
+def test_a_sensor_next_to_warm_cells_shows_their_heat_and_not_the_battery_s():
+    """Under constant Joule heat the local rise comes to rise times heat, and goes when the heat goes."""
     belief = placed()
-    before = belief.weights.sum(axis=1)
-    belief.see_share(share, 0.1, 5.0)
-    gained = belief.weights.sum(axis=1) / before
-    expected = np.abs(np.array([*SHARES[:-1], 0.0]) - share)
-    assert gained[expected.argmin()] == pytest.approx(gained.max())
-    # No single sight decides: at most so many nats between the likeliest and the rest.
-    assert np.log(gained.max() / gained.min()) <= 5.0 + 1e-9
+    belief.mean[..., JOULE_RISE] = 0.4
+    strong = replace(STILL, terminal_power_w=60e3)
+    for _ in range(60):
+        belief.predict(10.0, strong, 0.0, LIMIT_W)
+    battery = VEHICLE.battery
+    voltage_v = float(battery.open_circuit_voltage.function(FLOATS)(
+        belief.mean[0, 0, SOC], belief.mean[0, 0, TEMPERATURE]))
+    resistance_ohm = float(battery.resistance.function(FLOATS)(
+        belief.mean[0, 0, SOC], belief.mean[0, 0, TEMPERATURE]))
+    current_a = (voltage_v - np.sqrt(voltage_v**2 - 4.0 * resistance_ohm * 60e3)) / (2.0 * resistance_ohm)
+    assert belief.mean[0, 0, LOCAL] == pytest.approx(0.4 * resistance_ohm * current_a**2 / 1e3, rel=0.03)
+    for _ in range(60):
+        belief.predict(10.0, STILL, 0.0, LIMIT_W)
+    assert abs(belief.mean[0, 0, LOCAL]) < 0.01
+
+
+def test_other_evidence_weighs_the_heaters_by_its_likelihoods():
+    belief = placed()
+    before, logs = belief.weights.copy(), np.linspace(-700.0, -703.0, len(SHARES))
+    belief.weigh(logs.tolist())
+    expected = before * np.exp(logs + 700.0)[:, np.newaxis]
+    assert belief.weights == pytest.approx(expected / expected.sum())
 
 
 def test_propulsion_power_moves_its_factor_and_nothing_more_than_it_may():
@@ -177,7 +206,7 @@ def test_any_stream_leaves_numbers_probabilities_and_covariances(seed):
             belief.see_soc(drawn.uniform(), drawn.choice([0.0, 0.01]))
         else:
             belief.see_propulsion_power(drawn.uniform(-2e5, 2e5), drawn.uniform(-5e4, 5e4), 1.0)
-            belief.see_share(drawn.uniform(-3.0, 3.0), drawn.uniform(0.01, 2.0), 5.0)
+            belief.weigh(drawn.uniform(-900.0, 900.0, len(SHARES)).tolist())
         assert np.isfinite(belief.mean).all() and np.isfinite(belief.covariance).all()
         assert belief.weights.sum() == pytest.approx(1.0)
         assert (belief.weights > 0.0).all()

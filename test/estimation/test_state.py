@@ -12,6 +12,9 @@ from bev_preheat.estimation.state import (
     HEAT_CAPACITY,
     HEAT_LAG,
     HEATER,
+    HEATER_RISE,
+    JOULE_RISE,
+    LOCAL_LAG_S,
     moved,
     MOVING,
     NOMINAL_HEAT_LAG_S,
@@ -27,7 +30,7 @@ from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.model import make_rates
 
 VEHICLES = {name: load_vehicle(name) for name in ('reference', 'small_car')}
-STATE = np.array([3.7, 0.63, 0.08, -0.15, 0.11, -0.04, 0.07, 0.3, -0.4, 0.9, 3.1])
+STATE = np.array([3.7, 0.63, 0.08, -0.15, 0.11, -0.04, 0.07, 0.3, -0.4, 0.35, -0.15, 0.9, 3.1, 0.4])
 DRIVE = DriveInputs(
     speed_mps=23.0, ambient_temperature_c=-11.0, propulsion_power_w=17e3, power_variance_w2=4e7,
     propulsion_power_magnitude_w=17.7e3, cabin_heating_power_w=1300.0, auxiliary_power_w=450.0,
@@ -65,15 +68,14 @@ def by_hand(vehicle, state, drive):
     scaled = replace(vehicle, battery=replace(battery, resistance=Scaled()))
     soc_rate, _, joule_w = make_rates(scaled, FLOATS)(
         soc, temperature_c, terminal_w, variance_w2, 0.0, 0.0)
-    return (heat_w + joule_w) / (exp(capacity) * battery.heat_capacity_j_per_k), soc_rate
+    return (heat_w + joule_w) / (exp(capacity) * battery.heat_capacity_j_per_k), soc_rate, joule_w
 
 
 @pytest.mark.parametrize('name', VEHICLES)
 @pytest.mark.parametrize('seen_w', [None, 21.5e3, -9e3])
 def test_rates_are_those_of_the_car_by_hand(name, seen_w):
     drive = replace(DRIVE, terminal_power_w=seen_w)
-    temperature_rate, soc_rate = state_rates(VEHICLES[name], STATE, drive)
-    assert (float(temperature_rate), float(soc_rate)) == pytest.approx(
+    assert [*map(float, state_rates(VEHICLES[name], STATE, drive))] == pytest.approx(
         by_hand(VEHICLES[name], STATE, drive), rel=1e-12)
 
 
@@ -85,32 +87,35 @@ def test_slopes_are_central_differences(index):
     step = np.zeros(SIZE)
     step[index] = 1e-4
     above, below = (
-        np.array(by_hand(vehicle, state, DRIVE)) for state in (STATE + step, STATE - step))
+        np.array(by_hand(vehicle, state, DRIVE)[:2]) for state in (STATE + step, STATE - step))
     assert slopes[0, :, index] == pytest.approx((above - below) / 2e-4, rel=5e-3, abs=1e-12)
 
 
 @pytest.mark.parametrize('duration_s', [1.0, 10.0])
 def test_what_moves_is_what_a_fine_integration_moves(duration_s):
-    """Heat under way and sensor, by hand in small steps; the battery's other heat is held (Euler)."""
+    """Heat under way, sensor and local rise, by hand in small steps; the battery's other heat is held (Euler)."""
     from scipy.integrate import solve_ivp
     vehicle = VEHICLES['reference']
-    temperature_rate, soc_rate = by_hand(vehicle, STATE, DRIVE)
+    temperature_rate, soc_rate, joule_w = by_hand(vehicle, STATE, DRIVE)
     made = (exp(STATE[HEATER] - STATE[HEAT_CAPACITY]) * vehicle.hvch.efficiency
             * DRIVE.heater_power_w / vehicle.battery.heat_capacity_j_per_k)
     heat_lag_s = NOMINAL_HEAT_LAG_S * exp(STATE[HEAT_LAG])
     sensor_lag_s = NOMINAL_SENSOR_LAG_S * exp(STATE[SENSOR_LAG])
 
     def rates(_, moving):
-        temperature_c, _, under_way_k, sensor_c = moving
+        temperature_c, _, under_way_k, sensor_c, local_k = moving
         arrives = under_way_k / heat_lag_s
         return (temperature_rate - made + arrives, soc_rate, made - arrives,
-                (temperature_c - sensor_c) / sensor_lag_s)
+                (temperature_c - sensor_c) / sensor_lag_s, (steady_k - local_k) / LOCAL_LAG_S)
 
+    steady_k = (STATE[JOULE_RISE] * joule_w
+                + STATE[HEATER_RISE] * vehicle.hvch.efficiency * DRIVE.heater_power_w) / 1e3
     start = STATE[list(MOVING)]
     fine = solve_ivp(rates, (0.0, duration_s), start, rtol=1e-11, atol=1e-12).y[:, -1]
     # That the battery warms evenly within a step costs the sensor a little.
     assert moved(vehicle, STATE, DRIVE, duration_s) == pytest.approx(fine, rel=1e-9, abs=2e-3)
-    assert moved(vehicle, STATE, DRIVE, duration_s)[:3] == pytest.approx(fine[:3], rel=1e-9)
+    without_sensor = [0, 1, 2, 4]
+    assert moved(vehicle, STATE, DRIVE, duration_s)[without_sensor] == pytest.approx(fine[without_sensor], rel=1e-9)
 
 
 def test_what_was_hidden_warms_as_the_route_says_it_does():

@@ -26,14 +26,17 @@ enum {
   BEV_PROPULSION,
   BEV_HEAT_LAG,
   BEV_SENSOR_LAG,
+  BEV_JOULE_RISE,
+  BEV_HEATER_RISE,
   BEV_UNDER_WAY,
   BEV_SENSOR,
+  BEV_LOCAL,
   BEV_ELEMENTS
 };
 
-/* Factors, and the elements that are kept within bounds: the factors and the lags. */
+/* Factors, and the elements that are kept within bounds: the factors, the lags and the local rises. */
 #define BEV_FACTORS 5
-#define BEV_BOUNDED 7
+#define BEV_BOUNDED 9
 /* Most heaters, and most kinds of noise, of which there are hypotheses; the memory of a belief [doubles]. */
 #define BEV_MOST_HEATERS 16
 #define BEV_MOST_NOISES 8
@@ -64,8 +67,11 @@ typedef struct {
   double highest[BEV_BOUNDED];
   double nominal_heat_lag_s;
   double nominal_sensor_lag_s;
+  double local_lag_s;
   double least_variance;
   double least_weight;
+  /* How much less likely than the likeliest a reading makes a hypothesis, at most [nats]. */
+  double most_evidence;
   /* How far battery and sensor may be apart, and how much heat may be under way [K]. */
   double most_apart_k;
   double most_under_way_k;
@@ -128,6 +134,8 @@ typedef struct {
   double highest_c;
   double lowest_soc;
   double highest_soc;
+  /* Whether the weights follow the temperature. */
+  int32_t tells_hypotheses;
 } bev_reading;
 
 int32_t bev_size_of_belief(void);
@@ -154,7 +162,8 @@ bev_status bev_move_belief(const bev_vehicle *vehicle, const bev_belief *belief,
 /*
  * Take into account that an element, with the noise of each kind [variance], lies within low ... high.
  *
- * With `tells_hypotheses` the weights follow. `lost` is how many filters are beyond what means anything.
+ * BEV_SENSOR is the sensor with its local rise. With `tells_hypotheses` the weights follow. `lost` is how many
+ * filters are beyond what means anything.
  */
 bev_status bev_see_interval(const bev_belief *belief, const bev_belief_terms *terms,
                             int32_t element, const double *noise_variance, double low, double high,
