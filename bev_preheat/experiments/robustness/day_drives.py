@@ -135,9 +135,9 @@ class _Tally:
         self._since_s = now_s
 
     def _begin(self, car: ImperfectCar) -> None:
-        before, self._phase = self._phase, car.phase
-        if isinstance(before, Drive):
-            self.driven_s += car.reports[-1].ended_s - car.reports[-1].started_s
+        self._phase = car.phase
+        self.driven_s = sum(report.ended_s - report.started_s for report in car.reports
+                            if isinstance(report.phase, Drive))
         if isinstance(car.phase, Drive):
             # What holds over the boundary is no switch-on of this trip.
             self.switch_ons.append(0)
