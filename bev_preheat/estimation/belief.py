@@ -74,14 +74,14 @@ BOUNDED = slice(FACTORS.start, HEATER_RISE + 1)
 LOWEST, HIGHEST = np.concatenate((
     [(-FACTOR_BOUNDS[index], FACTOR_BOUNDS[index]) for index in range(FACTORS.start, FACTORS.stop)],
     LAG_BOUNDS, RISE_BOUNDS)).T
-# Standard deviation of a sensor's local rise that no heat explains [K]: other places, hysteresis, a second mass. It
-# is forgotten with the rise's time constant. Chosen on the nine measured drives of an i3, where 0.35 ... 0.5 K
-# predict equally well; it is the floor of every deviation.
-LOCAL_DEVIATION_K = 0.4
-# How fast the truth wanders: standard deviation after an hour. Heat outside the model moves the temperature (0.4 ...
-# 1.0 K predict equally well on the nine drives), a wrong capacity the state of charge.
+# Standard deviation of a sensor's local rise that no heat explains [K]: other places, hysteresis, a second
+# mass. It lasts as long as the rise. Chosen on the nine measured drives of an i3, where 0.25 ... 0.5 K predict
+# equally well; it is the floor of every deviation.
+LOCAL_DEVIATION_K = 0.3
+# How fast the truth wanders: standard deviation after an hour. Heat outside the model moves the temperature
+# (0.4 ... 1.0 K predict equally well on the nine drives), a wrong capacity the state of charge.
 WANDER_IN_AN_HOUR = np.array(
-    [0.7, 0.004, 0.01, 0.02, 0.02, 0.01, 0.1, 0.05, 0.05, 0.02, 0.02, 0.1, 0.1,
+    [0.5, 0.004, 0.01, 0.02, 0.02, 0.01, 0.1, 0.05, 0.05, 0.02, 0.02, 0.1, 0.1,
      LOCAL_DEVIATION_K * math.sqrt(2.0 * 3600.0 / LOCAL_LAG_S)])
 WANDERED_IN_AN_HOUR = np.square(WANDER_IN_AN_HOUR)
 # Without a route the car may do anything.

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.estimation.hypotheses import HEATERS, HEALTHY, prior_weights, SHARES, STUCK, transitions
+from bev_preheat.estimation.hypotheses import HEALTHY, HEATERS, prior_weights, SHARES, STUCK, transitions
 from bev_preheat.numerics.arithmetic import array_exp, array_log
 
 if TYPE_CHECKING:

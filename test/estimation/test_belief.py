@@ -143,8 +143,8 @@ def test_place_forgets_what_the_state_was_correlated_with():
     # After a silence battery and sensor may be apart, and the sensor warmer than its cell; their sum was read.
     seen = belief.covariance[..., SENSOR, SENSOR]
     assert seen == pytest.approx(np.full(SHAPE, 0.3 + LOCAL_DEVIATION_K**2))
-    assert seen + 2.0 * belief.covariance[..., SENSOR, LOCAL] + belief.covariance[..., LOCAL, LOCAL] == pytest.approx(
-        np.full(SHAPE, 0.3))
+    read = seen + 2.0 * belief.covariance[..., SENSOR, LOCAL] + belief.covariance[..., LOCAL, LOCAL]
+    assert read == pytest.approx(np.full(SHAPE, 0.3))
     assert belief.covariance[..., TEMPERATURE, TEMPERATURE] == pytest.approx(seen + 0.5**2)
 
 

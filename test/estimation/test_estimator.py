@@ -52,7 +52,7 @@ class HeatedDrive:
 
 @cache
 def heated_drive(seed, each_s=2, local_k=0.0):
-    """Drive a car whose factors are drawn, with a sensor in a place of its own; each is driven once for all tests."""
+    """Drive a car whose factors are drawn, with a sensor in a place of its own; each once for all tests."""
     estimator = Estimator(VEHICLE)
     car = DrivenCar(drawn_corrections(seed), commands=HEATED, local_k=local_k, seed=seed)
     rows = []

@@ -82,7 +82,8 @@ def test_a_fault_is_told_when_it_has_been_so_for_a_while_and_then_stays_told():
     weights = weights_of(derated=TOLD_FROM + 0.01)
     assert is_suspect(weights) and is_suspect(weights_of(derated=SUSPECT_FROM + 0.01))
     assert not is_suspect(weights_of(derated=SUSPECT_FROM - 0.01))
-    reports = [judge(weights, None, suspicion=Suspicion(TOLD_AFTER_S + more_s, 99.0, 99.0)) for more_s in (-0.1, 0.0)]
+    reports = [judge(weights, None, suspicion=Suspicion(TOLD_AFTER_S + more_s, 99.0, 99.0))
+               for more_s in (-0.1, 0.0)]
     assert [report.heater for report in reports] == [Heater.ANSWERS, Heater.DERATED]
     assert judge(weights_of(derated=0.5), reports[1], suspicion=Suspicion(0.0, 0.0, 0.0)).heater is Heater.DERATED
 

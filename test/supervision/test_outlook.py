@@ -136,7 +136,7 @@ def test_a_pause_lasts_fifteen_minutes_or_the_least_time_off(asked, minimum_off_
     assert asked[-1].caution.least_pause_s == least_pause_s
 
 
-@pytest.mark.parametrize('minimum_on_time_s, least_heating_s', [(20.0, 60.0), (90.0, 90.0)])
+@pytest.mark.parametrize('minimum_on_time_s, least_heating_s', [(20.0, 90.0), (100.0, 100.0)])
 @pytest.mark.parametrize('is_heating', [False, True])
 def test_caution_knows_the_heater_and_its_least_time_on(asked, is_heating, minimum_on_time_s, least_heating_s):
     make(make_estimate(), settings=Settings(minimum_on_time_s=minimum_on_time_s), is_heating=is_heating)
