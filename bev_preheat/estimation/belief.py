@@ -103,7 +103,7 @@ POWER_NOISE_LASTS_S = 60.0
 # Readings further off than so many deviations are clipped here.
 MOST_DEVIATIONS = 2.5
 # No reading makes a hypothesis less likely than this [nats], or a single odd one would decide.
-MOST_EVIDENCE = 3.0
+MOST_EVIDENCE = 1.0
 # Rounding may leave a variance a little below 0.
 LEAST_VARIANCE = 1e-12
 # No hypothesis is less probable than this, or it would never come back.
@@ -183,7 +183,7 @@ class Belief:
         under_way_k, apart_k, local_k = (0.0, 0.0, 0.0) if self._has_stood else (
             UNKNOWN_UNDER_WAY_K, UNKNOWN_APART_K, LOCAL_DEVIATION_K)
         self._has_stood = False
-        # The reading is that of sensor and local rise: as much as the rise is more, the sensor is less.
+        # The reading is the sum of sensor and local rise, so their errors are opposite.
         sensor_variance = temperature_variance + local_k**2
         for index, variance in ((TEMPERATURE, sensor_variance + apart_k**2),
                                 (SOC, soc_variance), (UNDER_WAY, under_way_k**2),

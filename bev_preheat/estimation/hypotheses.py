@@ -81,7 +81,7 @@ class HeaterReport(NamedTuple):
 
 class Suspicion(NamedTuple):
     """
-    What has happened since a fault is suspected: its duration [s].
+    How long a fault has been suspected [s], and the heat since then.
 
     `commanded_k` is the heat that was commanded, `uncommanded_k` the heat that the heater could have given without
     a command, both as the warming of the battery [K].
@@ -94,13 +94,13 @@ class Suspicion(NamedTuple):
 
 UNLIMITED = Suspicion(math.inf, math.inf, math.inf)
 # A fault is suspected from the first probability on. It is reported from the second one on, once it has been
-# suspected for this long [s], if the battery's power has made it at least ten times as likely itself [nats].
+# suspected for this long [s], if the battery's power has made it at least 20 times as likely itself [nats].
 SUSPECT_FROM, TOLD_FROM, TOLD_AFTER_S = 0.5, 0.95, 20.0
-LEAST_SUPPORT = math.log(10.0)
+LEAST_SUPPORT = math.log(20.0)
 # Otherwise temperature must have shown it over a long course, which power does not contradict [nats]: while it
-# was suspected, the missing or uncommanded heat amounted to this [K]. A spike, hysteresis, local heat or a second
+# was suspected, for this long [s], the missing or uncommanded heat amounted to this [K]. A spike, hysteresis, local heat or a second
 # mass do not reach it. A heater that is stuck on always needs it, because other consumers step like one.
-LEAST_COURSE_K = 3.0
+LEAST_COURSE_K, LEAST_COURSE_S = 3.0, 300.0
 NO_CONTRADICTION = -2.0
 # It is taken back below this one.
 TAKEN_BACK_BELOW = 0.2
@@ -152,4 +152,5 @@ def _has_evidence(fault: Heater, share: float, suspicion: Suspicion,
         return True
     else:
         course_k = (1.0 - share) * suspicion.commanded_k
-    return course_k >= LEAST_COURSE_K and supported >= NO_CONTRADICTION
+    return (course_k >= LEAST_COURSE_K and suspicion.lasts_s >= LEAST_COURSE_S
+            and supported >= NO_CONTRADICTION)

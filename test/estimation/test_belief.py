@@ -98,7 +98,7 @@ def test_weights_follow_the_likelihoods():
 
 def test_mixing_keeps_mean_and_spread_of_all():
     belief, drawn = placed(), np.random.default_rng(4)
-    belief.mean += drawn.normal(size=belief.mean.shape) * [1.0, 0.01, *[0.02] * 5, 0.1, 0.1, 0.1, 0.1, 0.1, 1.0, 0.2]
+    belief.mean += drawn.normal(size=belief.mean.shape) * [1.0, 0.01, *[0.02] * 5, *[0.1] * 5, 1.0, 0.2]
     belief.weights = drawn.dirichlet(np.ones(belief.weights.size)).reshape(SHAPE)
     mean, covariance = belief.expected()
     belief._mix(600.0)

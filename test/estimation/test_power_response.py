@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the battery's power says of the heater, on powers that are made here."""
+"""Evidence on the heater from the battery's power, on powers that are made here."""
 
 import math
 
@@ -73,7 +73,7 @@ def test_a_heater_that_takes_its_command_is_not_accused(lag_s, seed):
     (Heater.DEAD, lambda second, command_w: 0.0), (Heater.DERATED, lambda second, command_w: 0.5 * command_w),
     (Heater.STUCK_ON, lambda second, command_w: LIMIT_W if second >= 700 else command_w)])
 def test_a_fault_is_supported_by_the_power(fault, share_of, seed):
-    response = seen(share_of, traffic_w=500.0, seed=seed)
+    response = seen(share_of, traffic_w=300.0, seed=seed)
     assert response.support(fault) > LEAST_SUPPORT
     assert response.support(fault) == max(response.support(each) for each in FAULTS)
 
