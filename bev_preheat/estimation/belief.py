@@ -175,8 +175,11 @@ class Belief:
         """
         Set temperature and state of charge anew; what was learned of the factors stays.
 
-        The first time nothing is under way, and the sensor shows the battery; later that is open.
+        The first time nothing is under way, and the sensor shows the battery; later that is open, and the heater may
+        have changed: its hypotheses are half as sure.
         """
+        if not self._has_stood:
+            self.weights = 0.5 * (self.weights + prior_weights())
         self.mean[..., TEMPERATURE], self.mean[..., SOC] = temperature_c, soc
         self.mean[..., SENSOR], self.mean[..., UNDER_WAY] = temperature_c, 0.0
         self.mean[..., LOCAL] = 0.0
