@@ -175,8 +175,8 @@ class Belief:
         """
         Set temperature and state of charge anew; what was learned of the factors stays.
 
-        The first time nothing is under way, and the sensor shows the battery; later that is open, and the heater may
-        have changed: its hypotheses are half as sure.
+        The first time nothing is under way, and the sensor shows the battery; later that is open, and the
+        heater's hypotheses are half as sure, because the heater may have changed.
         """
         if not self._has_stood:
             self.weights = 0.5 * (self.weights + prior_weights())

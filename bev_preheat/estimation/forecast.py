@@ -53,8 +53,8 @@ class Forecast:
     """
     How sure the arrival is that a plan predicts; computed on first use, so that no command waits for it.
 
-    `deviation_k` is the standard deviation of the arrival with heating that is replanned on the way, `as_planned_k`
-    that of the plan as it is, which is the error that heating has to make good.
+    `deviation_k` is the standard deviation of the arrival with heating that is replanned on the way,
+    `as_planned_k` that of the plan as it is, which is the error that heating has to make good.
     """
 
     def __init__(self, trip: Driven, plan: Plan, estimate: Estimate) -> None:

@@ -97,9 +97,10 @@ UNLIMITED = Suspicion(math.inf, math.inf, math.inf)
 # suspected for this long [s], if the battery's power has made it at least 20 times as likely itself [nats].
 SUSPECT_FROM, TOLD_FROM, TOLD_AFTER_S = 0.5, 0.95, 20.0
 LEAST_SUPPORT = math.log(20.0)
-# Otherwise temperature must have shown it over a long course, which power does not contradict [nats]: while it
-# was suspected, for this long [s], the missing or uncommanded heat amounted to this [K]. A spike, hysteresis, local heat or a second
-# mass do not reach it. A heater that is stuck on always needs it, because other consumers step like one.
+# Otherwise temperature must have shown it over a long course, and power must not contradict it [nats]: while it
+# was suspected, for this long [s], the missing or uncommanded heat amounted to this [K]. A spike, hysteresis,
+# local heat or a second mass do not reach it. A heater that is stuck on always needs it, because other consumers
+# step like one.
 LEAST_COURSE_K, LEAST_COURSE_S = 3.0, 300.0
 NO_CONTRADICTION = -2.0
 # It is taken back below this one.

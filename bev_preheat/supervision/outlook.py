@@ -45,8 +45,8 @@ MOST_MARGIN_K = 0.15
 # The last stretch of heating begins early by so many deviations of the temperature on arrival, and
 # by the heat that is made while its lag is so many deviations longer than believed; together at most
 # by MOST_LEAD_K: until it begins more will be learned. Both found on `preheat robustness`.
-LEAD_DEVIATIONS = 1.8
-LATER_DEVIATIONS = 1.6
+LEAD_DEVIATIONS = 2.0
+LATER_DEVIATIONS = 1.2
 MOST_LEAD_K = 7.0
 # The lead is not taken back for a shorter pause, because the first minutes of heating may only show the sensor's
 # place.

@@ -139,6 +139,6 @@ def test_a_state_file_over_all_drives_stays_where_nothing_was_told(order):
         drive = Played(name, learned=learned)
         learned = from_entry(as_entry(learned_from(drive.estimate)))
         leakages.append(drive.estimate.mean[LEAKAGE])
-    # A heater that never heats, and a leakage of 3 W/K that hardly cools: within what the file leaves open.
+    # The heater never heats, and a leakage of 3 W/K hardly cools the battery.
     assert abs(drive.estimate.mean[HEATER]) < 0.005
     assert np.abs(leakages).max() < FACTOR_DEVIATIONS[LEAKAGE]

@@ -90,15 +90,15 @@ def test_the_margin_is_1_3_deviations_of_the_temperature_and_at_most_0_15_k(aske
     assert asked[-1].caution.margin_k == pytest.approx(margin_k)
 
 
-def test_the_lead_is_1_8_deviations_of_the_arrival_as_planned(asked):
+def test_the_lead_is_two_deviations_of_the_arrival_as_planned(asked):
     maker, estimate = OutlookMaker(VEHICLE), make_estimate(deviations={TEMPERATURE: 1.6})
     before = make(estimate, maker)
     # Nothing is known of the arrival before the first plan, so two are made.
     assert [len(asked), asked[0].caution.lead_k] == [2, 0.0]
     make(estimate, maker)
     assert len(asked) == 3
-    assert 2.5 < 1.8 * before.forecast.as_planned_k < 7.0
-    assert asked[2].caution.lead_k == pytest.approx(1.8 * before.forecast.as_planned_k)
+    assert 2.5 < 2.0 * before.forecast.as_planned_k < 7.0
+    assert asked[2].caution.lead_k == pytest.approx(2.0 * before.forecast.as_planned_k)
 
 
 def test_the_lead_is_at_most_7_k(asked):
