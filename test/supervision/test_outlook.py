@@ -113,11 +113,11 @@ def test_an_uncertainty_that_is_not_a_number_asks_for_the_longest_lead(asked):
 
 
 def test_heating_begins_earlier_by_the_heat_that_may_come_later_than_believed(asked):
-    # A lag of 40 s may be 40 s times e^(1.6 0.5). The heater warms the battery by
+    # A lag of 40 s may be 40 s times e^(1.2 0.5). The heater warms the battery by
     # 0.87 * 7000 W / 377376 J/K = 16.1 mK/s.
     make(make_estimate(deviations={HEAT_LAG: 0.5}))
     assert asked[0].caution.lead_k == pytest.approx(
-        40.0 * (math.exp(1.6 * 0.5) - 1.0) * 0.87 * 7000.0 / 377376.0)
+        40.0 * (math.exp(1.2 * 0.5) - 1.0) * 0.87 * 7000.0 / 377376.0)
 
 
 def test_a_new_route_is_planned_as_if_nothing_were_known_of_its_arrival(asked):
