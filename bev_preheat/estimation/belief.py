@@ -74,14 +74,14 @@ BOUNDED = slice(FACTORS.start, HEATER_RISE + 1)
 LOWEST, HIGHEST = np.concatenate((
     [(-FACTOR_BOUNDS[index], FACTOR_BOUNDS[index]) for index in range(FACTORS.start, FACTORS.stop)],
     LAG_BOUNDS, RISE_BOUNDS)).T
-# Standard deviation of a sensor's local rise that no heat explains [K]: other places, hysteresis, a second mass. It
-# is forgotten with the rise's time constant. Chosen on the nine measured drives of an i3, where 0.35 ... 0.5 K
-# predict equally well; it is the floor of every deviation.
-LOCAL_DEVIATION_K = 0.4
-# How fast the truth wanders: standard deviation after an hour. Heat outside the model moves the temperature (0.4 ...
-# 1.0 K predict equally well on the nine drives), a wrong capacity the state of charge.
+# Standard deviation of a sensor's local rise that no heat explains [K]: other places, hysteresis, a second
+# mass. It lasts as long as the rise. Chosen on the nine measured drives of an i3, where 0.25 ... 0.5 K predict
+# equally well; it is the floor of every deviation.
+LOCAL_DEVIATION_K = 0.3
+# How fast the truth wanders: standard deviation after an hour. Heat outside the model moves the temperature
+# (0.4 ... 1.0 K predict equally well on the nine drives), a wrong capacity the state of charge.
 WANDER_IN_AN_HOUR = np.array(
-    [0.7, 0.004, 0.01, 0.02, 0.02, 0.01, 0.1, 0.05, 0.05, 0.02, 0.02, 0.1, 0.1,
+    [0.5, 0.004, 0.01, 0.02, 0.02, 0.01, 0.1, 0.05, 0.05, 0.02, 0.02, 0.1, 0.1,
      LOCAL_DEVIATION_K * math.sqrt(2.0 * 3600.0 / LOCAL_LAG_S)])
 WANDERED_IN_AN_HOUR = np.square(WANDER_IN_AN_HOUR)
 # Without a route the car may do anything.
@@ -103,7 +103,7 @@ POWER_NOISE_LASTS_S = 60.0
 # Readings further off than so many deviations are clipped here.
 MOST_DEVIATIONS = 2.5
 # No reading makes a hypothesis less likely than this [nats], or a single odd one would decide.
-MOST_EVIDENCE = 3.0
+MOST_EVIDENCE = 1.0
 # Rounding may leave a variance a little below 0.
 LEAST_VARIANCE = 1e-12
 # No hypothesis is less probable than this, or it would never come back.
@@ -175,15 +175,18 @@ class Belief:
         """
         Set temperature and state of charge anew; what was learned of the factors stays.
 
-        The first time nothing is under way, and the sensor shows the battery; later that is open.
+        The first time nothing is under way, and the sensor shows the battery; later that is open, and the
+        heater's hypotheses are half as sure, because the heater may have changed.
         """
+        if not self._has_stood:
+            self.weights = 0.5 * (self.weights + prior_weights())
         self.mean[..., TEMPERATURE], self.mean[..., SOC] = temperature_c, soc
         self.mean[..., SENSOR], self.mean[..., UNDER_WAY] = temperature_c, 0.0
         self.mean[..., LOCAL] = 0.0
         under_way_k, apart_k, local_k = (0.0, 0.0, 0.0) if self._has_stood else (
             UNKNOWN_UNDER_WAY_K, UNKNOWN_APART_K, LOCAL_DEVIATION_K)
         self._has_stood = False
-        # The reading is that of sensor and local rise: as much as the rise is more, the sensor is less.
+        # The reading is the sum of sensor and local rise, so their errors are opposite.
         sensor_variance = temperature_variance + local_k**2
         for index, variance in ((TEMPERATURE, sensor_variance + apart_k**2),
                                 (SOC, soc_variance), (UNDER_WAY, under_way_k**2),

@@ -210,7 +210,7 @@ class Estimator:
         self._conclude(measurement, *self._belief.expected(), is_held=True)
 
     def _expected_readings(self) -> tuple[Expected, Expected]:
-        """Return what the next readings of temperature [deg C] and charge are expected to be, with variances."""
+        """Return the expected readings of temperature [deg C] and charge, with variances."""
         mean, covariance = self._belief.expected() if self._expected is None else self._expected
         at, between = mean.item, covariance.item
         return ((at(SENSOR) + at(LOCAL) + self._offset_k,
@@ -286,7 +286,7 @@ class Estimator:
         self._powers_w = self._powers_w[-1:]
 
     def _hear_heater(self, stretch: Stretch, seen_w: float | None) -> None:
-        """Let the power seen [W] in a Stretch, None where it is not known, weigh the heaters."""
+        """Weigh the heaters by the power seen in a Stretch [W]; None: it is not known."""
         drive = stretch.drive
         if drive is None or seen_w is None:
             self._response.pause()

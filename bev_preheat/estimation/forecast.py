@@ -53,8 +53,8 @@ class Forecast:
     """
     How sure the arrival is that a plan predicts; computed on first use, so that no command waits for it.
 
-    `deviation_k` is that of the arrival with heating that is replanned on the way, `as_planned_k` that of the plan
-    if nobody changes it any more: what heating has to make good.
+    `deviation_k` is the standard deviation of the arrival with heating that is replanned on the way,
+    `as_planned_k` that of the plan as it is, which is the error that heating has to make good.
     """
 
     def __init__(self, trip: Driven, plan: Plan, estimate: Estimate) -> None:
@@ -140,9 +140,9 @@ def replanned_deviation_k(as_planned_k: float, trip: Driven, plan: Plan, estimat
     """
     Return the standard deviation of the temperature on arrival [K] with heating that is replanned on the way.
 
-    `as_planned_k` [K] is that of the plan as it is. While heating lies ahead it ends later if the battery turns out
-    colder, and earlier if it turns out warmer. What stays is what is not known of the temperature then, what happens
-    after the end of heating, and what is beyond the heat that can be added or saved.
+    `as_planned_k` [K] is that of the plan as it is. While heating lies ahead, it ends later if the battery turns
+    out colder, and earlier if it turns out warmer. The uncertainty of the temperature then remains, that of the
+    drive after the end of heating, and errors beyond the heat that can be added or saved.
     """
     colder_k, warmer_k, end_s = _heat_ahead(trip, plan)
     if warmer_k <= 0.0:

@@ -81,10 +81,10 @@ class HeaterReport(NamedTuple):
 
 class Suspicion(NamedTuple):
     """
-    What has happened since a fault is suspected: its duration [s].
+    How long a fault has been suspected [s], and the heat since then.
 
-    `commanded_k` and `uncommanded_k` are how much heat was commanded, and how much more the heater could have given
-    without a command, as the warming of the battery [K].
+    `commanded_k` is the heat that was commanded, `uncommanded_k` the heat that the heater could have given without
+    a command, both as the warming of the battery [K].
     """
 
     lasts_s: float
@@ -93,14 +93,15 @@ class Suspicion(NamedTuple):
 
 
 UNLIMITED = Suspicion(math.inf, math.inf, math.inf)
-# A fault is suspected from the first probability on. It is reported from the second one on, once it has been suspected
-# for this long [s], if the battery's power has made it at least ten times as likely itself [nats].
+# A fault is suspected from the first probability on. It is reported from the second one on, once it has been
+# suspected for this long [s], if the battery's power has made it at least 20 times as likely itself [nats].
 SUSPECT_FROM, TOLD_FROM, TOLD_AFTER_S = 0.5, 0.95, 20.0
-LEAST_SUPPORT = math.log(10.0)
-# Without that temperature must have shown it over a long course, which power does not contradict [nats]: while it was
-# suspected, the heat that is missing or uncommanded amounted to this [K]. A spike, hysteresis, local heat or a
-# second mass do not reach it. So does a heater that is stuck on: other consumers step like one.
-LEAST_COURSE_K = 3.0
+LEAST_SUPPORT = math.log(20.0)
+# Otherwise temperature must have shown it over a long course, and power must not contradict it [nats]: while it
+# was suspected, for this long [s], the missing or uncommanded heat amounted to this [K]. A spike, hysteresis,
+# local heat or a second mass do not reach it. A heater that is stuck on always needs it, because other consumers
+# step like one.
+LEAST_COURSE_K, LEAST_COURSE_S = 3.0, 300.0
 NO_CONTRADICTION = -2.0
 # It is taken back below this one.
 TAKEN_BACK_BELOW = 0.2
@@ -152,4 +153,5 @@ def _has_evidence(fault: Heater, share: float, suspicion: Suspicion,
         return True
     else:
         course_k = (1.0 - share) * suspicion.commanded_k
-    return course_k >= LEAST_COURSE_K and supported >= NO_CONTRADICTION
+    return (course_k >= LEAST_COURSE_K and suspicion.lasts_s >= LEAST_COURSE_S
+            and supported >= NO_CONTRADICTION)

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.estimation.hypotheses import HEATERS, HEALTHY, prior_weights, SHARES, STUCK, transitions
+from bev_preheat.estimation.hypotheses import HEALTHY, HEATERS, prior_weights, SHARES, STUCK, transitions
 from bev_preheat.numerics.arithmetic import array_exp, array_log
 
 if TYPE_CHECKING:
@@ -29,11 +29,11 @@ BLOCK_S = 30.0
 HEATER_LAGS_S = np.array([3.0, 30.0, 90.0])
 # Standard deviation of the excess [W], and how long it lasts [s]: 10 % of 20 kW, until the road changes.
 EXCESS_W = 2000.0
-EXCESS_LASTS_S = 1800.0
-# What is believed of the scatter from block to block before it is seen [W], and for how many blocks that counts.
+EXCESS_LASTS_S = 600.0
+# Scatter from block to block before any is seen [W], and the number of blocks that this counts for.
 SCATTER_W = 2500.0
 SCATTER_BLOCKS = 2.0
-# The scatter of a block is correlated with the next one's, so their differences show less than all of it.
+# Neighbouring blocks are correlated, so their differences show less than the scatter.
 CORRELATED = 1.5
 # Never less than this [W]: other consumers and sensors.
 LEAST_SCATTER_W = 300.0
@@ -57,7 +57,7 @@ class PowerResponse:
         self._weights = self._prior[:, np.newaxis] * np.full(shape[1], 1.0 / shape[1])
         self._excess_w, self._variance_w2 = np.zeros(shape), np.full(shape, EXCESS_W**2)
         self._scatter_w2, self._blocks = SCATTER_W**2, SCATTER_BLOCKS
-        # What a heater of each lag takes now [W]; None: no command is known yet.
+        # Power of a heater of each lag now [W]; None: no command is known yet.
         self._followed_w: FloatArray | None = None
         self._before_w: float | None = None
         self._begin_block()
@@ -74,7 +74,7 @@ class PowerResponse:
     def see(self, duration_s: float, beyond_plan_w: float, command_w: float,
             limit_w: float) -> FloatArray | None:
         """
-        Take what the battery gave beyond the plan [W] for `duration_s` [s] in, under a mean command [W].
+        Take the battery's power beyond the plan [W] for `duration_s` [s] in, under a mean command [W].
 
         Returns the logarithms of how likely each heater (heaters,) makes a block that is complete; else None.
         """
@@ -138,7 +138,7 @@ class PowerResponse:
         self._scatter_w2 = max(self._scatter_w2, LEAST_SCATTER_W**2)
 
     def support(self, kind: Heater) -> float:
-        """Return how much likelier the power has made a kind of heater than one that answers [nats]."""
+        """Return how much likelier the power has made a kind of heater than a healthy heater [nats]."""
         weights = self._weights.sum(axis=1)
         of_kind = [number for number, own in enumerate(HEATERS) if own is kind]
         return math.log(float(weights[of_kind].sum() / weights[HEALTHY])

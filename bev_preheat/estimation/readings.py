@@ -109,6 +109,6 @@ class ReadingCheck:
                 self._looks_at(one), self._looks_at(other)))
 
     def _looks_at(self, state: BatteryState) -> tuple[Look, Look]:
-        """(reading, step of the signal, least standard deviation) of both readings."""
+        """Return (reading, step of the signal, least standard deviation) of both readings."""
         return ((state.temperature_c, self._temperature_steps.step, LEAST_DEVIATION_K),
                 (state.soc, self._soc_steps.step, LEAST_SOC_DEVIATION))

@@ -45,14 +45,14 @@ MOST_MARGIN_K = 0.15
 # The last stretch of heating begins early by so many deviations of the temperature on arrival, and
 # by the heat that is made while its lag is so many deviations longer than believed; together at most
 # by MOST_LEAD_K: until it begins more will be learned. Both found on `preheat robustness`.
-LEAD_DEVIATIONS = 1.7
-LATER_DEVIATIONS = 1.3
+LEAD_DEVIATIONS = 2.0
+LATER_DEVIATIONS = 1.2
 MOST_LEAD_K = 7.0
-# The lead is not taken back for a pause that is shorter: what the first minutes of heating tell of the car they may
-# tell of the sensor's place.
-LEAST_PAUSE_S = 900.0
-# A heater that is off is not switched on before arrival for less heat than this takes: some 80 Wh.
-LEAST_HEATING_S = 60.0
+# The lead is not taken back for a shorter pause, because the first minutes of heating may only show the sensor's
+# place.
+LEAST_PAUSE_S = 600.0
+# A heater that is off is not switched on before arrival for less heating than this, some 120 Wh.
+LEAST_HEATING_S = 90.0
 # The corrected vehicle is made anew where a factor has moved by more than this share of what is
 # uncertain of it in a car of which only the file is known.
 FACTOR_STEP = 0.05

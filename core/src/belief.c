@@ -365,7 +365,7 @@ static void truncated_moments(double mean, double variance, double low, double h
   moments[2] = log(probability);
 }
 
-/* Weigh the hypotheses by the logarithms of their likelihoods, of which no reading tells more than `most_evidence`. */
+/* Weigh the hypotheses by the logarithms of their likelihoods, each clipped at `most_evidence`. */
 static void weigh(const bev_belief *belief, const bev_belief_terms *terms, const double *logs,
                   double likeliest) {
   const int32_t filters = belief->heaters * belief->noises;
@@ -394,7 +394,7 @@ bev_status bev_see_interval(const bev_belief *belief, const bev_belief_terms *te
   const int32_t filters = belief->heaters * belief->noises;
   double *const logs = belief->memory;
   double *const seen = &logs[filters];
-  /* What is read beside the element; nothing counts as itself, not at all. */
+  /* A sensor is read together with its local rise. */
   const int32_t also = element == BEV_SENSOR ? BEV_LOCAL : element;
   const double share = element == BEV_SENSOR ? 1.0 : 0.0;
   double likeliest = -DBL_MAX;

@@ -98,7 +98,7 @@ def test_weights_follow_the_likelihoods():
 
 def test_mixing_keeps_mean_and_spread_of_all():
     belief, drawn = placed(), np.random.default_rng(4)
-    belief.mean += drawn.normal(size=belief.mean.shape) * [1.0, 0.01, *[0.02] * 5, 0.1, 0.1, 0.1, 0.1, 0.1, 1.0, 0.2]
+    belief.mean += drawn.normal(size=belief.mean.shape) * [1.0, 0.01, *[0.02] * 5, *[0.1] * 5, 1.0, 0.2]
     belief.weights = drawn.dirichlet(np.ones(belief.weights.size)).reshape(SHAPE)
     mean, covariance = belief.expected()
     belief._mix(600.0)
@@ -143,8 +143,8 @@ def test_place_forgets_what_the_state_was_correlated_with():
     # After a silence battery and sensor may be apart, and the sensor warmer than its cell; their sum was read.
     seen = belief.covariance[..., SENSOR, SENSOR]
     assert seen == pytest.approx(np.full(SHAPE, 0.3 + LOCAL_DEVIATION_K**2))
-    assert seen + 2.0 * belief.covariance[..., SENSOR, LOCAL] + belief.covariance[..., LOCAL, LOCAL] == pytest.approx(
-        np.full(SHAPE, 0.3))
+    read = seen + 2.0 * belief.covariance[..., SENSOR, LOCAL] + belief.covariance[..., LOCAL, LOCAL]
+    assert read == pytest.approx(np.full(SHAPE, 0.3))
     assert belief.covariance[..., TEMPERATURE, TEMPERATURE] == pytest.approx(seen + 0.5**2)
 
 

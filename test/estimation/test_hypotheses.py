@@ -13,6 +13,7 @@ from bev_preheat.estimation.hypotheses import (
     is_suspect,
     judge,
     LEAST_COURSE_K,
+    LEAST_COURSE_S,
     LEAST_SUPPORT,
     NO_CONTRADICTION,
     prior_weights,
@@ -82,7 +83,8 @@ def test_a_fault_is_told_when_it_has_been_so_for_a_while_and_then_stays_told():
     weights = weights_of(derated=TOLD_FROM + 0.01)
     assert is_suspect(weights) and is_suspect(weights_of(derated=SUSPECT_FROM + 0.01))
     assert not is_suspect(weights_of(derated=SUSPECT_FROM - 0.01))
-    reports = [judge(weights, None, suspicion=Suspicion(TOLD_AFTER_S + more_s, 99.0, 99.0)) for more_s in (-0.1, 0.0)]
+    reports = [judge(weights, None, Suspicion(TOLD_AFTER_S + more_s, 0.0, 0.0), lambda _: LEAST_SUPPORT)
+               for more_s in (-0.1, 0.0)]
     assert [report.heater for report in reports] == [Heater.ANSWERS, Heater.DERATED]
     assert judge(weights_of(derated=0.5), reports[1], suspicion=Suspicion(0.0, 0.0, 0.0)).heater is Heater.DERATED
 
@@ -134,6 +136,7 @@ def test_temperature_alone_needs_a_long_course(kind, suspicion):
     # Of 6.1 K half is missing with the weakest of the derated heaters that is in question.
     assert 0.5 * 6.1 > LEAST_COURSE_K
     assert not told(kind, Suspicion(900.0, 0.45 * LEAST_COURSE_K, 0.9 * LEAST_COURSE_K), None)
+    assert not told(kind, suspicion._replace(lasts_s=LEAST_COURSE_S - 1.0), None)
 
 
 @pytest.mark.parametrize('kind, suspicion', [('dead', LONG_ON), ('derated', LONG_ON), ('stuck_on', LONG_OFF)])

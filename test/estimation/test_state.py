@@ -115,7 +115,8 @@ def test_what_moves_is_what_a_fine_integration_moves(duration_s):
     # That the battery warms evenly within a step costs the sensor a little.
     assert moved(vehicle, STATE, DRIVE, duration_s) == pytest.approx(fine, rel=1e-9, abs=2e-3)
     without_sensor = [0, 1, 2, 4]
-    assert moved(vehicle, STATE, DRIVE, duration_s)[without_sensor] == pytest.approx(fine[without_sensor], rel=1e-9)
+    assert moved(vehicle, STATE, DRIVE, duration_s)[without_sensor] == pytest.approx(
+        fine[without_sensor], rel=1e-9)
 
 
 def test_what_was_hidden_warms_as_the_route_says_it_does():

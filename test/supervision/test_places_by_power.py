@@ -68,7 +68,8 @@ class Car:
 
 
 def test_an_early_charger_is_recognised_and_not_heated_at():
-    car = Car()
+    # So cold that it heats until arrival.
+    car = Car(temperature_c=-5.0)
     car.go(34 * 60, DRIVE_W)
     assert car.command_w > 0.0
     plugged_s = car.at_s
