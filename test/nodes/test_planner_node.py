@@ -47,6 +47,10 @@ QUICK = ('-p', f'command_period:={PERIOD_S}', '-p', f'command_lease:={LEASE_S}',
          '-p', 'estimation:=false', '-p', 'minimum_on_time:=0.0', '-p', 'minimum_off_time:=0.0')
 # Simulated time between battery states; between ticks of the clock where there are none.
 STATE_PERIOD_S, TICK_S = 0.04, 0.02
+# The same where valid states only have to end the pause after doubt.
+VALID_PERIOD_S = 0.5
+# Between tests so much time passes that interruptions and switch-ons of the test before no longer count.
+BETWEEN_TESTS_S = 3700.0
 # What best-effort topics lose is sent again after this time, which is real.
 RESEND_S = 0.2
 CABIN_W = 1600.0
@@ -132,9 +136,9 @@ class Car:
         message.header.stamp = time_message(self.now_ns)
         self._positions.publish(message)
 
-    def give_state(self, make_state=None):
+    def give_state(self, make_state=None, period_s=STATE_PERIOD_S):
         """Let time go on by a battery state, and return once the planner has answered it."""
-        self.now_ns += round(STATE_PERIOD_S * NS_PER_S)
+        self.now_ns += round(period_s * NS_PER_S)
         message = (make_state or self.state)()
 
         def is_answered():
@@ -179,9 +183,9 @@ class Car:
         self.expect_heat()
 
     def expect_heat(self):
-        """Give good states until it heats; forget what it said before."""
+        """Give good states until it heats, for 10 s and more after doubt; forget what it said before."""
         def heats_for_the_route():
-            self.give_state()
+            self.give_state(period_s=VALID_PERIOD_S)
             return (self.commands.latest.battery_heating_power == pytest.approx(FULL_POWER_W)
                     and self.plans.latest.status == Status.TARGET_UNREACHABLE
                     and self.plans.latest.route_id == 'home')
@@ -248,6 +252,7 @@ def fresh_car(cars):
 def last_drive(cars):
     """Return the car that the tests share, heating; its planner may end."""
     car = cars(fresh=False)
+    car.now_ns += round(BETWEEN_TESTS_S * NS_PER_S)
     car.heat()
     return car
 

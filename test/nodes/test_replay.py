@@ -55,7 +55,7 @@ RECORDED = QoSProfile(depth=10_000)
 
 CAR = ImperfectCar(
     VEHICLE, load_route('reference', VEHICLE.defaults).before(2.0 * LENGTH_S), State(17.0, 0.8),
-    Goal(22.0), Imperfections(
+    Goal(21.0), Imperfections(
         mismatch=Mismatch(heat_capacity=1.08, leakage=0.9, propulsion_power=1.1),
         sensors=Sensors(temperature_noise_k=0.2, temperature_resolution_k=0.5,
                         drop_outs=((40.0, 52.5),), invalid=((70.0, 73.0),)),
@@ -141,7 +141,7 @@ class Drive:
 
 def a_route(**changed):
     message = route_plan_message(CAR.mission(START_NS))
-    message.target_battery_temperature = 22.0
+    message.target_battery_temperature = 21.0
     for field, value in changed.items():
         setattr(message, field, value)
     return message

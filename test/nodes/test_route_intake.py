@@ -129,7 +129,9 @@ def driver():
 def test_a_refused_update_leaves_the_route_before_it(driver, changed):
     driver.refused(**changed)
     assert driver.supervisor.command(NOW_NS).battery_heating_power_w == 0.0
-    assert driver.fed(1.0)[0] > 0.0
+    # Heat waits for 10 s of valid input.
+    assert [driver.fed(second)[0] for second in (1.0, 5.0, 9.0)] == [0.0] * 3
+    assert driver.fed(10.0)[0] > 0.0
 
 
 @pytest.mark.parametrize('changed', [
@@ -201,4 +203,5 @@ def test_a_route_that_cannot_be_read_with_new_parameters_is_dropped_until_it_can
             driver.configure(replace(SETTINGS, lease_s=1.0))
         assert driver.fed(1.0) == (0.0, Status.INVALID_INPUT)
     driver.configure()
-    assert driver.fed(2.0)[0] > 0.0
+    assert [driver.fed(second)[0] for second in (2.0, 6.0, 9.0)] == [0.0] * 3
+    assert driver.fed(11.1)[0] > 0.0

@@ -299,7 +299,7 @@ def test_empty_battery_ends_a_drive_whose_target_is_left_to_the_planner(record, 
     ({'target_battery_temperature': 61.0}, 'target_battery_temperature: 61 degC is not allowed'),
     ({'route': 'nowhere'}, "route 'nowhere' is unknown"),
     ({'vehicle': 'bicycle'}, "vehicle 'bicycle' is unknown"),
-    ({'speed_up': 60}, 'DOUBLE'),
+    ({'speed_up': 'fast'}, 'speed_up'),
 ])
 def test_impossible_parameters_are_refused_in_words(call_main, parameters, complaint):
     done = call_main('vehicle_simulator', '--ros-args', *(

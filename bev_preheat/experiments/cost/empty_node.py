@@ -45,11 +45,11 @@ PARAMETERS: dict[str, Any] = {
     'command_lease': 2.5, 'planning_step': 30.0, 'arrival_soc_margin': 0.0, 'estimation': True,
     'minimum_on_time': 20.0, 'minimum_off_time': 120.0, 'route_progress_timeout': 10.0,
     'energy_price': 0.6, 'value_of_time': 10.0, 'heat_while_charging': False,
-    'compiled_core': True, 'state_file': ''}
+    'compiled_core': True, 'coldest_cell_limits': True, 'state_file': ''}
 # Of the plan for the reference trip: steps, stretches of heating, characters of its sentence.
 STEPS, STRETCHES, CHARACTERS = 120, 2, 120
 # Of the diagnostics.
-ENTRIES, VALUES = 3, 10
+ENTRIES, VALUES = 4, 9
 LATCHED = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
 LATEST = QoSProfile(depth=1, reliability=QoSReliabilityPolicy.BEST_EFFORT)
 OVERRIDABLE = QoSOverridingOptions((QoSPolicyKind.HISTORY, QoSPolicyKind.DEPTH,

@@ -246,7 +246,7 @@ def test_a_slow_heater_is_not_accused(plant, number):
 @pytest.mark.costly
 # One is commanded, the other heats where no heat is needed.
 @pytest.mark.parametrize('fault, verdict, target_c, duration_s', [
-    ('dead', 'dead', 9.0, 700.0), ('stuck_on', 'stuck on', -4.0, 1050.0)])
+    ('dead', 'dead', 20.0, 1500.0), ('stuck_on', 'stuck on', -4.0, 1500.0)])
 def test_a_heater_that_fails_is_found_in_a_slow_car_too(fault, verdict, target_c, duration_s):
     route = load_route('reference', None).before(duration_s)
     conditions = short_conditions(
@@ -256,7 +256,7 @@ def test_a_heater_that_fails_is_found_in_a_slow_car_too(fault, verdict, target_c
     drive = result.methods['planner']
     assert 0.0 < drive.fault_shown_s <= drive.fault_found_after_s
     assert verdict in drive.verdicts
-    assert 30.0 < drive.fault_found_after_s < 480.0
+    assert 30.0 < drive.fault_found_after_s < 720.0
     figures = summarise_drives([result], ['planner'])['planner']
     assert figures['verdicts'] == 1
     assert figures['fault'] == {'shown': 1, 'found': 1.0, 'median_s': drive.fault_found_after_s,
