@@ -53,7 +53,7 @@ class Estimate:
     ignored_share: float = 0.0
 
     def stood_until(self, temperature_c: float) -> Estimate:
-        """Return the Estimate of a battery that has stood until it is at a temperature [deg C]: nothing is under way."""
+        """Return the Estimate of a battery that has stood until it is at a temperature [deg C]."""
         mean = self.mean.copy()
         mean[TEMPERATURE] = mean[SENSOR] = temperature_c
         mean[UNDER_WAY] = 0.0

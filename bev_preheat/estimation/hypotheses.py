@@ -78,7 +78,6 @@ class HeaterReport(NamedTuple):
     share: float
 
 
-
 class Suspicion(NamedTuple):
     """
     How long a fault has been suspected [s], and the heat since then.

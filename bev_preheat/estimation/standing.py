@@ -76,7 +76,7 @@ def after_standing(vehicle: Vehicle, ambient_c: float, standing_s: float,
 
 
 def temperature_after(vehicle: Vehicle, parked_c: float, ambient_c: float, standing_s: float) -> float:
-    """Return the temperature [deg C] of a battery that was parked at `parked_c` [deg C], after `standing_s` [s]."""
+    """Return the temperature [deg C] of a battery `standing_s` [s] after it was parked at `parked_c` [deg C]."""
     return ambient_c + (parked_c - ambient_c) * math.exp(-_time_constants(vehicle, standing_s))
 
 

@@ -139,8 +139,8 @@ def _signals(name: str, hardware: str, supervisor: Supervisor, now_ns: int) -> D
     if measurement is not None and measurement.cell_warning:
         sentences.append(measurement.cell_warning)
     if ignored_share > MOST_IGNORED_SHARE:
-        sentences.append(f'{100.0 * ignored_share:.0f} % of the latest readings were ignored, because they are far '
-                         f'from the expected state; at most {100.0 * MOST_IGNORED_SHARE:.0f} % are usual')
+        sentences.append(f'{100.0 * ignored_share:.0f} % of the latest readings were ignored, because they are '
+                         f'far from the expected state; at most {100.0 * MOST_IGNORED_SHARE:.0f} % are usual')
     if regime.suspicion:
         sentences.append(f'suspected: {regime.suspicion}')
     return _entry(f'{name}: signals', hardware, DiagnosticStatus.WARN if sentences else DiagnosticStatus.OK,

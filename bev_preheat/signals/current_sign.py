@@ -118,7 +118,8 @@ class CurrentSign:
         if self._first_soc is None:
             self._first_soc = soc
         fallen = self._first_soc - soc
-        least = max(LEAST_MOVED, LEAST_STEPS * self._soc_steps.step, LEAST_DEVIATIONS * math.sqrt(0.5 * self._noise))
+        noise = math.sqrt(0.5 * self._noise)
+        least = max(LEAST_MOVED, LEAST_STEPS * self._soc_steps.step, LEAST_DEVIATIONS * noise)
         if abs(fallen) < least or abs(self._discharged) < max(LEAST_SHARE * abs(fallen), 0.5 * least):
             if abs(self._discharged) > max(RESTART_AFTER, 3.0 * least):
                 self._first_soc, self._discharged = soc, 0.0

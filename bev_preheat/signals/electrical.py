@@ -40,8 +40,9 @@ class ElectricalCheck:
         allowed_v = VOLTAGE_WITHIN * expected_v + VOLTAGE_WITHIN_DROPS * abs(drop_v)
         if abs(voltage_v - (expected_v - drop_v)) <= allowed_v:
             return ''
-        return (f'voltage: {voltage_v:g} V is not that of this battery: {expected_v - drop_v:.0f} V are expected at '
-                f'{100 * soc:.1f} % and {current_a:.0f} A, within {allowed_v:.0f} V; voltage and current are not used')
+        return (f'voltage: {voltage_v:g} V is not that of this battery: {expected_v - drop_v:.0f} V are expected '
+                f'at {100 * soc:.1f} % and {current_a:.0f} A, within {allowed_v:.0f} V; voltage and current are '
+                'not used')
 
     def charge_doubt(self, voltage_v: float, current_a: float, temperature_c: float, soc: float) -> str:
         """Return the sentence on a state of charge of 0 that the voltage [V] contradicts; '' if it does not."""
@@ -58,7 +59,8 @@ class ElectricalCheck:
     def is_nearer(self, voltage_v: float, current_a: float, temperature_c: float, soc: float,
                   other_soc: float) -> bool:
         """Return whether a voltage [V] fits a state of charge better than another."""
-        (own_v, drop_v), (other_v, _) = (self._expected(current_a, temperature_c, each) for each in (soc, other_soc))
+        (own_v, drop_v), (other_v, _) = (
+            self._expected(current_a, temperature_c, each) for each in (soc, other_soc))
         resting_v = voltage_v + drop_v
         return abs(resting_v - own_v) < abs(resting_v - other_v)
 

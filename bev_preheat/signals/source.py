@@ -75,8 +75,8 @@ class SourceWatch:
             return (f'battery_state comes from two batteries: {one.name or "without a name"!r} and '
                     f'{other.name or "without a name"!r}; remap the topic to the traction battery')
         share = 100.0 * sum(self._jumps) / len(self._jumps)
-        return (f'battery_state comes from two batteries: {share:.0f} % of the readings contradict the one before, '
-                f'{_in_words(one)} and {_in_words(other)}; remap the topic to the traction battery')
+        return (f'battery_state comes from two batteries: {share:.0f} % of the readings contradict the one '
+                f'before, {_in_words(one)} and {_in_words(other)}; remap the topic to the traction battery')
 
 
 def _has_jumped(one: _State, other: _State) -> bool:

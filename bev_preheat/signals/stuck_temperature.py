@@ -75,6 +75,7 @@ class StuckTemperature:
         held_back_k = BESIDE_LAGS_K + (LAGS_S * abs(change_k) / elapsed_s if elapsed_s > 0.0 else 0.0)
         if abs(change_k) > max(EXPECTED_K, held_back_k) + step_k:
             still = f'for {instant_s - self._since_s:.0f} s' if self._has_ever_moved else 'since the first state'
+            direction = 'warmed' if change_k > 0.0 else 'cooled'
             self.doubt = (f'temperature: has read {reading_c:.2f} degC {still}, while the battery must have '
-                          f'{"warmed" if change_k > 0.0 else "cooled"} by {abs(change_k):.1f} K; is the field set?')
+                          f'{direction} by {abs(change_k):.1f} K; is the field set?')
         return self.doubt

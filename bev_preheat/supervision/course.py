@@ -88,7 +88,8 @@ def _planned_power(leg: Leg, first: int, last: int) -> PlannedPower:
     route, part = leg.route, slice(first, last + 1)
     propulsion_w = route.propulsion_power_w[part]
     return PlannedPower(
-        float(np.average(propulsion_w, weights=route.duration_s[part])), float(propulsion_w.min()), float(propulsion_w.max()),
+        float(np.average(propulsion_w, weights=route.duration_s[part])),
+        float(propulsion_w.min()), float(propulsion_w.max()),
         float((route.cabin_heating_power_w[part] + route.auxiliary_power_w[part]).max()))
 
 

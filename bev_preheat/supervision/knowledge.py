@@ -154,8 +154,10 @@ class Knowledge:
         is_described = (
             drive is not None and report.regime not in (Regime.CHARGING, Regime.STANDING)
             and not report.suspicion and not any(signal in NEEDED for signal in self._verdicts))
-        return Known(seen, is_described, is_described and report.is_doubtful, TEMPERATURE not in self._verdicts and SOURCE not in self._verdicts,
-                     STATE_OF_CHARGE not in self._verdicts and SOURCE not in self._verdicts)
+        is_one_battery = SOURCE not in self._verdicts
+        return Known(seen, is_described, is_described and report.is_doubtful,
+                     TEMPERATURE not in self._verdicts and is_one_battery,
+                     STATE_OF_CHARGE not in self._verdicts and is_one_battery)
 
     def _keep_place(self, timetable: Timetable, report: RegimeReport, now_ns: int, settings: Settings) -> None:
         """Let a Timetable stay where the vehicle stands or is charged; a recent position outranks that."""

@@ -18,7 +18,8 @@ def voltage_v(soc, temperature_c, current_a):
 @pytest.mark.parametrize('volts', [12.6, 16.0, 24.0, 65.535, 300.0, 640.0])
 def test_a_voltage_of_another_battery_is_named(volts):
     doubt = CHECK.voltage_doubt(volts, 45.0, 5.0, 0.8)
-    assert doubt.startswith(f'voltage: {volts:g} V is not that of this battery: 429 V are expected at 80.0 % and 45 A')
+    assert doubt.startswith(
+        f'voltage: {volts:g} V is not that of this battery: 429 V are expected at 80.0 % and 45 A')
 
 
 @pytest.mark.parametrize('current_a', [-300.0, 0.0, 45.0, 600.0])

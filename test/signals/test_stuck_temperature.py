@@ -20,7 +20,8 @@ def test_a_reading_that_stays_while_the_battery_must_warm_is_named():
     # 3 K, and a step of the sensor of 1 K, at 0.8 K a minute: 5 min.
     named_s, doubt = feed([0.0] * 100, 0.8 / 60.0)
     assert named_s == pytest.approx(300.0, abs=10.0)
-    assert doubt.startswith('temperature: has read 0.00 degC since the first state, while the battery must have warmed')
+    assert doubt.startswith(
+        'temperature: has read 0.00 degC since the first state, while the battery must have warmed')
 
 
 def test_one_that_must_cool_is_named_too():
@@ -40,7 +41,8 @@ def test_a_sensor_in_whole_degrees_that_lags_is_believed(lag_s, rate_k_per_min):
     for _ in range(400):
         true_c += 5.0 * rate
         # First order, and the heat itself comes as late.
-        shown_c += (true_c - rate * lag_s - shown_c) * min(1.0, 5.0 / max(lag_s, 5.0)) if true_c > rate * lag_s else 0.0
+        if true_c > rate * lag_s:
+            shown_c += (true_c - rate * lag_s - shown_c) * min(1.0, 5.0 / max(lag_s, 5.0))
         readings_c.append(float(round(shown_c)))
     assert feed(readings_c, rate)[0] is None
 

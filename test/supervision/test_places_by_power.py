@@ -53,7 +53,8 @@ class Car:
             self.soc -= power_w / (365.0 + 60.0) / VEHICLE.battery.capacity_as
             self.temperature_c += (0.87 * self.command_w + 0.08 * abs(propulsion_w) - 48.0 * (
                 self.temperature_c + 7.0)) / 377376.0
-            volts = 365.0 + 75.0 * self.soc + 15.0 * self.soc**3 - 4.3125 / (self.temperature_c + 45.0) * power_w / 425.0
+            resistance_ohm = 4.3125 / (self.temperature_c + 45.0)
+            volts = 365.0 + 75.0 * self.soc + 15.0 * self.soc**3 - resistance_ohm * power_w / 425.0
             self.planner_step(BatteryStateArrived(Measurement(
                 BatteryState(self.temperature_c, self.soc), START_NS + self.at_s * NS_PER_S,
                 *((volts, power_w / volts) if self.reports_power else (None, None)), **measured)))
