@@ -30,6 +30,7 @@ from bev_preheat.estimation.hypotheses import (
 from bev_preheat.estimation.prior import (
     described_lags,
     FACTOR_BOUNDS,
+    FACTOR_DEVIATIONS,
     LAG_BOUNDS,
     LAGS,
     Learned,
@@ -197,6 +198,12 @@ class Belief:
         for one, other, shared in ((TEMPERATURE, SENSOR, sensor_variance),
                                    (TEMPERATURE, LOCAL, -local_k**2), (SENSOR, LOCAL, -local_k**2)):
             self.covariance[..., one, other] = self.covariance[..., other, one] = shared
+
+    def begin_route(self) -> None:
+        """Forget the factor on the propulsion power: it is that of the route before."""
+        self.mean[..., PROPULSION] = 0.0
+        self.covariance[..., PROPULSION, :] = self.covariance[..., :, PROPULSION] = 0.0
+        self.covariance[..., PROPULSION, PROPULSION] = FACTOR_DEVIATIONS[PROPULSION]**2
 
     def stand(self) -> None:
         """Note that the car has stood: nothing is under way, and the sensor shows the battery."""

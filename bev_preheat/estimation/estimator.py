@@ -104,6 +104,11 @@ class Estimator:
         self._latest_w.clear()
         self._response = PowerResponse()
 
+    def begin_route(self) -> None:
+        """Forget how much power the route before took, compared with its plan: another trip begins."""
+        self._belief.begin_route()
+        self._expected = None
+
     def rely_on(self, standing: Standing) -> None:
         """Take the sensor's offset from the next reading, which is of a battery in Standing."""
         self._standing = standing

@@ -96,6 +96,10 @@ class Judgement:
         self._outlooks.forget_deviation()
         self._targets.follow_new_mission()
 
+    def begin_trip(self) -> None:
+        """Forget the consumption of the route before: another trip begins."""
+        self._estimator.begin_route()
+
     def lose_time(self) -> None:
         """Take the temperature from the next reading alone, because the clock was restarted."""
         self._estimator.lose_time()

@@ -289,6 +289,7 @@ class Supervisor:
             self._judgement.follow_new_mission()
             self._commander.allow_switching()
         if changes.has_new_trip:
+            self._judgement.begin_trip()
             self._commander.history.forget_heating(now_ns)
         inbox, history = self._inbox, self._commander.history
         for measurement in changes.measurements:

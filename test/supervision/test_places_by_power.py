@@ -174,3 +174,18 @@ def test_what_the_model_does_not_describe_teaches_nothing():
     assert after.log_factors == pytest.approx(before.log_factors, abs=0.02)
     assert after.heater.probability == pytest.approx(before.heater.probability, abs=0.05)
     assert after.temperature_c == pytest.approx(car.temperature_c, abs=0.5)
+
+
+def test_the_consumption_of_a_route_is_forgotten_with_the_next_trip():
+    car = Car()
+    # It takes a fifth more than its route says.
+    car.go(600, 1.2 * DRIVE_W)
+    found = car.planner.estimate.propulsion_factor
+    assert found > 1.03
+    mission = car.planner.mission
+    car.planner_step(RouteArrived(mission))
+    car.go(2, 1.2 * DRIVE_W)
+    assert car.planner.estimate.propulsion_factor == pytest.approx(found, abs=0.02)
+    car.planner_step(RouteArrived(replace(mission, route_id='another')))
+    car.go(1, DRIVE_W)
+    assert car.planner.estimate.propulsion_factor == pytest.approx(1.0, abs=0.02)
