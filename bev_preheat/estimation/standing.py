@@ -35,6 +35,9 @@ ELSEWHERE_SHARE = 0.1
 ELSEWHERE_WITHIN_K = 40.0
 # Standard deviation of the logarithm of the time constant.
 TIME_CONSTANT_DEVIATION = math.hypot(FACTOR_DEVIATIONS[HEAT_CAPACITY], FACTOR_DEVIATIONS[LEAKAGE])
+# The same if the battery was parked much warmer than ambient, as after charging: wind, a garage and the state of
+# the coolant then decide. Assumed.
+KNOWN_TIME_CONSTANT_DEVIATION = 0.3
 # After so many time constants nothing is left of what the battery was parked with.
 MOST_TIME_CONSTANTS = 100.0
 
@@ -64,13 +67,14 @@ def after_standing(vehicle: Vehicle, ambient_c: float, standing_s: float,
 
     `parked_c` is the battery's temperature [deg C] at the beginning of that; None: unknown.
     """
-    warmer_k, deviation_k = ((PARKED_WARMER_K, PARKED_DEVIATION_K) if parked_c is None
-                             else (parked_c - ambient_c, KNOWN_PARKED_DEVIATION_K))
+    warmer_k, deviation_k, time_constant_deviation = (
+        (PARKED_WARMER_K, PARKED_DEVIATION_K, TIME_CONSTANT_DEVIATION) if parked_c is None
+        else (parked_c - ambient_c, KNOWN_PARKED_DEVIATION_K, KNOWN_TIME_CONSTANT_DEVIATION))
     time_constants = _time_constants(vehicle, standing_s)
     left = math.exp(-time_constants)
     return Standing(
         ambient_c + warmer_k * left,
-        left * math.hypot(deviation_k, warmer_k * time_constants * TIME_CONSTANT_DEVIATION),
+        left * math.hypot(deviation_k, warmer_k * time_constants * time_constant_deviation),
         # A battery that was seen a moment ago has not come to ambient temperature.
         AMBIENT_DEVIATION_K * (1.0 if parked_c is None else 1.0 - left))
 
