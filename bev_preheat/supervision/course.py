@@ -18,10 +18,11 @@ import numpy as np
 
 from bev_preheat.estimation.estimator import Stretch
 from bev_preheat.supervision.inputs import NS_PER_S
-from bev_preheat.supervision.regime import PlannedPower
+from bev_preheat.supervision.regime import PlannedPower, STANDING_AFTER_LONG_S, STANDING_AFTER_S
 from bev_preheat.vehicle.uncertain_car import DriveInputs
 
 if TYPE_CHECKING:
+    from bev_preheat.route.segments import Route
     from bev_preheat.supervision.command_history import CommandHistory
     from bev_preheat.supervision.inputs import Leg, Mission
     from bev_preheat.supervision.timetable import Timetable
@@ -30,7 +31,12 @@ if TYPE_CHECKING:
 # A route that goes by faster than this many times the plan's pace is a position that was corrected.
 FASTEST_PACE = 2.0
 # The place on the route is uncertain: power within this time before and after an instant counts.
+# It grows by a share of the time since departure, because traffic is faster or slower.
 AROUND_NS = 60 * NS_PER_S
+AROUND_SHARE, MOST_AROUND_S = 0.05, 300.0
+# How finely this is looked up, and in how many places.
+LOOKED_UP_NS = 15 * NS_PER_S
+SHIFTS = 25
 # A segment lasts for many updates.
 KEPT_SEGMENTS = 8
 
@@ -76,21 +82,38 @@ def planned_around(timetable: Timetable | None, instant_ns: int, defaults: Defau
         mission, planned_ns = timetable.planned, timetable.planned_ns(instant_ns)
         leg = mission.legs[mission.leg_number(planned_ns)]
         if leg.start_ns <= planned_ns < leg.arrival_ns:
-            first, last = (leg.route.segment_at((planned_ns + by_ns - leg.start_ns) / NS_PER_S)
-                           for by_ns in (-AROUND_NS, AROUND_NS))
-            return _planned_power(leg, first, last)
-    return PlannedPower(0.0, 0.0, 0.0, defaults.cabin_heating_power_w + defaults.auxiliary_power_w, False)
+            return _planned_power(leg, (planned_ns - leg.start_ns) // LOOKED_UP_NS)
+    others_w = defaults.cabin_heating_power_w + defaults.auxiliary_power_w
+    return PlannedPower(0.0, 0.0, 0.0, others_w, 0.0, 0.0, False)
 
 
 @lru_cache(maxsize=KEPT_SEGMENTS)
-def _planned_power(leg: Leg, first: int, last: int) -> PlannedPower:
-    """Return the PlannedPower of the segments `first` to `last` of a Leg."""
-    route, part = leg.route, slice(first, last + 1)
+def _planned_power(leg: Leg, number: int) -> PlannedPower:
+    """Return the PlannedPower around an instant of a Leg, `number` times LOOKED_UP_NS after its start."""
+    route, elapsed_s = leg.route, number * LOOKED_UP_NS / NS_PER_S
+    around_s = min(AROUND_NS / NS_PER_S + AROUND_SHARE * elapsed_s, MOST_AROUND_S)
+    first, last = (route.segment_at(elapsed_s + by_s) for by_s in (-around_s, around_s))
+    part = slice(first, last + 1)
     propulsion_w = route.propulsion_power_w[part]
     return PlannedPower(
         float(np.average(propulsion_w, weights=route.duration_s[part])),
         float(propulsion_w.min()), float(propulsion_w.max()),
-        float((route.cabin_heating_power_w[part] + route.auxiliary_power_w[part]).max()))
+        float((route.cabin_heating_power_w[part] + route.auxiliary_power_w[part]).max()),
+        *(_least_mean_w(route, elapsed_s, around_s, over_s)
+          for over_s in (STANDING_AFTER_S, STANDING_AFTER_LONG_S)))
+
+
+def _least_mean_w(route: Route, elapsed_s: float, around_s: float, over_s: float) -> float:
+    """
+    Return the least mean of the propulsion power [W] over `over_s` [s].
+
+    The time ends within `around_s` [s] of an instant `elapsed_s` [s] after the start of the route.
+    """
+    energy_j = np.concatenate(([0.0], np.cumsum(route.propulsion_power_w * route.duration_s)))
+    over_s = min(over_s, route.total_duration_s)
+    ends_s = np.clip(elapsed_s + np.linspace(-around_s, around_s, SHIFTS), over_s, route.total_duration_s)
+    taken_j = np.interp(ends_s, route.time_s, energy_j) - np.interp(ends_s - over_s, route.time_s, energy_j)
+    return float(taken_j.min() / over_s)
 
 
 def _driven_between(vehicle: Vehicle, timetable: Timetable | None, from_ns: int,

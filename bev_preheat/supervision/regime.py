@@ -31,8 +31,12 @@ STEADY_W = 600.0
 # If the route plans regeneration, charging exceeds it by this factor and by this power [W].
 BEYOND_REGENERATION = 2.0
 BEYOND_REGENERATION_W = 2000.0
-# Standing is recognised after this time [s], if the route plans to drive with more than DRIVES_W [W].
+# Standing is recognised after this time [s], if the route plans to drive with more than DRIVES_W [W] then, wherever
+# the vehicle is; else after the second, if it does so over that time; with the consumers off after the third,
+# whatever the route plans.
 STANDING_AFTER_S = 60.0
+STANDING_AFTER_LONG_S = 300.0
+PARKED_AFTER_S = 120.0
 DRIVES_W = 2000.0
 # A standing vehicle takes at most STANDS_WITHIN_W [W] more than route and command say, and its power varies by no
 # more than that. The power stays above STANDS_ABOVE_W [W].
@@ -83,13 +87,16 @@ class PlannedPower(NamedTuple):
     The power that the route plans around an instant [W].
 
     `propulsion_w` is the mean, `least_propulsion_w` and `most_propulsion_w` are those of segments; `others_w`
-    is the power of cabin and auxiliaries. `is_driving`: a leg of the route covers the instant.
+    is the power of cabin and auxiliaries. `least_in_60_s_w` and `least_in_300_s_w` are the least means over so much
+    time, wherever within its uncertainty the place on the route is. `is_driving`: a leg covers the instant.
     """
 
     propulsion_w: float
     least_propulsion_w: float
     most_propulsion_w: float
     others_w: float
+    least_in_60_s_w: float
+    least_in_300_s_w: float
     is_driving: bool = True
 
 
@@ -127,17 +134,21 @@ class RegimeWatch:
         """Know nothing yet."""
         self.report = RegimeReport(Regime.UNKNOWN)
         self._samples: deque[_Sample] = deque()
+        # Since when the power has been that of a vehicle that stands [ns]; None: it is not.
+        self._low_since_ns: int | None = None
 
     def lose_time(self) -> None:
         """Forget all instants, because the clock was restarted."""
         self.report = RegimeReport(Regime.UNKNOWN)
         self._samples.clear()
+        self._low_since_ns = None
 
     def see(self, evidence: Evidence) -> RegimeReport:
         """Take the Evidence of a battery state, the latest so far, and return the RegimeReport."""
         samples = self._samples
         if samples and not 0 <= evidence.stamp_ns - samples[-1].stamp_ns <= TOGETHER_S * NS_PER_S:
             samples.clear()
+            self._low_since_ns = None
             self.report = RegimeReport(Regime.UNKNOWN, evidence.stamp_ns)
         samples.append(_Sample(evidence.stamp_ns, evidence.power_w, evidence.command_w, evidence.supply))
         while samples[0].stamp_ns < evidence.stamp_ns - HEATER_FOLLOWS_S * NS_PER_S:
@@ -166,7 +177,10 @@ class RegimeWatch:
         elif standing := self._standing(evidence):
             is_parked = self._is_parked(evidence)
             since_ns = evidence.stamp_ns - round(max(evidence.stood_s, STANDING_AFTER_S) * NS_PER_S)
-            self._enter(Regime.STANDING, since_ns, evidence.stamp_ns, standing)
+            if self._low_since_ns is not None:
+                since_ns = min(since_ns, self._low_since_ns)
+            # A stop of a minute is part of the route.
+            self._enter(Regime.STANDING, since_ns, since_ns + round(STANDING_AFTER_S * NS_PER_S), standing)
             self.report = self.report._replace(is_parked=is_parked)
         elif before is Regime.CHARGING:
             self._enter(Regime.STANDING, evidence.stamp_ns, evidence.stamp_ns, 'it is not charged any more')
@@ -250,28 +264,42 @@ class RegimeWatch:
         """Return the evidence of standing; '' for none."""
         if evidence.has_moved is False and evidence.stood_s >= STANDING_AFTER_S:
             return f'the position has not moved for {evidence.stood_s:.0f} s'
-        planned = evidence.planned
-        if evidence.has_moved is not None or (planned.is_driving and planned.propulsion_w <= DRIVES_W):
+        if evidence.has_moved is not None:
             return ''
+        power_w = self._low_power_w(evidence)
+        if power_w is None:
+            self._low_since_ns = None
+            return ''
+        if self._low_since_ns is None:
+            self._low_since_ns = self._window(STANDING_AFTER_S)[0].stamp_ns
+        planned, low_s = evidence.planned, (evidence.stamp_ns - self._low_since_ns) / NS_PER_S
+        if planned.is_driving and not (
+                planned.least_in_60_s_w > DRIVES_W
+                or (low_s >= STANDING_AFTER_LONG_S and planned.least_in_300_s_w > DRIVES_W)
+                or (low_s >= PARKED_AFTER_S and self._is_parked(evidence))):
+            return ''
+        if not planned.is_driving:
+            return f'the battery gives {power_w:.0f} W'
+        return (f'the battery gives {power_w:.0f} W, and the route plans '
+                f'{planned.propulsion_w + planned.others_w + evidence.command_w:.0f} W')
+
+    def _low_power_w(self, evidence: Evidence) -> float | None:
+        """Return the mean power of the last minute [W] if it is that of a vehicle that stands; None if not."""
+        planned = evidence.planned
         if evidence.power_w is None or (
                 evidence.power_w - evidence.command_w > planned.others_w + 2.0 * STANDS_WITHIN_W):
             # Most states of a drive are decided by this one alone.
-            return ''
+            return None
         window = self._window(STANDING_AFTER_S)
         powers_w = self._powers_w(window)
         if not powers_w or min(powers_w) < STANDS_ABOVE_W:
-            return ''
+            return None
         commands_w = [sample.command_w for sample in window]
         heater_w = sum(commands_w) / len(commands_w)
         mean_w = sum(powers_w) / len(powers_w)
         varies_w = max(powers_w) - min(powers_w) - (max(commands_w) - min(commands_w))
         most_w = planned.others_w + heater_w + STANDS_WITHIN_W
-        if mean_w > most_w or varies_w > STANDS_WITHIN_W:
-            return ''
-        if not planned.is_driving:
-            return f'the battery gives {mean_w:.0f} W'
-        return (f'the battery gives {mean_w:.0f} W, and the route plans '
-                f'{planned.propulsion_w + planned.others_w + heater_w:.0f} W')
+        return None if mean_w > most_w or varies_w > STANDS_WITHIN_W else mean_w
 
     def _is_parked(self, evidence: Evidence) -> bool:
         """Whether the consumers of a vehicle that stands are off, by the power of the last minute."""

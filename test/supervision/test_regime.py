@@ -11,10 +11,10 @@ from bev_preheat.supervision.regime import Evidence, PlannedPower, Regime, Regim
 
 START_S = 5000
 # The route plans 15.3 kW of propulsion and 2.1 kW of consumers.
-ROAD = PlannedPower(15300.0, 12000.0, 19000.0, 2100.0)
-DESCENT = PlannedPower(-14000.0, -22000.0, -5000.0, 2100.0)
-CITY = PlannedPower(1700.0, -900.0, 4000.0, 2100.0)
-STOP = PlannedPower(0.0, 0.0, 0.0, 2100.0, False)
+ROAD = PlannedPower(15300.0, 12000.0, 19000.0, 2100.0, 12500.0, 15000.0)
+DESCENT = PlannedPower(-14000.0, -22000.0, -5000.0, 2100.0, -20000.0, -14000.0)
+CITY = PlannedPower(2600.0, -900.0, 4000.0, 2100.0, 300.0, 2500.0)
+STOP = PlannedPower(0.0, 0.0, 0.0, 2100.0, 0.0, 0.0, False)
 
 
 def watch(powers_w, planned=ROAD, period_s=1.0, **evidence):
@@ -157,9 +157,19 @@ def test_stop_and_go_is_no_standing():
     assert first_at(watch(([2200.0] * 25 + [6000.0] * 5) * 30), Regime.STANDING) is None
 
 
-def test_where_the_route_plans_little_power_nothing_is_concluded():
-    assert first_at(watch([2000.0] * 300, CITY), Regime.STANDING) is None
-    assert first_at(watch([500.0] * 300, DESCENT), Regime.STANDING) is None
+def test_where_the_route_plans_little_power_a_stand_takes_longer():
+    # A minute may be one of its own stops, 5 min are not.
+    assert first_at(watch([2000.0] * 400, CITY), Regime.STANDING) == pytest.approx(300, abs=2)
+    # Downhill a vehicle may take no more than its consumers for as long as the descent lasts.
+    assert first_at(watch([2000.0] * 900, DESCENT), Regime.STANDING) is None
+
+
+@pytest.mark.parametrize('planned', [CITY, DESCENT])
+def test_with_its_consumers_off_no_vehicle_drives(planned):
+    reports = watch([400.0] * 200, planned)
+    assert first_at(reports, Regime.STANDING) == pytest.approx(120, abs=2)
+    report = reports[-1][1]
+    assert report.is_parked and report.since_ns == pytest.approx(START_S * NS_PER_S, abs=2 * NS_PER_S)
 
 
 @pytest.mark.parametrize('power_w, is_parked', [(2100.0, False), (1500.0, False), (500.0, True), (0.0, True)])
