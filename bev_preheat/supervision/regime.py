@@ -31,9 +31,9 @@ STEADY_W = 600.0
 # If the route plans regeneration, charging exceeds it by this factor and by this power [W].
 BEYOND_REGENERATION = 2.0
 BEYOND_REGENERATION_W = 2000.0
-# Standing is recognised after this time [s], if the route plans to drive with more than DRIVES_W [W] then, wherever
-# the vehicle is; else after the second, if it does so over that time; with the consumers off after the third,
-# whatever the route plans.
+# Standing is recognised after the first time [s], if the route plans to drive with more than DRIVES_W [W] then,
+# wherever the vehicle is; else after the second, if it does so over that time; with the consumers off after the
+# third, whatever the route plans.
 STANDING_AFTER_S = 60.0
 STANDING_AFTER_LONG_S = 300.0
 PARKED_AFTER_S = 120.0
@@ -87,8 +87,8 @@ class PlannedPower(NamedTuple):
     The power that the route plans around an instant [W].
 
     `propulsion_w` is the mean, `least_propulsion_w` and `most_propulsion_w` are those of segments; `others_w`
-    is the power of cabin and auxiliaries. `least_in_60_s_w` and `least_in_300_s_w` are the least means over so much
-    time, wherever within its uncertainty the place on the route is. `is_driving`: a leg covers the instant.
+    is the power of cabin and auxiliaries. `least_in_60_s_w` and `least_in_300_s_w` are the least means over so
+    much time, wherever within its uncertainty the place on the route is. `is_driving`: a leg covers the instant.
     """
 
     propulsion_w: float
