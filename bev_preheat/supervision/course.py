@@ -99,8 +99,8 @@ def _planned_power(leg: Leg, number: int) -> PlannedPower:
         float(np.average(propulsion_w, weights=route.duration_s[part])),
         float(propulsion_w.min()), float(propulsion_w.max()),
         float((route.cabin_heating_power_w[part] + route.auxiliary_power_w[part]).max()),
-        *(_least_mean_w(route, elapsed_s, around_s, over_s)
-          for over_s in (STANDING_AFTER_S, STANDING_AFTER_LONG_S)))
+        _least_mean_w(route, elapsed_s, around_s, STANDING_AFTER_S),
+        _least_mean_w(route, elapsed_s, around_s, STANDING_AFTER_LONG_S))
 
 
 def _least_mean_w(route: Route, elapsed_s: float, around_s: float, over_s: float) -> float:
