@@ -94,7 +94,7 @@ class Suspicion(NamedTuple):
 UNLIMITED = Suspicion(math.inf, math.inf, math.inf)
 # A fault is suspected from the first probability on. It is reported from the second one on, once it has been
 # suspected for this long [s], if the battery's power has made it at least 20 times as likely itself [nats].
-SUSPECT_FROM, TOLD_FROM, TOLD_AFTER_S = 0.5, 0.95, 20.0
+SUSPECT_FROM, TOLD_FROM, TOLD_AFTER_S = 0.5, 0.995, 20.0
 LEAST_SUPPORT = math.log(20.0)
 # Otherwise temperature must have shown it over a long course, and power must not contradict it [nats]: while it
 # was suspected, for this long [s], the missing or uncommanded heat amounted to this [K]. A spike, hysteresis,
@@ -102,6 +102,8 @@ LEAST_SUPPORT = math.log(20.0)
 # step like one.
 LEAST_COURSE_K, LEAST_COURSE_S = 3.0, 300.0
 NO_CONTRADICTION = -2.0
+# A shorter course is enough if power has made a weak or dead heater at least twice as likely itself [nats].
+LEANING, LEANING_COURSE_K, LEANING_COURSE_S = math.log(2.0), 2.0, 120.0
 # It is taken back below this one.
 TAKEN_BACK_BELOW = 0.2
 # One fault is told instead of another where it is so many times as likely.
@@ -146,11 +148,14 @@ def _has_evidence(fault: Heater, share: float, suspicion: Suspicion,
                   support: Callable[[Heater], float] | None) -> bool:
     """Return whether power, or a long course of temperature, shows a fault that gives a share of the command."""
     supported = 0.0 if support is None else support(fault)
+    least_k, least_s = LEAST_COURSE_K, LEAST_COURSE_S
     if fault is Heater.STUCK_ON:
         course_k = suspicion.uncommanded_k
-    elif support is not None and supported >= LEAST_SUPPORT:
+    elif supported >= LEAST_SUPPORT:
         return True
     else:
         course_k = (1.0 - share) * suspicion.commanded_k
-    return (course_k >= LEAST_COURSE_K and suspicion.lasts_s >= LEAST_COURSE_S
+        if supported >= LEANING:
+            least_k, least_s = LEANING_COURSE_K, LEANING_COURSE_S
+    return (course_k >= least_k and suspicion.lasts_s >= least_s
             and supported >= NO_CONTRADICTION)

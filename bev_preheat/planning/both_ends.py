@@ -77,7 +77,7 @@ def warmth_beyond(heater_w: float, paid_w: float, end_c: float, ceiling_c: float
     """
     Return the least heater power [W] that is left where a step ends too warm [deg C], and by how much it does [K].
 
-    Surplus, what is more than `paid_w`, goes to the brake above `ceiling_c`; paid heat ends at `highest_c`.
+    Surplus (power beyond `paid_w`) goes to the brake above `ceiling_c`; paid heat ends at `highest_c`.
     """
     return (paid_w, end_c - ceiling_c) if heater_w > paid_w else (0.0, end_c - highest_c)
 

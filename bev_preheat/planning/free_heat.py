@@ -2,8 +2,8 @@
 """
 How warm surplus regeneration may heat the battery: only as warm as is useful.
 
-Heat that the friction brake would waste costs nothing, but it is of use only in two ways: it is warmth that the
-battery lacks for its target, or it makes the battery take, or give, power that its limits would refuse later.
+Heat that the friction brake would waste costs nothing, but it is of use only in two ways: it brings the
+battery nearer to its target, or it makes the battery take, or give, power that its limits would refuse later.
 A plan that leads beyond its target with free heat is made again with a ceiling on that heat. It is the plan unless
 it gives up more charge than the heat is worth.
 """
@@ -36,20 +36,20 @@ LEAST_GAIN = 0.1
 ABOVE_TARGET_K = 0.2
 # So many ceilings are tried.
 MOST_CEILINGS = 3
-# The first one aims so far above the target, the next ones by this factor of what was missed higher.
+# The first one aims this far above the target; each next one higher by this factor of the miss.
 AIM_K, MORE_AIM = 0.1, 1.2
 # One that is nowhere higher than the one before by more than this is not tried.
 HIGHER_K = 0.01
 # A battery is full from this state of charge on.
 FULL_SOC = 1.0 - 1e-6
-# The plan under a ceiling may miss the target by so much more.
+# The plan under a ceiling may miss the target by at most this much more.
 MISSED_K = 1e-3
 # So much warmer begins the run that tells how much of a kelvin is left later.
 WARMER_K = 5.0
-# What is left of a kelvin counts at least so much.
+# The remaining share of a kelvin counts at least this much.
 LEAST_KEPT = 1e-3
-# What warmth gains is looked at for so many pieces above the unheated run, the first of 1 K, each one wider than
-# the one before by this factor.
+# The gain of warmth is computed for this many pieces above the unheated run, the first of 1 K, each one wider than
+# the piece before by this factor.
 PIECES, WIDER = 32, 1.15
 OFFSETS_K = (WIDER ** np.arange(PIECES + 1) - 1.0) / (WIDER - 1.0)
 
@@ -86,7 +86,7 @@ def _is_too_warm(trip: Trip, target_c: float, schedule: Schedule) -> bool:
 
 
 def _is_as_useful(trip: Trip, target_c: float, bounded: Schedule, free: Schedule) -> bool:
-    """Return whether a Schedule saves more heat than what it has less of charge, warmth and power is worth."""
+    """Return whether a Schedule saves more heat than its losses of charge, warmth and power are worth."""
     missed_k, free_missed_k = (target_c - float(run.temperature_c[-1]) for run in (bounded, free))
     if ((bounded.empty_at_s is None) != (free.empty_at_s is None)
             or missed_k > max(free_missed_k, 0.0) + MISSED_K
@@ -146,7 +146,7 @@ def _gaining_k(trip: Trip, soc: FloatArray, cool_c: FloatArray, kept: FloatArray
     gaining_k = np.full(len(kept), -np.inf)
     is_full = False
     for k in range(len(duration_s) - 1, -1, -1):
-        # What a battery takes more before it is full it takes less then.
+        # A battery that takes more before it is full takes less then.
         is_full = is_full or bool(soc[k + 1] >= FULL_SOC)
         if trip.idle_power_w[k] >= 0.0 or not is_full:
             gained_j = gained_j + more_j[k]

@@ -166,12 +166,12 @@ def _drive_within_limits(trip: Trip, watch: Watch, wanted_w: WantedPower,
                 command_w = max(0.0, min(command_w, command_for(most_w - power_w)))
             paid_w = command_w
             if may_overcharge and take_surplus:
-                # As a steady command: one that made up for the lag would swing from step to step.
+                # As a steady command: a command that made up for the lag would swing from step to step.
                 surplus_w = least_w - power_w
                 if foresight is not None and surplus_w > 0.0:
                     surplus_w = min(surplus_w, foresight.lasting_surplus_w(k, states))
                 free_w = min(cap_w, surplus_w)
-                # Where that is enough none of it is paid for, whoever asks.
+                # If that is enough, no heat is paid for, for any caller.
                 command_w, paid_w = (free_w, 0.0) if command_w <= free_w else (command_w, paid_w)
             if foresight is not None and command_w > 0.0:
                 command_w = max(0.0, min(command_w, foresight.off_in_time_w(k, states)))

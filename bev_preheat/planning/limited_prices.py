@@ -94,7 +94,7 @@ def free_heat_w(trip: Trip, run: Schedule) -> FloatArray:
     surplus_w = limits_along(trip, run)[0] - trip.idle_power_w
     free_w = np.where(trip.route.propulsion_power_w < 0.0,
                       np.minimum(np.maximum(surplus_w, 0.0), trip.heater_limit_w), 0.0)
-    # Where the brake takes some of it the heater takes no more: it is warm enough.
+    # If the brake takes a part, the heater takes no more: the battery is warm enough.
     return np.where(run.brake_power_w > 0.0, np.minimum(free_w, run.heater_power_w), free_w)
 
 

@@ -269,7 +269,7 @@ def _step_within_limits(trip: Trip, watch: Watch, wanted_w: WantedPower,
             if may_overcharge and take_surplus:
                 free_w = min(cap_w, least_w - power_w)
                 if heater_w <= free_w:
-                    # None of it is paid for, whoever asks.
+                    # No heat is paid for, for any caller.
                     heater_w, paid_w = free_w, 0.0
             while True:
                 brake_w = 0.0

@@ -38,8 +38,9 @@ class Trip:
     The model's inputs in N steps, without battery heating; arrays of shape (N,), `time_s` (N + 1,).
 
     `idle_power_w` is P_t without battery heating, `idle_heat_w` is gamma T_amb + Q_ed,
-    `heater_limit_w` what the cabin leaves of the HVCH (9g). By the end of each step surplus regeneration may
-    heat the battery to `surplus_ceiling_c` [deg C], where that is None to BELOW_HIGHEST_K below its highest.
+    `heater_limit_w` the HVCH power beyond the cabin's share (9g). By the end of each step surplus
+    regeneration may heat the battery to `surplus_ceiling_c` [deg C]; None: to BELOW_HIGHEST_K below its
+    highest temperature.
     """
 
     vehicle: Vehicle

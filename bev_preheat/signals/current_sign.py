@@ -18,7 +18,7 @@ from bev_preheat.estimation.resolution import Resolution, SOC_STEPS
 
 # Number of latest changes of voltage and current that are correlated, and the least number for a proof.
 # The states of a change are at most APART_S [s] apart. The standard deviation of the current's changes [A]
-# must exceed the first bound for few changes, the second for all of them.
+# must exceed the first bound for few changes, the second for all changes.
 CHANGES, LEAST_CHANGES = 60, 20
 APART_S = 2.5
 LEAST_DEVIATION_A, LEAST_DEVIATION_OF_ALL_A = 5.0, 1.5

@@ -10,7 +10,7 @@ SLOW_GAPS, STEADY_GAPS = 2, 3
 
 
 class FeedWatch:
-    """Compares the time between valid battery states with what is allowed."""
+    """Compares the time between valid battery states with the allowed time."""
 
     def __init__(self) -> None:
         """Know nothing yet."""

@@ -4,7 +4,7 @@ Whether the battery states are from one battery.
 
 Two batteries on one topic contradict each other: temperature, charge or voltage jump back and forth
 between consecutive messages, faster than any battery can. Or `location` or `serial_number` changes. The
-traction battery cannot be told from the other one.
+traction battery cannot be distinguished from the other battery.
 """
 
 from __future__ import annotations

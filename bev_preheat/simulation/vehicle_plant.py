@@ -58,8 +58,8 @@ class VehiclePlant:
     Integrates `model` in steps of at most LONGEST_STEP_S that end at the segments' boundaries,
     finer than the plans that it is there to try. The route starts at the instant `start_s`; `time_s`
     is the instant now. At the end of the route, or with an empty battery, the vehicle stands: its
-    time goes on, state and sums stay. Cabin and battery come first: the heater gets what they leave,
-    and what the battery must not take back goes into the friction brake.
+    time goes on, state and sums stay. Cabin and battery come first: the heater gets the rest,
+    and regeneration beyond the battery's limit goes into the friction brake.
 
     `heater_power_w` and `brake_power_w` are what these really take now [W], `coolant_c` and
     `sensor_c` the temperatures [deg C] of the coolant between heater and battery and of the sensor,

@@ -9,7 +9,7 @@ class HeaterSwitch:
     """
     Least times on and off between a plan's wish and the command; instants in nanoseconds.
 
-    They hold what is wanted back, never what must be: `force_off` and `doubt` take effect at once. After a
+    They delay requests, never safety: `force_off` and `doubt` take effect at once. After a
     `doubt` the heater stays off for a while, whatever is wanted.
     """
 
@@ -68,7 +68,7 @@ class HeaterSwitch:
         return self._power_w
 
     def held_for_s(self, now_ns: int, minimum_on_time_s: float) -> float:
-        """Return for how long [s] the heater is held on after this; 0 where it is not held."""
+        """Return for how long [s] the heater is held on after this; 0: it is not held."""
         if not self.is_held or self._since_ns is None:
             return 0.0
         return max(0.0, minimum_on_time_s - (now_ns - self._since_ns) / NS_PER_S)

@@ -68,7 +68,7 @@ double bev_free_heat_w(const bev_trip *trip, const bev_limited_course *run, int3
   const double free_w = trip->propulsion_power_w[k] < 0.0
       ? bev_minimum(bev_maximum(surplus_w, 0.0), trip->heater_limit_w[k])
       : 0.0;
-  /* Where the brake takes some of it the heater takes no more: it is warm enough. */
+  /* If the brake takes a part, the heater takes no more: the battery is warm enough. */
   return run->brake_w[k] > 0.0 ? bev_minimum(free_w, run->heater_w[k]) : free_w;
 }
 

@@ -66,8 +66,7 @@ static bev_status end_of(const bev_limited_run *run, const step_start *start, do
 }
 
 /*
- * The command between two terminal powers [W], before temperatures are looked at; what is more than `paid_w` of it
- * is surplus.
+ * The command between two terminal powers [W], without regard to temperatures; its part beyond `paid_w` is surplus.
  */
 static bev_status limited_command(const bev_limited_run *run, const step_start *start,
                                   const double limits_w[2], double *command_w, double *paid_w) {
@@ -94,7 +93,7 @@ static bev_status limited_command(const bev_limited_run *run, const step_start *
     }
     const double free_w = bev_minimum(cap_w, surplus_w);
     if (wanted_w <= free_w) {
-      /* None of it is paid for, whoever asks. */
+      /* No heat is paid for, for any caller. */
       wanted_w = free_w;
       *paid_w = 0.0;
     }
@@ -131,7 +130,7 @@ static bev_status keep_from_overfilling(const bev_limited_run *run, const step_s
 
 /*
  * The step between two terminal powers [W], with the command that keeps the highest temperature, its surplus as far
- * as that is useful, and the brake that goes with it. `command_w` is what is wanted, then what is commanded.
+ * as that is useful, and the brake that goes with it. `command_w` is the request, then the command.
  */
 static bev_status drive_between(const bev_limited_run *run, const step_start *start,
                                 const double limits_w[2], double *command_w, double *brake_w,

@@ -17,7 +17,7 @@
 #define WIDER 1.15
 #define FULL_SOC (1.0 - 1e-6)
 
-/* The run along which nothing is heated, and what is left of a kelvin at each instant. */
+/* The unheated run, and the remaining share of a kelvin at each instant. */
 typedef struct {
   const bev_vehicle *vehicle;
   const bev_trip *trip;
@@ -42,7 +42,7 @@ static bev_status coast(const bev_vehicle *vehicle, const bev_trip *trip, const 
   return bev_drive_without_surplus(vehicle, trip, command_w, states, work, flags, &stranding);
 }
 
-/* What a step takes or gives within the limits of its start, more for each offset than for none [J]. */
+/* The additional energy that a step takes or gives within the limits of its start, for each offset [J]. */
 static bev_status find_more(const coasting *of, int32_t k, double more_j[PIECES + 1]) {
   const double idle_w = of->trip->idle_power_w[k];
   double least_passed_w = 0.0;
@@ -96,7 +96,7 @@ static bev_status find_ceiling(const coasting *of, double target_c, double *ceil
     if (status != BEV_OK) {
       return status;
     }
-    /* What a battery takes more before it is full it takes less then. */
+    /* A battery that takes more before it is full takes less then. */
     is_full = is_full || of->soc[k + 1] >= FULL_SOC;
     for (int32_t n = 0; n <= PIECES && (of->trip->idle_power_w[k] >= 0.0 || !is_full); n++) {
       gained_j[n] += more_j[n];

@@ -9,7 +9,7 @@
 
 /* So many ceilings are tried. */
 #define BEV_MOST_CEILINGS 3
-/* The first one aims so far above the target, the next ones by this factor of what was missed higher. */
+/* The first one aims this far above the target; each next one higher by this factor of the miss. */
 #define BEV_AIM_K 0.1
 #define BEV_MORE_AIM 1.2
 /* One that is nowhere higher than the one before by more than this is not tried. */
@@ -18,7 +18,7 @@
 /* Whether free heat, if there is any, leads beyond the target. */
 bool bev_is_too_warm(const bev_trip *trip, double target_c, const bev_course *course);
 
-/* Whether what a run has less than another, in charge, warmth and power, is worth the heat it saves. */
+/* Whether the heat that a run saves is worth its losses of charge, warmth and power against another run. */
 bev_status bev_is_as_useful(const bev_vehicle *vehicle, const bev_trip *trip, double target_c,
                             const bev_course *bounded, const bev_course *free_run, bool *is_so);
 

@@ -12,6 +12,9 @@ from bev_preheat.estimation.hypotheses import (
     HEATERS,
     is_suspect,
     judge,
+    LEANING,
+    LEANING_COURSE_K,
+    LEANING_COURSE_S,
     LEAST_COURSE_K,
     LEAST_COURSE_S,
     LEAST_SUPPORT,
@@ -72,7 +75,7 @@ def test_each_heater_gives_its_share_within_what_there_is(command_w, limit_w):
 
 
 def test_a_fault_is_told_when_it_is_all_but_sure():
-    below, above = TOLD_FROM - 0.01, TOLD_FROM + 0.01
+    below, above = TOLD_FROM - 0.002, TOLD_FROM + 0.002
     assert judge(weights_of(dead=below), None).heater is Heater.ANSWERS
     report = judge(weights_of(dead=above), None)
     assert (report.heater, report.share) == (Heater.DEAD, 0.0)
@@ -80,7 +83,7 @@ def test_a_fault_is_told_when_it_is_all_but_sure():
 
 
 def test_a_fault_is_told_when_it_has_been_so_for_a_while_and_then_stays_told():
-    weights = weights_of(derated=TOLD_FROM + 0.01)
+    weights = weights_of(derated=TOLD_FROM + 0.002)
     assert is_suspect(weights) and is_suspect(weights_of(derated=SUSPECT_FROM + 0.01))
     assert not is_suspect(weights_of(derated=SUSPECT_FROM - 0.01))
     reports = [judge(weights, None, Suspicion(TOLD_AFTER_S + more_s, 0.0, 0.0), lambda _: LEAST_SUPPORT)
@@ -96,7 +99,7 @@ def test_a_fault_is_taken_back_only_when_it_is_unlikely():
 
 
 def test_that_there_is_a_fault_is_told_before_it_is_clear_which():
-    report = judge(weights_of(dead=0.4, derated=0.57), None)
+    report = judge(weights_of(dead=0.4, derated=0.597), None)
     assert report.heater is Heater.DERATED
 
 
@@ -118,7 +121,7 @@ SHORT, LONG_OFF, LONG_ON = Suspicion(60.0, 1.0, 1.0), Suspicion(900.0, 0.0, 6.1)
 
 
 def told(kind, suspicion, support):
-    report = judge(weights_of(**{kind: 0.99}), None, suspicion,
+    report = judge(weights_of(**{kind: 0.999}), None, suspicion,
                    None if support is None else lambda _: support)
     return report.heater is not Heater.ANSWERS
 
@@ -145,6 +148,17 @@ def test_power_that_contradicts_a_fault_keeps_it_from_being_told(kind, suspicion
     assert not told(kind, suspicion, NO_CONTRADICTION - 0.1)
 
 
+@pytest.mark.parametrize('kind', ['dead', 'derated'])
+def test_power_that_leans_to_a_fault_shortens_the_course(kind):
+    # Half of what was commanded is missing at least.
+    course = Suspicion(LEANING_COURSE_S, 2.1 * LEANING_COURSE_K, 0.0)
+    assert told(kind, course, LEANING + 0.1)
+    assert not told(kind, course, LEANING - 0.1)
+    assert not told(kind, course, None)
+    assert not told(kind, course._replace(lasts_s=LEANING_COURSE_S - 1.0), LEANING + 0.1)
+    assert not told(kind, course._replace(commanded_k=0.9 * LEANING_COURSE_K), LEANING + 0.1)
+
+
 def test_power_alone_is_not_enough_for_uncommanded_heat():
     # Any other consumer would be one.
     assert not told('stuck_on', SHORT, 20.0)
@@ -153,6 +167,6 @@ def test_power_alone_is_not_enough_for_uncommanded_heat():
 
 def test_a_fault_that_has_been_told_stays_told_without_new_evidence():
     for kind in ('dead', 'derated', 'stuck_on'):
-        before = judge(weights_of(**{kind: 0.99}), None)
+        before = judge(weights_of(**{kind: 0.999}), None)
         after = judge(weights_of(**{kind: 0.9}), before, Suspicion(0.0, 0.0, 0.0), lambda _: -9.0)
         assert after.heater is before.heater is Heater[kind.upper()]

@@ -112,7 +112,7 @@ class Fuzz:
         self._note_state(stamp_ns, good)
 
     def give_calm(self):
-        """Give valid states for so long that heat no longer waits after doubt, or nearly."""
+        """Give valid states until heat no longer waits after doubt, or nearly."""
         for _ in range(self.random.randint(5, 60)):
             self.book = replace(self.book, now_ns=self.book.now_ns + NS_PER_S)
             message = BatteryState(temperature=self.temperature_c, percentage=0.8)

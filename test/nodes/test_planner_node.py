@@ -178,12 +178,12 @@ class Car:
         return repeating(tick, POLL_S)
 
     def heat(self):
-        """Give good input until it heats as this route demands, and forget what it said before."""
+        """Give good input until it heats as this route demands, and forget its earlier messages."""
         self.send_route()
         self.expect_heat()
 
     def expect_heat(self):
-        """Give good states until it heats, for 10 s and more after doubt; forget what it said before."""
+        """Give good states until it heats, for 10 s and more after doubt; forget its earlier messages."""
         def heats_for_the_route():
             self.give_state(period_s=VALID_PERIOD_S)
             return (self.commands.latest.battery_heating_power == pytest.approx(FULL_POWER_W)

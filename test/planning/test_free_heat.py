@@ -43,7 +43,7 @@ def plan_without_ceiling(monkeypatch, *situation):
 @pytest.mark.parametrize('car', [REFERENCE, LAGGING])
 @pytest.mark.parametrize('minutes', [30, 60])
 def test_a_full_battery_that_is_warm_enough_is_not_heated(minutes, car, is_on):
-    # It takes none of the descent, warm or cold; what the brake takes heats nothing. It cools towards 25 degC.
+    # It takes none of the descent, warm or cold; braking power heats nothing. It cools towards 25 degC.
     with nullcontext() if is_on else without_core():
         plan = plan_preheating(car, descent(minutes), BatteryState(30.0, 1.0), Goal(25.0))
     assert (plan.status, plan.stretches) == (Status.NOT_NEEDED, ())

@@ -158,7 +158,7 @@ def test_stop_and_go_is_no_standing():
 
 
 def test_where_the_route_plans_little_power_a_stand_takes_longer():
-    # A minute may be one of its own stops, 5 min are not.
+    # A minute may be a stop that the route plans, 5 min are not.
     assert first_at(watch([2000.0] * 400, CITY), Regime.STANDING) == pytest.approx(300, abs=2)
     # Downhill a vehicle may take no more than its consumers for as long as the descent lasts.
     assert first_at(watch([2000.0] * 900, DESCENT), Regime.STANDING) is None
@@ -174,7 +174,7 @@ def test_with_its_consumers_off_no_vehicle_drives(planned):
 
 @pytest.mark.parametrize('power_w, is_parked', [(2100.0, False), (1500.0, False), (500.0, True), (0.0, True)])
 def test_a_vehicle_whose_consumers_are_off_is_parked(power_w, is_parked):
-    # The heater takes 5 kW of it until it is told to stop.
+    # The heater takes 5 kW until it receives 0 W.
     report = last([power_w + 5000.0] * 90, command_w=5000.0)
     assert (report.regime, report.is_parked) == (Regime.STANDING, is_parked)
 

@@ -622,7 +622,7 @@ class Oracle:
         self._temperature_c = 0.0
 
     def temperature_c(self, seeded):
-        """Return the battery's temperature, as one that wanders: two batteries in turn are never heated."""
+        """Return a temperature that wanders: two alternating batteries are never heated."""
         self._temperature_c = min(max(self._temperature_c + seeded.uniform(-2.0, 2.0), -39.0), 30.0)
         return self._temperature_c
 

@@ -37,7 +37,7 @@ def ns(seconds):
 
 
 def mission(minutes=90, target_c=60.0, ambient_c=-20.0, route_id='home', start_ns=NOW_NS):
-    """A trip on which all of it must be heated: 60 degC are never reached."""
+    """A trip that must be heated from its start to its end: 60 degC are never reached."""
     return Mission(route_id, (Leg(make_route({
         'duration_s': [30.0] * (2 * minutes), 'speed_mps': [30.0], 'propulsion_power_w': [10e3],
         'ambient_temperature_c': [ambient_c], 'cabin_heating_power_w': [1978.0],
@@ -45,7 +45,7 @@ def mission(minutes=90, target_c=60.0, ambient_c=-20.0, route_id='home', start_n
 
 
 class Car:
-    """Gives a Stepwise what comes in, and counts switch-ons; instants in seconds from the start."""
+    """Passes inputs to a Stepwise, and counts switch-ons; instants in seconds from the start."""
 
     def __init__(self, settings=SETTINGS, temperature_c=-10.0, **trip):
         self.planner, self.temperature_c = Stepwise(VEHICLE, settings), temperature_c
