@@ -118,7 +118,7 @@ class Commander:
         if self._switch.is_held:
             left_s = self._switch.held_for_s(now_ns, inbox.settings.minimum_on_time_s)
             return replace(decision, status=Status.HEATING, sentence=(
-                f'The heater stays on for minimum_on_time, {left_s:.0f} s more: arrival at '
+                f'The heater stays on for its minimum time, {left_s:.0f} s more: arrival at '
                 f'{plan.arrival_temperature_c:.1f} degC, target {plan.target_temperature_c:.1f} degC.'))
         if not self._is_paused:
             return decision

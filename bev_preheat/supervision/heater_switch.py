@@ -54,7 +54,7 @@ class HeaterSwitch:
         self.pause.let_time_pass(now_ns)
         wants_on = wanted_w > 0.0
         if wants_on != self.is_on and not self._must_wait(
-                now_ns, minimum_on_time_s if self.is_on else minimum_off_time_s) and not (
+                now_ns, self._least_s(minimum_on_time_s if self.is_on else minimum_off_time_s)) and not (
                 wants_on and self.pause.left_s > 0.0):
             self.is_on, self._since_ns = wants_on, now_ns
             if wants_on:
@@ -71,7 +71,10 @@ class HeaterSwitch:
         """Return for how long [s] the heater is held on after this; 0: it is not held."""
         if not self.is_held or self._since_ns is None:
             return 0.0
-        return max(0.0, minimum_on_time_s - (now_ns - self._since_ns) / NS_PER_S)
+        return max(0.0, self._least_s(minimum_on_time_s) - (now_ns - self._since_ns) / NS_PER_S)
+
+    def _least_s(self, minimum_s: float) -> float:
+        return max(minimum_s, self.pause.spacing_s)
 
     def _must_wait(self, now_ns: int, least_s: float) -> bool:
         # A clock that was set back tells nothing of how long ago it was.

@@ -14,6 +14,9 @@ COUNTED_OVER_S = 600.0
 LEAST_LONGEST_WAIT_S = 120.0
 # Whatever comes in, the heater is not switched on more often than this within an hour.
 MOST_SWITCH_ONS, HOUR_S = 20, 3600.0
+# Once half of them are used up, a plan that switches on and off is followed in steps of at least this [s]: the rest
+# then lasts for the hour.
+SPACING_S = HOUR_S / MOST_SWITCH_ONS / 2.0
 
 
 class HeatingPause:
@@ -61,6 +64,11 @@ class HeatingPause:
     def note_switch_on(self) -> None:
         """Count that the heater was switched on."""
         self._switch_ons.append(self._elapsed_ns)
+
+    @property
+    def spacing_s(self) -> float:
+        """The least time on, and off, that the switch-ons of the last hour ask for [s]."""
+        return SPACING_S if len(self._switch_ons) >= MOST_SWITCH_ONS // 2 else 0.0
 
     @property
     def left_s(self) -> float:

@@ -138,6 +138,16 @@ STEPS = st.lists(st.tuples(
         'on', 'on', 'on', 'off', 'doubt', 'force', 'by plan', 'allow', 'back'])), max_size=300)
 
 
+def test_a_plan_that_changes_its_mind_each_second_heats_half_of_the_time_to_the_end():
+    switch = HeaterSwitch()
+    on_s = [at_s for at_s in range(3600)
+            if switch.power_w(at_s * S, FULL_W * (at_s % 2 == 0), FULL_W, 0.0, 0.0) > 0.0]
+    # Half of the hour's switchings go in 20 s. Then 90 s on and 90 s off, or a second more.
+    assert sum(second - first > 1 for first, second in zip([-2, *on_s], on_s)) <= MOST_SWITCH_ONS
+    for minute in range(1, 29):
+        assert 85 <= sum(60 * minute <= at_s < 60 * minute + 180 for at_s in on_s) <= 95
+
+
 @pytest.mark.costly
 @given(steps=STEPS, minimum_off_s=st.sampled_from([0.0, 120.0]), scale=st.sampled_from([1.0, 0.05, 0.001]))
 def test_whatever_comes_in_switch_ons_are_bounded_and_the_heater_is_never_locked(steps, minimum_off_s, scale):

@@ -193,7 +193,7 @@ def test_within_its_least_time_on_the_heater_says_that_it_is_held(above_k):
     assert (car.powers_w[-1] > 0.0, car.reason, car.planner.decision.status) == (
         True, Status.HEATING, Status.HEATING)
     assert car.planner.decision.explanation.startswith(
-        'The heater stays on for minimum_on_time, 17 s more: arrival at ')
+        'The heater stays on for its minimum time, 17 s more: arrival at ')
     for second in range(4, 22):
         car.give(second, car.state(second))
     assert (car.powers_w[-1], car.reason) == (0.0, Status.NOT_NEEDED)
