@@ -17,6 +17,7 @@ from bev_preheat.supervision.decision import Command, Decision, WITHOUT_ROUTE
 from bev_preheat.supervision.heater_switch import HeaterSwitch
 from bev_preheat.supervision.inputs import Leg, NS_PER_S
 from bev_preheat.supervision.refusals import BATTERY, ROUTE
+from bev_preheat.supervision.steady_status import SteadyStatus
 
 if TYPE_CHECKING:
     from bev_preheat.planning.plan import Plan
@@ -84,6 +85,10 @@ class Commander:
         # Why the latest pause began, and whether heat that is wanted waits for its end.
         self._doubt = Status.WAITING
         self._is_paused = False
+        self._steady = SteadyStatus()
+        # The reason of the latest command that a plan gave, and its words; None: it was off for another reason.
+        self._reason: Status | None = None
+        self._words = ''
 
     @property
     def is_heating(self) -> bool:
@@ -93,6 +98,7 @@ class Commander:
     def allow_switching(self) -> None:
         """Let the heater be switched at once: the reason for its waiting time is gone."""
         self._switch.allow()
+        self._steady.forget()
 
     def off(self, now_ns: int, settings: Settings, reason: Status, sentence: str = '') -> Command:
         """Return a Command of 0 W for a reason, and the sentence on it; it counts as given."""
@@ -103,6 +109,8 @@ class Commander:
             self._switch.turn_off(now_ns)
         else:
             self._switch.force_off()
+        self._steady.forget()
+        self._reason = None
         self.history.note(now_ns, 0.0)
         return Command(0.0, now_ns + round(settings.lease_s * NS_PER_S), reason)
 
@@ -110,20 +118,30 @@ class Commander:
         """
         Return a Decision with the status and the sentence of the command that was given for it at an instant [ns].
 
-        They are its own unless the heater is kept off by a pause, or on by its least time.
+        They are its own unless a pause keeps the heater off, its least time keeps it on or off, or another
+        status has held for a moment only.
         """
         plan = decision.commanded or decision.plan
-        if plan is None:
+        if plan is None or self._reason is None:
             return decision
-        if self._switch.is_held:
-            left_s = self._switch.held_for_s(now_ns, inbox.settings.minimum_on_time_s)
-            return replace(decision, status=Status.HEATING, sentence=(
-                f'The heater stays on for its minimum time, {left_s:.0f} s more: arrival at '
-                f'{plan.arrival_temperature_c:.1f} degC, target {plan.target_temperature_c:.1f} degC.'))
-        if not self._is_paused:
+        settings = inbox.settings
+        left_s = self._switch.held_for_s(now_ns, settings.minimum_on_time_s, settings.minimum_off_time_s)
+        own = decision.explanation
+        status, words = self._reason, own
+        if self._is_paused:
+            words = f'{self._switch.pause.sentence} {words}'
+            status = Status.WAITING if decision.status is Status.HEATING else decision.status
+        elif self._switch.is_held:
+            words = (f'The heater stays on for its minimum time, {left_s:.0f} s more: arrival at '
+                     f'{plan.arrival_temperature_c:.1f} degC, target {plan.target_temperature_c:.1f} degC.')
+        elif decision.status is Status.HEATING and not self._switch.is_on:
+            words = f'The heater stays off for its minimum time, {left_s:.0f} s more. {words}'
+        elif status is not decision.status:
+            words = self._words or words
+        self._words = words
+        if (status, words) == (decision.status, own):
             return decision
-        return replace(decision, sentence=f'{self._switch.pause.sentence} {decision.explanation}', status=(
-            Status.WAITING if decision.status is Status.HEATING else decision.status))
+        return replace(decision, status=status, sentence=words)
 
     def give(self, now_ns: int, inbox: Inbox, decision: Decision) -> Command:
         """Return the Command that a Decision allows at an instant; it counts as given."""
@@ -157,11 +175,15 @@ class Commander:
             reason = Status.HEATING
         elif power_w == 0.0 and reason is Status.HEATING:
             reason = Status.WAITING
-        return Command(power_w, _lease_end_ns(now_ns, inbox), reason)
+        if self._switch.is_held:
+            self._steady.forget()
+        self._reason = self._steady.settle(now_ns, reason, power_w > 0.0)
+        return Command(power_w, _lease_end_ns(now_ns, inbox), self._reason)
 
     def _heat_at_charger(self, now_ns: int, inbox: Inbox, decision: Decision) -> Command:
         """Return the Command of a Decision that heats while the vehicle charges."""
         settings, wanted_w = inbox.settings, decision.charger_heat_w
+        self._reason = None
         power_w = self._switch.power_w(
             now_ns, wanted_w, wanted_w, settings.minimum_on_time_s, settings.minimum_off_time_s)
         self.history.note(now_ns, power_w)

@@ -67,11 +67,12 @@ class HeaterSwitch:
         self._power_w = min(self._power_w, limit_w)
         return self._power_w
 
-    def held_for_s(self, now_ns: int, minimum_on_time_s: float) -> float:
-        """Return for how long [s] the heater is held on after this; 0: it is not held."""
-        if not self.is_held or self._since_ns is None:
+    def held_for_s(self, now_ns: int, minimum_on_time_s: float, minimum_off_time_s: float) -> float:
+        """Return for how long [s] the heater is not switched after this."""
+        if self._since_ns is None:
             return 0.0
-        return max(0.0, self._least_s(minimum_on_time_s) - (now_ns - self._since_ns) / NS_PER_S)
+        least_s = self._least_s(minimum_on_time_s if self.is_on else minimum_off_time_s)
+        return max(0.0, least_s - (now_ns - self._since_ns) / NS_PER_S)
 
     def _least_s(self, minimum_s: float) -> float:
         return max(minimum_s, self.pause.spacing_s)

@@ -14,8 +14,8 @@ COUNTED_OVER_S = 600.0
 LEAST_LONGEST_WAIT_S = 120.0
 # Whatever comes in, the heater is not switched on more often than this within an hour.
 MOST_SWITCH_ONS, HOUR_S = 20, 3600.0
-# Once half of them are used up, a plan that switches on and off is followed in steps of at least this [s]: the rest
-# then lasts for the hour.
+# Once half of them are used up, a plan that switches on and off is followed in steps of at least this [s], so that
+# the rest lasts for the hour.
 SPACING_S = HOUR_S / MOST_SWITCH_ONS / 2.0
 
 

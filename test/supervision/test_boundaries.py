@@ -149,9 +149,11 @@ def test_a_command_of_0_w_says_that_it_waits_only_where_it_was_to_heat(status):
     step(0, RouteArrived(Mission('home', (trip,))))
     assert step(0, state(0, BatteryState(cold_c, 0.8))).battery_heating_power_w > 0.0
     assert step(1, state(1, warm)).battery_heating_power_w == 0.0
-    command = step(2, state(2, BatteryState(cold_c, 0.8)))
-    assert (command.battery_heating_power_w, supervisor.decision.status) == (0.0, status)
-    assert command.reason is (Status.WAITING if status is Status.HEATING else status)
+    # Another status must hold for 10 s. Warmed as if heated meanwhile, or the target would be out of reach.
+    for after_s in (2, 12):
+        command = step(after_s, state(after_s, BatteryState(cold_c + 0.015 * after_s, 0.8)))
+    waits = Status.WAITING if status is Status.HEATING else status
+    assert (command.battery_heating_power_w, command.reason, supervisor.decision.status) == (0.0, waits, waits)
 
 
 @pytest.mark.parametrize('duration_s, step_s, count', [(1.0, 30.0, 40), (30.0, 30.0, 40), (1.0, 300.0, 4)])

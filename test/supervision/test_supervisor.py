@@ -184,7 +184,9 @@ def test_finished_heating_is_told_as_such():
 def test_heating_that_will_go_on_resumes():
     supervisor = heated_for_a_minute()
     outcome(supervisor, NOW_NS + ns(60.0))
-    feed(supervisor, NOW_NS + ns(61.0), temperature_c=21.0)
+    for now_s in (61.0, 66.0, 71.0):
+        assert supervisor.decision.status is Status.NOT_NEEDED
+        feed(supervisor, NOW_NS + ns(now_s), temperature_c=21.0)
     assert supervisor.decision.status is Status.WAITING
     assert supervisor.decision.explanation.startswith('Heating resumes in ')
 
