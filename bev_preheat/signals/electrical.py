@@ -54,7 +54,7 @@ class ElectricalCheck:
         if resting_v <= empty_v + 0.5 * (fuller_v - empty_v):
             return ''
         return (f'percentage: {100 * soc:.1f} % contradicts {voltage_v:.1f} V: an empty battery has '
-                f'{empty_v - drop_v:.1f} V; is the field set?')
+                f'{empty_v - drop_v:.1f} V; the field may not be set')
 
     def is_nearer(self, voltage_v: float, current_a: float, temperature_c: float, soc: float,
                   other_soc: float) -> bool:

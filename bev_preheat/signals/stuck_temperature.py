@@ -52,7 +52,7 @@ class StuckTemperature:
         if ambient_c is not None and reading_c < ambient_c - BELOW_AMBIENT_K:
             self.doubt = (f'temperature: {reading_c:.1f} degC is {ambient_c - reading_c:.1f} K below the ambient '
                           f'temperature of {ambient_c:.1f} degC; at most {BELOW_AMBIENT_K:g} K are possible; '
-                          'is the field set?')
+                          'the field may not be set')
             self._reading_c = reading_c
             return self.doubt
         before_c, elapsed_s = self._reading_c, instant_s - self._latest_s
@@ -77,5 +77,5 @@ class StuckTemperature:
             still = f'for {instant_s - self._since_s:.0f} s' if self._has_ever_moved else 'since the first state'
             direction = 'warmed' if change_k > 0.0 else 'cooled'
             self.doubt = (f'temperature: has read {reading_c:.2f} degC {still}, while the battery must have '
-                          f'{direction} by {abs(change_k):.1f} K; is the field set?')
+                          f'{direction} by {abs(change_k):.1f} K; the field may not be set')
         return self.doubt

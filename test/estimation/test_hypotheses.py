@@ -150,7 +150,7 @@ def test_power_that_contradicts_a_fault_keeps_it_from_being_told(kind, suspicion
 
 @pytest.mark.parametrize('kind', ['dead', 'derated'])
 def test_power_that_leans_to_a_fault_shortens_the_course(kind):
-    # Half of what was commanded is missing at least.
+    # At least half of the commanded heat is missing.
     course = Suspicion(LEANING_COURSE_S, 2.1 * LEANING_COURSE_K, 0.0)
     assert told(kind, course, LEANING + 0.1)
     assert not told(kind, course, LEANING - 0.1)

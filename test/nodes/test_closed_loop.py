@@ -166,7 +166,7 @@ def test_the_planner_outlives_the_trip(trip):
 
 def test_a_planner_killed_while_heating_leaves_no_heat_after_the_lease(bench, tmp_path):
     # So cold that it is heated at once.
-    trip = Trip(bench, write_quarter(tmp_path), -28.0)
+    trip = Trip(bench, write_quarter(tmp_path), -25.0)
     first = trip.commands.wait_for(
         lambda command: command.battery_heating_power > 0.0, 'heating')
     heated_first_s = on_the_way_s(first.header.stamp)

@@ -168,7 +168,7 @@ def test_a_restarted_simulator_is_followed(bench):
 
     def start_simulator():
         # So cold that it is heated from the start.
-        return bench.start('vehicle_simulator', '-p', 'initial_battery_temperature:=-28.0',
+        return bench.start('vehicle_simulator', '-p', 'initial_battery_temperature:=-25.0',
                            '-p', 'start_time:=1000.0', '-p', 'speed_up:=60.0',
                            # So few states and commands are enough, and take little time.
                            '-p', 'battery_state_period:=5.0',

@@ -33,7 +33,7 @@ def test_a_pack_that_is_near_its_file_is_believed(soc, temperature_c, current_a,
 
 def test_a_charge_of_0_contradicts_the_voltage_of_a_fuller_battery():
     assert CHECK.charge_doubt(394.5, 47.0, 5.0, 0.0) == (
-        'percentage: 0.0 % contradicts 394.5 V: an empty battery has 360.9 V; is the field set?')
+        'percentage: 0.0 % contradicts 394.5 V: an empty battery has 360.9 V; the field may not be set')
     for soc, contradicts in ((0.0, False), (0.05, False), (0.2, True), (0.6, True), (1.0, True)):
         assert bool(CHECK.charge_doubt(voltage_v(soc, 5.0, 47.0), 47.0, 5.0, 0.0)) is contradicts
     # An unset field reads 0.

@@ -13,7 +13,7 @@ AT_ONCE = sorted(set(Status) - OF_PLAN)
 
 
 def shown(*rows):
-    """Return what is shown after each (second, status, is_on)."""
+    """Return the status that is shown after each (second, status, is_on)."""
     steady = SteadyStatus()
     return [steady.settle(round(at_s * S), status, is_on) for at_s, status, is_on in rows]
 
