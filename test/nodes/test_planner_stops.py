@@ -64,7 +64,7 @@ class Trip:
         """
         Let time go from one second to another one until `what(command, plan)` holds.
 
-        A leap of the clock leaves the battery state too old, or ahead of it; after that heat waits for 10 s.
+        After a leap of the clock the battery state is too old, or ahead of the clock; then heat waits for 10 s.
         """
         tenths = 10 * first_s
 
