@@ -16,8 +16,8 @@ from bev_preheat_msgs.msg import HvchCommand, PreheatPlan, RoutePlan
 
 LATCHED = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
 START_S = 1000
-# Time goes on in steps of this many tenths of a second, less than the tolerance of the clock.
-STEP_TENTHS = 4
+# Time goes on in steps of this many seconds, well within the age that a battery state may have.
+STEP_S = 2
 # The cabin leaves another power of the 7 kW in each leg.
 FIRST_W, SECOND_W = 5400.0, 6200.0
 HEATS = Status.TARGET_UNREACHABLE
@@ -62,32 +62,48 @@ class Trip:
 
     def between(self, first_s, last_s, what, **power):
         """
-        Let time go from one second to another one until `what(command, plan)` holds.
+        Let time go from one second to another one until `what(command, plan)` holds; return the second.
 
-        After a leap of the clock the battery state is too old, or ahead of the clock; then heat waits for 10 s.
+        After a leap of the clock the battery state is too old; then heat waits for 10 s.
         """
-        tenths = 10 * first_s
+        second = first_s
 
         def answered():
-            nonlocal tenths
-            # Again and again: the clock may be heard after the state, which is then refused.
-            stamp = Time(sec=tenths // 10, nanosec=tenths % 10 * 100_000_000)
-            self._clock.publish(Clock(clock=stamp))
-            state = BatteryState(temperature=-7.0, percentage=0.8, **power)
-            state.header.stamp = stamp
-            self._states.publish(state)
-            command = next((command for command in reversed(self._commands.messages)
-                            if command.header.stamp == stamp), None)
-            plans = self._plans.messages
-            if command is not None and plans and what(command, plans[-1]):
+            nonlocal second
+            command, plan = self._answer(second, power)
+            if command is not None and plan is not None and what(command, plan):
                 return True
             # The planner has answered: on to the next instant.
             if command is not None:
-                tenths = min(tenths + STEP_TENTHS, 10 * last_s)
+                second = min(second + STEP_S, last_s)
             return False
 
-        self.wait_until(
-            answered, f'at {first_s} s: the last command {self._commands.messages[-1:]}')
+        self._wait(answered, first_s)
+        return second
+
+    def drive(self, first_s, last_s):
+        """Let time go from one second to another one without a leap."""
+        for second in range(first_s, last_s + 1, STEP_S):
+            self._wait(lambda second=second: self._answer(second, {})[0] is not None, second)
+
+    def _answer(self, second, power):
+        """Return the newest command of that second, or None, and the newest plan, or None."""
+        stamp = Time(sec=second)
+        self._clock.publish(Clock(clock=stamp))
+        command = next((command for command in reversed(self._commands.messages)
+                        if command.header.stamp == stamp), None)
+        # The planner knows the time: a state heard before its clock would be refused.
+        if command is not None:
+            state = BatteryState(temperature=-7.0, percentage=0.8, **power)
+            state.header.stamp = stamp
+            self._states.publish(state)
+        return command, next(reversed(self._plans.messages), None)
+
+    def _wait(self, condition, second):
+        try:
+            self.wait_until(condition, f'at {second} s')
+        except AssertionError as error:
+            raise AssertionError(f'{error}; the last command: {self._commands.messages[-1:]}') from error
 
 
 @pytest.fixture(scope='module')
@@ -110,9 +126,8 @@ def trip(shared_trip, wait_until):
 
 
 def test_each_part_of_the_trip_is_commanded_when_it_is_now(trip):
+    last_s = START_S
     for second, power_w, reason in (
-            # A state that is heard before its clock is refused, and with less than the heater's least
-            # time on to go it would then stay off.
             (START_S, FIRST_W, HEATS), (FIRST_ARRIVAL_S - 30, FIRST_W, HEATS),
             (FIRST_ARRIVAL_S, 0.0, Status.CHARGING), (SECOND_S - 1, 0.0, Status.CHARGING),
             (SECOND_S, SECOND_W, HEATS), (SECOND_ARRIVAL_S - 30, SECOND_W, HEATS),
@@ -120,7 +135,8 @@ def test_each_part_of_the_trip_is_commanded_when_it_is_now(trip):
             (THIRD_S, 0.0, Status.NO_CHARGING_PLANNED),
             (END_S - 1, 0.0, Status.NO_CHARGING_PLANNED), (END_S, 0.0, Status.ARRIVED)):
         expected = pytest.approx(power_w), int(reason)
-        trip.between(second, second + (25 if power_w else 0), lambda command, plan, expected=expected: (
+        trip.drive(last_s, second)
+        last_s = trip.between(second, second + (12 if power_w else 0), lambda command, plan, expected=expected: (
             command.battery_heating_power, command.reason) == expected)
 
 
