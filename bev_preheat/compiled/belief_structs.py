@@ -26,7 +26,7 @@ class BeliefTermsStruct(Structure):
                 ('highest', c_double * BOUNDED), *((name, c_double) for name in (
                     'nominal_heat_lag_s', 'nominal_sensor_lag_s', 'local_lag_s', 'least_variance', 'least_weight',
                     'most_evidence', 'most_apart_k', 'most_under_way_k', 'power_noise', 'least_power_w',
-                    'power_noise_lasts_s'))]
+                    'power_noise_lasts_s', 'joule_rise_noise_k_per_kw'))]
 
 
 DRIVE_COLUMNS = (

@@ -44,6 +44,7 @@ from bev_preheat.estimation.state import (
     FACTORS,
     HEAT_LAG,
     HEATER_RISE,
+    JOULE_RISE,
     LOCAL,
     LOCAL_LAG_S,
     moved_with_slopes,
@@ -76,22 +77,26 @@ LOWEST, HIGHEST = np.concatenate((
     [(-FACTOR_BOUNDS[index], FACTOR_BOUNDS[index]) for index in range(FACTORS.start, FACTORS.stop)],
     LAG_BOUNDS, RISE_BOUNDS)).T
 # Standard deviation of a sensor's local rise that no heat explains [K]: other places, hysteresis, a second
-# mass. It lasts as long as the rise. Chosen on the nine measured drives of an i3, where 0.25 ... 0.5 K predict
-# equally well; it is the floor of every deviation.
-LOCAL_DEVIATION_K = 0.3
+# mass. It lasts as long as the rise.
+LOCAL_DEVIATION_K = 0.15
+# The rise by Joule heat differs from one peak of the power to the next: standard deviation [K/kW]. Both were
+# chosen on the nine measured drives of an i3, where 0.1 ... 0.2 K and 0.8 ... 1.2 K/kW predict equally well.
+JOULE_RISE_NOISE_K_PER_KW = 1.0
 # How fast the truth wanders: standard deviation after an hour. Heat outside the model moves the temperature
-# (0.4 ... 1.0 K predict equally well on the nine drives), a wrong capacity the state of charge.
+# (0.25 ... 0.5 K predict equally well on the nine drives), a wrong capacity the state of charge.
 WANDER_IN_AN_HOUR = np.array(
-    [0.5, 0.004, 0.01, 0.02, 0.02, 0.01, 0.1, 0.05, 0.05, 0.02, 0.02, 0.1, 0.1,
+    [0.25, 0.004, 0.01, 0.02, 0.02, 0.01, 0.1, 0.05, 0.05, 0.02, 0.02, 0.1, 0.1,
      LOCAL_DEVIATION_K * math.sqrt(2.0 * 3600.0 / LOCAL_LAG_S)])
 WANDERED_IN_AN_HOUR = np.square(WANDER_IN_AN_HOUR)
 # Without a route the car may do anything.
 WANDER_UNKNOWN = np.array([10.0, 0.3, 0.0, 0.0, 0.0, 0.0, 0.1, 0.0, 0.0, 0.0, 0.0, 1.0, 0.1, 0.0])
 # The same while a car is charged or stands: nothing is learned of its factors, lags and rises.
 HELD_WANDER = np.array([10.0, 0.3, *[0.0] * 10, 10.0, 0.0])
-# What may be under way [K] after a silence, and how far battery and sensor may then be apart [K].
+# What may be under way [K] after a silence, how far battery and sensor may then be apart, and what heat may have
+# made of the local rise [K].
 UNKNOWN_UNDER_WAY_K = 0.5
 UNKNOWN_APART_K = 0.5
+UNKNOWN_LOCAL_K = 0.7
 # No lag sets battery and sensor further apart [K], and no coolant holds more heat [K]. The filter of
 # a heater that is out of the question may believe so.
 MOST_APART_K = 8.0
@@ -115,7 +120,8 @@ SOC_NOISE_VARIANCES = np.full(len(NOISES_K), SOC_NOISE**2)
 # What of these the compiled core needs.
 TERMS = belief_terms(
     PERTURBATION, LOWEST, HIGHEST, NOMINAL_HEAT_LAG_S, NOMINAL_SENSOR_LAG_S, LOCAL_LAG_S, LEAST_VARIANCE,
-    LEAST_WEIGHT, MOST_EVIDENCE, MOST_APART_K, MOST_UNDER_WAY_K, POWER_NOISE, LEAST_POWER_W, POWER_NOISE_LASTS_S)
+    LEAST_WEIGHT, MOST_EVIDENCE, MOST_APART_K, MOST_UNDER_WAY_K, POWER_NOISE, LEAST_POWER_W, POWER_NOISE_LASTS_S,
+    JOULE_RISE_NOISE_K_PER_KW)
 READING = ReadingNoise(NOISE_VARIANCES, SOC_NOISE_VARIANCES)
 
 
@@ -123,6 +129,12 @@ READING = ReadingNoise(NOISE_VARIANCES, SOC_NOISE_VARIANCES)
 def _elapsing(duration_s: float) -> Elapsing:
     """Return what time that passes [s] does to any filters; not to be written to."""
     return Elapsing(duration_s, transitions(duration_s), WANDERED_IN_AN_HOUR * (duration_s / 3600.0))
+
+
+def _rise_noise_k2(duration_s: float) -> float:
+    """Return what JOULE_RISE_NOISE_K_PER_KW adds to the local rise's variance, over its slope squared."""
+    left = math.exp(-duration_s / LOCAL_LAG_S)
+    return JOULE_RISE_NOISE_K_PER_KW**2 * (1.0 + left) / (1.0 - left)
 
 
 def _hidden_s2(drive: DriveInputs, duration_s: float) -> float:
@@ -185,7 +197,7 @@ class Belief:
         self.mean[..., SENSOR], self.mean[..., UNDER_WAY] = temperature_c, 0.0
         self.mean[..., LOCAL] = 0.0
         under_way_k, apart_k, local_k = (0.0, 0.0, 0.0) if self._has_stood else (
-            UNKNOWN_UNDER_WAY_K, UNKNOWN_APART_K, LOCAL_DEVIATION_K)
+            UNKNOWN_UNDER_WAY_K, UNKNOWN_APART_K, UNKNOWN_LOCAL_K)
         self._has_stood = False
         # The reading is the sum of sensor and local rise, so their errors are opposite.
         sensor_variance = temperature_variance + local_k**2
@@ -311,6 +323,9 @@ class Belief:
         self.mean[..., MOVING] = after
         self.covariance = step @ self.covariance @ np.swapaxes(step, -1, -2)
         self._add_noise(wander)
+        # The slope of the local rise over the steady rise says how much Joule heat there is.
+        rose = slopes[..., MOVING.index(LOCAL), JOULE_RISE]
+        self.covariance[..., LOCAL, LOCAL] += _rise_noise_k2(duration_s) * (rose * rose)
         moved = slopes[..., :2, PROPULSION] / duration_s
         self.covariance[..., :2, :2] += (
             hidden_s2 * moved[..., :, np.newaxis] * moved[..., np.newaxis, :])

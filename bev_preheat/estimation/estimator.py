@@ -7,8 +7,7 @@ Instants are integers, in nanoseconds of the clock that stamps the battery state
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Collection, Iterable
+from collections.abc import Iterable
 import math
 from typing import NamedTuple, TYPE_CHECKING
 
@@ -16,6 +15,7 @@ from bev_preheat.estimation.belief import Belief
 from bev_preheat.estimation.estimate import Estimate
 from bev_preheat.estimation.hypotheses import is_suspect, judge, Suspicion
 from bev_preheat.estimation.power_response import PowerResponse
+from bev_preheat.estimation.power_samples import PowerSamples
 from bev_preheat.estimation.readings import Measurement, ReadingCheck, Verdict
 from bev_preheat.estimation.standing import expected_offset_k
 from bev_preheat.estimation.state import LOCAL, SENSOR, SOC, TEMPERATURE
@@ -36,8 +36,6 @@ LEAST_INTERVAL_S = 0.95
 LONGEST_STEP_S = 10.0
 # After a longer silence the temperature is taken from the next reading alone.
 LONGEST_GAP_S = 60.0
-# Within a segment of a route the power varies over so long [s], about.
-VARIATION_S = 40.0
 # Standard deviation of a single reading's noise, where nothing else is known of it.
 READING_NOISE_K = 0.3
 READING_NOISE_SOC = 0.005
@@ -87,21 +85,17 @@ class Estimator:
         # What the next reading is of, where the car stood, and what is subtracted from readings [K].
         self._standing: Standing | None = None
         self._offset_k = 0.0
-        self._powers_w: list[float] = []
+        self._power = PowerSamples()
         self._knows_power = False
         # Since when [ns] the heater has been suspect; None: it is not.
         self._suspect_since_ns: int | None = None
         # Heat commanded, and uncommanded heat that the heater could have given, since then [K].
         self._commanded_k = self._uncommanded_k = 0.0
-        # Instants [s] and powers [W] of the latest samples, for what varies from one to the other.
-        self._latest_s: deque[float] = deque()
-        self._latest_w: deque[float] = deque()
 
     def lose_time(self) -> None:
         """Take the temperature from the next reading alone: stamps so far mean nothing."""
-        self._stamp_ns, self._powers_w, self._suspect_since_ns = None, [], None
-        self._latest_s.clear()
-        self._latest_w.clear()
+        self._stamp_ns = self._suspect_since_ns = None
+        self._power.forget_latest()
         self._response = PowerResponse()
 
     def begin_route(self) -> None:
@@ -159,7 +153,7 @@ class Estimator:
         if verdict is Verdict.JUMPED:
             self._jump(measurement, command_w)
             return
-        self._see_power(measurement)
+        self._power.see(stamp_ns / NS_PER_S, self._plausible_power_w(measurement))
         if elapsed_s < LEAST_INTERVAL_S:
             return
         self._advance(stretches)
@@ -185,9 +179,8 @@ class Estimator:
         if trusts_temperature:
             self._readings.see(state)
         # The next step that is described begins here, with its own samples of the power.
-        self._powers_w, self._suspect_since_ns = [], None
-        self._latest_s.clear()
-        self._latest_w.clear()
+        self._suspect_since_ns = None
+        self._power.forget_latest()
         if self._stamp_ns is None or (stamp_ns - self._stamp_ns) / NS_PER_S > LONGEST_GAP_S:
             if trusts_temperature and trusts_soc:
                 self._place(measurement)
@@ -240,8 +233,7 @@ class Estimator:
         self._belief.place(
             state.temperature_c - self._offset_k, variance, state.soc,
             self._readings.soc_resolution**2 / 12.0 + READING_NOISE_SOC**2)
-        power_w = self._plausible_power_w(measurement)
-        self._powers_w = [] if power_w is None else [power_w]
+        self._power.begin_step(self._plausible_power_w(measurement))
         self._conclude(measurement, *self._belief.expected())
 
     def _plausible_power_w(self, measurement: Measurement) -> float | None:
@@ -249,25 +241,9 @@ class Estimator:
         power_w = measurement.power_w
         return None if power_w is None or abs(power_w) > self._most_power_w else power_w
 
-    def _see_power(self, measurement: Measurement) -> None:
-        power_w = self._plausible_power_w(measurement)
-        if power_w is None:
-            self._powers_w = []
-            return
-        self._powers_w.append(power_w)
-        instant_s = measurement.stamp_ns / NS_PER_S
-        self._latest_s.append(instant_s)
-        self._latest_w.append(power_w)
-        while self._latest_s[0] < instant_s - VARIATION_S:
-            self._latest_s.popleft()
-            self._latest_w.popleft()
-
     def _advance(self, stretches: Iterable[Stretch]) -> None:
         """Move the belief on through Stretches."""
-        seen_w, variance_w2 = None, 0.0
-        # The first sample is that of the step before, which ended where this one begins.
-        if len(self._powers_w) >= 2:
-            seen_w, variance_w2 = _mean_and_variance(self._powers_w)
+        seen_w, variance_w2 = self._power.step() or (None, 0.0)
         self._knows_power = seen_w is not None
         for stretch in stretches:
             drive, duration_s = stretch.drive, stretch.duration_s
@@ -277,7 +253,7 @@ class Estimator:
                     drive.speed_mps, drive.ambient_temperature_c, drive.propulsion_power_w, variance_w2,
                     drive.propulsion_power_magnitude_w, drive.cabin_heating_power_w,
                     drive.auxiliary_power_w, drive.heater_power_w, terminal_power_w=seen_w,
-                    hidden_variance_w2=self._hidden_w2(drive.power_variance_w2))
+                    hidden_variance_w2=self._power.hidden_w2(drive.power_variance_w2, duration_s))
             self._commanded_k += self._k_per_j * duration_s * stretch.command_w
             self._uncommanded_k += self._k_per_j * duration_s * max(0.0, stretch.limit_w - stretch.command_w)
             if drive is None or seen_w is None:
@@ -285,10 +261,11 @@ class Estimator:
                 continue
             heater_w = stretch.command_w if self.estimate is None else (
                 min(self.estimate.heater.share * stretch.command_w, stretch.limit_w))
+            propulsion_w = seen_w - heater_w - drive.cabin_heating_power_w - drive.auxiliary_power_w
             self._belief.follow(
                 duration_s, drive, stretch.command_w, stretch.limit_w,
-                seen_w - heater_w - drive.cabin_heating_power_w - drive.auxiliary_power_w)
-        self._powers_w = self._powers_w[-1:]
+                self._power.mean_propulsion_w(propulsion_w, drive.propulsion_power_w, duration_s))
+        self._power.end_step()
 
     def _hear_heater(self, stretch: Stretch, seen_w: float | None) -> None:
         """Weigh the heaters by the power seen in a Stretch [W]; None: it is not known."""
@@ -302,14 +279,6 @@ class Estimator:
             stretch.command_w, stretch.limit_w)
         if logs is not None:
             self._belief.weigh(logs.tolist())
-
-    def _hidden_w2(self, route_w2: float) -> float:
-        """Return what of a route's variance of the power within a segment [W^2] the sensors do not show."""
-        if route_w2 == 0.0:
-            return 0.0
-        # Over as long as a route's segments last, as it was seen.
-        _, lasting_w2 = _mean_and_variance(self._latest_w)
-        return max(0.0, route_w2 - lasting_w2)
 
     def _conclude(self, measurement: Measurement, mean: FloatArray, covariance: FloatArray,
                   is_held: bool = False) -> None:
@@ -352,10 +321,3 @@ def _is_sound(mean: FloatArray, covariance: FloatArray) -> bool:
     variances = covariances[::len(covariance) + 1]
     return (math.isfinite(sum(mean.tolist())) and math.isfinite(sum(covariances))
             and min(variances) >= 0.0 and variances[TEMPERATURE] <= MOST_DEVIATION_K**2)
-
-
-def _mean_and_variance(values: Collection[float]) -> tuple[float, float]:
-    """Return mean and variance of values."""
-    # Of a few dozen, for which NumPy takes longer.
-    mean = sum(values) / len(values)
-    return mean, sum([(value - mean)**2 for value in values]) / len(values)

@@ -37,6 +37,12 @@ if TYPE_CHECKING:
     from bev_preheat.vehicle.description import Vehicle
 
 
+# Once heating has ended the temperature is known to this at least [K]: until then readings go on to come in.
+SETTLED_K = 0.25
+# Standard deviation of the arrival [K] that no filter knows: other masses, other places of the sensor.
+UNMODELLED_K = 0.2
+
+
 class Driven(Protocol):
     """What is driven: a planning.trip.Trip, or a DrivenRoute."""
 
@@ -142,17 +148,18 @@ def replanned_deviation_k(as_planned_k: float, trip: Driven, plan: Plan, estimat
 
     `as_planned_k` [K] is that of the plan as it is. While heating lies ahead, it ends later if the battery turns
     out colder, and earlier if it turns out warmer. The uncertainty of the temperature then remains, that of the
-    drive after the end of heating, and errors beyond the heat that can be added or saved.
+    drive after the end of heating, and errors beyond the heat that can be added or saved. What the model lacks
+    (UNMODELLED_K) is left in any case.
     """
     colder_k, warmer_k, end_s = _heat_ahead(trip, plan)
     if warmer_k <= 0.0:
-        return as_planned_k
+        return math.hypot(as_planned_k, UNMODELLED_K)
     arrival_s = trip.route.total_duration_s
     after = (arrival_s - end_s) / arrival_s
-    kept_k2 = estimate.settled_deviation_k**2 + wandered_k2(arrival_s - end_s) + after * max(
+    kept_k2 = min(estimate.settled_deviation_k, SETTLED_K)**2 + wandered_k2(arrival_s - end_s) + after * max(
         0.0, as_planned_k**2 - estimate.settled_deviation_k**2 - wandered_k2(arrival_s))
     beyond_k2 = as_planned_k**2 * (_beyond(colder_k / as_planned_k) + _beyond(warmer_k / as_planned_k))
-    return min(as_planned_k, math.sqrt(kept_k2 + beyond_k2))
+    return math.hypot(min(as_planned_k, math.sqrt(kept_k2 + beyond_k2)), UNMODELLED_K)
 
 
 def _heat_ahead(trip: Driven, plan: Plan) -> tuple[float, float, float]:

@@ -47,9 +47,8 @@ LAG_BOUNDS = np.log(np.array([LAG_RANGES_S[index] for index in LAGS]) / NOMINAL_
 # and bounds of each. The nine measured drives of an i3 show 0.48 K/kW of Joule heat, a sensor in the middle of
 # a module nothing. A shell of a fifth of the battery, at 1500 W/K, gets 0.5 K/kW warmer than its core.
 RISES = (JOULE_RISE, HEATER_RISE)
-RISES_K_PER_KW = np.array([0.25, 0.0])
-
-RISE_DEVIATIONS = np.array([0.25, 0.1])
+RISES_K_PER_KW = np.array([0.35, 0.0])
+RISE_DEVIATIONS = np.array([0.4, 0.25])
 RISE_BOUNDS = np.array([(0.0, 1.0), (-0.8, 0.8)])
 
 

@@ -79,7 +79,7 @@ def heat_early(trip: Trip, state: BatteryState, schedule: Schedule, target_c: fl
         return schedule
     first, start_s = last
     end_s = _latest_end_s(trip, schedule)
-    if not caution.is_heating and (end_s - start_s < caution.least_heating_s
+    if not caution.is_heating and (_heated_s(trip, schedule, first) < caution.least_heating_s
                                    or _comes_too_late(trip, schedule, start_s)):
         return _LastStretch(trip, state, schedule, first, start_s).without()
     early_s = _earlier_s(trip, start_s, caution.lead_k)
@@ -131,6 +131,13 @@ def _latest_end_s(trip: Trip, schedule: Schedule) -> float:
     if schedule.heat is None or schedule.heating_end_s is None:
         return float(trip.time_s[-1])
     return schedule.heating_end_s
+
+
+def _heated_s(trip: Trip, schedule: Schedule, first: int) -> float:
+    """Return for how long [s] the heater would be on at full power for what is planned from a step on."""
+    limit_w, power_w = trip.heater_limit_w[first:], schedule.heater_power_w[first:]
+    possible = limit_w > 0.0
+    return float((power_w[possible] / limit_w[possible] * trip.route.duration_s[first:][possible]).sum())
 
 
 def _comes_too_late(trip: Trip, schedule: Schedule, start_s: float) -> bool:

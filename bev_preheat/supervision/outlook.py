@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 # The battery is to arrive warmer than the target by so many deviations of what cannot be made good
 # any more once heating has ended, at most by MOST_MARGIN_K.
 MARGIN_DEVIATIONS = 1.3
-MOST_MARGIN_K = 0.15
+MOST_MARGIN_K = 0.1
 # The last stretch of heating begins early by so many deviations of the temperature on arrival, and
 # by the heat that is made while its lag is so many deviations longer than believed; together at most
 # by MOST_LEAD_K: until it begins more will be learned. Both found on `preheat robustness`.

@@ -247,6 +247,9 @@ bev_status bev_move_belief(const bev_vehicle *vehicle, const bev_belief *belief,
     return BEV_BAD_INPUT;
   }
   const int32_t filters = belief->heaters * belief->noises;
+  const double left = exp(-duration_s / terms->local_lag_s);
+  const double rise_noise_k2 = terms->joule_rise_noise_k_per_kw * terms->joule_rise_noise_k_per_kw
+      * (1.0 + left) / (1.0 - left);
   double *const means = belief->memory;
   double *const covariances = &means[filters * BEV_ELEMENTS];
   memcpy(means, belief->mean, (size_t)(filters * BEV_ELEMENTS) * sizeof(double));
@@ -267,6 +270,9 @@ bev_status bev_move_belief(const bev_vehicle *vehicle, const bev_belief *belief,
     for (int32_t i = 0; i < BEV_ELEMENTS; i++) {
       covariance[i * BEV_ELEMENTS + i] += wander[i];
     }
+    /* The slope of the local rise over the steady rise says how much Joule heat there is. */
+    const double rose = slopes[MOVING - 1][BEV_JOULE_RISE];
+    covariance[BEV_LOCAL * BEV_ELEMENTS + BEV_LOCAL] += rise_noise_k2 * (rose * rose);
     /* Temperature and state of charge come first. */
     for (int32_t i = 0; i <= BEV_SOC; i++) {
       for (int32_t j = 0; j <= BEV_SOC; j++) {

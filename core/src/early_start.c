@@ -22,6 +22,18 @@ static int32_t first_of_last_stretch(const bev_planned_heating *planned) {
   return first;
 }
 
+/* For how long [s] the heater would be on at full power for what is planned from a step on. */
+static double heated_s(const bev_planned_heating *planned, int32_t first) {
+  const bev_trip *trip = planned->trip;
+  double seconds = 0.0;
+  for (int32_t k = first; k < trip->steps; k++) {
+    if (trip->heater_limit_w[k] > 0.0) {
+      seconds = seconds + planned->command_w[k] / trip->heater_limit_w[k] * trip->duration_s[k];
+    }
+  }
+  return seconds;
+}
+
 /* The most heat that the heater can give in a step: [W], and over all of it [J]. */
 static double heat_w(const bev_vehicle *vehicle, const bev_trip *trip, int32_t k) {
   return vehicle->heater_efficiency * trip->heater_limit_w[k];
@@ -101,7 +113,7 @@ bev_status bev_find_early_start(const bev_planned_heating *planned, const bev_ca
   /* Most of the heat from an instant on that is less than the lag before arrival would be under way then. */
   const double left_s = trip->time_s[trip->steps] - start_s;
   if (caution->is_heating == 0
-      && (end_s - start_s < caution->least_heating_s || left_s < bev_heat_lag_s(vehicle))) {
+      && (heated_s(planned, start->first) < caution->least_heating_s || left_s < bev_heat_lag_s(vehicle))) {
     start->change = BEV_LEFT_OUT;
     return BEV_OK;
   }

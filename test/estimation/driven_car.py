@@ -67,7 +67,8 @@ class DrivenCar:
     The truth. `heater` maps (second, commanded power) to the power that the heater takes [W].
 
     Traffic moves the power by `traffic_w` (standard deviation, half a minute long), and the sensor's place is
-    warmer than the battery by `local_k` (standard deviation, 100 s long).
+    warmer than the battery by `local_k` (standard deviation, 100 s long), and by `rises_k_per_kw` of Joule heat
+    and heater heat, 100 s late. Heat arrives `heat_lag_s` late, and the sensor is `sensor_lag_s` late.
     """
 
     corrections: Corrections = Corrections()
@@ -79,6 +80,9 @@ class DrivenCar:
     noise_k: float = 0.2
     step_k: float = 1.0
     local_k: float = 0.0
+    rises_k_per_kw: tuple[float, float] = (0.0, 0.0)
+    heat_lag_s: float = 0.0
+    sensor_lag_s: float = 0.0
     seed: int = 0
     with_power: bool = True
     second: int = 0
@@ -86,7 +90,8 @@ class DrivenCar:
     def __post_init__(self):
         self._rates = make_rates(corrected_vehicle(VEHICLE, self.corrections), FLOATS)
         self._drawn = np.random.default_rng(self.seed)
-        self._extra_w = self._local_k = 0.0
+        self._extra_w = self._local_k = self._arriving_w = 0.0
+        self._sensor_c = self.temperature_c
         self._drawn_locally = np.random.default_rng([self.seed, 1])
         self._car = corrected_vehicle(VEHICLE, self.corrections)
 
@@ -99,16 +104,20 @@ class DrivenCar:
             propulsion_w = PROPULSION_W + self._extra_w
             terminal_w = propulsion_w + CABIN_W + AUXILIARY_W + heater_w
             gamma = self._car.battery.leakage.coefficient_w_per_k(SPEED_MPS)
-            heat_w = (self._car.hvch.efficiency * heater_w + gamma * AMBIENT_C
+            made_w = self._car.hvch.efficiency * heater_w
+            self._arriving_w += (made_w - self._arriving_w) / max(1.0, self.heat_lag_s)
+            heat_w = (self._arriving_w + gamma * AMBIENT_C
                       + self._car.drivetrain.heat_to_battery_w(abs(propulsion_w)))
-            soc_rate, temperature_rate, _ = self._rates(
+            soc_rate, temperature_rate, joule_w = self._rates(
                 self.soc, self.temperature_c, terminal_w, 0.0, heat_w, gamma)
             self.soc += soc_rate
             self.temperature_c += temperature_rate
-            self._local_k += -self._local_k / 100.0 + self.local_k * np.sqrt(
+            self._sensor_c += (self.temperature_c - self._sensor_c) / max(1.0, self.sensor_lag_s)
+            steady_k = 1e-3 * np.dot(self.rises_k_per_kw, (joule_w, self._car.hvch.efficiency * heater_w))
+            self._local_k += (steady_k - self._local_k) / 100.0 + self.local_k * np.sqrt(
                 2 / 100.0) * self._drawn_locally.standard_normal()
             self.second += 1
-        seen_c = self.temperature_c + self._local_k + self.noise_k * self._drawn.standard_normal()
+        seen_c = self._sensor_c + self._local_k + self.noise_k * self._drawn.standard_normal()
         if self.step_k:
             seen_c = round(seen_c / self.step_k) * self.step_k
         return Measurement(

@@ -7,7 +7,13 @@ from driven_car import AMBIENT_C, Course, LIMIT_W, VEHICLE
 import numpy as np
 import pytest
 
-from bev_preheat.estimation.belief import Belief, LOCAL_DEVIATION_K, SHAPE, WANDER_IN_AN_HOUR
+from bev_preheat.estimation.belief import (
+    Belief,
+    LOCAL_DEVIATION_K,
+    SHAPE,
+    UNKNOWN_LOCAL_K,
+    WANDER_IN_AN_HOUR,
+)
 from bev_preheat.estimation.hypotheses import NOISES_K, SHARES
 from bev_preheat.estimation.prior import (
     described_lags,
@@ -142,7 +148,7 @@ def test_place_forgets_what_the_state_was_correlated_with():
     assert (belief.covariance[..., TEMPERATURE, FACTORS] == 0.0).all()
     # After a silence battery and sensor may be apart, and the sensor warmer than its cell; their sum was read.
     seen = belief.covariance[..., SENSOR, SENSOR]
-    assert seen == pytest.approx(np.full(SHAPE, 0.3 + LOCAL_DEVIATION_K**2))
+    assert seen == pytest.approx(np.full(SHAPE, 0.3 + UNKNOWN_LOCAL_K**2))
     read = seen + 2.0 * belief.covariance[..., SENSOR, LOCAL] + belief.covariance[..., LOCAL, LOCAL]
     assert read == pytest.approx(np.full(SHAPE, 0.3))
     assert belief.covariance[..., TEMPERATURE, TEMPERATURE] == pytest.approx(seen + 0.5**2)

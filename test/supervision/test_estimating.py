@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from stepwise import Stepwise
 
-from bev_preheat.estimation.belief import LOCAL_DEVIATION_K
 from bev_preheat.estimation.memory import as_entry, from_entry, learned_from
 from bev_preheat.estimation.prior import LAG_DEVIATION
 from bev_preheat.estimation.state import NOMINAL_HEAT_LAG_S
@@ -90,8 +89,8 @@ def test_the_arrival_becomes_surer_on_the_way(healthy):
     first, middle, last = (deviations_k[at] for at in (3, 187, -2))
     assert first > middle > last > 0.0
     assert first < 3.0
-    # The sensor sits in a place of its own.
-    assert last < LOCAL_DEVIATION_K
+    # The sensor sits in a place of its own, so a quarter of a kelvin is left.
+    assert last < 0.25
     # Heating to come makes good what turns out otherwise.
     assert healthy.seen[3][1].arrival_deviation_k < first
 
@@ -216,12 +215,12 @@ def test_a_new_route_forgets_how_sure_the_old_one_was():
     ride = Ride()
     ride.until(200.0)
     supervisor = ride.supervisor
-    unsure_k = supervisor.decision.arrival_deviation_k
+    unsure_k = supervisor.decision.forecast.as_planned_k
     leg = supervisor.mission.legs[0]
     short = Leg(leg.route.before(300.0), leg.start_ns, True, 25.0)
     supervisor.accept_mission(Mission('short', (short,)))
     decision = supervisor.replan(ride.now_ns)
-    assert decision.arrival_deviation_k < 0.5 * unsure_k
+    assert decision.forecast.as_planned_k < 0.5 * unsure_k
 
 
 def test_learning_goes_on_while_preheating_is_switched_off():

@@ -79,6 +79,8 @@ typedef struct {
   double power_noise;
   double least_power_w;
   double power_noise_lasts_s;
+  /* How much the local rise by Joule heat differs from one peak of the power to the next. */
+  double joule_rise_noise_k_per_kw;
 } bev_belief_terms;
 
 /* What the car does in one step; see bev_preheat.vehicle.uncertain_car. With the nominal leakage. */
