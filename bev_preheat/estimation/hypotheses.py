@@ -92,17 +92,17 @@ class Suspicion(NamedTuple):
 
 
 UNLIMITED = Suspicion(math.inf, math.inf, math.inf)
-# A fault is suspected from the first probability on. It is reported from the second one on, once it has been
-# suspected for this long [s], if the battery's power has made it at least 20 times as likely itself [nats].
-SUSPECT_FROM, TOLD_FROM, TOLD_AFTER_S = 0.5, 0.995, 20.0
-LEAST_SUPPORT = math.log(20.0)
-# Otherwise temperature must have shown it over a long course, and power must not contradict it [nats]: while it
+# A fault is suspected from the first probability on. It is reported from the second one on, and on evidence of its
+# own kind.
+SUSPECT_FROM, TOLD_FROM = 0.5, 0.995
+# Temperature must have shown it over a long course, and power must not contradict it [nats]: while it
 # was suspected, for this long [s], the missing or uncommanded heat amounted to this [K]. A spike, hysteresis,
 # local heat or a second mass do not reach it. A heater that is stuck on always needs it, because other consumers
 # step like one.
 LEAST_COURSE_K, LEAST_COURSE_S = 3.0, 300.0
 NO_CONTRADICTION = -2.0
-# A shorter course is enough if power has made a weak or dead heater at least twice as likely itself [nats].
+# A shorter course is enough if power has made a weak or dead heater at least twice as likely itself [nats]. Power
+# alone is no evidence: where a motorway takes 5 kW less as the heater begins, it looks like a dead heater.
 LEANING, LEANING_COURSE_K, LEANING_COURSE_S = math.log(2.0), 2.0, 120.0
 # It is taken back below this one.
 TAKEN_BACK_BELOW = 0.2
@@ -127,9 +127,7 @@ def judge(weights: Sequence[float], before: HeaterReport | None, suspicion: Susp
     # Which fault it is may be open where it is clear that there is one.
     faulty = 1.0 - healthy
     told = Heater.ANSWERS if before is None else before.heater
-    is_cleared = (faulty < TOLD_FROM or suspicion.lasts_s < TOLD_AFTER_S if told is Heater.ANSWERS
-                  else faulty < TAKEN_BACK_BELOW)
-    if is_cleared:
+    if faulty < (TOLD_FROM if told is Heater.ANSWERS else TAKEN_BACK_BELOW):
         return HeaterReport(Heater.ANSWERS, healthy, 1.0)
     by_kind = dict.fromkeys(Heater, 0.0)
     for weight, own in zip(weights, HEATERS):
@@ -151,8 +149,6 @@ def _has_evidence(fault: Heater, share: float, suspicion: Suspicion,
     least_k, least_s = LEAST_COURSE_K, LEAST_COURSE_S
     if fault is Heater.STUCK_ON:
         course_k = suspicion.uncommanded_k
-    elif supported >= LEAST_SUPPORT:
-        return True
     else:
         course_k = (1.0 - share) * suspicion.commanded_k
         if supported >= LEANING:
