@@ -92,8 +92,7 @@ WANDERED_IN_AN_HOUR = np.square(WANDER_IN_AN_HOUR)
 WANDER_UNKNOWN = np.array([10.0, 0.3, 0.0, 0.0, 0.0, 0.0, 0.1, 0.0, 0.0, 0.0, 0.0, 1.0, 0.1, 0.0])
 # The same while a car is charged or stands: nothing is learned of its factors, lags and rises.
 HELD_WANDER = np.array([10.0, 0.3, *[0.0] * 10, 10.0, 0.0])
-# What may be under way [K] after a silence, how far battery and sensor may then be apart, and what heat may have
-# made of the local rise [K].
+# Standard deviations after a silence [K]: heat under way, difference between battery and sensor, local rise.
 UNKNOWN_UNDER_WAY_K = 0.5
 UNKNOWN_APART_K = 0.5
 UNKNOWN_LOCAL_K = 0.7

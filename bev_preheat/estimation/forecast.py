@@ -148,8 +148,8 @@ def replanned_deviation_k(as_planned_k: float, trip: Driven, plan: Plan, estimat
 
     `as_planned_k` [K] is that of the plan as it is. While heating lies ahead, it ends later if the battery turns
     out colder, and earlier if it turns out warmer. The uncertainty of the temperature then remains, that of the
-    drive after the end of heating, and errors beyond the heat that can be added or saved. What the model lacks
-    (UNMODELLED_K) is left in any case.
+    drive after the end of heating, and errors beyond the heat that can be added or saved. The error of the
+    model (UNMODELLED_K) remains in any case.
     """
     colder_k, warmer_k, end_s = _heat_ahead(trip, plan)
     if warmer_k <= 0.0:

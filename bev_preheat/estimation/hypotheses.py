@@ -70,12 +70,28 @@ def heater_power_w(command_w: float, limit_w: float) -> list[float]:
     return [*[min(share * command_w, limit_w) for share in SHARES[:STUCK]], limit_w]
 
 
+class SuspectedFault(NamedTuple):
+    """
+    A fault that is likely and not reported yet, with its evidence.
+
+    How probable it is (0 ... 1), for how long it was suspected [s], the missing or uncommanded heat in that time
+    [K], and the logarithm of how much likelier the battery's power makes it; None: power is not known.
+    """
+
+    heater: Heater
+    probability: float
+    lasts_s: float
+    heat_k: float
+    power_nats: float | None
+
+
 class HeaterReport(NamedTuple):
     """How the heater answers, how sure that is (0 ... 1), and its share of the command (0 ... 1)."""
 
     heater: Heater
     probability: float
     share: float
+    suspected: SuspectedFault | None = None
 
 
 class Suspicion(NamedTuple):
@@ -120,15 +136,22 @@ def judge(weights: Sequence[float], before: HeaterReport | None, suspicion: Susp
     """
     Return the HeaterReport of hypotheses' weights (heaters,); `before` is the latest report.
 
+    It names a suspected fault while none is reported.
+
     `suspicion` is the Suspicion since `is_suspect` holds. `support` returns how much likelier the battery's power
     makes a kind of heater [nats]; None: power is not known.
     """
-    healthy = weights[HEALTHY]
-    # Which fault it is may be open where it is clear that there is one.
-    faulty = 1.0 - healthy
-    told = Heater.ANSWERS if before is None else before.heater
-    if faulty < (TOLD_FROM if told is Heater.ANSWERS else TAKEN_BACK_BELOW):
-        return HeaterReport(Heater.ANSWERS, healthy, 1.0)
+    report = _report(weights, before, suspicion, support)
+    if report.heater is not Heater.ANSWERS or not is_suspect(weights):
+        return report._replace(suspected=None)
+    fault, share, probability = _likeliest(weights)
+    return report._replace(suspected=SuspectedFault(
+        fault, probability, suspicion.lasts_s, _course_k(fault, share, suspicion),
+        None if support is None else support(fault)))
+
+
+def _likeliest(weights: Sequence[float], told: Heater = Heater.ANSWERS) -> tuple[Heater, float, float]:
+    """Return the likeliest fault, its share of the command and its probability; a told one is preferred."""
     by_kind = dict.fromkeys(Heater, 0.0)
     for weight, own in zip(weights, HEATERS):
         by_kind[own] += weight
@@ -137,9 +160,21 @@ def judge(weights: Sequence[float], before: HeaterReport | None, suspicion: Susp
         fault = told
     share = sum(weight * share for weight, share, kind in zip(weights, SHARES, HEATERS)
                 if kind is fault) / by_kind[fault]
+    return fault, share, by_kind[fault]
+
+
+def _report(weights: Sequence[float], before: HeaterReport | None, suspicion: Suspicion,
+            support: Callable[[Heater], float] | None) -> HeaterReport:
+    healthy = weights[HEALTHY]
+    # That there is a fault may be clear before its kind is.
+    faulty = 1.0 - healthy
+    told = Heater.ANSWERS if before is None else before.heater
+    if faulty < (TOLD_FROM if told is Heater.ANSWERS else TAKEN_BACK_BELOW):
+        return HeaterReport(Heater.ANSWERS, healthy, 1.0)
+    fault, share, probability = _likeliest(weights, told)
     if told is not fault and not _has_evidence(fault, share, suspicion, support):
-        return HeaterReport(told, by_kind[told], 1.0) if before is None else before
-    return HeaterReport(fault, by_kind[fault], share)
+        return HeaterReport(told, healthy, 1.0) if before is None else before
+    return HeaterReport(fault, probability, share)
 
 
 def _has_evidence(fault: Heater, share: float, suspicion: Suspicion,
@@ -147,11 +182,13 @@ def _has_evidence(fault: Heater, share: float, suspicion: Suspicion,
     """Return whether power, or a long course of temperature, shows a fault that gives a share of the command."""
     supported = 0.0 if support is None else support(fault)
     least_k, least_s = LEAST_COURSE_K, LEAST_COURSE_S
-    if fault is Heater.STUCK_ON:
-        course_k = suspicion.uncommanded_k
-    else:
-        course_k = (1.0 - share) * suspicion.commanded_k
-        if supported >= LEANING:
-            least_k, least_s = LEANING_COURSE_K, LEANING_COURSE_S
-    return (course_k >= least_k and suspicion.lasts_s >= least_s
+    if fault is not Heater.STUCK_ON and supported >= LEANING:
+        least_k, least_s = LEANING_COURSE_K, LEANING_COURSE_S
+    return (_course_k(fault, share, suspicion) >= least_k and suspicion.lasts_s >= least_s
             and supported >= NO_CONTRADICTION)
+
+
+def _course_k(fault: Heater, share: float, suspicion: Suspicion) -> float:
+    """Return the heat that is missing, or uncommanded, with a fault that gives a share of the command [K]."""
+    return (suspicion.uncommanded_k if fault is Heater.STUCK_ON
+            else (1.0 - share) * suspicion.commanded_k)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The samples of the battery's power: mean and variance of a step, and what they say about the route's power."""
+"""The samples of the battery's power: mean and variance of a step, the hidden ripple, the route's excess."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from collections.abc import Collection
 
-# The variance of the samples is compared with that of the route over so long [s], about a segment of a route.
+# The samples' variance is taken over this time [s], about a segment of a route.
 VARIATION_S = 40.0
-# The comparison forgets what is older than this [s].
+# The comparison with the route's variance reaches back this far [s].
 REMEMBERED_S = 600.0
 # The power of a single second is several times the route's mean in a real drive, so its excess is averaged over
 # this time [s] before it is compared.

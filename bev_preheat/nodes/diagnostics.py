@@ -70,7 +70,7 @@ def planner_diagnostics(node_name: str, supervisor: Supervisor, now_ns: int,
                                       _signals(name, hardware, supervisor, now_ns)])
     estimate = supervisor.estimate
     if estimate is not None:
-        message.status.append(_heater(name, hardware, estimate.heater))
+        message.status.append(heater_entry(name, hardware, estimate.heater))
         message.status.append(_estimation(name, hardware, supervisor, estimate, now_ns))
     progress = progress_diagnostics(name, supervisor, now_ns)
     if progress is not None:
@@ -159,12 +159,25 @@ def heater_sentence(report: HeaterReport) -> str:
     return f'{report.heater.value}: {sentence}'
 
 
-def _heater(name: str, hardware: str, report: HeaterReport) -> DiagnosticStatus:
-    return _entry(f'{name}: heater', hardware, HEATER_LEVELS[report.heater],
-                  heater_sentence(report), {
-                      'heater': report.heater.value,
-                      'probability [1]': f'{report.probability:.3f}',
-                      'share of the command [1]': f'{report.share:.2f}'})
+def heater_entry(name: str, hardware: str, report: HeaterReport) -> DiagnosticStatus:
+    """Return the entry on the heater's response, with a suspected fault."""
+    sentence, suspected = heater_sentence(report), report.suspected
+    values = {
+        'heater': report.heater.value,
+        'probability [1]': f'{report.probability:.3f}',
+        'share of the command [1]': f'{report.share:.2f}',
+        'suspected': '', 'suspected, probability [1]': '', 'suspected for [s]': '',
+        'missing or uncommanded heat [K]': '', 'times as likely by the power [1]': ''}
+    if suspected is not None:
+        sentence = f'{sentence}; suspected: {suspected.heater.value}'
+        values.update({
+            'suspected': suspected.heater.value,
+            'suspected, probability [1]': f'{suspected.probability:.3f}',
+            'suspected for [s]': f'{suspected.lasts_s:.0f}',
+            'missing or uncommanded heat [K]': f'{suspected.heat_k:.2f}',
+            'times as likely by the power [1]': ('power is not known' if suspected.power_nats is None
+                                                 else f'{math.exp(suspected.power_nats):.3g}')})
+    return _entry(f'{name}: heater', hardware, HEATER_LEVELS[report.heater], sentence, values)
 
 
 def _estimation(name: str, hardware: str, supervisor: Supervisor, estimate: Estimate,

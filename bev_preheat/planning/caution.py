@@ -134,7 +134,7 @@ def _latest_end_s(trip: Trip, schedule: Schedule) -> float:
 
 
 def _heated_s(trip: Trip, schedule: Schedule, first: int) -> float:
-    """Return for how long [s] the heater would be on at full power for what is planned from a step on."""
+    """Return the planned heat from a step on, as time at full power [s]."""
     limit_w, power_w = trip.heater_limit_w[first:], schedule.heater_power_w[first:]
     possible = limit_w > 0.0
     return float((power_w[possible] / limit_w[possible] * trip.route.duration_s[first:][possible]).sum())

@@ -22,7 +22,7 @@ static int32_t first_of_last_stretch(const bev_planned_heating *planned) {
   return first;
 }
 
-/* For how long [s] the heater would be on at full power for what is planned from a step on. */
+/* The planned heat from a step on, as time at full power [s]. */
 static double heated_s(const bev_planned_heating *planned, int32_t first) {
   const bev_trip *trip = planned->trip;
   double seconds = 0.0;

@@ -167,3 +167,21 @@ def test_a_fault_that_has_been_told_stays_told_without_new_evidence():
         before = judge(weights_of(**{kind: 0.999}), None)
         after = judge(weights_of(**{kind: 0.9}), before, Suspicion(0.0, 0.0, 0.0), lambda _: -9.0)
         assert after.heater is before.heater is Heater[kind.upper()]
+
+
+# Suspicion
+
+# The derated ones are as likely with half as with a quarter, so five eighths are missing.
+@pytest.mark.parametrize('kind, heat_k', [('dead', 1.5), ('derated', 0.625 * 1.5), ('stuck_on', 0.4)])
+def test_a_fault_is_suspected_with_its_evidence_until_it_is_told(kind, heat_k):
+    suspicion = Suspicion(70.0, 1.5, 0.4)
+    weights = weights_of(**{kind: 0.8})
+    report = judge(weights, None, suspicion, lambda fault: 1.25)
+    assert report.heater is Heater.ANSWERS and report.probability == pytest.approx(0.2)
+    suspected = report.suspected
+    assert (suspected.heater.name.lower(), suspected.lasts_s, suspected.power_nats) == (kind, 70.0, 1.25)
+    assert (suspected.probability, suspected.heat_k) == pytest.approx((0.8, heat_k))
+    assert judge(weights, None, suspicion, None).suspected.power_nats is None
+    # An unlikely fault and a reported one are not suspected.
+    assert judge(weights_of(dead=SUSPECT_FROM - 0.01), None, suspicion, None).suspected is None
+    assert judge(weights, HeaterReport(Heater.DEAD, 0.9, 0.0), suspicion, None).suspected is None

@@ -2,13 +2,15 @@
 """What the entry `planner: estimation` says of a temperature sensor that is off."""
 
 from dataclasses import replace
+import math
 import re
 
 from diagnostic_msgs.msg import DiagnosticStatus
 import pytest
 from stepwise import Stepwise
 
-from bev_preheat.nodes.diagnostics import planner_diagnostics, RESET_SHOWN_S
+from bev_preheat.estimation.hypotheses import Heater, HeaterReport, SuspectedFault
+from bev_preheat.nodes.diagnostics import heater_entry, planner_diagnostics, RESET_SHOWN_S
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.route.csv_file import load_route
 from bev_preheat.supervision.inputs import Leg, Measurement, Mission, NS_PER_S
@@ -49,6 +51,16 @@ def test_a_sensor_that_agrees_or_cannot_be_told_is_none(temperature_c, standing_
     entry, values = estimation_entry([temperature_c], standing_time_s)
     assert entry.level == DiagnosticStatus.OK
     assert ('temperature expected after standing [degC]' in values) is (standing_time_s > 0.0)
+
+
+@pytest.mark.parametrize('power_nats, as_likely', [(math.log(4.0), '4'), (None, 'power is not known')])
+def test_a_suspected_heater_is_named_with_its_evidence(power_nats, as_likely):
+    report = HeaterReport(Heater.ANSWERS, 0.2, 1.0, SuspectedFault(Heater.DEAD, 0.8, 70.0, 1.5, power_nats))
+    entry = heater_entry('planner', 'car', report)
+    values = {value.key: value.value for value in entry.values}
+    assert entry.level == DiagnosticStatus.OK
+    assert entry.message.startswith('answers') and entry.message.endswith('; suspected: dead')
+    assert values['suspected for [s]'] == '70' and values['times as likely by the power [1]'] == as_likely
 
 
 def test_a_reset_is_said_first():
