@@ -298,6 +298,10 @@ class Belief:
             self.covariance[..., index, MOVING] = kept
             self.covariance[..., MOVING, index] = kept
 
+    def free_local_rise(self) -> None:
+        """Let the local rise at the sensor be unknown, because its readings have moved for good."""
+        self.covariance[..., LOCAL, LOCAL] += UNKNOWN_LOCAL_K**2
+
     def _pass_unknown(self, duration_s: float) -> None:
         hours = duration_s / 3600.0
         # The sensor goes with the battery.

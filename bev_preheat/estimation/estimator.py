@@ -90,7 +90,7 @@ class Estimator:
         # Since when [ns] the heater has been suspect; None: it is not.
         self._suspect_since_ns: int | None = None
         # Heat commanded, and uncommanded heat that the heater could have given, since then [K].
-        self._commanded_k = self._uncommanded_k = 0.0
+        self._commanded_k = self._uncommanded_k = self._suspect_from_c = 0.0
 
     def lose_time(self) -> None:
         """Take the temperature from the next reading alone: stamps so far mean nothing."""
@@ -157,7 +157,9 @@ class Estimator:
         if elapsed_s < LEAST_INTERVAL_S:
             return
         self._advance(stretches)
-        if verdict is Verdict.BELIEVED:
+        if verdict is Verdict.LASTING:
+            self._belief.free_local_rise()
+        if verdict in (Verdict.BELIEVED, Verdict.LASTING):
             self._conclude(measurement, *self._belief.see_battery(
                 state.temperature_c - self._offset_k, self._readings.temperature_resolution_k,
                 state.soc, self._readings.soc_resolution,
@@ -196,7 +198,7 @@ class Estimator:
                 self._stamp_ns = None
                 self._place(measurement)
                 return
-            is_believed = verdict is Verdict.BELIEVED
+            is_believed = verdict in (Verdict.BELIEVED, Verdict.LASTING)
         temperature_k, soc_step = self._readings.temperature_resolution_k, self._readings.soc_resolution
         reading_c = state.temperature_c - self._offset_k
         self._belief.hold(
@@ -301,8 +303,10 @@ class Estimator:
             self._suspect_since_ns = None
         elif self._suspect_since_ns is None:
             self._suspect_since_ns, self._commanded_k, self._uncommanded_k = stamp_ns, 0.0, 0.0
+            self._suspect_from_c = measurement.state.temperature_c
         since_ns = stamp_ns if self._suspect_since_ns is None else self._suspect_since_ns
-        suspicion = Suspicion((stamp_ns - since_ns) / NS_PER_S, self._commanded_k, self._uncommanded_k)
+        suspicion = Suspicion((stamp_ns - since_ns) / NS_PER_S, self._commanded_k, self._uncommanded_k,
+                              measurement.state.temperature_c - self._suspect_from_c)
         report = judge(weights, self.estimate.heater if self.estimate else None,
                        suspicion, self._response.support if self._knows_power else None)
         self._make_estimate(stamp_ns, mean, covariance, report)

@@ -96,7 +96,7 @@ class HeaterReport(NamedTuple):
 
 class Suspicion(NamedTuple):
     """
-    How long a fault has been suspected [s], and the heat since then.
+    How long a fault has been suspected [s], the heat since then, and how far the temperature reading rose [K].
 
     `commanded_k` is the heat that was commanded, `uncommanded_k` the heat that the heater could have given without
     a command, both as the warming of the battery [K].
@@ -105,9 +105,10 @@ class Suspicion(NamedTuple):
     lasts_s: float
     commanded_k: float
     uncommanded_k: float
+    rise_k: float
 
 
-UNLIMITED = Suspicion(math.inf, math.inf, math.inf)
+UNLIMITED = Suspicion(math.inf, math.inf, math.inf, math.inf)
 # A fault is suspected from the first probability on. It is reported from the second one on, and on evidence of its
 # own kind.
 SUSPECT_FROM, TOLD_FROM = 0.5, 0.995
@@ -116,6 +117,9 @@ SUSPECT_FROM, TOLD_FROM = 0.5, 0.995
 # local heat or a second mass do not reach it. A heater that is stuck on always needs it, because other consumers
 # step like one.
 LEAST_COURSE_K, LEAST_COURSE_S = 3.0, 300.0
+# The reading must have risen by this share of the uncommanded heat: leakage takes up to a third of it and a slow
+# sensor shows it late, but after a spike the reading falls back.
+LEAST_RISE = 0.4
 NO_CONTRADICTION = -2.0
 # A shorter course is enough if power has made a weak or dead heater at least twice as likely itself [nats]. Power
 # alone is no evidence: where a motorway takes 5 kW less as the heater begins, it looks like a dead heater.
@@ -184,6 +188,8 @@ def _has_evidence(fault: Heater, share: float, suspicion: Suspicion,
     least_k, least_s = LEAST_COURSE_K, LEAST_COURSE_S
     if fault is not Heater.STUCK_ON and supported >= LEANING:
         least_k, least_s = LEANING_COURSE_K, LEANING_COURSE_S
+    if fault is Heater.STUCK_ON and suspicion.rise_k < LEAST_RISE * suspicion.uncommanded_k:
+        return False
     return (_course_k(fault, share, suspicion) >= least_k and suspicion.lasts_s >= least_s
             and supported >= NO_CONTRADICTION)
 

@@ -10,6 +10,8 @@ from typing import Protocol, TYPE_CHECKING
 
 from bev_preheat.estimation.resolution import Resolution, SOC_STEPS, TEMPERATURE_STEPS_K
 
+NS_PER_S = 1_000_000_000
+
 if TYPE_CHECKING:
     from bev_preheat.planning.situation import BatteryState
 
@@ -17,6 +19,12 @@ if TYPE_CHECKING:
 IMPLAUSIBLE_DEVIATIONS = 6.0
 LEAST_DEVIATION_K = 0.3
 LEAST_SOC_DEVIATION = 0.01
+# A temperature that leaves its expected value by more than the first number of deviations is an excursion until it is
+# back within the second one. It is ignored for this long [s] and up to this size [K]: no battery warms that fast,
+# but contacts and wires fail that fast.
+EXCURSION_DEVIATIONS, RETURN_DEVIATIONS = 3.0, 1.5
+LARGEST_EXCURSION_K = 3.0
+LONGEST_EXCURSION_S = 150.0
 # The share of ignored readings is that of so many latest ones.
 COUNTED = 300
 # Reading, step of the signal, least standard deviation.
@@ -45,6 +53,8 @@ class Verdict(Enum):
     """What is to be done with a reading."""
 
     BELIEVED = 'is what is expected'
+    EXCURSION = 'is a temperature that has left its expected value for a short time'
+    LASTING = 'is a temperature that has left its expected value for longer than an excursion lasts'
     DOUBTED = 'is too far off, and the first to say so'
     JUMPED = 'is too far off, and the second to say so'
 
@@ -58,6 +68,8 @@ class ReadingCheck:
         self._soc_steps = Resolution(SOC_STEPS)
         # A reading that was not believed, waiting for a second one.
         self._doubted: Measurement | None = None
+        # When the present excursion began [ns]; None: the temperature is as expected.
+        self._excursion_ns: int | None = None
         self._ignored: deque[bool] = deque(maxlen=COUNTED)
 
     @property
@@ -82,6 +94,11 @@ class ReadingCheck:
 
     def judge(self, measurement: Measurement, expected: tuple[Expected, Expected]) -> Verdict:
         """Return the Verdict on a Measurement; `expected` are temperature [deg C] and charge, with variances."""
+        excursion = self._excursion(measurement, expected)
+        if excursion is not None:
+            self._doubted = None
+            self._ignored.append(excursion is Verdict.EXCURSION)
+            return excursion
         is_plausible = self._is_plausible(measurement.state, expected)
         self._ignored.append(not is_plausible)
         if is_plausible:
@@ -93,6 +110,22 @@ class ReadingCheck:
                 or not self._agree(before.state, measurement.state)):
             return Verdict.DOUBTED
         return Verdict.JUMPED
+
+    def _excursion(self, measurement: Measurement, expected: tuple[Expected, Expected]) -> Verdict | None:
+        """Return the Verdict on a temperature that is on an excursion, or was until now; None: it is not."""
+        reading, step, least = self._looks_at(measurement.state)[0]
+        mean, variance = expected[0]
+        beyond_k = abs(reading - mean) - 0.5 * step
+        deviations = EXCURSION_DEVIATIONS if self._excursion_ns is None else RETURN_DEVIATIONS
+        if not deviations * max(math.sqrt(max(variance, 0.0)), least) < beyond_k <= LARGEST_EXCURSION_K:
+            self._excursion_ns = None
+            return None
+        if self._excursion_ns is None:
+            self._excursion_ns = measurement.stamp_ns
+        if measurement.stamp_ns - self._excursion_ns < LONGEST_EXCURSION_S * NS_PER_S:
+            return Verdict.EXCURSION
+        self._excursion_ns = None
+        return Verdict.LASTING
 
     def _is_plausible(self, state: BatteryState, expected: tuple[Expected, Expected]) -> bool:
         """Whether readings are what is expected, or may be."""

@@ -13,6 +13,7 @@ from bev_preheat.estimation.belief import LOCAL_DEVIATION_K
 from bev_preheat.estimation.estimator import Estimator
 from bev_preheat.estimation.hypotheses import Heater
 from bev_preheat.estimation.prior import RISE_BOUNDS, RISE_DEVIATIONS, RISES_K_PER_KW
+from bev_preheat.estimation.readings import LONGEST_EXCURSION_S
 from bev_preheat.estimation.state import (
     HEAT_CAPACITY,
     HEATER,
@@ -229,6 +230,34 @@ def test_two_readings_that_say_the_same_begin_the_estimate_anew(jump):
     assert estimate.temperature_c == pytest.approx(measurement.state.temperature_c, abs=0.01)
     # All that was learned may have been of another car.
     assert estimate.log_factors.tolist() == [0.0] * 5
+
+
+@pytest.mark.parametrize('lasts_s', [30, 60, 120])
+@pytest.mark.parametrize('spike_k', [1.0, -1.5, 2.0])
+@pytest.mark.parametrize('with_power', [True, False])
+def test_a_spike_accuses_no_heater_and_moves_the_estimate_by_less_than_itself(spike_k, lasts_s, with_power):
+    car = DrivenCar(seed=4, step_k=0.5, with_power=with_power, commands=HEATED)
+    estimator = followed(car, 300)
+    for second in range(1200):
+        measurement = car.drive()
+        observed(estimator, moved(measurement, temperature_c=spike_k if second < lasts_s else 0.0),
+                 Course(), car.commands)
+        assert estimator.estimate.heater.heater is Heater.ANSWERS
+        assert abs(estimator.estimate.temperature_c - car.temperature_c) < abs(spike_k)
+    assert estimator.estimate.resets == 0
+
+
+def test_a_reading_that_stays_where_it_went_is_believed_in_the_end():
+    car = DrivenCar(seed=4, commands=HEATED)
+    estimator = followed(car, 300)
+    for _ in range(round(LONGEST_EXCURSION_S) + 60):
+        observed(estimator, moved(car.drive(), temperature_c=2.0), Course(), car.commands)
+    assert estimator.estimate.resets == 0
+    assert estimator.estimate.ignored_share < 0.7
+    ignored = estimator.estimate.ignored_share
+    for _ in range(100):
+        observed(estimator, moved(car.drive(), temperature_c=2.0), Course(), car.commands)
+    assert estimator.estimate.ignored_share < ignored
 
 
 def test_two_odd_readings_that_differ_change_nothing():

@@ -17,6 +17,7 @@ from bev_preheat.estimation.hypotheses import (
     LEANING_COURSE_S,
     LEAST_COURSE_K,
     LEAST_COURSE_S,
+    LEAST_RISE,
     NO_CONTRADICTION,
     prior_weights,
     REPAIR_S,
@@ -84,10 +85,10 @@ def test_a_fault_is_told_after_a_while_and_then_stays_told():
     weights = weights_of(derated=TOLD_FROM + 0.002)
     assert is_suspect(weights) and is_suspect(weights_of(derated=SUSPECT_FROM + 0.01))
     assert not is_suspect(weights_of(derated=SUSPECT_FROM - 0.01))
-    reports = [judge(weights, None, Suspicion(LEANING_COURSE_S + more_s, 5.0, 0.0), lambda _: LEANING)
+    reports = [judge(weights, None, Suspicion(LEANING_COURSE_S + more_s, 5.0, 0.0, 0.0), lambda _: LEANING)
                for more_s in (-0.1, 0.0)]
     assert [report.heater for report in reports] == [Heater.ANSWERS, Heater.DERATED]
-    assert judge(weights_of(derated=0.5), reports[1], suspicion=Suspicion(0.0, 0.0, 0.0)).heater is Heater.DERATED
+    assert judge(weights_of(derated=0.5), reports[1], suspicion=Suspicion(0.0, 0.0, 0.0, 0.0)).heater is Heater.DERATED
 
 
 def test_a_fault_is_taken_back_only_when_it_is_unlikely():
@@ -115,7 +116,8 @@ def test_share_of_a_derated_heater_is_the_mean_of_what_is_likely():
 
 # Evidence of its own kind
 
-SHORT, LONG_OFF, LONG_ON = Suspicion(60.0, 1.0, 1.0), Suspicion(900.0, 0.0, 6.1), Suspicion(900.0, 6.1, 0.0)
+SHORT, LONG_OFF, LONG_ON = (
+    Suspicion(60.0, 1.0, 1.0, 1.0), Suspicion(900.0, 0.0, 6.1, 5.0), Suspicion(900.0, 6.1, 0.0, 1.0))
 
 
 def told(kind, suspicion, support):
@@ -135,7 +137,7 @@ def test_temperature_alone_needs_a_long_course(kind, suspicion):
     assert told(kind, suspicion, None)
     # Of 6.1 K half is missing with the weakest of the derated heaters that is in question.
     assert 0.5 * 6.1 > LEAST_COURSE_K
-    assert not told(kind, Suspicion(900.0, 0.45 * LEAST_COURSE_K, 0.9 * LEAST_COURSE_K), None)
+    assert not told(kind, Suspicion(900.0, 0.45 * LEAST_COURSE_K, 0.9 * LEAST_COURSE_K, LEAST_COURSE_K), None)
     assert not told(kind, suspicion._replace(lasts_s=LEAST_COURSE_S - 1.0), None)
 
 
@@ -148,7 +150,7 @@ def test_power_that_contradicts_a_fault_keeps_it_from_being_told(kind, suspicion
 @pytest.mark.parametrize('kind', ['dead', 'derated'])
 def test_power_that_leans_to_a_fault_shortens_the_course(kind):
     # At least half of the commanded heat is missing.
-    course = Suspicion(LEANING_COURSE_S, 2.1 * LEANING_COURSE_K, 0.0)
+    course = Suspicion(LEANING_COURSE_S, 2.1 * LEANING_COURSE_K, 0.0, 0.0)
     assert told(kind, course, LEANING + 0.1)
     assert not told(kind, course, LEANING - 0.1)
     assert not told(kind, course, None)
@@ -165,7 +167,7 @@ def test_power_alone_is_not_enough_for_uncommanded_heat():
 def test_a_fault_that_has_been_told_stays_told_without_new_evidence():
     for kind in ('dead', 'derated', 'stuck_on'):
         before = judge(weights_of(**{kind: 0.999}), None)
-        after = judge(weights_of(**{kind: 0.9}), before, Suspicion(0.0, 0.0, 0.0), lambda _: -9.0)
+        after = judge(weights_of(**{kind: 0.9}), before, Suspicion(0.0, 0.0, 0.0, 0.0), lambda _: -9.0)
         assert after.heater is before.heater is Heater[kind.upper()]
 
 
@@ -174,7 +176,7 @@ def test_a_fault_that_has_been_told_stays_told_without_new_evidence():
 # The derated ones are as likely with half as with a quarter, so five eighths are missing.
 @pytest.mark.parametrize('kind, heat_k', [('dead', 1.5), ('derated', 0.625 * 1.5), ('stuck_on', 0.4)])
 def test_a_fault_is_suspected_with_its_evidence_until_it_is_told(kind, heat_k):
-    suspicion = Suspicion(70.0, 1.5, 0.4)
+    suspicion = Suspicion(70.0, 1.5, 0.4, 0.0)
     weights = weights_of(**{kind: 0.8})
     report = judge(weights, None, suspicion, lambda fault: 1.25)
     assert report.heater is Heater.ANSWERS and report.probability == pytest.approx(0.2)
@@ -185,3 +187,9 @@ def test_a_fault_is_suspected_with_its_evidence_until_it_is_told(kind, heat_k):
     # An unlikely fault and a reported one are not suspected.
     assert judge(weights_of(dead=SUSPECT_FROM - 0.01), None, suspicion, None).suspected is None
     assert judge(weights, HeaterReport(Heater.DEAD, 0.9, 0.0), suspicion, None).suspected is None
+
+
+def test_uncommanded_heat_needs_a_reading_that_rises():
+    # After a spike the reading falls back while the hypothesis is still likely.
+    assert told('stuck_on', LONG_OFF, 5.0)
+    assert not told('stuck_on', LONG_OFF._replace(rise_k=0.9 * LEAST_RISE * LONG_OFF.uncommanded_k), 5.0)
