@@ -4,7 +4,7 @@
 from pathlib import Path
 from xml.etree import ElementTree
 
-from ament_index_python.packages import get_package_share_directory
+from bev_preheat.files.installed import share_folder
 
 MANIFEST = 'package.xml'
 
@@ -13,5 +13,5 @@ def version() -> str:
     """Return the version of the sources that run, or of the installed package, as a text."""
     manifest = Path(__file__).resolve().parents[2] / MANIFEST
     if not manifest.is_file():
-        manifest = Path(get_package_share_directory('bev_preheat')) / MANIFEST
+        manifest = share_folder() / MANIFEST
     return ElementTree.parse(manifest).findtext('version', '').strip()

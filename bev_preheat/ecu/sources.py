@@ -6,10 +6,9 @@ from __future__ import annotations
 from pathlib import Path
 import re
 
-from ament_index_python.packages import get_package_prefix, PackageNotFoundError
-
 from bev_preheat.compiled import c_source
 from bev_preheat.errors import InvalidInput
+from bev_preheat.files.installed import installed_prefix
 
 # Where the sources are read in place, their own files are the ones that belong to them.
 _CHECKOUT = Path(__file__).resolve().parents[2]
@@ -59,9 +58,8 @@ def _core_folders() -> tuple[Path, Path]:
     core = _CHECKOUT / 'core'
     if (core / 'src').is_dir():
         return core / 'include', core / 'src'
-    try:
-        prefix = Path(get_package_prefix(CORE))
-    except PackageNotFoundError:
+    prefix = installed_prefix(CORE)
+    if prefix is None:
         raise InvalidInput(f'the sources of {CORE} are missing: the package is not installed; build it from a '
-                           'checkout: colcon build --base-paths . core msg_defs') from None
+                           'checkout: colcon build --base-paths . core msg_defs')
     return prefix / 'include', prefix / 'share' / CORE / 'src'

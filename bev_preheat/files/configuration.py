@@ -4,9 +4,8 @@
 import os
 from pathlib import Path
 
-from ament_index_python.packages import get_package_share_directory
-
 from bev_preheat.errors import InvalidInput, LONGEST_QUOTE, quoted
+from bev_preheat.files.installed import share_folder
 
 # Where the sources are read in place, their own files are the ones that belong to them.
 _SOURCES = Path(__file__).resolve().parents[2]
@@ -16,7 +15,7 @@ def configuration_folder(kind: str) -> Path:
     """Folder of the files of a kind (`vehicles`, `itineraries`) that come with the package."""
     if (_SOURCES / 'config').is_dir():
         return _SOURCES / 'config' / kind
-    return Path(get_package_share_directory('bev_preheat')) / 'config' / kind
+    return share_folder() / 'config' / kind
 
 
 def find_configuration(kind: str, name_or_file: str | Path, suffix: str) -> Path:

@@ -66,16 +66,12 @@ def test_what_is_not_allowed_is_told_in_one_line(refused, option, value, message
 
 def test_missing_sources_of_the_core_are_told(refused, monkeypatch, tmp_path):
     monkeypatch.setattr(sources, '_CHECKOUT', tmp_path)
-
-    def no_package(name):
-        raise sources.PackageNotFoundError(name)
-
-    monkeypatch.setattr(sources, 'get_package_prefix', no_package)
+    monkeypatch.setattr(sources, 'installed_prefix', lambda name: None)
     assert refused('--vehicle', 'reference', '--output', 'out') == (
         'preheat: error: the sources of bev_preheat_core are missing: the package is not installed; build '
         'it from a checkout: colcon build --base-paths . core msg_defs')
     # One that was built from other sources.
-    monkeypatch.setattr(sources, 'get_package_prefix', lambda name: str(tmp_path))
+    monkeypatch.setattr(sources, 'installed_prefix', lambda name: tmp_path)
     assert 'the source of bev_preheat_core cannot be read' in refused(
         '--vehicle', 'reference', '--output', 'out')
 
