@@ -5,7 +5,7 @@ SHELL := bash
 .PHONY: help setup build demo test test-quick test-deep test-oldest test-pythons test-repeated coverage bench footprint soak soak-monitor docs lint clean
 
 DEMO := python3 -m bev_preheat.demo
-BENCH := python3 -m bev_preheat.experiments.cost
+BENCH := python3 -m bev_preheat_studies.cost
 # make soak MINUTES=60
 MINUTES := 10
 # make test-deep EXAMPLES=10000
@@ -44,7 +44,7 @@ test: build ## all tests
 # Python is tested as it is in the checkout, so only new messages and new equations need a build.
 test-quick: setup ## the tests without DDS, but for the costly ones, for the person who edits
 	@[ -e install/.built ] && [ -z "$$(find msg_defs core bev_preheat/compiled bev_preheat/vehicle/*.py -newer install/.built -print -quit)" ] || scripts/build.bash
-	@$(environment); $(local_only); PYTHONPATH="$$PWD:$$PYTHONPATH" python3 -m pytest -q $(several_without_nodes) -m "not dds and not deep and not costly and not linter" $(TESTS)
+	@$(environment); $(local_only); PYTHONPATH="$$PWD:$$PWD/studies:$$PYTHONPATH" python3 -m pytest -q $(several_without_nodes) -m "not dds and not deep and not costly and not linter" $(TESTS)
 
 test-deep: build ## all tests, those too that take long: all scenarios over DDS, EXAMPLES (1000) for each property
 	@$(environment); $(local_only); BEV_PREHEAT_EXAMPLES=$(EXAMPLES) python3 -m pytest -q $(several_files_at_once) -m "not linter" --hypothesis-profile deep -o timeout=7200 $(TESTS)
@@ -72,18 +72,18 @@ bench: build ## speed and cost against other ways to plan
 
 footprint: build ## bytes, stack and instructions of what preheat export-ecu writes, for this computer and a Cortex-M7
 	@scripts/setup.bash footprint
-	@$(environment); python3 -m bev_preheat.experiments.footprint
+	@$(environment); python3 -m bev_preheat_studies.footprint
 
 soak: build ## the planner under load for MINUTES (10), in real time
-	@$(environment); $(local_only); python3 -m bev_preheat.soak --minutes $(MINUTES)
+	@$(environment); $(local_only); python3 -m bev_preheat_studies.soak --minutes $(MINUTES)
 
 soak-monitor: build ## preheat monitor beside drives at 100 times real time for MINUTES (10)
-	@$(environment); $(local_only); python3 -m bev_preheat.experiments.soak.monitor --minutes $(MINUTES)
+	@$(environment); $(local_only); python3 -m bev_preheat_studies.soak.monitor --minutes $(MINUTES)
 
 # A broken link, an unknown anchor, any other warning is an error. The reference is made from the checkout's code.
 docs: build ## the documentation as a site: out/docs/index.html
 	@scripts/setup.bash docs
-	@$(environment); PYTHONPATH="$$PWD:$$PYTHONPATH" python3 -m sphinx -q -W -n --keep-going -d out/.doctrees docs out/docs
+	@$(environment); PYTHONPATH="$$PWD:$$PWD/studies:$$PYTHONPATH" python3 -m sphinx -q -W -n --keep-going -d out/.doctrees docs out/docs
 	@echo out/docs/index.html
 
 # Not every machine has shellcheck.

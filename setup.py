@@ -11,6 +11,10 @@ from setuptools.command.develop import develop
 from setuptools.command.install_scripts import install_scripts
 
 PACKAGE = 'bev_preheat'
+STUDIES = 'bev_preheat_studies'
+# A car needs no studies. With this variable at 1 they are not installed; preheat sweep, robustness and reproduce
+# then end with one line. Build in a new folder, because setuptools does not remove files of an earlier build.
+WITHOUT_STUDIES = os.environ.get('BEV_PREHEAT_WITHOUT_STUDIES', '') not in ('', '0')
 ENTRY_POINTS = {
     'planner': f'{PACKAGE}.nodes.executables:planner',
     'nlp_checker': f'{PACKAGE}.nodes.executables:nlp_checker',
@@ -79,15 +83,17 @@ check_that_messages_are_built()
 setup(
     name=PACKAGE,
     version=ElementTree.parse('package.xml').findtext('version'),
-    packages=find_packages(include=[PACKAGE, f'{PACKAGE}.*']),
+    packages=[*find_packages(include=[PACKAGE, f'{PACKAGE}.*']),
+              *([] if WITHOUT_STUDIES else find_packages('studies', include=[STUDIES, f'{STUDIES}.*']))],
+    package_dir={} if WITHOUT_STUDIES else {STUDIES: f'studies/{STUDIES}'},
     package_data={PACKAGE: ['vehicle/schema.yaml', 'vehicle/heat_path_schema.yaml',
                             'route/legs_schema.yaml',
                             'charging/chargers_schema.yaml',
                             'supervision/itinerary_schema.yaml',
                             'simulation/scenario_schema.yaml', 'vehicle/chemistry.yaml',
                             'vehicle/vehicle_template.yaml',
-                            'vehicle/road_load_template.yaml', 'ecu/c/*',
-                            'experiments/footprint/*.[ch]']},
+                            'vehicle/road_load_template.yaml', 'ecu/c/*'],
+                  STUDIES: ['footprint/*.[ch]']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{PACKAGE}']),
         (f'share/{PACKAGE}', ['package.xml']),

@@ -32,7 +32,9 @@ build=$bev_preheat_place/build
 
 # What the last build was made with and of: a stamp for make, and the list of names that tells which have gone since.
 made_with="with $bev_preheat_underlay $(tr '\n' ' ' <"$bev_preheat_place/.venv/.ready")"
-sources=(package.xml setup.py setup.cfg colcon.pkg bev_preheat config core launch resource msg_defs)
+# As setup.py reads it.
+case ${BEV_PREHEAT_WITHOUT_STUDIES:-0} in 0) ;; *) made_with+='without studies' ;; esac
+sources=(package.xml setup.py setup.cfg colcon.pkg bev_preheat studies config core launch resource msg_defs)
 state=$(
     echo "$made_with"
     find "${sources[@]}" -name __pycache__ -prune -o -type f -printf '%p %s %T@\n' | sort

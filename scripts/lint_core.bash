@@ -9,7 +9,7 @@ trap 'rm -rf "$generated"' EXIT
 PYTHONPATH=$PWD:${PYTHONPATH:-} python3 -m bev_preheat.compiled.c_source "$generated/bev_preheat_core_generated"
 for compiler in gcc clang; do
     command -v "$compiler" >/dev/null || continue
-    for source in core/src/*.c bev_preheat/ecu/c/*.c bev_preheat/experiments/footprint/*.c; do
+    for source in core/src/*.c bev_preheat/ecu/c/*.c studies/bev_preheat_studies/footprint/*.c; do
         "$compiler" -std=c99 -O2 -Wall -Wextra -Wpedantic -Wconversion -Werror -ffp-contract=off \
             -Icore/include -Icore/src -Ibev_preheat/ecu/c -I"$generated" -c "$source" -o "$generated/object.o"
     done

@@ -5,13 +5,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from bev_preheat.experiments.optimality.drawn_trips import scale_vehicle
 from bev_preheat.planning.dynamics import run_forward
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.route.segments import make_route
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.model import make_runge_kutta_4
+from bev_preheat_studies.optimality.drawn_trips import scale_vehicle
 
 # No limit of this one is ever active.
 CAR = scale_vehicle(load_vehicle('reference'), 1.0, 1.0, 10.0)

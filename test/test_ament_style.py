@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
-PLACES = [str(ROOT / name) for name in ('bev_preheat', 'docs', 'scripts', 'setup.py', 'test')]
+PLACES = [str(ROOT / name) for name in ('bev_preheat', 'docs', 'scripts', 'setup.py', 'studies', 'test')]
 # As in setup.cfg: properties are named for what they are.
 DOCSTRING_RULES_LEFT_OUT = ('D401', 'D402', 'D403')
 

@@ -153,7 +153,7 @@ def test_links_lead_somewhere(page, generated):
 
 
 def test_code_comments_name_pages_that_exist():
-    for folder in ('bev_preheat', 'config', 'test', 'scripts'):
+    for folder in ('bev_preheat', 'config', 'scripts', 'studies', 'test'):
         for path in (ROOT / folder).rglob('*'):
             if path.suffix in ('.py', '.yaml', '.txt', '.bash'):
                 for name in re.findall(r'docs/[\w/-]+\.(?:md|py)', path.read_text()):

@@ -2,6 +2,8 @@
 """
 What a process loads: planning runs without ROS, the planner node without solver and plots.
 
+It does so where ROS is not installed, and the product does without the studies.
+
 Imported in processes of their own, as this one has loaded everything already.
 """
 
@@ -15,10 +17,11 @@ import sys
 
 import pytest
 
-ROOMS = ('planning', 'vehicle', 'route', 'estimation', 'charging', 'supervision', 'simulation',
-         'experiments.robustness', 'experiments.scenario_drive')
-PACKAGE = Path(find_spec('bev_preheat').origin).parent
+ROOMS = ('bev_preheat.planning', 'bev_preheat.vehicle', 'bev_preheat.route', 'bev_preheat.estimation',
+         'bev_preheat.charging', 'bev_preheat.supervision', 'bev_preheat.simulation',
+         'bev_preheat_studies.robustness')
 CHECKOUT = Path(__file__).resolve().parent.parent
+ROS = ('ament_index_python', 'rclpy')
 
 IMPORT_AND_LIST = """
 import importlib, sys
@@ -30,26 +33,24 @@ for names in sys.argv[2:]:
 
 
 def modules_of(room):
-    folder = PACKAGE / room.replace('.', '/')
-    return [f'bev_preheat.{room}'] + [
-        module.name
-        for module in pkgutil.walk_packages([str(folder)], f'bev_preheat.{room}.')]
+    folder = find_spec(room).submodule_search_locations
+    return [room] + [module.name for module in pkgutil.walk_packages(folder, f'{room}.')]
 
 
-def with_path(folder):
-    """Return the environment of a process that imports from a folder first, then as this one."""
-    environment = dict(os.environ, PYTHONPATH=os.pathsep.join([str(folder), *filter(None, sys.path)]))
+def with_path(*folders):
+    """Return the environment of a process that imports from these folders first, then as this one."""
+    environment = dict(os.environ, PYTHONPATH=os.pathsep.join([*map(str, folders), *filter(None, sys.path)]))
     # What measures coverage loads packages of its own.
     environment.pop('COVERAGE_PROCESS_CONFIG', None)
     return environment
 
 
-def loaded_by(groups, unwanted):
+def loaded_by(groups, unwanted, *folders):
     """Which of the unwanted packages a fresh process has loaded after each group of modules."""
     done = subprocess.run(
         [sys.executable, '-c', IMPORT_AND_LIST, ','.join(unwanted),
          *map(','.join, groups)],
-        env=with_path(PACKAGE.parent), capture_output=True, text=True, timeout=60)
+        env=with_path(*folders), capture_output=True, text=True, timeout=60)
     assert done.returncode == 0, done.stderr
     return [line.split() for line in done.stdout.splitlines()]
 
@@ -68,6 +69,22 @@ def test_planning_rooms_need_no_ros_no_solver_and_no_plots(loaded_by_room, room)
 
 
 @pytest.mark.costly
+def test_the_model_can_be_used_where_ros_is_not_installed(tmp_path):
+    for package in ROS:
+        (tmp_path / f'{package}.py').write_text(f'raise ModuleNotFoundError("No module named {package!r}")\n')
+    rooms = [modules_of(room) for room in ROOMS]
+    assert loaded_by([*rooms, ['bev_preheat.console.version', 'bev_preheat.ecu.sources']], ROS, tmp_path) == (
+        [[]] * (len(rooms) + 1))
+
+
+@pytest.mark.costly
+def test_the_product_does_without_the_studies(tmp_path):
+    (tmp_path / 'bev_preheat_studies.py').write_text('raise ModuleNotFoundError("No studies here")\n')
+    modules = [module for module in modules_of('bev_preheat') if not module.endswith('__main__')]
+    assert loaded_by([modules], ['bev_preheat_studies'], tmp_path) == [[]]
+
+
+@pytest.mark.costly
 def test_planner_node_needs_no_solver_no_plots_and_no_readers_of_files_that_it_does_not_read():
     assert loaded_by([['bev_preheat.nodes.planner_node']], [
         'casadi', 'scipy', 'matplotlib', 'jsonschema', 'bev_preheat.route.csv_file']) == [[]]
@@ -83,7 +100,7 @@ def contracts_kept(checkout):
     done = subprocess.run(
         [sys.executable, '-c', 'from importlinter.cli import lint_imports_command; '
          'lint_imports_command()', '--config', 'setup.cfg', '--no-cache'],
-        env=with_path(checkout), cwd=checkout, capture_output=True, text=True, timeout=120)
+        env=with_path(checkout, checkout / 'studies'), cwd=checkout, capture_output=True, text=True, timeout=120)
     return done.returncode == 0, done.stdout + done.stderr
 
 
@@ -98,11 +115,14 @@ def test_rooms_use_only_rooms_below_them():
 @pytest.mark.parametrize('file, text, complaint', [
     ('planning/status.py', 'def late():\n    import bev_preheat.supervision.settings\n',
      'bev_preheat.planning is not allowed to import bev_preheat.supervision'),
-    ('forecourt/__init__.py', '', 'bev_preheat.forecourt')], ids=['lazy, upwards', 'unknown room'])
+    ('forecourt/__init__.py', '', 'bev_preheat.forecourt'),
+    ('supervision/settings.py', 'def measure():\n    import bev_preheat_studies.cost\n',
+     'bev_preheat is not allowed to import bev_preheat_studies')],
+    ids=['lazy, upwards', 'unknown room', 'what measures'])
 def test_the_contracts_see_what_breaks_them(tmp_path, file, text, complaint):
     shutil.copy(CHECKOUT / 'setup.cfg', tmp_path)
-    shutil.copytree(CHECKOUT / 'bev_preheat', tmp_path / 'bev_preheat',
-                    ignore=shutil.ignore_patterns('__pycache__'))
+    for package in ('bev_preheat', 'studies/bev_preheat_studies'):
+        shutil.copytree(CHECKOUT / package, tmp_path / package, ignore=shutil.ignore_patterns('__pycache__'))
     broken = tmp_path / 'bev_preheat' / file
     broken.parent.mkdir(exist_ok=True)
     with open(broken, 'a', encoding='utf-8') as module:

@@ -5,27 +5,47 @@ from __future__ import annotations
 
 import argparse
 from importlib import import_module
+from importlib.util import find_spec
 from typing import TYPE_CHECKING
 
 from bev_preheat.commands.completion import complete
 from bev_preheat.console.parser import OneLineParser, VersionAction
+from bev_preheat.errors import InvalidInput
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Mapping
 
     Subparsers = argparse._SubParsersAction[argparse.ArgumentParser]
     # Of which one argument must be given.
     Alternatives = argparse._MutuallyExclusiveGroup
 
+NOT_INSTALLED = ('the studies, which measure the planner, are not installed; build bev_preheat without '
+                 'BEV_PREHEAT_WITHOUT_STUDIES')
 
-def make_parser(subcommands: Iterable[str]) -> OneLineParser:
-    """Return the parser; each subcommand is a module beside this one with add_parser(subparsers)."""
+
+def make_parser(subcommands: Mapping[str, str]) -> OneLineParser:
+    """Return the parser of subcommands {name: module}; a module has add_parser(subparsers)."""
     parser = OneLineParser(
         prog='preheat',
         description='When to warm the battery of an electric vehicle before fast charging.')
     parser.add_argument('--version', action=VersionAction, nargs=0, help='print the version and exit')
     subparsers = parser.add_subparsers(required=True, metavar='COMMAND')
-    for name in subcommands:
-        import_module(f'bev_preheat.commands.{name.replace("-", "_")}').add_parser(subparsers)
+    for name, module in subcommands.items():
+        if find_spec(module.partition('.')[0]) is None:
+            _add_missing(subparsers, name)
+        else:
+            import_module(module).add_parser(subparsers)
     complete(parser)
     return parser
+
+
+def _add_missing(subparsers: argparse._SubParsersAction[OneLineParser], name: str) -> None:
+    """Add a subcommand whose package is not installed: it is refused, whatever its arguments are."""
+    # No argument begins with a NUL, so argparse takes none for an option.
+    parser = subparsers.add_parser(name, help='a study; not installed', add_help=False, prefix_chars='\0')
+    parser.add_argument('arguments', nargs='*')
+    parser.set_defaults(run=lambda _: _refuse(name))
+
+
+def _refuse(name: str) -> int:
+    raise InvalidInput(f'{name}: {NOT_INSTALLED}')

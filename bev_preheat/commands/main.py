@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`preheat`: the offline command line. Each subcommand is a module of this folder."""
+"""`preheat`: the offline command line. Each subcommand is a module of this folder or of the studies."""
 
 from __future__ import annotations
+
+import sys
 
 from bev_preheat.console.program import loading, run_program
 
@@ -10,10 +12,23 @@ TYPE_CHECKING = False
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-# Modules, with an underscore for a hyphen, with add_parser(subparsers), which sets `run`, a function of
-# the parsed arguments that returns the exit status.
-SUBCOMMANDS = ('plan', 'charge', 'worth', 'optimum', 'compare', 'reproduce', 'sweep', 'robustness',
-               'scenario', 'route', 'vehicle', 'export-ecu', 'monitor', 'prepare')
+# Each module has add_parser(subparsers), which sets `run`, a function of the parsed arguments that returns the
+# exit status. The studies are a package of their own, which need not be installed.
+SUBCOMMANDS = {
+    'plan': 'bev_preheat.commands.plan',
+    'charge': 'bev_preheat.commands.charge',
+    'worth': 'bev_preheat.commands.worth',
+    'optimum': 'bev_preheat.commands.optimum',
+    'compare': 'bev_preheat.commands.compare',
+    'reproduce': 'bev_preheat_studies.commands.reproduce',
+    'sweep': 'bev_preheat_studies.commands.sweep',
+    'robustness': 'bev_preheat_studies.commands.robustness',
+    'scenario': 'bev_preheat.commands.scenario',
+    'route': 'bev_preheat.commands.route',
+    'vehicle': 'bev_preheat.commands.vehicle',
+    'export-ecu': 'bev_preheat.commands.export_ecu',
+    'monitor': 'bev_preheat.commands.monitor',
+    'prepare': 'bev_preheat.commands.prepare'}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -30,5 +45,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _load(arguments: Sequence[str] | None) -> Callable[[], int]:
     # Loading takes so long that it may be interrupted, so nothing of it comes before `main`.
     from bev_preheat.commands.arguments import make_parser
-    parsed = make_parser(SUBCOMMANDS).parse_args(arguments)
+    first = (sys.argv[1:] if arguments is None else arguments)[:1]
+    # A known command needs no other module. The help, completion and an unknown command need every module.
+    wanted = {name: SUBCOMMANDS[name] for name in first if name in SUBCOMMANDS} or SUBCOMMANDS
+    parsed = make_parser(wanted).parse_args(arguments)
     return lambda: parsed.run(parsed)

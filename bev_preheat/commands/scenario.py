@@ -108,7 +108,7 @@ def run(arguments: Namespace) -> int:
 def _check_outputs(arguments: Namespace, scenarios: Sequence[Scenario]) -> None:
     outputs = [json_output(arguments.json)]
     if arguments.nodes and arguments.logs is not None:
-        from bev_preheat.experiments.installed_drive import log_files
+        from bev_preheat.nodes.installed_drive import log_files
         outputs += [Output('--logs', path) for scenario in scenarios
                     for path in log_files(scenario, arguments.logs)]
     check_outputs(outputs, [path for scenario in scenarios for path in scenario.files])
@@ -117,12 +117,12 @@ def _check_outputs(arguments: Namespace, scenarios: Sequence[Scenario]) -> None:
 def _drive(arguments: Namespace, name: str, scenario: Scenario,
            report: Callable[[float], None]) -> DriveRecord:
     if arguments.nodes:
-        from bev_preheat.experiments.installed_drive import drive_with_nodes, ScenarioFailed
+        from bev_preheat.nodes.installed_drive import drive_with_nodes, ScenarioFailed
         try:
             return drive_with_nodes(scenario, name, arguments.speed_up, arguments.logs)
         except ScenarioFailed as error:
             raise InvalidInput(str(error)) from error
-    from bev_preheat.experiments.scenario_drive import drive_scenario
+    from bev_preheat.simulation.scenario_drive import drive_scenario
     return drive_scenario(scenario, lambda time_s, total_s: report(time_s / total_s))
 
 

@@ -32,8 +32,8 @@ from bev_preheat.demo.display import charging_sentence, shown, summary_rows, ver
 from bev_preheat.demo.observer import Observer
 from bev_preheat.drawing.demo_figure import draw_drive
 from bev_preheat.errors import figure, figure_beyond, InvalidInput
-from bev_preheat.experiments.processes import NodeProcess, reserved_domain_id
 from bev_preheat.files.output_files import check_outputs, expanded, Output, PICTURE_SUFFIXES
+from bev_preheat.nodes.installed_processes import NodeProcess, reserved_domain_id
 from bev_preheat.nodes.listening import listening
 from bev_preheat.route import route_for
 from bev_preheat.vehicle import load_vehicle, vehicle_file

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where packages are installed; as ament_index_python says it, but also on a machine without ROS."""
+"""Where packages are installed: the look-up of ament_index_python, for machines without ROS, too."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ _HERE = Path(__file__).resolve()
 
 def installed_prefix(package: str) -> Path | None:
     """
-    Return the prefix that a package is installed in, None where it is not.
+    Return the prefix that a package is installed in, None if it is not installed.
 
-    It is the first of AMENT_PREFIX_PATH that has the package, else the one that this file is installed in.
+    The first prefix in AMENT_PREFIX_PATH that has the package counts, else the prefix of this file.
     """
     prefixes = [Path(prefix) for prefix in os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep) if prefix]
     return next((prefix for prefix in (*prefixes, *_HERE.parents) if (prefix / _INDEX / package).is_file()), None)
 
 
 def share_folder() -> Path:
-    """Return the folder of the files that come with this package; raises InvalidInput where it is missing."""
+    """Return the folder of the files that come with this package; raises InvalidInput if it is missing."""
     prefix = installed_prefix(PACKAGE)
     if prefix is None:
-        raise InvalidInput(f'the files of {PACKAGE} are missing: it is neither in AMENT_PREFIX_PATH nor read in '
-                           'its checkout; source the setup file of the install space')
+        raise InvalidInput(f'the files of {PACKAGE} are missing: AMENT_PREFIX_PATH does not lead to them; source '
+                           'the setup file of the install space')
     return prefix / 'share' / PACKAGE

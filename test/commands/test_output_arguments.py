@@ -157,7 +157,7 @@ def test_scenarios_of_one_name_do_not_share_their_logs(capsys):
 
 @pytest.mark.parametrize('program, suffixes', [
     ('bev_preheat.demo.__main__', ['.png', '.planner.log', '.vehicle_simulator.log']),
-    ('bev_preheat.soak', ['.png', '.json', '.planner.log'])], ids=['demo', 'soak'])
+    ('bev_preheat_studies.soak.__main__', ['.png', '.json', '.planner.log'])], ids=['demo', 'soak'])
 def test_the_long_runs_check_their_files_first(refusal, program, suffixes):
     program_main = import_module(program).main
     for suffix in suffixes:
@@ -182,7 +182,7 @@ def test_the_demonstration_does_not_write_over_its_route(refusal):
 def test_the_benchmark_checks_its_file_first(refusal):
     os.mkfifo('figures.json')
     # Imported here, as ROS 2 and its messages are by the others: collecting is done by each worker.
-    program_main = import_module('bev_preheat.experiments.cost.__main__').main
+    program_main = import_module('bev_preheat_studies.cost.__main__').main
     assert refusal('--json', 'figures.json', command=program_main) == (
         'benchmark: error: --json: figures.json: is a named pipe; only a regular file can be '
         'written')

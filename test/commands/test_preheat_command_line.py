@@ -10,13 +10,14 @@ from xml.etree import ElementTree
 
 import pytest
 
-from bev_preheat.commands import robustness
+from bev_preheat.commands import arguments as command_arguments
 from bev_preheat.commands.completion import NameCompleter
 from bev_preheat.commands.main import main, SUBCOMMANDS
-from bev_preheat.experiments import scenario_drive
-from bev_preheat.experiments.optimality import gap_study as study_run
 from bev_preheat.files.configuration import configuration_folder
+from bev_preheat.simulation import scenario_drive
 from bev_preheat.simulation.evaluation import DriveRecord
+from bev_preheat_studies.commands import robustness
+from bev_preheat_studies.optimality import gap_study as study_run
 
 SITUATION = ['--vehicle', 'reference', '--route', 'winter_commute', '--temperature', '-5', '--soc',
              '0.8']
@@ -97,6 +98,39 @@ def test_wrong_use_is_one_line(capsys, arguments, message):
     with pytest.raises(SystemExit) as ended:
         main(arguments)
     assert (ended.value.code, capsys.readouterr()) == (2, ('', f'{message}\n'))
+
+
+@pytest.fixture
+def without_studies(monkeypatch):
+    """Let the studies be not installed."""
+    monkeypatch.setattr(command_arguments, 'find_spec', lambda name: (
+        None if name == 'bev_preheat_studies' else importlib.util.find_spec(name)))
+
+
+@pytest.mark.parametrize('arguments', [
+    ['sweep', '--fleet', '10'], ['robustness', '--help'], ['reproduce'], ['sweep', '-1', '--', '-x']],
+    ids=' '.join)
+def test_a_study_that_is_not_installed_is_refused_in_one_line(without_studies, capsys, arguments):
+    assert main(arguments) == 2
+    assert capsys.readouterr() == (
+        '', f'preheat: error: {arguments[0]}: the studies, which measure the planner, are not installed; build '
+        'bev_preheat without BEV_PREHEAT_WITHOUT_STUDIES\n')
+
+
+def test_other_commands_do_without_the_studies(without_studies, capsys):
+    assert main(['vehicle', 'list']) == 0
+    with pytest.raises(SystemExit) as ended:
+        main(['--help'])
+    assert ended.value.code == 0
+    assert capsys.readouterr().out.count('a study; not installed') == 3
+
+
+def test_an_unknown_command_is_refused_with_all_that_there_are(capsys):
+    with pytest.raises(SystemExit) as ended:
+        main(['plna'])
+    assert ended.value.code == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert all(name in line for name in SUBCOMMANDS)
 
 
 @pytest.mark.parametrize('option', ['--vehicle', '--route', '--json', '--plot'])

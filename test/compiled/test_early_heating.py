@@ -13,7 +13,6 @@ import pytest
 from bev_preheat.compiled import searches
 from bev_preheat.compiled.library import core, without_core
 from bev_preheat.compiled.structs import MeritPlanStruct
-from bev_preheat.experiments.optimality.drawn_trips import draw_limit_trip
 from bev_preheat.planning import caution as caution_module
 from bev_preheat.planning.caution import Caution, heat_early
 from bev_preheat.planning.dynamics import compiled_vehicle, keep_accounts
@@ -22,6 +21,7 @@ from bev_preheat.planning.planner import PROPOSALS
 from bev_preheat.planning.rows import powers_of, states_of
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.vehicle.heat_path import HeatPath
+from bev_preheat_studies.optimality.drawn_trips import draw_limit_trip
 
 SAME_INSTANT_S, SAME_ENERGY_WH = 1e-3, 1e-3
 SAME = {'rtol': 1e-9, 'atol': 1e-7}

@@ -13,7 +13,6 @@ from bev_preheat.compiled.library import core, without_core
 from bev_preheat.compiled.plans import STRETCH
 from bev_preheat.compiled.runs import place
 from bev_preheat.compiled.structs import address_of, ENERGIES, RunOfPowersStruct, StrandingStruct
-from bev_preheat.experiments.optimality.drawn_trips import draw_limit_trip
 from bev_preheat.planning import outcome
 from bev_preheat.planning.dynamics import compiled_vehicle
 from bev_preheat.planning.heat_run import initial_states
@@ -26,6 +25,7 @@ from bev_preheat.planning.stretches import Reason
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.vehicle.heat_path import HeatPath
 from bev_preheat.vehicle.model import make_runge_kutta_4
+from bev_preheat_studies.optimality.drawn_trips import draw_limit_trip
 
 BAD_ARGUMENT = -1
 PATHS = HeatPath(), HeatPath(40.0), HeatPath(0.0, 15e3, 300.0), HeatPath(45.0, 16e3, 280.0)

@@ -14,7 +14,6 @@ from bev_preheat.compiled import searches
 from bev_preheat.compiled.library import core, without_core
 from bev_preheat.compiled.runs import Heating
 from bev_preheat.compiled.structs import CurveRangeStruct, MeritPlanStruct, SettlingStruct, StrandingStruct
-from bev_preheat.experiments.optimality.drawn_trips import draw_limit_trip, draw_trip
 from bev_preheat.planning import merit_order
 from bev_preheat.planning.charge_acceptance import find_acceptance_loss, no_acceptance_loss
 from bev_preheat.planning.dynamics import compiled_vehicle
@@ -27,6 +26,7 @@ from bev_preheat.planning.threshold_search import ThresholdSearch
 from bev_preheat.planning.thresholds import find_thresholds
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.vehicle.heat_path import HeatPath
+from bev_preheat_studies.optimality.drawn_trips import draw_limit_trip, draw_trip
 
 PATHS = HeatPath(), HeatPath(40.0), HeatPath(0.0, 15e3, 300.0), HeatPath(45.0, 16e3, 280.0)
 # What Python's and the core's searches differ by where a sum is taken in another order.

@@ -8,8 +8,8 @@ import time
 
 import pytest
 
-from bev_preheat.experiments.processes import reserved_domain_id
-from bev_preheat.experiments.soak.terminal import CTRL_C, TerminalProcess
+from bev_preheat.nodes.installed_processes import reserved_domain_id
+from bev_preheat_studies.soak.terminal import CTRL_C, TerminalProcess
 
 MONITOR = [sys.executable, '-m', 'bev_preheat', 'monitor']
 # Process start and a first view, on a busy computer.

@@ -7,7 +7,7 @@ import time
 
 from spinning import take_down, TIME_LIMIT_S
 
-from bev_preheat.experiments.processes import NodeProcess
+from bev_preheat.nodes.installed_processes import NodeProcess
 
 POLL_S = 0.005
 ANSWER_TIME_S = 5.0

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import rclpy
 from rclpy.logging import LoggingSeverity
 
-from bev_preheat.experiments.processes import reserved_domain_id
+from bev_preheat.nodes.installed_processes import reserved_domain_id
 from bev_preheat.nodes.planner_node import PlannerNode
 
 

@@ -10,7 +10,6 @@ import rclpy
 from rclpy.serialization import serialize_message
 from rclpy.waitable import Waitable
 
-from bev_preheat.experiments.cost import empty_node
 from bev_preheat.nodes.convert import plan_message
 from bev_preheat.nodes.diagnostics import planner_diagnostics
 from bev_preheat.nodes.planner_node import PlannerNode
@@ -21,6 +20,7 @@ from bev_preheat.supervision.inputs import Leg, Measurement, Mission, NS_PER_S
 from bev_preheat.supervision.settings import Settings
 from bev_preheat.supervision.supervisor import Supervisor
 from bev_preheat.vehicle import load_vehicle
+from bev_preheat_studies.cost import empty_node
 
 START_NS = 1_700_000_000 * NS_PER_S
 
@@ -95,9 +95,9 @@ def test_its_messages_are_as_long_as_the_planners(supervisor):
 
 
 def test_it_loads_nothing_of_the_planner():
-    program = ('import sys; import bev_preheat.experiments.cost.empty_node; '
-               'print(*(name for name in sys.modules if name.startswith("bev_preheat.")))')
+    program = ('import sys; import bev_preheat_studies.cost.empty_node; '
+               'print(*(name for name in sys.modules if name.startswith("bev_preheat") and "." in name '
+               'and not name.startswith("bev_preheat_msgs")))')
     done = subprocess.run([sys.executable, '-c', program], capture_output=True, text=True, timeout=60)
     assert set(done.stdout.split()) == {
-        'bev_preheat.experiments', 'bev_preheat.experiments.cost',
-        'bev_preheat.experiments.cost.empty_node'}, done.stderr
+        'bev_preheat_studies.cost', 'bev_preheat_studies.cost.empty_node'}, done.stderr

@@ -17,10 +17,10 @@ import sys
 import pytest
 import yaml
 
-from bev_preheat.experiments.scenario_drive import drive_scenario
 from bev_preheat.files.configuration import configuration_folder
 from bev_preheat.simulation.evaluation import evaluate_chain
 from bev_preheat.simulation.scenario import load_scenario
+from bev_preheat.simulation.scenario_drive import drive_scenario
 
 pytestmark = pytest.mark.costly
 

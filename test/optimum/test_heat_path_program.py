@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bev_preheat.experiments.optimality.drawn_trips import draw_trip
 from bev_preheat.numerics.arithmetic import FLOATS
 from bev_preheat.optimum.attempt import SUCCESS
 from bev_preheat.optimum.solve import solve_optimum
@@ -17,6 +16,7 @@ from bev_preheat.route import load_route
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.corrections import corrected_vehicle, Corrections
 from bev_preheat.vehicle.heat_path import HeatPath, make_heated_step
+from bev_preheat_studies.optimality.drawn_trips import draw_trip
 
 pytestmark = [pytest.mark.costly, pytest.mark.needs('casadi')]
 

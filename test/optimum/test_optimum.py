@@ -14,7 +14,6 @@ import pytest
 import short_stretches
 
 from bev_preheat.errors import InvalidInput
-from bev_preheat.experiments.optimality.drawn_trips import draw_limit_trip
 from bev_preheat.optimum import program, program_solvers, solve
 from bev_preheat.optimum.attempt import SUCCESS
 from bev_preheat.optimum.lacking import (
@@ -34,6 +33,7 @@ from bev_preheat.route import load_route
 from bev_preheat.route.segments import make_route
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.corrections import corrected_vehicle, Corrections
+from bev_preheat_studies.optimality.drawn_trips import draw_limit_trip
 
 pytestmark = pytest.mark.costly
 

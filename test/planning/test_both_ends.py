@@ -9,7 +9,6 @@ import numpy as np
 from own_plant import OwnPlant
 import pytest
 
-from bev_preheat.experiments.optimality.drawn_trips import draw_limit_trip
 from bev_preheat.planning.limits import drive_as_planned, limits_hold, run_unheated
 from bev_preheat.planning.planner import plan_preheating, plan_without_heating
 from bev_preheat.planning.safeguard import lacking_power
@@ -19,6 +18,7 @@ from bev_preheat.route.segments import make_route
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.curves import InverseTemperatureResistance, PolynomialVoltage, Table
 from bev_preheat.vehicle.description import Hvch
+from bev_preheat_studies.optimality.drawn_trips import draw_limit_trip
 
 # Without resistance worth naming P_b is P_t, and a step takes P_t t / (U C) of the charge.
 VOLTAGE_V, CHARGE_AS, STEP_S = 400.0, 3600.0 * 30.0, 60.0

@@ -16,7 +16,6 @@ import pytest
 from bev_preheat.compiled.library import core, without_core
 from bev_preheat.compiled.runs import place
 from bev_preheat.compiled.structs import address_of, EXCHANGE_MEMORY, SettlingStruct
-from bev_preheat.experiments.optimality.drawn_trips import draw_limit_trip
 from bev_preheat.planning import merit_order
 from bev_preheat.planning.cheapest_steps import LEAST_SAVING_WH, whole_charge_wh
 from bev_preheat.planning.dynamics import compiled_vehicle, limits_along, terminal_limits_w
@@ -31,6 +30,7 @@ from bev_preheat.planning.situation import BatteryState
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.heat_path import HeatPath
+from bev_preheat_studies.optimality.drawn_trips import draw_limit_trip
 
 BAD_ARGUMENT, BAD_INPUT = -1, -3
 CAR = load_vehicle('reference')

@@ -11,7 +11,6 @@ from own_plant import OwnPlant
 import pytest
 
 from bev_preheat.compiled.library import without_core
-from bev_preheat.experiments.optimality.drawn_trips import draw_limit_trip
 from bev_preheat.planning import planner
 from bev_preheat.planning.free_heat import find_surplus_ceiling_c
 from bev_preheat.planning.planner import plan_preheating
@@ -21,6 +20,7 @@ from bev_preheat.planning.trip import make_trip
 from bev_preheat.route import load_route, make_route, route_for
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.heat_path import HeatPath
+from bev_preheat_studies.optimality.drawn_trips import draw_limit_trip
 
 REFERENCE = load_vehicle('reference')
 LAGGING = replace(REFERENCE, heat_path=HeatPath(45.0, 15e3, 300.0))

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from bev_preheat.compiled.library import without_core
-from bev_preheat.experiments.optimality.drawn_trips import draw_limit_trip
 from bev_preheat.numerics.arithmetic import ARRAYS, FLOATS
 from bev_preheat.planning import merit_order
 from bev_preheat.planning.limits import drive_as_planned
@@ -22,6 +21,7 @@ from bev_preheat.route.segments import make_route
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.heat_path import HeatPath, make_heated_step
 from bev_preheat.vehicle.terminal_limits import make_terminal_limits
+from bev_preheat_studies.optimality.drawn_trips import draw_limit_trip
 
 REFERENCE = load_vehicle('reference')
 LAG = HeatPath(heater_lag_s=60.0)

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from bev_preheat.compiled.library import without_core
-from bev_preheat.experiments.optimality.drawn_trips import draw_limit_trip
 from bev_preheat.planning.cheapest_steps import LEAST_SAVING_WH, whole_charge_wh
 from bev_preheat.planning.limited_switch import switch_within_limits
 from bev_preheat.planning.limits import drive_as_planned
@@ -21,6 +20,7 @@ from bev_preheat.planning.trip import make_trip
 from bev_preheat.route.segments import make_route
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.heat_path import DIRECT, HeatPath
+from bev_preheat_studies.optimality.drawn_trips import draw_limit_trip
 
 # What it heats with is what its cold battery can give: the warmer, the more.
 SMALL_CAR = load_vehicle('small_car')

@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 
-from bev_preheat.experiments.optimality.drawn_trips import draw_limit_trip
 from bev_preheat.planning.limits import run_within_limits, WantedHeat, Watch
 from bev_preheat.planning.merit_order import plan_merit_order
 from bev_preheat.planning.optimal_switch import plan_optimal_switch
@@ -21,6 +20,7 @@ from bev_preheat.route.segments import make_route
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.curves import InverseTemperatureResistance, PolynomialVoltage, Table
 from bev_preheat.vehicle.description import Drivetrain, Hvch, Leakage
+from bev_preheat_studies.optimality.drawn_trips import draw_limit_trip
 
 SHIPPED_CAR = load_vehicle('reference')
 # Corners of the limits [W] at states of charge 0 and 1 (rows), -30 and 30 degC.

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 from bev_preheat.compiled.library import without_core
-from bev_preheat.experiments.optimality.drawn_trips import draw_limit_trip
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.stretches import Reason
@@ -20,6 +19,7 @@ from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.curves import InverseTemperatureResistance, PolynomialVoltage, Table
 from bev_preheat.vehicle.description import Drivetrain, Hvch, Leakage
 from bev_preheat.vehicle.heat_path import HeatPath
+from bev_preheat_studies.optimality.drawn_trips import draw_limit_trip
 
 SHIPPED_CAR = load_vehicle('reference')
 # A limit that rises by 3 kW/K when discharging, 2 kW/K when charging, from 60 kW and nothing.

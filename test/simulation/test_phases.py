@@ -6,7 +6,6 @@ import math
 
 import pytest
 
-from bev_preheat.experiments.supervised_drive import moments
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route.segments import make_route
 from bev_preheat.simulation.heater_faults import HeaterFault
@@ -15,6 +14,7 @@ from bev_preheat.simulation.imperfect_car import COMPUTERS_GO_ON_S, ImperfectCar
 from bev_preheat.simulation.phases import ASLEEP_POWER_W, AWAKE_POWER_W, Charge, Drive, Park
 from bev_preheat.simulation.position import PositionReports
 from bev_preheat.simulation.sensors import Sensors
+from bev_preheat.simulation.supervised_drive import moments
 from bev_preheat.simulation.traffic import ClockJump, Event, Kind
 from bev_preheat.supervision.settings import Settings
 from bev_preheat.supervision.supervisor import Supervisor

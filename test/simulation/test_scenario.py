@@ -242,7 +242,7 @@ def test_files_that_it_names_are_seen_from_its_folder(tmp_path):
 
 @pytest.mark.costly
 def test_a_scenario_that_expects_what_does_not_happen_finds_it(tmp_path):
-    from bev_preheat.experiments.scenario_drive import drive_scenario
+    from bev_preheat.simulation.scenario_drive import drive_scenario
     contents = yaml.safe_load((FOLDER / 'nominal.yaml').read_text())
     contents['drive']['ends_after_s'] = 300
     contents['expect'] = {'arrival_error_k': [50, 60], 'most_switch_ons': 0, 'statuses': ['ARRIVED'],

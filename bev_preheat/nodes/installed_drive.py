@@ -1,0 +1,183 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A scenario driven by the installed planner and vehicle_simulator, over ROS."""
+
+from __future__ import annotations
+
+from contextlib import contextmanager
+import math
+import os
+from pathlib import Path
+import tempfile
+import time
+from typing import TYPE_CHECKING
+
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.qos import qos_profile_sensor_data, QoSDurabilityPolicy, QoSProfile
+from sensor_msgs.msg import BatteryState
+
+from bev_preheat.nodes.convert import nanoseconds
+from bev_preheat.nodes.installed_processes import NodeProcess, reserved_domain_id
+from bev_preheat.nodes.listening import listening
+from bev_preheat.nodes.simulator_messages import ARRIVED, outcome_from_diagnostics, phase_ends
+from bev_preheat.planning.status import Status
+from bev_preheat.simulation.evaluation import DriveRecord, fill_phases, PhaseEnd, SIGNALS
+from bev_preheat_msgs.msg import HvchCommand, PreheatPlan
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+    from typing import Any
+
+    from rclpy.node import Node
+
+    from bev_preheat.files.output_files import AnyPath
+    from bev_preheat.nodes.listening import Listener
+    from bev_preheat.simulation.scenario import Scenario
+
+START_S = 1_700_000_000
+HEATER_ENTRY, SIGNALS_ENTRY = 'planner: heater', 'planner: signals'
+# Real time that the processes have to find each other, and the drive beyond its own length [s].
+START_LIMIT_S = 120.0
+PATIENCE_S = 120.0
+POLL_S = 0.05
+# At 60 times real time a clock message that is 20 ms late is 1.2 s late; the simulator lets time run
+# no further ahead of the planner than this.
+HURRIED = {'clock_tolerance': 2.0}
+
+
+class ScenarioFailed(Exception):
+    """A process ended, or nothing more was heard; the message says which and why."""
+
+
+class _Recorder:
+    """Fills a DriveRecord from the topics; `ends` say how the phases of the drive ended."""
+
+    def __init__(self, node: Node, target_c: float) -> None:
+        self.record = DriveRecord(target_c)
+        self.ends: list[PhaseEnd] = []
+        self.has_ended = False
+        self._temperature_c = math.nan
+        latched = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
+        self._node, self._listens_to_states = node, False
+        self._subscriptions = [
+            node.create_subscription(HvchCommand, 'hvch_command', self._on_command, 1000),
+            node.create_subscription(PreheatPlan, 'preheat_plan', self._on_plan, latched),
+            node.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 1000)]
+
+    def let_start(self) -> None:
+        """Be the second listener to battery states as soon as the planner is heard."""
+        if not self._listens_to_states and all(
+                subscription.get_publisher_count() for subscription in self._subscriptions):
+            self._listens_to_states = True
+            self._node.create_subscription(
+                BatteryState, 'battery_state', self._on_state, qos_profile_sensor_data)
+
+    def _on_state(self, message: BatteryState) -> None:
+        self._temperature_c = message.temperature
+
+    def _on_command(self, message: HvchCommand) -> None:
+        reason = Status(message.reason).name
+        instant_s = _instant_s(message)
+        if instant_s > 0.0:
+            self.record.commands.append((instant_s, message.battery_heating_power, reason))
+            self.record.statuses.add(reason)
+            if message.battery_heating_power > 0.0 and self._temperature_c > self.record.hottest_heated_c:
+                self.record.hottest_heated_c = self._temperature_c
+
+    def _on_plan(self, message: PreheatPlan) -> None:
+        if _instant_s(message) > 0.0:
+            self.record.statuses.add(Status(message.status).name)
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            values = {item.key: item.value for item in status.values}
+            if status.name == HEATER_ENTRY and not self.has_ended:
+                self.record.note_heater(_instant_s(message), values['heater'])
+            elif status.name == SIGNALS_ENTRY and _instant_s(message) > 0.0:
+                self.record.regimes.append((_instant_s(message), values['regime']))
+                self.record.note_signals(_instant_s(message), [
+                    name for name in SIGNALS if any(key.startswith(f'{name} in doubt') for key in values)])
+        outcome = outcome_from_diagnostics(message)
+        if outcome is not None and not self.has_ended:
+            self.ends = phase_ends(message)
+            self.has_ended = outcome.state == ARRIVED
+
+
+def _instant_s(message: Any) -> float:
+    """Seconds after the start; 0 while the clock is held, negative before the planner hears it."""
+    return nanoseconds(message.header.stamp) * 1e-9 - START_S
+
+
+def log_files(scenario: Scenario, folder: AnyPath) -> list[Path]:
+    """Return the paths of the logs of planner and vehicle_simulator, in a folder."""
+    return [Path(folder) / f'{scenario.name}.{name}.log' for name in ('planner', 'vehicle_simulator')]
+
+
+def drive_with_nodes(scenario: Scenario, name_or_file: str, speed_up: float,
+                     log_folder: AnyPath | None = None) -> DriveRecord:
+    """
+    Return the DriveRecord of a Scenario that the installed executables drive.
+
+    `name_or_file` is what the scenario was loaded from, `speed_up` simulated seconds pass in each
+    real one; the logs go to `log_folder`. Raises ScenarioFailed where the drive does not come to its end.
+    """
+    with tempfile.TemporaryDirectory() as temporary, reserved_domain_id() as domain_id:
+        planner_log, simulator_log = log_files(scenario, log_folder or temporary)
+        environment = {'ROS_DOMAIN_ID': str(domain_id),
+                       'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
+        with _environment(environment), listening('scenario', domain_id) as listener:
+            recorder = _Recorder(listener.node, scenario.goal.target_temperature_c)
+            planner_arguments = ['-p', 'use_sim_time:=true',
+                                 '-p', f'vehicle:={scenario.vehicle_name}']
+            for parameter, value in {**HURRIED, **scenario.planner}.items():
+                planner_arguments += ['-p', f'{parameter}:={_text(value)}']
+            with NodeProcess('planner', planner_arguments, planner_log) as planner, NodeProcess(
+                    'vehicle_simulator',
+                    ['-p', f'scenario:={name_or_file}', '-p', f'speed_up:={float(speed_up)}',
+                     '-p', f'start_time:={float(START_S)}', '-p', 'wait_for_planner:=true',
+                     # Planner and recorder: what is said before the recorder hears it is lost.
+                     '-p', 'wait_for_listeners:=2', '-p', 'exit_on_arrival:=true'],
+                    simulator_log) as simulator:
+                _follow(listener, recorder, simulator, planner, scenario, speed_up)
+            fill_phases(recorder.record, scenario, recorder.ends)
+            return recorder.record
+
+
+def _follow(listener: Listener, recorder: _Recorder, simulator: NodeProcess, planner: NodeProcess,
+            scenario: Scenario, speed_up: float) -> None:
+    """Return when the drive is over."""
+    car = scenario.car()
+    limit_s = (time.monotonic() + START_LIMIT_S + PATIENCE_S
+               + 2.0 * car.longest_s / speed_up)
+    while simulator.exit_status is None:
+        if planner.exit_status is not None:
+            raise ScenarioFailed(f'planner ended with exit status {planner.exit_status}: '
+                                 f'{planner.output()[-2000:]}')
+        if time.monotonic() > limit_s:
+            raise ScenarioFailed(f'{scenario.name}: no arrival in time: '
+                                 f'{simulator.output()[-2000:]}{planner.output()[-2000:]}')
+        recorder.let_start()
+        listener.listen(POLL_S)
+    # What was on its way when it ended.
+    listener.listen(POLL_S)
+    if simulator.exit_status != 0:
+        raise ScenarioFailed(f'vehicle_simulator ended with exit status '
+                             f'{simulator.exit_status}: {simulator.output()[-2000:]}')
+
+
+def _text(value: object) -> str:
+    return str(value).lower() if isinstance(value, bool) else str(value)
+
+
+@contextmanager
+def _environment(values: Mapping[str, str]) -> Iterator[None]:
+    """Set environment variables, which the processes inherit, while the block lasts."""
+    before = {name: os.environ.get(name) for name in values}
+    os.environ.update(values)
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value

@@ -1,0 +1,64 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A scenario driven with the planner's own step, without ROS."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from bev_preheat.simulation.evaluation import DriveRecord, fill_phases, PhaseEnd
+from bev_preheat.simulation.supervised_drive import moments
+from bev_preheat.supervision.settings import settings_of
+from bev_preheat.supervision.supervisor import Supervisor
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from bev_preheat.simulation.imperfect_car import ImperfectCar
+    from bev_preheat.simulation.scenario import Scenario
+    from bev_preheat.simulation.supervised_drive import Moment
+
+# How long the planner is watched after the arrival [s].
+AFTERWARDS_S = 120.0
+
+
+def drive_scenario(
+        scenario: Scenario,
+        progress: Callable[[float, float], object] = lambda time_s, total_s: None) -> DriveRecord:
+    """
+    Return the DriveRecord of a Scenario.
+
+    `progress(time_s, total_s)` is called as the drive goes on.
+    """
+    supervisor, car = Supervisor(scenario.vehicle, settings_of(scenario.planner)), scenario.car()
+    record = DriveRecord(scenario.goal.target_temperature_c)
+    ended_s = math.inf
+
+    def is_over() -> bool:
+        nonlocal ended_s
+        if car.is_over:
+            ended_s = min(ended_s, car.time_s)
+        return car.time_s >= ended_s + AFTERWARDS_S
+
+    for moment in moments(car, supervisor, is_over):
+        _note(record, moment, supervisor, car)
+        progress(car.time_s, max(car.time_s, car.longest_s) + AFTERWARDS_S)
+    fill_phases(record, scenario, [
+        PhaseEnd(report.started_s, report.ended_s, report.arrival_c) for report in car.reports])
+    return record
+
+
+def _note(record: DriveRecord, moment: Moment, supervisor: Supervisor, car: ImperfectCar) -> None:
+    for output in moment.outputs:
+        if output.decision is not None:
+            record.statuses.add(output.decision.status.name)
+        if output.command is not None:
+            reason, power_w = output.command.reason.name, output.command.battery_heating_power_w
+            record.statuses.add(reason)
+            record.commands.append((moment.clock_s, power_w, reason))
+            if power_w > 0.0:
+                record.hottest_heated_c = max(record.hottest_heated_c, car.plant.temperature_c)
+    if supervisor.estimate is not None and not car.is_over:
+        record.note_heater(moment.clock_s, supervisor.estimate.heater.heater.value)
+    record.regimes.append((moment.clock_s, supervisor.regime.regime.value))
+    record.note_signals(moment.clock_s, {verdict.signal for verdict in supervisor.signal_verdicts})

@@ -1,0 +1,55 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What all studies have in common: where they run, and where their results are kept."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from bev_preheat.console.output import check_output_arguments
+from bev_preheat.errors import InvalidInput
+from bev_preheat.files.output_files import Output
+from bev_preheat.optional_packages import require
+from bev_preheat_studies.cluster import ClusterWorkers
+from bev_preheat_studies.workers import Workers
+
+if TYPE_CHECKING:
+    from argparse import ArgumentParser, Namespace
+    from collections.abc import Sequence
+    from concurrent.futures import Executor
+
+    from bev_preheat.files.output_files import AnyPath
+
+JOBS = (1, 1024)
+
+
+def add_study_arguments(parser: ArgumentParser) -> None:
+    """Add `--jobs`, `--cluster` and `--results`."""
+    parser.add_argument('--jobs', type=int, metavar='N', help='processes (default: all cores)')
+    parser.add_argument('--cluster', metavar='ADDRESS',
+                        help='run on the workers of this dask scheduler, such as tcp://host:8786, in '
+                        'place of processes of this computer')
+    parser.add_argument('--results', metavar='FILE',
+                        help='append each result to this file as it comes (JSON lines); where it is '
+                        'there already, the study goes on from it')
+
+
+def check_study_arguments(arguments: Namespace, inputs: Sequence[AnyPath]) -> None:
+    """
+    Check `--jobs`, `--cluster`, `--results`, `--json` and `--plot` before anything is computed.
+
+    `inputs` are the files that are read. Raises InvalidInput.
+    """
+    low, high = JOBS
+    if arguments.jobs is not None and not low <= arguments.jobs <= high:
+        raise InvalidInput(f'--jobs: {arguments.jobs} is not allowed; it must be {low} ... {high}')
+    if arguments.jobs is not None and arguments.cluster is not None:
+        raise InvalidInput('--jobs is for processes of this computer; with --cluster the scheduler says '
+                           'how many workers there are')
+    check_output_arguments(arguments, inputs, [Output('--results', arguments.results)])
+    if arguments.cluster is not None:
+        require('distributed')
+
+
+def study_executor(arguments: Namespace) -> Executor:
+    """Return the executor that the arguments ask for; leaving its `with` block ends what is running."""
+    return Workers(arguments.jobs) if arguments.cluster is None else ClusterWorkers(arguments.cluster)

@@ -1,0 +1,145 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What one plan costs in process, and how the cost grows with the number of segments."""
+
+from __future__ import annotations
+
+from ctypes import addressof
+from dataclasses import replace
+from functools import partial
+import math
+from statistics import median
+from time import perf_counter
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from bev_preheat.compiled.library import core
+from bev_preheat.compiled.runs import place
+from bev_preheat.compiled.structs import SWITCH_ARRAYS, SwitchPlanStruct
+from bev_preheat.planning.dynamics import compiled_vehicle
+from bev_preheat.planning.planner import METHODS, plan_preheating
+from bev_preheat.planning.situation import BatteryState, Goal
+from bev_preheat.planning.trip import make_trip
+from bev_preheat.route import load_route
+from bev_preheat.vehicle import load_vehicle
+from bev_preheat.vehicle.heat_path import HeatPath
+from bev_preheat_studies.cost.figures import Figure, median_time_s, turns_s
+from bev_preheat_studies.optimality.drawn_trips import draw_limit_trip
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from bev_preheat.route import Route
+    from bev_preheat.vehicle import Vehicle
+
+# The paper's trip, Table I.
+STATE = BatteryState(-7.0, 0.9)
+GOAL = Goal(25.0)
+BOUNDS_MS = {'paper': 0.3, 'optimal_switch': 0.15, 'merit_order': 0.15}
+# A plan in Python, of the one call of the compiled core in it.
+CORE_RATIO = 5.0
+SEGMENT_COUNTS = (120, 1440, 14400)
+# What minding the power limits may add where none is active, and where some are.
+MERIT_ORDER_RATIOS = {'reference': 3.0, 'alpine_pass': 5.0}
+PASS_BOUND_MS = 1.0
+# Drawn trips with active limits, of which the dearest plan counts.
+LIMIT_TRIPS, LIMIT_SEED = 20, 0
+DEAREST_BOUND_MS = 10.0
+ROUNDS = 200
+# Heater 45 s late, coolant 50 s, the sensor 30 s.
+SLOW = HeatPath(45.0, 15e3, 300.0, 30.0)
+
+
+def measure(log: Callable[[str], object]) -> list[Figure]:
+    """Return the Figures; `log` takes a line of progress."""
+    vehicle = load_vehicle('reference')
+    route = load_route('reference', vehicle.defaults)
+    figures = []
+    for method in METHODS:
+        times_s = {}
+        for count in SEGMENT_COUNTS:
+            split = route.resampled(route.total_duration_s / count)
+            times_s[count] = median_time_s(
+                partial(plan_preheating, vehicle, split, STATE, GOAL, method),
+                repetitions=max(5, 60000 // count))
+            log(f'{method}, N = {count}: {1e3 * times_s[count]:.3f} ms')
+        figures.append(Figure(f'plan, {method}, N = {len(route)}, median',
+                              1e3 * times_s[len(route)], 'ms', BOUNDS_MS.get(method)))
+        first, last = SEGMENT_COUNTS[0], SEGMENT_COUNTS[-1]
+        exponent = math.log(times_s[last] / times_s[first]) / math.log(last / first)
+        figures.append(Figure(f'growth of {method} with N from {first} to {last}: exponent',
+                              exponent, '', 1.1))
+    figures += [_new_route(vehicle, route), *_core_ratios(vehicle, route)]
+    for name in MERIT_ORDER_RATIOS:
+        figures += [*_merit_order_figures(vehicle, name), _heat_path_ratio(vehicle, name)]
+    return [*figures, *_limit_trips(vehicle, log)]
+
+
+def _new_route(vehicle: Vehicle, route: Route) -> Figure:
+    """Return what a plan takes on a route that was not planned before: as when the car has driven on."""
+    durations_s = []
+    for copy in [replace(route) for _ in range(ROUNDS)]:
+        started = perf_counter()
+        plan_preheating(vehicle, copy, STATE, GOAL)
+        durations_s.append(perf_counter() - started)
+    return Figure(f'plan, merit_order, N = {len(route)}, each on a new route, median',
+                  1e3 * median(durations_s), 'ms')
+
+
+def _core_ratios(vehicle: Vehicle, route: Route) -> list[Figure]:
+    """Return how much longer a plan takes than the call of the compiled core in it; none without a core."""
+    library, compiled = core(), compiled_vehicle(vehicle)
+    if library is None or compiled is None:
+        return []
+    trip = make_trip(vehicle, route).compiled
+    instants, plan = trip.steps + 1, SwitchPlanStruct()
+    arrays = [np.empty(count) for count in (
+        SWITCH_ARRAYS * instants, instants, instants, trip.steps)]
+    arguments = (compiled.address, trip.address, STATE.soc, STATE.temperature_c,
+                 GOAL.target_temperature_c, 0, None, *map(place, arrays), addressof(plan))
+    call = partial(library.bev_plan_switch, *arguments)
+    figures = []
+    for method in ('merit_order', 'optimal_switch'):
+        plan_s, call_s = turns_s(
+            partial(plan_preheating, vehicle, route, STATE, GOAL, method), call, 5 * ROUNDS)
+        figures.append(Figure(f'plan, {method}, N = {trip.steps} / the call of the core in it',
+                              plan_s / call_s, '', CORE_RATIO))
+    return [Figure('call of the core in a plan, median', 1e3 * call_s, 'ms'), *figures]
+
+
+def _merit_order_figures(vehicle: Vehicle, name: str) -> list[Figure]:
+    """Return what a plan takes on a route, and what minding the power limits adds to it."""
+    route = load_route(name, vehicle.defaults)
+    # In turns, so that both meet the same load of the machine.
+    merit_order_s, switch_s = turns_s(
+        lambda: plan_preheating(vehicle, route, STATE, GOAL, 'merit_order'),
+        lambda: plan_preheating(vehicle, route, STATE, GOAL, 'optimal_switch'), ROUNDS)
+    what = f'plan on {name}, N = {len(route)}, merit_order'
+    return [Figure(f'{what}, median', 1e3 * merit_order_s, 'ms',
+                   PASS_BOUND_MS if name == 'alpine_pass' else None),
+            Figure(f'{what} / optimal_switch', merit_order_s / switch_s, '',
+                   MERIT_ORDER_RATIOS[name])]
+
+
+def _limit_trips(vehicle: Vehicle, log: Callable[[str], object]) -> list[Figure]:
+    """Return what plans take on drawn trips in which limits matter: the dearest, and the mean."""
+    times_ms = []
+    for number in range(LIMIT_TRIPS):
+        trip = draw_limit_trip(vehicle, LIMIT_SEED, number)
+        times_ms.append(1e3 * median_time_s(
+            partial(plan_preheating, trip.vehicle, trip.route, trip.state, trip.goal), repetitions=9))
+        log(f'trip {number} with limits: {times_ms[-1]:.3f} ms')
+    what = f'plans on {LIMIT_TRIPS} drawn trips with limits'
+    return [Figure(f'{what}, the dearest', max(times_ms), 'ms', DEAREST_BOUND_MS),
+            Figure(f'{what}, mean', sum(times_ms) / len(times_ms), 'ms')]
+
+
+def _heat_path_ratio(vehicle: Vehicle, name: str) -> Figure:
+    """Return what heater and coolant as states add to a plan."""
+    route = load_route(name, vehicle.defaults)
+    slow = replace(vehicle, heat_path=SLOW)
+    with_path_s, direct_s = turns_s(
+        lambda: plan_preheating(slow, route, STATE, GOAL),
+        lambda: plan_preheating(vehicle, route, STATE, GOAL), ROUNDS)
+    return Figure(f'plan on {name}, N = {len(route)}, with a heat path / without',
+                  with_path_s / direct_s, '')

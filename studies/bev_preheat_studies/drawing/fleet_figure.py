@@ -1,0 +1,71 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A fleet as a picture: minutes saved and energy bought, by air temperature and by trip length."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from bev_preheat.drawing.figure import grid_figure, legend_above, save_figure
+from bev_preheat.drawing.palette import GRAY, look_of
+from bev_preheat_studies.fleet.tally import AMBIENTS, LENGTHS
+from bev_preheat_studies.fleet.ways import NONE, WAYS
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from bev_preheat.files.output_files import AnyPath
+    from bev_preheat_studies.fleet.fleet_figures import Figures
+
+# Ways that are drawn as lines, wide ones first; the spread is that of the last.
+DRAWN = tuple(way for way in (*reversed(WAYS[2:]), WAYS[1]) if way != NONE)
+SPREAD_OF = DRAWN[0]
+SPREAD_ALPHA = 0.12
+
+
+def draw_fleet(path: AnyPath, summary: Figures) -> None:
+    """Draw a fleet's summary into a file, whose suffix says which kind of picture it is."""
+    save_figure(make_fleet_figure(summary), path)
+
+
+def make_fleet_figure(summary: Figures) -> Figure:
+    """Return the figure of a fleet's summary (`summarise_fleet`)."""
+    trips = f'{summary["trips"]:,}'.replace(',', ' ')
+    figure, axes = grid_figure(
+        2, 2, f'{trips} winter trips to a fast charger, against no preheating', height_in=6.6, sharey='row')
+    for row, (name, label) in enumerate((('saved_min', 'saved at the charger [min]'),
+                                         ('more_kwh', 'bought in addition [kWh]'))):
+        for column, (groups, heading) in enumerate(((AMBIENTS, 'air temperature [°C]'),
+                                                    (LENGTHS, 'driving time to the charger [min]'))):
+            axis = axes[row, column]
+            _draw(axis, summary, name, [group for group in groups if summary['groups'][group]['trips']])
+            axis.set_ylabel(label if column == 0 else '')
+            axis.set_xlabel(heading if row == 1 else '')
+    lines, bands = axes[0, 0].get_lines(), axes[0, 1].collections
+    legend_above(axes[0, 0], [line for line in lines if line.get_label() in DRAWN],
+                 title='mean of all trips', columns=2)
+    legend_above(axes[0, 1], list(bands), columns=1)
+    return figure
+
+
+def _draw(axis: Axes, summary: Figures, name: str, groups: list[str]) -> None:
+    """Draw the mean of each way over groups, and from where to where most trips of one of them are."""
+    places = range(len(groups))
+
+    def values(way: str, figure: str) -> list[float]:
+        return [summary['groups'][group]['ways'][way][name][figure] for group in groups]
+
+    axis.axhline(0.0, color=GRAY, linewidth=0.6)
+    axis.fill_between(places, values(SPREAD_OF, '5 %'), values(SPREAD_OF, '95 %'), linewidth=0.0,
+                      color=look_of(SPREAD_OF).colour, alpha=SPREAD_ALPHA, label=f'{SPREAD_OF}, 5 … 95 % of trips')
+    for way in DRAWN:
+        look = look_of(way)
+        axis.plot(places, values(way, 'mean'), **look.line(label=way, marker=look.marker,
+                                                           markersize=5.0, markerfacecolor='none'))
+    axis.set_xticks(list(places), [_tick(group) for group in groups], fontsize='small')
+
+
+def _tick(group: str) -> str:
+    """Return the name of a group without its unit, short."""
+    name = group.rpartition(' ')[0].replace('-', '−')
+    return name.replace('below', '<').replace('from', '≥').replace(' to ', ' … ')

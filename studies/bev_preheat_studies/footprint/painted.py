@@ -1,0 +1,47 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Plans of a build that runs on this computer, and how much they overwrite of a stack that was filled before."""
+
+from __future__ import annotations
+
+import struct
+import subprocess
+from typing import TYPE_CHECKING
+
+from bev_preheat.errors import InvalidInput
+from bev_preheat_studies.footprint.situations import Planned
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from bev_preheat_studies.footprint.builds import Build
+    from bev_preheat_studies.footprint.situations import Situation
+
+# Status, bytes of stack, and ANSWER_NUMBERS of planned.h.
+ANSWER = struct.Struct('=2i10d')
+
+
+class PaintedStack:
+    """The program of painted_stack.c."""
+
+    def __init__(self, build: Build) -> None:
+        """Link it. Symbols are looked up when it starts: looking one up in a plan would take stack."""
+        self._program: Path = build.link('painted_stack', 'painted_stack.c', '-Wl,-z,now')
+
+    def memory_bytes(self, steps: int) -> tuple[int, int, int]:
+        """Return the memory for trips of so many steps: optimal_switch, with a heat path, merit_order."""
+        direct, late, merit = map(int, self._run(b'', 'memory', str(steps)).split())
+        return direct, late, merit
+
+    def plan(self, asked: Sequence[tuple[int, Situation]]) -> list[Planned]:
+        """Return what plans of a method, by its number, and a Situation take."""
+        given = b''.join(struct.pack('=2i', method, situation.steps) + situation.numbers.tobytes()
+                         for method, situation in asked)
+        return [Planned(status, stack_bytes, None, tuple(told)) for status, stack_bytes, *told in
+                ANSWER.iter_unpack(self._run(given, 'plans'))]
+
+    def _run(self, given: bytes, *arguments: str) -> bytes:
+        done = subprocess.run([self._program, *arguments], input=given, check=False, capture_output=True)
+        if done.returncode != 0:
+            raise InvalidInput(f'{self._program.name} {arguments[0]} ends with {done.returncode}')
+        return done.stdout

@@ -1,0 +1,208 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Days under the planner's own step: verdicts, heating, and the temperature at the end of each trip."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import partial
+from time import process_time
+from typing import Any, TYPE_CHECKING
+
+from bev_preheat.estimation.hypotheses import Heater
+from bev_preheat.planning.situation import BatteryState
+from bev_preheat.simulation.phases import Charge, Drive, Park
+from bev_preheat.simulation.supervised_drive import moments
+from bev_preheat.simulation.traffic import Kind
+from bev_preheat.simulation.vehicle_plant import VehiclePlant
+from bev_preheat.supervision.supervisor import Supervisor
+from bev_preheat_studies.numbered import run_numbered
+from bev_preheat_studies.robustness.car_study import settings_of_compared
+from bev_preheat_studies.robustness.drawn_days import draw_day
+from bev_preheat_studies.robustness.drives import FaultWatch
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+    from concurrent.futures import Executor
+
+    from bev_preheat.simulation.imperfect_car import ImperfectCar
+    from bev_preheat.simulation.supervised_drive import Moment
+    from bev_preheat_studies.robustness.drawn_cars import Conditions
+    from bev_preheat_studies.robustness.drawn_days import DrawnDay
+
+# Heating must end within these times after charging, or parking, began [s], plus a command period
+# (docs/explanation/safety.md).
+CHARGING_KNOWN_AFTER_S = 10.0
+PARKED_OFF_AFTER_S = 180.0
+
+
+@dataclass(frozen=True)
+class TripOutcome:
+    """
+    Outcome of one trip of a day, the `position`-th (0: the first).
+
+    `arrival_error_k` [K] is the true temperature on arrival above the target, or above the nearest
+    temperature that any heating can end with; None where the trip was cut short, or the battery ran empty.
+    `route` is the number of the route, `pace` its duration as a multiple of the route's,
+    `is_told`: the car reported its position. `switch_ons` counts how often the command rose from 0 W.
+    """
+
+    position: int
+    route: int
+    pace: float
+    is_told: bool
+    arrival_error_k: float | None
+    switch_ons: int
+
+
+@dataclass(frozen=True)
+class DayResult:
+    """
+    One day.
+
+    `knows_power`: battery states carry voltage and current. `heater_verdicts` and `signal_verdicts` are
+    texts 'name, phase, instant' of all that was found in the heater, and in signals, in order.
+    `heated_charging_s` and `heated_parked_s` are how long [s] heating was commanded while the car charged
+    or was parked, beyond the stated times. `fault_shown_s` and `fault_found_after_s` are those of
+    DriveOutcome, in time that was driven. `hours` is how long the day lasts, `cpu_s` the processor time [s].
+    """
+
+    number: int
+    knows_power: bool
+    trips: tuple[TripOutcome, ...]
+    heater_verdicts: tuple[str, ...] = ()
+    signal_verdicts: tuple[str, ...] = ()
+    heated_charging_s: float = 0.0
+    heated_parked_s: float = 0.0
+    fault_shown_s: float | None = None
+    fault_found_after_s: float | None = None
+    hours: float = 0.0
+    steps: int = 0
+    cpu_s: float = 0.0
+
+
+@dataclass
+class _Tally:
+    """Counters along a day."""
+
+    day: DrawnDay
+    car: ImperfectCar
+    period_s: float
+    faults: FaultWatch
+    heater_verdicts: list[str] = field(default_factory=list)
+    signal_verdicts: list[str] = field(default_factory=list)
+    heated_s: dict[type, float] = field(default_factory=lambda: {Charge: 0.0, Park: 0.0})
+    switch_ons: list[int] = field(default_factory=list)
+    within_c: list[tuple[float, float]] = field(default_factory=list)
+    driven_s: float = 0.0
+    _phase: object = None
+    _power_w: float = 0.0
+    _since_s: float = 0.0
+    _verdict: Heater = Heater.ANSWERS
+    _doubted: frozenset[str] = frozenset()
+
+    def note(self, moment: Moment, supervisor: Supervisor) -> None:
+        """Note a Moment whose command is in effect from now on."""
+        car, now_s = self.car, moment.time_s
+        if car.phase is not self._phase:
+            self._begin(car)
+        self._count_heating(now_s)
+        for output in moment.outputs:
+            if output.command is None:
+                continue
+            power_w = output.command.battery_heating_power_w
+            if power_w > 0.0 == self._power_w and isinstance(car.phase, Drive):
+                self.switch_ons[-1] += 1
+            self._power_w = power_w
+        estimate, phase_s = supervisor.estimate, now_s - car.plant.start_s
+        if isinstance(car.phase, Drive):
+            self.faults.note(self.driven_s + phase_s, self._power_w, estimate)
+        where = f'{type(car.phase).__name__.lower()} {len(car.reports) + 1}, {phase_s:.0f} s'
+        verdict = Heater.ANSWERS if estimate is None else estimate.heater.heater
+        if verdict not in (Heater.ANSWERS, self._verdict):
+            self.heater_verdicts.append(f'{verdict.value}, {where}')
+        self._verdict = verdict
+        doubted = frozenset(each.signal for each in supervisor.signal_verdicts)
+        self.signal_verdicts += [f'{name}, {where}' for name in sorted(doubted - self._doubted)]
+        self._doubted = doubted
+
+    def _count_heating(self, now_s: float) -> None:
+        """Count how long the latest command heated a car that charges or is parked for too long already."""
+        phase, began_s = self.car.phase, self.car.plant.start_s
+        if self._power_w > 0.0 and not isinstance(phase, Drive):
+            allowed_s = CHARGING_KNOWN_AFTER_S if isinstance(phase, Charge) else PARKED_OFF_AFTER_S
+            from_s = max(self._since_s, began_s + allowed_s + self.period_s)
+            self.heated_s[type(phase)] += max(0.0, now_s - from_s)
+        self._since_s = now_s
+
+    def _begin(self, car: ImperfectCar) -> None:
+        self._phase = car.phase
+        self.driven_s = sum(report.ended_s - report.started_s for report in car.reports
+                            if isinstance(report.phase, Drive))
+        if isinstance(car.phase, Drive):
+            # What holds over the boundary is no switch-on of this trip.
+            self.switch_ons.append(0)
+            self.within_c.append((_end_c(car, 0.0), _end_c(car, car.vehicle.hvch.maximum_power_w)))
+
+    def trips(self) -> tuple[TripOutcome, ...]:
+        """Return the outcomes of the trips that have ended."""
+        ends = [report for report in self.car.reports if isinstance(report.phase, Drive)]
+        outcomes = []
+        for position, (end, switch_ons, (unheated_c, heated_c)) in enumerate(zip(
+                ends, self.switch_ons, self.within_c)):
+            assert isinstance(end.phase, Drive)
+            target_c = min(max(end.phase.goal.target_temperature_c, unheated_c), heated_c)
+            is_cut = any(event.kind is Kind.ARRIVE_EARLY for event in end.phase.events)
+            outcomes.append(TripOutcome(
+                position, self.day.route_numbers[position], self.day.paces[position],
+                self.day.conditions.tells_position,
+                None if is_cut or end.ran_empty else end.temperature_c - target_c, switch_ons))
+        return tuple(outcomes)
+
+
+def _end_c(car: ImperfectCar, heater_power_w: float) -> float:
+    """Return how warm the battery [deg C] would be at the end of the drive with this power all the way [W]."""
+    plant = car.plant
+    state = BatteryState(plant.temperature_c, plant.soc, coolant_excess_k=plant.coolant_c - plant.temperature_c)
+    driven = VehiclePlant(plant.vehicle, plant.route, state)
+    driven.advance(driven.duration_s, heater_power_w)
+    return driven.temperature_c
+
+
+def drive_day(conditions: Conditions, seed: int, number: int) -> DayResult:
+    """Return the DayResult of one drawn day."""
+    started, steps = process_time(), 0
+    day = draw_day(conditions, seed, number)
+    car = day.car()
+    supervisor = Supervisor(car.vehicle, settings_of_compared('planner', conditions.period_s))
+    tally = _Tally(day, car, conditions.period_s, FaultWatch(car.imperfections.heater_faults))
+    try:
+        for moment in moments(car, supervisor, lambda: car.is_over):
+            steps += 1
+            tally.note(moment, supervisor)
+    except Exception as error:
+        error.add_note(f'in day {number} of seed {seed}')
+        raise
+    trips = tally.trips()
+    tally.faults.end(tally.driven_s)
+    return DayResult(
+        number, day.conditions.reports_power, trips, tuple(tally.heater_verdicts), tuple(tally.signal_verdicts),
+        tally.heated_s[Charge], tally.heated_s[Park], tally.faults.shown_s, tally.faults.found_after_s,
+        car.time_s / 3600.0, steps, process_time() - started)
+
+
+def run_days(conditions: Conditions, days: int, seed: int, executor: Executor,
+             report: Callable[[DayResult], object], finished: Mapping[int, DayResult] | None = None,
+             keep: Callable[[int, DayResult], object] | None = None) -> list[DayResult]:
+    """Return the DayResults of days 0 … `days` - 1 in order, as `car_study.run_study` does with trips."""
+    results = []
+    for result in run_numbered(executor, partial(drive_day, conditions, seed), range(days), finished, keep):
+        results.append(result)
+        report(result)
+    return results
+
+
+def day_from(record: dict[str, Any]) -> DayResult:
+    """Return the DayResult of a dictionary that `asdict` made, read back from JSON."""
+    return DayResult(**{
+        **record, 'trips': tuple(TripOutcome(**trip) for trip in record['trips']),
+        'heater_verdicts': tuple(record['heater_verdicts']), 'signal_verdicts': tuple(record['signal_verdicts'])})
