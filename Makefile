@@ -32,6 +32,7 @@ help: ## this list
 setup: ## the working environment in .venv: what a ROS 2 distribution lacks, or ROS 2 from wheels
 	@scripts/setup.bash
 
+# For a car, without what measures: BEV_PREHEAT_WITHOUT_STUDIES=1 make build.
 build: setup ## the three packages, if anything changed (colcon build --base-paths . core msg_defs)
 	@scripts/build.bash
 
