@@ -6,7 +6,7 @@ import sys
 from xml.etree import ElementTree
 
 HERE = Path(__file__).resolve().parent
-sys.path[:0] = [str(HERE), str(HERE.parent)]
+sys.path[:0] = [str(HERE), str(HERE.parent), str(HERE.parent / 'studies')]
 
 from generated_reference import write_reference  # noqa: E402
 

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * Many trips of one vehicle, each without heating, always heated, and planned by two methods: what
- * bev_preheat.experiments.fleet.ways does for one trip where nothing limits it.
+ * bev_preheat_studies.fleet.ways does for one trip where nothing limits it.
  */
 #include "checks.h"
 #include "limits_of_run.h"
