@@ -44,7 +44,7 @@ test: build ## all tests
 
 # Python is tested as it is in the checkout, so only new messages and new equations need a build.
 test-quick: setup ## the tests without DDS, but for the costly ones, for the person who edits
-	@[ -e install/.built ] && [ -z "$$(find msg_defs core bev_preheat/compiled bev_preheat/vehicle/*.py -newer install/.built -print -quit)" ] || scripts/build.bash
+	@[ -e install/.built ] && [ -z "$$(find msg_defs core bev_preheat/native bev_preheat/vehicle/*.py -newer install/.built -print -quit)" ] || scripts/build.bash
 	@$(environment); $(local_only); PYTHONPATH="$$PWD:$$PWD/studies:$$PYTHONPATH" python3 -m pytest -q $(several_without_nodes) -m "not dds and not deep and not costly and not linter" $(TESTS)
 
 test-deep: build ## all tests, those too that take long: all scenarios over DDS, EXAMPLES (1000) for each property

@@ -89,7 +89,7 @@ setup(
     package_data={PACKAGE: ['vehicle/schema.yaml', 'vehicle/heat_path_schema.yaml',
                             'route/legs_schema.yaml',
                             'charging/chargers_schema.yaml',
-                            'supervision/itinerary_schema.yaml',
+                            'control/itinerary_schema.yaml',
                             'simulation/scenario_schema.yaml', 'vehicle/chemistry.yaml',
                             'vehicle/vehicle_template.yaml',
                             'vehicle/road_load_template.yaml', 'ecu/c/*'],

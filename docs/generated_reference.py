@@ -27,7 +27,7 @@ ACTION_PARTS = ('Goal', 'Result', 'Feedback')
 NODES = (planner_node, nlp_checker_node, charger_adviser_node, vehicle_simulator_node)
 SCHEMAS = {'vehicle': 'vehicle/schema.yaml', 'legs': 'route/legs_schema.yaml',
            'chargers': 'charging/chargers_schema.yaml',
-           'itinerary': 'supervision/itinerary_schema.yaml',
+           'itinerary': 'control/itinerary_schema.yaml',
            'scenario': 'simulation/scenario_schema.yaml'}
 LEVEL_NAMES = {DiagnosticStatus.OK: 'OK', DiagnosticStatus.WARN: 'WARN',
                DiagnosticStatus.ERROR: 'ERROR'}

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A Supervisor that is given one thing at a time, and remembers what it put out."""
 
-from bev_preheat.supervision.events import (
+from bev_preheat.control.events import (
     BatteryStateArrived,
     PreheatingSwitched,
     Reconfigured,
@@ -9,9 +9,9 @@ from bev_preheat.supervision.events import (
     RouteUnreadable,
     TripCancelled,
 )
-from bev_preheat.supervision.inbox import Inbox
-from bev_preheat.supervision.refusals import RefusedRoute
-from bev_preheat.supervision.supervisor import Supervisor
+from bev_preheat.control.inbox import Inbox
+from bev_preheat.control.refusals import RefusedRoute
+from bev_preheat.control.supervisor import Supervisor
 
 
 class Stepwise(Supervisor):

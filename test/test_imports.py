@@ -18,7 +18,7 @@ import sys
 import pytest
 
 ROOMS = ('bev_preheat.planning', 'bev_preheat.vehicle', 'bev_preheat.route', 'bev_preheat.estimation',
-         'bev_preheat.charging', 'bev_preheat.supervision', 'bev_preheat.simulation',
+         'bev_preheat.charging', 'bev_preheat.control', 'bev_preheat.simulation',
          'bev_preheat_studies.robustness')
 CHECKOUT = Path(__file__).resolve().parent.parent
 ROS = ('ament_index_python', 'rclpy')
@@ -113,10 +113,10 @@ def test_rooms_use_only_rooms_below_them():
 
 @pytest.mark.costly
 @pytest.mark.parametrize('file, text, complaint', [
-    ('planning/status.py', 'def late():\n    import bev_preheat.supervision.settings\n',
-     'bev_preheat.planning is not allowed to import bev_preheat.supervision'),
+    ('planning/status.py', 'def late():\n    import bev_preheat.control.settings\n',
+     'bev_preheat.planning is not allowed to import bev_preheat.control'),
     ('forecourt/__init__.py', '', 'bev_preheat.forecourt'),
-    ('supervision/settings.py', 'def measure():\n    import bev_preheat_studies.cost\n',
+    ('control/settings.py', 'def measure():\n    import bev_preheat_studies.cost\n',
      'bev_preheat is not allowed to import bev_preheat_studies')],
     ids=['lazy, upwards', 'unknown room', 'what measures'])
 def test_the_contracts_see_what_breaks_them(tmp_path, file, text, complaint):

@@ -51,7 +51,7 @@ def test_a_command_without_its_package_is_refused_in_one_line(without, capsys, a
 # What setup installs beside the packages of a ROS machine
 
 @pytest.fixture
-def lacking(monkeypatch, tmp_path):
+def deficit(monkeypatch, tmp_path):
     """Return a function: the lines for a machine that has these packages {name: version}."""
     spec = util.spec_from_file_location(
         'lacking_packages', Path(__file__).parents[1] / 'scripts' / 'lacking_packages.py')
@@ -81,18 +81,18 @@ UBUNTU = {'numpy': '1.26.4', 'rich': '13.7.1', 'colcon-core': '0.15.1', 'setupto
     ({'casadi': '3.6.7', 'colcon-core': None}, ['colcon-core>=0,<=0.19.0']),
     # Newer ones build no Python package of ROS 2.
     ({'casadi': '3.6.7', 'setuptools': '80.0.0'}, ['setuptools>=0,<=79.0.1'])])
-def test_only_what_is_absent_or_too_old_is_installed(lacking, capsys, changes, wanted):
-    assert lacking({**UBUNTU, **changes}, capsys) == wanted
+def test_only_what_is_absent_or_too_old_is_installed(deficit, capsys, changes, wanted):
+    assert deficit({**UBUNTU, **changes}, capsys) == wanted
 
 
-def test_the_benchmark_needs_its_peer_too(lacking, capsys):
-    assert lacking(UBUNTU, capsys, '--group', 'bench') == ['casadi>=3.6.7,<=3.6.7', 'do-mpc>=4.6.5,<=4.6.5']
+def test_the_benchmark_needs_its_peer_too(deficit, capsys):
+    assert deficit(UBUNTU, capsys, '--group', 'bench') == ['casadi>=3.6.7,<=3.6.7', 'do-mpc>=4.6.5,<=4.6.5']
 
 
-def test_what_is_installed_must_not_be_replaced(lacking, capsys):
-    assert lacking(UBUNTU, capsys, '--constraints') == [
+def test_what_is_installed_must_not_be_replaced(deficit, capsys):
+    assert deficit(UBUNTU, capsys, '--constraints') == [
         'colcon-core==0.15.1', 'numpy==1.26.4', 'rich==13.7.1', 'setuptools==68.1.2']
 
 
-def test_numpy_stays_of_one_major_version(lacking, capsys):
-    assert 'numpy<2' in lacking({**UBUNTU, 'numpy': '1.24.0'}, capsys, '--constraints')
+def test_numpy_stays_of_one_major_version(deficit, capsys):
+    assert 'numpy<2' in deficit({**UBUNTU, 'numpy': '1.24.0'}, capsys, '--constraints')

@@ -163,7 +163,7 @@ class _Leg:
         """Return why the charger is not reached, None where it is."""
         if unheated.stranding is not None:
             return (f'out of reach: the battery is empty after {duration_text(unheated.stranding.at_s)}, '
-                    f'{unheated.stranding.lacking_wh / WH_PER_KWH:.2f} kWh are lacking')
+                    f'{unheated.stranding.deficit_wh / WH_PER_KWH:.2f} kWh are lacking')
         lowest_soc = float(unheated.soc.min())
         if lowest_soc < self._reserve:
             return (f'out of reach: {100.0 * lowest_soc:.1f} % would be left on the way, the reserve is '
@@ -183,10 +183,10 @@ class _Leg:
                 rest = self._end_of_rest(temperature_c, soc)
                 short = self._end_soc - rest.arrival_soc
                 if soc == highest and (rest.stranding is not None or short > 0.0):
-                    lacking = ('strands on it' if rest.stranding is not None else
+                    deficit = ('strands on it' if rest.stranding is not None else
                                f'leaves {100.0 * rest.arrival_soc:.1f} % at its end')
                     return soc, rest.arrival_soc, (
-                        f'even {100.0 * highest:g} % do not carry the rest of the route: that {lacking}, '
+                        f'even {100.0 * highest:g} % do not carry the rest of the route: that {deficit}, '
                         f'{100.0 * self._end_soc:g} % are wanted')
                 if abs(short) < SOC_TOLERANCE or rest.stranding is not None:
                     break

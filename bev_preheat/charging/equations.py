@@ -9,19 +9,19 @@ from bev_preheat.numerics.arithmetic import Arithmetic, Number
 from bev_preheat.vehicle.charging import charging_of
 
 if TYPE_CHECKING:
-    from bev_preheat.charging.stop import Stop
+    from bev_preheat.charging.stop import ChargingStop
     from bev_preheat.numerics.arithmetic import AnyNumber, CurveFunction
     from bev_preheat.vehicle.description import Vehicle
     from bev_preheat.vehicle.model import Rates
 
 
-def supply_of(vehicle: Vehicle, stop: Stop) -> float:
+def supply_of(vehicle: Vehicle, stop: ChargingStop) -> float:
     """Return what charger and inlet leave beside cabin and auxiliaries [W]."""
     return (min(stop.charger_power_w, charging_of(vehicle).maximum_inlet_power_w)
             - stop.cabin_heating_power_w - stop.auxiliary_power_w)
 
 
-def heater_power_of(vehicle: Vehicle, stop: Stop) -> float:
+def heater_power_of(vehicle: Vehicle, stop: ChargingStop) -> float:
     """Return what the heater takes at the charger where it heats [W]."""
     return max(0.0, min(vehicle.hvch.maximum_power_w - stop.cabin_heating_power_w,
                         supply_of(vehicle, stop)))

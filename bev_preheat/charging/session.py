@@ -35,7 +35,7 @@ from bev_preheat.vehicle.heat_path import make_heat_step
 from bev_preheat.vehicle.model import make_rates, make_runge_kutta_4
 
 if TYPE_CHECKING:
-    from bev_preheat.charging.stop import Stop
+    from bev_preheat.charging.stop import ChargingStop
     from bev_preheat.numerics.arrays import FloatArray
     from bev_preheat.planning.situation import BatteryState
     from bev_preheat.vehicle.description import Vehicle
@@ -57,7 +57,7 @@ OUTLOOK_POINTS = 101
 TEMPERATURE_TOLERANCE_K = 1e-6
 SOC_TOLERANCE = 1e-12
 # A battery that lacks less state of charge than this is as full as is asked.
-LACKING_SOC = 1e-9
+DEFICIT_SOC = 1e-9
 MOST_TRIALS = 60
 
 
@@ -128,7 +128,7 @@ class Session:
             'hvch_battery_power_w': self.hvch_battery_power_w.tolist()}
 
 
-class _State(NamedTuple):
+class _SessionState(NamedTuple):
     """State of charge, battery temperature [deg C], heater's power [W], coolant's excess [K]."""
 
     soc: float
@@ -141,14 +141,14 @@ class _Step(NamedTuple):
     """One step [s]: its end, and the means of powers [W] and of the battery's temperature [deg C]."""
 
     duration_s: float
-    end: _State
+    end: _SessionState
     terminal_w: float
     drawn_w: float
     arriving_w: float
     leakage_w: float
 
 
-def charge(vehicle: Vehicle, stop: Stop, state: BatteryState, step_s: float = STEP_S) -> Session:
+def charge(vehicle: Vehicle, stop: ChargingStop, state: BatteryState, step_s: float = STEP_S) -> Session:
     """
     Return the Session of a vehicle that arrives at a Stop with a BatteryState.
 
@@ -158,9 +158,9 @@ def charge(vehicle: Vehicle, stop: Stop, state: BatteryState, step_s: float = ST
     """
     check_stop(vehicle, stop, state)
     plug = _Plug(vehicle, stop, step_s)
-    now = _State(state.soc, state.temperature_c, state.heater_power_w, state.coolant_excess_k)
+    now = _SessionState(state.soc, state.temperature_c, state.heater_power_w, state.coolant_excess_k)
     states, steps, elapsed_s, problem = [now], [], 0.0, None
-    while problem is None and stop.departure_soc - now.soc > LACKING_SOC:
+    while problem is None and stop.departure_soc - now.soc > DEFICIT_SOC:
         problem = plug.problem_at(now)
         if problem is None and elapsed_s >= LONGEST_SESSION_S:
             problem = (f'the battery has {100.0 * now.soc:.1f} % after '
@@ -176,7 +176,7 @@ def charge(vehicle: Vehicle, stop: Stop, state: BatteryState, step_s: float = ST
 class _Plug:
     """One vehicle at one charger: the step that follows a state."""
 
-    def __init__(self, vehicle: Vehicle, stop: Stop, step_s: float) -> None:
+    def __init__(self, vehicle: Vehicle, stop: ChargingStop, step_s: float) -> None:
         self._vehicle, self._stop = vehicle, stop
         charging, battery = charging_of(vehicle), vehicle.battery
         self._limit_w = charging.power_limit.function(FLOATS)
@@ -202,7 +202,7 @@ class _Plug:
     def _command_w(self, temperature_c: float) -> float:
         return self._heater_w if temperature_c < self._heated_below_c else 0.0
 
-    def problem_at(self, state: _State) -> str | None:
+    def problem_at(self, state: _SessionState) -> str | None:
         """Return why the battery is never charged further from a state, None if it may be."""
         soc, temperature_c, stop = state.soc, state.temperature_c, self._stop
         if self._supply_w <= LEAST_POWER_W:
@@ -243,7 +243,7 @@ class _Plug:
         # Where heating ends it goes on without.
         return max(temperature_c, min(settled_c, self._heated_below_c)) if command_w else settled_c
 
-    def step_from(self, state: _State) -> _Step:
+    def step_from(self, state: _SessionState) -> _Step:
         """Return the step from a state, which ends where heating or the session is to end."""
         above_k = state.temperature_c - self._heated_below_c
         command_w, is_direct = self._command_w(state.temperature_c), self._vehicle.heat_path.is_direct
@@ -264,7 +264,7 @@ class _Plug:
                              lambda end: end.soc - self._stop.departure_soc, SOC_TOLERANCE)
         return step
 
-    def _holding_w(self, state: _State, length_s: float) -> float:
+    def _holding_w(self, state: _SessionState, length_s: float) -> float:
         """
         Return the heater power [W] that holds the battery at the limit of heating for a step [s].
 
@@ -284,7 +284,7 @@ class _Plug:
         return follow_slope(self._heater_w, 0.0, first, warming_k_per_w, attempt,
                             TEMPERATURE_TOLERANCE_K).outcome
 
-    def _length_s(self, state: _State, longer: float) -> float:
+    def _length_s(self, state: _SessionState, longer: float) -> float:
         """Return how long a step from a state may be [s], whatever the heater takes."""
         step_s = min(longer * self._step_s, self._most_step_s)
         power_w = self._power_w(state.soc, state.temperature_c, self._supply_w)
@@ -294,7 +294,7 @@ class _Plug:
                   * self._voltage_v(state.soc, state.temperature_c) / power_w)
         return min(step_s, STEP_SOC * full_s)
 
-    def _step(self, state: _State, command_w: float, duration_s: float) -> _Step:
+    def _step(self, state: _SessionState, command_w: float, duration_s: float) -> _Step:
         soc, temperature_c = state.soc, state.temperature_c
         other_heat_w = 0.0
         if self._vehicle.heat_path.has_coolant:
@@ -314,11 +314,11 @@ class _Plug:
                           / duration_s)
             end_c = self._hottest_c
         excess_k = coolant_c - end_c if self._vehicle.heat_path.has_coolant else state.excess_k
-        return _Step(duration_s, _State(soc, end_c, heater_w, excess_k), terminal_w, drawn_w,
+        return _Step(duration_s, _SessionState(soc, end_c, heater_w, excess_k), terminal_w, drawn_w,
                      arriving_w, leakage_w)
 
-    def _cut(self, state: _State, command_w: float, whole: _Step,
-             excess_of: Callable[[_State], float], tolerance: float) -> _Step:
+    def _cut(self, state: _SessionState, command_w: float, whole: _Step,
+             excess_of: Callable[[_SessionState], float], tolerance: float) -> _Step:
         """Return the part of a step after which `excess_of` its end is just above 0."""
         def attempt(duration_s: float) -> Trial[_Step]:
             step = self._step(state, command_w, duration_s)
@@ -330,7 +330,7 @@ class _Plug:
             aim=0.5 * tolerance).outcome
 
 
-def _session(vehicle: Vehicle, stop: Stop, problem: str | None, states: list[_State],
+def _session(vehicle: Vehicle, stop: ChargingStop, problem: str | None, states: list[_SessionState],
              steps: list[_Step]) -> Session:
     """Return the Session of what was simulated; its energies close the balance of heat to rounding."""
     hours = np.array([step.duration_s for step in steps]) / JOULES_PER_WH

@@ -39,7 +39,7 @@ class Charger:
 
 
 @dataclass(frozen=True)
-class Stop:
+class ChargingStop:
     """
     A stop at a charger: its power [W, at the vehicle's inlet], and the state of charge (0 ... 1) to leave with.
 
@@ -54,9 +54,9 @@ class Stop:
     auxiliary_power_w: float
 
 
-def stop_after(route: Route, charger_power_w: float, departure_soc: float) -> Stop:
+def stop_after(route: Route, charger_power_w: float, departure_soc: float) -> ChargingStop:
     """Return the Stop at the end of a Route: air, cabin and auxiliaries as in its last segment."""
-    return Stop(charger_power_w, departure_soc, float(route.ambient_temperature_c[-1]),
+    return ChargingStop(charger_power_w, departure_soc, float(route.ambient_temperature_c[-1]),
                 float(route.cabin_heating_power_w[-1]), float(route.auxiliary_power_w[-1]))
 
 
@@ -74,10 +74,10 @@ def refuse_stranded(plan: Plan) -> None:
         raise InvalidInput(
             f'state of charge: {100.0 * plan.soc[0]:g} % do not carry this trip, even without heating: '
             f'the battery is empty in {duration_text(plan.stranding.at_s)}, '
-            f'{plan.stranding.lacking_wh / WH_PER_KWH:.2f} kWh are lacking')
+            f'{plan.stranding.deficit_wh / WH_PER_KWH:.2f} kWh are lacking')
 
 
-def check_stop(vehicle: Vehicle, stop: Stop, state: BatteryState | None = None) -> None:
+def check_stop(vehicle: Vehicle, stop: ChargingStop, state: BatteryState | None = None) -> None:
     """
     Raise InvalidInput, one sentence a problem, where a session cannot be asked for.
 

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from bev_preheat.charging.session import Session
-    from bev_preheat.charging.stop import Stop
+    from bev_preheat.charging.stop import ChargingStop
     from bev_preheat.planning.plan import Plan
     from bev_preheat.planning.situation import BatteryState, Goal
     from bev_preheat.route.segments import Route
@@ -156,7 +156,7 @@ class WorthSearch:
     `without` is the TargetWorth of no heating.
     """
 
-    def __init__(self, vehicle: Vehicle, stop: Stop, unheated: Plan, usual_c: float, prices: Prices,
+    def __init__(self, vehicle: Vehicle, stop: ChargingStop, unheated: Plan, usual_c: float, prices: Prices,
                  plan_to: Callable[[float], Plan]) -> None:
         """Simulate the session without heating; raises what `session.charge` raises."""
         self._vehicle, self._stop, self._usual_c, self._prices = vehicle, stop, usual_c, prices
@@ -241,7 +241,7 @@ class WorthSearch:
             self.verdict(best))
 
 
-def _check(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goal, stop: Stop,
+def _check(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goal, stop: ChargingStop,
            prices: Prices) -> None:
     """Raise InvalidInput with all that is not allowed before the drive."""
     checks: tuple[Callable[[], None], ...] = (

@@ -7,7 +7,7 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 from bev_preheat.charging.session import charge
-from bev_preheat.charging.stop import arrival_state, refuse_stranded, Stop, stop_after
+from bev_preheat.charging.stop import arrival_state, ChargingStop, refuse_stranded, stop_after
 from bev_preheat.commands.situation import add_drive_arguments, load_planned_vehicle, read_situation
 from bev_preheat.console.output import add_output_arguments, check_output_arguments, write_json
 from bev_preheat.console.terminal import print_figures, result_console
@@ -129,7 +129,7 @@ def _option(name: str) -> str:
 
 
 def _after_drive(
-        arguments: Namespace) -> tuple[Vehicle, Stop, dict[str, Session], dict[str, Any]]:
+        arguments: Namespace) -> tuple[Vehicle, ChargingStop, dict[str, Session], dict[str, Any]]:
     """Return vehicle, stop, sessions by name, and what else goes into the JSON."""
     situation = read_situation(arguments)
     check_output_arguments(arguments, situation.files)
@@ -145,11 +145,11 @@ def _after_drive(
 
 
 def _after_arrival(
-        arguments: Namespace) -> tuple[Vehicle, Stop, dict[str, Session], dict[str, Any]]:
+        arguments: Namespace) -> tuple[Vehicle, ChargingStop, dict[str, Session], dict[str, Any]]:
     vehicle = load_planned_vehicle(arguments.vehicle)
     check_output_arguments(arguments, [vehicle_file(arguments.vehicle)])
     cabin_w, auxiliary_w = arguments.cabin_heating_power, arguments.auxiliary_power
-    stop = Stop(
+    stop = ChargingStop(
         arguments.charger_power, arguments.departure_soc, arguments.ambient,
         vehicle.defaults.cabin_heating_power_w if cabin_w is None else cabin_w,
         vehicle.defaults.auxiliary_power_w if auxiliary_w is None else auxiliary_w)

@@ -42,7 +42,7 @@ def run(arguments: Namespace) -> int:
     require('casadi')
     from bev_preheat.optimum.solve import solve_optimum, SolverFailure
     inputs = situation.vehicle, situation.route, situation.state, situation.goal
-    plans = [plan_preheating(*inputs, method, safeguarded=method == DEFAULT_METHOD)
+    plans = [plan_preheating(*inputs, method, no_regret=method == DEFAULT_METHOD)
              for method in METHODS]
     if not arguments.no_power_limits:
         plans = [as_driven(plan, *inputs) for plan in plans]

@@ -10,12 +10,12 @@ from bev_preheat.commands.completion import completed_by, NameCompleter
 from bev_preheat.commands.situation import in_steps, load_planned_vehicle, target_of, warn
 from bev_preheat.console.output import check_output_arguments, print_plans, write_json
 from bev_preheat.console.terminal import result_console
+from bev_preheat.control.inputs import check_mission, Leg, NS_PER_S
+from bev_preheat.control.itinerary import load_itinerary
 from bev_preheat.errors import InvalidInput
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState
-from bev_preheat.supervision.inputs import check_mission, Leg, NS_PER_S
-from bev_preheat.supervision.itinerary import load_itinerary
 from bev_preheat.vehicle import vehicle_file
 
 if TYPE_CHECKING:

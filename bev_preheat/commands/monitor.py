@@ -8,7 +8,7 @@ import os
 from typing import TYPE_CHECKING
 
 from bev_preheat.errors import InvalidInput
-from bev_preheat.files.output_files import check_outputs, Output
+from bev_preheat.files.output_files import check_outputs, OutputFile
 from bev_preheat.monitoring.end_signals import end_signals
 
 if TYPE_CHECKING:
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     from bev_preheat.commands.arguments import Subparsers
     from bev_preheat.monitoring.end_signals import EndSignals
-    from bev_preheat.monitoring.watch import Watch
+    from bev_preheat.monitoring.watch import LiveView
 
 # --once waits this long for all topics [s].
 ONCE_LIMIT_S = 15.0
@@ -43,7 +43,7 @@ def run(arguments: Namespace) -> int:
     """Listen and show; returns the exit status."""
     if arguments.seconds is not None and not 0.0 < arguments.seconds < 1e9:
         raise InvalidInput(f'--seconds: {arguments.seconds:g} is not allowed; it must be above 0')
-    check_outputs([Output('--picture', arguments.picture, ('.svg',))])
+    check_outputs([OutputFile('--picture', arguments.picture, ('.svg',))])
     try:
         # From here on, because loading ROS takes a while too.
         with end_signals() as signals:
@@ -63,21 +63,21 @@ def _listen(arguments: Namespace, signals: EndSignals) -> int:
     from rich.console import Console
 
     from bev_preheat.monitoring.heard import Heard, subscribe
-    from bev_preheat.monitoring.watch import Watch
+    from bev_preheat.monitoring.watch import LiveView
     from bev_preheat.nodes.listening import listening
     prefix = arguments.namespace.strip('/')
     heard = Heard(f'{prefix}/{arguments.node}' if prefix else arguments.node)
     try:
         with listening(f'monitor_{os.getpid()}', namespace=arguments.namespace) as listener:
             subscribe(listener.node, heard)
-            return _show(arguments, Watch(
+            return _show(arguments, LiveView(
                 listener, heard, Console(highlight=False), signals,
                 arguments.seconds or (ONCE_LIMIT_S if arguments.once else None)))
     except InvalidNamespaceException as error:
         raise InvalidInput(f'--namespace: {arguments.namespace!r}: {error}') from error
 
 
-def _show(arguments: Namespace, watch: Watch) -> int:
+def _show(arguments: Namespace, watch: LiveView) -> int:
     """Show it in the way that was asked for; return the exit status."""
     exit_status = 0
     try:

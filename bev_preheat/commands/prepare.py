@@ -93,8 +93,8 @@ def _pursue(client: PreparationClient, wanted: Wanted) -> int:
     from rich.progress import BarColumn, TextColumn
 
     from bev_preheat.console.terminal import progress_bar, result_console
+    from bev_preheat.control.preparation_goal import PreparationEnding
     from bev_preheat.monitoring.preparation import feedback_line
-    from bev_preheat.supervision.wish import Ending
     if not client.send(wanted):
         say('preheat: interrupted')
         return INTERRUPTED
@@ -121,7 +121,7 @@ def _pursue(client: PreparationClient, wanted: Wanted) -> int:
         say('preheat: interrupted; the goal is cancelled, its heating is off' if is_cancelled else
             'preheat: interrupted; the planner has not confirmed that the goal is cancelled')
         return INTERRUPTED
-    if result.code == Ending.REFUSED:
+    if result.code == PreparationEnding.REFUSED:
         raise InvalidInput(result.explanation.removesuffix('.'))
     console.print(result.explanation, markup=False, soft_wrap=True)
     return 0 if result.reached else FAILED

@@ -14,7 +14,7 @@ from rich.text import Text
 from bev_preheat.commands.completion import completed_by, NameCompleter, VEHICLES
 from bev_preheat.console.terminal import result_console
 from bev_preheat.errors import InvalidInput
-from bev_preheat.files.output_files import check_outputs, expanded, Output, PICTURE_SUFFIXES
+from bev_preheat.files.output_files import check_outputs, expanded, OutputFile, PICTURE_SUFFIXES
 from bev_preheat.route.csv_file import rounded, save_route
 from bev_preheat.route.drive_log import load_drive_logs
 from bev_preheat.route.legs import legs_file, load_legs
@@ -63,8 +63,8 @@ def run(arguments: Namespace) -> int:
     """Make the route file, say what is in it, and return the exit status."""
     vehicle = load_vehicle(arguments.vehicle)
     name, route, remarks, inputs = _load(arguments, vehicle)
-    check_outputs([Output('--output', arguments.output),
-                   Output('--plot', arguments.plot, PICTURE_SUFFIXES)],
+    check_outputs([OutputFile('--output', arguments.output),
+                   OutputFile('--plot', arguments.plot, PICTURE_SUFFIXES)],
                   [vehicle_file(arguments.vehicle), *inputs])
     route = rounded(route)
     comments = [f'Route {name}, made by:', f'    {_command(arguments)}', *remarks]

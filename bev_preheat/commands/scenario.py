@@ -16,7 +16,7 @@ from bev_preheat.console.output import add_json_argument, json_output, write_jso
 from bev_preheat.console.terminal import print_records, progress_bar, result_console
 from bev_preheat.errors import InvalidInput
 from bev_preheat.files.configuration import configuration_folder
-from bev_preheat.files.output_files import check_outputs, expanded, Output
+from bev_preheat.files.output_files import check_outputs, expanded, OutputFile
 
 if TYPE_CHECKING:
     from argparse import Namespace
@@ -109,7 +109,7 @@ def _check_outputs(arguments: Namespace, scenarios: Sequence[Scenario]) -> None:
     outputs = [json_output(arguments.json)]
     if arguments.nodes and arguments.logs is not None:
         from bev_preheat.nodes.installed_drive import log_files
-        outputs += [Output('--logs', path) for scenario in scenarios
+        outputs += [OutputFile('--logs', path) for scenario in scenarios
                     for path in log_files(scenario, arguments.logs)]
     check_outputs(outputs, [path for scenario in scenarios for path in scenario.files])
 

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Situation:
+class PlanningArguments:
     """
     What a plan is made for; `files` are the paths of the vehicle's and the route's file.
 
@@ -84,13 +84,13 @@ def add_vehicle_argument(parser: ArgumentParser) -> None:
         help='vehicle: a name in config/vehicles or a YAML file'))
 
 
-def read_situation(arguments: Namespace) -> Situation:
+def read_situation(arguments: Namespace) -> PlanningArguments:
     """Return the Situation of parsed arguments; raise InvalidInput where they make none."""
     vehicle = load_planned_vehicle(arguments.vehicle)
     loaded = route_for(arguments.route, vehicle)
     warn(loaded.warning, *(f'route {arguments.route}: {sentence}'
                            for sentence in unit_warnings([loaded.route], vehicle, with_units=True)))
-    return Situation(vehicle, in_steps(loaded.route, arguments),
+    return PlanningArguments(vehicle, in_steps(loaded.route, arguments),
                      BatteryState(arguments.temperature, arguments.soc),
                      Goal(target_of(arguments, vehicle), arguments.min_soc,
                           not arguments.no_charging),

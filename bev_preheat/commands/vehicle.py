@@ -13,13 +13,13 @@ from bev_preheat.console.output import add_output_arguments, check_output_argume
 from bev_preheat.console.terminal import print_figures, print_records, result_console
 from bev_preheat.errors import InvalidInput
 from bev_preheat.files.configuration import configuration_folder
-from bev_preheat.files.output_files import check_outputs, existing_file, Output, write_whole
+from bev_preheat.files.output_files import check_outputs, existing_file, OutputFile, write_whole
 from bev_preheat.vehicle import load_vehicle, vehicle_file
 from bev_preheat.vehicle.assumptions import assumption_warning, key_in_words
 from bev_preheat.vehicle.chemistry import CHEMISTRIES
 from bev_preheat.vehicle.data_sheet import DataSheet, QUANTITIES
-from bev_preheat.vehicle.described_car import describe_car
-from bev_preheat.vehicle.meaning import meaning_of
+from bev_preheat.vehicle.data_sheet_import import describe_car
+from bev_preheat.vehicle.plausibility import meaning_of
 from bev_preheat.vehicle.writing import assumed_keys, vehicle_text
 
 if TYPE_CHECKING:
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
     from bev_preheat.commands.arguments import Subparsers
     from bev_preheat.files.output_files import AnyPath
-    from bev_preheat.vehicle.meaning import Meaning
+    from bev_preheat.vehicle.plausibility import Meaning
 
 SUFFIXES = ('.yaml',)
 # What a data sheet may tell; the ranges are those of data_sheet.QUANTITIES.
@@ -103,7 +103,7 @@ def _add_new(actions: Subparsers) -> None:
 def run_new(arguments: Namespace) -> int:
     """Write a vehicle file, say what of it is assumed, and return the exit status."""
     output = arguments.output
-    check_outputs([Output('--output', output, SUFFIXES)])
+    check_outputs([OutputFile('--output', output, SUFFIXES)])
     if existing_file(output) is not None and not arguments.force:
         raise InvalidInput(f'--output: {output}: exists; --force replaces it')
     name = Path(output).stem if arguments.name is None else arguments.name

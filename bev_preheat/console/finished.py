@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from bev_preheat.files.output_files import AnyPath
 
 
-class Ending:
+class InterruptedEnding:
     """How the work of a study ended; `cause` is None where it is complete."""
 
     cause: Interrupted | WorkerLost | None = None
@@ -51,9 +51,9 @@ class Ending:
 
 
 @contextmanager
-def keeping_what_is_finished() -> Iterator[Ending]:
+def keeping_what_is_finished() -> Iterator[InterruptedEnding]:
     """Give an Ending; an interruption ends the block, and may be told later."""
-    ending = Ending()
+    ending = InterruptedEnding()
     try:
         yield ending
     except (Interrupted, WorkerLost) as cause:

@@ -9,7 +9,13 @@ from typing import TYPE_CHECKING
 
 from bev_preheat.console.program import write_output
 from bev_preheat.console.terminal import print_figures
-from bev_preheat.files.output_files import check_outputs, Output, PICTURE_SUFFIXES, STANDARD_OUTPUT, write_whole
+from bev_preheat.files.output_files import (
+    check_outputs,
+    OutputFile,
+    PICTURE_SUFFIXES,
+    STANDARD_OUTPUT,
+    write_whole,
+)
 from bev_preheat.planning.explanation import duration_text
 
 if TYPE_CHECKING:
@@ -49,20 +55,20 @@ def add_json_argument(parser: ArgumentParser) -> None:
                         'standard error')
 
 
-def json_output(path: AnyPath | None, make_folder: bool = False) -> Output:
+def json_output(path: AnyPath | None, make_folder: bool = False) -> OutputFile:
     """Return the Output of `--json`, which may be '-'."""
-    return Output('--json', None if path == STANDARD_OUTPUT else path, make_folder=make_folder)
+    return OutputFile('--json', None if path == STANDARD_OUTPUT else path, make_folder=make_folder)
 
 
 def check_output_arguments(arguments: Namespace, inputs: Sequence[AnyPath],
-                           others: Sequence[Output] = ()) -> None:
+                           others: Sequence[OutputFile] = ()) -> None:
     """
     Check `--json`, `--plot` and other Outputs before anything is computed; `inputs` are read.
 
     Raises InvalidInput where one cannot be written, or would be written over an input.
     """
     check_outputs([json_output(arguments.json),
-                   Output('--plot', arguments.plot, PICTURE_SUFFIXES), *others], inputs)
+                   OutputFile('--plot', arguments.plot, PICTURE_SUFFIXES), *others], inputs)
 
 
 def write_json(path: AnyPath, contents: Json, make_folder: bool = False) -> None:

@@ -32,7 +32,7 @@ from bev_preheat.demo.display import charging_sentence, shown, summary_rows, ver
 from bev_preheat.demo.observer import Observer
 from bev_preheat.drawing.demo_figure import draw_drive
 from bev_preheat.errors import figure, figure_beyond, InvalidInput
-from bev_preheat.files.output_files import check_outputs, expanded, Output, PICTURE_SUFFIXES
+from bev_preheat.files.output_files import check_outputs, expanded, OutputFile, PICTURE_SUFFIXES
 from bev_preheat.nodes.installed_processes import NodeProcess, reserved_domain_id
 from bev_preheat.nodes.listening import listening
 from bev_preheat.route import route_for
@@ -98,9 +98,9 @@ def check_files(parsed: Namespace) -> str | None:
     Raises InvalidInput where an input is missing or wrong or an output cannot be written.
     """
     route = route_for(parsed.route, load_vehicle(parsed.vehicle))
-    logs = [Output('--output', log_file(parsed.output, name), make_folder=True)
+    logs = [OutputFile('--output', log_file(parsed.output, name), make_folder=True)
             for name in ('planner', 'vehicle_simulator')]
-    check_outputs([Output('--output', parsed.output, PICTURE_SUFFIXES, make_folder=True), *logs],
+    check_outputs([OutputFile('--output', parsed.output, PICTURE_SUFFIXES, make_folder=True), *logs],
                   [vehicle_file(parsed.vehicle), route.file])
     return route.warning
 

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from rich.console import Console, RenderableType
 
     from bev_preheat.demo.observer import ObservedDrive
-    from bev_preheat.nodes.simulator_messages import Outcome
+    from bev_preheat.nodes.simulator_messages import DriveResult
 
     Row = tuple[str, str, str]
 
@@ -140,7 +140,7 @@ def summary_rows(drive: ObservedDrive) -> tuple[Row, list[Row]]:
     return ('', 'planned at the start', 'what happened'), rows
 
 
-def _outcome(drive: ObservedDrive) -> Outcome:
+def _outcome(drive: ObservedDrive) -> DriveResult:
     if drive.outcome is None:
         raise ValueError('the drive is not over')
     return drive.outcome

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from bev_preheat.charging.session import Session
-    from bev_preheat.charging.stop import Stop
+    from bev_preheat.charging.stop import ChargingStop
     from bev_preheat.files.output_files import AnyPath
     from bev_preheat.vehicle import Vehicle
 
@@ -32,13 +32,13 @@ LEAST_SHOWN_S = 60.0
 W_PER_KW = 1000.0
 
 
-def draw_sessions(path: AnyPath, vehicle: Vehicle, stop: Stop, sessions: Mapping[str, Session],
+def draw_sessions(path: AnyPath, vehicle: Vehicle, stop: ChargingStop, sessions: Mapping[str, Session],
                   title: str) -> None:
     """Draw sessions into a file, whose suffix says which kind of picture it is."""
     save_figure(make_session_figure(vehicle, stop, sessions, title), path)
 
 
-def make_session_figure(vehicle: Vehicle, stop: Stop, sessions: Mapping[str, Session],
+def make_session_figure(vehicle: Vehicle, stop: ChargingStop, sessions: Mapping[str, Session],
                         title: str) -> Figure:
     """Return the figure of one or two Sessions by name; dotted is what the heater takes."""
     ended_s = [session.charging_time_s for session in sessions.values() if not session.problem]

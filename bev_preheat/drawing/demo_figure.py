@@ -7,14 +7,14 @@ from typing import Protocol, TYPE_CHECKING
 
 import numpy as np
 
+from bev_preheat.control.inputs import NS_PER_S
+from bev_preheat.control.settings import Settings
 from bev_preheat.drawing.curves import draw_course, draw_steps, show_range, TimeAxis
 from bev_preheat.drawing.figure import legend_above, save_figure, stacked_figure
 from bev_preheat.drawing.palette import AMBIENT, look_of, PREDICTION, TARGET, WITHOUT_PREHEATING
 from bev_preheat.nodes.convert import mission_from_message, nanoseconds
 from bev_preheat.planning.planner import plan_unheated
 from bev_preheat.planning.situation import BatteryState
-from bev_preheat.supervision.inputs import NS_PER_S
-from bev_preheat.supervision.settings import Settings
 
 if TYPE_CHECKING:
 
@@ -30,7 +30,7 @@ PLANNED: Style = {'linewidth': 6.0, 'alpha': 0.3, 'linestyle': '-',
                   'label': 'planned at the start'}
 
 
-class Drive(Protocol):
+class DrawnDrive(Protocol):
     """What is drawn of a drive; a demonstration's `ObservedDrive` says what each is."""
 
     @property
@@ -66,12 +66,12 @@ class Drive(Protocol):
         """Battery temperature wanted on arrival [deg C]."""
 
 
-def draw_drive(path: AnyPath, drive: Drive, vehicle: Vehicle, title: str) -> None:
+def draw_drive(path: AnyPath, drive: DrawnDrive, vehicle: Vehicle, title: str) -> None:
     """Draw an `ObservedDrive` into a file, whose suffix says which kind of picture it is."""
     save_figure(make_drive_figure(drive, vehicle, title), path)
 
 
-def make_drive_figure(drive: Drive, vehicle: Vehicle, title: str) -> Figure:
+def make_drive_figure(drive: DrawnDrive, vehicle: Vehicle, title: str) -> Figure:
     """Return the figure of an `ObservedDrive`, over its first plan and the unheated drive."""
     figure, (temperature, heater, charge) = stacked_figure(3, title, panel_height_in=2.3)
     plan, time = drive.first_plan, TimeAxis(drive.duration_s)
@@ -123,7 +123,7 @@ def make_drive_figure(drive: Drive, vehicle: Vehicle, title: str) -> Figure:
     return figure
 
 
-def _unheated(drive: Drive, vehicle: Vehicle) -> tuple[Plan, float]:
+def _unheated(drive: DrawnDrive, vehicle: Vehicle) -> tuple[Plan, float]:
     """Return the Plan of the same drive without preheating, and the instant [s] of its start."""
     leg, = mission_from_message(drive.route, vehicle.defaults, Settings.planning_step_s).legs
     instant_s, temperature_c, soc = drive.states[0]

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from bev_preheat.control.inputs import NS_PER_S
 from bev_preheat.drawing.curves import draw_course, draw_steps, show_range, TimeAxis
 from bev_preheat.drawing.figure import legend_above, save_figure, stacked_figure
 from bev_preheat.drawing.palette import (
@@ -20,7 +21,6 @@ from bev_preheat.drawing.palette import (
 from bev_preheat.planning.planner import plan_unheated
 from bev_preheat.planning.situation import reserve_soc
 from bev_preheat.planning.trip import make_trip
-from bev_preheat.supervision.inputs import NS_PER_S
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -28,9 +28,9 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from bev_preheat.control.inputs import Leg
     from bev_preheat.files.output_files import AnyPath
     from bev_preheat.planning.plan import Plan
-    from bev_preheat.supervision.inputs import Leg
     from bev_preheat.vehicle import Vehicle
 
 # More legs than these are not told one by one.

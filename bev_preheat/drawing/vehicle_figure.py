@@ -10,7 +10,7 @@ import numpy as np
 
 from bev_preheat.drawing.figure import save_figure
 from bev_preheat.numerics.arithmetic import ARRAYS
-from bev_preheat.vehicle.meaning import AMBIENT_C, KMH_100_MPS, warmed_by_k
+from bev_preheat.vehicle.plausibility import AMBIENT_C, KMH_100_MPS, warmed_by_k
 
 if TYPE_CHECKING:
 

@@ -9,12 +9,12 @@ import math
 from textwrap import fill
 from typing import TYPE_CHECKING
 
-from bev_preheat.compiled.structs import CompiledVehicle, NotDescribed, TABLE, TRIP_COLUMNS, VehicleStruct
 from bev_preheat.errors import InvalidInput
+from bev_preheat.native.structs import NativeVehicle, NotDescribed, TABLE, TRIP_COLUMNS, VehicleStruct
 from bev_preheat.planning.dynamics import hottest_c
 
 if TYPE_CHECKING:
-    from bev_preheat.compiled.structs import CurveStruct
+    from bev_preheat.native.structs import CurveStruct
     from bev_preheat.vehicle.description import Vehicle
 
 HEAD = """\
@@ -30,11 +30,11 @@ WIDTH = 100
 def vehicle_source(vehicle: Vehicle) -> str:
     """Return vehicle.c of a Vehicle; raises InvalidInput where the core has no such curve."""
     try:
-        compiled = CompiledVehicle(vehicle, hottest_c(vehicle))
+        native = NativeVehicle(vehicle, hottest_c(vehicle))
     except NotDescribed as error:
         raise InvalidInput(
             f'vehicle {vehicle.name}: cannot be exported: the core does not describe {error}') from error
-    struct = compiled.struct
+    struct = native.struct
     tables: list[str] = []
     members = [f'  .{name} = {number(getattr(struct, name))},' for name, kind, *_ in VehicleStruct._fields_
                if kind is c_double]

@@ -11,7 +11,7 @@ from bev_preheat.ecu.constants import example_source, vehicle_source
 from bev_preheat.ecu.sources import core_sources, own_sources
 from bev_preheat.ecu.vectors import draw_vectors, first_heated, vectors_text
 from bev_preheat.errors import InvalidInput
-from bev_preheat.files.output_files import check_outputs, expanded, Output, write_whole
+from bev_preheat.files.output_files import check_outputs, expanded, OutputFile, write_whole
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -41,7 +41,7 @@ class Export:
         names = {*self._files, *MADE}
         self._check_folder(folder, names)
         try:
-            check_outputs([Output('--output', os.path.join(folder, name), make_folder=True)
+            check_outputs([OutputFile('--output', os.path.join(folder, name), make_folder=True)
                            for name in sorted(names)], inputs)
         except InvalidInput as error:
             # What is wrong with the folder is wrong with each of its files.

@@ -14,15 +14,15 @@ from typing import NamedTuple, TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.compiled.library import without_core
 from bev_preheat.errors import InvalidInput
+from bev_preheat.native.library import without_core
 from bev_preheat.planning.free_heat import leave_useless_heat
 from bev_preheat.planning.limits import limits_hold
 from bev_preheat.planning.merit_order import plan_merit_order
+from bev_preheat.planning.no_regret import NoRegretCheck
 from bev_preheat.planning.optimal_switch import plan_optimal_switch
 from bev_preheat.planning.outcome import find_outcome
 from bev_preheat.planning.planner import plan_without_heating
-from bev_preheat.planning.safeguard import Safeguard
 from bev_preheat.planning.situation import BatteryState, Goal, reserve_soc
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.route.segments import make_route
@@ -133,7 +133,7 @@ def _switched(trip: Trip, state: BatteryState, goal: Goal, unheated: Schedule) -
 
 def _by_merit(trip: Trip, state: BatteryState, goal: Goal, unheated: Schedule) -> Schedule | None:
     """Return what the method merit_order plans; None where that is worse than not heating."""
-    guard = Safeguard(trip, state, goal, unheated)
+    guard = NoRegretCheck(trip, state, goal, unheated)
     if guard.unheated.empty_at_s is not None:
         return None
     schedule = leave_useless_heat(

@@ -17,8 +17,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.compiled.belief_structs import belief_terms
-from bev_preheat.compiled.beliefs import CompiledBelief, Elapsing, ReadingNoise
 from bev_preheat.estimation.hypotheses import (
     heater_power_w,
     KEPT_TRANSITIONS,
@@ -61,8 +59,10 @@ from bev_preheat.estimation.state import (
     UNDER_WAY,
 )
 from bev_preheat.estimation.truncated_normal import truncated_moments
+from bev_preheat.native.belief_structs import belief_terms
+from bev_preheat.native.beliefs import Elapsing, NativeBelief, ReadingNoise
 from bev_preheat.numerics.arithmetic import array_exp
-from bev_preheat.planning.dynamics import compiled_vehicle
+from bev_preheat.planning.dynamics import native_vehicle
 from bev_preheat.planning.heat_run import with_coolant_in_battery
 
 if TYPE_CHECKING:
@@ -167,8 +167,8 @@ class Belief:
         # Coolant that gets warm with the battery counts as battery; how late it does is a lag.
         self._vehicle = (with_coolant_in_battery(vehicle) if vehicle.heat_path.has_coolant
                          else vehicle)
-        self._compiled_vehicle = compiled_vehicle(self._vehicle)
-        self._compiled: CompiledBelief | None = None
+        self._native_vehicle = native_vehicle(self._vehicle)
+        self._native: NativeBelief | None = None
         learned = nothing_learned() if learned is None else learned
         self.weights = prior_weights()
         self.mean = np.zeros((*SHAPE, SIZE))
@@ -242,9 +242,9 @@ class Belief:
         `propulsion_w` [W] is what the terminal power leaves for the propulsion.
         """
         done, lost = 0, 0
-        if self._compiled_vehicle is not None:
+        if self._native_vehicle is not None:
             done, lost = self._core_belief().follow(
-                self._compiled_vehicle, TERMS, _elapsing(duration_s), drive, self._vehicle.battery.leakage,
+                self._native_vehicle, TERMS, _elapsing(duration_s), drive, self._vehicle.battery.leakage,
                 heater_power_w(command_w, limit_w), _hidden_s2(drive, duration_s),
                 (propulsion_w, drive.propulsion_power_w,
                  *_propulsion_noise(drive.propulsion_power_w, duration_s)))
@@ -313,8 +313,8 @@ class Belief:
     def _move(self, duration_s: float, drive: DriveInputs, command_w: float, limit_w: float) -> None:
         heater_w, wander = np.array(heater_power_w(command_w, limit_w)), _elapsing(duration_s).wander
         hidden_s2 = _hidden_s2(drive, duration_s)
-        if self._compiled_vehicle is not None and self._core_belief().move(
-                self._compiled_vehicle, TERMS, drive, self._vehicle.battery.leakage, duration_s,
+        if self._native_vehicle is not None and self._core_belief().move(
+                self._native_vehicle, TERMS, drive, self._vehicle.battery.leakage, duration_s,
                 heater_w, wander, hidden_s2):
             return
         after, slopes = moved_with_slopes(
@@ -384,9 +384,9 @@ class Belief:
 
     def expected(self) -> tuple[FloatArray, FloatArray]:
         """Mean (SIZE,) and covariance (SIZE, SIZE) over all hypotheses."""
-        compiled = self._core_belief().expected()
-        if compiled is not None:
-            return compiled
+        native = self._core_belief().expected()
+        if native is not None:
+            return native
         weights = self.weights[..., np.newaxis]
         mean = (weights * self.mean).sum(axis=(0, 1))
         off = self.mean - mean
@@ -394,15 +394,15 @@ class Belief:
             self.covariance + off[..., :, np.newaxis] * off[..., np.newaxis, :])).sum(axis=(0, 1))
         return mean, covariance
 
-    def _core_belief(self) -> CompiledBelief:
+    def _core_belief(self) -> NativeBelief:
         """Return the filters as the compiled core takes them."""
-        compiled = self._compiled
-        if compiled is None or not (compiled.weights is self.weights and compiled.mean is self.mean
-                                    and compiled.covariance is self.covariance):
+        native = self._native
+        if native is None or not (native.weights is self.weights and native.mean is self.mean
+                                    and native.covariance is self.covariance):
             self.weights, self.mean, self.covariance = map(
                 np.ascontiguousarray, (self.weights, self.mean, self.covariance))
-            compiled = self._compiled = CompiledBelief(self.weights, self.mean, self.covariance)
-        return compiled
+            native = self._native = NativeBelief(self.weights, self.mean, self.covariance)
+        return native
 
     def _see_interval(self, index: int, noise_variance: FloatArray, low: float, high: float,
                       tells_hypotheses: bool = True) -> None:

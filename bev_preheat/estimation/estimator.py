@@ -16,8 +16,8 @@ from bev_preheat.estimation.estimate import Estimate
 from bev_preheat.estimation.hypotheses import is_suspect, judge, Suspicion
 from bev_preheat.estimation.power_response import PowerResponse
 from bev_preheat.estimation.power_samples import PowerSamples
-from bev_preheat.estimation.readings import Measurement, ReadingCheck, Verdict
-from bev_preheat.estimation.standing import expected_offset_k
+from bev_preheat.estimation.readings import MeasuredState, ReadingCheck, Verdict
+from bev_preheat.estimation.soak import expected_offset_k
 from bev_preheat.estimation.state import LOCAL, SENSOR, SOC, TEMPERATURE
 from bev_preheat.vehicle.uncertain_car import DriveInputs
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from bev_preheat.estimation.hypotheses import HeaterReport
     from bev_preheat.estimation.prior import Learned
     from bev_preheat.estimation.readings import Expected
-    from bev_preheat.estimation.standing import Standing
+    from bev_preheat.estimation.soak import Soak
     from bev_preheat.numerics.arrays import FloatArray
     from bev_preheat.vehicle.description import Vehicle
 
@@ -46,7 +46,7 @@ MOST_OTHER_POWER_W = 20e3
 MOST_DEVIATION_K = 50.0
 
 
-class Stretch(NamedTuple):
+class DrivenInterval(NamedTuple):
     """
     What was planned and commanded for `duration_s` [s].
 
@@ -83,7 +83,7 @@ class Estimator:
         self._expected: tuple[FloatArray, FloatArray] | None = None
         self._stamp_ns: int | None = None
         # What the next reading is of, where the car stood, and what is subtracted from readings [K].
-        self._standing: Standing | None = None
+        self._standing: Soak | None = None
         self._offset_k = 0.0
         self._power = PowerSamples()
         self._knows_power = False
@@ -103,7 +103,7 @@ class Estimator:
         self._belief.begin_route()
         self._expected = None
 
-    def rely_on(self, standing: Standing) -> None:
+    def rely_on(self, standing: Soak) -> None:
         """Take the sensor's offset from the next reading, which is of a battery in Standing."""
         self._standing = standing
         self._belief.stand()
@@ -131,12 +131,12 @@ class Estimator:
         steps = math.ceil((stamp_ns - from_ns) / NS_PER_S / LONGEST_STEP_S)
         return tuple([from_ns + (stamp_ns - from_ns) * part // steps for part in range(steps + 1)])
 
-    def observe(self, measurement: Measurement, command_w: float,
-                stretches: Iterable[Stretch]) -> None:
+    def observe(self, measurement: MeasuredState, command_w: float,
+                intervals: Iterable[DrivenInterval]) -> None:
         """
         Take a Measurement in, whose stamp is not before that of the one before.
 
-        `command_w` is the command to the heater at its instant [W]; `stretches` are one Stretch
+        `command_w` is the command to the heater at its instant [W]; `intervals` are one Stretch
         between each of `edges_ns(measurement.stamp_ns)` and the next.
         """
         state = measurement.state
@@ -156,7 +156,7 @@ class Estimator:
         self._power.see(stamp_ns / NS_PER_S, self._plausible_power_w(measurement))
         if elapsed_s < LEAST_INTERVAL_S:
             return
-        self._advance(stretches)
+        self._advance(intervals)
         if verdict is Verdict.LASTING:
             self._belief.free_local_rise()
         if verdict in (Verdict.BELIEVED, Verdict.LASTING):
@@ -168,7 +168,7 @@ class Estimator:
         else:
             self._conclude(measurement, *self._belief.expected())
 
-    def hold(self, measurement: Measurement, trusts_temperature: bool = True,
+    def hold(self, measurement: MeasuredState, trusts_temperature: bool = True,
              trusts_soc: bool = True) -> None:
         """
         Follow a Measurement at an instant that the model does not describe, and learn nothing from it.
@@ -217,7 +217,7 @@ class Estimator:
                  between(SENSOR, SENSOR) + 2.0 * between(SENSOR, LOCAL) + between(LOCAL, LOCAL)),
                 (at(SOC), between(SOC, SOC)))
 
-    def _jump(self, measurement: Measurement, command_w: float) -> None:
+    def _jump(self, measurement: MeasuredState, command_w: float) -> None:
         """Begin anew from a reading that is not what was expected."""
         assert self.estimate is not None
         state = measurement.state
@@ -226,7 +226,7 @@ class Estimator:
                      f'{100 * self.estimate.soc:.1f} % were expected', measurement.stamp_ns)
         self.observe(measurement, command_w, ())
 
-    def _place(self, measurement: Measurement) -> None:
+    def _place(self, measurement: MeasuredState) -> None:
         state = measurement.state
         variance = self._readings.temperature_resolution_k**2 / 12.0 + READING_NOISE_K**2
         if self._standing is not None:
@@ -238,51 +238,51 @@ class Estimator:
         self._power.begin_step(self._plausible_power_w(measurement))
         self._conclude(measurement, *self._belief.expected())
 
-    def _plausible_power_w(self, measurement: Measurement) -> float | None:
+    def _plausible_power_w(self, measurement: MeasuredState) -> float | None:
         """Return the battery's power [W]; None where it is not known, or no car's."""
         power_w = measurement.power_w
         return None if power_w is None or abs(power_w) > self._most_power_w else power_w
 
-    def _advance(self, stretches: Iterable[Stretch]) -> None:
+    def _advance(self, intervals: Iterable[DrivenInterval]) -> None:
         """Move the belief on through Stretches."""
         seen_w, variance_w2 = self._power.step() or (None, 0.0)
         self._knows_power = seen_w is not None
-        for stretch in stretches:
-            drive, duration_s = stretch.drive, stretch.duration_s
-            self._hear_heater(stretch, seen_w)
+        for interval in intervals:
+            drive, duration_s = interval.drive, interval.duration_s
+            self._hear_heater(interval, seen_w)
             if drive is not None and seen_w is not None:
                 drive = DriveInputs(
                     drive.speed_mps, drive.ambient_temperature_c, drive.propulsion_power_w, variance_w2,
                     drive.propulsion_power_magnitude_w, drive.cabin_heating_power_w,
                     drive.auxiliary_power_w, drive.heater_power_w, terminal_power_w=seen_w,
                     hidden_variance_w2=self._power.hidden_w2(drive.power_variance_w2, duration_s))
-            self._commanded_k += self._k_per_j * duration_s * stretch.command_w
-            self._uncommanded_k += self._k_per_j * duration_s * max(0.0, stretch.limit_w - stretch.command_w)
+            self._commanded_k += self._k_per_j * duration_s * interval.command_w
+            self._uncommanded_k += self._k_per_j * duration_s * max(0.0, interval.limit_w - interval.command_w)
             if drive is None or seen_w is None:
-                self._belief.predict(duration_s, drive, stretch.command_w, stretch.limit_w)
+                self._belief.predict(duration_s, drive, interval.command_w, interval.limit_w)
                 continue
-            heater_w = stretch.command_w if self.estimate is None else (
-                min(self.estimate.heater.share * stretch.command_w, stretch.limit_w))
+            heater_w = interval.command_w if self.estimate is None else (
+                min(self.estimate.heater.share * interval.command_w, interval.limit_w))
             propulsion_w = seen_w - heater_w - drive.cabin_heating_power_w - drive.auxiliary_power_w
             self._belief.follow(
-                duration_s, drive, stretch.command_w, stretch.limit_w,
+                duration_s, drive, interval.command_w, interval.limit_w,
                 self._power.mean_propulsion_w(propulsion_w, drive.propulsion_power_w, duration_s))
         self._power.end_step()
 
-    def _hear_heater(self, stretch: Stretch, seen_w: float | None) -> None:
+    def _hear_heater(self, interval: DrivenInterval, seen_w: float | None) -> None:
         """Weigh the heaters by the power seen in a Stretch [W]; None: it is not known."""
-        drive = stretch.drive
+        drive = interval.drive
         if drive is None or seen_w is None:
             self._response.pause()
             return
         logs = self._response.see(
-            stretch.duration_s,
+            interval.duration_s,
             seen_w - drive.propulsion_power_w - drive.cabin_heating_power_w - drive.auxiliary_power_w,
-            stretch.command_w, stretch.limit_w)
+            interval.command_w, interval.limit_w)
         if logs is not None:
             self._belief.weigh(logs.tolist())
 
-    def _conclude(self, measurement: Measurement, mean: FloatArray, covariance: FloatArray,
+    def _conclude(self, measurement: MeasuredState, mean: FloatArray, covariance: FloatArray,
                   is_held: bool = False) -> None:
         """
         Make the estimate after a Measurement, with which this mean and covariance are expected.

@@ -9,7 +9,6 @@ from typing import NamedTuple, Protocol, TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.compiled.beliefs import arrival_variance as compiled_variance
 from bev_preheat.estimation.belief import (
     LEAST_POWER_W,
     POWER_NOISE,
@@ -25,8 +24,9 @@ from bev_preheat.estimation.state import (
     TEMPERATURE,
     UNDER_WAY,
 )
+from bev_preheat.native.beliefs import arrival_variance as native_variance
 from bev_preheat.numerics.arithmetic import array_exp
-from bev_preheat.planning.dynamics import compiled_vehicle
+from bev_preheat.planning.dynamics import native_vehicle
 from bev_preheat.vehicle.uncertain_car import DriveInputs
 
 if TYPE_CHECKING:
@@ -120,9 +120,9 @@ def arrival_deviation_k(trip: Driven, plan: Plan, estimate: Estimate) -> float:
     `trip` must be that of the corrected vehicle and route that the plan was made for.
     """
     car, route = trip.vehicle, trip.route
-    compiled = compiled_vehicle(car)
-    variance_k2 = None if compiled is None else compiled_variance(
-        compiled, TERMS, car.battery.leakage, route.block, plan.hvch_battery_power_w,
+    native = native_vehicle(car)
+    variance_k2 = None if native is None else native_variance(
+        native, TERMS, car.battery.leakage, route.block, plan.hvch_battery_power_w,
         plan.battery_temperature_c, plan.soc, estimate.covariance)
     if variance_k2 is not None:
         return math.sqrt(variance_k2 + wandered_k2(route.total_duration_s))

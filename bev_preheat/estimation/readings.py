@@ -19,9 +19,9 @@ if TYPE_CHECKING:
 IMPLAUSIBLE_DEVIATIONS = 6.0
 LEAST_DEVIATION_K = 0.3
 LEAST_SOC_DEVIATION = 0.01
-# A temperature that leaves its expected value by more than the first number of deviations is an excursion until it is
-# back within the second one. It is ignored for this long [s] and up to this size [K]: no battery warms that fast,
-# but contacts and wires fail that fast.
+# A temperature that leaves its expected value by more than the first number of deviations is an excursion
+# until it is back within the second one. It is ignored for this long [s] and up to this size [K]: no
+# battery warms that fast, but contacts and wires fail that fast.
 EXCURSION_DEVIATIONS, RETURN_DEVIATIONS = 3.0, 1.5
 LARGEST_EXCURSION_K = 3.0
 LONGEST_EXCURSION_S = 150.0
@@ -33,7 +33,7 @@ Look = tuple[float, float, float]
 Expected = tuple[float, float]
 
 
-class Measurement(Protocol):
+class MeasuredState(Protocol):
     """What is measured at an instant [ns]; `power_w` is None where it is not."""
 
     @property
@@ -67,7 +67,7 @@ class ReadingCheck:
         self._temperature_steps = Resolution(TEMPERATURE_STEPS_K)
         self._soc_steps = Resolution(SOC_STEPS)
         # A reading that was not believed, waiting for a second one.
-        self._doubted: Measurement | None = None
+        self._doubted: MeasuredState | None = None
         # When the present excursion began [ns]; None: the temperature is as expected.
         self._excursion_ns: int | None = None
         self._ignored: deque[bool] = deque(maxlen=COUNTED)
@@ -92,7 +92,7 @@ class ReadingCheck:
         self._temperature_steps.see(state.temperature_c)
         self._soc_steps.see(state.soc)
 
-    def judge(self, measurement: Measurement, expected: tuple[Expected, Expected]) -> Verdict:
+    def judge(self, measurement: MeasuredState, expected: tuple[Expected, Expected]) -> Verdict:
         """Return the Verdict on a Measurement; `expected` are temperature [deg C] and charge, with variances."""
         excursion = self._excursion(measurement, expected)
         if excursion is not None:
@@ -111,7 +111,7 @@ class ReadingCheck:
             return Verdict.DOUBTED
         return Verdict.JUMPED
 
-    def _excursion(self, measurement: Measurement, expected: tuple[Expected, Expected]) -> Verdict | None:
+    def _excursion(self, measurement: MeasuredState, expected: tuple[Expected, Expected]) -> Verdict | None:
         """Return the Verdict on a temperature that is on an excursion, or was until now; None: it is not."""
         reading, step, least = self._looks_at(measurement.state)[0]
         mean, variance = expected[0]

@@ -28,7 +28,7 @@ STANDARD_OUTPUT = '-'
 STANDARD_STREAMS = {1: 'standard output', 2: 'standard error'}
 
 
-class Output(NamedTuple):
+class OutputFile(NamedTuple):
     """
     A file that a run is to write: the option that names it, and its path (None: not wanted).
 
@@ -92,7 +92,7 @@ def check_writable(path: AnyPath, make_folder: bool = False) -> None:
             f'{_shown(path)}: cannot be written: the folder {folder} is write-protected')
 
 
-def check_outputs(outputs: Iterable[Output], inputs: Sequence[AnyPath] = ()) -> None:
+def check_outputs(outputs: Iterable[OutputFile], inputs: Sequence[AnyPath] = ()) -> None:
     """
     Check Outputs before anything is computed; `inputs` are the paths of all files that are read.
 

@@ -31,7 +31,7 @@ SILENCE_S = 3.0
 MOST_WIDTH = 110
 
 
-class Watch:
+class LiveView:
     """
     Listens to a planner and shows it, in one thread: what is drawn does not change meanwhile.
 

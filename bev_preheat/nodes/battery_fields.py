@@ -8,8 +8,8 @@ from typing import NamedTuple, TYPE_CHECKING
 
 import numpy as np
 
+from bev_preheat.control.inputs import SupplyStatus
 from bev_preheat.errors import figure_beyond
-from bev_preheat.supervision.inputs import SupplyStatus
 
 if TYPE_CHECKING:
     from sensor_msgs.msg import BatteryState
@@ -94,7 +94,7 @@ def read_voltage_and_current(message: BatteryState) -> tuple[float, float] | tup
     Return the voltage [V] and the current [A], positive = discharging; (None, None): not known.
 
     An unset voltage reads 0. A current of 0 is that of a parked vehicle, or of an unset field: only a
-    field that has had another value is known to be set (supervision.knowledge).
+    field that has had another value is known to be set (control.knowledge).
     """
     voltage_v, current_a = float(message.voltage), -float(message.current)
     known = 0.0 < voltage_v <= HIGHEST_VOLTAGE_V and abs(current_a) <= HIGHEST_CURRENT_A

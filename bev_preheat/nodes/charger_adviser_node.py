@@ -16,20 +16,20 @@ from sensor_msgs.msg import BatteryState
 
 from bev_preheat.charging.candidates import rank_chargers
 from bev_preheat.charging.worth import MOST_PRICE_PER_KWH, MOST_VALUE_PER_H
+from bev_preheat.control.command import find_obstacle
+from bev_preheat.control.events import RouteUnreadable
+from bev_preheat.control.inbox import Inbox
+from bev_preheat.control.settings import Settings
 from bev_preheat.errors import InvalidInput
 from bev_preheat.nodes.charger_request import candidates_of, write_ranking
-from bev_preheat.nodes.command_line import Program
+from bev_preheat.nodes.command_line import NodeProgram
 from bev_preheat.nodes.convert import battery_event, time_message
-from bev_preheat.nodes.news import News
+from bev_preheat.nodes.news import RepetitionFilter
 from bev_preheat.nodes.parameters import check, declare, Parameter
 from bev_preheat.nodes.process import run_node
 from bev_preheat.nodes.route_intake import RouteIntake
 from bev_preheat.nodes.route_listener import RouteListener
 from bev_preheat.nodes.setup_watch import SetupWatch
-from bev_preheat.supervision.command import find_obstacle
-from bev_preheat.supervision.events import RouteUnreadable
-from bev_preheat.supervision.inbox import Inbox
-from bev_preheat.supervision.settings import Settings
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat_msgs.srv import RankChargers
 
@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from rclpy.parameter import Parameter as RosParameter
 
     from bev_preheat.charging.candidates import CandidateWorth
-    from bev_preheat.supervision.events import Event
+    from bev_preheat.control.events import Event
     from bev_preheat_msgs.msg import RoutePlan
 
 DEFAULTS = Settings()
@@ -59,7 +59,7 @@ PARAMETERS = (
     Parameter('clock_tolerance', DEFAULTS.clock_tolerance_s,
               'A battery state may be stamped this far in the future', 's', (0.0, 10.0)),
 )
-PROGRAM = Program(
+PROGRAM = NodeProgram(
     'charger_adviser', 'Ranks chargers on the rest of the route, each with its own best target.',
     PARAMETERS,
     subscribes=(('battery_state', 'sensor_msgs/BatteryState'),
@@ -80,7 +80,7 @@ class ChargerAdviserNode(Node):
     def __init__(self) -> None:
         """Declare the parameters and start; raises InvalidInput where one is not allowed."""
         super().__init__('charger_adviser')
-        self._news = News()
+        self._news = RepetitionFilter()
         self._values = declare(self, PARAMETERS)
         vehicle = load_vehicle(self._values['vehicle'])
         # Like the planner's: what the one refuses the other refuses.

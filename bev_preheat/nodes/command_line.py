@@ -49,7 +49,7 @@ def silent_rcl() -> Iterator[None]:
 
 
 @dataclass(frozen=True)
-class Program:
+class NodeProgram:
     """What `--help` shows of an executable; topics, services and actions are (name, what it is)."""
 
     name: str
@@ -130,7 +130,7 @@ def _without_ros_arguments(arguments: Iterable[str]) -> list[str]:
     return others
 
 
-def print_error(error: Exception | str, program: Program | None = None) -> None:
+def print_error(error: Exception | str, program: NodeProgram | None = None) -> None:
     """Print an exception of START_ERRORS as one line on standard error."""
     name = program.name if program else sys.argv[0].rpartition('/')[2]
     print(f'{name}: error: {_sentence(error)}', file=sys.stderr)

@@ -15,6 +15,8 @@ from builtin_interfaces.msg import Time
 import numpy as np
 from sensor_msgs.msg import Temperature
 
+from bev_preheat.control.events import BatteryStateArrived, BatteryStateUnreadable
+from bev_preheat.control.inputs import Leg, Measurement, Mission, NS_PER_S, with_stops
 from bev_preheat.errors import figure_beyond, InvalidInput, quoted
 from bev_preheat.nodes.battery_fields import (
     read_percentage,
@@ -27,8 +29,6 @@ from bev_preheat.nodes.stops import STOP_FIELDS, stops_from_message, write_stops
 from bev_preheat.nodes.target_report import write_target
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.route.segments import make_route, MOST_SEGMENTS
-from bev_preheat.supervision.events import BatteryStateArrived, BatteryStateUnreadable
-from bev_preheat.supervision.inputs import Leg, Measurement, Mission, NS_PER_S, with_stops
 from bev_preheat_msgs.msg import HvchCommand, PreheatPlan, RoutePlan
 
 if TYPE_CHECKING:
@@ -37,11 +37,11 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
     from sensor_msgs.msg import BatteryState as BatteryStateMessage
 
-    from bev_preheat.nodes.stops import Stop
+    from bev_preheat.control.decision import Command, Decision
+    from bev_preheat.nodes.stops import PlannedStop
     from bev_preheat.planning.plan import Plan
     from bev_preheat.planning.stranding import Stranding
     from bev_preheat.route import Route
-    from bev_preheat.supervision.decision import Command, Decision
     from bev_preheat.vehicle.description import Defaults
 
 # The last second that a builtin_interfaces/Time can hold.
@@ -136,7 +136,7 @@ def mission_from_message(message: RoutePlan, defaults: Defaults,
     columns = {field: np.asarray(getattr(message, name), dtype=float)
                for field, name in ROUTE_FIELDS.items()}
     route: Route | None = None
-    stops: tuple[Stop, ...] = ()
+    stops: tuple[PlannedStop, ...] = ()
     try:
         route = make_route(columns, defaults, ROUTE_FIELDS, tells_units=True)
     except InvalidInput as error:
@@ -187,7 +187,7 @@ def _target_c(message: RoutePlan) -> float | None:
     return target_c if is_given else None
 
 
-def _legs(message: RoutePlan, route: Route, stops: Sequence[Stop],
+def _legs(message: RoutePlan, route: Route, stops: Sequence[PlannedStop],
           planning_step_s: float) -> tuple[Leg, ...]:
     """Return the Legs between the stops of a RoutePlan that was found to be good."""
     edges = [0, *(stop.after_segment + 1 for stop in stops), len(route)]
@@ -285,10 +285,10 @@ def plan_message(decision: Decision, mission: Mission | None, now_ns: int,
     if plan.heat is not None:
         message.heater_power = _sequence(plan.heat.heater_power_w)
         message.coolant_excess_temperature = _sequence(plan.heat.coolant_excess_k)
-    message.stretch_start = _sequence([stretch.start_s for stretch in plan.stretches])
-    message.stretch_end = _sequence([stretch.end_s for stretch in plan.stretches])
-    message.stretch_energy = _sequence([stretch.energy_wh for stretch in plan.stretches])
-    message.stretch_reason = bytes(int(stretch.reason) for stretch in plan.stretches)
+    message.stretch_start = _sequence([interval.start_s for interval in plan.intervals])
+    message.stretch_end = _sequence([interval.end_s for interval in plan.intervals])
+    message.stretch_energy = _sequence([interval.energy_wh for interval in plan.intervals])
+    message.stretch_reason = bytes(int(interval.reason) for interval in plan.intervals)
     message.model_factors = _sequence(decision.model_factors)
     message.planning_time = plan.planning_time_s
     return message
@@ -299,7 +299,7 @@ def _write_stranding(message: PreheatPlan, stranding: Stranding | None, start_ns
     if stranding is not None:
         message.charge_runs_out = time_message(start_ns + round(stranding.at_s * NS_PER_S))
         message.charge_runs_out_distance = stranding.at_m
-        message.lacking_energy = stranding.lacking_wh
+        message.lacking_energy = stranding.deficit_wh
 
 
 def _write_later(message: PreheatPlan, decisions: Sequence[Decision]) -> None:

@@ -8,24 +8,24 @@ from typing import TYPE_CHECKING
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
-from bev_preheat.compiled.library import core_in_words
+from bev_preheat.control.inputs import NS_PER_S
 from bev_preheat.estimation.hypotheses import Heater
 from bev_preheat.estimation.state import FACTOR_NAMES
+from bev_preheat.native.library import core_in_words
 from bev_preheat.nodes.convert import time_message
 from bev_preheat.nodes.route_progress import progress_diagnostics
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.status import Status
-from bev_preheat.supervision.inputs import NS_PER_S
 from bev_preheat.vehicle.assumptions import assumed_in_words
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from bev_preheat.control.preparation_goal import PreparationGoal
+    from bev_preheat.control.supervisor import Supervisor
     from bev_preheat.estimation.estimate import Estimate
     from bev_preheat.estimation.hypotheses import HeaterReport
     from bev_preheat.nodes.state_keeper import StateFileReport
-    from bev_preheat.supervision.supervisor import Supervisor
-    from bev_preheat.supervision.wish import Wish
 
 # WARN: works, but someone should know. ERROR: an input or the planner itself is at fault.
 LEVELS = {
@@ -82,7 +82,7 @@ def planner_diagnostics(node_name: str, supervisor: Supervisor, now_ns: int,
 
 
 def _preheating(name: str, hardware: str, supervisor: Supervisor, now_ns: int) -> DiagnosticStatus:
-    decision, mission = supervisor.decision, supervisor.pursued_mission
+    decision, mission = supervisor.decision, supervisor.active_mission
     values = {
         'vehicle': supervisor.vehicle.name,
         'assumed of the vehicle': assumed_in_words(supervisor.vehicle),
@@ -92,8 +92,8 @@ def _preheating(name: str, hardware: str, supervisor: Supervisor, now_ns: int) -
         'legs after this one': str(len(decision.later_legs)),
         'enabled': str(supervisor.is_enabled).lower(),
     }
-    if supervisor.wish is not None:
-        values['goal of prepare_battery'] = _wish_in_words(supervisor.wish, now_ns)
+    if supervisor.preparation_goal is not None:
+        values['goal of prepare_battery'] = _preparation_goal_in_words(supervisor.preparation_goal, now_ns)
     if supervisor.latest_command is not None:
         values['command [W]'] = f'{supervisor.latest_command.battery_heating_power_w:.0f}'
     if supervisor.measurement is not None:
@@ -147,10 +147,10 @@ def _signals(name: str, hardware: str, supervisor: Supervisor, now_ns: int) -> D
                   '; '.join(sentences) or f'{regime.regime.value}, every signal holds', values)
 
 
-def _wish_in_words(wish: Wish, now_ns: int) -> str:
-    when = ('as soon as possible' if wish.is_soonest else
-            f'ready in {duration_text(max(0.0, (wish.ready_at_ns - now_ns) / NS_PER_S))}')
-    return f'{when}, plugged in' if wish.is_plugged_in else when
+def _preparation_goal_in_words(preparation_goal: PreparationGoal, now_ns: int) -> str:
+    when = ('as soon as possible' if preparation_goal.is_soonest else
+            f'ready in {duration_text(max(0.0, (preparation_goal.ready_at_ns - now_ns) / NS_PER_S))}')
+    return f'{when}, plugged in' if preparation_goal.is_plugged_in else when
 
 
 def heater_sentence(report: HeaterReport) -> str:

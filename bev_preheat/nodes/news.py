@@ -16,7 +16,7 @@ MOST_SENTENCES = 10
 FIGURE = re.compile(r'[-+]?\d+(\.\d+)?(e[-+]?\d+)?')
 
 
-class News:
+class RepetitionFilter:
     """
     Tells news from repetition.
 

@@ -17,10 +17,20 @@ from rclpy.qos import qos_profile_sensor_data, QoSDurabilityPolicy, QoSProfile
 from sensor_msgs.msg import BatteryState
 from std_srvs.srv import Trigger
 
+from bev_preheat.control.decision import WITHOUT_ROUTE
+from bev_preheat.control.events import (
+    BatteryStateArrived,
+    Reconfigured,
+    RouteUnreadable,
+    TripCancelled,
+)
+from bev_preheat.control.inbox import Inbox
+from bev_preheat.control.inputs import NS_PER_S
+from bev_preheat.control.settings import Settings
 from bev_preheat.errors import InvalidInput, LONGEST_PROBLEM, shortened
-from bev_preheat.nodes.command_line import Program
+from bev_preheat.nodes.command_line import NodeProgram
 from bev_preheat.nodes.convert import battery_event
-from bev_preheat.nodes.news import News
+from bev_preheat.nodes.news import RepetitionFilter
 from bev_preheat.nodes.optimality_report import (
     as_driven,
     case_of_plan,
@@ -36,19 +46,9 @@ from bev_preheat.nodes.process import run_node
 from bev_preheat.nodes.route_intake import RouteIntake
 from bev_preheat.nodes.route_listener import RouteListener
 from bev_preheat.nodes.setup_watch import SetupWatch
-from bev_preheat.optimum.exchange import Failure, Solution
+from bev_preheat.optimum.protocol import Failure, SolverAnswer
 from bev_preheat.optimum.solver_process import MOST_NICE, SolverProcess
 from bev_preheat.optional_packages import require
-from bev_preheat.supervision.decision import WITHOUT_ROUTE
-from bev_preheat.supervision.events import (
-    BatteryStateArrived,
-    Reconfigured,
-    RouteUnreadable,
-    TripCancelled,
-)
-from bev_preheat.supervision.inbox import Inbox
-from bev_preheat.supervision.inputs import NS_PER_S
-from bev_preheat.supervision.settings import Settings
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat_msgs.msg import OptimalityReport, PreheatPlan
 
@@ -58,9 +58,9 @@ if TYPE_CHECKING:
 
     from rclpy.parameter import Parameter as RosParameter
 
-    from bev_preheat.nodes.optimality_report import Case
-    from bev_preheat.supervision.events import Event
-    from bev_preheat.supervision.inputs import Measurement
+    from bev_preheat.control.events import Event
+    from bev_preheat.control.inputs import Measurement
+    from bev_preheat.nodes.optimality_report import CheckedCase
     from bev_preheat.vehicle import Vehicle
     from bev_preheat_msgs.msg import RoutePlan
 
@@ -87,7 +87,7 @@ PARAMETERS = (
     Parameter('clock_tolerance', DEFAULTS.clock_tolerance_s,
               'A battery state may be stamped this far in the future', 's', (0.0, 10.0)),
 )
-PROGRAM = Program(
+PROGRAM = NodeProgram(
     'nlp_checker', "Solves the nonlinear program for the planner's situation and reports how far "
     'the plan is from the optimum.', PARAMETERS,
     subscribes=(('battery_state', 'sensor_msgs/BatteryState'),
@@ -134,7 +134,7 @@ class NlpCheckerNode(Node):
         """Declare the parameters and start; raises InvalidInput where one is not allowed."""
         require('casadi')
         super().__init__('nlp_checker')
-        self._news = News()
+        self._news = RepetitionFilter()
         self._values = declare(self, PARAMETERS)
         vehicle = load_vehicle(self._values['vehicle'])
         # Like the planner's: what the one refuses the other refuses.
@@ -148,7 +148,7 @@ class NlpCheckerNode(Node):
         # Instants are time.monotonic(), but the last check's, which is the node's clock's.
         self._is_wanted = self._is_urgent = False
         self._ready_since_s: float | None = None
-        self._case: Case | None = None
+        self._case: CheckedCase | None = None
         self._report: OptimalityReport | None = None
         self._solver_name = ''
         self._last_check_ns: int | None = None
@@ -301,7 +301,7 @@ class NlpCheckerNode(Node):
         elif self._poll_timer.is_canceled():
             self._poll_timer.reset()
 
-    def _case_to_check(self) -> Case | None:
+    def _case_to_check(self) -> CheckedCase | None:
         """Return the Case of the planner's own plan, or of the latest state if none comes."""
         inbox = self._inbox
         mission, measurement = inbox.mission, inbox.measurement
@@ -320,7 +320,7 @@ class NlpCheckerNode(Node):
             return None
         return case_of_state(mission, inbox.goal_of, measurement, self._plan)
 
-    def _begin(self, case: Case) -> None:
+    def _begin(self, case: CheckedCase) -> None:
         if self._solver.is_busy and self._case is not None:
             self._counts['superseded'] += 1
             self.get_logger().info(
@@ -355,7 +355,7 @@ class NlpCheckerNode(Node):
             self._problems.pop('solver', None)
         if was_busy and self._case is not None:
             self._report = report_message(self._case, outcome)
-            self._solver_name = outcome.solver if isinstance(outcome, Solution) else ''
+            self._solver_name = outcome.solver if isinstance(outcome, SolverAnswer) else ''
             self._report_publisher.publish(self._report)
             self._counts['reports'] += 1
             self._counts['programs built'] += getattr(outcome, 'programs_built', 0)

@@ -16,25 +16,25 @@ from typing import TYPE_CHECKING
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 import numpy as np
 
+from bev_preheat.control.inputs import NS_PER_S
 from bev_preheat.errors import LONGEST_QUOTE, shortened
 from bev_preheat.estimation.state import FACTOR_NAMES
 from bev_preheat.nodes.convert import nanoseconds, time_message
-from bev_preheat.optimum.exchange import Question, Solution
+from bev_preheat.optimum.protocol import Question, SolverAnswer
 from bev_preheat.planning.comparison import difference
 from bev_preheat.planning.planner import METHODS
 from bev_preheat.planning.situation import BatteryState
-from bev_preheat.supervision.inputs import NS_PER_S
 from bev_preheat_msgs.msg import OptimalityReport
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
     from typing import Any
 
-    from bev_preheat.optimum.exchange import Failure
+    from bev_preheat.control.inputs import Leg, Measurement, Mission
+    from bev_preheat.optimum.protocol import Failure
     from bev_preheat.planning.plan import Plan
     from bev_preheat.planning.situation import Goal
     from bev_preheat.route import Route
-    from bev_preheat.supervision.inputs import Leg, Measurement, Mission
     from bev_preheat_msgs.msg import PreheatPlan, RoutePlan
 
     # Inbox.goal_of.
@@ -65,7 +65,7 @@ UNKNOWN = Figures()
 
 
 @dataclass(frozen=True)
-class Case:
+class CheckedCase:
     """
     A situation to be checked; `start_ns` is the instant [ns] from which on everything counts.
 
@@ -94,7 +94,7 @@ def says_the_same(route_message: RoutePlan, other: RoutePlan) -> bool:
 
 
 def case_of_plan(mission: Mission, goal_of: GoalOf, measurements: Iterable[Measurement],
-                 plan: PreheatPlan) -> Case | None:
+                 plan: PreheatPlan) -> CheckedCase | None:
     """
     Return the Case of a PreheatPlan; None where it is not known what it was made from.
 
@@ -121,11 +121,11 @@ def case_of_plan(mission: Mission, goal_of: GoalOf, measurements: Iterable[Measu
             continue
         goal = _with_target_of(plan, leg, goal_of(leg))
         if not factors and state == measurement.state:
-            return Case(mission.route_id, start_ns, plan.method, _figures_of_message(plan),
+            return CheckedCase(mission.route_id, start_ns, plan.method, _figures_of_message(plan),
                         Question(route, state, goal), plan.battery_energy)
         if len(factors) == len(FACTOR_NAMES) and plan.method in METHODS:
             # Made with caution: the method by itself is what the optimum can be held against.
-            return Case(mission.route_id, start_ns, plan.method, UNKNOWN,
+            return CheckedCase(mission.route_id, start_ns, plan.method, UNKNOWN,
                         Question(route, state, goal, plan.method, factors), plan.battery_energy)
     return None
 
@@ -149,7 +149,7 @@ def part_ahead(mission: Mission, stamp_ns: int) -> tuple[Leg, int, Route | None]
 
 
 def case_of_state(mission: Mission, goal_of: GoalOf, measurement: Measurement,
-                  plan: PreheatPlan | None) -> Case | None:
+                  plan: PreheatPlan | None) -> CheckedCase | None:
     """
     Return the Case of a measurement; None at a stop and where the route has ended.
 
@@ -162,7 +162,7 @@ def case_of_state(mission: Mission, goal_of: GoalOf, measurement: Measurement,
     method, goal = '', goal_of(leg)
     if plan is not None and plan.route_id == mission.route_id:
         method, goal = plan.method, _with_target_of(plan, leg, goal)
-    return Case(mission.route_id, start_ns, method, UNKNOWN,
+    return CheckedCase(mission.route_id, start_ns, method, UNKNOWN,
                 Question(route, measurement.state, goal, method if method in METHODS else ''))
 
 
@@ -186,13 +186,13 @@ def _figures_of_plan(plan: Plan, start_ns: int) -> Figures:
                    plan.shortfall_k, plan.soc_shortfall, plan.undeliverable_power_w)
 
 
-def report_message(case: Case, outcome: Solution | Failure) -> OptimalityReport:
+def report_message(case: CheckedCase, outcome: SolverAnswer | Failure) -> OptimalityReport:
     """Return the OptimalityReport of a Case and what became of it: a Solution or a Failure."""
     message = OptimalityReport(
         route_id=case.route_id, method=shortened(case.method, LONGEST_QUOTE))
     message.header.stamp = time_message(case.start_ns)
     planned, optimal = case.planned, UNKNOWN
-    if isinstance(outcome, Solution):
+    if isinstance(outcome, SolverAnswer):
         message.solver_status = outcome.solver_status
         message.optimal = outcome.is_optimal
         message.infeasible_constraint = '; '.join(outcome.infeasible)

@@ -17,14 +17,19 @@ from sensor_msgs.msg import BatteryState, Temperature
 from std_srvs.srv import SetBool
 
 from bev_preheat.charging.worth import MOST_PRICE_PER_KWH, MOST_VALUE_PER_H
-from bev_preheat.compiled.library import core_in_words
+from bev_preheat.control.events import PreheatingSwitched, Reconfigured, RivalsChanged, RouteUnreadable
+from bev_preheat.control.inputs import NS_PER_S
+from bev_preheat.control.regime import Regime
+from bev_preheat.control.settings import FIELD_OF_PARAMETER, Settings, settings_of
+from bev_preheat.control.supervisor import Supervisor
 from bev_preheat.errors import InvalidInput, LONGEST_PROBLEM, shortened
 from bev_preheat.estimation.hypotheses import Heater
-from bev_preheat.nodes.command_line import Program
+from bev_preheat.native.library import core_in_words
+from bev_preheat.nodes.command_line import NodeProgram
 from bev_preheat.nodes.command_publisher import CommandPublisher
 from bev_preheat.nodes.convert import battery_event, command_message, plan_message, temperature_message
 from bev_preheat.nodes.diagnostics import heater_sentence, planner_diagnostics
-from bev_preheat.nodes.news import News
+from bev_preheat.nodes.news import RepetitionFilter
 from bev_preheat.nodes.parameters import check, declare, Parameter
 from bev_preheat.nodes.prepare_action import PREPARE, PrepareAction
 from bev_preheat.nodes.process import run_node
@@ -34,11 +39,6 @@ from bev_preheat.nodes.route_progress import progress_event
 from bev_preheat.nodes.setup_watch import SetupWatch
 from bev_preheat.nodes.state_keeper import check_parameter, SAVE_PERIOD_S, StateKeeper
 from bev_preheat.planning.planner import METHODS
-from bev_preheat.supervision.events import PreheatingSwitched, Reconfigured, RivalsChanged, RouteUnreadable
-from bev_preheat.supervision.inputs import NS_PER_S
-from bev_preheat.supervision.regime import Regime
-from bev_preheat.supervision.settings import FIELD_OF_PARAMETER, Settings, settings_of
-from bev_preheat.supervision.supervisor import Supervisor
 from bev_preheat.vehicle import load_vehicle, vehicle_contents, vehicle_file
 from bev_preheat.vehicle.assumptions import assumption_warning
 from bev_preheat_msgs.msg import PreheatPlan, RouteProgress
@@ -49,9 +49,9 @@ if TYPE_CHECKING:
 
     from rclpy.parameter import Parameter as RosParameter
 
+    from bev_preheat.control.events import Event
+    from bev_preheat.control.supervisor import Refusal, StepOutput
     from bev_preheat.nodes.process import Herald
-    from bev_preheat.supervision.events import Event
-    from bev_preheat.supervision.supervisor import Output, Refusal
     from bev_preheat.vehicle import Vehicle
     from bev_preheat_msgs.msg import RoutePlan
 
@@ -102,7 +102,7 @@ PARAMETERS = (
     Parameter('state_file', '', 'File that keeps the learned factors of the car, and the '
               "driver's choices: a new file, or a state file; empty: none."),
 )
-PROGRAM = Program(
+PROGRAM = NodeProgram(
     'planner', 'Plans when to heat the battery before fast charging, and commands the heater.',
     PARAMETERS,
     subscribes=(('battery_state', 'sensor_msgs/BatteryState'),
@@ -141,7 +141,7 @@ def guarded(callback: Callback) -> Callback:
 
 
 class PlannerNode(Node):
-    """Wires topics, parameters and clock to a `supervision.supervisor.Supervisor`."""
+    """Wires topics, parameters and clock to a `control.supervisor.Supervisor`."""
 
     def __init__(self) -> None:
         """Declare the parameters and start; raises InvalidInput where one is not allowed."""
@@ -154,7 +154,7 @@ class PlannerNode(Node):
         choices = recalled.choices.after_restart(self._now_ns())
         self._supervisor = Supervisor(
             vehicle, settings, recalled.learned, recalled.last_seen, choices)
-        self._told, self._news = _Told(), News()
+        self._told, self._news = _Told(), RepetitionFilter()
         # An exception has come out of the latest step, or out of what followed it.
         self._is_in_doubt = False
         self._routes = RouteIntake()
@@ -349,7 +349,7 @@ class PlannerNode(Node):
         """
         now_ns, has_failed = self._now_ns() if now_ns is None else now_ns, False
         refusals: tuple[Refusal, ...] = ()
-        outputs: Iterable[Output] = self._supervisor.step(now_ns, *events)
+        outputs: Iterable[StepOutput] = self._supervisor.step(now_ns, *events)
         in_doubt = self._is_in_doubt
         if in_doubt:
             outputs = tuple(outputs)
@@ -374,11 +374,11 @@ class PlannerNode(Node):
         self._state_keeper.save_choices(self._supervisor)
         return not refusals and not has_failed
 
-    def _publish_command(self, output: Output, now_ns: int) -> None:
+    def _publish_command(self, output: StepOutput, now_ns: int) -> None:
         if output.command is not None:
             self._command_publisher.publish(command_message(output.command, now_ns))
 
-    def _publish_decision(self, output: Output, now_ns: int) -> None:
+    def _publish_decision(self, output: StepOutput, now_ns: int) -> None:
         if output.failure:
             self.get_logger().error(output.failure)
         for outcome in output.outcomes:
@@ -387,7 +387,7 @@ class PlannerNode(Node):
         if decision is None:
             return
         self._plan_publisher.publish(plan_message(
-            decision, self._supervisor.pursued_mission, now_ns, output.later_decisions))
+            decision, self._supervisor.active_mission, now_ns, output.later_decisions))
         if decision.plan is not None:
             self._temperature_publisher.publish(temperature_message(decision, now_ns))
         if output.has_new_status:
@@ -453,7 +453,7 @@ class PlannerNode(Node):
         return self.get_clock().now().nanoseconds
 
 
-def _has_plan_or_heats(output: Output) -> bool:
+def _has_plan_or_heats(output: StepOutput) -> bool:
     decision, command = output.decision, output.command
     return (decision is not None and decision.plan is not None) or (
         command is not None and command.battery_heating_power_w > 0.0)

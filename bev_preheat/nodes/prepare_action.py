@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING
 
 from rclpy.action import ActionServer, CancelResponse
 
+from bev_preheat.control.events import PreparationEnded, PreparationWanted
+from bev_preheat.control.inputs import NS_PER_S
+from bev_preheat.control.preparation_goal import PreparationEnding, PreparationGoal, PreparationOutcome
 from bev_preheat.errors import InvalidInput
 from bev_preheat.nodes.convert import nanoseconds
-from bev_preheat.supervision.events import PreparationEnded, PreparationWanted
-from bev_preheat.supervision.inputs import NS_PER_S
-from bev_preheat.supervision.wish import Ending, Outcome, Wish
 from bev_preheat_msgs.action import PrepareBattery
 
 if TYPE_CHECKING:
@@ -26,8 +26,8 @@ if TYPE_CHECKING:
     from rclpy.action.server import ServerGoalHandle
     from rclpy.node import Node
 
-    from bev_preheat.supervision.events import Event
-    from bev_preheat.supervision.supervisor import Supervisor
+    from bev_preheat.control.events import Event
+    from bev_preheat.control.supervisor import Supervisor
 
 PREPARE = '~/prepare_battery'
 # What shuts down waits for no client longer than so many turns of the executor.
@@ -58,7 +58,7 @@ class PrepareAction:
         `fail(where, error)` is told of exceptions that nobody foresaw.
         """
         self._node, self._step, self._supervisor, self._fail = node, step, supervisor, fail
-        self._goals: dict[Wish, ServerGoalHandle] = {}
+        self._goals: dict[PreparationGoal, ServerGoalHandle] = {}
         self._server = _LastingServer(
             node, PrepareBattery, PREPARE, self._never_called,
             handle_accepted_callback=self._on_goal, cancel_callback=self._on_cancel)
@@ -77,39 +77,42 @@ class PrepareAction:
 
     def _begin(self, goal_handle: ServerGoalHandle) -> None:
         try:
-            wish = wish_of_goal(goal_handle.request)
+            preparation_goal = preparation_goal_of(goal_handle.request)
         except InvalidInput as error:
             self._node.get_logger().error(f'prepare_battery refused: {error}')
-            self._give_result(goal_handle, Outcome(
-                Wish(), Ending.REFUSED, f'The goal was refused: {error}.'))
+            self._give_result(goal_handle, PreparationOutcome(
+                PreparationGoal(), PreparationEnding.REFUSED, f'The goal was refused: {error}.'))
             return
-        self._goals[wish] = goal_handle
-        self._step(PreparationWanted(wish))
+        self._goals[preparation_goal] = goal_handle
+        self._step(PreparationWanted(preparation_goal))
 
     def _on_cancel(self, goal_handle: ServerGoalHandle) -> CancelResponse:
-        wish = next((wish for wish, handle in self._goals.items() if handle == goal_handle), None)
-        if wish is None:
+        preparation_goal = next(
+    (preparation_goal for preparation_goal,
+    handle in self._goals.items() if handle == goal_handle),
+     None)
+        if preparation_goal is None:
             # It has ended already.
             return CancelResponse.REJECT
         try:
-            self._step(PreparationEnded(wish, Ending.CANCELED, 'The goal was cancelled.'))
+            self._step(PreparationEnded(preparation_goal, PreparationEnding.CANCELED, 'The goal was cancelled.'))
         except Exception as error:
             self._fail('prepare_battery', error)
         return CancelResponse.ACCEPT
 
-    def finish(self, outcome: Outcome) -> None:
+    def finish(self, outcome: PreparationOutcome) -> None:
         """Give a goal its result."""
-        if outcome.ending is not Ending.REFUSED:
+        if outcome.ending is not PreparationEnding.REFUSED:
             # The log has that as an error already.
             self._node.get_logger().info(
                 f'prepare_battery: {outcome.ending.name}: {outcome.explanation}')
-        goal_handle = self._goals.pop(outcome.wish, None)
+        goal_handle = self._goals.pop(outcome.preparation_goal, None)
         if goal_handle is not None:
             self._give_result(goal_handle, outcome)
 
-    def _give_result(self, goal_handle: ServerGoalHandle, outcome: Outcome) -> None:
+    def _give_result(self, goal_handle: ServerGoalHandle, outcome: PreparationOutcome) -> None:
         def end(goal_handle: ServerGoalHandle) -> PrepareBattery.Result:
-            if outcome.ending is Ending.REACHED:
+            if outcome.ending is PreparationEnding.REACHED:
                 goal_handle.succeed()
             elif goal_handle.is_cancel_requested:
                 goal_handle.canceled()
@@ -121,23 +124,23 @@ class PrepareAction:
 
     def publish_feedback(self, now_ns: int) -> None:
         """Tell the client of the goal that is pursued how it is going."""
-        wish = self._supervisor.wish
-        goal_handle = None if wish is None else self._goals.get(wish)
+        preparation_goal = self._supervisor.preparation_goal
+        goal_handle = None if preparation_goal is None else self._goals.get(preparation_goal)
         if goal_handle is not None:
             goal_handle.publish_feedback(feedback_message(self._supervisor, now_ns))
 
     def shut_down(self) -> None:
         """Give every goal its result before the process ends."""
         temperature_c = self._supervisor.temperature_c
-        for wish in list(self._goals):
-            self.finish(Outcome(
-                wish, Ending.SHUTTING_DOWN, 'The planner shuts down.',
+        for preparation_goal in list(self._goals):
+            self.finish(PreparationOutcome(
+                preparation_goal, PreparationEnding.SHUTTING_DOWN, 'The planner shuts down.',
                 temperature_c=math.nan if temperature_c is None else temperature_c))
             for _ in range(LAST_TURNS):
                 self._node.executor.spin_once(timeout_sec=0.0)
 
 
-def wish_of_goal(goal: PrepareBattery.Goal) -> Wish:
+def preparation_goal_of(goal: PrepareBattery.Goal) -> PreparationGoal:
     """Return the Wish of a goal; raise InvalidInput, one problem a field, where it cannot be read."""
     problems = []
     values = {}
@@ -153,23 +156,24 @@ def wish_of_goal(goal: PrepareBattery.Goal) -> Wish:
                         f'seconds must be at least 0, nanoseconds below {NS_PER_S}')
     if problems:
         raise InvalidInput(problems)
-    return Wish(nanoseconds(goal.ready_at), values['target_battery_temperature'], goal.plugged_in,
+    return PreparationGoal(nanoseconds(goal.ready_at), values['target_battery_temperature'], goal.plugged_in,
                 values['ambient_temperature'])
 
 
-def result_message(outcome: Outcome) -> PrepareBattery.Result:
+def result_message(outcome: PreparationOutcome) -> PrepareBattery.Result:
     """Return the result of an Outcome."""
     return PrepareBattery.Result(
         code=int(outcome.ending), explanation=outcome.explanation,
-        reached=outcome.ending is Ending.REACHED, shortfall=outcome.shortfall_k,
+        reached=outcome.ending is PreparationEnding.REACHED, shortfall=outcome.shortfall_k,
         battery_temperature=outcome.temperature_c)
 
 
 def feedback_message(supervisor: Supervisor, now_ns: int) -> PrepareBattery.Feedback:
     """Return the feedback on the Wish that a Supervisor pursues, at an instant [ns]."""
-    decision, command, wish = supervisor.decision, supervisor.latest_command, supervisor.wish
+    decision, command = supervisor.decision, supervisor.latest_command
+    preparation_goal = supervisor.preparation_goal
     temperature_c, plan = supervisor.temperature_c, decision.plan
-    ready_ns = 0 if wish is None else wish.ready_at_ns
+    ready_ns = 0 if preparation_goal is None else preparation_goal.ready_at_ns
     if plan is not None and not ready_ns:
         ready_ns = decision.plan_start_ns + round(plan.arrival_time_s * NS_PER_S)
     return PrepareBattery.Feedback(

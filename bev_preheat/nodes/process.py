@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
     from rclpy.node import Node
 
-    from bev_preheat.nodes.command_line import Program
+    from bev_preheat.nodes.command_line import NodeProgram
 
 END_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
@@ -71,7 +71,7 @@ def join_graph(name: str) -> Herald | None:
         return None
 
 
-def run_node(make_node: Callable[[], Node], program: Program | None = None,
+def run_node(make_node: Callable[[], Node], program: NodeProgram | None = None,
              herald: Herald | None = None) -> int:
     """
     Make a node, spin it until SIGINT, SIGTERM or its own `finished` future, and end it.

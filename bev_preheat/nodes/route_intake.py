@@ -7,6 +7,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from bev_preheat.control.events import RouteArrived, RouteUnreadable, TripCancelled
+from bev_preheat.control.inputs import NS_PER_S
+from bev_preheat.control.refusals import RefusedRoute
+from bev_preheat.control.settings import defaults_of, MOST_STOPS
 from bev_preheat.errors import InvalidInput
 from bev_preheat.nodes.convert import (
     is_cancellation,
@@ -17,16 +21,12 @@ from bev_preheat.nodes.convert import (
 )
 from bev_preheat.nodes.stops import order_problems, value_problems
 from bev_preheat.route.segments import LIMITS, MOST_SEGMENTS
-from bev_preheat.supervision.events import RouteArrived, RouteUnreadable, TripCancelled
-from bev_preheat.supervision.inputs import NS_PER_S
-from bev_preheat.supervision.refusals import RefusedRoute
-from bev_preheat.supervision.settings import defaults_of, MOST_STOPS
 
 if TYPE_CHECKING:
-    from bev_preheat.supervision.inbox import Inbox
-    from bev_preheat.supervision.inputs import Mission
-    from bev_preheat.supervision.settings import Settings
-    from bev_preheat.supervision.supervisor import Supervisor
+    from bev_preheat.control.inbox import Inbox
+    from bev_preheat.control.inputs import Mission
+    from bev_preheat.control.settings import Settings
+    from bev_preheat.control.supervisor import Supervisor
     from bev_preheat.vehicle import Vehicle
     from bev_preheat_msgs.msg import RoutePlan
 

@@ -18,7 +18,7 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.serialization import deserialize_message
 
 from bev_preheat.errors import InvalidInput
-from bev_preheat.nodes.news import News
+from bev_preheat.nodes.news import RepetitionFilter
 from bev_preheat.route.segments import MOST_SEGMENTS
 from bev_preheat_msgs.msg import RoutePlan
 
@@ -57,7 +57,7 @@ class RouteListener:
         check_overrides(node)
         self._handled: deque[tuple[int, int, int]] = deque(maxlen=MESSAGES_REMEMBERED)
         self._publishers_of_long_route: set[tuple[int, ...]] | None = None
-        self._news, self._hears_best_effort = News(), False
+        self._news, self._hears_best_effort = RepetitionFilter(), False
         first = self._subscribe(
             QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL),
             QoSOverridingOptions(POLICIES))

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.clock import Clock, ClockType
 
+from bev_preheat.control.inputs import NS_PER_S
 from bev_preheat.nodes.convert import nanoseconds
-from bev_preheat.nodes.news import News
+from bev_preheat.nodes.news import RepetitionFilter
 from bev_preheat.nodes.surroundings import Surroundings
-from bev_preheat.supervision.inputs import NS_PER_S
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
@@ -54,7 +54,7 @@ class SetupWatch:
         self._logged: set[str] = set()
         self._found: list[str] = []
         self._looks_at_zero = 0
-        self._news = News()
+        self._news = RepetitionFilter()
         self._note(self._unknown)
         node.create_timer(LOOK_PERIOD_S, self._on_timer, clock=Clock(clock_type=ClockType.STEADY_TIME))
 

@@ -20,11 +20,11 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Header
 
+from bev_preheat.control.inputs import NS_PER_S
 from bev_preheat.errors import InvalidInput
 from bev_preheat.nodes.convert import nanoseconds, time_message
 from bev_preheat.nodes.listening_publisher import ListeningPublisher
 from bev_preheat.simulation.pace import Pace
-from bev_preheat.supervision.inputs import NS_PER_S
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping

@@ -35,7 +35,7 @@ PHASE_KEYS = {'started_s': 'start [s]', 'ended_s': 'end [s]', 'arrival_c': 'arri
 
 
 @dataclass(frozen=True)
-class Outcome:
+class DriveResult:
     """
     How a trip stands: `state` is DRIVING, CHARGING, PARKED, ARRIVED or EMPTY, the energies are those so far [Wh].
 
@@ -95,12 +95,12 @@ def trip_diagnostics(node_name: str, car: ImperfectCar, stamp: Time) -> Diagnost
     return message
 
 
-def outcome_from_diagnostics(message: DiagnosticArray) -> Outcome | None:
+def outcome_from_diagnostics(message: DiagnosticArray) -> DriveResult | None:
     """Return the Outcome in a DiagnosticArray of the simulator's; None if it is not one."""
     for status in message.status:
         if status.name.endswith(ENTRY):
             values = {item.key: item.value for item in status.values}
-            return Outcome(
+            return DriveResult(
                 state=status.message,
                 energy_wh=Energies(**{field.name: float(values[_energy_key(field)])
                                       for field in fields(Energies)}),

@@ -16,10 +16,10 @@ from bev_preheat.vehicle import vehicle_fingerprint
 if TYPE_CHECKING:
     from rclpy.impl.rcutils_logger import RcutilsLogger
 
+    from bev_preheat.control.supervisor import Supervisor
     from bev_preheat.estimation.driver_choices import DriverChoices
     from bev_preheat.estimation.estimate import Estimate
     from bev_preheat.estimation.last_seen import LastSeen
-    from bev_preheat.supervision.supervisor import Supervisor
 
 SAVE_PERIOD_S = 60.0
 

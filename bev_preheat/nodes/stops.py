@@ -9,14 +9,14 @@ import math
 from typing import TYPE_CHECKING
 
 from bev_preheat.charging.stop import Charger, CHARGER_RANGE_W, USUAL_DEPARTURE_SOC
+from bev_preheat.control.settings import MOST_STOPS
 from bev_preheat.errors import figure, figure_beyond, InvalidInput
 from bev_preheat.planning.situation import BatteryState
-from bev_preheat.supervision.settings import MOST_STOPS
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-    from bev_preheat.supervision.inputs import Leg
+    from bev_preheat.control.inputs import Leg
     from bev_preheat_msgs.msg import RoutePlan
 
 NOT_KNOWN = 'not known'
@@ -47,7 +47,7 @@ STOP_FIELDS = ('stop_after_segment', *LIMITS, HAS_TARGET)
 
 
 @dataclass(frozen=True)
-class Stop:
+class PlannedStop:
     """
     A fast-charging stop after a segment (its index), and how long it lasts [s].
 
@@ -65,7 +65,7 @@ class Stop:
 
 
 def stops_from_message(message: RoutePlan, segments: int | None,
-                       default_target_c: float) -> tuple[Stop, ...]:
+                       default_target_c: float) -> tuple[PlannedStop, ...]:
     """
     Return the Stops of a RoutePlan of so many segments, in driving order.
 
@@ -92,7 +92,7 @@ def stops_from_message(message: RoutePlan, segments: int | None,
     return tuple(_stop(message, at, default_target_c) for at in range(count))
 
 
-def _stop(message: RoutePlan, at: int, default_target_c: float) -> Stop:
+def _stop(message: RoutePlan, at: int, default_target_c: float) -> PlannedStop:
     """Return a Stop of a message that was found to be good."""
     def value(field: str) -> float:
         """Return an element; NaN where nothing is given."""
@@ -110,7 +110,7 @@ def _stop(message: RoutePlan, at: int, default_target_c: float) -> Stop:
     charger = charger_of(value('stop_charger_power'), departure_soc)
     if math.isnan(departure_soc) or departure_soc == 0.0:
         departure_soc = USUAL_DEPARTURE_SOC
-    return Stop(message.stop_after_segment[at], message.stop_duration[at], target_c,
+    return PlannedStop(message.stop_after_segment[at], message.stop_duration[at], target_c,
                 0.0 if math.isnan(least_soc) else least_soc,
                 BatteryState(departure_c, departure_soc), charger)
 

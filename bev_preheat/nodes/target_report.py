@@ -10,7 +10,7 @@ from bev_preheat.planning.explanation import duration_text
 from bev_preheat_msgs.msg import PreheatPlan
 
 if TYPE_CHECKING:
-    from bev_preheat.supervision.target_choice import TargetChoice
+    from bev_preheat.control.target_choice import TargetChoice
 
 WH_PER_KWH = 1000.0
 # Beyond these [s, Wh] a session is treated as unset.

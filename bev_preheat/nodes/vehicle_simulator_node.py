@@ -22,10 +22,11 @@ from rclpy.task import Future
 from sensor_msgs.msg import BatteryState as BatteryStateMessage
 
 from bev_preheat.charging.stop import CHARGER_RANGE_W
+from bev_preheat.control.inputs import NS_PER_S
 from bev_preheat.errors import InvalidInput
-from bev_preheat.nodes.command_line import print_error, Program
+from bev_preheat.nodes.command_line import NodeProgram, print_error
 from bev_preheat.nodes.convert import nanoseconds, route_plan_message, time_message
-from bev_preheat.nodes.news import News
+from bev_preheat.nodes.news import RepetitionFilter
 from bev_preheat.nodes.parameters import check, declare, Parameter
 from bev_preheat.nodes.process import run_node
 from bev_preheat.nodes.route_progress import progress_message
@@ -42,7 +43,6 @@ from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections
 from bev_preheat.simulation.pace import Patience
 from bev_preheat.simulation.scenario import load_scenario
 from bev_preheat.simulation.sensors import Sensors
-from bev_preheat.supervision.inputs import NS_PER_S
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat_msgs.msg import HvchCommand, RoutePlan, RouteProgress
 
@@ -103,7 +103,7 @@ PARAMETERS = (
               'End the process some seconds after the drive has ended.'),
 )
 
-PROGRAM = Program(
+PROGRAM = NodeProgram(
     'vehicle_simulator', 'Drives a route in simulated time and heats its battery as hvch_command '
     'allows.', PARAMETERS,
     subscribes=(('hvch_command', 'bev_preheat_msgs/HvchCommand'),),
@@ -150,7 +150,7 @@ class VehicleSimulatorNode(Node):
         values = declare(self, PARAMETERS)
         self.finished = Future()
         self.exit_status = 0
-        self._lease, self._news = NO_LEASE, News()
+        self._lease, self._news = NO_LEASE, RepetitionFilter()
         self._car, route_name, warnings = _departure(values)
         for warning in warnings:
             self.get_logger().warning(warning)

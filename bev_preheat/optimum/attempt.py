@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.optimum.drive_step import RESERVES
-from bev_preheat.optimum.program import build_program, Give, Program, Solution
+from bev_preheat.optimum.program import build_program, Give, NonlinearProgram, ProgramSolution
 from bev_preheat.optimum.program_solvers import FATROP, has_fatrop, IPOPT
 from bev_preheat.optimum.symbols import FACTORS
 from bev_preheat.planning.limits import drive_as_planned
@@ -63,7 +63,7 @@ class Attempt:
     `target_multiplier` is what it grows with a kelvin more of the target.
     """
 
-    program: Program
+    program: NonlinearProgram
     variables: FloatArray
     energy: float
     target_multiplier: float
@@ -73,7 +73,7 @@ class Attempt:
     time_s: float
 
     @property
-    def solution(self) -> Solution:
+    def solution(self) -> ProgramSolution:
         """What the variables stand for."""
         return self.program.solution(self.variables)
 
@@ -125,7 +125,7 @@ def driven_start(schedule: Schedule) -> Values:
             'heater': schedule.heater_power_w, 'brake': schedule.brake_power_w,
             'heater_power': 0.0 if heat is None else heat.heater_power_w,
             'coolant_excess': 0.0 if heat is None else heat.coolant_excess_k,
-            'lacking_k': 0.0, 'lacking_soc': 0.0, 'lacking_w': 0.0, 'soc_above': 0.0,
+            'deficit_k': 0.0, 'deficit_soc': 0.0, 'deficit_w': 0.0, 'soc_above': 0.0,
             'k_above': 0.0}
 
 
@@ -140,7 +140,7 @@ def heated_start(problem: Problem) -> Values:
         problem.trip, problem.state, problem.trip.heater_limit_w))
 
 
-def _run(problem: Problem, program: Program, name: str, guess: FloatArray) -> Attempt:
+def _run(problem: Problem, program: NonlinearProgram, name: str, guess: FloatArray) -> Attempt:
     """Return the Attempt of one solver."""
     solver = program.solver(name)
     variables, constraints = program.variables, program.constraints
@@ -169,7 +169,7 @@ def _run(problem: Problem, program: Program, name: str, guess: FloatArray) -> At
                    int(statistics['iter_count']), time_s)
 
 
-def _is_sound(program: Program, parameters: FloatArray, guess: FloatArray, found: FloatArray,
+def _is_sound(program: NonlinearProgram, parameters: FloatArray, guess: FloatArray, found: FloatArray,
               bounds: Sequence[FloatArray], bounds_g: Sequence[FloatArray]) -> bool:
     """Whether an answer keeps bounds and constraints, and costs no more than a start that keeps them."""
     def costs(variables: FloatArray) -> float:
@@ -198,7 +198,7 @@ def _ranges(problem: Problem) -> tuple[tuple[float, float], tuple[float, float]]
             (coldest_c, warmest_c + problem.beyond_range_k))
 
 
-def _variable_bounds(problem: Problem, program: Program) -> tuple[Values, Values]:
+def _variable_bounds(problem: Problem, program: NonlinearProgram) -> tuple[Values, Values]:
     """Return what the variables may be at least and at most; a range that gives is no bound."""
     trip, state, give = problem.trip, problem.state, program.give
     (lowest_soc, highest_soc), (coldest_c, warmest_c) = _ranges(problem)
@@ -210,7 +210,7 @@ def _variable_bounds(problem: Problem, program: Program) -> tuple[Values, Values
     def from_start(start: float, later: float) -> FloatArray:
         return np.append(start, np.full(len(trip.route), later))
 
-    slacks = ('lacking_k', 'lacking_soc', 'lacking_w', 'soc_above', 'k_above')
+    slacks = ('deficit_k', 'deficit_soc', 'deficit_w', 'soc_above', 'k_above')
     low: Values = {
         'soc': from_start(state.soc, lowest_soc),
         'temperature': from_start(state.temperature_c, coldest_c),

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import casadi
 
-from bev_preheat.optimum.layout import Block, Layout
+from bev_preheat.optimum.layout import Layout, VariableBlock
 
 # The scale that brings powers near 1.
 POWER_SCALE_W = 1e3
@@ -16,12 +16,12 @@ class Blocks:
 
     def __init__(self) -> None:
         """Begin without any."""
-        self._blocks: list[Block] = []
+        self._blocks: list[VariableBlock] = []
         self._expressions: list[casadi.MX] = []
 
     def add(self, name: str, row: casadi.MX, scale: float = 1.0) -> None:
         """Add a row vector, scaled."""
-        self._blocks.append(Block(name, row.shape[1], scale))
+        self._blocks.append(VariableBlock(name, row.shape[1], scale))
         self._expressions.append(row.T)
 
     def variable(self, name: str, count: int, scale: float = 1.0) -> casadi.MX:

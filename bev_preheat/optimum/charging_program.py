@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from bev_preheat.charging.session import Session
-    from bev_preheat.charging.stop import Stop
+    from bev_preheat.charging.stop import ChargingStop
     from bev_preheat.charging.worth import Prices
     from bev_preheat.numerics.arrays import FloatArray
     from bev_preheat.optimum.layout import Layout, Values
@@ -81,7 +81,7 @@ class ChargedDrive:
 
 
 @dataclass(frozen=True)
-class Attempt:
+class SessionAttempt:
     """
     One call of IPOPT: where it started, its word, and what it found.
 
@@ -101,14 +101,14 @@ class ChargingOptimum:
     """The cheapest of what IPOPT found, as simulated (None: it never succeeded), and all Attempts."""
 
     best: ChargedDrive | None
-    attempts: tuple[Attempt, ...]
+    attempts: tuple[SessionAttempt, ...]
     solve_time_s: float
 
 
 class ChargingProgram:
     """The program of one drive and stop; each `attempt` starts from a plan."""
 
-    def __init__(self, vehicle: Vehicle, route: Route, state: BatteryState, goal: Goal, stop: Stop,
+    def __init__(self, vehicle: Vehicle, route: Route, state: BatteryState, goal: Goal, stop: ChargingStop,
                  prices: Prices, charging_steps: int = CHARGING_STEPS) -> None:
         """
         Build the program, with `charging_steps` steps at the charger.
@@ -135,7 +135,7 @@ class ChargingProgram:
             'x': variables.vector(), 'p': drive.parameters, 'f': cost / self._cost_scale,
             'g': constraints.vector()}, SOLVER_OPTIONS)
 
-    def attempt(self, start: Plan) -> Attempt:
+    def attempt(self, start: Plan) -> SessionAttempt:
         """Return the Attempt that starts from a Plan of the same drive."""
         drive = self._charged(start)
         guess = self._guess(drive)
@@ -158,7 +158,7 @@ class ChargingProgram:
         if status in SOLVED:
             found = self._variables.unpack(np.asarray(result['x']).ravel())
             driven = self._driven(found['heater'])
-        return Attempt(drive.cost, status, int(statistics['iter_count']),
+        return SessionAttempt(drive.cost, status, int(statistics['iter_count']),
                        float(result['f']) * self._cost_scale, driven)
 
     def _charged(self, plan: Plan) -> ChargedDrive:
@@ -224,7 +224,7 @@ class ChargingProgram:
         return low, high
 
 
-def solve_charging(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goal, stop: Stop,
+def solve_charging(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goal, stop: ChargingStop,
                    prices: Prices, more_targets_c: Iterable[float] = (),
                    charging_steps: int = CHARGING_STEPS) -> ChargingOptimum:
     """

@@ -31,7 +31,7 @@ from bev_preheat.vehicle.heat_path import make_heat_step
 from bev_preheat.vehicle.model import make_rates, make_runge_kutta_4
 
 if TYPE_CHECKING:
-    from bev_preheat.charging.stop import Stop
+    from bev_preheat.charging.stop import ChargingStop
     from bev_preheat.optimum.blocks import Blocks
     from bev_preheat.optimum.drive_steps import DriveSteps
     from bev_preheat.vehicle import Vehicle
@@ -53,7 +53,7 @@ class ChargingSteps:
     bought_j: casadi.MX
 
 
-def add_charging_steps(drive: DriveSteps, stop: Stop, steps: int, variables: Blocks,
+def add_charging_steps(drive: DriveSteps, stop: ChargingStop, steps: int, variables: Blocks,
                        constraints: Blocks) -> ChargingSteps:
     """
     Add the steps of the session that follows a drive to a program, and return what it comes to.
@@ -91,7 +91,7 @@ def _is_state(vehicle: Vehicle, name: str) -> bool:
     return {'heater_power': path.heater_lag_s > 0.0, 'coolant_excess': path.has_coolant}.get(name, True)
 
 
-def symbolic_charging_step(vehicle: Vehicle, stop: Stop) -> casadi.Function:
+def symbolic_charging_step(vehicle: Vehicle, stop: ChargingStop) -> casadi.Function:
     """
     Return a step of `charging.session`, its switch smoothed, as a CasADi Function.
 

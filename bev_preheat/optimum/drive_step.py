@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import casadi
 
 from bev_preheat.optimum.blocks import POWER_SCALE_W
-from bev_preheat.optimum.layout import Quantity
+from bev_preheat.optimum.layout import ProgramQuantity
 from bev_preheat.optimum.symbols import (
     FACTORS,
     symbolic_curve,
@@ -24,10 +24,10 @@ if TYPE_CHECKING:
 SOC_SCALE = 0.01
 ENERGY_SCALE_J = 1e6
 
-HEATER, BRAKE = Quantity('heater', POWER_SCALE_W), Quantity('brake', POWER_SCALE_W)
+HEATER, BRAKE = ProgramQuantity('heater', POWER_SCALE_W), ProgramQuantity('brake', POWER_SCALE_W)
 # What is left to the power limits (9i) at the start of a step, and at its end.
-RESERVES = (Quantity('discharge', POWER_SCALE_W), Quantity('charge', POWER_SCALE_W),
-            Quantity('discharge_at_end', POWER_SCALE_W), Quantity('charge_at_end', POWER_SCALE_W))
+RESERVES = (ProgramQuantity('discharge', POWER_SCALE_W), ProgramQuantity('charge', POWER_SCALE_W),
+            ProgramQuantity('discharge_at_end', POWER_SCALE_W), ProgramQuantity('charge_at_end', POWER_SCALE_W))
 # Duration [s], idle power [W], power variance [W^2], idle heat [W], leakage [W/K].
 ROUTE_INPUTS = 5
 # FACTORS and the heater's efficiency: inputs, so that a car whose factors are being learned needs no
@@ -35,22 +35,22 @@ ROUTE_INPUTS = 5
 CORRECTIONS = len(FACTORS) + 1
 
 
-def drive_states(vehicle: Vehicle) -> tuple[Quantity, ...]:
+def drive_states(vehicle: Vehicle) -> tuple[ProgramQuantity, ...]:
     """
     Return the states of a drive.
 
     What does not lag is no state: it would be a variable without a choice.
     """
     path = vehicle.heat_path
-    states = [Quantity('soc', SOC_SCALE), Quantity('temperature')]
+    states = [ProgramQuantity('soc', SOC_SCALE), ProgramQuantity('temperature')]
     if path.heater_lag_s > 0.0:
-        states.append(Quantity('heater_power', POWER_SCALE_W))
+        states.append(ProgramQuantity('heater_power', POWER_SCALE_W))
     if path.has_coolant:
-        states.append(Quantity('coolant_excess'))
+        states.append(ProgramQuantity('coolant_excess'))
     return tuple(states)
 
 
-def drive_controls(limited: bool) -> tuple[Quantity, ...]:
+def drive_controls(limited: bool) -> tuple[ProgramQuantity, ...]:
     """Return what is chosen in each step: only where power limits count has the brake anything to do."""
     return (HEATER, BRAKE) if limited else (HEATER,)
 

@@ -18,7 +18,7 @@ Values = Mapping[str, 'FloatArray | float']
 
 
 @dataclass(frozen=True)
-class Quantity:
+class ProgramQuantity:
     """A variable or a constraint of one stage; `scale` is the SI value that is 1 in the program."""
 
     name: str
@@ -26,7 +26,7 @@ class Quantity:
 
 
 @dataclass(frozen=True)
-class Block:
+class VariableBlock:
     """
     `count` variables or constraints of one kind; `scale` is the SI value that is 1 in the program.
 
@@ -48,7 +48,7 @@ class Layout:
     those of other blocks lie one block after the other.
     """
 
-    blocks: tuple[Block, ...]
+    blocks: tuple[VariableBlock, ...]
 
     @property
     def size(self) -> int:

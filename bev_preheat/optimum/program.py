@@ -40,7 +40,7 @@ from bev_preheat.optimum.drive_step import (
     ROUTE_INPUTS,
     SOC_SCALE,
 )
-from bev_preheat.optimum.layout import Layout, Quantity
+from bev_preheat.optimum.layout import Layout, ProgramQuantity
 from bev_preheat.optimum.program_solvers import make_solver
 from bev_preheat.optimum.stages import Stage, StagedProgram
 
@@ -58,12 +58,12 @@ DISCHARGE_PRICE = 1e4
 RANGE_PRICE = 1e3
 
 # At each instant, in each step, and on arrival, in an elastic program.
-LACKING_SOC, ABOVE = Quantity('lacking_soc', SOC_SCALE), (
-    Quantity('soc_above', SOC_SCALE), Quantity('k_above'))
-LACKING_W, LACKING_K = Quantity('lacking_w', POWER_SCALE_W), Quantity('lacking_k')
-LOWEST_SOC = Quantity('lowest_soc', SOC_SCALE)
-HIGHEST = Quantity('highest_soc', SOC_SCALE), Quantity('highest_temperature')
-ON_ARRIVAL = Quantity('target'), Quantity('final_soc', SOC_SCALE)
+DEFICIT_SOC, ABOVE = ProgramQuantity('deficit_soc', SOC_SCALE), (
+    ProgramQuantity('soc_above', SOC_SCALE), ProgramQuantity('k_above'))
+DEFICIT_W, DEFICIT_K = ProgramQuantity('deficit_w', POWER_SCALE_W), ProgramQuantity('deficit_k')
+LOWEST_SOC = ProgramQuantity('lowest_soc', SOC_SCALE)
+HIGHEST = ProgramQuantity('highest_soc', SOC_SCALE), ProgramQuantity('highest_temperature')
+ON_ARRIVAL = ProgramQuantity('target'), ProgramQuantity('final_soc', SOC_SCALE)
 
 
 class Give(IntEnum):
@@ -92,7 +92,7 @@ class Slacks:
 
 
 @dataclass(frozen=True)
-class Solution:
+class ProgramSolution:
     """
     States (N + 1,) and powers [W] (N,) of a solution, and what its constraints lack.
 
@@ -110,13 +110,13 @@ class Solution:
 
 
 @dataclass(frozen=True)
-class Program:
+class NonlinearProgram:
     """
     A nonlinear program, its solvers, and where its variables and constraints lie.
 
     Variables: `soc` and `temperature` at each instant, `heater` and, if limited, `brake` in each step;
     `heater_power` and `coolant_excess` at each instant, where the vehicle's heat path has them; the
-    slacks: `lacking_k` (of the target), `lacking_soc` at each instant, `lacking_w` (of the discharge
+    slacks: `deficit_k` (of the target), `deficit_soc` at each instant, `deficit_w` (of the discharge
     power) with Give.DEMANDS, `soc_above` and `k_above` with RANGES. Constraints: `soc_defect`,
     `temperature_defect`, and one for each state of a heat path; if limited, `discharge` and
     `charge`, what is left to either limit at the start of a step, and `discharge_at_end` and
@@ -146,7 +146,7 @@ class Program:
             self._solvers[name] = make_solver(name, self.staged)
         return self._solvers[name]
 
-    def solution(self, variables: FloatArray) -> Solution:
+    def solution(self, variables: FloatArray) -> ProgramSolution:
         """Return the Solution that the program's variables, scaled, stand for."""
         found = self.variables.unpack(variables)
         nothing = np.zeros(len(found['heater']))
@@ -155,10 +155,10 @@ class Program:
             # At the first instant nothing can be lacking that is asked for.
             return found[name][1:] if name in found else nothing
 
-        return Solution(
+        return ProgramSolution(
             found['soc'], found['temperature'], found['heater'], found.get('brake', nothing), Slacks(
-                float(found['lacking_k'][0]) if 'lacking_k' in found else 0.0,
-                later('lacking_soc'), found.get('lacking_w', nothing), later('soc_above')),
+                float(found['deficit_k'][0]) if 'deficit_k' in found else 0.0,
+                later('deficit_soc'), found.get('deficit_w', nothing), later('soc_above')),
             found.get('heater_power'), found.get('coolant_excess'))
 
 
@@ -166,13 +166,13 @@ class Program:
 # steps only falls. The stages, which are the same for any number, are kept apart. Positional only,
 # without defaults: for lru_cache f(1, 2) and f(1, b=2) are different calls.
 @lru_cache(maxsize=4)
-def build_program(vehicle: Vehicle, steps: int, limited: bool, give: Give) -> Program:
+def build_program(vehicle: Vehicle, steps: int, limited: bool, give: Give) -> NonlinearProgram:
     """
     Return the Program of a vehicle, whatever its corrections, for a number of steps.
 
     `limited`: with the power limits of the battery (9i); `give`: elastic, and how far.
     """
-    return Program(StagedProgram(*_stages(vehicle, limited, give), steps), limited, give)
+    return NonlinearProgram(StagedProgram(*_stages(vehicle, limited, give), steps), limited, give)
 
 
 def programs_built() -> int:
@@ -184,25 +184,25 @@ def programs_built() -> int:
 def _stages(vehicle: Vehicle, limited: bool, give: Give) -> tuple[Stage, Stage]:
     """Return a step of the program, and what comes on arrival."""
     states, controls = drive_states(vehicle), drive_controls(limited)
-    slacks = (*((LACKING_SOC,) if give else ()), *(ABOVE if give is Give.RANGES else ()))
+    slacks = (*((DEFICIT_SOC,) if give else ()), *(ABOVE if give is Give.RANGES else ()))
     bounds = (*((LOWEST_SOC,) if give else ()), *(HIGHEST if give is Give.RANGES else ()))
-    in_step = (*states, *slacks, *controls, *((LACKING_W,) if give else ()))
-    on_arrival = (*states, *slacks, *((LACKING_K,) if give else ()))
+    in_step = (*states, *slacks, *controls, *((DEFICIT_W,) if give else ()))
+    on_arrival = (*states, *slacks, *((DEFICIT_K,) if give else ()))
     # Target temperature [deg C] and lowest state of charge on arrival, then the corrections.
     common = casadi.SX.sym('common', 2 + CORRECTIONS)
 
-    def symbols(variables: tuple[Quantity, ...]) -> dict[str, casadi.SX]:
+    def symbols(variables: tuple[ProgramQuantity, ...]) -> dict[str, casadi.SX]:
         return {variable.name: casadi.SX.sym(variable.name) for variable in variables}
 
-    def column(found: dict[str, casadi.SX], variables: tuple[Quantity, ...]) -> casadi.SX:
+    def column(found: dict[str, casadi.SX], variables: tuple[ProgramQuantity, ...]) -> casadi.SX:
         return casadi.vertcat(*(found[variable.name] for variable in variables))
 
     def at_instant(found: dict[str, casadi.SX]) -> tuple[casadi.SX, list[casadi.SX]]:
         """Return the price of the slacks of an instant, and its bounds."""
         price, values = casadi.SX(0.0), []
         if give:
-            price += SOC_PRICE * found['lacking_soc']
-            values.append(found['soc'] + found['lacking_soc'])
+            price += SOC_PRICE * found['deficit_soc']
+            values.append(found['soc'] + found['deficit_soc'])
         if give is Give.RANGES:
             price += RANGE_PRICE * (found['soc_above'] + found['k_above'])
             values += [found['soc'] - found['soc_above'], found['temperature'] - found['k_above']]
@@ -214,10 +214,10 @@ def _stages(vehicle: Vehicle, limited: bool, give: Give) -> tuple[Stage, Stage]:
         column(found, (*states, *controls)), route, common[2:], end)
     price, values = at_instant(found)
     if give:
-        energy += DISCHARGE_PRICE * found['lacking_w']
+        energy += DISCHARGE_PRICE * found['deficit_w']
     if give and limited:
         reserves = casadi.vertcat(*(
-            value + found['lacking_w'] if reserve.name.startswith('discharge') else value
+            value + found['deficit_w'] if reserve.name.startswith('discharge') else value
             for reserve, value in zip(RESERVES, casadi.vertsplit(reserves))))
     step = Stage(in_step, (*(RESERVES if limited else ()), *bounds), column(found, in_step), route, common,
                  end, ends, energy + price, casadi.vertcat(reserves, *values))
@@ -226,8 +226,8 @@ def _stages(vehicle: Vehicle, limited: bool, give: Give) -> tuple[Stage, Stage]:
     beyond_k = found['temperature'] - common[0]
     beyond_soc = found['soc'] - common[1] / SOC_SCALE
     if give:
-        price += TARGET_PRICE * found['lacking_k']
-        beyond_k, beyond_soc = beyond_k + found['lacking_k'], beyond_soc + found['lacking_soc']
+        price += TARGET_PRICE * found['deficit_k']
+        beyond_k, beyond_soc = beyond_k + found['deficit_k'], beyond_soc + found['deficit_soc']
     arrival = Stage(
         on_arrival, (*bounds, *ON_ARRIVAL), column(found, on_arrival), casadi.SX(0, 1), common,
         casadi.SX(0, 1), casadi.SX(0, 1), lost_after_arrival(vehicle, column(found, states)) + price,

@@ -19,16 +19,16 @@ from bev_preheat.optimum.attempt import (
     SUCCESS,
     unheated_start,
 )
+from bev_preheat.optimum.deficits import CHARGE, find_deficits, SOC_TOLERANCE, StepDeficit, TOLERANCE_W
 from bev_preheat.optimum.drive_step import ENERGY_SCALE_J
-from bev_preheat.optimum.lacking import CHARGE, find_lacking, Lacking, SOC_TOLERANCE, TOLERANCE_W
 from bev_preheat.optimum.program import build_program, Give
 from bev_preheat.optimum.smooth_maps import smoothed_a_little
 from bev_preheat.planning.dynamics import HOTTEST_BEYOND_RANGE_K, JOULES_PER_WH
 from bev_preheat.planning.heat_run import along_states
 from bev_preheat.planning.limits import limits_hold, run_unheated
+from bev_preheat.planning.no_regret import is_described
 from bev_preheat.planning.plan import Plan
 from bev_preheat.planning.planner import finish_plan, plan_without_heating
-from bev_preheat.planning.safeguard import is_described
 from bev_preheat.planning.schedule import HeldBack, Schedule, switched_on_s
 from bev_preheat.planning.situation import BatteryState, check_situation, Goal, reserve_soc
 from bev_preheat.planning.trip import make_trip, Trip
@@ -61,7 +61,7 @@ class Optimum:
 
     `solver` is the one whose answer `plan` is, FATROP or IPOPT; '' where none was asked.
     `solver_status` is the word on the program itself; only 'Solve_Succeeded' is an optimum.
-    `lacking` holds the constraints that cannot be kept; it is empty where `plan` is the optimum,
+    `deficit` holds the constraints that cannot be kept; it is empty where `plan` is the optimum,
     and only there. `solve_time_s` is what the solvers took, from all starts, without the time to set
     programs up.
     `marginal_cost_wh_per_k` is the multiplier of the target: what one more kelvin on arrival would
@@ -73,13 +73,13 @@ class Optimum:
     solver_status: str
     iterations: int
     solve_time_s: float
-    lacking: tuple[Lacking, ...]
+    deficit: tuple[StepDeficit, ...]
     marginal_cost_wh_per_k: float
 
     @property
     def infeasible(self) -> tuple[str, ...]:
         """Sentences on the constraints that cannot be kept, with figures."""
-        return tuple(item.text for item in self.lacking)
+        return tuple(item.text for item in self.deficit)
 
     def as_dictionary(self) -> dict[str, Any]:
         """Return the optimum as `preheat optimum --json` writes it."""
@@ -135,17 +135,17 @@ def solve_optimum(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goa
             raise SolverFailure(f'IPOPT ended with {runs[0].status}, and with '
                                 f'{runs[1].status} and {runs[2].status} where constraints may give')
         runs.append(run)
-    lacking = tuple(find_lacking(trip, run.solution))
+    deficit = tuple(find_deficits(trip, run.solution))
     if give is Give.DEMANDS and _is_held_cool(trip, run) and _undelivered_w(run) > TOLERANCE_W:
         # A drive that can be delivered comes before the range, as in plans: its heat is left to the car's cooling.
         warmer = attempt(
             replace(problem, beyond_range_k=HOTTEST_BEYOND_RANGE_K), limited, give, [run.values])
         if warmer.status == SUCCESS and _undelivered_w(warmer) <= TOLERANCE_W:
             runs.append(warmer)
-            lacking = tuple(find_lacking(trip, warmer.solution))
+            deficit = tuple(find_deficits(trip, warmer.solution))
         else:
             runs.insert(1, warmer)
-    if give and not lacking:
+    if give and not deficit:
         # All constraints can be kept: it was the solver that failed, and from here it may not.
         for again in problem, rounded:
             run = attempt(again, limited, starts=[run.values])
@@ -155,7 +155,7 @@ def solve_optimum(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goa
         else:
             raise SolverFailure(f'IPOPT ended with {runs[2].status}, and with {run.status} when '
                                 'started where all constraints are kept')
-    return _optimum(trip, goal, runs, lacking, started)
+    return _optimum(trip, goal, runs, deficit, started)
 
 
 def _is_held_cool(trip: Trip, run: Attempt) -> bool:
@@ -172,12 +172,12 @@ def _stranded(trip: Trip, goal: Goal, unheated: Schedule, started: float) -> Opt
     """Return the Optimum of a trip whose charge runs out: none, and why."""
     plan = finish_plan(trip, goal, unheated, METHOD, started)
     assert plan.stranding is not None
-    lacking = Lacking(
-        CHARGE, plan.stranding.lacking_wh, 'Wh',
-        f'charge: {plan.stranding.lacking_wh / 1e3:.2f} kWh are lacking to arrive; the battery is '
+    deficit = StepDeficit(
+        CHARGE, plan.stranding.deficit_wh, 'Wh',
+        f'charge: {plan.stranding.deficit_wh / 1e3:.2f} kWh are lacking to arrive; the battery is '
         f'empty at {plan.stranding.at_s:.0f} s')
     return Optimum(plan=plan, solver='', solver_status=NOT_SOLVED, iterations=0, solve_time_s=0.0,
-                   lacking=(lacking,), marginal_cost_wh_per_k=math.nan)
+                   deficit=(deficit,), marginal_cost_wh_per_k=math.nan)
 
 
 def prepare_programs(vehicle: Vehicle, route: Route) -> None:
@@ -197,14 +197,14 @@ def _corrected(vehicle: Vehicle, corrections: Corrections) -> Vehicle:
     return vehicle if corrections == AS_DESCRIBED else corrected_vehicle(vehicle, corrections)
 
 
-def _optimum(trip: Trip, goal: Goal, runs: Sequence[Attempt], lacking: tuple[Lacking, ...],
+def _optimum(trip: Trip, goal: Goal, runs: Sequence[Attempt], deficit: tuple[StepDeficit, ...],
              started: float) -> Optimum:
     """Return the Optimum of the first of the runs, which all had to be made."""
-    run, marginal_cost = runs[0] if not lacking else runs[-1], math.nan
+    run, marginal_cost = runs[0] if not deficit else runs[-1], math.nan
     schedule = _schedule(trip, run)
     if schedule.soc[-1] - reserve_soc(trip.vehicle, goal) < SOC_TOLERANCE:
         schedule = replace(schedule, held_back=HeldBack.RESERVE)
-    if not lacking and goal.charging_planned and run.target_multiplier > 1e-9:
+    if not deficit and goal.charging_planned and run.target_multiplier > 1e-9:
         marginal_cost = run.target_multiplier * ENERGY_SCALE_J / JOULES_PER_WH
     return Optimum(
         plan=finish_plan(trip, goal, schedule, METHOD, started),
@@ -212,7 +212,7 @@ def _optimum(trip: Trip, goal: Goal, runs: Sequence[Attempt], lacking: tuple[Lac
         solver_status=runs[0].status,
         iterations=sum(run.iterations for run in runs),
         solve_time_s=sum(run.time_s for run in runs),
-        lacking=lacking,
+        deficit=deficit,
         marginal_cost_wh_per_k=marginal_cost)
 
 

@@ -17,12 +17,20 @@ import sys
 from time import monotonic
 from typing import TYPE_CHECKING
 
-from bev_preheat.optimum.exchange import CHUNK_BYTES, Failure, framed, Preparation, Prepared, Solution, unframed
+from bev_preheat.optimum.protocol import (
+    CHUNK_BYTES,
+    Failure,
+    framed,
+    Preparation,
+    Prepared,
+    SolverAnswer,
+    unframed,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from bev_preheat.optimum.exchange import Question, Thing
+    from bev_preheat.optimum.protocol import Question, Thing
     from bev_preheat.route import Route
     from bev_preheat.vehicle import Vehicle
 
@@ -122,7 +130,7 @@ class SolverProcess:
         elif self._is_ready:
             self._hand_over()
 
-    def poll(self) -> Solution | Failure | None:
+    def poll(self) -> SolverAnswer | Failure | None:
         """
         Exchange what can be exchanged; return a Solution or a Failure when there is one, or None.
 
@@ -136,7 +144,7 @@ class SolverProcess:
             self._forget()
             return failure
         for message in self._exchange():
-            if isinstance(message, (Solution, Failure)):
+            if isinstance(message, (SolverAnswer, Failure)):
                 self._question = self._time_limit_s = None
                 self._solves = False
                 return message

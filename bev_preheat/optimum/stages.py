@@ -22,7 +22,7 @@ import casadi
 import numpy as np
 
 from bev_preheat.optimum.along_rows import along_rows
-from bev_preheat.optimum.layout import Block, Layout, Quantity
+from bev_preheat.optimum.layout import Layout, ProgramQuantity, VariableBlock
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -40,8 +40,8 @@ class Stage:
     chain rule, which takes a quarter fewer operations. All are columns.
     """
 
-    variables: tuple[Quantity, ...]
-    paths: tuple[Quantity, ...]
+    variables: tuple[ProgramQuantity, ...]
+    paths: tuple[ProgramQuantity, ...]
     vector: casadi.SX
     inputs: casadi.SX
     common: casadi.SX
@@ -163,7 +163,7 @@ class StagedProgram:
         self._stage, self._last, self._steps = stage, last, steps
         states = self._states = stage.ends.shape[0]
         self.variables = _layout(stage.variables, last.variables, steps)
-        defects = [Quantity(f'{state.name}_defect', state.scale)
+        defects = [ProgramQuantity(f'{state.name}_defect', state.scale)
                    for state in stage.variables[:states]]
         self.constraints = _layout((*defects, *stage.paths), last.paths, steps)
         self.is_equality = np.zeros(self.constraints.size, bool)
@@ -274,11 +274,11 @@ class StagedProgram:
         return np.flatnonzero(self.is_equality)
 
 
-def _layout(each: Sequence[Quantity], last: Sequence[Quantity], steps: int) -> Layout:
+def _layout(each: Sequence[ProgramQuantity], last: Sequence[ProgramQuantity], steps: int) -> Layout:
     """Return the Layout of what each stage but the last has, and of what the last one has."""
     names, last_names = ({quantity.name for quantity in quantities} for quantities in (each, last))
     return Layout(tuple(
-        Block(quantity.name, len(stages), quantity.scale, stages)
+        VariableBlock(quantity.name, len(stages), quantity.scale, stages)
         for quantity in (*each, *(more for more in last if more.name not in names))
         for stages in [(*(range(steps) if quantity.name in names else ()),
                         *((steps,) if quantity.name in last_names else ()))]))

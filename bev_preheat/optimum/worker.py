@@ -17,14 +17,14 @@ from time import monotonic
 from typing import TYPE_CHECKING
 
 from bev_preheat.errors import InvalidInput
-from bev_preheat.optimum.exchange import (
+from bev_preheat.optimum.protocol import (
     CHUNK_BYTES,
     Failure,
     framed,
     Preparation,
     Prepared,
     READY,
-    Solution,
+    SolverAnswer,
     unframed,
 )
 from bev_preheat.planning.planner import plan_preheating
@@ -33,7 +33,7 @@ from bev_preheat.route.segments import make_route
 from bev_preheat.vehicle.corrections import corrected_vehicle, Corrections
 
 if TYPE_CHECKING:
-    from bev_preheat.optimum.exchange import Question, Thing
+    from bev_preheat.optimum.protocol import Question, Thing
     from bev_preheat.route import Route
     from bev_preheat.vehicle import Vehicle
 
@@ -109,7 +109,7 @@ def _prepare(vehicle: Vehicle, route: Route) -> Prepared:
     return Prepared(len(route))
 
 
-def _answer(vehicle: Vehicle, question: Question) -> Solution | Failure:
+def _answer(vehicle: Vehicle, question: Question) -> SolverAnswer | Failure:
     """Return the Solution or the Failure of a Question."""
     started_s = monotonic()
     route, corrections = question.route, Corrections()
@@ -129,7 +129,7 @@ def _answer(vehicle: Vehicle, question: Question) -> Solution | Failure:
         return Failure(str(error), monotonic() - started_s)
     except Exception as error:
         return Failure(f'{type(error).__name__}: {error}', monotonic() - started_s)
-    return Solution(
+    return SolverAnswer(
         optimal_plan=optimum.plan,
         solver=optimum.solver,
         solver_status=optimum.solver_status,

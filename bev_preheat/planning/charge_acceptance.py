@@ -15,7 +15,7 @@ import numpy as np
 
 from bev_preheat.numerics.arithmetic import ARRAYS
 from bev_preheat.planning.dynamics import terminal_limits_w
-from bev_preheat.planning.limits import Watch
+from bev_preheat.planning.limits import LimitedSteps
 
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray
@@ -53,7 +53,7 @@ def no_acceptance_loss(trip: Trip) -> AcceptanceLoss:
     return AcceptanceLoss(nothing, nothing)
 
 
-def find_acceptance_loss(trip: Trip, watch: Watch, run: Schedule) -> AcceptanceLoss:
+def find_acceptance_loss(trip: Trip, watch: LimitedSteps, run: Schedule) -> AcceptanceLoss:
     """Return the AcceptanceLoss along a run (a Schedule) in which surplus goes to the heater."""
     battery = trip.vehicle.battery
     soc, temperature_c = run.soc[:-1], run.temperature_c[:-1]

@@ -13,12 +13,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.compiled import plans as compiled_plans
+from bev_preheat.native import plans as native_plans
 from bev_preheat.numerics.arithmetic import FLOATS
 from bev_preheat.planning.bracketing import follow_slope, Trial
-from bev_preheat.planning.dynamics import compiled_vehicle, JOULES_PER_WH, run_forward
+from bev_preheat.planning.dynamics import JOULES_PER_WH, native_vehicle, run_forward
 from bev_preheat.planning.optimal_switch import ARRIVAL_TOLERANCE_K, MOST_RUNS
-from bev_preheat.planning.prices import find_prices, Prices
+from bev_preheat.planning.prices import find_prices, HeatPrices
 from bev_preheat.planning.schedule import Schedule, switched_on_s
 from bev_preheat.vehicle.model import make_runge_kutta_4
 
@@ -40,9 +40,9 @@ def heat_cheapest(trip: Trip, schedule: Schedule, target_c: float) -> Schedule:
     `schedule` is one that arrives there [deg C], of a vehicle without a heat path; it is returned itself
     where no other saves LEAST_SAVING_WH.
     """
-    vehicle = compiled_vehicle(trip.vehicle)
-    found = None if vehicle is None else compiled_plans.heat_cheapest(
-        vehicle, trip.compiled, target_c, schedule.soc, schedule.temperature_c, schedule.heater_power_w)
+    vehicle = native_vehicle(trip.vehicle)
+    found = None if vehicle is None else native_plans.heat_cheapest(
+        vehicle, trip.native, target_c, schedule.soc, schedule.temperature_c, schedule.heater_power_w)
     if found is not None:
         return _schedule(trip, *found[0]) if found[0] else schedule
     # Once it is switched on once more, what else there is to save is taken as well.
@@ -67,7 +67,7 @@ def whole_charge_wh(trip: Trip, schedule: Schedule) -> float:
         float(schedule.soc[-1]), float(schedule.temperature_c[-1])) / JOULES_PER_WH
 
 
-def _first_guess(trip: Trip, heater_power_w: FloatArray, prices: Prices,
+def _first_guess(trip: Trip, heater_power_w: FloatArray, prices: HeatPrices,
                  order: IntArray) -> tuple[FloatArray, float]:
     """
     Return the heater powers [W] that give the same warmth in steps of an order, and the charge they save.
@@ -94,7 +94,7 @@ def _shares(most: FloatArray, wanted: float) -> FloatArray:
     return np.minimum(np.maximum((wanted - before) / most, 0.0), 1.0)
 
 
-def _filled(trip: Trip, schedule: Schedule, target_c: float, order: IntArray, prices: Prices,
+def _filled(trip: Trip, schedule: Schedule, target_c: float, order: IntArray, prices: HeatPrices,
             guess_j: float) -> Schedule:
     """Return the Schedule that heats in steps of an order until the battery arrives at the target."""
     start = float(schedule.soc[0]), float(schedule.temperature_c[0])

@@ -44,16 +44,16 @@ def difference(plan: Reached, optimum: Reached) -> str:
     NaN: unknown.
     """
     colder_k = plan.shortfall_k - optimum.shortfall_k
-    lacking_w = plan.undeliverable_power_w - optimum.undeliverable_power_w
+    deficit_w = plan.undeliverable_power_w - optimum.undeliverable_power_w
     if not abs(colder_k) <= SAME_SHORTFALL_K:
         return (f'{abs(colder_k):.2f} K {"colder" if colder_k > 0.0 else "warmer"}'
                 if colder_k == colder_k else 'unknown arrival')
     if (plan.soc_shortfall > SAME_SOC) != (optimum.soc_shortfall > SAME_SOC):
         return ('reserve missed' if plan.soc_shortfall > SAME_SOC else
                 'reserve kept')
-    if not abs(lacking_w) <= SAME_POWER_W:
-        return (f'{abs(lacking_w) / 1e3:.2f} kW {"more" if lacking_w > 0.0 else "less"} lacking'
-                if lacking_w == lacking_w else 'unknown power')
+    if not abs(deficit_w) <= SAME_POWER_W:
+        return (f'{abs(deficit_w) / 1e3:.2f} kW {"more" if deficit_w > 0.0 else "less"} lacking'
+                if deficit_w == deficit_w else 'unknown power')
     return ''
 
 

@@ -10,10 +10,10 @@ from typing import NamedTuple, TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.compiled import plans as compiled_plans
-from bev_preheat.compiled import runs as compiled_runs
-from bev_preheat.compiled.library import core
-from bev_preheat.compiled.structs import CompiledVehicle, NotDescribed
+from bev_preheat.native import plans as native_plans
+from bev_preheat.native import runs as native_runs
+from bev_preheat.native.library import core
+from bev_preheat.native.structs import NativeVehicle, NotDescribed
 from bev_preheat.numerics.arithmetic import AnyNumber, ARRAYS, CurveFunction, FLOATS, SATURATING_FLOATS
 from bev_preheat.vehicle.model import Integrator, make_rates, Step
 from bev_preheat.vehicle.terminal_limits import make_terminal_limits
@@ -39,19 +39,19 @@ def step_of_floats(vehicle: Vehicle, make_integrator: Integrator,
     return make_integrator(make_rates(vehicle, SATURATING_FLOATS if saturating else FLOATS))
 
 
-def compiled_vehicle(vehicle: Vehicle) -> CompiledVehicle | None:
+def native_vehicle(vehicle: Vehicle) -> NativeVehicle | None:
     """Return the vehicle as the compiled core takes it; None where the core does not."""
     # What is kept must not depend on whether the core is switched off for a while.
-    return None if core() is None else _compiled_vehicle(vehicle)
+    return None if core() is None else _native_vehicle(vehicle)
 
 
 @lru_cache(maxsize=KEPT_VEHICLES)
-def _compiled_vehicle(vehicle: Vehicle) -> CompiledVehicle | None:
+def _native_vehicle(vehicle: Vehicle) -> NativeVehicle | None:
     try:
-        compiled = CompiledVehicle(vehicle, hottest_c(vehicle))
+        native = NativeVehicle(vehicle, hottest_c(vehicle))
     except NotDescribed:
         return None
-    return compiled if compiled_runs.is_in_order(compiled) else None
+    return native if native_runs.is_in_order(native) else None
 
 
 def run_forward(trip: Trip, make_integrator: Integrator, soc: float, temperature_c: float,
@@ -86,9 +86,9 @@ def run_on(trip: Trip, make_integrator: Integrator, soc: FloatArray, temperature
 def _roll(trip: Trip, make_integrator: Integrator, states: FloatArray, first: int,
           heater_power_w: FloatArray | None,
           brake_power_w: FloatArray | None) -> tuple[FloatArray, FloatArray]:
-    vehicle = compiled_vehicle(trip.vehicle)
-    run = None if vehicle is None else compiled_runs.run(
-        vehicle, make_integrator, trip.compiled, states, first, heater_power_w, brake_power_w)
+    vehicle = native_vehicle(trip.vehicle)
+    run = None if vehicle is None else native_runs.run(
+        vehicle, make_integrator, trip.native, states, first, heater_power_w, brake_power_w)
     if run is not None:
         return run[0], run[1]
     columns = [column[first:].tolist() for column in trip.inputs(heater_power_w, brake_power_w)]
@@ -118,9 +118,9 @@ def _rolled(step: Step[float], soc: float, temperature_c: float,
 def terminal_limits_w(vehicle: Vehicle, soc: FloatArray, temperature_c: FloatArray,
                       variance_w2: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return least and most terminal power [W] (K,) along states and power variances [W^2], each (K,)."""
-    compiled = compiled_vehicle(vehicle)
-    limits_w = None if compiled is None else compiled_runs.limits_along(
-        compiled, soc, temperature_c, variance_w2)
+    native = native_vehicle(vehicle)
+    limits_w = None if native is None else native_runs.limits_along(
+        native, soc, temperature_c, variance_w2)
     if limits_w is not None:
         return limits_w[0], limits_w[1]
     least_w, most_w = make_terminal_limits(vehicle, ARRAYS)(soc, temperature_c, variance_w2)
@@ -135,9 +135,9 @@ def limits_of_steps_w(vehicle: Vehicle, soc: FloatArray, temperature_c: FloatArr
     `soc` and `temperature_c` [deg C] (K + 1,) are the states between which the steps lead, `variance_w2`
     (K,) their power variances [W^2].
     """
-    compiled = compiled_vehicle(vehicle)
-    limits_w = None if compiled is None else compiled_runs.limits_of_steps(
-        compiled, soc, temperature_c, variance_w2)
+    native = native_vehicle(vehicle)
+    limits_w = None if native is None else native_runs.limits_of_steps(
+        native, soc, temperature_c, variance_w2)
     if limits_w is not None:
         return limits_w[0], limits_w[1]
     limits = make_terminal_limits(vehicle, ARRAYS)
@@ -227,9 +227,9 @@ def keep_accounts(trip: Trip, schedule: Schedule, deliverable: bool = False) -> 
     heater_power_w, soc, temperature_c = (
         schedule.drawn_power_w, schedule.soc, schedule.temperature_c)
     lost_wh = 0.0 if schedule.heat is None else schedule.heat.lost_electric_wh
-    compiled = compiled_vehicle(vehicle)
-    kept = None if compiled is None else compiled_plans.keep_accounts(
-        compiled, schedule.make_integrator, trip.compiled, deliverable, soc, temperature_c,
+    native = native_vehicle(vehicle)
+    kept = None if native is None else native_plans.keep_accounts(
+        native, schedule.make_integrator, trip.native, deliverable, soc, temperature_c,
         heater_power_w, None if schedule.heat is None else schedule.heat.arriving_heat_w,
         schedule.brake_power_w)
     if kept is not None:

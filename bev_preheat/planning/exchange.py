@@ -15,16 +15,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.compiled import plans as compiled_plans
-from bev_preheat.compiled.structs import SettlingStruct
+from bev_preheat.native import plans as native_plans
+from bev_preheat.native.structs import SettlingStruct
 from bev_preheat.numerics.linear_program import maximise
 from bev_preheat.planning.cheapest_steps import LEAST_SAVING_WH, sum_in_turn, whole_charge_wh
-from bev_preheat.planning.dynamics import compiled_vehicle
+from bev_preheat.planning.dynamics import native_vehicle
 from bev_preheat.planning.limited_prices import (
-    Changes,
     find_changes,
     find_needs,
     free_heat_w,
+    LimitChanges,
     SURPLUS_TOLERANCE_W,
 )
 from bev_preheat.planning.limits import along_limits, drive_as_planned, watch_everywhere
@@ -57,9 +57,9 @@ def exchange_heat(trip: Trip, state: BatteryState, schedule: Schedule, target_c:
     the target [deg C] as far as it can. No other falls shorter of it, or of the power of the drive, or leads
     below the charge that must be left on the way (`limited_prices.Needs`).
     """
-    vehicle = compiled_vehicle(trip.vehicle)
-    found = None if vehicle is None or schedule.empty_at_s is not None else compiled_plans.exchange_heat(
-        vehicle, trip.compiled, SettlingStruct(True, target_c, trip.vehicle.battery.soc_range[0]),
+    vehicle = native_vehicle(trip.vehicle)
+    found = None if vehicle is None or schedule.empty_at_s is not None else native_plans.exchange_heat(
+        vehicle, trip.native, SettlingStruct(True, target_c, trip.vehicle.battery.soc_range[0]),
         schedule.soc, schedule.temperature_c, schedule.heater_power_w, schedule.brake_power_w)
     if found is not None:
         return (along_limits(trip, watch_everywhere(trip), *found[0], stranded=None) if found[0]
@@ -71,7 +71,7 @@ def _exchanged(trip: Trip, state: BatteryState, schedule: Schedule, target_c: fl
     needs = find_needs(trip, schedule, target_c)
     least_saving = LEAST_SAVING_WH / whole_charge_wh(trip, schedule)
     run, trusted_j = schedule, FIRST_SHARE * _paid_j(trip, schedule)
-    changes: Changes | None = None
+    changes: LimitChanges | None = None
     for _ in range(MOST_TRIALS):
         if changes is None:
             changes = find_changes(trip, run, needs)
@@ -120,7 +120,7 @@ def _paid_j(trip: Trip, run: Schedule) -> float:
                        * trip.route.duration_s)
 
 
-def _best_exchange(changes: Changes, spare: list[float], trusted_j: float) -> FloatArray:
+def _best_exchange(changes: LimitChanges, spare: list[float], trusted_j: float) -> FloatArray:
     """Return how much of each of the Changes saves the most [J], of `trusted_j` in all."""
     greatest = [_greatest(per_j) for per_j in changes.needs_per_j]
     uses = np.array([*(-per_j / most for per_j, most in zip(changes.needs_per_j, greatest)),
@@ -135,7 +135,7 @@ def _greatest(values: FloatArray) -> float:
     return float(np.abs(values).max()) or 1.0
 
 
-def _commands_w(trip: Trip, run: Schedule, changes: Changes, moved_j: FloatArray) -> FloatArray:
+def _commands_w(trip: Trip, run: Schedule, changes: LimitChanges, moved_j: FloatArray) -> FloatArray:
     """Return the heater powers (N,) that are commanded [W] after an exchange, without surplus."""
     wanted_w = run.heater_power_w.copy()
     np.add.at(wanted_w, changes.step, changes.sign * moved_j / trip.route.duration_s[changes.step])

@@ -6,9 +6,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import NamedTuple, TYPE_CHECKING
 
+from bev_preheat.planning.heating_intervals import Reason
 from bev_preheat.planning.schedule import HeldBack
 from bev_preheat.planning.status import Status
-from bev_preheat.planning.stretches import Reason
 
 if TYPE_CHECKING:
     from bev_preheat.planning.plan import Plan
@@ -70,7 +70,7 @@ def _outcome(plan: Plan, reserve: float, starts_in_s: float, unheated: str, too_
     if status is Status.OUT_OF_CHARGE and plan.stranding is not None:
         heating = (unheated if plan.heating_start_s is None else
                    'only surplus regeneration is used for heating'
-                   if all(stretch.reason is Reason.SURPLUS for stretch in plan.stretches) else
+                   if all(interval.reason is Reason.SURPLUS for interval in plan.intervals) else
                    'the heating of this plan makes it worse')
         return f'{_stranding_sentence(plan.stranding, from_now)[:-1]}: {heating}.'
     if status is Status.NOT_WORTH_IT:
@@ -115,4 +115,4 @@ def _stranding_sentence(stranding: Stranding, from_now: Callable[[float], str]) 
     """Return where the charge runs out, and how much is lacking."""
     return (f'The charge does not carry this trip: the battery is empty in '
             f'{from_now(stranding.at_s)}, at km {stranding.at_m / 1000.0:.1f}; '
-            f'{stranding.lacking_wh / 1000.0:.2f} kWh are lacking.')
+            f'{stranding.deficit_wh / 1000.0:.2f} kWh are lacking.')

@@ -10,7 +10,7 @@ from bev_preheat.planning.heat_run import mean_share_left
 
 if TYPE_CHECKING:
     from bev_preheat.planning.heat_run import States
-    from bev_preheat.planning.limits import Watch
+    from bev_preheat.planning.limits import LimitedSteps
     from bev_preheat.planning.trip import Trip
     from bev_preheat.vehicle.terminal_limits import TerminalLimits
 
@@ -24,7 +24,7 @@ LASTING_LAGS = 0.7
 class Foresight:
     """Looks ahead along one trip, with the limits of the battery's state now."""
 
-    def __init__(self, trip: Trip, watch: Watch, limits: TerminalLimits[float]) -> None:
+    def __init__(self, trip: Trip, watch: LimitedSteps, limits: TerminalLimits[float]) -> None:
         """Take a trip, its Watch, and the terminal limits for floats."""
         self._limits, self._lag_s = limits, trip.vehicle.heat_path.heater_lag_s
         self._duration_s: list[float] = trip.route.duration_s.tolist()

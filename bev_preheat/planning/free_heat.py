@@ -16,12 +16,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.compiled import searches as compiled_searches
+from bev_preheat.native import searches as native_searches
 from bev_preheat.planning.cheapest_steps import whole_charge_wh
-from bev_preheat.planning.dynamics import compiled_vehicle, JOULES_PER_WH, terminal_limits_w
+from bev_preheat.planning.dynamics import JOULES_PER_WH, native_vehicle, terminal_limits_w
 from bev_preheat.planning.heat_run import initial_states
 from bev_preheat.planning.limits import drive_as_planned
-from bev_preheat.planning.safeguard import lacking_power
+from bev_preheat.planning.no_regret import power_deficit
 from bev_preheat.planning.trip import BELOW_HIGHEST_K
 
 if TYPE_CHECKING:
@@ -90,7 +90,7 @@ def _is_as_useful(trip: Trip, target_c: float, bounded: Schedule, free: Schedule
     missed_k, free_missed_k = (target_c - float(run.temperature_c[-1]) for run in (bounded, free))
     if ((bounded.empty_at_s is None) != (free.empty_at_s is None)
             or missed_k > max(free_missed_k, 0.0) + MISSED_K
-            or lacking_power(trip, bounded).worst_w > lacking_power(trip, free).worst_w):
+            or power_deficit(trip, bounded).worst_w > power_deficit(trip, free).worst_w):
         return False
     saved_wh = float((free.drawn_power_w - bounded.drawn_power_w) @ trip.route.duration_s) / JOULES_PER_WH
     lost_wh = float(free.soc[-1] - bounded.soc[-1]) * whole_charge_wh(trip, free)
@@ -105,10 +105,10 @@ def find_surplus_ceiling_c(trip: Trip, state: BatteryState, target_c: float, soc
     the heat in energy that the limits of power would refuse at the states of charge `soc` (N + 1,), whichever is
     warmer; never near the highest temperature.
     """
-    vehicle = compiled_vehicle(trip.vehicle)
+    vehicle = native_vehicle(trip.vehicle)
     start = initial_states(state)[:2 if trip.vehicle.heat_path.is_direct else 4]
-    found = None if vehicle is None else compiled_searches.find_surplus_ceiling(
-        vehicle, trip.compiled, start, target_c, soc)
+    found = None if vehicle is None else native_searches.find_surplus_ceiling(
+        vehicle, trip.native, start, target_c, soc)
     if found is not None:
         return found
     idle_w = np.zeros(len(trip.route))

@@ -16,10 +16,10 @@ from typing import Any, TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.compiled import plans as compiled_plans
-from bev_preheat.compiled import runs as compiled_runs
+from bev_preheat.native import plans as native_plans
+from bev_preheat.native import runs as native_runs
 from bev_preheat.numerics.arithmetic import ARRAYS, FLOATS, SATURATING_FLOATS
-from bev_preheat.planning.dynamics import compiled_vehicle, JOULES_PER_WH, KEPT_VEHICLES
+from bev_preheat.planning.dynamics import JOULES_PER_WH, KEPT_VEHICLES, native_vehicle
 from bev_preheat.planning.schedule import HEATING_SHARE, Schedule
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.vehicle.corrections import corrected_vehicle, Corrections
@@ -107,9 +107,9 @@ def roll_heated(trip: Trip, start: States, command_w: FloatArray, first: int = 0
     """
     states = np.empty((len(start), len(trip.route) + 1))
     states[:, first] = start
-    vehicle = compiled_vehicle(trip.vehicle)
-    run = None if vehicle is None else compiled_runs.run_heated(
-        vehicle, trip.compiled, states, first, command_w, brake_power_w)
+    vehicle = native_vehicle(trip.vehicle)
+    run = None if vehicle is None else native_runs.run_heated(
+        vehicle, trip.native, states, first, command_w, brake_power_w)
     if run is not None:
         return run[:, first:]
     columns = [column[first:].tolist()
@@ -167,9 +167,9 @@ def along_states(trip: Trip, states: Sequence[FloatArray] | FloatArray, command_
 def _heat_along(trip: Trip, states: Sequence[FloatArray] | FloatArray, command_w: FloatArray,
                 brake_power_w: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return what the heater takes, and the heat that reaches the battery, means of each step [W] (N,)."""
-    vehicle = compiled_vehicle(trip.vehicle)
-    heat_w = None if vehicle is None else compiled_plans.heat_along(
-        vehicle, trip.compiled, np.array(states, dtype=float), command_w, brake_power_w)
+    vehicle = native_vehicle(trip.vehicle)
+    heat_w = None if vehicle is None else native_plans.heat_along(
+        vehicle, trip.native, np.array(states, dtype=float), command_w, brake_power_w)
     if heat_w is not None:
         return heat_w[0], heat_w[1]
     soc, temperature_c, heater_w, excess_k = states

@@ -15,12 +15,12 @@ from typing import cast, TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.compiled import runs as compiled_runs
-from bev_preheat.compiled import searches as compiled_searches
+from bev_preheat.native import runs as native_runs
+from bev_preheat.native import searches as native_searches
 from bev_preheat.numerics.arithmetic import FLOATS
 from bev_preheat.planning.both_ends import drive_to_end, Driven, warmth_beyond
 from bev_preheat.planning.bracketing import halve
-from bev_preheat.planning.dynamics import compiled_vehicle, hottest_c
+from bev_preheat.planning.dynamics import hottest_c, native_vehicle
 from bev_preheat.planning.foresight import Foresight
 from bev_preheat.planning.heat_run import (
     ends_before_arrival_s,
@@ -37,7 +37,7 @@ from bev_preheat.vehicle.terminal_limits import make_terminal_limits, TerminalLi
 
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray
-    from bev_preheat.planning.limits import WantedHeat, WantedPower, Watch
+    from bev_preheat.planning.limits import LimitedSteps, WantedHeat, WantedPower
     from bev_preheat.planning.situation import BatteryState
     from bev_preheat.planning.trip import Trip
 
@@ -52,7 +52,7 @@ HeatedDrive = Callable[[int, States], tuple[States, Powers]]
 
 
 def run_heated_within_limits(
-        trip: Trip, state: BatteryState, watch: Watch, wanted: WantedHeat, take_surplus: bool,
+        trip: Trip, state: BatteryState, watch: LimitedSteps, wanted: WantedHeat, take_surplus: bool,
         first: int = 0, before: Schedule | None = None
         ) -> tuple[FloatArray, FloatArray, tuple[int, float] | None]:
     """
@@ -91,7 +91,7 @@ def along_heated_limits(trip: Trip, states: FloatArray, powers_w: FloatArray, st
         heat=make_heat_run(trip.vehicle.heat_path, heater_w, excess_k, drawn_w, arriving_w))
 
 
-def _drive_on(trip: Trip, watch: Watch, wanted: WantedHeat, take_surplus: bool, first: int,
+def _drive_on(trip: Trip, watch: LimitedSteps, wanted: WantedHeat, take_surplus: bool, first: int,
               states: FloatArray, powers_w: FloatArray) -> int | None:
     """
     Drive on from step `first`, within the limits; return the step that the charge does not carry.
@@ -99,9 +99,9 @@ def _drive_on(trip: Trip, watch: Watch, wanted: WantedHeat, take_surplus: bool, 
     Written are the States (4, N + 1) after `first`, and the Powers (4, N) from it on, as far as the charge
     carries.
     """
-    vehicle = compiled_vehicle(trip.vehicle)
-    driven = None if vehicle is None else compiled_runs.run_heated_within_limits(
-        vehicle, trip.compiled, compiled_runs.Heating(
+    vehicle = native_vehicle(trip.vehicle)
+    driven = None if vehicle is None else native_runs.run_heated_within_limits(
+        vehicle, trip.native, native_runs.Heating(
             wanted.power_w, wanted.bands, watch.charge, watch.discharge, take_surplus),
         first, states, powers_w)
     if driven is not None:
@@ -118,7 +118,7 @@ def _drive_on(trip: Trip, watch: Watch, wanted: WantedHeat, take_surplus: bool, 
     return None
 
 
-def _drive_within_limits(trip: Trip, watch: Watch, wanted_w: WantedPower,
+def _drive_within_limits(trip: Trip, watch: LimitedSteps, wanted_w: WantedPower,
                          take_surplus: bool) -> HeatedDrive:
     """Return `drive(k, states)`, which drives step k within the limits; see `limits`."""
     vehicle, path = trip.vehicle, trip.vehicle.heat_path
@@ -214,9 +214,9 @@ def _strand(trip: Trip, empty: int, states: FloatArray, powers_w: FloatArray) ->
     The step is driven until the battery is empty; from then on the vehicle stands, its heater takes
     nothing, and its coolant goes on to give its heat to the battery. `powers_w` of that step are known.
     """
-    compiled = compiled_vehicle(trip.vehicle)
-    found = None if compiled is None else compiled_searches.stand(
-        compiled, trip.compiled, empty, states, powers_w)
+    native = native_vehicle(trip.vehicle)
+    found = None if native is None else native_searches.stand(
+        native, trip.native, empty, states, powers_w)
     if found is not None:
         return found
     step = heated_step_of_floats(trip.vehicle, True)

@@ -98,7 +98,7 @@ def free_heat_w(trip: Trip, run: Schedule) -> FloatArray:
     return np.where(run.brake_power_w > 0.0, np.minimum(free_w, run.heater_power_w), free_w)
 
 
-class Changes(NamedTuple):
+class LimitChanges(NamedTuple):
     """
     What heating a step more, or less, does along a run, C changes that can be made.
 
@@ -126,7 +126,7 @@ class Changes(NamedTuple):
                   for k in self.worst), *spare_soc]
 
 
-def find_changes(trip: Trip, run: Schedule, needs: Needs) -> Changes:
+def find_changes(trip: Trip, run: Schedule, needs: Needs) -> LimitChanges:
     """Return the Changes that can be made to a run within limits, of a vehicle without a heat path."""
     free_w, heater_w = free_heat_w(trip, run), run.heater_power_w
     slopes = _slopes_within_limits(trip, run, free_w)
@@ -145,7 +145,7 @@ def find_changes(trip: Trip, run: Schedule, needs: Needs) -> Changes:
     duration_s = trip.route.duration_s[step]
     sign = np.where(np.arange(len(step)) < len(more), 1.0, -1.0)
     per_j = np.array([sign * effect[step] / duration_s for effect in effects])
-    return Changes(step, sign, np.concatenate((room_w[0][more], room_w[1][less])) * duration_s,
+    return LimitChanges(step, sign, np.concatenate((room_w[0][more], room_w[1][less])) * duration_s,
                    per_j[0], per_j[1:], worst, lowest)
 
 

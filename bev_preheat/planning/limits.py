@@ -14,16 +14,16 @@ from typing import NamedTuple, TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
-from bev_preheat.compiled import runs as compiled_runs
-from bev_preheat.compiled import searches as compiled_searches
+from bev_preheat.native import runs as native_runs
+from bev_preheat.native import searches as native_searches
 from bev_preheat.numerics.arithmetic import FLOATS
 from bev_preheat.planning.both_ends import drive_to_end, Driven, warmth_beyond
 from bev_preheat.planning.bracketing import halve
 from bev_preheat.planning.dynamics import (
-    compiled_vehicle,
     hottest_c,
     limits_along,
     limits_of_steps_w,
+    native_vehicle,
     step_of_floats,
 )
 from bev_preheat.planning.heated_limits import along_heated_limits, run_heated_within_limits
@@ -89,7 +89,7 @@ class WantedHeat(NamedTuple):
         return wanted_w
 
 
-class Watch(NamedTuple):
+class LimitedSteps(NamedTuple):
     """Steps in which a limit may matter, shape (N,): regeneration, or drive and heater."""
 
     charge: BoolArray
@@ -101,11 +101,11 @@ class Watch(NamedTuple):
         return bool(self.charge.any() or self.discharge.any())
 
 
-def watch_limits(trip: Trip, soc: FloatArray, temperature_c: FloatArray) -> Watch:
+def watch_limits(trip: Trip, soc: FloatArray, temperature_c: FloatArray) -> LimitedSteps:
     """Return the Watch of a trip, from a run (N + 1 values) not much warmer than any other."""
     least_w, most_w = limits_of_steps_w(
         trip.vehicle, soc, colder(trip.vehicle, temperature_c), trip.power_variance_w2)
-    return Watch(
+    return LimitedSteps(
         charge=(trip.route.propulsion_power_w < 0.0) & (trip.idle_power_w < least_w),
         discharge=trip.idle_power_w + trip.heater_limit_w > most_w)
 
@@ -128,7 +128,7 @@ def limits_hold(trip: Trip, schedule: Schedule, before: int | None = None) -> bo
     return bool(((terminal_w >= least_w) & (terminal_w <= most_w)).all())
 
 
-def run_within_limits(trip: Trip, state: BatteryState, watch: Watch,
+def run_within_limits(trip: Trip, state: BatteryState, watch: LimitedSteps,
                       wanted: WantedHeat, take_surplus: bool,
                       first: int = 0, before: Schedule | None = None) -> Schedule:
     """
@@ -146,7 +146,7 @@ def run_within_limits(trip: Trip, state: BatteryState, watch: Watch,
         trip, state, watch, wanted, take_surplus, first, before))
 
 
-def course_within_limits(trip: Trip, state: BatteryState, watch: Watch, wanted: WantedHeat,
+def course_within_limits(trip: Trip, state: BatteryState, watch: LimitedSteps, wanted: WantedHeat,
                          take_surplus: bool, first: int = 0, before: Schedule | None = None) -> Course:
     """Return the Course of such a run, for who needs no Schedule of it."""
     if not trip.vehicle.heat_path.is_direct:
@@ -166,7 +166,7 @@ def course_within_limits(trip: Trip, state: BatteryState, watch: Watch, wanted: 
     return states, powers_w, stranded
 
 
-def along_limits(trip: Trip, watch: Watch, states: FloatArray, powers_w: FloatArray,
+def along_limits(trip: Trip, watch: LimitedSteps, states: FloatArray, powers_w: FloatArray,
                  stranded: tuple[int, float] | None) -> Schedule:
     """
     Return the Schedule of a run that has kept the limits in the steps of a Watch.
@@ -200,7 +200,7 @@ def where_stranded(trip: Trip,
     return float(trip.time_s[empty] + share * trip.route.duration_s[empty]), driven_share
 
 
-def _drive_on(trip: Trip, watch: Watch, wanted: WantedHeat, take_surplus: bool, first: int,
+def _drive_on(trip: Trip, watch: LimitedSteps, wanted: WantedHeat, take_surplus: bool, first: int,
               states: FloatArray, powers_w: FloatArray) -> int | None:
     """
     Drive on from step `first`, within the limits; return the step that the charge does not carry.
@@ -208,9 +208,9 @@ def _drive_on(trip: Trip, watch: Watch, wanted: WantedHeat, take_surplus: bool, 
     Written are the states (2, N + 1) after `first`, and the powers of heater and brake (2, N) from it
     on, as far as the charge carries.
     """
-    vehicle = compiled_vehicle(trip.vehicle)
-    driven = None if vehicle is None else compiled_runs.run_within_limits(
-        vehicle, trip.compiled, compiled_runs.Heating(
+    vehicle = native_vehicle(trip.vehicle)
+    driven = None if vehicle is None else native_runs.run_within_limits(
+        vehicle, trip.native, native_runs.Heating(
             wanted.power_w, wanted.bands, watch.charge, watch.discharge, take_surplus),
         first, states, powers_w)
     if driven is not None:
@@ -227,7 +227,7 @@ def _drive_on(trip: Trip, watch: Watch, wanted: WantedHeat, take_surplus: bool, 
     return None
 
 
-def _step_within_limits(trip: Trip, watch: Watch, wanted_w: WantedPower,
+def _step_within_limits(trip: Trip, watch: LimitedSteps, wanted_w: WantedPower,
                         take_surplus: bool) -> StepWithinLimits:
     """
     Return `drive(k, soc, temperature_c)`, which drives step k from that state within the limits.
@@ -306,9 +306,9 @@ def _strand(trip: Trip, empty: int, states: FloatArray, powers_w: FloatArray) ->
     The step is driven until the battery is empty; from then on the vehicle stands. The powers of that
     step are known.
     """
-    vehicle, compiled = trip.vehicle, compiled_vehicle(trip.vehicle)
-    share = None if compiled is None else compiled_searches.stand(
-        compiled, trip.compiled, empty, states, powers_w)
+    vehicle, native = trip.vehicle, native_vehicle(trip.vehicle)
+    share = None if native is None else native_searches.stand(
+        native, trip.native, empty, states, powers_w)
     if share is not None:
         return share
     start: tuple[float, float] = tuple(states[:, empty].tolist())
@@ -360,9 +360,9 @@ def drive_as_planned(trip: Trip, state: BatteryState, heater_power_w: FloatArray
                              take_surplus, first, before)
 
 
-def watch_everywhere(trip: Trip) -> Watch:
+def watch_everywhere(trip: Trip) -> LimitedSteps:
     """Return the Watch under which a limit may matter in each step of a trip."""
-    return Watch(trip.route.propulsion_power_w < 0.0, np.ones(len(trip.route), dtype=bool))
+    return LimitedSteps(trip.route.propulsion_power_w < 0.0, np.ones(len(trip.route), dtype=bool))
 
 
 def within_limits(trip: Trip, state: BatteryState, schedule: Schedule) -> Schedule:

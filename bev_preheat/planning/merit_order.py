@@ -7,7 +7,7 @@ surplus costs nothing. Then come those in which a kelvin is worth the most to th
 for what it takes (`thresholds`): before a descent, so that a warmer battery takes more of it;
 before a climb that the cold battery cannot deliver; and, by leakage, the later the better, before
 arrival. Heating stops where the target or the highest temperature is met. What it may cost of the
-charge, and that it serves what it is for, `safeguard` sees to. One stretch of heating as it can be driven
+charge, and that it serves what it is for, `no_regret_check` sees to. One stretch of heating as it can be driven
 (`limited_switch`) is the plan where thresholds lead to a worse one.
 
 Where no limit is active all that is left is the end of the trip, `optimal_switch`, but for the few trips
@@ -21,18 +21,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.compiled import searches as compiled_searches
-from bev_preheat.compiled.structs import SettlingStruct
+from bev_preheat.native import searches as native_searches
+from bev_preheat.native.structs import SettlingStruct
 from bev_preheat.planning.charge_acceptance import find_acceptance_loss, no_acceptance_loss
 from bev_preheat.planning.cheapest_steps import heat_cheapest, whole_charge_wh
-from bev_preheat.planning.dynamics import compiled_vehicle, JOULES_PER_WH, run_forward
+from bev_preheat.planning.dynamics import JOULES_PER_WH, native_vehicle, run_forward
 from bev_preheat.planning.exchange import exchange_heat
 from bev_preheat.planning.heat_run import initial_states, roll_heated, with_coolant_in_battery
 from bev_preheat.planning.limited_switch import switch_within_limits
 from bev_preheat.planning.limits import drive_as_planned, limits_hold, watch_limits, within_limits
+from bev_preheat.planning.no_regret import NO_WORSE_W, power_deficit
 from bev_preheat.planning.optimal_switch import ARRIVAL_TOLERANCE_K, plan_optimal_switch
 from bev_preheat.planning.rows import schedule_of, states_of
-from bev_preheat.planning.safeguard import lacking_power, NO_WORSE_W
 from bev_preheat.planning.threshold_search import ThresholdSearch
 from bev_preheat.planning.thresholds import find_thresholds, PENALTY
 from bev_preheat.planning.two_switches import paid_until
@@ -95,7 +95,7 @@ def plan_merit_order(trip: Trip, state: BatteryState, goal: Goal, unheated: Sche
 def _found_by_core(trip: Trip, state: BatteryState, target_c: float, unheated: Schedule | None,
                    serves_climbs: bool) -> Schedule | None:
     """Return the Schedule as the compiled core plans it; None where it does not answer."""
-    vehicle, path = compiled_vehicle(trip.vehicle), trip.vehicle.heat_path
+    vehicle, path = native_vehicle(trip.vehicle), trip.vehicle.heat_path
     if vehicle is None:
         return None
     if unheated is not None:
@@ -105,7 +105,7 @@ def _found_by_core(trip: Trip, state: BatteryState, target_c: float, unheated: S
     else:
         idle_states = roll_heated(trip, initial_states(state), np.zeros(len(trip.route)))
     settling = SettlingStruct(serves_climbs, target_c, trip.vehicle.battery.soc_range[0])
-    plan = compiled_searches.plan_merit_order(vehicle, trip.compiled, settling, idle_states)
+    plan = native_searches.plan_merit_order(vehicle, trip.native, settling, idle_states)
     return None if plan is None else schedule_of(trip, plan)
 
 
@@ -183,7 +183,7 @@ def _saves(trip: Trip, schedule: Schedule, other: Schedule, goal: Goal) -> bool:
              or (more_missed_k <= ARRIVAL_TOLERANCE_K
                  and schedule.soc[-1] > other.soc[-1] + LEAST_SAVING_SOC))
         and schedule.soc.min() >= min(lowest_soc, other.soc.min())
-        and lacking_power(trip, schedule).worst_w <= lacking_power(trip, other).worst_w)
+        and power_deficit(trip, schedule).worst_w <= power_deficit(trip, other).worst_w)
 
 
 def _missed_k(schedule: Schedule, goal: Goal) -> float:
@@ -194,7 +194,7 @@ def _missed_k(schedule: Schedule, goal: Goal) -> float:
 def _is_exchanged(trip: Trip, schedule: Schedule, serves_climbs: bool) -> bool:
     """Return whether exchanges of heat bring a Schedule to the best: it delivers all, and heat arrives at once."""
     return (trip.vehicle.heat_path.is_direct and schedule.empty_at_s is None
-            and (not serves_climbs or lacking_power(trip, schedule).worst_w == 0.0))
+            and (not serves_climbs or power_deficit(trip, schedule).worst_w == 0.0))
 
 
 def _is_better(trip: Trip, schedule: Schedule, other: Schedule, goal: Goal,
@@ -203,7 +203,7 @@ def _is_better(trip: Trip, schedule: Schedule, other: Schedule, goal: Goal,
     if (schedule.empty_at_s is None) != (other.empty_at_s is None):
         return schedule.empty_at_s is None
     if serves_climbs:
-        more_w = lacking_power(trip, schedule).worst_w - lacking_power(trip, other).worst_w
+        more_w = power_deficit(trip, schedule).worst_w - power_deficit(trip, other).worst_w
         if abs(more_w) > NO_WORSE_W:
             return more_w < 0.0
     missed_k, other_missed_k = (_missed_k(run, goal) for run in (schedule, other))

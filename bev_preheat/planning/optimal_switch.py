@@ -15,10 +15,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.compiled import plans as compiled_plans
+from bev_preheat.native import plans as native_plans
 from bev_preheat.numerics.arithmetic import SATURATING_FLOATS
 from bev_preheat.planning.bracketing import follow_slope, Trial
-from bev_preheat.planning.dynamics import compiled_vehicle, run_forward, run_on
+from bev_preheat.planning.dynamics import native_vehicle, run_forward, run_on
 from bev_preheat.planning.paper import find_crossing
 from bev_preheat.planning.schedule import maximum_from, Schedule
 from bev_preheat.planning.two_switches import plan_two_switches
@@ -54,9 +54,9 @@ def plan_optimal_switch(trip: Trip, state: BatteryState, goal: Goal,
         idle = unheated.soc, unheated.temperature_c
     if idle[1][-1] >= goal.target_temperature_c:
         return Schedule(None, idle_w, idle_w, *idle, make_runge_kutta_4)
-    vehicle = compiled_vehicle(trip.vehicle)
-    found = None if vehicle is None else compiled_plans.find_switch(
-        vehicle, trip.compiled, goal.target_temperature_c, *idle)
+    vehicle = native_vehicle(trip.vehicle)
+    found = None if vehicle is None else native_plans.find_switch(
+        vehicle, trip.native, goal.target_temperature_c, *idle)
     if found is not None:
         return Schedule(found.instant_s, found.heater_power_w, idle_w, found.soc,
                         found.temperature_c, make_runge_kutta_4)

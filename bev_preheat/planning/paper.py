@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.compiled import runs as compiled_runs
-from bev_preheat.planning.dynamics import compiled_vehicle, run_forward, run_on, step_of_floats
+from bev_preheat.native import runs as native_runs
+from bev_preheat.planning.dynamics import native_vehicle, run_forward, run_on, step_of_floats
 from bev_preheat.planning.heat_run import initial_states, run_heated, without_heat_path
 from bev_preheat.planning.schedule import maximum_from, Schedule
 from bev_preheat.vehicle.model import Integrator, make_euler
@@ -73,9 +73,9 @@ def find_crossing(trip: Trip, target_c: float, terminal_soc: float,
     `idle_temperature_c` (N + 1 values) is the unheated run, colder than the target at its end.
     The paper steps backward by Euler's method; another one may be asked for.
     """
-    vehicle = compiled_vehicle(trip.vehicle)
-    found = None if vehicle is None else compiled_runs.crossing(
-        vehicle, make_integrator, trip.compiled, target_c, terminal_soc, LOST_ABOVE_TARGET_K,
+    vehicle = native_vehicle(trip.vehicle)
+    found = None if vehicle is None else native_runs.crossing(
+        vehicle, make_integrator, trip.native, target_c, terminal_soc, LOST_ABOVE_TARGET_K,
         idle_temperature_c)
     if found is not None:
         return found[0]

@@ -17,7 +17,7 @@ from bev_preheat.planning.stranding import Stranding
 
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray
-    from bev_preheat.planning.stretches import HeatingStretch
+    from bev_preheat.planning.heating_intervals import HeatingInterval
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ class Plan:
     a step, as on arrival. `shortfall_k` says by how much the target is missed, `soc_shortfall` by
     how much the state of charge to be kept, `undeliverable_power_w` how much power the battery
     lacks in the worst step (at `undeliverable_at_s`). `sentence` makes of the plan what `explanation`
-    says: most plans are followed, and not read. `stretches`
+    says: most plans are followed, and not read. `intervals`
     (planning.stretches.HeatingStretch) say why it heats, `held_back` (planning.schedule.HeldBack)
     why it does not heat more, and `stranding` (planning.stranding.Stranding) where the charge runs
     out; None where it does not. Shapes: `time_s`,
@@ -54,7 +54,7 @@ class Plan:
     soc_shortfall: float
     undeliverable_power_w: float
     undeliverable_at_s: float | None
-    stretches: tuple[HeatingStretch, ...]
+    intervals: tuple[HeatingInterval, ...]
     planning_time_s: float
     heating_end_s: float | None = None
     held_back: HeldBack | None = None
@@ -134,10 +134,10 @@ class Plan:
             'undeliverable_at_s': self.undeliverable_at_s,
             'charge_runs_out_at_s': self.stranding and self.stranding.at_s,
             'charge_runs_out_at_m': self.stranding and self.stranding.at_m,
-            'lacking_energy_wh': self.stranding.lacking_wh if self.stranding else 0.0,
-            'stretches': [{'start_s': stretch.start_s, 'end_s': stretch.end_s,
-                           'energy_wh': stretch.energy_wh, 'reason': stretch.reason.name}
-                          for stretch in self.stretches],
+            'lacking_energy_wh': self.stranding.deficit_wh if self.stranding else 0.0,
+            'stretches': [{'start_s': interval.start_s, 'end_s': interval.end_s,
+                           'energy_wh': interval.energy_wh, 'reason': interval.reason.name}
+                          for interval in self.intervals],
             'energy_wh': asdict(self.energy_wh),
             'planning_time_s': self.planning_time_s,
             'time_s': self.time_s.tolist(),

@@ -12,22 +12,22 @@ from typing import Any, TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.errors import InvalidInput, PlanningFailure
-from bev_preheat.planning.caution import Caution, heat_early
 from bev_preheat.planning.dynamics import Energies, JOULES_PER_WH, run_forward
 from bev_preheat.planning.explanation import explain
 from bev_preheat.planning.free_heat import leave_useless_heat
 from bev_preheat.planning.heat_run import initial_states, run_heated
 from bev_preheat.planning.limits import drive_as_planned
 from bev_preheat.planning.merit_order import plan_merit_order
+from bev_preheat.planning.no_regret import checked_by_core, giving_way, is_described, NoRegretCheck, Proposal
 from bev_preheat.planning.optimal_switch import plan_optimal_switch
-from bev_preheat.planning.outcome import find_outcome, Outcome
+from bev_preheat.planning.outcome import find_outcome, ScheduleOutcome
 from bev_preheat.planning.paper import plan_paper
 from bev_preheat.planning.plan import Plan
-from bev_preheat.planning.safeguard import giving_way, is_described, Proposal, Safeguard, safeguarded_by_core
 from bev_preheat.planning.schedule import Method, Schedule
 from bev_preheat.planning.situation import BatteryState, check_situation, Goal, reserve_soc
 from bev_preheat.planning.status import Status
 from bev_preheat.planning.trip import heated_throughout, make_trip, Trip
+from bev_preheat.planning.uncertainty_margin import heat_early, UncertaintyMargin
 from bev_preheat.planning.unlimited import plan_unlimited, plan_unlimited_paper
 from bev_preheat.vehicle.model import Integrator, make_runge_kutta_4
 
@@ -44,7 +44,7 @@ METHODS: dict[str, Method] = {
     'paper': plan_paper,
 }
 # What each method proposes to drive by, the most demanding first: where a proposal would be worse
-# than not heating, the next one is tried (see `safeguard`).
+# than not heating, the next one is tried (see `no_regret_check`).
 PROPOSALS: dict[str, tuple[Method, ...]] = {
     'merit_order': (plan_merit_order, partial(plan_merit_order, serves_climbs=False)),
     'optimal_switch': (giving_way(plan_optimal_switch),),
@@ -52,8 +52,8 @@ PROPOSALS: dict[str, tuple[Method, ...]] = {
 }
 DEFAULT_METHOD = 'merit_order'
 # Where no limit is active each heats, as a rule, from one instant on: one call of the compiled core.
-UNLIMITED: dict[str, Callable[..., tuple[Schedule, Outcome | None] | None]] = {
-    'merit_order': partial(plan_unlimited, in_one_stretch=False),
+UNLIMITED: dict[str, Callable[..., tuple[Schedule, ScheduleOutcome | None] | None]] = {
+    'merit_order': partial(plan_unlimited, in_one_interval=False),
     'optimal_switch': plan_unlimited,
     'paper': plan_unlimited_paper,
 }
@@ -71,18 +71,18 @@ NOW_S = 1e-6
 
 
 def plan_preheating(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goal,
-                    method: str = DEFAULT_METHOD, caution: Caution | None = None,
+                    method: str = DEFAULT_METHOD, uncertainty_margin: UncertaintyMargin | None = None,
                     heater_share: float = 1.0, heats_throughout: bool = False,
-                    heat_lag_s: float = 0.0, safeguarded: bool = True, **options: Any) -> Plan:
+                    heat_lag_s: float = 0.0, no_regret: bool = True, **options: Any) -> Plan:
     """
     Return the Plan for a vehicle with a battery state at the start of a route.
 
-    `method` is one of METHODS, `options` are its own. `caution` (a Caution) makes it heat a little
+    `method` is one of METHODS, `options` are its own. `uncertainty_margin` (a Caution) makes it heat a little
     more and earlier; `heater_share` (0 ... 1) is what the heater gives of its power; with
     `heats_throughout` it heats whatever is planned, which the energies contain. Its heat arrives
     `heat_lag_s` [s] late; what would come after the end is not made. (For a vehicle without a heat path;
     one that has a heat path is planned with it, and `state` says what is under way.) Without
-    `safeguarded` the plan is what the method makes of it, even if that is worse than not heating: for
+    `no_regret` the plan is what the method makes of it, even if that is worse than not heating: for
     comparing methods, never for driving. Raises InvalidInput where state, goal or route are outside what
     the vehicle's model describes, or the method is unknown; PlanningFailure where the model yields no
     numbers.
@@ -98,14 +98,14 @@ def plan_preheating(vehicle: Vehicle, route: Route, state: BatteryState, goal: G
         trip = heated_throughout(trip, uncommanded.taken_w)
     outcome = None
     try:
-        found = (UNLIMITED[method](trip, state, goal, caution)
-                 if safeguarded and not options else None)
+        found = (UNLIMITED[method](trip, state, goal, uncertainty_margin)
+                 if no_regret and not options else None)
         if found is not None and found[1] is not None:
             schedule, outcome = found
         else:
             unheated = plan_without_heating(trip, state) if found is None else found[0]
             schedule = _schedule(
-                trip, state, goal, method, caution, safeguarded, options, unheated)
+                trip, state, goal, method, uncertainty_margin, no_regret, options, unheated)
     except ArithmeticError as error:
         raise PlanningFailure(f'the battery model fails on this route: {error}') from error
     plan = finish_plan(trip, goal, schedule, method, started, outcome)
@@ -133,8 +133,15 @@ class _Uncommanded:
             hvch_electric=energy_wh.hvch_electric + float(hours @ self.taken_w))
 
 
-def _schedule(trip: Trip, state: BatteryState, goal: Goal, method: str, caution: Caution | None,
-              safeguarded: bool, options: dict[str, Any], unheated: Schedule) -> Schedule:
+def _schedule(trip: Trip,
+    state: BatteryState,
+    goal: Goal,
+    method: str,
+    uncertainty_margin: UncertaintyMargin | None,
+    no_regret: bool,
+    options: dict[str,
+    Any],
+     unheated: Schedule) -> Schedule:
     """Return the Schedule of a method; `unheated` is the one without any heating, limits left aside."""
     if not goal.charging_planned:
         return as_described(trip, state, unheated)
@@ -142,30 +149,30 @@ def _schedule(trip: Trip, state: BatteryState, goal: Goal, method: str, caution:
     if not goal.heating_pays:
         goal = replace(goal, target_temperature_c=lowest_c)
 
-    def with_caution_c(target_c: float) -> float:
-        return target_c if caution is None else min(target_c + caution.margin_k, highest_c)
+    def with_margin_c(target_c: float) -> float:
+        return target_c if uncertainty_margin is None else min(target_c + uncertainty_margin.margin_k, highest_c)
 
     def proposal(trip: Trip, propose: Method) -> Proposal:
         def schedule_for(target_c: float) -> Schedule:
-            target_c = with_caution_c(target_c)
+            target_c = with_margin_c(target_c)
             schedule = propose(trip, state, replace(goal, target_temperature_c=target_c),
                                unheated=unheated, **options)
-            if caution is not None:
-                schedule = heat_early(trip, state, schedule, target_c, caution)
+            if uncertainty_margin is not None:
+                schedule = heat_early(trip, state, schedule, target_c, uncertainty_margin)
             return as_described(trip, state, schedule)
         return schedule_for
 
     def serve(trip: Trip) -> Schedule:
         found = None
         if method == 'merit_order' and not options:
-            found = safeguarded_by_core(trip, state, goal, caution, unheated)
-        return found or Safeguard(trip, state, goal, unheated).serve(
+            found = checked_by_core(trip, state, goal, uncertainty_margin, unheated)
+        return found or NoRegretCheck(trip, state, goal, unheated).serve(
             [proposal(trip, propose) for propose in PROPOSALS[method]])
 
-    if not safeguarded:
+    if not no_regret:
         return proposal(trip, METHODS[method])(goal.target_temperature_c)
     return leave_useless_heat(
-        trip, state, with_caution_c(goal.target_temperature_c), serve(trip), serve)
+        trip, state, with_margin_c(goal.target_temperature_c), serve(trip), serve)
 
 
 def as_described(trip: Trip, state: BatteryState, schedule: Schedule) -> Schedule:
@@ -207,7 +214,7 @@ def plan_without_heating(trip: Trip, state: BatteryState,
 
 
 def finish_plan(trip: Trip, goal: Goal, schedule: Schedule, method: str, started: float,
-                outcome: Outcome | None = None) -> Plan:
+                outcome: ScheduleOutcome | None = None) -> Plan:
     """
     Return the Plan of a schedule: energies, status and sentence; `started`: perf_counter().
 
@@ -237,7 +244,7 @@ def finish_plan(trip: Trip, goal: Goal, schedule: Schedule, method: str, started
         soc_shortfall=max(0.0, reserve - arrival_soc),
         undeliverable_power_w=outcome.undeliverable_power_w,
         undeliverable_at_s=outcome.undeliverable_at_s,
-        stretches=outcome.stretches,
+        intervals=outcome.intervals,
         planning_time_s=0.0,
         heating_end_s=schedule.heating_end_s,
         held_back=schedule.held_back,

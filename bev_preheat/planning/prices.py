@@ -16,9 +16,9 @@ from typing import NamedTuple, TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.compiled import plans as compiled_plans
+from bev_preheat.native import plans as native_plans
 from bev_preheat.numerics.arithmetic import ARRAYS
-from bev_preheat.planning.dynamics import compiled_vehicle
+from bev_preheat.planning.dynamics import native_vehicle
 from bev_preheat.vehicle.model import make_rates
 
 if TYPE_CHECKING:
@@ -37,7 +37,7 @@ ChargeWarmth = tuple[float, float]
 RatesAlong = Callable[..., 'FloatArray']
 
 
-class Prices(NamedTuple):
+class HeatPrices(NamedTuple):
     """
     What a watt of the heater in each step does until arrival, two arrays (N,).
 
@@ -89,21 +89,21 @@ class Slopes:
         return earlier
 
 
-def find_prices(trip: Trip, schedule: Schedule) -> Prices:
+def find_prices(trip: Trip, schedule: Schedule) -> HeatPrices:
     """
     Return the Prices along the run of a Schedule, limits left aside, of a vehicle without a heat path.
 
     They say in which order to heat, not what that costs.
     """
-    vehicle = compiled_vehicle(trip.vehicle)
-    found = None if vehicle is None else compiled_plans.find_prices(
-        vehicle, trip.compiled, schedule.soc, schedule.temperature_c, schedule.heater_power_w)
+    vehicle = native_vehicle(trip.vehicle)
+    found = None if vehicle is None else native_plans.find_prices(
+        vehicle, trip.native, schedule.soc, schedule.temperature_c, schedule.heater_power_w)
     if found is not None:
-        return Prices(*found)
+        return HeatPrices(*found)
     slopes = Slopes(*(slope.T.tolist() for slope in model_slopes(
         trip, rates_along(trip, schedule), schedule.heater_power_w, np.zeros(len(trip.route)))))
     steps = len(trip.route)
-    return Prices(slopes.effect_until(steps, WARMTH), -slopes.effect_until(steps, CHARGE))
+    return HeatPrices(slopes.effect_until(steps, WARMTH), -slopes.effect_until(steps, CHARGE))
 
 
 def rates_along(trip: Trip, schedule: Schedule) -> RatesAlong:

@@ -13,7 +13,7 @@ from bev_preheat.planning.schedule import Schedule
 from bev_preheat.vehicle.model import make_runge_kutta_4
 
 if TYPE_CHECKING:
-    from bev_preheat.compiled.searches import MeritPlan
+    from bev_preheat.native.searches import MeritPlan
     from bev_preheat.numerics.arrays import FloatArray
     from bev_preheat.planning.trip import Trip
 

@@ -18,13 +18,13 @@ class Stranding(NamedTuple):
     """
     The charge runs out `at_s` [s] and `at_m` [m] after the start of the trip.
 
-    `lacking_wh` is the energy at the battery's terminals that the rest of the trip would take [Wh];
+    `deficit_wh` is the energy at the battery's terminals that the rest of the trip would take [Wh];
     the losses of a battery that had it come on top.
     """
 
     at_s: float
     at_m: float
-    lacking_wh: float
+    deficit_wh: float
 
 
 def find_stranding(trip: Trip, schedule: Schedule) -> Stranding | None:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.numerics.arithmetic import ARRAYS
-from bev_preheat.planning.limits import Watch
+from bev_preheat.planning.limits import LimitedSteps
 from bev_preheat.vehicle.model import make_midpoint, make_rates
 from bev_preheat.vehicle.terminal_limits import make_terminal_limits
 
@@ -77,7 +77,7 @@ class Strides:
         return len(self.first)
 
 
-def make_strides(trip: Trip, watch: Watch, run: Schedule, loss: AcceptanceLoss, target_c: float,
+def make_strides(trip: Trip, watch: LimitedSteps, run: Schedule, loss: AcceptanceLoss, target_c: float,
                  is_first_look: bool = False) -> Strides:
     """
     Return the Strides of a trip along a run (a Schedule); limits matter where `watch` says so.
@@ -204,9 +204,9 @@ def map_strides(vehicle: Vehicle, strides: Strides, grid_c: FloatArray,
             strides.idle_power_w, strides.power_variance_w2, strides.idle_heat_w,
             strides.leakage_w_per_k, strides.soc, strides.duration_s, strides.heater_limit_w))
     start_c = np.broadcast_to(grid_c, (len(strides), len(grid_c)))
-    surplus_w, lacking_w, room_w = _at_the_limits(vehicle, strides, start_c)
+    surplus_w, deficit_w, room_w = _at_the_limits(vehicle, strides, start_c)
     first, last = _points_used(grid_c, strides)
-    needed_c = _needed_c(grid_c, lacking_w, first, last, strides.every)
+    needed_c = _needed_c(grid_c, deficit_w, first, last, strides.every)
     step = make_midpoint(make_rates(vehicle, ARRAYS))
 
     def maps_of(heater_w: FloatArray) -> StrideMaps:
@@ -216,7 +216,7 @@ def map_strides(vehicle: Vehicle, strides: Strides, grid_c: FloatArray,
             soc, start_c, duration_s, terminal_w, variance_w2,
             heat_w + vehicle.hvch.efficiency * heater_w
             - vehicle.drivetrain.heat_share * brake_w, leakage_w_per_k)
-        energy_j = duration_s * (terminal_w + joule_w + penalty * lacking_w)
+        energy_j = duration_s * (terminal_w + joule_w + penalty * deficit_w)
         return StrideMaps(grid_c, end_c, energy_j, needed_c, first, last, strides.every)
 
     free_w = np.minimum(limit_w, surplus_w)
@@ -231,7 +231,7 @@ def _at_the_limits(vehicle: Vehicle, strides: Strides,
     Of each stride from each temperature, shapes (M, G).
     """
     limit_w = strides.heater_limit_w[:, np.newaxis]
-    surplus_w, lacking_w = np.zeros(start_c.shape), np.zeros(start_c.shape)
+    surplus_w, deficit_w = np.zeros(start_c.shape), np.zeros(start_c.shape)
     room_w = np.broadcast_to(limit_w, start_c.shape).copy()
     near = strides.may_overcharge | strides.may_overdraw
     if near.any():
@@ -241,9 +241,9 @@ def _at_the_limits(vehicle: Vehicle, strides: Strides,
             strides.power_variance_w2[near, np.newaxis])
         surplus_w[near] = np.clip(least_w - power_w, 0.0, np.maximum(
             -strides.propulsion_w[near, np.newaxis], 0.0))
-        lacking_w[near] = np.maximum(power_w - most_w, 0.0)
+        deficit_w[near] = np.maximum(power_w - most_w, 0.0)
         room_w[near] = np.clip(most_w - power_w, 0.0, limit_w[near])
-    return surplus_w, lacking_w, room_w
+    return surplus_w, deficit_w, room_w
 
 
 def _points_used(grid_c: FloatArray, strides: Strides) -> tuple[IntArray, IntArray]:
@@ -260,17 +260,17 @@ def _points_used(grid_c: FloatArray, strides: Strides) -> tuple[IntArray, IntArr
     return first, first + pieces * every + 1
 
 
-def _needed_c(grid_c: FloatArray, lacking_w: FloatArray, first: IntArray,
+def _needed_c(grid_c: FloatArray, deficit_w: FloatArray, first: IntArray,
               last: IntArray, every: IntArray) -> FloatArray:
     """Temperatures [deg C] from which on nothing is lacking in each stride; -inf where nothing is."""
-    needed_c = np.full(len(lacking_w), -np.inf)
-    for m in np.flatnonzero((lacking_w > 0.0).any(axis=1)).tolist():
+    needed_c = np.full(len(deficit_w), -np.inf)
+    for m in np.flatnonzero((deficit_w > 0.0).any(axis=1)).tolist():
         used = slice(first[m], last[m], every[m])
-        row_c, row_w = grid_c[used], lacking_w[m, used]
-        lacking = np.flatnonzero(row_w > 0.0)
-        if not len(lacking):
+        row_c, row_w = grid_c[used], deficit_w[m, used]
+        deficit = np.flatnonzero(row_w > 0.0)
+        if not len(deficit):
             continue
-        at = int(lacking[-1])
+        at = int(deficit[-1])
         before = max(at - 1, 0)
         slope = (row_w[before] - row_w[at]) / max(row_c[at] - row_c[before], 1e-9)
         needed_c[m] = row_c[at] + (row_w[at] / slope if slope > 0.0 else 0.0)

@@ -15,13 +15,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.compiled import searches as compiled_searches
-from bev_preheat.compiled.runs import Heating
-from bev_preheat.compiled.structs import SettlingStruct
+from bev_preheat.native import searches as native_searches
+from bev_preheat.native.runs import Heating
+from bev_preheat.native.structs import SettlingStruct
 from bev_preheat.planning.bracketing import close_in, Trial
-from bev_preheat.planning.dynamics import compiled_vehicle, limits_along, limits_of_steps_w
+from bev_preheat.planning.dynamics import limits_along, limits_of_steps_w, native_vehicle
 from bev_preheat.planning.heat_run import initial_states, mean_share_left
-from bev_preheat.planning.limits import along_limits, colder, run_within_limits, WantedHeat, Watch
+from bev_preheat.planning.limits import along_limits, colder, LimitedSteps, run_within_limits, WantedHeat
 from bev_preheat.planning.optimal_switch import ARRIVAL_TOLERANCE_K
 from bev_preheat.planning.schedule import Schedule
 
@@ -63,7 +63,7 @@ def find_climbs(trip: Trip, run: Schedule) -> list[tuple[int, int]]:
 class ThresholdSearch:
     """Forward runs of one trip under one set of thresholds."""
 
-    def __init__(self, trip: Trip, state: BatteryState, watch: Watch,
+    def __init__(self, trip: Trip, state: BatteryState, watch: LimitedSteps,
                  thresholds: Thresholds, paid_w: FloatArray) -> None:
         """
         Take the trip, the state at its start, its Watch and its Thresholds.
@@ -88,9 +88,9 @@ class ThresholdSearch:
         Without `serves_climbs` only the target is seen to.
         """
         trip = self._trip
-        vehicle = compiled_vehicle(trip.vehicle)
-        settled = None if vehicle is None else compiled_searches.settle(
-            vehicle, trip.compiled, self._heating(), SettlingStruct(serves_climbs, target_c),
+        vehicle = native_vehicle(trip.vehicle)
+        settled = None if vehicle is None else native_searches.settle(
+            vehicle, trip.native, self._heating(), SettlingStruct(serves_climbs, target_c),
             self._start())
         if settled is not None:
             return along_limits(trip, self._watch, *settled)
@@ -122,7 +122,7 @@ class ThresholdSearch:
             return float(run.temperature_c[-1]) - target_c
 
         if free < start:
-            schedule = self._without_more_lacking(
+            schedule = self._without_more_deficit(
                 free, schedule, lambda: self._meet_target(free, schedule, above_target_k))
         if start < end:
             schedule = self._meet_target(start, schedule, above_target_k)
@@ -152,14 +152,14 @@ class ThresholdSearch:
             return schedule
         return self._keep(first, last, unheated)
 
-    def _without_more_lacking(self, first: int, schedule: Schedule,
+    def _without_more_deficit(self, first: int, schedule: Schedule,
                               change: Callable[[], Schedule]) -> Schedule:
         """Schedule that `change()` returns, or this one if less can be delivered from `first` on."""
         shift_k = self._shift_k.copy()
         changed = change()
-        lacking_w, more_lacking_w = (
+        deficit_w, more_deficit_w = (
             max(0.0, -float(self._spare_power_w(run)[first:].min())) for run in (schedule, changed))
-        if more_lacking_w <= lacking_w:
+        if more_deficit_w <= deficit_w:
             return changed
         self._shift_k, self._kept = shift_k, schedule
         return schedule

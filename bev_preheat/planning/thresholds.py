@@ -20,15 +20,15 @@ from typing import NamedTuple, TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.compiled import searches as compiled_searches
-from bev_preheat.planning.dynamics import compiled_vehicle
+from bev_preheat.native import searches as native_searches
+from bev_preheat.planning.dynamics import native_vehicle
 from bev_preheat.planning.strides import COARSE, make_strides, map_strides, Strides
 from bev_preheat.planning.value_curve import cheaper_branch, heating_pays, ValueCurve
 
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray, IntArray
     from bev_preheat.planning.charge_acceptance import AcceptanceLoss
-    from bev_preheat.planning.limits import Watch
+    from bev_preheat.planning.limits import LimitedSteps
     from bev_preheat.planning.schedule import Schedule
     from bev_preheat.planning.trip import Trip
     from bev_preheat.vehicle.description import Vehicle
@@ -62,7 +62,7 @@ class Thresholds(NamedTuple):
     high_c: FloatArray
 
 
-def find_thresholds(trip: Trip, watch: Watch, run: Schedule, target_c: float, loss: AcceptanceLoss,
+def find_thresholds(trip: Trip, watch: LimitedSteps, run: Schedule, target_c: float, loss: AcceptanceLoss,
                     serves_climbs: bool = True, is_first_look: bool = False) -> Thresholds:
     """
     Return the Thresholds of a trip, by running the value curve backward.
@@ -80,9 +80,9 @@ def find_thresholds(trip: Trip, watch: Watch, run: Schedule, target_c: float, lo
     grid_c = GRID_K * np.arange(math.floor(max(coldest_c - MARGIN_K, lowest_c) / GRID_K),
                                 math.ceil(warmest_c / GRID_K) + COARSE)
     ends = target_c, coldest_c, warmest_c, PENALTY if serves_climbs else 0.0
-    compiled = compiled_vehicle(trip.vehicle)
-    bands_c = None if compiled is None else compiled_searches.find_bands(
-        compiled, vars(strides), strides.may_overcharge | strides.may_overdraw, is_first_look, grid_c,
+    native = native_vehicle(trip.vehicle)
+    bands_c = None if native is None else native_searches.find_bands(
+        native, vars(strides), strides.may_overcharge | strides.may_overdraw, is_first_look, grid_c,
         *ends, PENALTY)
     if bands_c is None:
         bands_c = _find_bands(trip.vehicle, strides, grid_c, *ends)

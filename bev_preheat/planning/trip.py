@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
-from bev_preheat.compiled.made_trip import make_trip as compiled_trip
-from bev_preheat.compiled.structs import CompiledTrip, TRIP_COLUMNS
+from bev_preheat.native.made_trip import make_trip as native_trip
+from bev_preheat.native.structs import NativeTrip, TRIP_COLUMNS
 from bev_preheat.route.segments import Route
 from bev_preheat.vehicle.description import Vehicle
 
@@ -62,9 +62,9 @@ class Trip:
         return np.full(len(self.route), self.vehicle.battery.temperature_range_c[1] - BELOW_HIGHEST_K)
 
     @cached_property
-    def compiled(self) -> CompiledTrip:
+    def native(self) -> NativeTrip:
         """The trip as the compiled core takes it."""
-        return CompiledTrip.of_columns(
+        return NativeTrip.of_columns(
             self.time_s, self.route.duration_s, self.idle_power_w, self.power_variance_w2,
             self.idle_heat_w, self.leakage_w_per_k, self.heater_limit_w,
             self.route.propulsion_power_w, self.drivetrain_heat_w, self.route.ambient_temperature_c,
@@ -127,7 +127,7 @@ class _TripOfCore(Trip):
         """Return a column that has not been asked for before."""
         if name not in COLUMNS:
             raise AttributeError(name)
-        column = vars(self)[name] = self.compiled.column(name)
+        column = vars(self)[name] = self.native.column(name)
         return column
 
 
@@ -153,13 +153,13 @@ def _kept_trip(vehicle: Vehicle, one: _OneRoute, heater_share: float, heat_lag_s
 
 def _made_trip(vehicle: Vehicle, route: Route, heater_share: float, heat_lag_s: float) -> Trip:
     leakage = vehicle.battery.leakage
-    made = compiled_trip(
+    made = native_trip(
         (leakage.gamma_0_w_per_k, leakage.gamma_v_w_per_k_per_mps, vehicle.drivetrain.heat_share,
          _stiff_w_per_k(vehicle), vehicle.hvch.maximum_power_w, heater_share, heat_lag_s), route.block)
     if made is None:
         return _trip_of_arrays(vehicle, route, heater_share, heat_lag_s)
     trip = object.__new__(_TripOfCore)
-    vars(trip).update(vehicle=vehicle, route=route, compiled=made)
+    vars(trip).update(vehicle=vehicle, route=route, native=made)
     return trip
 
 

@@ -16,9 +16,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.compiled import plans as compiled_plans
+from bev_preheat.native import plans as native_plans
 from bev_preheat.planning.bracketing import follow_slope, least_of, Trial
-from bev_preheat.planning.dynamics import compiled_vehicle, JOULES_PER_WH, keep_accounts
+from bev_preheat.planning.dynamics import JOULES_PER_WH, keep_accounts, native_vehicle
 from bev_preheat.planning.heat_run import along_states, initial_states, roll_heated, run_heated, states_at
 from bev_preheat.planning.schedule import Schedule
 
@@ -75,10 +75,10 @@ def plan_two_switches(trip: Trip, state: BatteryState, goal: Goal,
 
 def _found_by_core(trip: Trip, unheated: Schedule, target_c: float) -> Schedule | None:
     """Return the Schedule that the compiled core finds as `_Search` does; None where it does not answer."""
-    vehicle = compiled_vehicle(trip.vehicle)
+    vehicle = native_vehicle(trip.vehicle)
     if vehicle is None or unheated.heat is None:
         return None
-    run = compiled_plans.find_two_switches(vehicle, trip.compiled, target_c, np.array((
+    run = native_plans.find_two_switches(vehicle, trip.native, target_c, np.array((
         unheated.soc, unheated.temperature_c, unheated.heat.heater_power_w,
         unheated.heat.coolant_excess_k)))
     return None if run is None else _schedule_along(
@@ -147,11 +147,11 @@ class _Search:
     def _guess_s(self, off_s: float) -> float:
         """Return about when to switch on [s]: along a line through the pairs next to this one."""
         if len(self._found) < 2:
-            lacking_k = self._target_c - float(self._unheated.temperature_c[-1])
+            deficit_k = self._target_c - float(self._unheated.temperature_c[-1])
             # Added up in order, as the compiled core does.
             mean_w = float((self._trip.heater_limit_w * self._trip.route.duration_s).cumsum()[-1]
                            ) / self._arrival_s
-            return off_s - lacking_k * self._capacity_j_per_k / max(
+            return off_s - deficit_k * self._capacity_j_per_k / max(
                 self._trip.vehicle.hvch.efficiency * mean_w, 1.0)
         (off_a_s, on_a_s), (off_b_s, on_b_s) = sorted(
             self._found, key=lambda pair: abs(pair[0] - off_s))[:2]

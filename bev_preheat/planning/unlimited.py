@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-The plan of a trip on which no limit is active, made by the compiled core in one call.
+Plans a trip on which no limit is active with one call of the native core.
 
-There `merit_order` and `optimal_switch` are the same, one instant of switching on, but for the trips on which
-heating is cheaper elsewhere. The reference is what
-the planner does without the core: `optimal_switch`, held against the limits, `caution`, `safeguard` and
+On most of these trips `merit_order` and `optimal_switch` find the same single switch-on. The reference is
+the plan without the core: `optimal_switch`, checked against the limits, then `uncertainty_margin`, `no_regret` and
 `outcome`; for the paper's heuristic it is `paper`.
 """
 
@@ -14,45 +13,45 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.compiled import plans as compiled_plans
-from bev_preheat.planning.dynamics import compiled_vehicle, energies_of, limits_along
-from bev_preheat.planning.outcome import Outcome
+from bev_preheat.native import plans as native_plans
+from bev_preheat.planning.dynamics import energies_of, limits_along, native_vehicle
+from bev_preheat.planning.heating_intervals import heating_intervals, HeatingInterval, REASONS
+from bev_preheat.planning.outcome import ScheduleOutcome
 from bev_preheat.planning.schedule import Schedule
 from bev_preheat.planning.situation import reserve_soc
-from bev_preheat.planning.stretches import heating_stretches, HeatingStretch, REASONS
 from bev_preheat.vehicle.model import make_euler, make_runge_kutta_4
 
 if TYPE_CHECKING:
-    from bev_preheat.compiled.structs import SwitchPlanStruct
-    from bev_preheat.planning.caution import Caution
+    from bev_preheat.native.structs import SwitchPlanStruct
     from bev_preheat.planning.situation import BatteryState, Goal
     from bev_preheat.planning.trip import Trip
+    from bev_preheat.planning.uncertainty_margin import UncertaintyMargin
 
 
 def plan_unlimited(trip: Trip, state: BatteryState, goal: Goal,
-                   caution: Caution | None = None,
-                   in_one_stretch: bool = True) -> tuple[Schedule, Outcome | None] | None:
+                   uncertainty_margin: UncertaintyMargin | None = None,
+                   in_one_interval: bool = True) -> tuple[Schedule, ScheduleOutcome | None] | None:
     """
     Return the Schedule that arrives at the target, and its Outcome; None where anything limits it.
 
     That is a limit of the battery, with heating or without, or the charge that must be left. None too
     where the heat arrives late, and where the core does not answer. With a Caution it heats earlier.
-    Unless it is to heat `in_one_stretch`, None where it may be cheaper elsewhere (`cheapest_steps`).
+    Unless it is to heat `in_one_interval`, None where it may be cheaper elsewhere (`cheapest_steps`).
     Where that, or a limit of the battery, is the reason, the unheated Schedule is returned, limits left
     aside, and None.
     """
     vehicle = trip.vehicle
-    compiled = compiled_vehicle(vehicle) if vehicle.heat_path.is_direct else None
-    if compiled is None:
+    native = native_vehicle(vehicle) if vehicle.heat_path.is_direct else None
+    if native is None:
         return None
     lowest_c, highest_c = vehicle.battery.temperature_range_c
     target_c = goal.target_temperature_c if goal.charging_planned and goal.heating_pays else lowest_c
     asked = None
-    if caution is not None and goal.charging_planned:
-        target_c = min(target_c + caution.margin_k, highest_c)
-        asked = caution.compiled
-    found = compiled_plans.plan_switch(
-        compiled, trip.compiled, state.soc, state.temperature_c, target_c, in_one_stretch, asked)
+    if uncertainty_margin is not None and goal.charging_planned:
+        target_c = min(target_c + uncertainty_margin.margin_k, highest_c)
+        asked = uncertainty_margin.native
+    found = native_plans.plan_switch(
+        native, trip.native, state.soc, state.temperature_c, target_c, in_one_interval, asked)
     if found is None:
         return None
     plan, (instant_s, soc, temperature_c, heater_power_w) = found
@@ -63,21 +62,24 @@ def plan_unlimited(trip: Trip, state: BatteryState, goal: Goal,
         return schedule, None
     if goal.charging_planned and not _leaves_enough(trip, goal, schedule, plan.least_soc):
         return None
-    return schedule, Outcome(
-        energies_of(plan.energy_wh[:]), _stretches(trip, schedule, plan),
+    return schedule, ScheduleOutcome(
+        energies_of(plan.energy_wh[:]), _intervals(trip, schedule, plan),
         schedule.heating_start_s if plan.is_heated else None)
 
 
-def plan_unlimited_paper(trip: Trip, state: BatteryState, goal: Goal,
-                         caution: Caution | None = None) -> tuple[Schedule, Outcome] | None:
+def plan_unlimited_paper(trip: Trip,
+    state: BatteryState,
+    goal: Goal,
+    uncertainty_margin: UncertaintyMargin | None = None) -> tuple[Schedule,
+     ScheduleOutcome] | None:
     """Return the Schedule of the paper's heuristic and its Outcome; None where `plan_unlimited` says so."""
     vehicle = trip.vehicle
-    compiled = compiled_vehicle(vehicle) if vehicle.heat_path.is_direct else None
-    if compiled is None or caution is not None or not goal.charging_planned:
+    native = native_vehicle(vehicle) if vehicle.heat_path.is_direct else None
+    if native is None or uncertainty_margin is not None or not goal.charging_planned:
         return None
     target_c = goal.target_temperature_c if goal.heating_pays else vehicle.battery.temperature_range_c[0]
-    found = compiled_plans.plan_paper(
-        compiled, trip.compiled, state.soc, state.temperature_c, target_c)
+    found = native_plans.plan_paper(
+        native, trip.native, state.soc, state.temperature_c, target_c)
     if found is None:
         return None
     plan, (instant_s, soc, temperature_c, heater_power_w) = found
@@ -85,8 +87,8 @@ def plan_unlimited_paper(trip: Trip, state: BatteryState, goal: Goal,
         _known(instant_s), heater_power_w, np.zeros(len(heater_power_w)), soc, temperature_c, make_euler)
     if not _leaves_enough(trip, goal, schedule, plan.least_soc):
         return None
-    return schedule, Outcome(
-        energies_of(plan.energy_wh[:]), _stretches(trip, schedule, plan),
+    return schedule, ScheduleOutcome(
+        energies_of(plan.energy_wh[:]), _intervals(trip, schedule, plan),
         schedule.heating_start_s if plan.is_heated else None)
 
 
@@ -101,14 +103,14 @@ def _leaves_enough(trip: Trip, goal: Goal, schedule: Schedule, least_soc: float)
             and least_soc >= trip.vehicle.battery.soc_range[0])
 
 
-def _stretches(trip: Trip, schedule: Schedule,
-               plan: SwitchPlanStruct) -> tuple[HeatingStretch, ...]:
+def _intervals(trip: Trip, schedule: Schedule,
+               plan: SwitchPlanStruct) -> tuple[HeatingInterval, ...]:
     """Return what `heating_stretches` does; the usual case is known already."""
     first = plan.first_heated
     if first == len(schedule.heater_power_w):
         return ()
-    if plan.is_one_stretch:
+    if plan.is_one_interval:
         start_s = max(trip.time_s.item(first), plan.switching_instant_s)
-        return (HeatingStretch(
-            start_s, trip.time_s.item(plan.end_heated), plan.stretch_wh, REASONS[plan.reason]),)
-    return heating_stretches(trip, schedule, limits_along(trip, schedule)[0])
+        return (HeatingInterval(
+            start_s, trip.time_s.item(plan.end_heated), plan.interval_wh, REASONS[plan.reason]),)
+    return heating_intervals(trip, schedule, limits_along(trip, schedule)[0])

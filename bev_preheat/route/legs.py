@@ -21,7 +21,7 @@ from bev_preheat.errors import InvalidInput
 from bev_preheat.files.checked_yaml import FileData, load_checked_yaml
 from bev_preheat.files.configuration import find_configuration
 from bev_preheat.route.kinematics import drive_along, lay_track, leg_starts_m, RoadDrive, RoadLeg
-from bev_preheat.route.road_load import battery_power_w, Load, loaded, wheel_power_w
+from bev_preheat.route.road_load import battery_power_w, loaded, RoadForces, wheel_power_w
 from bev_preheat.route.segments import LONGEST_ROUTE_S, make_route, Route
 
 if TYPE_CHECKING:
@@ -195,7 +195,7 @@ def _simulate(description: dict[str, FileData], vehicle: Vehicle, legs: Sequence
     to_c = np.array([leg.ambient_at_end_c for leg in legs])[leg_of]
     ambient_c = from_c + along * (to_c - from_c)
 
-    load = Load(**{key: float(value) for key, value in description.get('load', {}).items()})
+    load = RoadForces(**{key: float(value) for key, value in description.get('load', {}).items()})
     car = loaded(vehicle, load, float(description.get('maximum_regeneration_power_w', inf)))
     at_wheels_w = wheel_power_w(
         car, duration_s, distance_m, speed_mps,

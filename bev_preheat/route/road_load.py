@@ -40,7 +40,7 @@ class RoadVehicle:
 
 
 @dataclass(frozen=True)
-class Load:
+class RoadForces:
     """What a trip adds to the car: payload, a roof box, snow on the road."""
 
     payload_kg: float = 0.0
@@ -48,7 +48,7 @@ class Load:
     rolling_resistance_factor: float = 1.0
 
 
-def loaded(vehicle: Vehicle, load: Load, maximum_regeneration_power_w: float = inf) -> RoadVehicle:
+def loaded(vehicle: Vehicle, load: RoadForces, maximum_regeneration_power_w: float = inf) -> RoadVehicle:
     """
     Return the RoadVehicle of a Vehicle that has a `road_load`, with a Load.
 

@@ -46,7 +46,7 @@ class Sign(Enum):
     REVERSED = 'reversed'
 
 
-class _Sample(NamedTuple):
+class _SignSample(NamedTuple):
     instant_s: float
     voltage_v: float
     current_a: float
@@ -60,7 +60,7 @@ class CurrentSign:
         self._capacity_as = capacity_as
         self.sign, self.evidence = Sign.UNKNOWN, ''
         self._changes: deque[tuple[float, float]] = deque(maxlen=CHANGES)
-        self._before: _Sample | None = None
+        self._before: _SignSample | None = None
         self._soc_steps = Resolution(SOC_STEPS)
         self._first_soc: float | None = None
         self._discharged = 0.0
@@ -77,7 +77,7 @@ class CurrentSign:
 
     def see(self, instant_s: float, voltage_v: float, current_a: float, soc: float) -> Sign:
         """Take a state in: instant [s], voltage [V], current [A], state of charge (0 ... 1); return the Sign."""
-        before, self._before = self._before, _Sample(instant_s, voltage_v, current_a)
+        before, self._before = self._before, _SignSample(instant_s, voltage_v, current_a)
         self._soc_steps.see(soc)
         if before is None or not 0.0 < instant_s - before.instant_s <= 60.0:
             self._first_soc, self._discharged = soc, 0.0

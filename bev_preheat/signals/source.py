@@ -27,7 +27,7 @@ LEAST_JUMPS = 3
 CALM_STATES = 30
 
 
-class _State(NamedTuple):
+class _SeenState(NamedTuple):
     instant_s: float
     temperature_c: float
     soc: float
@@ -41,7 +41,7 @@ class SourceWatch:
     def __init__(self) -> None:
         """Know nothing yet."""
         self.doubt = ''
-        self._before: _State | None = None
+        self._before: _SeenState | None = None
         self._jumps: deque[bool] = deque(maxlen=STATES)
         self._calm = 0
 
@@ -56,7 +56,7 @@ class SourceWatch:
 
         `name` identifies the battery in the message, '' if it does not. Returns `doubt`.
         """
-        state = _State(instant_s, temperature_c, soc, voltage_v, name)
+        state = _SeenState(instant_s, temperature_c, soc, voltage_v, name)
         before, self._before = self._before, state
         if before is None or not 0.0 <= instant_s - before.instant_s <= TOGETHER_S:
             self._jumps.clear()
@@ -70,7 +70,7 @@ class SourceWatch:
             self.doubt = ''
         return self.doubt
 
-    def _sentence(self, one: _State, other: _State) -> str:
+    def _sentence(self, one: _SeenState, other: _SeenState) -> str:
         if one.name != other.name:
             return (f'battery_state comes from two batteries: {one.name or "without a name"!r} and '
                     f'{other.name or "without a name"!r}; remap the topic to the traction battery')
@@ -79,7 +79,7 @@ class SourceWatch:
                 f'before, {_in_words(one)} and {_in_words(other)}; remap the topic to the traction battery')
 
 
-def _has_jumped(one: _State, other: _State) -> bool:
+def _has_jumped(one: _SeenState, other: _SeenState) -> bool:
     elapsed_s = other.instant_s - one.instant_s
     return (one.name != other.name
             or abs(other.temperature_c - one.temperature_c) > max(JUMP_K, RATE_K_PER_S * elapsed_s)
@@ -88,6 +88,6 @@ def _has_jumped(one: _State, other: _State) -> bool:
                 and abs(other.voltage_v - one.voltage_v) > JUMP_VOLTAGE * max(one.voltage_v, other.voltage_v)))
 
 
-def _in_words(state: _State) -> str:
+def _in_words(state: _SeenState) -> str:
     voltage = '' if state.voltage_v is None else f', {state.voltage_v:.0f} V'
     return f'{state.temperature_c:.1f} degC, {100 * state.soc:.1f} %{voltage}'

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 import math
 from typing import Any, NamedTuple, TYPE_CHECKING
 
-from bev_preheat.simulation.phases import Drive
+from bev_preheat.simulation.phases import DrivePhase
 from bev_preheat.simulation.traffic import clock_offset_s
 
 if TYPE_CHECKING:
@@ -160,7 +160,7 @@ def fill_phases(record: DriveRecord, scenario: Scenario, ends: Iterable[PhaseEnd
     for phase, (started_s, ended_s, arrival_c) in zip((scenario.drives[0], *scenario.following), ends):
         record.phases.append(record.during(
             started_s + clock_offset_s(jumps, started_s), ended_s + clock_offset_s(jumps, ended_s),
-            phase.goal.target_temperature_c if isinstance(phase, Drive) else math.nan, arrival_c))
+            phase.goal.target_temperature_c if isinstance(phase, DrivePhase) else math.nan, arrival_c))
     if record.phases:
         record.arrival_c = record.phases[0].arrival_c
 

@@ -11,15 +11,15 @@ from typing import NamedTuple, TYPE_CHECKING
 
 import numpy as np
 
+from bev_preheat.control.inputs import Leg, Mission, NS_PER_S, Progress
 from bev_preheat.simulation.heater_faults import fault_at, HeaterFault, next_change_s
 from bev_preheat.simulation.heater_lease import HeaterLease
 from bev_preheat.simulation.mismatch import Mismatch, true_route, true_vehicle
-from bev_preheat.simulation.phases import Charge, Drive
+from bev_preheat.simulation.phases import Charge, DrivePhase
 from bev_preheat.simulation.position import Position, PositionReports
 from bev_preheat.simulation.sensors import Reading, SensorReadings, Sensors
-from bev_preheat.simulation.traffic import clock_offset_s, ClockJump, drive_with_events, Event, News
+from bev_preheat.simulation.traffic import clock_offset_s, ClockJump, drive_with_events, Event, TrafficNews
 from bev_preheat.simulation.vehicle_plant import VehiclePlant
-from bev_preheat.supervision.inputs import Leg, Mission, NS_PER_S, Progress
 from bev_preheat.vehicle.heat_path import HeatPath
 
 if TYPE_CHECKING:
@@ -71,7 +71,7 @@ class PhaseReport:
     @property
     def arrival_c(self) -> float:
         """The battery's temperature at the end of a drive [deg C]; NaN without an arrival."""
-        return self.temperature_c if isinstance(self.phase, Drive) and not self.ran_empty else math.nan
+        return self.temperature_c if isinstance(self.phase, DrivePhase) and not self.ran_empty else math.nan
 
 
 class _Letter(NamedTuple):
@@ -79,8 +79,8 @@ class _Letter(NamedTuple):
 
     at_s: float
     begins_s: float
-    drive: Drive
-    news: News
+    drive: DrivePhase
+    news: TrafficNews
     route_id: str
 
 
@@ -106,7 +106,7 @@ class ImperfectCar:
         self._drive_seed, sensor_seed, self._position_seed = np.random.SeedSequence(seed).spawn(3)
         self.vehicle = vehicle
         self.imperfections = imperfections
-        self.phase: Phase = Drive(route, goal, standing_time_s, imperfections.events, imperfections.position)
+        self.phase: Phase = DrivePhase(route, goal, standing_time_s, imperfections.events, imperfections.position)
         self.reports: list[PhaseReport] = []
         self._first_state = state
         self._following, self._phases = deque(following), 1 + len(following)
@@ -154,7 +154,7 @@ class ImperfectCar:
     def longest_s(self) -> float:
         """How long all phases take at most [s]; longer where drives are late."""
         return self.plant.end_s + sum(
-            phase.route.total_duration_s if isinstance(phase, Drive) else phase.duration_s
+            phase.route.total_duration_s if isinstance(phase, DrivePhase) else phase.duration_s
             for phase in self._following)
 
     @property
@@ -166,8 +166,8 @@ class ImperfectCar:
     def mission(self, start_ns: int) -> Mission:
         """Return the Mission that the trip planner sends at the start, at an instant [ns]."""
         drive = self.phase
-        assert isinstance(drive, Drive)
-        return self._send(_Letter(0.0, 0.0, drive, News(0.0, drive.route, drive.goal.charging_planned),
+        assert isinstance(drive, DrivePhase)
+        return self._send(_Letter(0.0, 0.0, drive, TrafficNews(0.0, drive.route, drive.goal.charging_planned),
                                   self._route_id), start_ns)
 
     def route_news(self, start_ns: int) -> Mission | None:
@@ -206,7 +206,7 @@ class ImperfectCar:
 
     @property
     def _next_position_s(self) -> float:
-        return self.plant.start_s + self._position.next_s if isinstance(self.phase, Drive) else math.inf
+        return self.plant.start_s + self._position.next_s if isinstance(self.phase, DrivePhase) else math.inf
 
     def advance_under(self, lease: HeaterLease, to_s: float) -> None:
         """Drive on to `to_s` [s] under a HeaterLease, and take the readings that are due."""
@@ -252,7 +252,7 @@ class ImperfectCar:
     def _begin(self, phase: Phase) -> None:
         now_s, vehicle = self.time_s, self._true_vehicle
         self.phase, self._heats_itself, self._asleep_from_s = phase, False, math.inf
-        if isinstance(phase, Drive):
+        if isinstance(phase, DrivePhase):
             route = self._begin_drive(phase, now_s)
             self.plant = self._latest_drive = (
                 VehiclePlant(vehicle, route, self._first_state, now_s) if phase.starts_over
@@ -265,15 +265,15 @@ class ImperfectCar:
         if phase.awake_s < phase.duration_s:
             self._asleep_from_s = now_s + phase.awake_s
         next_phase = self._following[0] if self._following else None
-        if isinstance(next_phase, Drive) and next_phase.announced_s > 0.0:
+        if isinstance(next_phase, DrivePhase) and next_phase.announced_s > 0.0:
             self._announce(next_phase, self.plant.end_s)
 
-    def _begin_drive(self, drive: Drive, begins_s: float) -> Route:
+    def _begin_drive(self, drive: DrivePhase, begins_s: float) -> Route:
         """Return the Route that is really driven on a Drive, and prepare what will be said on the way."""
         driven, news = drive_with_events(drive.route, drive.events, drive.goal.charging_planned)
         route_id = self._id_of(self._drives)
         if self._drives > 0 and drive.announced_s == 0.0:
-            news.insert(0, News(0.0, drive.route, drive.goal.charging_planned))
+            news.insert(0, TrafficNews(0.0, drive.route, drive.goal.charging_planned))
         # Messages about the previous drive that have not arrived yet are dropped.
         self._letters = [_Letter(begins_s + each.at_s, begins_s, drive, each, route_id) for each in news]
         random = self._random_of(self._drive_seed)
@@ -290,10 +290,13 @@ class ImperfectCar:
     def _id_of(self, number: int) -> str:
         return self._route_id if number == 0 else f'{self._route_id} {number + 1}'
 
-    def _announce(self, drive: Drive, begins_s: float) -> None:
+    def _announce(self, drive: DrivePhase, begins_s: float) -> None:
         at_s = max(self.time_s, begins_s - drive.announced_s)
-        self._letters.append(_Letter(at_s, begins_s, drive, News(0.0, drive.route, drive.goal.charging_planned),
-                                     self._id_of(self._drives)))
+        self._letters.append(
+    _Letter(
+        at_s, begins_s, drive, TrafficNews(
+            0.0, drive.route, drive.goal.charging_planned), self._id_of(
+                self._drives)))
 
     def _drive(self, lease: HeaterLease, to_s: float) -> None:
         plant, faults, phase = self.plant, self.imperfections.heater_faults, self.phase

@@ -24,7 +24,7 @@ HEATS_AGAIN_BELOW_K = 1.0
 
 
 @dataclass(frozen=True)
-class Drive:
+class DrivePhase:
     """
     A drive over a Route, which the trip planner sends when it starts, or `announced_s` [s] before.
 
@@ -105,7 +105,7 @@ class Park:
         return parts[0] if len(parts) == 1 else parts[0].followed_by(parts[1])
 
 
-Phase = Drive | Charge | Park
+Phase = DrivePhase | Charge | Park
 
 
 def _standing(duration_s: float, ambient_c: float, propulsion_power_w: float, cabin_w: float,

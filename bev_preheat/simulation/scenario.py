@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from bev_preheat.control.settings import FIELD_OF_PARAMETER
 from bev_preheat.errors import InvalidInput
 from bev_preheat.files.checked_yaml import FileData, load_checked_yaml
 from bev_preheat.files.configuration import find_configuration
@@ -17,11 +18,10 @@ from bev_preheat.route.segments import Route
 from bev_preheat.simulation.heater_faults import HeaterFault
 from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections
 from bev_preheat.simulation.mismatch import Mismatch
-from bev_preheat.simulation.phases import Charge, Drive, Park, Phase
+from bev_preheat.simulation.phases import Charge, DrivePhase, Park, Phase
 from bev_preheat.simulation.position import PositionReports
 from bev_preheat.simulation.sensors import OtherBattery, Sensors, Span, Spike
 from bev_preheat.simulation.traffic import ClockJump, Event, Kind
-from bev_preheat.supervision.settings import FIELD_OF_PARAMETER
 from bev_preheat.vehicle import load_vehicle, Vehicle, vehicle_file
 from bev_preheat.vehicle.heat_path import HeatPath
 from bev_preheat.vehicle.loading import heat_path_problems
@@ -86,11 +86,11 @@ class Scenario:
     phase_expectations: tuple[Expectations | None, ...] = ()
 
     @property
-    def drives(self) -> list[Drive]:
+    def drives(self) -> list[DrivePhase]:
         """All drives, in order."""
-        first = Drive(self.route, self.goal, self.standing_time_s, self.imperfections.events,
+        first = DrivePhase(self.route, self.goal, self.standing_time_s, self.imperfections.events,
                       self.imperfections.position)
-        return [first, *(phase for phase in self.following if isinstance(phase, Drive))]
+        return [first, *(phase for phase in self.following if isinstance(phase, DrivePhase))]
 
     def car(self) -> ImperfectCar:
         """Return the ImperfectCar at its start."""
@@ -120,7 +120,7 @@ def _scenario(path: Path, contents: dict[str, FileData]) -> Scenario:
     phases = reader.chain(contents) if 'chain' in contents else [reader.drive({
         **node, **{key: contents[key] for key in OF_A_DRIVE if key in contents}}, '')]
     drive = phases[0]
-    assert isinstance(drive, Drive)
+    assert isinstance(drive, DrivePhase)
     check_situation(reader.vehicle, drive.route, state, drive.goal)
     return Scenario(
         name=contents['name'], description=contents['description'], vehicle_name=vehicle_name,
@@ -172,7 +172,7 @@ class _PhaseReader:
                 phases.append((Charge if kinds == ['charge'] else Park)(**node))
         return phases
 
-    def drive(self, node: dict[str, FileData], where: str) -> Drive:
+    def drive(self, node: dict[str, FileData], where: str) -> DrivePhase:
         """Return the Drive of a node with its `traffic` and `route_progress`; `where` stands before its keys."""
         vehicle = self.vehicle
         if 'route' not in node:
@@ -189,7 +189,7 @@ class _PhaseReader:
         goal = Goal(float(node.get('target_battery_temperature_c', vehicle.defaults.target_battery_temperature_c)),
                     float(node.get('minimum_arrival_soc', 0.0)), node.get('charging_planned', True))
         check_situation(vehicle, route, goal=goal)
-        return Drive(route, goal, float(node.get('standing_time_s', 0.0)), events,
+        return DrivePhase(route, goal, float(node.get('standing_time_s', 0.0)), events,
                      _position(node, where), float(node.get('announced_s', 0.0)), node.get('starts_over', False))
 
     def _route(self, name_or_file: str) -> Route:

@@ -6,10 +6,10 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from bev_preheat.control.settings import settings_of
+from bev_preheat.control.supervisor import Supervisor
 from bev_preheat.simulation.evaluation import DriveRecord, fill_phases, PhaseEnd
 from bev_preheat.simulation.supervised_drive import moments
-from bev_preheat.supervision.settings import settings_of
-from bev_preheat.supervision.supervisor import Supervisor
 
 if TYPE_CHECKING:
     from collections.abc import Callable

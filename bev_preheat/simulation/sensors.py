@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import math
 from typing import TYPE_CHECKING
 
-from bev_preheat.supervision.inputs import SupplyStatus
+from bev_preheat.control.inputs import SupplyStatus
 
 if TYPE_CHECKING:
     import numpy as np

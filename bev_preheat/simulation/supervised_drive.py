@@ -14,25 +14,25 @@ import math
 from time import process_time
 from typing import TYPE_CHECKING
 
-from bev_preheat.errors import InvalidInput
-from bev_preheat.planning.situation import BatteryState
-from bev_preheat.simulation.heater_lease import HeaterLease, NO_LEASE
-from bev_preheat.supervision.events import (
+from bev_preheat.control.events import (
     BatteryStateArrived,
     BatteryStateUnreadable,
     ProgressArrived,
     RouteArrived,
 )
-from bev_preheat.supervision.inputs import Measurement, NS_PER_S
+from bev_preheat.control.inputs import Measurement, NS_PER_S
+from bev_preheat.errors import InvalidInput
+from bev_preheat.planning.situation import BatteryState
+from bev_preheat.simulation.heater_lease import HeaterLease, NO_LEASE
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
+    from bev_preheat.control.events import Event
+    from bev_preheat.control.inputs import Mission
+    from bev_preheat.control.supervisor import StepOutput, Supervisor
     from bev_preheat.simulation.imperfect_car import ImperfectCar
     from bev_preheat.simulation.sensors import Reading
-    from bev_preheat.supervision.events import Event
-    from bev_preheat.supervision.inputs import Mission
-    from bev_preheat.supervision.supervisor import Output, Supervisor
 
 # The drive starts at this instant of the planner's clock; 0 would mean that it has not started.
 START_NS = 1_000_000 * NS_PER_S
@@ -51,7 +51,7 @@ class Moment:
     time_s: float
     clock_s: float
     reading: Reading | None
-    outputs: tuple[Output, ...]
+    outputs: tuple[StepOutput, ...]
     is_last: bool
     cpu_s: float
 

@@ -43,7 +43,7 @@ class Event:
 
 
 @dataclass(frozen=True)
-class News:
+class TrafficNews:
     """
     What the trip planner says at an instant [s]: the route from then on, and whether it charges.
 
@@ -56,7 +56,7 @@ class News:
 
 
 def drive_with_events(route: Route, events: Iterable[Event],
-                      charging_planned: bool = True) -> tuple[Route, list[News]]:
+                      charging_planned: bool = True) -> tuple[Route, list[TrafficNews]]:
     """
     Return (the Route that is driven, the News that the trip planner sends, in order).
 
@@ -72,7 +72,7 @@ def drive_with_events(route: Route, events: Iterable[Event],
         if event.route_plan_after_s is not None:
             at_s = event.at_s + event.route_plan_after_s
             rest = route.after(at_s) if at_s < route.total_duration_s else None
-            news.append(News(at_s, rest, charging_planned))
+            news.append(TrafficNews(at_s, rest, charging_planned))
     return route, news
 
 

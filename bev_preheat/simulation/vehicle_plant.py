@@ -6,14 +6,14 @@ from __future__ import annotations
 from math import ceil, inf, isfinite
 from typing import NamedTuple, TYPE_CHECKING
 
-from bev_preheat.compiled.driven_plant import CompiledPlant
+from bev_preheat.native.driven_plant import NativePlant
 from bev_preheat.numerics.arithmetic import FLOATS, SATURATING_FLOATS
 from bev_preheat.planning.dynamics import (
-    compiled_vehicle,
     deliverable_power_w,
     Energies,
     hottest_c,
     JOULES_PER_WH,
+    native_vehicle,
     step_of_floats,
 )
 from bev_preheat.planning.situation import BatteryState
@@ -104,9 +104,9 @@ class VehiclePlant:
         self.without_lease_s = 0.0
         self._ends_s: list[float] = self.route.time_s[1:].tolist()
         self._segments = _segments_of(trip)
-        compiled = compiled_vehicle(vehicle)
-        self._compiled = None if compiled is None else CompiledPlant(
-            compiled, trip.compiled, vehicle.heat_path.sensor_lag_s)
+        native = native_vehicle(vehicle)
+        self._native = None if native is None else NativePlant(
+            native, trip.native, vehicle.heat_path.sensor_lag_s)
         self._segment = 0
         self._joule_j = self._drivetrain_j = self._heater_j = self._leakage_j = 0.0
         self._battery_j = self._undeliverable_j = self._brake_j = 0.0
@@ -172,7 +172,7 @@ class VehiclePlant:
 
         It is not where the battery lacks power or runs empty in the segment that follows.
         """
-        driven = None if self._compiled is None or self.empty_at_s is not None else self._compiled.drive(
+        driven = None if self._native is None or self.empty_at_s is not None else self._native.drive(
             until_s, heater_power_w, LONGEST_STEP_S, (
                 self._elapsed_s, self.soc, self.temperature_c, self.sensor_c, self.coolant_c,
                 self.heater_power_w, self.brake_power_w, self._command_w, self._power_at_end_w,
@@ -242,7 +242,7 @@ class VehiclePlant:
 
     def _step(self, step_s: float) -> None:
         segment = self._segments[self._segment]
-        lacking_w = 0.0
+        deficit_w = 0.0
         try:
             soc, temperature_c, mean_temperature_c, joule_w = self._model_step(
                 step_s, saturating=False)
@@ -251,7 +251,7 @@ class VehiclePlant:
             soc, temperature_c, mean_temperature_c, joule_w = self._model_step(
                 step_s, saturating=True)
             power_w = segment.idle_power_w + self.heater_power_w + self.brake_power_w
-            lacking_w = max(0.0, power_w - float(
+            deficit_w = max(0.0, power_w - float(
                 deliverable_power_w(self.vehicle, self.soc, self.temperature_c)))
         started_c = self.temperature_c
         # Neither can a battery be emptier than empty, nor does a car let it get any hotter.
@@ -264,15 +264,15 @@ class VehiclePlant:
             SATURATING_FLOATS)
         cooled_j = self.vehicle.battery.heat_capacity_j_per_k * (temperature_c - self.temperature_c)
         self._elapsed_s += step_s
-        self.undeliverable_power_w = max(self.undeliverable_power_w, lacking_w)
+        self.undeliverable_power_w = max(self.undeliverable_power_w, deficit_w)
         drivetrain_heat_w = segment.drivetrain_heat_w - self._heat_share * self.brake_power_w
         self._joule_j += step_s * joule_w
         self._drivetrain_j += step_s * drivetrain_heat_w
         self._heater_j += step_s * self.heater_power_w
         self._leakage_j += (
             step_s * segment.leakage_w_per_k * (segment.ambient_c - mean_temperature_c) - cooled_j)
-        self._battery_j += step_s * (power_w - lacking_w + joule_w)
-        self._undeliverable_j += step_s * lacking_w
+        self._battery_j += step_s * (power_w - deficit_w + joule_w)
+        self._undeliverable_j += step_s * deficit_w
         self._brake_j += step_s * self.brake_power_w
 
     def _look_at_terminals(self) -> None:

@@ -22,7 +22,7 @@ MOST_BATTERY_SHARE = 0.55
 
 
 @dataclass(frozen=True)
-class Quantity:
+class DataSheetQuantity:
     """One figure: its option, unit and plausible range; `confusions` are (factor, unit)."""
 
     option: str
@@ -45,25 +45,25 @@ class Quantity:
 
 
 QUANTITIES = {
-    'usable_energy_kwh': Quantity('--usable-energy-kwh', 'kWh', (5, 250), ((1e-3, 'Wh'),)),
-    'gross_energy_kwh': Quantity('--gross-energy-kwh', 'kWh', (5, 250), ((1e-3, 'Wh'),)),
-    'battery_mass_kg': Quantity('--battery-mass-kg', 'kg', (40, 1500),
+    'usable_energy_kwh': DataSheetQuantity('--usable-energy-kwh', 'kWh', (5, 250), ((1e-3, 'Wh'),)),
+    'gross_energy_kwh': DataSheetQuantity('--gross-energy-kwh', 'kWh', (5, 250), ((1e-3, 'Wh'),)),
+    'battery_mass_kg': DataSheetQuantity('--battery-mass-kg', 'kg', (40, 1500),
                                 ((1e-3, 'g'), (1e3, 't'))),
-    'nominal_voltage_v': Quantity('--nominal-voltage-v', 'V', (100, 1000), ((1e3, 'kV'),)),
-    'cells_in_series': Quantity('--cells-in-series', '', (28, 300)),
-    'heater_power_kw': Quantity('--heater-power-kw', 'kW', (0.5, 30), ((1e-3, 'W'),)),
-    'charging_power_kw': Quantity('--charging-power-kw', 'kW', (10, 600), ((1e-3, 'W'),)),
-    'drive_power_kw': Quantity('--drive-power-kw', 'kW', (20, 1500), ((1e-3, 'W'),)),
-    'regeneration_power_kw': Quantity('--regeneration-power-kw', 'kW', (0, 1000),
+    'nominal_voltage_v': DataSheetQuantity('--nominal-voltage-v', 'V', (100, 1000), ((1e3, 'kV'),)),
+    'cells_in_series': DataSheetQuantity('--cells-in-series', '', (28, 300)),
+    'heater_power_kw': DataSheetQuantity('--heater-power-kw', 'kW', (0.5, 30), ((1e-3, 'W'),)),
+    'charging_power_kw': DataSheetQuantity('--charging-power-kw', 'kW', (10, 600), ((1e-3, 'W'),)),
+    'drive_power_kw': DataSheetQuantity('--drive-power-kw', 'kW', (20, 1500), ((1e-3, 'W'),)),
+    'regeneration_power_kw': DataSheetQuantity('--regeneration-power-kw', 'kW', (0, 1000),
                                       ((1e-3, 'W'),)),
-    'cabin_heating_power_kw': Quantity('--cabin-heating-power-kw', 'kW', (0, 15),
+    'cabin_heating_power_kw': DataSheetQuantity('--cabin-heating-power-kw', 'kW', (0, 15),
                                        ((1e-3, 'W'),)),
-    'auxiliary_power_kw': Quantity('--auxiliary-power-kw', 'kW', (0, 5), ((1e-3, 'W'),)),
-    'target_temperature_c': Quantity('--target-temperature-c', 'degC', (0, 45), ((1, 'K'),)),
-    'vehicle_mass_kg': Quantity('--vehicle-mass-kg', 'kg', (400, 5000), ((1e3, 't'),)),
-    'drag_coefficient': Quantity('--drag-coefficient', '', (0.15, 0.6)),
-    'frontal_area_m2': Quantity('--frontal-area-m2', 'm2', (1.2, 4.5)),
-    'rolling_resistance': Quantity('--rolling-resistance', '', (0.004, 0.03),
+    'auxiliary_power_kw': DataSheetQuantity('--auxiliary-power-kw', 'kW', (0, 5), ((1e-3, 'W'),)),
+    'target_temperature_c': DataSheetQuantity('--target-temperature-c', 'degC', (0, 45), ((1, 'K'),)),
+    'vehicle_mass_kg': DataSheetQuantity('--vehicle-mass-kg', 'kg', (400, 5000), ((1e3, 't'),)),
+    'drag_coefficient': DataSheetQuantity('--drag-coefficient', '', (0.15, 0.6)),
+    'frontal_area_m2': DataSheetQuantity('--frontal-area-m2', 'm2', (1.2, 4.5)),
+    'rolling_resistance': DataSheetQuantity('--rolling-resistance', '', (0.004, 0.03),
                                    ((1e-2, '%'), (1e-3, 'kg/t'))),
 }
 ROAD_LOAD = ('vehicle_mass_kg', 'drag_coefficient', 'frontal_area_m2', 'rolling_resistance')

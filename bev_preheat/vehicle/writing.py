@@ -12,7 +12,7 @@ from typing import Any, TYPE_CHECKING
 
 if TYPE_CHECKING:
     from bev_preheat.files.checked_yaml import FileData
-    from bev_preheat.vehicle.described_car import Entry
+    from bev_preheat.vehicle.data_sheet_import import Entry
 
 WIDTH = 100
 TEMPLATE = Path(__file__).with_name('vehicle_template.yaml')
@@ -34,7 +34,7 @@ def vehicle_text(name: str, entries: dict[str, Entry], command: str) -> str:
     """
     Return a vehicle file as text.
 
-    `entries` are those of `described_car.describe_car`, `command` is what made them.
+    `entries` are those of `data_sheet_import.describe_car`, `command` is what made them.
     """
     values = {'name': _one_line(name), 'command': _comment(command, 0, '#     '),
               'quoted_name': json.dumps(name, ensure_ascii=False),

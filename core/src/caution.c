@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * Heating a little earlier than a plan needs, so that what turns out worse can be made up for:
- * bev_preheat.planning.caution for a run that is heated from one instant on, heat at once, no limit active.
+ * bev_preheat.planning.uncertainty_margin for a run that is heated from one instant on, heat at once, no limit active.
  */
 #include "caution.h"
 

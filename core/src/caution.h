@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Heating a little earlier than a plan needs: bev_preheat.planning.caution, heat at once, no limit active. */
+/* Heating a little earlier than a plan needs: bev_preheat.planning.uncertainty_margin, heat at once, no limit active. */
 #ifndef BEV_PREHEAT_CORE_CAUTION_H_
 #define BEV_PREHEAT_CORE_CAUTION_H_
 

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* From when on the last stretch of a plan's heating is heated: bev_preheat.planning.caution. */
+/* From when on the last stretch of a plan's heating is heated: bev_preheat.planning.uncertainty_margin. */
 #include "early_start.h"
 
 #include "instants.h"

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* From when on the last stretch of a plan's heating is heated: what bev_preheat.planning.caution decides first. */
+/* From when on the last stretch of a plan's heating is heated: what bev_preheat.planning.uncertainty_margin decides first. */
 #ifndef BEV_PREHEAT_CORE_EARLY_START_H_
 #define BEV_PREHEAT_CORE_EARLY_START_H_
 

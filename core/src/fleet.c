@@ -101,7 +101,7 @@ static void always_on(const drive *of, bev_arrival *arrival) {
   }
 }
 
-/* The paper's run, of which `heater_w` is written, as bev_preheat.planning.safeguard holds it; NaN is no instant. */
+/* The paper's run, of which `heater_w` is written, as bev_preheat.planning.no_regret holds it; NaN is no instant. */
 static bev_status plan_paper(const drive *of, double *heater_w, double *instant_s) {
   double *soc = of->room[2];
   double *temperature_c = of->room[3];

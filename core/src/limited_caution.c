@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Heating a little earlier than a plan needs: bev_preheat.planning.caution for any run, within the battery's limits
+ * Heating a little earlier than a plan needs: bev_preheat.planning.uncertainty_margin for any run, within the battery's limits
  * where one is active, and with a heat path.
  */
 #include "bracketing.h"

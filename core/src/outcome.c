@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * What comes of a run: its energies, and its stretches of heating, as bev_preheat.planning.stretches tells
+ * What comes of a run: its energies, and its stretches of heating, as bev_preheat.planning.heating_intervals tells
  * them, where the reasons stand.
  */
 #include "checks.h"

@@ -15,7 +15,7 @@ bev_status bev_run_paper(const bev_vehicle *vehicle, const bev_trip *trip, doubl
 
 /*
  * BEV_LIMITED where a run lacks power, or leaves the charge or the heat that the model describes: what
- * bev_preheat.planning.safeguard does not take as it is. The limits along it are written [W].
+ * bev_preheat.planning.no_regret does not take as it is. The limits along it are written [W].
  */
 bev_status bev_is_driven_as_planned(const bev_vehicle *vehicle, const bev_trip *trip,
                                     const double *soc, const double *temperature_c,

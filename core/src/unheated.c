@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What a trip lacks without paid heating: what bev_preheat.planning.safeguard holds a plan against. */
+/* What a trip lacks without paid heating: what bev_preheat.planning.no_regret holds a plan against. */
 #include "checks.h"
 #include "courses.h"
 #include "limited_step.h"

@@ -55,7 +55,7 @@ if TYPE_CHECKING:
 
     from bev_preheat.charging.worth import Worth
     from bev_preheat.optimum.charging_program import ChargingOptimum
-    from bev_preheat_studies.charging_worth import Case
+    from bev_preheat_studies.charging_worth import WorthCase
     from bev_preheat_studies.optimality.worth_gap import WorthGap
 
 # Trips that are listed: gaps above this share of the cost.
@@ -133,14 +133,14 @@ def _show(arguments: Namespace) -> int:
     return 0
 
 
-def reference_trip(case: Case) -> ChargingTrip:
+def reference_trip(case: WorthCase) -> ChargingTrip:
     """Return a case of the reference trip as a trip of the study."""
     vehicle, route, state, goal = trip_of(case)
     return ChargingTrip(0, 0, vehicle, route, state, goal,
                         stop_after(route, case.charger_w, DEPARTURE_SOC), PRICES)
 
 
-def print_cases(console: Console, compared: Sequence[tuple[Case, WorthGap]]) -> None:
+def print_cases(console: Console, compared: Sequence[tuple[WorthCase, WorthGap]]) -> None:
     """Print the comparison on the reference trip."""
     print_records(
         console, 'Reference trip: the best target and the joint program',

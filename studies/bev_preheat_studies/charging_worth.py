@@ -52,7 +52,7 @@ MOST_TRIALS, SOC_TOLERANCE = 20, 1e-6
 
 
 @dataclass(frozen=True)
-class Case:
+class WorthCase:
     """One arrival: charger [W], ambient and battery at the start [deg C], arrival without heating."""
 
     charger_w: float
@@ -60,12 +60,12 @@ class Case:
     arrival_soc: float
 
 
-def cases() -> list[Case]:
+def cases() -> list[WorthCase]:
     """Return the cases of the table."""
-    return [Case(*values) for values in product(CHARGERS_W, AMBIENT_C, ARRIVAL_SOCS)]
+    return [WorthCase(*values) for values in product(CHARGERS_W, AMBIENT_C, ARRIVAL_SOCS)]
 
 
-def trip_of(case: Case) -> tuple[Vehicle, Route, BatteryState, Goal]:
+def trip_of(case: WorthCase) -> tuple[Vehicle, Route, BatteryState, Goal]:
     """Return the reference on the reference trip, soaked at the start, that arrives as a case says."""
     vehicle = load_vehicle('reference')
     route = load_route('reference', vehicle.defaults)
@@ -74,24 +74,24 @@ def trip_of(case: Case) -> tuple[Vehicle, Route, BatteryState, Goal]:
     return vehicle, route, BatteryState(case.ambient_c, start_soc(vehicle, route, goal, case)), goal
 
 
-def worth_of(case: Case) -> Worth:
+def worth_of(case: WorthCase) -> Worth:
     """Return the Worth of heating in a case."""
     return find_worth(*trip_of(case), case.charger_w, DEPARTURE_SOC, PRICES)
 
 
-def start_soc(vehicle: Vehicle, route: Route, goal: Goal, case: Case) -> float:
+def start_soc(vehicle: Vehicle, route: Route, goal: Goal, case: WorthCase) -> float:
     """Return the state of charge to start with, so that the unheated drive arrives as the case says."""
     soc = case.arrival_soc + 0.3
     for _ in range(MOST_TRIALS):
-        lacking = case.arrival_soc - plan_unheated(
+        deficit = case.arrival_soc - plan_unheated(
             vehicle, route, BatteryState(case.ambient_c, soc), goal).arrival_soc
-        soc += lacking
-        if abs(lacking) < SOC_TOLERANCE:
+        soc += deficit
+        if abs(deficit) < SOC_TOLERANCE:
             break
     return soc
 
 
-def row(case: Case, worth: Worth) -> tuple[str, ...]:
+def row(case: WorthCase, worth: Worth) -> tuple[str, ...]:
     """Return the row of the table of one case."""
     without, best, fixed = worth.without_heating, worth.best, worth.fixed
     break_even = worth.break_even_value_of_time_per_h
@@ -104,13 +104,13 @@ def row(case: Case, worth: Worth) -> tuple[str, ...]:
             '–' if break_even is None else f'{break_even:.2f}')
 
 
-def winter_cases() -> list[Case]:
+def winter_cases() -> list[WorthCase]:
     """Return the cases of the winter table."""
-    return [Case(charger_w, ambient_c, WINTER_ARRIVAL_SOC)
+    return [WorthCase(charger_w, ambient_c, WINTER_ARRIVAL_SOC)
             for ambient_c, charger_w in product(WINTER_AMBIENT_C, WINTER_CHARGERS_W)]
 
 
-def winter_row(case: Case, worth: Worth) -> tuple[str, ...]:
+def winter_row(case: WorthCase, worth: Worth) -> tuple[str, ...]:
     """
     Return the row of the winter table of one case.
 

@@ -21,7 +21,7 @@ from plain_car import (
 import pytest
 
 from bev_preheat.charging.session import charge, HELD_STEPS, LONGEST_SESSION_S
-from bev_preheat.charging.stop import arrival_state, check_stop, Stop, stop_after
+from bev_preheat.charging.stop import arrival_state, ChargingStop, check_stop, stop_after
 from bev_preheat.errors import InvalidInput
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal
@@ -33,7 +33,7 @@ from bev_preheat.vehicle.heat_path import HeatPath
 
 REFERENCE, SMALL = load_vehicle('reference'), load_vehicle('small_car')
 # -10 degC outside, 1.2 kW for the cabin, 300 W of auxiliaries.
-STOP = Stop(60e3, 0.8, -10.0, 1200.0, 300.0)
+STOP = ChargingStop(60e3, 0.8, -10.0, 1200.0, 300.0)
 SUPPLY_W = 60e3 - 1500.0
 
 
@@ -107,7 +107,7 @@ def test_the_inlet_limits_what_the_charger_could_give():
     (REFERENCE, 150e3, -5.0, 0.2), (REFERENCE, 50e3, 12.0, 0.33), (SMALL, 100e3, 1.0, 0.15)],
     ids=['150 kW, cold', '50 kW, held at the limit', 'no heating'])
 def test_a_session_is_that_of_an_own_fine_integration(vehicle, charger_w, temperature_c, soc):
-    stop = Stop(charger_w, 0.62, -9.0, 1700.0, 450.0)
+    stop = ChargingStop(charger_w, 0.62, -9.0, 1700.0, 450.0)
     session = charge(vehicle, stop, BatteryState(temperature_c, soc))
     time_s, bought_wh, departure_c = own_session(vehicle, stop, temperature_c, soc, 0.1)
     assert session.charging_time_s == pytest.approx(time_s, rel=2e-4)
@@ -120,7 +120,7 @@ def test_a_session_is_that_of_an_own_fine_integration(vehicle, charger_w, temper
     (replace(REFERENCE, heat_path=HeatPath(30.0, 15e3, 500.0)), 150e3)],
     ids=['150 kW', '50 kW', '11 kW', 'small_car', 'heat path'])
 def test_halving_the_steps_changes_nothing_that_counts(vehicle, charger_w):
-    stop = Stop(charger_w, 0.8, -9.0, 1700.0, 450.0)
+    stop = ChargingStop(charger_w, 0.8, -9.0, 1700.0, 450.0)
     whole, half = (charge(vehicle, stop, BatteryState(-5.0, 0.4), step_s) for step_s in (10.0, 5.0))
     assert whole.charging_time_s == pytest.approx(half.charging_time_s, rel=2e-5, abs=0.01)
     assert whole.bought_energy_wh == pytest.approx(half.bought_energy_wh, rel=2e-5)
@@ -133,7 +133,7 @@ def test_energy_is_kept_and_no_limit_is_broken(
         name, charger_w, temperature_c, soc, more, ambient_c, cabin_w):
     vehicle = {'reference': REFERENCE, 'small': SMALL, 'late heat': replace(
         REFERENCE, heat_path=HeatPath(40.0, 20e3, 700.0))}[name]
-    stop = Stop(charger_w, min(0.98, soc + more), ambient_c, cabin_w, 350.0)
+    stop = ChargingStop(charger_w, min(0.98, soc + more), ambient_c, cabin_w, 350.0)
     session = charge(vehicle, stop, BatteryState(temperature_c, soc), step_s=60.0)
     energy, hours = session.energy_wh, session.time_s[-1] / 3600.0
     # The heat balance closes the energies; that what is left of the terminals' energy is charge is
@@ -196,10 +196,10 @@ def test_a_session_that_cannot_begin_says_why(vehicle, stop, temperature_c, prob
     assert len(session.time_s) == 1
 
 
-@pytest.mark.parametrize('lacking', [0.0, 1e-12, 9e-10])
-def test_a_battery_that_lacks_next_to_nothing_is_full_even_where_the_charger_gives_it_nothing(lacking):
+@pytest.mark.parametrize('deficit', [0.0, 1e-12, 9e-10])
+def test_a_battery_that_lacks_next_to_nothing_is_full_even_where_the_charger_gives_it_nothing(deficit):
     # Cabin and heater take all of 3 kW.
-    session = charge(REFERENCE, Stop(3e3, 0.5 + lacking, 0.0, 1648.0, 350.0), BatteryState(0.0, 0.5))
+    session = charge(REFERENCE, ChargingStop(3e3, 0.5 + deficit, 0.0, 1648.0, 350.0), BatteryState(0.0, 0.5))
     assert (session.problem, session.charging_time_s) == (None, 0.0)
 
 
@@ -227,7 +227,7 @@ def test_a_frozen_battery_is_warmed_first_where_the_car_can():
 def test_a_stop_after_a_drive_goes_on_as_the_drive_ended():
     route = load_route('reference', REFERENCE.defaults)
     stop = stop_after(route, 150e3, 0.8)
-    assert stop == Stop(150e3, 0.8, -7.0, 1978.0, 500.0)
+    assert stop == ChargingStop(150e3, 0.8, -7.0, 1978.0, 500.0)
 
 
 def test_heat_under_way_at_arrival_arrives_at_the_charger():

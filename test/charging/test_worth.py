@@ -10,7 +10,7 @@ import pytest
 
 from bev_preheat.charging.session import charge
 from bev_preheat.charging.spread import time_deviation
-from bev_preheat.charging.stop import Stop, stop_after
+from bev_preheat.charging.stop import ChargingStop, stop_after
 from bev_preheat.charging.verdict import verdict_on
 from bev_preheat.charging.worth import (
     find_worth,
@@ -46,7 +46,7 @@ def cost(vehicle, route, target_c, charger_w, prices=PRICES, state=STATE):
     """Return what one target costs: plan, session and money one after the other."""
     plan = (plan_unheated(vehicle, route, state, GOAL) if target_c is None else
             plan_preheating(vehicle, route, state, Goal(target_c)))
-    stop = Stop(charger_w, 0.8, float(route.ambient_temperature_c[-1]),
+    stop = ChargingStop(charger_w, 0.8, float(route.ambient_temperature_c[-1]),
                 float(route.cabin_heating_power_w[-1]), 400.0)
     session = charge(vehicle, stop, BatteryState(plan.arrival_temperature_c, plan.arrival_soc))
     return (prices.energy_per_kwh * session.bought_energy_wh / 1000.0
@@ -161,7 +161,7 @@ def test_a_charger_of_4_kw_in_the_cold_takes_more_than_a_day():
     route = drive(ambient_c=-20.0)
     worth = find_worth(REFERENCE, route, BatteryState(-18.0, 0.35), GOAL, 4000.0, 0.45, PRICES)
     assert worth.best.cost == math.inf
-    stop = Stop(4000.0, 0.45, -20.0, 1500.0, 400.0)
+    stop = ChargingStop(4000.0, 0.45, -20.0, 1500.0, 400.0)
     session = charge(REFERENCE, stop, BatteryState(25.0, 0.26))
     assert session.problem is not None and session.problem.endswith('after 24 h')
     assert session.hvch_battery_power_w[10:].mean() == pytest.approx(45.0 * 34.8868 / 0.87, rel=1e-2)

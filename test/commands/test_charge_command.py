@@ -8,7 +8,7 @@ import pytest
 import yaml
 
 from bev_preheat.charging.session import charge
-from bev_preheat.charging.stop import Stop
+from bev_preheat.charging.stop import ChargingStop
 from bev_preheat.files.configuration import configuration_folder
 from bev_preheat.planning.planner import plan_preheating, plan_unheated
 from bev_preheat.planning.situation import BatteryState, Goal
@@ -30,7 +30,7 @@ def test_the_sessions_after_a_drive_are_those_of_its_plans(said, tmp_path):
     vehicle = load_vehicle('reference')
     route = load_route('reference', vehicle.defaults)
     inputs = vehicle, route, BatteryState(-7.0, 0.7), Goal(25.0)
-    stop = Stop(150e3, 0.8, -7.0, 1978.0, 500.0)
+    stop = ChargingStop(150e3, 0.8, -7.0, 1978.0, 500.0)
     assert {key: written[key] for key in vars(stop)} == vars(stop)
     for session, plan, name in zip(written['sessions'], (plan_preheating(*inputs), plan_unheated(*inputs)),
                                    ('preheated', 'without preheating')):

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from bev_preheat.control.inputs import Leg, NS_PER_S
 from bev_preheat.drawing.itinerary_figure import make_itinerary_figure
 from bev_preheat.drawing.palette import CHARGE_LIMIT, DISCHARGE_LIMIT, look_of
 from bev_preheat.drawing.plan_figure import make_plan_figure
@@ -15,7 +16,6 @@ from bev_preheat.planning.planner import METHODS, plan_preheating, plan_unheated
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.route import load_route, make_route
-from bev_preheat.supervision.inputs import Leg, NS_PER_S
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.heat_path import HeatPath
 

@@ -10,7 +10,6 @@ import subprocess
 
 import pytest
 
-from bev_preheat.compiled.library import without_core
 from bev_preheat.ecu.constants import vehicle_source
 from bev_preheat.ecu.export import Export
 from bev_preheat.ecu.sources import own_sources
@@ -25,6 +24,7 @@ from bev_preheat.ecu.vectors import (
     vectors_text,
 )
 from bev_preheat.errors import InvalidInput
+from bev_preheat.native.library import without_core
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.corrections import corrected_vehicle, Corrections
 from bev_preheat.vehicle.curves import Table
@@ -206,10 +206,10 @@ def test_a_name_becomes_a_string_of_c():
 
 def answers_of_random_inputs(export, objects, method, cases, *options):
     """Return {status: how often} of cases in which numbers may be NaN, infinite, huge or zero."""
-    compiled = export.run('cc', '-std=c99', '-Wall', '-Wextra', '-Wpedantic', '-Wconversion', '-Werror',
+    native = export.run('cc', '-std=c99', '-Wall', '-Wextra', '-Wpedantic', '-Wconversion', '-Werror',
                           '-DBEV_MOST_STEPS=360', '-I.', '-Iinclude', *options, str(FUZZ), objects, '-lm',
                           '-o', 'fuzz')
-    assert compiled.returncode == 0, compiled.stderr
+    assert native.returncode == 0, native.stderr
     done = export.run('./fuzz', method, str(cases), '11')
     assert (done.returncode, done.stderr) == (0, ''), done.stdout
     return {int(status): int(count) for status, count in re.findall(r'status (-?\d+): (\d+)', done.stdout)}

@@ -5,11 +5,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from bev_preheat.estimation.estimator import Stretch
+from bev_preheat.control.inputs import Measurement, NS_PER_S
+from bev_preheat.estimation.estimator import DrivenInterval
 from bev_preheat.estimation.state import DriveInputs
 from bev_preheat.numerics.arithmetic import FLOATS
 from bev_preheat.planning.situation import BatteryState
-from bev_preheat.supervision.inputs import Measurement, NS_PER_S
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.corrections import corrected_vehicle, Corrections
 from bev_preheat.vehicle.model import make_rates
@@ -56,7 +56,7 @@ def observed(estimator, measurement, course, commands):
     stamp_ns = measurement.stamp_ns
     edges_ns = estimator.edges_ns(stamp_ns)
     estimator.observe(measurement, commands.mean_w(stamp_ns, stamp_ns), [
-        Stretch((to_ns - from_ns) / NS_PER_S, drive, commands.mean_w(from_ns, to_ns), limit_w)
+        DrivenInterval((to_ns - from_ns) / NS_PER_S, drive, commands.mean_w(from_ns, to_ns), limit_w)
         for from_ns, to_ns in zip(edges_ns, edges_ns[1:])
         for drive, limit_w in [course.between(from_ns, to_ns)]])
 

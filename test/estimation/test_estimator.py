@@ -9,6 +9,7 @@ from driven_car import Commands, Course, DrivenCar, LIMIT_W, observed, START_NS,
 import numpy as np
 import pytest
 
+from bev_preheat.control.inputs import NS_PER_S
 from bev_preheat.estimation.belief import LOCAL_DEVIATION_K
 from bev_preheat.estimation.estimator import Estimator
 from bev_preheat.estimation.hypotheses import Heater
@@ -22,7 +23,6 @@ from bev_preheat.estimation.state import (
     TEMPERATURE,
 )
 from bev_preheat.planning.situation import BatteryState
-from bev_preheat.supervision.inputs import NS_PER_S
 from bev_preheat.vehicle.corrections import Corrections
 
 pytestmark = pytest.mark.costly

@@ -88,7 +88,10 @@ def test_a_fault_is_told_after_a_while_and_then_stays_told():
     reports = [judge(weights, None, Suspicion(LEANING_COURSE_S + more_s, 5.0, 0.0, 0.0), lambda _: LEANING)
                for more_s in (-0.1, 0.0)]
     assert [report.heater for report in reports] == [Heater.ANSWERS, Heater.DERATED]
-    assert judge(weights_of(derated=0.5), reports[1], suspicion=Suspicion(0.0, 0.0, 0.0, 0.0)).heater is Heater.DERATED
+    assert judge(
+    weights_of(
+        derated=0.5), reports[1], suspicion=Suspicion(
+            0.0, 0.0, 0.0, 0.0)).heater is Heater.DERATED
 
 
 def test_a_fault_is_taken_back_only_when_it_is_unlikely():

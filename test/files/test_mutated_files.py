@@ -12,6 +12,8 @@ from mutation import mutated
 import pytest
 
 from bev_preheat.charging.chargers_file import load_chargers
+from bev_preheat.control.itinerary import load_itinerary
+from bev_preheat.control.settings import settings_of
 from bev_preheat.errors import InvalidInput
 from bev_preheat.estimation.state_file import load_state
 from bev_preheat.files.configuration import configuration_folder
@@ -20,8 +22,6 @@ from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route.csv_file import load_route
 from bev_preheat.route.legs import load_legs
 from bev_preheat.simulation.scenario import load_scenario
-from bev_preheat.supervision.itinerary import load_itinerary
-from bev_preheat.supervision.settings import settings_of
 from bev_preheat.vehicle import load_vehicle
 
 VEHICLE = load_vehicle('reference')

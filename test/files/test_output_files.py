@@ -19,7 +19,7 @@ from bev_preheat.files.output_files import (
     check_outputs,
     check_writable,
     existing_file,
-    Output,
+    OutputFile,
     PICTURE_SUFFIXES,
     write_whole,
 )
@@ -42,7 +42,7 @@ def old(tmp_path):
 
 def problems_of(*outputs, inputs=()):
     with pytest.raises(InvalidInput) as refused:
-        check_outputs([Output(f'--{number}', path) for number, path in enumerate(outputs)], inputs)
+        check_outputs([OutputFile(f'--{number}', path) for number, path in enumerate(outputs)], inputs)
     return refused.value.problems
 
 
@@ -156,7 +156,7 @@ def test_write_protection_is_respected(old, monkeypatch, protected, sentence):
 
 def test_a_folder_that_can_be_made_is_made_on_demand(tmp_path):
     path = tmp_path / 'one' / 'two' / 'x.json'
-    check_outputs([Output('--json', path, make_folder=True)])
+    check_outputs([OutputFile('--json', path, make_folder=True)])
     assert os.listdir() == []
     write_whole(path, NEW, make_folder=True)
     assert path.read_bytes() == NEW
@@ -334,18 +334,18 @@ def test_two_outputs_are_two_files_even_before_they_exist(tmp_path, spelling):
 
 
 def test_outputs_beside_inputs_are_fine(old):
-    check_outputs([Output('--json', 'x.json'), Output('--plot', None), Output('--log', 'y')],
+    check_outputs([OutputFile('--json', 'x.json'), OutputFile('--plot', None), OutputFile('--log', 'y')],
                   [old])
     assert os.listdir() == ['old.json']
 
 
 def test_an_old_result_may_be_written_over(old):
-    check_outputs([Output('--json', old)])
+    check_outputs([OutputFile('--json', old)])
 
 
 def test_the_file_that_standard_output_goes_to_is_refused(tmp_path):
     code = ('from bev_preheat.files.output_files import *\n'
-            'try: check_outputs([Output("--json", "shown.txt")])\n'
+            'try: check_outputs([OutputFile("--json", "shown.txt")])\n'
             'except ValueError as error: print(error)')
     with open('shown.txt', 'wb') as shown:
         subprocess.run([sys.executable, '-c', code], stdout=shown, timeout=60, check=True)
@@ -364,13 +364,13 @@ def test_each_output_has_its_problem(old):
 @pytest.mark.parametrize('path', ['x', 'x.', 'x.bmp', '.png', 'x.png.gz', 'folder.png/x'])
 def test_a_picture_needs_a_suffix_that_is_known(path):
     with pytest.raises(InvalidInput) as refused:
-        check_outputs([Output('--plot', path, PICTURE_SUFFIXES)])
+        check_outputs([OutputFile('--plot', path, PICTURE_SUFFIXES)])
     assert str(refused.value) == f'--plot: {path}: must end in .png or .svg or .pdf'
 
 
 @pytest.mark.parametrize('path', ['x.png', 'x.SVG', 'x.y.pdf'])
 def test_known_suffixes_are_accepted(path):
-    check_outputs([Output('--plot', path, PICTURE_SUFFIXES)])
+    check_outputs([OutputFile('--plot', path, PICTURE_SUFFIXES)])
 
 
 def test_nothing_there_is_told_from_a_file(old):

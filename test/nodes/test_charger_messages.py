@@ -10,6 +10,10 @@ import pytest
 from stepwise import Stepwise
 
 from bev_preheat.charging.stop import Charger
+from bev_preheat.control.decision import Decision
+from bev_preheat.control.inbox import Inbox
+from bev_preheat.control.inputs import Measurement, NS_PER_S
+from bev_preheat.control.settings import FIELD_OF_PARAMETER, Settings
 from bev_preheat.errors import figure, InvalidInput
 from bev_preheat.nodes.convert import (
     is_cancellation,
@@ -23,10 +27,6 @@ from bev_preheat.nodes.planner_node import PARAMETERS
 from bev_preheat.nodes.target_report import charging_text, session_texts
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.planning.status import Status
-from bev_preheat.supervision.decision import Decision
-from bev_preheat.supervision.inbox import Inbox
-from bev_preheat.supervision.inputs import Measurement, NS_PER_S
-from bev_preheat.supervision.settings import FIELD_OF_PARAMETER, Settings
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat_msgs.msg import PreheatPlan, RoutePlan
 

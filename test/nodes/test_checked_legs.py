@@ -8,6 +8,8 @@ from builtin_interfaces.msg import Time
 import pytest
 from stepwise import Stepwise
 
+from bev_preheat.control.inputs import Measurement, NS_PER_S
+from bev_preheat.control.settings import Settings
 from bev_preheat.nodes.convert import mission_from_message, plan_message
 from bev_preheat.nodes.optimality_report import (
     as_driven,
@@ -16,8 +18,6 @@ from bev_preheat.nodes.optimality_report import (
     says_the_same,
 )
 from bev_preheat.planning.situation import BatteryState, Goal
-from bev_preheat.supervision.inputs import Measurement, NS_PER_S
-from bev_preheat.supervision.settings import Settings
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.heat_path import HeatPath
 from bev_preheat_msgs.msg import RoutePlan

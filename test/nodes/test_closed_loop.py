@@ -16,6 +16,7 @@ import pytest
 from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import BatteryState
 
+from bev_preheat.control.inputs import NS_PER_S
 from bev_preheat.nodes.convert import nanoseconds
 from bev_preheat.nodes.simulator_messages import outcome_from_diagnostics
 from bev_preheat.planning.planner import plan_preheating
@@ -23,7 +24,6 @@ from bev_preheat.planning.situation import BatteryState as State
 from bev_preheat.planning.situation import Goal
 from bev_preheat.planning.status import Status
 from bev_preheat.route import load_route
-from bev_preheat.supervision.inputs import NS_PER_S
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat_msgs.msg import HvchCommand, PreheatPlan
 

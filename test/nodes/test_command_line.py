@@ -45,7 +45,7 @@ def loaded_by(*arguments):
 
 def test_a_start_does_not_look_installed_packages_up_or_load_openssl(domain_id):
     loaded = loaded_by(Path(get_package_prefix('bev_preheat')) / 'lib' / 'bev_preheat' / 'planner', '--help')
-    assert 'bev_preheat.supervision.supervisor' in loaded
+    assert 'bev_preheat.control.supervisor' in loaded
     # NumPy 1 loads OpenSSL for its random numbers, asked for or not.
     unneeded = {'importlib.metadata', 'pkg_resources', 'hashlib'} - loaded_by('-c', 'import numpy')
     assert not unneeded & loaded

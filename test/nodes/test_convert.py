@@ -17,6 +17,9 @@ import pytest
 from sensor_msgs.msg import BatteryState as BatteryStateMessage
 from varying_power import magnitude_w
 
+from bev_preheat.control.decision import Command, Decision
+from bev_preheat.control.inputs import Leg, Mission, NS_PER_S, SupplyStatus, with_stops
+from bev_preheat.control.target_choice import TargetSource
 from bev_preheat.errors import InvalidInput
 from bev_preheat.nodes.convert import (
     battery_event,
@@ -31,15 +34,12 @@ from bev_preheat.nodes.convert import (
     temperature_message,
     time_message,
 )
+from bev_preheat.planning.heating_intervals import HeatingInterval, Reason
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.status import Status
 from bev_preheat.planning.stranding import Stranding
-from bev_preheat.planning.stretches import HeatingStretch, Reason
 from bev_preheat.route.segments import make_route
-from bev_preheat.supervision.decision import Command, Decision
-from bev_preheat.supervision.inputs import Leg, Mission, NS_PER_S, SupplyStatus, with_stops
-from bev_preheat.supervision.target_choice import TargetSource
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.description import Defaults
 from bev_preheat.vehicle.heat_path import HeatPath
@@ -562,13 +562,13 @@ def test_instants_of_a_plan(message, decision):
 
 
 # Four stretches, one for each reason, all figures different.
-STRETCHES = (HeatingStretch(10.0, 15.5, 7.25, Reason.CLIMB),
-             HeatingStretch(30.0, 90.0, 61.0, Reason.DESCENT),
-             HeatingStretch(90.0, 400.0, 330.5, Reason.SURPLUS),
-             HeatingStretch(777.0, 1200.0, 590.75, Reason.ARRIVAL))
+STRETCHES = (HeatingInterval(10.0, 15.5, 7.25, Reason.CLIMB),
+             HeatingInterval(30.0, 90.0, 61.0, Reason.DESCENT),
+             HeatingInterval(90.0, 400.0, 330.5, Reason.SURPLUS),
+             HeatingInterval(777.0, 1200.0, 590.75, Reason.ARRIVAL))
 
 
-@pytest.mark.parametrize('stretches, field, expected', [
+@pytest.mark.parametrize('intervals, field, expected', [
     (STRETCHES, 'stretch_start', [10.0, 30.0, 90.0, 777.0]),
     (STRETCHES, 'stretch_end', [15.5, 90.0, 400.0, 1200.0]),
     (STRETCHES, 'stretch_energy', [7.25, 61.0, 330.5, 590.75]),
@@ -577,8 +577,8 @@ STRETCHES = (HeatingStretch(10.0, 15.5, 7.25, Reason.CLIMB),
         PreheatPlan.STRETCH_ARRIVAL]),
     ((), 'stretch_start', []), ((), 'stretch_end', []), ((), 'stretch_energy', []),
     ((), 'stretch_reason', [])])
-def test_stretches_of_a_plan(decision, stretches, field, expected):
-    plan = replace(decision.plan, stretches=stretches)
+def test_stretches_of_a_plan(decision, intervals, field, expected):
+    plan = replace(decision.plan, intervals=intervals)
     message = plan_message(replace(decision, plan=plan), EAST, now_ns=99 * NS_PER_S)
     assert list(getattr(message, field)) == expected
 
@@ -593,7 +593,7 @@ def test_each_lack_goes_to_its_own_field(decision, field):
 
 
 def test_where_the_charge_runs_out(decision):
-    plan = replace(decision.plan, stranding=Stranding(at_s=450.5, at_m=8125.0, lacking_wh=2250.0))
+    plan = replace(decision.plan, stranding=Stranding(at_s=450.5, at_m=8125.0, deficit_wh=2250.0))
     message = plan_message(replace(decision, plan=plan), EAST, now_ns=99 * NS_PER_S)
     # The plan starts at 50 s.
     assert (nanoseconds(message.charge_runs_out), message.charge_runs_out_distance,

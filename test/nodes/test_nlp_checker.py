@@ -20,13 +20,13 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import BatteryState
 from std_srvs.srv import Trigger
 
+from bev_preheat.control.inputs import NS_PER_S
 from bev_preheat.nodes.convert import nanoseconds, ROUTE_FIELDS, time_message
 from bev_preheat.optimum.solve import solve_optimum
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState as State
 from bev_preheat.planning.situation import Goal
 from bev_preheat.route.segments import make_route
-from bev_preheat.supervision.inputs import NS_PER_S
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat_msgs.msg import HvchCommand, OptimalityReport, PreheatPlan, RoutePlan
 

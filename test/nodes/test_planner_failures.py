@@ -61,8 +61,8 @@ def fail(*_, **__):
 
 
 @pytest.mark.parametrize('where', [
-    'nodes.convert.measurement_from_message', 'supervision.inbox.check_situation',
-    'supervision.outlook.plan_preheating', 'nodes.planner_node.plan_message'])
+    'nodes.convert.measurement_from_message', 'control.inbox.check_situation',
+    'control.forecast_plan.plan_preheating', 'nodes.planner_node.plan_message'])
 def test_an_exception_that_nobody_foresaw_switches_off_until_states_are_valid_again(
         planner, monkeypatch, where):
     planner.node._on_route_plan(short_route())
@@ -141,7 +141,7 @@ def test_a_route_at_which_the_planner_fails_is_not_told_as_taken(planner, monkey
     monkeypatch.setattr(planner.node, '_tell_route', lambda: told.append(True))
     planner.node._on_route_plan(short_route())
     assert told == [True]
-    monkeypatch.setattr('bev_preheat.supervision.inbox.check_mission', fail)
+    monkeypatch.setattr('bev_preheat.control.inbox.check_mission', fail)
     planner.node._on_route_plan(short_route())
     assert told == [True]
     assert command(planner)[1] is Status.INTERNAL_ERROR

@@ -32,9 +32,9 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import BatteryState, Temperature
 from std_srvs.srv import SetBool
 
+from bev_preheat.control.inputs import NS_PER_S
 from bev_preheat.nodes.convert import nanoseconds, time_message
 from bev_preheat.planning.status import Status
-from bev_preheat.supervision.inputs import NS_PER_S
 from bev_preheat_msgs.msg import HvchCommand, PreheatPlan, RoutePlan, RouteProgress
 
 LATCHED = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)

@@ -27,6 +27,12 @@ import yaml
 
 from bev_preheat.commands.main import main
 from bev_preheat.commands.prepare import seconds_until
+from bev_preheat.control.events import BatteryStateArrived, PreparationWanted, RouteArrived
+from bev_preheat.control.inbox import Inbox
+from bev_preheat.control.inputs import Leg, Measurement, Mission, NS_PER_S
+from bev_preheat.control.preparation_goal import PreparationEnding, PreparationGoal
+from bev_preheat.control.settings import Settings
+from bev_preheat.control.supervisor import Supervisor
 from bev_preheat.errors import InvalidInput
 from bev_preheat.monitoring import preparation
 from bev_preheat.monitoring.heard import Heard
@@ -34,16 +40,10 @@ from bev_preheat.monitoring.preparation import feedback_line, Wanted
 from bev_preheat.monitoring.view import line, page
 from bev_preheat.nodes.convert import plan_message, time_message
 from bev_preheat.nodes.optimality_report import case_of_plan
-from bev_preheat.nodes.prepare_action import wish_of_goal
+from bev_preheat.nodes.prepare_action import preparation_goal_of
 from bev_preheat.planning.situation import BatteryState as BatteryInput
 from bev_preheat.planning.status import Status
 from bev_preheat.route.segments import make_route
-from bev_preheat.supervision.events import BatteryStateArrived, PreparationWanted, RouteArrived
-from bev_preheat.supervision.inbox import Inbox
-from bev_preheat.supervision.inputs import Leg, Measurement, Mission, NS_PER_S
-from bev_preheat.supervision.settings import Settings
-from bev_preheat.supervision.supervisor import Supervisor
-from bev_preheat.supervision.wish import Ending, Wish
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat_msgs.action import PrepareBattery
 from bev_preheat_msgs.msg import HvchCommand, PreheatPlan
@@ -70,14 +70,21 @@ def goal(**fields):
     ({'has_target_battery_temperature': True}, 0.0, None), ({'has_ambient_temperature': True}, None, 0.0),
     ({'target_battery_temperature': 31.0, 'ambient_temperature': -4.0}, 31.0, -4.0)])
 def test_what_nobody_sets_is_not_given(fields, target_c, ambient_c):
-    wish = wish_of_goal(PrepareBattery.Goal(**fields))
-    assert (wish.target_c, wish.ambient_c) == (target_c, ambient_c)
-    assert wish.is_soonest and not wish.is_plugged_in
+    preparation_goal = preparation_goal_of(PrepareBattery.Goal(**fields))
+    assert (preparation_goal.target_c, preparation_goal.ambient_c) == (target_c, ambient_c)
+    assert preparation_goal.is_soonest and not preparation_goal.is_plugged_in
 
 
 def test_an_instant_is_read_to_the_nanosecond():
-    wish = wish_of_goal(PrepareBattery.Goal(ready_at=Time(sec=1700, nanosec=7), plugged_in=True))
-    assert (wish.ready_at_ns, wish.is_soonest, wish.is_plugged_in) == (1_700_000_000_007, False, True)
+    preparation_goal = preparation_goal_of(
+        PrepareBattery.Goal(ready_at=Time(sec=1700, nanosec=7), plugged_in=True))
+    assert (
+    preparation_goal.ready_at_ns,
+    preparation_goal.is_soonest,
+    preparation_goal.is_plugged_in) == (
+        1_700_000_000_007,
+        False,
+         True)
 
 
 @pytest.mark.parametrize('fields, sentence', [
@@ -89,13 +96,13 @@ def test_an_instant_is_read_to_the_nanosecond():
     ({'ready_at': Time(sec=1, nanosec=1_000_000_000)}, 'nanoseconds below 1000000000')])
 def test_a_goal_that_cannot_be_read_is_refused(fields, sentence):
     with pytest.raises(InvalidInput) as refusal:
-        wish_of_goal(PrepareBattery.Goal(**fields))
+        preparation_goal_of(PrepareBattery.Goal(**fields))
     assert sentence in str(refusal.value)
 
 
 def test_the_results_codes_are_those_of_the_endings():
-    assert {ending.name: ending.value for ending in Ending} == {
-        ending.name: getattr(PrepareBattery.Result, ending.name) for ending in Ending}
+    assert {ending.name: ending.value for ending in PreparationEnding} == {
+        ending.name: getattr(PrepareBattery.Result, ending.name) for ending in PreparationEnding}
     assert PrepareBattery.Result().code == PrepareBattery.Result.UNKNOWN
 
 
@@ -133,13 +140,13 @@ def typed_goals():
 
 
 def test_the_goals_that_the_how_to_types_are_goals():
-    wishes = []
+    preparation_goals = []
     for *_, action, kind, values in typed_goals():
         assert (action, kind) == ('/planner/prepare_battery', 'bev_preheat_msgs/action/PrepareBattery')
-        wishes.append(wish_of_goal(PrepareBattery.Goal(**{
+        preparation_goals.append(preparation_goal_of(PrepareBattery.Goal(**{
             name: Time(**value) if name == 'ready_at' else type(getattr(PrepareBattery.Goal(), name))(value)
             for name, value in yaml.safe_load(values).items()})))
-    soonest, later = wishes
+    soonest, later = preparation_goals
     assert (soonest.is_soonest, soonest.target_c, soonest.ambient_c) == (True, 20.0, -5.0)
     assert later.is_plugged_in and later.ready_at_ns / NS_PER_S == pytest.approx(
         time.time() + 2400.0, abs=LIMIT_S)
@@ -151,7 +158,7 @@ def test_the_goals_that_the_how_to_types_are_goals():
 NOW_NS = 1_700_000_000 * NS_PER_S
 
 
-def planned(*wishes):
+def planned(*preparation_goals):
     """Return (supervisor, measurement, PreheatPlan) for a route of 40 min, and for wishes."""
     vehicle = load_vehicle('reference')
     route = make_route({'duration_s': [30.0] * 80, 'speed_mps': [20.0], 'propulsion_power_w': [20e3],
@@ -160,23 +167,23 @@ def planned(*wishes):
     measurement = Measurement(BatteryInput(3.0, 0.8), NOW_NS)
     # The same drive and the same target: what is planned is the same trip.
     for event in (RouteArrived(Mission('home', (Leg(route, NOW_NS, True, 20.0),))),
-                  BatteryStateArrived(measurement), *map(PreparationWanted, wishes)):
+                  BatteryStateArrived(measurement), *map(PreparationWanted, preparation_goals)):
         assert not any(output.refusals for output in supervisor.step(NOW_NS, event))
     return supervisor, measurement, plan_message(
-        supervisor.decision, supervisor.pursued_mission, NOW_NS)
+        supervisor.decision, supervisor.active_mission, NOW_NS)
 
 
-@pytest.mark.parametrize('wishes', [(), (Wish(NOW_NS + 2400 * NS_PER_S, 20.0),)])
-def test_a_plan_for_a_goal_is_not_taken_for_the_routes(wishes):
-    supervisor, measurement, plan = planned(*wishes)
-    assert plan.route_id == ('~/prepare_battery' if wishes else 'home')
+@pytest.mark.parametrize('preparation_goals', [(), (PreparationGoal(NOW_NS + 2400 * NS_PER_S, 20.0),)])
+def test_a_plan_for_a_goal_is_not_taken_for_the_routes(preparation_goals):
+    supervisor, measurement, plan = planned(*preparation_goals)
+    assert plan.route_id == ('~/prepare_battery' if preparation_goals else 'home')
     case = case_of_plan(supervisor.mission, Inbox(
         supervisor.vehicle, supervisor.settings).goal_of, [measurement], plan)
-    assert (case is None) is bool(wishes)
+    assert (case is None) is bool(preparation_goals)
 
 
 def test_the_monitor_shows_the_plan_for_a_goal():
-    _, _, plan = planned(Wish(0, 20.0))
+    _, _, plan = planned(PreparationGoal(0, 20.0))
     heard = Heard()
     heard.hear('preheat_plan', plan)
     assert 'Preparing the battery. Heating' in line(heard)

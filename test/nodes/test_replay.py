@@ -19,6 +19,10 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import BatteryState
 from std_srvs.srv import SetBool
 
+from bev_preheat.control.events import PreheatingSwitched, Reconfigured
+from bev_preheat.control.inputs import NS_PER_S
+from bev_preheat.control.settings import Settings
+from bev_preheat.control.supervisor import Supervisor
 from bev_preheat.nodes.convert import (
     battery_event,
     command_message,
@@ -38,10 +42,6 @@ from bev_preheat.simulation.heater_lease import HeaterLease
 from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections
 from bev_preheat.simulation.mismatch import Mismatch
 from bev_preheat.simulation.sensors import Sensors
-from bev_preheat.supervision.events import PreheatingSwitched, Reconfigured
-from bev_preheat.supervision.inputs import NS_PER_S
-from bev_preheat.supervision.settings import Settings
-from bev_preheat.supervision.supervisor import Supervisor
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat_msgs.msg import HvchCommand, PreheatPlan, RoutePlan
 

@@ -11,8 +11,8 @@ from rclpy.qos import QoSDurabilityPolicy, QoSProfile
 from sensor_msgs.msg import BatteryState
 from std_srvs.srv import SetBool
 
+from bev_preheat.control.inputs import NS_PER_S
 from bev_preheat.nodes.convert import nanoseconds, time_message
-from bev_preheat.supervision.inputs import NS_PER_S
 from bev_preheat_msgs.msg import HvchCommand, RoutePlan
 
 LATCHED = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)

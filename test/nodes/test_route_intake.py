@@ -8,13 +8,13 @@ from builtin_interfaces.msg import Time
 import pytest
 from stepwise import Stepwise
 
+from bev_preheat.control.events import Reconfigured
+from bev_preheat.control.inputs import Measurement, NS_PER_S
+from bev_preheat.control.settings import Settings
 from bev_preheat.errors import InvalidInput
 from bev_preheat.nodes.route_intake import refused_route_of, RouteIntake
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.planning.status import Status
-from bev_preheat.supervision.events import Reconfigured
-from bev_preheat.supervision.inputs import Measurement, NS_PER_S
-from bev_preheat.supervision.settings import Settings
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat_msgs.msg import RoutePlan
 

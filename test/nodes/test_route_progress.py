@@ -5,6 +5,10 @@ from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus
 import pytest
 
+from bev_preheat.control.events import ProgressArrived, ProgressUnreadable, RouteArrived
+from bev_preheat.control.inputs import Leg, Mission, NS_PER_S, Progress
+from bev_preheat.control.settings import Settings
+from bev_preheat.control.supervisor import Supervisor
 from bev_preheat.errors import InvalidInput
 from bev_preheat.nodes.route_progress import (
     progress_diagnostics,
@@ -13,10 +17,6 @@ from bev_preheat.nodes.route_progress import (
     progress_message,
 )
 from bev_preheat.route.segments import make_route
-from bev_preheat.supervision.events import ProgressArrived, ProgressUnreadable, RouteArrived
-from bev_preheat.supervision.inputs import Leg, Mission, NS_PER_S, Progress
-from bev_preheat.supervision.settings import Settings
-from bev_preheat.supervision.supervisor import Supervisor
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat_msgs.msg import RouteProgress
 

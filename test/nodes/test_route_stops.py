@@ -8,15 +8,15 @@ from builtin_interfaces.msg import Time
 import numpy as np
 import pytest
 
+from bev_preheat.control.decision import Decision
+from bev_preheat.control.inputs import Leg, Mission, NS_PER_S
+from bev_preheat.control.settings import MOST_STOPS
 from bev_preheat.errors import InvalidInput
 from bev_preheat.nodes.convert import mission_from_message, plan_message, route_plan_message
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.status import Status
 from bev_preheat.route.segments import make_route, Route
-from bev_preheat.supervision.decision import Decision
-from bev_preheat.supervision.inputs import Leg, Mission, NS_PER_S
-from bev_preheat.supervision.settings import MOST_STOPS
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat_msgs.msg import PreheatPlan, RoutePlan
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from bev_preheat.charging.session import charge
-from bev_preheat.charging.stop import Stop, stop_after
+from bev_preheat.charging.stop import ChargingStop, stop_after
 from bev_preheat.charging.worth import find_worth, Prices
 from bev_preheat.numerics.arithmetic import FLOATS
 from bev_preheat.optimum import charging_steps, smooth_maps
@@ -122,7 +122,7 @@ def test_its_steps_lead_where_the_session_does(vehicle, monkeypatch):
     # With corners that are hardly rounded the session's own equations are left.
     monkeypatch.setattr(smooth_maps, 'TEMPERATURE_WIDTH_K', 0.01)
     monkeypatch.setattr(charging_steps, 'SWITCH_K', 0.05)
-    stop = Stop(88e3, 0.5, -8.0, 1500.0, 400.0)
+    stop = ChargingStop(88e3, 0.5, -8.0, 1500.0, 400.0)
     session = charge(vehicle, stop, BatteryState(9.0, 0.2, 0.0, 0.0))
     step = symbolic_charging_step(vehicle, stop)
     steps = 300

@@ -16,7 +16,7 @@ import short_stretches
 from bev_preheat.errors import InvalidInput
 from bev_preheat.optimum import program, program_solvers, solve
 from bev_preheat.optimum.attempt import SUCCESS
-from bev_preheat.optimum.lacking import (
+from bev_preheat.optimum.deficits import (
     ARRIVAL_SOC,
     CHARGE,
     DISCHARGE_POWER,
@@ -356,15 +356,15 @@ def test_unreachable_target_lacks_what_full_heating_misses(unreachable):
     vehicle, route, state, _ = TRIPS['reference']
     car, route = Car(vehicle), route.resampled(120.0)
     arrival_c = car.drive(route, state, car.heater_limit_w(route))[-1, 1]
-    (lacking,) = unreachable.lacking
-    assert (lacking.constraint, lacking.unit) == (TARGET, 'K')
+    (deficit,) = unreachable.deficit
+    assert (deficit.constraint, deficit.unit) == (TARGET, 'K')
     # The prices of the slacks leave the heater 1e-6 short of its maximum.
-    assert lacking.amount == pytest.approx(51.0 - arrival_c, abs=1e-3)
+    assert deficit.amount == pytest.approx(51.0 - arrival_c, abs=1e-3)
 
 
 def test_unreachable_target_is_said_in_words(unreachable):
     assert unreachable.infeasible == (
-        f'target temperature: {unreachable.lacking[0].amount:.2f} K cannot be reached',)
+        f'target temperature: {unreachable.deficit[0].amount:.2f} K cannot be reached',)
 
 
 def test_unreachable_target_is_no_optimum(unreachable):
@@ -377,9 +377,9 @@ def test_reserve_that_driving_alone_breaks_lacks_what_driving_misses():
     vehicle, route, state, _ = TRIPS['reference']
     arrival_soc = Car(vehicle).drive(route, state, np.zeros(len(route)))[-1, 0]
     optimum = solve_optimum(vehicle, route, state, Goal(-20.0, arrival_soc + 0.04))
-    (lacking,) = optimum.lacking
-    assert (lacking.constraint, lacking.unit) == (ARRIVAL_SOC, '%')
-    assert lacking.amount == pytest.approx(4.0, abs=1e-3)
+    (deficit,) = optimum.deficit
+    assert (deficit.constraint, deficit.unit) == (ARRIVAL_SOC, '%')
+    assert deficit.amount == pytest.approx(4.0, abs=1e-3)
 
 
 def test_charge_comes_before_warmth():
@@ -388,7 +388,7 @@ def test_charge_comes_before_warmth():
     idle, full = (car.drive(route, state, share * car.heater_limit_w(route)) for share in (0, 1))
     reserve = 0.5 * (idle[-1, 0] + full[-1, 0])
     optimum = solve_optimum(vehicle, route, state, Goal(51.0, reserve))
-    assert [item.constraint for item in optimum.lacking] == [TARGET]
+    assert [item.constraint for item in optimum.deficit] == [TARGET]
     assert optimum.plan.arrival_soc == pytest.approx(reserve, abs=1e-7)
 
 
@@ -400,23 +400,23 @@ def test_state_of_charge_that_leaves_its_range_on_the_way_is_lacking():
     run = Car(REFERENCE).drive(route, state, np.zeros(60))
     assert run[-1, 0] > 0.05
     optimum = solve_optimum(REFERENCE, route, state, Goal(-10.0))
-    (lacking,) = optimum.lacking
-    assert (lacking.constraint, lacking.unit) == (LOWEST_SOC, '%')
+    (deficit,) = optimum.deficit
+    assert (deficit.constraint, deficit.unit) == (LOWEST_SOC, '%')
     # No heating could help; the worst instant is the top of the hill.
-    assert lacking.amount == pytest.approx(100.0 * (0.05 - run[40, 0]), abs=1e-3)
-    assert lacking.text.endswith('% below its range at 1200 s')
+    assert deficit.amount == pytest.approx(100.0 * (0.05 - run[40, 0]), abs=1e-3)
+    assert deficit.text.endswith('% below its range at 1200 s')
 
 
 def test_regeneration_into_a_full_battery_without_limits_is_lacking():
     route = made_route(propulsion_power_w=[-30e3] * 40, ambient_temperature_c=[14.0])
     state = BatteryState(16.0, 0.99)
     optimum = solve_optimum(REFERENCE, route, state, Goal(-10.0), limited=False)
-    (lacking,) = optimum.lacking
-    assert (lacking.constraint, lacking.unit) == (HIGHEST_SOC, '%')
+    (deficit,) = optimum.deficit
+    assert (deficit.constraint, deficit.unit) == (HIGHEST_SOC, '%')
     # Even with all the power that the heater can take.
     car = Car(REFERENCE)
     full = car.drive(route, state, car.heater_limit_w(route))
-    assert lacking.amount == pytest.approx(100.0 * (full[-1, 0] - 1.0), abs=1e-3)
+    assert deficit.amount == pytest.approx(100.0 * (full[-1, 0] - 1.0), abs=1e-3)
 
 
 def test_joule_heat_beyond_the_highest_temperature_is_lacking():
@@ -427,10 +427,10 @@ def test_joule_heat_beyond_the_highest_temperature_is_lacking():
     state = BatteryState(33.0, 0.95)
     idle_c = Car(vehicle).drive(route, state, np.zeros(50))[:, 1]
     optimum = solve_optimum(vehicle, route, state, Goal(20.0))
-    (lacking,) = optimum.lacking
-    assert (lacking.constraint, lacking.unit) == (HIGHEST_TEMPERATURE, 'K')
-    assert lacking.amount == pytest.approx(idle_c.max() - 40.0, abs=1e-3)
-    assert lacking.text.endswith(
+    (deficit,) = optimum.deficit
+    assert (deficit.constraint, deficit.unit) == (HIGHEST_TEMPERATURE, 'K')
+    assert deficit.amount == pytest.approx(idle_c.max() - 40.0, abs=1e-3)
+    assert deficit.text.endswith(
         f'K above its range at {30 * int(np.argmax(idle_c))} s')
 
 
@@ -439,18 +439,18 @@ def test_joule_heat_beyond_the_highest_temperature_is_lacking():
 def test_drawn_climbs_that_overheat_the_battery_are_explained(number):
     trip = draw_limit_trip(REFERENCE, 1, number)
     optimum = solve_optimum(trip.vehicle, trip.route, trip.state, trip.goal)
-    lacking = {item.constraint: item.amount for item in optimum.lacking}
+    deficit = {item.constraint: item.amount for item in optimum.deficit}
     driven = Car(REFERENCE).drive(trip.route, trip.state, optimum.plan.hvch_battery_power_w)
     warmest_c = max(driven[:, 1].max(), REFERENCE.battery.temperature_range_c[1])
-    assert lacking[HIGHEST_TEMPERATURE] == pytest.approx(
+    assert deficit[HIGHEST_TEMPERATURE] == pytest.approx(
         warmest_c - REFERENCE.battery.temperature_range_c[1], abs=1e-3)
     # In the last, where what lacks least lies at a corner of the limit, the corners are rounded.
     car, segments = Car(REFERENCE), segments_of(trip.route)
-    lacking_w = max(
+    deficit_w = max(
         car.heat_and_power(*driven[k + end, :2], segment, optimum.plan.hvch_battery_power_w[k])[2]
         - bilinear(REFERENCE.battery.discharge_power_limit, *driven[k + end, :2])
         for k, segment in enumerate(segments) for end in (0, 1))
-    assert lacking[DISCHARGE_POWER] == pytest.approx(lacking_w, abs=15.0)
+    assert deficit[DISCHARGE_POWER] == pytest.approx(deficit_w, abs=15.0)
 
 
 @pytest.mark.deep
@@ -458,7 +458,7 @@ def test_drawn_climbs_that_overheat_the_battery_are_explained(number):
 def test_an_optimum_at_a_corner_of_a_map_is_found(number):
     trip = draw_limit_trip(REFERENCE, 1, number)
     optimum = solve_optimum(trip.vehicle, trip.route, trip.state, trip.goal)
-    assert (optimum.solver_status, optimum.lacking) == (SUCCESS, ())
+    assert (optimum.solver_status, optimum.deficit) == (SUCCESS, ())
     plan, heater_w = optimum.plan, optimum.plan.hvch_battery_power_w
     best = plan_preheating(trip.vehicle, trip.route, trip.state, trip.goal)
     assert best.energy_wh.battery_total - 3.0 < plan.energy_wh.battery_total < best.energy_wh.battery_total
@@ -488,11 +488,11 @@ def test_power_of_a_climb_comes_before_the_highest_temperature(number):
             for k, segment in enumerate(segments) for end in (0, 1)), run[:, 1].max()
 
     optimum = solve_optimum(trip.vehicle, trip.route, trip.state, trip.goal)
-    (lacking,) = optimum.lacking
-    assert (lacking.constraint, lacking.unit) == (HIGHEST_TEMPERATURE, 'K')
-    lacking_w, warmest_c = driven(optimum.plan.hvch_battery_power_w)
-    assert lacking_w < 1.0
-    assert lacking.amount == pytest.approx(warmest_c - highest_c, abs=1e-3)
+    (deficit,) = optimum.deficit
+    assert (deficit.constraint, deficit.unit) == (HIGHEST_TEMPERATURE, 'K')
+    deficit_w, warmest_c = driven(optimum.plan.hvch_battery_power_w)
+    assert deficit_w < 1.0
+    assert deficit.amount == pytest.approx(warmest_c - highest_c, abs=1e-3)
     # Heat for the climb takes the least charge shortly before it: however much it is, one of the two gives.
     limit_w, climb = car.heater_limit_w(trip.route), int(trip.route.propulsion_power_w.argmax())
     most_j = (limit_w * trip.route.duration_s)[:climb]
@@ -501,18 +501,18 @@ def test_power_of_a_climb_comes_before_the_highest_temperature(number):
     for heat_j in np.linspace(0.0, most_j.sum(), 41):
         heater_w = np.zeros(len(trip.route))
         heater_w[:climb] = np.clip(heat_j - later_j, 0.0, most_j) / trip.route.duration_s[:climb]
-        lacking_w, warmest_c = driven(heater_w)
-        assert lacking_w > 0.0 or warmest_c > highest_c, heat_j
-        warmest += [warmest_c] if lacking_w <= 0.0 else []
-    assert warmest and lacking.amount <= min(warmest) - highest_c + 1e-3
+        deficit_w, warmest_c = driven(heater_w)
+        assert deficit_w > 0.0 or warmest_c > highest_c, heat_j
+        warmest += [warmest_c] if deficit_w <= 0.0 else []
+    assert warmest and deficit.amount <= min(warmest) - highest_c + 1e-3
 
 
 def test_a_trip_that_the_charge_does_not_carry_is_not_given_to_the_solver():
     # The same climb until the battery is empty.
     trip = draw_limit_trip(REFERENCE, 1, 72)
     optimum = solve_optimum(trip.vehicle, trip.route, trip.state, trip.goal)
-    (lacking,) = optimum.lacking
-    assert (optimum.solver_status, lacking.constraint, lacking.unit) == (NOT_SOLVED, CHARGE, 'Wh')
+    (deficit,) = optimum.deficit
+    assert (optimum.solver_status, deficit.constraint, deficit.unit) == (NOT_SOLVED, CHARGE, 'Wh')
     assert (optimum.plan.status, optimum.plan.soc.min(), optimum.plan.energy_wh.hvch_electric) == (
         Status.OUT_OF_CHARGE, 0.0, 0.0)
     minutes, seconds = divmod(round(optimum.plan.stranding.at_s), 60)
@@ -520,7 +520,7 @@ def test_a_trip_that_the_charge_does_not_carry_is_not_given_to_the_solver():
                f'{minutes // 60}:{minutes % 60:02d}:{seconds:02d} h')
     assert f'empty in {instant}' in optimum.plan.explanation
     assert optimum.infeasible == (
-        f'charge: {optimum.plan.stranding.lacking_wh / 1e3:.2f} kWh are lacking to arrive; the '
+        f'charge: {optimum.plan.stranding.deficit_wh / 1e3:.2f} kWh are lacking to arrive; the '
         f'battery is empty at {optimum.plan.stranding.at_s:.0f} s',)
 
 
@@ -528,7 +528,7 @@ def test_highest_temperature_is_kept_where_the_battery_need_not_deliver_all():
     # Warmer, the battery could deliver more of this climb; its range comes first.
     trip = draw_limit_trip(REFERENCE, 1, 64)
     optimum = solve_optimum(trip.vehicle, trip.route, trip.state, trip.goal)
-    assert optimum.lacking
+    assert optimum.deficit
     assert optimum.plan.battery_temperature_c.max() <= 60.0 + 1e-6
 
 
@@ -537,7 +537,7 @@ def test_a_barrier_whose_least_value_lies_at_a_corner_of_a_limit_does_not_keep_t
     trip = draw_limit_trip(REFERENCE, 1, 60)
     situation = trip.vehicle, trip.route, trip.state, trip.goal
     optimum, plan = solve_optimum(*situation), plan_preheating(*situation)
-    assert (optimum.solver_status, optimum.lacking) == (SUCCESS, ())
+    assert (optimum.solver_status, optimum.deficit) == (SUCCESS, ())
     assert optimum.plan.energy_wh.battery_total <= plan.energy_wh.battery_total + 1e-3
 
 
@@ -604,7 +604,7 @@ def failing_runs(monkeypatch):
 def test_failure_on_a_trip_that_can_be_kept_is_tried_again(failing_runs, runs, within_wh):
     failing_runs['runs'] = runs
     optimum = solve_optimum(*TRIPS['uneven'])
-    assert (optimum.solver_status, optimum.lacking) == (SUCCESS, ())
+    assert (optimum.solver_status, optimum.deficit) == (SUCCESS, ())
     assert optimum.plan.energy_wh.battery_total == pytest.approx(
         solution_of('uneven').plan.energy_wh.battery_total, abs=within_wh)
 
@@ -635,7 +635,7 @@ def test_nothing_is_heated_where_no_charging_is_planned():
     vehicle, route, state, _ = TRIPS['reference']
     optimum = solve_optimum(vehicle, route, state, Goal(25.0, charging_planned=False))
     idle_wh = Car(vehicle).drive(route, state, np.zeros(len(route)))[-1, 2]
-    assert (optimum.plan.status, optimum.lacking) == (Status.NO_CHARGING_PLANNED, ())
+    assert (optimum.plan.status, optimum.deficit) == (Status.NO_CHARGING_PLANNED, ())
     assert optimum.plan.energy_wh.battery_total == pytest.approx(idle_wh, abs=1e-2)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from bev_preheat.optimum.along_rows import along_rows
-from bev_preheat.optimum.layout import Block, Layout
+from bev_preheat.optimum.layout import Layout, VariableBlock
 from bev_preheat.optimum.program import build_program, Give
 from bev_preheat.optimum.program_solvers import derivatives
 from bev_preheat.vehicle import load_vehicle
@@ -36,7 +36,7 @@ def test_variables_and_constraints_lie_stage_by_stage():
 
 
 def test_values_are_packed_in_that_order_and_scaled():
-    layout = Layout((Block('state', 3, 0.5, (0, 1, 2)), Block('control', 2, 10.0, (0, 1))))
+    layout = Layout((VariableBlock('state', 3, 0.5, (0, 1, 2)), VariableBlock('control', 2, 10.0, (0, 1))))
     vector = layout.pack({'state': [1.0, 2.0, 3.0], 'control': 40.0, 'other': 7.0})
     assert vector.tolist() == [2.0, 4.0, 4.0, 4.0, 6.0]
     unpacked = layout.unpack(vector)
@@ -44,7 +44,7 @@ def test_values_are_packed_in_that_order_and_scaled():
 
 
 def test_blocks_without_stages_lie_one_after_the_other():
-    layout = Layout((Block('first', 2), Block('second', 1)))
+    layout = Layout((VariableBlock('first', 2), VariableBlock('second', 1)))
     assert layout.pack({'first': [5.0, 6.0], 'second': 7.0}).tolist() == [5.0, 6.0, 7.0]
 
 

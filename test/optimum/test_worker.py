@@ -12,7 +12,7 @@ import numpy as np
 import psutil
 import pytest
 
-from bev_preheat.optimum.exchange import Failure, Question, Solution
+from bev_preheat.optimum.protocol import Failure, Question, SolverAnswer
 from bev_preheat.optimum.solve import solve_optimum
 from bev_preheat.optimum.solver_process import SolverProcess
 from bev_preheat.planning.planner import plan_preheating
@@ -38,7 +38,7 @@ BLOCKED_S = 20.0
 # Asks, says which process solves, and is killed before it gets the answer.
 OWNER = """
 import sys, time
-from bev_preheat.optimum.exchange import Question
+from bev_preheat.optimum.protocol import Question
 from bev_preheat.optimum.solver_process import SolverProcess
 sys.path.insert(0, sys.argv[1])
 from test_worker import LONG_QUESTION, VEHICLE
@@ -121,7 +121,7 @@ def test_answers_what_the_solver_finds_here(solver):
     solver.ask(QUESTION, PATIENCE_S)
     solution = answer_of(solver)
     here = solve_optimum(VEHICLE, ROUTE, STATE, GOAL)
-    assert isinstance(solution, Solution)
+    assert isinstance(solution, SolverAnswer)
     assert solution.is_optimal
     assert solution.solver_status == here.solver_status
     assert solution.infeasible == ()
@@ -181,7 +181,7 @@ def test_gives_up_at_the_time_limit_and_goes_on(solver):
     assert 0.2 < failure.elapsed_s < 0.2 + BLOCKED_S
     assert solver.process_id is None
     solver.ask(QUESTION, PATIENCE_S)
-    assert isinstance(answer_of(solver), Solution)
+    assert isinstance(answer_of(solver), SolverAnswer)
 
 
 def test_a_newer_question_ends_the_solving_of_the_older(solver):
@@ -207,7 +207,7 @@ def test_says_so_when_its_process_is_killed_and_starts_another(solver):
     failure = answer_of(solver)
     assert failure.explanation == 'the solver process ended with SIGKILL'
     solver.ask(QUESTION, PATIENCE_S)
-    assert isinstance(answer_of(solver), Solution)
+    assert isinstance(answer_of(solver), SolverAnswer)
 
 
 def test_says_so_when_its_process_is_killed_while_idle(solver):
@@ -254,7 +254,7 @@ def test_says_so_when_no_process_can_be_started(new_solver, monkeypatch):
     assert not new_solver.is_busy
     monkeypatch.undo()
     new_solver.ask(QUESTION, PATIENCE_S)
-    assert isinstance(answer_of(new_solver), Solution)
+    assert isinstance(answer_of(new_solver), SolverAnswer)
 
 
 def let_it_prepare(solver, route=None):
@@ -341,7 +341,7 @@ def test_refuses_what_the_model_does_not_describe(solver):
     assert isinstance(failure, Failure)
     assert failure.explanation == 'state of charge: 1.5 is not allowed; it must be 0 ... 1'
     solver.ask(QUESTION, PATIENCE_S)
-    assert isinstance(answer_of(solver), Solution)
+    assert isinstance(answer_of(solver), SolverAnswer)
 
 
 def test_says_so_where_casadi_is_not_installed(new_solver, tmp_path, monkeypatch):

@@ -23,7 +23,7 @@ class Driven:
     soc: float
     temperature_c: float
     lowest_soc: float
-    lacking_w: float
+    deficit_w: float
     empty_at_s: float | None
 
 
@@ -89,7 +89,7 @@ class OwnPlant:
     def drive(self, route, state, heater_w):
         """Return the Driven of a Route from a BatteryState under heater powers [W] (N,)."""
         soc, temperature_c, lowest_soc = state.soc, state.temperature_c, state.soc
-        lacking_w, now_s = 0.0, 0.0
+        deficit_w, now_s = 0.0, 0.0
         columns = (route.duration_s, route.speed_mps, route.propulsion_power_w,
                    route.propulsion_power_rms_w, route.propulsion_power_magnitude_w, route.ambient_temperature_c,
                    route.cabin_heating_power_w + route.auxiliary_power_w, heater_w)
@@ -106,7 +106,7 @@ class OwnPlant:
                 asked_w = drive_w + others_w + heat_w
                 brake_w = min(max(0.0, u * least_a - r * least_a**2 - asked_w), max(-drive_w, 0.0))
                 # From the start of a step to its end, where the battery is the emptiest.
-                lacking_w = max(lacking_w, asked_w - (u * most_a - r * most_a**2))
+                deficit_w = max(deficit_w, asked_w - (u * most_a - r * most_a**2))
                 if part == steps:
                     break
                 root_v = sqrt(max(u**2 - 4.0 * r * (asked_w + brake_w), 0.0))
@@ -119,8 +119,8 @@ class OwnPlant:
                 now_s += step_s
                 lowest_soc = min(lowest_soc, soc)
                 if soc <= 0.0:
-                    return Driven(0.0, temperature_c, 0.0, lacking_w, now_s)
-        return Driven(soc, temperature_c, lowest_soc, lacking_w, None)
+                    return Driven(0.0, temperature_c, 0.0, deficit_w, now_s)
+        return Driven(soc, temperature_c, lowest_soc, deficit_w, None)
 
     def beyond_limits_w(self, route, state, heater_w, brake_w):
         """Return by how much P_b exceeds discharge and charge limit in each step at most [W], (N, 2)."""

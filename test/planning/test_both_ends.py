@@ -10,8 +10,8 @@ from own_plant import OwnPlant
 import pytest
 
 from bev_preheat.planning.limits import drive_as_planned, limits_hold, run_unheated
+from bev_preheat.planning.no_regret import power_deficit
 from bev_preheat.planning.planner import plan_preheating, plan_without_heating
-from bev_preheat.planning.safeguard import lacking_power
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.route.segments import make_route
@@ -70,12 +70,12 @@ def test_a_drive_that_exceeds_the_limit_at_the_end_alone_leaves_nothing_and_lack
     schedule = driven(trip, 0.7)
     most_w = DISCHARGE_W * 0.7 - DISCHARGE_SHARE * 55.5e3
     assert schedule.heater_power_w[0] == 0.0
-    assert lacking_power(trip, schedule).worst_w == pytest.approx(55.5e3 - most_w, rel=1e-6)
+    assert power_deficit(trip, schedule).worst_w == pytest.approx(55.5e3 - most_w, rel=1e-6)
     assert not limits_hold(trip, plan_without_heating(trip, BatteryState(5.0, 0.7)))
     # The least charge that carries it to the end.
     enough = 55.5e3 * (1.0 + DISCHARGE_SHARE) / DISCHARGE_W
-    lacking_w = [lacking_power(trip, driven(trip, enough + more)).worst_w for more in (-1e-5, 1e-5)]
-    assert lacking_w == pytest.approx([1e-5 * DISCHARGE_W, 0.0], rel=1e-2)
+    deficit_w = [power_deficit(trip, driven(trip, enough + more)).worst_w for more in (-1e-5, 1e-5)]
+    assert deficit_w == pytest.approx([1e-5 * DISCHARGE_W, 0.0], rel=1e-2)
 
 
 def test_the_brake_takes_what_a_fuller_battery_may_not_at_the_end():
@@ -118,7 +118,7 @@ def test_where_less_heat_lowers_the_limit_by_more_the_heater_gets_nothing():
     # 55 kW at the start.
     schedule = drive_as_planned(trip, BatteryState(5.0, 0.95), trip.heater_limit_w)
     assert schedule.heater_power_w[0] == 0.0
-    assert lacking_power(trip, schedule).worst_w > 10e3
+    assert power_deficit(trip, schedule).worst_w > 10e3
 
 
 @pytest.mark.costly

@@ -41,10 +41,10 @@ def test_halving_goes_to_the_end_that_the_answers_point_to(answer, found):
     assert halve(7.0, 3.0, lambda value: answer) == pytest.approx(found, abs=1e-12)
 
 
-def bent(root, stretch, bend):
+def bent(root, interval, bend):
     """Return a rising function with a root, straight for bend = 0."""
-    return lambda value: math.sinh(bend * (value - root) / stretch) / bend if bend else (
-        (value - root) / stretch)
+    return lambda value: math.sinh(bend * (value - root) / interval) / bend if bend else (
+        (value - root) / interval)
 
 
 @given(root=ROOTS, width=STRETCHES, bend=st.sampled_from([0.0, 0.3, 2.0]), rises=st.booleans())
@@ -79,15 +79,15 @@ def test_what_jumps_is_halved_once_the_straight_line_has_not_led_there(root, mos
     assert root < found.value <= root + 1e-3
 
 
-@given(root=ROOTS, stretch=STRETCHES, bend=st.sampled_from([0.0, 0.5, 2.0]), rises=st.booleans(),
+@given(root=ROOTS, interval=STRETCHES, bend=st.sampled_from([0.0, 0.5, 2.0]), rises=st.booleans(),
        start=st.floats(0.0, 1.0), slope=st.sampled_from([1.0, 0.2, 3.0, 0.0, -1.0]))
-def test_following_the_slope_finds_the_root_from_anywhere(root, stretch, bend, rises, start, slope):
+def test_following_the_slope_finds_the_root_from_anywhere(root, interval, bend, rises, start, slope):
     sign = 1.0 if rises else -1.0
-    attempt = Counted(lambda value: sign * bent(root, stretch, bend)(value))
-    most, least = root + sign * stretch, root - 1.5 * sign * stretch
+    attempt = Counted(lambda value: sign * bent(root, interval, bend)(value))
+    most, least = root + sign * interval, root - 1.5 * sign * interval
     low, high = sorted((most, least))
     first = attempt(min(max(least + start * (most - least), low), high))
-    found = follow_slope(most, least, first, sign * slope / stretch, attempt, tolerance=1e-9)
+    found = follow_slope(most, least, first, sign * slope / interval, attempt, tolerance=1e-9)
     assert abs(found.excess) <= 1e-9
     assert all(low <= value <= high for value in attempt.values)
     assert len(attempt.values) <= 40

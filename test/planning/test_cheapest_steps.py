@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 import short_stretches
 
-from bev_preheat.compiled.library import core, without_core
-from bev_preheat.compiled.runs import place
-from bev_preheat.compiled.structs import CHEAPEST_ARRAYS
+from bev_preheat.native.library import core, without_core
+from bev_preheat.native.runs import place
+from bev_preheat.native.structs import CHEAPEST_ARRAYS
 from bev_preheat.planning.cheapest_steps import heat_cheapest, LEAST_SAVING_WH, whole_charge_wh
-from bev_preheat.planning.dynamics import compiled_vehicle, run_forward
+from bev_preheat.planning.dynamics import native_vehicle, run_forward
 from bev_preheat.planning.merit_order import plan_merit_order
 from bev_preheat.planning.optimal_switch import plan_optimal_switch
 from bev_preheat.planning.planner import plan_preheating
@@ -127,8 +127,8 @@ def test_merit_order_heats_where_it_is_cheapest_and_says_so():
     inputs = short_stretches.draw(number)
     switch, plan = (plan_preheating(*inputs, method) for method in ('optimal_switch', 'merit_order'))
     assert plan.energy_wh.battery_total < switch.energy_wh.battery_total - 1.0
-    assert len(switch.stretches) == 1 and len(plan.stretches) == 2
-    assert plan.heating_start_s == plan.stretches[0].start_s < switch.heating_start_s
+    assert len(switch.intervals) == 1 and len(plan.intervals) == 2
+    assert plan.heating_start_s == plan.intervals[0].start_s < switch.heating_start_s
     assert plan.arrival_temperature_c == pytest.approx(switch.arrival_temperature_c, abs=1e-5)
 
 
@@ -152,15 +152,15 @@ def test_core_and_python_agree_to_the_last_bit():
 
 def call_heat_cheapest(trip, schedule, target_c, null=None, changed=None):
     """Return the status of bev_heat_cheapest; `null` is the argument that is to be a null pointer."""
-    steps = trip.compiled.steps
+    steps = trip.native.steps
     arrays = {'soc': schedule.soc.copy(), 'temperature_c': schedule.temperature_c.copy(),
               'heater_w': schedule.heater_power_w.copy(), 'memory': np.full(CHEAPEST_ARRAYS * steps + 2 + 8, 7.25)}
     for name, value in (changed or {}).items():
         arrays[name][0] = value
     order, orders = (c_int32 * (steps + 4))(*[-7] * (steps + 4)), c_int32()
     status = core().bev_heat_cheapest(
-        None if null == 'vehicle' else compiled_vehicle(trip.vehicle).address,
-        None if null == 'trip' else trip.compiled.address, target_c,
+        None if null == 'vehicle' else native_vehicle(trip.vehicle).address,
+        None if null == 'trip' else trip.native.address, target_c,
         *(None if name == null else place(array) for name, array in arrays.items()),
         None if null == 'order' else order, None if null == 'orders' else byref(orders))
     assert (arrays['memory'][-8:] == 7.25).all() and list(order)[-4:] == [-7] * 4

@@ -13,19 +13,19 @@ import numpy as np
 from own_plant import OwnPlant
 import pytest
 
-from bev_preheat.compiled.library import core, without_core
-from bev_preheat.compiled.runs import place
-from bev_preheat.compiled.structs import address_of, EXCHANGE_MEMORY, SettlingStruct
+from bev_preheat.native.library import core, without_core
+from bev_preheat.native.runs import place
+from bev_preheat.native.structs import address_of, EXCHANGE_MEMORY, SettlingStruct
 from bev_preheat.planning import merit_order
 from bev_preheat.planning.cheapest_steps import LEAST_SAVING_WH, whole_charge_wh
-from bev_preheat.planning.dynamics import compiled_vehicle, limits_along, terminal_limits_w
+from bev_preheat.planning.dynamics import limits_along, native_vehicle, terminal_limits_w
 from bev_preheat.planning.exchange import exchange_heat
 from bev_preheat.planning.limited_prices import find_changes, find_needs
 from bev_preheat.planning.limits import drive_as_planned, limits_hold
 from bev_preheat.planning.merit_order import plan_merit_order
+from bev_preheat.planning.no_regret import power_deficit
 from bev_preheat.planning.optimal_switch import plan_optimal_switch
 from bev_preheat.planning.planner import plan_preheating
-from bev_preheat.planning.safeguard import lacking_power
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.vehicle import load_vehicle
@@ -130,7 +130,7 @@ def test_less_is_taken_from_the_battery_and_nothing_falls_short(number, seed):
     saving_wh = saved_wh(trip, schedule, best)
     assert best is schedule or saving_wh >= LEAST_SAVING_WH
     assert best.temperature_c[-1] >= min(target_c, schedule.temperature_c[-1]) - 5e-6
-    assert lacking_power(trip, best).worst_w <= lacking_power(trip, schedule).worst_w + 1e-6 * abs(
+    assert power_deficit(trip, best).worst_w <= power_deficit(trip, schedule).worst_w + 1e-6 * abs(
         trip.idle_power_w).max()
     highest_c = trip.vehicle.battery.temperature_range_c[1]
     heated = best.heater_power_w > 0.0
@@ -256,7 +256,7 @@ def test_merit_order_exchanges_heat():
 
 def call_exchange_heat(trip, schedule, target_c, null=None, changed=None, lowest_soc=0.05):
     """Return the status of bev_exchange_heat; `null` is the argument that is to be a null pointer."""
-    steps, goal = trip.compiled.steps, SettlingStruct(True, target_c, lowest_soc)
+    steps, goal = trip.native.steps, SettlingStruct(True, target_c, lowest_soc)
     arrays = {'states': np.array((schedule.soc, schedule.temperature_c)),
               'powers_w': np.array((schedule.heater_power_w, schedule.brake_power_w)),
               'memory': np.full((EXCHANGE_MEMORY[0] * steps + EXCHANGE_MEMORY[1] + 8), 7.25)}
@@ -266,8 +266,8 @@ def call_exchange_heat(trip, schedule, target_c, null=None, changed=None, lowest
     at = {name: place(array) for name, array in arrays.items()}
     at['watched'] = address_of(watched)
     status = core().bev_exchange_heat(
-        None if null == 'vehicle' else compiled_vehicle(trip.vehicle).address,
-        None if null == 'trip' else trip.compiled.address, None if null == 'goal' else addressof(goal),
+        None if null == 'vehicle' else native_vehicle(trip.vehicle).address,
+        None if null == 'trip' else trip.native.address, None if null == 'goal' else addressof(goal),
         *(None if name == null else at[name] for name in ('states', 'powers_w', 'watched', 'memory')),
         None if null == 'exchanges' else byref(exchanges))
     assert (arrays['memory'][-8:] == 7.25).all() and (watched[-8:] == 3).all()

@@ -10,7 +10,7 @@ import numpy as np
 from own_plant import OwnPlant
 import pytest
 
-from bev_preheat.compiled.library import without_core
+from bev_preheat.native.library import without_core
 from bev_preheat.planning import planner
 from bev_preheat.planning.free_heat import find_surplus_ceiling_c
 from bev_preheat.planning.planner import plan_preheating
@@ -46,7 +46,7 @@ def test_a_full_battery_that_is_warm_enough_is_not_heated(minutes, car, is_on):
     # It takes none of the descent, warm or cold; braking power heats nothing. It cools towards 25 degC.
     with nullcontext() if is_on else without_core():
         plan = plan_preheating(car, descent(minutes), BatteryState(30.0, 1.0), Goal(25.0))
-    assert (plan.status, plan.stretches) == (Status.NOT_NEEDED, ())
+    assert (plan.status, plan.intervals) == (Status.NOT_NEEDED, ())
     assert 25.0 < plan.arrival_temperature_c < 30.0
 
 

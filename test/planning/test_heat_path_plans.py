@@ -11,17 +11,17 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 
-from bev_preheat.compiled.library import without_core
 from bev_preheat.errors import InvalidInput
+from bev_preheat.native.library import without_core
 from bev_preheat.numerics.arithmetic import FLOATS
-from bev_preheat.planning.caution import Caution
 from bev_preheat.planning.heat_run import state_with_heat_under_way
+from bev_preheat.planning.heating_intervals import Reason
 from bev_preheat.planning.limits import drive_as_planned
 from bev_preheat.planning.planner import METHODS, plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.status import Status
-from bev_preheat.planning.stretches import Reason
 from bev_preheat.planning.trip import make_trip
+from bev_preheat.planning.uncertainty_margin import UncertaintyMargin
 from bev_preheat.route import load_route
 from bev_preheat.route.segments import make_route
 from bev_preheat.vehicle import load_vehicle
@@ -187,8 +187,8 @@ def test_it_heats_fully_from_one_instant_to_another(path):
     assert inside.sum() + outside.sum() >= len(share) - 2
     # Of what is switched on at the end, not even two thirds would arrive in time.
     assert plan.arrival_time_s - 4.0 * path.heat_lag_s < plan.heating_end_s < plan.arrival_time_s - 20.0
-    assert [stretch.reason for stretch in plan.stretches] == [Reason.ARRIVAL]
-    assert plan.stretches[0].end_s == plan.heating_end_s
+    assert [interval.reason for interval in plan.intervals] == [Reason.ARRIVAL]
+    assert plan.intervals[0].end_s == plan.heating_end_s
     assert plan.power_at_w(plan.heating_end_s - 1.0) == pytest.approx(trip.heater_limit_w[-4])
     assert plan.power_at_w(plan.heating_end_s) == 0.0
 
@@ -200,13 +200,13 @@ def test_on_drawn_trips_it_meets_the_target_and_keeps_its_accounts(segments, sta
                        REFERENCE.defaults)
     vehicle, state = slow(path), BatteryState(start_c, 0.8)
     cold, hot = (plan_preheating(vehicle, route, state, Goal(target_c), 'optimal_switch',
-                                 safeguarded=False) for target_c in (-40.0, 60.0))
+                                 no_regret=False) for target_c in (-40.0, 60.0))
     target_c = cold.arrival_temperature_c + share * (
         hot.arrival_temperature_c - cold.arrival_temperature_c)
     if hot.arrival_temperature_c - cold.arrival_temperature_c < 0.01:
         return
     plan = plan_preheating(vehicle, route, state, Goal(target_c), 'optimal_switch',
-                           safeguarded=False)
+                           no_regret=False)
     assert plan.arrival_temperature_c == pytest.approx(target_c, abs=6e-6)
     if plan.heating_end_s is not None:
         late = plan.time_s[:-1] >= plan.heating_end_s
@@ -308,7 +308,7 @@ def test_heat_under_way_is_shared_as_under_a_steady_command():
 
 def test_caution_begins_early_and_ends_early():
     plan, cautious = plan_of(BOTH, 'merit_order'), plan_preheating(
-        slow(BOTH), ROUTE, STATE, GOAL, caution=Caution(margin_k=0.1, lead_k=1.0))
+        slow(BOTH), ROUTE, STATE, GOAL, uncertainty_margin=UncertaintyMargin(margin_k=0.1, lead_k=1.0))
     assert cautious.heating_start_s < plan.heating_start_s - 30.0
     assert cautious.heating_end_s < plan.heating_end_s - 30.0
     assert cautious.arrival_temperature_c == pytest.approx(25.1, abs=2e-3)
@@ -320,7 +320,7 @@ def test_caution_leaves_out_heating_that_is_too_short():
     unheated = plan_preheating(slow(BOTH), ROUTE, STATE, Goal(-30.0))
     goal = Goal(unheated.arrival_temperature_c + 0.05)
     assert plan_preheating(slow(BOTH), ROUTE, STATE, goal).heating_start_s is not None
-    assert plan_preheating(slow(BOTH), ROUTE, STATE, goal, caution=Caution(
+    assert plan_preheating(slow(BOTH), ROUTE, STATE, goal, uncertainty_margin=UncertaintyMargin(
         least_heating_s=300.0)).heating_start_s is None
 
 
@@ -330,7 +330,13 @@ def test_caution_does_not_switch_on_what_mostly_comes_too_late():
     goal = Goal(plan_preheating(slow(BOTH), route, state, Goal(-30.0)).arrival_temperature_c + 0.02)
     assert plan_preheating(slow(BOTH), route, state, goal).heating_start_s is not None
     for is_heating, heats in ((False, False), (True, True)):
-        plan = plan_preheating(slow(BOTH), route, state, goal, caution=Caution(is_heating=is_heating))
+        plan = plan_preheating(
+    slow(BOTH),
+    route,
+    state,
+    goal,
+    uncertainty_margin=UncertaintyMargin(
+        is_heating=is_heating))
         assert (plan.heating_start_s is not None) is heats
 
 
@@ -357,9 +363,9 @@ def test_heated_from_the_first_instant_it_arrives_at_the_target_too():
     vehicle, state = slow(COOLANT), BatteryState(0.0, 0.8)
     cold_c, hot_c = (plan_preheating(
         vehicle, route, state, Goal(target_c), 'optimal_switch',
-        safeguarded=False).arrival_temperature_c for target_c in (-40.0, 60.0))
+        no_regret=False).arrival_temperature_c for target_c in (-40.0, 60.0))
     target_c = 0.25 * cold_c + 0.75 * hot_c
-    plan = plan_preheating(vehicle, route, state, Goal(target_c), 'optimal_switch', safeguarded=False)
+    plan = plan_preheating(vehicle, route, state, Goal(target_c), 'optimal_switch', no_regret=False)
     assert plan.arrival_temperature_c == pytest.approx(target_c, abs=6e-6)
 
 

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 
-from bev_preheat.compiled.library import without_core
+from bev_preheat.native.library import without_core
 from bev_preheat.numerics.arithmetic import ARRAYS, FLOATS
 from bev_preheat.planning import merit_order
 from bev_preheat.planning.limits import drive_as_planned

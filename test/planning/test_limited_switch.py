@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bev_preheat.compiled.library import without_core
+from bev_preheat.native.library import without_core
 from bev_preheat.planning.cheapest_steps import LEAST_SAVING_WH, whole_charge_wh
 from bev_preheat.planning.limited_switch import switch_within_limits
 from bev_preheat.planning.limits import drive_as_planned
+from bev_preheat.planning.no_regret import power_deficit
 from bev_preheat.planning.optimal_switch import plan_optimal_switch
 from bev_preheat.planning.planner import plan_preheating
-from bev_preheat.planning.safeguard import lacking_power
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.status import Status
 from bev_preheat.planning.trip import make_trip
@@ -76,7 +76,7 @@ def test_heating_that_the_cold_battery_limits_costs_no_more_than_one_stretch(car
     route = standing()
     trip = make_trip(car, route)
     once = best_switch(trip, STATE, GOAL.target_temperature_c, ended(trip, STATE, GOAL))
-    assert lacking_power(trip, once).worst_w == 0.0
+    assert power_deficit(trip, once).worst_w == 0.0
     with nullcontext() if is_on else without_core():
         plan = plan_preheating(car, route, STATE, GOAL)
     assert plan.arrival_temperature_c == pytest.approx(GOAL.target_temperature_c, abs=1e-5)
@@ -105,7 +105,7 @@ def test_so_it_is_on_drawn_trips_with_limits(path):
         plan = plan_preheating(drawn.vehicle, drawn.route, drawn.state, goal)
         trip = make_trip(drawn.vehicle, drawn.route)
         once = best_switch(trip, drawn.state, goal.target_temperature_c, ended(trip, drawn.state, goal))
-        if once is None or lacking_power(trip, once).worst_w > plan.undeliverable_power_w:
+        if once is None or power_deficit(trip, once).worst_w > plan.undeliverable_power_w:
             continue
         compared += 1
         assert (once.soc[-1] - plan.arrival_soc) * whole_charge_wh(trip, once) < LEAST_SAVING_WH, number
@@ -123,7 +123,7 @@ def test_a_climb_that_cannot_be_delivered_is_no_reason_to_pay_more(is_on):
     with nullcontext() if is_on else without_core():
         plan = plan_preheating(STRONG_HEATER, route, STATE, Goal(5.0))
     assert plan.status is Status.POWER_LIMITED
-    assert plan.undeliverable_power_w == pytest.approx(lacking_power(trip, once).worst_w, abs=1e-6)
+    assert plan.undeliverable_power_w == pytest.approx(power_deficit(trip, once).worst_w, abs=1e-6)
     assert (once.soc[-1] - plan.arrival_soc) * whole_charge_wh(trip, once) < LEAST_SAVING_WH
 
 

@@ -13,10 +13,10 @@ from bev_preheat.numerics.arithmetic import ARRAYS, FLOATS
 from bev_preheat.planning.dynamics import keep_accounts, run_forward
 from bev_preheat.planning.limits import (
     drive_as_planned,
+    LimitedSteps,
     limits_hold,
     run_within_limits,
     WantedHeat,
-    Watch,
     watch_limits,
 )
 from bev_preheat.planning.merit_order import plan_merit_order
@@ -90,7 +90,7 @@ def steady_trip(count=20, **changes):
 
 
 def every_step(trip):
-    return Watch(trip.route.propulsion_power_w < 0.0, np.ones(len(trip.route), dtype=bool))
+    return LimitedSteps(trip.route.propulsion_power_w < 0.0, np.ones(len(trip.route), dtype=bool))
 
 
 def run(trip, state, wanted_w, take_surplus=True, watch=None):

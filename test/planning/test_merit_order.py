@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 
-from bev_preheat.planning.limits import run_within_limits, WantedHeat, Watch
+from bev_preheat.planning.limits import LimitedSteps, run_within_limits, WantedHeat
 from bev_preheat.planning.merit_order import plan_merit_order
 from bev_preheat.planning.optimal_switch import plan_optimal_switch
 from bev_preheat.planning.planner import as_driven, plan_preheating
@@ -111,7 +111,7 @@ def hottest_arrival_c(trip):
     steps = make_trip(trip.vehicle, trip.route)
     run = run_within_limits(
         steps, trip.state,
-        Watch(steps.route.propulsion_power_w < 0.0, np.ones(len(steps.route), dtype=bool)),
+        LimitedSteps(steps.route.propulsion_power_w < 0.0, np.ones(len(steps.route), dtype=bool)),
         WantedHeat(steps.heater_limit_w), take_surplus=True)
     return run.temperature_c[-1]
 
@@ -173,7 +173,7 @@ def plan_and_optimum(number):
 @WITH_THE_PROGRAM
 def test_program_keeps_all_limits_of_these_trips(number):
     _, _, optimum = plan_and_optimum(number)
-    assert (optimum.solver_status, optimum.lacking) == ('Solve_Succeeded', ())
+    assert (optimum.solver_status, optimum.deficit) == ('Solve_Succeeded', ())
 
 
 @pytest.mark.costly
@@ -224,7 +224,7 @@ def test_reserve_that_the_program_keeps_is_kept(number):
 @SHORT_OF_RESERVE
 def test_program_misses_nothing_but_the_target_of_these_trips(number):
     _, _, optimum = plan_and_optimum(number)
-    assert [item.constraint for item in optimum.lacking] == ['target temperature']
+    assert [item.constraint for item in optimum.deficit] == ['target temperature']
 
 
 @pytest.mark.costly
@@ -252,7 +252,7 @@ def test_charge_counts_less_before_a_descent_that_a_full_battery_cannot_take():
     trip, _ = drawn_plan(307561, minimum_arrival_soc=0.0)
     goal = replace(trip.goal, minimum_arrival_soc=0.0)
     # The program takes free heat for any gain at all, and so does the method by itself.
-    plan = plan_preheating(trip.vehicle, trip.route, trip.state, goal, safeguarded=False)
+    plan = plan_preheating(trip.vehicle, trip.route, trip.state, goal, no_regret=False)
     optimum = solve_optimum(trip.vehicle, trip.route, trip.state, goal).plan
     # Taken at its full worth, that charge is not spent on heat in time: 18 Wh more.
     assert plan.energy_wh.battery_total <= optimum.energy_wh.battery_total + 1.0

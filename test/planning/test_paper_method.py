@@ -111,7 +111,7 @@ def drive(minutes=40, step_s=30.0, power_w=16e3, ambient_c=-7.0, cabin_w=1978.0)
 def plan_of(segments, target_c=18.0, state=START, charging_planned=True, **options):
     return plan_preheating(VEHICLE, route_of(segments), state,
                            Goal(target_c, charging_planned=charging_planned),
-                           method='paper', safeguarded=False, **options)
+                           method='paper', no_regret=False, **options)
 
 
 def arrival_of(segments, heater_share):
@@ -277,7 +277,7 @@ def too_much_to_ask_for(limit_w=discharge_limit_w):
             VEHICLE.battery, discharge_power_limit=Table((0.0,), (0.0,), ((NO_LIMIT_W,),))))
     plan = plan_preheating(
         vehicle, route_of(segments), BatteryState(temperature_c=-30.0, soc=0.88), Goal(59.0),
-        method='paper', safeguarded=False)
+        method='paper', no_regret=False)
     soc, temperature_c = plan.soc[9], plan.battery_temperature_c[9]
     u, r = voltage_v(soc), resistance_ohm(temperature_c)
     # P_b = U I at the battery's limit, or the circuit's most, at U/2R.
@@ -287,10 +287,10 @@ def too_much_to_ask_for(limit_w=discharge_limit_w):
 
 
 def test_power_limited_says_when_and_by_how_much():
-    plan, lacking_w = too_much_to_ask_for()
+    plan, deficit_w = too_much_to_ask_for()
     # Segment 9 starts at 4:30.
     assert (plan.status, plan.undeliverable_at_s, plan.explanation) == (
-        Status.POWER_LIMITED, 270.0, f'In 4:30 min the route asks for {lacking_w / 1000:.1f} kW '
+        Status.POWER_LIMITED, 270.0, f'In 4:30 min the route asks for {deficit_w / 1000:.1f} kW '
         'more than the battery can deliver; heating is on; arrival in 40:00 min at '
         f'{plan.arrival_temperature_c:.1f} degC, target 59.0 degC.')
 
@@ -299,8 +299,8 @@ def test_power_limited_says_when_and_by_how_much():
     pytest.param(discharge_limit_w, id='battery_limit_is_lower'),
     pytest.param(lambda soc, temperature_c: NO_LIMIT_W, id='circuit_limit_is_lower')])
 def test_missing_power_is_in_watts(limit_w):
-    plan, lacking_w = too_much_to_ask_for(limit_w)
-    assert plan.undeliverable_power_w == pytest.approx(lacking_w, rel=1e-9)
+    plan, deficit_w = too_much_to_ask_for(limit_w)
+    assert plan.undeliverable_power_w == pytest.approx(deficit_w, rel=1e-9)
 
 
 def test_deliverable_route_has_no_missing_power():

@@ -6,18 +6,18 @@ import math
 
 import pytest
 
+from bev_preheat.control.settings import Settings
+from bev_preheat.control.supervisor import Supervisor
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route.segments import make_route
 from bev_preheat.simulation.heater_faults import HeaterFault
 from bev_preheat.simulation.heater_lease import HeaterLease, NO_LEASE
 from bev_preheat.simulation.imperfect_car import COMPUTERS_GO_ON_S, ImperfectCar, Imperfections
-from bev_preheat.simulation.phases import ASLEEP_POWER_W, AWAKE_POWER_W, Charge, Drive, Park
+from bev_preheat.simulation.phases import ASLEEP_POWER_W, AWAKE_POWER_W, Charge, DrivePhase, Park
 from bev_preheat.simulation.position import PositionReports
 from bev_preheat.simulation.sensors import Sensors
 from bev_preheat.simulation.supervised_drive import moments
 from bev_preheat.simulation.traffic import ClockJump, Event, Kind
-from bev_preheat.supervision.settings import Settings
-from bev_preheat.supervision.supervisor import Supervisor
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.curves import Table
 from bev_preheat.vehicle.description import Leakage
@@ -136,7 +136,7 @@ def test_a_parked_battery_cools_to_the_ambient():
 
 
 def test_a_car_that_sleeps_says_nothing_and_takes_little():
-    car = at_the_start_of_its_second_phase(Park(7200.0, 0.0, awake_s=600.0), Drive(a_route(), Goal(20.0)))
+    car = at_the_start_of_its_second_phase(Park(7200.0, 0.0, awake_s=600.0), DrivePhase(a_route(), Goal(20.0)))
     car.readings()
     soc = car.plant.soc
     car.advance_under(NO_LEASE, 7290.0)
@@ -165,7 +165,7 @@ def test_state_and_sensor_go_on_from_phase_to_phase():
 @pytest.mark.parametrize('sent_after_s, announced', [(None, 0.0), (0.0, 0.0), (None, 300.0)])
 def test_each_drive_is_sent_when_it_starts_or_before(sent_after_s, announced):
     events = () if sent_after_s is None else (Event(Kind.CANCEL_CHARGING, 20.0, sent_after_s),)
-    drive = Drive(a_route(40.0), Goal(15.0), 600.0, events, announced_s=announced)
+    drive = DrivePhase(a_route(40.0), Goal(15.0), 600.0, events, announced_s=announced)
     car = a_car(Park(600.0, 0.0), drive)
     assert car.mission(0).route_id == 'home'
     sent = []
@@ -187,7 +187,7 @@ def test_an_early_arrival_leads_into_the_next_phase_without_a_word():
 
 
 def test_a_car_says_where_it_is_while_it_drives():
-    car = a_car(Park(50.0, 0.0), Drive(a_route(), Goal(20.0), position=PositionReports(10.0)),
+    car = a_car(Park(50.0, 0.0), DrivePhase(a_route(), Goal(20.0), position=PositionReports(10.0)),
                 position=PositionReports(10.0))
     car.mission(0)
     said = {}
@@ -202,7 +202,7 @@ def test_a_car_says_where_it_is_while_it_drives():
 
 
 def test_a_recording_that_is_played_again_begins_with_the_first_state():
-    car = a_car(Drive(a_route(), Goal(20.0), starts_over=True), clock_jumps=(ClockJump(100.0, -100.0),))
+    car = a_car(DrivePhase(a_route(), Goal(20.0), starts_over=True), clock_jumps=(ClockJump(100.0, -100.0),))
     car.advance_under(HeaterLease(4000.0, 100.0), 99.0)
     assert (car.clock_s, car.plant.temperature_c > 10.5) == (99.0, True)
     car.advance_under(NO_LEASE, 100.0)
@@ -211,7 +211,7 @@ def test_a_recording_that_is_played_again_begins_with_the_first_state():
 
 def test_the_same_arguments_make_the_same_chain():
     def readings():
-        car = a_car(Charge(50e3, 600.0, 0.0), Park(60.0, 0.0), Drive(a_route(), Goal(20.0)),
+        car = a_car(Charge(50e3, 600.0, 0.0), Park(60.0, 0.0), DrivePhase(a_route(), Goal(20.0)),
                     sensors=Sensors(temperature_noise_k=0.3))
         car.advance_under(NO_LEASE, 860.0)
         return car.readings()
@@ -220,7 +220,7 @@ def test_the_same_arguments_make_the_same_chain():
 
 
 def test_no_step_is_taken_while_the_computers_sleep():
-    car = a_car(Park(36_000.0, 0.0, awake_s=300.0), Drive(a_route(), Goal(20.0)))
+    car = a_car(Park(36_000.0, 0.0, awake_s=300.0), DrivePhase(a_route(), Goal(20.0)))
     steps_s = [moment.time_s for moment in moments(
         car, Supervisor(car.vehicle, Settings()), lambda: car.is_over)]
     asleep_s = 100.0 + 300.0 + COMPUTERS_GO_ON_S

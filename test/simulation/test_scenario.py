@@ -6,6 +6,7 @@ import re
 import pytest
 import yaml
 
+from bev_preheat.control.inputs import NS_PER_S
 from bev_preheat.errors import InvalidInput
 from bev_preheat.files.configuration import configuration_folder
 from bev_preheat.planning.situation import Goal
@@ -15,7 +16,6 @@ from bev_preheat.simulation.position import PositionReports
 from bev_preheat.simulation.scenario import load_scenario
 from bev_preheat.simulation.sensors import OtherBattery, Spike
 from bev_preheat.simulation.traffic import Kind
-from bev_preheat.supervision.inputs import NS_PER_S
 from bev_preheat.vehicle.heat_path import HeatPath
 
 FOLDER = configuration_folder('scenarios')

@@ -6,13 +6,13 @@ import math
 import numpy as np
 import pytest
 
+from bev_preheat.control.inputs import SupplyStatus
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route.segments import make_route
 from bev_preheat.simulation.heater_lease import NO_LEASE
 from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections
 from bev_preheat.simulation.phases import Charge
 from bev_preheat.simulation.sensors import OtherBattery, Sensors, Spike
-from bev_preheat.supervision.inputs import SupplyStatus
 from bev_preheat.vehicle import load_vehicle
 
 VEHICLE = load_vehicle('reference')

@@ -20,7 +20,7 @@ from bev_preheat_studies.footprint.emulated import instructions_in
 from bev_preheat_studies.footprint.measured import measure, Measured, Plans
 from bev_preheat_studies.footprint.object_bytes import Bytes, needed_for, read_object, total
 from bev_preheat_studies.footprint.painted import PaintedStack
-from bev_preheat_studies.footprint.situations import Planned, Situation, situations
+from bev_preheat_studies.footprint.situations import FootprintCase, Planned, situations
 from bev_preheat_studies.footprint.tables import byte_rows, instruction_rows
 
 SMALL = load_vehicle('small_car')
@@ -114,7 +114,7 @@ class PlansThatTakeStack:
 
 def asked(steps, target_c=0.0):
     columns = ([0.0] * (steps + 1), *(9 * ([0.0] * steps,)))
-    return Situation(Vector(columns, (0.5, 1.0, 2.0, 3.0, target_c, 4.0, 5.0), (Answer(OK),) * 2))
+    return FootprintCase(Vector(columns, (0.5, 1.0, 2.0, 3.0, target_c, 4.0, 5.0), (Answer(OK),) * 2))
 
 
 def test_the_stack_that_a_plan_overwrites_is_told_to_its_frames(tmp_path):

@@ -22,9 +22,9 @@ from bev_preheat.route import load_route
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.chemistry import CHEMISTRIES, load_chemistry
 from bev_preheat.vehicle.data_sheet import check_data_sheet, DataSheet
-from bev_preheat.vehicle.described_car import describe_car
-from bev_preheat.vehicle.meaning import meaning_of
+from bev_preheat.vehicle.data_sheet_import import describe_car
 from bev_preheat.vehicle.model import make_rates
+from bev_preheat.vehicle.plausibility import meaning_of
 from bev_preheat.vehicle.writing import assumed_keys, vehicle_text
 
 ID4 = DataSheet('id4', 'nmc', charging_power_kw=135.0, usable_energy_kwh=77.0,

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * The method merit_order: a plan within the limits of the battery, and whether it may be driven by: no plan is
- * worse than not heating (bev_preheat.planning.safeguard).
+ * worse than not heating (bev_preheat.planning.no_regret).
  */
 #include "bev_ecu_shared.h"
 

@@ -48,7 +48,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from bev_preheat.commands.arguments import Subparsers
-    from bev_preheat.console.finished import Ending
+    from bev_preheat.console.finished import InterruptedEnding
     from bev_preheat_studies.robustness.car_figures import Figures
     from bev_preheat_studies.robustness.car_study import CarResult
 
@@ -216,7 +216,7 @@ def _run_of_kind(arguments: Namespace, conditions: Conditions) -> int:
 
 
 def _give_out(arguments: Namespace, results: list[CarResult], methods: Sequence[str],
-              ending: Ending) -> None:
+              ending: InterruptedEnding) -> None:
     summary = summarise_drives(results, methods)
     if arguments.json:
         write_json(arguments.json, {**_described(arguments), 'trips': arguments.trips,

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from bev_preheat.console.output import check_output_arguments
 from bev_preheat.errors import InvalidInput
-from bev_preheat.files.output_files import Output
+from bev_preheat.files.output_files import OutputFile
 from bev_preheat.optional_packages import require
 from bev_preheat_studies.cluster import ClusterWorkers
 from bev_preheat_studies.workers import Workers
@@ -45,7 +45,7 @@ def check_study_arguments(arguments: Namespace, inputs: Sequence[AnyPath]) -> No
     if arguments.jobs is not None and arguments.cluster is not None:
         raise InvalidInput('--jobs is for processes of this computer; with --cluster the scheduler says '
                            'how many workers there are')
-    check_output_arguments(arguments, inputs, [Output('--results', arguments.results)])
+    check_output_arguments(arguments, inputs, [OutputFile('--results', arguments.results)])
     if arguments.cluster is not None:
         require('distributed')
 

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from bev_preheat.commands.arguments import Subparsers
-    from bev_preheat.console.finished import Ending
+    from bev_preheat.console.finished import InterruptedEnding
     from bev_preheat_studies.optimality.gap_figures import Figures
     from bev_preheat_studies.optimality.gap_study import GapResult
 
@@ -111,7 +111,7 @@ def _run_gaps(arguments: Namespace) -> int:
     return 0
 
 
-def _give_out(arguments: Namespace, results: list[GapResult], ending: Ending) -> None:
+def _give_out(arguments: Namespace, results: list[GapResult], ending: InterruptedEnding) -> None:
     summary = summarise_gaps(results, METHODS)
     if arguments.json:
         write_json(arguments.json, {'seed': arguments.seed, 'trips': arguments.trips,

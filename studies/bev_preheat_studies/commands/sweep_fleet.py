@@ -19,9 +19,9 @@ if TYPE_CHECKING:
 
     from rich.console import Console
 
-    from bev_preheat.console.finished import Ending
+    from bev_preheat.console.finished import InterruptedEnding
     from bev_preheat_studies.fleet.fleet_figures import Figures
-    from bev_preheat_studies.fleet.fleet_study import Block
+    from bev_preheat_studies.fleet.fleet_study import TripBlock
     from bev_preheat_studies.fleet.tally import Tally
 
 # Rows of the table: heading, how to read them off a way's figures, format.
@@ -60,7 +60,7 @@ def run_fleet_sweep(arguments: Namespace) -> int:
         tally = kept.tally
         task = progress.add_task('trips', total=arguments.fleet, completed=tally.counted)
 
-        def report(block: Block) -> None:
+        def report(block: TripBlock) -> None:
             nonlocal tally
             # An interruption finds a block counted, or not at all.
             tally = tally.with_other(block.tally)
@@ -74,7 +74,7 @@ def run_fleet_sweep(arguments: Namespace) -> int:
     return 0
 
 
-def _give_out(arguments: Namespace, tally: Tally, finished: int, ending: Ending) -> None:
+def _give_out(arguments: Namespace, tally: Tally, finished: int, ending: InterruptedEnding) -> None:
     from bev_preheat_studies.fleet.fleet_figures import drawn, summarise_fleet
     summary = summarise_fleet(tally)
     if arguments.json:

@@ -7,7 +7,7 @@ from statistics import median
 from time import monotonic, sleep
 from typing import TYPE_CHECKING
 
-from bev_preheat.optimum.exchange import Question, Solution
+from bev_preheat.optimum.protocol import Question, SolverAnswer
 from bev_preheat.optimum.solver_process import SolverProcess
 from bev_preheat.route import load_route
 from bev_preheat.vehicle import load_vehicle
@@ -17,7 +17,7 @@ from bev_preheat_studies.cost.planning_cost import GOAL, STATE
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from bev_preheat.optimum.exchange import Failure
+    from bev_preheat.optimum.protocol import Failure
     from bev_preheat.route import Route
     from bev_preheat.vehicle import Vehicle
 
@@ -84,12 +84,12 @@ def _check_s(solver: SolverProcess, route: Route) -> float:
     solver.ask(Question(route, STATE, GOAL, 'merit_order', FACTORS), PATIENCE_S)
     while (answer := _poll(solver)) is None:
         pass
-    if not isinstance(answer, Solution):
+    if not isinstance(answer, SolverAnswer):
         raise RuntimeError(answer.explanation)
     return monotonic() - started_s
 
 
-def _poll(solver: SolverProcess) -> Solution | Failure | None:
+def _poll(solver: SolverProcess) -> SolverAnswer | Failure | None:
     sleep(POLL_S)
     return solver.poll()
 

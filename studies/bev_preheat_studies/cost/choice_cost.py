@@ -9,12 +9,12 @@ from time import process_time
 from typing import TYPE_CHECKING
 
 from bev_preheat.charging.stop import Charger
+from bev_preheat.control.events import BatteryStateArrived, RouteArrived
+from bev_preheat.control.inputs import Leg, Measurement, Mission, NS_PER_S
+from bev_preheat.control.settings import Settings
+from bev_preheat.control.supervisor import Supervisor
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.route import load_route
-from bev_preheat.supervision.events import BatteryStateArrived, RouteArrived
-from bev_preheat.supervision.inputs import Leg, Measurement, Mission, NS_PER_S
-from bev_preheat.supervision.settings import Settings
-from bev_preheat.supervision.supervisor import Supervisor
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat_studies.cost.figures import Figure
 

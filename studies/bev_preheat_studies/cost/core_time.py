@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from time import perf_counter
 from typing import TYPE_CHECKING
 
-from bev_preheat.compiled.library import core
+from bev_preheat.native.library import core
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

@@ -126,10 +126,10 @@ def _ignore(*arguments: object) -> None:
 def plan_message() -> PreheatPlan:
     """Return a PreheatPlan of the size that the reference trip's has."""
     message = PreheatPlan(route_id='benchmark', method='merit_order', explanation=CHARACTERS * '.')
-    edges, steps, stretches = (array('d', bytes(8 * count)) for count in (STEPS + 1, STEPS, STRETCHES))
+    edges, steps, intervals = (array('d', bytes(8 * count)) for count in (STEPS + 1, STEPS, STRETCHES))
     message.time = message.battery_temperature = message.soc = edges
     message.hvch_power = steps
-    message.stretch_start = message.stretch_end = message.stretch_energy = stretches
+    message.stretch_start = message.stretch_end = message.stretch_energy = intervals
     message.stretch_reason = bytes(STRETCHES)
     return message
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.compiled.library import core
+from bev_preheat.native.library import core
 from bev_preheat.planning.planner import METHODS
 from bev_preheat_studies.cost.figures import Figure
 from bev_preheat_studies.fleet.arrivals import arrivals_of_all, planned_in_the_core

@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.compiled.library import core
-from bev_preheat.compiled.runs import place
-from bev_preheat.compiled.structs import SWITCH_ARRAYS, SwitchPlanStruct
-from bev_preheat.planning.dynamics import compiled_vehicle
+from bev_preheat.native.library import core
+from bev_preheat.native.runs import place
+from bev_preheat.native.structs import SWITCH_ARRAYS, SwitchPlanStruct
+from bev_preheat.planning.dynamics import native_vehicle
 from bev_preheat.planning.planner import METHODS, plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.trip import make_trip
@@ -88,14 +88,14 @@ def _new_route(vehicle: Vehicle, route: Route) -> Figure:
 
 def _core_ratios(vehicle: Vehicle, route: Route) -> list[Figure]:
     """Return how much longer a plan takes than the call of the compiled core in it; none without a core."""
-    library, compiled = core(), compiled_vehicle(vehicle)
-    if library is None or compiled is None:
+    library, native = core(), native_vehicle(vehicle)
+    if library is None or native is None:
         return []
-    trip = make_trip(vehicle, route).compiled
+    trip = make_trip(vehicle, route).native
     instants, plan = trip.steps + 1, SwitchPlanStruct()
     arrays = [np.empty(count) for count in (
         SWITCH_ARRAYS * instants, instants, instants, trip.steps)]
-    arguments = (compiled.address, trip.address, STATE.soc, STATE.temperature_c,
+    arguments = (native.address, trip.address, STATE.soc, STATE.temperature_c,
                  GOAL.target_temperature_c, 0, None, *map(place, arrays), addressof(plan))
     call = partial(library.bev_plan_switch, *arguments)
     figures = []

@@ -23,9 +23,9 @@ from rclpy.node import Node
 from rclpy.qos import QoSDurabilityPolicy, QoSProfile
 from sensor_msgs.msg import BatteryState
 
+from bev_preheat.control.inputs import Leg, Mission
 from bev_preheat.nodes.convert import nanoseconds, route_plan_message, time_message
 from bev_preheat.route import load_route
-from bev_preheat.supervision.inputs import Leg, Mission
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat_msgs.msg import HvchCommand, PreheatPlan, RoutePlan
 from bev_preheat_studies.cost.empty_node import PLANNERS_EXECUTOR

@@ -9,24 +9,24 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.compiled.library import core
+from bev_preheat.control.command_history import CommandHistory
+from bev_preheat.control.events import BatteryStateArrived, RouteArrived
+from bev_preheat.control.expected_drive import intervals_between
+from bev_preheat.control.forecast_plan import LEAST_PAUSE_S, MOST_MARGIN_K
+from bev_preheat.control.inputs import Leg, Measurement, Mission, NS_PER_S
+from bev_preheat.control.settings import Settings
+from bev_preheat.control.supervisor import Supervisor
+from bev_preheat.control.timetable import Timetable
 from bev_preheat.estimation.estimator import Estimator
 from bev_preheat.estimation.state import NOMINAL_HEAT_LAG_S
-from bev_preheat.planning.caution import Caution
+from bev_preheat.native.library import core
 from bev_preheat.planning.planner import plan_preheating, plan_unheated
 from bev_preheat.planning.situation import BatteryState
+from bev_preheat.planning.uncertainty_margin import UncertaintyMargin
 from bev_preheat.route import load_route
 from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections
 from bev_preheat.simulation.sensors import Sensors
 from bev_preheat.simulation.supervised_drive import moments
-from bev_preheat.supervision.command_history import CommandHistory
-from bev_preheat.supervision.course import stretches_between
-from bev_preheat.supervision.events import BatteryStateArrived, RouteArrived
-from bev_preheat.supervision.inputs import Leg, Measurement, Mission, NS_PER_S
-from bev_preheat.supervision.outlook import LEAST_PAUSE_S, MOST_MARGIN_K
-from bev_preheat.supervision.settings import Settings
-from bev_preheat.supervision.supervisor import Supervisor
-from bev_preheat.supervision.timetable import Timetable
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat_studies.cost.core_time import timed_core
 from bev_preheat_studies.cost.figures import Figure
@@ -140,7 +140,7 @@ def _updates_ms(vehicle: Vehicle, mission: Mission, measurements: list[Measureme
 def _estimations_ms(vehicle: Vehicle, mission: Mission, measurements: list[Measurement]) -> FloatArray:
     """Return what the estimator takes for each measurement."""
     estimator, timetable, commands = Estimator(vehicle), Timetable(mission), CommandHistory()
-    return _times_ms(lambda measurement: estimator.observe(measurement, 0.0, stretches_between(
+    return _times_ms(lambda measurement: estimator.observe(measurement, 0.0, intervals_between(
         estimator.edges_ns(measurement.stamp_ns), vehicle, timetable, commands)), measurements)
 
 
@@ -148,12 +148,12 @@ def _plans_ms(vehicle: Vehicle, mission: Mission, measurements: list[Measurement
               settings: Settings) -> FloatArray:
     """Return what a plan takes that is as cautious as those of updates, which make one each, as a rule."""
     leg = mission.legs[0]
-    caution = Caution(MOST_MARGIN_K, LEAD_K, False, LEAST_PAUSE_S, settings.minimum_on_time_s)
+    uncertainty_margin = UncertaintyMargin(MOST_MARGIN_K, LEAD_K, False, LEAST_PAUSE_S, settings.minimum_on_time_s)
 
     def plan(measurement: Measurement) -> object:
         route = leg.route_ahead(measurement.stamp_ns)
         assert route is not None
-        return plan_preheating(vehicle, route, measurement.state, GOAL, settings.method, caution,
+        return plan_preheating(vehicle, route, measurement.state, GOAL, settings.method, uncertainty_margin,
                                heat_lag_s=NOMINAL_HEAT_LAG_S)
 
     return _times_ms(plan, measurements)

@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.compiled.library import OK
-from bev_preheat.compiled.trips import ALWAYS_ON, ONE_SWITCH, PAPER, plan_trips, UNHEATED
-from bev_preheat.planning.dynamics import compiled_vehicle
+from bev_preheat.native.library import OK
+from bev_preheat.native.trips import ALWAYS_ON, ONE_SWITCH, PAPER, plan_trips, UNHEATED
+from bev_preheat.planning.dynamics import native_vehicle
 from bev_preheat.planning.planner import METHODS
 from bev_preheat.planning.situation import reserve_soc
 from bev_preheat.planning.trip import make_trip
@@ -69,16 +69,16 @@ def arrivals_of_all(trips: FleetTrips) -> Arrivals:
 def planned_in_the_core(trips: FleetTrips, car: str, places: slice) -> NDArray[np.void] | None:
     """Return what `plan_trips` does for the trips of a car; None where the core does not answer."""
     vehicle, goal = vehicle_of(car), goal_of(car)
-    compiled = compiled_vehicle(vehicle)
+    native = native_vehicle(vehicle)
     route = trips.route(places)
-    if compiled is None or not vehicle.heat_path.is_direct:
+    if native is None or not vehicle.heat_path.is_direct:
         return None
     trip = make_trip(vehicle, route)
     if len(trip.route) != len(route):
         # Steps that are divided are not those that were drawn.
         return None
     return plan_trips(
-        compiled, trip.compiled, trips.steps[places], trips.start_soc[places], trips.start_c[places],
+        native, trip.native, trips.steps[places], trips.start_soc[places], trips.start_c[places],
         np.full(places.stop - places.start, goal.target_temperature_c), reserve_soc(vehicle, goal),
         vehicle.battery.soc_range[0])
 

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.charging.equations import charging_power, heater_power_of, make_charging_rates, supply_of
-from bev_preheat.charging.stop import Stop
+from bev_preheat.charging.stop import ChargingStop
 from bev_preheat.numerics.arithmetic import ARRAYS
 from bev_preheat.planning.dynamics import hottest_c
 from bev_preheat.vehicle.charging import charging_of
@@ -80,9 +80,9 @@ def charging_times_of(car: str, charger_w: float) -> ChargingTimes:
     return ChargingTimes(vehicle_of(car), charger_w)
 
 
-def stop_of(vehicle: Vehicle, charger_w: float, ambient_c: float) -> Stop:
+def stop_of(vehicle: Vehicle, charger_w: float, ambient_c: float) -> ChargingStop:
     """Return the Stop of a fleet's trip in air of a temperature [deg C]."""
-    return Stop(charger_w, DEPARTURE_SOC, ambient_c, float(cabin_heating_power_w(vehicle, ambient_c)),
+    return ChargingStop(charger_w, DEPARTURE_SOC, ambient_c, float(cabin_heating_power_w(vehicle, ambient_c)),
                 vehicle.defaults.auxiliary_power_w)
 
 
@@ -122,7 +122,7 @@ class _Sessions:
             make_charging_rates(self._limit_w, make_rates(vehicle, ARRAYS), ARRAYS))
         stops = {value: stop_of(vehicle, charger_w, value) for value in np.unique(ambient_c).tolist()}
 
-        def of_stop(value_of: Callable[[Stop], float]) -> FloatArray:
+        def of_stop(value_of: Callable[[ChargingStop], float]) -> FloatArray:
             values = {ambient: value_of(stop) for ambient, stop in stops.items()}
             return np.array([values[ambient] for ambient in ambient_c.tolist()])
 

@@ -14,8 +14,8 @@ from bev_preheat.route.road_load import (
     air_density_kg_per_m3,
     battery_power_w,
     GRAVITY_MPS2,
-    Load,
     loaded,
+    RoadForces,
     RoadVehicle,
 )
 from bev_preheat.route.variation import vary_each
@@ -119,7 +119,7 @@ def _cruising_power_w(car: str, speed_mps: FloatArray, ambient_c: FloatArray) ->
 
 @cache
 def _on_road(car: str) -> RoadVehicle:
-    return loaded(vehicle_of(car), Load())
+    return loaded(vehicle_of(car), RoadForces())
 
 
 @cache

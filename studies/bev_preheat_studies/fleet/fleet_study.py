@@ -51,7 +51,7 @@ NOT_DRIVEN, NEVER_CHARGED = 'not driven', 'never charged'
 
 
 @dataclass(frozen=True)
-class Block:
+class TripBlock:
     """The Tally of the trips from `number` * BLOCK on, `size` of them."""
 
     number: int
@@ -63,15 +63,15 @@ class Block:
         return {'number': self.number, 'size': self.size, **self.tally.as_record()}
 
 
-def block_from(record: dict[str, Any]) -> Block:
+def block_from(record: dict[str, Any]) -> TripBlock:
     """Return a Block from `as_record` of it."""
-    return Block(record['number'], record['size'], tally_from(record))
+    return TripBlock(record['number'], record['size'], tally_from(record))
 
 
-def block_of(trips: int, seed: int, tables: Mapping[tuple[str, float], ChargingTimes], number: int) -> Block:
+def block_of(trips: int, seed: int, tables: Mapping[tuple[str, float], ChargingTimes], number: int) -> TripBlock:
     """Return one Block of a fleet of so many trips; `tables` are those of `tally_of`."""
     size = size_of(trips, number)
-    return Block(number, size, tally_of(draw_fleet(seed, number, size), tables))
+    return TripBlock(number, size, tally_of(draw_fleet(seed, number, size), tables))
 
 
 def tally_of(trips: FleetTrips,
@@ -126,8 +126,8 @@ def size_of(trips: int, number: int) -> int:
     return min(BLOCK, trips - number * BLOCK)
 
 
-def run_fleet(trips: int, seed: int, executor: Executor, report: Callable[[Block], object],
-              finished: Container[int] = (), keep: Callable[[int, Block], object] | None = None) -> None:
+def run_fleet(trips: int, seed: int, executor: Executor, report: Callable[[TripBlock], object],
+              finished: Container[int] = (), keep: Callable[[int, TripBlock], object] | None = None) -> None:
     """
     Run trips 0 … `trips` - 1 in blocks, but for those of `finished`; `report` is called with each Block.
 
@@ -150,7 +150,7 @@ class KeptFleet:
 
     finished: set[int]
     tally: Tally
-    keep: Callable[[int, Block], object] | None = None
+    keep: Callable[[int, TripBlock], object] | None = None
 
 
 @contextmanager

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from bev_preheat_studies.footprint.builds import Build
-    from bev_preheat_studies.footprint.situations import Situation
+    from bev_preheat_studies.footprint.situations import FootprintCase
 
 PAGE = 0x1000
 STACK_AT, STACK_BYTES, PAINT = 0x6000_0000, 1 << 18, b'\xa5'
@@ -60,7 +60,7 @@ class EmulatedCortexM7:
         self._counts: dict[tuple[int, int], int] = {}
         self._emulator.hook_add(unicorn.UC_HOOK_BLOCK, self._on_block)
 
-    def plan(self, method: int, situation: Situation) -> Planned:
+    def plan(self, method: int, situation: FootprintCase) -> Planned:
         """Return what a plan of a method, by its number, and a Situation takes."""
         self._emulator.mem_write(NUMBERS_AT, situation.numbers.tobytes())
         self._call('take_situation', situation.steps, NUMBERS_AT)

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     from bev_preheat.vehicle.heat_path import HeatPath
     from bev_preheat_studies.footprint.builds import Build
-    from bev_preheat_studies.footprint.situations import Planned, Situation
+    from bev_preheat_studies.footprint.situations import FootprintCase, Planned
 
 # What a caller of each of METHODS links.
 FUNCTIONS = dict(zip(METHODS, ('bev_ecu_plan_switch', 'bev_ecu_plan_merit_order')))
@@ -51,7 +51,7 @@ class Measured:
 
     build: Build
     path: HeatPath
-    situations: Sequence[Situation]
+    situations: Sequence[FootprintCase]
     plans: dict[str, Plans]
     vehicle: Bytes
     everything: Bytes
@@ -72,7 +72,7 @@ class Measured:
             'methods': {method: told(plans) for method, plans in self.plans.items()}}
 
 
-def measure(build: Build, path: HeatPath, situations: Sequence[Situation],
+def measure(build: Build, path: HeatPath, situations: Sequence[FootprintCase],
             memory_steps: Sequence[int] = ()) -> Measured:
     """
     Return what a Build takes for Situations; raises InvalidInput where it cannot be compiled.

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from bev_preheat_studies.footprint.builds import Build
-    from bev_preheat_studies.footprint.situations import Situation
+    from bev_preheat_studies.footprint.situations import FootprintCase
 
 # Status, bytes of stack, and ANSWER_NUMBERS of planned.h.
 ANSWER = struct.Struct('=2i10d')
@@ -33,7 +33,7 @@ class PaintedStack:
         direct, late, merit = map(int, self._run(b'', 'memory', str(steps)).split())
         return direct, late, merit
 
-    def plan(self, asked: Sequence[tuple[int, Situation]]) -> list[Planned]:
+    def plan(self, asked: Sequence[tuple[int, FootprintCase]]) -> list[Planned]:
         """Return what plans of a method, by its number, and a Situation take."""
         given = b''.join(struct.pack('=2i', method, situation.steps) + situation.numbers.tobytes()
                          for method, situation in asked)

@@ -9,8 +9,8 @@ from typing import NamedTuple, TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.compiled.library import without_core
 from bev_preheat.ecu.vectors import BAD_INPUT, draw_vector, LONG_AT, LONG_EVERY, OK, vector_of
+from bev_preheat.native.library import without_core
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.route import load_route
@@ -44,7 +44,7 @@ class Planned(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Situation:
+class FootprintCase:
     """A Vector, and the route that it is; '' for one that was drawn."""
 
     vector: Vector
@@ -69,7 +69,7 @@ class Situation:
             planned.told, answer.expected, rtol=0.0, atol=TOLERANCES, equal_nan=True).all())
 
 
-def situations(vehicle: Vehicle, exported: Sequence[Vector], long: int, seed: int) -> list[Situation]:
+def situations(vehicle: Vehicle, exported: Sequence[Vector], long: int, seed: int) -> list[FootprintCase]:
     """
     Return Situations of a Vehicle: those of its export, so many more of the most steps, and the ROUTES.
 
@@ -79,7 +79,7 @@ def situations(vehicle: Vehicle, exported: Sequence[Vector], long: int, seed: in
         vectors = [*exported, *(draw_vector(vehicle, seed, LONG_AT + LONG_EVERY * (len(exported) + number))
                                 for number in range(long))]
         return [
-            *(Situation(vector) for vector in vectors if vector.answers[0].status != BAD_INPUT),
-            *(Situation(vector_of(make_trip(vehicle, load_route(route, vehicle.defaults)),
+            *(FootprintCase(vector) for vector in vectors if vector.answers[0].status != BAD_INPUT),
+            *(FootprintCase(vector_of(make_trip(vehicle, load_route(route, vehicle.defaults)),
                                   BatteryState(start_c, ROUTE_SOC), Goal(ROUTE_TARGET_C)), route)
               for route, start_c in ROUTES.items())]

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
     from bev_preheat.vehicle.heat_path import HeatPath
     from bev_preheat_studies.footprint.measured import Measured
-    from bev_preheat_studies.footprint.situations import Situation
+    from bev_preheat_studies.footprint.situations import FootprintCase
 
 # Headings, rows, alignment.
 Rows: TypeAlias = 'tuple[Sequence[str], Sequence[Sequence[str]], Sequence[str]]'
@@ -65,7 +65,7 @@ def instruction_rows(results: Sequence[Measured]) -> Rows | None:
     counted = [measured for measured in results if measured.plans[SWITCH].planned[0].instructions is not None]
     if not counted:
         return None
-    groups: list[tuple[str, Callable[[Situation], bool]]] = [
+    groups: list[tuple[str, Callable[[FootprintCase], bool]]] = [
         (f'{USUAL[0]} to {USUAL[-1]} steps', lambda each: not each.route and each.steps in USUAL),
         (f'{MOST_STEPS} steps', lambda each: not each.route and each.steps == MOST_STEPS),
         *((f'route {route}', lambda each, route=route: each.route == route) for route in ROUTES)]
@@ -81,7 +81,7 @@ def instruction_rows(results: Sequence[Measured]) -> Rows | None:
             [*['left'] * 3, *['right'] * len(groups)])
 
 
-def _millions(measured: Measured, method: str, belongs: Callable[[Situation], bool],
+def _millions(measured: Measured, method: str, belongs: Callable[[FootprintCase], bool],
               is_limited: bool | None) -> Iterable[float]:
     """Return the instructions of the heated plans of a group; `is_limited`: optimal_switch has none."""
     number = METHODS.index(method)

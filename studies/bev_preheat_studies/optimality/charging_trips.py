@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.charging.stop import Stop, stop_after
+from bev_preheat.charging.stop import ChargingStop, stop_after
 from bev_preheat.charging.worth import Prices
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route.segments import make_route, Route
@@ -54,7 +54,7 @@ class ChargingTrip:
     route: Route
     state: BatteryState
     goal: Goal
-    stop: Stop
+    stop: ChargingStop
     prices: Prices
 
 

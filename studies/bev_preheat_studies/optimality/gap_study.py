@@ -90,7 +90,7 @@ def solve_trip(vehicle: Vehicle, seed: int, number: int, trips: str = 'free') ->
     inputs = trip.vehicle, trip.route, trip.state, trip.goal
     limited = trips == 'limits'
     # The others are shown as they are, worse than not heating or not.
-    plans = {method: plan_preheating(*inputs, method, safeguarded=method == DEFAULT_METHOD)
+    plans = {method: plan_preheating(*inputs, method, no_regret=method == DEFAULT_METHOD)
              for method in METHODS}
     driven = {method: as_driven(plan, *inputs) if limited else plan
               for method, plan in plans.items()}
@@ -136,11 +136,11 @@ def _violation(drawn: DrawnTrip, plan: Plan) -> float:
 
 
 def _outcome(optimum: Optimum) -> tuple[str, str]:
-    from bev_preheat.optimum.lacking import ARRIVAL_SOC, HIGHEST_TEMPERATURE, TARGET
-    if optimum.lacking:
-        lacking = {item.constraint for item in optimum.lacking} - {HIGHEST_TEMPERATURE}
-        outcome = (BEYOND_RANGE if not lacking else UNREACHABLE if lacking == {TARGET} else
-                   RESERVE_MISSED if lacking <= {TARGET, ARRIVAL_SOC} else POWER_LACKING)
+    from bev_preheat.optimum.deficits import ARRIVAL_SOC, HIGHEST_TEMPERATURE, TARGET
+    if optimum.deficit:
+        deficit = {item.constraint for item in optimum.deficit} - {HIGHEST_TEMPERATURE}
+        outcome = (BEYOND_RANGE if not deficit else UNREACHABLE if deficit == {TARGET} else
+                   RESERVE_MISSED if deficit <= {TARGET, ARRIVAL_SOC} else POWER_LACKING)
         return outcome, '; '.join(optimum.infeasible)
     if optimum.plan.energy_wh.hvch_electric < NO_HEATING_WH:
         return NOT_NEEDED, ''

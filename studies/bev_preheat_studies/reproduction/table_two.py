@@ -107,7 +107,7 @@ def reproduce(vehicle: Vehicle | None = None) -> Reproduction:
 
 
 def _heuristic(vehicle: Vehicle, route: Route) -> Plan:
-    return plan_preheating(vehicle, route, STATE, GOAL, 'paper', safeguarded=False,
+    return plan_preheating(vehicle, route, STATE, GOAL, 'paper', no_regret=False,
                            terminal_soc=TERMINAL_SOC)
 
 

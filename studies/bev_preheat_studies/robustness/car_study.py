@@ -8,8 +8,8 @@ from functools import partial
 from time import process_time
 from typing import Any, TYPE_CHECKING
 
+from bev_preheat.control.settings import Settings
 from bev_preheat.simulation.mismatch import Mismatch
-from bev_preheat.supervision.settings import Settings
 from bev_preheat.vehicle.heat_path import HeatPath
 from bev_preheat_studies.numbered import run_numbered
 from bev_preheat_studies.robustness.drawn_cars import draw_car

@@ -8,13 +8,13 @@ from functools import partial
 from time import process_time
 from typing import Any, TYPE_CHECKING
 
+from bev_preheat.control.supervisor import Supervisor
 from bev_preheat.estimation.hypotheses import Heater
 from bev_preheat.planning.situation import BatteryState
-from bev_preheat.simulation.phases import Charge, Drive, Park
+from bev_preheat.simulation.phases import Charge, DrivePhase, Park
 from bev_preheat.simulation.supervised_drive import moments
 from bev_preheat.simulation.traffic import Kind
 from bev_preheat.simulation.vehicle_plant import VehiclePlant
-from bev_preheat.supervision.supervisor import Supervisor
 from bev_preheat_studies.numbered import run_numbered
 from bev_preheat_studies.robustness.car_study import settings_of_compared
 from bev_preheat_studies.robustness.drawn_days import draw_day
@@ -81,7 +81,7 @@ class DayResult:
 
 
 @dataclass
-class _Tally:
+class _DayTally:
     """Counters along a day."""
 
     day: DrawnDay
@@ -110,11 +110,11 @@ class _Tally:
             if output.command is None:
                 continue
             power_w = output.command.battery_heating_power_w
-            if power_w > 0.0 == self._power_w and isinstance(car.phase, Drive):
+            if power_w > 0.0 == self._power_w and isinstance(car.phase, DrivePhase):
                 self.switch_ons[-1] += 1
             self._power_w = power_w
         estimate, phase_s = supervisor.estimate, now_s - car.plant.start_s
-        if isinstance(car.phase, Drive):
+        if isinstance(car.phase, DrivePhase):
             self.faults.note(self.driven_s + phase_s, self._power_w, estimate)
         where = f'{type(car.phase).__name__.lower()} {len(car.reports) + 1}, {phase_s:.0f} s'
         verdict = Heater.ANSWERS if estimate is None else estimate.heater.heater
@@ -128,7 +128,7 @@ class _Tally:
     def _count_heating(self, now_s: float) -> None:
         """Count how long the latest command heated a car that charges or is parked for too long already."""
         phase, began_s = self.car.phase, self.car.plant.start_s
-        if self._power_w > 0.0 and not isinstance(phase, Drive):
+        if self._power_w > 0.0 and not isinstance(phase, DrivePhase):
             allowed_s = CHARGING_KNOWN_AFTER_S if isinstance(phase, Charge) else PARKED_OFF_AFTER_S
             from_s = max(self._since_s, began_s + allowed_s + self.period_s)
             self.heated_s[type(phase)] += max(0.0, now_s - from_s)
@@ -137,19 +137,19 @@ class _Tally:
     def _begin(self, car: ImperfectCar) -> None:
         self._phase = car.phase
         self.driven_s = sum(report.ended_s - report.started_s for report in car.reports
-                            if isinstance(report.phase, Drive))
-        if isinstance(car.phase, Drive):
+                            if isinstance(report.phase, DrivePhase))
+        if isinstance(car.phase, DrivePhase):
             # What holds over the boundary is no switch-on of this trip.
             self.switch_ons.append(0)
             self.within_c.append((_end_c(car, 0.0), _end_c(car, car.vehicle.hvch.maximum_power_w)))
 
     def trips(self) -> tuple[TripOutcome, ...]:
         """Return the outcomes of the trips that have ended."""
-        ends = [report for report in self.car.reports if isinstance(report.phase, Drive)]
+        ends = [report for report in self.car.reports if isinstance(report.phase, DrivePhase)]
         outcomes = []
         for position, (end, switch_ons, (unheated_c, heated_c)) in enumerate(zip(
                 ends, self.switch_ons, self.within_c)):
-            assert isinstance(end.phase, Drive)
+            assert isinstance(end.phase, DrivePhase)
             target_c = min(max(end.phase.goal.target_temperature_c, unheated_c), heated_c)
             is_cut = any(event.kind is Kind.ARRIVE_EARLY for event in end.phase.events)
             outcomes.append(TripOutcome(
@@ -174,7 +174,7 @@ def drive_day(conditions: Conditions, seed: int, number: int) -> DayResult:
     day = draw_day(conditions, seed, number)
     car = day.car()
     supervisor = Supervisor(car.vehicle, settings_of_compared('planner', conditions.period_s))
-    tally = _Tally(day, car, conditions.period_s, FaultWatch(car.imperfections.heater_faults))
+    tally = _DayTally(day, car, conditions.period_s, FaultWatch(car.imperfections.heater_faults))
     try:
         for moment in moments(car, supervisor, lambda: car.is_over):
             steps += 1

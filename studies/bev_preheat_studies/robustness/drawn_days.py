@@ -11,7 +11,7 @@ import numpy as np
 
 from bev_preheat.numerics.arithmetic import FLOATS
 from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections
-from bev_preheat.simulation.phases import Charge, Drive, Park
+from bev_preheat.simulation.phases import Charge, DrivePhase, Park
 from bev_preheat.simulation.position import PositionReports
 from bev_preheat.simulation.traffic import Event, Kind
 from bev_preheat_studies.robustness.drawn_cars import draw_car, POSITION_NOISE_M
@@ -65,7 +65,7 @@ class DrawnDay:
     def car(self) -> ImperfectCar:
         """Return the car at the start of its day."""
         first, *following = self.phases
-        assert isinstance(first, Drive)
+        assert isinstance(first, DrivePhase)
         drawn, conditions = self.drawn, self.conditions
         sensors = replace(drawn.sensors(), reports_power=conditions.reports_power,
                           supply_status='plugged' if self.tells_supply else 'unknown')
@@ -121,7 +121,7 @@ class _Day:
         cut_at_s = self._between(CUT_AT) * pace * route.total_duration_s
         self._is_cut = self._happens(CUT_SHORT)
         conditions = self._conditions
-        self.phases.append(Drive(
+        self.phases.append(DrivePhase(
             route, conditions.goal, self._parked_s if self._happens(TELLS_STANDING) else 0.0,
             _events(route, pace, cut_at_s if self._is_cut else None),
             PositionReports(conditions.period_s, POSITION_NOISE_M) if conditions.tells_position else None))

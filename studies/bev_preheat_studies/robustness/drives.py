@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from bev_preheat.control.inputs import in_planning_steps
+from bev_preheat.control.settings import Settings
+from bev_preheat.control.supervisor import Supervisor
 from bev_preheat.estimation.hypotheses import Heater
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.planning.status import Status
 from bev_preheat.simulation.supervised_drive import moments
-from bev_preheat.supervision.inputs import in_planning_steps
-from bev_preheat.supervision.settings import Settings
-from bev_preheat.supervision.supervisor import Supervisor
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -87,7 +87,7 @@ class DriveTrace:
     command_w: FloatArray
 
 
-class _Tally:
+class _DriveTally:
     """What commands amount to: each holds until the next."""
 
     def __init__(self, vehicle: Vehicle, route: Route) -> None:
@@ -173,7 +173,7 @@ def drive_noting(car: ImperfectCar, goal: Goal, settings: Settings,
     `note` is called at each instant with what a DriveTrace has of it; None: nobody asks for that.
     """
     supervisor, plant = Supervisor(car.vehicle, settings), car.plant
-    tally, cpu_s = _Tally(car.vehicle, plant.route), 0.0
+    tally, cpu_s = _DriveTally(car.vehicle, plant.route), 0.0
     refused, without_plan, updates, measured_c = 0, 0, 0, math.nan
     power_w = 0.0
     verdicts: dict[str, float] = {}
@@ -222,7 +222,7 @@ def drive_informed(car: ImperfectCar, goal: Goal) -> DriveOutcome:
                     if instant_s is not None]
     # Between two of these the plan's power does not change.
     edges_s = np.unique(np.concatenate((plan.time_s, switchings_s)))
-    tally = _Tally(car.vehicle, plant.route)
+    tally = _DriveTally(car.vehicle, plant.route)
     for from_s, to_s in zip(edges_s[:-1].tolist(), edges_s[1:].tolist()):
         power_w = plan.power_at_w(from_s)
         tally.note(from_s, power_w)
@@ -231,7 +231,7 @@ def drive_informed(car: ImperfectCar, goal: Goal) -> DriveOutcome:
     return _drive(plant, goal, tally)
 
 
-def _drive(plant: VehiclePlant, goal: Goal, tally: _Tally, **counted: Any) -> DriveOutcome:
+def _drive(plant: VehiclePlant, goal: Goal, tally: _DriveTally, **counted: Any) -> DriveOutcome:
     energy_wh = plant.energy_wh
     return DriveOutcome(
         arrival_error_k=plant.temperature_c - goal.target_temperature_c,

@@ -10,12 +10,12 @@ from typing import Any, TYPE_CHECKING
 
 import numpy as np
 
+from bev_preheat.control.supervisor import Supervisor
 from bev_preheat.estimation.hypotheses import Heater
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.planning.status import Status
 from bev_preheat.simulation.sensors import OtherBattery
 from bev_preheat.simulation.supervised_drive import moments
-from bev_preheat.supervision.supervisor import Supervisor
 from bev_preheat_studies.numbered import run_numbered
 from bev_preheat_studies.robustness.car_study import settings_of_compared
 from bev_preheat_studies.robustness.drawn_cars import draw_car

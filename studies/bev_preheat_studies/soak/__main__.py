@@ -28,21 +28,21 @@ from bev_preheat.console.finished import keeping_what_is_finished
 from bev_preheat.console.output import write_json
 from bev_preheat.console.parser import OneLineParser
 from bev_preheat.console.terminal import progress_bar, result_console
-from bev_preheat.files.output_files import check_outputs, expanded, Output, PICTURE_SUFFIXES
+from bev_preheat.control.settings import Settings
+from bev_preheat.files.output_files import check_outputs, expanded, OutputFile, PICTURE_SUFFIXES
 from bev_preheat.nodes.installed_processes import NodeProcess, reserved_domain_id
 from bev_preheat.nodes.listening import listening
 from bev_preheat.optional_packages import require
-from bev_preheat.supervision.settings import Settings
 from bev_preheat.vehicle import load_vehicle, vehicle_file
 from bev_preheat_studies.soak.assessment import judge
-from bev_preheat_studies.soak.load import Load
+from bev_preheat_studies.soak.load import SoakLoad
 from bev_preheat_studies.soak.report import tell
 
 if TYPE_CHECKING:
     from argparse import Namespace
     from collections.abc import Callable, Sequence
 
-    from bev_preheat.console.finished import Ending
+    from bev_preheat.console.finished import InterruptedEnding
     from bev_preheat.files.output_files import AnyPath
     from bev_preheat.nodes.listening import Listener
     from bev_preheat_studies.soak.assessment import Assessment
@@ -62,8 +62,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _load(arguments: Sequence[str] | None) -> Callable[[], int]:
     parsed = _parse(arguments)
-    check_outputs([Output('--output', parsed.output, PICTURE_SUFFIXES, make_folder=True)] + [
-        Output('--output', _beside(parsed.output, suffix), make_folder=True)
+    check_outputs([OutputFile('--output', parsed.output, PICTURE_SUFFIXES, make_folder=True)] + [
+        OutputFile('--output', _beside(parsed.output, suffix), make_folder=True)
         for suffix in (JSON_SUFFIX, LOG_SUFFIX)], [vehicle_file('reference')])
     require('psutil')
     return lambda: _run(parsed)
@@ -113,13 +113,13 @@ def _beside(picture: AnyPath, suffix: str) -> str:
     return f'{os.path.splitext(picture)[0]}{suffix}'
 
 
-def _soak(parsed: Namespace) -> tuple[list[Assessment], Load, list[tuple[float, float]], Ending]:
+def _soak(parsed: Namespace) -> tuple[list[Assessment], SoakLoad, list[tuple[float, float]], InterruptedEnding]:
     """Return (Assessments, Load, samples of the memory, Ending); no Assessments of an early end."""
     heater_w = load_vehicle('reference').hvch.maximum_power_w
     with reserved_domain_id() as domain_id:
         os.environ.update(ROS_DOMAIN_ID=str(domain_id), ROS_AUTOMATIC_DISCOVERY_RANGE='LOCALHOST')
         with listening('soak') as listener:
-            load = Load(listener.node, parsed.rate, parsed.seed, heater_w)
+            load = SoakLoad(listener.node, parsed.rate, parsed.seed, heater_w)
             with NodeProcess('planner', [], _beside(parsed.output, LOG_SUFFIX)) as planner:
                 samples: list[tuple[float, float]] = []
                 with keeping_what_is_finished() as ending:
@@ -133,7 +133,7 @@ def _soak(parsed: Namespace) -> tuple[list[Assessment], Load, list[tuple[float, 
     return assessments, load, samples, ending
 
 
-def _watch(listener: Listener, planner: NodeProcess, load: Load, duration_s: float,
+def _watch(listener: Listener, planner: NodeProcess, load: SoakLoad, duration_s: float,
            samples: list[tuple[float, float]]) -> None:
     """Load the planner for so long [s]; add samples (instant [s], resident memory [MB])."""
     import psutil

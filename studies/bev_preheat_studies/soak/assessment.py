@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike
 
-    from bev_preheat_studies.soak.load import Load
+    from bev_preheat_studies.soak.load import SoakLoad
 
 # Memory may grow so much in ten minutes [MB], after the first part in which caches fill.
 MOST_GROWTH_MB_IN_10_MIN = 1.0
@@ -50,7 +50,7 @@ def memory_growth_mb_in_10_min(instants_s: ArrayLike, memory_mb: ArrayLike) -> f
     return float(np.median(slopes)) * 600.0
 
 
-def judge(load: Load, memory_samples: Sequence[tuple[float, float]], command_period_s: float,
+def judge(load: SoakLoad, memory_samples: Sequence[tuple[float, float]], command_period_s: float,
           exit_status: int | None) -> list[Assessment]:
     """
     Return the Assessments of a soak test.

@@ -42,7 +42,7 @@ COOLING_PER_S = 2e-3
 AMBIENT_C = -8.0
 
 
-class Load:
+class SoakLoad:
     """
     Publishes to a planner while its node is listened to, and keeps what comes back.
 

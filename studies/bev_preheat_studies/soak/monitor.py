@@ -29,7 +29,7 @@ from bev_preheat.console.output import write_json
 from bev_preheat.console.parser import OneLineParser
 from bev_preheat.console.terminal import result_console
 from bev_preheat.errors import InvalidInput
-from bev_preheat.files.output_files import check_outputs, expanded, Output
+from bev_preheat.files.output_files import check_outputs, expanded, OutputFile
 from bev_preheat.nodes.installed_processes import NodeProcess, reserved_domain_id
 from bev_preheat.optional_packages import require
 from bev_preheat.route import route_file
@@ -48,7 +48,7 @@ if TYPE_CHECKING:
 
     from rich.console import Console
 
-    from bev_preheat.console.finished import Ending
+    from bev_preheat.console.finished import InterruptedEnding
     from bev_preheat.files.output_files import AnyPath
 
 COLUMNS, ROWS = 110, 45
@@ -90,8 +90,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _load(arguments: Sequence[str] | None) -> Callable[[], int]:
     parsed = _parse(arguments)
     check_outputs(
-        [Output('--output', parsed.output, ('.json',), make_folder=True)]
-        + [Output('--output', _log_file(parsed.output, name), make_folder=True)
+        [OutputFile('--output', parsed.output, ('.json',), make_folder=True)]
+        + [OutputFile('--output', _log_file(parsed.output, name), make_folder=True)
            for name in ('planner', 'vehicle_simulator')],
         [vehicle_file('reference'), route_file(parsed.route)])
     require('psutil')
@@ -168,7 +168,7 @@ def _log_file(output: AnyPath, name: str) -> str:
     return f'{os.path.splitext(output)[0]}.{name}.log'
 
 
-def _watch(parsed: Namespace, console: Console) -> tuple[Seen, Ending]:
+def _watch(parsed: Namespace, console: Console) -> tuple[Seen, InterruptedEnding]:
     """Return what was Seen, and the Ending of the run."""
     seen = Seen()
     with reserved_domain_id() as domain_id:

@@ -11,8 +11,8 @@ import pytest
 
 from bev_preheat.charging.session import charge
 from bev_preheat.commands.main import main
-from bev_preheat.compiled.library import without_core
 from bev_preheat.console.program import Interrupted
+from bev_preheat.native.library import without_core
 from bev_preheat.numerics.folded_normal import mean_magnitude
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState
@@ -20,7 +20,7 @@ from bev_preheat_studies.fleet import charging_times, fleet_study
 from bev_preheat_studies.fleet.charging_times import ChargingTimes, sessions, stop_of
 from bev_preheat_studies.fleet.drawing import draw_fleet
 from bev_preheat_studies.fleet.drawn_fleet import AMBIENT_MEAN_C, CARS, vehicle_of
-from bev_preheat_studies.fleet.fleet_study import Block, kept_fleet, run_fleet, tally_of
+from bev_preheat_studies.fleet.fleet_study import kept_fleet, run_fleet, tally_of, TripBlock
 from bev_preheat_studies.fleet.tally import HEATER_WH, MORE_WH, QUANTITIES, REACHED, SAVED_S, Tally
 from bev_preheat_studies.fleet.ways import ALWAYS, arrivals_of, NONE, WAYS
 
@@ -277,7 +277,7 @@ def test_the_command_prints_writes_draws_and_goes_on(quick_command, tmp_path, ca
 
 def test_an_interrupted_fleet_keeps_what_is_finished(quick_command, tmp_path, capsys, monkeypatch):
     def run(trips, seed, executor, report, finished, keep):
-        block = Block(0, 10, fleet_study.tally_of(list(range(10))))
+        block = TripBlock(0, 10, fleet_study.tally_of(list(range(10))))
         keep(0, block)
         report(block)
         raise Interrupted

@@ -4,9 +4,9 @@
 import numpy as np
 import pytest
 
-from bev_preheat.compiled.library import core, LIMITED, OK
-from bev_preheat.compiled.trips import ALWAYS_ON, ONE_SWITCH, PAPER, plan_trips, UNHEATED
-from bev_preheat.planning.dynamics import compiled_vehicle
+from bev_preheat.native.library import core, LIMITED, OK
+from bev_preheat.native.trips import ALWAYS_ON, ONE_SWITCH, PAPER, plan_trips, UNHEATED
+from bev_preheat.planning.dynamics import native_vehicle
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import reserve_soc
 from bev_preheat.planning.trip import make_trip
@@ -30,7 +30,7 @@ def planned(trips, car, places, target_c=None, lowest_soc=None, steps=None):
     trip = make_trip(vehicle, trips.route(places))
     count = places.stop - places.start
     return plan_trips(
-        compiled_vehicle(vehicle), trip.compiled, trips.steps[places] if steps is None else steps,
+        native_vehicle(vehicle), trip.native, trips.steps[places] if steps is None else steps,
         trips.start_soc[places], trips.start_c[places],
         np.full(count, goal.target_temperature_c if target_c is None else target_c),
         reserve_soc(vehicle, goal), vehicle.battery.soc_range[0] if lowest_soc is None else lowest_soc)

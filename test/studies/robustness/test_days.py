@@ -9,7 +9,7 @@ import pytest
 
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route import load_route
-from bev_preheat.simulation.phases import Charge, Drive, Park
+from bev_preheat.simulation.phases import Charge, DrivePhase, Park
 from bev_preheat.simulation.traffic import Kind
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat_studies.robustness.day_drives import day_from, DayResult, drive_day, TripOutcome
@@ -36,16 +36,16 @@ def test_days_are_made_again_from_seed_and_number(days):
 
 def test_days_have_the_phases_that_are_said(days):
     for day in days:
-        drives = [phase for phase in day.phases if isinstance(phase, Drive)]
+        drives = [phase for phase in day.phases if isinstance(phase, DrivePhase)]
         assert 2 <= len(drives) <= 5
         assert len(drives) == len(day.paces) == len(day.route_numbers)
-        assert isinstance(day.phases[0], Drive) and isinstance(day.phases[-1], Drive)
+        assert isinstance(day.phases[0], DrivePhase) and isinstance(day.phases[-1], DrivePhase)
         for before, after in zip(day.phases, day.phases[1:]):
             # Between two drives there is something.
-            assert not (isinstance(before, Drive) and isinstance(after, Drive))
-            if isinstance(after, Drive) and after.standing_time_s > 0.0:
+            assert not (isinstance(before, DrivePhase) and isinstance(after, DrivePhase))
+            if isinstance(after, DrivePhase) and after.standing_time_s > 0.0:
                 assert after.standing_time_s == before.duration_s
-            is_cut = isinstance(before, Drive) and any(
+            is_cut = isinstance(before, DrivePhase) and any(
                 event.kind is Kind.ARRIVE_EARLY for event in before.events)
             if is_cut:
                 assert isinstance(after, Park)

@@ -7,16 +7,16 @@ import numpy as np
 import pytest
 from short_drives import short_conditions
 
+from bev_preheat.control.decision import Command, Decision
+from bev_preheat.control.events import RouteArrived
+from bev_preheat.control.settings import Settings
+from bev_preheat.control.supervisor import StepOutput, Supervisor
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.planning.status import Status
 from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections
 from bev_preheat.simulation.mismatch import Mismatch
 from bev_preheat.simulation.sensors import Sensors
 from bev_preheat.simulation.supervised_drive import moments
-from bev_preheat.supervision.decision import Command, Decision
-from bev_preheat.supervision.events import RouteArrived
-from bev_preheat.supervision.settings import Settings
-from bev_preheat.supervision.supervisor import Output, Supervisor
 from bev_preheat.vehicle.heat_path import HeatPath
 from bev_preheat_studies.robustness import drives
 from bev_preheat_studies.robustness.drawn_cars import draw_car
@@ -54,7 +54,7 @@ class Script:
             self.heard.append((event.measurement, now_ns))
             self._power_w = self._powers_w.pop(0) if self._powers_w else 0.0
             self._until_ns = now_ns + self._valid_for_ns
-        yield Output(Command(self._power_w, self._until_ns, Status.HEATING))
+        yield StepOutput(Command(self._power_w, self._until_ns, Status.HEATING))
 
 
 @pytest.fixture

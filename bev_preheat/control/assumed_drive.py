@@ -1,0 +1,112 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+The drive until a battery is to be warm: that of the route, or the one of the last minutes, going on.
+
+A vehicle that is plugged in stands. Before a route begins, at its stops and behind its end the vehicle
+stands, too. Instants are integers, in nanoseconds of the node's clock.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from functools import reduce
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from bev_preheat.control.inputs import NS_PER_S
+from bev_preheat.route.segments import LIMITS, make_route, Route
+
+if TYPE_CHECKING:
+    from bev_preheat.control.inputs import Leg, Mission
+    from bev_preheat.vehicle.description import Defaults
+
+# The power of so much time is what goes on, sampled no more densely than that.
+REMEMBERED_NS = 300 * NS_PER_S
+SPACED_NS = NS_PER_S
+# A mean and a root mean square below this [W] are a vehicle that stands; so is one that is charged.
+STANDING_W = 500.0
+
+
+class DriveMemory:
+    """What the drivetrain and the other consumers took from the battery in the last 5 minutes."""
+
+    def __init__(self) -> None:
+        """Know nothing: the vehicle stands."""
+        self._samples: deque[tuple[int, float]] = deque()
+
+    def see(self, stamp_ns: int, power_w: float | None, heater_w: float) -> None:
+        """Take in the battery's power [W], None: unknown, of which the heater has its part [W]."""
+        samples = self._samples
+        if samples and stamp_ns < samples[-1][0]:
+            samples.clear()
+        if power_w is None or (samples and stamp_ns - samples[-1][0] < SPACED_NS):
+            return
+        samples.append((stamp_ns, power_w - heater_w))
+        while samples[0][0] < stamp_ns - REMEMBERED_NS:
+            samples.popleft()
+
+    def propulsion_w(self, now_ns: int, others_w: float) -> tuple[float, float]:
+        """
+        Return (mean, root mean square) of the propulsion power [W]; (0, 0) for a vehicle that stands.
+
+        `others_w` [W] is what cabin and auxiliaries take of the battery's power.
+        """
+        powers_w = np.array([power_w - others_w for stamp_ns, power_w in self._samples
+                             if 0 <= now_ns - stamp_ns <= REMEMBERED_NS])
+        if not len(powers_w):
+            return 0.0, 0.0
+        mean_w = float(powers_w.mean())
+        rms_w = max(math.sqrt(float(np.mean(powers_w**2))), abs(mean_w))
+        stands = mean_w <= 0.0 or (mean_w < STANDING_W and rms_w < STANDING_W)
+        return (0.0, 0.0) if stands else (mean_w, rms_w)
+
+
+def steady_drive(duration_s: float, ambient_c: float, defaults: Defaults,
+                 propulsion_w: tuple[float, float] = (0.0, 0.0)) -> Route:
+    """
+    Return the Route of one segment for a vehicle that drives on, or stands; its speed is not known: 0.
+
+    `propulsion_w` is (mean, root mean square) of its propulsion power [W].
+    """
+    mean_w, rms_w = propulsion_w
+    return make_route({
+        'duration_s': [max(duration_s, LIMITS['duration_s'][0])], 'speed_mps': [0.0],
+        'propulsion_power_w': [mean_w], 'propulsion_power_rms_w': [rms_w],
+        'ambient_temperature_c': [ambient_c]}, defaults)
+
+
+def drive_of_route(mission: Mission, from_ns: int, until_ns: int, defaults: Defaults) -> Route:
+    """Return the Route between two instants [ns] of a Mission; where it does not drive, it stands."""
+    parts, reached_ns = [], from_ns
+
+    def stand(to_ns: int, leg: Leg, segment: int) -> None:
+        nonlocal reached_ns
+        if to_ns > reached_ns:
+            parts.append(steady_drive((to_ns - reached_ns) / NS_PER_S, float(
+                leg.route.ambient_temperature_c[segment]), defaults))
+            reached_ns = to_ns
+
+    for leg in mission.legs:
+        stand(min(leg.start_ns, until_ns), leg, 0)
+        end_ns = min(leg.arrival_ns, until_ns)
+        if end_ns > reached_ns:
+            parts.append(_part(leg, reached_ns, end_ns))
+            reached_ns = end_ns
+    stand(until_ns, mission.legs[-1], -1)
+    return reduce(Route.followed_by, parts)
+
+
+def drives_between(mission: Mission, from_ns: int, until_ns: int) -> bool:
+    """Return whether a Mission drives at any time between two instants [ns], or at the first."""
+    return any(leg.start_ns < max(until_ns, from_ns + 1) and leg.arrival_ns > from_ns
+               for leg in mission.legs)
+
+
+def _part(leg: Leg, from_ns: int, until_ns: int) -> Route:
+    """Return the Route of a Leg between two instants [ns] on it."""
+    total_s = leg.route.total_duration_s
+    after_s, before_s = ((instant_ns - leg.start_ns) / NS_PER_S for instant_ns in (from_ns, until_ns))
+    route = leg.route.before(min(before_s, total_s))
+    return route.after(after_s) if after_s > 0.0 else route

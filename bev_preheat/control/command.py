@@ -1,0 +1,245 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+The one gate between plans and the heater: 0 W unless every condition for heating holds.
+
+`find_obstacle` says why the heater is off whatever a plan says; `Commander` turns a decision into a
+command with a lease. Nothing is planned here.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from bev_preheat.control.command_history import CommandHistory
+from bev_preheat.control.decision import Command, Decision, WITHOUT_ROUTE
+from bev_preheat.control.heater_switch import HeaterSwitch
+from bev_preheat.control.inputs import Leg, NS_PER_S
+from bev_preheat.control.refusals import BATTERY, ROUTE
+from bev_preheat.control.steady_status import SteadyStatus
+from bev_preheat.planning.status import Status
+
+if TYPE_CHECKING:
+    from bev_preheat.control.inbox import Inbox
+    from bev_preheat.control.settings import Settings
+    from bev_preheat.planning.plan import Plan
+    from bev_preheat.vehicle.description import Vehicle
+
+# Doubt: the heater stays off until the input has been valid for a while.
+CAUSES = {
+    Status.STALE_INPUT: 'battery_state was too old, or ahead of the clock,',
+    Status.COMMAND_CONFLICT: 'Another node commanded the heater',
+    Status.INTERNAL_ERROR: 'Planning failed',
+    Status.NO_BATTERY_STATE: 'No valid battery state was there',
+}
+DOUBT = frozenset((*CAUSES, Status.INVALID_INPUT))
+# Decisions of the plan: the least time off holds as for any other switching.
+BY_PLAN = frozenset((Status.OUT_OF_CHARGE, Status.NOT_WORTH_IT, Status.WAITING))
+# For its least time the heater is held on no further above the target than this, and stays so far below the
+# highest temperature of the battery's range [K].
+HELD_ABOVE_TARGET_K = 1.0
+HELD_BELOW_HIGHEST_K = 3.0
+
+
+def find_obstacle(inbox: Inbox, now_ns: int) -> Decision | None:
+    """Return a Decision that keeps the heater off at an instant [ns]; None if nothing forbids heating."""
+    if not inbox.is_enabled:
+        return Decision(Status.DISABLED, 'Preheating is switched off through ~/enable.')
+    if inbox.rivals:
+        return Decision(Status.COMMAND_CONFLICT, 'hvch_command is also published by '
+                        f'{inbox.rivals}; the heater is off until only one is left.')
+    if inbox.refusal is not None:
+        return Decision(Status.INVALID_INPUT, inbox.refusal)
+    if inbox.active_timetable is None:
+        return _cancelled(inbox) if inbox.is_cancelled else WITHOUT_ROUTE
+    if inbox.measurement is None:
+        return Decision(Status.NO_BATTERY_STATE, 'No valid battery state has arrived yet.')
+    age_s = (now_ns - inbox.measurement.stamp_ns) / NS_PER_S
+    timeout_s, tolerance_s = inbox.settings.battery_state_timeout_s, inbox.settings.clock_tolerance_s
+    if age_s >= timeout_s:
+        also = '' if inbox.doubt is None else f' {inbox.doubt}'
+        return Decision(Status.STALE_INPUT, f'battery_state is {age_s:.3f} s old; less than '
+                        f'{timeout_s:g} s are allowed.{also}')
+    if age_s < -tolerance_s:
+        return Decision(Status.STALE_INPUT, f'battery_state is stamped {-age_s:.3f} s ahead '
+                        f'of the clock; at most {tolerance_s:g} s are allowed.')
+    if inbox.doubt is not None:
+        return Decision(Status.INVALID_INPUT, inbox.doubt)
+    return None
+
+
+def _cancelled(inbox: Inbox) -> Decision:
+    before, wanted = (' before the planner restarted', 'route plan with another stamp'
+                      ) if inbox.is_cancelled_before_restart else ('', 'new route plan')
+    return Decision(Status.NO_CHARGING_PLANNED,
+                    f'The trip was cancelled{before}: no heating until a {wanted} arrives.')
+
+
+class Commander:
+    """Gives the heater's commands and remembers them; instants in nanoseconds."""
+
+    def __init__(self) -> None:
+        """Start with the heater off."""
+        self.history = CommandHistory()
+        self._switch = HeaterSwitch()
+        # Why the latest pause began, and whether heat that is wanted waits for its end.
+        self._doubt = Status.WAITING
+        self._is_paused = False
+        self._steady = SteadyStatus()
+        # The reason of the latest command that a plan gave, and its words; None: it was off for another reason.
+        self._reason: Status | None = None
+        self._words = ''
+
+    @property
+    def is_heating(self) -> bool:
+        """Whether the heater is switched on."""
+        return self._switch.is_on
+
+    def allow_switching(self) -> None:
+        """Let the heater be switched at once: the reason for its waiting time is gone."""
+        self._switch.allow()
+        self._steady.forget()
+
+    def off(self, now_ns: int, settings: Settings, reason: Status, sentence: str = '') -> Command:
+        """Return a Command of 0 W for a reason, and the sentence on it; it counts as given."""
+        if reason in DOUBT:
+            self._switch.doubt(now_ns, _cause_in_words(reason, sentence), settings.minimum_off_time_s)
+            self._doubt = reason
+        elif reason in BY_PLAN:
+            self._switch.turn_off(now_ns)
+        else:
+            self._switch.force_off()
+        self._steady.forget()
+        self._reason = None
+        self.history.note(now_ns, 0.0)
+        return Command(0.0, now_ns + round(settings.lease_s * NS_PER_S), reason)
+
+    def in_words(self, now_ns: int, inbox: Inbox, decision: Decision) -> Decision:
+        """
+        Return a Decision with the status and the sentence of the command that was given for it at an instant [ns].
+
+        They are its own unless a pause keeps the heater off, its least time keeps it on or off, or another
+        status has held for a moment only.
+        """
+        plan = decision.commanded or decision.plan
+        if plan is None or self._reason is None:
+            return decision
+        settings = inbox.settings
+        left_s = self._switch.held_for_s(now_ns, settings.minimum_on_time_s, settings.minimum_off_time_s)
+        own = decision.explanation
+        status, words = self._reason, own
+        if self._is_paused:
+            words = f'{self._switch.pause.sentence} {words}'
+            status = Status.WAITING if decision.status is Status.HEATING else decision.status
+        elif self._switch.is_held:
+            words = (f'The heater stays on for its minimum time, {left_s:.0f} s more: arrival at '
+                     f'{plan.arrival_temperature_c:.1f} degC, target {plan.target_temperature_c:.1f} degC.')
+        elif decision.status is Status.HEATING and not self._switch.is_on:
+            words = f'The heater stays off for its minimum time, {left_s:.0f} s more. {words}'
+        elif status is not decision.status:
+            words = self._words or words
+        self._words = words
+        if (status, words) == (decision.status, own):
+            return decision
+        return replace(decision, status=status, sentence=words)
+
+    def give(self, now_ns: int, inbox: Inbox, decision: Decision) -> Command:
+        """Return the Command that a Decision allows at an instant; it counts as given."""
+        settings = inbox.settings
+        self._is_paused = False
+        decision = find_obstacle(inbox, now_ns) or decision
+        if decision.charger_heat_w > 0.0 and not _has_departed(decision, now_ns):
+            return self._heat_at_charger(now_ns, inbox, decision)
+        reason = self._reason_for_off(now_ns, decision)
+        if reason is not None:
+            return self.off(now_ns, settings, reason, decision.explanation)
+        plan = decision.commanded or decision.plan
+        assert plan is not None and decision.leg is not None
+        # A partial step's power is computed and may round to slightly more than the limit.
+        limit_w = _heater_limit_w(inbox.vehicle, decision.leg, now_ns)
+        elapsed_s = (now_ns - decision.plan_start_ns) / NS_PER_S
+        wanted_w = min(plan.power_at_w(elapsed_s) / decision.command_share, limit_w)
+        if wanted_w == 0.0 and decision.status is Status.OUT_OF_CHARGE:
+            # Not even for the heater's minimum time on: each watt-hour is needed to get further.
+            return self.off(now_ns, settings, decision.status)
+        if wanted_w == 0.0 and not _may_be_held_on(inbox, plan):
+            self._switch.turn_off(now_ns)
+        power_w = self._switch.power_w(
+            now_ns, wanted_w, limit_w, settings.minimum_on_time_s, settings.minimum_off_time_s)
+        self.history.note(now_ns, power_w)
+        reason = decision.status
+        self._is_paused = wanted_w > 0.0 and power_w == 0.0 and self._switch.pause.left_s > 0.0
+        if self._is_paused:
+            reason = self._doubt if self._switch.pause.is_for_doubt else Status.WAITING
+        elif power_w > 0.0 and reason in (Status.WAITING, Status.NOT_NEEDED):
+            reason = Status.HEATING
+        elif power_w == 0.0 and reason is Status.HEATING:
+            reason = Status.WAITING
+        if self._switch.is_held:
+            self._steady.forget()
+        self._reason = self._steady.settle(now_ns, reason, power_w > 0.0)
+        return Command(power_w, _lease_end_ns(now_ns, inbox), self._reason)
+
+    def _heat_at_charger(self, now_ns: int, inbox: Inbox, decision: Decision) -> Command:
+        """Return the Command of a Decision that heats while the vehicle charges."""
+        settings, wanted_w = inbox.settings, decision.charger_heat_w
+        self._reason = None
+        power_w = self._switch.power_w(
+            now_ns, wanted_w, wanted_w, settings.minimum_on_time_s, settings.minimum_off_time_s)
+        self.history.note(now_ns, power_w)
+        return Command(power_w, _lease_end_ns(now_ns, inbox), decision.status)
+
+    @staticmethod
+    def _reason_for_off(now_ns: int, decision: Decision) -> Status | None:
+        """Return the Status that keeps the heater off under a Decision; None if it may heat."""
+        plan = decision.commanded or decision.plan
+        if plan is None:
+            return decision.status
+        elapsed_s = (now_ns - decision.plan_start_ns) / NS_PER_S
+        if elapsed_s >= plan.arrival_time_s:
+            return Status.CHARGING if decision.later_legs else Status.ARRIVED
+        # Before the trip begins, and where charging is not planned or heating for it does not pay,
+        # there is nothing to heat for.
+        if elapsed_s < 0.0 or decision.status in (
+                Status.NO_CHARGING_PLANNED, Status.NOT_WORTH_IT):
+            return decision.status
+        return None
+
+
+def _may_be_held_on(inbox: Inbox, plan: Plan) -> bool:
+    """Return whether a heater that a Plan has no use for may stay on for its least time: heat is harmless."""
+    assert inbox.measurement is not None
+    temperature_c = inbox.measurement.state.temperature_c
+    highest_c = inbox.vehicle.battery.temperature_range_c[1]
+    return temperature_c <= min(plan.target_temperature_c + HELD_ABOVE_TARGET_K, highest_c - HELD_BELOW_HIGHEST_K)
+
+
+def _cause_in_words(reason: Status, sentence: str) -> str:
+    """Return what began a pause, for a sentence that goes on with how long ago that was."""
+    if reason is Status.INVALID_INPUT:
+        for source in (BATTERY, ROUTE):
+            if sentence.startswith(f'{source} refused'):
+                return f'{source} was refused'
+        return 'A signal was in doubt' if sentence.startswith('Signal in doubt') else 'The input was refused'
+    return CAUSES[reason]
+
+
+def _lease_end_ns(now_ns: int, inbox: Inbox) -> int:
+    """Return the instant [ns] until which a command of now may be used."""
+    settings, measurement = inbox.settings, inbox.measurement
+    assert measurement is not None
+    # No lease outlives the battery state that it rests on.
+    stale_ns = measurement.stamp_ns + round(settings.battery_state_timeout_s * NS_PER_S)
+    return min(now_ns + round(settings.lease_s * NS_PER_S), stale_ns)
+
+
+def _has_departed(decision: Decision, now_ns: int) -> bool:
+    """Return whether the stop of a Decision is over at an instant [ns]."""
+    return bool(decision.later_legs) and now_ns >= decision.later_legs[0].start_ns
+
+
+def _heater_limit_w(vehicle: Vehicle, leg: Leg, now_ns: int) -> float:
+    """Return the heater power that the cabin leaves [W] at an instant on a leg."""
+    segment = leg.route.segment_at((now_ns - leg.start_ns) / NS_PER_S)
+    cabin_w = float(leg.route.cabin_heating_power_w[segment])
+    return max(0.0, vehicle.hvch.maximum_power_w - cabin_w)

@@ -1,0 +1,333 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+The judgement: what is learned of the car, and which plan holds.
+
+Only the current leg is planned from the battery's state, again with every input. A later leg starts
+from the departure that the route gives; its plan is made once.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from bev_preheat.control.charger_heat import charger_heat, ChargerHeat
+from bev_preheat.control.decision import Decision
+from bev_preheat.control.expected_drive import intervals_between, shown_command_w
+from bev_preheat.control.forecast_plan import believed_share, believed_state, ForecastPlanner, seen_from_now
+from bev_preheat.control.inputs import Leg, NS_PER_S
+from bev_preheat.control.preparation_plan import (
+    in_words_of_preparation,
+    is_from_grid,
+    plan_preparation,
+    target_of_preparation,
+)
+from bev_preheat.control.regime import Regime
+from bev_preheat.control.soak_watch import StandReport, StandWatch
+from bev_preheat.control.target_choice import TargetChoice, TargetChooser, TargetSearchInput
+from bev_preheat.errors import InvalidInput, PlanningFailure
+from bev_preheat.estimation.estimate import Estimate
+from bev_preheat.estimation.estimator import Estimator
+from bev_preheat.estimation.last_seen import LastSeen
+from bev_preheat.estimation.soak import temperature_after
+from bev_preheat.planning.explanation import duration_text
+from bev_preheat.planning.planner import plan_preheating
+from bev_preheat.planning.status import Status
+from bev_preheat.vehicle.cell_spread import limited_by_coldest_cell
+
+if TYPE_CHECKING:
+    from bev_preheat.control.command_history import CommandHistory
+    from bev_preheat.control.inbox import Inbox
+    from bev_preheat.control.inputs import Measurement, Mission
+    from bev_preheat.control.knowledge import Known
+    from bev_preheat.control.regime import RegimeReport
+    from bev_preheat.control.settings import Settings
+    from bev_preheat.control.timetable import Timetable
+    from bev_preheat.estimation.prior import Learned
+    from bev_preheat.planning.plan import Plan
+    from bev_preheat.planning.situation import BatteryState, Goal
+    from bev_preheat.route.segments import Route
+    from bev_preheat.vehicle.description import Vehicle
+
+# Heating ends after this time of standing where the route does not stop: the vehicle may stand for hours. With
+# its consumers off it is parked.
+MOST_STANDING_S = 900.0
+MOST_PARKED_S = 180.0
+# A trip that starts later than this gives no alarm: until then the battery may be charged, or heated.
+FORESEEN_S = 1800.0
+ALARMS = (Status.TARGET_UNREACHABLE, Status.SOC_LIMITED, Status.POWER_LIMITED, Status.OUT_OF_CHARGE)
+# A cell that is colder than the battery by more than this [K] is a sensor at fault.
+MOST_COLDER_K = 20.0
+# What a vehicle that stands too long is told instead of these: they heat, or are about to.
+WITHHELD = (Status.WAITING, Status.HEATING, Status.TARGET_UNREACHABLE, Status.SOC_LIMITED,
+            Status.POWER_LIMITED)
+
+
+class DecisionMaker:
+    """Learns from battery states and makes Decisions for one vehicle."""
+
+    def __init__(self, vehicle: Vehicle, learned: Learned | None = None,
+                 last_seen: LastSeen | None = None) -> None:
+        """Start from the vehicle file, or from the Learned of earlier drives, and the battery's LastSeen."""
+        # As described, and with the power limits of its coldest cell.
+        self._vehicle = self._limited = vehicle
+        self._colder_by_k = 0.0
+        self._forecast_planner = ForecastPlanner(vehicle)
+        self._targets = TargetChooser()
+        self._estimator = Estimator(vehicle, learned)
+        self._stand_watch = StandWatch(vehicle, last_seen)
+        # Decisions by how many legs follow, and the settings that they were made with.
+        self._later_decisions: dict[int, Decision] = {}
+        self._later_settings: Settings | None = None
+
+    @property
+    def vehicle(self) -> Vehicle:
+        """The Vehicle, as its file describes it."""
+        return self._vehicle
+
+    @property
+    def estimate(self) -> Estimate | None:
+        """The latest estimation.estimate.Estimate; None before the first battery state."""
+        return self._estimator.estimate
+
+    @property
+    def stand_report(self) -> StandReport | None:
+        """What the first battery state of the trip says of the sensor; None: nothing."""
+        return self._stand_watch.report
+
+    def follow_new_mission(self) -> None:
+        """Drop the plans and the arrival's uncertainty of the route before."""
+        self._later_decisions.clear()
+        self._forecast_planner.forget_deviation()
+        self._targets.follow_new_mission()
+
+    def begin_trip(self) -> None:
+        """Forget the consumption of the route before: another trip begins."""
+        self._estimator.begin_route()
+
+    def lose_time(self) -> None:
+        """Take the temperature from the next reading alone, because the clock was restarted."""
+        self._estimator.lose_time()
+
+    def learn(self, known: Known, timetable: Timetable | None, commands: CommandHistory,
+              trip: Mission | None) -> None:
+        """
+        Take a Known measurement in, on a Timetable's mission and under a CommandHistory.
+
+        `trip` is the Mission of the route plan, before which the vehicle may have stood.
+        """
+        measurement = known.measurement
+        stamp_ns = measurement.stamp_ns
+        standing = self._stand_watch.look(trip, measurement) if known.trusts_temperature else None
+        if timetable is not None and is_from_grid(timetable.mission.legs[0]):
+            # The battery's power then says nothing of the heater.
+            measurement = replace(measurement, voltage_v=None, current_a=None)
+        if standing is not None:
+            self._estimator.rely_on(standing)
+        if known.is_open:
+            # The next state that is not will be compared with the latest before this one.
+            return
+        if known.is_described:
+            self._estimator.observe(
+                measurement, shown_command_w(timetable, stamp_ns, commands),
+                intervals_between(
+                    self._estimator.edges_ns(stamp_ns), self._vehicle, timetable, commands))
+        else:
+            self._estimator.hold(measurement, known.trusts_temperature, known.trusts_soc)
+        estimate = self._estimator.estimate
+        if estimate is not None:
+            self._stand_watch.note(LastSeen(estimate.temperature_c, estimate.soc, estimate.stamp_ns))
+
+    def decide(self, inbox: Inbox, regime: RegimeReport, now_ns: int, is_heating: bool,
+               heated_s: float) -> Decision:
+        """
+        Return the Decision for valid inputs in a RegimeReport's regime at an instant [ns].
+
+        `is_heating`: the heater is on; it has heated the battery for `heated_s` [s] on this trip.
+        """
+        timetable = inbox.active_timetable
+        assert timetable is not None
+        mission = timetable.mission
+        number = mission.leg_number(now_ns)
+        leg, later_legs = mission.legs[number], mission.legs[number + 1:]
+        ended_for_s = leg.ended_for_s(now_ns)
+        if ended_for_s < 0.0:
+            if leg.made_for is not None:
+                return in_words_of_preparation(self._plan_current(inbox, leg, now_ns, is_heating, heated_s))
+            decision = self._charged_on_the_way(inbox, leg, regime, now_ns, is_heating)
+            if decision is None:
+                decision = self._plan_current(inbox, leg, now_ns, is_heating, heated_s)
+                stood_s = timetable.stood_ns / NS_PER_S
+                limit_s = MOST_PARKED_S if regime.is_parked else MOST_STANDING_S
+                if stood_s > limit_s and decision.status in WITHHELD:
+                    decision = Decision(Status.WAITING, _standing_sentence(stood_s, regime))
+                starts_in_s = (leg.start_ns - now_ns) / NS_PER_S
+                if starts_in_s > FORESEEN_S and decision.status in ALARMS:
+                    decision = replace(decision, status=Status.WAITING, sentence=(
+                        f'The route starts in {duration_text(starts_in_s)}; the heater waits until then. '
+                        f'From the present state: {decision.explanation}'))
+            return replace(decision, later_legs=later_legs) if later_legs else decision
+        heat = self._charger_heat(inbox, leg, is_heating)
+        why = f' {heat.reason}' if heat.reason else ''
+        if later_legs:
+            return Decision(Status.CHARGING, _charging_sentence(later_legs[0], now_ns) + why,
+                            later_legs=later_legs, charger_heat_w=heat.power_w)
+        arrived = f'The route has ended: arrived {duration_text(ended_for_s)} ago.'
+        if heat.power_w > 0.0:
+            return Decision(Status.CHARGING, arrived + why, charger_heat_w=heat.power_w)
+        return Decision(Status.ARRIVED, arrived)
+
+    def _charged_on_the_way(self, inbox: Inbox, leg: Leg, regime: RegimeReport, now_ns: int,
+                            is_heating: bool) -> Decision | None:
+        """Return the Decision for a vehicle that is charged, or seems to be, on a leg; None if it is not."""
+        if now_ns < leg.start_ns:
+            return None
+        if regime.regime is Regime.CHARGING:
+            heat = self._charger_heat(inbox, leg, is_heating)
+            why = f' {heat.reason}' if heat.reason else ''
+            return Decision(Status.CHARGING, (
+                f'The vehicle is charged {duration_text(-leg.ended_for_s(now_ns))} before its route ends: '
+                f'{regime.evidence}; no heating for the route until it drives on.{why}'), leg=leg,
+                charger_heat_w=heat.power_w)
+        if regime.suspicion:
+            return Decision(Status.WAITING, (
+                f'The heater waits: {regime.suspicion}; the state of charge will decide.'), leg=leg)
+        return None
+
+    def _charger_heat(self, inbox: Inbox, leg: Leg, is_heating: bool) -> ChargerHeat:
+        """Return the ChargerHeat after a leg that has ended; nothing where nobody asks for it."""
+        measurement, settings = inbox.measurement, inbox.settings
+        assert measurement is not None
+        if not settings.heat_while_charging or leg.made_for is not None:
+            return ChargerHeat(0.0, '')
+        estimate = self.estimate if settings.estimation else None
+        temperature_c = measurement.state.temperature_c if estimate is None else estimate.temperature_c
+        return charger_heat(self._vehicle, leg, measurement, temperature_c, is_heating)
+
+    def _plan_current(self, inbox: Inbox, leg: Leg, now_ns: int, is_heating: bool,
+                      heated_s: float) -> Decision:
+        """Return the Decision for the current leg, from the battery's present state."""
+        settings, goal, measurement = inbox.settings, inbox.goal_of(leg), inbox.measurement
+        choice: TargetChoice | None = None
+        assert measurement is not None
+        state = measurement.state
+        self._limit_to_coldest_cell(measurement, settings)
+        estimate = self.estimate if settings.estimation else None
+        stamp_ns = measurement.stamp_ns if estimate is None else estimate.stamp_ns
+        # A stamp ahead of this clock must not delay what the plan wants now.
+        start_ns = max(min(stamp_ns, now_ns), leg.start_ns)
+        starts_in_s = (start_ns - now_ns) / NS_PER_S
+        route = leg.route_ahead(start_ns)
+        assert route is not None
+        if starts_in_s > 0.0:
+            # Until then it stands.
+            ambient_c = float(route.ambient_temperature_c[0])
+            state = replace(state, temperature_c=temperature_after(
+                self._vehicle, state.temperature_c, ambient_c, starts_in_s))
+            estimate = None if estimate is None else estimate.stood_until(temperature_after(
+                self._vehicle, estimate.temperature_c, ambient_c, starts_in_s))
+        if leg.made_for is not None:
+            choice = target_of_preparation(leg.made_for, settings)
+        elif leg.charging_planned:
+            choice = (self._targets.without_charger(leg, settings) if leg.charger is None
+                      else self._choose_target(inbox, leg, goal, route, estimate))
+            goal = choice.goal(goal)
+        if estimate is None:
+            decision = self._plan(inbox, leg, route, goal, state, start_ns)
+            if decision.plan is None:
+                return decision
+            plan = seen_from_now(
+                decision.plan, self._limited, goal, starts_in_s, heated_s=heated_s)
+            return Decision(
+                plan.status, _own_sentence(plan, choice), plan, start_ns, leg, target=choice)
+        try:
+            forecast_plan = self._forecast_planner.make(
+                estimate, route, goal, settings, is_heating, starts_in_s,
+                heated_s, leg.made_for)
+        except (InvalidInput, PlanningFailure) as error:
+            return Decision(Status.INVALID_INPUT, str(error))
+        plan = forecast_plan.plan
+        return Decision(
+            plan.status, _own_sentence(plan, choice), plan, start_ns, leg,
+            forecast=forecast_plan.forecast,
+            commanded=forecast_plan.commanded, command_share=forecast_plan.command_share,
+            model_factors=forecast_plan.model_factors, target=choice)
+
+    def _limit_to_coldest_cell(self, measurement: Measurement, settings: Settings) -> None:
+        """Take the power limits of the coldest cell, if it is known and the settings say so."""
+        coldest_c = measurement.coldest_cell_c if settings.coldest_cell_limits else None
+        colder_by_k = 0.0 if coldest_c is None else min(
+            max(measurement.state.temperature_c - coldest_c, 0.0), MOST_COLDER_K)
+        # A vehicle is made for whole kelvins only: each costs some milliseconds.
+        if abs(colder_by_k - self._colder_by_k) >= 1.0:
+            self._colder_by_k = float(round(colder_by_k))
+            self._limited = limited_by_coldest_cell(self._vehicle, self._colder_by_k)
+            self._forecast_planner.limit_to(self._limited)
+            self._later_decisions.clear()
+
+    def _choose_target(self, inbox: Inbox, leg: Leg, goal: Goal, route: Route,
+                       estimate: Estimate | None) -> TargetChoice:
+        """Return the TargetChoice for the current leg, of which the Route is ahead."""
+        mission, measurement = inbox.mission, inbox.measurement
+        assert mission is not None and measurement is not None
+        search_input = TargetSearchInput(
+            mission.route_id, len(mission.legs) - 1 - mission.legs.index(leg), leg, inbox.settings,
+            goal, self._limited, route, measurement.state, measurement.stamp_ns)
+        if estimate is not None:
+            vehicle = self._forecast_planner.vehicle(estimate)
+            search_input = replace(
+                search_input, vehicle=vehicle, route=route.with_propulsion(estimate.propulsion_factor),
+                state=believed_state(vehicle, estimate), log_factors=estimate.log_factors,
+                heater_share=believed_share(estimate.heater))
+        return self._targets.choose(search_input)
+
+    def _plan(self, inbox: Inbox, leg: Leg, route: Route, goal: Goal, state: BatteryState,
+              start_ns: int) -> Decision:
+        """Return the Decision for a leg from a state at an instant [ns] on, at which the Route is ahead."""
+        try:
+            plan = plan_preheating(
+                self._limited, route, state, goal, inbox.settings.method
+            ) if leg.made_for is None else plan_preparation(
+                leg.made_for, self._limited, route, state, goal, inbox.settings.method)
+        except (InvalidInput, PlanningFailure) as error:
+            return Decision(Status.INVALID_INPUT, str(error))
+        return Decision(plan.status, None, plan, start_ns, leg)
+
+    def decide_later(self, inbox: Inbox, decision: Decision) -> tuple[Decision, ...]:
+        """Return a Decision for each later leg of a Decision, from its departure on."""
+        if not decision.later_legs:
+            return ()
+        if inbox.settings != self._later_settings:
+            self._later_decisions, self._later_settings = {}, inbox.settings
+        decisions = []
+        for following, leg in reversed(list(enumerate(reversed(decision.later_legs)))):
+            if following not in self._later_decisions:
+                assert leg.departure is not None
+                self._later_decisions[following] = self._plan(
+                    inbox, leg, leg.route, inbox.goal_of(leg), leg.departure, leg.start_ns)
+            planned = self._later_decisions[following]
+            # A leg that begins later is driven, and heated for, no differently.
+            decisions.append(planned if planned.leg in (None, leg) else replace(
+                planned, leg=leg, plan_start_ns=leg.start_ns))
+        return tuple(decisions)
+
+
+def _own_sentence(plan: Plan, choice: TargetChoice | None) -> str | None:
+    """Return the sentence with the reason of a target's choice for which nothing is heated; None: the Plan's."""
+    if choice is not None and plan.status is Status.NOT_WORTH_IT:
+        return f'{choice.reason} {plan.explanation}'
+    return None
+
+
+def _standing_sentence(stood_s: float, regime: RegimeReport) -> str:
+    """Return the sentence on a vehicle that has stood for too long to be kept warm."""
+    evidence = f' ({regime.evidence})' if regime.evidence else ''
+    return (f'The vehicle has stood for {duration_text(stood_s)} where its route does not stop{evidence}: '
+            'no heating until it drives on.')
+
+
+def _charging_sentence(leg: Leg, now_ns: int) -> str:
+    """Return the sentence on the stop before a leg and the drive after it."""
+    end = 'to a fast charger' if leg.charging_planned else 'without fast charging at its end'
+    return (f'Charging until departure in {duration_text((leg.start_ns - now_ns) / NS_PER_S)}; '
+            f'then {duration_text(leg.route.total_duration_s)} of driving {end}.')

@@ -1,0 +1,305 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+The inbox: checks every input at the door, keeps the last valid one, and remembers refusals.
+
+A refused input raises InvalidInput, and holds the heater off as docs/explanation/safety.md says. Instants are
+integers, in nanoseconds of the node's clock.
+"""
+
+from dataclasses import dataclass, replace
+import math
+
+from bev_preheat.control.inputs import check_mission, Leg, Measurement, Mission, NS_PER_S, Progress
+from bev_preheat.control.preparation import Preparer
+from bev_preheat.control.refusals import PROGRESS, Refusals, RefusedRoute
+from bev_preheat.control.settings import defaults_of, Settings
+from bev_preheat.control.timetable import Timetable
+from bev_preheat.errors import age_beyond, InvalidInput
+from bev_preheat.estimation.driver_choices import CancelledTrip, DriverChoices, NO_CHOICES
+from bev_preheat.planning.situation import check_situation, Goal
+from bev_preheat.route.plausibility import unit_warnings
+from bev_preheat.signals.electrical import ElectricalCheck
+from bev_preheat.signals.percent_scale import PercentScale
+from bev_preheat.signals.verdict import SignalVerdict, STATE_OF_CHARGE
+from bev_preheat.vehicle.description import Defaults, Vehicle
+
+# A battery state that another one overtook by no more than this is dropped without a word.
+MOST_OVERTAKEN_S = 1.0
+# A clock that falls back by more than this was set or restarted; stamps before it mean nothing.
+CLOCK_RESTART_S = 1.0
+
+
+@dataclass(frozen=True)
+class InputChanges:
+    """
+    Changes since the last `Inbox.take_changes`.
+
+    `measurements` are the valid battery states, oldest first. `has_new_mission`: the route was
+    replaced or dropped. `has_new_trip`: another trip began, or the trip was cancelled.
+    `clock_restarted`: stamps before this mean nothing.
+    """
+
+    measurements: tuple[Measurement, ...] = ()
+    has_new_mission: bool = False
+    has_new_trip: bool = False
+    clock_restarted: bool = False
+
+
+NO_CHANGES = InputChanges()
+
+
+class Inbox:
+    """Keeps the last valid inputs; `vehicle`, `settings` and `rivals` may be set."""
+
+    def __init__(self, vehicle: Vehicle, settings: Settings, choices: DriverChoices = NO_CHOICES) -> None:
+        """Start without input, but with the DriverChoices from before a restart."""
+        self.vehicle, self.settings, self.choices = vehicle, settings, choices
+        # Cancelled before a restart: another node cancelled it, so its publisher may still latch it.
+        self._cancelled_before = choices.cancelled_trip
+        self.rivals = ''  # Names of other nodes that command the same heater.
+        # The sentence on signals of the latest battery state without which nothing is heated.
+        self.doubt: str | None = None
+        # Of the current route; None without one.
+        self.timetable: Timetable | None = None
+        # The sentence of the latest refused route progress; None after a valid one, or a route.
+        self.refused_progress: str | None = None
+        # The mission, or the one that was dropped because it does not fit the parameters.
+        self.latest_mission: Mission | None = None
+        self.measurement: Measurement | None = None
+        # Battery states that were dropped because a later one came before them.
+        self.overtaken_states = 0
+        # Sentences on fields of the current route that look like wrong units.
+        self.unit_warnings: list[str] = []
+        self.is_cancelled = False  # By the latest route plan, or before a restart.
+        # Its wish goes before the route.
+        self.preparation = Preparer()
+        # Of the latest valid route, also after that was dropped.
+        self._route_id: str | None = None
+        self._refusals = Refusals()
+        self._percent_scale = PercentScale()
+        # On a state of charge that is on a scale of 100; None: it is not.
+        self.scale_verdict: SignalVerdict | None = None
+        self._latest_ns = 0
+        self._changes = NO_CHANGES
+
+    @property
+    def is_enabled(self) -> bool:
+        """Whether the driver allows preheating."""
+        return self.choices.switched_off_ns is None
+
+    def switch(self, is_enabled: bool, now_ns: int) -> None:
+        """Note that the driver allows preheating, or does not, at an instant [ns]."""
+        self.choices = replace(self.choices, switched_off_ns=None if is_enabled else now_ns)
+
+    @property
+    def mission(self) -> Mission | None:
+        """The current Mission as it is driven (see timetable.Timetable); None without a route."""
+        return None if self.timetable is None else self.timetable.mission
+
+    @property
+    def active_timetable(self) -> Timetable | None:
+        """The Timetable that is planned for: that of the preparer's wish, else the route's."""
+        return self.preparation.timetable or self.timetable
+
+    def note_other_goal(self) -> None:
+        """Note that a wish began or ended: heating so far was for something else."""
+        self._changes = replace(self._changes, has_new_mission=True, has_new_trip=True)
+
+    @property
+    def refusal(self) -> str | None:
+        """The sentence of the latest refusal that holds the heater off; None if none does."""
+        return self._refusals.obstacle
+
+    @property
+    def refused_route(self) -> str | None:
+        """The sentence of the latest route plan's refusal; None after a valid one."""
+        return self._refusals.route
+
+    @property
+    def defaults(self) -> Defaults:
+        """The Defaults of vehicle and settings, for reading routes."""
+        return defaults_of(self.vehicle, self.settings)
+
+    def goal_of(self, leg: Leg) -> Goal:
+        """Return the Goal of a leg; settings and vehicle fill in what the leg leaves open."""
+        goal = leg.goal(self.defaults.target_battery_temperature_c)
+        # The reserve of a leg that is made here has the route's margin in it.
+        if goal.minimum_arrival_soc > 0.0 and leg.made_for is None:
+            reserve = min(goal.minimum_arrival_soc + self.settings.arrival_soc_margin, 1.0)
+            goal = replace(goal, minimum_arrival_soc=reserve)
+        return goal
+
+    def take_changes(self) -> InputChanges:
+        """Return the Changes since the last call."""
+        changes, self._changes = self._changes, NO_CHANGES
+        return changes
+
+    # Battery states
+
+    def accept_battery(self, measurement: Measurement, now_ns: int) -> None:
+        """Keep a Measurement, or refuse it and keep the one before."""
+        if now_ns < self._latest_ns - CLOCK_RESTART_S * NS_PER_S:
+            self.measurement = None
+            if self.timetable is not None:
+                self.timetable.lose_time()
+            self.preparation.lose_time()
+            self._changes = replace(self._changes, measurements=(), clock_restarted=True)
+        self._latest_ns = now_ns
+        try:
+            self._check_content(measurement, now_ns)
+            if self._is_overtaken(measurement, now_ns):
+                self.overtaken_states += 1
+                return
+            self._check_stamp(measurement, now_ns)
+            self._check_scale(measurement, now_ns)
+        except InvalidInput as error:
+            self.refuse_battery(error, measurement.state.soc, now_ns)
+            raise
+        self.measurement = measurement
+        changes = self._changes
+        self._changes = InputChanges((*changes.measurements, measurement), changes.has_new_mission,
+                                changes.has_new_trip, changes.clock_restarted)
+        self._refusals.lift_by_battery()
+
+    def _is_overtaken(self, measurement: Measurement, now_ns: int) -> bool:
+        """Whether a later state has arrived before this one, a moment ago."""
+        if self.measurement is None:
+            return False
+        late_ns = self.measurement.stamp_ns - measurement.stamp_ns
+        most_s = min(MOST_OVERTAKEN_S, self.settings.battery_state_timeout_s)
+        return 0 < late_ns <= most_s * NS_PER_S and now_ns >= measurement.stamp_ns
+
+    def refuse_battery(self, error: InvalidInput, percentage: float = math.nan, now_ns: int = 0) -> None:
+        """
+        Note that a battery state was refused: 0 W until a valid one arrives.
+
+        `percentage` is that of the message, NaN: unknown, at `now_ns` [ns].
+        """
+        self._percent_scale.note_refused(now_ns / NS_PER_S, percentage)
+        self._refusals.note_battery(error)
+
+    def _check_content(self, measurement: Measurement, now_ns: int) -> None:
+        if now_ns == 0:
+            raise InvalidInput('use_sim_time is set and no /clock has arrived: time stands at 0')
+        check_situation(self.vehicle, state=measurement.state)
+
+    def _check_stamp(self, measurement: Measurement, now_ns: int) -> None:
+        age_s = (now_ns - measurement.stamp_ns) / NS_PER_S
+        timeout_s = self.settings.battery_state_timeout_s
+        ahead_s = self.settings.clock_tolerance_s
+        if not -ahead_s <= age_s <= timeout_s:
+            raise InvalidInput(f'header.stamp: the state is {age_beyond(age_s, ahead_s, timeout_s)}')
+        if self.measurement is not None and measurement.stamp_ns < self.measurement.stamp_ns:
+            late_s = (self.measurement.stamp_ns - measurement.stamp_ns) / NS_PER_S
+            raise InvalidInput(f'header.stamp: the state is {late_s:.3f} s older than one that '
+                               'came before it; stamps must not go back')
+
+    def _check_scale(self, measurement: Measurement, now_ns: int) -> None:
+        scale_doubt = self._percent_scale.doubt(
+            now_ns / NS_PER_S, measurement.state.soc, lambda: self._voltage_vouches_for(measurement))
+        if scale_doubt:
+            since_ns = now_ns if self.scale_verdict is None else self.scale_verdict.since_ns
+            self.scale_verdict = SignalVerdict(STATE_OF_CHARGE, scale_doubt, since_ns)
+            raise InvalidInput(scale_doubt)
+        self.scale_verdict = None
+
+    def _voltage_vouches_for(self, measurement: Measurement) -> bool:
+        """Whether the voltage fits the state of charge better than a hundredth of that."""
+        state, voltage_v, current_a = measurement.state, measurement.voltage_v, measurement.current_a
+        return voltage_v is not None and current_a is not None and ElectricalCheck(self.vehicle).is_nearer(
+            voltage_v, current_a, state.temperature_c, state.soc, state.soc / 100.0)
+
+    # Where the vehicle is: needed by nothing, so that a refusal leaves the heater alone
+
+    def accept_progress(self, progress: Progress, now_ns: int) -> None:
+        """Note where the vehicle is, or refuse that; without a route it says nothing."""
+        if self.timetable is not None:
+            self.timetable.accept(progress, now_ns, self.settings)
+            self.refused_progress = None
+
+    def refuse_progress(self, error: InvalidInput) -> None:
+        """Note that a route progress was refused: the one before it holds while it is not too old."""
+        self.refused_progress = f'{PROGRESS} refused: {error}'
+
+    # Routes
+
+    def accept_mission(self, mission: Mission) -> None:
+        """Replace the route by a new one, or refuse it as `refuse_route` does."""
+        try:
+            self._check_mission(mission)
+        except InvalidInput as error:
+            self.refuse_route(error, RefusedRoute.of_mission(mission))
+            raise
+        before = self._cancelled_before
+        if before is not None and before.is_of(mission.route_id, mission.stamp_ns):
+            self._drop_cancelled()
+            return
+        self._cancelled_before = None
+        self.choices = replace(self.choices, cancelled_trip=None)
+        is_new_trip = mission.route_id != self._route_id
+        self._route_id = mission.route_id
+        self._follow(mission, is_new_trip)
+        self._refusals.lift_by_route()
+
+    def revise_mission(self, mission: Mission) -> None:
+        """
+        Replace the current route by the same one under other parameters.
+
+        Where it does not fit them, it is dropped until it is revised again or a valid one arrives.
+        """
+        try:
+            self._check_mission(mission)
+        except InvalidInput as error:
+            self.drop_misfit(error)
+            self.latest_mission = mission
+            raise
+        timetable, refused_progress = self.timetable, self.refused_progress
+        self._follow(mission)
+        if timetable is not None:
+            timetable.revise(mission)
+            self.timetable, self.refused_progress = timetable, refused_progress
+        self._refusals.lift_misfit()
+
+    def drop_misfit(self, error: InvalidInput) -> None:
+        """Drop the current route, which does not fit the parameters, but remember that it is there."""
+        latest_mission = self.latest_mission
+        self._follow(None)
+        self.latest_mission = latest_mission
+        self._refusals.note_misfit(error)
+
+    def cancel(self, now_ns: int) -> None:
+        """Drop the route at an instant [ns]: there is nothing to heat for until a new one arrives."""
+        mission = self.latest_mission
+        if mission is not None:
+            self.choices = replace(self.choices, cancelled_trip=CancelledTrip(
+                mission.route_id, mission.stamp_ns, now_ns))
+        self._drop_cancelled()
+
+    @property
+    def is_cancelled_before_restart(self) -> bool:
+        """Whether the latest route plan was cancelled before a restart."""
+        return self.is_cancelled and self._cancelled_before is not None
+
+    def _drop_cancelled(self) -> None:
+        self._follow(None, is_new_trip=True)
+        self.is_cancelled = True
+        self._refusals.lift_by_route()
+
+    def refuse_route(self, error: InvalidInput, refused: RefusedRoute = RefusedRoute()) -> None:
+        """Note that a route was refused: 0 W, for how long depends on its RefusedRoute."""
+        if not self._refusals.note_route(error, refused, self.mission, self._latest_ns):
+            self._follow(None)
+
+    def _check_mission(self, mission: Mission) -> None:
+        check_mission(self.vehicle, mission, self.defaults.target_battery_temperature_c)
+
+    def _follow(self, mission: Mission | None, is_new_trip: bool = False) -> None:
+        self.latest_mission = mission
+        self.unit_warnings = [] if mission is None else unit_warnings(
+            (leg.route for leg in mission.legs), self.vehicle)
+        self.timetable = None if mission is None else Timetable(mission)
+        self.refused_progress = None
+        self.is_cancelled = False
+        self._changes = replace(
+            self._changes, has_new_mission=True,
+            has_new_trip=self._changes.has_new_trip or is_new_trip)

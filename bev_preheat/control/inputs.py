@@ -1,0 +1,206 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Inputs of the supervisor, stamped: the battery's state, the trip, and where on it the vehicle is."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from enum import IntEnum
+from typing import NamedTuple, TYPE_CHECKING
+
+from bev_preheat.control.settings import MOST_PLANNED_STEPS
+from bev_preheat.errors import InvalidInput
+from bev_preheat.planning.situation import BatteryState, check_situation, Goal
+from bev_preheat.route.places import Places
+from bev_preheat.route.segments import Route
+
+if TYPE_CHECKING:
+    from bev_preheat.charging.stop import Charger
+    from bev_preheat.control.preparation_goal import PreparationGoal
+    from bev_preheat.vehicle.description import Vehicle
+
+NS_PER_S = 1_000_000_000
+# Cells of a healthy battery differ by less, also while coolant heats them [K].
+WIDEST_CELL_SPREAD_K = 10.0
+
+
+class SupplyStatus(IntEnum):
+    """`power_supply_status` of sensor_msgs/BatteryState; the numbers are those of the message."""
+
+    UNKNOWN = 0
+    CHARGING = 1
+    DISCHARGING = 2
+    NOT_CHARGING = 3
+    FULL = 4
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """
+    The battery's state at an instant [ns of the node's clock], as its sensors tell it.
+
+    None stands for an unknown terminal voltage [V], current [A], positive = discharging, temperature of
+    the coldest cell [deg C], and difference between the warmest and the coldest cell [K]. `location` and
+    `serial_number` tell batteries apart ('': not given); their lengths are not bounded, so quote them
+    with `errors.quoted`.
+    """
+
+    state: BatteryState
+    stamp_ns: int
+    voltage_v: float | None = None
+    current_a: float | None = None
+    coldest_cell_c: float | None = None
+    cell_spread_k: float | None = None
+    supply_status: SupplyStatus = SupplyStatus.UNKNOWN
+    location: str = ''
+    serial_number: str = ''
+
+    @property
+    def power_w(self) -> float | None:
+        """Power that the battery gives at its terminals [W]; None where it is not known."""
+        if self.voltage_v is None or self.current_a is None:
+            return None
+        return self.voltage_v * self.current_a
+
+    @property
+    def cell_warning(self) -> str:
+        """A sentence on cells that differ by more than WIDEST_CELL_SPREAD_K; '' for no more."""
+        if self.coldest_cell_c is None or self.cell_spread_k is None or (
+                self.cell_spread_k <= WIDEST_CELL_SPREAD_K):
+            return ''
+        return (f'cell_temperature: the cells differ by {self.cell_spread_k:.1f} K, the coldest is at '
+                f'{self.coldest_cell_c:.1f} degC; at most {WIDEST_CELL_SPREAD_K:g} K are expected')
+
+
+class Progress(NamedTuple):
+    """
+    Where on its route the vehicle is: the distance [m] from its start at an instant [ns].
+
+    `route_start_ns` is the stamp of the route plan from whose start it counts; None: the latest.
+    """
+
+    distance_m: float
+    stamp_ns: int
+    route_id: str = ''
+    route_start_ns: int | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Leg:
+    """
+    A drive without a stop, and what is wanted at its end; segment 0 starts at `start_ns` [ns].
+
+    `target_temperature_c` [deg C] is None where the planner's default holds. `departure` is the
+    battery's state that the stop before it leaves; None where no stop lies before it. `places` are
+    those of the route before it was put into planning steps; None: its own. `charger` is what is
+    known of the charger at its end; None: nothing. `made_for` is the Wish that the planner made it for;
+    None: it is a route plan's. A leg equals itself only.
+    """
+
+    route: Route
+    start_ns: int = 0
+    charging_planned: bool = True
+    target_temperature_c: float | None = None
+    minimum_arrival_soc: float = 0.0
+    departure: BatteryState | None = None
+    places: Places | None = None
+    charger: Charger | None = None
+    made_for: PreparationGoal | None = None
+
+    def in_planning_steps(self, planning_step_s: float) -> Leg:
+        """Return the Leg in steps of `planning_step_s` seconds or longer; its places are kept."""
+        return replace(self, route=in_planning_steps(self.route, planning_step_s),
+                       places=self.places or Places.of_route(self.route))
+
+    def goal(self, default_target_c: float) -> Goal:
+        """Return the Goal of the leg; `default_target_c` [deg C] is for one without a target."""
+        target_c = self.target_temperature_c
+        return Goal(default_target_c if target_c is None else target_c,
+                    self.minimum_arrival_soc, self.charging_planned)
+
+    @property
+    def arrival_ns(self) -> int:
+        """Instant at which the leg ends [ns]."""
+        return self.start_ns + round(self.route.total_duration_s * NS_PER_S)
+
+    def ended_for_s(self, instant_ns: int) -> float:
+        """Return how long ago [s] the leg ended, at an instant [ns]; negative before its end."""
+        return (instant_ns - self.start_ns) / NS_PER_S - self.route.total_duration_s
+
+    def route_ahead(self, instant_ns: int) -> Route | None:
+        """Return the Route from an instant [ns] on: all before the start, None after the end."""
+        elapsed_s = (instant_ns - self.start_ns) / NS_PER_S
+        if elapsed_s >= self.route.total_duration_s:
+            return None
+        return self.route.after(elapsed_s) if elapsed_s > 0.0 else self.route
+
+
+@dataclass(frozen=True)
+class Mission:
+    """
+    A trip: at least one Leg, in driving order, with a stop between each and the next.
+
+    The vehicle stood for `standing_time_s` [s] before it; 0: that is not known. `delay_ns` [ns] is in
+    the legs' instants: how much later they are than its route plan said.
+    """
+
+    route_id: str
+    legs: tuple[Leg, ...]
+    standing_time_s: float = 0.0
+    delay_ns: int = 0
+
+    @property
+    def start_ns(self) -> int:
+        """Instant at which the first leg starts [ns]."""
+        return self.legs[0].start_ns
+
+    @property
+    def stamp_ns(self) -> int:
+        """Stamp of its route plan [ns]."""
+        return self.start_ns - self.delay_ns
+
+    def in_planning_steps(self, planning_step_s: float) -> Mission:
+        """Return the Mission with its legs in steps of `planning_step_s` seconds or longer."""
+        return replace(self, legs=tuple(
+            leg.in_planning_steps(planning_step_s) for leg in self.legs))
+
+    def delayed(self, by_ns: int) -> Mission:
+        """Return the Mission that is so much later [ns], stops included; earlier where negative."""
+        return self if by_ns == 0 else replace(self, delay_ns=self.delay_ns + by_ns, legs=tuple(
+            replace(leg, start_ns=leg.start_ns + by_ns) for leg in self.legs))
+
+    def leg_number(self, instant_ns: int) -> int:
+        """Return the index of the latest leg begun at an instant [ns]; 0 before the trip."""
+        number = len(self.legs) - 1
+        while number > 0 and self.legs[number].start_ns > instant_ns:
+            number -= 1
+        return number
+
+
+def in_planning_steps(route: Route, planning_step_s: float) -> Route:
+    """Return the Route in steps of `planning_step_s` seconds, longer where it is a long one."""
+    return route.resampled(max(planning_step_s, route.total_duration_s / MOST_PLANNED_STEPS))
+
+
+def with_stops(legs: Sequence[Leg], stop_durations_s: Sequence[float]) -> tuple[Leg, ...]:
+    """Return the Legs with each one starting [s] after the end of the one before it."""
+    placed = list(legs[:1])
+    for leg, stop_s in zip(legs[1:], stop_durations_s):
+        before = placed[-1]
+        gap_ns = round((before.route.total_duration_s + stop_s) * NS_PER_S)
+        placed.append(replace(leg, start_ns=before.start_ns + gap_ns))
+    return tuple(placed)
+
+
+def check_mission(vehicle: Vehicle, mission: Mission, default_target_c: float) -> None:
+    """Raise InvalidInput, one problem a quantity, where the vehicle's model does not fit."""
+    problems = []
+    for number, leg in enumerate(mission.legs, start=1):
+        try:
+            check_situation(vehicle, leg.route, leg.departure, leg.goal(default_target_c))
+        except InvalidInput as error:
+            # Which leg is no question where there is but one.
+            where = f'leg {number}: ' if len(mission.legs) > 1 else ''
+            problems += [where + problem for problem in error.problems]
+    if problems:
+        raise InvalidInput(problems)

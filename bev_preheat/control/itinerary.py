@@ -1,0 +1,89 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A trip with stops as a YAML file (see itinerary_schema.yaml)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from bev_preheat.control.inputs import Leg, Mission, with_stops
+from bev_preheat.errors import InvalidInput
+from bev_preheat.files.checked_yaml import FileData, load_checked_yaml
+from bev_preheat.files.configuration import find_configuration
+from bev_preheat.planning.situation import BatteryState
+from bev_preheat.route import route_for
+
+if TYPE_CHECKING:
+    from bev_preheat.vehicle.description import Vehicle
+
+SCHEMA = Path(__file__).with_name('itinerary_schema.yaml')
+STOP_KEYS = ('stop_duration_s', 'departure_temperature_c', 'departure_soc')
+
+
+@dataclass(frozen=True)
+class Itinerary:
+    """
+    A Mission that starts at instant 0.
+
+    `route_names` is what the file calls the route of each leg, `routes_made_for` the name of the
+    vehicle whose powers it has (None: unknown); `files` are the paths of all files that were read;
+    `warnings` are sentences on routes that were made for another vehicle.
+    """
+
+    mission: Mission
+    route_names: tuple[str, ...]
+    routes_made_for: tuple[str | None, ...]
+    files: tuple[Path, ...]
+    warnings: tuple[str, ...]
+
+
+def load_itinerary(name_or_file: str | Path, vehicle: Vehicle) -> Itinerary:
+    """
+    Return the Itinerary of a name (a file in config/itineraries) or of a YAML file.
+
+    `vehicle` (vehicle.description.Vehicle) drives the legs that are descriptions of a road, and
+    its defaults fill columns that the other routes may lack. Raises InvalidInput naming file, key,
+    value and what is allowed.
+    """
+    path = find_configuration('itineraries', name_or_file, '.yaml')
+    description = load_checked_yaml(path, SCHEMA)
+    nodes = description['legs']
+    problems, legs, departure = _stop_problems(nodes), [], None
+    loaded = []
+    for index, node in enumerate(nodes):
+        try:
+            loaded.append(route_for(node['route'], vehicle, path.parent))
+        except InvalidInput as error:
+            problems += [f'legs[{index}].route: {problem}' for problem in error.problems]
+            continue
+        legs.append(Leg(
+            route=loaded[-1].route,
+            charging_planned=node.get('charging_planned', True),
+            target_temperature_c=node.get('target_battery_temperature_c'),
+            minimum_arrival_soc=node.get('minimum_arrival_soc', 0.0),
+            departure=departure))
+        if not problems and node is not nodes[-1]:
+            departure = BatteryState(node['departure_temperature_c'], node['departure_soc'])
+    if problems:
+        raise InvalidInput([f'{path}: {problem}' for problem in problems])
+    return Itinerary(
+        Mission(description['name'], with_stops(
+            legs, [node['stop_duration_s'] for node in nodes[:-1]])),
+        tuple(node['route'] for node in nodes),
+        tuple(route.made_for for route in loaded), (path, *(route.file for route in loaded)),
+        tuple(dict.fromkeys(route.warning for route in loaded if route.warning)))
+
+
+def _stop_problems(nodes: list[dict[str, FileData]]) -> list[str]:
+    """Return what is wrong with the stops, which are between the legs and nowhere else."""
+    problems = []
+    for index, node in enumerate(nodes[:-1]):
+        missing = [key for key in STOP_KEYS if key not in node]
+        if missing:
+            problems.append(f'legs[{index}]: missing {", ".join(missing)} of the stop at its end')
+    beyond = [key for key in STOP_KEYS if key in nodes[-1]]
+    if beyond:
+        problems.append(f'legs[{len(nodes) - 1}]: {", ".join(beyond)} not allowed: no stop lies '
+                        'behind the last leg')
+    return problems

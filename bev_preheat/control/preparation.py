@@ -1,0 +1,272 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Pursues a goal of ~/prepare_battery: as a trip that the planner makes itself, until the goal has ended.
+
+The trip has one leg, whose drive is that of the route or an assumed one (see `assumed_drive`); it is
+made anew with every input. Instants are integers, in nanoseconds of the node's clock.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+import math
+from typing import TYPE_CHECKING
+
+from bev_preheat.control.assumed_drive import drive_of_route, DriveMemory, steady_drive
+from bev_preheat.control.command import find_obstacle
+from bev_preheat.control.inputs import Leg, Mission, NS_PER_S
+from bev_preheat.control.preparation_goal import PreparationEnding, PreparationGoal, PreparationOutcome
+from bev_preheat.control.preparation_plan import reserve_before
+from bev_preheat.control.preparation_progress import (
+    conclusion,
+    contradiction,
+    LONGEST_SOONEST_S,
+    PreparationProgress,
+)
+from bev_preheat.control.timetable import Timetable
+from bev_preheat.errors import InvalidInput
+from bev_preheat.planning.explanation import duration_text
+from bev_preheat.planning.situation import check_situation, Goal
+from bev_preheat.route.segments import LIMITS
+
+if TYPE_CHECKING:
+    from bev_preheat.control.decision import Decision
+    from bev_preheat.control.inbox import Inbox
+    from bev_preheat.control.inputs import Measurement
+    from bev_preheat.control.preparation_progress import Conclusion
+    from bev_preheat.route.segments import Route
+
+# The route_id of plans for a goal; no route plan that is typed by hand has it.
+ROUTE_ID = '~/prepare_battery'
+# The furthest instant [s].
+LONGEST_S = 24 * 3600.0
+# An ambient temperature is known for so long [s].
+AMBIENT_KNOWN_S = 6 * 3600.0
+
+
+class Preparer:
+    """
+    Keeps one Wish at a time, and makes its `timetable`; None while there is none.
+
+    It also remembers what is assumed where no route says it: the power of the drive, and the
+    ambient temperature.
+    """
+
+    def __init__(self) -> None:
+        """Without a wish."""
+        self.timetable: Timetable | None = None
+        self._progress: PreparationProgress | None = None
+        self._outcomes: list[PreparationOutcome] = []
+        self._memory = DriveMemory()
+        # When it was known [ns], and what it was [deg C].
+        self._ambient: tuple[int, float] | None = None
+        self._has_lost_time = False
+
+    @property
+    def goal(self) -> PreparationGoal | None:
+        """The Wish that is pursued; None: none is."""
+        return None if self._progress is None else self._progress.goal
+
+    def take_outcomes(self) -> tuple[PreparationOutcome, ...]:
+        """Return the Outcomes since the last call, those of wishes that were refused too."""
+        if not self._outcomes:
+            return ()
+        outcomes, self._outcomes = tuple(self._outcomes), []
+        return outcomes
+
+    def see(self, measurement: Measurement, heater_w: float, inbox: Inbox) -> None:
+        """Remember what a drive without a route goes on with; the heater takes `heater_w` [W]."""
+        if self.goal is None or not self.goal.is_plugged_in:
+            self._memory.see(measurement.stamp_ns, measurement.power_w, heater_w)
+        self._note_ambient(inbox.mission, measurement.stamp_ns)
+
+    def _note_ambient(self, mission: Mission | None, now_ns: int) -> None:
+        if mission is not None:
+            leg = mission.legs[mission.leg_number(now_ns)]
+            at = leg.route.segment_at((now_ns - leg.start_ns) / NS_PER_S)
+            self._ambient = (min(now_ns, mission.legs[-1].arrival_ns),
+                             float(leg.route.ambient_temperature_c[at]))
+
+    def lose_time(self) -> None:
+        """End the wish, because the clock was restarted: its instants mean nothing any more."""
+        self._has_lost_time = True
+        self._memory, self._ambient = DriveMemory(), None
+
+    # Beginning and end
+
+    def begin(self, goal: PreparationGoal, inbox: Inbox, now_ns: int) -> None:
+        """Pursue a Wish in place of the one before, or raise InvalidInput and go on with that."""
+        before = self._progress, self.timetable
+        try:
+            self._begin(goal, inbox, now_ns)
+        except InvalidInput as error:
+            self._progress, self.timetable = before
+            self._note(goal, PreparationEnding.REFUSED, f'The goal was refused: {error}.', inbox)
+            raise
+        except Exception:
+            self._progress, self.timetable = before
+            self._note(
+    goal,
+    PreparationEnding.REFUSED,
+    'The goal was refused: it could not be planned.',
+     inbox)
+            raise
+        if before[0] is not None:
+            self._note(
+    before[0].goal,
+    PreparationEnding.REPLACED,
+    'A later goal has replaced this one.',
+    inbox,
+     before[0].target_c)
+
+    def _begin(self, goal: PreparationGoal, inbox: Inbox, now_ns: int) -> None:
+        target_c = inbox.defaults.target_battery_temperature_c if goal.target_c is None else goal.target_c
+        problems = _problems(goal, now_ns)
+        try:
+            check_situation(inbox.vehicle, goal=Goal(target_c))
+        except InvalidInput as error:
+            problems += error.problems
+        lowest_c = inbox.vehicle.battery.temperature_range_c[0]
+        if goal.ambient_c is not None and goal.ambient_c < lowest_c:
+            problems.append(
+    f'ambient_temperature: {goal.ambient_c:g} degC is not allowed; it must be at '
+    f"least {lowest_c:g} degC: the vehicle's battery is not described below that")
+        if problems:
+            raise InvalidInput(problems)
+        measurement = inbox.measurement
+        self._note_ambient(inbox.mission, now_ns)
+        self._progress = PreparationProgress(
+    goal, target_c, now_ns, measurement.state.soc if measurement else 0.0)
+        self._has_lost_time = False
+        if self._ambient_c(
+    goal,
+    now_ns) is None and (
+        goal.is_plugged_in or not _has_route(
+            inbox,
+             now_ns)):
+            raise InvalidInput('ambient_temperature: is not given, and none is known; it must be given '
+                               'where no route has told it in the last 6 h')
+        objection = contradiction(self._progress, inbox, now_ns)
+        if objection:
+            raise InvalidInput(f'plugged_in: {objection}')
+        # Whatever it is, now there is something to heat for.
+        self.timetable = Timetable(Mission(ROUTE_ID, (Leg(steady_drive(1.0, 0.0, inbox.defaults)),)))
+        obstacle = find_obstacle(inbox, now_ns)
+        if obstacle is not None:
+            raise InvalidInput(obstacle.explanation.removesuffix('.'))
+        self.revise(inbox, now_ns, 1.0)
+
+    def end(
+    self,
+    goal: PreparationGoal | None,
+    ending: PreparationEnding,
+    explanation: str,
+     inbox: Inbox) -> bool:
+        """End the present wish, where it is this one (None: whichever it is); return whether it is."""
+        if self._progress is None or goal not in (
+            None, self._progress.goal):
+            return False
+        self._note(self._progress.goal, ending,
+                   explanation, inbox, self._progress.target_c)
+        self._progress = self.timetable = None
+        return True
+
+    def conclude(self, inbox: Inbox, now_ns: int, decision: Decision,
+                 temperature_c: float | None) -> bool:
+        """
+        End the wish where its time has come; return whether it has.
+
+        `decision` is the one that holds now, `temperature_c` the battery's temperature [deg C].
+        """
+        progress = self._progress
+        if progress is None:
+            return False
+        if self._has_lost_time:
+            over: Conclusion = (PreparationEnding.INPUT_LOST,
+                                'The clock was set back: the instant of the goal means nothing now.')
+        else:
+            over = conclusion(progress, inbox, now_ns, decision, temperature_c)
+        if over is None:
+            return False
+        ending, explanation = over
+        self._note(progress.goal, ending, explanation,
+                   inbox, progress.target_c, temperature_c)
+        self._progress = self.timetable = None
+        return True
+
+    def _note(self, goal: PreparationGoal, ending: PreparationEnding, explanation: str, inbox: Inbox,
+              target_c: float = math.nan, temperature_c: float | None = None) -> None:
+        if temperature_c is None:
+            measurement = inbox.measurement
+            temperature_c = measurement.state.temperature_c if measurement else math.nan
+        self._outcomes.append(PreparationOutcome(
+            goal, ending, explanation, max(0.0, target_c - temperature_c)
+            if math.isfinite(target_c - temperature_c) else math.nan, temperature_c))
+
+    # The trip that is planned for
+
+    def revise(self, inbox: Inbox, now_ns: int, propulsion_factor: float) -> None:
+        """
+        Make the trip anew from what is known now; without a wish there is nothing to do.
+
+        An assumed drive takes the power that was measured; the estimator would multiply it with the
+        `propulsion_factor` that it has found for routes.
+        """
+        progress = self._progress
+        if progress is None or self._has_lost_time:
+            return
+        until_ns = progress.goal.ready_at_ns or now_ns + \
+            round(LONGEST_SOONEST_S * NS_PER_S)
+        if until_ns <= now_ns:
+            return
+        leg = Leg(self._drive(progress, inbox, now_ns, until_ns, propulsion_factor), progress.started_ns,
+                  target_temperature_c=progress.target_c,
+                  minimum_arrival_soc=reserve_before(
+                      inbox, now_ns, progress.goal.ready_at_ns or progress.expected_ns or now_ns)
+                  if not progress.goal.is_plugged_in else 0.0,
+                  made_for=progress.goal).in_planning_steps(inbox.settings.planning_step_s)
+        self.timetable = Timetable(Mission(ROUTE_ID, (leg,)))
+
+    def _drive(self, progress: PreparationProgress, inbox: Inbox, now_ns: int, until_ns: int,
+               propulsion_factor: float) -> Route:
+        goal, defaults = progress.goal, inbox.defaults
+        mission, from_ns = inbox.mission, progress.started_ns
+        if mission is not None and not goal.is_plugged_in and _has_route(inbox, now_ns):
+            route = drive_of_route(mission, from_ns, until_ns, defaults)
+            return route if goal.ambient_c is None else replace(
+                route, ambient_temperature_c=0.0 * route.duration_s + goal.ambient_c)
+        ambient_c = self._ambient_c(goal, now_ns)
+        if ambient_c is not None:
+            progress.ambient_c = ambient_c
+        # It was known when the goal began, or a route has told it since.
+        assert progress.ambient_c is not None
+        propulsion_w = (0.0, 0.0) if goal.is_plugged_in else self._memory.propulsion_w(
+            now_ns, defaults.cabin_heating_power_w + defaults.auxiliary_power_w)
+        return steady_drive((until_ns - from_ns) / NS_PER_S, progress.ambient_c, defaults, (
+            propulsion_w[0] / propulsion_factor, propulsion_w[1] / propulsion_factor))
+
+    def _ambient_c(self, goal: PreparationGoal, now_ns: int) -> float | None:
+        """Return the ambient temperature [deg C] of a wish, or the last known; None: none is known."""
+        if goal.ambient_c is not None or self._ambient is None:
+            return goal.ambient_c
+        known_ns, ambient_c = self._ambient
+        return ambient_c if now_ns - known_ns <= AMBIENT_KNOWN_S * NS_PER_S else None
+
+
+def _has_route(inbox: Inbox, now_ns: int) -> bool:
+    return inbox.mission is not None and inbox.mission.legs[-1].arrival_ns > now_ns
+
+
+def _problems(goal: PreparationGoal, now_ns: int) -> list[str]:
+    """Return what is wrong with a Wish by itself, as sentences."""
+    problems = []
+    ahead_s = (goal.ready_at_ns - now_ns) / NS_PER_S
+    if not goal.is_soonest and not 0.0 < ahead_s <= LONGEST_S:
+        problems.append(
+            f'ready_at: lies {duration_text(abs(ahead_s))} {"ahead" if ahead_s > 0.0 else "in the past"}; '
+            'it must lie ahead, by at most 24 h (0: as soon as possible)')
+    low_c, high_c = LIMITS['ambient_temperature_c']
+    if goal.ambient_c is not None and not low_c <= goal.ambient_c <= high_c:
+        problems.append(f'ambient_temperature: {goal.ambient_c:g} degC is not allowed; it must be '
+                        f'{low_c:g} ... {high_c:g} degC')
+    return problems

@@ -1,0 +1,194 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+What differs in a plan for a Wish: as soon as possible, and fed by the grid.
+
+The planner is the same. As soon as possible means a route that ends where full power from now on
+reaches the target: on it nothing but full power does. Plugged in means a vehicle whose battery gives
+nothing.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from bev_preheat.control.inputs import NS_PER_S
+from bev_preheat.control.target_choice import TargetChoice, TargetSource
+from bev_preheat.errors import InvalidInput, PlanningFailure
+from bev_preheat.planning.explanation import OF_GOAL
+from bev_preheat.planning.limits import drive_as_planned
+from bev_preheat.planning.planner import plan_preheating, plan_unheated, SHORTFALL_TOLERANCE_K
+from bev_preheat.planning.schedule import HeldBack
+from bev_preheat.planning.situation import reserve_soc
+from bev_preheat.planning.status import Status
+from bev_preheat.planning.trip import make_trip
+from bev_preheat.route.segments import LIMITS
+from bev_preheat.vehicle.grid import grid_fed
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from bev_preheat.control.decision import Decision
+    from bev_preheat.control.inbox import Inbox
+    from bev_preheat.control.inputs import Leg
+    from bev_preheat.control.preparation_goal import PreparationGoal
+    from bev_preheat.control.settings import Settings
+    from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.planning.plan import Plan
+    from bev_preheat.planning.situation import BatteryState, Goal
+    from bev_preheat.route.segments import Route
+    from bev_preheat.vehicle.description import Vehicle
+
+
+# A route on which full power all the way exceeds the target by rounding would have heating begin a
+# moment later, again and again; so it ends where this much is missing [K].
+AIMS_BELOW_K = 0.05
+# How a sentence for a goal begins.
+PREPARING = 'Preparing the battery.'
+# So much more than the reserve is left, for the same reason.
+SPARES = 1e-4
+
+
+def is_from_grid(leg: Leg) -> bool:
+    """Return whether the grid feeds the heater on a leg."""
+    return leg.made_for is not None and leg.made_for.is_plugged_in
+
+
+def fed(vehicle: Vehicle, preparation_goal: PreparationGoal | None) -> Vehicle:
+    """Return the Vehicle to plan a Wish with: fed by the grid where that is plugged in."""
+    return grid_fed(vehicle) if preparation_goal is not None and preparation_goal.is_plugged_in else vehicle
+
+
+class FullPower:
+    """The battery under the heater's full power from the start of a route on, within its limits."""
+
+    def __init__(self, vehicle: Vehicle, route: Route, state: BatteryState,
+                 heater_share: float = 1.0, heat_lag_s: float = 0.0) -> None:
+        """Take what plan_preheating takes."""
+        trip = make_trip(vehicle, route, heater_share)
+        self._route, self._lag_s = route, heat_lag_s
+        self._time_s = trip.time_s
+        run = drive_as_planned(trip, state, trip.heater_limit_w)
+        self._temperature_c, self._soc = run.temperature_c, run.soc
+        if run.empty_at_s is not None:
+            # How warm it would get if only the heater's power mattered.
+            fed_trip = make_trip(grid_fed(vehicle), route, heater_share)
+            self._temperature_c = drive_as_planned(
+                fed_trip, state, fed_trip.heater_limit_w).temperature_c
+
+    def plan(self, vehicle: Vehicle, goal: Goal, plan_on: Callable[[Route], Plan]) -> Plan:
+        """
+        Return the Plan that heats at once, as far towards the goal's target as its reserve allows.
+
+        `plan_on(route)` makes a plan on a route that ends there; on all of it, where the heater does
+        not get there at all.
+        """
+        aim_c = goal.target_temperature_c - AIMS_BELOW_K
+        warm_s = self._reached_s(self._temperature_c, aim_c)
+        if warm_s is None:
+            return plan_on(self._route)
+        spent_s = self._reached_s(-self._soc, -(reserve_soc(vehicle, goal) + SPARES))
+        if spent_s is None or spent_s >= warm_s:
+            plan = plan_on(self._until(warm_s))
+            # While the last heat is under way, some is lost.
+            warm_s = self._reached_s(self._temperature_c, aim_c + plan.shortfall_k - AIMS_BELOW_K)
+            if self._lag_s == 0.0 or warm_s is None or plan.shortfall_k <= AIMS_BELOW_K:
+                return plan
+            return plan_on(self._until(warm_s))
+        plan = plan_on(self._until(spent_s))
+        if plan.shortfall_k <= SHORTFALL_TOLERANCE_K:
+            return plan
+        return replace(plan, status=Status.SOC_LIMITED, held_back=HeldBack.RESERVE)
+
+    def _reached_s(self, values: FloatArray, wanted: float) -> float | None:
+        """Return when values (N + 1,) reach one for the first time [s]; None where they never do."""
+        reached = np.flatnonzero(values >= wanted)
+        if not len(reached):
+            return None
+        after = int(reached[0])
+        return 0.0 if after == 0 else float(np.interp(
+            wanted, values[after - 1:after + 1], self._time_s[after - 1:after + 1]))
+
+    def _until(self, end_s: float) -> Route:
+        """Return the route until an instant [s], and until the heat of that instant has arrived."""
+        total_s = self._route.total_duration_s
+        end_s = min(max(end_s, LIMITS['duration_s'][0]), total_s)
+        route, felt_s = self._route.before(end_s), min(end_s + self._lag_s, total_s)
+        # A step of its own, in which nothing is heated: its heat would come too late.
+        return route if felt_s <= end_s else route.followed_by(
+            self._route.before(felt_s).after(end_s))
+
+
+def plan_preparation(
+    preparation_goal: PreparationGoal,
+    vehicle: Vehicle,
+    route: Route,
+    state: BatteryState,
+    goal: Goal,
+     method: str) -> Plan:
+    """Return the Plan for a Wish on the route that was made for it; raise what plan_preheating does."""
+    vehicle = fed(vehicle, preparation_goal)
+    if not preparation_goal.is_soonest:
+        plan = plan_preheating(vehicle, route, state, goal, method)
+    else:
+        plan = FullPower(vehicle, route, state).plan(vehicle, goal, lambda part: plan_preheating(
+            vehicle, part, state, goal, method))
+    return accounted(plan, preparation_goal, state.soc)
+
+
+def accounted(plan: Plan, preparation_goal: PreparationGoal | None, soc: float) -> Plan:
+    """Return the Plan with the battery's own account: fed by the grid, its charge stays."""
+    if preparation_goal is None or not preparation_goal.is_plugged_in:
+        return plan
+    return replace(plan, soc=np.full(len(plan.soc), soc),
+                   energy_wh=replace(plan.energy_wh, joule=0.0, battery_total=0.0))
+
+
+def target_of_preparation(preparation_goal: PreparationGoal, settings: Settings) -> TargetChoice:
+    """Return where the target of a Wish comes from; it is never chosen."""
+    if preparation_goal.target_c is not None:
+        return TargetChoice(TargetSource.GIVEN, 'The target is given by the goal.')
+    if settings.target_temperature_c is not None:
+        return TargetChoice(
+            TargetSource.GIVEN, 'The target is given by the parameter target_battery_temperature.')
+    return TargetChoice(TargetSource.DEFAULT, "The target is the vehicle's default: the goal gives none.")
+
+
+def in_words_of_preparation(decision: Decision) -> Decision:
+    """Return the Decision for a goal, in words without a trip: its instant is not an arrival."""
+    plan = decision.plan
+    if plan is None:
+        return replace(decision, sentence=f'{PREPARING} {decision.explanation}')
+    plan = plan.told(plan.status, partial(plan.sentence, words=OF_GOAL))
+    return replace(decision, sentence=f'{PREPARING} {plan.explanation}', plan=plan)
+
+
+def reserve_before(inbox: Inbox, now_ns: int, until_ns: int) -> float:
+    """
+    Return the state of charge to be left at an instant [ns], so that the route's leg keeps its own.
+
+    That is what its end asks for, and what the drive from the instant to there takes.
+    """
+    mission, measurement = inbox.mission, inbox.measurement
+    if mission is None or measurement is None:
+        return 0.0
+    leg = mission.legs[mission.leg_number(until_ns)]
+    start_ns = max(now_ns, leg.start_ns)
+    route = leg.route_ahead(start_ns)
+    if route is None or not start_ns <= until_ns < leg.arrival_ns:
+        return 0.0
+    goal = inbox.goal_of(leg)
+    reserve = reserve_soc(inbox.vehicle, goal)
+    try:
+        plan = plan_unheated(inbox.vehicle, route, measurement.state, goal)
+    except (InvalidInput, PlanningFailure):
+        # Then the goal itself cannot be planned, and says so.
+        return reserve
+    until_s = (until_ns - start_ns) / NS_PER_S
+    # What a descent behind it gives back does not help before it.
+    least_soc = plan.soc[plan.time_s >= until_s].min()
+    takes = max(0.0, float(np.interp(until_s, plan.time_s, plan.soc) - least_soc))
+    return min(reserve + takes, 1.0)

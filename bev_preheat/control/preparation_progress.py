@@ -1,0 +1,136 @@
+# SPDX-License-Identifier: Apache-2.0
+"""When the pursuit of a Wish is over, and why; instants are integers, in nanoseconds."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from bev_preheat.control.assumed_drive import drives_between
+from bev_preheat.control.command import find_obstacle
+from bev_preheat.control.inputs import NS_PER_S
+from bev_preheat.control.preparation_goal import PreparationEnding
+from bev_preheat.planning.explanation import duration_text
+from bev_preheat.planning.planner import SHORTFALL_TOLERANCE_K
+
+if TYPE_CHECKING:
+    from bev_preheat.control.decision import Decision
+    from bev_preheat.control.inbox import Inbox
+    from bev_preheat.control.preparation_goal import PreparationGoal
+    from bev_preheat.planning.plan import Plan
+
+    # None: it goes on.
+    Conclusion = tuple[PreparationEnding, str] | None
+
+# For how long "as soon as possible" may heat [s].
+LONGEST_SOONEST_S = 6 * 3600.0
+# What keeps the heater off for so long ends a goal [s].
+PATIENCE_S = 60.0
+# A battery that is heated as soon as possible is warm when it is this near to its target [K].
+SOONEST_WITHIN_K = 0.1
+# Of a vehicle that is plugged in the charge does not fall by more than this.
+CHARGE_FALLS_BY = 0.02
+
+
+@dataclass
+class PreparationProgress:
+    """
+    A Wish that is pursued: its target and ambient temperature [deg C], and when it began [ns].
+
+    `highest_soc` is the most charge that there has been since. `expected_ns` is the instant at which
+    the battery is predicted to be warm, `held_off_ns` since when nothing can be planned; None: neither
+    is known.
+    """
+
+    goal: PreparationGoal
+    target_c: float
+    started_ns: int
+    highest_soc: float
+    ambient_c: float | None = None
+    expected_ns: int | None = None
+    held_off_ns: int | None = None
+
+
+def conclusion(progress: PreparationProgress, inbox: Inbox, now_ns: int, decision: Decision,
+               temperature_c: float | None) -> Conclusion:
+    """
+    Return (Ending, sentence) where a Pursuit is over at an instant [ns]; None where it goes on.
+
+    `decision` is the one that holds now, `temperature_c` the battery's temperature [deg C]. What it
+    tells of the pursuit is noted in it.
+    """
+    if not inbox.is_enabled:
+        return PreparationEnding.DISABLED, 'Preheating was switched off through ~/enable.'
+    objection = contradiction(progress, inbox, now_ns)
+    if objection:
+        return PreparationEnding.UNPLUGGED, f'The vehicle is not plugged in any more: {objection}.'
+    if decision.plan is not None:
+        progress.held_off_ns = None
+        progress.expected_ns = decision.plan_start_ns + round(decision.plan.arrival_time_s * NS_PER_S)
+    elif progress.held_off_ns is None:
+        progress.held_off_ns = now_ns
+    is_time = 0 < progress.goal.ready_at_ns <= now_ns
+    if find_obstacle(inbox, now_ns) is not None or temperature_c is None or (
+            decision.plan is None and not is_time):
+        held_off_s = (now_ns - (progress.held_off_ns or now_ns)) / NS_PER_S
+        if is_time:
+            return PreparationEnding.INPUT_LOST, f'The heater was off at the instant: {decision.explanation}'
+        if held_off_s >= PATIENCE_S:
+            return PreparationEnding.INPUT_LOST, (
+                f'The heater has been off for {duration_text(held_off_s)}: {decision.explanation}')
+        return None
+    if progress.goal.is_soonest:
+        assert decision.plan is not None
+        return _soonest_conclusion(progress, now_ns, decision.plan, temperature_c)
+    if not is_time:
+        return None
+    missed_k = progress.target_c - temperature_c
+    return _arrived(temperature_c, progress.target_c, missed_k <= SHORTFALL_TOLERANCE_K)
+
+
+def _soonest_conclusion(
+    progress: PreparationProgress,
+    now_ns: int,
+    plan: Plan,
+     temperature_c: float) -> Conclusion:
+    target_c = progress.target_c
+    is_idle = plan.heating_start_s is None
+    if target_c - temperature_c <= SOONEST_WITHIN_K or (
+            is_idle and target_c - temperature_c <= SHORTFALL_TOLERANCE_K):
+        return _arrived(temperature_c, target_c, True)
+    missed = (f'The battery is at {temperature_c:.1f} degC and does not get to the target of '
+              f'{target_c:.1f} degC')
+    if plan.arrival_time_s >= LONGEST_SOONEST_S - 1.0:
+        return PreparationEnding.MISSED, (
+            f'{missed}, not even at full power for {duration_text(LONGEST_SOONEST_S)}.')
+    if (now_ns - progress.started_ns) / NS_PER_S >= LONGEST_SOONEST_S:
+        return PreparationEnding.MISSED, f'{missed} within {duration_text(LONGEST_SOONEST_S)}.'
+    if is_idle and plan.shortfall_k > SHORTFALL_TOLERANCE_K:
+        return PreparationEnding.MISSED, f'{missed}: {plan.explanation}'
+    return None
+
+
+def contradiction(progress: PreparationProgress, inbox: Inbox, now_ns: int) -> str:
+    """Return what speaks against a vehicle that is plugged in, as a sentence; '': nothing."""
+    mission, measurement = inbox.mission, inbox.measurement
+    if not progress.goal.is_plugged_in:
+        return ''
+    if mission is not None and drives_between(mission, now_ns, progress.goal.ready_at_ns):
+        return f'the route plan {mission.route_id!r} drives before the battery is to be warm'
+    if measurement is None:
+        return ''
+    soc = measurement.state.soc
+    progress.highest_soc = max(progress.highest_soc, soc)
+    if progress.highest_soc - soc > CHARGE_FALLS_BY:
+        return (f'the state of charge has fallen from {100 * progress.highest_soc:.1f} % to '
+                f'{100 * soc:.1f} %')
+    return ''
+
+
+def _arrived(temperature_c: float, target_c: float, is_warm: bool) -> tuple[PreparationEnding, str]:
+    if is_warm:
+        return PreparationEnding.REACHED, (
+            f'The battery is warm: {temperature_c:.1f} degC, target {target_c:.1f} degC.')
+    return PreparationEnding.MISSED, (
+        f'The battery is at {temperature_c:.1f} degC, {target_c - temperature_c:.1f} K below the target of '
+        f'{target_c:.1f} degC.')

@@ -1,0 +1,162 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+What was refused, and for how long that keeps the heater off.
+
+A refused battery state says nothing about the trip, and the next valid one makes it good. A refused
+route may have been a cancellation or another trip: the route before it goes on only where the part
+of the refused one that can be read rules that out (docs/explanation/safety.md has the reasons).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from enum import Enum
+from typing import Self, TYPE_CHECKING
+
+from bev_preheat.errors import InvalidInput, quoted
+
+if TYPE_CHECKING:
+    from bev_preheat.control.inputs import Mission
+
+BATTERY, ROUTE, VEHICLE = 'battery_state', 'route_plan', 'vehicle'
+PROGRESS = 'route_progress'
+# Sums of the same durations in other steps differ by less.
+ROUNDING_NS = 1_000_000
+
+
+class Until(Enum):
+    """What has to come before the heater may be on again."""
+
+    VALID_STATE = 'the next valid battery state'
+    VALID_ROUTE = 'a valid route plan'
+
+
+@dataclass(frozen=True)
+class RefusedRoute:
+    """
+    The part of a refused route plan that says whether the trip before it may go on.
+
+    `arrivals_ns` are the instants [ns] at which its legs end, None where they cannot be read.
+    """
+
+    route_id: str = ''
+    charging_planned: bool = False
+    arrivals_ns: tuple[int, ...] | None = None
+
+    @classmethod
+    def of_mission(cls, mission: Mission) -> Self:
+        """Return what a Mission says that was read, but does not fit the vehicle."""
+        return cls(mission.route_id, mission.legs[-1].charging_planned,
+                   tuple(leg.arrival_ns for leg in mission.legs))
+
+    def objection_to(self, mission: Mission, now_ns: int) -> str:
+        """
+        Return why a Mission must not go on after this refusal, '' where it may.
+
+        It may where the refused route is an update of the same trip whose arrivals lie no earlier:
+        then nobody has called off the heating that the old route asks for.
+        """
+        if not self.route_id:
+            return 'the refused route has no route_id'
+        if self.route_id != mission.route_id:
+            return (f'the refused route has another route_id, {quoted(self.route_id)} instead of '
+                    f'{quoted(mission.route_id)}')
+        if not self.charging_planned:
+            return 'the refused route plans no charging'
+        if self.arrivals_ns is None:
+            return 'the arrival of the refused route cannot be read'
+        before = [leg.arrival_ns for leg in mission.legs]
+        if self._is_earlier(self.arrivals_ns[-1], before[-1]):
+            return 'the refused route arrives earlier'
+        # An update may leave out the stops that lie behind.
+        before, after = ([arrival_ns for arrival_ns in arrivals_ns if arrival_ns > now_ns]
+                         for arrivals_ns in (before, self.arrivals_ns))
+        if len(after) != len(before) or any(map(self._is_earlier, after, before)):
+            return 'the refused route has other stops, or arrives at one earlier'
+        return ''
+
+    @staticmethod
+    def _is_earlier(instant_ns: int, other_ns: int) -> bool:
+        return instant_ns < other_ns - ROUNDING_NS
+
+
+@dataclass(frozen=True)
+class _Refusal:
+    sentence: str
+    until: Until
+    holds: bool = True
+
+
+class Refusals:
+    """
+    Refused inputs that have not been made good, the latest last: at most one for each source.
+
+    Each holds the heater off until its `Until` has come. That of a route remains known after that,
+    until a valid route comes.
+    """
+
+    def __init__(self) -> None:
+        """Begin with none."""
+        self._by_source: dict[str, _Refusal] = {}
+
+    @property
+    def obstacle(self) -> str | None:
+        """The sentence of the latest refusal that holds the heater off; None if none does."""
+        if not self._by_source:
+            return None
+        holding = [refusal.sentence for refusal in self._by_source.values() if refusal.holds]
+        return holding[-1] if holding else None
+
+    @property
+    def route(self) -> str | None:
+        """The sentence of the refused route, until a valid one comes; None if there is none."""
+        refusal = self._by_source.get(ROUTE)
+        return refusal.sentence if refusal else None
+
+    def note_battery(self, error: InvalidInput) -> None:
+        """Note that a battery state was refused."""
+        self._note(BATTERY, f'{BATTERY} refused: {error}', Until.VALID_STATE)
+
+    def note_route(self, error: InvalidInput, refused: RefusedRoute, mission: Mission | None,
+                   now_ns: int) -> bool:
+        """
+        Note that a route was refused; return whether the one before it, `mission`, may go on.
+
+        `refused` is its RefusedRoute; `mission` is None where there is none.
+        """
+        until = Until.VALID_ROUTE
+        consequence = f'The heater is off until {until.value} arrives.'
+        objection = 'there is none' if mission is None else refused.objection_to(mission, now_ns)
+        if not objection:
+            until = Until.VALID_STATE
+            consequence = f'The route before it holds again from {until.value} on.'
+        elif mission is not None:
+            consequence = f'The route before it was dropped because {objection}. {consequence}'
+        self._note(ROUTE, f'{ROUTE} refused: {error}. {consequence}', until)
+        return not objection
+
+    def note_misfit(self, error: InvalidInput) -> None:
+        """Note that the present route does not fit a new vehicle or new settings."""
+        self._note(VEHICLE, f'{ROUTE} refused: {error}', Until.VALID_ROUTE)
+
+    def lift_by_battery(self) -> None:
+        """Clear the refusals that a valid battery state makes good."""
+        if not self._by_source:
+            return
+        self._by_source.pop(BATTERY, None)
+        self._by_source = {
+            source: replace(refusal, holds=refusal.until is Until.VALID_ROUTE)
+            for source, refusal in self._by_source.items()}
+
+    def lift_by_route(self) -> None:
+        """Clear the refusals that a valid route, or a cancellation, makes good."""
+        self._by_source.pop(ROUTE, None)
+        self.lift_misfit()
+
+    def lift_misfit(self) -> None:
+        """Let a vehicle that the route fits lift the misfit."""
+        self._by_source.pop(VEHICLE, None)
+
+    def _note(self, source: str, sentence: str, until: Until) -> None:
+        self._by_source.pop(source, None)
+        self._by_source[source] = _Refusal(sentence, until)

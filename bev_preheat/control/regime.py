@@ -1,0 +1,324 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+The regime of the vehicle, from evidence and not from its route: driving, standing or charging.
+
+The battery's power is the quickest witness. Charging is steady and flows into the battery where the
+route plans no such regeneration; a vehicle that stands takes no more than its consumers where the
+route drives. A position outranks the power; `power_supply_status` counts if it is set.
+Instants are integers, in nanoseconds of the node's clock; power is positive while the battery is
+discharged. Limits were chosen on nine measured winter drives (10 300 s): regeneration never lasted
+20 s, and never stayed within 10 % for 9 s, although it once ran at the charge limit of a cold battery.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from enum import Enum
+from typing import NamedTuple
+
+from bev_preheat.control.inputs import NS_PER_S, SupplyStatus
+
+# Time [s] and number of battery states after which charging is recognised. Learning pauses earlier, until the
+# regime is clear.
+CHARGING_AFTER_S = 9.0
+LEAST_STATES = 3
+DOUBTED_AFTER_S = 2.0
+# Charging: each state shows at least this power into the battery [W], and the powers are steady within this
+# share of their mean, or within STEADY_W [W].
+CHARGES_W = 1000.0
+STEADY_SHARE = 0.1
+STEADY_W = 600.0
+# If the route plans regeneration, charging exceeds it by this factor and by this power [W].
+BEYOND_REGENERATION = 2.0
+BEYOND_REGENERATION_W = 2000.0
+# Standing is recognised after the first time [s], if the route plans to drive with more than DRIVES_W [W] then,
+# wherever the vehicle is; else after the second, if it does so over that time; with the consumers off after the
+# third, whatever the route plans.
+STANDING_AFTER_S = 60.0
+STANDING_AFTER_LONG_S = 300.0
+PARKED_AFTER_S = 120.0
+DRIVES_W = 2000.0
+# A standing vehicle takes at most STANDS_WITHIN_W [W] more than route and command say, and its power varies by no
+# more than that. The power stays above STANDS_ABOVE_W [W].
+STANDS_WITHIN_W = 1000.0
+STANDS_ABOVE_W = -500.0
+# A standing vehicle is parked below the first share of the route's cabin and auxiliary power, until it exceeds
+# the second.
+PARKED_SHARE, NOT_PARKED_SHARE = 0.5, 0.8
+# Time after which driving is recognised again [s].
+DRIVING_AFTER_S = 3.0
+# Longest time that a heater takes to follow its command [s].
+HEATER_FOLLOWS_S = 120.0
+# A current with the wrong sign shows up to this multiple of the power that the route takes, as charging.
+MIRRORED_UP_TO = 1.4
+# States that are further apart than this do not belong together.
+TOGETHER_S = 30.0
+
+
+class Regime(Enum):
+    """Regimes of the vehicle; the values are the words in diagnostics."""
+
+    UNKNOWN = 'unknown'
+    DRIVING = 'driving'
+    STANDING = 'standing'
+    CHARGING = 'charging'
+
+
+class RegimeReport(NamedTuple):
+    """
+    A Regime, since when [ns], and the evidence as a sentence without full stop; '': none.
+
+    `recognised_ns` [ns] is the instant at which it was recognised. `suspicion` is a sentence on a
+    regime that is likely but not certain; '': no suspicion. `is_parked`: it stands with its consumers
+    off. `is_doubtful`: the latest states look like charging, and are too few to recognise it.
+    """
+
+    regime: Regime
+    since_ns: int = 0
+    evidence: str = ''
+    recognised_ns: int = 0
+    suspicion: str = ''
+    is_parked: bool = False
+    is_doubtful: bool = False
+
+
+class PlannedPower(NamedTuple):
+    """
+    The power that the route plans around an instant [W].
+
+    `propulsion_w` is the mean, `least_propulsion_w` and `most_propulsion_w` are those of segments; `others_w`
+    is the power of cabin and auxiliaries. `least_in_60_s_w` and `least_in_300_s_w` are the least means over so
+    much time, wherever within its uncertainty the place on the route is. `is_driving`: a leg covers the instant.
+    """
+
+    propulsion_w: float
+    least_propulsion_w: float
+    most_propulsion_w: float
+    others_w: float
+    least_in_60_s_w: float
+    least_in_300_s_w: float
+    is_driving: bool = True
+
+
+class Evidence(NamedTuple):
+    """
+    Evidence at an instant [ns].
+
+    `power_w` is the battery's terminal power [W], None: unknown. `command_w` is the heater's
+    command [W]. `has_moved`: by its position the vehicle moved within the last seconds; None: no
+    position is known. `stood_s` [s] is for how long it has not, by its position.
+    `is_sign_proven`: the sign of the current is known to be right.
+    """
+
+    stamp_ns: int
+    power_w: float | None
+    command_w: float
+    planned: PlannedPower
+    supply: SupplyStatus = SupplyStatus.UNKNOWN
+    has_moved: bool | None = None
+    stood_s: float = 0.0
+    is_sign_proven: bool = True
+
+
+class _PowerSample(NamedTuple):
+    stamp_ns: int
+    power_w: float | None
+    command_w: float
+    supply: SupplyStatus
+
+
+class RegimeWatch:
+    """Keeps the RegimeReport `report`; `see` takes the Evidence of a battery state."""
+
+    def __init__(self) -> None:
+        """Know nothing yet."""
+        self.report = RegimeReport(Regime.UNKNOWN)
+        self._samples: deque[_PowerSample] = deque()
+        # Since when the power has been that of a vehicle that stands [ns]; None: it is not.
+        self._low_since_ns: int | None = None
+
+    def lose_time(self) -> None:
+        """Forget all instants, because the clock was restarted."""
+        self.report = RegimeReport(Regime.UNKNOWN)
+        self._samples.clear()
+        self._low_since_ns = None
+
+    def see(self, evidence: Evidence) -> RegimeReport:
+        """Take the Evidence of a battery state, the latest so far, and return the RegimeReport."""
+        samples = self._samples
+        if samples and not 0 <= evidence.stamp_ns - samples[-1].stamp_ns <= TOGETHER_S * NS_PER_S:
+            samples.clear()
+            self._low_since_ns = None
+            self.report = RegimeReport(Regime.UNKNOWN, evidence.stamp_ns)
+        samples.append(_PowerSample(evidence.stamp_ns, evidence.power_w, evidence.command_w, evidence.supply))
+        while samples[0].stamp_ns < evidence.stamp_ns - HEATER_FOLLOWS_S * NS_PER_S:
+            samples.popleft()
+        self._judge(evidence)
+        return self.report
+
+    def _judge(self, evidence: Evidence) -> None:
+        before = self.report.regime
+        charging, suspicion = self._charging(evidence), ''
+        if not evidence.is_sign_proven:
+            suspicion = self.report.suspicion if self._may_be_reversed() else ''
+            if charging and _is_mirrored(evidence):
+                suspicion = (f'{charging}, no more than the route takes from it, so the sign of '
+                             'battery_state.current may be reversed')
+            charging = '' if suspicion else charging
+        if evidence.has_moved:
+            self._enter(Regime.DRIVING, evidence.stamp_ns, evidence.stamp_ns, 'the position moves')
+        elif charging:
+            self._enter(Regime.CHARGING, self._window(CHARGING_AFTER_S)[0].stamp_ns, evidence.stamp_ns, charging)
+        elif before is Regime.CHARGING and self._is_still_charged():
+            pass
+        elif before is not Regime.DRIVING and not suspicion and self._drives(evidence):
+            self._enter(Regime.DRIVING, evidence.stamp_ns, evidence.stamp_ns,
+                        f'the battery gives {evidence.power_w or 0.0:.0f} W')
+        elif standing := self._standing(evidence):
+            is_parked = self._is_parked(evidence)
+            since_ns = evidence.stamp_ns - round(max(evidence.stood_s, STANDING_AFTER_S) * NS_PER_S)
+            if self._low_since_ns is not None:
+                since_ns = min(since_ns, self._low_since_ns)
+            # A stop of a minute is part of the route.
+            self._enter(Regime.STANDING, since_ns, since_ns + round(STANDING_AFTER_S * NS_PER_S), standing)
+            self.report = self.report._replace(is_parked=is_parked)
+        elif before is Regime.CHARGING:
+            self._enter(Regime.STANDING, evidence.stamp_ns, evidence.stamp_ns, 'it is not charged any more')
+        elif before is Regime.STANDING and (evidence.power_w is not None or evidence.has_moved is not None):
+            pass
+        elif evidence.power_w is not None and not suspicion:
+            self._enter(Regime.DRIVING if evidence.planned.is_driving or before is Regime.DRIVING
+                        else Regime.UNKNOWN, evidence.stamp_ns, evidence.stamp_ns, '')
+        else:
+            self._enter(Regime.UNKNOWN, evidence.stamp_ns, evidence.stamp_ns, '')
+        is_doubtful = (self.report.regime is not Regime.CHARGING and not evidence.has_moved
+                       and self._charging(evidence, DOUBTED_AFTER_S) != '')
+        self.report = self.report._replace(suspicion=suspicion, is_doubtful=is_doubtful)
+
+    def _enter(self, regime: Regime, since_ns: int, now_ns: int, evidence: str) -> None:
+        if regime is not self.report.regime:
+            self.report = RegimeReport(regime, since_ns, evidence, now_ns)
+        elif evidence:
+            self.report = self.report._replace(evidence=evidence)
+
+    def _window(self, duration_s: float) -> list[_PowerSample]:
+        """Return the samples of the last `duration_s` [s] and the one before; [] if they cover less."""
+        samples, from_ns = self._samples, self._samples[-1].stamp_ns - round(duration_s * NS_PER_S)
+        if samples[0].stamp_ns > from_ns:
+            return []
+        window = [sample for sample in samples if sample.stamp_ns > from_ns]
+        return [samples[len(samples) - len(window) - 1], *window]
+
+    def _powers_w(self, window: list[_PowerSample]) -> list[float]:
+        """Return the powers of a window [W]; [] if one is unknown or there are too few."""
+        powers_w = [sample.power_w for sample in window if sample.power_w is not None]
+        return powers_w if len(window) >= LEAST_STATES and len(powers_w) == len(window) else []
+
+    def _charging(self, evidence: Evidence, after_s: float = CHARGING_AFTER_S) -> str:
+        """Return the evidence of charging for `after_s` [s]; '' for none."""
+        if evidence.power_w is not None and evidence.power_w > -CHARGES_W:
+            return ''
+        window = self._window(after_s)
+        by_status = len(window) >= LEAST_STATES and all(
+            sample.supply is SupplyStatus.CHARGING for sample in window)
+        planned = evidence.planned
+        regeneration_w = max(0.0, -planned.least_propulsion_w) if planned.is_driving else 0.0
+        if evidence.power_w is None:
+            return ('power_supply_status is CHARGING' if by_status and regeneration_w == 0.0
+                    and all(sample.power_w is None for sample in window) else '')
+        powers_w = self._powers_w(window)
+        if not powers_w or max(powers_w) > -CHARGES_W:
+            return ''
+        mean_w = sum(powers_w) / len(powers_w)
+        says_otherwise = all(sample.supply in (SupplyStatus.DISCHARGING, SupplyStatus.NOT_CHARGING)
+                             for sample in window)
+        is_certain = evidence.has_moved is False or (by_status and regeneration_w == 0.0)
+        if not is_certain and (
+                says_otherwise or max(powers_w) - min(powers_w) > max(STEADY_SHARE * -mean_w, STEADY_W)
+                or -mean_w < BEYOND_REGENERATION * regeneration_w + (
+                    BEYOND_REGENERATION_W if regeneration_w > 0.0 else 0.0)):
+            return ''
+        return f'the battery is charged with {-mean_w:.0f} W'
+
+    def _is_still_charged(self) -> bool:
+        """Whether any of the last samples still shows charging."""
+        window = self._window(DRIVING_AFTER_S) or list(self._samples)
+        return any(sample.supply is SupplyStatus.CHARGING if sample.power_w is None
+                   else sample.power_w < STANDS_ABOVE_W for sample in window)
+
+    def _may_be_reversed(self) -> bool:
+        """Whether a current that was suspected of the wrong sign has not flowed out since."""
+        power_w = self._samples[-1].power_w
+        return power_w is not None and power_w < CHARGES_W
+
+    def _drives(self, evidence: Evidence) -> bool:
+        """Whether the battery has given more than consumers and heater take for some seconds."""
+        window = self._window(DRIVING_AFTER_S)
+        powers_w = [sample.power_w for sample in window if sample.power_w is not None]
+        if len(powers_w) < 2:
+            return False
+        heater_w = max(sample.command_w for sample in self._samples)
+        return min(powers_w) > evidence.planned.others_w + heater_w + DRIVES_W
+
+    def _standing(self, evidence: Evidence) -> str:
+        """Return the evidence of standing; '' for none."""
+        if evidence.has_moved is False and evidence.stood_s >= STANDING_AFTER_S:
+            return f'the position has not moved for {evidence.stood_s:.0f} s'
+        if evidence.has_moved is not None:
+            return ''
+        power_w = self._low_power_w(evidence)
+        if power_w is None:
+            self._low_since_ns = None
+            return ''
+        if self._low_since_ns is None:
+            self._low_since_ns = self._window(STANDING_AFTER_S)[0].stamp_ns
+        planned, low_s = evidence.planned, (evidence.stamp_ns - self._low_since_ns) / NS_PER_S
+        if planned.is_driving and not (
+                planned.least_in_60_s_w > DRIVES_W
+                or (low_s >= STANDING_AFTER_LONG_S and planned.least_in_300_s_w > DRIVES_W)
+                or (low_s >= PARKED_AFTER_S and self._is_parked(evidence))):
+            return ''
+        if not planned.is_driving:
+            return f'the battery gives {power_w:.0f} W'
+        return (f'the battery gives {power_w:.0f} W, and the route plans '
+                f'{planned.propulsion_w + planned.others_w + evidence.command_w:.0f} W')
+
+    def _low_power_w(self, evidence: Evidence) -> float | None:
+        """Return the mean power of the last minute [W] if it is that of a vehicle that stands; None if not."""
+        planned = evidence.planned
+        if evidence.power_w is None or (
+                evidence.power_w - evidence.command_w > planned.others_w + 2.0 * STANDS_WITHIN_W):
+            # Most states of a drive are decided by this one alone.
+            return None
+        window = self._window(STANDING_AFTER_S)
+        powers_w = self._powers_w(window)
+        if not powers_w or min(powers_w) < STANDS_ABOVE_W:
+            return None
+        commands_w = [sample.command_w for sample in window]
+        heater_w = sum(commands_w) / len(commands_w)
+        mean_w = sum(powers_w) / len(powers_w)
+        varies_w = max(powers_w) - min(powers_w) - (max(commands_w) - min(commands_w))
+        most_w = planned.others_w + heater_w + STANDS_WITHIN_W
+        return None if mean_w > most_w or varies_w > STANDS_WITHIN_W else mean_w
+
+    def _is_parked(self, evidence: Evidence) -> bool:
+        """Whether the consumers of a vehicle that stands are off, by the power of the last minute."""
+        window = self._window(STANDING_AFTER_S)
+        powers_w = self._powers_w(window)
+        if not powers_w:
+            return False
+        others_w = evidence.planned.others_w
+        if self.report.regime is Regime.STANDING and self.report.is_parked:
+            # The power of a heater that has been switched off falls slowly.
+            heater_w = max(sample.command_w for sample in self._samples)
+            return min(powers_w) - heater_w < NOT_PARKED_SHARE * others_w
+        consumers_w = sum(powers_w) - sum(sample.command_w for sample in window)
+        return consumers_w < PARKED_SHARE * others_w * len(powers_w)
+
+
+def _is_mirrored(evidence: Evidence) -> bool:
+    """Whether the power, with the other sign, may be that of the vehicle on its route."""
+    planned = evidence.planned
+    expected_w = max(planned.most_propulsion_w, 0.0) + planned.others_w + evidence.command_w
+    return (planned.is_driving and evidence.power_w is not None
+            and -evidence.power_w <= MIRRORED_UP_TO * expected_w)

@@ -1,0 +1,108 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Holds the first battery state of a trip against the time that the vehicle stood before it."""
+
+from __future__ import annotations
+
+from collections import deque
+from typing import NamedTuple, TYPE_CHECKING
+
+from bev_preheat.control.inputs import NS_PER_S
+from bev_preheat.estimation.soak import after_soak, Soak
+from bev_preheat.planning.explanation import duration_text
+
+if TYPE_CHECKING:
+    from bev_preheat.control.inputs import Measurement, Mission
+    from bev_preheat.estimation.last_seen import LastSeen
+    from bev_preheat.vehicle.description import Vehicle
+
+# A state that comes later than this after the start [s] is no longer one of a battery that stood.
+FIRST_STATE_WITHIN_S = 60.0
+# A temperature within this time before or after parking [s] is that of the parked battery.
+SEEN_BEFORE_S, SEEN_AFTER_S = 900.0, 600.0
+# Temperatures are noted this often [s], and before a silence longer than the second; for two days.
+NOTED_EVERY_S, SILENCE_S = 300.0, 60.0
+MOST_NOTED = 576
+# A sensor contradicts the standing time beyond this [K], and a standard deviation of what is left of
+# the temperature with which the battery was parked.
+CONTRADICTS_BEYOND_K = 2.0
+
+
+class StandReport(NamedTuple):
+    """A temperature [deg C] that was read after `stood_s` [s] at `ambient_c` [deg C], and Standing."""
+
+    reading_c: float
+    stood_s: float
+    ambient_c: float
+    standing: Soak
+
+    @property
+    def contradiction(self) -> str:
+        """The sentence on a sensor that contradicts the standing time; '' where it does not."""
+        expected_c = self.standing.temperature_c
+        allowed_k = CONTRADICTS_BEYOND_K + self.standing.left_deviation_k
+        difference_k = self.reading_c - expected_c
+        if abs(difference_k) <= allowed_k:
+            return ''
+        direction = 'warmer' if difference_k > 0.0 else 'colder'
+        return (f'battery_state.temperature was {self.reading_c:.1f} degC after '
+                f'{duration_text(self.stood_s)} of standing at {self.ambient_c:.1f} degC: '
+                f'{abs(difference_k):.1f} K {direction} than the {expected_c:.1f} degC expected, '
+                f'{allowed_k:.1f} K are allowed; check the sensor, and standing_time of route_plan')
+
+
+class StandWatch:
+    """Looks at the first battery state of each trip; `report` is the StandReport of this one."""
+
+    def __init__(self, vehicle: Vehicle, last_seen: LastSeen | None = None) -> None:
+        """Start without a trip; `last_seen` is the battery's LastSeen before a restart, None: unknown."""
+        self._vehicle = vehicle
+        self._history: deque[LastSeen] = deque(() if last_seen is None else (last_seen,), maxlen=MOST_NOTED)
+        self._latest: LastSeen | None = None
+        self._route_id: str | None = None
+        self._is_done = False
+        self.report: StandReport | None = None
+
+    def note(self, seen: LastSeen) -> None:
+        """Note a LastSeen, later than those before: the vehicle may be parked then."""
+        history, latest = self._history, self._latest
+        if latest is not None and (
+                seen.stamp_ns < latest.stamp_ns or seen.stamp_ns - latest.stamp_ns > SILENCE_S * NS_PER_S):
+            history.append(latest)
+        if history and seen.stamp_ns < history[-1].stamp_ns:
+            # The clock was set back.
+            history.clear()
+        if not history or seen.stamp_ns - history[-1].stamp_ns >= NOTED_EVERY_S * NS_PER_S:
+            history.append(seen)
+        self._latest = seen
+
+    def _parked(self, parked_ns: int) -> LastSeen | None:
+        """Return the latest LastSeen of about the instant [ns] at which the vehicle was parked; None: unknown."""
+        return next((seen for seen in reversed(self._history)
+                     if -SEEN_BEFORE_S * NS_PER_S <= seen.stamp_ns - parked_ns <= SEEN_AFTER_S * NS_PER_S), None)
+
+    def look(self, mission: Mission | None, measurement: Measurement) -> Soak | None:
+        """
+        Return the Standing that a Measurement is of; None where it is not of a battery that stood.
+
+        That is so at most once in a trip: an update of its route tells nothing new.
+        """
+        route_id = None if mission is None else mission.route_id
+        if route_id != self._route_id:
+            self._route_id, self._is_done, self.report = route_id, False, None
+        if mission is None or self._is_done:
+            return None
+        since_start_s = (measurement.stamp_ns - mission.start_ns) / NS_PER_S
+        self._is_done = since_start_s > FIRST_STATE_WITHIN_S
+        stood_s = mission.standing_time_s + min(since_start_s, 0.0)
+        if self._is_done or mission.standing_time_s == 0.0 or stood_s <= 0.0:
+            return None
+        self._is_done = True
+        ambient_c = float(mission.legs[0].route.ambient_temperature_c[0])
+        parked = self._parked(measurement.stamp_ns - round(stood_s * NS_PER_S))
+        parked_c = None
+        if parked is not None:
+            stood_s, parked_c = (measurement.stamp_ns - parked.stamp_ns) / NS_PER_S, parked.temperature_c
+        standing = after_soak(self._vehicle, ambient_c, stood_s, parked_c)
+        self.report = StandReport(
+            measurement.state.temperature_c, stood_s, ambient_c, standing)
+        return standing

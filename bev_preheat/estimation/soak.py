@@ -1,0 +1,107 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+The temperature of a battery that stood, and what a sensor that shows another one is off by.
+
+A battery that is left alone comes to ambient temperature with the time constant C / gamma(0). How
+near it is after a while depends on the temperature at which it was parked, if that is known, and on leakage and
+heat capacity, which the vehicle file has about right. The route's ambient temperature is a forecast.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple, TYPE_CHECKING
+
+from bev_preheat.estimation.prior import FACTOR_DEVIATIONS
+from bev_preheat.estimation.state import HEAT_CAPACITY, LEAKAGE
+
+if TYPE_CHECKING:
+    from bev_preheat.vehicle.description import Vehicle
+
+# How much warmer than ambient a battery is parked [K], and the standard deviation of that: from one
+# that stood outside to one that comes from a fast charger. Assumed.
+PARKED_WARMER_K = 10.0
+PARKED_DEVIATION_K = 10.0
+# Standard deviation of a temperature that was last known before the vehicle was parked [K]: core and shell
+# have not been at the same one. Assumed.
+KNOWN_PARKED_DEVIATION_K = 1.0
+# Standard deviation of what the route says of the ambient temperature where the car stood [K], and
+# of the offset of temperature sensors [K]. Assumed.
+AMBIENT_DEVIATION_K = 1.5
+OFFSET_DEVIATION_K = 1.5
+# This share of the cars stood in a garage, or were charged or preheated: then the battery may be
+# anywhere within so many kelvin. Assumed.
+ELSEWHERE_SHARE = 0.1
+ELSEWHERE_WITHIN_K = 40.0
+# Standard deviation of the logarithm of the time constant.
+TIME_CONSTANT_DEVIATION = math.hypot(FACTOR_DEVIATIONS[HEAT_CAPACITY], FACTOR_DEVIATIONS[LEAKAGE])
+# The same if the battery was parked much warmer than ambient, as after charging: wind, a garage and the state of
+# the coolant then decide. Assumed.
+KNOWN_TIME_CONSTANT_DEVIATION = 0.3
+# After so many time constants nothing is left of what the battery was parked with.
+MOST_TIME_CONSTANTS = 100.0
+
+
+class Soak(NamedTuple):
+    """
+    What is expected of a battery that stood: its temperature [deg C].
+
+    `left_deviation_k` is the standard deviation [K] of the remaining difference to ambient;
+    `ambient_deviation_k` [K] is that of the ambient temperature.
+    """
+
+    temperature_c: float
+    left_deviation_k: float
+    ambient_deviation_k: float = AMBIENT_DEVIATION_K
+
+    @property
+    def deviation_k(self) -> float:
+        """Standard deviation of the temperature [K]."""
+        return math.hypot(self.left_deviation_k, self.ambient_deviation_k)
+
+
+def after_soak(vehicle: Vehicle, ambient_c: float, standing_s: float,
+                   parked_c: float | None = None) -> Soak:
+    """
+    Return the Standing of a vehicle's battery after `standing_s` [s] at an ambient temperature [deg C].
+
+    `parked_c` is the battery's temperature [deg C] at the beginning of that; None: unknown.
+    """
+    warmer_k, deviation_k, time_constant_deviation = (
+        (PARKED_WARMER_K, PARKED_DEVIATION_K, TIME_CONSTANT_DEVIATION) if parked_c is None
+        else (parked_c - ambient_c, KNOWN_PARKED_DEVIATION_K, KNOWN_TIME_CONSTANT_DEVIATION))
+    time_constants = _time_constants(vehicle, standing_s)
+    left = math.exp(-time_constants)
+    return Soak(
+        ambient_c + warmer_k * left,
+        left * math.hypot(deviation_k, warmer_k * time_constants * time_constant_deviation),
+        # A battery that was seen a moment ago has not come to ambient temperature.
+        AMBIENT_DEVIATION_K * (1.0 if parked_c is None else 1.0 - left))
+
+
+def temperature_after(vehicle: Vehicle, parked_c: float, ambient_c: float, standing_s: float) -> float:
+    """Return the temperature [deg C] of a battery `standing_s` [s] after it was parked at `parked_c` [deg C]."""
+    return ambient_c + (parked_c - ambient_c) * math.exp(-_time_constants(vehicle, standing_s))
+
+
+def _time_constants(vehicle: Vehicle, standing_s: float) -> float:
+    rate_per_s = (vehicle.battery.leakage.coefficient_w_per_k(0.0)
+                  / vehicle.battery.heat_capacity_j_per_k)
+    return min(rate_per_s * standing_s, MOST_TIME_CONSTANTS)
+
+
+def expected_offset_k(standing: Soak, reading_c: float, reading_variance: float) -> float:
+    """
+    Return the offset [K] that a sensor is expected to have (positive: it reads too warm).
+
+    `reading_c` [deg C] is what it shows of a battery in Standing, `reading_variance` [K^2] that of
+    its noise. A difference is shared between the sensor and what is expected of the battery, by
+    their variances. The larger it is, the more likely the car stood elsewhere; then the sensor is
+    believed.
+    """
+    difference_k = reading_c - standing.temperature_c
+    variance = OFFSET_DEVIATION_K**2 + standing.deviation_k**2 + reading_variance
+    here = ((1.0 - ELSEWHERE_SHARE) * math.exp(-0.5 * difference_k**2 / variance)
+            / math.sqrt(2.0 * math.pi * variance))
+    elsewhere = ELSEWHERE_SHARE / ELSEWHERE_WITHIN_K
+    return here / (here + elsewhere) * OFFSET_DEVIATION_K**2 / variance * difference_k

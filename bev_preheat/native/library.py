@@ -1,0 +1,176 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+The library of the package bev_preheat_core: found, loaded once it is needed, and switched off.
+
+Whoever calls it has the same in Python, and takes that where there is no library, where it is switched
+off, and where it answers that it cannot do what is asked. The header core.h says what its functions
+do.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from ctypes import c_double, c_int32, c_void_p, CDLL, sizeof
+from functools import lru_cache
+import os
+from typing import Any
+
+from bev_preheat.native.belief_structs import (
+    BeliefStruct,
+    BeliefTermsStruct,
+    CourseStruct,
+    DriveStruct,
+    PassedStruct,
+    ReadingStruct,
+)
+from bev_preheat.native.structs import (
+    ArrivalStruct,
+    CautionStruct,
+    CurveRangeStruct,
+    HeatingStruct,
+    IntervalStruct,
+    MeritPlanStruct,
+    PlantStruct,
+    RunOfPowersStruct,
+    SafeGoalStruct,
+    SafePlanStruct,
+    SettlingStruct,
+    StrandingStruct,
+    StridesStruct,
+    SwitchPlanStruct,
+    TripStruct,
+    TripTermsStruct,
+    VehicleStruct,
+)
+
+FILE = 'libbev_preheat_core.so'
+# Of core.h.
+INTERFACE = 5
+OK, SATURATED, EMPTY, NO_CROSSING, LIMITED = 0, 1, 2, 3, 4
+
+# Arguments by type: P an address, D a double, I an integer.
+_TYPES = {'P': c_void_p, 'D': c_double, 'I': c_int32}
+_SIGNATURES = {
+    'bev_check_vehicle': 'P',
+    'bev_make_trip': 'PIPP',
+    'bev_step': 'PIIDDDDDDDP',
+    'bev_heated_step': 'PIPDDDDDDP',
+    'bev_run': 'PIPIPPPP',
+    'bev_run_heated': 'PPIPPP',
+    'bev_find_crossing': 'PIPDDDPP',
+    'bev_run_within_limits': 'PPPIPPPPP',
+    'bev_run_heated_within_limits': 'PPPIPPP',
+    'bev_limits_along': 'PIPPPPP',
+    'bev_limits_of_steps': 'PIPPPPP',
+    'bev_find_bands': 'PPPPP',
+    'bev_stand': 'PPPPP',
+    'bev_settle': 'PPPPPPPP',
+    'bev_merit_order': 'PPPPPPPPPP',
+    'bev_drive_as_planned': 'PPPPPPP',
+    'bev_plan_merit_order': 'PPPPPPPPPP',
+    'bev_heat_early': 'PPDPPPPPPP',
+    'bev_plan_safeguarded': 'PPPPPPPPPPP',
+    'bev_unheated_lacks': 'PPPPPPP',
+    'bev_find_surplus_ceiling': 'PPPDPPPP',
+    'bev_keep_accounts': 'PIPPPP',
+    'bev_find_outcome': 'PIPPPPIPPP',
+    'bev_find_switch': 'PPDPPPPPP',
+    'bev_plan_paper': 'PPDDDPPPPP',
+    'bev_find_prices': 'PPPPPPP',
+    'bev_heat_cheapest': 'PPDPPPPPP',
+    'bev_exchange_heat': 'PPPPPPPP',
+    'bev_plan_switch': 'PPDDDIPPPPPP',
+    'bev_mix_belief': 'PP',
+    'bev_move_belief': 'PPPPDPPD',
+    'bev_see_interval': 'PPIPDDIP',
+    'bev_see_propulsion_power': 'PPDDDDP',
+    'bev_expect': 'PPP',
+    'bev_follow': 'PPPPPP',
+    'bev_take_reading': 'PPPPPPP',
+    'bev_arrival_variance': 'PPPPP',
+    'bev_heat_along': 'PPPPPP',
+    'bev_find_two_switches': 'PPDPPPPPP',
+    'bev_plan_trips': 'PPIPPPPDDIPPP',
+    'bev_drive_plant': 'PPDDDDP',
+}
+
+
+class _Switch:
+    """Whether the process uses the library where there is one."""
+
+    is_on = True
+    is_held_off = False
+
+
+def use_core(is_on: bool) -> None:
+    """Use the library in this process from now on, or leave it."""
+    _Switch.is_on = is_on
+
+
+@contextmanager
+def without_core() -> Iterator[None]:
+    """Use Python alone for a while, whoever asks for the library: what the core is held against."""
+    before, _Switch.is_held_off = _Switch.is_held_off, True
+    try:
+        yield
+    finally:
+        _Switch.is_held_off = before
+
+
+def core() -> Any:
+    """Return the library, None where there is none or it is switched off."""
+    return _loaded()[0] if _Switch.is_on and not _Switch.is_held_off else None
+
+
+def core_in_words() -> str:
+    """Return whether the library is used, and why not."""
+    if not _Switch.is_on or _Switch.is_held_off:
+        return 'not used: switched off'
+    library, problem = _loaded()
+    return f'used: {library._name}' if library is not None else f'not used: {problem}'
+
+
+@lru_cache(maxsize=1)
+def _loaded() -> tuple[Any, str]:
+    """Return (library, ''), or None and the reason."""
+    for prefix in filter(None, os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep)):
+        path = os.path.join(prefix, 'lib', FILE)
+        if os.path.isfile(path):
+            return _load(path)
+    return None, 'package bev_preheat_core is not built'
+
+
+def _load(path: str) -> tuple[Any, str]:
+    try:
+        library = CDLL(path)
+        if not _is_ours(library):
+            return None, f'{path} is of another version'
+        for name, types in _SIGNATURES.items():
+            function = getattr(library, name)
+            function.argtypes = [_TYPES[each] for each in types]
+            function.restype = c_int32
+    except (OSError, AttributeError) as error:
+        return None, f'{path} cannot be loaded: {error}'
+    return library, ''
+
+
+def _is_ours(library: Any) -> bool:
+    """Return whether a library has this interface, and structs of the same size."""
+    return (library.bev_interface(), library.bev_size_of_vehicle(), library.bev_size_of_trip(),
+            library.bev_size_of_heating(), library.bev_size_of_strides(),
+            library.bev_size_of_curve_range(), library.bev_size_of_settling(),
+            library.bev_size_of_stranding(), library.bev_size_of_run_of_powers(),
+            library.bev_size_of_switch_plan(), library.bev_size_of_belief(),
+            library.bev_size_of_belief_terms(), library.bev_size_of_drive(),
+            library.bev_size_of_course(), library.bev_size_of_arrival(),
+            library.bev_size_of_caution(), library.bev_size_of_merit_plan(),
+            library.bev_size_of_stretch(), library.bev_size_of_trip_terms(),
+            library.bev_size_of_passed(), library.bev_size_of_reading(),
+            library.bev_size_of_plant(), library.bev_size_of_safe_goal(),
+            library.bev_size_of_safe_plan()) == (INTERFACE, *map(sizeof, (
+                VehicleStruct, TripStruct, HeatingStruct, StridesStruct, CurveRangeStruct,
+                SettlingStruct, StrandingStruct, RunOfPowersStruct, SwitchPlanStruct, BeliefStruct,
+                BeliefTermsStruct, DriveStruct, CourseStruct, ArrivalStruct, CautionStruct,
+                MeritPlanStruct, IntervalStruct, TripTermsStruct, PassedStruct, ReadingStruct,
+                PlantStruct, SafeGoalStruct, SafePlanStruct)))

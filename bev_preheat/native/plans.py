@@ -1,0 +1,262 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Plans and accounts of the compiled core, with arrays in and out.
+
+As those of `runs`, each returns None where the core does not answer.
+"""
+
+from __future__ import annotations
+
+from ctypes import addressof, byref, c_double, c_int32
+import math
+from typing import NamedTuple, TYPE_CHECKING
+
+import numpy as np
+
+from bev_preheat.native.library import core, OK, SATURATED
+from bev_preheat.native.runs import doubles_at, INTEGRATORS, place
+from bev_preheat.native.structs import (
+    address_of,
+    CHEAPEST_ARRAYS,
+    DOUBLE_BYTES,
+    ENERGIES,
+    EXCHANGE_MEMORY,
+    IntervalStruct,
+    RunOfPowersStruct,
+    SWITCH_ARRAYS,
+    SwitchPlanStruct,
+)
+
+if TYPE_CHECKING:
+    from bev_preheat.native.structs import CautionStruct, NativeTrip, NativeVehicle, SettlingStruct
+    from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.vehicle.model import Integrator
+
+
+STRETCH = np.dtype(IntervalStruct)
+# The first step of a stretch, the one after its last, its reason, and what it takes [Wh].
+Stretch = tuple[int, int, int, float]
+
+
+class SwitchedRun(NamedTuple):
+    """A run with one switching instant [s]: states (N + 1,), temperatures in deg C, and heater powers [W] (N,)."""
+
+    instant_s: float
+    soc: FloatArray
+    temperature_c: FloatArray
+    heater_power_w: FloatArray
+
+
+def find_switch(vehicle: NativeVehicle, trip: NativeTrip, target_c: float, idle_soc: FloatArray,
+                idle_c: FloatArray) -> SwitchedRun | None:
+    """Return the run that arrives at a target [deg C], from the unheated one, (N + 1,) each, which does not."""
+    library = core()
+    if library is None:
+        return None
+    run, places = _new_run(trip.steps)
+    instant_s = c_double()
+    status = library.bev_find_switch(
+        vehicle.address, trip.address, target_c, doubles_at(idle_soc, trip.steps + 1),
+        doubles_at(idle_c, trip.steps + 1), *places, byref(instant_s))
+    return SwitchedRun(instant_s.value, *run) if status in (OK, SATURATED) else None
+
+
+def plan_switch(vehicle: NativeVehicle, trip: NativeTrip, soc: float, temperature_c: float,
+                target_c: float, in_one_interval: bool = True,
+                uncertainty_margin: CautionStruct | None = None
+                ) -> tuple[SwitchPlanStruct | None, SwitchedRun] | None:
+    """
+    Return the whole plan of a trip on which no limit is active; see core.h.
+
+    Where one is, or heating may be cheaper elsewhere, (None, the unheated run) is returned.
+    """
+    library = core()
+    if library is None:
+        return None
+    run, places = _new_run(trip.steps)
+    memory, found = np.empty(SWITCH_ARRAYS * (trip.steps + 1)), SwitchPlanStruct()
+    status = library.bev_plan_switch(
+    vehicle.address,
+    trip.address,
+    soc,
+    temperature_c,
+    target_c,
+    in_one_interval,
+    None if uncertainty_margin is None else addressof(uncertainty_margin),
+    place(memory),
+    *places,
+     addressof(found))
+    if status > OK:
+        # The memory begins with the unheated run.
+        idle = memory[:2 * trip.steps + 2].reshape(2, -1).copy()
+        return None, SwitchedRun(math.nan, idle[0], idle[1], np.zeros(trip.steps))
+    return (found, SwitchedRun(found.switching_instant_s, *run)) if status == OK else None
+
+
+def plan_paper(vehicle: NativeVehicle, trip: NativeTrip, soc: float, temperature_c: float,
+               target_c: float) -> tuple[SwitchPlanStruct, SwitchedRun] | None:
+    """Return the whole plan of the paper's heuristic; None where it is limited. See core.h."""
+    library = core()
+    if library is None:
+        return None
+    run, places = _new_run(trip.steps)
+    memory, found = np.empty(SWITCH_ARRAYS * (trip.steps + 1)), SwitchPlanStruct()
+    status = library.bev_plan_paper(
+        vehicle.address, trip.address, soc, temperature_c, target_c, place(memory), *places,
+        addressof(found))
+    return (found, SwitchedRun(found.switching_instant_s, *run)) if status == OK else None
+
+
+def _new_run(steps: int) -> tuple[tuple[FloatArray, FloatArray, FloatArray], tuple[int, int, int]]:
+    """Return arrays for charge, temperature and heater power, and where they lie."""
+    block = np.empty(3 * steps + 2)
+    at = addressof(c_double.from_buffer(block))  # type: ignore[arg-type]
+    after, end = steps + 1, 2 * steps + 2
+    return ((block[:after], block[after:end], block[end:]),
+            (at, at + DOUBLE_BYTES * after, at + DOUBLE_BYTES * end))
+
+
+def find_prices(vehicle: NativeVehicle, trip: NativeTrip, soc: FloatArray, temperature_c: FloatArray,
+                heater_w: FloatArray) -> FloatArray | None:
+    """Return what a watt in each step does until arrival, warmth [K/W] and charge [1/W], (2, N); see core.h."""
+    library = core()
+    if library is None:
+        return None
+    prices = np.empty((2, trip.steps))
+    status = library.bev_find_prices(
+        vehicle.address, trip.address, doubles_at(soc, trip.steps + 1),
+        doubles_at(temperature_c, trip.steps + 1), doubles_at(heater_w, trip.steps), place(prices),
+        place(prices, DOUBLE_BYTES * trip.steps))
+    return prices if status == OK else None
+
+
+def heat_cheapest(
+        vehicle: NativeVehicle, trip: NativeTrip, target_c: float, soc: FloatArray,
+        temperature_c: FloatArray,
+        heater_w: FloatArray) -> tuple[tuple[FloatArray, FloatArray, FloatArray] | None] | None:
+    """
+    Return the run that arrives at the target [deg C] for the least charge, in a tuple.
+
+    That is charge, temperature and heater power, as of the run that is given, (N + 1), (N + 1) and (N,);
+    None there: the run that is given is the one.
+    """
+    library = core()
+    if library is None:
+        return None
+    run, places = _new_run(trip.steps)
+    for values, known in zip(run, (soc, temperature_c, heater_w)):
+        values[:] = known
+    memory, order = np.empty(CHEAPEST_ARRAYS * trip.steps + 2), (c_int32 * trip.steps)()
+    orders = c_int32()
+    status = library.bev_heat_cheapest(
+        vehicle.address, trip.address, target_c, *places, place(memory), order, byref(orders))
+    if status != OK:
+        return None
+    return (run if orders.value else None,)
+
+
+def exchange_heat(
+        vehicle: NativeVehicle, trip: NativeTrip, goal: SettlingStruct, soc: FloatArray,
+        temperature_c: FloatArray, heater_w: FloatArray,
+        brake_w: FloatArray) -> tuple[tuple[FloatArray, FloatArray] | None] | None:
+    """
+    Return the run within limits after exchanges of heat, in a tuple; see core.h.
+
+    That is states (2, N + 1), charge and temperature, and powers (2, N), heater and brake, as of the run that
+    is given; None there: the run that is given is the one.
+    """
+    library = core()
+    if library is None:
+        return None
+    states, powers_w = np.array((soc, temperature_c)), np.array((heater_w, brake_w))
+    watched = np.empty((2, trip.steps), dtype=np.uint8)
+    memory, exchanges = np.empty(EXCHANGE_MEMORY[0] * trip.steps + EXCHANGE_MEMORY[1]), c_int32()
+    status = library.bev_exchange_heat(
+        vehicle.address, trip.address, addressof(goal), place(states), place(powers_w),
+        address_of(watched), place(memory), byref(exchanges))
+    if status != OK:
+        return None
+    return ((states, powers_w) if exchanges.value else None,)
+
+
+class TwiceSwitchedRun(NamedTuple):
+    """A run that is heated between two instants [s]: states (4, N + 1), heater commands [W] (N,)."""
+
+    on_s: float
+    off_s: float
+    states: FloatArray
+    command_w: FloatArray
+
+
+def find_two_switches(vehicle: NativeVehicle, trip: NativeTrip, target_c: float,
+                      idle_states: FloatArray) -> TwiceSwitchedRun | None:
+    """Return the run that arrives at a target [deg C], from the unheated one (4, N + 1), which does not."""
+    library = core()
+    if library is None:
+        return None
+    states, command_w = np.empty((4, trip.steps + 1)), np.empty(trip.steps)
+    instants_s = (c_double * 2)()
+    status = library.bev_find_two_switches(
+        vehicle.address, trip.address, target_c, place(idle_states), place(np.empty(trip.steps + 1)),
+        place(states), place(command_w), byref(instants_s), byref(instants_s, DOUBLE_BYTES))
+    return TwiceSwitchedRun(instants_s[0], instants_s[1], states, command_w) if status == OK else None
+
+
+def heat_along(vehicle: NativeVehicle, trip: NativeTrip, states: FloatArray, command_w: FloatArray,
+               brake_w: FloatArray) -> FloatArray | None:
+    """Return means of what the heater takes and of the heat that arrives [W], (2, N), along states (4, N + 1)."""
+    library = core()
+    if library is None:
+        return None
+    heat_w = np.empty((2, trip.steps))
+    status = library.bev_heat_along(
+        vehicle.address, trip.address, place(states), doubles_at(command_w, trip.steps),
+        doubles_at(brake_w, trip.steps), place(heat_w))
+    return heat_w if status == OK else None
+
+
+def keep_accounts(vehicle: NativeVehicle, make_integrator: Integrator, trip: NativeTrip,
+                  deliverable: bool, soc: FloatArray, temperature_c: FloatArray, heater_w: FloatArray,
+                  arriving_heat_w: FloatArray | None,
+                  brake_w: FloatArray) -> tuple[list[float], FloatArray] | None:
+    """
+    Return energies [Wh], as ENERGIES, and means over each step [W], (4, N), of a run.
+
+    The means are Joule heat, leakage, what the cells give, and what the circuit cannot; see core.h.
+    """
+    library, integrator = core(), INTEGRATORS.get(make_integrator)
+    if library is None or integrator is None:
+        return None
+    columns, energies_wh = np.empty((4, trip.steps)), (c_double * len(ENERGIES))()
+    kept = [array if array is None else np.ascontiguousarray(array, dtype=float)
+            for array in (soc, temperature_c, heater_w, arriving_heat_w, brake_w)]
+    run = RunOfPowersStruct(deliverable, *map(address_of, kept))
+    status = library.bev_keep_accounts(
+        vehicle.address, integrator, trip.address, addressof(run), place(columns),
+        addressof(energies_wh))
+    return (energies_wh[:], columns) if status == OK else None
+
+
+def find_outcome(vehicle: NativeVehicle, make_integrator: Integrator, trip: NativeTrip,
+                 deliverable: bool, soc: FloatArray, temperature_c: FloatArray, drawn_w: FloatArray,
+                 arriving_heat_w: FloatArray | None, brake_w: FloatArray, command_w: FloatArray,
+                 least_w: FloatArray, may_end_early: bool) -> tuple[list[float], list[Stretch]] | None:
+    """
+    Return energies [Wh], as ENERGIES, and the Stretches of heating of a run; see core.h.
+
+    The arguments up to `brake_w` are those of `keep_accounts`; `command_w` and `least_w` (N,) are the heater
+    power that was asked for and the least terminal power of each step [W]. `may_end_early`: heating for the
+    arrival may end before it.
+    """
+    library, integrator = core(), INTEGRATORS.get(make_integrator)
+    if library is None or integrator is None:
+        return None
+    intervals, energies_wh = np.empty(trip.steps, STRETCH), (c_double * len(ENERGIES))()
+    kept = [array if array is None else np.ascontiguousarray(array, dtype=float)
+            for array in (soc, temperature_c, drawn_w, arriving_heat_w, brake_w, command_w, least_w)]
+    *columns, command, least = map(address_of, kept)
+    count, run = c_int32(), RunOfPowersStruct(deliverable, *columns)
+    status = library.bev_find_outcome(
+        vehicle.address, integrator, trip.address, addressof(run), command, least, may_end_early,
+        addressof(energies_wh), address_of(intervals), byref(count))
+    return (energies_wh[:], intervals[:count.value].tolist()) if status == OK else None

@@ -1,0 +1,292 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Structs of core.h, filled: a vehicle, the columns of a trip, and when a run heats.
+
+An object here keeps alive all memory that its struct points to. `address` is the struct's.
+"""
+
+from __future__ import annotations
+
+from ctypes import addressof, c_double, c_int32, c_void_p, Structure
+from typing import Any, Self, TYPE_CHECKING
+
+import numpy as np
+
+from bev_preheat.vehicle.corrections import ScaledCurve
+from bev_preheat.vehicle.curves import InverseTemperatureResistance, PolynomialVoltage, Table
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from bev_preheat.numerics.arithmetic import Curve
+    from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.vehicle.description import Vehicle
+
+MOST_STEPS = 1_000_000
+MOST_AXIS = 1024
+MOST_FACTORS = 4
+PARAMETERS = 5
+POLYNOMIAL, POLYNOMIAL_AND_LOGARITHM, INVERSE_TEMPERATURE, TABLE = range(4)
+DOUBLE_BYTES = 8
+BANDS = 2
+CURVE_MEMORY = 11 * 2048 + 5 * 512
+
+
+class CurveStruct(Structure):
+    """`bev_curve`."""
+
+    _fields_ = [('kind', c_int32), ('factor_count', c_int32), ('soc_count', c_int32),
+                ('temperature_count', c_int32), ('parameter', c_double * PARAMETERS),
+                ('factor', c_double * MOST_FACTORS), ('soc', c_void_p),
+                ('temperature_c', c_void_p), ('values', c_void_p)]
+
+
+class VehicleStruct(Structure):
+    """`bev_vehicle`."""
+
+    _fields_ = [*((name, c_double) for name in (
+        'capacity_ah', 'heat_capacity_j_per_k', 'lowest_c', 'highest_c', 'hottest_c',
+        'heater_efficiency', 'heat_share', 'heater_lag_s', 'coolant_heat_capacity_j_per_k',
+        'coolant_conductance_w_per_k')),
+        *((name, CurveStruct) for name in (
+            'open_circuit_voltage', 'resistance', 'charge_power_limit', 'discharge_power_limit'))]
+
+
+TRIP_COLUMNS = ('time_s', 'duration_s', 'idle_power_w', 'power_variance_w2', 'idle_heat_w',
+                'leakage_w_per_k', 'heater_limit_w', 'propulsion_power_w', 'drivetrain_heat_w',
+                'ambient_temperature_c')
+
+
+class TripStruct(Structure):
+    """`bev_trip`."""
+
+    _fields_ = [('steps', c_int32), *((name, c_void_p) for name in (*TRIP_COLUMNS, 'surplus_ceiling_c'))]
+
+
+class TripTermsStruct(Structure):
+    """`bev_trip_terms`."""
+
+    _fields_ = [(name, c_double) for name in (
+        'gamma_0_w_per_k', 'gamma_v_w_per_k_per_mps', 'heat_share', 'stiff_w_per_k', 'heater_w',
+        'heater_share', 'heat_lag_s')]
+
+
+class HeatingStruct(Structure):
+    """`bev_heating`."""
+
+    _fields_ = [('bands', c_int32), ('takes_surplus', c_int32), *((name, c_void_p) for name in (
+        'power_w', 'floor_c', 'low_c', 'high_c', 'may_overcharge', 'may_overdraw'))]
+
+
+# The last two are one longer than the others.
+STRIDE_COLUMNS = ('duration_s', 'idle_power_w', 'power_variance_w2', 'idle_heat_w', 'leakage_w_per_k',
+                  'heater_limit_w', 'propulsion_w', 'soc', 'end_c', 'loss_to_brake', 'loss_to_heater',
+                  'coldest_c', 'warmest_c')
+
+
+class StridesStruct(Structure):
+    """`bev_strides`."""
+
+    _fields_ = [('strides', c_int32), *((name, c_void_p) for name in (*STRIDE_COLUMNS, 'is_limited'))]
+
+
+class CurveRangeStruct(Structure):
+    """`bev_curve_range`."""
+
+    _fields_ = [('grid_points', c_int32), ('is_first_look', c_int32), ('grid_c', c_void_p),
+                *((name, c_double) for name in (
+                    'target_c', 'coldest_c', 'warmest_c', 'penalty', 'short_penalty'))]
+
+
+class SettlingStruct(Structure):
+    """`bev_settling`: what a run is to meet."""
+
+    _fields_ = [('serves_climbs', c_int32), ('target_c', c_double), ('lowest_soc', c_double)]
+
+
+class StrandingStruct(Structure):
+    """`bev_stranding`."""
+
+    _fields_ = [('step', c_int32), ('driven_share', c_double)]
+
+
+class MeritPlanStruct(Structure):
+    """`bev_merit_plan`."""
+
+    _fields_ = [('start_s', c_double), ('end_s', c_double), ('stranding', StrandingStruct)]
+
+
+class SafeGoalStruct(Structure):
+    """`bev_safe_goal`: what a plan is for, and what it must leave."""
+
+    _fields_ = [(name, c_double) for name in ('target_c', 'margin_k', 'reserve_soc', 'lowest_soc')]
+
+
+class SafePlanStruct(Structure):
+    """`bev_safe_plan`."""
+
+    _fields_ = [('plan', MeritPlanStruct), ('is_unheated', c_int32), ('held_back', c_int32)]
+
+
+class IntervalStruct(Structure):
+    """`bev_stretch`."""
+
+    _fields_ = [*((name, c_int32) for name in ('first', 'last', 'reason')), ('energy_wh', c_double)]
+
+
+class RunOfPowersStruct(Structure):
+    """`bev_run_of_powers`."""
+
+    _fields_ = [('is_deliverable', c_int32), *((name, c_void_p) for name in (
+        'soc', 'temperature_c', 'heater_w', 'arriving_heat_w', 'brake_w'))]
+
+
+# Arrays of N values that bev_heat_cheapest needs as memory, and two values more.
+CHEAPEST_ARRAYS = 6
+# What bev_exchange_heat needs as memory: doubles for each step, and so many more.
+EXCHANGE_MEMORY = 67, 2
+# Arrays of N + 1 values that bev_plan_switch needs as memory.
+SWITCH_ARRAYS = 8
+ENERGIES = ('joule', 'drivetrain_heat', 'hvch_heat', 'leakage', 'hvch_electric', 'battery_total')
+
+
+class CautionStruct(Structure):
+    """`bev_caution`."""
+
+    _fields_ = [*((name, c_double) for name in ('lead_k', 'least_pause_s', 'least_heating_s')),
+                ('is_heating', c_int32)]
+
+
+class SwitchPlanStruct(Structure):
+    """`bev_switch_plan`, the energies in a row."""
+
+    _fields_ = [*((name, c_double) for name in (
+        'switching_instant_s', 'heating_end_s', 'least_soc', 'interval_wh')),
+        ('energy_wh', c_double * len(ENERGIES)),
+        *((name, c_int32) for name in (
+            'is_heated', 'first_heated', 'end_heated', 'is_one_interval', 'reason'))]
+
+
+class ArrivalStruct(Structure):
+    """`bev_arrival`."""
+
+    _fields_ = [*((name, c_double) for name in ('heater_wh', 'temperature_c', 'soc', 'instant_s')),
+                ('status', c_int32)]
+
+
+PLANT_COLUMNS = (
+    'time_s', 'soc', 'temperature_c', 'sensor_c', 'coolant_c', 'heater_power_w', 'brake_power_w', 'command_w',
+    'power_at_end_w', 'voltage_v', 'current_a', 'joule_j', 'drivetrain_j', 'heater_j', 'leakage_j', 'battery_j',
+    'brake_j')
+
+
+class PlantStruct(Structure):
+    """`bev_plant`."""
+
+    _fields_ = [*((name, c_double) for name in PLANT_COLUMNS), ('segment', c_int32)]
+
+
+class NotDescribed(Exception):
+    """The core has no such curve."""
+
+
+class NativeVehicle:
+    """A `bev_vehicle`; raises NotDescribed where a curve is none of those that the core has."""
+
+    def __init__(self, vehicle: Vehicle, hottest_c: float) -> None:
+        """`hottest_c` is the hottest battery that is planned with [deg C]."""
+        battery, path = vehicle.battery, vehicle.heat_path
+        self._kept: list[FloatArray] = []
+        self.struct = VehicleStruct(
+            battery.capacity_ah, battery.heat_capacity_j_per_k, *battery.temperature_range_c, hottest_c,
+            vehicle.hvch.efficiency, vehicle.drivetrain.heat_share, path.heater_lag_s,
+            path.coolant_heat_capacity_j_per_k, path.coolant_conductance_w_per_k,
+            *map(self._curve, (battery.open_circuit_voltage, battery.resistance,
+                               battery.charge_power_limit, battery.discharge_power_limit)))
+        self.address = addressof(self.struct)
+
+    def _curve(self, curve: Curve) -> CurveStruct:
+        factors = []
+        while isinstance(curve, ScaledCurve):
+            factors.append(float(curve.factor))
+            curve = curve.curve
+        struct = CurveStruct()
+        if len(factors) > MOST_FACTORS:
+            raise NotDescribed(f'{len(factors)} factors on a curve')
+        # The innermost factor comes first.
+        struct.factor_count = len(factors)
+        struct.factor[:len(factors)] = factors[::-1]
+        if isinstance(curve, PolynomialVoltage):
+            coefficients_v = (*curve.coefficients_v, 0.0, 0.0, 0.0)[:4]
+            struct.kind = POLYNOMIAL_AND_LOGARITHM if curve.log_soc_v else POLYNOMIAL
+            struct.parameter[:] = (*coefficients_v, curve.log_soc_v)
+        elif isinstance(curve, InverseTemperatureResistance):
+            struct.kind = INVERSE_TEMPERATURE
+            struct.parameter[:2] = curve.k_ohm_k, curve.reference_temperature_c
+        elif isinstance(curve, Table):
+            struct.kind = TABLE
+            self._table(struct, curve)
+        else:
+            raise NotDescribed(type(curve).__name__)
+        return struct
+
+    def _table(self, struct: CurveStruct, table: Table) -> None:
+        if max(len(table.soc), len(table.temperature_c)) > MOST_AXIS:
+            raise NotDescribed(f'a table with more than {MOST_AXIS} points on an axis')
+        struct.soc_count, struct.temperature_count = len(table.soc), len(table.temperature_c)
+        for name in ('soc', 'temperature_c', 'values'):
+            array = np.array(getattr(table, name), dtype=float).ravel()
+            self._kept.append(array)
+            setattr(struct, name, address_of(array))
+
+
+class NativeTrip:
+    """A `bev_trip`: the columns of a trip in one block of memory."""
+
+    def __init__(self, steps: int, block: FloatArray) -> None:
+        """`block` has the columns of TRIP_COLUMNS one after the other, the first (N + 1,), the others (N,)."""
+        self.steps, self._block = steps, block
+        self._surplus_ceiling_c: FloatArray | None = None
+        first = address_of(block)
+        after, width = first + DOUBLE_BYTES * (steps + 1), DOUBLE_BYTES * steps
+        self.struct = TripStruct(
+            steps, first, *range(after, after + width * (len(TRIP_COLUMNS) - 1), width))
+        self.address = addressof(self.struct)
+
+    @classmethod
+    def of_columns(cls, *columns: FloatArray, surplus_ceiling_c: FloatArray | None = None) -> Self:
+        """Return the trip with these columns, and how warm surplus may make the battery [deg C], (N,)."""
+        trip = cls(len(columns[1]), np.concatenate(columns, dtype=float))
+        if surplus_ceiling_c is not None:
+            trip._surplus_ceiling_c = doubles(surplus_ceiling_c)
+            trip.struct.surplus_ceiling_c = address_of(trip._surplus_ceiling_c)
+        return trip
+
+    @property
+    def columns(self) -> list[FloatArray]:
+        """The columns, as parts of the block."""
+        return [*map(self.column, TRIP_COLUMNS)]
+
+    def column(self, name: str) -> FloatArray:
+        """Return one of TRIP_COLUMNS, as a part of the block."""
+        number, steps = TRIP_COLUMNS.index(name), self.steps
+        # The first has one value more.
+        end = 1 + (number + 1) * steps
+        return self._block[end - steps if number else 0:end]
+
+
+def address_of(array: NDArray[Any] | None) -> Any:
+    """Return where the numbers of a contiguous array begin; None for none."""
+    if array is None:
+        return None
+    try:
+        return addressof(c_double.from_buffer(array))  # type: ignore[arg-type]
+    except (TypeError, ValueError):
+        # Read only, or empty.
+        return array.__array_interface__['data'][0]
+
+
+def doubles(values: Any) -> FloatArray:
+    """Return values as a contiguous array of doubles: itself, if it is one."""
+    array: FloatArray = np.ascontiguousarray(values, dtype=float)
+    return array

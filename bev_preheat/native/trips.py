@@ -1,0 +1,47 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Plans of many trips of one vehicle in one call of the compiled core."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from bev_preheat.native.library import core, OK
+from bev_preheat.native.runs import doubles_at, place
+from bev_preheat.native.structs import ArrivalStruct
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from bev_preheat.native.structs import NativeTrip, NativeVehicle
+    from bev_preheat.numerics.arrays import FloatArray
+
+# BEV_WAYS, and what BEV_TRIPS_MEMORY and BEV_TRIPS_FLAGS have of each step.
+WAYS_OF_TRIP, ROOMS_OF_TRIP, FLAGS_OF_TRIP = 4, 12, 2
+# In the order of `bev_way`.
+UNHEATED, ALWAYS_ON, PAPER, ONE_SWITCH = range(WAYS_OF_TRIP)
+ARRIVAL = np.dtype(ArrivalStruct)
+
+
+def plan_trips(vehicle: NativeVehicle, trips: NativeTrip, steps: NDArray[np.integer], soc: FloatArray,
+               temperature_c: FloatArray, target_c: FloatArray, reserve_soc: float,
+               lowest_soc: float) -> NDArray[np.void] | None:
+    """
+    Return how each way to heat each of K trips ends, ARRIVAL (K, WAYS_OF_TRIP); see core.h.
+
+    The trips lie in `trips` one after the other, of `steps` (K,) each; charge, temperature [deg C] at the
+    start and target [deg C] have the same shape. What `status` is not OK, the core does not answer.
+    """
+    library, count = core(), len(steps)
+    if library is None:
+        return None
+    longest = int(steps.max(initial=1))
+    arrivals = np.zeros((count, WAYS_OF_TRIP), ARRIVAL)
+    # What is only pointed to must live until the call has ended.
+    counts, flags = np.ascontiguousarray(steps, np.int32), np.empty(FLAGS_OF_TRIP * longest, np.uint8)
+    status = library.bev_plan_trips(
+        vehicle.address, trips.address, count, counts.ctypes.data, doubles_at(soc, count),
+        doubles_at(temperature_c, count), doubles_at(target_c, count), reserve_soc, lowest_soc, longest,
+        place(np.empty(ROOMS_OF_TRIP * (longest + 1))), flags.ctypes.data, arrivals.ctypes.data)
+    return arrivals if status == OK else None

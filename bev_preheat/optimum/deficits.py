@@ -1,0 +1,77 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Which constraints cannot be kept, by how much and where, in words."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from bev_preheat.optimum.program import ProgramSolution
+    from bev_preheat.planning.trip import Trip
+
+# Constraints that may be lacking something.
+TARGET = 'target temperature'
+ARRIVAL_SOC = 'state of charge on arrival'
+LOWEST_SOC = 'lowest state of charge'
+DISCHARGE_POWER = 'discharge power'
+HIGHEST_SOC = 'highest state of charge'
+HIGHEST_TEMPERATURE = 'highest battery temperature'
+CHARGE = 'charge'
+# Slacks below these are rounding, not constraints that cannot be kept.
+TOLERANCE_K = 1e-5
+SOC_TOLERANCE = 1e-7
+TOLERANCE_W = 1e-2
+
+
+@dataclass(frozen=True)
+class StepDeficit:
+    """A constraint that cannot be kept, and by how much; `text` says it in words."""
+
+    constraint: str
+    amount: float
+    unit: str
+    text: str
+
+
+def find_deficits(trip: Trip, solution: ProgramSolution) -> Iterator[StepDeficit]:
+    """Return what a solution lacks, as Lacking."""
+    soc, slacks = solution.soc, solution.slacks
+    if slacks.target_k > TOLERANCE_K:
+        yield StepDeficit(TARGET, slacks.target_k, 'K',
+                      f'target temperature: {slacks.target_k:.2f} K cannot be reached')
+    if slacks.soc[-1] > SOC_TOLERANCE:
+        percent = 100.0 * float(slacks.soc[-1])
+        yield StepDeficit(ARRIVAL_SOC, percent, '%',
+                      f'state of charge on arrival: {percent:.2f} % are lacking')
+    at = int(np.argmax(slacks.soc))
+    # Where the battery is emptiest on arrival, that has been said.
+    if slacks.soc[at] > SOC_TOLERANCE and soc[at + 1] < soc[-1]:
+        percent = 100.0 * float(slacks.soc[at])
+        yield StepDeficit(LOWEST_SOC, percent, '%',
+                      f'state of charge: {percent:.2f} % below its range at '
+                      f'{trip.time_s[at + 1]:.0f} s')
+    at = int(np.argmax(slacks.discharge_w))
+    if slacks.discharge_w[at] > TOLERANCE_W:
+        deficit_w = float(slacks.discharge_w[at])
+        yield StepDeficit(DISCHARGE_POWER, deficit_w, 'W',
+                      f'discharge power: {deficit_w / 1e3:.2f} kW cannot be delivered at '
+                      f'{trip.time_s[at]:.0f} s')
+    at = int(np.argmax(slacks.soc_above))
+    if slacks.soc_above[at] > SOC_TOLERANCE:
+        percent = 100.0 * float(slacks.soc_above[at])
+        yield StepDeficit(HIGHEST_SOC, percent, '%',
+                      f'state of charge: {percent:.2f} % above its range at '
+                      f'{trip.time_s[at + 1]:.0f} s')
+    # Where the range may give without a slack, too.
+    beyond_k = solution.temperature_c[1:] - trip.vehicle.battery.temperature_range_c[1]
+    at = int(np.argmax(beyond_k))
+    if beyond_k[at] > TOLERANCE_K:
+        above_k = float(beyond_k[at])
+        yield StepDeficit(HIGHEST_TEMPERATURE, above_k, 'K',
+                      f'battery temperature: {above_k:.2f} K above its range at '
+                      f'{trip.time_s[at + 1]:.0f} s')

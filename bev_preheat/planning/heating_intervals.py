@@ -1,0 +1,127 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Why a plan heats where it does: its heating in stretches, each with a reason."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from bev_preheat.planning.dynamics import JOULES_PER_WH, limits_of_steps_w
+from bev_preheat.planning.limits import colder
+from bev_preheat.planning.schedule import HEATING_SHARE, Schedule
+
+if TYPE_CHECKING:
+    from bev_preheat.numerics.arrays import FloatArray, IntArray
+    from bev_preheat.planning.trip import Trip
+
+# Surplus is told from paid heating to this [W].
+SURPLUS_TOLERANCE_W = 1.0
+# Heating that ends so many lags of the heat path before arrival, or later, is for the arrival.
+TOO_LATE_LAGS = 12.0
+# Nobody heats for an arrival so much warmer than the target, with what a caution adds to it.
+WARMER_K = 0.5
+
+
+class Reason(IntEnum):
+    """What a stretch of heating is for; the numbers are those of PreheatPlan.stretch_reason."""
+
+    ARRIVAL = 0
+    SURPLUS = 1
+    DESCENT = 2
+    CLIMB = 3
+
+
+# By their numbers.
+REASONS = tuple(Reason)
+SENTENCES = {
+    Reason.ARRIVAL: 'to be warm on arrival',
+    Reason.SURPLUS: 'with regeneration that the cold battery may not take',
+    Reason.DESCENT: 'so that the battery may take more of the regeneration ahead',
+    Reason.CLIMB: 'so that the battery can deliver the power of the climb ahead',
+}
+
+
+@dataclass(frozen=True)
+class HeatingInterval:
+    """Heating from one instant to another [s], what it takes [Wh, electrical], and why."""
+
+    start_s: float
+    end_s: float
+    energy_wh: float
+    reason: Reason
+
+
+def may_end_early(schedule: Schedule, target_c: float) -> bool:
+    """Return whether heating for the arrival may end before it, as heat comes late, at a target [deg C]."""
+    return schedule.heat is not None and float(schedule.temperature_c[-1]) <= target_c + WARMER_K
+
+
+def heating_intervals(trip: Trip, schedule: Schedule, least_w: FloatArray,
+                      target_c: float = math.inf) -> tuple[HeatingInterval, ...]:
+    """
+    Return the HeatingStretches of a Schedule, in order.
+
+    `least_w` is the least terminal power [W] that the battery may take in each step, shape (N,). The target
+    [deg C] is what heating for the arrival is for.
+    """
+    heater_w = schedule.heater_power_w
+    heated = heater_w > HEATING_SHARE * trip.heater_limit_w
+    if not heated.any():
+        return ()
+    regenerates = trip.route.propulsion_power_w < 0.0
+    surplus = (heated & regenerates
+               & (heater_w <= least_w - trip.idle_power_w + SURPLUS_TOLERANCE_W))
+    first = int(heated.argmax())
+    # Where heat would come too late, heating ends before arrival.
+    too_late, last_of_all = len(heated), int(np.flatnonzero(heated)[-1]) + 1
+    left_s = trip.time_s[-1] - trip.time_s[last_of_all]
+    if may_end_early(schedule, target_c) and left_s <= TOO_LATE_LAGS * trip.vehicle.heat_path.heat_lag_s:
+        too_late = last_of_all
+    if heated[first:too_late].all() and not surplus.any():
+        # The usual case: from one instant on until arrival.
+        steps = slice(first, too_late)
+        return (make_interval(
+            schedule, float(trip.time_s[first]), float(trip.time_s[too_late]),
+            float(heater_w[steps] @ trip.route.duration_s[steps]) / JOULES_PER_WH, Reason.ARRIVAL),)
+    kinds = np.where(surplus, int(Reason.SURPLUS), np.where(heated, int(Reason.ARRIVAL), -1))
+    edges = np.concatenate(([0], np.flatnonzero(kinds[1:] != kinds[:-1]) + 1))
+    reasons = kinds[edges]
+    # The first step behind each stretch that gives a reason for heating before it.
+    ends = np.append(edges[1:], len(kinds))
+    for_later = np.flatnonzero((reasons == Reason.ARRIVAL) & (ends < too_late))
+    if len(for_later):
+        events = _events(trip, schedule)
+        telling = np.flatnonzero(events >= 0)
+        following = np.searchsorted(telling, ends[for_later])
+        reasons[for_later] = np.append(events[telling], int(Reason.ARRIVAL))[following]
+    energies_j = np.add.reduceat(heater_w * trip.route.duration_s, edges)
+    is_interval = reasons >= 0
+    return tuple(
+        make_interval(schedule, start_s, end_s, energy_j / JOULES_PER_WH, REASONS[reason])
+        for start_s, end_s, energy_j, reason in zip(*(column[is_interval].tolist() for column in (
+            trip.time_s[edges], trip.time_s[ends], energies_j, reasons))))
+
+
+def make_interval(schedule: Schedule, start_s: float, end_s: float, energy_wh: float,
+                 reason: Reason) -> HeatingInterval:
+    """Return the HeatingStretch of the steps of a Schedule between two instants [s], which takes so much [Wh]."""
+    if schedule.heating_start_s is not None:
+        start_s = max(start_s, schedule.heating_start_s)
+    if schedule.heat is not None and schedule.heating_end_s is not None:
+        end_s = min(end_s, schedule.heating_end_s)
+    return HeatingInterval(start_s, end_s, energy_wh, reason)
+
+
+def _events(trip: Trip, schedule: Schedule) -> IntArray:
+    """Reason that a step gives for heating before it, shape (N,); -1 where it gives none."""
+    least_w, most_w = limits_of_steps_w(
+        trip.vehicle, schedule.soc, colder(trip.vehicle, schedule.temperature_c),
+        trip.power_variance_w2)
+    events = np.full(len(trip.route), -1)
+    events[(trip.route.propulsion_power_w < 0.0) & (trip.idle_power_w < least_w)] = Reason.DESCENT
+    events[trip.idle_power_w > most_w] = Reason.CLIMB
+    return events

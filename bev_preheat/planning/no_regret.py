@@ -1,0 +1,249 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+No plan is worse than not heating: whatever a method proposes is held against the unheated trip.
+
+Paid heating takes charge. Where the charge does not carry the trip there is none. Where it would
+cost the state of charge that must be left, the target is lowered until it does not. And where the
+battery lacks power for the drive, a plan that makes it lack more is no plan: heat helps a cold
+battery, but an empty one only gets emptier.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import cached_property
+from typing import Any, NamedTuple, TYPE_CHECKING
+
+import numpy as np
+
+from bev_preheat.native import searches as native_searches
+from bev_preheat.native.structs import SafeGoalStruct
+from bev_preheat.numerics.arithmetic import FLOATS
+from bev_preheat.planning.bracketing import close_in, Trial
+from bev_preheat.planning.dynamics import hottest_c, limits_along, native_vehicle
+from bev_preheat.planning.heat_run import initial_states
+from bev_preheat.planning.limits import drive_as_planned, limits_hold, run_unheated
+from bev_preheat.planning.rows import schedule_of, states_of
+from bev_preheat.planning.schedule import HeldBack, Method, Schedule
+from bev_preheat.planning.situation import BatteryState, Goal, reserve_soc
+from bev_preheat.planning.stranding import find_stranding
+
+if TYPE_CHECKING:
+    from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.planning.trip import Trip
+    from bev_preheat.planning.uncertainty_margin import UncertaintyMargin
+
+# A power that is lacking by less than this share is rounding. Where power lacks in any case, a plan
+# that lacks so many watts more is no worse.
+POWER_TOLERANCE = 1e-6
+NO_WORSE_W = 10.0
+# The warmest target that is allowed has been found where no more charge than this is to spare, or
+# where it is known to this, less exactly where power decides; so many are tried, and, as what is to spare
+# jumps where power begins to lack, so many more.
+SOC_TOLERANCE = 1e-5
+# What the search leaves to spare where a wish misses by less: it would not come away from the wish otherwise.
+SOC_AIM = 1e-6
+TARGET_TOLERANCE_K = 5e-6
+TARGET_TOLERANCE_OF_POWER_K = 0.1
+MOST_TARGETS = 8
+MOST_HALVINGS = 8
+# So much lacking power counts like the whole charge.
+POWER_WEIGHT_W = 1e6
+
+# In the order of `bev_held_back` in core.h.
+HELD_BACK = None, HeldBack.RESERVE, HeldBack.POWER
+
+# Returns the Schedule for a target [deg C].
+Proposal = Callable[[float], Schedule]
+
+
+class PowerDeficit(NamedTuple):
+    """
+    Power that the battery cannot deliver in the worst step [W].
+
+    `worst_w` is 0 where nothing but rounding is lacking; `at` is that step.
+    """
+
+    worst_w: float
+    at: int
+
+
+def power_deficit(trip: Trip, schedule: Schedule, most_w: FloatArray | None = None) -> PowerDeficit:
+    """
+    Return what is Lacking in a Schedule of a Trip.
+
+    `most_w` (N,) is the most terminal power that the battery can give [W], where it is known.
+    """
+    if most_w is None:
+        _, most_w = limits_along(trip, schedule)
+    power_w = trip.idle_power_w + schedule.drawn_power_w - most_w
+    if schedule.driven_share is not None:
+        # What a vehicle that stands does not get is lacking charge, not power.
+        power_w = np.where(schedule.driven_share < 1.0, 0.0, power_w)
+    at = int(power_w.argmax())
+    worst_w = float(power_w[at])
+    is_rounding = worst_w <= POWER_TOLERANCE * abs(float(trip.idle_power_w[at]))
+    return PowerDeficit(0.0 if is_rounding else worst_w, at)
+
+
+def unheated_within_limits(trip: Trip, state: BatteryState, unheated: Schedule) -> Schedule:
+    """Return the Schedule without any heating itself if it keeps the limits, else with free surplus only."""
+    return unheated if limits_hold(trip, unheated) else run_unheated(trip, state)
+
+
+def checked_by_core(trip: Trip, state: BatteryState, goal: Goal, uncertainty_margin: UncertaintyMargin | None,
+                        unheated: Schedule) -> Schedule | None:
+    """
+    Return what `Safeguard.serve` does of the proposals of `merit_order`, in one call of the compiled core.
+
+    None where it does not answer. `unheated` is the Schedule without any heating, limits left aside.
+    """
+    vehicle = native_vehicle(trip.vehicle)
+    if vehicle is None:
+        return None
+    margin_k, asked = (0.0, None) if uncertainty_margin is None else (
+        uncertainty_margin.margin_k, uncertainty_margin.native)
+    found = native_searches.plan_safeguarded(
+        vehicle, trip.native, SafeGoalStruct(
+            goal.target_temperature_c, margin_k, reserve_soc(trip.vehicle, goal),
+            trip.vehicle.battery.soc_range[0]), asked, states_of(unheated))
+    if found is None:
+        return None
+    plan, held_back = found
+    schedule = (unheated_within_limits(trip, state, unheated) if plan is None
+                else schedule_of(trip, plan))
+    return replace(schedule, held_back=HELD_BACK[held_back]) if held_back else schedule
+
+
+class NoRegretCheck:
+    """Holds proposals for one trip, state and goal against the trip without paid heating."""
+
+    def __init__(self, trip: Trip, state: BatteryState, goal: Goal, unheated: Schedule) -> None:
+        """`unheated` is the Schedule without any heating, limits left aside."""
+        self._trip, self._state, self._goal = trip, state, goal
+        self._unlimited = unheated
+        self._reserve = reserve_soc(trip.vehicle, goal)
+        self._lowest_soc = trip.vehicle.battery.soc_range[0]
+        deficit_w, self._is_stranded = self._lacks()
+        self._allowed_w = deficit_w + NO_WORSE_W if deficit_w > 0.0 else 0.0
+
+    @cached_property
+    def unheated(self) -> Schedule:
+        """The Schedule without paid heating; what is free is taken: surplus that the brake would waste."""
+        return unheated_within_limits(self._trip, self._state, self._unlimited)
+
+    def _lacks(self) -> tuple[float, bool]:
+        """Return the power [W] that the trip without paid heating lacks, and whether its charge runs out."""
+        vehicle = native_vehicle(self._trip.vehicle)
+        start = initial_states(self._state)[:2 if self._trip.vehicle.heat_path.is_direct else 4]
+        found = None if vehicle is None else native_searches.unheated_lacks(
+            vehicle, self._trip.native, start)
+        if found is not None:
+            return found[0], found[1] is not None
+        return (power_deficit(self._trip, self.unheated).worst_w,
+                self.unheated.empty_at_s is not None)
+
+    def serve(self, proposals: Sequence[Proposal]) -> Schedule:
+        """
+        Return the Schedule of the first proposal that is allowed, the unheated one if none is.
+
+        A proposal is a function of a target [deg C] that returns a Schedule; the most demanding
+        comes first. Each is tried with the goal's target, then with the warmest that is allowed.
+        """
+        if self._is_stranded:
+            return self.unheated
+        held_back = None
+        for proposal in proposals:
+            wanted = proposal(self._goal.target_temperature_c)
+            if self.allows(wanted):
+                return wanted
+            held_back = (HeldBack.RESERVE if self._spare_soc(wanted) < 0.0
+                         else HeldBack.POWER)
+            found = self._warmest(proposal, wanted)
+            if found is not None:
+                return replace(found, held_back=held_back)
+        return replace(self.unheated, held_back=held_back)
+
+    def allows(self, schedule: Schedule) -> bool:
+        """Return whether a Schedule leaves the charge that must be left, and lacks no more power than it may."""
+        return self._spare_soc(schedule) >= 0.0 and self._spare_power_w(schedule) >= 0.0
+
+    def _spare_soc(self, schedule: Schedule) -> float:
+        """
+        Charge to spare: on arrival above what must be left, on the way above the lowest.
+
+        Below 0 where the charge runs out, also where nothing has to be left: what it lacks.
+        """
+        spare = min(float(schedule.soc[-1]) - self._reserve,
+                    float(schedule.soc.min()) - self._lowest_soc)
+        stranding = find_stranding(self._trip, schedule)
+        if stranding is None:
+            return spare
+        battery = self._trip.vehicle.battery
+        whole_wh = battery.capacity_ah * battery.open_circuit_voltage.function(FLOATS)(
+            0.0, float(schedule.temperature_c[-1]))
+        return spare - max(stranding.deficit_wh / whole_wh, SOC_TOLERANCE)
+
+    def _spare_power_w(self, schedule: Schedule) -> float:
+        """How much more power may be lacking [W] before a schedule is worse than not heating."""
+        return self._allowed_w - power_deficit(self._trip, schedule).worst_w
+
+    def _warmest(self, proposal: Proposal, wanted: Schedule) -> Schedule | None:
+        """Return the proposal's warmest Schedule that is allowed; None if none is."""
+        # Driving alone meets this target, so only heating that pays for itself is left.
+        lowest_c = self._trip.vehicle.battery.temperature_range_c[0]
+        cold_c = max(float(self.unheated.temperature_c.min()) - 1.0, lowest_c)
+        found = proposal(cold_c)
+        if self._spare_power_w(found) < 0.0:
+            return None
+        if self._spare_soc(found) <= 0.0:
+            pays = self._spare_soc(found) >= min(self._spare_soc(self.unheated), 0.0)
+            return found if pays else None
+        allowed = self._trial(max(cold_c, float(found.temperature_c[-1])), found)
+        forbidden = self._trial(self._goal.target_temperature_c, wanted)
+        arrival_c = float(wanted.temperature_c[-1])
+        if arrival_c < forbidden.value - TARGET_TOLERANCE_OF_POWER_K:
+            # Of a target that is out of reach nothing else is known; asking for what comes of it heats less
+            # where the heater gives way to the drive.
+            reached = self._trial(arrival_c, proposal(arrival_c))
+            allowed, forbidden = (reached, forbidden) if reached.excess >= 0.0 else (allowed, reached)
+        warmest = close_in(
+            allowed, forbidden, lambda target_c: self._trial(target_c, proposal(target_c)), _is_close,
+            MOST_TARGETS, SOC_AIM if forbidden.excess > -SOC_AIM else 0.0, MOST_HALVINGS)
+        return warmest.outcome.schedule
+
+    def _trial(self, target_c: float, schedule: Schedule) -> Trial[_Proposed]:
+        """Return a target with its excess: what it leaves to spare [share of the charge]."""
+        spare_soc, spare_w = self._spare_soc(schedule), self._spare_power_w(schedule)
+        # Power to spare does not make heat affordable; power that lacks forbids it.
+        excess = spare_soc if spare_w >= 0.0 else min(spare_soc, spare_w / POWER_WEIGHT_W)
+        return Trial(target_c, excess, _Proposed(schedule, spare_w < 0.0))
+
+
+class _Proposed(NamedTuple):
+    """A proposal for a target; `lacks_power`: more than is allowed."""
+
+    schedule: Schedule
+    lacks_power: bool
+
+
+def _is_close(allowed: Trial[_Proposed], forbidden: Trial[_Proposed]) -> bool:
+    width_k = TARGET_TOLERANCE_OF_POWER_K if forbidden.outcome.lacks_power else TARGET_TOLERANCE_K
+    return allowed.excess <= SOC_TOLERANCE or forbidden.value - allowed.value <= width_k
+
+
+def giving_way(method: Method) -> Method:
+    """Return the method with its heater cut where the drive needs the power that it would take."""
+    def plan(trip: Trip, state: BatteryState, goal: Goal, **options: Any) -> Schedule:
+        schedule = method(trip, state, goal, **options)
+        if power_deficit(trip, schedule).worst_w == 0.0 and is_described(trip, schedule):
+            return schedule
+        return drive_as_planned(trip, state, schedule.heater_power_w)
+    return plan
+
+
+def is_described(trip: Trip, schedule: Schedule) -> bool:
+    """Return whether a run stays within the charge, and the heat, that the model describes."""
+    return bool(schedule.soc.min() > 0.0 and schedule.soc.max() <= 1.0
+                and schedule.temperature_c.max() <= hottest_c(trip.vehicle))

@@ -1,0 +1,278 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Heating a little earlier than the plan needs, so that what turns out worse can be made up for.
+
+Full power that comes too late cannot catch up; heating that is done too early loses only what leaks
+until arrival. So the last stretch of heating begins early by what is uncertain, and ends as soon as
+it is enough. While it lasts it is not interrupted for a pause that is not worth a switching.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from bev_preheat.native import searches as native_searches
+from bev_preheat.native.structs import CautionStruct
+from bev_preheat.planning.bracketing import follow_slope, Trial
+from bev_preheat.planning.dynamics import native_vehicle, run_on
+from bev_preheat.planning.heat_run import roll_heated, run_heated, states_at
+from bev_preheat.planning.limits import (
+    course_within_limits,
+    drive_as_planned,
+    limits_hold,
+    WantedHeat,
+    watch_everywhere,
+)
+from bev_preheat.planning.rows import powers_of, schedule_of, states_of
+from bev_preheat.planning.schedule import HEATING_SHARE, Schedule, switched_on_s
+from bev_preheat.vehicle.model import make_runge_kutta_4
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.planning.situation import BatteryState
+    from bev_preheat.planning.trip import Trip
+
+# The end of heating is found to this.
+ARRIVAL_TOLERANCE_K = 1e-3
+END_RESOLUTION_S = 1e-3
+MOST_RUNS = 12
+
+
+@dataclass(frozen=True)
+class UncertaintyMargin:
+    """
+    How careful a plan is.
+
+    `margin_k`: how much warmer than the target the battery is to arrive [K]. `lead_k`: how many
+    kelvin of heating the last stretch begins early. `is_heating`: the heater is on now; it then
+    pauses only for longer than `least_pause_s`. A heater that is off is not switched on for less
+    than `least_heating_s` of heating before arrival, nor where most of its heat would come too late.
+    """
+
+    margin_k: float = 0.0
+    lead_k: float = 0.0
+    is_heating: bool = False
+    least_pause_s: float = 0.0
+    least_heating_s: float = 0.0
+
+    @cached_property
+    def native(self) -> CautionStruct:
+        """The caution as the compiled core takes it, to whom the target is told with its margin."""
+        return CautionStruct(self.lead_k, self.least_pause_s, self.least_heating_s, self.is_heating)
+
+
+def heat_early(trip: Trip, state: BatteryState, schedule: Schedule, target_c: float,
+               uncertainty_margin: UncertaintyMargin) -> Schedule:
+    """Return the Schedule with its last stretch of heating begun as early as Caution asks."""
+    found = _found_by_core(trip, schedule, target_c, uncertainty_margin)
+    if found is not None:
+        return found
+    last = _last_interval(trip, schedule)
+    if last is None:
+        return schedule
+    first, start_s = last
+    end_s = _latest_end_s(trip, schedule)
+    if not uncertainty_margin.is_heating and (_heated_s(trip, schedule, first) < uncertainty_margin.least_heating_s
+                                   or _comes_too_late(trip, schedule, start_s)):
+        return _LastInterval(trip, state, schedule, first, start_s).without()
+    early_s = _earlier_s(trip, start_s, uncertainty_margin.lead_k)
+    if uncertainty_margin.is_heating and early_s <= uncertainty_margin.least_pause_s:
+        early_s = 0.0
+    if early_s >= start_s:
+        return schedule
+    interval = _LastInterval(trip, state, schedule, trip.route.segment_at(early_s), early_s)
+    # What is heated earlier need not be heated later.
+    guess_s = end_s - (start_s - early_s)
+    if interval.may_leave_limits_aside():
+        early = interval.until(_needed_until_s(interval, interval.arrival_c, target_c, guess_s))
+        if limits_hold(trip, early):
+            return early
+    return interval.until_within_limits(
+        _needed_until_s(interval, interval.arrival_within_limits_c, target_c, guess_s))
+
+
+def _found_by_core(trip: Trip, schedule: Schedule, target_c: float,
+                   uncertainty_margin: UncertaintyMargin) -> Schedule | None:
+    """Return the Schedule as the compiled core heats early; None where it does not answer."""
+    vehicle = native_vehicle(trip.vehicle)
+    if vehicle is None or (schedule.heat is None) != trip.vehicle.heat_path.is_direct:
+        return None
+    found = native_searches.heat_early(
+        vehicle, trip.native, target_c, uncertainty_margin.native, states_of(schedule), powers_of(schedule),
+        schedule.heating_end_s)
+    if found is None:
+        return None
+    return schedule if found[0] is None else schedule_of(trip, found[0])
+
+
+def _last_interval(trip: Trip, schedule: Schedule) -> tuple[int, float] | None:
+    """Return (first step, instant [s]) of the heating that lasts until arrival; None without."""
+    # Steps in which nothing can be heated are no pause.
+    possible = (trip.heater_limit_w > 0.0) & (trip.time_s[:-1] < _latest_end_s(trip, schedule))
+    heated = schedule.heater_power_w > HEATING_SHARE * trip.heater_limit_w
+    last = np.flatnonzero(possible)[-1:]
+    if not heated[last].any():
+        return None
+    pauses = np.flatnonzero(possible & ~heated)
+    first = int(pauses[-1]) + 1 if len(pauses) else 0
+    start_s = switched_on_s(
+        trip, np.where(np.arange(len(heated)) >= first, schedule.heater_power_w, 0.0))
+    return None if start_s is None else (first, start_s)
+
+
+def _latest_end_s(trip: Trip, schedule: Schedule) -> float:
+    """Return the instant [s] from which on heat would come too late: the arrival, without a lag."""
+    if schedule.heat is None or schedule.heating_end_s is None:
+        return float(trip.time_s[-1])
+    return schedule.heating_end_s
+
+
+def _heated_s(trip: Trip, schedule: Schedule, first: int) -> float:
+    """Return the planned heat from a step on, as time at full power [s]."""
+    limit_w, power_w = trip.heater_limit_w[first:], schedule.heater_power_w[first:]
+    possible = limit_w > 0.0
+    return float((power_w[possible] / limit_w[possible] * trip.route.duration_s[first:][possible]).sum())
+
+
+def _comes_too_late(trip: Trip, schedule: Schedule, start_s: float) -> bool:
+    """Return whether most of the heat from an instant [s] on would be under way on arrival."""
+    return (schedule.heat is not None
+            and float(trip.time_s[-1]) - start_s < trip.vehicle.heat_path.heat_lag_s)
+
+
+def _heat_w(trip: Trip, step: int) -> float:
+    """Most heat that the heater can give in a step [W]."""
+    return trip.vehicle.hvch.efficiency * float(trip.heater_limit_w[step])
+
+
+def _earlier_s(trip: Trip, until_s: float, lead_k: float) -> float:
+    """
+    Return the instant [s] from which the heater gives so many kelvin by `until_s` [s].
+
+    It is never one at which the cabin takes the whole heater; at the earliest the first other one.
+    """
+    if lead_k <= 0.0:
+        return until_s
+    heat_w = trip.vehicle.hvch.efficiency * trip.heater_limit_w
+    given_j = np.concatenate(([0.0], np.cumsum(heat_w * trip.route.duration_s)))
+    wanted_j = max(0.0, float(np.interp(until_s, trip.time_s, given_j))
+                   - lead_k * trip.vehicle.battery.heat_capacity_j_per_k)
+    # The last step that begins with no more than that gives some, so its power is not 0.
+    step = int(np.searchsorted(given_j, wanted_j, side='right')) - 1
+    return min(float(trip.time_s[step] + (wanted_j - given_j[step]) / heat_w[step]), until_s)
+
+
+class _LastInterval:
+    """What becomes of a Schedule whose last stretch of heating begins at an instant of its own."""
+
+    def __init__(self, trip: Trip, state: BatteryState, schedule: Schedule, first: int,
+                 start_s: float) -> None:
+        """Take the step `first` in which the stretch is to begin, and its instant `start_s` [s]."""
+        self._trip, self._state, self._schedule = trip, state, schedule
+        self._first, self.start_s = first, start_s
+        # What is heated before stays.
+        self._before_w = np.where(
+            np.arange(len(trip.route)) < first, schedule.heater_power_w, 0.0)
+        # A run within limits: until the stretch begins all of them are the same.
+        self._driven: Schedule | None = None
+
+    @property
+    def arrival_s(self) -> float:
+        """The instant of arrival [s]."""
+        return float(self._trip.time_s[-1])
+
+    @property
+    def latest_end_s(self) -> float:
+        """The instant from which on heat would come too late [s]."""
+        return _latest_end_s(self._trip, self._schedule)
+
+    def rate_k_per_s(self, end_s: float) -> float:
+        """How much warmer the battery arrives for each second that heating lasts longer, about."""
+        trip, step = self._trip, self._trip.route.segment_at(end_s)
+        capacity = trip.vehicle.battery.heat_capacity_j_per_k
+        left = math.exp(-float(trip.leakage_w_per_k[step]) / capacity * (self.arrival_s - end_s))
+        return _heat_w(trip, step) / capacity * left
+
+    def may_leave_limits_aside(self) -> bool:
+        """Return whether no limit is active before the stretch, where nothing changes."""
+        return self._first == 0 or limits_hold(self._trip, self._schedule, self._first)
+
+    def without(self) -> Schedule:
+        """Return the Schedule that leaves the stretch out, within the battery's limits."""
+        return drive_as_planned(self._trip, self._state, self._before_w, take_surplus=True)
+
+    def arrival_within_limits_c(self, end_s: float) -> float:
+        """Return the temperature on arrival [deg C] of `until_within_limits`, at less cost."""
+        if self._driven is None:
+            return float(self.until_within_limits(end_s).temperature_c[-1])
+        states, _, _ = course_within_limits(
+            self._trip, self._state, watch_everywhere(self._trip), WantedHeat(self._heater_w(end_s)),
+            True, self._first, self._driven)
+        return float(states[1, -1])
+
+    def until_within_limits(self, end_s: float) -> Schedule:
+        """Return the Schedule that heats until `end_s` [s] as far as the battery's limits let it."""
+        self._driven = drive_as_planned(
+            self._trip, self._state, self._heater_w(end_s), take_surplus=True, first=self._first,
+            before=self._driven)
+        return replace(self._driven, heating_end_s=self._heating_end_s(end_s))
+
+    def arrival_c(self, end_s: float) -> float:
+        """Return the temperature on arrival [deg C] of `until`, at less cost."""
+        trip, planned, first = self._trip, self._schedule, self._first
+        heater_w = self._heater_w(end_s)
+        if planned.heat is not None:
+            return float(roll_heated(
+                trip, states_at(planned, first), heater_w, first, planned.brake_power_w)[1, -1])
+        _, temperature_c = run_on(trip, make_runge_kutta_4, planned.soc, planned.temperature_c, first,
+                                  heater_w, planned.brake_power_w)
+        return float(temperature_c[-1])
+
+    def until(self, end_s: float) -> Schedule:
+        """Return the Schedule that heats until `end_s` [s], limits left aside."""
+        trip, planned, first = self._trip, self._schedule, self._first
+        heater_w = self._heater_w(end_s)
+        heating_start_s = switched_on_s(trip, self._before_w)
+        if heating_start_s is None and end_s > self.start_s:
+            heating_start_s = self.start_s
+        if planned.heat is not None:
+            run = run_heated(trip, states_at(planned, first), heater_w, planned.brake_power_w, first,
+                             planned)
+            return replace(run, heating_start_s=heating_start_s,
+                           heating_end_s=self._heating_end_s(end_s))
+        soc, temperature_c = run_on(
+            trip, make_runge_kutta_4, planned.soc, planned.temperature_c, first, heater_w,
+            planned.brake_power_w)
+        return Schedule(
+            heating_start_s, heater_w, planned.brake_power_w, soc, temperature_c, make_runge_kutta_4,
+            self._heating_end_s(end_s))
+
+    def _heater_w(self, end_s: float) -> FloatArray:
+        """Mean heater power of each step [W], shape (N,)."""
+        trip = self._trip
+        heated_s = np.minimum(trip.time_s[1:], end_s) - np.maximum(trip.time_s[:-1], self.start_s)
+        share = np.clip(heated_s / trip.route.duration_s, 0.0, 1.0)
+        return np.maximum(self._before_w, share * trip.heater_limit_w)
+
+    def _heating_end_s(self, end_s: float) -> float | None:
+        return end_s if self.start_s < end_s < self.arrival_s else None
+
+
+def _needed_until_s(interval: _LastInterval, arrival_c: Callable[[float], float], target_c: float,
+                    guess_s: float) -> float:
+    """Return the end of heating [s] with which the battery arrives at the target."""
+    def heated_until(end_s: float) -> Trial[None]:
+        return Trial(end_s, arrival_c(end_s) - target_c, None)
+
+    # The later heating ends, the warmer the battery arrives.
+    first = heated_until(min(max(guess_s, interval.start_s), interval.latest_end_s))
+    return follow_slope(
+        interval.latest_end_s, interval.start_s, first, interval.rate_k_per_s(first.value), heated_until,
+        ARRIVAL_TOLERANCE_K, END_RESOLUTION_S, MOST_RUNS).value

@@ -1,0 +1,166 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Heat while the vehicle charges: only where it is asked for, given by the charger, and wanted."""
+
+from dataclasses import replace
+
+import pytest
+from stepwise import Stepwise
+
+from bev_preheat.control.charger_heat import charger_heat
+from bev_preheat.control.inputs import Leg, Measurement, Mission, NS_PER_S, with_stops
+from bev_preheat.control.settings import Settings
+from bev_preheat.estimation.hypotheses import Heater
+from bev_preheat.planning.situation import BatteryState
+from bev_preheat.planning.status import Status
+from bev_preheat.route.segments import make_route
+from bev_preheat.vehicle import load_vehicle
+
+VEHICLE = load_vehicle('reference')
+NOW_NS = 1_700_000_000 * NS_PER_S
+ASKED = Settings(estimation=False, heat_while_charging=True)
+VOLTAGE_V = 400.0
+# Of the 7 kW of the heater.
+CABIN_W, HEAT_W = 1500.0, 5500.0
+DRIVE_S, STOP_S = 600.0, 1200.0
+LIMIT_C = VEHICLE.charging.heating_limit_c
+
+
+def ns(seconds):
+    return round(seconds * NS_PER_S)
+
+
+def make_leg(**fields):
+    return Leg(make_route({
+        'duration_s': [30.0] * int(DRIVE_S / 30.0), 'speed_mps': [20.0],
+        'propulsion_power_w': [18e3], 'ambient_temperature_c': [-5.0],
+        'cabin_heating_power_w': [CABIN_W], 'auxiliary_power_w': [400.0]}, None), **fields)
+
+
+def measured(temperature_c, charged_with_w, now_ns=NOW_NS, soc=0.4):
+    """Return a Measurement of a battery that is charged with so much; None: not known."""
+    current_a = None if charged_with_w is None else -charged_with_w / VOLTAGE_V
+    return Measurement(BatteryState(temperature_c, soc), now_ns, VOLTAGE_V, current_a)
+
+
+def supervisor_at(elapsed_s, settings=ASKED, vehicle=VEHICLE, **first):
+    """Return a supervisor on a trip that began so long before NOW_NS: a drive, a stop, a drive."""
+    supervisor = Stepwise(vehicle, settings)
+    supervisor.accept_mission(Mission('one stop', with_stops(
+        (make_leg(start_ns=NOW_NS - ns(elapsed_s), **first),
+         make_leg(departure=BatteryState(20.0, 0.8))), (STOP_S,))))
+    return supervisor
+
+
+def outcome(supervisor, measurement, now_ns=NOW_NS):
+    supervisor.accept_battery(measurement, now_ns)
+    supervisor.replan(now_ns)
+    command = supervisor.command(now_ns)
+    return command.battery_heating_power_w, command.reason
+
+
+AT_STOP_S = DRIVE_S + 60.0
+CHARGING, OFF = (HEAT_W, Status.CHARGING), (0.0, Status.CHARGING)
+
+
+@pytest.mark.parametrize('temperature_c, charged_with_w, expected', [
+    (-3.0, 50e3, CHARGING), (-3.0, HEAT_W + 1.0, CHARGING), (-3.0, HEAT_W, OFF), (-3.0, 0.0, OFF),
+    (-3.0, -20e3, OFF), (-3.0, None, OFF), (LIMIT_C - 1.1, 50e3, CHARGING), (LIMIT_C - 0.9, 50e3, OFF),
+    (LIMIT_C + 5.0, 50e3, OFF)])
+def test_it_heats_where_the_charger_gives_enough_to_a_cold_battery(
+        temperature_c, charged_with_w, expected):
+    supervisor = supervisor_at(AT_STOP_S)
+    assert outcome(supervisor, measured(temperature_c, charged_with_w)) == expected
+
+
+@pytest.mark.parametrize('settings, charging, first', [
+    (replace(ASKED, heat_while_charging=False), VEHICLE.charging, {}),
+    (ASKED, None, {}), (ASKED, replace(VEHICLE.charging, battery_heating=None), {}),
+    (ASKED, replace(VEHICLE.charging, battery_heating=False), {}),
+    (ASKED, VEHICLE.charging, {'charging_planned': False})],
+    ids=['not asked for', 'nothing known of the car', 'not said', 'car that does not', 'no charging'])
+def test_it_does_not_heat_unasked_nor_in_a_car_that_does_not(settings, charging, first):
+    supervisor = supervisor_at(AT_STOP_S, settings, replace(VEHICLE, charging=charging), **first)
+    assert outcome(supervisor, measured(-3.0, 50e3)) == OFF
+
+
+def test_by_default_the_stop_is_told_as_ever():
+    supervisor = supervisor_at(AT_STOP_S, Settings(estimation=False))
+    outcome(supervisor, measured(-3.0, 50e3))
+    assert supervisor.decision.explanation == (
+        'Charging until departure in 19:00 min; then 10:00 min of driving to a fast charger.')
+
+
+@pytest.mark.parametrize('temperature_c, charged_with_w, reason', [
+    (-3.0, 50e3, 'It is heated with 5500 W up to 25.0 degC.'),
+    (-3.0, 4e3, 'It is not heated: it is charged with 4000 W, and the heater takes 5500 W.'),
+    (-3.0, None, 'It is not heated: battery_state does not say whether it is charged.'),
+    (24.6, 50e3, 'It is not heated: at 24.6 degC it is warm enough.')])
+def test_why_is_told(temperature_c, charged_with_w, reason):
+    supervisor = supervisor_at(AT_STOP_S)
+    outcome(supervisor, measured(temperature_c, charged_with_w))
+    assert supervisor.decision.explanation.endswith(reason)
+
+
+def test_a_cabin_that_takes_the_whole_heater_leaves_nothing():
+    leg = make_leg()
+    leg = replace(leg, route=replace(
+        leg.route, cabin_heating_power_w=leg.route.cabin_heating_power_w + 10e3))
+    assert charger_heat(VEHICLE, leg, measured(-3.0, 50e3), -3.0, False).power_w == 0.0
+
+
+def test_what_heats_goes_on_with_less_and_ends_when_the_battery_is_discharged():
+    supervisor = supervisor_at(AT_STOP_S)
+    seen = [outcome(supervisor, measured(temperature_c, charged_with_w, NOW_NS + ns(at_s)),
+                    NOW_NS + ns(at_s))[0]
+            for at_s, temperature_c, charged_with_w in (
+                (0.0, -3.0, 20e3), (1.0, -3.0, 10.0), (2.0, LIMIT_C - 0.1, 10.0), (3.0, -3.0, -10.0))]
+    assert seen == [HEAT_W, HEAT_W, HEAT_W, 0.0]
+
+
+def test_time_alone_ends_it_at_departure_and_with_the_battery_state():
+    supervisor = supervisor_at(DRIVE_S + STOP_S - 3.0)
+    assert outcome(supervisor, measured(-3.0, 50e3)) == CHARGING
+    command = supervisor.command(NOW_NS + ns(2.9))
+    assert (command.battery_heating_power_w, command.valid_until_ns) == (HEAT_W, NOW_NS + ns(5.0))
+    assert supervisor.command(NOW_NS + ns(3.0)).battery_heating_power_w == 0.0
+    supervisor = supervisor_at(AT_STOP_S)
+    outcome(supervisor, measured(-3.0, 50e3))
+    command = supervisor.command(NOW_NS + ns(5.0))
+    assert (command.battery_heating_power_w, command.reason) == (0.0, Status.STALE_INPUT)
+
+
+@pytest.mark.parametrize('charged_with_w, charging_planned, expected', [
+    (50e3, True, CHARGING), (0.0, True, (0.0, Status.ARRIVED)), (50e3, False, (0.0, Status.ARRIVED))])
+def test_it_heats_at_the_charger_at_the_end_of_the_route(charged_with_w, charging_planned, expected):
+    supervisor = Stepwise(VEHICLE, ASKED)
+    supervisor.accept_mission(Mission('to a charger', (make_leg(
+        start_ns=NOW_NS - ns(DRIVE_S + 1.0), charging_planned=charging_planned),)))
+    assert outcome(supervisor, measured(-3.0, charged_with_w)) == expected
+
+
+@pytest.mark.costly
+def test_a_whole_stop_is_heated_once_to_the_limit_and_no_heater_is_accused():
+    """A plant of its own: the charger gives what the battery takes, so that no heater shows in it."""
+    supervisor = supervisor_at(0.0, replace(ASKED, estimation=True))
+    temperature_c, soc, switchings, power_w = 18.0, 0.5, 0, 0.0
+    for second in range(int(DRIVE_S) - 200, int(DRIVE_S + STOP_S) + 100):
+        now_ns = NOW_NS + ns(second)
+        at_stop = DRIVE_S <= second < DRIVE_S + STOP_S
+        battery_w = -60e3 if at_stop else 18e3 + CABIN_W + 400.0 + power_w
+        # The battery's losses, the drivetrain's, what leaks to the air, by hand.
+        losses_w = 4.31 / (temperature_c + 45.0) * (battery_w / VOLTAGE_V)**2
+        drivetrain_w, leakage_w_per_k = (0.0, 34.9) if at_stop else (0.1 * 0.8 * 18e3, 45.5)
+        heat_w = 0.87 * power_w + losses_w + drivetrain_w - leakage_w_per_k * (temperature_c + 5.0)
+        temperature_c += heat_w / 377e3
+        soc -= battery_w / (VOLTAGE_V * 200.0 * 3600.0)
+        commanded_w, reason = outcome(
+            supervisor, measured(temperature_c, -battery_w, now_ns, soc), now_ns)
+        if at_stop:
+            assert reason is Status.CHARGING
+            switchings += (commanded_w > 0.0) is not (power_w > 0.0)
+            assert commanded_w == 0.0 or temperature_c < LIMIT_C + 0.2
+        power_w = commanded_w
+        assert supervisor.estimate.heater.heater is Heater.ANSWERS
+    # On at the beginning, or on from the drive; off at the limit.
+    assert switchings <= 2
+    assert temperature_c > 15.0

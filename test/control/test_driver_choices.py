@@ -1,0 +1,153 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The driver's opt-out, a cancelled trip and the battery's last state, over a restart of the planner."""
+
+import pytest
+from stepwise import Stepwise
+
+from bev_preheat.control.inputs import Leg, Measurement, Mission, NS_PER_S
+from bev_preheat.control.settings import Settings
+from bev_preheat.estimation.driver_choices import CancelledTrip, DriverChoices, NO_CHOICES
+from bev_preheat.estimation.last_seen import LastSeen
+from bev_preheat.planning.situation import BatteryState
+from bev_preheat.planning.status import Status
+from bev_preheat.route.segments import make_route
+from bev_preheat.vehicle import load_vehicle
+
+VEHICLE = load_vehicle('reference')
+NOW_NS = 1_700_000_000 * NS_PER_S
+HOUR_NS = 3600 * NS_PER_S
+SETTINGS = Settings(minimum_on_time_s=0.0, minimum_off_time_s=0.0)
+
+
+def make_mission(route_id='home', start_ns=NOW_NS):
+    """Return 20 min at -7 degC: too short to reach 25 degC, so it heats at once."""
+    return Mission(route_id, (Leg(make_route({
+        'duration_s': [300.0] * 4, 'speed_mps': [20.0], 'propulsion_power_w': [20e3],
+        'ambient_temperature_c': [-7.0], 'cabin_heating_power_w': [1500.0],
+        'auxiliary_power_w': [400.0]}, VEHICLE.defaults), start_ns, True, 25.0),))
+
+
+def start(choices=NO_CHOICES, now_ns=NOW_NS, mission=None, **settings):
+    """Return a Stepwise planner that was restarted with these choices, a route and a cold battery."""
+    planner = Stepwise(VEHICLE, Settings(**settings) if settings else SETTINGS,
+                       choices=choices.after_restart(now_ns))
+    planner.refresh(now_ns)
+    planner.accept_mission(mission or make_mission())
+    planner.accept_battery(Measurement(BatteryState(-7.0, 0.8), now_ns), now_ns)
+    return planner
+
+
+def answer(planner):
+    command = planner.latest_command
+    return command.battery_heating_power_w > 0.0, command.reason
+
+
+HEATS, OFF, CANCELLED = ((True, Status.TARGET_UNREACHABLE), (False, Status.DISABLED),
+                         (False, Status.NO_CHARGING_PLANNED))
+
+
+def test_without_choices_it_heats():
+    planner = start()
+    assert (answer(planner), planner.choices) == (HEATS, NO_CHOICES)
+
+
+def test_an_opt_out_survives_a_restart_until_the_driver_takes_it_back():
+    planner = start()
+    planner.enabled = False
+    assert planner.choices == DriverChoices(NOW_NS)
+    again = start(planner.choices)
+    assert answer(again) == OFF
+    again.enabled = True
+    assert (answer(again), again.choices) == (HEATS, NO_CHOICES)
+
+
+@pytest.mark.parametrize('age_ns, is_off', [
+    (24 * HOUR_NS, True), (24 * HOUR_NS + 1, False),
+    # A clock that was set back: how old the choice is, is unknown.
+    (-5 * HOUR_NS, True)])
+def test_an_opt_out_counts_for_a_day(age_ns, is_off):
+    assert answer(start(DriverChoices(NOW_NS - age_ns))) == (OFF if is_off else HEATS)
+
+
+def test_an_opt_out_does_not_end_while_the_process_lives():
+    planner = start(DriverChoices(NOW_NS - 24 * HOUR_NS))
+    assert planner.command(NOW_NS + HOUR_NS).reason is Status.DISABLED
+
+
+# A trip: its publisher latches the route, another node has cancelled it
+
+def cancelled_choices():
+    planner = start()
+    planner.cancel()
+    return planner.choices
+
+
+def test_a_cancelled_trip_is_remembered_with_its_stamp():
+    assert cancelled_choices() == DriverChoices(None, CancelledTrip('home', NOW_NS, NOW_NS))
+
+
+def test_the_route_of_a_cancelled_trip_does_not_heat_after_a_restart():
+    planner = start(cancelled_choices(), NOW_NS + 60 * NS_PER_S)
+    assert (answer(planner), planner.mission) == (CANCELLED, None)
+    assert planner.decision.explanation == (
+        'The trip was cancelled before the planner restarted: no heating until a route plan with '
+        'another stamp arrives.')
+    # It is remembered for the next restart, too.
+    assert planner.choices == cancelled_choices()
+
+
+@pytest.mark.parametrize('mission', [
+    make_mission('work'), make_mission(start_ns=NOW_NS + NS_PER_S)], ids=['another', 'sent again'])
+def test_any_other_route_heats_after_a_restart(mission):
+    now_ns = NOW_NS + 60 * NS_PER_S
+    planner = start(cancelled_choices(), now_ns, mission)
+    assert (answer(planner), planner.choices) == (HEATS, NO_CHOICES)
+    # And then the first one may be driven after all.
+    planner.accept_mission(make_mission())
+    assert answer(planner) == HEATS
+
+
+def test_the_same_route_heats_within_the_process_that_was_told_of_the_cancellation():
+    planner = start()
+    planner.cancel()
+    planner.accept_mission(make_mission())
+    assert (answer(planner), planner.choices) == (HEATS, NO_CHOICES)
+
+
+def test_a_cancellation_counts_for_a_day():
+    now_ns = NOW_NS + 24 * HOUR_NS
+    tomorrow = make_mission(start_ns=NOW_NS)
+    choices = DriverChoices(None, CancelledTrip('home', NOW_NS, NOW_NS))
+    assert answer(start(choices, now_ns, tomorrow)) == CANCELLED
+    assert choices.after_restart(now_ns + 1) == NO_CHOICES
+
+
+def test_a_second_cancellation_says_nothing_of_another_trip():
+    planner = start()
+    planner.cancel()
+    planner.cancel()
+    assert planner.choices == cancelled_choices()
+
+
+def test_the_stamp_of_a_delayed_trip_is_that_of_its_route_plan():
+    assert make_mission().delayed(7 * NS_PER_S).stamp_ns == NOW_NS
+
+
+# The battery
+
+SEEN = LastSeen(11.0, 0.5, NOW_NS - 9 * HOUR_NS)
+
+
+@pytest.mark.parametrize('estimation', [False, True])
+def test_last_seen_is_that_from_before_the_restart_until_the_battery_tells(estimation):
+    planner = Stepwise(VEHICLE, Settings(estimation=estimation), last_seen=SEEN)
+    planner.refresh(NOW_NS)
+    assert planner.last_seen == SEEN
+    planner.accept_battery(Measurement(BatteryState(-7.0, 0.75), NOW_NS), NOW_NS)
+    seen = planner.last_seen
+    assert (seen.temperature_c, seen.soc, seen.stamp_ns) == (
+        pytest.approx(-7.0, abs=0.01), pytest.approx(0.75, abs=1e-4), NOW_NS)
+
+
+def test_nothing_seen_is_none():
+    assert Stepwise(VEHICLE, SETTINGS).last_seen is None

@@ -1,0 +1,185 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the route says that the car does between two instants."""
+
+import pytest
+
+from bev_preheat.control.command_history import CommandHistory
+from bev_preheat.control.expected_drive import intervals_between, shown_command_w
+from bev_preheat.control.inputs import Leg, Mission, NS_PER_S, Progress
+from bev_preheat.control.settings import Settings
+from bev_preheat.control.timetable import Timetable
+from bev_preheat.route.segments import make_route
+from bev_preheat.vehicle import load_vehicle
+
+VEHICLE = load_vehicle('reference')
+START_S = 1000
+
+
+def leg(start_s, powers_w, rms_w=None, cabin_w=1500.0):
+    return Leg(make_route({
+        'duration_s': [60.0] * len(powers_w), 'speed_mps': [20.0 + at for at in range(len(powers_w))],
+        'propulsion_power_w': powers_w, 'propulsion_power_rms_w': rms_w,
+        'ambient_temperature_c': [-7.0], 'cabin_heating_power_w': [cabin_w],
+        'auxiliary_power_w': [400.0]}, VEHICLE.defaults), start_s * NS_PER_S)
+
+
+# A stop of 400 s lies between the two.
+MISSION = Mission('two legs', (
+    leg(START_S, [10e3, 20e3, -5e3], rms_w=[10e3, 25e3, 13e3]),
+    leg(START_S + 580, [7e3], cabin_w=9000.0)))
+
+
+def between(from_s, to_s, mission=MISSION):
+    """Return (DriveInputs, heater power left by the cabin [W]) of the one stretch between two."""
+    edges_ns = [round((START_S + at_s) * NS_PER_S) for at_s in (from_s, to_s)]
+    timetable = None if mission is None else Timetable(mission)
+    interval, = intervals_between(edges_ns, VEHICLE, timetable, CommandHistory())
+    return interval.drive, interval.limit_w
+
+
+@pytest.mark.parametrize('from_s, to_s, power_w', [
+    (0.0, 1.0, 10e3), (58.0, 59.9, 10e3), (59.0, 62.0, 20e3), (120.0, 179.0, -5e3),
+    (590.0, 591.0, 7e3),
+    # With the middle on the very start of the trip, of a segment and of the second leg.
+    (-1.0, 1.0, 10e3), (55.0, 65.0, 20e3), (579.0, 581.0, 7e3),
+    # Within a nanosecond of the end.
+    (178.0, 181.999_999_998, -5e3)])
+def test_the_segment_of_the_middle_is_what_is_driven(from_s, to_s, power_w):
+    assert between(from_s, to_s)[0].propulsion_power_w == power_w
+
+
+def test_all_of_a_segment_is_told():
+    drive, limit_w = between(70.0, 80.0)
+    assert (drive.speed_mps, drive.ambient_temperature_c) == (21.0, -7.0)
+    assert (drive.cabin_heating_power_w, drive.auxiliary_power_w) == (1500.0, 400.0)
+    # 25^2 - 20^2 = 15^2
+    assert drive.power_variance_w2 == pytest.approx(15e3**2)
+    assert drive.terminal_power_w is None
+    # What the heater takes is the command's.
+    assert drive.heater_power_w == 0.0
+    assert limit_w == VEHICLE.hvch.maximum_power_w - 1500.0
+
+
+def test_power_varies_by_what_its_mean_leaves_of_the_mean_square():
+    assert between(10.0, 20.0)[0].power_variance_w2 == 0.0
+    # 13^2 - 5^2 = 12^2
+    assert between(130.0, 140.0)[0].power_variance_w2 == pytest.approx(12e3**2)
+
+
+def test_segments_may_be_shorter_than_a_second():
+    columns = {'duration_s': [0.25] * 4, 'speed_mps': [20.0], 'ambient_temperature_c': [-7.0],
+               'propulsion_power_w': [1e3, 2e3, 3e3, 4e3]}
+    mission = Mission('a second', (
+        Leg(make_route(columns, VEHICLE.defaults), START_S * NS_PER_S),))
+    powers_w = [between(at_s, at_s + 0.25, mission)[0].propulsion_power_w
+                for at_s in (0.0, 0.25, 0.5, 0.75)]
+    assert powers_w == [1e3, 2e3, 3e3, 4e3]
+
+
+def test_a_simulated_clock_may_have_begun_a_moment_ago():
+    mission = Mission('soon', (leg(1, [10e3, 20e3, -5e3]),))
+    edges_ns = [at_s * NS_PER_S for at_s in (1, 60, 62, 120, 180)]
+    intervals = intervals_between(edges_ns, VEHICLE, Timetable(mission), CommandHistory())
+    assert [interval.drive.propulsion_power_w for interval in intervals] == [10e3, 20e3, 20e3, -5e3]
+
+
+def test_instants_of_today_are_not_rounded():
+    # As a float, this one is a nanosecond earlier.
+    start_ns = 1_700_000_000_000_000_001
+    drive = Leg(MISSION.legs[0].route, start_ns)
+    intervals = intervals_between((start_ns - 2, start_ns, start_ns + 2), VEHICLE,
+                                  Timetable(Mission('today', (drive,))), CommandHistory())
+    assert [interval.drive is None for interval in intervals] == [True, False]
+    begins, = intervals_between((start_ns - 1, start_ns + 1), VEHICLE, Timetable(Mission('today', (drive,))),
+                                CommandHistory())
+    assert begins.drive.propulsion_power_w == 10e3
+
+
+def test_a_cabin_that_takes_all_leaves_nothing():
+    assert between(590.0, 591.0)[1] == 0.0
+
+
+@pytest.mark.parametrize('from_s, to_s', [(-10.0, -8.0), (-3.0, 1.0), (181.0, 182.0),
+                                          (300.0, 500.0), (700.0, 701.0), (179.0, 181.0),
+                                          (639.0, 641.0)],
+                         ids=['before', 'begins', 'stop', 'at the stop', 'after', 'end of the leg',
+                              'end of the trip'])
+def test_beyond_the_route_nothing_is_known(from_s, to_s):
+    assert between(from_s, to_s) == (None, 0.0)
+
+
+def test_without_a_route_nothing_is_known():
+    assert between(0.0, 1.0, mission=None) == (None, 0.0)
+
+
+def test_each_stretch_has_its_mean_command():
+    commands = CommandHistory()
+    commands.note(START_S * NS_PER_S, 1000.0)
+    commands.note((START_S + 15) * NS_PER_S, 4000.0)
+    edges_ns = [(START_S + at_s) * NS_PER_S for at_s in (0, 10, 20)]
+    intervals = intervals_between(edges_ns, VEHICLE, Timetable(MISSION), commands)
+    assert [(interval.duration_s, interval.command_w) for interval in intervals] == [
+        (10.0, 1000.0), (10.0, 2500.0)]
+
+
+def test_stretches_need_not_last_whole_seconds():
+    # On a simulated clock that began a moment ago.
+    edges_ns = [round(at_s * NS_PER_S) for at_s in (1.0, 2.5, 12.0, 12.25)]
+    intervals = intervals_between(edges_ns, VEHICLE, None, CommandHistory())
+    assert [interval.duration_s for interval in intervals] == [1.5, 9.5, 0.25]
+
+
+def test_between_no_instants_there_is_no_stretch():
+    assert intervals_between((), VEHICLE, Timetable(MISSION), CommandHistory()) == ()
+
+
+def along(places, from_s, to_s):
+    """Return the DriveInputs between two instants of a vehicle at (second, distance [m]) places."""
+    timetable = Timetable(MISSION)
+    for at_s, distance_m in places:
+        stamp_ns = round((START_S + at_s) * NS_PER_S)
+        timetable.accept(Progress(distance_m, stamp_ns, 'two legs'), stamp_ns, Settings())
+    edges_ns = [round((START_S + at_s) * NS_PER_S) for at_s in (from_s, to_s)]
+    interval, = intervals_between(edges_ns, VEHICLE, timetable, CommandHistory())
+    return interval.drive
+
+
+def test_who_is_early_is_driven_as_the_place_asks():
+    drive = along([(30.0, 1500.0), (31.0, 1521.0)], 30.0, 31.0)
+    assert (drive.speed_mps, drive.propulsion_power_w) == (21.0, 20e3)
+
+
+def test_who_is_half_as_fast_takes_half_the_power():
+    """As much energy for each metre; cabin and auxiliaries take what they take."""
+    at_s = [100.0, 102.0, 104.0]
+    drive = along([(second, 1300.0 + 10.5 * (second - 100.0)) for second in at_s], 102.0, 104.0)
+    planned, _ = between(65.0, 66.0)
+    for field, share in (('speed_mps', 0.5), ('propulsion_power_w', 0.5),
+                         ('power_variance_w2', 0.25), ('propulsion_power_magnitude_w', 0.5),
+                         ('cabin_heating_power_w', 1.0), ('auxiliary_power_w', 1.0),
+                         ('ambient_temperature_c', 1.0)):
+        assert getattr(drive, field) == pytest.approx(share * getattr(planned, field)), field
+
+
+def test_who_stands_takes_no_power_to_drive():
+    drive = along([(second, 1300.0) for second in range(100, 110)], 109.0, 110.0)
+    assert (drive.speed_mps, drive.propulsion_power_w, drive.propulsion_power_magnitude_w,
+            drive.power_variance_w2) == (0.0, 0.0, 0.0, 0.0)
+    assert drive.ambient_temperature_c == -7.0
+
+
+def test_a_position_that_was_corrected_is_no_burst_of_speed():
+    drive = along([(10.0, 210.0), (11.0, 310.0), (12.0, 410.0)], 11.0, 12.0)
+    assert drive.speed_mps == 40.0
+
+
+@pytest.mark.parametrize('at_s, shown_w', [
+    (-5.0, 3e3), (0.0, 3e3), (179.9, 3e3),
+    # At the stop the charger gives what the heater takes; and after the end of the trip.
+    (180.0, 0.0), (579.9, 0.0), (580.0, 3e3), (639.9, 3e3), (640.0, 0.0), (900.0, 0.0)])
+def test_the_battery_answers_for_the_heater_on_the_way_only(at_s, shown_w):
+    commands = CommandHistory()
+    commands.note(0, 3e3)
+    instant_ns = round((START_S + at_s) * NS_PER_S)
+    assert shown_command_w(Timetable(MISSION), instant_ns, commands) == shown_w
+    assert shown_command_w(None, instant_ns, commands) == 3e3

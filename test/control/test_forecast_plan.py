@@ -1,0 +1,322 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the planner is asked for an estimate: corrected vehicle, caution, and a heater that does not obey."""
+
+from dataclasses import replace
+import math
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from bev_preheat.control.forecast_plan import ForecastPlanner, seen_from_now
+from bev_preheat.control.settings import Settings
+from bev_preheat.estimation.estimate import Estimate
+from bev_preheat.estimation.hypotheses import Heater, HeaterReport
+from bev_preheat.estimation.state import (
+    FACTORS,
+    HEAT_CAPACITY,
+    HEAT_LAG,
+    HEATER,
+    LEAKAGE,
+    PROPULSION,
+    RESISTANCE,
+    SIZE,
+    SOC,
+    TEMPERATURE,
+    UNDER_WAY,
+)
+from bev_preheat.planning.planner import plan_preheating
+from bev_preheat.planning.situation import BatteryState, Goal
+from bev_preheat.planning.status import Status
+from bev_preheat.route.segments import make_route
+from bev_preheat.vehicle import load_vehicle
+
+VEHICLE = load_vehicle('reference')
+GOAL = Goal(25.0)
+ANSWERS = HeaterReport(Heater.ANSWERS, 1.0, 1.0)
+# Of a car of which only the file is known: even spreads of 10, 20, 20 and 5 %, over the root of 3.
+FILE_DEVIATIONS = {HEAT_CAPACITY: 0.058, LEAKAGE: 0.115, RESISTANCE: 0.115, HEATER: 0.029}
+
+
+def make_a_route(*last_powers_w):
+    powers_w = [20e3] * (20 - len(last_powers_w)) + list(last_powers_w)
+    return make_route({
+        'duration_s': [60.0] * 20, 'speed_mps': [20.0], 'propulsion_power_w': powers_w,
+        'ambient_temperature_c': [-7.0], 'cabin_heating_power_w': [1500.0],
+        'auxiliary_power_w': [400.0]}, VEHICLE.defaults)
+
+
+ROUTE = make_a_route()
+
+
+def make_estimate(temperature_c=20.0, deviations=None, heater=ANSWERS, **mean):
+    """Return an Estimate; `deviations` by element of the state, `mean` by its name in lower case."""
+    elements = {'under_way': UNDER_WAY, 'heat_lag': HEAT_LAG, 'propulsion': PROPULSION}
+    means, covariance = np.zeros(SIZE), np.zeros((SIZE, SIZE))
+    means[TEMPERATURE], means[SOC] = temperature_c, 0.8
+    for name, value in mean.items():
+        means[elements[name]] = value
+    for element, deviation in (deviations or {}).items():
+        covariance[element, element] = deviation**2
+    return Estimate(0, means, covariance, heater, 0.0)
+
+
+@pytest.fixture
+def asked(monkeypatch):
+    """Return the list of what the planner was asked for, in order."""
+    questions = []
+
+    def plan(vehicle, route, state, goal, method, uncertainty_margin, **how):
+        made = plan_preheating(vehicle, route, state, goal, method, uncertainty_margin, **how)
+        questions.append(SimpleNamespace(
+            vehicle=vehicle, route=route, state=state, uncertainty_margin=uncertainty_margin, plan=made, **how))
+        return made
+
+    monkeypatch.setattr('bev_preheat.control.forecast_plan.plan_preheating', plan)
+    return questions
+
+
+def make(estimate, maker=None, goal=GOAL, settings=Settings(), is_heating=False, route=ROUTE,
+         starts_in_s=0.0, heated_s=0.0):
+    return (maker or ForecastPlanner(VEHICLE)).make(
+        estimate, route, goal, settings, is_heating, starts_in_s, heated_s)
+
+
+# Caution
+
+@pytest.mark.parametrize('deviation_k, margin_k', [(0.0, 0.0), (0.05, 0.065), (0.07, 0.091), (0.2, 0.1)])
+def test_the_margin_is_1_3_deviations_of_the_temperature_and_at_most_0_1_k(asked, deviation_k, margin_k):
+    make(make_estimate(deviations={TEMPERATURE: deviation_k}))
+    assert asked[-1].uncertainty_margin.margin_k == pytest.approx(margin_k)
+
+
+def test_the_lead_is_two_deviations_of_the_arrival_as_planned(asked):
+    maker, estimate = ForecastPlanner(VEHICLE), make_estimate(deviations={TEMPERATURE: 1.6})
+    before = make(estimate, maker)
+    # Nothing is known of the arrival before the first plan, so two are made.
+    assert [len(asked), asked[0].uncertainty_margin.lead_k] == [2, 0.0]
+    make(estimate, maker)
+    assert len(asked) == 3
+    assert 2.5 < 2.0 * before.forecast.as_planned_k < 7.0
+    assert asked[2].uncertainty_margin.lead_k == pytest.approx(2.0 * before.forecast.as_planned_k)
+
+
+def test_the_lead_is_at_most_7_k(asked):
+    forecast_plan = make(make_estimate(deviations={TEMPERATURE: 5.0}))
+    assert forecast_plan.forecast.as_planned_k > 3.0
+    assert asked[-1].uncertainty_margin.lead_k == 7.0
+
+
+def test_an_uncertainty_that_is_not_a_number_asks_for_the_longest_lead(asked):
+    make(make_estimate(deviations={HEAT_LAG: math.nan}))
+    assert asked[-1].uncertainty_margin.lead_k == 7.0
+
+
+def test_heating_begins_earlier_by_the_heat_that_may_come_later_than_believed(asked):
+    # A lag of 40 s may be 40 s times e^(1.2 0.5). The heater warms the battery by
+    # 0.87 * 7000 W / 377376 J/K = 16.1 mK/s.
+    make(make_estimate(deviations={HEAT_LAG: 0.5}))
+    assert asked[0].uncertainty_margin.lead_k == pytest.approx(
+        40.0 * (math.exp(1.2 * 0.5) - 1.0) * 0.87 * 7000.0 / 377376.0)
+
+
+def test_a_new_route_is_planned_as_if_nothing_were_known_of_its_arrival(asked):
+    maker, estimate = ForecastPlanner(VEHICLE), make_estimate(deviations={TEMPERATURE: 1.0})
+    make(estimate, maker)
+    maker.forget_deviation()
+    make(estimate, maker)
+    assert len(asked) == 4
+    assert [question.uncertainty_margin.lead_k == 0.0 for question in asked] == [True, False, True, False]
+
+
+@pytest.mark.parametrize('minimum_off_time_s, least_pause_s', [
+    (0.0, 600.0), (599.5, 600.0), (600.5, 600.5), (1200.0, 1200.0)])
+def test_a_pause_lasts_ten_minutes_or_the_least_time_off(asked, minimum_off_time_s, least_pause_s):
+    make(make_estimate(), settings=Settings(minimum_off_time_s=minimum_off_time_s))
+    assert asked[-1].uncertainty_margin.least_pause_s == least_pause_s
+
+
+@pytest.mark.parametrize('minimum_on_time_s, least_heating_s', [(20.0, 90.0), (100.0, 100.0)])
+@pytest.mark.parametrize('is_heating', [False, True])
+def test_caution_knows_the_heater_and_its_least_time_on(asked, is_heating, minimum_on_time_s, least_heating_s):
+    make(make_estimate(), settings=Settings(minimum_on_time_s=minimum_on_time_s), is_heating=is_heating)
+    assert (asked[-1].uncertainty_margin.is_heating,
+    asked[-1].uncertainty_margin.least_heating_s) == (is_heating,
+     least_heating_s)
+
+
+# The state, and the corrected vehicle
+
+@pytest.mark.parametrize('temperature_c, under_way_k, planned_from_c', [
+    (10.0, 0.0, 10.0), (10.0, 1.5, 11.5), (59.0, 2.0, 60.0), (61.0, 0.0, 60.0), (-41.0, 0.0, -40.0),
+    (-40.5, 1.0, -39.5)])
+def test_plans_start_from_the_temperature_with_the_heat_that_is_under_way(
+        asked, temperature_c, under_way_k, planned_from_c):
+    make(make_estimate(temperature_c, under_way=under_way_k))
+    assert asked[-1].state == BatteryState(planned_from_c, 0.8)
+
+
+def test_plans_know_the_lag_and_the_consumption_of_this_car(asked):
+    make(make_estimate(heat_lag=math.log(2.0), propulsion=math.log(1.25)))
+    assert asked[-1].heat_lag_s == pytest.approx(80.0)
+    assert asked[-1].route.propulsion_power_w == pytest.approx(np.full(20, 25e3))
+
+
+def with_factors(estimate, **by_element):
+    mean = estimate.mean.copy()
+    for name, value in by_element.items():
+        mean[{'capacity': HEAT_CAPACITY, 'leakage': LEAKAGE, 'heater': HEATER}[name]] = value
+    return replace(estimate, mean=mean)
+
+
+def test_the_corrected_vehicle_is_the_files_times_the_factors():
+    car = ForecastPlanner(VEHICLE).vehicle(with_factors(
+        make_estimate(), capacity=math.log(1.1), leakage=math.log(1.5), heater=math.log(0.9)))
+    assert car.battery.heat_capacity_j_per_k == pytest.approx(1.1 * 377376.0)
+    assert car.battery.leakage.gamma_0_w_per_k == pytest.approx(1.5 * 34.8868)
+    assert car.hvch.efficiency == pytest.approx(0.9 * 0.87)
+
+
+@pytest.mark.parametrize('element', FILE_DEVIATIONS)
+@pytest.mark.parametrize('share, is_new', [
+    (0.0, False), (0.04, False), (-0.04, False), (0.06, True), (-0.06, True)])
+def test_the_corrected_vehicle_is_kept_until_a_factor_moves_by_a_twentieth_of_its_spread(
+        element, share, is_new):
+    # From factors that are not those of the file.
+    maker, at_first = ForecastPlanner(VEHICLE), make_estimate()
+    at_first.mean[FACTORS] = 0.03, -0.07, 0.05, -0.01, 0.02
+    kept = maker.vehicle(at_first)
+    moved = replace(at_first, mean=at_first.mean.copy())
+    moved.mean[element] += share * FILE_DEVIATIONS[element]
+    assert (maker.vehicle(moved) is not kept) is is_new
+
+
+def test_small_moves_of_a_factor_add_up():
+    maker, estimate = ForecastPlanner(VEHICLE), make_estimate()
+    cars = [maker.vehicle(with_factors(estimate, capacity=0.04 * 0.058 * step)) for step in range(4)]
+    # 4 % is kept, 8 % is not; 12 % is within 5 % of that.
+    assert [car is cars[0] for car in cars] == [True, True, False, False]
+    assert cars[2] is cars[3]
+
+
+def test_consumption_is_the_routes_and_leaves_the_vehicle():
+    maker = ForecastPlanner(VEHICLE)
+    kept = maker.vehicle(make_estimate())
+    assert maker.vehicle(make_estimate(propulsion=0.4)) is kept
+
+
+def test_the_factors_of_the_corrected_car_are_told():
+    estimate = with_factors(make_estimate(propulsion=math.log(1.2)), capacity=math.log(1.05),
+                            heater=math.log(0.95))
+    assert make(estimate).model_factors == pytest.approx((1.05, 1.0, 1.0, 0.95, 1.2))
+
+
+# The heater
+
+@pytest.mark.parametrize('heater, share', [
+    (Heater.DERATED, 0.4), (Heater.DEAD, 0.0), (Heater.STUCK_ON, 1.0)])
+def test_a_heater_that_does_not_obey_is_beyond_the_factors(heater, share):
+    assert make(make_estimate(heater=HeaterReport(heater, 1.0, share))).model_factors == ()
+
+
+def test_of_a_derated_heater_is_told_what_it_gives(asked):
+    forecast_plan = make(make_estimate(heater=HeaterReport(Heater.DERATED, 0.97, 0.9)))
+    assert (forecast_plan.command_share, asked[-1].heater_share, forecast_plan.commanded) == (0.9, 0.9, None)
+    assert forecast_plan.plan.explanation.startswith(
+        'The heater gives only 90 % of what is commanded. Heating starts in ')
+
+
+def test_a_dead_heater_is_commanded_by_a_plan_of_one_that_answers(asked):
+    forecast_plan = make(make_estimate(heater=HeaterReport(Heater.DEAD, 1.0, 0.0)))
+    assert (forecast_plan.command_share, asked[-1].heater_share) == (1.0, 0.0)
+    assert forecast_plan.commanded is asked[-2].plan
+    assert forecast_plan.commanded.hvch_battery_power_w.any()
+    assert not forecast_plan.plan.hvch_battery_power_w.any()
+    assert forecast_plan.plan.explanation.startswith(
+        'The heater does not respond to its command. Driving alone does not warm the battery enough: ')
+
+
+def test_a_heater_that_is_stuck_on_is_expected_to_heat_and_commanded_as_any(asked):
+    forecast_plan = make(make_estimate(24.0, heater=HeaterReport(Heater.STUCK_ON, 1.0, 1.0)))
+    assert asked[-1].heats_throughout
+    assert forecast_plan.plan.arrival_temperature_c > 30.0
+    # The command does not follow the heat that nobody commands.
+    assert (forecast_plan.commanded, forecast_plan.command_share) == (None, 1.0)
+
+
+NOT_TOO_FAR = {
+    Status.NO_CHARGING_PLANNED: {'goal': Goal(25.0, charging_planned=False)},
+    Status.NOT_NEEDED: {'estimate': make_estimate(30.0)},
+    Status.WAITING: {'estimate': make_estimate(20.0)},
+    Status.SOC_LIMITED: {'goal': Goal(25.0, 0.79)},
+    Status.POWER_LIMITED: {'route': make_a_route(900e3)},
+    Status.OUT_OF_CHARGE: {'route': make_a_route(*[300e3] * 20)},
+}
+
+
+@pytest.mark.parametrize('status', NOT_TOO_FAR)
+def test_the_command_follows_the_plan_where_the_target_is_not_too_far(asked, status):
+    forecast_plan = make(**{'estimate': make_estimate(10.0), **NOT_TOO_FAR[status]})
+    assert (forecast_plan.plan.status, forecast_plan.commanded) == (status, None)
+
+
+def test_heat_that_is_mostly_late_is_commanded_where_the_target_is_too_far(asked):
+    forecast_plan = make(make_estimate(-10.0))
+    assert forecast_plan.plan.status is Status.TARGET_UNREACHABLE
+    assert (forecast_plan.commanded, asked[-1].heat_lag_s) == (asked[-1].plan, 0.0)
+    # What is expected is with the lag.
+    assert asked[-2].heat_lag_s == pytest.approx(40.0)
+    assert forecast_plan.plan.battery_temperature_c is asked[-2].plan.battery_temperature_c
+
+
+def test_heat_that_is_commanded_though_all_of_it_is_late_is_told_as_that():
+    # The lag is 40 s: in the last half minute the expected plan does not heat any more, the command does.
+    # A command that is on stays: there is no switching for so little.
+    forecast_plan = make(make_estimate(-10.0), route=ROUTE.after(1170.0), is_heating=True)
+    assert (forecast_plan.plan.status, forecast_plan.plan.heating_start_s) == (Status.TARGET_UNREACHABLE, None)
+    assert forecast_plan.commanded.heating_start_s == 0.0
+    assert forecast_plan.plan.explanation.startswith('Most of the heat arrives too late: arrival in 0:30 min at ')
+
+
+def test_the_cabin_is_to_blame_only_where_it_leaves_no_power():
+    route = make_route({'duration_s': [30.0], 'speed_mps': [20.0], 'propulsion_power_w': [20e3],
+                        'ambient_temperature_c': [-7.0], 'cabin_heating_power_w': [7000.0]}, VEHICLE.defaults)
+    forecast_plan = make(make_estimate(-10.0), route=route)
+    assert forecast_plan.commanded.heating_start_s is None
+    assert forecast_plan.plan.explanation.startswith('The cabin leaves the heater no power: ')
+
+
+def test_the_uncertainty_is_told_where_heating_ends_before_arrival():
+    # It ends before arrival because it begins early, as the arrival is uncertain.
+    forecast_plan = make(make_estimate(20.0, deviations={TEMPERATURE: 1.0}))
+    assert forecast_plan.plan.heating_end_s is not None
+    assert forecast_plan.plan.explanation.endswith(
+        f' Uncertainty +-{forecast_plan.forecast.deviation_k:.1f} K (1 sigma): heating starts early and stops '
+        'once the target is certain.')
+    assert 'Uncertainty' not in make(make_estimate(30.0)).plan.explanation
+
+
+@pytest.mark.parametrize('heated_s, starts_in_s, beginning', [
+    (0.0, 0.0, 'The battery gets warm enough without further heating: arrival in 20:00 min at '),
+    (65.0, 0.0, 'Heating is finished after 1:05 min of heating: arrival in 20:00 min at '),
+    (0.0, -4.0, 'The battery gets warm enough without further heating: arrival in 19:56 min at '),
+    (0.0, 90.0, 'The route begins in 1:30 min. The battery gets warm enough without further heating: '
+     'arrival in 21:30 min at ')])
+def test_sentences_count_from_now(heated_s, starts_in_s, beginning):
+    forecast_plan = make(make_estimate(30.0), heated_s=heated_s, starts_in_s=starts_in_s)
+    assert forecast_plan.plan.explanation.startswith(beginning)
+
+
+# A plan as it is now
+
+@pytest.mark.parametrize('status, starts_in_s, status_now', [
+    (Status.HEATING, -0.5, Status.HEATING), (Status.HEATING, 0.0, Status.HEATING),
+    (Status.HEATING, 1e-9, Status.WAITING), (Status.HEATING, 0.5, Status.WAITING),
+    (Status.HEATING, 60.0, Status.WAITING), (Status.NOT_NEEDED, 60.0, Status.NOT_NEEDED),
+    (Status.TARGET_UNREACHABLE, 60.0, Status.TARGET_UNREACHABLE)])
+def test_what_heats_at_the_start_waits_until_then(status, starts_in_s, status_now):
+    plan = replace(plan_preheating(VEHICLE, ROUTE, BatteryState(20.0, 0.8), GOAL),
+                   status=status, heating_start_s=0.0)
+    now = seen_from_now(plan, VEHICLE, GOAL, starts_in_s)
+    assert now.status is status_now
+    assert ('Heating starts in' in now.explanation) == (status_now is Status.WAITING)

@@ -1,0 +1,191 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A vehicle that stands or is charged keeps its place on the route; its own plant is three lines of arithmetic."""
+
+from dataclasses import replace
+
+import pytest
+
+from bev_preheat.control.events import BatteryStateArrived, ProgressArrived, RouteArrived
+from bev_preheat.control.inputs import Leg, Measurement, Mission, NS_PER_S, Progress, SupplyStatus, with_stops
+from bev_preheat.control.regime import Regime
+from bev_preheat.control.settings import Settings
+from bev_preheat.control.supervisor import Supervisor
+from bev_preheat.planning.situation import BatteryState
+from bev_preheat.planning.status import Status
+from bev_preheat.route.segments import make_route
+from bev_preheat.vehicle import load_vehicle
+
+VEHICLE = load_vehicle('reference')
+START_NS = 1_700_000_000 * NS_PER_S
+CONSUMERS_W, DRIVE_W = 2478.0, 15e3
+
+
+def leg(minutes=40, charging_planned=True, departure=None):
+    return Leg(make_route({
+        'duration_s': [60.0] * minutes, 'speed_mps': [25.0], 'propulsion_power_w': [DRIVE_W],
+        'ambient_temperature_c': [-7.0]}, VEHICLE.defaults), START_NS, charging_planned, departure=departure)
+
+
+class Car:
+    """The reference battery, one state a second; the heater obeys at once."""
+
+    def __init__(self, legs=None, settings=Settings(), reports_power=True, temperature_c=5.0, soc=0.8):
+        self.planner = Supervisor(VEHICLE, settings)
+        self.at_s, self.temperature_c, self.soc, self.reports_power = 0, temperature_c, soc, reports_power
+        self.command_w, self.commands = 0.0, []
+        # The sign of the current is known before the route comes.
+        for _ in range(60):
+            self.go(1, 0.0, CONSUMERS_W)
+        self.start_s = self.at_s
+        self.planner_step(RouteArrived(Mission('trip', tuple(
+            replace(each, start_ns=each.start_ns + self.at_s * NS_PER_S) for each in legs or (leg(),)))))
+
+    def planner_step(self, *events):
+        for output in self.planner.step(START_NS + self.at_s * NS_PER_S, *events):
+            if output.command is not None:
+                self.command_w = output.command.battery_heating_power_w
+
+    def go(self, seconds, propulsion_w, consumers_w=CONSUMERS_W, charged_w=0.0, **measured):
+        """Let time pass at a propulsion power, or a charging power [W] at the battery's terminals."""
+        for _ in range(seconds):
+            self.at_s += 1
+            power_w = -charged_w if charged_w else propulsion_w + consumers_w + self.command_w
+            self.soc -= power_w / (365.0 + 60.0) / VEHICLE.battery.capacity_as
+            self.temperature_c += (0.87 * self.command_w + 0.08 * abs(propulsion_w) - 48.0 * (
+                self.temperature_c + 7.0)) / 377376.0
+            resistance_ohm = 4.3125 / (self.temperature_c + 45.0)
+            volts = 365.0 + 75.0 * self.soc + 15.0 * self.soc**3 - resistance_ohm * power_w / 425.0
+            self.planner_step(BatteryStateArrived(Measurement(
+                BatteryState(self.temperature_c, self.soc), START_NS + self.at_s * NS_PER_S,
+                *((volts, power_w / volts) if self.reports_power else (None, None)), **measured)))
+            self.commands.append((self.at_s, self.command_w))
+
+    def heated_s(self, from_s):
+        return sum(power_w > 0.0 for at_s, power_w in self.commands if at_s >= from_s)
+
+    @property
+    def delay_s(self):
+        return self.planner.timetable.delay_ns / NS_PER_S
+
+
+def test_an_early_charger_is_recognised_and_not_heated_at():
+    # So cold that it heats until arrival.
+    car = Car(temperature_c=-5.0)
+    car.go(34 * 60, DRIVE_W)
+    assert car.command_w > 0.0
+    plugged_s = car.at_s
+    car.go(10, 0.0, charged_w=90e3)
+    assert (car.planner.regime.regime, car.command_w) == (Regime.CHARGING, 0.0)
+    assert car.planner.decision.status is Status.CHARGING
+    assert '90000 W' in car.planner.decision.explanation
+    car.go(900, 0.0, charged_w=90e3)
+    assert car.heated_s(plugged_s + 10) == 0
+    # After two minutes the leg has ended.
+    assert car.planner.decision.status is Status.ARRIVED
+    assert car.planner.estimate.heater.heater.value == 'answers'
+
+
+def test_charging_on_the_way_is_a_stop_that_nobody_planned():
+    car = Car((leg(60),))
+    car.go(10 * 60, DRIVE_W)
+    car.go(900, 0.0, charged_w=50e3)
+    assert car.planner.decision.status is Status.CHARGING
+    car.go(60, 0.0)
+    car.go(30, DRIVE_W)
+    # 15 min of charging and 1 min of standing, less the seconds of recognition.
+    assert car.delay_s == pytest.approx(960.0, abs=15.0)
+    assert car.planner.decision.status in (Status.WAITING, Status.HEATING)
+
+
+def test_a_descent_that_no_route_knows_is_taken_back():
+    car = Car((leg(60),))
+    car.go(600, DRIVE_W)
+    car.go(300, 0.0, charged_w=18e3)
+    assert car.planner.regime.regime is Regime.CHARGING
+    car.go(30, DRIVE_W)
+    assert (car.planner.regime.regime, car.delay_s) == (Regime.DRIVING, 0.0)
+
+
+def test_a_parked_car_is_not_heated_for_longer_than_stated():
+    car = Car()
+    car.go(600, DRIVE_W)
+    parked_s = car.at_s
+    car.go(1800, 0.0, 0.0)
+    assert car.heated_s(parked_s) <= 182
+    assert (car.planner.regime.regime, car.planner.decision.status) == (Regime.STANDING, Status.WAITING)
+    assert 'has stood for 30:' in car.planner.decision.explanation or 'has stood for 29:' in (
+        car.planner.decision.explanation)
+    assert car.delay_s == pytest.approx(1800.0 - 60.0, abs=3.0)
+    # It drives on: the rest of the route is the same, and the heater goes on.
+    car.go(10, DRIVE_W)
+    assert car.command_w > 0.0
+    assert car.delay_s == pytest.approx(1740.0, abs=8.0)
+
+
+def test_a_traffic_jam_with_its_consumers_on_is_heated_for_a_quarter_of_an_hour():
+    # Too cold to reach the target: heat made while it stands is not lost.
+    car = Car((leg(25),), temperature_c=-7.0)
+    car.go(600, DRIVE_W)
+    jam_s = car.at_s
+    car.go(1800, 0.0)
+    assert 880 <= car.heated_s(jam_s) <= 902
+
+
+def test_without_voltage_and_current_the_route_goes_by_time():
+    car = Car(reports_power=False)
+    car.go(600, DRIVE_W)
+    car.go(600, 0.0, 0.0)
+    assert (car.planner.regime.regime, car.delay_s) == (Regime.UNKNOWN, 0.0)
+
+
+def test_a_status_is_enough_without_them():
+    car = Car(reports_power=False)
+    car.go(2000, DRIVE_W)
+    car.go(12, 0.0, charged_w=90e3, supply_status=SupplyStatus.CHARGING)
+    assert (car.planner.decision.status, car.command_w) == (Status.CHARGING, 0.0)
+
+
+def test_a_position_that_moves_outranks_the_power():
+    car = Car((leg(60),))
+    for second in range(900):
+        car.go(1, 0.0, charged_w=18e3)
+        car.planner_step(ProgressArrived(Progress(
+            25.0 * second, START_NS + car.at_s * NS_PER_S, 'trip')))
+    assert (car.planner.regime.regime, abs(car.delay_s) < 3.0) == (Regime.DRIVING, True)
+
+
+def test_at_a_stop_that_lasts_longer_the_next_leg_waits():
+    legs = with_stops((leg(20), leg(30, departure=BatteryState(20.0, 0.8))), (600.0,))
+    car = Car(legs, soc=0.6)
+    car.go(20 * 60, DRIVE_W)
+    car.go(1800, 0.0, charged_w=50e3)
+    # 20 min longer than planned: the next leg has not begun.
+    assert car.delay_s == pytest.approx(1200.0, abs=15.0)
+    assert car.planner.decision.status is Status.CHARGING
+
+
+def test_what_the_model_does_not_describe_teaches_nothing():
+    car = Car()
+    car.go(20 * 60, DRIVE_W)
+    before = car.planner.estimate
+    car.go(600, 0.0, charged_w=90e3)
+    after = car.planner.estimate
+    # The factors and the heater are as they were, within the recognition.
+    assert after.log_factors == pytest.approx(before.log_factors, abs=0.02)
+    assert after.heater.probability == pytest.approx(before.heater.probability, abs=0.05)
+    assert after.temperature_c == pytest.approx(car.temperature_c, abs=0.5)
+
+
+def test_the_consumption_of_a_route_is_forgotten_with_the_next_trip():
+    car = Car()
+    # It takes a fifth more than its route says.
+    car.go(600, 1.2 * DRIVE_W)
+    found = car.planner.estimate.propulsion_factor
+    assert found > 1.03
+    mission = car.planner.mission
+    car.planner_step(RouteArrived(mission))
+    car.go(2, 1.2 * DRIVE_W)
+    assert car.planner.estimate.propulsion_factor == pytest.approx(found, abs=0.02)
+    car.planner_step(RouteArrived(replace(mission, route_id='another')))
+    car.go(1, DRIVE_W)
+    assert car.planner.estimate.propulsion_factor == pytest.approx(1.0, abs=0.02)

@@ -1,0 +1,321 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the planner does once it is told where on its route the vehicle is."""
+
+from dataclasses import replace
+from math import nan
+
+import pytest
+from stepwise import Stepwise
+
+from bev_preheat.control import decision_maker as decision_maker_module
+from bev_preheat.control.events import (
+    BatteryStateArrived,
+    ProgressArrived,
+    ProgressUnreadable,
+    Reconfigured,
+    RouteUnreadable,
+)
+from bev_preheat.control.inputs import Leg, Measurement, Mission, NS_PER_S, Progress, with_stops
+from bev_preheat.control.refusals import RefusedRoute
+from bev_preheat.control.settings import Settings
+from bev_preheat.errors import InvalidInput
+from bev_preheat.planning.situation import BatteryState
+from bev_preheat.planning.status import Status
+from bev_preheat.route.segments import make_route
+from bev_preheat.vehicle import load_vehicle
+
+VEHICLE = load_vehicle('reference')
+START_NS = 1_700_000_000 * NS_PER_S
+MEASURED = Settings(estimation=False, minimum_on_time_s=0.0, minimum_off_time_s=0.0)
+FULL_POWER_W = 5500.0
+LENGTH_M = 20.0 * 600.0
+
+
+def ns(seconds):
+    return round(seconds * NS_PER_S)
+
+
+def a_leg(duration_s=600.0, **fields):
+    route = make_route({
+        'duration_s': [30.0] * int(duration_s / 30.0), 'speed_mps': [20.0],
+        'propulsion_power_w': [18e3], 'ambient_temperature_c': [-5.0],
+        'cabin_heating_power_w': [1500.0], 'auxiliary_power_w': [400.0]}, None)
+    return Leg(route, **{'target_temperature_c': 25.0, **fields})
+
+
+def a_mission(start_ns=START_NS, **fields):
+    return Mission('home', (a_leg(start_ns=start_ns, **fields),))
+
+
+class Drive:
+    """A Stepwise supervisor at seconds after the start of its route."""
+
+    def __init__(self, mission=None, settings=MEASURED):
+        self.supervisor = Stepwise(VEHICLE, settings)
+        self.supervisor.run(START_NS)
+        self.supervisor.accept_mission(mission or a_mission())
+
+    def tell(self, at_s, distance_m, **fields):
+        """Take in a position; return the outputs."""
+        self.supervisor.run(START_NS + ns(at_s), ProgressArrived(Progress(**{
+            'distance_m': distance_m, 'stamp_ns': START_NS + ns(at_s), 'route_id': 'home', **fields})))
+        return self.supervisor.outputs
+
+    def feed(self, at_s, temperature_c=-7.0, soc=0.8):
+        """Take in a battery state; return (command [W], reason) and how long the plan still lasts [s]."""
+        now_ns = START_NS + ns(at_s)
+        self.supervisor.accept_battery(
+            Measurement(BatteryState(temperature_c, soc), now_ns), now_ns)
+        command, plan = self.supervisor.latest_command, self.supervisor.decision.plan
+        return (pytest.approx(command.battery_heating_power_w), command.reason,
+                None if plan is None else pytest.approx(plan.arrival_time_s))
+
+
+HEATS, OFF = FULL_POWER_W, 0.0
+COLD = Status.TARGET_UNREACHABLE
+
+
+# Late, early, on time
+
+def test_a_late_vehicle_is_heated_for_as_long_as_it_drives():
+    drive = Drive()
+    drive.tell(599.0, LENGTH_M - 3000.0 - 10.0)
+    assert drive.feed(599.5) == (HEATS, COLD, 149.5)
+    drive.tell(605.0, LENGTH_M - 2880.0 - 10.0)
+    # By time it arrived 7 s ago.
+    assert drive.feed(607.0) == (HEATS, COLD, 142.0)
+    drive.tell(748.0, LENGTH_M)
+    assert drive.feed(750.0)[1] is Status.ARRIVED
+
+
+def test_an_early_vehicle_has_less_time():
+    drive = Drive()
+    drive.tell(100.0, 6000.0 + 10.0)
+    assert drive.feed(100.0) == (HEATS, COLD, 300.0)
+    drive.tell(105.0, 6100.0 + 10.0)
+    # 4 degC warmer is what 25 degC on arrival takes from there on.
+    assert drive.supervisor.mission.legs[0].arrival_ns == START_NS + ns(400.0)
+
+
+def test_a_vehicle_that_leaves_early_is_heated_before_the_stamp_of_its_route():
+    drive = Drive()
+    assert drive.feed(-50.0)[0] == OFF
+    drive.tell(-49.0, 210.0)
+    assert drive.feed(-49.0) == (HEATS, COLD, 590.0)
+
+
+def test_a_vehicle_that_has_not_left_has_all_its_route_ahead():
+    drive = Drive()
+    drive.tell(100.0, 0.0)
+    # But for the 10 m to which its place is known.
+    assert drive.feed(100.0) == (HEATS, COLD, 599.5)
+
+
+@pytest.mark.parametrize('settings', [MEASURED, Settings()], ids=['measured', 'estimated'])
+def test_on_time_commands_and_plans_are_the_same_to_the_last_bit(settings):
+    def said(tells_position):
+        drive, said = Drive(settings=settings), []
+        for at_s in range(200, 612, 9):
+            if tells_position:
+                # The distance is off by up to 9 m.
+                drive.tell(at_s, max(0.0, min(20.0 * at_s, LENGTH_M) + (at_s * 7) % 19 - 9.0))
+            drive.feed(at_s, 20.5 + at_s / 150.0)
+            for output in drive.supervisor.outputs:
+                plan = output.decision.plan if output.decision else None
+                said.append((output.command, output.decision and output.decision.status,
+                             plan and (plan.battery_temperature_c.tolist(), plan.time_s.tolist(),
+                                       plan.hvch_battery_power_w.tolist())))
+        assert {status for _, status, _ in said} >= {Status.HEATING, Status.ARRIVED}
+        return said
+
+    assert said(True) == said(False)
+
+
+def test_a_position_waits_for_the_next_battery_state():
+    drive = Drive()
+    drive.feed(100.0)
+    before = drive.supervisor.decision
+    output, = drive.tell(101.0, 500.0)
+    assert (output.command, output.decision, output.refusals) == (None, None, ())
+    assert drive.supervisor.decision is before
+
+
+def test_positions_do_not_replace_battery_states():
+    drive = Drive()
+    drive.feed(100.0)
+    for at_s in range(101, 107):
+        drive.tell(float(at_s), 20.0 * at_s)
+    assert drive.supervisor.command(START_NS + ns(106.0)).reason is Status.STALE_INPUT
+
+
+def test_a_position_without_a_route_says_nothing():
+    supervisor = Stepwise(VEHICLE, MEASURED)
+    supervisor.run(START_NS, ProgressArrived(Progress(100.0, START_NS, 'home')))
+    assert (supervisor.timetable, supervisor.refused_progress) == (None, None)
+
+
+def test_another_route_is_driven_by_its_own_stamp_again():
+    drive = Drive()
+    drive.tell(100.0, 0.0)
+    drive.supervisor.accept_mission(a_mission(START_NS + ns(20.0)))
+    assert drive.supervisor.mission.delay_ns == 0
+    assert drive.feed(120.0) == (HEATS, COLD, 500.0)
+
+
+def test_other_settings_leave_the_vehicle_where_it_is():
+    drive = Drive()
+    drive.tell(100.0, 0.0)
+    settings = replace(MEASURED, lease_s=1.0)
+    drive.supervisor.run(START_NS + ns(101.0), Reconfigured(VEHICLE, settings, a_mission()))
+    assert drive.feed(101.0) == (HEATS, COLD, 598.5)
+
+
+# Refused, too old
+
+@pytest.mark.parametrize('event', [
+    ProgressArrived(Progress(nan, START_NS + ns(101.0), 'home'), 'look at the clocks'),
+    ProgressArrived(Progress(0.0, START_NS + ns(101.0), 'work'), 'look at the clocks'),
+    ProgressUnreadable(InvalidInput(['distance: 0 counts as not given', 'look at the clocks']))])
+def test_a_refused_position_is_told_and_leaves_the_heater_alone(event):
+    drive = Drive()
+    drive.tell(100.0, 0.0)
+    drive.feed(100.0)
+    now_ns = START_NS + ns(101.0)
+    drive.supervisor.step_through(now_ns, event)
+    refusal, = [each for output in drive.supervisor.outputs for each in output.refusals]
+    assert refusal.source == 'route_progress'
+    assert refusal.error.problems[-1] == 'look at the clocks'
+    assert drive.supervisor.refused_progress == f'route_progress refused: {refusal.error}'
+    # The place before it holds.
+    assert drive.feed(101.0) == (HEATS, COLD, 598.5)
+    drive.tell(102.0, 0.0)
+    assert drive.supervisor.refused_progress is None
+
+
+def test_a_place_that_is_too_old_is_driven_on_from_by_time():
+    drive = Drive()
+    drive.tell(300.0, 0.0)
+    for after_s in (1.0, 10.0, 10.1, 100.0, 598.0):
+        assert drive.feed(300.0 + after_s) == (HEATS, COLD, 599.5 - after_s)
+    assert drive.feed(900.0)[1] is Status.ARRIVED
+
+
+def test_what_is_too_old_itself_is_refused():
+    drive = Drive()
+    with pytest.raises(InvalidInput, match='header.stamp: the position is 10.001 s old'):
+        drive.tell(100.0, 0.0, stamp_ns=START_NS + ns(100.0 - 10.001))
+    drive.tell(100.0, 0.0, stamp_ns=START_NS + ns(100.0 - 9.999))
+
+
+def test_a_clock_that_was_set_back_leaves_the_stamp_of_the_route():
+    drive = Drive()
+    drive.tell(500.0, 0.0)
+    drive.feed(500.0)
+    assert drive.feed(100.0) == (HEATS, COLD, 500.0)
+    drive.tell(101.0, 0.0)
+    assert drive.feed(101.0) == (HEATS, COLD, 599.5)
+
+
+# Standing
+
+def stood(drive, until_s, distance_m=6010.0, temperature_c=-7.0):
+    """
+    Let the vehicle stand from 100 s on, and return what is commanded at the end.
+
+    It is early, and its place is known to 10 m, so that for the first second it counts as driving.
+    """
+    for at_s in range(100, until_s, 5):
+        drive.tell(float(at_s), distance_m)
+    return drive.feed(until_s - 5.0, temperature_c)
+
+
+@pytest.mark.parametrize('until_s, expected', [
+    (400, (HEATS, COLD, 299.0)), (1005, (HEATS, COLD, 299.0)), (1010, (OFF, Status.WAITING, None)),
+    (3000, (OFF, Status.WAITING, None))])
+def test_who_stands_is_kept_warm_for_a_quarter_of_an_hour(until_s, expected):
+    assert stood(Drive(), until_s) == expected
+
+
+def test_who_drives_on_is_heated_again_at_once():
+    drive = Drive()
+    assert stood(drive, 2000)[0] == OFF
+    assert drive.supervisor.decision.explanation == (
+        'The vehicle has stood for 31:34 min where its route does not stop (the position has not moved for '
+        '1894 s): no heating until it drives on.')
+    drive.tell(2001.0, 6030.0)
+    assert drive.feed(2001.0)[0] == HEATS
+
+
+@pytest.mark.parametrize('mission, temperature_c, status', [
+    (a_mission(charging_planned=False), -7.0, Status.NO_CHARGING_PLANNED),
+    (a_mission(), 40.0, Status.NOT_NEEDED)])
+def test_who_stands_without_need_of_heat_is_told_that(mission, temperature_c, status):
+    assert stood(Drive(mission), 2000, temperature_c=temperature_c)[:2] == (OFF, status)
+
+
+# Stops
+
+def two_legs():
+    return Mission('home', with_stops(
+        (a_leg(start_ns=START_NS), a_leg(departure=BatteryState(24.0, 0.7))), (300.0,)))
+
+
+def test_a_late_stop_ends_later():
+    drive = Drive(two_legs())
+    drive.tell(700.0, LENGTH_M - 1010.0)
+    assert drive.feed(700.0) == (HEATS, COLD, 50.0)
+    drive.tell(750.0, LENGTH_M)
+    drive.feed(760.0)
+    assert drive.feed(1049.0)[1] is Status.CHARGING
+    later, = drive.supervisor.mission.legs[1:]
+    assert later.start_ns == START_NS + ns(1050.0)
+    assert drive.feed(1051.0) == (HEATS, COLD, 599.0)
+
+
+def test_who_leaves_a_stop_early_is_on_the_next_leg():
+    drive = Drive(two_legs())
+    drive.tell(600.0, LENGTH_M)
+    assert drive.feed(650.0)[1] is Status.CHARGING
+    drive.tell(700.0, LENGTH_M + 510.0)
+    assert drive.feed(700.0) == (HEATS, COLD, 575.0)
+
+
+def test_later_legs_are_planned_once_and_begin_later(monkeypatch):
+    planned, plan = [], decision_maker_module.plan_preheating
+
+    def counting(vehicle, route, state, *rest):
+        planned.append(state)
+        return plan(vehicle, route, state, *rest)
+
+    monkeypatch.setattr(decision_maker_module, 'plan_preheating', counting)
+    drive = Drive(two_legs())
+    starts_ns = []
+    for at_s in (100.0, 105.0, 110.0):
+        drive.tell(at_s, 0.0)
+        drive.feed(at_s)
+        later, = drive.supervisor.later_decisions()
+        starts_ns.append(later.plan_start_ns - START_NS)
+        assert later.leg is drive.supervisor.mission.legs[1]
+    assert starts_ns == [ns(900.0 + at_s - 0.5) for at_s in (100.0, 105.0, 110.0)]
+    assert planned.count(BatteryState(24.0, 0.7)) == 1
+
+
+# Refused routes
+
+@pytest.mark.parametrize('arrives_s, goes_on', [(699.0, False), (701.0, True)])
+def test_a_refused_update_is_held_against_the_arrival_by_place(arrives_s, goes_on):
+    drive = Drive()
+    drive.tell(100.5, 0.0)
+    drive.supervisor.step_through(START_NS + ns(101.0), RouteUnreadable(
+        InvalidInput('speed: -1'), RefusedRoute('home', True, (START_NS + ns(arrives_s),))))
+    drive.feed(102.0)
+    assert (drive.supervisor.mission is not None) is goes_on
+
+
+def test_events_of_one_instant_are_all_planned_for():
+    drive = Drive()
+    now_ns = START_NS + ns(100.0)
+    drive.supervisor.run(
+        now_ns, ProgressArrived(Progress(0.0, now_ns, 'home')),
+        BatteryStateArrived(Measurement(BatteryState(-7.0, 0.8), now_ns)))
+    assert drive.supervisor.decision.plan.arrival_time_s == pytest.approx(599.5)

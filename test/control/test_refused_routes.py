@@ -1,0 +1,315 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a refused route, and a cancellation, do to the trip before it: the rule of docs/explanation/safety.md."""
+
+from dataclasses import replace
+
+import pytest
+from stepwise import Stepwise
+
+from bev_preheat.control.inputs import Leg, Measurement, Mission, NS_PER_S, with_stops
+from bev_preheat.control.refusals import RefusedRoute
+from bev_preheat.control.settings import Settings
+from bev_preheat.errors import InvalidInput
+from bev_preheat.planning.situation import BatteryState
+from bev_preheat.planning.status import Status
+from bev_preheat.route.segments import make_route
+from bev_preheat.vehicle import load_vehicle
+
+VEHICLE = load_vehicle('reference')
+NOW_NS = 1_700_000_000 * NS_PER_S
+SETTINGS = Settings(estimation=False, minimum_on_time_s=0.0, minimum_off_time_s=0.0,
+                    battery_state_timeout_s=4.0)
+# 20 min at -7 degC: too short to reach 25 degC, so it heats at once.
+DURATION_S = 1200.0
+ERROR = InvalidInput('speed[0]: -1 is not allowed')
+
+
+def ns(seconds):
+    return round(seconds * NS_PER_S)
+
+
+def make_leg(duration_s=DURATION_S, start_ns=NOW_NS, charging_planned=True, departure=None):
+    return Leg(make_route({
+        'duration_s': [duration_s / 4] * 4, 'speed_mps': [20.0], 'propulsion_power_w': [20e3],
+        'ambient_temperature_c': [-7.0], 'cabin_heating_power_w': [1500.0],
+        'auxiliary_power_w': [400.0]}, VEHICLE.defaults), start_ns, charging_planned, 25.0,
+        departure=departure)
+
+
+def make_mission(route_id='home', **leg):
+    return Mission(route_id, (make_leg(**leg),))
+
+
+def make_trip_with_stop(first_s=DURATION_S, stop_s=600.0, second_s=900.0, start_ns=NOW_NS):
+    departure = BatteryState(30.0, 0.8)
+    return Mission('home', with_stops(
+        (make_leg(first_s, start_ns), make_leg(second_s, departure=departure)), (stop_s,)))
+
+
+def feed(supervisor, now_ns):
+    """Give a good state, and return (power [W], status) that the supervisor answers with."""
+    supervisor.accept_battery(Measurement(BatteryState(-7.0, 0.8), now_ns), now_ns)
+    supervisor.replan(now_ns)
+    return outcome(supervisor, now_ns)
+
+
+def feed_on(supervisor, from_s):
+    """Give good states from so many seconds [s] on, past the pause after doubt; return the last answer."""
+    # For 10 s nothing may be wrong.
+    assert feed(supervisor, NOW_NS + ns(from_s)) == OFF
+    return [feed(supervisor, NOW_NS + ns(from_s + second)) for second in range(1, 12)][-1]
+
+
+def outcome(supervisor, now_ns):
+    command = supervisor.command(now_ns)
+    return command.battery_heating_power_w, command.reason
+
+
+def heating_supervisor(mission):
+    supervisor = Stepwise(VEHICLE, SETTINGS)
+    supervisor.accept_mission(mission)
+    power_w, _ = feed(supervisor, NOW_NS)
+    assert power_w > 0.0
+    return supervisor
+
+
+OFF = (0.0, Status.INVALID_INPUT)
+HOME_END_NS = NOW_NS + ns(DURATION_S)
+SAME = RefusedRoute('home', True, (HOME_END_NS,))
+
+
+# An update of the same trip
+
+@pytest.mark.parametrize('refused', [
+    SAME, replace(SAME, arrivals_ns=(HOME_END_NS + ns(300.0),)),
+    # What sums in other steps differ by.
+    replace(SAME, arrivals_ns=(HOME_END_NS - 1000,))], ids=['same', 'later', 'rounding'])
+def test_after_an_update_that_arrives_no_earlier_the_old_route_goes_on(refused):
+    supervisor = heating_supervisor(make_mission())
+    supervisor.refuse_route(ERROR, refused)
+    assert outcome(supervisor, NOW_NS) == OFF
+    power_w, status = feed_on(supervisor, 1.0)
+    assert (power_w > 0.0, status) == (True, Status.TARGET_UNREACHABLE)
+
+
+def test_the_old_route_goes_on_only_with_a_valid_state():
+    supervisor = heating_supervisor(make_mission())
+    supervisor.refuse_route(ERROR, SAME)
+    with pytest.raises(InvalidInput):
+        supervisor.accept_battery(Measurement(BatteryState(-7.0, 2.0), NOW_NS), NOW_NS)
+    supervisor.refresh(NOW_NS + ns(1.0))
+    assert outcome(supervisor, NOW_NS + ns(1.0)) == OFF
+
+
+def test_a_refused_update_remains_known_until_a_valid_route_comes():
+    supervisor = heating_supervisor(make_mission())
+    supervisor.refuse_route(ERROR, SAME)
+    known = []
+    for second in range(1, 4):
+        feed(supervisor, NOW_NS + ns(second))
+        known.append(supervisor.refused_route)
+    supervisor.accept_mission(make_mission())
+    assert (set(known), supervisor.refused_route) == ({
+        'route_plan refused: speed[0]: -1 is not allowed. The route before it holds again from '
+        'the next valid battery state on.'}, None)
+
+
+# Anything else
+
+DROPPED = {
+    'other_id': (replace(SAME, route_id='work'),
+                 "has another route_id, 'work' instead of 'home'"),
+    'no_id': (replace(SAME, route_id=''), 'has no route_id'),
+    'no_charging': (replace(SAME, charging_planned=False), 'plans no charging'),
+    'earlier': (replace(SAME, arrivals_ns=(HOME_END_NS - ns(2.0),)), 'arrives earlier'),
+    'unreadable': (replace(SAME, arrivals_ns=None), 'the arrival of the refused route cannot be'),
+    'with_a_stop': (replace(SAME, arrivals_ns=(NOW_NS + ns(600.0), HOME_END_NS + ns(60.0))),
+                    'has other stops'),
+    'nothing': (RefusedRoute(), 'has no route_id'),
+}
+
+
+@pytest.mark.parametrize('refused, reason', DROPPED.values(), ids=DROPPED)
+def test_any_other_refused_route_ends_the_one_before(refused, reason):
+    supervisor = heating_supervisor(make_mission())
+    supervisor.refuse_route(ERROR, refused)
+    outcomes = {outcome(supervisor, NOW_NS)} | {
+        feed(supervisor, NOW_NS + ns(second)) for second in range(1, 5)}
+    assert (outcomes, supervisor.mission) == ({OFF}, None)
+    sentence = supervisor.decision.explanation
+    assert sentence.startswith('route_plan refused: speed[0]: -1 is not allowed. The route before '
+                               'it was dropped because ')
+    assert reason in sentence
+    assert sentence.endswith('The heater is off until a valid route plan arrives.')
+
+
+def test_a_route_without_an_id_is_no_update_of_one_without():
+    supervisor = heating_supervisor(make_mission(route_id=''))
+    supervisor.refuse_route(ERROR, replace(SAME, route_id=''))
+    assert feed(supervisor, NOW_NS + ns(1.0)) == OFF
+
+
+def test_after_a_dropped_route_a_valid_one_heats():
+    supervisor = heating_supervisor(make_mission())
+    supervisor.refuse_route(ERROR, RefusedRoute('work'))
+    supervisor.accept_mission(make_mission('work'))
+    supervisor.replan(NOW_NS)
+    assert (feed_on(supervisor, 0.0)[0] > 0.0, supervisor.refused_route) == (True, None)
+
+
+def test_a_second_refusal_of_the_same_trip_does_not_bring_a_dropped_route_back():
+    supervisor = heating_supervisor(make_mission())
+    supervisor.refuse_route(ERROR, RefusedRoute('work'))
+    supervisor.refuse_route(ERROR, SAME)
+    assert feed(supervisor, NOW_NS + ns(1.0)) == OFF
+
+
+def test_other_settings_do_not_bring_a_dropped_route_back():
+    supervisor = heating_supervisor(make_mission())
+    supervisor.refuse_route(ERROR, RefusedRoute('work'))
+    supervisor.settings = replace(SETTINGS, lease_s=1.0)
+    assert feed(supervisor, NOW_NS + ns(1.0)) == OFF
+
+
+def test_a_refused_route_without_one_before_it_is_told_until_a_valid_one_comes():
+    supervisor = Stepwise(VEHICLE, SETTINGS)
+    supervisor.refuse_route(ERROR, SAME)
+    assert feed(supervisor, NOW_NS) == OFF
+    assert supervisor.decision.explanation == (
+        'route_plan refused: speed[0]: -1 is not allowed. The heater is off until a valid route '
+        'plan arrives.')
+
+
+@pytest.mark.parametrize('arrivals_s, goes_on', [
+    ((1200, 2700), True), ((1300, 2800), True),
+    # The stop is left out, one more comes, it comes earlier, the end does.
+    ((2700,), False), ((1200, 1500, 2700), False), ((1100, 2800), False), ((1200, 2600), False)])
+def test_stops_ahead_must_not_be_called_off_either(arrivals_s, goes_on):
+    supervisor = heating_supervisor(make_trip_with_stop())
+    supervisor.refuse_route(ERROR, replace(
+        SAME, arrivals_ns=tuple(NOW_NS + ns(second) for second in arrivals_s)))
+    assert (feed_on(supervisor, 1.0) != OFF) is goes_on
+
+
+def test_stops_behind_may_be_left_out():
+    # Under way on the second leg.
+    supervisor = Stepwise(VEHICLE, SETTINGS)
+    supervisor.accept_mission(make_trip_with_stop(start_ns=NOW_NS - ns(1900.0)))
+    assert feed(supervisor, NOW_NS)[0] > 0.0
+    supervisor.refuse_route(ERROR, replace(SAME, arrivals_ns=(NOW_NS + ns(2700.0 - 1900.0),)))
+    assert feed_on(supervisor, 1.0)[0] > 0.0
+
+
+def test_a_mission_that_does_not_fit_the_vehicle_is_judged_by_the_same_rule():
+    for route_id, heats in (('home', True), ('work', False)):
+        supervisor = heating_supervisor(make_mission())
+        leg = replace(make_leg(), target_temperature_c=90.0)
+        with pytest.raises(InvalidInput):
+            supervisor.accept_mission(Mission(route_id, (leg,)))
+        assert (feed_on(supervisor, 1.0)[0] > 0.0) is heats, route_id
+
+
+# A vehicle that the route does not fit
+
+def test_a_route_that_does_not_fit_a_new_vehicle_holds_again_when_it_fits():
+    supervisor = heating_supervisor(make_mission())
+    mild, wide = make_mission(), VEHICLE
+    narrow = replace(wide, battery=replace(wide.battery, temperature_range_c=(-7.5, 20.0)))
+    supervisor.vehicle = narrow
+    with pytest.raises(InvalidInput, match='target battery temperature: 25 is not allowed'):
+        supervisor.revise_mission(mild)
+    assert feed(supervisor, NOW_NS + ns(1.0)) == OFF
+    supervisor.vehicle = wide
+    supervisor.revise_mission(mild)
+    assert feed_on(supervisor, 2.0)[0] > 0.0
+
+
+def test_a_revised_route_does_not_make_a_refused_one_good():
+    supervisor = heating_supervisor(make_mission())
+    supervisor.refuse_route(ERROR, SAME)
+    supervisor.revise_mission(make_mission())
+    supervisor.replan(NOW_NS)
+    assert (outcome(supervisor, NOW_NS), supervisor.refused_route is None) == (OFF, False)
+
+
+# Cancellation
+
+def test_a_cancelled_trip_is_off_and_stays_off():
+    supervisor = heating_supervisor(make_mission())
+    supervisor.cancel()
+    supervisor.replan(NOW_NS)
+    outcomes = {outcome(supervisor, NOW_NS)} | {
+        feed(supervisor, NOW_NS + ns(second)) for second in range(1, 5)}
+    # Whatever becomes of the battery state: there is nothing to heat for.
+    supervisor.refresh(NOW_NS + ns(100.0))
+    outcomes.add(outcome(supervisor, NOW_NS + ns(100.0)))
+    assert (outcomes, supervisor.decision.explanation) == (
+        {(0.0, Status.NO_CHARGING_PLANNED)},
+        'The trip was cancelled: no heating until a new route plan arrives.')
+
+
+def test_a_cancellation_is_not_held_up_by_the_minimum_on_time():
+    supervisor = Stepwise(VEHICLE, replace(SETTINGS, minimum_on_time_s=600.0))
+    supervisor.accept_mission(make_mission())
+    feed(supervisor, NOW_NS)
+    supervisor.cancel()
+    assert outcome(supervisor, NOW_NS + ns(0.1)) == (0.0, Status.NO_CHARGING_PLANNED)
+
+
+def test_a_cancellation_makes_a_refused_route_good():
+    supervisor = heating_supervisor(make_mission())
+    supervisor.refuse_route(ERROR, RefusedRoute('work'))
+    supervisor.cancel()
+    assert (feed(supervisor, NOW_NS + ns(1.0)), supervisor.refused_route) == (
+        (0.0, Status.NO_CHARGING_PLANNED), None)
+
+
+def test_a_route_refused_after_a_cancellation_is_told_and_does_not_heat():
+    supervisor = heating_supervisor(make_mission())
+    supervisor.cancel()
+    supervisor.refuse_route(ERROR, SAME)
+    assert feed(supervisor, NOW_NS + ns(1.0)) == OFF
+
+
+def test_a_new_route_after_a_cancellation_heats():
+    supervisor = heating_supervisor(make_mission())
+    supervisor.cancel()
+    supervisor.accept_mission(make_mission())
+    assert feed(supervisor, NOW_NS + ns(1.0))[0] > 0.0
+
+
+# A route that begins later: what is said counts from now
+
+@pytest.fixture
+def early():
+    """Return a supervisor whose route of 20 min begins in 10 min, with full power from the start."""
+    supervisor = Stepwise(VEHICLE, SETTINGS)
+    supervisor.accept_mission(make_mission(start_ns=NOW_NS + ns(600.0)))
+    feed(supervisor, NOW_NS)
+    return supervisor
+
+
+def test_times_of_a_route_that_begins_later_count_from_now(early):
+    assert early.decision.explanation.startswith(
+        'The route begins in 10:00 min. Heating all the way is not enough: arrival in 30:00 min ')
+
+
+def test_what_waits_for_the_beginning_of_the_route_is_waiting(early):
+    # So little is missing that the target counts as reached, and there is no second to spare.
+    leg = replace(make_leg(start_ns=NOW_NS + ns(600.0)),
+                  target_temperature_c=early.decision.plan.arrival_temperature_c + 0.001)
+    early.accept_mission(Mission('home', (leg,)))
+    assert feed(early, NOW_NS) == (0.0, Status.WAITING)
+    decision = early.decision
+    assert (decision.status, decision.plan.status) == (Status.WAITING, Status.WAITING)
+    assert decision.explanation.startswith('The route begins in 10:00 min. Heating starts in '
+                                           '10:00 min: arrival in 30:00 min ')
+    power_w, status = feed(early, NOW_NS + ns(600.0))
+    assert (power_w > 0.0, status) == (True, Status.HEATING)
+
+
+def test_a_state_that_is_some_seconds_old_does_not_shift_what_is_said():
+    supervisor = Stepwise(VEHICLE, SETTINGS)
+    supervisor.accept_mission(make_mission(start_ns=NOW_NS - ns(200.0)))
+    supervisor.accept_battery(Measurement(BatteryState(-7.0, 0.8), NOW_NS - ns(3.0)), NOW_NS)
+    assert 'arrival in 16:40 min' in supervisor.replan(NOW_NS).explanation

@@ -1,0 +1,218 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Driving, standing and charging, from power, position and supply status."""
+
+import math
+import random
+
+import pytest
+
+from bev_preheat.control.inputs import NS_PER_S, SupplyStatus
+from bev_preheat.control.regime import Evidence, PlannedPower, Regime, RegimeWatch
+
+START_S = 5000
+# The route plans 15.3 kW of propulsion and 2.1 kW of consumers.
+ROAD = PlannedPower(15300.0, 12000.0, 19000.0, 2100.0, 12500.0, 15000.0)
+DESCENT = PlannedPower(-14000.0, -22000.0, -5000.0, 2100.0, -20000.0, -14000.0)
+CITY = PlannedPower(2600.0, -900.0, 4000.0, 2100.0, 300.0, 2500.0)
+STOP = PlannedPower(0.0, 0.0, 0.0, 2100.0, 0.0, 0.0, False)
+
+
+def watch(powers_w, planned=ROAD, period_s=1.0, **evidence):
+    """Return the instants [s] and RegimeReports of powers [W], one every `period_s`."""
+    regimes, reports = RegimeWatch(), []
+    for number, power_w in enumerate(powers_w):
+        instant_s = START_S + number * period_s
+        at = {name: value(instant_s) if callable(value) else value for name, value in evidence.items()}
+        reports.append((instant_s - START_S, regimes.see(Evidence(
+            round(instant_s * NS_PER_S), power_w, at.pop('command_w', 0.0), planned, **at))))
+    return reports
+
+
+def last(*args, **kwargs):
+    return watch(*args, **kwargs)[-1][1]
+
+
+def first_at(reports, regime):
+    """Return the instant [s] at which a regime was first reported; None: never."""
+    return next((instant_s for instant_s, report in reports if report.regime is regime), None)
+
+
+def driven_w(seed=3, seconds=400, mean_w=17400.0, deviation_w=6000.0):
+    """Return powers of a drive [W] that wander over some seconds, as real ones do."""
+    drawn, wander, powers_w = random.Random(seed), 0.0, []
+    for _ in range(seconds):
+        wander += -0.2 * wander + deviation_w * 0.6 * drawn.gauss(0.0, 1.0)
+        powers_w.append(mean_w + wander)
+    return powers_w
+
+
+# Charging
+
+@pytest.mark.parametrize('power_w', [-3600.0, -10500.0, -90000.0])
+def test_charging_is_recognised_within_ten_seconds(power_w):
+    reports = watch([17400.0] * 60 + [power_w] * 30)
+    assert 60 + 5 < first_at(reports, Regime.CHARGING) <= 60 + 10
+    report = reports[-1][1]
+    assert (report.regime, report.since_ns) == (Regime.CHARGING, (START_S + 60) * NS_PER_S)
+    assert f'{-power_w:.0f} W' in report.evidence
+
+
+def test_charging_shows_in_states_of_every_three_seconds():
+    assert first_at(watch([17400.0] * 9 + [-50000.0] * 9, period_s=3.0), Regime.CHARGING) <= 27 + 10
+
+
+def test_a_ramp_to_full_power_is_not_yet_steady():
+    ramp = [-1500.0 - 6000.0 * second for second in range(15)]
+    reports = watch([17400.0] * 30 + ramp + [ramp[-1]] * 20)
+    assert first_at(reports, Regime.CHARGING) <= 30 + 15 + 10
+
+
+def test_braking_is_no_charging():
+    # From 35 m/s to rest in 18 s: the power falls with the speed.
+    braking = [-1500.0 * speed for speed in range(35, 0, -2)]
+    assert first_at(watch(([17400.0] * 20 + braking) * 5), Regime.CHARGING) is None
+
+
+def test_a_drive_is_no_charging_and_no_standing():
+    for seed in range(20):
+        regimes = {report.regime for _, report in watch(driven_w(seed, mean_w=4000.0))}
+        assert regimes == {Regime.DRIVING}
+
+
+@pytest.mark.parametrize('power_w', [-12000.0, -20000.0, -40000.0])
+def test_a_descent_of_the_route_is_no_charging(power_w):
+    assert first_at(watch([power_w] * 600, DESCENT), Regime.CHARGING) is None
+
+
+def test_far_more_than_the_descent_gives_is_charging():
+    assert first_at(watch([-60000.0] * 30, DESCENT), Regime.CHARGING) <= 10
+
+
+def test_a_status_tells_charging_from_regeneration():
+    said = {'supply': SupplyStatus.CHARGING}
+    unsteady = [-5000.0, -9000.0] * 10
+    assert last(unsteady).regime is Regime.DRIVING
+    assert last(unsteady, **said).regime is Regime.CHARGING
+    # Many batteries say so whenever the current flows in, downhill too.
+    assert last(unsteady, DESCENT, **said).regime is Regime.DRIVING
+    assert last([-9000.0] * 20, supply=SupplyStatus.DISCHARGING).regime is Regime.DRIVING
+
+
+def test_a_status_counts_without_voltage_and_current():
+    assert last([None] * 20).regime is Regime.UNKNOWN
+    assert last([None] * 20, supply=SupplyStatus.CHARGING).regime is Regime.CHARGING
+    assert last([None] * 20, DESCENT, supply=SupplyStatus.CHARGING).regime is Regime.UNKNOWN
+    ended = watch([None] * 40, supply=lambda at_s: (
+        SupplyStatus.CHARGING if at_s < START_S + 20 else SupplyStatus.NOT_CHARGING))
+    assert ended[-1][1].regime is not Regime.CHARGING
+
+
+def test_a_position_that_moves_outranks_the_power():
+    assert last([-20000.0] * 30, has_moved=True).regime is Regime.DRIVING
+
+
+def test_a_vehicle_at_rest_is_charged_whatever_the_route_plans():
+    assert last([-12000.0] * 20, DESCENT, has_moved=False, stood_s=20.0).regime is Regime.CHARGING
+
+
+def test_after_charging_it_stands_and_then_drives():
+    reports = watch([-50000.0] * 60 + [1500.0] * 60 + [17400.0] * 10)
+    at = dict(reports)
+    assert at[59].regime is Regime.CHARGING
+    assert at[70].regime is Regime.STANDING
+    assert first_at(reports[60:], Regime.DRIVING) <= 120 + 5
+
+
+def test_a_charger_that_pauses_for_two_seconds_goes_on():
+    reports = watch([-50000.0] * 60 + [0.0] * 2 + [-50000.0] * 20)
+    assert {report.regime for at_s, report in reports if at_s > 10} == {Regime.CHARGING}
+
+
+def test_a_power_that_mirrors_the_route_is_suspected_only_while_the_sign_is_not_proven():
+    report = last([-17400.0] * 30, is_sign_proven=False)
+    assert report.regime is not Regime.CHARGING
+    assert 'sign of battery_state.current may be reversed' in report.suspicion
+    assert last([-17400.0] * 30).regime is Regime.CHARGING
+    # It goes on while the current varies, until some flows out.
+    assert last([-17400.0] * 30 + [-6000.0, -30000.0] * 10, is_sign_proven=False).suspicion
+    assert not last([-17400.0] * 30 + [9000.0] * 2, is_sign_proven=False).suspicion
+    assert last([-90000.0] * 30, is_sign_proven=False).regime is Regime.CHARGING
+
+
+# Standing
+
+def test_standing_is_recognised_after_a_minute():
+    reports = watch([17400.0] * 100 + [2200.0] * 100)
+    assert 100 + 59 <= first_at(reports, Regime.STANDING) <= 100 + 62
+    report = reports[-1][1]
+    assert report.since_ns == pytest.approx((START_S + 100) * NS_PER_S, abs=2 * NS_PER_S)
+    assert not report.is_parked and 'the route plans 17400 W' in report.evidence
+
+
+def test_a_red_light_is_no_standing():
+    assert first_at(watch(([17400.0] * 30 + [2200.0] * 50) * 5), Regime.STANDING) is None
+
+
+def test_stop_and_go_is_no_standing():
+    assert first_at(watch(([2200.0] * 25 + [6000.0] * 5) * 30), Regime.STANDING) is None
+
+
+def test_where_the_route_plans_little_power_a_stand_takes_longer():
+    # A minute may be a stop that the route plans, 5 min are not.
+    assert first_at(watch([2000.0] * 400, CITY), Regime.STANDING) == pytest.approx(300, abs=2)
+    # Downhill a vehicle may take no more than its consumers for as long as the descent lasts.
+    assert first_at(watch([2000.0] * 900, DESCENT), Regime.STANDING) is None
+
+
+@pytest.mark.parametrize('planned', [CITY, DESCENT])
+def test_with_its_consumers_off_no_vehicle_drives(planned):
+    reports = watch([400.0] * 200, planned)
+    assert first_at(reports, Regime.STANDING) == pytest.approx(120, abs=2)
+    report = reports[-1][1]
+    assert report.is_parked and report.since_ns == pytest.approx(START_S * NS_PER_S, abs=2 * NS_PER_S)
+
+
+@pytest.mark.parametrize('power_w, is_parked', [(2100.0, False), (1500.0, False), (500.0, True), (0.0, True)])
+def test_a_vehicle_whose_consumers_are_off_is_parked(power_w, is_parked):
+    # The heater takes 5 kW until it receives 0 W.
+    report = last([power_w + 5000.0] * 90, command_w=5000.0)
+    assert (report.regime, report.is_parked) == (Regime.STANDING, is_parked)
+
+
+def test_a_parked_vehicle_stays_so_while_its_heater_runs_down():
+    powers_w = [5500.0] * 90 + [500.0 + 5000.0 * math.exp(-second / 20.0) for second in range(200)]
+    reports = watch(powers_w, command_w=lambda at_s: 5000.0 if at_s < START_S + 90 else 0.0)
+    assert all(report.regime is Regime.STANDING and report.is_parked for at_s, report in reports if at_s > 65)
+
+
+def test_a_dead_heater_does_not_hide_that_the_vehicle_stands():
+    assert last([2100.0] * 90, command_w=5000.0).regime is Regime.STANDING
+
+
+def test_it_drives_on_within_seconds():
+    reports = watch([2200.0] * 300 + [17400.0] * 10)
+    assert first_at(reports[200:], Regime.DRIVING) <= 300 + 4
+
+
+def test_a_position_tells_standing_without_voltage_and_current():
+    stood = watch([None] * 100, has_moved=False, stood_s=lambda at_s: at_s - START_S)
+    assert first_at(stood, Regime.STANDING) == 60
+    assert stood[-1][1].since_ns == pytest.approx(START_S * NS_PER_S, abs=NS_PER_S)
+
+
+# Time
+
+def test_a_silence_ends_what_was_known():
+    regimes = RegimeWatch()
+    for second in range(30):
+        regimes.see(Evidence((START_S + second) * NS_PER_S, -50000.0, 0.0, ROAD))
+    assert regimes.report.regime is Regime.CHARGING
+    regimes.see(Evidence((START_S + 30 + 32400) * NS_PER_S, 17400.0, 0.0, ROAD))
+    assert regimes.report.regime is Regime.DRIVING
+    regimes.see(Evidence(START_S * NS_PER_S, 17400.0, 0.0, ROAD))
+    assert regimes.report.regime is Regime.DRIVING
+
+
+def test_without_a_leg_a_steady_low_power_is_standing():
+    assert last([300.0] * 70, STOP).regime is Regime.STANDING
+    assert last([-11000.0] * 20, STOP).regime is Regime.CHARGING

@@ -1,0 +1,757 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The supervisor: what the heater may do for every state of its inputs; doubt means 0 W."""
+
+from dataclasses import replace
+from math import inf, nan
+import random
+
+import pytest
+from stepwise import Stepwise
+
+from bev_preheat.control.decision import Command
+from bev_preheat.control.events import BatteryStateArrived, PreheatingSwitched, Reconfigured
+from bev_preheat.control.inbox import Inbox
+from bev_preheat.control.inputs import Leg, Measurement, Mission, NS_PER_S
+from bev_preheat.control.settings import Settings
+from bev_preheat.control.supervisor import Supervisor
+from bev_preheat.errors import InvalidInput, PlanningFailure
+from bev_preheat.native.library import core, use_core
+from bev_preheat.planning.planner import METHODS
+from bev_preheat.planning.situation import BatteryState
+from bev_preheat.planning.status import Status
+from bev_preheat.route.segments import make_route
+from bev_preheat.vehicle import load_vehicle
+
+VEHICLE = load_vehicle('reference')
+NOW_NS = 1_700_000_000 * NS_PER_S
+# What the inputs do to the command; what is made of them by estimation is test_estimating.py's.
+MEASURED = Settings(estimation=False, minimum_on_time_s=0.0, minimum_off_time_s=0.0)
+SETTINGS = replace(MEASURED, battery_state_timeout_s=4.0, clock_tolerance_s=0.5, lease_s=1.5)
+CABIN_W = 1500.0
+FULL_POWER_W = 7000.0 - CABIN_W
+# 20 min; see config/vehicles/reference.yaml for the 7 kW.
+COLUMNS = {'duration_s': [30.0] * 40, 'speed_mps': [20.0], 'propulsion_power_w': [20e3],
+           'ambient_temperature_c': [-7.0], 'cabin_heating_power_w': [CABIN_W],
+           'auxiliary_power_w': [400.0]}
+DURATION_S = 1200.0
+
+
+def ns(seconds):
+    return round(seconds * NS_PER_S)
+
+
+def make_mission(start_ns=NOW_NS, target_c=25.0, charging_planned=True, route_id='home',
+                 minimum_arrival_soc=0.0, **columns):
+    leg = Leg(make_route({**COLUMNS, **columns}, VEHICLE.defaults), start_ns, charging_planned,
+              target_c, minimum_arrival_soc)
+    return Mission(route_id, (leg,))
+
+
+def make_measurement(temperature_c=-7.0, soc=0.8, stamp_ns=NOW_NS):
+    return Measurement(BatteryState(temperature_c, soc), stamp_ns)
+
+
+def make_supervisor(temperature_c=-7.0, stamp_ns=NOW_NS, settings=SETTINGS, **mission):
+    """Return a supervisor with good inputs that has planned at NOW_NS."""
+    supervisor = Stepwise(VEHICLE, settings)
+    supervisor.accept_mission(make_mission(**mission))
+    supervisor.accept_battery(make_measurement(temperature_c, stamp_ns=stamp_ns), NOW_NS)
+    supervisor.replan(NOW_NS)
+    return supervisor
+
+
+def feed(supervisor, now_ns, **measurement):
+    supervisor.accept_battery(make_measurement(stamp_ns=now_ns, **measurement), now_ns)
+    return supervisor.replan(now_ns)
+
+
+def heats_after_pause(supervisor, from_s):
+    """Whether good states from so many seconds [s] on lead to heat after 10 s, and not before."""
+    powers_w = []
+    for second in range(12):
+        now_ns = NOW_NS + ns(from_s + second)
+        feed(supervisor, now_ns)
+        powers_w.append(outcome(supervisor, now_ns)[0])
+    assert powers_w[:9] == [0.0] * 9
+    return powers_w[-1] > 0.0
+
+
+def outcome(supervisor, now_ns=NOW_NS):
+    command = supervisor.command(now_ns)
+    return command.battery_heating_power_w, command.reason
+
+
+def refused_battery(supervisor, now_ns, **measurement):
+    """Give a measurement that must be refused, and return the message."""
+    with pytest.raises(InvalidInput) as refusal:
+        supervisor.accept_battery(make_measurement(**measurement), now_ns)
+    supervisor.replan(now_ns)
+    return str(refusal.value)
+
+
+def refused_mission(supervisor, **mission):
+    with pytest.raises(InvalidInput) as refusal:
+        supervisor.accept_mission(make_mission(**mission))
+    supervisor.replan(NOW_NS)
+    return str(refusal.value)
+
+
+# One case for each status
+
+def test_without_any_input_it_is_off_for_want_of_a_route():
+    supervisor = Stepwise(VEHICLE, SETTINGS)
+    supervisor.replan(NOW_NS)
+    assert outcome(supervisor) == (0.0, Status.NO_ROUTE)
+
+
+def test_a_battery_state_alone_does_not_heat():
+    supervisor = Stepwise(VEHICLE, SETTINGS)
+    feed(supervisor, NOW_NS)
+    assert outcome(supervisor) == (0.0, Status.NO_ROUTE)
+
+
+def test_a_route_alone_does_not_heat():
+    supervisor = Stepwise(VEHICLE, SETTINGS)
+    supervisor.accept_mission(make_mission())
+    supervisor.replan(NOW_NS)
+    assert outcome(supervisor) == (0.0, Status.NO_BATTERY_STATE)
+
+
+@pytest.mark.parametrize('method', METHODS)
+def test_a_battery_that_does_not_carry_the_trip_is_not_heated(method):
+    # 20 min at 22 kW take 7 kWh, of the pack's 75 some 10 %.
+    supervisor = make_supervisor(settings=replace(SETTINGS, method=method))
+    feed(supervisor, NOW_NS + ns(1.0), soc=0.05)
+    assert outcome(supervisor, NOW_NS + ns(1.0)) == (0.0, Status.OUT_OF_CHARGE)
+
+
+def test_a_charge_that_runs_short_switches_off_within_the_least_time_on():
+    supervisor = make_supervisor(settings=replace(SETTINGS, minimum_on_time_s=60.0))
+    assert outcome(supervisor)[0] == FULL_POWER_W
+    # A sensor that jumps, a battery that turns out to hold less: what is left is for driving.
+    feed(supervisor, NOW_NS + ns(1.0), soc=0.05)
+    assert outcome(supervisor, NOW_NS + ns(1.0)) == (0.0, Status.OUT_OF_CHARGE)
+
+
+def test_surplus_goes_to_the_heater_though_the_charge_does_not_carry():
+    # At -22 degC the battery may take 3 kW or so; of 30 kW the heater can have the rest.
+    supervisor = Stepwise(VEHICLE, SETTINGS)
+    supervisor.accept_mission(make_mission(
+        ambient_temperature_c=[-22.0], propulsion_power_w=[-30e3] * 5 + [30e3] * 35))
+    feed(supervisor, NOW_NS, temperature_c=-22.0, soc=0.06)
+    assert outcome(supervisor) == (FULL_POWER_W, Status.OUT_OF_CHARGE)
+    feed(supervisor, NOW_NS + ns(151.0), temperature_c=-20.0, soc=0.06)
+    assert outcome(supervisor, NOW_NS + ns(151.0)) == (0.0, Status.OUT_OF_CHARGE)
+
+
+@pytest.mark.parametrize('situation, power_w, reason', [
+    ({'charging_planned': False}, 0.0, Status.NO_CHARGING_PLANNED),
+    ({'temperature_c': 30.0}, 0.0, Status.NOT_NEEDED),
+    ({'temperature_c': 20.0}, 0.0, Status.WAITING),
+    ({'temperature_c': -7.0}, FULL_POWER_W, Status.TARGET_UNREACHABLE),
+    ({'start_ns': NOW_NS - ns(DURATION_S)}, 0.0, Status.ARRIVED),
+], ids=lambda value: value.name if isinstance(value, Status) else '')
+def test_outcome_of_a_plan(situation, power_w, reason):
+    assert outcome(make_supervisor(**situation)) == (pytest.approx(power_w), reason)
+
+
+def test_outcome_of_a_plan_that_just_reaches_the_target():
+    warmest_c = make_supervisor(target_c=50.0).decision.plan.arrival_temperature_c
+    # So little is missing that the target counts as reached, and there is no second to spare.
+    supervisor = make_supervisor(target_c=warmest_c + 0.001)
+    assert outcome(supervisor) == (pytest.approx(FULL_POWER_W), Status.HEATING)
+
+
+def heated_for_a_minute():
+    supervisor = make_supervisor()
+    assert outcome(supervisor)[0] > 0.0
+    feed(supervisor, NOW_NS + ns(60.0), temperature_c=30.0)
+    return supervisor
+
+
+def test_finished_heating_is_told_as_such():
+    supervisor = heated_for_a_minute()
+    finished = 'Heating is finished after 1:00 min of heating: arrival in '
+    assert supervisor.decision.status is Status.NOT_NEEDED
+    assert supervisor.decision.explanation.startswith(f'{finished}19:00 min at ')
+    # The command ends the heating. An update of the same trip changes nothing of what was done.
+    assert outcome(supervisor, NOW_NS + ns(60.0)) == (0.0, Status.NOT_NEEDED)
+    supervisor.accept_mission(make_mission())
+    feed(supervisor, NOW_NS + ns(120.0), temperature_c=30.0)
+    assert supervisor.decision.explanation.startswith(f'{finished}18:00 min at ')
+
+
+def test_heating_that_will_go_on_resumes():
+    supervisor = heated_for_a_minute()
+    outcome(supervisor, NOW_NS + ns(60.0))
+    for now_s in (61.0, 66.0, 71.0):
+        assert supervisor.decision.status is Status.NOT_NEEDED
+        feed(supervisor, NOW_NS + ns(now_s), temperature_c=21.0)
+    assert supervisor.decision.status is Status.WAITING
+    assert supervisor.decision.explanation.startswith('Heating resumes in ')
+
+
+@pytest.mark.parametrize('after_s, end_trip, route_id', [
+    (61.0, lambda supervisor, now_ns: None, 'elsewhere'),
+    (61.0, lambda supervisor, now_ns: supervisor.cancel(), 'home'),
+    (DURATION_S, lambda supervisor, now_ns: feed(supervisor, now_ns, temperature_c=30.0), 'home'),
+], ids=['another route', 'cancelled', 'arrived'])
+def test_heating_on_another_trip_is_not_told(after_s, end_trip, route_id):
+    supervisor = heated_for_a_minute()
+    outcome(supervisor, NOW_NS + ns(60.0))
+    now_ns = NOW_NS + ns(after_s)
+    end_trip(supervisor, now_ns)
+    supervisor.accept_mission(make_mission(start_ns=now_ns, route_id=route_id))
+    feed(supervisor, now_ns, temperature_c=30.0)
+    assert supervisor.decision.explanation.startswith(
+        'The battery gets warm enough without further heating: ')
+
+
+def test_power_that_the_battery_cannot_deliver_is_told():
+    # U_oc^2/(4 R) is about 0.4 MW here.
+    supervisor = make_supervisor(propulsion_power_w=[20e3] * 39 + [900e3])
+    assert supervisor.command(NOW_NS).reason is Status.POWER_LIMITED
+
+
+def test_a_failure_of_the_model_is_told(monkeypatch):
+    def fail(*_):
+        raise PlanningFailure('no finite temperatures')
+    supervisor = make_supervisor()
+    monkeypatch.setattr('bev_preheat.control.decision_maker.plan_preheating', fail)
+    decision = feed(supervisor, NOW_NS)
+    assert (decision.status, decision.explanation, outcome(supervisor)) == (
+        Status.INVALID_INPUT, 'no finite temperatures', (0.0, Status.INVALID_INPUT))
+
+
+@pytest.mark.parametrize('what', ['control.decision_maker.plan_preheating', 'control.forecast_plan.explain'])
+def test_an_exception_that_nobody_foresaw_switches_off_and_is_told_once(monkeypatch, what):
+    """In a plan, or in its sentence, which is made when it is read."""
+    def fail(*_, **named):
+        raise ZeroDivisionError('by chance')
+    supervisor = make_supervisor()
+    assert outcome(supervisor)[0] > 0.0
+    monkeypatch.setattr(f'bev_preheat.{what}', fail)
+    state = BatteryStateArrived(make_measurement(temperature_c=-6.0, stamp_ns=NOW_NS + ns(1.0)))
+    output, = supervisor.step(NOW_NS + ns(1.0), state)
+    assert (output.command, output.failure) == (
+        Command(0.0, NOW_NS + ns(2.5), Status.INTERNAL_ERROR), 'ZeroDivisionError: by chance')
+    command, decision = supervisor.step(NOW_NS + ns(2.0))
+    assert (command.command.battery_heating_power_w, decision.decision.explanation) == (
+        0.0, 'Planning failed: ZeroDivisionError: by chance')
+
+
+def test_nothing_that_is_asked_changes_anything():
+    supervisor = make_supervisor()
+    supervisor.run(NOW_NS + ns(1.0))
+    twin = make_supervisor()
+    twin.run(NOW_NS + ns(1.0))
+    for name in dir(Supervisor):
+        if isinstance(getattr(Supervisor, name), property):
+            getattr(supervisor, name)
+    for at in (2.0, 2.5, 3.9, 4.1):
+        state = BatteryStateArrived(make_measurement(stamp_ns=NOW_NS + ns(at - 0.2)))
+        for events in ((), (state,)):
+            supervisor.run(NOW_NS + ns(at), *events)
+            twin.run(NOW_NS + ns(at), *events)
+            assert supervisor.latest_command == twin.latest_command
+            assert (supervisor.decision.status, supervisor.decision.explanation) == (
+                twin.decision.status, twin.decision.explanation)
+
+
+# The lease
+
+def test_lease_ends_after_its_own_length():
+    command = make_supervisor().command(NOW_NS)
+    assert command.valid_until_ns - NOW_NS == ns(1.5)
+
+
+def test_lease_ends_no_later_than_the_battery_state_is_stale():
+    # 3.1 s of the 4 s are gone: 0.9 s are left, less than the lease.
+    command = make_supervisor().command(NOW_NS + ns(3.1))
+    assert (command.battery_heating_power_w > 0.0, command.valid_until_ns - NOW_NS) == (
+        True, ns(4.0))
+
+
+def test_lease_moves_with_time():
+    supervisor = make_supervisor()
+    first, second = (supervisor.command(NOW_NS + ns(at)).valid_until_ns for at in (0.2, 0.7))
+    assert second - first == ns(0.5)
+
+
+def test_a_command_from_outside_is_0_w_with_a_lease():
+    assert Stepwise(VEHICLE, SETTINGS).stop(NOW_NS).command == Command(
+        0.0, NOW_NS + ns(1.5), Status.SHUTTING_DOWN)
+
+
+# Age
+
+def test_a_silent_battery_is_off_at_the_timeout():
+    assert outcome(make_supervisor(), NOW_NS + ns(4.0)) == (0.0, Status.STALE_INPUT)
+
+
+def test_a_silent_battery_heats_until_the_timeout():
+    assert outcome(make_supervisor(), NOW_NS + ns(3.999))[0] > 0.0
+
+
+def test_time_passing_is_noticed_without_planning():
+    supervisor = make_supervisor()
+    supervisor.refresh(NOW_NS + ns(4.2))
+    assert (supervisor.decision.status, supervisor.decision.explanation) == (
+        Status.STALE_INPUT, 'battery_state is 4.200 s old; less than 4 s are allowed.')
+
+
+def test_a_clock_set_back_is_told_as_that():
+    supervisor = make_supervisor()
+    supervisor.refresh(NOW_NS - ns(94.9))
+    assert (supervisor.decision.status, supervisor.decision.explanation) == (
+        Status.STALE_INPUT, 'battery_state is stamped 94.900 s ahead of the clock; at most 0.5 s are allowed.')
+
+
+def test_time_passing_leaves_a_good_decision():
+    supervisor = make_supervisor()
+    decision = supervisor.decision
+    supervisor.refresh(NOW_NS + ns(1.0))
+    assert supervisor.decision is decision
+
+
+def test_a_stale_battery_recovers_with_the_next_state():
+    supervisor = make_supervisor()
+    supervisor.refresh(NOW_NS + ns(10.0))
+    assert heats_after_pause(supervisor, 11.0)
+
+
+def test_a_state_that_comes_too_late_is_refused_by_its_age():
+    assert refused_battery(Stepwise(VEHICLE, SETTINGS), NOW_NS, stamp_ns=NOW_NS - ns(4.25)) == (
+        'header.stamp: the state is 4.25 s old; at most 4 s are allowed')
+
+
+def test_a_state_from_the_future_is_refused_by_its_age():
+    assert refused_battery(Stepwise(VEHICLE, SETTINGS), NOW_NS, stamp_ns=NOW_NS + ns(0.75)) == (
+        'header.stamp: the state is 0.75 s ahead of the clock; at most 0.5 s are allowed')
+
+
+def test_an_age_shows_that_it_is_beyond_what_is_allowed():
+    stamp_ns = NOW_NS - ns(4.0) - 1
+    assert refused_battery(Stepwise(VEHICLE, SETTINGS), NOW_NS, stamp_ns=stamp_ns) == (
+        'header.stamp: the state is 4.000000001 s old; at most 4 s are allowed')
+
+
+def test_a_stamp_a_little_ahead_of_the_clock_heats_now():
+    # Clocks of two computers differ: the heater must not wait for the stamp at every state.
+    assert outcome(make_supervisor(stamp_ns=NOW_NS + ns(0.4)))[0] == pytest.approx(FULL_POWER_W)
+
+
+def test_before_the_clock_starts_nothing_is_accepted():
+    assert refused_battery(Stepwise(VEHICLE, SETTINGS), 0, stamp_ns=0) == (
+        'use_sim_time is set and no /clock has arrived: time stands at 0')
+
+
+def test_stamps_that_go_back_are_refused():
+    message = refused_battery(make_supervisor(), NOW_NS + ns(1.0), stamp_ns=NOW_NS - ns(1.125))
+    assert message == ('header.stamp: the state is 1.125 s older than one that came before it; '
+                       'stamps must not go back')
+
+
+def test_stamps_that_go_back_switch_off():
+    supervisor = make_supervisor()
+    refused_battery(supervisor, NOW_NS, stamp_ns=NOW_NS - ns(1.001))
+    assert outcome(supervisor) == (0.0, Status.INVALID_INPUT)
+
+
+@pytest.mark.parametrize('late_s', [1e-9, 0.05, 1.0])
+def test_a_state_that_was_overtaken_is_dropped_without_a_word(late_s):
+    supervisor = make_supervisor()
+    power_w, reason = outcome(supervisor)
+    assert power_w > 0.0
+    supervisor.step_through(NOW_NS + ns(0.1), BatteryStateArrived(
+        make_measurement(20.0, stamp_ns=NOW_NS - ns(late_s))))
+    assert [output.refusals for output in supervisor.outputs] == [()] * len(supervisor.outputs)
+    assert outcome(supervisor, NOW_NS + ns(0.1)) == (power_w, reason)
+    assert (supervisor.temperature_c, supervisor.overtaken_states) == (-7.0, 1)
+
+
+def test_an_overtaken_state_does_not_excuse_a_refused_one():
+    supervisor = make_supervisor()
+    refused_battery(supervisor, NOW_NS, soc=2.0)
+    supervisor.accept_battery(make_measurement(stamp_ns=NOW_NS - ns(0.5)), NOW_NS)
+    assert outcome(supervisor) == (0.0, Status.INVALID_INPUT)
+
+
+def test_the_same_stamp_again_is_no_step_back():
+    supervisor = make_supervisor()
+    supervisor.accept_battery(make_measurement(), NOW_NS + ns(1.0))
+    assert supervisor.replan(NOW_NS + ns(1.0)).status is Status.TARGET_UNREACHABLE
+
+
+def test_a_clock_that_restarts_is_followed():
+    supervisor = make_supervisor()
+    restart_ns = NOW_NS - ns(300.0)
+    supervisor.accept_mission(make_mission(start_ns=restart_ns))
+    feed(supervisor, restart_ns)
+    assert outcome(supervisor, restart_ns)[0] > 0.0
+
+
+@pytest.mark.parametrize('back_s', [0.6, 300.0])
+def test_a_clock_set_back_heats_on_nothing_from_its_future(back_s):
+    assert outcome(make_supervisor(), NOW_NS - ns(back_s)) == (0.0, Status.STALE_INPUT)
+
+
+# Refusals
+
+@pytest.mark.parametrize('state, message', [
+    ({'temperature_c': nan}, 'battery temperature: nan is not allowed; it must be -40 ... 60 '
+     "degC, the range of the vehicle's battery"),
+    ({'temperature_c': -40.5}, 'battery temperature: -40.5 is not allowed; it must be -40 ... 60 '
+     "degC, the range of the vehicle's battery"),
+    ({'soc': 1.25}, 'state of charge: 1.25 is not allowed; it must be 0 ... 1'),
+    ({'soc': nan}, 'state of charge: nan is not allowed; it must be 0 ... 1'),
+], ids=['temperature_nan', 'temperature_low', 'soc_high', 'soc_nan'])
+def test_a_state_outside_the_model_is_refused(state, message):
+    assert refused_battery(make_supervisor(), NOW_NS, **state) == message
+
+
+@pytest.mark.parametrize('mission, message', [
+    ({'target_c': 61.0}, 'target battery temperature: 61 is not allowed; it must be -40 ... 60 '
+     "degC, the range of the vehicle's battery"),
+    ({'target_c': inf}, 'target battery temperature: inf is not allowed; it must be -40 ... 60 '
+     "degC, the range of the vehicle's battery"),
+    ({'minimum_arrival_soc': 1.5},
+     'minimum arrival state of charge: 1.5 is not allowed; it must be 0 ... 1'),
+    ({'ambient_temperature_c': [-7.0] * 39 + [-50.0]},
+     "ambient temperature: -50 is not allowed; it must be at least -40 degC: the vehicle's "
+     'battery is not described below that'),
+], ids=['target_high', 'target_inf', 'minimum_soc', 'ambient'])
+def test_a_route_outside_the_model_is_refused(mission, message):
+    assert refused_mission(make_supervisor(), **mission) == message
+
+
+def test_a_refused_state_switches_off():
+    supervisor = make_supervisor()
+    refused_battery(supervisor, NOW_NS, soc=2.0)
+    assert outcome(supervisor) == (0.0, Status.INVALID_INPUT)
+
+
+def test_a_refused_state_switches_off_before_anybody_plans():
+    supervisor = make_supervisor()
+    with pytest.raises(InvalidInput):
+        supervisor.accept_battery(make_measurement(soc=2.0), NOW_NS)
+    assert outcome(supervisor) == (0.0, Status.INVALID_INPUT)
+
+
+def test_a_refused_state_is_told_by_its_source():
+    supervisor = make_supervisor()
+    refused_battery(supervisor, NOW_NS, soc=2.0)
+    assert supervisor.decision.explanation == (
+        'battery_state refused: state of charge: 2 is not allowed; it must be 0 ... 1')
+
+
+def test_a_refused_state_leaves_the_one_before():
+    supervisor = make_supervisor()
+    before = supervisor.measurement
+    refused_battery(supervisor, NOW_NS, soc=2.0)
+    assert supervisor.measurement is before
+
+
+def test_a_refused_state_is_forgotten_with_the_next_good_one():
+    supervisor = make_supervisor()
+    refused_battery(supervisor, NOW_NS, soc=2.0)
+    assert heats_after_pause(supervisor, 0.1)
+
+
+def test_a_refused_route_switches_off():
+    supervisor = make_supervisor()
+    refused_mission(supervisor, minimum_arrival_soc=2.0)
+    assert outcome(supervisor) == (0.0, Status.INVALID_INPUT)
+
+
+def test_a_refused_route_is_forgotten_with_a_good_one():
+    supervisor = make_supervisor()
+    refused_mission(supervisor, minimum_arrival_soc=2.0)
+    supervisor.accept_mission(make_mission())
+    supervisor.replan(NOW_NS)
+    assert heats_after_pause(supervisor, 0.0)
+
+
+def test_a_good_route_does_not_excuse_a_refused_state():
+    supervisor = make_supervisor()
+    refused_battery(supervisor, NOW_NS, soc=2.0)
+    supervisor.accept_mission(make_mission())
+    supervisor.replan(NOW_NS)
+    assert outcome(supervisor) == (0.0, Status.INVALID_INPUT)
+
+
+def test_a_route_refused_and_mended_does_not_excuse_a_refused_state():
+    supervisor = make_supervisor()
+    refused_battery(supervisor, NOW_NS, soc=2.0)
+    refused_mission(supervisor, minimum_arrival_soc=2.0)
+    supervisor.accept_mission(make_mission())
+    supervisor.replan(NOW_NS)
+    assert outcome(supervisor) == (0.0, Status.INVALID_INPUT)
+
+
+def test_the_latest_refusal_is_told():
+    supervisor = make_supervisor()
+    refused_mission(supervisor, minimum_arrival_soc=2.0)
+    refused_battery(supervisor, NOW_NS, soc=3.0)
+    refused_mission(supervisor, minimum_arrival_soc=4.0)
+    assert supervisor.decision.explanation.startswith(
+        'route_plan refused: minimum arrival state of charge: 4 is')
+
+
+# Driver opt-out
+
+def test_switched_off_is_off_at_once():
+    supervisor = make_supervisor()
+    supervisor.enabled = False
+    assert outcome(supervisor) == (0.0, Status.DISABLED)
+
+
+def test_switched_off_stays_off_for_new_input():
+    supervisor = make_supervisor()
+    supervisor.enabled = False
+    supervisor.accept_mission(make_mission())
+    feed(supervisor, NOW_NS + ns(0.1))
+    assert outcome(supervisor, NOW_NS + ns(0.1)) == (0.0, Status.DISABLED)
+
+
+def test_switched_on_again_heats():
+    supervisor = make_supervisor()
+    supervisor.enabled = False
+    supervisor.replan(NOW_NS)
+    supervisor.enabled = True
+    supervisor.replan(NOW_NS)
+    assert outcome(supervisor)[0] > 0.0
+
+
+# Time and the route
+
+def test_a_route_in_the_future_does_not_heat_yet():
+    assert outcome(make_supervisor(start_ns=NOW_NS + ns(1.0)))[0] == 0.0
+
+
+def test_a_route_in_the_future_heats_when_it_starts():
+    supervisor = make_supervisor(start_ns=NOW_NS + ns(1.0))
+    assert outcome(supervisor, NOW_NS + ns(1.0))[0] == pytest.approx(FULL_POWER_W)
+
+
+def test_the_end_of_the_route_switches_off_without_a_new_state():
+    supervisor = make_supervisor(start_ns=NOW_NS - ns(DURATION_S - 2.0))
+    assert [outcome(supervisor, NOW_NS + ns(at)) for at in (1.999, 2.0)] == [
+        (pytest.approx(FULL_POWER_W), Status.TARGET_UNREACHABLE), (0.0, Status.ARRIVED)]
+
+
+def test_arrival_is_told_by_its_time():
+    supervisor = make_supervisor(start_ns=NOW_NS - ns(DURATION_S + 75.0))
+    assert supervisor.decision.explanation == 'The route has ended: arrived 1:15 min ago.'
+
+
+def test_only_the_rest_of_the_route_is_planned():
+    supervisor = make_supervisor(start_ns=NOW_NS - ns(500.0))
+    assert supervisor.decision.plan.arrival_time_s == pytest.approx(700.0)
+
+
+def test_the_plan_starts_at_the_state_it_is_made_from():
+    supervisor = make_supervisor(stamp_ns=NOW_NS - ns(1.25), start_ns=NOW_NS - ns(40.0))
+    assert supervisor.decision.plan_start_ns == NOW_NS - ns(1.25)
+
+
+PATIENT = replace(MEASURED, battery_state_timeout_s=5000.0)
+
+
+@pytest.fixture
+def waiting():
+    """Return a supervisor whose plan waits, and the instant [ns] at which it switches on."""
+    supervisor = make_supervisor(temperature_c=20.0, settings=PATIENT)
+    start_s = supervisor.decision.plan.heating_start_s
+    # Within a step, so that the partial step is in it.
+    assert 0.0 < start_s % 30.0 < 29.0
+    return supervisor, NOW_NS + ns(start_s)
+
+
+def test_before_the_switching_instant_it_waits(waiting):
+    supervisor, switching_ns = waiting
+    assert outcome(supervisor, switching_ns - ns(0.001)) == (0.0, Status.WAITING)
+
+
+def test_time_alone_switches_on_at_full_power(waiting):
+    supervisor, switching_ns = waiting
+    assert outcome(supervisor, switching_ns + ns(0.001)) == (
+        pytest.approx(FULL_POWER_W), Status.HEATING)
+
+
+@pytest.mark.costly
+def test_a_partial_step_does_not_round_above_what_the_cabin_leaves():
+    seeded = random.Random(7)
+    excess_w = []
+    for _ in range(200):
+        supervisor = make_supervisor(temperature_c=seeded.uniform(10.0, 23.0), settings=PATIENT)
+        start_s = supervisor.decision.plan.heating_start_s
+        if start_s is not None:
+            power_w, _ = outcome(supervisor, NOW_NS + ns(start_s + 1e-6))
+            excess_w.append(power_w - FULL_POWER_W)
+    assert len(excess_w) > 100 and max(excess_w) <= 0.0
+
+
+def test_the_cabin_comes_first_in_each_segment():
+    # The cabin takes all, then nearly all, then nothing.
+    cabin_w = [7500.0, 6900.0, 0.0] + [CABIN_W] * 37
+    supervisor = make_supervisor(cabin_heating_power_w=cabin_w, settings=PATIENT)
+    powers_w = [outcome(supervisor, NOW_NS + ns(at))[0] for at in (15.0, 45.0, 75.0)]
+    assert powers_w == pytest.approx([0.0, 100.0, 7000.0])
+
+
+# Targets
+
+@pytest.mark.parametrize('of_route_c, of_settings_c, expected_c', [
+    (18.0, 21.0, 18.0), (None, 21.0, 21.0), (None, None, 25.0), (0.0, 21.0, 0.0)],
+    ids=['route', 'settings', 'vehicle', 'route_at_zero'])
+def test_target_comes_from_route_then_settings_then_vehicle(
+        of_route_c, of_settings_c, expected_c):
+    inbox = Inbox(VEHICLE, replace(MEASURED, target_temperature_c=of_settings_c))
+    goal = inbox.goal_of(make_mission(target_c=of_route_c).legs[0])
+    assert goal.target_temperature_c == expected_c
+
+
+# Whatever comes, in whatever order
+
+class Oracle:
+    """What must hold for power, worked out from the inputs alone."""
+
+    def __init__(self):
+        self.enabled = True
+        self.battery_trusted = self.route_trusted = False
+        self.stamp_ns = self.mission = None
+        self._temperature_c = 0.0
+
+    def temperature_c(self, seeded):
+        """Return a temperature that wanders: two alternating batteries are never heated."""
+        self._temperature_c = min(max(self._temperature_c + seeded.uniform(-2.0, 2.0), -39.0), 30.0)
+        return self._temperature_c
+
+    def objection(self, command, now_ns):
+        """Return why a command must not be, None if it may."""
+        power_w = command.battery_heating_power_w
+        if not 0.0 <= power_w < inf:
+            return f'{power_w} W is no power'
+        if not now_ns < command.valid_until_ns <= now_ns + ns(SETTINGS.lease_s):
+            return 'lease'
+        if power_w == 0.0:
+            return None
+        if not self.enabled:
+            return 'disabled'
+        if not (self.battery_trusted and self.route_trusted):
+            return 'the latest input was refused'
+        age_s = (now_ns - self.stamp_ns) / NS_PER_S
+        if not -SETTINGS.clock_tolerance_s <= age_s < SETTINGS.battery_state_timeout_s:
+            return f'the state is {age_s} s old'
+        if command.valid_until_ns > self.stamp_ns + ns(SETTINGS.battery_state_timeout_s):
+            return 'the lease outlasts the state'
+        leg, = self.mission.legs
+        segment = (now_ns - leg.start_ns) // ns(30.0)
+        if not (leg.charging_planned and 0 <= segment < len(leg.route)):
+            return f'segment {segment}, charging {leg.charging_planned}'
+        left_w = 7000.0 - leg.route.cabin_heating_power_w[segment]
+        return f'{power_w} W, the cabin leaves {left_w} W' if power_w > left_w else None
+
+
+def random_step(seeded, supervisor, oracle, now_ns):
+    """Do something to the supervisor, and return the new time."""
+    what = seeded.choice(('battery',) * 4 + ('mission',) * 2 + (
+        'bad battery', 'bad mission', 'bad mission', 'cancel', 'enable', 'time', 'clock', 'calm', 'calm', 'calm'))
+    if what == 'battery':
+        stamp_ns, overtaken = now_ns - ns(seeded.uniform(-0.6, 4.4)), supervisor.overtaken_states
+        try:
+            supervisor.accept_battery(
+                make_measurement(oracle.temperature_c(seeded), 0.7, stamp_ns), now_ns)
+            if supervisor.overtaken_states == overtaken:
+                oracle.stamp_ns = stamp_ns
+                oracle.battery_trusted, oracle.route_trusted = True, oracle.mission is not None
+        except InvalidInput:
+            oracle.battery_trusted = False
+    elif what == 'calm':
+        # Long enough for heat after doubt.
+        for _ in range(seeded.choice((5, 15, 45))):
+            now_ns += ns(1.0)
+            try:
+                supervisor.accept_battery(make_measurement(oracle.temperature_c(seeded), 0.7, now_ns), now_ns)
+            except InvalidInput:
+                oracle.battery_trusted = False
+                break
+            oracle.stamp_ns = now_ns
+            oracle.battery_trusted, oracle.route_trusted = True, oracle.mission is not None
+    elif what == 'mission':
+        oracle.mission = make_mission(
+            now_ns - ns(seeded.uniform(-2.0, DURATION_S + 5.0)), seeded.uniform(-10.0, 50.0),
+            seeded.random() < 0.9,
+            cabin_heating_power_w=[seeded.uniform(0.0, 6900.0) for _ in range(40)])
+        supervisor.accept_mission(oracle.mission)
+        oracle.route_trusted = True
+    elif what == 'bad battery':
+        with pytest.raises(InvalidInput):
+            supervisor.accept_battery(make_measurement(nan, stamp_ns=now_ns), now_ns)
+        oracle.battery_trusted = False
+    elif what == 'bad mission':
+        # Mostly an update of the same trip: the one before may then go on.
+        before, start_ns = oracle.mission, now_ns - ns(seeded.uniform(-50.0, DURATION_S))
+        if before is not None and seeded.random() < 0.7:
+            start_ns = before.start_ns + ns(seeded.uniform(-1.0, 20.0))
+        route_id, charging = seeded.choice(('home', 'home', 'work', '')), seeded.random() < 0.9
+        with pytest.raises(InvalidInput):
+            supervisor.accept_mission(make_mission(
+                start_ns, charging_planned=charging, route_id=route_id,
+                ambient_temperature_c=[-50.0]))
+        oracle.route_trusted = False
+        if before is None or route_id != 'home' or not charging or start_ns < before.start_ns:
+            oracle.mission = None
+    elif what == 'cancel':
+        supervisor.cancel()
+        oracle.mission, oracle.route_trusted = None, False
+    elif what == 'enable':
+        supervisor.enabled = oracle.enabled = seeded.random() < 0.7
+    elif what == 'time':
+        now_ns += ns(seeded.uniform(0.0, 2.0))
+    else:
+        now_ns += ns(seeded.choice((-0.3, -20.0, 20.0)))
+    if what in ('time', 'clock'):
+        supervisor.refresh(now_ns)
+    else:
+        supervisor.replan(now_ns)
+    return now_ns
+
+
+@pytest.mark.costly
+@pytest.mark.parametrize('seed', range(8))
+def test_no_sequence_of_inputs_heats_in_doubt(seed):
+    seeded = random.Random(seed)
+    supervisor, oracle, now_ns = Stepwise(VEHICLE, SETTINGS), Oracle(), NOW_NS
+    heated = 0
+    for _ in range(900):
+        now_ns = random_step(seeded, supervisor, oracle, now_ns)
+        later_ns = now_ns + ns(seeded.choice((0.0, 0.5, 3.0)))
+        command = supervisor.command(later_ns)
+        assert oracle.objection(command, later_ns) is None
+        heated += command.battery_heating_power_w > 0.0
+    # Else nothing was tried.
+    assert heated > 10
+
+
+def test_margin_is_left_on_top_of_the_reserve_that_a_route_asks_for():
+    inbox = Inbox(VEHICLE, replace(MEASURED, arrival_soc_margin=0.07))
+    goals = [inbox.goal_of(make_mission(minimum_arrival_soc=reserve).legs[0])
+             for reserve in (0.0, 0.31, 0.98)]
+    # No reserve asked for is none, and more than all there is cannot be kept.
+    assert [goal.minimum_arrival_soc for goal in goals] == [0.0, pytest.approx(0.38), 1.0]
+
+
+def test_the_compiled_core_is_used_as_the_settings_say():
+    try:
+        supervisor = Supervisor(VEHICLE, replace(SETTINGS, compiled_core=False))
+        assert core() is None
+        list(Supervisor(VEHICLE, SETTINGS).step(NOW_NS, PreheatingSwitched(True)))
+        assert core() is not None
+        list(supervisor.step(NOW_NS, PreheatingSwitched(True)))
+        assert core() is None
+        list(supervisor.step(NOW_NS, Reconfigured(VEHICLE, SETTINGS)))
+        assert core() is not None
+    finally:
+        use_core(True)

@@ -1,0 +1,248 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How the heater is switched by a supervisor whose inputs are wrong now and then."""
+
+from dataclasses import replace
+import random
+
+import pytest
+from stepwise import Stepwise
+
+from bev_preheat.control.events import (
+    BatteryStateArrived,
+    BatteryStateUnreadable,
+    PreheatingSwitched,
+    RivalsChanged,
+    RouteArrived,
+    RouteUnreadable,
+    TripCancelled,
+)
+from bev_preheat.control.heating_pause import MOST_SWITCH_ONS
+from bev_preheat.control.inputs import Leg, Measurement, Mission, NS_PER_S
+from bev_preheat.control.settings import Settings
+from bev_preheat.errors import InvalidInput
+from bev_preheat.planning.situation import BatteryState
+from bev_preheat.planning.status import Status
+from bev_preheat.route.segments import make_route
+from bev_preheat.signals.verdict import FEED
+from bev_preheat.vehicle import load_vehicle
+
+VEHICLE = load_vehicle('reference')
+NOW_NS = 1_700_000_000 * NS_PER_S
+SETTINGS = Settings(estimation=False)
+UNREADABLE = InvalidInput('temperature: nan is not allowed')
+
+
+def ns(seconds):
+    return round(seconds * NS_PER_S)
+
+
+def mission(minutes=90, target_c=60.0, ambient_c=-20.0, route_id='home', start_ns=NOW_NS):
+    """A trip that must be heated from its start to its end: 60 degC are never reached."""
+    return Mission(route_id, (Leg(make_route({
+        'duration_s': [30.0] * (2 * minutes), 'speed_mps': [30.0], 'propulsion_power_w': [10e3],
+        'ambient_temperature_c': [ambient_c], 'cabin_heating_power_w': [1978.0],
+        'auxiliary_power_w': [300.0]}, VEHICLE.defaults), start_ns, True, target_c),))
+
+
+class Car:
+    """Passes inputs to a Stepwise, and counts switch-ons; instants in seconds from the start."""
+
+    def __init__(self, settings=SETTINGS, temperature_c=-10.0, **trip):
+        self.planner, self.temperature_c = Stepwise(VEHICLE, settings), temperature_c
+        self.powers_w, self.switch_ons_s = [], []
+        self.give(0.0, RouteArrived(mission(**trip)))
+
+    def state(self, at_s):
+        return BatteryStateArrived(Measurement(BatteryState(self.temperature_c, 0.8), NOW_NS + ns(at_s)))
+
+    def give(self, at_s, *events):
+        self.planner.step_through(NOW_NS + ns(at_s), *events)
+        for output in self.planner.outputs:
+            assert not output.failure
+            if output.command is not None:
+                power_w = output.command.battery_heating_power_w
+                if power_w > 0.0 and not (self.powers_w and self.powers_w[-1] > 0.0):
+                    self.switch_ons_s.append(at_s)
+                self.powers_w.append(power_w)
+
+    @property
+    def reason(self):
+        return self.planner.latest_command.reason
+
+
+def test_one_nan_among_good_states_ten_times_a_second_is_one_switching():
+    car = Car()
+    for number in range(300):
+        car.give(number / 10.0, BatteryStateUnreadable(UNREADABLE) if number == 100 else car.state(number / 10.0))
+    assert car.switch_ons_s == [0.0, pytest.approx(20.0, abs=0.2)]
+
+
+def test_every_second_state_a_nan_is_off():
+    car = Car()
+    for number in range(600):
+        car.give(number / 10.0, BatteryStateUnreadable(UNREADABLE) if number % 2 else car.state(number / 10.0))
+    assert car.switch_ons_s == [0.0]
+
+
+def test_a_nan_a_minute_ends_the_heating_after_a_while():
+    car = Car()
+    for second in range(3600):
+        car.give(second, car.state(second))
+        if second % 60 == 30:
+            car.give(second + 0.5, BatteryStateUnreadable(UNREADABLE))
+    # After 10, 20 and 40 s; 80 s never pass without one.
+    assert len(car.switch_ons_s) == 4
+    assert car.switch_ons_s[-1] < 300.0
+
+
+def test_what_makes_it_wait_is_said():
+    car = Car()
+    for second in range(10):
+        car.give(second, car.state(second))
+    car.give(9.5, BatteryStateUnreadable(UNREADABLE))
+    for second in range(10, 14):
+        car.give(second, car.state(second))
+    sentence = car.planner.decision.explanation
+    # 3.5 s ago.
+    assert sentence.startswith('battery_state was refused 4 s ago; heating resumes after 10 s of valid input.')
+    assert 'target 60.0 degC' in sentence
+    assert (car.powers_w[-1], car.reason) == (0.0, Status.INVALID_INPUT)
+
+
+@pytest.mark.parametrize('doubt, words', [
+    (RivalsChanged('/other'), 'Another node commanded the heater'),
+    (RouteUnreadable(UNREADABLE), 'route_plan was refused')])
+def test_other_doubts_make_it_wait_too(doubt, words):
+    car = Car()
+    car.give(1.0, car.state(1.0))
+    assert car.powers_w[-1] > 0.0
+    car.give(2.0, doubt)
+    for second in range(3, 16):
+        car.give(second, RivalsChanged(''), RouteArrived(mission()), car.state(second))
+        if second == 5:
+            assert car.planner.decision.explanation.startswith(words)
+    assert car.switch_ons_s == [1.0, pytest.approx(12.0, abs=1.1)]
+
+
+def test_the_drivers_no_is_taken_back_at_once():
+    car = Car()
+    car.give(1.0, car.state(1.0))
+    car.give(2.0, PreheatingSwitched(False))
+    assert car.powers_w[-1] == 0.0
+    car.give(3.0, PreheatingSwitched(True))
+    assert car.powers_w[-1] > 0.0
+
+
+def test_an_exception_makes_it_wait(monkeypatch):
+    car = Car()
+    car.give(1.0, car.state(1.0))
+    with monkeypatch.context() as patch:
+        patch.setattr(car.planner._decision_maker, 'decide', lambda *arguments: 1 / 0)
+        car.planner.step_through(NOW_NS + ns(2.0), car.state(2.0))
+        assert car.planner.latest_command.reason is Status.INTERNAL_ERROR
+    car.give(3.0, car.state(3.0))
+    assert (car.powers_w[-1], car.reason) == (0.0, Status.INTERNAL_ERROR)
+    for second in range(4, 14):
+        car.give(second, car.state(second))
+    assert car.powers_w[-1] > 0.0
+
+
+@pytest.mark.parametrize('every_s, timeout_s, doubted', [
+    (10.0, 5.0, True), (4.0, 5.0, False), (10.0, 15.0, False)])
+def test_a_feed_slower_than_the_timeout_does_not_relay(every_s, timeout_s, doubted):
+    car = Car(replace(SETTINGS, battery_state_timeout_s=timeout_s))
+    for second in range(1200):
+        car.give(second, *([car.state(second)] if second % every_s == 0 else []))
+    verdicts = [verdict for verdict in car.planner.signal_verdicts if verdict.signal == FEED]
+    assert len(car.switch_ons_s) == 1
+    assert (car.powers_w[-1] == 0.0, len(verdicts)) == (doubted, doubted)
+    if doubted:
+        words = 'battery_state arrives every 10.0 s; battery_state_timeout is 5 s: raise it'
+        assert words in verdicts[0].sentence
+        assert words in car.planner.decision.explanation
+        # Once it is steady, heat goes on.
+        for second in range(1200, 1230):
+            car.give(second, car.state(second))
+        assert (car.planner.signal_verdicts, car.powers_w[-1] > 0.0) == ((), True)
+
+
+def test_one_long_gap_is_no_slow_feed():
+    car = Car()
+    for second in range(300):
+        car.give(second, *([] if 100 <= second < 220 else [car.state(second)]))
+    assert car.planner.signal_verdicts == ()
+    assert car.switch_ons_s == [0.0, pytest.approx(230.0, abs=1.1)]
+
+
+# The least time on
+
+def held_car(temperature_c, target_c):
+    """Return a car that begins to heat at the start, and is that warm 3 s later; outside it is warm, too."""
+    car = Car(temperature_c=target_c - 10.0, target_c=target_c, minutes=10, ambient_c=25.0)
+    for second in range(3):
+        car.give(second, car.state(second))
+    assert car.powers_w[-1] > 0.0
+    car.temperature_c = temperature_c
+    car.give(3.0, car.state(3.0))
+    return car
+
+
+@pytest.mark.parametrize('above_k', [0.1, 0.9])
+def test_within_its_least_time_on_the_heater_says_that_it_is_held(above_k):
+    car = held_car(25.0 + above_k, 25.0)
+    assert (car.powers_w[-1] > 0.0, car.reason, car.planner.decision.status) == (
+        True, Status.HEATING, Status.HEATING)
+    assert car.planner.decision.explanation.startswith(
+        'The heater stays on for its minimum time, 17 s more: arrival at ')
+    for second in range(4, 22):
+        car.give(second, car.state(second))
+    assert (car.powers_w[-1], car.reason) == (0.0, Status.NOT_NEEDED)
+    assert car.planner.decision.status is Status.NOT_NEEDED
+
+
+@pytest.mark.parametrize('temperature_c, target_c', [
+    # Above the target by more than 1 K; nearer than 3 K to the 60 degC of the range.
+    (26.1, 25.0), (33.0, 25.0), (60.0, 50.0), (57.1, 56.5)])
+def test_the_least_time_on_does_not_outrank_limit_and_target(temperature_c, target_c):
+    car = held_car(temperature_c, target_c)
+    assert car.powers_w[-1] == 0.0
+    assert car.reason is car.planner.decision.status
+    assert car.reason in (Status.NOT_NEEDED, Status.WAITING)
+    # The least time off holds.
+    car.temperature_c = target_c - 10.0
+    for second in range(4, 122):
+        car.give(second, car.state(second))
+    assert car.powers_w[-1] == 0.0
+    car.give(124.0, car.state(124.0))
+    assert car.powers_w[-1] > 0.0
+
+
+def random_event(seeded, car, at_s):
+    what = seeded.choice(('state',) * 12 + (
+        'nan', 'late', 'overtaken', 'cancel', 'route', 'route', 'bad route', 'no', 'yes', 'rival', 'alone',
+        'nothing'))
+    state = Measurement(BatteryState(car.temperature_c, 0.8), NOW_NS + ns(at_s))
+    return {
+        'state': BatteryStateArrived(state), 'nan': BatteryStateUnreadable(UNREADABLE),
+        'late': BatteryStateArrived(replace(state, stamp_ns=state.stamp_ns - ns(30.0))),
+        'overtaken': BatteryStateArrived(replace(state, stamp_ns=state.stamp_ns - ns(0.7))),
+        'cancel': TripCancelled(), 'route': RouteArrived(mission(route_id=f'{seeded.random()}')),
+        'bad route': RouteUnreadable(UNREADABLE), 'no': PreheatingSwitched(False), 'yes': PreheatingSwitched(True),
+        'rival': RivalsChanged('/other'), 'alone': RivalsChanged(''),
+        'nothing': None}[what]
+
+
+@pytest.mark.costly
+@pytest.mark.parametrize('seed', range(6))
+@pytest.mark.parametrize('share', [0.02, 0.2, 1.0])
+def test_attacks_never_switch_on_more_often_than_stated(seed, share):
+    seeded, car, at_s = random.Random(seed), Car(), 0.0
+    for _ in range(3000):
+        at_s += seeded.choice((0.1, 1.0, 1.0, 3.0))
+        events = [car.state(at_s)] if seeded.random() >= share else filter(
+            None, [random_event(seeded, car, at_s), PreheatingSwitched(True), RivalsChanged('')])
+        car.give(at_s, *events)
+    for first_s, beyond_s in zip(car.switch_ons_s, car.switch_ons_s[MOST_SWITCH_ONS:]):
+        assert beyond_s - first_s >= 3600.0
+    # With ~/enable and new routes left out even fewer.
+    assert len(car.switch_ons_s) <= 1 + MOST_SWITCH_ONS * (1 + int(at_s // 3600.0))

@@ -1,0 +1,319 @@
+# SPDX-License-Identifier: Apache-2.0
+"""When a trip is where, once the vehicle says where it is."""
+
+from dataclasses import replace
+from math import inf, nan
+
+from hypothesis import given
+from hypothesis import strategies as st
+import pytest
+
+from bev_preheat.control.inputs import Leg, Mission, NS_PER_S, Progress, with_stops
+from bev_preheat.control.settings import Settings
+from bev_preheat.control.timetable import KNOWN_TO_M, Timetable
+from bev_preheat.errors import InvalidInput
+from bev_preheat.route.segments import make_route
+
+START_NS = 1_700_000_000 * NS_PER_S
+SETTINGS = Settings(route_progress_timeout_s=8.0, clock_tolerance_s=0.5)
+
+
+def ns(seconds):
+    return round(seconds * NS_PER_S)
+
+
+def a_leg(durations_s, speeds_mps, **fields):
+    return Leg(make_route({
+        'duration_s': durations_s, 'speed_mps': speeds_mps, 'propulsion_power_w': [10e3],
+        'ambient_temperature_c': [0.0], 'cabin_heating_power_w': [0.0],
+        'auxiliary_power_w': [0.0]}, None), **fields)
+
+
+# 2000 m, 90 s of standing, 3000 m.
+LEG = a_leg([100.0, 90.0, 120.0], [20.0, 0.0, 25.0], start_ns=START_NS)
+MISSION = Mission('home', (LEG,))
+# The same twice, with a stop of 600 s between them.
+TWO_LEGS = Mission('far', with_stops((LEG, replace(LEG)), (600.0,)))
+
+
+class Driven:
+    """A Timetable that hears where the vehicle is at seconds after the start."""
+
+    def __init__(self, mission=MISSION, settings=SETTINGS):
+        self.timetable, self._settings = Timetable(mission), settings
+        self._route_id = mission.route_id
+
+    def tell(self, at_s, distance_m, now_s=None, **fields):
+        now_s = at_s if now_s is None else now_s
+        self.timetable.accept(
+            Progress(**{'distance_m': distance_m, 'stamp_ns': START_NS + ns(at_s),
+                        'route_id': self._route_id, **fields}), START_NS + ns(now_s), self._settings)
+        return self.delay_s
+
+    def refused(self, *where, **how):
+        before = (self.timetable.mission, self.timetable.latest)
+        with pytest.raises(InvalidInput) as refusal:
+            self.tell(*where, **how)
+        assert (self.timetable.mission, self.timetable.latest) == before
+        return str(refusal.value)
+
+    @property
+    def delay_s(self):
+        return self.timetable.delay_ns / NS_PER_S
+
+    def planned_s(self, at_s):
+        return (self.timetable.planned_ns(START_NS + ns(at_s)) - START_NS) / NS_PER_S
+
+
+# By place
+
+def test_without_progress_the_route_goes_by_its_stamp():
+    driven = Driven()
+    assert driven.timetable.mission is MISSION
+    assert (driven.delay_s, driven.planned_s(-3.0), driven.planned_s(77.5)) == (0.0, -3.0, 77.5)
+
+
+@pytest.mark.parametrize('at_s, distance_m', [(0.0, 0.0), (50.0, 1000.0), (50.0, 1009.0),
+                                              (50.0, 991.0), (150.0, 2000.0), (250.0, 3500.0)])
+def test_on_time_nothing_changes(at_s, distance_m):
+    driven = Driven()
+    assert driven.tell(at_s, distance_m) == 0.0
+    # The very same: plans are the same to the last bit.
+    assert driven.timetable.mission is MISSION
+
+
+@pytest.mark.parametrize('at_s, distance_m, delay_s', [
+    # 10 m are 0.5 s at 20 m/s and 0.4 s at 25 m/s.
+    (80.0, 1000.0, 80.0 - 50.5), (30.0, 1000.0, 30.0 - 49.5),
+    (300.0, 3500.0, 300.0 - 250.4), (200.0, 3500.0, 200.0 - 249.6),
+    # Where the vehicle is to stand it is late once it should have left, early before it should come.
+    (250.0, 2000.0, 250.0 - 190.4), (60.0, 2000.0, 60.0 - 99.5),
+    # It has not left; it left before its time; it was to be there long ago.
+    (40.0, 0.0, 40.0 - 0.5), (-60.0, 500.0, -60.0 - 24.5), (4000.0, 3500.0, 4000.0 - 250.4),
+    # It is there, early; nobody is late at the end.
+    (200.0, 5000.0, 200.0 - 309.6), (4000.0, 5000.0, 0.0), (4000.0, 4991.0, 0.0)])
+def test_the_delay_is_that_with_which_the_vehicle_is_where_it_is(at_s, distance_m, delay_s):
+    driven = Driven()
+    assert driven.tell(at_s, distance_m) == pytest.approx(delay_s)
+    assert driven.timetable.mission.legs[0].start_ns == START_NS + driven.timetable.delay_ns
+    assert driven.timetable.planned is MISSION
+
+
+def test_before_the_start_nobody_is_early():
+    driven = Driven()
+    assert driven.tell(-3000.0, 0.0) == 0.0
+
+
+def test_a_delay_stays_where_the_vehicle_stands_as_planned():
+    driven = Driven()
+    assert driven.tell(120.0, 1900.0) == pytest.approx(24.5)
+    # It arrives late, and stands for its 90 s from then on, by time.
+    for at_s in (125.0, 130.0, 138.0, 146.0, 154.0, 160.0):
+        assert driven.tell(at_s, 2000.0) == pytest.approx(24.5)
+
+
+def test_a_stop_lasts_as_long_as_planned_from_the_arrival():
+    driven = Driven(TWO_LEGS)
+    assert driven.tell(400.0, 5000.0 - 200.0) == pytest.approx(400.0 - 302.4)
+    # The last 200 m took it 5 s instead of 8.
+    assert driven.tell(405.0, 5000.0) == pytest.approx(405.0 - 309.6)
+    late_ns = driven.timetable.delay_ns
+    first, second = driven.timetable.mission.legs
+    assert (first.arrival_ns - LEG.arrival_ns, second.start_ns) == (
+        late_ns, START_NS + ns(910.0) + late_ns)
+    # It leaves before that.
+    assert driven.tell(700.0, 5000.0 + 500.0) == pytest.approx(700.0 - (910.0 + 24.5))
+
+
+def test_a_distance_may_fall_a_little_but_the_vehicle_does_not_drive_back():
+    driven = Driven()
+    delay_s = driven.tell(100.0, 1000.0)
+    assert driven.tell(101.0, 940.0) == pytest.approx(delay_s + 1.0)
+
+
+def test_time_goes_on_as_planned_from_the_last_known_place():
+    driven = Driven()
+    late_s = driven.tell(80.0, 1000.0)
+    assert driven.delay_s == late_s
+    # As if it drove on; the estimation goes on so too.
+    assert driven.planned_s(500.0) - driven.planned_s(100.0) == pytest.approx(400.0)
+
+
+def test_the_route_of_other_parameters_is_as_late():
+    driven = Driven()
+    late_s = driven.tell(80.0, 1000.0)
+    other = replace(MISSION, legs=(replace(LEG, target_temperature_c=11.0),))
+    driven.timetable.revise(other)
+    assert driven.delay_s == late_s
+    assert driven.timetable.mission.legs[0].target_temperature_c == 11.0
+
+
+def test_a_route_in_steps_keeps_its_places():
+    # A step of 100 s would have the vehicle move while it stands.
+    driven = Driven(MISSION.in_planning_steps(100.0))
+    assert driven.tell(150.0, 2000.0) == 0.0
+    assert driven.tell(155.0, 2000.0) == 0.0
+    assert Driven(MISSION.in_planning_steps(100.0)).tell(250.0, 2000.0) == pytest.approx(59.6)
+
+
+def test_a_restarted_clock_leaves_the_stamp_of_the_route():
+    driven = Driven()
+    driven.tell(80.0, 1000.0)
+    driven.timetable.lose_time()
+    assert driven.timetable.mission is MISSION
+    assert driven.timetable.latest is None
+    assert driven.tell(20.0, 1000.0) == pytest.approx(20.0 - 49.5)
+
+
+# Standing
+
+def stand(driven, from_s, until_s, distance_m):
+    for at_s in range(from_s, until_s + 1, 5):
+        driven.tell(float(at_s), distance_m)
+    return driven.timetable.stood_ns / NS_PER_S
+
+
+def test_who_stands_unplanned_is_known():
+    driven = Driven()
+    assert stand(driven, 50, 350, 1000.0) == pytest.approx(300.0 - 0.5)
+    driven.tell(355.0, 1000.0 + KNOWN_TO_M + 0.1)
+    assert driven.timetable.stood_ns == 0
+
+
+@pytest.mark.parametrize('from_s, until_s, distance_m', [(100, 190, 2000.0), (310, 5000, 5000.0)],
+                         ids=['planned', 'arrived'])
+def test_who_stands_as_planned_does_not_count(from_s, until_s, distance_m):
+    assert stand(Driven(), from_s, until_s, distance_m) == 0.0
+
+
+def test_who_does_not_leave_stands():
+    assert stand(Driven(), -30, 600, 0.0) == pytest.approx(600.0 - 0.5)
+
+
+# Pace
+
+def test_the_time_of_places_goes_by_evenly_between_two_of_them():
+    driven = Driven()
+    driven.tell(60.0, 1000.0)
+    driven.tell(68.0, 1080.0)
+    assert [driven.planned_s(at_s) for at_s in (60.0, 64.0, 68.0)] == pytest.approx(
+        [50.5, 52.5, 54.5])
+    # And as fast as that afterwards, until that is too old.
+    assert [driven.planned_s(at_s) for at_s in (70.0, 76.0, 86.0)] == pytest.approx(
+        [55.5, 58.5, 68.5])
+
+
+def test_a_vehicle_that_stands_gets_no_further():
+    driven = Driven()
+    for at_s in range(60, 75):
+        driven.tell(float(at_s), 1000.0)
+    assert driven.planned_s(74.6) == driven.planned_s(62.0) == pytest.approx(50.5)
+
+
+# At the door
+
+@pytest.mark.parametrize('where, how, message', [
+    ((50.0, nan), {}, 'distance: nan m is not allowed; it must be 0 ... 5000 m, the length of'),
+    ((50.0, inf), {}, 'distance: inf m is not allowed'),
+    ((50.0, -0.1), {}, 'distance: -0.1 m is not allowed'),
+    ((50.0, 5100.1), {}, 'distance: 5100.1 m is not allowed; it must be 0 ... 5000 m'),
+    ((50.0, 1e9), {}, 'distance: 1000000000 m is not allowed; it must be 0 ... 5000 m'),
+    ((50.0, 1000.0), {'route_id': 'work'},
+     "route_id: 'work' is not the route that is driven, 'home'"),
+    ((50.0, 1000.0), {'route_id': ''}, "route_id: '' is not the route"),
+    ((50.0, 1000.0), {'route_start_ns': START_NS - ns(2.5)},
+     'route_stamp: is not that of the latest route plan, but 2.500 s before it'),
+    ((50.0, 1000.0), {'now_s': 58.001},
+     'header.stamp: the position is 8.001 s old; at most 8 s are allowed'),
+    ((50.0, 1000.0), {'now_s': 49.4}, 'header.stamp: the position is 0.6 s ahead of the clock; at most 0.5 s')])
+def test_what_cannot_be_is_refused_by_name(where, how, message):
+    assert message in Driven().refused(*where, **how)
+    late = Driven()
+    late.tell(49.0, 900.0)
+    assert message in late.refused(*where, **how)
+
+
+@pytest.mark.parametrize('where, how', [
+    ((50.0, 5100.0), {}), ((50.0, 1000.0), {'route_start_ns': START_NS}),
+    ((50.0, 1000.0), {'now_s': 58.0}), ((50.0, 1000.0), {'now_s': 49.5})])
+def test_what_may_be_is_accepted(where, how):
+    Driven().tell(*where, **how)
+
+
+@pytest.mark.parametrize('at_s, distance_m, message', [
+    (49.9, 1000.0, 'header.stamp: the position is 0.100 s older than one that came before it'),
+    (52.0, 899.0, 'distance: 899 m is 101 m behind the 1000 m of 2.0 s before; it must be at most '
+     '300 m beyond or 100 m behind'),
+    (52.0, 1301.0, 'distance: 1301 m is 301 m beyond the 1000 m of 2.0 s before')])
+def test_what_does_not_follow_is_refused(at_s, distance_m, message):
+    driven = Driven()
+    driven.tell(50.0, 1000.0)
+    assert message in driven.refused(at_s, distance_m)
+
+
+@pytest.mark.parametrize('at_s, distance_m', [
+    (50.0, 1000.0), (52.0, 901.0), (52.0, 1299.0),
+    # What came before is too old to be compared with.
+    (58.1, 100.0), (58.1, 4900.0)])
+def test_what_may_follow_is_accepted(at_s, distance_m):
+    driven = Driven()
+    driven.tell(50.0, 1000.0)
+    driven.tell(at_s, distance_m)
+
+
+def test_a_route_along_which_nothing_moves_has_no_places():
+    still = Mission('home', (a_leg([60.0], [0.0], start_ns=START_NS),))
+    assert 'speed is 0 in each segment' in Driven(still).refused(10.0, 0.0)
+
+
+# Properties
+
+SEGMENTS = st.lists(st.tuples(
+    st.floats(5.0, 600.0), st.one_of(st.just(0.0), st.floats(0.5, 50.0))),
+    min_size=1, max_size=8).filter(lambda segments: sum(
+        duration_s * speed_mps for duration_s, speed_mps in segments) > 50.0)
+
+
+@given(SEGMENTS, st.floats(0.0, 1.0), st.floats(0.0, 1.0), st.floats(-900.0, 3000.0))
+def test_who_is_further_arrives_no_later(segments, share, other, at_s):
+    mission = Mission('home', (a_leg(*map(list, zip(*segments)), start_ns=START_NS),))
+    near, far = Driven(mission), Driven(mission)
+    length_m = near.timetable.places.length_m
+    near_m, far_m = sorted((share * length_m, other * length_m))
+    assert far.tell(at_s, far_m) <= near.tell(at_s, near_m)
+
+
+@given(SEGMENTS, st.lists(st.floats(0.2, 7.9), min_size=1, max_size=30), st.floats(-200.0, 900.0))
+def test_time_left_falls_by_the_time_that_passes(segments, steps_s, late_s):
+    """Driven as planned, but for a late start: the delay stays, and so does the arrival."""
+    mission = Mission('home', (a_leg(*map(list, zip(*segments)), start_ns=START_NS),))
+    driven, places = Driven(mission), Driven(mission).timetable.places
+    at_s, delays_s = late_s, []
+    for step_s in steps_s:
+        at_s += step_s
+        distance_m = places.distance_at_m(at_s - late_s)
+        if distance_m > places.length_m - 2.0 * KNOWN_TO_M:
+            break
+        # Within 10 m: what the start, or standing, leaves open is settled as it drives.
+        delays_s.append(driven.tell(at_s, distance_m))
+        planned_m = places.distance_at_m(at_s - driven.delay_s)
+        assert abs(planned_m - distance_m) <= KNOWN_TO_M + 1e-3
+    if late_s >= 0.0:
+        assert all(after_s >= before_s - 1e-6 for before_s, after_s in zip(delays_s, delays_s[1:]))
+        assert all(delay_s <= late_s + 1e-6 for delay_s in delays_s)
+
+
+@given(SEGMENTS, st.lists(st.tuples(st.floats(0.1, 7.9), st.floats(-9.9, 9.9)), max_size=30))
+def test_exactly_on_plan_is_without_delay(segments, steps):
+    mission = Mission('home', (a_leg(*map(list, zip(*segments)), start_ns=START_NS),))
+    driven, places = Driven(mission), Driven(mission).timetable.places
+    at_s = furthest_m = 0.0
+    for step_s, noise_m in steps:
+        at_s += step_s
+        distance_m = places.distance_at_m(at_s) + noise_m
+        furthest_m = max(furthest_m, distance_m)
+        if furthest_m - places.distance_at_m(at_s) >= KNOWN_TO_M - 0.01:
+            # The furthest of noisy positions counts where the vehicle stands.
+            break
+        assert driven.tell(at_s, max(distance_m, 0.0)) == 0.0
+        assert driven.timetable.mission is mission

@@ -1,0 +1,137 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a battery that stood tells of its sensor, against an integration and limits."""
+
+from dataclasses import replace
+import math
+
+import numpy as np
+import pytest
+
+from bev_preheat.control.inputs import Measurement
+from bev_preheat.estimation.estimator import Estimator, READING_NOISE_K
+from bev_preheat.estimation.soak import (
+    after_soak,
+    AMBIENT_DEVIATION_K,
+    expected_offset_k,
+    OFFSET_DEVIATION_K,
+    PARKED_DEVIATION_K,
+    PARKED_WARMER_K,
+    Soak,
+)
+from bev_preheat.planning.situation import BatteryState
+from bev_preheat.vehicle import load_vehicle
+
+VEHICLE = load_vehicle('reference')
+HOUR_S = 3600.0
+NIGHT = after_soak(VEHICLE, -7.0, 24.0 * HOUR_S)
+NOISE = READING_NOISE_K**2
+
+
+def test_a_battery_cools_as_the_vehicles_leakage_lets_it():
+    gamma = VEHICLE.battery.leakage.coefficient_w_per_k(0.0)
+    warmer_k = PARKED_WARMER_K
+    for _ in range(7200):
+        warmer_k -= gamma * warmer_k / VEHICLE.battery.heat_capacity_j_per_k
+    assert after_soak(VEHICLE, -7.0, 7200.0).temperature_c == pytest.approx(
+        -7.0 + warmer_k, abs=1e-3)
+
+
+def test_after_a_day_a_battery_is_at_ambient_temperature():
+    assert NIGHT.temperature_c == pytest.approx(-7.0, abs=0.01)
+    assert NIGHT.deviation_k == pytest.approx(AMBIENT_DEVIATION_K, rel=1e-3)
+
+
+def test_a_battery_that_was_just_parked_may_have_any_temperature():
+    assert after_soak(VEHICLE, -7.0, 0.0) == Soak(-7.0 + PARKED_WARMER_K, PARKED_DEVIATION_K)
+
+
+def test_the_longer_it_stands_the_better_its_temperature_is_known():
+    deviations_k = [after_soak(VEHICLE, 0.0, hours * HOUR_S).deviation_k
+                    for hours in (0.5, 1.0, 2.0, 4.0, 8.0, 16.0)]
+    assert deviations_k == sorted(deviations_k, reverse=True)
+
+
+def test_a_battery_that_loses_no_heat_is_never_known_better():
+    leakage = replace(VEHICLE.battery.leakage, gamma_0_w_per_k=0.0)
+    tight = replace(VEHICLE, battery=replace(VEHICLE.battery, leakage=leakage))
+    assert after_soak(tight, -7.0, 1e300) == Soak(-7.0 + PARKED_WARMER_K, PARKED_DEVIATION_K)
+
+
+@pytest.mark.parametrize('standing_s', [1e9, 1e300])
+def test_a_car_that_stood_for_ever_has_a_number(standing_s):
+    standing = after_soak(VEHICLE, -7.0, standing_s)
+    assert (standing.temperature_c, standing.left_deviation_k) == pytest.approx((-7.0, 0.0))
+
+
+def test_how_far_it_spreads_is_that_of_drawn_cars():
+    random = np.random.default_rng(3)
+    count, standing_s = 100_000, 3.0 * HOUR_S
+    parked_k = random.normal(PARKED_WARMER_K, PARKED_DEVIATION_K, count)
+    gamma = VEHICLE.battery.leakage.coefficient_w_per_k(0.0) * random.uniform(0.8, 1.2, count)
+    capacity = VEHICLE.battery.heat_capacity_j_per_k * random.uniform(0.9, 1.1, count)
+    left_k = parked_k * np.exp(-gamma / capacity * standing_s)
+    standing = after_soak(VEHICLE, 0.0, standing_s)
+    assert standing.temperature_c == pytest.approx(left_k.mean(), rel=0.05)
+    assert standing.left_deviation_k == pytest.approx(left_k.std(), rel=0.1)
+
+
+@pytest.mark.parametrize('difference_k', [0.5, 2.0, 3.0])
+def test_a_difference_is_shared_between_sensor_and_forecast(difference_k):
+    warm = expected_offset_k(NIGHT, -7.0 + difference_k, NOISE)
+    cold = expected_offset_k(NIGHT, -7.0 - difference_k, NOISE)
+    most = difference_k * OFFSET_DEVIATION_K**2 / (
+        OFFSET_DEVIATION_K**2 + AMBIENT_DEVIATION_K**2)
+    assert 0.8 * most < warm < most
+    assert cold == pytest.approx(-warm, abs=0.01)
+
+
+def test_a_battery_that_just_stopped_says_next_to_nothing_of_its_sensor():
+    assert abs(expected_offset_k(after_soak(VEHICLE, -7.0, 60.0), -2.0, NOISE)) < 0.2
+
+
+def test_a_car_from_a_garage_keeps_its_temperature():
+    # 22 K warmer than outside: no sensor is off by that much.
+    assert abs(expected_offset_k(NIGHT, 15.0, NOISE)) < 0.01
+
+
+def test_the_offset_is_bounded_whatever_is_read():
+    readings_c = np.linspace(-60.0, 60.0, 2401)
+    offsets_k = [expected_offset_k(NIGHT, reading_c, NOISE) for reading_c in readings_c.tolist()]
+    assert np.abs(offsets_k).max() < 2.5
+    assert math.isfinite(expected_offset_k(NIGHT, 1e6, NOISE))
+
+
+def state(stamp_s, temperature_c):
+    return Measurement(BatteryState(temperature_c, 0.8), round(stamp_s * 1e9))
+
+
+@pytest.mark.parametrize('seen_before', [False, True])
+def test_the_estimator_subtracts_the_offset_from_this_reading_on(seen_before):
+    estimator = Estimator(VEHICLE)
+    if seen_before:
+        estimator.observe(state(0.0, -5.0), 0.0, ())
+        assert estimator.estimate.temperature_c == pytest.approx(-5.0)
+    estimator.rely_on(NIGHT)
+    estimator.observe(state(10.0, -5.0), 0.0, ())
+    offset_k = estimator.estimate.sensor_offset_k
+    assert 0.5 < offset_k < 1.0
+    assert estimator.estimate.temperature_c == pytest.approx(-5.0 - offset_k)
+    # A gap places the battery anew, from the next reading; the sensor is the same.
+    estimator.observe(state(500.0, -4.0), 0.0, ())
+    assert estimator.estimate.temperature_c == pytest.approx(-4.0 - offset_k)
+
+
+def test_a_reset_forgets_the_offset():
+    estimator = Estimator(VEHICLE)
+    estimator.rely_on(NIGHT)
+    estimator.observe(state(0.0, -5.0), 0.0, ())
+    estimator.restart('another sensor', 0)
+    estimator.observe(state(1.0, 3.0), 0.0, ())
+    assert estimator.estimate.temperature_c == pytest.approx(3.0)
+    assert estimator.estimate.sensor_offset_k == 0.0
+
+
+def test_without_standing_the_sensor_is_believed():
+    estimator = Estimator(VEHICLE)
+    estimator.observe(state(0.0, -5.0), 0.0, ())
+    assert estimator.estimate.sensor_offset_k == 0.0

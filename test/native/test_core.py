@@ -1,0 +1,276 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The compiled core against the Python equations, at random points, and what it refuses."""
+
+from ctypes import addressof, byref, c_double, c_int32
+from dataclasses import replace
+from math import inf, isfinite, isnan, nan
+
+import drawn_situations
+from hypothesis import given
+from hypothesis import strategies as st
+import numpy as np
+import pytest
+
+from bev_preheat.native import library as library_module
+from bev_preheat.native import runs
+from bev_preheat.native.library import core, core_in_words, use_core, without_core
+from bev_preheat.native.structs import CurveStruct, NativeVehicle, NotDescribed
+from bev_preheat.numerics.arithmetic import FLOATS, SATURATING_FLOATS
+from bev_preheat.planning.charge_acceptance import no_acceptance_loss
+from bev_preheat.planning.dynamics import native_vehicle, run_forward
+from bev_preheat.planning.limits import LimitedSteps, run_unheated
+from bev_preheat.planning.thresholds import find_thresholds
+from bev_preheat.planning.trip import make_trip
+from bev_preheat.vehicle.corrections import ScaledCurve
+from bev_preheat.vehicle.curves import InverseTemperatureResistance, PolynomialVoltage, Table
+from bev_preheat.vehicle.heat_path import HeatPath, make_heated_step
+from bev_preheat.vehicle.model import make_euler, make_midpoint, make_rates, make_runge_kutta_4
+
+FORMULAS, TABLES = (drawn_situations.car(name) for name in drawn_situations.CARS)
+LOGARITHM = replace(FORMULAS, battery=replace(
+    FORMULAS.battery, open_circuit_voltage=PolynomialVoltage((340.0, 61.0, -7.0), 9.0)))
+CURVES = [
+    PolynomialVoltage((331.0, 88.0, -21.0, 13.0)), PolynomialVoltage((352.0, 40.0), 11.0),
+    InverseTemperatureResistance(3.7, 41.0), Table((0.5,), (0.0,), ((7.5,),)),
+    Table((0.1, 0.4, 0.9), (20.0,), ((1.0,), (4.5,), (3.25,))),
+    Table((0.5,), (-20.0, -3.0, 11.0, 30.0), ((9.0, 4.0, 2.5, 2.0),)),
+    Table((0.0, 0.3, 1.0), (-15.0, 2.0, 25.0), ((3.0, 2.0, 1.5), (2.5, 1.25, 1.0), (4.0, 1.75, 0.5))),
+    ScaledCurve(ScaledCurve(InverseTemperatureResistance(3.7, 41.0), 1.07), 0.93)]
+SOC = st.one_of(st.floats(-0.2, 1.2), st.sampled_from([0.0, 0.1, 0.3, 0.4, 0.5, 0.9, 1.0]))
+TEMPERATURE_C = st.one_of(st.floats(-30.0, 60.0), st.sampled_from([-20.0, -15.0, -3.0, 2.0, 11.0, 25.0]))
+# Duration, terminal power, its variance, heat, leakage.
+INPUTS = st.tuples(st.one_of(st.floats(1.0, 300.0), st.floats(-300.0, -1.0)), st.floats(-9e4, 4e5),
+                   st.floats(0.0, 1e9), st.floats(-4e3, 8e3), st.floats(0.0, 150.0))
+NOT_FINITE = -4
+
+
+def test_the_core_is_built_and_used():
+    assert core_in_words().startswith('used: ') and core() is not None
+
+
+def test_it_can_be_switched_off_and_on():
+    use_core(False)
+    try:
+        assert (core(), core_in_words()) == (None, 'not used: switched off')
+    finally:
+        use_core(True)
+    with without_core():
+        use_core(True)
+        assert core() is None
+    assert core() is not None
+
+
+@pytest.mark.parametrize('content, words', [
+    (None, 'not used: package bev_preheat_core is not built'), (b'no library', 'cannot be loaded')])
+def test_where_it_is_not_there_the_reason_is_said(tmp_path, monkeypatch, content, words):
+    monkeypatch.setenv('AMENT_PREFIX_PATH', f'{tmp_path / "other"}:{tmp_path}')
+    if content is not None:
+        (tmp_path / 'lib').mkdir()
+        (tmp_path / 'lib' / library_module.FILE).write_bytes(content)
+    library, problem = library_module._loaded.__wrapped__()
+    assert library is None
+    assert words in f'not used: {problem}'
+
+
+def test_a_library_of_another_version_is_not_used(monkeypatch):
+    path = core()._name
+    monkeypatch.setattr(library_module, 'INTERFACE', 0)
+    assert library_module._load(path) == (None, f'{path} is of another version')
+
+
+@pytest.mark.parametrize('curve', CURVES, ids=lambda curve: type(curve).__name__)
+@given(soc=SOC, temperature_c=TEMPERATURE_C, saturating=st.booleans())
+def test_curves_have_the_same_values(curve, soc, temperature_c, saturating):
+    vehicle = replace(FORMULAS, battery=replace(FORMULAS.battery, resistance=curve))
+    native = NativeVehicle(vehicle, 60.0)
+    function = core().bev_curve_value
+    function.restype, function.argtypes = c_double, None
+    found = function(byref(native.struct.resistance), c_int32(saturating), c_double(soc),
+                     c_double(temperature_c))
+    assert found == curve.function(SATURATING_FLOATS if saturating else FLOATS)(soc, temperature_c)
+
+
+@pytest.mark.parametrize('curve', [curve for curve in CURVES if isinstance(curve, Table)])
+def test_a_table_at_nan_is_nan_or_its_constant(curve):
+    native = NativeVehicle(replace(FORMULAS, battery=replace(FORMULAS.battery, resistance=curve)), 60.0)
+    function = core().bev_curve_value
+    function.restype, function.argtypes = c_double, None
+    found = function(byref(native.struct.resistance), c_int32(0), c_double(nan), c_double(nan))
+    assert isnan(found) or found == 7.5
+
+
+@pytest.mark.parametrize('vehicle', [FORMULAS, LOGARITHM, TABLES], ids=['formulas', 'logarithm', 'tables'])
+@pytest.mark.parametrize('make_integrator', runs.INTEGRATORS)
+@given(soc=SOC, temperature_c=TEMPERATURE_C, inputs=INPUTS)
+def test_steps_are_the_same(vehicle, make_integrator, soc, temperature_c, inputs):
+    native = NativeVehicle(vehicle, 60.0)
+    for saturating, arithmetic in enumerate((FLOATS, SATURATING_FLOATS)):
+        try:
+            expected = make_integrator(make_rates(vehicle, arithmetic))(soc, temperature_c, *inputs)
+        except (ValueError, ArithmeticError):
+            expected = (nan,)
+        result = (c_double * 4)()
+        status = core().bev_step(
+            native.address, runs.INTEGRATORS[make_integrator], saturating, soc, temperature_c,
+            *inputs, byref(result))
+        if all(map(isfinite, expected)):
+            assert (status, tuple(result)) == (0, expected)
+        else:
+            assert status == NOT_FINITE
+
+
+@pytest.mark.parametrize('path', [HeatPath(), HeatPath(33.0), HeatPath(0.0, 15e3, 310.0),
+                                  HeatPath(47.0, 12e3, 280.0)],
+                         ids=['at once', 'lag', 'coolant', 'coolant and lag'])
+@given(states=st.tuples(st.floats(0.05, 1.0), st.floats(-25.0, 45.0), st.floats(0.0, 7e3),
+                        st.floats(-5.0, 25.0)),
+       inputs=st.tuples(st.floats(1.0, 300.0), st.floats(-9e4, 3e5), st.floats(0.0, 1e9),
+                        st.floats(-4e3, 8e3), st.floats(0.0, 150.0), st.floats(0.0, 7e3)))
+def test_steps_with_a_heat_path_are_the_same(path, states, inputs):
+    vehicle = replace(TABLES, heat_path=path)
+    native = NativeVehicle(vehicle, 60.0)
+    for saturating, arithmetic in enumerate((FLOATS, SATURATING_FLOATS)):
+        try:
+            expected = make_heated_step(vehicle, arithmetic)(*states, *inputs)
+        except ValueError:
+            expected = (nan,)
+        result = (c_double * 8)()
+        status = core().bev_heated_step(
+            native.address, saturating, byref((c_double * 4)(*states)), *inputs, byref(result))
+        if isfinite(expected[0]):
+            assert (status, tuple(result)) == (0, expected)
+        else:
+            assert status == NOT_FINITE
+
+
+def test_a_curve_of_another_kind_leaves_the_vehicle_to_python():
+    class Flat:
+        def function(self, arithmetic):
+            return lambda soc, temperature_c: 0.11
+
+    vehicle = replace(FORMULAS, battery=replace(FORMULAS.battery, resistance=Flat()))
+    with pytest.raises(NotDescribed, match='Flat'):
+        NativeVehicle(vehicle, 60.0)
+    assert native_vehicle(vehicle) is None
+    _, route, state, *_ = drawn_situations.draw(3, 9)
+    # U = 400 V, R = 0.11 ohm as a table that is the same everywhere.
+    same = replace(vehicle, battery=replace(vehicle.battery, resistance=Table((0.5,), (0.0,), ((0.11,),))))
+    ends = [run_forward(make_trip(each, route), make_runge_kutta_4, state.soc, 10.0)[1][-1]
+            for each in (vehicle, same)]
+    assert ends[0] == ends[1]
+
+
+def test_more_factors_than_the_core_has_are_left_to_python():
+    curve = FORMULAS.battery.resistance
+    for factor in (1.1, 0.9, 1.2, 0.8, 1.05):
+        curve = ScaledCurve(curve, factor)
+    assert native_vehicle(replace(FORMULAS, battery=replace(FORMULAS.battery, resistance=curve))) is None
+
+
+@pytest.mark.parametrize('field, value', [
+    ('capacity_ah', 0.0), ('capacity_ah', nan), ('heat_capacity_j_per_k', -1.0), ('highest_c', nan),
+    ('hottest_c', inf), ('heater_efficiency', 0.0), ('heat_share', nan), ('heater_lag_s', -1.0),
+    ('coolant_heat_capacity_j_per_k', 5e3), ('coolant_conductance_w_per_k', nan)])
+def test_an_impossible_number_of_the_vehicle_is_refused(field, value):
+    native = NativeVehicle(FORMULAS, 60.0)
+    assert core().bev_check_vehicle(native.address) == 0
+    setattr(native.struct, field, value)
+    assert core().bev_check_vehicle(native.address) == -2
+    # Nor is it run with.
+    result = (c_double * 4)()
+    assert core().bev_step(native.address, 2, 0, 0.5, 10.0, 30.0, 1e4, 0.0, 0.0, 50.0, byref(result)) == -2
+
+
+@pytest.mark.parametrize('change', [
+    {'kind': 4}, {'kind': -1}, {'factor_count': 5}, {'soc_count': 0}, {'temperature_count': 1025},
+    {'values': None}])
+def test_a_curve_that_cannot_be_read_is_refused(change):
+    native = NativeVehicle(TABLES, 60.0)
+    for name, value in change.items():
+        setattr(native.struct.open_circuit_voltage, name, value)
+    assert core().bev_check_vehicle(native.address) == -2
+
+
+def test_an_axis_that_does_not_rise_is_refused():
+    table = Table((0.1, 0.4, 0.4), (0.0,), ((1.0,), (2.0,), (3.0,)))
+    native = NativeVehicle(
+        replace(FORMULAS, battery=replace(FORMULAS.battery, resistance=table)), 60.0)
+    assert core().bev_check_vehicle(native.address) == -2
+
+
+def trip_of_situation():
+    vehicle, route, *_ = drawn_situations.draw(5, 12)
+    return make_trip(replace(vehicle, heat_path=HeatPath()), route)
+
+
+@pytest.mark.parametrize('arguments', [(None, 0), (2, -1), (2, 13), (3, 0)])
+def test_a_call_that_makes_no_sense_is_refused(arguments):
+    trip = trip_of_situation()
+    steps = len(trip.route)
+    integrator, first = arguments
+    vehicle = None if integrator is None else native_vehicle(trip.vehicle).address
+    states = np.zeros((2, steps + 1))
+    assert core().bev_run(vehicle, integrator or 0, trip.native.address, first if first < 13 else steps + 1,
+                          None, None, *runs._rows(states, 2)) == -1
+
+
+@pytest.mark.parametrize('column', ['duration_s', 'idle_power_w', 'idle_heat_w', 'leakage_w_per_k'])
+def test_an_input_that_is_no_number_is_refused(column):
+    trip = trip_of_situation()
+    native = trip.native
+    block = np.array(native._block)
+    shift = getattr(native.struct, column) - native.struct.time_s
+    native._block[shift // 8] = nan
+    states = np.full((2, len(trip.route) + 1), 0.5)
+    assert core().bev_run(native_vehicle(trip.vehicle).address, 2, native.address, 0, None, None,
+                          *runs._rows(states, 2)) == -3
+    assert np.isnan(block).sum() == 0
+    assert addressof(native.struct) == native.address
+
+
+def test_what_is_no_number_is_left_to_python():
+    # Python answers with the exception, or the infinite numbers, that belong to it.
+    trip = trip_of_situation()
+    heater_w = np.full(len(trip.route), inf)
+    states = np.full((2, len(trip.route) + 1), 0.5)
+    assert runs.run(native_vehicle(trip.vehicle), make_runge_kutta_4, trip.native, states, 0,
+                    heater_w, None) is None
+
+
+@pytest.mark.parametrize('make_integrator', [make_euler, make_midpoint, make_runge_kutta_4])
+def test_arrays_of_any_layout_are_taken(make_integrator):
+    trip = trip_of_situation()
+    steps = len(trip.route)
+    heater_w = np.linspace(0.0, 4e3, steps)
+    strided = np.zeros((steps, 3))
+    strided[:, 1] = heater_w
+    frozen = heater_w.copy()
+    frozen.flags.writeable = False
+    whole = np.arange(steps)
+    ends = [run_forward(trip, make_integrator, 0.8, -4.0, each)[1].tolist()
+            for each in (heater_w, strided[:, 1], frozen)]
+    assert ends[0] == ends[1] == ends[2]
+    assert (run_forward(trip, make_integrator, 0.8, -4.0, whole)[1].tolist()
+            == run_forward(trip, make_integrator, 0.8, -4.0, whole.astype(float))[1].tolist())
+
+
+# In the others up to the seventh the battery is beyond every threshold.
+@pytest.mark.parametrize('number', [0, 1, 2, 4, 6, 7])
+def test_thresholds_are_the_same(number):
+    vehicle, route, state, goal, *_ = drawn_situations.draw(number, 30)
+    trip = make_trip(replace(vehicle, heat_path=HeatPath()), route)
+    state = replace(state, soc=max(state.soc, 0.5))
+    run = run_unheated(trip, state)
+    everywhere = np.ones(len(trip.route), dtype=bool)
+    situation = (trip, LimitedSteps(everywhere, everywhere), run, goal.target_temperature_c,
+                 no_acceptance_loss(trip))
+    found = find_thresholds(*situation)
+    with without_core():
+        expected = find_thresholds(*situation)
+    assert np.isfinite(expected.high_c).any()
+    for name in ('floor_c', 'low_c', 'high_c'):
+        np.testing.assert_allclose(getattr(found, name), getattr(expected, name), rtol=1e-12, atol=1e-11)
+
+
+def test_structs_are_those_of_the_header():
+    assert isinstance(NativeVehicle(FORMULAS, 60.0).struct.resistance, CurveStruct)

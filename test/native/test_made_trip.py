@@ -1,0 +1,85 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A trip's columns from the core and from Python."""
+
+from ctypes import addressof
+from dataclasses import fields, replace
+
+import drawn_situations
+import numpy as np
+import pytest
+
+from bev_preheat.native.library import core, without_core
+from bev_preheat.native.runs import place
+from bev_preheat.native.structs import TRIP_COLUMNS, TripTermsStruct
+from bev_preheat.planning.trip import _made_trip, LONGEST_STEP_S, make_trip, Trip
+from bev_preheat.route.segments import make_route
+
+CAR = drawn_situations.car(drawn_situations.CARS[0])
+BAD_ARGUMENT, BAD_INPUT = -1, -3
+COLUMNS = [field.name for field in fields(Trip) if field.name not in ('vehicle', 'route', 'surplus_ceiling_c')]
+
+
+def drawn(number):
+    """Return a vehicle, a route, the share of the heater that is there, and the heat's lag [s]."""
+    random = np.random.default_rng([37, number])
+    steps = int(random.integers(1, 60))
+    vehicle = drawn_situations.car(drawn_situations.CARS[number % len(drawn_situations.CARS)])
+    mean_w = random.uniform(-40e3, 90e3, steps)
+    route = make_route({
+        'duration_s': random.uniform(0.5, LONGEST_STEP_S, steps), 'speed_mps': random.uniform(0.0, 40.0, steps),
+        'propulsion_power_w': mean_w, 'propulsion_power_rms_w': np.abs(mean_w) * random.uniform(1.0, 2.0, steps),
+        'ambient_temperature_c': random.uniform(-20.0, 30.0, steps),
+        'cabin_heating_power_w': random.uniform(0.0, 9e3, steps), 'auxiliary_power_w': [430.0]}, vehicle.defaults)
+    return vehicle, route, float(random.choice([1.0, 0.4])), float(random.choice([0.0, 47.0, 900.0]))
+
+
+def test_columns_are_the_same_to_the_last_bit():
+    for number in range(80):
+        situation = drawn(number)
+        found = _made_trip(*situation)
+        with without_core():
+            expected = _made_trip(*situation)
+        # What the core is given is what Python has.
+        assert 'native' in vars(found) and 'native' not in vars(expected)
+        for name in COLUMNS:
+            assert getattr(found, name).tolist() == getattr(expected, name).tolist(), (number, name)
+        for name, values in zip(TRIP_COLUMNS, found.native.columns, strict=True):
+            other = expected.native.columns[TRIP_COLUMNS.index(name)]
+            assert values.tolist() == other.tolist(), (number, name)
+
+
+@pytest.mark.parametrize('leakage_times', [1.0, 200.0])
+def test_a_segment_that_is_too_long_is_divided(leakage_times):
+    leaky = replace(CAR, battery=replace(CAR.battery, leakage=replace(
+        CAR.battery.leakage, gamma_0_w_per_k=leakage_times * CAR.battery.leakage.gamma_0_w_per_k)))
+    duration_s = LONGEST_STEP_S if leakage_times > 1.0 else 1.01 * LONGEST_STEP_S
+    route = make_route({
+        'duration_s': [40.0, duration_s], 'speed_mps': [0.0, 11.0], 'propulsion_power_w': [7e3, 9e3],
+        'ambient_temperature_c': [-3.0]}, CAR.defaults)
+    trip = make_trip(leaky, route)
+    with without_core():
+        expected = _made_trip(leaky, route, 1.0, 0.0)
+    assert len(trip.route) == len(expected.route) > 2
+    assert trip.idle_heat_w.tolist() == expected.idle_heat_w.tolist()
+
+
+def call(steps=3, null=None, duration_s=30.0):
+    """Return the status of bev_make_trip."""
+    terms = TripTermsStruct(5.0, 0.1, 0.08, 600.0, 7e3, 1.0, 0.0)
+    route = np.ones((8, 3))
+    route[0] = duration_s
+    return core().bev_make_trip(
+        None if null == 'terms' else addressof(terms), steps, None if null == 'route' else place(route),
+        None if null == 'columns' else place(np.empty(len(TRIP_COLUMNS) * 3 + 1)))
+
+
+@pytest.mark.parametrize('null', ['terms', 'route', 'columns'])
+def test_a_null_pointer_is_refused(null):
+    assert call() == 0
+    assert call(null=null) == BAD_ARGUMENT
+
+
+def test_what_cannot_be_is_refused():
+    assert call(steps=0) == BAD_ARGUMENT
+    assert call(duration_s=np.nan) == BAD_INPUT
+    assert call(duration_s=LONGEST_STEP_S + 1.0) == BAD_INPUT

@@ -1,0 +1,193 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a vehicle file means: figures by hand, and what is called unusual."""
+
+import math
+
+import pytest
+import yaml
+
+from bev_preheat.vehicle import load_vehicle
+from bev_preheat.vehicle.assumptions import assumption_warning, key_in_words
+from bev_preheat.vehicle.plausibility import meaning_of, warmed_by_k
+
+# 360 V at all states of charge: every figure below follows by hand.
+PLAIN = {
+    'name': 'plain',
+    'battery': {
+        'capacity_ah': 150, 'heat_capacity_j_per_k': 400000, 'cells_in_series': 100,
+        'open_circuit_voltage': {'formula': {'polynomial_v': [360]}},
+        'resistance': {'table': {'temperature_c': [-20, 0, 25], 'values': [0.21, 0.12, 0.06]}},
+        'power_limits': {
+            'discharge': {'temperature_c': [-20, 25], 'values': [40000, 130000]},
+            'charge': {'temperature_c': [-10, 0, 10, 25],
+                       'values': [-12000, -30000, -55000, -110000]}},
+        'leakage': {'gamma_0_w_per_k': 30, 'gamma_v_w_per_k_per_mps': 0.9},
+        'soc_range': [0.1, 0.9], 'temperature_range_c': [-35, 50]},
+    'drivetrain': {'efficiency': 0.9, 'heat_recovery_efficiency': 0.5, 'maximum_power_w': 120000},
+    'hvch': {'maximum_power_w': 6000, 'efficiency': 0.8},
+    'defaults': {'cabin_heating_power_w': 2000, 'auxiliary_power_w': 400,
+                 'target_battery_temperature_c': 25},
+}
+
+
+@pytest.fixture
+def plain(tmp_path):
+    """Load the plain car with some keys changed."""
+    def load(**changes):
+        contents = yaml.safe_load(yaml.safe_dump(PLAIN))
+        for key, value in changes.items():
+            *path, last = key.split('__')
+            node = contents
+            for part in path:
+                node = node[part]
+            node[last] = value
+        file = tmp_path / 'car.yaml'
+        file.write_text(yaml.safe_dump(contents))
+        return load_vehicle(file)
+    return load
+
+
+def test_energy_is_voltage_times_charge_within_the_range_in_use(plain):
+    meaning = meaning_of(plain())
+    # 360 V * 150 Ah * 0.8
+    assert (meaning.energy_kwh, meaning.nominal_voltage_v) == pytest.approx((43.2, 360.0))
+
+
+def test_figures_by_hand(plain):
+    meaning = meaning_of(plain())
+    fast_w_per_k = 30.0 + 0.9 * 100.0 / 3.6
+    assert meaning.resistance_ohm == {-20.0: 0.21, 0.0: 0.12, 25.0: 0.06}
+    # 0.06 ohm * 150 A of 360 V
+    assert meaning.one_hour_drop == pytest.approx(0.025)
+    assert meaning.heat_capacity_kj_per_k_kwh == pytest.approx(400.0 / 43.2)
+    assert meaning.time_constant_h == pytest.approx(400e3 / 30.0 / 3600.0)
+    assert meaning.time_constant_at_100_kmh_h == pytest.approx(400e3 / fast_w_per_k / 3600.0)
+    assert meaning.most_charging_power_kw == 110.0
+    assert meaning.charging_power_kw[0.0] == {0.2: 30.0, 0.5: 30.0}
+    # A ninth of the way from 20 to 25 degC is the fifth of 45 K from -20 degC.
+    assert meaning.discharging_power_kw[-10.0] == pytest.approx(40.0 + 90.0 * 10.0 / 45.0)
+
+
+def test_heating_follows_the_heat_balance(plain):
+    """Six hundred steps of one second, against the closed form."""
+    vehicle = plain()
+    for heater_w, leakage in ((6000.0, 30.0), (4000.0, 55.0), (0.0, 30.0), (6000.0, 0.0)):
+        temperature_c = 0.0
+        for _ in range(6000):
+            temperature_c += 0.1 * (0.8 * heater_w + leakage * (-10.0 - temperature_c)) / 400e3
+        assert warmed_by_k(vehicle, heater_w, leakage) == pytest.approx(temperature_c, rel=1e-4)
+
+
+def test_the_cabin_takes_its_share_of_the_heater(plain):
+    vehicle = plain()
+    fast_w_per_k = 30.0 + 0.9 * 100.0 / 3.6
+    assert meaning_of(vehicle).heating_beside_cabin_k_per_10_min == pytest.approx(
+        warmed_by_k(vehicle, 4000.0, fast_w_per_k))
+
+
+def test_the_plain_car_is_usual(plain):
+    assert meaning_of(plain()).warnings == ()
+
+
+@pytest.mark.parametrize('name', ['reference', 'small_car'])
+def test_the_cars_of_the_package_are_usual(name):
+    assert meaning_of(load_vehicle(name)).warnings == ()
+
+
+@pytest.mark.parametrize('changes, warning', [
+    ({'battery__capacity_ah': 1500}, 'energy: 432 kWh; usual are 10 ... 200 (capacity_ah times the '
+     'open-circuit voltage)'),
+    ({'battery__heat_capacity_j_per_k': 40000}, 'heat capacity: 0.926 kJ/K for each kWh; usual are '
+     '3 ... 13 (some 1 kJ/(kg K) times the mass of the pack)'),
+    ({'battery__cells_in_series': 300}, 'open-circuit voltage: 1.20 V a cell at soc 0.1 with 300 '
+     'cells in series; usual are 2.5 ... 4.3 V'),
+    ({'battery__resistance': {'table': {'temperature_c': [-20, 25], 'values': [0.05, 0.06]}}},
+     'resistance: rises from 0.05 ohm at -20 degC to 0.0502 ohm at -19 degC; that of batteries falls '
+     'as they get warmer'),
+    ({'battery__resistance': {'table': {'temperature_c': [-20, 25], 'values': [12.0, 6.0]}}},
+     'voltage drop at the one-hour current: 250 % at 25 degC; usual are 0.5 ... 10 (resistance in '
+     'ohm, of the whole pack)'),
+    ({'battery__resistance': {'table': {'temperature_c': [-20, 25], 'values': [0.061, 0.06]}}},
+     'resistance at -20 degC: 1.02 times that at 25 degC; usual are 1.3 ... 15 (cold batteries have '
+     'several times as much)'),
+    ({'battery__leakage': {'gamma_0_w_per_k': 30, 'gamma_v_w_per_k_per_mps': 9.0}},
+     'leakage: 280 W/K at 100 km/h are more than 8 times the 30 W/K at rest; is '
+     'gamma_v_w_per_k_per_mps per km/h?'),
+    ({'battery__leakage': {'gamma_0_w_per_k': 0.1, 'gamma_v_w_per_k_per_mps': 0.0}},
+     'thermal time constant at rest: 1.11e+03 h; usual are 0.5 ... 40 (heat capacity over leakage)'),
+    ({'hvch__maximum_power_w': 60.0}, 'heating: -0.37 K in 10 min with all of the heater; usual are '
+     '1 ... 40 (heater power in W over heat capacity)'),
+    ({'battery__power_limits__charge': {'temperature_c': [-10, 25], 'values': [-300e3, -600e3]}},
+     'charge limit: 13.9 kW for each kWh (at most 600 kW); usual are 0.3 ... 6 (power in W, '
+     'negative)'),
+    ({'battery__power_limits__charge': {'temperature_c': [-10, 25], 'values': [-90e3, -110e3]}},
+     'charge limit: 90 kW at -10 degC and soc 0.2 against 110 kW at 25 degC; cold batteries usually '
+     'take less than 50 %, and preheating would gain little'),
+    ({'drivetrain__maximum_power_w': 200000}, 'discharge limit: 130 kW at 25 degC and soc 0.8 for a '
+     'drivetrain of 200 kW; a warm battery usually delivers what the drivetrain takes')])
+def test_what_is_unusual_is_said_with_its_figure(plain, changes, warning):
+    assert warning in meaning_of(plain(**changes)).warnings
+
+
+def test_no_leakage_at_all_is_an_infinite_time_constant(plain):
+    vehicle = plain(battery__leakage={'gamma_0_w_per_k': 0, 'gamma_v_w_per_k_per_mps': 0})
+    assert math.isinf(meaning_of(vehicle).time_constant_h)
+
+
+def test_a_formula_is_not_asked_outside_of_the_range_of_its_file(plain):
+    """At -20 degC this one would be negative."""
+    vehicle = plain(battery__temperature_range_c=[-5, 50], battery__resistance={
+        'formula': {'k_ohm_k': 2.5, 'reference_temperature_c': 15}})
+    assert meaning_of(vehicle).resistance_ohm == pytest.approx({0.0: 2.5 / 15, 25.0: 2.5 / 40})
+
+
+@pytest.mark.parametrize('key, words', [
+    ('battery.heat_capacity_j_per_k', 'battery heat capacity'),
+    ('hvch.maximum_power_w', 'HVCH maximum power'),
+    ('battery.soc_range', 'battery state-of-charge range'),
+    ('battery.temperature_range_c', 'battery temperature range'),
+    ('road_load.frontal_area_m2', 'road load frontal area'),
+    ('drivetrain', 'drivetrain')])
+def test_keys_in_words(key, words):
+    assert key_in_words(key) == words
+
+
+def test_the_warning_names_car_values_and_file(plain):
+    vehicle = plain(assumed=['battery.resistance', 'hvch.efficiency'])
+    assert assumption_warning(vehicle, '/cars/plain.yaml') == (
+        'vehicle plain: assumed, not measured: battery resistance, HVCH efficiency; '
+        'see /cars/plain.yaml')
+    assert assumption_warning(plain(), '/cars/plain.yaml') is None
+
+
+def test_the_path_of_the_heat_is_said_in_words(plain):
+    assert meaning_of(plain()).heat_path == (
+        'The heat of the heater arrives at once, and the sensor shows it.')
+    # 0.8 * 6 kW / 400 W/K = 12 K; (40 s + 20 kJ/K / 400 W/K) * 6 kW = 150 Wh.
+    path = {'heater_lag_s': 40, 'coolant_heat_capacity_j_per_k': 20000,
+            'coolant_conductance_w_per_k': 400, 'sensor_lag_s': 25}
+    assert meaning_of(plain(heat_path=path)).heat_path == (
+        'The heater follows its command with a time constant of 40 s; the coolant passes its heat '
+        'on with 50 s and gets 12 K warmer than the battery under all of the heater; 150 Wh are '
+        'still under way when the heater is switched off at full power; what arrives after the '
+        'drive is lost; the sensor follows the battery with a time constant of 25 s.')
+    assert meaning_of(plain(heat_path={'sensor_lag_s': 25})).heat_path == (
+        'The heat of the heater arrives at once; the sensor follows the battery with a time '
+        'constant of 25 s.')
+
+
+@pytest.mark.parametrize('charging, words', [
+    (None, 'The file does not say whether the car heats its battery while it charges '
+     '(charging.battery_heating): plans need not know, charging sessions do.'),
+    ({'maximum_inlet_power_w': 100000}, 'The file does not say whether the car heats its battery while '
+     'it charges (charging.battery_heating): plans need not know, charging sessions do.'),
+    ({'battery_heating': False, 'maximum_inlet_power_w': 100000}, 'While it charges the car does not '
+     "heat its battery; its inlet takes at most 100 kW; the charging power is limited by the battery's "
+     'charge limit.'),
+    ({'battery_heating': True, 'heating_limit_c': 18.5,
+      'power_limit': {'temperature_c': [0, 20], 'values': [-10e3, -90e3]}}, 'While it charges the car '
+     'heats its battery up to 18.5 degC with what the cabin leaves, 4.0 kW; its inlet is not limited; '
+     'the charging power is limited by a map of its own.')])
+def test_what_the_car_does_at_a_charger_in_words(plain, charging, words):
+    changes = {} if charging is None else {'charging': charging}
+    assert meaning_of(plain(**changes)).charging == words
