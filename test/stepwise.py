@@ -11,7 +11,7 @@ from bev_preheat.control.events import (
 )
 from bev_preheat.control.inbox import Inbox
 from bev_preheat.control.refusals import RefusedRoute
-from bev_preheat.control.supervisor import Supervisor
+from bev_preheat.control.supervisor import StepOutput, Supervisor
 
 
 class Stepwise(Supervisor):
@@ -23,19 +23,21 @@ class Stepwise(Supervisor):
 
     def __init__(self, vehicle, settings, learned=None, **before_restart):
         super().__init__(vehicle, settings, learned, **before_restart)
-        self.outputs, self._now_ns = [], 0
+        self.output, self._now_ns = StepOutput(), 0
 
     def run(self, now_ns, *events):
         """Take a step, and raise the InvalidInput of what it refused."""
         self.step_through(now_ns, *events)
-        for output in self.outputs:
-            assert not output.failure, output.failure
-            for refusal in output.refusals:
-                raise refusal.error
+        assert not self.output.failure, self.output.failure
+        for refusal in self.output.refusals:
+            raise refusal.error
 
     def step_through(self, now_ns, *events):
         """Take a step, whatever it refuses."""
-        self._now_ns, self.outputs = now_ns, list(self.step(now_ns, *events))
+        self._now_ns, self.output = now_ns, self.step(now_ns, *events)
+        if self.output.decision is not None:
+            # As the node does, after the command.
+            self.later_decisions()
 
     def accept_battery(self, measurement, now_ns):
         self.run(now_ns, BatteryStateArrived(measurement))
@@ -95,8 +97,3 @@ class Stepwise(Supervisor):
     def goal_of(self, leg):
         """Return the Goal of a leg, as a checker's Inbox sees it."""
         return Inbox(self.vehicle, self.settings).goal_of(leg)
-
-    def later_decisions(self):
-        """Return the Decisions of later legs that were published with the latest decision."""
-        return next(output.later_decisions for output in reversed(self.outputs)
-                    if output.decision is not None)

@@ -2,8 +2,8 @@
 """
 The one gate between plans and the heater: 0 W unless every condition for heating holds.
 
-`find_obstacle` says why the heater is off whatever a plan says; `Commander` turns a decision into a
-command with a lease. Nothing is planned here.
+`Commander` turns a decision into a command with a lease; an obstacle (see `obstacle`) outranks each decision.
+Nothing is planned here.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from bev_preheat.control.command_history import CommandHistory
-from bev_preheat.control.decision import Command, Decision, WITHOUT_ROUTE
+from bev_preheat.control.decision import Command, Decision
 from bev_preheat.control.heater_switch import HeaterSwitch
 from bev_preheat.control.inputs import Leg, NS_PER_S
 from bev_preheat.control.refusals import BATTERY, ROUTE
@@ -20,7 +20,7 @@ from bev_preheat.control.steady_status import SteadyStatus
 from bev_preheat.planning.status import Status
 
 if TYPE_CHECKING:
-    from bev_preheat.control.inbox import Inbox
+    from bev_preheat.control.admitted import AdmittedInputs
     from bev_preheat.control.settings import Settings
     from bev_preheat.planning.plan import Plan
     from bev_preheat.vehicle.description import Vehicle
@@ -39,40 +39,6 @@ BY_PLAN = frozenset((Status.OUT_OF_CHARGE, Status.NOT_WORTH_IT, Status.WAITING))
 # highest temperature of the battery's range [K].
 HELD_ABOVE_TARGET_K = 1.0
 HELD_BELOW_HIGHEST_K = 3.0
-
-
-def find_obstacle(inbox: Inbox, now_ns: int) -> Decision | None:
-    """Return a Decision that keeps the heater off at an instant [ns]; None if nothing forbids heating."""
-    if not inbox.is_enabled:
-        return Decision(Status.DISABLED, 'Preheating is switched off through ~/enable.')
-    if inbox.rivals:
-        return Decision(Status.COMMAND_CONFLICT, 'hvch_command is also published by '
-                        f'{inbox.rivals}; the heater is off until only one is left.')
-    if inbox.refusal is not None:
-        return Decision(Status.INVALID_INPUT, inbox.refusal)
-    if inbox.active_timetable is None:
-        return _cancelled(inbox) if inbox.is_cancelled else WITHOUT_ROUTE
-    if inbox.measurement is None:
-        return Decision(Status.NO_BATTERY_STATE, 'No valid battery state has arrived yet.')
-    age_s = (now_ns - inbox.measurement.stamp_ns) / NS_PER_S
-    timeout_s, tolerance_s = inbox.settings.battery_state_timeout_s, inbox.settings.clock_tolerance_s
-    if age_s >= timeout_s:
-        also = '' if inbox.doubt is None else f' {inbox.doubt}'
-        return Decision(Status.STALE_INPUT, f'battery_state is {age_s:.3f} s old; less than '
-                        f'{timeout_s:g} s are allowed.{also}')
-    if age_s < -tolerance_s:
-        return Decision(Status.STALE_INPUT, f'battery_state is stamped {-age_s:.3f} s ahead '
-                        f'of the clock; at most {tolerance_s:g} s are allowed.')
-    if inbox.doubt is not None:
-        return Decision(Status.INVALID_INPUT, inbox.doubt)
-    return None
-
-
-def _cancelled(inbox: Inbox) -> Decision:
-    before, wanted = (' before the planner restarted', 'route plan with another stamp'
-                      ) if inbox.is_cancelled_before_restart else ('', 'new route plan')
-    return Decision(Status.NO_CHARGING_PLANNED,
-                    f'The trip was cancelled{before}: no heating until a {wanted} arrives.')
 
 
 class Commander:
@@ -114,7 +80,7 @@ class Commander:
         self.history.note(now_ns, 0.0)
         return Command(0.0, now_ns + round(settings.lease_s * NS_PER_S), reason)
 
-    def in_words(self, now_ns: int, inbox: Inbox, decision: Decision) -> Decision:
+    def in_words(self, now_ns: int, inputs: AdmittedInputs, decision: Decision) -> Decision:
         """
         Return a Decision with the status and the sentence of the command that was given for it at an instant [ns].
 
@@ -124,7 +90,7 @@ class Commander:
         plan = decision.commanded or decision.plan
         if plan is None or self._reason is None:
             return decision
-        settings = inbox.settings
+        settings = inputs.settings
         left_s = self._switch.held_for_s(now_ns, settings.minimum_on_time_s, settings.minimum_off_time_s)
         own = decision.explanation
         status, words = self._reason, own
@@ -143,26 +109,26 @@ class Commander:
             return decision
         return replace(decision, status=status, sentence=words)
 
-    def give(self, now_ns: int, inbox: Inbox, decision: Decision) -> Command:
-        """Return the Command that a Decision allows at an instant; it counts as given."""
-        settings = inbox.settings
+    def give(self, now_ns: int, inputs: AdmittedInputs, decision: Decision, obstacle: Decision | None) -> Command:
+        """Return the Command that a Decision allows at an instant if there is no obstacle; it counts as given."""
+        settings = inputs.settings
         self._is_paused = False
-        decision = find_obstacle(inbox, now_ns) or decision
+        decision = obstacle or decision
         if decision.charger_heat_w > 0.0 and not _has_departed(decision, now_ns):
-            return self._heat_at_charger(now_ns, inbox, decision)
+            return self._heat_at_charger(now_ns, inputs, decision)
         reason = self._reason_for_off(now_ns, decision)
         if reason is not None:
             return self.off(now_ns, settings, reason, decision.explanation)
         plan = decision.commanded or decision.plan
         assert plan is not None and decision.leg is not None
         # A partial step's power is computed and may round to slightly more than the limit.
-        limit_w = _heater_limit_w(inbox.vehicle, decision.leg, now_ns)
+        limit_w = _heater_limit_w(inputs.vehicle, decision.leg, now_ns)
         elapsed_s = (now_ns - decision.plan_start_ns) / NS_PER_S
         wanted_w = min(plan.power_at_w(elapsed_s) / decision.command_share, limit_w)
         if wanted_w == 0.0 and decision.status is Status.OUT_OF_CHARGE:
             # Not even for the heater's minimum time on: each watt-hour is needed to get further.
             return self.off(now_ns, settings, decision.status)
-        if wanted_w == 0.0 and not _may_be_held_on(inbox, plan):
+        if wanted_w == 0.0 and not _may_be_held_on(inputs, plan):
             self._switch.turn_off(now_ns)
         power_w = self._switch.power_w(
             now_ns, wanted_w, limit_w, settings.minimum_on_time_s, settings.minimum_off_time_s)
@@ -178,16 +144,16 @@ class Commander:
         if self._switch.is_held:
             self._steady.forget()
         self._reason = self._steady.settle(now_ns, reason, power_w > 0.0)
-        return Command(power_w, _lease_end_ns(now_ns, inbox), self._reason)
+        return Command(power_w, _lease_end_ns(now_ns, inputs), self._reason)
 
-    def _heat_at_charger(self, now_ns: int, inbox: Inbox, decision: Decision) -> Command:
+    def _heat_at_charger(self, now_ns: int, inputs: AdmittedInputs, decision: Decision) -> Command:
         """Return the Command of a Decision that heats while the vehicle charges."""
-        settings, wanted_w = inbox.settings, decision.charger_heat_w
+        settings, wanted_w = inputs.settings, decision.charger_heat_w
         self._reason = None
         power_w = self._switch.power_w(
             now_ns, wanted_w, wanted_w, settings.minimum_on_time_s, settings.minimum_off_time_s)
         self.history.note(now_ns, power_w)
-        return Command(power_w, _lease_end_ns(now_ns, inbox), decision.status)
+        return Command(power_w, _lease_end_ns(now_ns, inputs), decision.status)
 
     @staticmethod
     def _reason_for_off(now_ns: int, decision: Decision) -> Status | None:
@@ -206,11 +172,11 @@ class Commander:
         return None
 
 
-def _may_be_held_on(inbox: Inbox, plan: Plan) -> bool:
+def _may_be_held_on(inputs: AdmittedInputs, plan: Plan) -> bool:
     """Return whether a heater that a Plan has no use for may stay on for its least time: heat is harmless."""
-    assert inbox.measurement is not None
-    temperature_c = inbox.measurement.state.temperature_c
-    highest_c = inbox.vehicle.battery.temperature_range_c[1]
+    assert inputs.measurement is not None
+    temperature_c = inputs.measurement.state.temperature_c
+    highest_c = inputs.vehicle.battery.temperature_range_c[1]
     return temperature_c <= min(plan.target_temperature_c + HELD_ABOVE_TARGET_K, highest_c - HELD_BELOW_HIGHEST_K)
 
 
@@ -224,9 +190,9 @@ def _cause_in_words(reason: Status, sentence: str) -> str:
     return CAUSES[reason]
 
 
-def _lease_end_ns(now_ns: int, inbox: Inbox) -> int:
+def _lease_end_ns(now_ns: int, inputs: AdmittedInputs) -> int:
     """Return the instant [ns] until which a command of now may be used."""
-    settings, measurement = inbox.settings, inbox.measurement
+    settings, measurement = inputs.settings, inputs.measurement
     assert measurement is not None
     # No lease outlives the battery state that it rests on.
     stale_ns = measurement.stamp_ns + round(settings.battery_state_timeout_s * NS_PER_S)

@@ -36,8 +36,8 @@ from bev_preheat.planning.status import Status
 from bev_preheat.vehicle.cell_spread import limited_by_coldest_cell
 
 if TYPE_CHECKING:
+    from bev_preheat.control.admitted import AdmittedInputs
     from bev_preheat.control.command_history import CommandHistory
-    from bev_preheat.control.inbox import Inbox
     from bev_preheat.control.inputs import Measurement, Mission
     from bev_preheat.control.knowledge import Known
     from bev_preheat.control.regime import RegimeReport
@@ -138,14 +138,14 @@ class DecisionMaker:
         if estimate is not None:
             self._stand_watch.note(LastSeen(estimate.temperature_c, estimate.soc, estimate.stamp_ns))
 
-    def decide(self, inbox: Inbox, regime: RegimeReport, now_ns: int, is_heating: bool,
+    def decide(self, inputs: AdmittedInputs, regime: RegimeReport, now_ns: int, is_heating: bool,
                heated_s: float) -> Decision:
         """
         Return the Decision for valid inputs in a RegimeReport's regime at an instant [ns].
 
         `is_heating`: the heater is on; it has heated the battery for `heated_s` [s] on this trip.
         """
-        timetable = inbox.active_timetable
+        timetable = inputs.active_timetable
         assert timetable is not None
         mission = timetable.mission
         number = mission.leg_number(now_ns)
@@ -153,10 +153,10 @@ class DecisionMaker:
         ended_for_s = leg.ended_for_s(now_ns)
         if ended_for_s < 0.0:
             if leg.made_for is not None:
-                return in_words_of_preparation(self._plan_current(inbox, leg, now_ns, is_heating, heated_s))
-            decision = self._charged_on_the_way(inbox, leg, regime, now_ns, is_heating)
+                return in_words_of_preparation(self._plan_current(inputs, leg, now_ns, is_heating, heated_s))
+            decision = self._charged_on_the_way(inputs, leg, regime, now_ns, is_heating)
             if decision is None:
-                decision = self._plan_current(inbox, leg, now_ns, is_heating, heated_s)
+                decision = self._plan_current(inputs, leg, now_ns, is_heating, heated_s)
                 stood_s = timetable.stood_ns / NS_PER_S
                 limit_s = MOST_PARKED_S if regime.is_parked else MOST_STANDING_S
                 if stood_s > limit_s and decision.status in WITHHELD:
@@ -167,7 +167,7 @@ class DecisionMaker:
                         f'The route starts in {duration_text(starts_in_s)}; the heater waits until then. '
                         f'From the present state: {decision.explanation}'))
             return replace(decision, later_legs=later_legs) if later_legs else decision
-        heat = self._charger_heat(inbox, leg, is_heating)
+        heat = self._charger_heat(inputs, leg, is_heating)
         why = f' {heat.reason}' if heat.reason else ''
         if later_legs:
             return Decision(Status.CHARGING, _charging_sentence(later_legs[0], now_ns) + why,
@@ -177,13 +177,13 @@ class DecisionMaker:
             return Decision(Status.CHARGING, arrived + why, charger_heat_w=heat.power_w)
         return Decision(Status.ARRIVED, arrived)
 
-    def _charged_on_the_way(self, inbox: Inbox, leg: Leg, regime: RegimeReport, now_ns: int,
+    def _charged_on_the_way(self, inputs: AdmittedInputs, leg: Leg, regime: RegimeReport, now_ns: int,
                             is_heating: bool) -> Decision | None:
         """Return the Decision for a vehicle that is charged, or seems to be, on a leg; None if it is not."""
         if now_ns < leg.start_ns:
             return None
         if regime.regime is Regime.CHARGING:
-            heat = self._charger_heat(inbox, leg, is_heating)
+            heat = self._charger_heat(inputs, leg, is_heating)
             why = f' {heat.reason}' if heat.reason else ''
             return Decision(Status.CHARGING, (
                 f'The vehicle is charged {duration_text(-leg.ended_for_s(now_ns))} before its route ends: '
@@ -194,9 +194,9 @@ class DecisionMaker:
                 f'The heater waits: {regime.suspicion}; the state of charge will decide.'), leg=leg)
         return None
 
-    def _charger_heat(self, inbox: Inbox, leg: Leg, is_heating: bool) -> ChargerHeat:
+    def _charger_heat(self, inputs: AdmittedInputs, leg: Leg, is_heating: bool) -> ChargerHeat:
         """Return the ChargerHeat after a leg that has ended; nothing where nobody asks for it."""
-        measurement, settings = inbox.measurement, inbox.settings
+        measurement, settings = inputs.measurement, inputs.settings
         assert measurement is not None
         if not settings.heat_while_charging or leg.made_for is not None:
             return ChargerHeat(0.0, '')
@@ -204,10 +204,10 @@ class DecisionMaker:
         temperature_c = measurement.state.temperature_c if estimate is None else estimate.temperature_c
         return charger_heat(self._vehicle, leg, measurement, temperature_c, is_heating)
 
-    def _plan_current(self, inbox: Inbox, leg: Leg, now_ns: int, is_heating: bool,
+    def _plan_current(self, inputs: AdmittedInputs, leg: Leg, now_ns: int, is_heating: bool,
                       heated_s: float) -> Decision:
         """Return the Decision for the current leg, from the battery's present state."""
-        settings, goal, measurement = inbox.settings, inbox.goal_of(leg), inbox.measurement
+        settings, goal, measurement = inputs.settings, inputs.goal_of(leg), inputs.measurement
         choice: TargetChoice | None = None
         assert measurement is not None
         state = measurement.state
@@ -230,10 +230,10 @@ class DecisionMaker:
             choice = target_of_preparation(leg.made_for, settings)
         elif leg.charging_planned:
             choice = (self._targets.without_charger(leg, settings) if leg.charger is None
-                      else self._choose_target(inbox, leg, goal, route, estimate))
+                      else self._choose_target(inputs, leg, goal, route, estimate))
             goal = choice.goal(goal)
         if estimate is None:
-            decision = self._plan(inbox, leg, route, goal, state, start_ns)
+            decision = self._plan(inputs, leg, route, goal, state, start_ns)
             if decision.plan is None:
                 return decision
             plan = seen_from_now(
@@ -265,13 +265,13 @@ class DecisionMaker:
             self._forecast_planner.limit_to(self._limited)
             self._later_decisions.clear()
 
-    def _choose_target(self, inbox: Inbox, leg: Leg, goal: Goal, route: Route,
+    def _choose_target(self, inputs: AdmittedInputs, leg: Leg, goal: Goal, route: Route,
                        estimate: Estimate | None) -> TargetChoice:
         """Return the TargetChoice for the current leg, of which the Route is ahead."""
-        mission, measurement = inbox.mission, inbox.measurement
+        mission, measurement = inputs.mission, inputs.measurement
         assert mission is not None and measurement is not None
         search_input = TargetSearchInput(
-            mission.route_id, len(mission.legs) - 1 - mission.legs.index(leg), leg, inbox.settings,
+            mission.route_id, len(mission.legs) - 1 - mission.legs.index(leg), leg, inputs.settings,
             goal, self._limited, route, measurement.state, measurement.stamp_ns)
         if estimate is not None:
             vehicle = self._forecast_planner.vehicle(estimate)
@@ -281,30 +281,30 @@ class DecisionMaker:
                 heater_share=believed_share(estimate.heater))
         return self._targets.choose(search_input)
 
-    def _plan(self, inbox: Inbox, leg: Leg, route: Route, goal: Goal, state: BatteryState,
+    def _plan(self, inputs: AdmittedInputs, leg: Leg, route: Route, goal: Goal, state: BatteryState,
               start_ns: int) -> Decision:
         """Return the Decision for a leg from a state at an instant [ns] on, at which the Route is ahead."""
         try:
             plan = plan_preheating(
-                self._limited, route, state, goal, inbox.settings.method
+                self._limited, route, state, goal, inputs.settings.method
             ) if leg.made_for is None else plan_preparation(
-                leg.made_for, self._limited, route, state, goal, inbox.settings.method)
+                leg.made_for, self._limited, route, state, goal, inputs.settings.method)
         except (InvalidInput, PlanningFailure) as error:
             return Decision(Status.INVALID_INPUT, str(error))
         return Decision(plan.status, None, plan, start_ns, leg)
 
-    def decide_later(self, inbox: Inbox, decision: Decision) -> tuple[Decision, ...]:
+    def decide_later(self, inputs: AdmittedInputs, decision: Decision) -> tuple[Decision, ...]:
         """Return a Decision for each later leg of a Decision, from its departure on."""
         if not decision.later_legs:
             return ()
-        if inbox.settings != self._later_settings:
-            self._later_decisions, self._later_settings = {}, inbox.settings
+        if inputs.settings != self._later_settings:
+            self._later_decisions, self._later_settings = {}, inputs.settings
         decisions = []
         for following, leg in reversed(list(enumerate(reversed(decision.later_legs)))):
             if following not in self._later_decisions:
                 assert leg.departure is not None
                 self._later_decisions[following] = self._plan(
-                    inbox, leg, leg.route, inbox.goal_of(leg), leg.departure, leg.start_ns)
+                    inputs, leg, leg.route, inputs.goal_of(leg), leg.departure, leg.start_ns)
             planned = self._later_decisions[following]
             # A leg that begins later is driven, and heated for, no differently.
             decisions.append(planned if planned.leg in (None, leg) else replace(

@@ -2,8 +2,8 @@
 """
 Everything that a step of the planner can be given.
 
-`deliver(inbox, now_ns)` hands an event to the Inbox and raises InvalidInput where it is refused;
-`source` names the input in log lines, '' where it cannot be refused.
+Plain data; `inbox.Inbox.admit` and the supervisor act on it. `source` names the input in log lines; '' if it
+cannot be refused.
 """
 
 from __future__ import annotations
@@ -20,7 +20,6 @@ from bev_preheat.errors import InvalidInput
 from bev_preheat.vehicle.description import Vehicle
 
 if TYPE_CHECKING:
-    from bev_preheat.control.inbox import Inbox
     from bev_preheat.estimation.prior import Learned
 
 
@@ -32,17 +31,6 @@ class BatteryStateArrived:
     measurement: Measurement
     hint: str = ''
 
-    def deliver(self, inbox: Inbox, now_ns: int) -> None:
-        """Accept it, or refuse it with the hint."""
-        try:
-            inbox.accept_battery(self.measurement, now_ns)
-        except InvalidInput as error:
-            if not self.hint:
-                raise
-            BatteryStateUnreadable(
-                InvalidInput([*error.problems, self.hint]),
-                self.measurement.state.soc).deliver(inbox, now_ns)
-
 
 @dataclass(frozen=True)
 class BatteryStateUnreadable:
@@ -52,11 +40,6 @@ class BatteryStateUnreadable:
     error: InvalidInput
     percentage: float = nan
 
-    def deliver(self, inbox: Inbox, now_ns: int) -> None:
-        """Refuse it."""
-        inbox.refuse_battery(self.error, self.percentage, now_ns)
-        raise self.error
-
 
 @dataclass(frozen=True)
 class RouteArrived:
@@ -64,10 +47,6 @@ class RouteArrived:
 
     source: ClassVar[str] = ROUTE
     mission: Mission
-
-    def deliver(self, inbox: Inbox, now_ns: int) -> None:
-        """Accept it, or refuse it."""
-        inbox.accept_mission(self.mission)
 
 
 @dataclass(frozen=True)
@@ -78,21 +57,12 @@ class RouteUnreadable:
     error: InvalidInput
     refused: RefusedRoute = RefusedRoute()
 
-    def deliver(self, inbox: Inbox, now_ns: int) -> None:
-        """Refuse it."""
-        inbox.refuse_route(self.error, self.refused)
-        raise self.error
-
 
 @dataclass(frozen=True)
 class TripCancelled:
     """A route plan arrived that cancels the trip."""
 
     source: ClassVar[str] = ROUTE
-
-    def deliver(self, inbox: Inbox, now_ns: int) -> None:
-        """Drop the route."""
-        inbox.cancel(now_ns)
 
 
 @dataclass(frozen=True)
@@ -103,14 +73,6 @@ class ProgressArrived:
     progress: Progress
     hint: str = ''
 
-    def deliver(self, inbox: Inbox, now_ns: int) -> None:
-        """Accept it, or refuse it with the hint."""
-        try:
-            inbox.accept_progress(self.progress, now_ns)
-        except InvalidInput as error:
-            hints = [self.hint] if self.hint else []
-            ProgressUnreadable(InvalidInput([*error.problems, *hints])).deliver(inbox, now_ns)
-
 
 @dataclass(frozen=True)
 class ProgressUnreadable:
@@ -118,11 +80,6 @@ class ProgressUnreadable:
 
     source: ClassVar[str] = PROGRESS
     error: InvalidInput
-
-    def deliver(self, inbox: Inbox, now_ns: int) -> None:
-        """Refuse it."""
-        inbox.refuse_progress(self.error)
-        raise self.error
 
 
 @dataclass(frozen=True)
@@ -132,10 +89,6 @@ class PreheatingSwitched:
     source: ClassVar[str] = ''
     is_enabled: bool
 
-    def deliver(self, inbox: Inbox, now_ns: int) -> None:
-        """Note it."""
-        inbox.switch(self.is_enabled, now_ns)
-
 
 @dataclass(frozen=True)
 class PreparationWanted:
@@ -143,11 +96,6 @@ class PreparationWanted:
 
     source: ClassVar[str] = 'prepare_battery'
     preparation_goal: PreparationGoal
-
-    def deliver(self, inbox: Inbox, now_ns: int) -> None:
-        """Pursue it, or refuse it; then all goes on as before."""
-        inbox.preparation.begin(self.preparation_goal, inbox, now_ns)
-        inbox.note_other_goal()
 
 
 @dataclass(frozen=True)
@@ -159,11 +107,6 @@ class PreparationEnded:
     ending: PreparationEnding
     explanation: str
 
-    def deliver(self, inbox: Inbox, now_ns: int) -> None:
-        """Let it go."""
-        if inbox.preparation.end(self.preparation_goal, self.ending, self.explanation, inbox):
-            inbox.note_other_goal()
-
 
 @dataclass(frozen=True)
 class RivalsChanged:
@@ -171,10 +114,6 @@ class RivalsChanged:
 
     source: ClassVar[str] = ''
     names: str
-
-    def deliver(self, inbox: Inbox, now_ns: int) -> None:
-        """Note them."""
-        inbox.rivals = self.names
 
 
 @dataclass(frozen=True)
@@ -193,15 +132,6 @@ class Reconfigured:
     settings: Settings
     mission: Mission | InvalidInput | None = None
     learned: Learned | None = None
-
-    def deliver(self, inbox: Inbox, now_ns: int) -> None:
-        """Apply them; the route is refused where it does not fit the vehicle."""
-        inbox.vehicle, inbox.settings = self.vehicle, self.settings
-        if isinstance(self.mission, InvalidInput):
-            inbox.drop_misfit(self.mission)
-            raise self.mission
-        if self.mission is not None:
-            inbox.revise_mission(self.mission)
 
 
 # What Supervisor.step is given.

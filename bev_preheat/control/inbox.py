@@ -9,10 +9,23 @@ integers, in nanoseconds of the node's clock.
 from dataclasses import dataclass, replace
 import math
 
+from bev_preheat.control.admitted import AdmittedInputs
+from bev_preheat.control.events import (
+    BatteryStateArrived,
+    BatteryStateUnreadable,
+    Event,
+    PreheatingSwitched,
+    ProgressArrived,
+    ProgressUnreadable,
+    Reconfigured,
+    RivalsChanged,
+    RouteArrived,
+    RouteUnreadable,
+    TripCancelled,
+)
 from bev_preheat.control.inputs import check_mission, Leg, Measurement, Mission, NS_PER_S, Progress
-from bev_preheat.control.preparation import Preparer
 from bev_preheat.control.refusals import PROGRESS, Refusals, RefusedRoute
-from bev_preheat.control.settings import defaults_of, Settings
+from bev_preheat.control.settings import defaults_of, goal_of_leg, Settings
 from bev_preheat.control.timetable import Timetable
 from bev_preheat.errors import age_beyond, InvalidInput
 from bev_preheat.estimation.driver_choices import CancelledTrip, DriverChoices, NO_CHOICES
@@ -21,7 +34,7 @@ from bev_preheat.route.plausibility import unit_warnings
 from bev_preheat.signals.electrical import ElectricalCheck
 from bev_preheat.signals.percent_scale import PercentScale
 from bev_preheat.signals.verdict import SignalVerdict, STATE_OF_CHARGE
-from bev_preheat.vehicle.description import Defaults, Vehicle
+from bev_preheat.vehicle.description import Vehicle
 
 # A battery state that another one overtook by no more than this is dropped without a word.
 MOST_OVERTAKEN_S = 1.0
@@ -57,8 +70,6 @@ class Inbox:
         # Cancelled before a restart: another node cancelled it, so its publisher may still latch it.
         self._cancelled_before = choices.cancelled_trip
         self.rivals = ''  # Names of other nodes that command the same heater.
-        # The sentence on signals of the latest battery state without which nothing is heated.
-        self.doubt: str | None = None
         # Of the current route; None without one.
         self.timetable: Timetable | None = None
         # The sentence of the latest refused route progress; None after a valid one, or a route.
@@ -71,8 +82,6 @@ class Inbox:
         # Sentences on fields of the current route that look like wrong units.
         self.unit_warnings: list[str] = []
         self.is_cancelled = False  # By the latest route plan, or before a restart.
-        # Its wish goes before the route.
-        self.preparation = Preparer()
         # Of the latest valid route, also after that was dropped.
         self._route_id: str | None = None
         self._refusals = Refusals()
@@ -96,11 +105,6 @@ class Inbox:
         """The current Mission as it is driven (see timetable.Timetable); None without a route."""
         return None if self.timetable is None else self.timetable.mission
 
-    @property
-    def active_timetable(self) -> Timetable | None:
-        """The Timetable that is planned for: that of the preparer's wish, else the route's."""
-        return self.preparation.timetable or self.timetable
-
     def note_other_goal(self) -> None:
         """Note that a wish began or ended: heating so far was for something else."""
         self._changes = replace(self._changes, has_new_mission=True, has_new_trip=True)
@@ -115,24 +119,80 @@ class Inbox:
         """The sentence of the latest route plan's refusal; None after a valid one."""
         return self._refusals.route
 
-    @property
-    def defaults(self) -> Defaults:
-        """The Defaults of vehicle and settings, for reading routes."""
-        return defaults_of(self.vehicle, self.settings)
-
     def goal_of(self, leg: Leg) -> Goal:
-        """Return the Goal of a leg; settings and vehicle fill in what the leg leaves open."""
-        goal = leg.goal(self.defaults.target_battery_temperature_c)
-        # The reserve of a leg that is made here has the route's margin in it.
-        if goal.minimum_arrival_soc > 0.0 and leg.made_for is None:
-            reserve = min(goal.minimum_arrival_soc + self.settings.arrival_soc_margin, 1.0)
-            goal = replace(goal, minimum_arrival_soc=reserve)
-        return goal
+        """Return the Goal of a leg; settings and vehicle complete it."""
+        return goal_of_leg(leg, self.vehicle, self.settings)
+
+    def admitted(self, preparation: Timetable | None = None, measurement: Measurement | None = None,
+                 doubt: str | None = None) -> AdmittedInputs:
+        """
+        Return the AdmittedInputs of now.
+
+        `preparation` is the Timetable of a preparation goal; None: there is none. `measurement` is the latest one
+        with the signals that hold, `doubt` the sentence on those that do not.
+        """
+        return AdmittedInputs(
+            self.vehicle, self.settings, self.is_enabled, self.rivals, self.refusal, self.is_cancelled,
+            self.is_cancelled_before_restart, self.timetable, preparation or self.timetable,
+            measurement, doubt)
 
     def take_changes(self) -> InputChanges:
         """Return the Changes since the last call."""
         changes, self._changes = self._changes, NO_CHANGES
         return changes
+
+    def admit(self, event: Event, now_ns: int) -> None:
+        """Take an event in at an instant [ns]; raise InvalidInput if it is refused."""
+        match event:
+            case BatteryStateArrived(measurement, hint):
+                self._admit_battery(measurement, hint, now_ns)
+            case BatteryStateUnreadable(error, percentage):
+                self.refuse_battery(error, percentage, now_ns)
+                raise error
+            case RouteArrived(mission):
+                self.accept_mission(mission)
+            case RouteUnreadable(error, refused):
+                self.refuse_route(error, refused)
+                raise error
+            case TripCancelled():
+                self.cancel(now_ns)
+            case ProgressArrived(progress, hint):
+                self._admit_progress(progress, hint, now_ns)
+            case ProgressUnreadable(error):
+                self.refuse_progress(error)
+                raise error
+            case PreheatingSwitched(is_enabled):
+                self.switch(is_enabled, now_ns)
+            case RivalsChanged(names):
+                self.rivals = names
+            case Reconfigured():
+                self._reconfigure(event)
+
+    def _admit_battery(self, measurement: Measurement, hint: str, now_ns: int) -> None:
+        try:
+            self.accept_battery(measurement, now_ns)
+        except InvalidInput as error:
+            if not hint:
+                raise
+            hinted = InvalidInput([*error.problems, hint])
+            self.refuse_battery(hinted, measurement.state.soc, now_ns)
+            raise hinted from error
+
+    def _admit_progress(self, progress: Progress, hint: str, now_ns: int) -> None:
+        try:
+            self.accept_progress(progress, now_ns)
+        except InvalidInput as error:
+            hinted = InvalidInput([*error.problems, *([hint] if hint else [])])
+            self.refuse_progress(hinted)
+            raise hinted from error
+
+    def _reconfigure(self, event: Reconfigured) -> None:
+        self.vehicle, self.settings = event.vehicle, event.settings
+        if isinstance(event.mission, InvalidInput):
+            self.drop_misfit(event.mission)
+            raise event.mission
+        if event.mission is not None:
+            self.revise_mission(event.mission)
 
     # Battery states
 
@@ -142,7 +202,6 @@ class Inbox:
             self.measurement = None
             if self.timetable is not None:
                 self.timetable.lose_time()
-            self.preparation.lose_time()
             self._changes = replace(self._changes, measurements=(), clock_restarted=True)
         self._latest_ns = now_ns
         try:
@@ -291,7 +350,7 @@ class Inbox:
             self._follow(None)
 
     def _check_mission(self, mission: Mission) -> None:
-        check_mission(self.vehicle, mission, self.defaults.target_battery_temperature_c)
+        check_mission(self.vehicle, mission, defaults_of(self.vehicle, self.settings).target_battery_temperature_c)
 
     def _follow(self, mission: Mission | None, is_new_trip: bool = False) -> None:
         self.latest_mission = mission

@@ -13,8 +13,8 @@ import math
 from typing import TYPE_CHECKING
 
 from bev_preheat.control.assumed_drive import drive_of_route, DriveMemory, steady_drive
-from bev_preheat.control.command import find_obstacle
 from bev_preheat.control.inputs import Leg, Mission, NS_PER_S
+from bev_preheat.control.obstacle import find_obstacle
 from bev_preheat.control.preparation_goal import PreparationEnding, PreparationGoal, PreparationOutcome
 from bev_preheat.control.preparation_plan import reserve_before
 from bev_preheat.control.preparation_progress import (
@@ -30,8 +30,8 @@ from bev_preheat.planning.situation import check_situation, Goal
 from bev_preheat.route.segments import LIMITS
 
 if TYPE_CHECKING:
+    from bev_preheat.control.admitted import AdmittedInputs
     from bev_preheat.control.decision import Decision
-    from bev_preheat.control.inbox import Inbox
     from bev_preheat.control.inputs import Measurement
     from bev_preheat.control.preparation_progress import Conclusion
     from bev_preheat.route.segments import Route
@@ -44,7 +44,7 @@ LONGEST_S = 24 * 3600.0
 AMBIENT_KNOWN_S = 6 * 3600.0
 
 
-class Preparer:
+class PreparationControl:
     """
     Keeps one Wish at a time, and makes its `timetable`; None while there is none.
 
@@ -74,11 +74,11 @@ class Preparer:
         outcomes, self._outcomes = tuple(self._outcomes), []
         return outcomes
 
-    def see(self, measurement: Measurement, heater_w: float, inbox: Inbox) -> None:
+    def see(self, measurement: Measurement, heater_w: float, inputs: AdmittedInputs) -> None:
         """Remember what a drive without a route goes on with; the heater takes `heater_w` [W]."""
         if self.goal is None or not self.goal.is_plugged_in:
             self._memory.see(measurement.stamp_ns, measurement.power_w, heater_w)
-        self._note_ambient(inbox.mission, measurement.stamp_ns)
+        self._note_ambient(inputs.mission, measurement.stamp_ns)
 
     def _note_ambient(self, mission: Mission | None, now_ns: int) -> None:
         if mission is not None:
@@ -94,47 +94,39 @@ class Preparer:
 
     # Beginning and end
 
-    def begin(self, goal: PreparationGoal, inbox: Inbox, now_ns: int) -> None:
+    def begin(self, goal: PreparationGoal, inputs: AdmittedInputs, now_ns: int) -> None:
         """Pursue a Wish in place of the one before, or raise InvalidInput and go on with that."""
         before = self._progress, self.timetable
         try:
-            self._begin(goal, inbox, now_ns)
+            self._begin(goal, inputs, now_ns)
         except InvalidInput as error:
             self._progress, self.timetable = before
-            self._note(goal, PreparationEnding.REFUSED, f'The goal was refused: {error}.', inbox)
+            self._note(goal, PreparationEnding.REFUSED, f'The goal was refused: {error}.', inputs)
             raise
         except Exception:
             self._progress, self.timetable = before
-            self._note(
-    goal,
-    PreparationEnding.REFUSED,
-    'The goal was refused: it could not be planned.',
-     inbox)
+            self._note(goal, PreparationEnding.REFUSED, 'The goal was refused: it could not be planned.', inputs)
             raise
         if before[0] is not None:
-            self._note(
-    before[0].goal,
-    PreparationEnding.REPLACED,
-    'A later goal has replaced this one.',
-    inbox,
-     before[0].target_c)
+            self._note(before[0].goal, PreparationEnding.REPLACED, 'A later goal has replaced this one.', inputs,
+                       before[0].target_c)
 
-    def _begin(self, goal: PreparationGoal, inbox: Inbox, now_ns: int) -> None:
-        target_c = inbox.defaults.target_battery_temperature_c if goal.target_c is None else goal.target_c
+    def _begin(self, goal: PreparationGoal, inputs: AdmittedInputs, now_ns: int) -> None:
+        target_c = inputs.defaults.target_battery_temperature_c if goal.target_c is None else goal.target_c
         problems = _problems(goal, now_ns)
         try:
-            check_situation(inbox.vehicle, goal=Goal(target_c))
+            check_situation(inputs.vehicle, goal=Goal(target_c))
         except InvalidInput as error:
             problems += error.problems
-        lowest_c = inbox.vehicle.battery.temperature_range_c[0]
+        lowest_c = inputs.vehicle.battery.temperature_range_c[0]
         if goal.ambient_c is not None and goal.ambient_c < lowest_c:
             problems.append(
     f'ambient_temperature: {goal.ambient_c:g} degC is not allowed; it must be at '
     f"least {lowest_c:g} degC: the vehicle's battery is not described below that")
         if problems:
             raise InvalidInput(problems)
-        measurement = inbox.measurement
-        self._note_ambient(inbox.mission, now_ns)
+        measurement = inputs.measurement
+        self._note_ambient(inputs.mission, now_ns)
         self._progress = PreparationProgress(
     goal, target_c, now_ns, measurement.state.soc if measurement else 0.0)
         self._has_lost_time = False
@@ -142,41 +134,42 @@ class Preparer:
     goal,
     now_ns) is None and (
         goal.is_plugged_in or not _has_route(
-            inbox,
+            inputs,
              now_ns)):
             raise InvalidInput('ambient_temperature: is not given, and none is known; it must be given '
                                'where no route has told it in the last 6 h')
-        objection = contradiction(self._progress, inbox, now_ns)
+        objection = contradiction(self._progress, inputs, now_ns)
         if objection:
             raise InvalidInput(f'plugged_in: {objection}')
         # Whatever it is, now there is something to heat for.
-        self.timetable = Timetable(Mission(ROUTE_ID, (Leg(steady_drive(1.0, 0.0, inbox.defaults)),)))
-        obstacle = find_obstacle(inbox, now_ns)
+        self.timetable = Timetable(Mission(ROUTE_ID, (Leg(steady_drive(1.0, 0.0, inputs.defaults)),)))
+        obstacle = find_obstacle(inputs._replace(active_timetable=self.timetable), now_ns)
         if obstacle is not None:
             raise InvalidInput(obstacle.explanation.removesuffix('.'))
-        self.revise(inbox, now_ns, 1.0)
+        self.revise(inputs, now_ns, 1.0)
 
     def end(
     self,
     goal: PreparationGoal | None,
     ending: PreparationEnding,
     explanation: str,
-     inbox: Inbox) -> bool:
+     inputs: AdmittedInputs) -> bool:
         """End the present wish, where it is this one (None: whichever it is); return whether it is."""
         if self._progress is None or goal not in (
             None, self._progress.goal):
             return False
         self._note(self._progress.goal, ending,
-                   explanation, inbox, self._progress.target_c)
+                   explanation, inputs, self._progress.target_c)
         self._progress = self.timetable = None
         return True
 
-    def conclude(self, inbox: Inbox, now_ns: int, decision: Decision,
+    def conclude(self, inputs: AdmittedInputs, now_ns: int, decision: Decision, obstacle: Decision | None,
                  temperature_c: float | None) -> bool:
         """
-        End the wish where its time has come; return whether it has.
+        End the goal if its time has come; return whether it has.
 
-        `decision` is the one that holds now, `temperature_c` the battery's temperature [deg C].
+        `decision` is the current one, `obstacle` the reason that keeps the heater off (None: there is none),
+        `temperature_c` the battery's temperature [deg C].
         """
         progress = self._progress
         if progress is None:
@@ -185,19 +178,19 @@ class Preparer:
             over: Conclusion = (PreparationEnding.INPUT_LOST,
                                 'The clock was set back: the instant of the goal means nothing now.')
         else:
-            over = conclusion(progress, inbox, now_ns, decision, temperature_c)
+            over = conclusion(progress, inputs, now_ns, decision, obstacle, temperature_c)
         if over is None:
             return False
         ending, explanation = over
         self._note(progress.goal, ending, explanation,
-                   inbox, progress.target_c, temperature_c)
+                   inputs, progress.target_c, temperature_c)
         self._progress = self.timetable = None
         return True
 
-    def _note(self, goal: PreparationGoal, ending: PreparationEnding, explanation: str, inbox: Inbox,
+    def _note(self, goal: PreparationGoal, ending: PreparationEnding, explanation: str, inputs: AdmittedInputs,
               target_c: float = math.nan, temperature_c: float | None = None) -> None:
         if temperature_c is None:
-            measurement = inbox.measurement
+            measurement = inputs.measurement
             temperature_c = measurement.state.temperature_c if measurement else math.nan
         self._outcomes.append(PreparationOutcome(
             goal, ending, explanation, max(0.0, target_c - temperature_c)
@@ -205,7 +198,7 @@ class Preparer:
 
     # The trip that is planned for
 
-    def revise(self, inbox: Inbox, now_ns: int, propulsion_factor: float) -> None:
+    def revise(self, inputs: AdmittedInputs, now_ns: int, propulsion_factor: float) -> None:
         """
         Make the trip anew from what is known now; without a wish there is nothing to do.
 
@@ -219,19 +212,19 @@ class Preparer:
             round(LONGEST_SOONEST_S * NS_PER_S)
         if until_ns <= now_ns:
             return
-        leg = Leg(self._drive(progress, inbox, now_ns, until_ns, propulsion_factor), progress.started_ns,
+        leg = Leg(self._drive(progress, inputs, now_ns, until_ns, propulsion_factor), progress.started_ns,
                   target_temperature_c=progress.target_c,
                   minimum_arrival_soc=reserve_before(
-                      inbox, now_ns, progress.goal.ready_at_ns or progress.expected_ns or now_ns)
+                      inputs, now_ns, progress.goal.ready_at_ns or progress.expected_ns or now_ns)
                   if not progress.goal.is_plugged_in else 0.0,
-                  made_for=progress.goal).in_planning_steps(inbox.settings.planning_step_s)
+                  made_for=progress.goal).in_planning_steps(inputs.settings.planning_step_s)
         self.timetable = Timetable(Mission(ROUTE_ID, (leg,)))
 
-    def _drive(self, progress: PreparationProgress, inbox: Inbox, now_ns: int, until_ns: int,
+    def _drive(self, progress: PreparationProgress, inputs: AdmittedInputs, now_ns: int, until_ns: int,
                propulsion_factor: float) -> Route:
-        goal, defaults = progress.goal, inbox.defaults
-        mission, from_ns = inbox.mission, progress.started_ns
-        if mission is not None and not goal.is_plugged_in and _has_route(inbox, now_ns):
+        goal, defaults = progress.goal, inputs.defaults
+        mission, from_ns = inputs.mission, progress.started_ns
+        if mission is not None and not goal.is_plugged_in and _has_route(inputs, now_ns):
             route = drive_of_route(mission, from_ns, until_ns, defaults)
             return route if goal.ambient_c is None else replace(
                 route, ambient_temperature_c=0.0 * route.duration_s + goal.ambient_c)
@@ -253,8 +246,8 @@ class Preparer:
         return ambient_c if now_ns - known_ns <= AMBIENT_KNOWN_S * NS_PER_S else None
 
 
-def _has_route(inbox: Inbox, now_ns: int) -> bool:
-    return inbox.mission is not None and inbox.mission.legs[-1].arrival_ns > now_ns
+def _has_route(inputs: AdmittedInputs, now_ns: int) -> bool:
+    return inputs.mission is not None and inputs.mission.legs[-1].arrival_ns > now_ns
 
 
 def _problems(goal: PreparationGoal, now_ns: int) -> list[str]:

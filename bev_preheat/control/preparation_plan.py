@@ -31,8 +31,8 @@ from bev_preheat.vehicle.grid import grid_fed
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from bev_preheat.control.admitted import AdmittedInputs
     from bev_preheat.control.decision import Decision
-    from bev_preheat.control.inbox import Inbox
     from bev_preheat.control.inputs import Leg
     from bev_preheat.control.preparation_goal import PreparationGoal
     from bev_preheat.control.settings import Settings
@@ -122,13 +122,8 @@ class FullPower:
             self._route.before(felt_s).after(end_s))
 
 
-def plan_preparation(
-    preparation_goal: PreparationGoal,
-    vehicle: Vehicle,
-    route: Route,
-    state: BatteryState,
-    goal: Goal,
-     method: str) -> Plan:
+def plan_preparation(preparation_goal: PreparationGoal, vehicle: Vehicle, route: Route,
+                     state: BatteryState, goal: Goal, method: str) -> Plan:
     """Return the Plan for a Wish on the route that was made for it; raise what plan_preheating does."""
     vehicle = fed(vehicle, preparation_goal)
     if not preparation_goal.is_soonest:
@@ -166,13 +161,13 @@ def in_words_of_preparation(decision: Decision) -> Decision:
     return replace(decision, sentence=f'{PREPARING} {plan.explanation}', plan=plan)
 
 
-def reserve_before(inbox: Inbox, now_ns: int, until_ns: int) -> float:
+def reserve_before(inputs: AdmittedInputs, now_ns: int, until_ns: int) -> float:
     """
     Return the state of charge to be left at an instant [ns], so that the route's leg keeps its own.
 
     That is what its end asks for, and what the drive from the instant to there takes.
     """
-    mission, measurement = inbox.mission, inbox.measurement
+    mission, measurement = inputs.mission, inputs.measurement
     if mission is None or measurement is None:
         return 0.0
     leg = mission.legs[mission.leg_number(until_ns)]
@@ -180,10 +175,10 @@ def reserve_before(inbox: Inbox, now_ns: int, until_ns: int) -> float:
     route = leg.route_ahead(start_ns)
     if route is None or not start_ns <= until_ns < leg.arrival_ns:
         return 0.0
-    goal = inbox.goal_of(leg)
-    reserve = reserve_soc(inbox.vehicle, goal)
+    goal = inputs.goal_of(leg)
+    reserve = reserve_soc(inputs.vehicle, goal)
     try:
-        plan = plan_unheated(inbox.vehicle, route, measurement.state, goal)
+        plan = plan_unheated(inputs.vehicle, route, measurement.state, goal)
     except (InvalidInput, PlanningFailure):
         # Then the goal itself cannot be planned, and says so.
         return reserve

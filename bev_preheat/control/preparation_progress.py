@@ -7,15 +7,14 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from bev_preheat.control.assumed_drive import drives_between
-from bev_preheat.control.command import find_obstacle
 from bev_preheat.control.inputs import NS_PER_S
 from bev_preheat.control.preparation_goal import PreparationEnding
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.planner import SHORTFALL_TOLERANCE_K
 
 if TYPE_CHECKING:
+    from bev_preheat.control.admitted import AdmittedInputs
     from bev_preheat.control.decision import Decision
-    from bev_preheat.control.inbox import Inbox
     from bev_preheat.control.preparation_goal import PreparationGoal
     from bev_preheat.planning.plan import Plan
 
@@ -51,17 +50,17 @@ class PreparationProgress:
     held_off_ns: int | None = None
 
 
-def conclusion(progress: PreparationProgress, inbox: Inbox, now_ns: int, decision: Decision,
-               temperature_c: float | None) -> Conclusion:
+def conclusion(progress: PreparationProgress, inputs: AdmittedInputs, now_ns: int, decision: Decision,
+               obstacle: Decision | None, temperature_c: float | None) -> Conclusion:
     """
-    Return (Ending, sentence) where a Pursuit is over at an instant [ns]; None where it goes on.
+    Return (PreparationEnding, sentence) if the preparation is over at an instant [ns]; None if it continues.
 
-    `decision` is the one that holds now, `temperature_c` the battery's temperature [deg C]. What it
-    tells of the pursuit is noted in it.
+    `decision` is the current one, `obstacle` the reason that keeps the heater off (None: there is none),
+    `temperature_c` the battery's temperature [deg C]. `progress` is updated.
     """
-    if not inbox.is_enabled:
+    if not inputs.is_enabled:
         return PreparationEnding.DISABLED, 'Preheating was switched off through ~/enable.'
-    objection = contradiction(progress, inbox, now_ns)
+    objection = contradiction(progress, inputs, now_ns)
     if objection:
         return PreparationEnding.UNPLUGGED, f'The vehicle is not plugged in any more: {objection}.'
     if decision.plan is not None:
@@ -70,7 +69,7 @@ def conclusion(progress: PreparationProgress, inbox: Inbox, now_ns: int, decisio
     elif progress.held_off_ns is None:
         progress.held_off_ns = now_ns
     is_time = 0 < progress.goal.ready_at_ns <= now_ns
-    if find_obstacle(inbox, now_ns) is not None or temperature_c is None or (
+    if obstacle is not None or temperature_c is None or (
             decision.plan is None and not is_time):
         held_off_s = (now_ns - (progress.held_off_ns or now_ns)) / NS_PER_S
         if is_time:
@@ -88,11 +87,8 @@ def conclusion(progress: PreparationProgress, inbox: Inbox, now_ns: int, decisio
     return _arrived(temperature_c, progress.target_c, missed_k <= SHORTFALL_TOLERANCE_K)
 
 
-def _soonest_conclusion(
-    progress: PreparationProgress,
-    now_ns: int,
-    plan: Plan,
-     temperature_c: float) -> Conclusion:
+def _soonest_conclusion(progress: PreparationProgress, now_ns: int, plan: Plan,
+                        temperature_c: float) -> Conclusion:
     target_c = progress.target_c
     is_idle = plan.heating_start_s is None
     if target_c - temperature_c <= SOONEST_WITHIN_K or (
@@ -110,9 +106,9 @@ def _soonest_conclusion(
     return None
 
 
-def contradiction(progress: PreparationProgress, inbox: Inbox, now_ns: int) -> str:
+def contradiction(progress: PreparationProgress, inputs: AdmittedInputs, now_ns: int) -> str:
     """Return what speaks against a vehicle that is plugged in, as a sentence; '': nothing."""
-    mission, measurement = inbox.mission, inbox.measurement
+    mission, measurement = inputs.mission, inputs.measurement
     if not progress.goal.is_plugged_in:
         return ''
     if mission is not None and drives_between(mission, now_ns, progress.goal.ready_at_ns):

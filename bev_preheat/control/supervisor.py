@@ -1,29 +1,39 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-One step of the planner: what happened and the time in, outputs out.
+One step of the planner: events and the time in, one output out.
 
-The node, the simulated drives and every replay call `Supervisor.step`, and nothing else changes what
-the planner does. Instants are integers, in nanoseconds of the node's clock.
+    admit (checks, age, order) -> know (regime, signals) -> learn -> decide (goal, plan) -> gate -> output
+
+The node, the simulated drives and every replay call `Supervisor.step`; nothing else changes what the planner does.
+Instants are integers, in nanoseconds of the node's clock.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import NamedTuple, TYPE_CHECKING
 
-from bev_preheat.control.command import Commander, find_obstacle
+from bev_preheat.control.command import Commander
 from bev_preheat.control.decision import Command, Decision, WITHOUT_ROUTE
 from bev_preheat.control.decision_maker import DecisionMaker
-from bev_preheat.control.events import Event, ProgressArrived, ProgressUnreadable, Reconfigured
+from bev_preheat.control.events import (
+    Event,
+    PreparationEnded,
+    PreparationWanted,
+    ProgressArrived,
+    ProgressUnreadable,
+    Reconfigured,
+)
 from bev_preheat.control.inbox import Inbox
 from bev_preheat.control.knowledge import Knowledge
+from bev_preheat.control.obstacle import find_obstacle
+from bev_preheat.control.preparation import PreparationControl
 from bev_preheat.errors import InvalidInput, LONGEST_PROBLEM, shortened
 from bev_preheat.estimation.driver_choices import NO_CHOICES
 from bev_preheat.estimation.last_seen import LastSeen
-from bev_preheat.native.library import use_core
 from bev_preheat.planning.status import Status
 
 if TYPE_CHECKING:
+    from bev_preheat.control.admitted import AdmittedInputs
     from bev_preheat.control.inputs import Measurement, Mission
     from bev_preheat.control.preparation_goal import PreparationGoal, PreparationOutcome
     from bev_preheat.control.regime import RegimeReport
@@ -37,7 +47,7 @@ if TYPE_CHECKING:
     from bev_preheat.vehicle.description import Vehicle
 
 
-# Where the vehicle is, which nothing is planned for by itself.
+# Positions: no plan is made for them alone.
 PLACES = ProgressArrived, ProgressUnreadable
 
 
@@ -50,17 +60,15 @@ class Refusal(NamedTuple):
 
 class StepOutput(NamedTuple):
     """
-    What is to be published, None where nothing is.
+    Everything to be published after a step; None for nothing.
 
-    `later_decisions` belong to `decision`, one for each later leg. `has_new_status`: the decision's
-    status is another one than that of the decision before. `refusals` are the Refusals of this
-    step's events. `failure` is the sentence of an exception that nobody foresaw, '' for none.
-    `outcomes` are those of the wishes that ended.
+    `has_new_status`: the decision's status differs from that of the latest published decision. `refusals` are
+    those of this step's events. `failure` is the sentence of an unexpected exception, '' for none. `outcomes`
+    are those of the preparation goals that ended.
     """
 
     command: Command | None = None
     decision: Decision | None = None
-    later_decisions: tuple[Decision, ...] = ()
     has_new_status: bool = False
     refusals: tuple[Refusal, ...] = ()
     failure: str = ''
@@ -69,9 +77,9 @@ class StepOutput(NamedTuple):
 
 class Supervisor:
     """
-    Inbox, judgement and command, joined in one step.
+    The planner's state between two steps.
 
-    The properties show the state after the latest step; asking for them changes nothing.
+    The properties show the state after the latest step; reading them changes nothing.
     """
 
     def __init__(self, vehicle: Vehicle, settings: Settings, learned: Learned | None = None,
@@ -82,60 +90,74 @@ class Supervisor:
         From before a restart: the Learned (None: start from the vehicle file), the battery's
         LastSeen (None: unknown), and the DriverChoices that still count.
         """
-        use_core(settings.compiled_core)
         self._inbox = Inbox(vehicle, settings, choices)
         self._last_seen = last_seen
+        self._preparation = PreparationControl()
         self._knowledge = Knowledge(vehicle)
         self._decision_maker = DecisionMaker(vehicle, learned, last_seen)
         self._commander = Commander()
-        # As it was made, and as the command says it.
+        # The latest measurement: as it arrived, with only the signals that hold, and the sentence on the others.
+        self._arrived: Measurement | None = None
+        self._screened: Measurement | None = None
+        self._doubt: str | None = None
+        self._inputs = self._admitted()
+        # As it was made, and with the status and sentence of the command.
         self._decision = self._shown = WITHOUT_ROUTE
         self._latest_command: Command | None = None
         self._published_status: Status | None = None
 
-    def step(self, now_ns: int, *events: Event) -> Iterator[StepOutput]:
+    def step(self, now_ns: int, *events: Event) -> StepOutput:
         """
-        Yield the Outputs of an instant, the urgent ones first; take them all.
+        Return the StepOutput of an instant.
 
-        Each event (see `events`) is delivered and planned for; where the vehicle is, with the next
-        other event. Without an event time passes: the command is renewed, and a decision whose
-        inputs have expired is dropped. An exception that nobody foresaw switches the heater off.
+        Each event (see `events`) is admitted and planned for; positions wait for the next other event. Without
+        an event time passes: the command is renewed, and a decision whose inputs have expired is dropped. An
+        unexpected exception switches the heater off.
         """
+        refusals: tuple[Refusal, ...] = ()
         try:
-            yield from self._react(now_ns, events) if events else self._let_time_pass(now_ns)
+            refusals = tuple(refusal for event in events if (refusal := self._admit(event, now_ns)) is not None)
+            if not events:
+                output = self._let_time_pass(now_ns)
+            elif all(isinstance(event, PLACES) for event in events):
+                output = StepOutput()
+            else:
+                output = self._react(now_ns, events)
         except Exception as error:
-            yield self.fail(now_ns, f'{type(error).__name__}: {error}')
-        outcomes = self._inbox.preparation.take_outcomes()
-        if outcomes:
-            yield StepOutput(outcomes=outcomes)
+            output = self.fail(now_ns, f'{type(error).__name__}: {error}')
+        return output._replace(refusals=refusals, outcomes=self._preparation.take_outcomes())
 
-    def _react(self, now_ns: int, events: tuple[Event, ...]) -> Iterator[StepOutput]:
-        refusals = tuple(filter(None, [self._deliver(event, now_ns) for event in events]))
-        use_core(self._inbox.settings.compiled_core)
-        if all(isinstance(event, PLACES) for event in events):
-            yield StepOutput(refusals=refusals)
-            return
-        self._attend_to_changes(now_ns, events)
-        self._decide(now_ns)
-        yield StepOutput(command=self._command(now_ns), refusals=refusals)
-        # The command does not wait for the plans of later legs.
-        yield self._publication()
+    def later_decisions(self) -> tuple[Decision, ...]:
+        """
+        Return a Decision for each later leg of the current one.
 
-    def _let_time_pass(self, now_ns: int) -> Iterator[StepOutput]:
-        self._decision = self._obstacle(now_ns) or self._decision
-        self._conclude_preparation(now_ns)
-        yield StepOutput(command=self._command(now_ns))
-        if self._shown.status is not self._published_status:
-            yield self._publication()
+        They are planned when they are asked for, so that the command does not wait for them. Raises anything that
+        planning raises.
+        """
+        return self._decision_maker.decide_later(self._inputs, self._shown)
+
+    def _react(self, now_ns: int, events: tuple[Event, ...]) -> StepOutput:
+        self._learn_from_changes(now_ns, events)
+        obstacle = self._decide(now_ns)
+        return self._publication(self._command(now_ns, self._conclude_preparation(now_ns, obstacle)))
+
+    def _let_time_pass(self, now_ns: int) -> StepOutput:
+        self._inputs = self._admitted()
+        obstacle = self._obstacle(now_ns)
+        self._decision = obstacle or self._decision
+        command = self._command(now_ns, self._conclude_preparation(now_ns, obstacle))
+        if self._shown.status is self._published_status:
+            return StepOutput(command)
+        return self._publication(command)
 
     def fail(self, now_ns: int, what: str) -> StepOutput:
-        """Return the Output that switches the heater off after an exception, told in words."""
+        """Return the StepOutput that switches the heater off after an exception, given in words."""
         what = shortened(what, LONGEST_PROBLEM)
         self._decision = self._shown = Decision(Status.INTERNAL_ERROR, f'Planning failed: {what}')
         return StepOutput(command=self._off(now_ns, Status.INTERNAL_ERROR), failure=what)
 
     def stop(self, now_ns: int) -> StepOutput:
-        """Return the Output that leaves the heater off when the process ends."""
+        """Return the StepOutput that leaves the heater off when the process ends."""
         return StepOutput(command=self._off(now_ns, Status.SHUTTING_DOWN))
 
     # The state after the latest step
@@ -184,12 +206,13 @@ class Supervisor:
     @property
     def active_mission(self) -> Mission | None:
         """The Mission that is planned for: the one made for `preparation_goal`, else that of the route."""
-        return None if self._inbox.active_timetable is None else self._inbox.active_timetable.mission
+        timetable = self._preparation.timetable or self._inbox.timetable
+        return None if timetable is None else timetable.mission
 
     @property
     def preparation_goal(self) -> PreparationGoal | None:
         """The Wish that is pursued; None: none is."""
-        return self._inbox.preparation.goal
+        return self._preparation.goal
 
     @property
     def temperature_c(self) -> float | None:
@@ -215,8 +238,8 @@ class Supervisor:
 
     @property
     def measurement(self) -> Measurement | None:
-        """The latest valid Measurement; None before the first."""
-        return self._inbox.measurement
+        """The latest valid Measurement with the signals that hold; None before the first."""
+        return self._inputs.measurement
 
     @property
     def regime(self) -> RegimeReport:
@@ -266,93 +289,111 @@ class Supervisor:
 
     # Parts of a step
 
-    def _deliver(self, event: Event, now_ns: int) -> Refusal | None:
-        """Return the Refusal of an event; None if it is accepted."""
+    def _admitted(self) -> AdmittedInputs:
+        """Return the AdmittedInputs of now; a measurement without the signals that do not hold."""
+        arrived = self._inbox.measurement
+        return self._inbox.admitted(
+            self._preparation.timetable, self._screened if arrived is self._arrived else arrived, self._doubt)
+
+    def _admit(self, event: Event, now_ns: int) -> Refusal | None:
+        """Take an event in; return its Refusal, None if it is accepted."""
         try:
-            event.deliver(self._inbox, now_ns)
+            if isinstance(event, PreparationWanted):
+                self._preparation.begin(event.preparation_goal, self._admitted(), now_ns)
+                self._inbox.note_other_goal()
+            elif isinstance(event, PreparationEnded):
+                if self._preparation.end(
+                        event.preparation_goal, event.ending, event.explanation, self._admitted()):
+                    self._inbox.note_other_goal()
+            else:
+                self._inbox.admit(event, now_ns)
         except InvalidInput as error:
             return Refusal(event.source, error)
         return None
 
-    def _attend_to_changes(self, now_ns: int, events: tuple[Event, ...]) -> None:
-        changes = self._inbox.take_changes()
+    def _learn_from_changes(self, now_ns: int, events: tuple[Event, ...]) -> None:
+        """Bring all that is known up to date with the admitted events."""
+        changes, history = self._inbox.take_changes(), self._commander.history
         for event in events:
-            if isinstance(event, Reconfigured) and (
-                    event.learned or event.vehicle is not self._decision_maker.vehicle):
-                self._decision_maker = DecisionMaker(event.vehicle, event.learned)
-            if isinstance(event, Reconfigured) and event.vehicle is not self._knowledge.vehicle:
-                self._knowledge = Knowledge(event.vehicle)
+            if isinstance(event, Reconfigured):
+                self._reconfigure(event)
         if changes.clock_restarted:
-            self._decision_maker.lose_time()
-            self._knowledge.lose_time()
+            for part in (self._decision_maker, self._knowledge, self._preparation):
+                part.lose_time()
         if changes.has_new_mission:
             self._decision_maker.follow_new_mission()
             self._commander.allow_switching()
         if changes.has_new_trip:
             self._decision_maker.begin_trip()
-            self._commander.history.forget_heating(now_ns)
-        inbox, history = self._inbox, self._commander.history
+            history.forget_heating(now_ns)
+        self._inputs = self._admitted()
         for measurement in changes.measurements:
-            known = self._knowledge.see(
-    measurement,
-    inbox.active_timetable,
-    history,
-    inbox.settings,
-     inbox.defaults)
-            inbox.measurement, inbox.doubt = known.measurement, self._knowledge.obstacle
-            inbox.preparation.see(
-                known.measurement, history.mean_w(measurement.stamp_ns, measurement.stamp_ns), inbox)
-            if self.settings.estimation:
-                self._decision_maker.learn(known, inbox.active_timetable, history, inbox.mission)
-        if self.preparation_goal is not None:
-            inbox.preparation.revise(
-                inbox, now_ns, 1.0 if self.estimate is None else self.estimate.propulsion_factor)
+            self._see(measurement)
+        if self._preparation.goal is not None:
+            self._preparation.revise(
+                self._inputs, now_ns, 1.0 if self.estimate is None else self.estimate.propulsion_factor)
+            self._inputs = self._admitted()
 
-    def _decide(self, now_ns: int) -> None:
-        self._judge(now_ns)
-        self._conclude_preparation(now_ns)
+    def _reconfigure(self, event: Reconfigured) -> None:
+        if event.learned or event.vehicle is not self._decision_maker.vehicle:
+            self._decision_maker = DecisionMaker(event.vehicle, event.learned)
+        if event.vehicle is not self._knowledge.vehicle:
+            self._knowledge = Knowledge(event.vehicle)
 
-    def _conclude_preparation(self, now_ns: int) -> None:
-        """Where the time of a wish has come, decide on what is left without it."""
-        inbox = self._inbox
-        if self.preparation_goal is not None and inbox.preparation.conclude(
-                inbox, now_ns, self._decision, self.temperature_c):
-            self._decision_maker.follow_new_mission()
-            self._commander.allow_switching()
-            self._commander.history.forget_heating(now_ns)
-            self._judge(now_ns)
+    def _see(self, measurement: Measurement) -> None:
+        """Take a valid Measurement in: which of its signals hold, and what it says of the car."""
+        inputs, history, stamp_ns = self._inputs, self._commander.history, measurement.stamp_ns
+        known = self._knowledge.see(
+            measurement, inputs.active_timetable, history, inputs.settings, inputs.defaults)
+        self._arrived, self._screened, self._doubt = measurement, known.measurement, self._knowledge.obstacle
+        self._inputs = self._admitted()
+        self._preparation.see(known.measurement, history.mean_w(stamp_ns, stamp_ns), self._inputs)
+        if self.settings.estimation:
+            self._decision_maker.learn(known, inputs.active_timetable, history, inputs.mission)
 
-    def _judge(self, now_ns: int) -> None:
+    def _decide(self, now_ns: int) -> Decision | None:
+        """Make the Decision of an instant; return the obstacle, None if there is none."""
         obstacle = self._obstacle(now_ns)
         if obstacle is not None:
             self._decision = obstacle
-            return
+            return obstacle
         history = self._commander.history
         self._decision = self._decision_maker.decide(
-            self._inbox, self._knowledge.regime, now_ns, self._commander.is_heating, history.heated_s(now_ns))
-        # Worked out when they are read. Where that fails the decision has failed, before any command.
+            self._inputs, self._knowledge.regime, now_ns, self._commander.is_heating, history.heated_s(now_ns))
+        # Sentence and deviation are computed when they are read; if that fails, it must fail before the command.
         self._decision.read()
         if self._decision.status in (Status.CHARGING, Status.ARRIVED):
             history.forget_heating(now_ns)
+        return None
 
     def _obstacle(self, now_ns: int) -> Decision | None:
-        obstacle = find_obstacle(self._inbox, now_ns)
+        obstacle = find_obstacle(self._inputs, now_ns)
         if obstacle is not None and obstacle.status is Status.STALE_INPUT:
             self._knowledge.note_expired_state()
         return obstacle
 
-    def _command(self, now_ns: int) -> Command:
-        self._latest_command = self._commander.give(now_ns, self._inbox, self._decision)
-        self._shown = self._commander.in_words(now_ns, self._inbox, self._decision)
+    def _conclude_preparation(self, now_ns: int, obstacle: Decision | None) -> Decision | None:
+        """End a preparation goal whose time has come and decide without it; return the obstacle after that."""
+        if self._preparation.goal is None or not self._preparation.conclude(
+                self._inputs, now_ns, self._decision, obstacle, self.temperature_c):
+            return obstacle
+        self._inputs = self._admitted()
+        self._decision_maker.follow_new_mission()
+        self._commander.allow_switching()
+        self._commander.history.forget_heating(now_ns)
+        return self._decide(now_ns)
+
+    def _command(self, now_ns: int, obstacle: Decision | None) -> Command:
+        self._latest_command = self._commander.give(now_ns, self._inputs, self._decision, obstacle)
+        self._shown = self._commander.in_words(now_ns, self._inputs, self._decision)
         return self._latest_command
 
     def _off(self, now_ns: int, reason: Status) -> Command:
         self._latest_command = self._commander.off(now_ns, self.settings, reason)
         return self._latest_command
 
-    def _publication(self) -> StepOutput:
-        later_decisions = self._decision_maker.decide_later(self._inbox, self._shown)
+    def _publication(self, command: Command) -> StepOutput:
+        """Return the StepOutput that publishes a Command and the Decision."""
         status, before = self._shown.status, self._published_status
         self._published_status = status
-        return StepOutput(decision=self._shown, later_decisions=later_decisions,
-                      has_new_status=status is not before)
+        return StepOutput(command, self._shown, has_new_status=status is not before)

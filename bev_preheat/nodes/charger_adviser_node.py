@@ -16,9 +16,9 @@ from sensor_msgs.msg import BatteryState
 
 from bev_preheat.charging.candidates import rank_chargers
 from bev_preheat.charging.worth import MOST_PRICE_PER_KWH, MOST_VALUE_PER_H
-from bev_preheat.control.command import find_obstacle
 from bev_preheat.control.events import RouteUnreadable
 from bev_preheat.control.inbox import Inbox
+from bev_preheat.control.obstacle import find_obstacle
 from bev_preheat.control.settings import Settings
 from bev_preheat.errors import InvalidInput
 from bev_preheat.nodes.charger_request import candidates_of, write_ranking
@@ -111,7 +111,7 @@ class ChargerAdviserNode(Node):
     def _deliver(self, source: str, make_event: Callable[[], Event]) -> None:
         """Deliver an event of a topic to the inbox; what is refused is told once."""
         try:
-            make_event().deliver(self._inbox, self._now_ns())
+            self._inbox.admit(make_event(), self._now_ns())
         except Exception as error:
             sentence = f'{source} refused: {error}'
             if self._news.has(sentence):
@@ -135,11 +135,11 @@ class ChargerAdviserNode(Node):
         return response
 
     def _ranked(self, request: RankChargers.Request) -> Sequence[CandidateWorth]:
-        now_ns, inbox = self._now_ns(), self._inbox
-        obstacle = find_obstacle(inbox, now_ns)
+        now_ns, inputs = self._now_ns(), self._inbox.admitted(measurement=self._inbox.measurement)
+        obstacle = find_obstacle(inputs, now_ns)
         if obstacle is not None:
             raise InvalidInput(obstacle.explanation)
-        mission, measurement = inbox.mission, inbox.measurement
+        mission, measurement = inputs.mission, inputs.measurement
         assert mission is not None and measurement is not None
         leg = mission.legs[-1]
         if now_ns < leg.start_ns and len(mission.legs) > 1:
@@ -148,9 +148,9 @@ class ChargerAdviserNode(Node):
         if ahead is None:
             raise InvalidInput(f'the route ended {leg.ended_for_s(now_ns):.0f} s ago')
         driven_m = sum(other.route.distance_m for other in mission.legs) - ahead.distance_m
-        goal = replace(inbox.goal_of(leg), charging_planned=True)
+        goal = replace(inputs.goal_of(leg), charging_planned=True)
         return rank_chargers(
-            inbox.vehicle, ahead, measurement.state, goal,
+            inputs.vehicle, ahead, measurement.state, goal,
             candidates_of(request, ahead, driven_m, self._values['energy_price']), request.end_soc,
             self._values['value_of_time'])
 

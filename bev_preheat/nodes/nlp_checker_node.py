@@ -213,7 +213,7 @@ class NlpCheckerNode(Node):
     def _is_accepted(self, event: Event) -> bool:
         """Deliver an event to the inbox; return whether it is accepted."""
         try:
-            event.deliver(self._inbox, self._now_ns())
+            self._inbox.admit(event, self._now_ns())
         except InvalidInput as error:
             self._refuse(event.source, error)
             return False

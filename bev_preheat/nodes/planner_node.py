@@ -24,7 +24,7 @@ from bev_preheat.control.settings import FIELD_OF_PARAMETER, Settings, settings_
 from bev_preheat.control.supervisor import Supervisor
 from bev_preheat.errors import InvalidInput, LONGEST_PROBLEM, shortened
 from bev_preheat.estimation.hypotheses import Heater
-from bev_preheat.native.library import core_in_words
+from bev_preheat.native.library import core_in_words, use_core
 from bev_preheat.nodes.command_line import NodeProgram
 from bev_preheat.nodes.command_publisher import CommandPublisher
 from bev_preheat.nodes.convert import battery_event, command_message, plan_message, temperature_message
@@ -50,7 +50,7 @@ if TYPE_CHECKING:
     from rclpy.parameter import Parameter as RosParameter
 
     from bev_preheat.control.events import Event
-    from bev_preheat.control.supervisor import Refusal, StepOutput
+    from bev_preheat.control.supervisor import StepOutput
     from bev_preheat.nodes.process import Herald
     from bev_preheat.vehicle import Vehicle
     from bev_preheat_msgs.msg import RoutePlan
@@ -148,6 +148,7 @@ class PlannerNode(Node):
         super().__init__('planner')
         values = declare(self, PARAMETERS)
         vehicle, settings = _take_effect(values)
+        use_core(settings.compiled_core)
         self._vehicle_contents = vehicle_contents(values['vehicle'])
         self._state_keeper = StateKeeper(self.get_logger())
         recalled = self._state_keeper.attach(values['state_file'], self._vehicle_contents)
@@ -324,6 +325,7 @@ class PlannerNode(Node):
                                 (self._stale_timer, settings.battery_state_timeout_s)):
             timer.timer_period_ns = round(period_s * 1e9)
             timer.reset()
+        use_core(settings.compiled_core)
         self._step(Reconfigured(
             vehicle, settings, self._routes.read_again(supervisor, vehicle, settings),
             self._state_keeper.attach(values['state_file'], contents).learned))
@@ -342,37 +344,29 @@ class PlannerNode(Node):
 
     def _step(self, *events: Event, now_ns: int | None = None) -> bool:
         """
-        Run a step of the supervisor and publish its outputs; return whether all was accepted.
+        Run a step of the supervisor and publish its output; return whether every event was accepted.
 
         `now_ns` is the step's instant [ns], None for that of the call. Nothing delays a command, but
         after a failure it comes last: while the rest fails, heat is not commanded in between.
         """
-        now_ns, has_failed = self._now_ns() if now_ns is None else now_ns, False
-        refusals: tuple[Refusal, ...] = ()
-        outputs: Iterable[StepOutput] = self._supervisor.step(now_ns, *events)
-        in_doubt = self._is_in_doubt
-        if in_doubt:
-            outputs = tuple(outputs)
-        for output in outputs:
-            if not in_doubt:
-                self._publish_command(output, now_ns)
-            self._publish_decision(output, now_ns)
-            refusals += output.refusals
-            has_failed = has_failed or bool(output.failure)
-        for refusal in refusals:
+        now_ns = self._now_ns() if now_ns is None else now_ns
+        output, in_doubt = self._supervisor.step(now_ns, *events), self._is_in_doubt
+        if not in_doubt:
+            self._publish_command(output, now_ns)
+        self._publish_decision(output, now_ns)
+        for refusal in output.refusals:
             sentence = f'{refusal.source} refused: {refusal.error}'
             if self._news.has(sentence):
                 self.get_logger().error(sentence)
         self._tell_findings()
         if in_doubt:
             self._report(now_ns)
-            for output in outputs:
-                self._publish_command(output, now_ns)
-            # What says less than a plan does not show that a plan can be told.
-            in_doubt = not any(map(_has_plan_or_heats, outputs))
-        self._is_in_doubt = has_failed or in_doubt
+            self._publish_command(output, now_ns)
+            # Only a published plan shows that plans can be published again.
+            in_doubt = not _has_plan_or_heats(output)
+        self._is_in_doubt = bool(output.failure) or in_doubt
         self._state_keeper.save_choices(self._supervisor)
-        return not refusals and not has_failed
+        return not output.refusals and not output.failure
 
     def _publish_command(self, output: StepOutput, now_ns: int) -> None:
         if output.command is not None:
@@ -387,7 +381,7 @@ class PlannerNode(Node):
         if decision is None:
             return
         self._plan_publisher.publish(plan_message(
-            decision, self._supervisor.active_mission, now_ns, output.later_decisions))
+            decision, self._supervisor.active_mission, now_ns, self._supervisor.later_decisions()))
         if decision.plan is not None:
             self._temperature_publisher.publish(temperature_message(decision, now_ns))
         if output.has_new_status:

@@ -49,15 +49,15 @@ def drive_scenario(
 
 
 def _note(record: DriveRecord, moment: Moment, supervisor: Supervisor, car: ImperfectCar) -> None:
-    for output in moment.outputs:
-        if output.decision is not None:
-            record.statuses.add(output.decision.status.name)
-        if output.command is not None:
-            reason, power_w = output.command.reason.name, output.command.battery_heating_power_w
-            record.statuses.add(reason)
-            record.commands.append((moment.clock_s, power_w, reason))
-            if power_w > 0.0:
-                record.hottest_heated_c = max(record.hottest_heated_c, car.plant.temperature_c)
+    output = moment.output
+    if output.decision is not None:
+        record.statuses.add(output.decision.status.name)
+    if output.command is not None:
+        reason, power_w = output.command.reason.name, output.command.battery_heating_power_w
+        record.statuses.add(reason)
+        record.commands.append((moment.clock_s, power_w, reason))
+        if power_w > 0.0:
+            record.hottest_heated_c = max(record.hottest_heated_c, car.plant.temperature_c)
     if supervisor.estimate is not None and not car.is_over:
         record.note_heater(moment.clock_s, supervisor.estimate.heater.heater.value)
     record.regimes.append((moment.clock_s, supervisor.regime.regime.value))

@@ -41,7 +41,7 @@ START_NS = 1_000_000 * NS_PER_S
 @dataclass(frozen=True)
 class Moment:
     """
-    One event, or one tick of a timer, and the Outputs of the step for it.
+    One event, or one tick of a timer, and the StepOutput for it.
 
     `time_s` is the time since the start [s], `clock_s` what the clock shows then; `reading` is the
     battery's Reading that arrived, None where it was something else. `is_last` marks the last
@@ -51,7 +51,7 @@ class Moment:
     time_s: float
     clock_s: float
     reading: Reading | None
-    outputs: tuple[StepOutput, ...]
+    output: StepOutput
     is_last: bool
     cpu_s: float
 
@@ -136,13 +136,11 @@ class _Drive:
         time_s, clock_s = self._car.time_s, self._car.clock_s
         now_ns = START_NS + round(clock_s * NS_PER_S)
         started = process_time()
-        outputs = tuple(self._supervisor.step(now_ns, *events))
+        output = self._supervisor.step(now_ns, *events)
         cpu_s = process_time() - started
-        for output in outputs:
-            if output.command is not None:
-                lasts_s = (output.command.valid_until_ns - now_ns) / NS_PER_S
-                self._lease = HeaterLease(
-                    output.command.battery_heating_power_w, time_s + lasts_s)
-        if reading is not None and not any(output.refusals for output in outputs):
+        if output.command is not None:
+            lasts_s = (output.command.valid_until_ns - now_ns) / NS_PER_S
+            self._lease = HeaterLease(output.command.battery_heating_power_w, time_s + lasts_s)
+        if reading is not None and not output.refusals:
             self._stale_s = time_s + self._supervisor.settings.battery_state_timeout_s
-        return Moment(time_s, clock_s, reading, outputs, is_last, cpu_s)
+        return Moment(time_s, clock_s, reading, output, is_last, cpu_s)

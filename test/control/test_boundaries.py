@@ -107,9 +107,9 @@ def test_a_decision_is_marked_where_its_status_is_another_one():
     marks = []
 
     def step(after_s, *events):
-        for output in supervisor.step(NOW_NS + after_s * NS_PER_S, *events):
-            if output.decision is not None:
-                marks.append((output.decision.status, output.has_new_status))
+        output = supervisor.step(NOW_NS + after_s * NS_PER_S, *events)
+        if output.decision is not None:
+            marks.append((output.decision.status, output.has_new_status))
 
     step(0, RouteArrived(Mission('home', (leg(),))))
     step(1, RouteArrived(Mission('home', (leg(),))))
@@ -140,7 +140,7 @@ def test_a_command_of_0_w_says_that_it_waits_only_where_it_was_to_heat(status):
     warm = BatteryState(target_c + 1.0, 0.8)
 
     def step(after_s, *events):
-        list(supervisor.step(NOW_NS + after_s * NS_PER_S, *events))
+        supervisor.step(NOW_NS + after_s * NS_PER_S, *events)
         return supervisor.latest_command
 
     def state(after_s, battery):
@@ -167,6 +167,6 @@ def test_a_trip_that_begins_in_a_moment_is_not_heated_for_before_it_does(before_
     """Heating all the way is not even enough."""
     supervisor = Supervisor(VEHICLE, Settings(estimation=False))
     now_ns = NOW_NS - before_ns
-    list(supervisor.step(now_ns, RouteArrived(Mission('home', (leg(),)))))
-    list(supervisor.step(now_ns, BatteryStateArrived(Measurement(STATE, now_ns))))
+    supervisor.step(now_ns, RouteArrived(Mission('home', (leg(),))))
+    supervisor.step(now_ns, BatteryStateArrived(Measurement(STATE, now_ns)))
     assert (supervisor.latest_command.battery_heating_power_w > 0.0) is heats

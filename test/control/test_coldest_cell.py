@@ -24,9 +24,9 @@ ROUTE = make_route({
 
 def status(settings, coldest_cell_c):
     supervisor = Supervisor(VEHICLE, settings)
-    list(supervisor.step(NOW_NS, RouteArrived(Mission('steep', (Leg(ROUTE, NOW_NS),)))))
-    list(supervisor.step(NOW_NS, BatteryStateArrived(Measurement(
-        BatteryState(-5.0, 0.4), NOW_NS, coldest_cell_c=coldest_cell_c))))
+    supervisor.step(NOW_NS, RouteArrived(Mission('steep', (Leg(ROUTE, NOW_NS),))))
+    supervisor.step(NOW_NS, BatteryStateArrived(Measurement(
+        BatteryState(-5.0, 0.4), NOW_NS, coldest_cell_c=coldest_cell_c)))
     return supervisor, supervisor.decision.status
 
 
@@ -42,6 +42,6 @@ def test_the_coldest_cell_limits_the_power(estimation):
 def test_it_may_be_switched_off_at_run_time():
     supervisor, before = status(Settings(), -25.0)
     assert before is Status.POWER_LIMITED
-    list(supervisor.step(NOW_NS, Reconfigured(
-        VEHICLE, replace(supervisor.settings, coldest_cell_limits=False), supervisor.mission)))
+    supervisor.step(NOW_NS, Reconfigured(
+        VEHICLE, replace(supervisor.settings, coldest_cell_limits=False), supervisor.mission))
     assert supervisor.decision.status is not Status.POWER_LIMITED

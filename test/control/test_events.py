@@ -54,7 +54,7 @@ def inbox():
 
 def refused(inbox, event):
     with pytest.raises(InvalidInput) as refusal:
-        event.deliver(inbox, NOW_NS)
+        inbox.admit(event, NOW_NS)
     return list(refusal.value.problems)
 
 
@@ -79,7 +79,7 @@ def test_a_refused_battery_state_is_told_with_its_hint(inbox, hint, problems):
 
 def test_a_valid_battery_state_needs_no_hint(inbox):
     later = replace(GOOD, stamp_ns=NOW_NS + 1)
-    BatteryStateArrived(later, HINT).deliver(inbox, NOW_NS + 1)
+    inbox.admit(BatteryStateArrived(later, HINT), NOW_NS + 1)
     assert (inbox.measurement, inbox.refusal) == (later, None)
 
 
@@ -96,33 +96,33 @@ def test_an_unreadable_route_of_which_nothing_is_known_drops_the_one_before(inbo
 
 def test_route_and_cancellation(inbox):
     other = make_mission('work')
-    RouteArrived(other).deliver(inbox, NOW_NS)
+    inbox.admit(RouteArrived(other), NOW_NS)
     assert (inbox.mission, inbox.is_cancelled) == (other, False)
-    TripCancelled().deliver(inbox, NOW_NS)
+    inbox.admit(TripCancelled(), NOW_NS)
     assert (inbox.mission, inbox.is_cancelled) == (None, True)
 
 
 @pytest.mark.parametrize('is_enabled', [False, True])
 def test_the_drivers_switch_is_noted(inbox, is_enabled):
-    PreheatingSwitched(is_enabled).deliver(inbox, NOW_NS)
+    inbox.admit(PreheatingSwitched(is_enabled), NOW_NS)
     assert inbox.is_enabled is is_enabled
 
 
 def test_rivals_are_noted(inbox):
-    RivalsChanged('other_planner').deliver(inbox, NOW_NS)
+    inbox.admit(RivalsChanged('other_planner'), NOW_NS)
     assert inbox.rivals == 'other_planner'
 
 
 def test_parameters_without_a_route_leave_it(inbox):
     mission, vehicle, settings = inbox.mission, load_vehicle('small_car'), Settings(lease_s=1.0)
-    Reconfigured(vehicle, settings).deliver(inbox, NOW_NS)
+    inbox.admit(Reconfigured(vehicle, settings), NOW_NS)
     assert (inbox.vehicle, inbox.settings, inbox.mission) == (vehicle, settings, mission)
     assert not inbox.take_changes().has_new_mission
 
 
 def test_parameters_with_a_route_replace_it_and_go_on_with_the_trip(inbox):
     revised = make_mission()
-    Reconfigured(VEHICLE, Settings(), revised).deliver(inbox, NOW_NS)
+    inbox.admit(Reconfigured(VEHICLE, Settings(), revised), NOW_NS)
     changes = inbox.take_changes()
     assert (inbox.mission, changes.has_new_mission, changes.has_new_trip) == (revised, True, False)
 

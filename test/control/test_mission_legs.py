@@ -224,10 +224,10 @@ def test_a_route_without_stops_is_planned_once_for_each_state(planned_states):
 def test_the_command_does_not_wait_for_later_legs(planned_states):
     supervisor = Stepwise(VEHICLE, MEASURED)
     supervisor.accept_mission(make_mission())
-    outputs = supervisor.step(NOW_NS, BatteryStateArrived(Measurement(COLD, NOW_NS)))
-    assert next(outputs).command.battery_heating_power_w == pytest.approx(FIRST_W)
+    output = supervisor.step(NOW_NS, BatteryStateArrived(Measurement(COLD, NOW_NS)))
+    assert output.command.battery_heating_power_w == pytest.approx(FIRST_W)
     assert planned_states == [COLD]
-    assert len(next(outputs).later_decisions) == 2
+    assert len(supervisor.later_decisions()) == 2
     assert planned_states == [COLD, AFTER_FIRST, AFTER_SECOND]
 
 

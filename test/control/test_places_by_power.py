@@ -41,9 +41,9 @@ class Car:
             replace(each, start_ns=each.start_ns + self.at_s * NS_PER_S) for each in legs or (leg(),)))))
 
     def planner_step(self, *events):
-        for output in self.planner.step(START_NS + self.at_s * NS_PER_S, *events):
-            if output.command is not None:
-                self.command_w = output.command.battery_heating_power_w
+        output = self.planner.step(START_NS + self.at_s * NS_PER_S, *events)
+        if output.command is not None:
+            self.command_w = output.command.battery_heating_power_w
 
     def go(self, seconds, propulsion_w, consumers_w=CONSUMERS_W, charged_w=0.0, **measured):
         """Let time pass at a propulsion power, or a charging power [W] at the battery's terminals."""

@@ -68,11 +68,11 @@ class Car:
         self.state()
 
     def step(self, *events):
-        for output in self.supervisor.step(at(self.now_s), *events):
-            assert not output.failure, output.failure
-            self.commands += [output.command] if output.command else []
-            self.outcomes += output.outcomes
-            self.refusals += [str(refusal.error) for refusal in output.refusals]
+        output = self.supervisor.step(at(self.now_s), *events)
+        assert not output.failure, output.failure
+        self.commands += [output.command] if output.command else []
+        self.outcomes += output.outcomes
+        self.refusals += [str(refusal.error) for refusal in output.refusals]
 
     def state(self, now_s=None, **changes):
         """Let a battery state come, by default as the latest; with power_w as measured."""
@@ -405,7 +405,7 @@ def test_what_keeps_the_heater_off_refuses_goals(event, sentence):
 def test_without_a_fresh_battery_state_goals_are_refused():
     supervisor = Supervisor(VEHICLE, MEASURED)
     preparation_goal = PreparationGoal(ambient_c=AMBIENT_C)
-    *_, last = supervisor.step(NOW_NS, PreparationWanted(preparation_goal))
+    last = supervisor.step(NOW_NS, PreparationWanted(preparation_goal))
     assert 'No valid battery state' in last.outcomes[0].explanation and isnan(last.outcomes[0].temperature_c)
     car = Car()
     car.now_s = 6.0

@@ -56,10 +56,10 @@ class Drive:
         self.supervisor.accept_mission(mission or a_mission())
 
     def tell(self, at_s, distance_m, **fields):
-        """Take in a position; return the outputs."""
+        """Take in a position; return the output."""
         self.supervisor.run(START_NS + ns(at_s), ProgressArrived(Progress(**{
             'distance_m': distance_m, 'stamp_ns': START_NS + ns(at_s), 'route_id': 'home', **fields})))
-        return self.supervisor.outputs
+        return self.supervisor.output
 
     def feed(self, at_s, temperature_c=-7.0, soc=0.8):
         """Take in a battery state; return (command [W], reason) and how long the plan still lasts [s]."""
@@ -120,11 +120,11 @@ def test_on_time_commands_and_plans_are_the_same_to_the_last_bit(settings):
                 # The distance is off by up to 9 m.
                 drive.tell(at_s, max(0.0, min(20.0 * at_s, LENGTH_M) + (at_s * 7) % 19 - 9.0))
             drive.feed(at_s, 20.5 + at_s / 150.0)
-            for output in drive.supervisor.outputs:
-                plan = output.decision.plan if output.decision else None
-                said.append((output.command, output.decision and output.decision.status,
-                             plan and (plan.battery_temperature_c.tolist(), plan.time_s.tolist(),
-                                       plan.hvch_battery_power_w.tolist())))
+            output = drive.supervisor.output
+            plan = output.decision.plan if output.decision else None
+            said.append((output.command, output.decision and output.decision.status,
+                         plan and (plan.battery_temperature_c.tolist(), plan.time_s.tolist(),
+                                   plan.hvch_battery_power_w.tolist())))
         assert {status for _, status, _ in said} >= {Status.HEATING, Status.ARRIVED}
         return said
 
@@ -135,7 +135,7 @@ def test_a_position_waits_for_the_next_battery_state():
     drive = Drive()
     drive.feed(100.0)
     before = drive.supervisor.decision
-    output, = drive.tell(101.0, 500.0)
+    output = drive.tell(101.0, 500.0)
     assert (output.command, output.decision, output.refusals) == (None, None, ())
     assert drive.supervisor.decision is before
 
@@ -182,7 +182,7 @@ def test_a_refused_position_is_told_and_leaves_the_heater_alone(event):
     drive.feed(100.0)
     now_ns = START_NS + ns(101.0)
     drive.supervisor.step_through(now_ns, event)
-    refusal, = [each for output in drive.supervisor.outputs for each in output.refusals]
+    refusal, = drive.supervisor.output.refusals
     assert refusal.source == 'route_progress'
     assert refusal.error.problems[-1] == 'look at the clocks'
     assert drive.supervisor.refused_progress == f'route_progress refused: {refusal.error}'

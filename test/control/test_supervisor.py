@@ -9,13 +9,12 @@ import pytest
 from stepwise import Stepwise
 
 from bev_preheat.control.decision import Command
-from bev_preheat.control.events import BatteryStateArrived, PreheatingSwitched, Reconfigured
+from bev_preheat.control.events import BatteryStateArrived
 from bev_preheat.control.inbox import Inbox
 from bev_preheat.control.inputs import Leg, Measurement, Mission, NS_PER_S
 from bev_preheat.control.settings import Settings
 from bev_preheat.control.supervisor import Supervisor
 from bev_preheat.errors import InvalidInput, PlanningFailure
-from bev_preheat.native.library import core, use_core
 from bev_preheat.planning.planner import METHODS
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.planning.status import Status
@@ -232,11 +231,11 @@ def test_an_exception_that_nobody_foresaw_switches_off_and_is_told_once(monkeypa
     assert outcome(supervisor)[0] > 0.0
     monkeypatch.setattr(f'bev_preheat.{what}', fail)
     state = BatteryStateArrived(make_measurement(temperature_c=-6.0, stamp_ns=NOW_NS + ns(1.0)))
-    output, = supervisor.step(NOW_NS + ns(1.0), state)
+    output = supervisor.step(NOW_NS + ns(1.0), state)
     assert (output.command, output.failure) == (
         Command(0.0, NOW_NS + ns(2.5), Status.INTERNAL_ERROR), 'ZeroDivisionError: by chance')
-    command, decision = supervisor.step(NOW_NS + ns(2.0))
-    assert (command.command.battery_heating_power_w, decision.decision.explanation) == (
+    output = supervisor.step(NOW_NS + ns(2.0))
+    assert (output.command.battery_heating_power_w, output.decision.explanation) == (
         0.0, 'Planning failed: ZeroDivisionError: by chance')
 
 
@@ -365,7 +364,7 @@ def test_a_state_that_was_overtaken_is_dropped_without_a_word(late_s):
     assert power_w > 0.0
     supervisor.step_through(NOW_NS + ns(0.1), BatteryStateArrived(
         make_measurement(20.0, stamp_ns=NOW_NS - ns(late_s))))
-    assert [output.refusals for output in supervisor.outputs] == [()] * len(supervisor.outputs)
+    assert supervisor.output.refusals == ()
     assert outcome(supervisor, NOW_NS + ns(0.1)) == (power_w, reason)
     assert (supervisor.temperature_c, supervisor.overtaken_states) == (-7.0, 1)
 
@@ -741,17 +740,3 @@ def test_margin_is_left_on_top_of_the_reserve_that_a_route_asks_for():
              for reserve in (0.0, 0.31, 0.98)]
     # No reserve asked for is none, and more than all there is cannot be kept.
     assert [goal.minimum_arrival_soc for goal in goals] == [0.0, pytest.approx(0.38), 1.0]
-
-
-def test_the_compiled_core_is_used_as_the_settings_say():
-    try:
-        supervisor = Supervisor(VEHICLE, replace(SETTINGS, compiled_core=False))
-        assert core() is None
-        list(Supervisor(VEHICLE, SETTINGS).step(NOW_NS, PreheatingSwitched(True)))
-        assert core() is not None
-        list(supervisor.step(NOW_NS, PreheatingSwitched(True)))
-        assert core() is None
-        list(supervisor.step(NOW_NS, Reconfigured(VEHICLE, SETTINGS)))
-        assert core() is not None
-    finally:
-        use_core(True)

@@ -57,13 +57,13 @@ class Car:
 
     def give(self, at_s, *events):
         self.planner.step_through(NOW_NS + ns(at_s), *events)
-        for output in self.planner.outputs:
-            assert not output.failure
-            if output.command is not None:
-                power_w = output.command.battery_heating_power_w
-                if power_w > 0.0 and not (self.powers_w and self.powers_w[-1] > 0.0):
-                    self.switch_ons_s.append(at_s)
-                self.powers_w.append(power_w)
+        output = self.planner.output
+        assert not output.failure
+        if output.command is not None:
+            power_w = output.command.battery_heating_power_w
+            if power_w > 0.0 and not (self.powers_w and self.powers_w[-1] > 0.0):
+                self.switch_ons_s.append(at_s)
+            self.powers_w.append(power_w)
 
     @property
     def reason(self):

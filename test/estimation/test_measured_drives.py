@@ -85,15 +85,15 @@ class Played:
         begins_s, lasts_s, spike_k = spike
         temperature_c[begins_s:begins_s + lasts_s] += spike_k
         # No target asks for heat.
-        list(supervisor.step(now_ns, RouteArrived(Mission(name, (Leg(planned(name), now_ns, True, -20.0),)))))
+        supervisor.step(now_ns, RouteArrived(Mission(name, (Leg(planned(name), now_ns, True, -20.0),))))
         self.errors_k, self.heaters = {}, set()
         for at in range(length):
             now_ns += NS_PER_S
             if left_out and at % left_out == left_out - 1 and length - at not in LEADS_S:
                 continue
             power = (float(log['voltage_v'][at]), float(log['current_a'][at])) if with_power else ()
-            list(supervisor.step(now_ns, BatteryStateArrived(Measurement(
-                BatteryState(float(temperature_c[at]), round(float(log['soc'][at]), 3)), now_ns, *power))))
+            supervisor.step(now_ns, BatteryStateArrived(Measurement(
+                BatteryState(float(temperature_c[at]), round(float(log['soc'][at]), 3)), now_ns, *power)))
             if supervisor.estimate is not None:
                 self.heaters.add(supervisor.estimate.heater.heater)
             if length - at in LEADS_S:

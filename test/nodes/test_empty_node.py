@@ -77,10 +77,10 @@ def supervisor():
     leg = Leg(load_route('reference', vehicle.defaults), START_NS, target_temperature_c=25.0)
     supervisor = Supervisor(vehicle, settings)
     mission = Mission('benchmark', (leg,)).in_planning_steps(settings.planning_step_s)
-    list(supervisor.step(START_NS, RouteArrived(mission)))
+    supervisor.step(START_NS, RouteArrived(mission))
     for second in range(5):
         now_ns = START_NS + second * NS_PER_S
-        list(supervisor.step(now_ns, BatteryStateArrived(Measurement(BatteryState(-7.0, 0.9), now_ns))))
+        supervisor.step(now_ns, BatteryStateArrived(Measurement(BatteryState(-7.0, 0.9), now_ns)))
     return supervisor
 
 

@@ -168,7 +168,7 @@ def planned(*preparation_goals):
     # The same drive and the same target: what is planned is the same trip.
     for event in (RouteArrived(Mission('home', (Leg(route, NOW_NS, True, 20.0),))),
                   BatteryStateArrived(measurement), *map(PreparationWanted, preparation_goals)):
-        assert not any(output.refusals for output in supervisor.step(NOW_NS, event))
+        assert not supervisor.step(NOW_NS, event).refusals
     return supervisor, measurement, plan_message(
         supervisor.decision, supervisor.active_mission, NOW_NS)
 

@@ -224,15 +224,14 @@ def replayed(driven):
         given[each.second].append(each)
 
     def step(second, *events):
-        now_ns, accepted = START_NS + second * NS_PER_S, True
-        for output in supervisor.step(now_ns, *events):
-            if output.command is not None:
-                commands.append(command_message(output.command, now_ns))
-            if output.decision is not None:
-                plans.append(plan_message(
-                    output.decision, supervisor.mission, now_ns, output.later_decisions))
-            accepted = accepted and not output.refusals
-        return accepted
+        now_ns = START_NS + second * NS_PER_S
+        output = supervisor.step(now_ns, *events)
+        if output.command is not None:
+            commands.append(command_message(output.command, now_ns))
+        if output.decision is not None:
+            plans.append(plan_message(
+                output.decision, supervisor.mission, now_ns, supervisor.later_decisions()))
+        return not output.refusals
 
     for command in driven.commands.messages:
         if second_of(command.header.stamp) < 0.0:

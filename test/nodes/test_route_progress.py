@@ -75,15 +75,15 @@ def a_supervisor(route_id='home'):
         'ambient_temperature_c': [-5.0], 'cabin_heating_power_w': [1500.0],
         'auxiliary_power_w': [400.0]}, None)
     supervisor = Supervisor(VEHICLE, Settings(route_progress_timeout_s=8.0))
-    list(supervisor.step(START_NS, RouteArrived(Mission(route_id, (Leg(route, START_NS),)))))
+    supervisor.step(START_NS, RouteArrived(Mission(route_id, (Leg(route, START_NS),))))
     return supervisor
 
 
 def told(supervisor, at_s, **fields):
     """Take a position in; return level and message of the diagnostics."""
     now_ns = START_NS + round(at_s * NS_PER_S)
-    list(supervisor.step(now_ns, ProgressArrived(Progress(**{
-        'distance_m': 1000.0, 'stamp_ns': now_ns, 'route_id': 'home', **fields}))))
+    supervisor.step(now_ns, ProgressArrived(Progress(**{
+        'distance_m': 1000.0, 'stamp_ns': now_ns, 'route_id': 'home', **fields})))
     return said(supervisor, now_ns)
 
 

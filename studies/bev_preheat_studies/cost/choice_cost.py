@@ -58,9 +58,9 @@ def _updates_s(vehicle_name: str, route_name: str, state: BatteryState,
     mission = Mission(route_name, (replace(leg, charger=charger),)).in_planning_steps(
         settings.planning_step_s)
     supervisor = Supervisor(vehicle, settings)
-    list(supervisor.step(START_NS, RouteArrived(mission)))
+    supervisor.step(START_NS, RouteArrived(mission))
     for second in range(UPDATES):
         now_ns = START_NS + second * NS_PER_S
         started = process_time()
-        list(supervisor.step(now_ns, BatteryStateArrived(Measurement(state, now_ns))))
+        supervisor.step(now_ns, BatteryStateArrived(Measurement(state, now_ns)))
         yield process_time() - started

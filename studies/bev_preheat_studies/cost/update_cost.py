@@ -86,13 +86,13 @@ def _core_figures(vehicle: Vehicle, mission: Mission, measurements: list[Measure
         durations_s: list[float] = []
         updates_ms, counts, sums_ms = [], [], []
         supervisor = Supervisor(vehicle, Settings())
-        list(supervisor.step(START_NS, RouteArrived(mission)))
+        supervisor.step(START_NS, RouteArrived(mission))
         with timed_core(durations_s):
             for measurement in measurements:
                 sleep(pause_s)
                 durations_s.clear()
                 started = perf_counter()
-                list(supervisor.step(measurement.stamp_ns, BatteryStateArrived(measurement)))
+                supervisor.step(measurement.stamp_ns, BatteryStateArrived(measurement))
                 updates_ms.append(1e3 * (perf_counter() - started))
                 counts.append(len(durations_s))
                 sums_ms.append(1e3 * sum(durations_s))
@@ -132,9 +132,9 @@ def _measurements(mission: Mission) -> list[Measurement]:
 def _updates_ms(vehicle: Vehicle, mission: Mission, measurements: list[Measurement]) -> FloatArray:
     """Return what each update takes [ms of processor time]."""
     supervisor = Supervisor(vehicle, Settings())
-    list(supervisor.step(START_NS, RouteArrived(mission)))
-    return _times_ms(lambda measurement: list(supervisor.step(
-        measurement.stamp_ns, BatteryStateArrived(measurement))), measurements)
+    supervisor.step(START_NS, RouteArrived(mission))
+    return _times_ms(lambda measurement: supervisor.step(
+        measurement.stamp_ns, BatteryStateArrived(measurement)), measurements)
 
 
 def _estimations_ms(vehicle: Vehicle, mission: Mission, measurements: list[Measurement]) -> FloatArray:

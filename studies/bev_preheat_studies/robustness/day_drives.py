@@ -106,10 +106,8 @@ class _DayTally:
         if car.phase is not self._phase:
             self._begin(car)
         self._count_heating(now_s)
-        for output in moment.outputs:
-            if output.command is None:
-                continue
-            power_w = output.command.battery_heating_power_w
+        if moment.output.command is not None:
+            power_w = moment.output.command.battery_heating_power_w
             if power_w > 0.0 == self._power_w and isinstance(car.phase, DrivePhase):
                 self.switch_ons[-1] += 1
             self._power_w = power_w

@@ -182,12 +182,12 @@ def drive_noting(car: ImperfectCar, goal: Goal, settings: Settings,
         cpu_s += moment.cpu_s
         if moment.reading is not None:
             measured_c = moment.reading.temperature_c
-            refused += any(output.refusals for output in moment.outputs)
+            refused += bool(moment.output.refusals)
             without_plan += supervisor.decision.status is Status.INVALID_INPUT
             updates += 1
-        for output in moment.outputs:
-            if output.command is not None:
-                power_w = output.command.battery_heating_power_w
+        output = moment.output
+        if output.command is not None:
+            power_w = output.command.battery_heating_power_w
         if not moment.is_last:
             continue
         tally.note(moment.time_s, power_w)

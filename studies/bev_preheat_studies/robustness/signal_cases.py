@@ -111,10 +111,10 @@ def drive_case(conditions: Conditions, seed: int, number: int) -> SignalResult:
         if power_w > 0.0 and named_s is not None:
             heated_s += moment.time_s - since_s
         since_s = moment.time_s
-        for output in moment.outputs:
-            if output.command is not None:
-                switch_ons += output.command.battery_heating_power_w > 0.0 == power_w
-                power_w = output.command.battery_heating_power_w
+        output = moment.output
+        if output.command is not None:
+            switch_ons += output.command.battery_heating_power_w > 0.0 == power_w
+            power_w = output.command.battery_heating_power_w
         signals = {each.signal for each in supervisor.signal_verdicts}
         is_named = case.signal in signals if case.signal else supervisor.decision.status is Status.INVALID_INPUT
         if named_s is None and is_named:
