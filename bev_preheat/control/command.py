@@ -15,6 +15,7 @@ from bev_preheat.control.command_history import CommandHistory
 from bev_preheat.control.decision import Command, Decision
 from bev_preheat.control.heater_switch import HeaterSwitch
 from bev_preheat.control.inputs import Leg, NS_PER_S
+from bev_preheat.control.margins import HELD_ABOVE_TARGET_K, HELD_BELOW_HIGHEST_K
 from bev_preheat.control.refusals import BATTERY, ROUTE
 from bev_preheat.control.steady_status import SteadyStatus
 from bev_preheat.planning.status import Status
@@ -35,10 +36,6 @@ CAUSES = {
 DOUBT = frozenset((*CAUSES, Status.INVALID_INPUT))
 # Decisions of the plan: the least time off holds as for any other switching.
 BY_PLAN = frozenset((Status.OUT_OF_CHARGE, Status.NOT_WORTH_IT, Status.WAITING))
-# For its least time the heater is held on no further above the target than this, and stays so far below the
-# highest temperature of the battery's range [K].
-HELD_ABOVE_TARGET_K = 1.0
-HELD_BELOW_HIGHEST_K = 3.0
 
 
 class Commander:

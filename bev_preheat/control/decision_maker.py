@@ -14,8 +14,15 @@ from typing import TYPE_CHECKING
 from bev_preheat.control.charger_heat import charger_heat, ChargerHeat
 from bev_preheat.control.decision import Decision
 from bev_preheat.control.expected_drive import intervals_between, shown_command_w
-from bev_preheat.control.forecast_plan import believed_share, believed_state, ForecastPlanner, seen_from_now
+from bev_preheat.control.forecast_plan import (
+    believed_share,
+    believed_state,
+    ForecastPlanner,
+    PlanningTask,
+    seen_from_now,
+)
 from bev_preheat.control.inputs import Leg, NS_PER_S
+from bev_preheat.control.margins import FORESEEN_S, MOST_COLDER_K, MOST_PARKED_S, MOST_STANDING_S
 from bev_preheat.control.preparation_plan import (
     in_words_of_preparation,
     is_from_grid,
@@ -49,15 +56,7 @@ if TYPE_CHECKING:
     from bev_preheat.route.segments import Route
     from bev_preheat.vehicle.description import Vehicle
 
-# Heating ends after this time of standing where the route does not stop: the vehicle may stand for hours. With
-# its consumers off it is parked.
-MOST_STANDING_S = 900.0
-MOST_PARKED_S = 180.0
-# A trip that starts later than this gives no alarm: until then the battery may be charged, or heated.
-FORESEEN_S = 1800.0
 ALARMS = (Status.TARGET_UNREACHABLE, Status.SOC_LIMITED, Status.POWER_LIMITED, Status.OUT_OF_CHARGE)
-# A cell that is colder than the battery by more than this [K] is a sensor at fault.
-MOST_COLDER_K = 20.0
 # What a vehicle that stands too long is told instead of these: they heat, or are about to.
 WITHHELD = (Status.WAITING, Status.HEATING, Status.TARGET_UNREACHABLE, Status.SOC_LIMITED,
             Status.POWER_LIMITED)
@@ -241,9 +240,8 @@ class DecisionMaker:
             return Decision(
                 plan.status, _own_sentence(plan, choice), plan, start_ns, leg, target=choice)
         try:
-            forecast_plan = self._forecast_planner.make(
-                estimate, route, goal, settings, is_heating, starts_in_s,
-                heated_s, leg.made_for)
+            forecast_plan = self._forecast_planner.make(PlanningTask(
+                route, goal, settings, is_heating, starts_in_s, heated_s, leg.made_for), estimate)
         except (InvalidInput, PlanningFailure) as error:
             return Decision(Status.INVALID_INPUT, str(error))
         plan = forecast_plan.plan

@@ -14,6 +14,15 @@ from typing import Any, NamedTuple, TYPE_CHECKING
 
 import numpy as np
 
+from bev_preheat.control.margins import (
+    LATER_DEVIATIONS,
+    LEAD_DEVIATIONS,
+    LEAST_HEATING_S,
+    LEAST_PAUSE_S,
+    MARGIN_DEVIATIONS,
+    MOST_LEAD_K,
+    MOST_MARGIN_K,
+)
 from bev_preheat.control.preparation_plan import accounted, fed, FullPower
 from bev_preheat.estimation.forecast import DrivenRoute, Forecast
 from bev_preheat.estimation.hypotheses import Heater
@@ -38,21 +47,6 @@ if TYPE_CHECKING:
     from bev_preheat.route.segments import Route
     from bev_preheat.vehicle.description import Vehicle
 
-# The battery is to arrive warmer than the target by so many deviations of what cannot be made good
-# any more once heating has ended, at most by MOST_MARGIN_K.
-MARGIN_DEVIATIONS = 1.3
-MOST_MARGIN_K = 0.1
-# The last stretch of heating begins early by so many deviations of the temperature on arrival, and
-# by the heat that is made while its lag is so many deviations longer than believed; together at most
-# by MOST_LEAD_K: until it begins more will be learned. Both found on `preheat robustness`.
-LEAD_DEVIATIONS = 2.0
-LATER_DEVIATIONS = 1.2
-MOST_LEAD_K = 7.0
-# The lead is not taken back for a shorter pause, because the first minutes of heating may only show the sensor's
-# place.
-LEAST_PAUSE_S = 600.0
-# A heater that is off is not switched on before arrival for less heating than this, some 120 Wh.
-LEAST_HEATING_S = 90.0
 # The corrected vehicle is made anew where a factor has moved by more than this share of what is
 # uncertain of it in a car of which only the file is known.
 FACTOR_STEP = 0.05
@@ -73,6 +67,24 @@ UNHEATED: dict[Heater, dict[str, Any]] = {
 }
 # … and where the heat of the command would mostly be late for the arrival.
 LATE: dict[str, Any] = {'too_cold_because': 'Most of the heat arrives too late'}
+
+
+class PlanningTask(NamedTuple):
+    """
+    A route and a goal to plan for now.
+
+    The route starts in `starts_in_s` [s]; the battery has been heated for `heated_s` [s] on this trip;
+    `is_heating`: the heater is on. `preparation_goal` is the goal that the route was made for; None: the route is
+    that of a route plan.
+    """
+
+    route: Route
+    goal: Goal
+    settings: Settings
+    is_heating: bool
+    starts_in_s: float
+    heated_s: float
+    preparation_goal: PreparationGoal | None = None
 
 
 class ForecastPlan(NamedTuple):
@@ -155,72 +167,23 @@ class ForecastPlanner:
             self._corrected = corrected_vehicle(self._vehicle, Corrections(*self._factors))
         return self._corrected
 
-    def make(self, estimate: Estimate, route: Route, goal: Goal, settings: Settings,
-             is_heating: bool, starts_in_s: float, heated_s: float,
-             preparation_goal: PreparationGoal | None = None) -> ForecastPlan:
+    def make(self, task: PlanningTask, estimate: Estimate) -> ForecastPlan:
         """
-        Return the Outlook for a route from the estimate's instant on.
+        Return the ForecastPlan for a PlanningTask from an Estimate's instant on.
 
-        The sentences count from now; the route starts in `starts_in_s` [s], and the battery has been
-        heated for `heated_s` [s]. `preparation_goal` is what the route was made for, None where it is a route
-        plan's. Raises what plan_preheating raises.
+        Raises what plan_preheating raises.
         """
-        vehicle, heater = fed(self.vehicle(estimate), preparation_goal), estimate.heater
-        state, share = believed_state(vehicle, estimate), believed_share(heater)
-        # Heat that would be late for the end of the route: a heat path knows it by itself.
-        lag_s = estimate.heat_lag_s if vehicle.heat_path.is_direct else 0.0
-        route = route.with_propulsion(estimate.propulsion_factor)
-        full_power = (FullPower(vehicle, route, state, share, lag_s)
-                      if preparation_goal is not None and preparation_goal.is_soonest else None)
-
-        def plan(heat_lag_s: float = lag_s, **heater_as: Any) -> Plan:
-            return plan_preheating(
-                vehicle, route, state, goal, settings.method,
-                # As soon as possible is not too short, and never too late.
-                self._uncertainty_margin(vehicle, estimate, settings, is_heating or full_power is not None),
-                heat_lag_s=heat_lag_s, **heater_as)
-
-        def forecast(of: Plan) -> Forecast:
-            # Only a trip whose long segments were divided has other steps than its route.
-            has_its_steps = len(of.hvch_battery_power_w) == len(route)
-            return Forecast(
-                DrivenRoute(vehicle, route) if has_its_steps else make_trip(vehicle, route, share),
-                of, estimate)
-
-        def plan_on(part: Route) -> Plan:
-            nonlocal route
-            route = part
-            return plan(heater_share=share)
-
-        def plan_wanted() -> Plan:
-            if full_power is None:
-                return plan(heater_share=share)
-            return full_power.plan(vehicle, goal, plan_on)
-
-        wanted = plan_wanted()
+        planning = _Planning(task, estimate, fed(self.vehicle(estimate), task.preparation_goal))
+        wanted = planning.wanted(self._forecast)
         if self._forecast is None:
-            # The lead needs to know how sure the arrival is, and that needs a plan.
-            self._forecast = forecast(wanted)
-            wanted = plan_wanted()
-        # A heater that does not obey is commanded as if it did, and something else is expected.
-        expected, commanded = wanted, None
-        unheated = UNHEATED.get(heater.heater, {})
-        if heater.heater is Heater.DEAD:
-            expected, commanded = plan(heater_share=0.0), wanted
-        elif heater.heater is Heater.STUCK_ON:
-            expected = plan(heats_throughout=True)
-        elif wanted.status is Status.TARGET_UNREACHABLE and lag_s > 0.0:
-            # Then some of the heat that is mostly late is better than none.
-            commanded = plan(heat_lag_s=0.0, heater_share=share)
-            if commanded.heating_start_s is not None:
-                unheated = LATE
-        self._forecast = forecast(expected)
-        expected = accounted(expected.told(_status_now(expected, starts_in_s), partial(
-            _in_words, heater=heater, forecast=self._forecast, **unheated,
-            reserve=reserve_soc(vehicle, goal), starts_in_s=starts_in_s, heated_s=heated_s)),
-            preparation_goal, estimate.soc)
+            # The lead depends on the deviation on arrival, which depends on a plan.
+            self._forecast = planning.forecast(wanted)
+            wanted = planning.wanted(self._forecast)
+        expected, commanded, words = planning.expected(wanted, self._forecast)
+        self._forecast = planning.forecast(expected)
         return ForecastPlan(
-            expected, self._forecast, commanded, share, self._model_factors(estimate))
+            planning.in_words(expected, self._forecast, words), self._forecast, commanded, planning.share,
+            self._model_factors(estimate))
 
     def _model_factors(self, estimate: Estimate) -> tuple[float, ...]:
         """Factors of the corrected car; () where a heater that does not obey is beyond them."""
@@ -228,17 +191,82 @@ class ForecastPlanner:
             return ()
         return (*self._factors, estimate.propulsion_factor)
 
-    def _uncertainty_margin(self, vehicle: Vehicle, estimate: Estimate, settings: Settings,
-                 is_heating: bool) -> UncertaintyMargin:
-        lead_k = 0.0 if self._forecast is None else LEAD_DEVIATIONS * self._forecast.as_planned_k
-        # What may come later than believed is begun with earlier.
+
+class _Planning:
+    """The plans for one task with one estimate and its corrected vehicle."""
+
+    def __init__(self, task: PlanningTask, estimate: Estimate, vehicle: Vehicle) -> None:
+        self._task, self._estimate, self._vehicle = task, estimate, vehicle
+        self._state, self.share = believed_state(vehicle, estimate), believed_share(estimate.heater)
+        # Heat that arrives after the end of the route; a vehicle with a heat path has that in its model.
+        self._lag_s = estimate.heat_lag_s if vehicle.heat_path.is_direct else 0.0
+        self._route = task.route.with_propulsion(estimate.propulsion_factor)
+        goal = task.preparation_goal
+        self._full_power = (FullPower(vehicle, self._route, self._state, self.share, self._lag_s)
+                            if goal is not None and goal.is_soonest else None)
+
+    def wanted(self, forecast: Forecast | None) -> Plan:
+        """Return the Plan to heat by, with the lead for a Forecast; None: without one."""
+        if self._full_power is None:
+            return self._plan(forecast, heater_share=self.share)
+
+        def plan_on(part: Route) -> Plan:
+            self._route = part
+            return self._plan(forecast, heater_share=self.share)
+
+        return self._full_power.plan(self._vehicle, self._task.goal, plan_on)
+
+    def expected(self, wanted: Plan, forecast: Forecast) -> tuple[Plan, Plan | None, dict[str, Any]]:
+        """
+        Return (expected, commanded, words): the Plan to expect, and the commanded one if that differs.
+
+        A heater that does not obey is commanded as if it did. `words` are for `explain`.
+        """
+        heater = self._estimate.heater.heater
+        words = UNHEATED.get(heater, {})
+        if heater is Heater.DEAD:
+            return self._plan(forecast, heater_share=0.0), wanted, words
+        if heater is Heater.STUCK_ON:
+            return self._plan(forecast, heats_throughout=True), None, words
+        if wanted.status is Status.TARGET_UNREACHABLE and self._lag_s > 0.0:
+            # Some of the heat, although most of it arrives late, is better than none.
+            commanded = self._plan(forecast, heat_lag_s=0.0, heater_share=self.share)
+            return wanted, commanded, words if commanded.heating_start_s is None else LATE
+        return wanted, None, words
+
+    def forecast(self, plan: Plan) -> Forecast:
+        """Return the Forecast of a Plan."""
+        # Only a trip whose long segments were divided has other steps than its route.
+        has_steps_of_route = len(plan.hvch_battery_power_w) == len(self._route)
+        return Forecast(DrivenRoute(self._vehicle, self._route) if has_steps_of_route
+                        else make_trip(self._vehicle, self._route, self.share), plan, self._estimate)
+
+    def in_words(self, expected: Plan, forecast: Forecast, words: dict[str, Any]) -> Plan:
+        """Return the Plan with status and sentence as of now, and the battery's own account."""
+        task = self._task
+        return accounted(expected.told(_status_now(expected, task.starts_in_s), partial(
+            _in_words, heater=self._estimate.heater, forecast=forecast, **words,
+            reserve=reserve_soc(self._vehicle, task.goal), starts_in_s=task.starts_in_s,
+            heated_s=task.heated_s)), task.preparation_goal, self._estimate.soc)
+
+    def _plan(self, forecast: Forecast | None, heat_lag_s: float | None = None, **heater_as: Any) -> Plan:
+        task = self._task
+        return plan_preheating(
+            self._vehicle, self._route, self._state, task.goal, task.settings.method,
+            self._uncertainty_margin(forecast),
+            heat_lag_s=self._lag_s if heat_lag_s is None else heat_lag_s, **heater_as)
+
+    def _uncertainty_margin(self, forecast: Forecast | None) -> UncertaintyMargin:
+        settings, estimate, hvch = self._task.settings, self._estimate, self._vehicle.hvch
+        lead_k = 0.0 if forecast is None else LEAD_DEVIATIONS * forecast.as_planned_k
+        # Heat may arrive later than estimated.
         lead_k += estimate.later_heat_s(LATER_DEVIATIONS) * (
-            vehicle.hvch.efficiency * vehicle.hvch.maximum_power_w
-            / vehicle.battery.heat_capacity_j_per_k)
+            hvch.efficiency * hvch.maximum_power_w / self._vehicle.battery.heat_capacity_j_per_k)
         return UncertaintyMargin(
             margin_k=min(MARGIN_DEVIATIONS * estimate.settled_deviation_k, MOST_MARGIN_K),
             lead_k=min(lead_k, MOST_LEAD_K) if math.isfinite(lead_k) else MOST_LEAD_K,
-            is_heating=is_heating,
+            # Heating as soon as possible is never too short or too late.
+            is_heating=self._task.is_heating or self._full_power is not None,
             least_pause_s=max(settings.minimum_off_time_s, LEAST_PAUSE_S),
             least_heating_s=max(settings.minimum_on_time_s, LEAST_HEATING_S))
 

@@ -6,17 +6,14 @@ from __future__ import annotations
 from collections import deque
 
 from bev_preheat.control.inputs import NS_PER_S
-
-# After the first interruption of heating by doubt, so much time without any must pass [s].
-FIRST_WAIT_S = 10.0
-# With each further interruption within this time [s] it is twice as long, up to minimum_off_time or this [s].
-COUNTED_OVER_S = 600.0
-LEAST_LONGEST_WAIT_S = 120.0
-# Whatever comes in, the heater is not switched on more often than this within an hour.
-MOST_SWITCH_ONS, HOUR_S = 20, 3600.0
-# Once half of them are used up, a plan that switches on and off is followed in steps of at least this [s], so that
-# the rest lasts for the hour.
-SPACING_S = HOUR_S / MOST_SWITCH_ONS / 2.0
+from bev_preheat.control.margins import (
+    COUNTED_OVER_S,
+    FIRST_WAIT_S,
+    HOUR_S,
+    LEAST_LONGEST_WAIT_S,
+    MOST_SWITCH_ONS,
+    SPACING_S,
+)
 
 
 class HeatingPause:

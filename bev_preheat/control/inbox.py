@@ -24,6 +24,7 @@ from bev_preheat.control.events import (
     TripCancelled,
 )
 from bev_preheat.control.inputs import check_mission, Leg, Measurement, Mission, NS_PER_S, Progress
+from bev_preheat.control.margins import CLOCK_RESTART_S, MOST_OVERTAKEN_S
 from bev_preheat.control.refusals import PROGRESS, Refusals, RefusedRoute
 from bev_preheat.control.settings import defaults_of, goal_of_leg, Settings
 from bev_preheat.control.timetable import Timetable
@@ -35,11 +36,6 @@ from bev_preheat.signals.electrical import ElectricalCheck
 from bev_preheat.signals.percent_scale import PercentScale
 from bev_preheat.signals.verdict import SignalVerdict, STATE_OF_CHARGE
 from bev_preheat.vehicle.description import Vehicle
-
-# A battery state that another one overtook by no more than this is dropped without a word.
-MOST_OVERTAKEN_S = 1.0
-# A clock that falls back by more than this was set or restarted; stamps before it mean nothing.
-CLOCK_RESTART_S = 1.0
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,12 @@ from typing import TYPE_CHECKING
 
 from bev_preheat.control.assumed_drive import drives_between
 from bev_preheat.control.inputs import NS_PER_S
+from bev_preheat.control.margins import (
+    CHARGE_FALLS_BY,
+    LONGEST_SOONEST_S,
+    PATIENCE_S,
+    SOONEST_WITHIN_K,
+)
 from bev_preheat.control.preparation_goal import PreparationEnding
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.planner import SHORTFALL_TOLERANCE_K
@@ -20,15 +26,6 @@ if TYPE_CHECKING:
 
     # None: it goes on.
     Conclusion = tuple[PreparationEnding, str] | None
-
-# For how long "as soon as possible" may heat [s].
-LONGEST_SOONEST_S = 6 * 3600.0
-# What keeps the heater off for so long ends a goal [s].
-PATIENCE_S = 60.0
-# A battery that is heated as soon as possible is warm when it is this near to its target [K].
-SOONEST_WITHIN_K = 0.1
-# Of a vehicle that is plugged in the charge does not fall by more than this.
-CHARGE_FALLS_BY = 0.02
 
 
 @dataclass

@@ -4,10 +4,9 @@
 from __future__ import annotations
 
 from bev_preheat.control.inputs import NS_PER_S
+from bev_preheat.control.margins import LEAST_STATUS_S
 from bev_preheat.planning.status import Status
 
-# Another status of a plan must have held for this time [s].
-LEAST_S = 10.0
 OF_PLAN = frozenset((
     Status.NOT_NEEDED, Status.WAITING, Status.HEATING, Status.TARGET_UNREACHABLE, Status.SOC_LIMITED,
     Status.POWER_LIMITED))
@@ -40,7 +39,7 @@ class SteadyStatus:
         # After a clock that was set back the time begins again.
         if self._differs_since_ns is None or now_ns < self._differs_since_ns:
             self._differs_since_ns = now_ns
-        if now_ns - self._differs_since_ns >= LEAST_S * NS_PER_S:
+        if now_ns - self._differs_since_ns >= LEAST_STATUS_S * NS_PER_S:
             self._shown, self._differs_since_ns = status, None
             return status
         return shown

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from stepwise import Stepwise
 
-from bev_preheat.control.forecast_plan import MOST_MARGIN_K
 from bev_preheat.control.inputs import Leg, Measurement, Mission, NS_PER_S
+from bev_preheat.control.margins import MOST_MARGIN_K
 from bev_preheat.control.settings import Settings
 from bev_preheat.estimation.memory import as_entry, from_entry, learned_from
 from bev_preheat.estimation.prior import LAG_DEVIATION

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from bev_preheat.control.forecast_plan import ForecastPlanner, seen_from_now
+from bev_preheat.control.forecast_plan import ForecastPlanner, PlanningTask, seen_from_now
 from bev_preheat.control.settings import Settings
 from bev_preheat.estimation.estimate import Estimate
 from bev_preheat.estimation.hypotheses import Heater, HeaterReport
@@ -78,8 +78,8 @@ def asked(monkeypatch):
 
 def make(estimate, maker=None, goal=GOAL, settings=Settings(), is_heating=False, route=ROUTE,
          starts_in_s=0.0, heated_s=0.0):
-    return (maker or ForecastPlanner(VEHICLE)).make(
-        estimate, route, goal, settings, is_heating, starts_in_s, heated_s)
+    return (maker or ForecastPlanner(VEHICLE)).make(PlanningTask(
+        route, goal, settings, is_heating, starts_in_s, heated_s), estimate)
 
 
 # Caution
@@ -140,9 +140,8 @@ def test_a_pause_lasts_ten_minutes_or_the_least_time_off(asked, minimum_off_time
 @pytest.mark.parametrize('is_heating', [False, True])
 def test_caution_knows_the_heater_and_its_least_time_on(asked, is_heating, minimum_on_time_s, least_heating_s):
     make(make_estimate(), settings=Settings(minimum_on_time_s=minimum_on_time_s), is_heating=is_heating)
-    assert (asked[-1].uncertainty_margin.is_heating,
-    asked[-1].uncertainty_margin.least_heating_s) == (is_heating,
-     least_heating_s)
+    margin = asked[-1].uncertainty_margin
+    assert (margin.is_heating, margin.least_heating_s) == (is_heating, least_heating_s)
 
 
 # The state, and the corrected vehicle

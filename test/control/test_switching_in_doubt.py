@@ -16,8 +16,8 @@ from bev_preheat.control.events import (
     RouteUnreadable,
     TripCancelled,
 )
-from bev_preheat.control.heating_pause import MOST_SWITCH_ONS
 from bev_preheat.control.inputs import Leg, Measurement, Mission, NS_PER_S
+from bev_preheat.control.margins import MOST_SWITCH_ONS
 from bev_preheat.control.settings import Settings
 from bev_preheat.errors import InvalidInput
 from bev_preheat.planning.situation import BatteryState

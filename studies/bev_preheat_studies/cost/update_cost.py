@@ -12,8 +12,8 @@ import numpy as np
 from bev_preheat.control.command_history import CommandHistory
 from bev_preheat.control.events import BatteryStateArrived, RouteArrived
 from bev_preheat.control.expected_drive import intervals_between
-from bev_preheat.control.forecast_plan import LEAST_PAUSE_S, MOST_MARGIN_K
 from bev_preheat.control.inputs import Leg, Measurement, Mission, NS_PER_S
+from bev_preheat.control.margins import LEAST_PAUSE_S, MOST_MARGIN_K
 from bev_preheat.control.settings import Settings
 from bev_preheat.control.supervisor import Supervisor
 from bev_preheat.control.timetable import Timetable
