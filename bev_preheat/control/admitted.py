@@ -5,7 +5,8 @@ from __future__ import annotations
 
 from typing import NamedTuple, TYPE_CHECKING
 
-from bev_preheat.control.settings import defaults_of, goal_of_leg
+from bev_preheat.control.inputs import goal_of_leg
+from bev_preheat.control.settings import defaults_of
 
 if TYPE_CHECKING:
     from bev_preheat.control.inputs import Leg, Measurement, Mission

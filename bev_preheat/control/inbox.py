@@ -23,10 +23,10 @@ from bev_preheat.control.events import (
     RouteUnreadable,
     TripCancelled,
 )
-from bev_preheat.control.inputs import check_mission, Leg, Measurement, Mission, NS_PER_S, Progress
+from bev_preheat.control.inputs import check_mission, goal_of_leg, Leg, Measurement, Mission, NS_PER_S, Progress
 from bev_preheat.control.margins import CLOCK_RESTART_S, MOST_OVERTAKEN_S
 from bev_preheat.control.refusals import PROGRESS, Refusals, RefusedRoute
-from bev_preheat.control.settings import defaults_of, goal_of_leg, Settings
+from bev_preheat.control.settings import defaults_of, Settings
 from bev_preheat.control.timetable import Timetable
 from bev_preheat.errors import age_beyond, InvalidInput
 from bev_preheat.estimation.driver_choices import CancelledTrip, DriverChoices, NO_CHOICES

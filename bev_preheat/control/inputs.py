@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from enum import IntEnum
 from typing import NamedTuple, TYPE_CHECKING
 
-from bev_preheat.control.settings import MOST_PLANNED_STEPS
+from bev_preheat.control.settings import defaults_of, MOST_PLANNED_STEPS, Settings
 from bev_preheat.errors import InvalidInput
 from bev_preheat.planning.situation import BatteryState, check_situation, Goal
 from bev_preheat.route.places import Places
@@ -175,6 +175,16 @@ class Mission:
         while number > 0 and self.legs[number].start_ns > instant_ns:
             number -= 1
         return number
+
+
+def goal_of_leg(leg: Leg, vehicle: Vehicle, settings: Settings) -> Goal:
+    """Return the Goal of a leg; settings and vehicle complete it."""
+    goal = leg.goal(defaults_of(vehicle, settings).target_battery_temperature_c)
+    # The reserve of a leg that the planner made for a preparation goal contains the route's margin already.
+    if goal.minimum_arrival_soc > 0.0 and leg.made_for is None:
+        reserve = min(goal.minimum_arrival_soc + settings.arrival_soc_margin, 1.0)
+        goal = replace(goal, minimum_arrival_soc=reserve)
+    return goal
 
 
 def in_planning_steps(route: Route, planning_step_s: float) -> Route:

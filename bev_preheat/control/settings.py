@@ -12,8 +12,6 @@ from bev_preheat.charging.worth import ENERGY_PRICE_PER_KWH, Prices, VALUE_OF_TI
 from bev_preheat.planning.planner import DEFAULT_METHOD
 
 if TYPE_CHECKING:
-    from bev_preheat.control.inputs import Leg
-    from bev_preheat.planning.situation import Goal
     from bev_preheat.vehicle.description import Defaults, Vehicle
 
 # Longer legs are planned in longer steps, so that a plan never keeps the next command waiting.
@@ -70,16 +68,6 @@ def defaults_of(vehicle: Vehicle, settings: Settings) -> Defaults:
     target_c = settings.target_temperature_c
     return vehicle.defaults if target_c is None else replace(
         vehicle.defaults, target_battery_temperature_c=target_c)
-
-
-def goal_of_leg(leg: Leg, vehicle: Vehicle, settings: Settings) -> Goal:
-    """Return the Goal of a leg; settings and vehicle complete it."""
-    goal = leg.goal(defaults_of(vehicle, settings).target_battery_temperature_c)
-    # The reserve of a leg that the planner made for a preparation goal contains the route's margin already.
-    if goal.minimum_arrival_soc > 0.0 and leg.made_for is None:
-        reserve = min(goal.minimum_arrival_soc + settings.arrival_soc_margin, 1.0)
-        goal = replace(goal, minimum_arrival_soc=reserve)
-    return goal
 
 
 # Parameters of the planner by name, and the settings that they are.
