@@ -3,13 +3,16 @@
 
 import os
 from pathlib import Path
+import subprocess
 import sys
 from xml.etree import ElementTree
 
-from setuptools import find_packages, setup
+from setuptools import Extension, find_packages, setup
+from setuptools.command.build_ext import build_ext
 from setuptools.command.develop import develop
 from setuptools.command.install_scripts import install_scripts
 
+HERE = Path(__file__).resolve().parent
 PACKAGE = 'bev_preheat'
 STUDIES = 'bev_preheat_studies'
 # A car needs no studies. With this variable at 1 they are not installed; preheat sweep, robustness and reproduce
@@ -21,6 +24,21 @@ ENTRY_POINTS = {
     'charger_adviser': f'{PACKAGE}.nodes.executables:charger_adviser',
     'vehicle_simulator': f'{PACKAGE}.nodes.executables:vehicle_simulator',
     'preheat': f'{PACKAGE}.commands.main:main',
+}
+
+
+# colcon installs the files of config/ in the share folder and builds the C core as a package of its own; without
+# colcon (pip, build) both are parts of the Python package.
+WITH_COLCON = 'COLCON' in os.environ
+CONFIGURATION, CORE = f'{PACKAGE}.config', f'{PACKAGE}.native.libbev_preheat_core'
+# The oldest supported versions are those of scripts/requirements-oldest.txt.
+REQUIREMENTS = ['argcomplete>=3.1.4', 'jsonschema>=4.10.3', 'numpy>=1.26.4', 'pyyaml>=6.0.1', 'rich>=13.7.1']
+EXTRAS = {
+    'nlp': ['casadi>=3.6'],
+    'plot': ['matplotlib>=3.6.3'],
+    'logs': [],
+    'studies': ['casadi>=3.6', 'matplotlib>=3.6.3', 'psutil>=5.9.8', 'scipy>=1.11.4'],
+    'test': ['pytest'],
 }
 
 
@@ -40,7 +58,7 @@ def check_that_messages_are_built():
     colcon does not look for packages inside a package, so a plain `colcon build` finds bev_preheat
     alone, and the lack would show only when something runs.
     """
-    if 'COLCON' not in os.environ or not {'install', 'develop'}.intersection(sys.argv):
+    if not WITH_COLCON or not {'install', 'develop'}.intersection(sys.argv):
         return
     prefixes = os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep)
     if not any(Path(prefix, 'share', f'{PACKAGE}_msgs', 'package.xml').is_file()
@@ -79,13 +97,48 @@ class Develop(DirectScripts, develop):
     """Of colcon build --symlink-install."""
 
 
+class BuildCore(build_ext):
+    """
+    Builds the C core as a library of the package; its equations are generated from the Python ones first.
+
+    Without a compiler the package is installed all the same: every caller of the core has a Python fallback.
+    """
+
+    def build_extension(self, extension):
+        """Generate the headers and compile."""
+        generated = Path(self.build_temp, 'generated')
+        headers = generated / 'bev_preheat_core_generated'
+        subprocess.run([sys.executable, '-m', f'{PACKAGE}.native.c_source', str(headers)], check=True,
+                       env={**os.environ, 'PYTHONPATH': os.pathsep.join([str(HERE), *sys.path])})
+        extension.include_dirs.append(str(generated))
+        super().build_extension(extension)
+
+    def get_ext_filename(self, name):
+        """Return the library's file name, without the suffix of a Python version: ctypes loads it."""
+        is_core = name.rpartition('.')[2] == CORE.rpartition('.')[2]
+        return os.path.join(*name.split('.')) + '.so' if is_core else super().get_ext_filename(name)
+
+    def get_export_symbols(self, extension):
+        """Export the C functions as they are; there is no PyInit function."""
+        return extension.export_symbols
+
+
+def core_library():
+    """Return the Extension that is the C core, with the compiler options of core/CMakeLists.txt."""
+    return Extension(
+        CORE, sources=sorted(map(str, Path('core', 'src').glob('*.c'))),
+        include_dirs=['core/include', 'core/src'], libraries=['m'], optional=True,
+        extra_compile_args=['-std=c99', '-O3', '-ffp-contract=off', '-fno-math-errno', '-fno-trapping-math'])
+
+
 check_that_messages_are_built()
 setup(
     name=PACKAGE,
     version=ElementTree.parse('package.xml').findtext('version'),
-    packages=[*find_packages(include=[PACKAGE, f'{PACKAGE}.*']),
+    packages=[*find_packages(include=[PACKAGE, f'{PACKAGE}.*']), *([] if WITH_COLCON else [CONFIGURATION]),
               *([] if WITHOUT_STUDIES else find_packages('studies', include=[STUDIES, f'{STUDIES}.*']))],
-    package_dir={} if WITHOUT_STUDIES else {STUDIES: f'studies/{STUDIES}'},
+    package_dir={**({} if WITHOUT_STUDIES else {STUDIES: f'studies/{STUDIES}'}),
+                 **({} if WITH_COLCON else {CONFIGURATION: 'config'})},
     package_data={PACKAGE: ['vehicle/schema.yaml', 'vehicle/heat_path_schema.yaml',
                             'route/legs_schema.yaml',
                             'charging/chargers_schema.yaml',
@@ -93,8 +146,10 @@ setup(
                             'simulation/scenario_schema.yaml', 'vehicle/chemistry.yaml',
                             'vehicle/vehicle_template.yaml',
                             'vehicle/road_load_template.yaml', 'ecu/c/*'],
+                  CONFIGURATION: ['*.yaml', '*/*', '*/*/*'],
                   STUDIES: ['footprint/*.[ch]']},
-    data_files=[
+    ext_modules=[] if WITH_COLCON else [core_library()],
+    data_files=[] if not WITH_COLCON else [
         ('share/ament_index/resource_index/packages', [f'resource/{PACKAGE}']),
         (f'share/{PACKAGE}', ['package.xml']),
         # colcon.pkg names these as hooks of the install space's setup files; bin/ comes into PATH.
@@ -103,15 +158,18 @@ setup(
         ('bin', ['resource/bin/preheat']),
         *configuration_files(),
     ],
-    install_requires=['setuptools'],
-    extras_require={'test': ['pytest']},
+    python_requires='>=3.11',
+    install_requires=['setuptools'] if WITH_COLCON else REQUIREMENTS,
+    extras_require=EXTRAS,
     zip_safe=False,
     maintainer='bev_preheat maintainers',
     maintainer_email='maintainers@example.com',
     description='Battery preheating before fast charging, as a ROS 2 node.',
     license='Apache-2.0',
     entry_points={
-        'console_scripts': [f'{name} = {function}' for name, function in ENTRY_POINTS.items()],
+        # The nodes run with ROS, so with colcon.
+        'console_scripts': [f'{name} = {function}' for name, function in ENTRY_POINTS.items()
+                            if WITH_COLCON or name == 'preheat'],
     },
-    cmdclass={'install_scripts': InstallScripts, 'develop': Develop},
+    cmdclass={'build_ext': BuildCore, 'install_scripts': InstallScripts, 'develop': Develop},
 )

@@ -15,7 +15,9 @@ def configuration_folder(kind: str) -> Path:
     """Folder of the files of a kind (`vehicles`, `itineraries`) that come with the package."""
     if (_SOURCES / 'config').is_dir():
         return _SOURCES / 'config' / kind
-    return share_folder() / 'config' / kind
+    # Installed by pip they lie in the package, by colcon in the share folder.
+    in_package = Path(__file__).resolve().parents[1] / 'config'
+    return (in_package if in_package.is_dir() else share_folder() / 'config') / kind
 
 
 def find_configuration(kind: str, name_or_file: str | Path, suffix: str) -> Path:

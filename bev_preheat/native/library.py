@@ -138,6 +138,10 @@ def _loaded() -> tuple[Any, str]:
         path = os.path.join(prefix, 'lib', FILE)
         if os.path.isfile(path):
             return _load(path)
+    # Installed by pip it lies beside this file.
+    path = os.path.join(os.path.dirname(__file__), FILE)
+    if os.path.isfile(path):
+        return _load(path)
     return None, 'package bev_preheat_core is not built'
 
 
