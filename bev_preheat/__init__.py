@@ -1,8 +1,65 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Battery preheating before fast charging: model, planning, command line and ROS 2 nodes."""
+"""
+Battery preheating before fast charging: model, planning, command line and ROS 2 nodes.
 
+`import bev_preheat as bp` gives the public Python interface, the names in `__all__`; everything else is internal
+and may change. A name is loaded when it is first used, so that the nodes do not load what they do not need.
+"""
+
+from importlib import import_module
 import os
+from typing import Any, TYPE_CHECKING
 
 # Before NumPy loads. No matrix here has more than some ten rows, and OpenBLAS begins by starting a
 # thread for each core: a quarter of the processor time that the planner takes to start.
 os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
+
+__all__ = [
+    'BatteryState', 'ComparisonResult', 'DriveResult', 'Goal', 'HeaterFault', 'InvalidInput', 'Mismatch',
+    'OptimumResult', 'PlanResult', 'PlanningFailure', 'Route', 'Sensors', 'SessionResult', 'Vehicle',
+    'WorthResult', 'charging_session', 'compare', 'drive', 'load_route', 'load_vehicle', 'make_route', 'methods',
+    'optimum', 'plan', 'routes', 'vehicles', 'worth']
+
+if TYPE_CHECKING:
+    from bev_preheat.errors import InvalidInput, PlanningFailure
+    from bev_preheat.interface.functions import (
+        charging_session,
+        compare,
+        drive,
+        methods,
+        optimum,
+        plan,
+        worth,
+    )
+    from bev_preheat.interface.inputs import load_route, load_vehicle, make_route, routes, vehicles
+    from bev_preheat.interface.results import (
+        ComparisonResult,
+        DriveResult,
+        OptimumResult,
+        PlanResult,
+        SessionResult,
+        WorthResult,
+    )
+    from bev_preheat.planning.situation import BatteryState, Goal
+    from bev_preheat.route import Route
+    from bev_preheat.simulation.heater_faults import HeaterFault
+    from bev_preheat.simulation.mismatch import Mismatch
+    from bev_preheat.simulation.sensors import Sensors
+    from bev_preheat.vehicle import Vehicle
+else:
+    _MODULES = {
+        **dict.fromkeys(('InvalidInput', 'PlanningFailure'), 'errors'),
+        **dict.fromkeys(('charging_session', 'compare', 'drive', 'methods', 'optimum', 'plan', 'worth'),
+                        'interface.functions'),
+        **dict.fromkeys(('load_route', 'load_vehicle', 'make_route', 'routes', 'vehicles'), 'interface.inputs'),
+        **dict.fromkeys(('ComparisonResult', 'DriveResult', 'OptimumResult', 'PlanResult', 'SessionResult',
+                         'WorthResult'), 'interface.results'),
+        **dict.fromkeys(('BatteryState', 'Goal'), 'planning.situation'),
+        'Route': 'route', 'HeaterFault': 'simulation.heater_faults', 'Mismatch': 'simulation.mismatch',
+        'Sensors': 'simulation.sensors', 'Vehicle': 'vehicle'}
+
+    def __getattr__(name: str) -> Any:
+        """Return a name of `__all__` out of its module."""
+        if name not in _MODULES:
+            raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
+        return getattr(import_module(f'{__name__}.{_MODULES[name]}'), name)

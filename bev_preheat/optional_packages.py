@@ -17,6 +17,7 @@ PURPOSES = {
     'do_mpc': 'is what the nonlinear program is compared with',
     'elftools': 'reads object files',
     'matplotlib': 'draws figures',
+    'pandas': 'holds results as tables',
     'plotext': 'draws the chart',
     'psutil': 'measures processes',
     'scipy': 'fits the vehicle to the paper',
@@ -42,6 +43,13 @@ def advice(module: str) -> str:
     package, target = PACKAGES.get(module, module), TARGETS.get(module, 'setup')
     return (f'the Python package {package}, which {PURPOSES[module]}, is not installed; in the checkout, '
             f'make {target} installs it; elsewhere: python3 -m pip install {package}')
+
+
+def require_ros() -> None:
+    """Raise MissingPackage if ROS 2 cannot be imported."""
+    if find_spec('rclpy') is None or find_spec('bev_preheat_msgs') is None:
+        raise MissingPackage('this command talks to a planner over ROS 2, which is not there; source the setup file '
+                             'of ROS 2 and of the workspace that bev_preheat is built in')
 
 
 def require(*modules: str) -> None:

@@ -40,7 +40,7 @@ def run(arguments: Namespace) -> int:
     situation = read_situation(arguments)
     check_output_arguments(arguments, situation.files)
     require('casadi')
-    from bev_preheat.optimum.solve import solve_optimum, SolverFailure
+    from bev_preheat.nonlinear_program.solve import solve_optimum, SolverFailure
     inputs = situation.vehicle, situation.route, situation.state, situation.goal
     plans = [plan_preheating(*inputs, method, no_regret=method == DEFAULT_METHOD)
              for method in METHODS]

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from bev_preheat.errors import InvalidInput
 from bev_preheat.files.output_files import check_outputs, OutputFile
 from bev_preheat.monitoring.end_signals import end_signals
+from bev_preheat.optional_packages import require_ros
 
 if TYPE_CHECKING:
     from argparse import Namespace
@@ -59,6 +60,7 @@ def run(arguments: Namespace) -> int:
 
 def _listen(arguments: Namespace, signals: EndSignals) -> int:
     """Show what is heard until a signal comes; return the exit status."""
+    require_ros()
     from rclpy.exceptions import InvalidNamespaceException
     from rich.console import Console
 

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from argparse import ArgumentParser, Namespace
 
     from bev_preheat.commands.arguments import Subparsers
-    from bev_preheat.optimum.solve import Optimum
+    from bev_preheat.nonlinear_program.solve import Optimum
 
 
 def add_parser(subparsers: Subparsers) -> None:
@@ -40,7 +40,7 @@ def run(arguments: Namespace) -> int:
     situation = read_situation(arguments)
     check_output_arguments(arguments, situation.files)
     require('casadi')
-    from bev_preheat.optimum.solve import solve_optimum, SolverFailure
+    from bev_preheat.nonlinear_program.solve import solve_optimum, SolverFailure
     title = f'vehicle {situation.vehicle.name}, route {arguments.route}'
     try:
         with progress_console().status('solving …'):

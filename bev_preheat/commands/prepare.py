@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from bev_preheat.console.program import FAILED, INTERRUPTED, say
 from bev_preheat.errors import InvalidInput, quoted
+from bev_preheat.optional_packages import require_ros
 
 if TYPE_CHECKING:
     from argparse import Namespace
@@ -68,6 +69,7 @@ def run(arguments: Namespace) -> int:
                            f'{LONGEST_MIN:g} min')
     ready_in_s = (seconds_until(arguments.at, datetime.now()) if arguments.at is not None
                   else None if minutes is None else 60.0 * minutes)
+    require_ros()
     from bev_preheat.monitoring.end_signals import end_signals
     try:
         # From here on, because loading ROS takes a while too.

@@ -46,8 +46,8 @@ from bev_preheat.nodes.process import run_node
 from bev_preheat.nodes.route_intake import RouteIntake
 from bev_preheat.nodes.route_listener import RouteListener
 from bev_preheat.nodes.setup_watch import SetupWatch
-from bev_preheat.optimum.protocol import Failure, SolverAnswer
-from bev_preheat.optimum.solver_process import MOST_NICE, SolverProcess
+from bev_preheat.nonlinear_program.protocol import Failure, SolverAnswer
+from bev_preheat.nonlinear_program.solver_process import MOST_NICE, SolverProcess
 from bev_preheat.optional_packages import require
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat_msgs.msg import OptimalityReport, PreheatPlan

@@ -54,7 +54,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from bev_preheat.charging.worth import Worth
-    from bev_preheat.optimum.charging_program import ChargingOptimum
+    from bev_preheat.nonlinear_program.charging_program import ChargingOptimum
     from bev_preheat_studies.charging_worth import WorthCase
     from bev_preheat_studies.optimality.worth_gap import WorthGap
 

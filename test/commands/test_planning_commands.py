@@ -118,7 +118,7 @@ def test_plan_is_that_of_the_arguments(written):
 
 @pytest.mark.needs('casadi')
 def test_optimum_is_that_of_the_arguments(written):
-    from bev_preheat.optimum import solve
+    from bev_preheat.nonlinear_program import solve
     route = load_route('reference', VEHICLE.defaults)
     optimum = solve.solve_optimum(VEHICLE, route, STATE, GOAL)
     assert written('optimum')['energy_wh']['battery_total'] == pytest.approx(
@@ -249,7 +249,7 @@ def test_numbers_that_json_does_not_have_become_null(tmp_path):
 
 @pytest.mark.parametrize('command', [OPTIMUM, COMPARE])
 def test_solver_failure_ends_with_1_and_one_line(monkeypatch, tmp_path, refusal, command):
-    from bev_preheat.optimum import solve
+    from bev_preheat.nonlinear_program import solve
 
     def solve_optimum(*arguments):
         raise solve.SolverFailure('IPOPT ended with Restoration_Failed')

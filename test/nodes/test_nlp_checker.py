@@ -22,7 +22,7 @@ from std_srvs.srv import Trigger
 
 from bev_preheat.control.inputs import NS_PER_S
 from bev_preheat.nodes.convert import nanoseconds, ROUTE_FIELDS, time_message
-from bev_preheat.optimum.solve import solve_optimum
+from bev_preheat.nonlinear_program.solve import solve_optimum
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState as State
 from bev_preheat.planning.situation import Goal

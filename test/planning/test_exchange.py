@@ -204,7 +204,7 @@ def test_the_states_of_the_plan_are_those_of_a_drive_under_its_commands(number):
 @pytest.mark.parametrize('number, before_wh, after_wh', [
     (TIGHT, 20.0, 0.3), (CLIMB, 6.0, 0.3), (401, 1.0, 0.3), (DESCENT, 6.0, 1.5), (TARGET, 2.0, 1.5)])
 def test_the_plan_is_close_to_the_program_where_thresholds_alone_were_not(number, before_wh, after_wh):
-    from bev_preheat.optimum.solve import solve_optimum
+    from bev_preheat.nonlinear_program.solve import solve_optimum
     drawn = draw_limit_trip(CAR, 1, number)
     optimum = solve_optimum(drawn.vehicle, drawn.route, drawn.state, drawn.goal).plan
     trip, _, _, schedule = planned(number)

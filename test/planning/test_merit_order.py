@@ -162,7 +162,7 @@ SHORT_OF_RESERVE = pytest.mark.parametrize('number', [
 
 @lru_cache
 def plan_and_optimum(number):
-    from bev_preheat.optimum.solve import solve_optimum
+    from bev_preheat.nonlinear_program.solve import solve_optimum
     trip = draw_limit_trip(SHIPPED_CAR, 11, number)
     inputs = trip.vehicle, trip.route, trip.state, trip.goal
     return trip, plan_preheating(*inputs), solve_optimum(*inputs)
@@ -248,7 +248,7 @@ def test_with_a_reserve_it_arrives_as_warm_as_the_program(number):
 @pytest.mark.costly
 @pytest.mark.needs('casadi')
 def test_charge_counts_less_before_a_descent_that_a_full_battery_cannot_take():
-    from bev_preheat.optimum.solve import solve_optimum
+    from bev_preheat.nonlinear_program.solve import solve_optimum
     trip, _ = drawn_plan(307561, minimum_arrival_soc=0.0)
     goal = replace(trip.goal, minimum_arrival_soc=0.0)
     # The program takes free heat for any gain at all, and so does the method by itself.

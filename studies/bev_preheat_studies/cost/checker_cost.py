@@ -7,8 +7,8 @@ from statistics import median
 from time import monotonic, sleep
 from typing import TYPE_CHECKING
 
-from bev_preheat.optimum.protocol import Question, SolverAnswer
-from bev_preheat.optimum.solver_process import SolverProcess
+from bev_preheat.nonlinear_program.protocol import Question, SolverAnswer
+from bev_preheat.nonlinear_program.solver_process import SolverProcess
 from bev_preheat.route import load_route
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat_studies.cost.figures import Figure
@@ -17,7 +17,7 @@ from bev_preheat_studies.cost.planning_cost import GOAL, STATE
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from bev_preheat.optimum.protocol import Failure
+    from bev_preheat.nonlinear_program.protocol import Failure
     from bev_preheat.route import Route
     from bev_preheat.vehicle import Vehicle
 

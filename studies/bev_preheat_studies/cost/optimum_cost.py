@@ -17,7 +17,7 @@ from bev_preheat_studies.cost.planning_cost import GOAL, SLOW, STATE
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from bev_preheat.optimum.solve import Optimum
+    from bev_preheat.nonlinear_program.solve import Optimum
 
 # What is compared takes turns, so that both meet the same load of the machine.
 ROUNDS = 15
@@ -31,7 +31,7 @@ SAME_ENERGY_WH = 1.0
 
 def measure(log: Callable[[str], object]) -> list[Figure]:
     """Return the Figures; `log` takes a line of progress."""
-    from bev_preheat.optimum.solve import solve_optimum
+    from bev_preheat.nonlinear_program.solve import solve_optimum
     from bev_preheat_studies.cost.peer_problem import PeerProblem
     vehicle = load_vehicle('reference')
     route = load_route('reference', vehicle.defaults)

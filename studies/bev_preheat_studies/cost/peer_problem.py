@@ -15,10 +15,10 @@ import warnings
 import casadi
 import numpy as np
 
-from bev_preheat.optimum.blocks import POWER_SCALE_W
-from bev_preheat.optimum.drive_step import ENERGY_SCALE_J, SOC_SCALE
-from bev_preheat.optimum.program_solvers import IPOPT_OPTIONS
-from bev_preheat.optimum.symbols import SYMBOLS
+from bev_preheat.nonlinear_program.blocks import POWER_SCALE_W
+from bev_preheat.nonlinear_program.drive_step import ENERGY_SCALE_J, SOC_SCALE
+from bev_preheat.nonlinear_program.program_solvers import IPOPT_OPTIONS
+from bev_preheat.nonlinear_program.symbols import SYMBOLS
 from bev_preheat.planning.dynamics import run_forward
 from bev_preheat.planning.schedule import Schedule, switched_on_s
 from bev_preheat.planning.situation import reserve_soc

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
     from concurrent.futures import Executor
 
-    from bev_preheat.optimum.solve import Optimum
+    from bev_preheat.nonlinear_program.solve import Optimum
     from bev_preheat.planning.plan import Plan
     from bev_preheat.vehicle import Vehicle
     from bev_preheat_studies.optimality.drawn_trips import DrawnTrip
@@ -85,7 +85,7 @@ def solve_trip(vehicle: Vehicle, seed: int, number: int, trips: str = 'free') ->
 
     `trips`: 'free' (no limit is active, and the program has none) or 'limits' (they matter).
     """
-    from bev_preheat.optimum.solve import solve_optimum, SolverFailure
+    from bev_preheat.nonlinear_program.solve import solve_optimum, SolverFailure
     trip = DRAWS[trips](vehicle, seed, number)
     inputs = trip.vehicle, trip.route, trip.state, trip.goal
     limited = trips == 'limits'
@@ -136,7 +136,7 @@ def _violation(drawn: DrawnTrip, plan: Plan) -> float:
 
 
 def _outcome(optimum: Optimum) -> tuple[str, str]:
-    from bev_preheat.optimum.deficits import ARRIVAL_SOC, HIGHEST_TEMPERATURE, TARGET
+    from bev_preheat.nonlinear_program.deficits import ARRIVAL_SOC, HIGHEST_TEMPERATURE, TARGET
     if optimum.deficit:
         deficit = {item.constraint for item in optimum.deficit} - {HIGHEST_TEMPERATURE}
         outcome = (BEYOND_RANGE if not deficit else UNREACHABLE if deficit == {TARGET} else

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from bev_preheat.charging.worth import Worth
-    from bev_preheat.optimum.charging_program import ChargingOptimum
+    from bev_preheat.nonlinear_program.charging_program import ChargingOptimum
     from bev_preheat_studies.optimality.charging_trips import ChargingTrip
 
 # Outcomes of a trip.
@@ -142,7 +142,7 @@ def _worth_of(trip: ChargingTrip) -> Worth:
 
 
 def _optimum_of(trip: ChargingTrip, worth: Worth) -> ChargingOptimum:
-    from bev_preheat.optimum.charging_program import solve_charging
+    from bev_preheat.nonlinear_program.charging_program import solve_charging
     return solve_charging(trip.vehicle, trip.route, trip.state, trip.goal, trip.stop, trip.prices,
                           (worth.best.target_c,))
 

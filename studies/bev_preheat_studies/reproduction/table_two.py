@@ -21,8 +21,8 @@ from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.curves import InverseTemperatureResistance
 
 if TYPE_CHECKING:
+    from bev_preheat.nonlinear_program.solve import Optimum
     from bev_preheat.numerics.arrays import FloatArray
-    from bev_preheat.optimum.solve import Optimum
     from bev_preheat.planning.plan import Plan
     from bev_preheat.route import Route
     from bev_preheat.vehicle import Vehicle
@@ -88,7 +88,7 @@ class Reproduction:
 
 def reproduce(vehicle: Vehicle | None = None) -> Reproduction:
     """Return the Reproduction, with the reference vehicle or another one."""
-    from bev_preheat.optimum.solve import solve_optimum
+    from bev_preheat.nonlinear_program.solve import solve_optimum
     vehicle = vehicle or load_vehicle('reference')
     route = load_route('reference', vehicle.defaults)
     heuristic = _heuristic(vehicle, route)

@@ -12,7 +12,7 @@ from rich.console import Console
 
 from bev_preheat.commands.main import main
 from bev_preheat.console.program import Interrupted, WorkerLost
-from bev_preheat.optimum import solve
+from bev_preheat.nonlinear_program import solve
 from bev_preheat.planning.planner import METHODS
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat_studies.commands.sweep import print_summary

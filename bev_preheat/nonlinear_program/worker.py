@@ -17,7 +17,7 @@ from time import monotonic
 from typing import TYPE_CHECKING
 
 from bev_preheat.errors import InvalidInput
-from bev_preheat.optimum.protocol import (
+from bev_preheat.nonlinear_program.protocol import (
     CHUNK_BYTES,
     Failure,
     framed,
@@ -33,7 +33,7 @@ from bev_preheat.route.segments import make_route
 from bev_preheat.vehicle.corrections import corrected_vehicle, Corrections
 
 if TYPE_CHECKING:
-    from bev_preheat.optimum.protocol import Question, Thing
+    from bev_preheat.nonlinear_program.protocol import Question, Thing
     from bev_preheat.route import Route
     from bev_preheat.vehicle import Vehicle
 
@@ -87,7 +87,7 @@ def _receive(connection: socket.socket, messages: queue.SimpleQueue[Thing]) -> N
 def _warm_up(vehicle: Vehicle) -> None:
     """Load the solver and solve the least there is to solve, which loads the solver's library as well."""
     try:
-        from bev_preheat.optimum.solve import solve_optimum
+        from bev_preheat.nonlinear_program.solve import solve_optimum
         battery = vehicle.battery
         temperature_c = sum(battery.temperature_range_c) / 2.0
         parked = make_route({
@@ -102,7 +102,7 @@ def _warm_up(vehicle: Vehicle) -> None:
 def _prepare(vehicle: Vehicle, route: Route) -> Prepared:
     """Return the Prepared of a Route."""
     try:
-        from bev_preheat.optimum.solve import prepare_programs
+        from bev_preheat.nonlinear_program.solve import prepare_programs
         prepare_programs(vehicle, route)
     except Exception:
         return Prepared(None)
@@ -118,9 +118,9 @@ def _answer(vehicle: Vehicle, question: Question) -> SolverAnswer | Failure:
         route = route.with_propulsion(question.model_factors[-1])
     situation = route, question.state, question.goal
     try:
-        from bev_preheat.optimum.attempt import SUCCESS
-        from bev_preheat.optimum.program import programs_built
-        from bev_preheat.optimum.solve import solve_optimum
+        from bev_preheat.nonlinear_program.attempt import SUCCESS
+        from bev_preheat.nonlinear_program.program import programs_built
+        from bev_preheat.nonlinear_program.solve import solve_optimum
         built_before = programs_built()
         method_plan = plan_preheating(corrected_vehicle(vehicle, corrections), *situation,
                                       question.method) if question.method else None

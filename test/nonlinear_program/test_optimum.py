@@ -14,9 +14,9 @@ import pytest
 import short_stretches
 
 from bev_preheat.errors import InvalidInput
-from bev_preheat.optimum import program, program_solvers, solve
-from bev_preheat.optimum.attempt import SUCCESS
-from bev_preheat.optimum.deficits import (
+from bev_preheat.nonlinear_program import program, program_solvers, solve
+from bev_preheat.nonlinear_program.attempt import SUCCESS
+from bev_preheat.nonlinear_program.deficits import (
     ARRIVAL_SOC,
     CHARGE,
     DISCHARGE_POWER,
@@ -25,7 +25,7 @@ from bev_preheat.optimum.deficits import (
     LOWEST_SOC,
     TARGET,
 )
-from bev_preheat.optimum.solve import NOT_SOLVED, prepare_programs, solve_optimum, SolverFailure
+from bev_preheat.nonlinear_program.solve import NOT_SOLVED, prepare_programs, solve_optimum, SolverFailure
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.status import Status

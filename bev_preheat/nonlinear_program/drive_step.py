@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 import casadi
 
-from bev_preheat.optimum.blocks import POWER_SCALE_W
-from bev_preheat.optimum.layout import ProgramQuantity
-from bev_preheat.optimum.symbols import (
+from bev_preheat.nonlinear_program.blocks import POWER_SCALE_W
+from bev_preheat.nonlinear_program.layout import ProgramQuantity
+from bev_preheat.nonlinear_program.symbols import (
     FACTORS,
     symbolic_curve,
     symbolic_heated_step,

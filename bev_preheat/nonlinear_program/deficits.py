@@ -11,7 +11,7 @@ import numpy as np
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from bev_preheat.optimum.program import ProgramSolution
+    from bev_preheat.nonlinear_program.program import ProgramSolution
     from bev_preheat.planning.trip import Trip
 
 # Constraints that may be lacking something.

@@ -11,11 +11,11 @@ import pytest
 from bev_preheat.charging.session import charge
 from bev_preheat.charging.stop import ChargingStop, stop_after
 from bev_preheat.charging.worth import find_worth, Prices
+from bev_preheat.nonlinear_program import charging_steps, smooth_maps
+from bev_preheat.nonlinear_program.charging_program import ChargingProgram, solve_charging
+from bev_preheat.nonlinear_program.charging_steps import symbolic_charging_step
+from bev_preheat.nonlinear_program.smooth_maps import SMOOTH, smooth_weights, smoothed
 from bev_preheat.numerics.arithmetic import FLOATS
-from bev_preheat.optimum import charging_steps, smooth_maps
-from bev_preheat.optimum.charging_program import ChargingProgram, solve_charging
-from bev_preheat.optimum.charging_steps import symbolic_charging_step
-from bev_preheat.optimum.smooth_maps import SMOOTH, smooth_weights, smoothed
 from bev_preheat.planning.planner import plan_unheated
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route import Route

@@ -29,8 +29,8 @@ from typing import TYPE_CHECKING
 import casadi
 import numpy as np
 
-from bev_preheat.optimum.blocks import POWER_SCALE_W
-from bev_preheat.optimum.drive_step import (
+from bev_preheat.nonlinear_program.blocks import POWER_SCALE_W
+from bev_preheat.nonlinear_program.drive_step import (
     CORRECTIONS,
     drive_controls,
     drive_states,
@@ -40,9 +40,9 @@ from bev_preheat.optimum.drive_step import (
     ROUTE_INPUTS,
     SOC_SCALE,
 )
-from bev_preheat.optimum.layout import Layout, ProgramQuantity
-from bev_preheat.optimum.program_solvers import make_solver
-from bev_preheat.optimum.stages import Stage, StagedProgram
+from bev_preheat.nonlinear_program.layout import Layout, ProgramQuantity
+from bev_preheat.nonlinear_program.program_solvers import make_solver
+from bev_preheat.nonlinear_program.stages import Stage, StagedProgram
 
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray

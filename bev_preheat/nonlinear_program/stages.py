@@ -21,8 +21,8 @@ from typing import TYPE_CHECKING
 import casadi
 import numpy as np
 
-from bev_preheat.optimum.along_rows import along_rows
-from bev_preheat.optimum.layout import Layout, ProgramQuantity, VariableBlock
+from bev_preheat.nonlinear_program.along_rows import along_rows
+from bev_preheat.nonlinear_program.layout import Layout, ProgramQuantity, VariableBlock
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence

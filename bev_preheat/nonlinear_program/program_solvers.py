@@ -14,7 +14,7 @@ import casadi
 if TYPE_CHECKING:
     from typing import Any
 
-    from bev_preheat.optimum.stages import StagedProgram
+    from bev_preheat.nonlinear_program.stages import StagedProgram
 
     # What CasADi takes by name; its own hints leave much of that out.
     ByName = dict[str, Any]

@@ -6,9 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from bev_preheat.nonlinear_program.attempt import SUCCESS
+from bev_preheat.nonlinear_program.solve import solve_optimum
 from bev_preheat.numerics.arithmetic import FLOATS
-from bev_preheat.optimum.attempt import SUCCESS
-from bev_preheat.optimum.solve import solve_optimum
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.trip import make_trip

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.optimum.attempt import (
+from bev_preheat.nonlinear_program.attempt import (
     Attempt,
     attempt,
     available_solvers,
@@ -19,10 +19,10 @@ from bev_preheat.optimum.attempt import (
     SUCCESS,
     unheated_start,
 )
-from bev_preheat.optimum.deficits import CHARGE, find_deficits, SOC_TOLERANCE, StepDeficit, TOLERANCE_W
-from bev_preheat.optimum.drive_step import ENERGY_SCALE_J
-from bev_preheat.optimum.program import build_program, Give
-from bev_preheat.optimum.smooth_maps import smoothed_a_little
+from bev_preheat.nonlinear_program.deficits import CHARGE, find_deficits, SOC_TOLERANCE, StepDeficit, TOLERANCE_W
+from bev_preheat.nonlinear_program.drive_step import ENERGY_SCALE_J
+from bev_preheat.nonlinear_program.program import build_program, Give
+from bev_preheat.nonlinear_program.smooth_maps import smoothed_a_little
 from bev_preheat.planning.dynamics import HOTTEST_BEYOND_RANGE_K, JOULES_PER_WH
 from bev_preheat.planning.heat_run import along_states
 from bev_preheat.planning.limits import limits_hold, run_unheated

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import casadi
 
-from bev_preheat.optimum.drive_step import (
+from bev_preheat.nonlinear_program.drive_step import (
     CORRECTIONS,
     drive_controls,
     drive_states,
@@ -18,7 +18,7 @@ from bev_preheat.optimum.drive_step import (
 )
 
 if TYPE_CHECKING:
-    from bev_preheat.optimum.blocks import Blocks
+    from bev_preheat.nonlinear_program.blocks import Blocks
     from bev_preheat.vehicle import Vehicle
 
 

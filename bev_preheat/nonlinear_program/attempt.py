@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.optimum.drive_step import RESERVES
-from bev_preheat.optimum.program import build_program, Give, NonlinearProgram, ProgramSolution
-from bev_preheat.optimum.program_solvers import FATROP, has_fatrop, IPOPT
-from bev_preheat.optimum.symbols import FACTORS
+from bev_preheat.nonlinear_program.drive_step import RESERVES
+from bev_preheat.nonlinear_program.program import build_program, Give, NonlinearProgram, ProgramSolution
+from bev_preheat.nonlinear_program.program_solvers import FATROP, has_fatrop, IPOPT
+from bev_preheat.nonlinear_program.symbols import FACTORS
 from bev_preheat.planning.limits import drive_as_planned
 from bev_preheat.planning.planner import plan_without_heating
 from bev_preheat.planning.situation import BatteryState, Goal, reserve_soc
@@ -26,8 +26,8 @@ from bev_preheat.vehicle.description import Vehicle
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from bev_preheat.nonlinear_program.layout import Values
     from bev_preheat.numerics.arrays import FloatArray
-    from bev_preheat.optimum.layout import Values
     from bev_preheat.planning.schedule import Schedule
 
 SUCCESS = 'Solve_Succeeded'

@@ -7,8 +7,8 @@ import casadi
 import numpy as np
 import pytest
 
+from bev_preheat.nonlinear_program.symbols import symbolic_curve, symbolic_rates, symbolic_step
 from bev_preheat.numerics.arithmetic import FLOATS, SATURATING_FLOATS
-from bev_preheat.optimum.symbols import symbolic_curve, symbolic_rates, symbolic_step
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.corrections import corrected_vehicle, Corrections
 from bev_preheat.vehicle.model import make_rates, make_runge_kutta_4

@@ -12,9 +12,9 @@ import numpy as np
 import psutil
 import pytest
 
-from bev_preheat.optimum.protocol import Failure, Question, SolverAnswer
-from bev_preheat.optimum.solve import solve_optimum
-from bev_preheat.optimum.solver_process import SolverProcess
+from bev_preheat.nonlinear_program.protocol import Failure, Question, SolverAnswer
+from bev_preheat.nonlinear_program.solve import solve_optimum
+from bev_preheat.nonlinear_program.solver_process import SolverProcess
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route import load_route
@@ -38,8 +38,8 @@ BLOCKED_S = 20.0
 # Asks, says which process solves, and is killed before it gets the answer.
 OWNER = """
 import sys, time
-from bev_preheat.optimum.protocol import Question
-from bev_preheat.optimum.solver_process import SolverProcess
+from bev_preheat.nonlinear_program.protocol import Question
+from bev_preheat.nonlinear_program.solver_process import SolverProcess
 sys.path.insert(0, sys.argv[1])
 from test_worker import LONG_QUESTION, VEHICLE
 solver = SolverProcess(VEHICLE, niceness=0)
@@ -58,7 +58,7 @@ def children():
 
 def is_solver(process):
     try:
-        return 'bev_preheat.optimum.worker' in ' '.join(process.cmdline())
+        return 'bev_preheat.nonlinear_program.worker' in ' '.join(process.cmdline())
     except (psutil.NoSuchProcess, psutil.ZombieProcess):
         # Killed; one that gets no computing time may be released later.
         return False
@@ -378,7 +378,7 @@ def test_close_while_solving_leaves_nothing(solver):
 
 def test_asking_loads_no_solver_and_no_ros():
     done = subprocess.run(
-        [sys.executable, '-c', 'import sys, bev_preheat.optimum.solver_process\n'
+        [sys.executable, '-c', 'import sys, bev_preheat.nonlinear_program.solver_process\n'
          "print([name for name in ('casadi', 'rclpy', 'matplotlib') if name in sys.modules])"],
         capture_output=True, text=True, check=True)
     assert done.stdout.strip() == '[]'

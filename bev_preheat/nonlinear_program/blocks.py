@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import casadi
 
-from bev_preheat.optimum.layout import Layout, VariableBlock
+from bev_preheat.nonlinear_program.layout import Layout, VariableBlock
 
 # The scale that brings powers near 1.
 POWER_SCALE_W = 1e3

@@ -7,11 +7,11 @@ import casadi
 import numpy as np
 import pytest
 
-from bev_preheat.optimum import attempt as attempts
-from bev_preheat.optimum.attempt import Problem, SUCCESS
-from bev_preheat.optimum.program import build_program, Give
-from bev_preheat.optimum.program_solvers import FATROP, IPOPT
-from bev_preheat.optimum.solve import solve_optimum
+from bev_preheat.nonlinear_program import attempt as attempts
+from bev_preheat.nonlinear_program.attempt import Problem, SUCCESS
+from bev_preheat.nonlinear_program.program import build_program, Give
+from bev_preheat.nonlinear_program.program_solvers import FATROP, IPOPT
+from bev_preheat.nonlinear_program.solve import solve_optimum
 from bev_preheat.planning.limits import drive_as_planned
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.trip import make_trip

@@ -7,10 +7,10 @@ import casadi
 import numpy as np
 import pytest
 
-from bev_preheat.optimum.along_rows import along_rows
-from bev_preheat.optimum.layout import Layout, VariableBlock
-from bev_preheat.optimum.program import build_program, Give
-from bev_preheat.optimum.program_solvers import derivatives
+from bev_preheat.nonlinear_program.along_rows import along_rows
+from bev_preheat.nonlinear_program.layout import Layout, VariableBlock
+from bev_preheat.nonlinear_program.program import build_program, Give
+from bev_preheat.nonlinear_program.program_solvers import derivatives
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.heat_path import HeatPath
 

@@ -22,18 +22,18 @@ from bev_preheat.charging.equations import (
     make_charging_rates,
     supply_of,
 )
-from bev_preheat.optimum.blocks import POWER_SCALE_W
-from bev_preheat.optimum.drive_step import SOC_SCALE
-from bev_preheat.optimum.smooth_maps import SMOOTH, smoothed
-from bev_preheat.optimum.symbols import SYMBOLS
+from bev_preheat.nonlinear_program.blocks import POWER_SCALE_W
+from bev_preheat.nonlinear_program.drive_step import SOC_SCALE
+from bev_preheat.nonlinear_program.smooth_maps import SMOOTH, smoothed
+from bev_preheat.nonlinear_program.symbols import SYMBOLS
 from bev_preheat.vehicle.charging import charging_of
 from bev_preheat.vehicle.heat_path import make_heat_step
 from bev_preheat.vehicle.model import make_rates, make_runge_kutta_4
 
 if TYPE_CHECKING:
     from bev_preheat.charging.stop import ChargingStop
-    from bev_preheat.optimum.blocks import Blocks
-    from bev_preheat.optimum.drive_steps import DriveSteps
+    from bev_preheat.nonlinear_program.blocks import Blocks
+    from bev_preheat.nonlinear_program.drive_steps import DriveSteps
     from bev_preheat.vehicle import Vehicle
 
 # Half the width of the switch [K].

@@ -17,7 +17,7 @@ import sys
 from time import monotonic
 from typing import TYPE_CHECKING
 
-from bev_preheat.optimum.protocol import (
+from bev_preheat.nonlinear_program.protocol import (
     CHUNK_BYTES,
     Failure,
     framed,
@@ -30,7 +30,7 @@ from bev_preheat.optimum.protocol import (
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from bev_preheat.optimum.protocol import Question, Thing
+    from bev_preheat.nonlinear_program.protocol import Question, Thing
     from bev_preheat.route import Route
     from bev_preheat.vehicle import Vehicle
 
@@ -40,8 +40,8 @@ START_LIMIT_S = 180.0
 # How long a killed process may take to be gone [s].
 END_LIMIT_S = 2.0
 # Polite before the first import, as importing takes most of a core for a while.
-PROGRAM = ('import os; os.nice({niceness}); from bev_preheat.optimum.asking_process import end_with; '
-           'end_with({parent}); from bev_preheat.optimum.worker import serve; '
+PROGRAM = ('import os; os.nice({niceness}); from bev_preheat.nonlinear_program.asking_process import end_with; '
+           'end_with({parent}); from bev_preheat.nonlinear_program.worker import serve; '
            'serve({descriptor}, {niceness})')
 # Solving takes only computing time that nobody else wants.
 MOST_NICE = 19

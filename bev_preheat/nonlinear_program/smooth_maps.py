@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 
 import casadi
 
-from bev_preheat.optimum.symbols import SYMBOLS
+from bev_preheat.nonlinear_program.symbols import SYMBOLS
 from bev_preheat.vehicle.curves import Table
 
 if TYPE_CHECKING:

@@ -23,10 +23,10 @@ import numpy as np
 from bev_preheat.charging.session import charge
 from bev_preheat.charging.stop import arrival_state
 from bev_preheat.charging.worth import SECONDS_PER_H, WH_PER_KWH
-from bev_preheat.optimum.blocks import Blocks
-from bev_preheat.optimum.charging_steps import add_charging_steps
-from bev_preheat.optimum.drive_step import RESERVES
-from bev_preheat.optimum.drive_steps import add_drive_steps
+from bev_preheat.nonlinear_program.blocks import Blocks
+from bev_preheat.nonlinear_program.charging_steps import add_charging_steps
+from bev_preheat.nonlinear_program.drive_step import RESERVES
+from bev_preheat.nonlinear_program.drive_steps import add_drive_steps
 from bev_preheat.planning.dynamics import hottest_c, JOULES_PER_WH
 from bev_preheat.planning.limits import drive_as_planned, watch_limits
 from bev_preheat.planning.planner import finish_plan, plan_preheating, plan_unheated, plan_without_heating
@@ -39,9 +39,9 @@ if TYPE_CHECKING:
     from bev_preheat.charging.session import Session
     from bev_preheat.charging.stop import ChargingStop
     from bev_preheat.charging.worth import Prices
+    from bev_preheat.nonlinear_program.layout import Layout, Values
+    from bev_preheat.nonlinear_program.program_solvers import ByName
     from bev_preheat.numerics.arrays import FloatArray
-    from bev_preheat.optimum.layout import Layout, Values
-    from bev_preheat.optimum.program_solvers import ByName
     from bev_preheat.planning.plan import Plan
     from bev_preheat.planning.situation import BatteryState, Goal
     from bev_preheat.planning.trip import Trip

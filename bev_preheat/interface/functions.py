@@ -1,0 +1,164 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The functions of the public interface; each does the work of the `preheat` command of its name."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from bev_preheat.charging.session import charge
+from bev_preheat.charging.stop import ChargingStop
+from bev_preheat.charging.worth import ENERGY_PRICE_PER_KWH, find_worth, Prices, VALUE_OF_TIME_PER_H
+from bev_preheat.interface.results import (
+    ComparisonResult,
+    DriveResult,
+    OptimumResult,
+    PlanResult,
+    SessionResult,
+    WorthResult,
+)
+from bev_preheat.optional_packages import require
+from bev_preheat.planning.comparison import difference_of_plans, energy_gap_wh
+from bev_preheat.planning.planner import as_driven, DEFAULT_METHOD, METHODS, plan_preheating
+from bev_preheat.planning.situation import BatteryState, Goal
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from bev_preheat.route import Route
+    from bev_preheat.simulation.heater_faults import HeaterFault
+    from bev_preheat.simulation.mismatch import Mismatch
+    from bev_preheat.simulation.sensors import Sensors
+    from bev_preheat.vehicle import Vehicle
+
+
+def _goal_of(vehicle: Vehicle, goal: Goal | float | None) -> Goal:
+    """Return a Goal; a number is its target [deg C], None the vehicle's default."""
+    if goal is None:
+        return Goal(vehicle.defaults.target_battery_temperature_c)
+    return goal if isinstance(goal, Goal) else Goal(float(goal))
+
+
+def plan(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goal | float | None = None,
+         method: str = DEFAULT_METHOD) -> PlanResult:
+    """
+    Return when to heat on a route, as `preheat plan` does.
+
+    `state` is the battery's at the start; `goal` a Goal, a target temperature on arrival [deg C], or None for
+    the vehicle's default; `method` one of `methods()`. Raises InvalidInput, which names field, value and what is
+    allowed, and PlanningFailure if the model yields no numbers.
+    """
+    goal = _goal_of(vehicle, goal)
+    return PlanResult(vehicle, route, goal, plan_preheating(vehicle, route, state, goal, method))
+
+
+def methods() -> tuple[str, ...]:
+    """Return the names of the planning methods."""
+    return tuple(METHODS)
+
+
+def optimum(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goal | float | None = None,
+            keeps_power_limits: bool = True) -> OptimumResult:
+    """
+    Return the optimum of the nonlinear program (9), as `preheat optimum` does; needs casadi (extra `nlp`).
+
+    Arguments as in `plan`. Raises InvalidInput, MissingPackage, and nonlinear_program.solve.SolverFailure.
+    """
+    require('casadi')
+    from bev_preheat.nonlinear_program.solve import solve_optimum
+    goal = _goal_of(vehicle, goal)
+    solved = solve_optimum(vehicle, route, state, goal, keeps_power_limits)
+    return OptimumResult(vehicle, route, goal, solved.plan, solved)
+
+
+def compare(vehicle: Vehicle, route: Route, state: BatteryState,
+            goal: Goal | float | None = None) -> ComparisonResult:
+    """
+    Return the plans of all methods beside the optimum, as `preheat compare` does; needs casadi (extra `nlp`).
+
+    A plan that breaks a power limit is compared as it would be driven. Arguments as in `plan`.
+    """
+    goal = _goal_of(vehicle, goal)
+    best = optimum(vehicle, route, state, goal)
+    plans = {name: as_driven(plan_preheating(
+        vehicle, route, state, goal, name, no_regret=name == DEFAULT_METHOD), vehicle, route, state, goal)
+        for name in METHODS}
+    return ComparisonResult(
+        {name: PlanResult(vehicle, route, goal, each) for name, each in plans.items()}, best,
+        {name: energy_gap_wh(each, best.plan) for name, each in plans.items()},
+        {name: difference_of_plans(each, best.plan) for name, each in plans.items()})
+
+
+def charging_session(vehicle: Vehicle, state: BatteryState, charger_power_w: float, departure_soc: float,
+                     ambient_c: float, cabin_heating_power_w: float | None = None,
+                     auxiliary_power_w: float | None = None) -> SessionResult:
+    """
+    Return the charging session from a battery state on arrival, as `preheat charge` does.
+
+    `charger_power_w` is the most that the charger gives at the vehicle's inlet [W], `departure_soc` (0 ... 1) the
+    state of charge to leave with, `ambient_c` the air at the charger [deg C]; powers of cabin and auxiliaries [W]
+    are the vehicle's defaults if None. Raises InvalidInput.
+    """
+    defaults = vehicle.defaults
+    stop = ChargingStop(
+        charger_power_w, departure_soc, ambient_c,
+        defaults.cabin_heating_power_w if cabin_heating_power_w is None else cabin_heating_power_w,
+        defaults.auxiliary_power_w if auxiliary_power_w is None else auxiliary_power_w)
+    return SessionResult(vehicle, stop, charge(vehicle, stop, state))
+
+
+def worth(vehicle: Vehicle, route: Route, state: BatteryState, charger_power_w: float, departure_soc: float,
+          goal: Goal | float | None = None, energy_price_per_kwh: float = ENERGY_PRICE_PER_KWH,
+          value_of_time_per_h: float = VALUE_OF_TIME_PER_H) -> WorthResult:
+    """
+    Return which target costs least in energy and time at the charger, as `preheat worth` does.
+
+    `charger_power_w` [W], `departure_soc` (0 ... 1); prices in one currency. Raises InvalidInput.
+    """
+    return WorthResult(vehicle, find_worth(
+        vehicle, route, state, _goal_of(vehicle, goal), charger_power_w, departure_soc,
+        Prices(energy_price_per_kwh, value_of_time_per_h)))
+
+
+def drive(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goal | float | None = None, *,
+          mismatch: Mismatch | None = None, sensors: Sensors | None = None,
+          heater_faults: Sequence[HeaterFault] = (), estimation: bool = True, method: str = DEFAULT_METHOD,
+          seed: int = 0) -> DriveResult:
+    """
+    Drive a simulated car along a route under the planner's own step, without ROS.
+
+    The planner knows `vehicle` and `route`; the true car and drive differ from them by a Mismatch and by
+    `heater_faults`, and are seen through Sensors (None: as described, and perfect). Without `estimation` it plans
+    from measured values. The same arguments give the same drive. Raises InvalidInput.
+    """
+    import numpy as np
+
+    from bev_preheat.control.settings import Settings
+    from bev_preheat.control.supervisor import Supervisor
+    from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections
+    from bev_preheat.simulation.mismatch import Mismatch
+    from bev_preheat.simulation.sensors import Sensors
+    from bev_preheat.simulation.supervised_drive import moments
+    goal = _goal_of(vehicle, goal)
+    car = ImperfectCar(vehicle, route, state, goal, Imperfections(
+        Mismatch() if mismatch is None else mismatch, sensors=Sensors() if sensors is None else sensors,
+        heater_faults=tuple(heater_faults)), seed)
+    supervisor = Supervisor(vehicle, Settings(method=method, estimation=estimation))
+    plant = car.plant
+    rows, measured_c, command_w = [], math.nan, 0.0
+    for moment in moments(car, supervisor, lambda: plant.is_standing):
+        if moment.reading is not None:
+            measured_c = moment.reading.temperature_c
+        if moment.output.command is not None:
+            command_w = moment.output.command.battery_heating_power_w
+        if moment.is_last:
+            estimate, current = supervisor.estimate, supervisor.decision.plan
+            rows.append((moment.time_s, plant.temperature_c, measured_c,
+                         math.nan if estimate is None else estimate.temperature_c,
+                         math.nan if current is None else current.arrival_temperature_c, command_w))
+    energy_wh, estimate = plant.energy_wh, supervisor.estimate
+    time_s, true_c, seen_c, estimated_c, predicted_c, commanded_w = np.array(rows).T
+    return DriveResult(
+        time_s, true_c, seen_c, estimated_c, predicted_c, commanded_w, plant.temperature_c, plant.soc,
+        goal.target_temperature_c, energy_wh.hvch_electric, energy_wh.battery_total,
+        'unknown' if estimate is None else estimate.heater.heater.value)

@@ -1,0 +1,324 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+The results of the public interface.
+
+Each has `to_dict()`, the JSON of the command of the same name; `to_frame()`, a pandas.DataFrame over time; and
+`plot(file)`, the picture of that command (PNG, SVG, PDF by suffix).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, TYPE_CHECKING
+
+from bev_preheat.optional_packages import require
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from pandas import DataFrame
+
+    from bev_preheat.charging.session import Session
+    from bev_preheat.charging.stop import ChargingStop
+    from bev_preheat.charging.worth import Worth
+    from bev_preheat.nonlinear_program.solve import Optimum
+    from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.planning.plan import Plan
+    from bev_preheat.planning.situation import Goal
+    from bev_preheat.route import Route
+    from bev_preheat.vehicle import Vehicle
+
+
+def _frame(columns: dict[str, FloatArray]) -> DataFrame:
+    """Return a DataFrame with `time_s` as its index; columns of steps (N,) get NaN at the end (N + 1,)."""
+    require('pandas')
+    import numpy as np
+    import pandas
+    instants = len(columns['time_s'])
+    return pandas.DataFrame({name: np.append(values, np.nan) if len(values) < instants else values
+                             for name, values in columns.items()}).set_index('time_s')
+
+
+@dataclass(frozen=True, eq=False)
+class PlanResult:
+    """
+    A plan, and what it was made for; times in seconds after the start of the route.
+
+    Shapes for N steps: `time_s`, `battery_temperature_c` and `soc` (N + 1,), `hvch_battery_power_w` (N,).
+    """
+
+    vehicle: Vehicle
+    route: Route
+    goal: Goal
+    plan: Plan
+
+    @property
+    def status(self) -> str:
+        """Name of the planning.status.Status."""
+        return self.plan.status.name
+
+    @property
+    def explanation(self) -> str:
+        """The plan as a sentence."""
+        return self.plan.explanation
+
+    @property
+    def heating_start_s(self) -> float | None:
+        """Instant at which the heater is first switched on [s]; None: it stays off."""
+        return self.plan.heating_start_s
+
+    @property
+    def heating_end_s(self) -> float | None:
+        """Instant at which it is last switched off [s]; None: on arrival, or it stays off."""
+        return self.plan.heating_end_s
+
+    @property
+    def arrival_temperature_c(self) -> float:
+        """Battery temperature on arrival [deg C]."""
+        return self.plan.arrival_temperature_c
+
+    @property
+    def arrival_soc(self) -> float:
+        """State of charge on arrival, 0 ... 1."""
+        return self.plan.arrival_soc
+
+    @property
+    def heating_energy_wh(self) -> float:
+        """Electrical energy of the heater for the battery [Wh]."""
+        return self.plan.energy_wh.hvch_electric
+
+    @property
+    def battery_energy_wh(self) -> float:
+        """Energy drawn from the cells [Wh]."""
+        return self.plan.energy_wh.battery_total
+
+    @property
+    def time_s(self) -> FloatArray:
+        """Instants [s], (N + 1,)."""
+        return self.plan.time_s
+
+    @property
+    def battery_temperature_c(self) -> FloatArray:
+        """Battery temperature [deg C], (N + 1,)."""
+        return self.plan.battery_temperature_c
+
+    @property
+    def soc(self) -> FloatArray:
+        """State of charge, 0 ... 1, (N + 1,)."""
+        return self.plan.soc
+
+    @property
+    def hvch_battery_power_w(self) -> FloatArray:
+        """Mean electrical power for the battery in each step [W], (N,)."""
+        return self.plan.hvch_battery_power_w
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the JSON of `preheat plan`."""
+        return self.plan.as_dictionary()
+
+    def to_frame(self) -> DataFrame:
+        """Return temperature, state of charge and power over time; needs pandas."""
+        return _frame({name: getattr(self, name) for name in (
+            'time_s', 'battery_temperature_c', 'soc', 'hvch_battery_power_w')})
+
+    def plot(self, file: str | Path) -> None:
+        """Draw the plan into a file; needs matplotlib."""
+        require('matplotlib')
+        from bev_preheat.drawing.plan_figure import draw_plans
+        draw_plans(file, self.vehicle, self.route, self.goal, [self.plan], f'vehicle {self.vehicle.name}')
+
+
+@dataclass(frozen=True, eq=False)
+class OptimumResult(PlanResult):
+    """The optimum of the nonlinear program; `solved` is the nonlinear_program.solve.Optimum."""
+
+    solved: Optimum
+
+    @property
+    def marginal_cost_wh_per_k(self) -> float:
+        """Cost of one more kelvin on arrival [Wh/K]; NaN if the program is infeasible."""
+        return self.solved.marginal_cost_wh_per_k
+
+    @property
+    def infeasible(self) -> tuple[str, ...]:
+        """Limits that cannot be kept, as sentences; () if the program is feasible."""
+        return tuple(self.solved.infeasible)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the JSON of `preheat optimum`."""
+        return self.solved.as_dictionary()
+
+
+@dataclass(frozen=True, eq=False)
+class ComparisonResult:
+    """
+    The plans of all methods by name, and the optimum.
+
+    `above_optimum_wh` is the battery energy of each above the optimum's [Wh]; None if it does not reach the same,
+    as `difference` explains ('': it does).
+    """
+
+    plans: dict[str, PlanResult]
+    optimum: OptimumResult
+    above_optimum_wh: dict[str, float | None]
+    difference: dict[str, str]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the JSON of `preheat compare`."""
+        return {'plans': {name: plan.to_dict() for name, plan in self.plans.items()},
+                'optimum': self.optimum.to_dict(), 'gap_wh': self.above_optimum_wh,
+                'difference': {name: text or None for name, text in self.difference.items()}}
+
+    def to_frame(self) -> DataFrame:
+        """Return one row for each method, and one for the optimum; needs pandas."""
+        require('pandas')
+        import pandas
+        return pandas.DataFrame([
+            {'method': name, 'heating_start_s': each.heating_start_s,
+             'arrival_temperature_c': each.arrival_temperature_c, 'heating_energy_wh': each.heating_energy_wh,
+             'battery_energy_wh': each.battery_energy_wh, 'above_optimum_wh': self.above_optimum_wh.get(name, 0.0)}
+            for name, each in (*self.plans.items(), ('optimum', self.optimum))]).set_index('method')
+
+    def plot(self, file: str | Path) -> None:
+        """Draw all plans into a file; needs matplotlib."""
+        require('matplotlib')
+        from bev_preheat.drawing.plan_figure import draw_plans
+        best = self.optimum
+        draw_plans(file, best.vehicle, best.route, best.goal,
+                   [*(each.plan for each in self.plans.values()), best.plan], f'vehicle {best.vehicle.name}')
+
+
+@dataclass(frozen=True, eq=False)
+class SessionResult:
+    """
+    A charging session; times in seconds after plugging in.
+
+    `problem` says why the session does not end, None if it does.
+    """
+
+    vehicle: Vehicle
+    stop: ChargingStop
+    session: Session
+
+    @property
+    def problem(self) -> str | None:
+        """Reason for which the departure's state of charge is not reached; None: it is."""
+        return self.session.problem
+
+    @property
+    def charging_time_s(self) -> float:
+        """Duration until the departure's state of charge [s]; infinite if it is never reached."""
+        return self.session.charging_time_s
+
+    @property
+    def bought_energy_wh(self) -> float:
+        """Energy bought until then [Wh]; infinite if it is never reached."""
+        return self.session.bought_energy_wh
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return a session as in the JSON of `preheat charge`."""
+        return self.session.as_dictionary()
+
+    def to_frame(self) -> DataFrame:
+        """Return temperature, state of charge and powers over time; needs pandas."""
+        return _frame({name: getattr(self.session, name) for name in (
+            'time_s', 'battery_temperature_c', 'soc', 'charging_power_w', 'hvch_battery_power_w')})
+
+    def plot(self, file: str | Path) -> None:
+        """Draw the session into a file; needs matplotlib."""
+        require('matplotlib')
+        from bev_preheat.drawing.charging_figure import draw_sessions
+        draw_sessions(file, self.vehicle, self.stop, {'session': self.session}, f'vehicle {self.vehicle.name}')
+
+
+@dataclass(frozen=True, eq=False)
+class WorthResult:
+    """The cost of each target, and the best one."""
+
+    vehicle: Vehicle
+    worth_of_targets: Worth
+
+    @property
+    def best_target_c(self) -> float | None:
+        """Target that costs least [deg C]; None: heating does not pay."""
+        worth = self.worth_of_targets
+        return None if worth.best is worth.without_heating else worth.best.target_c
+
+    @property
+    def saved_charging_time_s(self) -> float:
+        """Time at the charger that the best target saves compared with no heating [s]."""
+        worth = self.worth_of_targets
+        return worth.without_heating.charging_time_s - worth.best.charging_time_s
+
+    @property
+    def break_even_value_of_time_per_h(self) -> float | None:
+        """Value of an hour at the charger from which some heating pays; None: it never does."""
+        return self.worth_of_targets.break_even_value_of_time_per_h
+
+    @property
+    def verdict(self) -> str:
+        """The result as a sentence."""
+        return self.worth_of_targets.verdict
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the JSON of `preheat worth`, without the uncertainty of its times."""
+        return self.worth_of_targets.as_dictionary()
+
+    def to_frame(self) -> DataFrame:
+        """Return one row for each target; needs pandas."""
+        require('pandas')
+        import pandas
+        return pandas.DataFrame(self.to_dict()['targets']).set_index('target_c')
+
+    def plot(self, file: str | Path) -> None:
+        """Draw the cost over the target into a file; needs matplotlib."""
+        require('matplotlib')
+        from bev_preheat.drawing.worth_figure import draw_worth
+        draw_worth(file, self.worth_of_targets, f'vehicle {self.vehicle.name}')
+
+
+@dataclass(frozen=True, eq=False)
+class DriveResult:
+    """
+    A drive of a simulated car under the planner; arrays with one entry for each of its steps, (N,).
+
+    Instants [s]; battery temperature: true, measured and estimated [deg C], NaN if there is none; predicted
+    temperature on arrival [deg C]; heater command [W].
+    """
+
+    time_s: FloatArray
+    true_temperature_c: FloatArray
+    measured_temperature_c: FloatArray
+    estimated_temperature_c: FloatArray
+    predicted_arrival_temperature_c: FloatArray
+    command_w: FloatArray
+    arrival_temperature_c: float
+    arrival_soc: float
+    target_temperature_c: float
+    heating_energy_wh: float
+    battery_energy_wh: float
+    heater_verdict: str
+
+    @property
+    def arrival_error_k(self) -> float:
+        """True temperature on arrival above the target [K]."""
+        return self.arrival_temperature_c - self.target_temperature_c
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return all fields as plain numbers, texts and lists."""
+        return {name: value if isinstance(value, (float, str)) else value.tolist()
+                for name, value in {**vars(self), 'arrival_error_k': self.arrival_error_k}.items()}
+
+    def to_frame(self) -> DataFrame:
+        """Return the arrays over time; needs pandas."""
+        return _frame({name: value for name, value in vars(self).items()
+                       if not isinstance(value, (float, str))})
+
+    def plot(self, file: str | Path) -> None:
+        """Draw temperatures and command over time into a file; needs matplotlib."""
+        require('matplotlib')
+        from bev_preheat.drawing.drive_figure import draw_drive, ESTIMATED, MEASURED, PREDICTED, TRUE
+        draw_drive(file, self.time_s, {
+            MEASURED: self.measured_temperature_c, TRUE: self.true_temperature_c,
+            ESTIMATED: self.estimated_temperature_c, PREDICTED: self.predicted_arrival_temperature_c},
+            self.command_w, self.target_temperature_c)

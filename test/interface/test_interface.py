@@ -1,0 +1,147 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The public interface: its names, its results beside those of the commands, and its errors."""
+
+import json
+from pathlib import Path
+import re
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+import bev_preheat as bp
+from bev_preheat.commands.main import main
+
+PAGE = Path(__file__).resolve().parents[2] / 'docs' / 'reference' / 'python.md'
+STATE = bp.BatteryState(-7.0, 0.9)
+SITUATION = ['--vehicle', 'reference', '--route', 'reference', '--temperature', '-7', '--soc', '0.9']
+
+
+@pytest.fixture(scope='module')
+def vehicle():
+    return bp.load_vehicle('reference')
+
+
+@pytest.fixture(scope='module')
+def route(vehicle):
+    return bp.load_route('reference', vehicle)
+
+
+def json_of(capsys, *words):
+    assert main([*words, '--json', '-']) == 0
+    return json.loads(capsys.readouterr().out)
+
+
+def without_times(result):
+    return {key: value for key, value in result.items() if key not in (
+        'planning_time_s', 'solve_time_s', 'route_made_for', 'vehicle_assumed')}
+
+
+def test_each_public_name_exists_and_is_documented():
+    page = PAGE.read_text()
+    for name in bp.__all__:
+        assert getattr(bp, name).__doc__
+        assert re.search(rf'`{name}\b', page), name
+
+
+def test_no_other_name_is_there():
+    with pytest.raises(AttributeError, match='has no attribute .supervisor.'):
+        bp.supervisor  # noqa: B018
+
+
+def test_the_page_runs(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    names = {}
+    for block in re.findall(r'```python\n(.*?)```', PAGE.read_text(), re.DOTALL):
+        exec(block, names)
+    said = capsys.readouterr().out
+    assert '32.0' in said and '25.0' in said
+    assert 'state of charge: 80 is not allowed; it must be 0 ... 1' in said
+
+
+def test_a_plan_is_that_of_the_command(vehicle, route, capsys):
+    plan = bp.plan(vehicle, route, STATE)
+    assert without_times(plan.to_dict()) == without_times(json_of(capsys, 'plan', *SITUATION))
+    assert plan.status == 'WAITING' and plan.arrival_temperature_c == pytest.approx(25.0, abs=1e-3)
+    assert len(plan.time_s) == len(plan.soc) == len(plan.hvch_battery_power_w) + 1
+    spent_wh = float((plan.hvch_battery_power_w * np.diff(plan.time_s)).sum()) / 3600.0
+    assert plan.heating_energy_wh == pytest.approx(spent_wh, rel=1e-6)
+
+
+def test_a_number_is_a_target(vehicle, route):
+    assert bp.plan(vehicle, route, STATE, 18.0).arrival_temperature_c == pytest.approx(18.0, abs=1e-3)
+    assert bp.plan(vehicle, route, STATE, bp.Goal(18.0)).heating_start_s == bp.plan(
+        vehicle, route, STATE, 18.0).heating_start_s
+
+
+def test_worth_is_that_of_the_command(vehicle, route, capsys):
+    worth = bp.worth(vehicle, route, STATE, 150e3, 0.8)
+    shown = json_of(capsys, 'worth', *SITUATION, '--charger-power', '150000', '--departure-soc', '0.8')
+    assert (worth.best_target_c, worth.verdict) == (shown['best']['target_c'], shown['verdict'])
+    assert worth.to_dict()['targets'] == shown['targets']
+
+
+def test_a_session_is_that_of_the_command(vehicle, capsys):
+    session = bp.charging_session(vehicle, bp.BatteryState(5.0, 0.2), 150e3, 0.8, -7.0)
+    shown, = json_of(capsys, 'charge', '--vehicle', 'reference', '--arrival-temperature', '5', '--arrival-soc',
+                     '0.2', '--ambient', '-7', '--charger-power', '150000', '--departure-soc', '0.8')['sessions']
+    assert session.to_dict() == {key: value for key, value in shown.items() if key != 'name'}
+
+
+@pytest.mark.needs('casadi')
+def test_all_methods_beside_the_optimum(vehicle, route):
+    # A module of the same room may have been imported before.
+    import bev_preheat.nonlinear_program.solve  # noqa: F401
+    compared = bp.compare(vehicle, route, STATE)
+    assert tuple(compared.plans) == bp.methods()
+    assert compared.above_optimum_wh['merit_order'] == pytest.approx(0.0, abs=0.01)
+    assert compared.above_optimum_wh['paper'] > 1.0
+    assert compared.optimum.marginal_cost_wh_per_k > 0.0 and compared.optimum.infeasible == ()
+
+
+def test_a_drive_of_a_car_that_differs_from_its_file(vehicle, route):
+    drive = bp.drive(vehicle, route, STATE, mismatch=bp.Mismatch(heat_capacity=1.1),
+                     sensors=bp.Sensors(temperature_resolution_k=1.0))
+    assert abs(drive.arrival_error_k) < 0.5 and drive.heater_verdict == 'answers'
+    assert drive.time_s[-1] == pytest.approx(route.total_duration_s, abs=2.0)
+    assert set(np.unique(drive.command_w > 0.0)) == {False, True}
+
+
+def test_a_dead_heater_is_found(vehicle, route):
+    drive = bp.drive(vehicle, route, STATE, heater_faults=[bp.HeaterFault(0.0, share=0.0)])
+    assert drive.heater_verdict == 'dead' and drive.arrival_error_k < -5.0
+
+
+def test_a_route_of_numbers(vehicle):
+    route = bp.make_route({'duration_s': [600.0, 1200.0], 'speed_mps': 20.0, 'propulsion_power_w': [10e3, 15e3],
+                           'ambient_temperature_c': -5.0}, vehicle)
+    assert route.total_duration_s == 1800.0
+    with pytest.raises(bp.InvalidInput, match=r'speed_mps\[0\]: -1 is not allowed'):
+        bp.make_route({'duration_s': [600.0], 'speed_mps': -1.0, 'propulsion_power_w': 1e4,
+                       'ambient_temperature_c': 0.0}, vehicle)
+
+
+def test_pictures(vehicle, route, tmp_path):
+    pytest.importorskip('matplotlib')
+    for number, result in enumerate((
+            bp.plan(vehicle, route, STATE), bp.worth(vehicle, route, STATE, 150e3, 0.8),
+            bp.charging_session(vehicle, bp.BatteryState(5.0, 0.2), 150e3, 0.8, -7.0),
+            bp.drive(vehicle, route, STATE))):
+        path = tmp_path / f'{number}.png'
+        result.plot(path)
+        assert path.read_bytes().startswith(b'\x89PNG')
+
+
+def test_frames(vehicle, route):
+    pytest.importorskip('pandas')
+    frame = bp.plan(vehicle, route, STATE).to_frame()
+    assert frame.index.name == 'time_s'
+    assert frame['battery_temperature_c'].iloc[-1] == pytest.approx(25.0, abs=1e-3)
+
+
+def test_importing_loads_nothing_heavy():
+    loaded = subprocess.run(
+        [sys.executable, '-c', 'import sys, bev_preheat; print("numpy" in sys.modules, "yaml" in sys.modules)'],
+        capture_output=True, text=True, check=True).stdout
+    assert loaded.split() == ['False', 'False']

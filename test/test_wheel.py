@@ -1,0 +1,128 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The wheel: built, and run where there is neither ROS nor the checkout."""
+
+from importlib.metadata import distribution
+import os
+from pathlib import Path
+import re
+import shutil
+import subprocess
+import sys
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+SOURCES = ['pyproject.toml', 'setup.py', 'setup.cfg', 'MANIFEST.in', 'package.xml', 'README.md', 'LICENSE',
+           'CHANGELOG.rst', 'bev_preheat', 'studies', 'config', 'core', 'resource', 'launch']
+SITUATION = ['--vehicle', 'reference', '--route', 'reference', '--temperature', '-7', '--soc', '0.9']
+CHARGER = ['--charger-power', '150000', '--departure-soc', '0.8']
+pytestmark = pytest.mark.costly
+
+
+def requirements_of(name, found):
+    """Collect the distributions that one needs, without extras."""
+    if name.lower() in found:
+        return
+    found[name.lower()] = needed = distribution(name)
+    for requirement in needed.requires or ():
+        if 'extra ==' not in requirement and 'python_version <' not in requirement:
+            requirements_of(re.match(r'[\w.-]+', requirement).group(), found)
+
+
+def link_packages(folder, names):
+    """Put links to the installed files of distributions into a folder: all that the wheel may import besides."""
+    found = {}
+    for name in names:
+        requirements_of(name, found)
+    for each in found.values():
+        for top in {path.parts[0] for path in each.files or () if path.parts[0] not in ('..', '__pycache__')}:
+            source, link = Path(each.locate_file(top)), folder / top
+            if source.exists() and not link.exists():
+                link.symlink_to(source)
+
+
+def build(sources, folder, **environment):
+    subprocess.run([sys.executable, '-m', 'pip', 'wheel', '-q', '--no-deps', '--no-build-isolation',
+                    '-w', str(folder), str(sources)], check=True, capture_output=True, text=True,
+                   env={**{key: value for key, value in os.environ.items()
+                           if key not in ('COLCON', 'PYTHONPATH', 'AMENT_PREFIX_PATH')}, **environment})
+    wheel, = folder.glob('*.whl')
+    return wheel
+
+
+@pytest.fixture(scope='module')
+def sources(tmp_path_factory):
+    """Return a copy of the sources, because a build leaves files in them."""
+    folder = tmp_path_factory.mktemp('sources')
+    for name in SOURCES:
+        source = ROOT / name
+        if source.is_dir():
+            shutil.copytree(source, folder / name, ignore=shutil.ignore_patterns('__pycache__', '*.so'))
+        else:
+            shutil.copy(source, folder / name)
+    return folder
+
+
+@pytest.fixture(scope='module')
+def site(sources, tmp_path_factory):
+    """Return a folder with the unpacked wheel and the packages that it needs, nothing else."""
+    wheel = build(sources, tmp_path_factory.mktemp('wheel'))
+    folder = tmp_path_factory.mktemp('site')
+    shutil.unpack_archive(wheel, folder, 'zip')
+    link_packages(folder, ['argcomplete', 'jsonschema', 'numpy', 'PyYAML', 'rich'])
+    return folder
+
+
+def run(site, *words):
+    """Run Python with the site's packages alone."""
+    return subprocess.run([sys.executable, '-S', *words], capture_output=True, text=True, cwd=site,
+                          env={'PATH': os.environ['PATH'], 'PYTHONPATH': str(site), 'HOME': str(site)})
+
+
+@pytest.mark.parametrize('words, shown', [
+    (['plan', *SITUATION], 'Heating starts in 32:02 min'),
+    (['worth', *SITUATION, *CHARGER], 'saves 3:46 min'),
+    (['charge', *SITUATION, *CHARGER], '3:55 min less than without preheating'),
+    (['vehicle', 'check', 'reference'], 'nothing is marked as assumed'),
+    (['scenario', 'charge_in_percent'], '1 of 1 scenarios'),
+    (['--version'], 'preheat 0.3.0'),
+], ids=lambda words: words[0] if isinstance(words, list) else '')
+def test_the_commands_work_without_ros(site, words, shown):
+    done = run(site, '-m', 'bev_preheat', *words)
+    assert (done.returncode, done.stderr) == (0, '')
+    assert shown in re.sub(r'\s+', ' ', done.stdout)
+
+
+@pytest.mark.parametrize('command', ['optimum', 'compare'])
+def test_an_extra_that_is_missing_is_named(site, command):
+    done = run(site, '-m', 'bev_preheat', command, *SITUATION)
+    assert done.returncode == 2 and 'the Python package casadi' in done.stderr
+
+
+@pytest.mark.parametrize('command', [['monitor'], ['prepare']])
+def test_a_command_that_needs_ros_says_so(site, command):
+    done = run(site, '-m', 'bev_preheat', *command)
+    assert done.returncode == 2 and 'Traceback' not in done.stderr
+    assert 'ROS 2' in done.stderr
+
+
+def test_the_native_core_is_in_the_wheel_and_used(site):
+    done = run(site, '-c', 'from bev_preheat.native.library import core_in_words; print(core_in_words())')
+    assert done.stdout.strip() == f'used: {site}/bev_preheat/native/libbev_preheat_core.so'
+
+
+def test_the_public_interface_works(site):
+    done = run(site, '-c', (
+        'import bev_preheat as bp; v = bp.load_vehicle("reference"); r = bp.load_route("legs/reference", v); '
+        'print(bp.plan(v, r, bp.BatteryState(-7.0, 0.9)).status)'))
+    assert (done.stdout.strip(), done.stderr) == ('WAITING', '')
+
+
+def test_without_a_compiler_python_plans_alone(sources, tmp_path):
+    shutil.rmtree(sources / 'build', ignore_errors=True)
+    wheel = build(sources, tmp_path, CC='/nonexistent/compiler')
+    shutil.unpack_archive(wheel, tmp_path / 'site', 'zip')
+    assert not list((tmp_path / 'site').rglob('*.so'))
+    link_packages(tmp_path / 'site', ['argcomplete', 'jsonschema', 'numpy', 'PyYAML', 'rich'])
+    done = run(tmp_path / 'site', '-m', 'bev_preheat', 'plan', *SITUATION)
+    assert 'Heating starts in 32:02 min' in done.stdout
