@@ -162,12 +162,12 @@ class _Leg:
     def _unreached(self, unheated: Plan) -> str | None:
         """Return why the charger is not reached, None where it is."""
         if unheated.stranding is not None:
-            return (f'out of reach: the battery is empty after {duration_text(unheated.stranding.at_s)}, '
-                    f'{unheated.stranding.deficit_wh / WH_PER_KWH:.2f} kWh are lacking')
+            return (f'out of reach: the battery will be empty after {duration_text(unheated.stranding.at_s)} '
+                    f'({unheated.stranding.deficit_wh / WH_PER_KWH:.2f} kWh short)')
         lowest_soc = float(unheated.soc.min())
         if lowest_soc < self._reserve:
-            return (f'out of reach: {100.0 * lowest_soc:.1f} % would be left on the way, the reserve is '
-                    f'{100.0 * self._reserve:g} %')
+            return (f'out of reach: the charge would fall to {100.0 * lowest_soc:.1f} % on the way; the '
+                    f'reserve is {100.0 * self._reserve:g} %')
         return None
 
     def _end_of_rest(self, temperature_c: float, soc: float) -> Plan:
@@ -183,24 +183,24 @@ class _Leg:
                 rest = self._end_of_rest(temperature_c, soc)
                 short = self._end_soc - rest.arrival_soc
                 if soc == highest and (rest.stranding is not None or short > 0.0):
-                    deficit = ('strands on it' if rest.stranding is not None else
-                               f'leaves {100.0 * rest.arrival_soc:.1f} % at its end')
+                    deficit = ('the vehicle would strand' if rest.stranding is not None else
+                               f'{100.0 * rest.arrival_soc:.1f} % would be left at its end')
                     return soc, rest.arrival_soc, (
-                        f'even {100.0 * highest:g} % do not carry the rest of the route: that {deficit}, '
-                        f'{100.0 * self._end_soc:g} % are wanted')
+                        f'even {100.0 * highest:g} % is not enough for the rest of the route: {deficit}; '
+                        f'{100.0 * self._end_soc:g} % is required')
                 if abs(short) < SOC_TOLERANCE or rest.stranding is not None:
                     break
                 soc = min(soc + short, highest)
             lowest_soc = 0.0 if rest.stranding is not None else float(rest.soc.min())
             if rest.stranding is not None or lowest_soc < self._reserve - SOC_TOLERANCE:
                 return soc, rest.arrival_soc, (
-                    f'{100.0 * soc:.1f} % would reach the end with {100.0 * self._end_soc:g} %, but fall to '
-                    f'{100.0 * lowest_soc:.1f} % on the rest of the route; the reserve is '
+                    f'a departure with {100.0 * soc:.1f} % would reach the end with {100.0 * self._end_soc:g} %, '
+                    f'but fall to {100.0 * lowest_soc:.1f} % on the rest of the route; the reserve is '
                     f'{100.0 * self._reserve:g} %')
         if soc <= arrival_soc:
             return soc, self._end_soc, (
                 f'not needed: the battery arrives with {100.0 * arrival_soc:.1f} %, and '
-                f'{100.0 * soc:.1f} % carry the rest')
+                f'{100.0 * soc:.1f} % is enough for the rest')
         return soc, self._end_soc, None
 
     def _leaves_c(self, worth: Worth, departure_soc: float) -> float:
@@ -232,8 +232,8 @@ def ranking_verdict(ranked: Sequence[CandidateWorth]) -> str:
     able = [item for item in ranked if item.problem is None]
     if not able:
         if all(item.problem is not None and item.problem.startswith('not needed') for item in ranked):
-            return 'No charger is needed: the battery carries the whole route.'
-        return 'None of these chargers serves this route.'
+            return 'No charger is needed: the charge is enough for the whole route.'
+        return 'None of these chargers suits this route.'
     best = able[0]
     assert best.worth is not None
     target = best.worth.best

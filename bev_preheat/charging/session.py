@@ -163,7 +163,7 @@ def charge(vehicle: Vehicle, stop: ChargingStop, state: BatteryState, step_s: fl
     while problem is None and stop.departure_soc - now.soc > DEFICIT_SOC:
         problem = plug.problem_at(now)
         if problem is None and elapsed_s >= LONGEST_SESSION_S:
-            problem = (f'the battery has {100.0 * now.soc:.1f} % after '
+            problem = (f'the battery has only {100.0 * now.soc:.1f} % after '
                        f'{LONGEST_SESSION_S / 3600.0:.0f} h')
         if problem is None:
             step = plug.step_from(now)
@@ -208,7 +208,7 @@ class _Plug:
         if self._supply_w <= LEAST_POWER_W:
             given_w = self._supply_w + stop.cabin_heating_power_w + stop.auxiliary_power_w
             return (f'cabin and auxiliaries take all of the {given_w / 1000.0:.1f} kW that charger and '
-                    'inlet give')
+                    'inlet provide')
 
         def may_charge(at_c: float) -> bool:
             left_w = self._supply_w - self._command_w(at_c)
@@ -227,7 +227,7 @@ class _Plug:
             return None
         at = f'at {100.0 * soc:.1f} % and {temperature_c:.1f} degC'
         if -self._limit_w(soc, settled_c) > LEAST_POWER_W:
-            return (f'{at} the heater takes all that the charger leaves, and the battery gets no warmer '
+            return (f'{at} the heater takes all the power that is left, and the battery gets no warmer '
                     f'than {settled_c:.1f} degC')
         warmer = (f', and the battery gets no warmer than {settled_c:.1f} degC'
                   if settled_c > temperature_c else '')

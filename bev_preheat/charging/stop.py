@@ -72,9 +72,9 @@ def refuse_stranded(plan: Plan) -> None:
     """Raise InvalidInput where the charge does not carry an unheated drive to the charger."""
     if plan.stranding is not None:
         raise InvalidInput(
-            f'state of charge: {100.0 * plan.soc[0]:g} % do not carry this trip, even without heating: '
-            f'the battery is empty in {duration_text(plan.stranding.at_s)}, '
-            f'{plan.stranding.deficit_wh / WH_PER_KWH:.2f} kWh are lacking')
+            f'state of charge: {100.0 * plan.soc[0]:g} % is not enough for this trip, even without '
+            f'heating: the battery will be empty in {duration_text(plan.stranding.at_s)} '
+            f'({plan.stranding.deficit_wh / WH_PER_KWH:.2f} kWh short)')
 
 
 def check_stop(vehicle: Vehicle, stop: ChargingStop, state: BatteryState | None = None) -> None:

@@ -43,11 +43,11 @@ def find_deficits(trip: Trip, solution: ProgramSolution) -> Iterator[StepDeficit
     soc, slacks = solution.soc, solution.slacks
     if slacks.target_k > TOLERANCE_K:
         yield StepDeficit(TARGET, slacks.target_k, 'K',
-                      f'target temperature: {slacks.target_k:.2f} K cannot be reached')
+                      f'target temperature: missed by {slacks.target_k:.2f} K')
     if slacks.soc[-1] > SOC_TOLERANCE:
         percent = 100.0 * float(slacks.soc[-1])
         yield StepDeficit(ARRIVAL_SOC, percent, '%',
-                      f'state of charge on arrival: {percent:.2f} % are lacking')
+                      f'state of charge on arrival: {percent:.2f} % short')
     at = int(np.argmax(slacks.soc))
     # Where the battery is emptiest on arrival, that has been said.
     if slacks.soc[at] > SOC_TOLERANCE and soc[at + 1] < soc[-1]:

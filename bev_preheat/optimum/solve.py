@@ -45,7 +45,7 @@ if TYPE_CHECKING:
 METHOD = 'nlp'
 AS_DESCRIBED = Corrections()
 # What stands in place of the solver's word where it was not asked.
-NOT_SOLVED = 'not solved: the charge does not carry the trip'
+NOT_SOLVED = 'not solved: the charge is not enough for the trip'
 # A battery this close to its highest temperature is held there by the bound.
 NEAR_HIGHEST_K = 1e-3
 
@@ -174,7 +174,7 @@ def _stranded(trip: Trip, goal: Goal, unheated: Schedule, started: float) -> Opt
     assert plan.stranding is not None
     deficit = StepDeficit(
         CHARGE, plan.stranding.deficit_wh, 'Wh',
-        f'charge: {plan.stranding.deficit_wh / 1e3:.2f} kWh are lacking to arrive; the battery is '
+        f'charge: {plan.stranding.deficit_wh / 1e3:.2f} kWh short; the battery will be '
         f'empty at {plan.stranding.at_s:.0f} s')
     return Optimum(plan=plan, solver='', solver_status=NOT_SOLVED, iterations=0, solve_time_s=0.0,
                    deficit=(deficit,), marginal_cost_wh_per_k=math.nan)

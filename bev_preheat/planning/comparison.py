@@ -52,7 +52,7 @@ def difference(plan: Reached, optimum: Reached) -> str:
         return ('reserve missed' if plan.soc_shortfall > SAME_SOC else
                 'reserve kept')
     if not abs(deficit_w) <= SAME_POWER_W:
-        return (f'{abs(deficit_w) / 1e3:.2f} kW {"more" if deficit_w > 0.0 else "less"} lacking'
+        return (f'power deficit {abs(deficit_w) / 1e3:.2f} kW {"larger" if deficit_w > 0.0 else "smaller"}'
                 if deficit_w == deficit_w else 'unknown power')
     return ''
 

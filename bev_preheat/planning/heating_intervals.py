@@ -39,8 +39,8 @@ class Reason(IntEnum):
 REASONS = tuple(Reason)
 SENTENCES = {
     Reason.ARRIVAL: 'to be warm on arrival',
-    Reason.SURPLUS: 'with regeneration that the cold battery may not take',
-    Reason.DESCENT: 'so that the battery may take more of the regeneration ahead',
+    Reason.SURPLUS: 'with regeneration that the cold battery cannot accept',
+    Reason.DESCENT: 'so that the battery accepts more of the regeneration ahead',
     Reason.CLIMB: 'so that the battery can deliver the power of the climb ahead',
 }
 

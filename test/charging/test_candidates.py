@@ -92,25 +92,25 @@ def test_who_is_no_candidate_comes_last_with_the_reason():
     found = ranked(candidates, state=BatteryState(20.0, 0.3))
     assert [item.candidate.name for item in found] == ['good', 'out of reach']
     assert found[1].total_cost == math.inf and found[1].worth is None
-    assert found[1].problem.startswith('out of reach: the battery is empty after 44:')
+    assert found[1].problem.startswith('out of reach: the battery will be empty after 44:')
     assert ranking_verdict(found).startswith('good, without heating before arrival: ')
 
 
 def test_a_reserve_that_is_not_kept_on_the_way():
     [item] = ranked([Candidate('far', 3000.0, 50e3, 0.5)], state=BatteryState(20.0, 0.45),
                     goal=Goal(25.0, 0.15))
-    assert item.problem == 'out of reach: 11.5 % would be left on the way, the reserve is 15 %'
+    assert item.problem == 'out of reach: the charge would fall to 11.5 % on the way; the reserve is 15 %'
 
 
 def test_a_full_battery_that_does_not_carry_the_rest():
     [item] = ranked([Candidate('early', 600.0, 50e3, 0.5)], end_soc=0.9)
     # 50 min at 16.9 kW of 42 kWh.
-    assert item.problem == ('even 100 % do not carry the rest of the route: that leaves 66.5 % at its end, '
-                            '90 % are wanted')
+    assert item.problem == ('even 100 % is not enough for the rest of the route: 66.5 % would be left at '
+                            'its end; 90 % is required')
     [item] = ranked([Candidate('early', 600.0, 50e3, 0.5)], route=drive(240), end_soc=0.2)
-    assert item.problem == ('even 100 % do not carry the rest of the route: that strands on it, 20 % are '
-                            'wanted')
-    assert ranking_verdict([item]) == 'None of these chargers serves this route.'
+    assert item.problem == ('even 100 % is not enough for the rest of the route: the vehicle would strand; '
+                            '20 % is required')
+    assert ranking_verdict([item]) == 'None of these chargers suits this route.'
 
 
 def test_a_rest_that_falls_below_the_reserve_though_it_ends_above():
@@ -121,8 +121,8 @@ def test_a_rest_that_falls_below_the_reserve_though_it_ends_above():
     valley, state = [Candidate('valley', 60.0, 50e3, 0.5)], BatteryState(20.0, 0.3)
     # 29 min up take 15.4 kWh of 42, 30 min down bring 9.05 back: from 45.2 % over 8.5 % to 30 %.
     [item] = ranked(valley, PLAIN, state, 0.3, Goal(25.0, 0.1), route=route)
-    assert item.problem == ('45.2 % would reach the end with 30 %, but fall to 8.5 % on the rest of the '
-                            'route; the reserve is 10 %')
+    assert item.problem == ('a departure with 45.2 % would reach the end with 30 %, but fall to '
+                            '8.5 % on the rest of the route; the reserve is 10 %')
     [item] = ranked(valley, PLAIN, state, 0.3, Goal(25.0, 0.08), route=route)
     assert item.problem is None and item.departure_soc == pytest.approx(0.452, abs=1e-3)
     # It would not even get over it.
@@ -132,13 +132,13 @@ def test_a_rest_that_falls_below_the_reserve_though_it_ends_above():
 
 def test_a_charger_that_is_not_needed():
     found = ranked([Candidate('any', 1800.0, 50e3, 0.5)], state=BatteryState(20.0, 0.95), end_soc=0.3)
-    assert found[0].problem.startswith('not needed: the battery arrives with 74.9 %, and 50.1 % carry')
-    assert ranking_verdict(found) == 'No charger is needed: the battery carries the whole route.'
+    assert found[0].problem.startswith('not needed: the battery arrives with 74.9 %, and 50.1 % is enough')
+    assert ranking_verdict(found) == 'No charger is needed: the charge is enough for the whole route.'
 
 
 def test_a_charger_that_cannot_charge():
     [item] = ranked([Candidate('weak', 1800.0, 1500.0, 0.5)])
-    assert item.problem.startswith('This charger cannot charge the battery so far')
+    assert item.problem.startswith('This charger cannot charge the battery that far')
     assert item.total_cost == math.inf and item.as_dictionary()['worth'] is not None
 
 

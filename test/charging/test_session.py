@@ -181,10 +181,10 @@ def test_a_battery_that_has_enough_is_not_charged():
     (SMALL, replace(STOP, ambient_c=-25.0), -22.0,
      'at 30.0 % and -22.0 degC the battery takes less than 50 W'),
     (REFERENCE, replace(STOP, charger_power_w=1400.0), 10.0,
-     'cabin and auxiliaries take all of the 1.4 kW that charger and inlet give'),
+     'cabin and auxiliaries take all of the 1.4 kW that charger and inlet provide'),
     # 500 W of 2 kW are left for the heater: 435 W of heat against 34.9 W/K.
     (REFERENCE, replace(STOP, charger_power_w=2000.0), -10.0,
-     'at 30.0 % and -10.0 degC the heater takes all that the charger leaves, and the battery gets no '
+     'at 30.0 % and -10.0 degC the heater takes all the power that is left, and the battery gets no '
      'warmer than 2.5 degC'),
     (plain_car(limit=Table((0.0,), (0.0, 20.0), ((0.0, -9e4),)), leakage_w_per_k=900.0, heats=True),
      STOP, -10.0, 'at 30.0 % and -10.0 degC the battery takes less than 50 W, and the battery gets no '
@@ -212,7 +212,7 @@ def test_a_full_battery_takes_less_and_less_and_the_session_says_so():
 def test_a_session_of_more_than_a_day_ends():
     session = charge(plain_car(), replace(STOP, charger_power_w=1700.0), BatteryState(5.0, 0.25), 300.0)
     # 200 W * 24 h of 42 kWh
-    assert session.problem == f'the battery has {25.0 + 480.0 / 42.0:.1f} % after 24 h'
+    assert session.problem == f'the battery has only {25.0 + 480.0 / 42.0:.1f} % after 24 h'
 
 
 def test_a_frozen_battery_is_warmed_first_where_the_car_can():

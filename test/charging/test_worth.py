@@ -220,8 +220,8 @@ def test_verdict_of_a_charger_that_cannot():
     worth = find_worth(REFERENCE, drive(), STATE, GOAL, 1500.0, 0.8, PRICES)
     assert worth.break_even_value_of_time_per_h is None
     assert worth.verdict == (
-        'This charger cannot charge the battery so far, whether it is heated or not: cabin and '
-        'auxiliaries take all of the 1.5 kW that charger and inlet give.')
+        'This charger cannot charge the battery that far, heated or not: cabin and '
+        'auxiliaries take all of the 1.5 kW that charger and inlet provide.')
 
 
 # --- how sure the minutes are ---
@@ -283,7 +283,7 @@ def test_a_search_in_parts_finds_the_same(usual, plans):
         "battery temperature: nan is not allowed; it must be -40 ... 60 degC, the range of the vehicle's "
         'battery']),
     ({'state': BatteryState(-5.0, 0.06)}, [
-        'state of charge: 6 % do not carry this trip, even without heating: the battery is empty in'])])
+        'state of charge: 6 % is not enough for this trip, even without heating: the battery will be empty in'])])
 def test_refused_in_words(changes, problems):
     arguments = {'vehicle': REFERENCE, 'route': drive(), 'state': STATE, 'goal': GOAL,
                  'charger_power_w': 150e3, 'departure_soc': 0.8, 'prices': PRICES, **changes}

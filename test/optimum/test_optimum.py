@@ -364,7 +364,7 @@ def test_unreachable_target_lacks_what_full_heating_misses(unreachable):
 
 def test_unreachable_target_is_said_in_words(unreachable):
     assert unreachable.infeasible == (
-        f'target temperature: {unreachable.deficit[0].amount:.2f} K cannot be reached',)
+        f'target temperature: missed by {unreachable.deficit[0].amount:.2f} K',)
 
 
 def test_unreachable_target_is_no_optimum(unreachable):
@@ -520,8 +520,8 @@ def test_a_trip_that_the_charge_does_not_carry_is_not_given_to_the_solver():
                f'{minutes // 60}:{minutes % 60:02d}:{seconds:02d} h')
     assert f'empty in {instant}' in optimum.plan.explanation
     assert optimum.infeasible == (
-        f'charge: {optimum.plan.stranding.deficit_wh / 1e3:.2f} kWh are lacking to arrive; the '
-        f'battery is empty at {optimum.plan.stranding.at_s:.0f} s',)
+        f'charge: {optimum.plan.stranding.deficit_wh / 1e3:.2f} kWh short; the '
+        f'battery will be empty at {optimum.plan.stranding.at_s:.0f} s',)
 
 
 def test_highest_temperature_is_kept_where_the_battery_need_not_deliver_all():

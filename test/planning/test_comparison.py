@@ -42,8 +42,8 @@ class Made:
     ({'soc_shortfall': 0.02}, {'soc_shortfall': 0.03}, ''),
     # What planning by Euler and by Runge-Kutta makes of one plan.
     ({'soc_shortfall': 0.0004}, {}, ''),
-    ({'undeliverable_power_w': 1500.0}, {}, '1.50 kW more lacking'),
-    ({'undeliverable_power_w': 500.0}, {'undeliverable_power_w': 700.0}, '0.20 kW less lacking'),
+    ({'undeliverable_power_w': 1500.0}, {}, 'power deficit 1.50 kW larger'),
+    ({'undeliverable_power_w': 500.0}, {'undeliverable_power_w': 700.0}, 'power deficit 0.20 kW smaller'),
     ({'undeliverable_power_w': 705.0}, {'undeliverable_power_w': 700.0}, ''),
     ({'shortfall_k': nan}, {}, 'unknown arrival'),
     ({}, {'undeliverable_power_w': nan}, 'unknown power')])

@@ -446,7 +446,7 @@ def test_climb_that_heating_cannot_meet_is_reported_with_what_is_missing(too_ste
 def test_climb_that_heating_cannot_meet_is_explained(too_steep):
     route, plan = too_steep
     assert plan.explanation.startswith(
-        f'In 11:30 min the route asks for {missing_w(route, plan).max() / 1000:.1f} kW more than '
+        f'In 11:30 min the route needs {missing_w(route, plan).max() / 1000:.1f} kW more than '
         'the battery can deliver;')
 
 
@@ -508,7 +508,7 @@ def test_reserve_that_the_target_would_cost_is_explained_in_kelvin():
     plan = plan_of(route, minimum_arrival_soc=reserve)
     minutes, seconds = divmod(round(plan.heating_start_s), 60)
     assert (plan.status, plan.explanation) == (
-        Status.SOC_LIMITED, f'To leave {100 * reserve:.1f} % in the battery the target is missed '
+        Status.SOC_LIMITED, f'To keep the {100 * reserve:.1f} % reserve, the target is missed '
         f'by {10.0 - plan.arrival_temperature_c:.1f} K: heating starts in {minutes}:{seconds:02d} '
         f'min; arrival in 30:00 min at {plan.arrival_temperature_c:.1f} degC, target 10.0 degC.')
 
@@ -538,9 +538,8 @@ def test_reserve_that_is_missed_anyway_means_no_heating(short_of_reserve):
 def test_reserve_that_is_missed_anyway_is_explained_in_per_cent(short_of_reserve):
     reserve, plan = short_of_reserve
     assert plan.explanation == (
-        f'The battery arrives 3.0 % below the {100 * reserve:.1f} % that must be left: no '
-        f'heating; arrival in 30:00 min at {plan.arrival_temperature_c:.1f} degC, target 10.0 '
-        'degC.')
+        f'The battery arrives 3.0 % below the {100 * reserve:.1f} % reserve: the heater '
+        f'stays off; arrival in 30:00 min at {plan.arrival_temperature_c:.1f} degC, target 10.0 degC.')
 
 
 def test_lack_of_reserve_is_what_is_missing(short_of_reserve):

@@ -59,7 +59,7 @@ def paid_wh(plan):
                if interval.reason is not Reason.SURPLUS)
 
 
-# The charge does not carry the trip
+# The charge is not enough for the trip
 
 @pytest.fixture(scope='module', params=[0.0, 0.05, 0.15, 0.2, 0.25])
 def stranded(request):
@@ -89,9 +89,8 @@ def test_it_is_said_in_a_sentence(stranded):
     _, plan, _ = stranded
     minutes, seconds = divmod(round(plan.stranding.at_s), 60)
     assert plan.explanation == (
-        f'The charge does not carry this trip: the battery is empty in {minutes}:{seconds:02d} '
-        f'min, at km {plan.stranding.at_m / 1e3:.1f}; {plan.stranding.deficit_wh / 1e3:.2f} kWh are '
-        'lacking: no heating.')
+        f'The battery will be empty in {minutes}:{seconds:02d} min, at km {plan.stranding.at_m / 1e3:.1f} '
+        f'({plan.stranding.deficit_wh / 1e3:.2f} kWh short); the heater stays off.')
 
 
 def test_what_lacks_is_what_the_rest_of_the_trip_takes(stranded):
@@ -169,14 +168,14 @@ def test_surplus_may_be_heated_with_though_the_charge_does_not_carry():
     assert plan.status is Status.OUT_OF_CHARGE
     assert plan.energy_wh.hvch_electric > 100.0
     assert {interval.reason for interval in plan.intervals} == {Reason.SURPLUS}
-    assert plan.explanation.endswith('only surplus regeneration is used for heating.')
+    assert plan.explanation.endswith('only surplus regeneration heats the battery.')
 
 
 def test_without_charging_it_is_said_too():
     plan = plan_preheating(REFERENCE, REFERENCE_ROUTE, BatteryState(COLD, 0.2),
                            Goal(25.0, charging_planned=False))
     assert plan.status is Status.NO_CHARGING_PLANNED
-    assert 'the battery is empty in 38:' in plan.explanation
+    assert 'The battery will be empty in 38:' in plan.explanation
     assert plan.soc.min() == 0.0
 
 
@@ -240,7 +239,7 @@ def test_where_heating_does_not_pay_the_target_is_what_comes_of_none(method):
     assert plan.target_temperature_c == plan.arrival_temperature_c == pytest.approx(
         cold.temperature_c, abs=0.1)
     assert plan.explanation == (
-        f'No heating: arrival in 30:00 min at {plan.arrival_temperature_c:.1f} degC.')
+        f'The heater stays off: arrival in 30:00 min at {plan.arrival_temperature_c:.1f} degC.')
     # What is to be left comes first.
     short = plan_preheating(REFERENCE, route, state, Goal(25.0, 0.79, heating_pays=False), method)
     assert short.status is Status.SOC_LIMITED and short.heating_start_s is None
@@ -279,8 +278,7 @@ def test_what_the_reserve_holds_back_is_said(name, route, soc, reserve, target_c
     assert plan.shortfall_k > 0.5
     assert plan.status is Status.SOC_LIMITED
     assert plan.explanation.startswith(
-        f'To leave {100 * reserve:.1f} % in the battery the target is missed by '
-        f'{plan.shortfall_k:.1f} K: ')
+        f'To keep the {100 * reserve:.1f} % reserve, the target is missed by {plan.shortfall_k:.1f} K: ')
 
 
 @pytest.mark.costly

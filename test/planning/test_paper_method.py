@@ -251,7 +251,7 @@ def test_no_charging_planned_says_how_warm_the_battery_arrives():
     plan = plan_of(drive(), charging_planned=False)
     # Euler's 30 s steps make a difference in the second decimal.
     assert plan.explanation == (
-        'No fast charging at the end of this route: no heating; arrival in 40:00 min at '
+        'No fast charging at the end of this route: the heater stays off; arrival in 40:00 min at '
         f'{arrival_of(drive(), heater_share=0.0):.1f} degC.')
 
 
@@ -290,7 +290,7 @@ def test_power_limited_says_when_and_by_how_much():
     plan, deficit_w = too_much_to_ask_for()
     # Segment 9 starts at 4:30.
     assert (plan.status, plan.undeliverable_at_s, plan.explanation) == (
-        Status.POWER_LIMITED, 270.0, f'In 4:30 min the route asks for {deficit_w / 1000:.1f} kW '
+        Status.POWER_LIMITED, 270.0, f'In 4:30 min the route needs {deficit_w / 1000:.1f} kW '
         'more than the battery can deliver; heating is on; arrival in 40:00 min at '
         f'{plan.arrival_temperature_c:.1f} degC, target 59.0 degC.')
 
