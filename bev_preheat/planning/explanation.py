@@ -44,7 +44,7 @@ def explain(plan: Plan, reserve: float, starts_in_s: float = 0.0, unheated: str 
     Return the sentence for a Plan's status; `reserve` is the state of charge to keep.
 
     Times count from now; the plan's time 0 is `starts_in_s` [s] ahead. A plan without heating is described
-    as `unheated`, and as `too_cold_because` if it misses the target for lack of heating.
+    as `unheated`, and as `too_cold_because` if that makes it miss the target.
     The battery has been heated for `heated_s` [s] on this drive.
     """
     begins = (f'The route begins in {duration_text(starts_in_s)}. '

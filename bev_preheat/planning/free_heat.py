@@ -57,7 +57,7 @@ OFFSETS_K = (WIDER ** np.arange(PIECES + 1) - 1.0) / (WIDER - 1.0)
 def leave_useless_heat(trip: Trip, state: BatteryState, target_c: float, schedule: Schedule,
                        plan_again: Callable[[Trip], Schedule]) -> Schedule:
     """
-    Return the Schedule for a target [deg C], or one planned again with a ceiling on free heat if that loses no benefit.
+    Return a Schedule for a target [deg C], or one with a ceiling on free heat if that loses no benefit.
 
     `plan_again` plans a Trip from the same state for the same target.
     """

@@ -4,7 +4,7 @@ Method `merit_order`: heat where a watt-hour of battery energy brings the most.
 
 Steps with surplus regeneration that the battery cannot accept come first: heating with the surplus is free. Next
 come the steps in which a kelvin is worth the most to the rest of the trip, relative to its cost (`thresholds`):
-before a descent, so that a warmer battery accepts more of it; before a climb that the cold battery cannot deliver;
+before a descent, so that a warmer battery accepts more power; before a climb that the cold battery cannot deliver;
 and before arrival, the later the better because of leakage. Heating stops at the target or at the highest
 temperature. `no_regret` limits the charge that it may cost, and checks that it serves its purpose. If thresholds
 lead to a worse plan than one heating interval within the limits (`limited_switch`), the latter is the plan.

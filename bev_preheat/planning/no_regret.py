@@ -88,7 +88,7 @@ def power_deficit(trip: Trip, schedule: Schedule, most_w: FloatArray | None = No
 
 
 def unheated_within_limits(trip: Trip, state: BatteryState, unheated: Schedule) -> Schedule:
-    """Return the unheated Schedule if it keeps the limits, else one that heats with free surplus only."""
+    """Return the unheated Schedule if it keeps the limits, else a Schedule heated with free surplus only."""
     return unheated if limits_hold(trip, unheated) else run_unheated(trip, state)
 
 
@@ -204,7 +204,7 @@ class NoRegretCheck:
         forbidden = self._trial(self._goal.target_temperature_c, wanted)
         arrival_c = float(wanted.temperature_c[-1])
         if arrival_c < forbidden.value - TARGET_TOLERANCE_OF_POWER_K:
-            # A target out of reach tells nothing else. Asking for the temperature that it reaches heats less
+            # A target out of reach gives no other information. Asking for the temperature it reaches heats less
             # where the heater gives way to the drive.
             reached = self._trial(arrival_c, proposal(arrival_c))
             allowed, forbidden = (reached, forbidden) if reached.excess >= 0.0 else (allowed, reached)
