@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Says in a sentence whether heating before the charger is worth it."""
+"""The verdict on heating before the charger, as a sentence."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from bev_preheat.charging.worth import Prices, TargetWorth
 
 WH_PER_KWH = 1000.0
-# Costs that differ by less, in whatever currency, are the same to a driver.
+# Cost differences below this, in any currency, do not matter to a driver.
 LEAST_GAIN = 0.01
 
 
@@ -21,7 +21,7 @@ def verdict_on(best: TargetWorth, without: TargetWorth, break_even: float, price
     """
     Return the sentence for the driver; `problem` is why the unheated battery is not charged.
 
-    `break_even` is the least value of time for which heating pays [per h], infinite where none does.
+    `break_even` is the least value of time for which heating pays [per h], or infinite.
     """
     if math.isinf(best.cost):
         return f'This charger cannot charge the battery that far, heated or not: {problem}.'

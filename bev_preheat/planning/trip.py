@@ -210,8 +210,8 @@ def heated_throughout(trip: Trip, taken_w: FloatArray) -> Trip:
     """
     Return the Trip of a heater that draws `taken_w` (N,) [W], whatever is commanded.
 
-    As much heat arrives as the heater could give; like the drivetrain's heat, to which it is added, it ends when the
-    vehicle stands without charge.
+    As much heat arrives as the heater could give; like the drivetrain's heat, to which it is added, it ends when
+    the vehicle stands without charge.
     """
     heat_w = trip.vehicle.hvch.efficiency * trip.heater_limit_w
     return replace(

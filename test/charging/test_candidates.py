@@ -186,8 +186,8 @@ def test_some_of_a_file_by_name(tmp_path):
 
 
 @pytest.mark.parametrize('charger, problem', [
-    ('name: a, charger_power_w: 50000', r'chargers\[0\] \(a\): needs one of at_km and at_min'),
-    ('name: a, charger_power_w: 50000, at_km: 1, at_min: 1', r'\(a\): needs one of at_km and at_min'),
+    ('name: a, charger_power_w: 50000', r'chargers\[0\] \(a\): needs either at_km or at_min'),
+    ('name: a, charger_power_w: 50000, at_km: 1, at_min: 1', r'\(a\): needs either at_km or at_min'),
     ('name: a, charger_power_w: 50000, at_km: 91', r'\(a\).at_km: 91 is beyond the route, which ends at '
      '90.0 km'),
     ('name: a, charger_power_w: 50000, at_min: 61', r'\(a\).at_min: 61 is beyond the route, which ends at '
@@ -199,12 +199,12 @@ def test_some_of_a_file_by_name(tmp_path):
      'not allowed; it must be at least 0'),
     ('name: a, charger_power_w: 50000, at_km: 1, free_probability: 1.5, wait_min: 3', 'free_probability: 1.5 '
      'is not allowed'),
-    ('name: a, charger_power_w: 50000, at_km: 1, free_probability: 0.5', 'free_probability and wait_min need '
-     'each other'),
+    ('name: a, charger_power_w: 50000, at_km: 1, free_probability: 0.5', 'free_probability and wait_min must be '
+     'given together'),
     ('name: a, charger_power_w: 50000, at_km: 1, detour_mn: 3', "unknown key 'detour_mn'; did you mean "
      "'detour_min'"),
-    ('name: a, charger_power_w: 50000, at_km: 1}, {name: a, charger_power_w: 50000, at_km: 2', 'the name '
-     "'a' stands 2 times")])
+    ('name: a, charger_power_w: 50000, at_km: 1}, {name: a, charger_power_w: 50000, at_km: 2',
+     r"duplicate name 'a' \(2 times\)")])
 def test_a_file_that_is_refused_in_one_line(tmp_path, charger, problem):
     with pytest.raises(InvalidInput, match=problem) as error:
         loaded(tmp_path, f'chargers: [{{{charger}}}]')
