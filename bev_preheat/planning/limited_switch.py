@@ -44,7 +44,7 @@ def switch_within_limits(trip: Trip, state: BatteryState, target_c: float, plann
 
     def switched_on_at(on_s: float) -> Trial[Schedule]:
         first, command_w = trip.route.segment_at(on_s), maximum_between(trip, on_s, off_s)
-        # Share that the battery can supply; otherwise heating part of the step would equal heating all of the step.
+        # Share that the battery can supply; otherwise heating part of a step would equal heating all of it.
         command_w[first] *= _share_given(trip, idle, first)
         # Before the switching instant the run is the unheated one.
         run = drive_as_planned(trip, state, command_w, take_surplus=True, first=first, before=idle)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which charger: by hand on a car without losses, against `find_worth`, and who is no candidate."""
+"""Choice of a charger: by hand on a car without losses, against `find_worth`, and unsuitable candidates."""
 
 from dataclasses import replace
 import math
@@ -41,7 +41,7 @@ def test_energies_and_costs_by_hand(minutes, detour_min):
     [item] = ranked([Candidate('here', 60.0 * minutes, 61900.0, 0.4, 60.0 * detour_min, 300.0)])
     way_wh = DRIVE_W * (minutes + 0.5 * detour_min) / 60.0
     rest_wh = DRIVE_W * (60.0 - minutes + 0.5 * detour_min) / 60.0
-    # 60 kW into the battery. Heating pays nothing here, and takes what is bought back.
+    # 60 kW into the battery. Heating brings nothing here, and costs the energy bought back.
     into_wh = (0.5 - 0.6) * WHOLE_WH + way_wh + rest_wh
     assert item.problem is None
     assert item.departure_soc == pytest.approx(0.5 + rest_wh / WHOLE_WH, abs=1e-5)
@@ -73,7 +73,7 @@ def test_all_are_compared_on_the_same_charge_at_the_end():
                    REFERENCE, BatteryState(-5.0, 0.5), 0.5)
     assert [item.problem for item in found] == [None, None]
     for item in found:
-        # The rest depends on how warm the battery leaves; the departure is found to 1e-4.
+        # The rest depends on the battery's temperature at departure; the departure is found to 1e-4.
         assert item.end_soc == pytest.approx(0.5, abs=2e-4)
         assert item.worth.best.cost <= min(target.cost for target in item.worth.targets)
     assert found[0].total_cost <= found[1].total_cost
@@ -125,7 +125,7 @@ def test_a_rest_that_falls_below_the_reserve_though_it_ends_above():
                             '8.5 % on the rest of the route; the reserve is 10 %')
     [item] = ranked(valley, PLAIN, state, 0.3, Goal(25.0, 0.08), route=route)
     assert item.problem is None and item.departure_soc == pytest.approx(0.452, abs=1e-3)
-    # It would not even get over it.
+    # It would not even reach the top.
     [item] = ranked(valley, PLAIN, state, 0.2, route=route)
     assert item.problem.endswith('but fall to 0.0 % on the rest of the route; the reserve is 0 %')
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The charging session: closed forms, balances, halved steps, an integration of its own, no end."""
+"""The charging session: closed forms, balances, halved steps, an independent integration, endless sessions."""
 
 from dataclasses import replace
 import math
@@ -79,10 +79,10 @@ def test_heating_warms_in_closed_form_up_to_the_limit_and_holds_there():
             -leakage * session.time_s[on] / HEAT_CAPACITY_J_PER_K), abs=1e-6)
     assert session.battery_temperature_c[~on] == pytest.approx(
         np.full((~on).sum(), 22.0), abs=1e-5)
-    # From there on what leaks out at 32 K is made up for.
+    # From there on the leakage at 32 K is replaced.
     holding_w = leakage * 32.0 / HEATER_EFFICIENCY
     assert session.hvch_battery_power_w[-1] == pytest.approx(holding_w, rel=1e-4)
-    # What is not for the heater is for the battery: 18.5 kW less 4.8 kW, then less 3.76 kW.
+    # The battery gets the power that the heater leaves: 18.5 kW less 4.8 kW, then less 3.76 kW.
     stored = VOLTAGE_V * CAPACITY_AH * 0.55 - (18500.0 - heater_w) * reached_s / 3600.0
     assert session.charging_time_s == pytest.approx(
         reached_s + 3600.0 * stored / (18500.0 - holding_w), rel=1e-5)
@@ -136,20 +136,20 @@ def test_energy_is_kept_and_no_limit_is_broken(
     stop = ChargingStop(charger_w, min(0.98, soc + more), ambient_c, cabin_w, 350.0)
     session = charge(vehicle, stop, BatteryState(temperature_c, soc), step_s=60.0)
     energy, hours = session.energy_wh, session.time_s[-1] / 3600.0
-    # The heat balance closes the energies; that what is left of the terminals' energy is charge is
-    # another matter, and so is what the charger may give.
+    # The heat balance closes the energies; it does not check that the rest of the terminals' energy is charge, nor
+    # the charger's limit.
     assert energy.stored == pytest.approx(stored_wh(
         vehicle, session.soc, session.battery_temperature_c), rel=1e-4, abs=0.5)
     assert energy.joule >= -1e-6
     assert energy.bought == pytest.approx(
         energy.terminal + energy.hvch_electric + hours * (cabin_w + 350.0), rel=1e-12)
-    # A heater that lags may take what the battery got, for a moment.
+    # A heater with lag may briefly take the battery's share.
     assert energy.bought <= hours * max(charger_w, cabin_w + 350.0) + 100.0 * (name == 'late heat') + 1e-6
     assert session.charging_power_w.min(initial=0.0) >= 0.0
     most_w = max(0.0, vehicle.hvch.maximum_power_w - cabin_w)
     assert session.hvch_battery_power_w.max(initial=0.0) <= most_w + 1e-6
     assert (np.diff(session.time_s) > 0.0).all() and (np.diff(session.soc) >= 0.0).all()
-    # A step that holds the temperature is a longer one.
+    # A step that holds the temperature is longer.
     assert session.time_s[-1] <= LONGEST_SESSION_S + HELD_STEPS * 60.0
     assert (session.soc[-1] == pytest.approx(stop.departure_soc, abs=1e-9)) == (not session.problem)
 
@@ -221,7 +221,7 @@ def test_a_frozen_battery_is_warmed_first_where_the_car_can():
     assert session.charging_power_w[0] < 200.0 and session.charging_power_w.max() > 50e3
 
 
-# --- after a drive, and what is refused ---
+# --- after a drive, and refused inputs ---
 
 
 def test_a_stop_after_a_drive_goes_on_as_the_drive_ended():
