@@ -2,7 +2,7 @@
 """
 Make sure that no plan is worse than not heating: compare each proposal with the unheated trip.
 
-Paid heating costs charge. If the charge does not last for the trip, nothing is heated. If heating would use
+Paid heating costs charge. If the charge is not enough for the trip, nothing is heated. If heating would use
 charge from the reserve, the target is lowered until the reserve is met. If the battery cannot deliver the power
 for the drive, plans that increase the deficit are rejected: heat helps a cold battery, but a nearly empty one
 only gets emptier.
@@ -42,7 +42,7 @@ NO_WORSE_W = 10.0
 # target is known to this (less exactly if power decides). It makes at most this many trials, and then halves the
 # bracket at most this often, because the spare power jumps where a deficit begins.
 SOC_TOLERANCE = 1e-5
-# Charge that the search leaves to spare if the goal misses by less; otherwise it would not move off the goal.
+# Spare charge to aim at if the goal's target misses by less than this: otherwise the search would not move off it.
 SOC_AIM = 1e-6
 TARGET_TOLERANCE_K = 5e-6
 TARGET_TOLERANCE_OF_POWER_K = 0.1

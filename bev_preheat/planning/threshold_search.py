@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 SMALL_SHIFT_K = 1.0
 LARGE_SHIFT_K = 4.0
 LARGEST_SHIFT_K = 40.0
-# This shift is below every battery temperature: only free surplus is used.
+# Thresholds with this shift are below every battery temperature: only free surplus is used.
 UNHEATED_SHIFT_K = -1e3
 # Possible excess of the thresholds: they are sharp before arrival, less so before a climb.
 ARRIVAL_OVERSHOOT_K = 1.0
