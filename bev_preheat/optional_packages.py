@@ -48,8 +48,8 @@ def advice(module: str) -> str:
 def require_ros() -> None:
     """Raise MissingPackage if ROS 2 cannot be imported."""
     if find_spec('rclpy') is None or find_spec('bev_preheat_msgs') is None:
-        raise MissingPackage('this command needs ROS 2, which is not there; source the setup file of ROS 2 and of the '
-                             'workspace that bev_preheat is built in')
+        raise MissingPackage('this command needs ROS 2, which is missing; source the setup files of ROS 2 and of '
+                             'the workspace that bev_preheat is built in')
 
 
 def require(*modules: str) -> None:

@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Which charger: candidates along a route, each with its own best target, compared on the same end.
+Choice of a charger: candidates along a route, each with its own best target, compared on the same end.
 
     total cost = price · bought energy + value of time · (charging time + detour + expected wait)
 
-All arrive at the end of the route with the same state of charge. So each leaves its charger with what
-carries the rest of the route to that: a charger that comes early charges more, one that comes late less.
-The rest is driven without heating, from the temperature that the session leaves. A detour is driven as
-the route is on average, half before the stop and half after; its energy counts.
+All candidates reach the end of the route with the same state of charge, so each departs with the charge for the
+rest of the route: an early charger charges more, a late one less. The rest is driven without heating, from the
+temperature after the session. A detour is driven like the average of the route, half before the stop and half
+after; its energy counts.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from bev_preheat.route.segments import Route
     from bev_preheat.vehicle.description import Vehicle
 
-# The departure's state of charge is known to this where all that is left is how warm the battery leaves.
+# Tolerances of the departure's state of charge; the second applies if only the battery's temperature is open.
 SOC_TOLERANCE, DEPARTURE_TOLERANCE = 1e-6, 1e-4
 MOST_TRIALS, MOST_PASSES = 20, 3
 
@@ -43,9 +43,9 @@ class Candidate:
     """
     A charger along a route.
 
-    `instant_s` is driving time from the start of the route to where it is left for the charger [s];
-    `charger_power_w` is at the vehicle's inlet [W]. `detour_s` is there and back, `expected_wait_s` the
-    mean of what is waited, 0 included [s].
+    `instant_s` is the driving time from the start of the route to the exit for the charger [s];
+    `charger_power_w` is at the vehicle's inlet [W]. `detour_s` covers both ways, `expected_wait_s` is the
+    mean wait, including the chance of none [s].
     """
 
     name: str
@@ -59,11 +59,11 @@ class Candidate:
 @dataclass(frozen=True)
 class CandidateWorth:
     """
-    What a Candidate comes to with its own best target.
+    Evaluation of a Candidate with its own best target.
 
-    `problem` says why it is none, None where it is one. `departure_soc` is what it is left with,
-    `end_soc` what is there at the end of the route; `worth` has all its targets. Costs are of energy
-    and of time at the charger, on the detour and waiting; infinite where there is a problem.
+    `problem` explains why it is ruled out, or is None. `departure_soc` is the state of charge at departure,
+    `end_soc` at the end of the route; `worth` has all its targets. Costs are those of energy, and of time at the
+    charger, on the detour and waiting; infinite with a problem.
     """
 
     candidate: Candidate
@@ -78,11 +78,11 @@ class CandidateWorth:
 
     @property
     def total_cost(self) -> float:
-        """Sum of all costs; infinite where there is a problem."""
+        """Sum of all costs; infinite with a problem."""
         return self.energy_cost + self.charging_cost + self.detour_cost + self.wait_cost
 
     def as_dictionary(self) -> dict[str, Any]:
-        """Return it as JSON holds it, with the contract of `preheat worth` inside."""
+        """Return it as JSON-compatible data, including the contract of `preheat worth`."""
         return {**vars(self.candidate), 'problem': self.problem, 'departure_soc': self.departure_soc,
                 'end_soc': self.end_soc, 'energy_cost': self.energy_cost,
                 'charging_cost': self.charging_cost, 'detour_cost': self.detour_cost,
@@ -96,9 +96,9 @@ def rank_chargers(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goa
     """
     Return the CandidateWorth of each Candidate, the cheapest first, those with a problem last.
 
-    `end_soc` (0 ... 1) is wanted at the end of the route, `time_per_h` is the value of time. The reserve
-    of the Goal holds on arrival at the charger and on the rest of the route. Raises InvalidInput where
-    something is not allowed.
+    `end_soc` (0 ... 1) is required at the end of the route, `time_per_h` is the value of time. The reserve
+    of the Goal holds on arrival at the charger and on the rest of the route. Raises InvalidInput if an input
+    is not allowed.
     """
     check_situation(vehicle, route, state, goal)
     reserve, highest = reserve_soc(vehicle, goal), vehicle.battery.soc_range[1]
@@ -133,7 +133,7 @@ class _Leg:
         problem = self._unreached(unheated)
         if problem is not None:
             return CandidateWorth(candidate, problem)
-        # How warm the battery leaves depends on how it arrives, and hardly matters to the rest.
+        # The battery's temperature at departure depends on that on arrival, and hardly affects the rest.
         leaves_c, departure_soc, worth = unheated.arrival_temperature_c, math.nan, None
         for _ in range(MOST_PASSES):
             before_soc = departure_soc
@@ -160,14 +160,14 @@ class _Leg:
             time_per_h * candidate.expected_wait_s / hour_s)
 
     def _unreached(self, unheated: Plan) -> str | None:
-        """Return why the charger is not reached, None where it is."""
+        """Return why the charger is out of reach, or None."""
         if unheated.stranding is not None:
-            return (f'out of reach: the battery is empty after {duration_text(unheated.stranding.at_s)}, '
-                    f'{unheated.stranding.deficit_wh / WH_PER_KWH:.2f} kWh are lacking')
+            return (f'out of reach: the battery will be empty after {duration_text(unheated.stranding.at_s)} '
+                    f'({unheated.stranding.deficit_wh / WH_PER_KWH:.2f} kWh short)')
         lowest_soc = float(unheated.soc.min())
         if lowest_soc < self._reserve:
-            return (f'out of reach: {100.0 * lowest_soc:.1f} % would be left on the way, the reserve is '
-                    f'{100.0 * self._reserve:g} %')
+            return (f'out of reach: the charge would fall to {100.0 * lowest_soc:.1f} % on the way; the '
+                    f'reserve is {100.0 * self._reserve:g} %')
         return None
 
     def _end_of_rest(self, temperature_c: float, soc: float) -> Plan:
@@ -175,7 +175,7 @@ class _Leg:
         return plan_unheated(self._vehicle, self._rest, BatteryState(temperature_c, soc), self._goal)
 
     def _departure(self, temperature_c: float, arrival_soc: float) -> tuple[float, float, str | None]:
-        """Return what to leave with, what comes of it at the end, and why that is impossible, or None."""
+        """Return the charge at departure, the resulting charge at the end, and a problem or None."""
         soc = self._end_soc
         if self._rest is not None:
             soc = highest = self._vehicle.battery.soc_range[1]
@@ -183,28 +183,28 @@ class _Leg:
                 rest = self._end_of_rest(temperature_c, soc)
                 short = self._end_soc - rest.arrival_soc
                 if soc == highest and (rest.stranding is not None or short > 0.0):
-                    deficit = ('strands on it' if rest.stranding is not None else
-                               f'leaves {100.0 * rest.arrival_soc:.1f} % at its end')
+                    deficit = ('the vehicle would strand' if rest.stranding is not None else
+                               f'{100.0 * rest.arrival_soc:.1f} % would be left at its end')
                     return soc, rest.arrival_soc, (
-                        f'even {100.0 * highest:g} % do not carry the rest of the route: that {deficit}, '
-                        f'{100.0 * self._end_soc:g} % are wanted')
+                        f'even {100.0 * highest:g} % is not enough for the rest of the route: {deficit}; '
+                        f'{100.0 * self._end_soc:g} % is required')
                 if abs(short) < SOC_TOLERANCE or rest.stranding is not None:
                     break
                 soc = min(soc + short, highest)
             lowest_soc = 0.0 if rest.stranding is not None else float(rest.soc.min())
             if rest.stranding is not None or lowest_soc < self._reserve - SOC_TOLERANCE:
                 return soc, rest.arrival_soc, (
-                    f'{100.0 * soc:.1f} % would reach the end with {100.0 * self._end_soc:g} %, but fall to '
-                    f'{100.0 * lowest_soc:.1f} % on the rest of the route; the reserve is '
+                    f'a departure with {100.0 * soc:.1f} % would reach the end with {100.0 * self._end_soc:g} %, '
+                    f'but fall to {100.0 * lowest_soc:.1f} % on the rest of the route; the reserve is '
                     f'{100.0 * self._reserve:g} %')
         if soc <= arrival_soc:
             return soc, self._end_soc, (
                 f'not needed: the battery arrives with {100.0 * arrival_soc:.1f} %, and '
-                f'{100.0 * soc:.1f} % carry the rest')
+                f'{100.0 * soc:.1f} % is enough for the rest')
         return soc, self._end_soc, None
 
     def _leaves_c(self, worth: Worth, departure_soc: float) -> float:
-        """Return how warm the battery leaves the charger with the best target [deg C]."""
+        """Return the battery temperature on leaving the charger with the best target [deg C]."""
         goal, best = self._goal, worth.best
         inputs = self._vehicle, self._way, self._state
         plan = (plan_unheated(*inputs, goal) if best is worth.without_heating else
@@ -212,12 +212,12 @@ class _Leg:
         stop = stop_after(self._way, self._candidate.charger_power_w, departure_soc)
         hottest_c = self._vehicle.battery.temperature_range_c[1]
         session = charge(self._vehicle, stop, arrival_state(plan))
-        # A battery that leaves hotter than its range is soon within it.
+        # A battery that is hotter than its range at departure is soon within it.
         return min(float(session.battery_temperature_c[-1]), hottest_c)
 
 
 def _average(route: Route, duration_s: float, way: Route) -> Route:
-    """Return a Route of one segment, driven as a route is on average, with the air where a way ends."""
+    """Return a Route of one segment with the average of a route, and the air at the end of a way."""
     mean = route.resampled(route.total_duration_s)
     last = way.segments(len(way) - 1, len(way))
     return replace(
@@ -232,8 +232,8 @@ def ranking_verdict(ranked: Sequence[CandidateWorth]) -> str:
     able = [item for item in ranked if item.problem is None]
     if not able:
         if all(item.problem is not None and item.problem.startswith('not needed') for item in ranked):
-            return 'No charger is needed: the battery carries the whole route.'
-        return 'None of these chargers serves this route.'
+            return 'No charger is needed: the charge is enough for the whole route.'
+        return 'None of these chargers suits this route.'
     best = able[0]
     assert best.worth is not None
     target = best.worth.best

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 SCHEMA = Path(__file__).with_name('chargers_schema.yaml')
 S_PER_MIN, M_PER_KM = 60.0, 1000.0
-# A place this close to the route's end [s] is its end: figures in files are rounded.
+# A place this close to the route's end [s] counts as its end: figures in files are rounded.
 END_S = 1.0
 
 
@@ -40,13 +40,13 @@ def load_chargers(name_or_file: str | Path, route: Route, energy_price_per_kwh: 
     """
     Return the Chargers of a name (a file in config/chargers) or of a YAML file, along a Route.
 
-    `energy_price_per_kwh` is for those without a price of their own; with `only`, names, all others
-    are left out. Raises InvalidInput naming file, key, value and what is allowed.
+    `energy_price_per_kwh` is the default price; with `only` (names), all other chargers are left out. Raises
+    InvalidInput naming file, key, value and the allowed values.
     """
     path = find_configuration('chargers', name_or_file, '.yaml')
     nodes: list[FileData] = load_checked_yaml(path, SCHEMA)['chargers']
     names = [node['name'] for node in nodes]
-    problems = [f'{path}: chargers: the name {quoted(name)} stands {count} times'
+    problems = [f'{path}: chargers: duplicate name {quoted(name)} ({count} times)'
                 for name, count in Counter(names).items() if count > 1]
     candidates = []
     for index, node in enumerate(nodes):
@@ -63,16 +63,16 @@ def load_chargers(name_or_file: str | Path, route: Route, energy_price_per_kwh: 
 
 
 def _problems(node: FileData, route: Route) -> list[str]:
-    """Return what is wrong with one charger; the schema has been obeyed."""
+    """Return the problems of one charger that passed the schema."""
     problems = []
     if ('at_km' in node) == ('at_min' in node):
-        problems.append(': needs one of at_km and at_min')
+        problems.append(': needs either at_km or at_min')
     for key, most, unit in (('at_km', route.distance_m / M_PER_KM, 'km'),
                             ('at_min', route.total_duration_s / S_PER_MIN, 'min')):
         if key in node and node[key] > most + END_S / S_PER_MIN:
             problems.append(f'.{key}: {node[key]:g} is beyond the route, which ends at {most:.1f} {unit}')
     if ('free_probability' in node) != ('wait_min' in node):
-        problems.append(': free_probability and wait_min need each other')
+        problems.append(': free_probability and wait_min must be given together')
     return problems
 
 
@@ -81,7 +81,7 @@ def _candidate(node: FileData, route: Route, energy_price_per_kwh: float) -> Can
         instant_s = node['at_min'] * S_PER_MIN
     else:
         places = Places.of_route(route)
-        # Where the vehicle stands one distance has many instants; it is there from the first on.
+        # While the vehicle stands, one distance has many instants; the first one counts.
         distance_m, first = np.unique(places.distance_m, return_index=True)
         instant_s = float(np.interp(node['at_km'] * M_PER_KM, distance_m, places.time_s[first]))
     if instant_s > route.total_duration_s - END_S:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The equations of a charging session, once, for floats (`session`) and for symbols (`optimum`)."""
+"""The equations of a charging session, shared by floats (`session`) and symbols (`optimum`)."""
 
 from __future__ import annotations
 
@@ -16,20 +16,20 @@ if TYPE_CHECKING:
 
 
 def supply_of(vehicle: Vehicle, stop: ChargingStop) -> float:
-    """Return what charger and inlet leave beside cabin and auxiliaries [W]."""
+    """Return the power of charger and inlet that cabin and auxiliaries leave [W]."""
     return (min(stop.charger_power_w, charging_of(vehicle).maximum_inlet_power_w)
             - stop.cabin_heating_power_w - stop.auxiliary_power_w)
 
 
 def heater_power_of(vehicle: Vehicle, stop: ChargingStop) -> float:
-    """Return what the heater takes at the charger where it heats [W]."""
+    """Return the power of the heater while it heats at the charger [W]."""
     return max(0.0, min(vehicle.hvch.maximum_power_w - stop.cabin_heating_power_w,
                         supply_of(vehicle, stop)))
 
 
 def charging_power(limit_w: AnyNumber, left_w: AnyNumber,
                    arithmetic: Arithmetic[Number]) -> AnyNumber:
-    """Return P_c [W] of the limit's value [W, negative] and of what all others leave [W]."""
+    """Return P_c [W] from the limit's value [W, negative] and the power that all others leave [W]."""
     return arithmetic.maximum(0.0, arithmetic.minimum(left_w, -limit_w))  # type: ignore[arg-type]
 
 
@@ -38,9 +38,9 @@ def make_charging_rates(limit_w: CurveFunction[Number], rates: Rates[Number],
     """
     Return the model's `rates` under the charging power at each state.
 
-    `limit_w(soc, temperature_c)` is the most charging power [W, negative]. In place of the terminal
-    power they take what is left for the battery, negative, and in place of the Joule heat they return
-    the charging power [W].
+    `limit_w(soc, temperature_c)` is the highest charging power [W, negative]. In place of the terminal power
+    the rates take the power left for the battery, negative, and in place of the Joule heat they return the
+    charging power [W].
     """
     def charged(soc: AnyNumber, temperature_c: AnyNumber, left_w: AnyNumber, variance_w2: AnyNumber,
                 heat_w: AnyNumber, leakage_w_per_k: AnyNumber) -> tuple[AnyNumber, AnyNumber, AnyNumber]:

@@ -5,10 +5,10 @@ A charging session: the model's own equations, with the terminal power that char
     P_c = min(P_max - P_aux - P_cabin - P_h, |P_limit(s, T)|) >= 0     into the battery's terminals
     P_h = P_hvch_max - P_cabin while the car heats at the charger and T is below its limit, else 0
 
-P_max is what charger and inlet give. Of it cabin and auxiliaries come first, then the heater, which gives
-way where the charger is weak, then the battery. Equations, integrator and heat path are those of
-`vehicle`; only the power is chosen here, at each stage of a step. Steps end where heating ends and where
-the departure's state of charge is reached.
+P_max is the power of charger and inlet. Cabin and auxiliaries are served first, then the heater, which gives way
+at a weak charger, then the battery. Equations, integrator and heat path are those of `vehicle`; only the power is
+chosen here, at each stage of a step. Steps end when heating ends and when the departure's state of charge is
+reached.
 """
 
 from __future__ import annotations
@@ -40,23 +40,23 @@ if TYPE_CHECKING:
     from bev_preheat.planning.situation import BatteryState
     from bev_preheat.vehicle.description import Vehicle
 
-# A step lasts at most so long [s], and takes at most so much of the charge.
+# Longest step [s], and the largest share of the charge in a step.
 STEP_S = 20.0
 STEP_SOC = 0.005
-# Where the temperature is held only the state of charge changes: steps may be so much longer.
+# While the temperature is held only the state of charge changes: steps may be longer by this factor.
 HELD_STEPS = 3.0
-# … and at most this share of the battery's thermal time constant: explicit methods need that.
+# … and at most this share of the battery's thermal time constant, as explicit methods require.
 TIME_CONSTANT_SHARE = 0.5
-# Nobody waits longer [s].
+# Longest session [s].
 LONGEST_SESSION_S = 24.0 * 3600.0
-# Less than this [W] into the battery is no charging.
+# Less than this [W] into the battery does not count as charging.
 LEAST_POWER_W = 50.0
-# Temperatures, from now to where the battery settles, at which it is asked whether power comes back.
+# Number of temperatures, between now and the settled state, at which to check whether power comes back.
 OUTLOOK_POINTS = 101
-# Steps end this close to the temperature [K] and the state of charge at which they are to end.
+# Steps end this close to their end temperature [K] and state of charge.
 TEMPERATURE_TOLERANCE_K = 1e-6
 SOC_TOLERANCE = 1e-12
-# A battery that lacks less state of charge than this is as full as is asked.
+# A battery that is short by less state of charge than this counts as charged.
 DEFICIT_SOC = 1e-9
 MOST_TRIALS = 60
 
@@ -87,8 +87,8 @@ class Session:
     """
     A charging session; times in seconds after plugging in.
 
-    `problem` says why it does not reach the departure's state of charge, None where it does. Shapes:
-    `time_s`, `battery_temperature_c` and `soc` (N + 1,); `charging_power_w` (into the terminals) and
+    `problem` explains why it does not reach the departure's state of charge, or is None. Shapes: `time_s`,
+    `battery_temperature_c` and `soc` (N + 1,); `charging_power_w` (into the terminals) and
     `hvch_battery_power_w` (N,), the mean in each step [W].
     """
 
@@ -102,16 +102,16 @@ class Session:
 
     @property
     def charging_time_s(self) -> float:
-        """How long it takes to the departure's state of charge [s]; infinite where it never does."""
+        """Time to the departure's state of charge [s]; infinite if it is never reached."""
         return float(self.time_s[-1]) if self.problem is None else math.inf
 
     @property
     def bought_energy_wh(self) -> float:
-        """What is bought until then [Wh]; infinite where the session never ends."""
+        """Energy bought until then [Wh]; infinite if the session never ends."""
         return self.energy_wh.bought if self.problem is None else math.inf
 
     def as_dictionary(self) -> dict[str, Any]:
-        """Return the session as JSON holds it: plain numbers, texts and lists."""
+        """Return the session as JSON-compatible numbers, texts and lists."""
         return {
             'problem': self.problem,
             'arrival_temperature_c': float(self.battery_temperature_c[0]),
@@ -129,7 +129,7 @@ class Session:
 
 
 class _SessionState(NamedTuple):
-    """State of charge, battery temperature [deg C], heater's power [W], coolant's excess [K]."""
+    """State of charge, battery temperature [deg C], heater power [W], coolant excess [K]."""
 
     soc: float
     temperature_c: float
@@ -138,7 +138,7 @@ class _SessionState(NamedTuple):
 
 
 class _Step(NamedTuple):
-    """One step [s]: its end, and the means of powers [W] and of the battery's temperature [deg C]."""
+    """One step: its end, its duration [s], and the means of powers [W] and of the battery temperature [deg C]."""
 
     duration_s: float
     end: _SessionState
@@ -150,11 +150,11 @@ class _Step(NamedTuple):
 
 def charge(vehicle: Vehicle, stop: ChargingStop, state: BatteryState, step_s: float = STEP_S) -> Session:
     """
-    Return the Session of a vehicle that arrives at a Stop with a BatteryState.
+    Return the Session of a vehicle that arrives at a ChargingStop with a BatteryState.
 
     It is simulated in steps of at most `step_s` [s]. A session that cannot reach the departure's
     state of charge ends with a `problem`, after LONGEST_SESSION_S at the latest. Raises InvalidInput
-    where vehicle, stop or state are not allowed (`stop.check_stop`).
+    if vehicle, stop or state are not allowed (`stop.check_stop`).
     """
     check_stop(vehicle, stop, state)
     plug = _Plug(vehicle, stop, step_s)
@@ -163,7 +163,7 @@ def charge(vehicle: Vehicle, stop: ChargingStop, state: BatteryState, step_s: fl
     while problem is None and stop.departure_soc - now.soc > DEFICIT_SOC:
         problem = plug.problem_at(now)
         if problem is None and elapsed_s >= LONGEST_SESSION_S:
-            problem = (f'the battery has {100.0 * now.soc:.1f} % after '
+            problem = (f'the battery has only {100.0 * now.soc:.1f} % after '
                        f'{LONGEST_SESSION_S / 3600.0:.0f} h')
         if problem is None:
             step = plug.step_from(now)
@@ -195,7 +195,7 @@ class _Plug:
             TIME_CONSTANT_SHARE * battery.heat_capacity_j_per_k / self._leakage_w_per_k)
 
     def _power_w(self, soc: float, temperature_c: float, left_w: float) -> float:
-        """P_c [W] at a state, of which `left_w` [W] is left by all others."""
+        """Return P_c [W] at a state, with `left_w` [W] left by all others."""
         power_w: float = charging_power(self._limit_w(soc, temperature_c), left_w, FLOATS)
         return power_w
 
@@ -203,12 +203,12 @@ class _Plug:
         return self._heater_w if temperature_c < self._heated_below_c else 0.0
 
     def problem_at(self, state: _SessionState) -> str | None:
-        """Return why the battery is never charged further from a state, None if it may be."""
+        """Return why the battery can never be charged further from a state, or None."""
         soc, temperature_c, stop = state.soc, state.temperature_c, self._stop
         if self._supply_w <= LEAST_POWER_W:
             given_w = self._supply_w + stop.cabin_heating_power_w + stop.auxiliary_power_w
             return (f'cabin and auxiliaries take all of the {given_w / 1000.0:.1f} kW that charger and '
-                    'inlet give')
+                    'inlet provide')
 
         def may_charge(at_c: float) -> bool:
             left_w = self._supply_w - self._command_w(at_c)
@@ -217,7 +217,7 @@ class _Plug:
         if may_charge(temperature_c):
             return None
         settled_c = self._settled_c(temperature_c, self._command_w(temperature_c))
-        # Heat that is under way comes on top.
+        # Heat under way comes on top.
         late_k = max(0.0, state.excess_k) + (
             self._vehicle.heat_path.heater_lag_s * self._vehicle.hvch.efficiency * state.heater_w
             / self._vehicle.battery.heat_capacity_j_per_k)
@@ -227,24 +227,24 @@ class _Plug:
             return None
         at = f'at {100.0 * soc:.1f} % and {temperature_c:.1f} degC'
         if -self._limit_w(soc, settled_c) > LEAST_POWER_W:
-            return (f'{at} the heater takes all that the charger leaves, and the battery gets no warmer '
+            return (f'{at} the heater takes all the power that is left, and the battery gets no warmer '
                     f'than {settled_c:.1f} degC')
         warmer = (f', and the battery gets no warmer than {settled_c:.1f} degC'
                   if settled_c > temperature_c else '')
         return f'{at} the battery takes less than {LEAST_POWER_W:g} W{warmer}'
 
     def _settled_c(self, temperature_c: float, command_w: float) -> float:
-        """Where a battery that is not charged settles [deg C]."""
+        """Return the temperature at which a battery that is not charged settles [deg C]."""
         heat_w = self._vehicle.hvch.efficiency * command_w
         if self._leakage_w_per_k == 0.0:
             settled_c = self._hottest_c if heat_w > 0.0 else temperature_c
         else:
             settled_c = self._stop.ambient_c + heat_w / self._leakage_w_per_k
-        # Where heating ends it goes on without.
+        # Heating ends at its limit; from there the battery settles without it.
         return max(temperature_c, min(settled_c, self._heated_below_c)) if command_w else settled_c
 
     def step_from(self, state: _SessionState) -> _Step:
-        """Return the step from a state, which ends where heating or the session is to end."""
+        """Return the step from a state; it ends when heating or the session is to end."""
         above_k = state.temperature_c - self._heated_below_c
         command_w, is_direct = self._command_w(state.temperature_c), self._vehicle.heat_path.is_direct
         is_held = is_direct and abs(above_k) <= TEMPERATURE_TOLERANCE_K
@@ -253,7 +253,7 @@ class _Plug:
             command_w = self._holding_w(state, length_s)
         step = self._step(state, command_w, length_s)
         if abs(above_k) > TEMPERATURE_TOLERANCE_K:
-            # Late heat has cycles of its own around the limit: that it falls below is seen a step later.
+            # Late heat cycles around the limit: that the temperature falls below is detected a step later.
             side = math.copysign(1.0, -above_k)
             if side * (step.end.temperature_c - self._heated_below_c) > 0.0 and (
                     side > 0.0 or is_direct):
@@ -268,8 +268,8 @@ class _Plug:
         """
         Return the heater power [W] that holds the battery at the limit of heating for a step [s].
 
-        That is what heating below the limit, and not above it, is on average. None of it, or all,
-        where the battery leaves the limit whatever the heater does.
+        This is the mean of heating below the limit and not above it. 0 or full power if the battery leaves the
+        limit regardless of the heater.
         """
         def attempt(command_w: float) -> Trial[float]:
             end = self._step(state, command_w, length_s).end
@@ -277,7 +277,7 @@ class _Plug:
 
         warming_k_per_w = length_s * self._vehicle.hvch.efficiency / (
             self._vehicle.battery.heat_capacity_j_per_k)
-        # What held it in the step before is nearly enough.
+        # The power of the step before is nearly right.
         first = attempt(min(state.heater_w, self._heater_w))
         if first.excess > TEMPERATURE_TOLERANCE_K and attempt(0.0).excess >= 0.0:
             return 0.0
@@ -285,7 +285,7 @@ class _Plug:
                             TEMPERATURE_TOLERANCE_K).outcome
 
     def _length_s(self, state: _SessionState, longer: float) -> float:
-        """Return how long a step from a state may be [s], whatever the heater takes."""
+        """Return the longest allowed step from a state [s], regardless of the heater."""
         step_s = min(longer * self._step_s, self._most_step_s)
         power_w = self._power_w(state.soc, state.temperature_c, self._supply_w)
         if power_w == 0.0:
@@ -332,7 +332,7 @@ class _Plug:
 
 def _session(vehicle: Vehicle, stop: ChargingStop, problem: str | None, states: list[_SessionState],
              steps: list[_Step]) -> Session:
-    """Return the Session of what was simulated; its energies close the balance of heat to rounding."""
+    """Return the Session from its simulated steps; its energies close the heat balance to rounding."""
     hours = np.array([step.duration_s for step in steps]) / JOULES_PER_WH
     terminal_w, drawn_w, arriving_w, leakage_w = (
         np.array([getattr(step, name) for step in steps])

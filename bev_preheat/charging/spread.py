@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How sure the minutes at the charger are: what the spreads of the model make of them."""
+"""Uncertainty of the charging time, from the spreads of the model's parameters."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ if TYPE_CHECKING:
 @dataclass(frozen=True)
 class TimeDeviation:
     """
-    Standard deviations [s] of the charging time without heating, with it, and of what it saves.
+    Standard deviations [s] of the charging time without heating, with heating, and of the time saved.
 
-    Infinite where a session within the spread never ends.
+    Infinite if a session within the spread never ends.
     """
 
     without_heating_s: float
@@ -33,7 +33,7 @@ class TimeDeviation:
     saved_s: float
 
     def as_dictionary(self) -> dict[str, float]:
-        """Return it as JSON holds it."""
+        """Return it as JSON-compatible data."""
         return dict(vars(self))
 
 
@@ -42,10 +42,10 @@ def time_deviation(vehicle: Vehicle, route: Route, state: BatteryState, goal: Go
     """
     Return the TimeDeviation of heating to the target of a Goal.
 
-    The spreads are those of a car of which only its file is known (`estimation.prior`): heat capacity,
-    leakage, resistance, heater, consumption, each by its own, added as squares. The planner learns
-    them on the way and reaches its target all the same, so each car is planned as it is. The map of
-    the charging power is taken as it is in the file.
+    The spreads are those of a car known only from its file (`estimation.prior`): heat capacity, leakage,
+    resistance, heater and consumption, each varied alone, with their squares added. The planner learns these on
+    the way and still reaches its target, so each car is planned as it is. The map of the charging power is that of
+    the file.
     """
     squares = [0.0, 0.0, 0.0]
     for index, deviation in FACTOR_DEVIATIONS.items():

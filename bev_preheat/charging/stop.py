@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a charging session is made from besides vehicle and battery state: charger, surroundings, wish."""
+"""The inputs of a charging session besides vehicle and battery state: charger, surroundings, departure."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ if TYPE_CHECKING:
     from bev_preheat.route.segments import Route
     from bev_preheat.vehicle.description import Vehicle
 
-# The weakest charger gives more than this; below it kilowatts were meant.
+# The weakest charger gives more than this; a smaller value is in kilowatts by mistake.
 CHARGER_RANGE_W = (1000.0, 2e6)
 WH_PER_KWH = 1000.0
 MOST_SIDE_POWER_W = 50e3
-# Fast charging slows down there, so most stops end there.
+# Fast charging slows down from there, so most stops end there.
 USUAL_DEPARTURE_SOC = 0.8
 HOTTEST_AMBIENT_C = 60.0
 
@@ -29,9 +29,9 @@ HOTTEST_AMBIENT_C = 60.0
 @dataclass(frozen=True)
 class Charger:
     """
-    What is known of a charger before the drive: its power [W, at the vehicle's inlet].
+    A charger as known before the drive: its power [W, at the vehicle's inlet].
 
-    `departure_soc` (0 ... 1) is what the vehicle is to leave with; None: not known.
+    `departure_soc` (0 ... 1) is the state of charge to leave with; None: unknown.
     """
 
     power_w: float
@@ -43,8 +43,8 @@ class ChargingStop:
     """
     A stop at a charger: its power [W, at the vehicle's inlet], and the state of charge (0 ... 1) to leave with.
 
-    `ambient_c` [deg C] is the air, `cabin_heating_power_w` and `auxiliary_power_w` [W] are what goes
-    on meanwhile.
+    `ambient_c` [deg C] is the air; `cabin_heating_power_w` and `auxiliary_power_w` [W] are drawn during the
+    session.
     """
 
     charger_power_w: float
@@ -55,13 +55,13 @@ class ChargingStop:
 
 
 def stop_after(route: Route, charger_power_w: float, departure_soc: float) -> ChargingStop:
-    """Return the Stop at the end of a Route: air, cabin and auxiliaries as in its last segment."""
+    """Return the ChargingStop at the end of a Route: air, cabin and auxiliaries as in its last segment."""
     return ChargingStop(charger_power_w, departure_soc, float(route.ambient_temperature_c[-1]),
                 float(route.cabin_heating_power_w[-1]), float(route.auxiliary_power_w[-1]))
 
 
 def arrival_state(plan: Plan) -> BatteryState:
-    """Return the BatteryState on arrival of a Plan; its heater stops as the session wants."""
+    """Return the BatteryState on arrival of a Plan, with the heater off as the session requires."""
     if plan.heat is None:
         return BatteryState(plan.arrival_temperature_c, plan.arrival_soc)
     return BatteryState(plan.arrival_temperature_c, plan.arrival_soc,
@@ -69,17 +69,17 @@ def arrival_state(plan: Plan) -> BatteryState:
 
 
 def refuse_stranded(plan: Plan) -> None:
-    """Raise InvalidInput where the charge does not carry an unheated drive to the charger."""
+    """Raise InvalidInput if the charge is not enough for the unheated drive to the charger."""
     if plan.stranding is not None:
         raise InvalidInput(
-            f'state of charge: {100.0 * plan.soc[0]:g} % do not carry this trip, even without heating: '
-            f'the battery is empty in {duration_text(plan.stranding.at_s)}, '
-            f'{plan.stranding.deficit_wh / WH_PER_KWH:.2f} kWh are lacking')
+            f'state of charge: {100.0 * plan.soc[0]:g} % is not enough for this trip, even without '
+            f'heating: the battery will be empty in {duration_text(plan.stranding.at_s)} '
+            f'({plan.stranding.deficit_wh / WH_PER_KWH:.2f} kWh short)')
 
 
 def check_stop(vehicle: Vehicle, stop: ChargingStop, state: BatteryState | None = None) -> None:
     """
-    Raise InvalidInput, one sentence a problem, where a session cannot be asked for.
+    Raise InvalidInput, one sentence per problem, if a session is impossible.
 
     Vehicle files that do not say whether the car heats while it charges are refused, and so is a
     `state` (BatteryState on arrival) outside the vehicle's model or charged beyond departure.

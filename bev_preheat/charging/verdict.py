@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Says in a sentence whether heating before the charger is worth it."""
+"""The verdict on heating before the charger, as a sentence."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from bev_preheat.charging.worth import Prices, TargetWorth
 
 WH_PER_KWH = 1000.0
-# Costs that differ by less, in whatever currency, are the same to a driver.
+# Cost differences below this, in any currency, do not matter to a driver.
 LEAST_GAIN = 0.01
 
 
@@ -21,14 +21,14 @@ def verdict_on(best: TargetWorth, without: TargetWorth, break_even: float, price
     """
     Return the sentence for the driver; `problem` is why the unheated battery is not charged.
 
-    `break_even` is the least value of time for which heating pays [per h], infinite where none does.
+    `break_even` is the least value of time for which heating pays [per h], or infinite.
     """
     if math.isinf(best.cost):
-        return f'This charger cannot charge the battery so far, whether it is heated or not: {problem}.'
+        return f'This charger cannot charge the battery that far, heated or not: {problem}.'
     heating = f'heating the battery to {best.arrival_temperature_c:.1f} degC before arrival'
     if math.isinf(without.cost):
         return (f'Worth it: {heating} lets it charge within {duration_text(best.charging_time_s)}; '
-                f'without, {problem}.')
+                f'without heating, {problem}.')
     if 0.0 < without.cost - best.cost < LEAST_GAIN:
         return (f'It makes no difference: {heating} would save less than {LEAST_GAIN:.2f} in all. Some '
                 f'heating pays as soon as an hour is worth {break_even:.2f} to you.')
@@ -47,6 +47,6 @@ def _saved_text(best: TargetWorth, without: TargetWorth, prices: Prices) -> str:
     saved_s = without.charging_time_s - best.charging_time_s
     more = prices.energy_per_kwh * (best.bought_energy_wh - without.bought_energy_wh) / WH_PER_KWH
     time = (f'saves {duration_text(saved_s)} at the charger' if saved_s >= 0.0 else
-            f'takes {duration_text(-saved_s)} more at the charger')
-    energy = f'costs {more:.2f} more for energy' if more >= 0.0 else f'saves {-more:.2f} of energy costs'
+            f'takes {duration_text(-saved_s)} longer at the charger')
+    energy = f'costs {more:.2f} more for energy' if more >= 0.0 else f'saves {-more:.2f} in energy costs'
     return f'{time} and {energy}'

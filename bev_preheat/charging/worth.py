@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Is it worth it: what heating before the charger costs, and what it saves there, over all targets.
+Worth of heating before the charger: its cost, and the savings at the charger, over all targets.
 
     cost = price · bought energy + value of time · charging time
 
-Energy that is spent on heat before arrival is bought back at the charger, so the bought energy has all
-of it. Plans are those of the planner, sessions those of `session`. Cost over the target may have several
-minima: the map of the charging power has corners. So a grid is scanned, and refined where it is low.
+Energy spent on heat before arrival is bought back at the charger, so the bought energy includes it. Plans
+are those of the planner, sessions those of `session`. Cost over the target may have several minima, because
+the map of the charging power has corners. So a grid is scanned, and refined around its lowest points.
 """
 
 from __future__ import annotations
@@ -36,15 +36,15 @@ if TYPE_CHECKING:
 
 WH_PER_KWH = 1000.0
 SECONDS_PER_H = 3600.0
-# Targets are scanned in whole degrees, and the best is found to this [K].
+# Targets are scanned in whole degrees, and the best is refined to this [K].
 GRID_K = 1.0
 TARGET_RESOLUTION_K = 0.05
-# So many of the lowest minima of the grid are looked at closely.
+# Number of the grid's lowest minima that are refined.
 REFINED_MINIMA = 3
-# Less time saved than this [s] is rounding.
+# A saving of less than this [s] is rounding.
 LEAST_SAVED_S = 0.1
 MOST_PRICE_PER_KWH, MOST_VALUE_PER_H = 1e3, 1e6
-# Not a recommendation: the verdict says from which value of time on heating pays.
+# Not a recommendation: the verdict states the value of time from which on heating pays.
 ENERGY_PRICE_PER_KWH, VALUE_OF_TIME_PER_H = 0.60, 10.0
 
 
@@ -56,7 +56,7 @@ class Prices:
     time_per_h: float
 
     def cost(self, energy_wh: float, time_s: float) -> float:
-        """Return price times energy [Wh] plus value of time times time [s]; infinite where one is."""
+        """Return price times energy [Wh] plus value of time times time [s]; infinite if either is."""
         if math.isinf(energy_wh) or math.isinf(time_s):
             return math.inf
         return (self.energy_per_kwh * energy_wh / WH_PER_KWH
@@ -66,11 +66,11 @@ class Prices:
 @dataclass(frozen=True)
 class TargetWorth:
     """
-    One target [deg C] and what comes of it; the fields are those of the JSON.
+    One target [deg C] and its result; the fields are those of the JSON.
 
-    `hvch_electric_wh` is what the heater takes before arrival [Wh]. Charging time [s], bought energy
-    [Wh] and cost are infinite where the session never ends. The target of a drive without heating
-    is the temperature that its battery arrives with, the highest that needs no heating.
+    `hvch_electric_wh` is the heater's energy before arrival [Wh]. Charging time [s], bought energy [Wh] and cost
+    are infinite if the session never ends. The target of a drive without heating is the temperature on arrival,
+    the highest target that needs no heating.
     """
 
     target_c: float
@@ -85,11 +85,10 @@ class TargetWorth:
 @dataclass(frozen=True)
 class Worth:
     """
-    What heating is worth over all targets that were tried, `targets`, by rising target.
+    The worth of heating over all `targets` tried, in rising order.
 
-    `best` costs least, `fixed` is what heating to the usual target comes to. `verdict` is for the driver.
-    `break_even_value_of_time_per_h` is the least value of time for which some heating pays, None
-    where none does.
+    `best` costs the least, `fixed` is the result of heating to the usual target. `verdict` is for the driver.
+    `break_even_value_of_time_per_h` is the least value of time for which some heating pays, or None.
     """
 
     targets: tuple[TargetWorth, ...]
@@ -109,7 +108,7 @@ class Worth:
 
 
 def check_prices(prices: Prices) -> None:
-    """Raise InvalidInput, one sentence a problem, where Prices are negative or no numbers."""
+    """Raise InvalidInput, one sentence per problem, if Prices are negative or not numbers."""
     problems = [f'{name}: {figure_beyond(value, 0.0, most)} is not allowed; it must be 0 ... {figure(most)} {unit}'
                 for name, value, most, unit in (
                     ('energy price', prices.energy_per_kwh, MOST_PRICE_PER_KWH, 'per kWh'),
@@ -125,9 +124,9 @@ def find_worth(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goal,
     """
     Return the Worth of heating on a route to a charger of `charger_power_w` [W].
 
-    `state` is the battery's at the start, `goal` says what must be left on arrival and which target is
-    usual. Charging ends at `departure_soc` (0 ... 1). Raises InvalidInput where something is not
-    allowed, the charge does not carry the trip, or there is more in the battery than is asked for.
+    `state` is the battery's at the start, `goal` gives the reserve on arrival and the usual target. Charging ends
+    at `departure_soc` (0 ... 1). Raises InvalidInput if an input is not allowed, the charge is not enough for the
+    trip, or the battery arrives with more than `departure_soc`.
     """
     stop = stop_after(route, charger_power_w, departure_soc)
     _check(vehicle, route, state, goal, stop, prices)
@@ -144,16 +143,16 @@ def find_worth(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goal,
 
 
 class _Paused(Exception):
-    """The search has made as many plans as it may for now."""
+    """The search has used up its plans for now."""
 
 
 class WorthSearch:
     """
-    The search of `find_worth`, which may be made in parts: so many plans now, the others later.
+    The search of `find_worth`, which may be done in parts: a number of plans now, the others later.
 
-    `vehicle`, `stop` and `unheated` (the Plan without heating) stay as they are meanwhile, and so must
-    what `plan_to` makes a Plan from, for a target [deg C]. `usual_c` is the usual target [deg C];
-    `without` is the TargetWorth of no heating.
+    `vehicle`, `stop` and `unheated` (the Plan without heating) must not change meanwhile, nor the inputs from
+    which `plan_to` makes a Plan for a target [deg C]. `usual_c` is the usual target [deg C]; `without` is the
+    TargetWorth without heating.
     """
 
     def __init__(self, vehicle: Vehicle, stop: ChargingStop, unheated: Plan, usual_c: float, prices: Prices,
@@ -180,7 +179,7 @@ class WorthSearch:
             self._prices.cost(session.bought_energy_wh, session.charging_time_s))
 
     def look_at(self, target_c: float) -> TargetWorth:
-        """Return the TargetWorth of a target [deg C], with a plan and a session where it is a new one."""
+        """Return the TargetWorth of a target [deg C], with a plan and a session for a new target."""
         if target_c <= self.without.target_c:
             return replace(self.without, target_c=target_c)
         if target_c not in self._found:
@@ -195,7 +194,7 @@ class WorthSearch:
         return self.look_at(target_c)
 
     def advance(self, plans: float) -> bool:
-        """Go on with the search by at most so many plans; return whether it has come to its end."""
+        """Continue the search by at most this many plans; return whether it is finished."""
         self._plans_left = plans
         try:
             self._search()
@@ -204,7 +203,7 @@ class WorthSearch:
         return True
 
     def _search(self) -> None:
-        """Look at all targets that the search needs; what was looked at before takes no time."""
+        """Evaluate all targets that the search needs; known targets take no time."""
         grid_c = self._grid_c
         for target_c in grid_c:
             self._at(target_c)
@@ -220,20 +219,20 @@ class WorthSearch:
             refine(grid_c, values.index(min(values)), pays_from)
 
     def best(self) -> TargetWorth:
-        """Return the TargetWorth that costs least of all that were looked at."""
+        """Return the TargetWorth with the lowest cost so far."""
         return min(self._found.values(), key=lambda item: (item.cost, item.target_c))
 
     def break_even_per_h(self) -> float:
-        """Return the least value of time for which a target looked at pays [per h]; infinite: none."""
+        """Return the least value of time for which a target evaluated so far pays [per h], or infinity."""
         return min(pays_from_per_h(item, self.without, self._prices.energy_per_kwh)
                    for item in self._found.values())
 
     def verdict(self, item: TargetWorth) -> str:
-        """Return the sentence for the driver on a TargetWorth that was looked at."""
+        """Return the sentence for the driver on an evaluated TargetWorth."""
         return verdict_on(item, self.without, self.break_even_per_h(), self._prices, self._problem)
 
     def worth(self) -> Worth:
-        """Return the Worth over all targets that were looked at."""
+        """Return the Worth over all targets evaluated so far."""
         best, break_even = self.best(), self.break_even_per_h()
         return Worth(
             tuple(sorted(self._found.values(), key=lambda item: item.target_c)), best, self.without,
@@ -243,7 +242,7 @@ class WorthSearch:
 
 def _check(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goal, stop: ChargingStop,
            prices: Prices) -> None:
-    """Raise InvalidInput with all that is not allowed before the drive."""
+    """Raise InvalidInput with all problems that are known before the drive."""
     checks: tuple[Callable[[], None], ...] = (
         partial(check_situation, vehicle, route, state, goal), partial(check_stop, vehicle, stop),
         partial(check_prices, prices))
@@ -258,7 +257,7 @@ def _check(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goal, stop
 
 
 def targets_between(low_c: float, high_c: float) -> list[float]:
-    """Return the whole degrees above one temperature [deg C] up to another, and that one."""
+    """Return the whole degrees above one temperature [deg C] up to another, and the latter."""
     first = math.floor(low_c / GRID_K) + 1
     last = math.ceil(high_c / GRID_K) - 1
     grid_c = [GRID_K * number for number in range(first, last + 1)]
@@ -266,10 +265,10 @@ def targets_between(low_c: float, high_c: float) -> list[float]:
 
 
 def minima(costs: Sequence[float]) -> list[int]:
-    """Return the places of the local minima of a sequence, the lowest first; infinite ones are none."""
+    """Return the places of the local minima of a sequence, the lowest first; infinite values do not count."""
     places, before = [], math.inf
     for place, cost in enumerate(costs):
-        # A level stretch counts once, at its beginning.
+        # A plateau counts once, at its beginning.
         after = next((other for other in costs[place + 1:] if other != cost), math.inf)
         if cost < before and cost < after:
             places.append(place)
@@ -278,7 +277,7 @@ def minima(costs: Sequence[float]) -> list[int]:
 
 
 def refine(grid_c: Sequence[float], place: int, cost_at: Callable[[float], float]) -> None:
-    """Try targets on both sides of a grid point, to TARGET_RESOLUTION_K of the least cost between."""
+    """Try targets on both sides of a grid point, to TARGET_RESOLUTION_K of the lowest cost between."""
     low_c, high_c = grid_c[max(place - 1, 0)], grid_c[min(place + 1, len(grid_c) - 1)]
     if high_c > low_c:
         least_of(low_c, high_c, lambda target_c: Trial(target_c, cost_at(target_c), None),
@@ -286,7 +285,7 @@ def refine(grid_c: Sequence[float], place: int, cost_at: Callable[[float], float
 
 
 def pays_from_per_h(item: TargetWorth, without: TargetWorth, price_per_kwh: float) -> float:
-    """Return the value of time [per h] from which a target costs less than no heating; inf: none."""
+    """Return the value of time [per h] from which on a target costs less than no heating, or infinity."""
     if math.isinf(item.charging_time_s):
         return math.inf
     if math.isinf(without.charging_time_s):

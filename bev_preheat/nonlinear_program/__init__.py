@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The nonlinear program behind the heuristics; the only room that knows CasADi."""
+"""The nonlinear program as a reference for the heuristics; the only package that uses CasADi."""

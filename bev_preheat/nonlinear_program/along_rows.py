@@ -14,12 +14,12 @@ if TYPE_CHECKING:
 def along_rows(function: casadi.Function, arguments: Sequence[casadi.MX],
                columns: int) -> list[casadi.MX]:
     """
-    Return what a Function of SX gives for each column of its arguments, a column for each.
+    Return the outputs of a Function of SX for each column of its arguments, one column each.
 
-    Its inputs and outputs are columns without structural zeros. An argument with one column is the same
-    for all. The operations are those of the function, in its order, so the results are the same to the
-    last bit as those of `Function.map`, which evaluates one column after the other and, at a few
-    nanoseconds for the least operation, takes ten times as long.
+    Its inputs and outputs are columns without structural zeros. An argument with one column is used for all
+    columns. The operations are those of the function, in its order, so the results are bit-identical to those of
+    `Function.map`. The latter evaluates one column after the other and takes ten times as long, because even the
+    smallest operation costs a few nanoseconds.
     """
     rows = [casadi.vertsplit(argument) for argument in arguments]
     work: dict[int, casadi.MX] = {}

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A solver's process ends with the process that asks it."""
+"""Ends a solver's process together with the process that uses it."""
 
 import ctypes
 import os
@@ -11,10 +11,10 @@ PR_SET_PDEATHSIG = 1
 
 def end_with(process_id: int) -> None:
     """
-    Have the kernel kill this process when its parent, of this id, ends; at once where it has.
+    Have the kernel kill this process when its parent with this id ends; exit at once if it already has.
 
-    A thread that notices needs computing time, which a process that takes only what others leave may
-    not get for minutes. Linux only; elsewhere this does nothing.
+    A watching thread would need computing time, which a low-priority process may not get for minutes. Linux only;
+    elsewhere this does nothing.
     """
     try:
         prctl = ctypes.CDLL(None).prctl
@@ -22,5 +22,5 @@ def end_with(process_id: int) -> None:
         return  # another system
     prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
     if os.getppid() != process_id:
-        # It ended before.
+        # The parent ended before prctl().
         os._exit(0)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One call of the solver: the bounds and parameters of a program, its start, and what came of it."""
+"""One call of the solver: bounds and parameters of a program, its start, and its result."""
 
 from __future__ import annotations
 
@@ -31,18 +31,18 @@ if TYPE_CHECKING:
     from bev_preheat.planning.schedule import Schedule
 
 SUCCESS = 'Solve_Succeeded'
-# Set up within 0.2 s; for 10 000 steps it would be 17 s.
+# Set up within 0.2 s; 10 000 steps would take 17 s.
 MOST_STEPS_OF_FATROP = 1000
-# What an answer may leave a scaled bound or constraint by, and cost more than its start.
+# Largest violation of a scaled bound or constraint by an answer, and largest excess of its cost over the start's.
 SOUND = 1e-7
 
 
 @dataclass(frozen=True)
 class Problem:
     """
-    What the programs of one optimum have in common.
+    The common part of the programs of one optimum.
 
-    `vehicle` is as its file says, because programs are kept for it; that of `trip` is corrected. The battery may
+    `vehicle` is as in its file, because programs are cached for it; that of `trip` is corrected. The battery may
     get `beyond_range_k` warmer than the highest temperature of its range.
     """
 
@@ -57,10 +57,10 @@ class Problem:
 @dataclass(frozen=True)
 class Attempt:
     """
-    A program given to the solvers: the variables it ended with (scaled), the word of one, the effort of all.
+    The solvers' result for a program: final variables (scaled), one solver's status, and the effort of all.
 
-    `solver` is the one that answered, or the last that failed. `energy` is the program's, in its scale;
-    `target_multiplier` is what it grows with a kelvin more of the target.
+    `solver` is the successful solver, or the last that failed. `energy` is the program's, in its scale;
+    `target_multiplier` is its increase per kelvin of the target.
     """
 
     program: NonlinearProgram
@@ -74,7 +74,7 @@ class Attempt:
 
     @property
     def solution(self) -> ProgramSolution:
-        """What the variables stand for."""
+        """The solution given by the variables."""
         return self.program.solution(self.variables)
 
     @property
@@ -86,9 +86,9 @@ class Attempt:
 def attempt(problem: Problem, limited: bool, give: Give = Give.NOTHING,
             starts: Sequence[Values] = (), solvers: Sequence[str] | None = None) -> Attempt:
     """
-    Return the best Attempt at a program, from each of given values or, cold, from the trip unheated.
+    Return the best Attempt at a program, from each of the given starts or, cold, from the trip unheated.
 
-    `solvers` are asked in their order, until one succeeds; None: FATROP, where there is one, and IPOPT.
+    `solvers` are tried in order until one succeeds; None: FATROP, if available, and IPOPT.
     """
     program = build_program(problem.vehicle, len(problem.trip.route), limited, give)
     runs: list[Attempt] = []
@@ -96,7 +96,7 @@ def attempt(problem: Problem, limited: bool, give: Give = Give.NOTHING,
         for start in starts or [unheated_start(problem)]:
             runs.append(_run(problem, program, solver, program.variables.pack(start)))
             if solver == IPOPT and runs[-1].status != SUCCESS:
-                # It takes long to say that there is no solution, and says so from any start.
+                # IPOPT is slow to prove infeasibility, so it is not retried from other starts.
                 break
         if any(run.status == SUCCESS for run in runs):
             break
@@ -108,10 +108,10 @@ def attempt(problem: Problem, limited: bool, give: Give = Give.NOTHING,
 
 def available_solvers(trip: Trip, give: Give = Give.NOTHING) -> tuple[str, ...]:
     """
-    Return the solvers for a program of a trip, the first one first.
+    Return the solvers for a program of a trip, in order of preference.
 
-    FATROP relaxes bounds by a little, which the prices of slacks turn into watt-hours; and how long CasADi
-    takes to set it up grows with the square of the number of steps.
+    FATROP relaxes bounds slightly, which the prices of slacks turn into watt-hours, and its setup time in CasADi
+    grows with the square of the number of steps.
     """
     if has_fatrop() and give is Give.NOTHING and len(trip.route) <= MOST_STEPS_OF_FATROP:
         return FATROP, IPOPT
@@ -119,7 +119,7 @@ def available_solvers(trip: Trip, give: Give = Give.NOTHING) -> tuple[str, ...]:
 
 
 def driven_start(schedule: Schedule) -> Values:
-    """Return the variables of a Schedule; nothing is lacking."""
+    """Return the variables of a Schedule; all deficits are 0."""
     heat = schedule.heat
     return {'soc': schedule.soc, 'temperature': schedule.temperature_c,
             'heater': schedule.heater_power_w, 'brake': schedule.brake_power_w,
@@ -130,12 +130,12 @@ def driven_start(schedule: Schedule) -> Values:
 
 
 def unheated_start(problem: Problem) -> Values:
-    """Return the variables of the trip without heating, whatever the limits."""
+    """Return the variables of the trip without heating, ignoring limits."""
     return driven_start(plan_without_heating(problem.trip, problem.state))
 
 
 def heated_start(problem: Problem) -> Values:
-    """Return the variables of the trip heated throughout, as far as the limits let it."""
+    """Return the variables of the trip heated throughout, as far as the limits allow."""
     return driven_start(drive_as_planned(
         problem.trip, problem.state, problem.trip.heater_limit_w))
 
@@ -149,7 +149,7 @@ def _run(problem: Problem, program: NonlinearProgram, name: str, guess: FloatArr
     parameters = _parameters(problem)
     started = perf_counter()
     warnings = StringIO()
-    # Where it is interrupted, CasADi warns of the KeyboardInterrupt that it raises.
+    # If interrupted, CasADi warns of the KeyboardInterrupt that it raises.
     with redirect_stderr(warnings):
         result = solver(x0=guess, lbx=bounds[0], ubx=bounds[1], lbg=bounds_g[0], ubg=bounds_g[1],
                         p=parameters)
@@ -160,7 +160,7 @@ def _run(problem: Problem, program: NonlinearProgram, name: str, guess: FloatArr
     found, energy = np.asarray(result['x']).ravel(), float(result['f'])
     status = statistics['return_status']
     if name == FATROP:
-        # It numbers its words.
+        # FATROP's status is a number.
         status = f'FATROP ended with {status}'
         if statistics['success'] and _is_sound(program, parameters, guess, found, bounds, bounds_g):
             status, found = SUCCESS, np.clip(found, *bounds)
@@ -171,12 +171,12 @@ def _run(problem: Problem, program: NonlinearProgram, name: str, guess: FloatArr
 
 def _is_sound(program: NonlinearProgram, parameters: FloatArray, guess: FloatArray, found: FloatArray,
               bounds: Sequence[FloatArray], bounds_g: Sequence[FloatArray]) -> bool:
-    """Whether an answer keeps bounds and constraints, and costs no more than a start that keeps them."""
+    """Return whether an answer keeps bounds and constraints, and costs no more than a start that keeps them."""
     def costs(variables: FloatArray) -> float:
-        """Return the energy; inf where something is not kept."""
+        """Return the energy; inf if a bound or constraint is violated."""
         energy, values = program.staged.problem(variables, parameters)
         beyond = max(_beyond(variables, *bounds), _beyond(np.asarray(values).ravel(), *bounds_g))
-        # NaN is beyond all.
+        # NaN counts as a violation.
         return float(energy) if beyond <= SOUND else np.inf
 
     energy = costs(found)
@@ -184,7 +184,7 @@ def _is_sound(program: NonlinearProgram, parameters: FloatArray, guess: FloatArr
 
 
 def _beyond(values: FloatArray, low: FloatArray, high: FloatArray) -> float:
-    """Return by how much values leave their bounds at most; NaN where one is NaN."""
+    """Return the largest violation of the bounds; NaN if a value is NaN."""
     return float(np.max(np.maximum(low - values, values - high)))
 
 
@@ -199,7 +199,7 @@ def _ranges(problem: Problem) -> tuple[tuple[float, float], tuple[float, float]]
 
 
 def _variable_bounds(problem: Problem, program: NonlinearProgram) -> tuple[Values, Values]:
-    """Return what the variables may be at least and at most; a range that gives is no bound."""
+    """Return the lower and upper bounds of the variables; a range with slack is not a bound."""
     trip, state, give = problem.trip, problem.state, program.give
     (lowest_soc, highest_soc), (coldest_c, warmest_c) = _ranges(problem)
     if give:
@@ -229,7 +229,7 @@ def _variable_bounds(problem: Problem, program: NonlinearProgram) -> tuple[Value
 
 
 def _constraint_bounds(problem: Problem) -> tuple[Values, Values]:
-    """Return what the constraints may be at least and at most."""
+    """Return the lower and upper bounds of the constraints."""
     (lowest_soc, highest_soc), (_, warmest_c) = _ranges(problem)
     reserves = [reserve.name for reserve in RESERVES]
     low: Values = {

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Named expressions on their way into a nonlinear program."""
+"""Collects the named expressions of a nonlinear program."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ POWER_SCALE_W = 1e3
 
 
 class Blocks:
-    """Expressions of a program, or its variables, in the order in which they lie in its vector."""
+    """Expressions of a program, or its variables, in the order of its vector."""
 
     def __init__(self) -> None:
-        """Begin without any."""
+        """Begin empty."""
         self._blocks: list[VariableBlock] = []
         self._expressions: list[casadi.MX] = []
 
@@ -31,16 +31,16 @@ class Blocks:
         return row
 
     def row(self, name: str) -> casadi.MX:
-        """Return the row that was added under a name; raises KeyError where there is none."""
+        """Return the row that was added under a name; raises KeyError for an unknown name."""
         for block, column in zip(self._blocks, self._expressions):
             if block.name == name:
                 return column.T
         raise KeyError(name)
 
     def layout(self) -> Layout:
-        """Return where they lie."""
+        """Return the Layout of the blocks."""
         return Layout(tuple(self._blocks))
 
     def vector(self) -> casadi.MX:
-        """Return all of them, one below the other."""
+        """Return all blocks as one column."""
         return casadi.vertcat(*self._expressions)

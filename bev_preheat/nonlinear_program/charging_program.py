@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Drive and charging session in one nonlinear program: the least that energy and time can cost.
+Drive and charging session in one nonlinear program: the lowest possible cost of energy and time.
 
     price · bought energy + value of time · charging time
 
-The heater's power in each step of the drive is chosen, with no target; the session follows by the
-car's own rules (`charging_steps`). A solution is a local one, so IPOPT starts from several plans. What it
-finds is driven and charged by the project's own simulation, limits and switch as they are: costs of
-programs and of plans are then by one ruler, and what the program smooths counts for neither.
+The heater's power in each step of the drive is free, without a target; the session follows the car's own rules
+(`charging_steps`). Solutions are local, so IPOPT starts from several plans. Its results are driven and charged by
+the project's own simulation, with the actual limits and switch: this makes the costs of programs and plans
+comparable, and the program's smoothing affects neither.
 """
 
 from __future__ import annotations
@@ -50,10 +50,10 @@ if TYPE_CHECKING:
 
 METHOD = 'nlp with charging'
 CHARGING_STEPS = 80
-# Plans for these targets [deg C], and none, are what IPOPT starts from.
+# IPOPT starts from plans for these targets [deg C], and from the unheated drive.
 START_TARGETS_C = (5.0, 15.0, 25.0, 35.0)
 SAME_START_K = 1e-4
-# Costs have no more digits than the steps of the session give.
+# More digits would exceed the accuracy of the session's steps.
 SOLVER_OPTIONS: ByName = {
     'print_time': False,
     'ipopt.print_level': 0,
@@ -73,7 +73,7 @@ SOLVED = ('Solve_Succeeded', 'Solved_To_Acceptable_Level')
 
 @dataclass(frozen=True)
 class ChargedDrive:
-    """A Plan and the Session that follows it, as simulated, and what both cost."""
+    """A Plan and the Session that follows it, both simulated, and their cost."""
 
     plan: Plan
     session: Session
@@ -83,10 +83,10 @@ class ChargedDrive:
 @dataclass(frozen=True)
 class SessionAttempt:
     """
-    One call of IPOPT: where it started, its word, and what it found.
+    One call of IPOPT: its start, its status, and its result.
 
-    `start` is the start's cost as simulated, `program_cost` what the program takes its end for, `driven`
-    that end as simulated; None where IPOPT failed.
+    `start` is the simulated cost of the start, `program_cost` the program's cost of the result, `driven`
+    the simulated result; the latter two are None if IPOPT failed.
     """
 
     start: float
@@ -98,7 +98,7 @@ class SessionAttempt:
 
 @dataclass(frozen=True)
 class ChargingOptimum:
-    """The cheapest of what IPOPT found, as simulated (None: it never succeeded), and all Attempts."""
+    """The cheapest of IPOPT's results, as simulated (None if it never succeeded), and all attempts."""
 
     best: ChargedDrive | None
     attempts: tuple[SessionAttempt, ...]
@@ -113,7 +113,7 @@ class ChargingProgram:
         """
         Build the program, with `charging_steps` steps at the charger.
 
-        Raises InvalidInput where vehicle, route, state or goal are not allowed.
+        Raises InvalidInput if vehicle, route, state or goal are not allowed.
         """
         check_situation(vehicle, route, state, goal)
         self._trip: Trip = make_trip(vehicle, route)
@@ -127,7 +127,7 @@ class ChargingProgram:
         session = add_charging_steps(drive, stop, charging_steps, variables, constraints)
         cost = (prices.energy_per_kwh * session.bought_j / (JOULES_PER_WH * WH_PER_KWH)
                 + prices.time_per_h * session.duration_s / SECONDS_PER_H)
-        # Near 1, whatever the currency.
+        # Scales the cost to about 1 in any currency.
         self._cost_scale = max(prices.energy_per_kwh * 30.0 + prices.time_per_h * 0.5, 1e-6)
         self._variables: Layout = variables.layout()
         self._constraints: Layout = constraints.layout()
@@ -136,7 +136,7 @@ class ChargingProgram:
             'g': constraints.vector()}, SOLVER_OPTIONS)
 
     def attempt(self, start: Plan) -> SessionAttempt:
-        """Return the Attempt that starts from a Plan of the same drive."""
+        """Return the SessionAttempt that starts from a Plan of the same drive."""
         drive = self._charged(start)
         guess = self._guess(drive)
         low, high = self._bounds()
@@ -167,7 +167,7 @@ class ChargingProgram:
             session.bought_energy_wh, session.charging_time_s))
 
     def _driven(self, heater_w: FloatArray) -> ChargedDrive:
-        """Return what heater powers [W] (N,) come to, driven and charged as everything else is."""
+        """Return the ChargedDrive of heater powers [W] (N,), driven and charged by the project's simulation."""
         started = perf_counter()
         schedule = drive_as_planned(self._trip, self._state, heater_w)
         return self._charged(finish_plan(
@@ -175,7 +175,7 @@ class ChargingProgram:
 
     def _guess(self, drive: ChargedDrive) -> Values:
         plan, session, path = drive.plan, drive.session, self._trip.vehicle.heat_path
-        # A session that never ends is no worse a start than another.
+        # A session that never ends is no worse as a start than another.
         times_s = np.linspace(0.0, float(session.time_s[-1]), self._steps + 1)[1:]
 
         def along(values: FloatArray) -> FloatArray:
@@ -193,7 +193,7 @@ class ChargingProgram:
                 'charging_heater_power': along(heating_w), 'charging_coolant_excess': excess_k}
 
     def _bounds(self) -> tuple[Values, Values]:
-        """Return what the variables may be at least and at most."""
+        """Return the lower and upper bounds of the variables."""
         trip, state, battery = self._trip, self._state, self._trip.vehicle.battery
         steps, (coldest_c, warmest_c) = len(trip.route), battery.temperature_range_c
         lowest_soc, highest_soc = battery.soc_range
@@ -228,10 +228,10 @@ def solve_charging(vehicle: Vehicle, route: Route, state: BatteryState, goal: Go
                    prices: Prices, more_targets_c: Iterable[float] = (),
                    charging_steps: int = CHARGING_STEPS) -> ChargingOptimum:
     """
-    Return the ChargingOptimum of a drive to a Stop.
+    Return the ChargingOptimum of a drive to a ChargingStop.
 
-    IPOPT starts from the unheated drive, from plans for START_TARGETS_C and for `more_targets_c`
-    [deg C]. Raises InvalidInput where an input is not allowed (`charging.stop.check_stop`).
+    IPOPT starts from the unheated drive, and from plans for START_TARGETS_C and for `more_targets_c`
+    [deg C]. Raises InvalidInput if an input is not allowed (`charging.stop.check_stop`).
     """
     program = ChargingProgram(vehicle, route, state, goal, stop, prices, charging_steps)
     unheated = plan_unheated(vehicle, route, state, goal)
@@ -241,7 +241,7 @@ def solve_charging(vehicle: Vehicle, route: Route, state: BatteryState, goal: Go
         if unheated.arrival_temperature_c < target_c <= highest_c:
             plan = plan_preheating(
                 vehicle, route, state, replace(goal, target_temperature_c=target_c))
-            # Beyond what can be reached all plans are one.
+            # Beyond the reachable temperature all plans are the same.
             if plan.arrival_temperature_c > max(
                     start.arrival_temperature_c for start in starts) + SAME_START_K:
                 starts.append(plan)

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-The steps of a charging session in a nonlinear program: all equally long, in a time that is free.
+The steps of a charging session in a nonlinear program, of equal length in a free total time.
 
-The car's own switch of the heater is kept, not chosen by the program: below the limit it heats, above
-it does not. It is smoothed, because a program has no switches: half the power at the limit, and what
-tanh makes of it within SWITCH_K on both sides, so that the battery is held close to the limit. It looks
-at the mean of the temperatures at both ends of a step, which is of second order and always stable.
+The heater follows the car's own switch, which is not free to the program: on below the limit, off above. The
+switch is smoothed, because a program needs smooth functions: half the power at the limit, and a tanh within
+SWITCH_K on both sides, so that the battery is held close to the limit. Its input is the mean of the temperatures
+at both ends of a step, which is second-order accurate and always stable.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 # Half the width of the switch [K].
 SWITCH_K = 0.5
 TIME_SCALE_S = 1000.0
-# What each state is called on the drive, at the charger, and its scale.
+# Name of each state on the drive and at the charger, and its scale.
 STATES = (('soc', 'charging_soc', SOC_SCALE), ('temperature', 'charging_temperature', 1.0),
           ('heater_power', 'charging_heater_power', POWER_SCALE_W),
           ('coolant_excess', 'charging_coolant_excess', 1.0))
@@ -47,7 +47,7 @@ STATES = (('soc', 'charging_soc', SOC_SCALE), ('temperature', 'charging_temperat
 
 @dataclass(frozen=True)
 class ChargingSteps:
-    """What a session in a program comes to: its duration [s] and the energy that is bought [J]."""
+    """The result of a session in a program: its duration [s] and the energy bought [J]."""
 
     duration_s: casadi.MX
     bought_j: casadi.MX
@@ -56,7 +56,7 @@ class ChargingSteps:
 def add_charging_steps(drive: DriveSteps, stop: ChargingStop, steps: int, variables: Blocks,
                        constraints: Blocks) -> ChargingSteps:
     """
-    Add the steps of the session that follows a drive to a program, and return what it comes to.
+    Add the steps of the session after a drive to a program, and return the session's result.
 
     Variables: `charging_time` [s], and each state of the drive at the ends of the steps.
     """
@@ -96,8 +96,8 @@ def symbolic_charging_step(vehicle: Vehicle, stop: ChargingStop) -> casadi.Funct
     Return a step of `charging.session`, its switch smoothed, as a CasADi Function.
 
     Inputs: soc, temperature [deg C], heater power [W], coolant excess [K], duration [s], and the
-    temperature that it ends with [deg C]. Outputs: the four states at the end, and the means of the
-    power into the terminals and of what the heater takes [W].
+    temperature at its end [deg C]. Outputs: the four states at the end, and the means of the power into
+    the terminals and of the heater's power [W].
     """
     inputs = [casadi.SX.sym(name) for name in (
         'soc', 'temperature_c', 'heater_w', 'excess_k', 'duration_s', 'end_c')]

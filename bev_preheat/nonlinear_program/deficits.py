@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which constraints cannot be kept, by how much and where, in words."""
+"""Constraints that cannot be kept: by how much, where, and in words."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from bev_preheat.nonlinear_program.program import ProgramSolution
     from bev_preheat.planning.trip import Trip
 
-# Constraints that may be lacking something.
+# Constraints that may have a deficit.
 TARGET = 'target temperature'
 ARRIVAL_SOC = 'state of charge on arrival'
 LOWEST_SOC = 'lowest state of charge'
@@ -22,7 +22,7 @@ DISCHARGE_POWER = 'discharge power'
 HIGHEST_SOC = 'highest state of charge'
 HIGHEST_TEMPERATURE = 'highest battery temperature'
 CHARGE = 'charge'
-# Slacks below these are rounding, not constraints that cannot be kept.
+# Slacks below these are rounding.
 TOLERANCE_K = 1e-5
 SOC_TOLERANCE = 1e-7
 TOLERANCE_W = 1e-2
@@ -30,7 +30,7 @@ TOLERANCE_W = 1e-2
 
 @dataclass(frozen=True)
 class StepDeficit:
-    """A constraint that cannot be kept, and by how much; `text` says it in words."""
+    """A constraint that cannot be kept, and by how much; `text` describes it."""
 
     constraint: str
     amount: float
@@ -39,17 +39,17 @@ class StepDeficit:
 
 
 def find_deficits(trip: Trip, solution: ProgramSolution) -> Iterator[StepDeficit]:
-    """Return what a solution lacks, as Lacking."""
+    """Yield the deficits of a solution."""
     soc, slacks = solution.soc, solution.slacks
     if slacks.target_k > TOLERANCE_K:
         yield StepDeficit(TARGET, slacks.target_k, 'K',
-                      f'target temperature: {slacks.target_k:.2f} K cannot be reached')
+                      f'target temperature: missed by {slacks.target_k:.2f} K')
     if slacks.soc[-1] > SOC_TOLERANCE:
         percent = 100.0 * float(slacks.soc[-1])
         yield StepDeficit(ARRIVAL_SOC, percent, '%',
-                      f'state of charge on arrival: {percent:.2f} % are lacking')
+                      f'state of charge on arrival: {percent:.2f} % short')
     at = int(np.argmax(slacks.soc))
-    # Where the battery is emptiest on arrival, that has been said.
+    # A battery that is emptiest on arrival has been reported above.
     if slacks.soc[at] > SOC_TOLERANCE and soc[at + 1] < soc[-1]:
         percent = 100.0 * float(slacks.soc[at])
         yield StepDeficit(LOWEST_SOC, percent, '%',
@@ -67,7 +67,7 @@ def find_deficits(trip: Trip, solution: ProgramSolution) -> Iterator[StepDeficit
         yield StepDeficit(HIGHEST_SOC, percent, '%',
                       f'state of charge: {percent:.2f} % above its range at '
                       f'{trip.time_s[at + 1]:.0f} s')
-    # Where the range may give without a slack, too.
+    # Without a slack, too, because the range may be relaxed.
     beyond_k = solution.temperature_c[1:] - trip.vehicle.battery.temperature_range_c[1]
     at = int(np.argmax(beyond_k))
     if beyond_k[at] > TOLERANCE_K:

@@ -25,13 +25,13 @@ SOC_SCALE = 0.01
 ENERGY_SCALE_J = 1e6
 
 HEATER, BRAKE = ProgramQuantity('heater', POWER_SCALE_W), ProgramQuantity('brake', POWER_SCALE_W)
-# What is left to the power limits (9i) at the start of a step, and at its end.
+# Margins to the power limits (9i) at the start and at the end of a step.
 RESERVES = (ProgramQuantity('discharge', POWER_SCALE_W), ProgramQuantity('charge', POWER_SCALE_W),
             ProgramQuantity('discharge_at_end', POWER_SCALE_W), ProgramQuantity('charge_at_end', POWER_SCALE_W))
 # Duration [s], idle power [W], power variance [W^2], idle heat [W], leakage [W/K].
 ROUTE_INPUTS = 5
-# FACTORS and the heater's efficiency: inputs, so that a car whose factors are being learned needs no
-# new program.
+# FACTORS and the heater's efficiency are inputs, so that a car whose factors are being learned needs no new
+# program.
 CORRECTIONS = len(FACTORS) + 1
 
 
@@ -39,7 +39,7 @@ def drive_states(vehicle: Vehicle) -> tuple[ProgramQuantity, ...]:
     """
     Return the states of a drive.
 
-    What does not lag is no state: it would be a variable without a choice.
+    Quantities without a lag are not states, because such variables would have no freedom.
     """
     path = vehicle.heat_path
     states = [ProgramQuantity('soc', SOC_SCALE), ProgramQuantity('temperature')]
@@ -51,7 +51,7 @@ def drive_states(vehicle: Vehicle) -> tuple[ProgramQuantity, ...]:
 
 
 def drive_controls(limited: bool) -> tuple[ProgramQuantity, ...]:
-    """Return what is chosen in each step: only where power limits count has the brake anything to do."""
+    """Return the controls of each step; the brake only with power limits, without which it has no effect."""
     return (HEATER, BRAKE) if limited else (HEATER,)
 
 
@@ -59,10 +59,10 @@ def drive_step(vehicle: Vehicle, limited: bool, end: casadi.SX | None = None) ->
     """
     Return one step of a drive as a CasADi Function.
 
-    Inputs: states and controls (scaled, one column), the ROUTE_INPUTS of the step, the CORRECTIONS; and
-    `end`, where it is given: symbols that stand for the states at the end (scaled, one column) in the RESERVES.
-    Outputs: the states at the end; the energy that the cells give (scaled); the RESERVES (scaled; none
-    unless `limited`). Derivatives: with respect to states and controls only.
+    Inputs: states and controls (scaled, one column), the ROUTE_INPUTS of the step, the CORRECTIONS, and
+    `end`, if given: symbols for the states at the end (scaled, one column) in the RESERVES. Outputs: the states
+    at the end; the energy from the cells (scaled); the RESERVES (scaled; only if `limited`). Derivatives: with
+    respect to states and controls only.
     """
     quantities = (*drive_states(vehicle), *drive_controls(limited))
     variables = casadi.SX.sym('variables', len(quantities))
@@ -112,7 +112,7 @@ def drive_step(vehicle: Vehicle, limited: bool, end: casadi.SX | None = None) ->
 
 
 def lost_after_arrival(vehicle: Vehicle, states: casadi.SX) -> casadi.SX:
-    """Return the energy (scaled) that a heater that lags takes after the states on arrival (scaled)."""
+    """Return the energy (scaled) that a heater with lag draws after the states on arrival (scaled)."""
     for state, value in zip(drive_states(vehicle), casadi.vertsplit(states)):
         if state.name == 'heater_power':
             return vehicle.heat_path.heater_lag_s * state.scale * value / ENERGY_SCALE_J

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The steps of a drive in a program without stages: rows of variables, and what follows from them."""
+"""The steps of a drive in a program without stages: rows of variables and their constraints."""
 
 from __future__ import annotations
 

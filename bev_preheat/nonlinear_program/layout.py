@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where the named variables or constraints of a nonlinear program lie in its one long vector."""
+"""Positions of the named variables or constraints of a nonlinear program in its vector."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import numpy as np
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray, IntArray
 
-# What each block takes: one number for all its elements, or one for each, in SI units.
+# Values of each block: one number for all its elements, or one for each, in SI units.
 Values = Mapping[str, 'FloatArray | float']
 
 
@@ -30,7 +30,7 @@ class VariableBlock:
     """
     `count` variables or constraints of one kind; `scale` is the SI value that is 1 in the program.
 
-    `stages` are the numbers of the stages they belong to, where a program has stages; () otherwise.
+    `stages` are the numbers of their stages in a program with stages; () otherwise.
     """
 
     name: str
@@ -44,8 +44,8 @@ class Layout:
     """
     Blocks, and the order of their elements in the vector.
 
-    Elements of blocks with stages lie stage by stage, within a stage in the order of the blocks;
-    those of other blocks lie one block after the other.
+    Elements of blocks with stages are ordered by stage, and within a stage by block;
+    those of other blocks follow block by block.
     """
 
     blocks: tuple[VariableBlock, ...]
@@ -57,7 +57,7 @@ class Layout:
 
     @cached_property
     def places(self) -> dict[str, IntArray]:
-        """Where the elements of each block lie, by name; arrays of shape (count,)."""
+        """Positions of the elements of each block, by name; arrays of shape (count,)."""
         stages = np.concatenate([
             block.stages or np.zeros(block.count, int) for block in self.blocks])
         # A stable sort keeps the order of the blocks within each stage.
@@ -70,8 +70,8 @@ class Layout:
         """
         Return the vector of values in SI units, scaled.
 
-        Names that are not in the layout are left out. Raises KeyError where one of it is missing,
-        ValueError where a block has another number of values.
+        Names that are not in the layout are ignored. Raises KeyError if a name of the layout is missing,
+        ValueError if a block has another number of values.
         """
         vector = np.empty(self.size)
         for block in self.blocks:

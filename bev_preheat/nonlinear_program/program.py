@@ -2,21 +2,18 @@
 """
 The nonlinear program (9a)-(9j), built once for a vehicle and a number of steps.
 
-Multiple shooting with the Runge-Kutta step of `model`. Variables: state of charge and temperature
-at each instant; in each step the heater's power and the power of the friction brake. Where the
-vehicle has a heat path, heater and coolant are states too, and what a heater that lags takes after
-arrival is paid for. The brake is
-not in the paper: where the battery may not take what the drivetrain regenerates (9i), the rest
-must go somewhere, or every descent with a cold battery would make the program infeasible. It takes
-from regeneration only, and what it takes no longer passes the drivetrain, whose heat shrinks with
-it.
+Multiple shooting with the Runge-Kutta step of `model`. Variables: state of charge and temperature at each instant;
+in each step the heater's power and the power of the friction brake. With a heat path, heater and coolant are
+states too, and the energy that a heater with lag draws after arrival is paid for. The brake is not in the paper:
+if the battery cannot accept the drivetrain's regeneration (9i), the rest must go somewhere, or every descent with
+a cold battery would make the program infeasible. The brake takes power from regeneration only. This power no
+longer passes the drivetrain, whose heat decreases with it.
 
-An elastic program adds slacks, dearly paid for. It is solved where the program itself has no
-solution, to say which constraint is at fault and what the best is that can be done. First what is
-asked of the battery gives: target, state of charge, discharge limit. What the battery may hold
-gives only where even that is not enough: a long climb can heat it beyond its highest temperature
-by Joule heat alone. But where power lacks only because a battery that is warm enough to deliver a climb gets too
-hot on it, the highest temperature is no bound (`solve`).
+An elastic program adds slacks at a high price. It is solved if the program itself has no solution, to identify the
+violated constraint and the best possible result. Demands on the battery are relaxed first: target, state of
+charge, discharge limit. The battery's ranges are relaxed only if that is not enough: a long climb can heat the
+battery beyond its highest temperature by Joule heat alone. But if power is short only because a battery that is
+warm enough to deliver a climb overheats on it, the highest temperature is not a bound (`solve`).
 """
 
 from __future__ import annotations
@@ -48,13 +45,13 @@ if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray
     from bev_preheat.vehicle import Vehicle
 
-# What a kelvin, a per cent and a kilowatt that are lacking cost, in scaled joules: more than
-# heating could ever save, and charge before warmth.
+# Prices of a kelvin, a per cent and a kilowatt of deficit, in scaled joules: more than heating could ever save,
+# and charge before warmth.
 TARGET_PRICE = 1e2
 SOC_PRICE = 1e4
 DISCHARGE_PRICE = 1e4
-# At each instant, a per cent above the highest state of charge and a kelvin above the highest
-# temperature; higher prices keep IPOPT from converging.
+# At each instant, of a per cent above the highest state of charge and of a kelvin above the highest temperature;
+# higher prices keep IPOPT from converging.
 RANGE_PRICE = 1e3
 
 # At each instant, in each step, and on arrival, in an elastic program.
@@ -67,7 +64,7 @@ ON_ARRIVAL = ProgramQuantity('target'), ProgramQuantity('final_soc', SOC_SCALE)
 
 
 class Give(IntEnum):
-    """Which constraints have slacks; each has those of the one before it too."""
+    """Constraints with slacks; each level includes the slacks of the one before."""
 
     NOTHING = 0
     # Target; lowest state of charge, on the way and on arrival; discharge power.
@@ -79,10 +76,10 @@ class Give(IntEnum):
 @dataclass(frozen=True)
 class Slacks:
     """
-    What constraints lack; arrays of shape (N,).
+    Deficits of the constraints; arrays of shape (N,).
 
-    `target_k` [K]; `soc` below the lowest at the end of each step, in the last below the one on
-    arrival; `discharge_w` [W]; `soc_above` beyond the highest at the end of each step.
+    `target_k` [K]; `soc` below the lowest at the end of each step, and in the last step below the reserve;
+    `discharge_w` [W]; `soc_above` beyond the highest at the end of each step.
     """
 
     target_k: float
@@ -94,10 +91,10 @@ class Slacks:
 @dataclass(frozen=True)
 class ProgramSolution:
     """
-    States (N + 1,) and powers [W] (N,) of a solution, and what its constraints lack.
+    States (N + 1,) and powers [W] (N,) of a solution, and the deficits of its constraints.
 
-    `heater_w` is what is commanded; `heater_power_w`, what the heater takes, and `coolant_excess_k`
-    are states (N + 1,) where the vehicle's heat path has them, else None.
+    `heater_w` is the command; `heater_power_w`, the heater's power, and `coolant_excess_k` are states (N + 1,) if
+    the vehicle's heat path has them, else None.
     """
 
     soc: FloatArray
@@ -112,17 +109,16 @@ class ProgramSolution:
 @dataclass(frozen=True)
 class NonlinearProgram:
     """
-    A nonlinear program, its solvers, and where its variables and constraints lie.
+    A nonlinear program, its solvers, and the layout of its variables and constraints.
 
     Variables: `soc` and `temperature` at each instant, `heater` and, if limited, `brake` in each step;
-    `heater_power` and `coolant_excess` at each instant, where the vehicle's heat path has them; the
-    slacks: `deficit_k` (of the target), `deficit_soc` at each instant, `deficit_w` (of the discharge
-    power) with Give.DEMANDS, `soc_above` and `k_above` with RANGES. Constraints: `soc_defect`,
-    `temperature_defect`, and one for each state of a heat path; if limited, `discharge` and
-    `charge`, what is left to either limit at the start of a step, and `discharge_at_end` and
-    `charge_at_end`, what is left at its end; with DEMANDS `lowest_soc`, with RANGES `highest_soc` and
-    `highest_temperature`, each with its slack; `target` and `final_soc`, by how much either is
-    surpassed.
+    `heater_power` and `coolant_excess` at each instant, if the vehicle's heat path has them; the slacks:
+    `deficit_k` (of the target), `deficit_soc` at each instant, `deficit_w` (of the discharge power) with
+    Give.DEMANDS, `soc_above` and `k_above` with RANGES. Constraints: `soc_defect`, `temperature_defect`, and one
+    for each state of a heat path; if limited, `discharge` and `charge`, the margin to either limit at the start of
+    a step, and `discharge_at_end` and `charge_at_end`, the margin at its end; with DEMANDS `lowest_soc`, with
+    RANGES `highest_soc` and `highest_temperature`, each with its slack; `target` and `final_soc`, the margin of
+    either.
     """
 
     staged: StagedProgram
@@ -132,27 +128,27 @@ class NonlinearProgram:
 
     @property
     def variables(self) -> Layout:
-        """Where the variables lie."""
+        """Layout of the variables."""
         return self.staged.variables
 
     @property
     def constraints(self) -> Layout:
-        """Where the constraints lie."""
+        """Layout of the constraints."""
         return self.staged.constraints
 
     def solver(self, name: str) -> casadi.Function:
-        """Return a solver of `program_solvers`, made when it is first asked for."""
+        """Return a solver of `program_solvers`, built on its first use."""
         if name not in self._solvers:
             self._solvers[name] = make_solver(name, self.staged)
         return self._solvers[name]
 
     def solution(self, variables: FloatArray) -> ProgramSolution:
-        """Return the Solution that the program's variables, scaled, stand for."""
+        """Return the ProgramSolution of the program's variables (scaled)."""
         found = self.variables.unpack(variables)
         nothing = np.zeros(len(found['heater']))
 
         def later(name: str) -> FloatArray:
-            # At the first instant nothing can be lacking that is asked for.
+            # Demands at the first instant have no deficit.
             return found[name][1:] if name in found else nothing
 
         return ProgramSolution(
@@ -162,27 +158,27 @@ class NonlinearProgram:
             found.get('heater_power'), found.get('coolant_excess'))
 
 
-# As many as one trip may need: each takes some megabytes with its solvers, and on a drive the number of
-# steps only falls. The stages, which are the same for any number, are kept apart. Positional only,
-# without defaults: for lru_cache f(1, 2) and f(1, b=2) are different calls.
+# As many as one trip may need: each takes some megabytes with its solvers, and on a drive the number of steps only
+# falls. The stages, which are the same for any number of steps, are cached separately. Positional only, without
+# defaults: for lru_cache f(1, 2) and f(1, b=2) are different calls.
 @lru_cache(maxsize=4)
 def build_program(vehicle: Vehicle, steps: int, limited: bool, give: Give) -> NonlinearProgram:
     """
-    Return the Program of a vehicle, whatever its corrections, for a number of steps.
+    Return the NonlinearProgram of a vehicle, for any corrections and a number of steps.
 
-    `limited`: with the power limits of the battery (9i); `give`: elastic, and how far.
+    `limited`: with the power limits of the battery (9i); `give`: which constraints are elastic.
     """
     return NonlinearProgram(StagedProgram(*_stages(vehicle, limited, give), steps), limited, give)
 
 
 def programs_built() -> int:
-    """Return how many programs this process has built so far."""
+    """Return the number of programs that this process has built so far."""
     return build_program.cache_info().misses
 
 
 @lru_cache(maxsize=12)
 def _stages(vehicle: Vehicle, limited: bool, give: Give) -> tuple[Stage, Stage]:
-    """Return a step of the program, and what comes on arrival."""
+    """Return a step of the program, and the stage on arrival."""
     states, controls = drive_states(vehicle), drive_controls(limited)
     slacks = (*((DEFICIT_SOC,) if give else ()), *(ABOVE if give is Give.RANGES else ()))
     bounds = (*((LOWEST_SOC,) if give else ()), *(HIGHEST if give is Give.RANGES else ()))

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-The solvers of a StagedProgram: FATROP, which makes use of the stages, and IPOPT.
+The solvers of a StagedProgram: FATROP, which exploits the stages, and IPOPT.
 
-Both get the derivatives of `stages` in the form in which CasADi would make its own.
+Both get the derivatives of `stages` in the form in which CasADi would generate its own.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     from bev_preheat.nonlinear_program.stages import StagedProgram
 
-    # What CasADi takes by name; its own hints leave much of that out.
+    # Options that CasADi takes by name; its own type hints omit many.
     ByName = dict[str, Any]
 
 FATROP = 'FATROP'
@@ -28,12 +28,12 @@ IPOPT_OPTIONS: ByName = {
     'ipopt.print_level': 0,
     'ipopt.sb': 'yes',
     'ipopt.max_iter': 500,
-    # With a barrier that only falls it may stay at one whose least value lies at a corner of a limit's table.
+    # With a monotone barrier IPOPT may stall at a barrier value whose minimum lies at a corner of a limit's table.
     'ipopt.mu_strategy': 'adaptive',
     'ipopt.tol': TOLERANCE,
     'ipopt.constr_viol_tol': TOLERANCE,
     'ipopt.acceptable_iter': 0,
-    # The bounds are meant: relaxed ones would let the heater exceed what the cabin leaves.
+    # Bounds are strict: relaxed ones would let the heater exceed the power that the cabin leaves.
     'ipopt.bound_relax_factor': 0.0,
 }
 FATROP_OPTIONS: ByName = {
@@ -41,7 +41,7 @@ FATROP_OPTIONS: ByName = {
     'structure_detection': 'auto',
     'fatrop.print_level': 0,
     'fatrop.tol': TOLERANCE,
-    # Where it succeeds, it takes some 50 at most.
+    # A successful run takes about 50 at most.
     'fatrop.max_iter': 100,
 }
 
@@ -62,7 +62,7 @@ def make_solver(name: str, program: StagedProgram) -> casadi.Function:
 
 
 def derivatives(program: StagedProgram, triangular: bool) -> dict[str, casadi.Function]:
-    """Return the derivatives by the names under which CasADi looks for them before it makes any."""
+    """Return the derivatives under the names by which CasADi looks for them before it generates any."""
     multipliers, slope, hessian = program.hessian(triangular)
     objective = program.gradient()
     functions = (

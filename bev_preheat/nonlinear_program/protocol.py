@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the asking process and the solver's process say to each other, and how it is sent."""
+"""Messages between the asking process and the solver's process, and their encoding."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from bev_preheat.route.segments import Route
 if TYPE_CHECKING:
     from typing import Any
 
-    # Whatever was pickled: a Vehicle, READY, or one of the classes below.
+    # Any pickled object: a Vehicle, READY, or one of the classes below.
     Thing = Any
 
-# The first word of a process that waits for questions.
+# Sent first by a process that waits for questions.
 READY = 'ready'
-# Before each pickled object: its length in bytes.
+# Precedes each pickled object: its length in bytes.
 HEADER = struct.Struct('!Q')
 CHUNK_BYTES = 1 << 16
 
@@ -30,8 +30,8 @@ class Question:
     """
     A situation: the route from now on, the battery's state at its start, and the goal.
 
-    `method` is one of planning.planner.METHODS, whose plan is wanted too; '': none is.
-    `model_factors` correct vehicle and route, in the order of PreheatPlan.msg; (): as they are.
+    `method` is a method of planning.planner.METHODS whose plan is also requested; '': none.
+    `model_factors` correct vehicle and route, in the order of PreheatPlan.msg; (): no correction.
     """
 
     route: Route
@@ -43,14 +43,14 @@ class Question:
 
 @dataclass(frozen=True)
 class Preparation:
-    """A route of which questions will come: the program for its number of steps is built."""
+    """A route about which questions will follow: the program for its number of steps is built."""
 
     route: Route
 
 
 @dataclass(frozen=True)
 class Prepared:
-    """The answer to a Preparation: how many steps its route has; None where it failed."""
+    """The answer to a Preparation: the number of steps of its route; None if it failed."""
 
     steps: int | None
 
@@ -58,12 +58,12 @@ class Prepared:
 @dataclass(frozen=True)
 class SolverAnswer:
     """
-    What was found; the fields are those of `optimum.solve.Optimum`, `solver` names who answered.
+    The solver's result; the fields are those of `optimum.solve.Optimum`, `solver` names the solver.
 
-    `is_optimal`: `optimal_plan` keeps all constraints and is the optimum; otherwise it is the best
-    that can be done, and `infeasible` names what cannot be kept. `method_plan` is the plan of the
-    question's method. `programs_built` counts the programs that had to be built for it: those of
-    earlier questions with as many steps, and prepared ones, are used again.
+    `is_optimal`: `optimal_plan` keeps all constraints and is the optimum; otherwise it is the best possible
+    plan, and `infeasible` names the constraints that cannot be kept. `method_plan` is the plan of the
+    question's method. `programs_built` counts the programs built for this answer: those of earlier
+    questions with as many steps, and prepared ones, are reused.
     """
 
     optimal_plan: Plan
@@ -78,20 +78,20 @@ class SolverAnswer:
 
 @dataclass(frozen=True)
 class Failure:
-    """Why there is no solution, and how long it was tried [s]."""
+    """The reason for a missing solution, and the time spent [s]."""
 
     explanation: str
     elapsed_s: float
 
 
 def framed(thing: Thing) -> bytes:
-    """Return the bytes that stand for an object on the socket."""
+    """Return the encoding of an object on the socket."""
     pickled = pickle.dumps(thing)
     return HEADER.pack(len(pickled)) + pickled
 
 
 def unframed(received: bytearray) -> Thing:
-    """Take the first object from a bytearray; None where it is not there as a whole."""
+    """Take the first object from a bytearray; None if it is incomplete."""
     if len(received) < HEADER.size:
         return None
     end = HEADER.size + HEADER.unpack_from(received)[0]

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Maps of a vehicle without corners, for programs that run along them.
+Maps of a vehicle without corners, for nonlinear programs.
 
-A table is linear between its points. Along a charging session a program meets dozens of its corners, and
-where each lies within a step decides a derivative: IPOPT comes to rest at none. Here each corner is
-rounded: the kink |x - x_i| becomes sqrt((x - x_i)^2 + w^2). Weights of the points still add up to 1.
-On a drive few corners are met, and programs keep them; but where power lacks for minutes, what lacks least may
-lie at one, and only with corners that are rounded a little does IPOPT find it.
+A table is linear between its points. Along a charging session a program meets dozens of its corners, and the
+position of each within a step decides a derivative: IPOPT does not converge. Here each corner is rounded: the kink
+|x - x_i| becomes sqrt((x - x_i)^2 + w^2). Weights of the points still add up to 1. A drive meets few corners, and
+its programs keep them. But during a power deficit of minutes, the smallest deficit may lie at a corner, and IPOPT
+finds it only with slightly rounded corners.
 """
 
 from __future__ import annotations
@@ -53,10 +53,10 @@ class SmoothTable:
 
 
 def smooth_weights(axis: Sequence[float], x: AnyNumber, width: float) -> list[AnyNumber]:
-    """Return the weight of each axis point at x; they add up to 1. Level beyond the ends, nearly."""
+    """Return the weight of each axis point at x; they add up to 1. Nearly constant beyond the ends."""
     if len(axis) == 1:
         return [1.0]
-    # Kinks at the points, the slope between two of them shared out.
+    # Kinks at the points; the slope between two points is split between them.
     rising = [0.5 * (casadi.sqrt((x - low)**2 + width**2) - casadi.sqrt((x - high)**2 + width**2)
                      + (high - low)) / (high - low) for low, high in zip(axis, axis[1:])]
     return [before - after for before, after in zip([1.0, *rising], [*rising, 0.0])]
@@ -84,7 +84,7 @@ def smoothed(vehicle: Vehicle) -> Vehicle:
 
 
 def smoothed_a_little(vehicle: Vehicle) -> Vehicle:
-    """Return the Vehicle with corners rounded by next to nothing in the maps of its drives."""
+    """Return the Vehicle with minimally rounded corners in the maps of its drives."""
     widths, battery = (DRIVE_SOC_WIDTH, DRIVE_TEMPERATURE_WIDTH_K), vehicle.battery
     return replace(vehicle, battery=replace(
         battery, open_circuit_voltage=_smooth(battery.open_circuit_voltage, *widths),

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Solves the nonlinear program for a situation; the result is a Plan with the solver's word."""
+"""Solves the nonlinear program for a situation; the result is a Plan with the solver's status."""
 
 from __future__ import annotations
 
@@ -44,8 +44,8 @@ if TYPE_CHECKING:
 
 METHOD = 'nlp'
 AS_DESCRIBED = Corrections()
-# What stands in place of the solver's word where it was not asked.
-NOT_SOLVED = 'not solved: the charge does not carry the trip'
+# Status if no solver was asked.
+NOT_SOLVED = 'not solved: the charge is not enough for the trip'
 # A battery this close to its highest temperature is held there by the bound.
 NEAR_HIGHEST_K = 1e-3
 
@@ -57,15 +57,14 @@ class SolverFailure(RuntimeError):
 @dataclass(frozen=True)
 class Optimum:
     """
-    The optimum, or the best that can be done.
+    The optimum, or the best possible result.
 
-    `solver` is the one whose answer `plan` is, FATROP or IPOPT; '' where none was asked.
-    `solver_status` is the word on the program itself; only 'Solve_Succeeded' is an optimum.
-    `deficit` holds the constraints that cannot be kept; it is empty where `plan` is the optimum,
-    and only there. `solve_time_s` is what the solvers took, from all starts, without the time to set
-    programs up.
-    `marginal_cost_wh_per_k` is the multiplier of the target: what one more kelvin on arrival would
-    cost (NaN where the target does not bind or cannot be met).
+    `solver` is the solver that found `plan`, FATROP or IPOPT; '' if none was asked.
+    `solver_status` is its status for the program itself; only 'Solve_Succeeded' is an optimum.
+    `deficit` holds the constraints that cannot be kept; it is empty if and only if `plan` is the optimum.
+    `solve_time_s` is the solvers' time, from all starts, without the setup of programs.
+    `marginal_cost_wh_per_k` is the multiplier of the target: the cost of one more kelvin on arrival
+    (NaN if the target does not bind or cannot be met).
     """
 
     plan: Plan
@@ -94,16 +93,15 @@ def solve_optimum(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goa
     """
     Return the Optimum for a vehicle with a battery state at the start of a route.
 
-    `limited`: keep the battery's power limits (9i). Where the trip keeps them unheated, the program is
-    solved without them first: a solution that keeps them all the same is the optimum with them too,
-    at half the cost. Where limits are active the program may have several optima, so it is solved
-    from the trip unheated and from the trip heated throughout, and the better one counts. A trip
-    that the charge does not carry is not given to the solver: there is no optimum, and the best that can
-    be done is not to heat. Where the power of the drive lacks for the sake of the highest temperature alone, the
-    battery may get warmer. Where the solvers come to no rest, corners of the maps are rounded by next to
-    nothing (`smooth_maps`): limits hold within 10 W then. `corrections` of the vehicle need no programs of
-    their own, unlike a corrected vehicle. Raises InvalidInput as `plan_preheating` does, SolverFailure
-    where IPOPT finds neither an optimum nor what cannot be kept.
+    `limited`: keep the battery's power limits (9i). If the unheated trip keeps them, the program is solved without
+    limits first: a solution that keeps them anyway is also the optimum with limits, at half the cost. With active
+    limits the program may have several optima, so it is solved from the unheated trip and from the trip heated
+    throughout, and the better result counts. If the charge is not enough for the trip, no solver is asked: there
+    is no optimum, and not heating is the best possible. If the drive's power is short only because of the highest
+    temperature, the battery may get warmer. If the solvers do not converge, corners of the maps are rounded
+    minimally (`smooth_maps`); limits then hold within 10 W. `corrections` of the vehicle need no programs of their
+    own, unlike a corrected vehicle. Raises InvalidInput as `plan_preheating` does, SolverFailure if IPOPT finds
+    neither an optimum nor the constraints that cannot be kept.
     """
     started = perf_counter()
     corrected = _corrected(vehicle, corrections)
@@ -115,16 +113,16 @@ def solve_optimum(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goa
     if unheated.empty_at_s is not None:
         return _stranded(trip, goal, unheated, started)
     problem, runs = Problem(vehicle, corrections, trip, state, goal), []
-    # An optimum may lie at a corner of a map, where IPOPT does not come to rest.
+    # An optimum may lie at a corner of a map, where IPOPT does not converge.
     rounded = replace(problem, vehicle=smoothed_a_little(vehicle))
     if limited and limits_hold(trip, unheated):
-        # If it fails, so does the program with limits, most often; one solver's word is enough.
+        # If it fails, the program with limits usually fails too; one solver is enough to tell.
         run = attempt(problem, limited=False, solvers=available_solvers(trip)[:1])
         if run.status == SUCCESS and limits_hold(trip, _schedule(trip, run)):
             return _optimum(trip, goal, [run], (), started)
     starts = [unheated_start(problem), *([heated_start(problem)] if limited else [])]
     for give in Give:
-        # Elastic programs are asked what is lacking; one start is enough.
+        # Elastic programs only determine the deficits; one start is enough.
         run = attempt(problem, limited, give, starts[:1] if give else starts)
         runs.append(run)
         if run.status == SUCCESS:
@@ -132,12 +130,12 @@ def solve_optimum(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goa
     else:
         run = attempt(rounded, limited, give, starts[:1])
         if run.status != SUCCESS:
-            raise SolverFailure(f'IPOPT ended with {runs[0].status}, and with '
-                                f'{runs[1].status} and {runs[2].status} where constraints may give')
+                        raise SolverFailure(f'IPOPT ended with {runs[0].status}, and with '
+                                f'{runs[1].status} and {runs[2].status} with relaxed constraints')
         runs.append(run)
     deficit = tuple(find_deficits(trip, run.solution))
     if give is Give.DEMANDS and _is_held_cool(trip, run) and _undelivered_w(run) > TOLERANCE_W:
-        # A drive that can be delivered comes before the range, as in plans: its heat is left to the car's cooling.
+        # Delivering the drive takes precedence over the range, as in plans: the car's cooling handles the heat.
         warmer = attempt(
             replace(problem, beyond_range_k=HOTTEST_BEYOND_RANGE_K), limited, give, [run.values])
         if warmer.status == SUCCESS and _undelivered_w(warmer) <= TOLERANCE_W:
@@ -146,20 +144,20 @@ def solve_optimum(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goa
         else:
             runs.insert(1, warmer)
     if give and not deficit:
-        # All constraints can be kept: it was the solver that failed, and from here it may not.
+        # All constraints can be kept, so the solver failed; from this start it may succeed.
         for again in problem, rounded:
             run = attempt(again, limited, starts=[run.values])
             runs = [run, *runs]
             if run.status == SUCCESS:
                 break
         else:
-            raise SolverFailure(f'IPOPT ended with {runs[2].status}, and with {run.status} when '
-                                'started where all constraints are kept')
+                        raise SolverFailure(f'IPOPT ended with {runs[2].status}, and with {run.status} when '
+                                'started from a feasible point')
     return _optimum(trip, goal, runs, deficit, started)
 
 
 def _is_held_cool(trip: Trip, run: Attempt) -> bool:
-    """Return whether the battery is as warm somewhere as its range allows."""
+    """Return whether the battery reaches the highest temperature of its range."""
     return bool(run.solution.temperature_c.max() > trip.vehicle.battery.temperature_range_c[1] - NEAR_HIGHEST_K)
 
 
@@ -169,12 +167,12 @@ def _undelivered_w(run: Attempt) -> float:
 
 
 def _stranded(trip: Trip, goal: Goal, unheated: Schedule, started: float) -> Optimum:
-    """Return the Optimum of a trip whose charge runs out: none, and why."""
+    """Return the Optimum of a trip whose charge runs out: no optimum, and the reason."""
     plan = finish_plan(trip, goal, unheated, METHOD, started)
     assert plan.stranding is not None
     deficit = StepDeficit(
         CHARGE, plan.stranding.deficit_wh, 'Wh',
-        f'charge: {plan.stranding.deficit_wh / 1e3:.2f} kWh are lacking to arrive; the battery is '
+        f'charge: {plan.stranding.deficit_wh / 1e3:.2f} kWh short; the battery will be '
         f'empty at {plan.stranding.at_s:.0f} s')
     return Optimum(plan=plan, solver='', solver_status=NOT_SOLVED, iterations=0, solve_time_s=0.0,
                    deficit=(deficit,), marginal_cost_wh_per_k=math.nan)
@@ -182,9 +180,9 @@ def _stranded(trip: Trip, goal: Goal, unheated: Schedule, started: float) -> Opt
 
 def prepare_programs(vehicle: Vehicle, route: Route) -> None:
     """
-    Build and keep the programs that `solve_optimum` solves first for this route.
+    Build and cache the programs that `solve_optimum` solves first for this route.
 
-    They serve all routes with as many steps, and the vehicle with any corrections.
+    They serve all routes with the same number of steps, and the vehicle with any corrections.
     """
     trip = make_trip(vehicle, route)
     for limited in False, True:
@@ -193,13 +191,13 @@ def prepare_programs(vehicle: Vehicle, route: Route) -> None:
 
 
 def _corrected(vehicle: Vehicle, corrections: Corrections) -> Vehicle:
-    # What others keep for a vehicle is not kept for its copy.
+    # Results cached for a vehicle would not be found for its copy.
     return vehicle if corrections == AS_DESCRIBED else corrected_vehicle(vehicle, corrections)
 
 
 def _optimum(trip: Trip, goal: Goal, runs: Sequence[Attempt], deficit: tuple[StepDeficit, ...],
              started: float) -> Optimum:
-    """Return the Optimum of the first of the runs, which all had to be made."""
+    """Return the Optimum of the first run, with deficits of the last one; the effort is that of all runs."""
     run, marginal_cost = runs[0] if not deficit else runs[-1], math.nan
     schedule = _schedule(trip, run)
     if schedule.soc[-1] - reserve_soc(trip.vehicle, goal) < SOC_TOLERANCE:
@@ -218,11 +216,11 @@ def _optimum(trip: Trip, goal: Goal, runs: Sequence[Attempt], deficit: tuple[Ste
 
 def _schedule(trip: Trip, run: Attempt) -> Schedule:
     solution = run.solution
-    # Scaled and back, a power at its bound may be beyond it by the last bit.
+    # After scaling back, a power at its bound may exceed the bound by the last bit.
     heater_w = np.clip(solution.heater_w, 0.0, trip.heater_limit_w)
     brake_w = np.clip(solution.brake_w, 0.0, np.maximum(-trip.route.propulsion_power_w, 0.0))
     if not trip.vehicle.heat_path.is_direct:
-        # What does not lag takes what is commanded; without coolant there is no excess.
+        # Without a lag the heater follows its command; without coolant there is no excess.
         states = (solution.soc, solution.temperature_c,
                   np.append(heater_w[:1], heater_w) if solution.heater_power_w is None
                   else solution.heater_power_w,

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Has the nonlinear program solved in a process of its own, which may be killed at any time.
+Solves the nonlinear program in a separate process, which may be killed at any time.
 
-`SolverProcess` is the asking side. It never waits: what can be sent or received at the moment goes
-over a socket whenever `poll` is called. It loads no CasADi. The process behind it (see `worker`)
-starts when it is told to prepare, or else with the first question, and stays for the next.
+`SolverProcess` is the asking side. It never waits: each call of `poll` exchanges over a socket whatever is
+possible at the moment. It does not load CasADi. The process behind it (see `worker`) starts on request to
+prepare, or else with the first question, and stays for the next.
 """
 
 from __future__ import annotations
@@ -34,16 +34,16 @@ if TYPE_CHECKING:
     from bev_preheat.route import Route
     from bev_preheat.vehicle import Vehicle
 
-# Loading Python, NumPy and CasADi takes a second, at the lowest priority on a busy computer a minute; where it
-# takes this long something is wrong.
+# Loading Python, NumPy and CasADi takes a second, or a minute at the lowest priority on a busy computer; beyond
+# this limit something is wrong.
 START_LIMIT_S = 180.0
-# How long a killed process may take to be gone [s].
+# Longest time for a killed process to disappear [s].
 END_LIMIT_S = 2.0
-# Polite before the first import, as importing takes most of a core for a while.
+# Lower the priority before the first import, because importing keeps a core busy for a while.
 PROGRAM = ('import os; os.nice({niceness}); from bev_preheat.nonlinear_program.asking_process import end_with; '
            'end_with({parent}); from bev_preheat.nonlinear_program.worker import serve; '
            'serve({descriptor}, {niceness})')
-# Solving takes only computing time that nobody else wants.
+# The lowest priority: solving uses only idle computing time.
 MOST_NICE = 19
 
 
@@ -51,7 +51,7 @@ class SolverProcess:
     """
     Asks for one solution at a time; no method waits, raises, or leaves a process behind.
 
-    The process knows one vehicle: another needs another SolverProcess.
+    The process knows one vehicle: another vehicle needs another SolverProcess.
     """
 
     _process: subprocess.Popen[bytes] | None
@@ -65,7 +65,7 @@ class SolverProcess:
     def __init__(self, vehicle: Vehicle, start_limit_s: float = START_LIMIT_S,
                  niceness: int = MOST_NICE) -> None:
         """
-        Start nothing yet; `start_limit_s` [s] is how long the process may take to start.
+        Do not start the process yet; `start_limit_s` [s] is its longest start time.
 
         `niceness` is by how much its scheduling priority is lower than this process's, 0 ... 19.
         """
@@ -82,7 +82,7 @@ class SolverProcess:
 
     @property
     def is_solving(self) -> bool:
-        """Whether the process has a question; while it starts, it has none yet."""
+        """Whether the process is working on a question; not yet while it starts."""
         return self._solves
 
     @property
@@ -93,19 +93,19 @@ class SolverProcess:
 
     @property
     def prepared_steps(self) -> int | None:
-        """Number of steps of the route that the process prepared last; None where it has none."""
+        """Number of steps of the route that the process prepared last; None without one."""
         return self._prepared_steps
 
     @property
     def process_id(self) -> int | None:
-        """Id of the solver's process; None where there is none."""
+        """Id of the solver's process, or None."""
         return self._process.pid if self._process else None
 
     def prepare(self, route: Route | None = None) -> None:
         """
-        Start the process where there is none, and let it get ready for a Route, if there is one.
+        Start the process if necessary, and let it prepare for a Route, if given.
 
-        What goes wrong there the answer to the next question tells.
+        The answer to the next question reports any problem.
         """
         if self._process is not None and self._process.poll() is not None:
             self._kill()
@@ -120,7 +120,7 @@ class SolverProcess:
         """
         Ask a Question, to be answered within `time_limit_s` [s] after the process has started.
 
-        A question that is being solved is given up.
+        A question that is still being solved is abandoned.
         """
         if self._solves or (self._process is not None and self._process.poll() is not None):
             self._kill()
@@ -132,9 +132,9 @@ class SolverProcess:
 
     def poll(self) -> SolverAnswer | Failure | None:
         """
-        Exchange what can be exchanged; return a Solution or a Failure when there is one, or None.
+        Send and receive without waiting; return a SolverAnswer or a Failure, or None.
 
-        A Failure without a question tells that the process ended while it had nothing to do.
+        A Failure without a question means that the idle process has ended.
         """
         self._killed = [process for process in self._killed if process.poll() is None]
         if self._process is None:
@@ -174,7 +174,7 @@ class SolverProcess:
 
     def _start(self) -> None:
         ours, theirs = socket.socketpair()
-        # The modules of this process, and one thread, so that it takes one core at most.
+        # This process's modules, and one thread, so that it uses one core at most.
         environment = dict(
             os.environ, PYTHONSAFEPATH='1',
             PYTHONPATH=os.pathsep.join(path or os.getcwd() for path in sys.path),
@@ -186,7 +186,7 @@ class SolverProcess:
                         descriptor=theirs.fileno(), niceness=self._niceness, parent=os.getpid())],
                     stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, env=environment,
                     pass_fds=[theirs.fileno()],
-                    # Ctrl-C in a terminal is for the asking process, which then ends this one.
+                    # Ctrl-C in a terminal reaches the asking process, which then ends this one.
                     start_new_session=True)
             except OSError as error:
                 ours.close()
@@ -212,7 +212,7 @@ class SolverProcess:
         self._send()
 
     def _hand_over_preparation(self) -> None:
-        # One at a time, so that nothing piles up before a process that hangs.
+        # One at a time, so that requests do not pile up if the process hangs.
         if self._route_to_prepare is None or self._prepares:
             return
         self._to_send += framed(Preparation(self._route_to_prepare))
@@ -225,7 +225,7 @@ class SolverProcess:
             while chunk := self._socket.recv(CHUNK_BYTES):
                 self._received += chunk
         except OSError:
-            pass  # nothing more for now, or for ever; whether the process lives says _loss()
+            pass  # nothing more for now, or ever; _loss() checks whether the process lives
         while (message := unframed(self._received)) is not None:
             yield message
 
@@ -237,7 +237,7 @@ class SolverProcess:
             pass
 
     def _loss(self, process: subprocess.Popen[bytes]) -> Failure | None:
-        """Return a Failure where the process has ended, or has had its time."""
+        """Return a Failure if the process has ended or exceeded its time limit."""
         status, elapsed_s = process.poll(), monotonic() - self._since_s
         if status is not None:
             explanation = f'the solver process ended with {_ending(status)}'

@@ -1,15 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-A nonlinear program whose variables and constraints lie stage by stage, and its derivatives.
+A nonlinear program whose variables and constraints are ordered by stage, and its derivatives.
 
     minimise  sum of cost(w_k, p_k, q) + last cost(w_N, q)
     subject to  x_{k+1} - ends(w_k, p_k, q) = 0,  paths(w_k, x_{k+1}, p_k, q) and last paths(w_N, q) in bounds
 
-w_k are the variables of stage k, the states x_k first; p_k what is given for the stage, q what is given
-for all. Variables lie in the order w_0, w_1, ..., w_N; of the constraints each stage's defects
-come first, then its paths. All stages but the last are alike, so derivatives are taken of one stage,
-once, evaluated along all of them, and put in their places. CasADi's own derivatives of the whole
-program take ten times as long to evaluate.
+w_k are the variables of stage k, the states x_k first; p_k the stage's inputs, q the common inputs. Variables
+have the order w_0, w_1, ..., w_N; of the constraints each stage's defects come first, then its paths. All stages
+but the last are alike, so derivatives are generated for one stage, evaluated along all of them, and placed in the
+whole. CasADi's own derivatives of the whole program take ten times as long to evaluate.
 """
 
 from __future__ import annotations
@@ -35,9 +34,9 @@ class Stage:
     """
     One stage as CasADi expressions of `vector` (its variables), `inputs` (p_k) and `common` (q).
 
-    `ends` (no rows in the last stage) are the states at the start of the next one; in `path_values` the
-    symbols `end` stand for them: derivatives are taken of the one and of the other, and put together by the
-    chain rule, which takes a quarter fewer operations. All are columns.
+    `ends` (no rows in the last stage) are the states at the start of the next stage; in `path_values` the symbols
+    `end` stand for them: both are differentiated separately and combined by the chain rule, which takes a
+    quarter fewer operations. All are columns.
     """
 
     variables: tuple[ProgramQuantity, ...]
@@ -68,13 +67,13 @@ class Stage:
 
     @cached_property
     def slopes(self) -> casadi.Function:
-        """Ends and paths, and those elements of their Jacobian that are not zero."""
+        """Ends and paths, and the nonzero elements of their Jacobian."""
         return self._function('slopes', [], [self._outcome, _elements(self._jacobian)])
 
     @cached_property
     def curvature(self) -> casadi.Function:
         """
-        Gradient of the Lagrangian, and those elements of its Hessian that are not zero.
+        Gradient of the Lagrangian, and the nonzero elements of its Hessian.
 
         More inputs: the multipliers of the cost, and of ends and paths.
         """
@@ -84,12 +83,12 @@ class Stage:
 
     @property
     def jacobian_places(self) -> tuple[IntArray, IntArray]:
-        """Rows and columns of the Jacobian's elements."""
+        """Rows and columns of the Jacobian's nonzero elements."""
         return _places(self._jacobian)
 
     @property
     def hessian_places(self) -> tuple[IntArray, IntArray]:
-        """Rows and columns of the elements of the Hessian."""
+        """Rows and columns of the Hessian's nonzero elements."""
         return _places(self._lagrangian[2])
 
     @cached_property
@@ -108,7 +107,7 @@ class Stage:
         of_ends, of_paths = multipliers[:states], multipliers[states:]
         paths_hessian, paths_gradient = map(self._at_ends, casadi.hessian(
             casadi.dot(of_paths, self.path_values), self._of_paths))
-        # What the paths gain by a state at the end is one more multiplier of that state.
+        # The gradient of the paths with respect to an end state acts as another multiplier of that state.
         gain = casadi.SX.sym('gain', states)
         hessian, gradient = (casadi.substitute(value, gain, paths_gradient[:states]) for value in casadi.hessian(
             price * self.cost + casadi.dot(of_ends + gain, self.ends), self.vector))
@@ -118,7 +117,7 @@ class Stage:
 
     @property
     def _of_paths(self) -> casadi.SX:
-        """What the paths are expressions of, beside what is given."""
+        """The variables of the path expressions, beside the inputs."""
         return casadi.vertcat(self.end, self.vector)
 
     @cached_property
@@ -140,7 +139,7 @@ class Stage:
 
 
 def _elements(matrix: casadi.SX) -> casadi.SX:
-    """Return the elements that are not zero, column by column."""
+    """Return the nonzero elements, column by column."""
     elements: casadi.SX = matrix.nz[:]
     return elements
 
@@ -154,12 +153,12 @@ class StagedProgram:
     """
     A program of `steps` equal stages and a last one.
 
-    `variables` and `constraints` tell where both lie; `is_equality` says of each constraint whether it is
-    a defect. Parameters: the inputs of each stage, then what is common to all.
+    `variables` and `constraints` are the layouts of both; `is_equality` marks the constraints that are
+    defects. Parameters: the inputs of each stage, then the common inputs.
     """
 
     def __init__(self, stage: Stage, last: Stage, steps: int) -> None:
-        """Put the stages together; derivatives come with `functions`."""
+        """Assemble the stages; derivatives come with `functions`."""
         self._stage, self._last, self._steps = stage, last, steps
         states = self._states = stage.ends.shape[0]
         self.variables = _layout(stage.variables, last.variables, steps)
@@ -196,7 +195,7 @@ class StagedProgram:
         rows, columns = _repeated(self._stage.jacobian_places, self._steps, height, width)
         is_end = rows % height < self._states
         last_rows, last_columns = self._last.jacobian_places
-        # Of a defect: the state that follows, less what the stage ends with.
+        # Jacobian of a defect: the next stage's state, less the state at the end of this stage.
         next_rows, next_columns = self._defects(), self._next_states()
         matrix = _matrix(
             (self.constraints.size, self.variables.size),
@@ -210,8 +209,8 @@ class StagedProgram:
         """
         Return multipliers, and gradient and Hessian of the Lagrangian.
 
-        The multipliers, of objective and constraints, are the inputs that come after variables and
-        parameters. `triangular`: the upper triangle of the Hessian is enough.
+        The multipliers, of objective and constraints, are inputs that follow variables and parameters.
+        `triangular`: only the upper triangle of the Hessian is needed.
         """
         price, multipliers = casadi.MX.sym('price'), casadi.MX.sym('g', self.constraints.size)
         width, height = len(self._stage.variables), self._stage.path_values.shape[0] + self._states
@@ -243,7 +242,7 @@ class StagedProgram:
                                ['x', 'p', *input_names], list(output_names))
 
     def _each(self, function: casadi.Function, *more: casadi.MX) -> list[casadi.MX]:
-        """Return what a function gives for each stage but the last, a column for each."""
+        """Return a function's outputs for each stage but the last, one column each."""
         width, inputs = len(self._stage.variables), self._stage.inputs.shape[0]
         return along_rows(function, [
             self._x[:self._steps * width].reshape((width, self._steps)),
@@ -265,17 +264,17 @@ class StagedProgram:
             following - outcome[:self._states, :], outcome[self._states:, :])), last_outcome)
 
     def _next_states(self) -> IntArray:
-        """Where the states that each stage leads to lie among the variables."""
+        """Return the positions of each stage's next states among the variables."""
         return np.add.outer(np.arange(1, self._steps + 1) * len(self._stage.variables),
                             np.arange(self._states)).ravel()
 
     def _defects(self) -> IntArray:
-        """Where the defects lie among the constraints, in the order of `_next_states`."""
+        """Return the positions of the defects among the constraints, in the order of `_next_states`."""
         return np.flatnonzero(self.is_equality)
 
 
 def _layout(each: Sequence[ProgramQuantity], last: Sequence[ProgramQuantity], steps: int) -> Layout:
-    """Return the Layout of what each stage but the last has, and of what the last one has."""
+    """Return the Layout of the quantities of each stage but the last, and of the last one."""
     names, last_names = ({quantity.name for quantity in quantities} for quantities in (each, last))
     return Layout(tuple(
         VariableBlock(quantity.name, len(stages), quantity.scale, stages)
@@ -294,7 +293,7 @@ def _repeated(places: tuple[IntArray, IntArray], steps: int, height: int,
 
 def _matrix(shape: tuple[int, int], elements: casadi.MX, rows: IntArray, columns: IntArray,
             kept: IntArray | None = None) -> casadi.MX:
-    """Return the sparse matrix of elements, of which `kept` are those at rows and columns."""
+    """Return the sparse matrix of elements; `kept` are the indices of those at rows and columns."""
     order = np.lexsort((rows, columns))
     sparsity = casadi.Sparsity.triplet(*shape, rows[order].tolist(), columns[order].tolist())
     return casadi.MX(sparsity, elements[(order if kept is None else kept[order]).tolist()])

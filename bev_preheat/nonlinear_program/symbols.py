@@ -26,8 +26,8 @@ SYMBOLS: Arithmetic[AnyNumber] = Arithmetic(
     root=lambda value: casadi.sqrt(casadi.fmax(value, LEAST_DISCRIMINANT_V2)),
     log=casadi.log, exp=casadi.exp, maximum=casadi.fmax, minimum=casadi.fmin)
 
-# Corrections of the vehicle that are inputs, so that they may differ from call to call; leakage
-# and heat are inputs anyway.
+# Corrections of the vehicle that are inputs, so that they may differ from call to call; leakage and heat are
+# inputs anyway.
 FACTORS = ('heat_capacity', 'resistance')
 
 

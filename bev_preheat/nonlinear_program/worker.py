@@ -2,8 +2,8 @@
 """
 The solver's process: answers the questions of a `SolverProcess`.
 
-It takes only computing time that nobody else wants, and ends when the asking process is gone: by
-`asking_process` where the kernel sees to that, else by itself.
+It uses only idle computing time, and ends with the asking process: through `asking_process` if the kernel supports
+it, else by itself.
 """
 
 from __future__ import annotations
@@ -61,9 +61,9 @@ def serve(descriptor: int, niceness: int) -> None:
 
 def _give_way(niceness: int) -> None:
     linux_priorities = {
-        # Where memory runs short, the kernel is to take this process and leave the planner.
+        # If memory runs short, the kernel should kill this process rather than the planner.
         '/proc/self/oom_score_adj': 1000,
-        # Where sessions share the computer evenly, os.nice() counts within this one only.
+        # If the kernel divides the computer between sessions, os.nice() only counts within this session.
         '/proc/self/autogroup': niceness}
     for path, value in linux_priorities.items():
         try:
@@ -85,7 +85,7 @@ def _receive(connection: socket.socket, messages: queue.SimpleQueue[Thing]) -> N
 
 
 def _warm_up(vehicle: Vehicle) -> None:
-    """Load the solver and solve the least there is to solve, which loads the solver's library as well."""
+    """Load the solver and solve the smallest problem, which also loads the solver's library."""
     try:
         from bev_preheat.nonlinear_program.solve import solve_optimum
         battery = vehicle.battery
@@ -100,7 +100,7 @@ def _warm_up(vehicle: Vehicle) -> None:
 
 
 def _prepare(vehicle: Vehicle, route: Route) -> Prepared:
-    """Return the Prepared of a Route."""
+    """Build the programs for a Route; return the Prepared."""
     try:
         from bev_preheat.nonlinear_program.solve import prepare_programs
         prepare_programs(vehicle, route)
@@ -110,7 +110,7 @@ def _prepare(vehicle: Vehicle, route: Route) -> Prepared:
 
 
 def _answer(vehicle: Vehicle, question: Question) -> SolverAnswer | Failure:
-    """Return the Solution or the Failure of a Question."""
+    """Return the SolverAnswer or the Failure for a Question."""
     started_s = monotonic()
     route, corrections = question.route, Corrections()
     if question.model_factors:

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-What the model's equations need beyond + - * /, for each kind of number they are written for.
+Functions that the model's equations need beyond + - * /, for each kind of number.
 
-The equations in `model` and the formulas in `vehicle.curves` take one of these, so that they stand
-once and serve floats, arrays and (see `optimum.symbols`) CasADi expressions.
+The equations in `model` and the formulas in `vehicle.curves` take one of these, so that one version
+serves floats, arrays and (see `optimum.symbols`) CasADi expressions.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ import numpy as np
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray
 
-# A number of any kind, where its kind is known only when the program runs. CasADi has no types, so
-# its expressions are of this type, too.
+# A number of any kind, if the kind is known only at run time. CasADi has no types, so its expressions are of this
+# type, too.
 AnyNumber = Any
 Number = TypeVar('Number', float, 'FloatArray')
 # `f(soc, temperature_c)`.
@@ -36,10 +36,10 @@ class Curve(Protocol):
 @dataclass(frozen=True)
 class Arithmetic(Generic[Number]):
     """
-    Functions of one kind of number; `root` is the square root, 0 below zero where it can be.
+    Functions of one kind of number; `root` is the square root, 0 below zero where possible.
 
-    `share` holds a state of charge within 0 ... 1, where curves are described, for the kinds of number
-    that may leave it within a step.
+    `share` clips a state of charge to 0 ... 1, the range of the curves, for kinds of number that may leave it
+    within a step.
     """
 
     root: Callable[[Number], Number]
@@ -58,9 +58,9 @@ def array_exp(value: FloatArray | float) -> Any:
     """
     Return e^value, of the type and shape that `numpy.exp` gives.
 
-    The same numbers give the same bits wherever in memory they lie: of what is not contiguous,
-    NumPy before 2 computes some elements another way, depending on their addresses, and the last
-    digit differs between two processes.
+    Equal numbers give equal bits regardless of memory layout: before version 2, NumPy computes some elements of
+    non-contiguous arrays another way, depending on their addresses, and the last digit differs between two
+    processes.
     """
     return np.exp(np.asarray(value, dtype=float, order='C'))
 
@@ -71,14 +71,14 @@ def array_log(value: FloatArray | float) -> Any:
 
 
 def _share(value: float) -> float:
-    # Nearly all are within, and a comparison costs less than two calls.
+    # Nearly all values are within, and a comparison costs less than two calls.
     return value if 0.0 <= value <= 1.0 else min(max(value, 0.0), 1.0)
 
 
-# The fast one: a negative discriminant raises ValueError, which costs nothing where it is not.
+# The fast one: a negative discriminant raises ValueError, which is free when it does not happen.
 FLOATS: Arithmetic[float] = Arithmetic(math.sqrt, math.log, math.exp, max, min)
-# The same for steps in which the battery cannot deliver the power: the current stays at U_oc/(2 R).
-# An empty battery is driven on with it, too, until the step is cut where the charge runs out.
+# For steps in which the battery cannot deliver the power: the current stays at U_oc/(2 R). Also used to drive on
+# with an empty battery, until the step is cut at the instant at which the charge runs out.
 SATURATING_FLOATS: Arithmetic[float] = Arithmetic(
     _saturating_root, math.log, math.exp, max, min, share=_share)
 ARRAYS: Arithmetic[FloatArray] = Arithmetic(

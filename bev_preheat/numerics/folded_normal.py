@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The mean magnitude of what varies about a mean."""
+"""The mean magnitude of a normally distributed quantity."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray
 
 _erf = np.vectorize(math.erf, otypes=[float])
-# A mean that is so many deviations from 0 changes its sign too seldom to matter.
+# A mean this many standard deviations from 0 changes its sign too rarely to matter.
 CERTAIN_DEVIATIONS = 9.0
 
 
 def mean_magnitude(mean: FloatArray | float, variance: FloatArray | float) -> FloatArray:
     """
-    Return the mean of |x|, where x is normal with a mean and a variance; shape of the two together.
+    Return the mean of |x|, with x normally distributed with a mean and a variance; broadcast shape.
 
     That is the mean of the folded normal distribution (Leone, Nelson, Nottingham, Technometrics
-    3(4), 1961): between |mean| and the root of mean^2 + variance; |mean| where nothing varies.
+    3(4), 1961): between |mean| and the root of mean^2 + variance; |mean| without variance.
     """
     magnitude = np.abs(mean)
     varies = np.asarray(variance > np.square(magnitude / CERTAIN_DEVIATIONS))

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-A linear program of few rows and many bounded variables: the simplex method.
+A linear program with few rows and many bounded variables: the simplex method.
 
-(Planning never loads SciPy.) A variable enters the basis where it gains the most at the prices of the
-rows, and rises, or falls, until it or a variable of the basis reaches a bound. So each round leads from
-one feasible point to a better one, and the method may be ended after any of them.
+(Planning never loads SciPy.) The variable that gains the most at the prices of the rows enters the basis, and
+rises or falls until it or a basic variable reaches a bound. Each round leads from one feasible point to a
+better one, so the method may be stopped after any round.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ import numpy as np
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray
 
-# What a unit that a row lacks costs, where gains and uses of a unit of a variable are 1 at most.
+# Cost of a unit of deficit in a row; gains and uses per unit of a variable are at most 1.
 PENALTY = 1e3
-# A variable that gains less for each unit than this does not enter; one that changes less does not leave.
+# A variable that gains less per unit than this does not enter; one that changes less does not leave.
 LEAST_GAIN = 1e-9
 LEAST_CHANGE = 1e-11
 MOST_ROUNDS = 256
@@ -30,8 +30,8 @@ def maximise(gains: FloatArray, uses: FloatArray, left: list[float], most: Float
     """
     Return the `x` (n,) with the greatest `gains @ x` under `uses @ x <= left` and `0 <= x <= most`.
 
-    `gains` (n,) and `uses` (m, n) are scaled: 1 at most. A row that has less than nothing left is met as
-    far as it can be, before anything is gained.
+    `gains` (n,) and `uses` (m, n) are scaled to at most 1. Rows with a negative `left` are met as far as possible,
+    before any gain.
     """
     basis = _Basis(gains, uses, left, most)
     for _ in range(MOST_ROUNDS):
@@ -43,9 +43,9 @@ def maximise(gains: FloatArray, uses: FloatArray, left: list[float], most: Float
 
 class _Basis:
     """
-    The variables that are neither 0 nor at their most, one for each row, and the inverse of what they use.
+    The basic variables, neither 0 nor at their upper bound, one for each row, and the inverse of their uses.
 
-    Variables come first, then for each row what is left of it, then what it lacks.
+    Variables come first, then the slack of each row, then its deficit.
     """
 
     def __init__(self, gains: FloatArray, uses: FloatArray, left: list[float], most: FloatArray) -> None:
@@ -61,7 +61,7 @@ class _Basis:
         self._is_full, self._is_basic = (np.zeros(self._count, dtype=bool) for _ in range(2))
 
     def find_entering(self) -> int | None:
-        """Return the variable that gains the most at the prices of the rows; None where none gains enough."""
+        """Return the variable that gains the most at the prices of the rows; None if no gain is large enough."""
         prices = [_sum(self._worth[row] * self._inverse[row][other] for row in self._rows)
                   for other in self._rows]
         gained = self._gains
@@ -75,7 +75,7 @@ class _Basis:
         return entering if gain > LEAST_GAIN else None
 
     def enter(self, entering: int) -> bool:
-        """Let a variable rise, or fall, until it or one of the basis reaches a bound; False where none does."""
+        """Let a variable rise, or fall, until it or a basic one reaches a bound; False if none does."""
         is_variable = entering < self._count
         direction = -1.0 if is_variable and self._is_full[entering] else 1.0
         bound = float(self._most[entering]) if is_variable else math.inf
@@ -108,7 +108,7 @@ class _Basis:
         return True
 
     def _room(self, row: int, falls: float) -> tuple[float, bool]:
-        """Return how far a row's variable that falls so much lets another one go, and whether it is full then."""
+        """Return the step after which a row's variable, falling at a rate, is at a bound; whether at the upper."""
         if falls > LEAST_CHANGE:
             return self._values[row] / falls, False
         if falls < -LEAST_CHANGE and self._variables[row] < self._count:
@@ -125,7 +125,7 @@ class _Basis:
 
 
 def _sum(values: Iterable[float]) -> float:
-    """Return the sum of values, one after the other from 0.0 on, as the core takes it."""
+    """Return the sum of values, added sequentially from 0.0 as in the core."""
     total = 0.0
     for value in values:
         total += value

@@ -2,10 +2,10 @@
 """
 A step of a run that keeps the battery's limits at its end, too.
 
-A step has one power, while charge and temperature move, and the limits with them: on a climb the discharge
-limit falls with the charge, on a descent a fuller battery takes less. The limits at the end depend on the
-power, by a little. Where the power that the start allows exceeds them, the heater gives way, or heater and
-friction brake take more, until they hold.
+Power is constant over a step, but charge, temperature and with them the limits change: on a climb the discharge
+limit falls with the charge, and on a descent a fuller battery accepts less. The limits at the end depend slightly
+on the power. If the power allowed at the start exceeds them, the heater gives way, or heater and friction brake
+take more, until they hold.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ from bev_preheat.planning.bracketing import follow_slope, Trial
 if TYPE_CHECKING:
     from bev_preheat.vehicle.terminal_limits import TerminalLimits
 
-# The limit at the end is kept by at most so much more than needed [W].
+# The limit at the end is kept with at most this much margin [W].
 END_TOLERANCE_W = 1e-3
-# States and powers of a step: charge and temperature at its end first; heater (its command) and friction
-# brake [W] first, and third, where the heater lags, what it takes on average.
+# States and powers of a step: charge and temperature at its end come first; heater (its command) and friction
+# brake [W] come first, and third, for a heater with lag, its mean power.
 Driven = tuple[tuple[float, ...], tuple[float, ...]]
-# `drive(least_w, most_w)` -> what comes of the step between two terminal powers [W].
+# `drive(least_w, most_w)` -> outcome of the step between two terminal powers [W].
 DriveBetween = Callable[[float, float], Driven]
 
 
@@ -31,11 +31,11 @@ def drive_to_end(limits: TerminalLimits[float], state: tuple[float, float], vari
                  hottest_c: float, idle_w: float, propulsion_w: float, may_overcharge: bool,
                  drive: DriveBetween) -> Driven:
     """
-    Return what comes of a step that keeps the limits at both ends, as far as heater and brake can.
+    Return the outcome of a step that keeps the limits at both ends, as far as heater and brake can.
 
-    `state` are charge and temperature [deg C] at the start, `variance_w2` the variance of the step's
-    power, `idle_w` its terminal power without heater and brake, of which `propulsion_w` drives. A drive
-    that alone exceeds the discharge limit at the end leaves nothing to the heater, as at the start.
+    `state` is charge and temperature [deg C] at the start, `variance_w2` the variance of the step's power,
+    `idle_w` its terminal power without heater and brake, including the propulsion power `propulsion_w`. If driving
+    alone exceeds the discharge limit at the end, the heater gets nothing, as at the start.
     """
     least_w, most_w = limits(*state, variance_w2)
 
@@ -49,7 +49,7 @@ def drive_to_end(limits: TerminalLimits[float], state: tuple[float, float], vari
 
     driven = drive(least_w, most_w)
     if driven[0][0] <= 0.0:
-        # The charge does not carry the step.
+        # The charge runs out in this step.
         return driven
     power_w = terminal_w(driven)
     least_end_w, most_end_w = limits_at_end_w(driven)
@@ -75,7 +75,7 @@ def drive_to_end(limits: TerminalLimits[float], state: tuple[float, float], vari
 def warmth_beyond(heater_w: float, paid_w: float, end_c: float, ceiling_c: float,
                   highest_c: float) -> tuple[float, float]:
     """
-    Return the least heater power [W] that is left where a step ends too warm [deg C], and by how much it does [K].
+    Return the least heater power [W] of a step that ends too warm [deg C], and its excess temperature [K].
 
     Surplus (power beyond `paid_w`) goes to the brake above `ceiling_c`; paid heat ends at `highest_c`.
     """
@@ -87,6 +87,6 @@ def _as_much_as_needed(utmost_w: float, slope: float, first: Trial[Driven],
     """Return the step whose terminal power [W] is moved towards the utmost until the limit holds."""
     trial = follow_slope(utmost_w, first.value, first, slope, attempt, 0.5 * END_TOLERANCE_W)
     if trial.excess < -0.5 * END_TOLERANCE_W and trial.value != utmost_w:
-        # In a long step less heat may lower the limit by more than it saves: nothing holds it.
+        # In a long step less heat may lower the limit by more than it saves: then nothing keeps the limit.
         trial = attempt(utmost_w)
     return trial.outcome

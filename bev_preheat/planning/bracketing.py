@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Searches between a value with too much and one with too little.
+Searches between two values, one too high and one too low.
 
-Each value that is tried is a simulated drive or a step of one, so what counts is how few are tried.
-(Planning never loads SciPy, whose solvers keep the value but not what came of it.)
+Each trial is a simulated drive or step, so the number of trials is the cost of a search.
+(Planning never loads SciPy, whose solvers return the value but not the outcome of its trial.)
 """
 
 from __future__ import annotations
@@ -14,13 +14,13 @@ import math
 from typing import Generic, TypeVar
 
 Outcome = TypeVar('Outcome')
-# Each value that is tried by the golden section leaves this share of the bracket.
+# Each trial of the golden section reduces the bracket to this share.
 GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
 
 
 @dataclass(frozen=True)
 class Trial(Generic[Outcome]):
-    """A value that was tried, what came of it, and by how much that is more than required."""
+    """A trial value, its outcome, and its excess over the requirement."""
 
     value: float
     excess: float
@@ -32,7 +32,7 @@ def halve(enough: float, too_little: float, is_enough: Callable[[float], bool],
     """
     Return the value nearest to `too_little` that is still enough, to 2^-halvings of the bracket.
 
-    `enough` is, and `too_little` is not; nothing else is known of the values in between.
+    `enough` is known to be enough and `too_little` not; values in between are unknown.
     """
     for _ in range(halvings):
         middle = 0.5 * (enough + too_little)
@@ -50,13 +50,12 @@ def close_in(enough: Trial[Outcome], too_little: Trial[Outcome],
     """
     Return the last Trial that is enough (excess >= 0) once `is_close(enough, too_little)`.
 
-    For an excess that is almost proportional to the value: each next value is where the straight
-    line between both has the excess `aim`. A side that stands still for a second trial counts less,
-    by what the other side's excess has fallen (Anderson and Bjorck), or the other would creep. At
-    most `most_trials` are made.
+    For an excess that is almost proportional to the value: the next value is where the straight line between both
+    ends has the excess `aim`. If one end stays for a second trial, its excess is scaled down by the decrease of
+    the other end's (Anderson and Bjorck), because otherwise the other end would creep. At most `most_trials` are
+    made.
 
-    An excess that jumps may keep all of them on one side: after them the bracket is halved, at
-    most `halvings` times.
+    An excess that jumps may keep all trials on one side. The bracket is then halved at most `halvings` times.
     """
     more, less = enough.excess - aim, too_little.excess - aim
     was_enough: bool | None = None
@@ -77,7 +76,7 @@ def close_in(enough: Trial[Outcome], too_little: Trial[Outcome],
 
 
 def _left(excess: float, before: float) -> float:
-    """Return what counts of the side that stands still, once the other's excess was `before`."""
+    """Return the factor for the excess of the end that stays, from the other end's excess now and before."""
     left = 1.0 - excess / before if before != 0.0 else 0.0
     return left if left > 0.0 else 0.5
 
@@ -88,9 +87,9 @@ def follow_slope(most: float, least: float, first: Trial[Outcome], slope: float,
     """
     Return the Trial whose excess is within `tolerance` of 0, from a first one and its slope.
 
-    For a smooth excess that is greatest at the value `most` and falls towards `least`: a secant,
-    kept within the bracket. Where not even `most` is enough, its Trial is returned. The search also
-    ends where values differ by no more than `resolution`, and after `most_trials`.
+    For a smooth excess that is greatest at the value `most` and falls towards `least`: a secant, kept within the
+    bracket. If even `most` is not enough, its Trial is returned. The search also ends when values differ by no
+    more than `resolution`, and after `most_trials`.
     """
     direction = 1.0 if most > least else -1.0
     enough, too_little, trial = most, least, first
@@ -103,7 +102,7 @@ def follow_slope(most: float, least: float, first: Trial[Outcome], slope: float,
             too_little = trial.value
         following = trial.value - trial.excess / slope if slope * direction > 0.0 else math.nan
         if enough == most and (following - most) * direction >= 0.0:
-            # Whether the utmost is enough is not known before it has been tried.
+            # Whether the utmost is enough is unknown until it is tried.
             following = most
         elif not min(enough, too_little) < following < max(enough, too_little):
             following = 0.5 * (enough + too_little)
@@ -119,8 +118,8 @@ def least_of(low: float, high: float, attempt: Callable[[float], Trial[Outcome]]
     """
     Return the Trial with the least excess between `low` and `high`, to `resolution` of the value.
 
-    For an excess that falls to one minimum and rises from there on, and may have kinks: the golden
-    section. The ends of the last bracket are tried, too.
+    For an excess with a single minimum, possibly with kinks: golden section. The ends of the last bracket are
+    tried, too.
     """
     nearer, further = (attempt(low + share * (high - low)) for share in (1.0 - GOLDEN, GOLDEN))
     best = min(nearer, further, key=_excess)
@@ -132,7 +131,7 @@ def least_of(low: float, high: float, attempt: Callable[[float], Trial[Outcome]]
             low, nearer = nearer.value, further
             further = following = attempt(low + GOLDEN * (high - low))
         best = min(best, following, key=_excess)
-    # The minimum may lie at an end, which the section only comes near to.
+    # The minimum may be at an end, which the section only approaches.
     for end in (low, high):
         best = min(best, attempt(end), key=_excess)
     return best

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-How much less regeneration a fuller battery takes.
+Loss of regeneration in a fuller battery.
 
-Where the charge limit is active, a joule saved before it is not a joule on arrival: the fuller
-battery takes less, and the friction brake or the heater gets the difference. A joule that is spent
-on heat before a descent costs less than a joule for the same reason.
+If the charge limit is active, a joule saved before it is not a joule on arrival: the fuller battery accepts less
+regeneration, and the friction brake or the heater gets the difference. For the same reason a joule spent on heat
+before a descent costs less than a joule.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ if TYPE_CHECKING:
     from bev_preheat.planning.schedule import Schedule
     from bev_preheat.planning.trip import Trip
 
-# The slope of the charge limit over the state of charge is taken over this difference.
+# Difference for the slope of the charge limit over the state of charge.
 SOC_DIFFERENCE = 1e-4
 
 
 class AcceptanceLoss(NamedTuple):
     """
-    What the battery takes less in each step, for a joule more in it [J/J, 0 ... 1], shape (N,).
+    Regeneration that the battery rejects in each step per extra joule in it [J/J, 0 ... 1], shape (N,).
 
     `to_brake` goes to the friction brake, `to_heater` to the heater.
     """
@@ -38,7 +38,7 @@ class AcceptanceLoss(NamedTuple):
 
     @property
     def any(self) -> bool:
-        """Whether there is any."""
+        """Whether there is any loss."""
         return bool(self.to_brake.any() or self.to_heater.any())
 
     def blended(self, other: AcceptanceLoss) -> AcceptanceLoss:
@@ -48,7 +48,7 @@ class AcceptanceLoss(NamedTuple):
 
 
 def no_acceptance_loss(trip: Trip) -> AcceptanceLoss:
-    """Return the AcceptanceLoss of a battery whose charge limit is the same at each charge."""
+    """Return the AcceptanceLoss of a battery whose charge limit does not depend on its charge."""
     nothing = np.zeros(len(trip.route))
     return AcceptanceLoss(nothing, nothing)
 

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Where no limit is active: heat in the steps in which a kelvin on arrival costs the least.
+Without an active limit: heat in the steps in which a kelvin on arrival costs the least.
 
-As a rule those are the last ones, and the plan is `optimal_switch`'s. Where they are not (`prices` says
-why), steps are filled in the order of their prices until the battery arrives at the target, and priced
-again along the run that comes of it.
+Usually those are the last steps, and the plan is that of `optimal_switch`. If they are not (see `prices`), steps
+are filled in the order of their prices until the battery arrives at the target, and priced again along the
+resulting run.
 """
 
 from __future__ import annotations
@@ -26,26 +26,26 @@ if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray, IntArray
     from bev_preheat.planning.trip import Trip
 
-# For less [Wh] the heater is not switched once more.
+# For less [Wh], no extra switching of the heater.
 LEAST_SAVING_WH = 0.05
 LEAST_SAVING_THEN_WH = 0.005
-# The first order saves most, the second one the rest.
+# The first order saves the most, the second the rest.
 MOST_ORDERS = 4
 
 
 def heat_cheapest(trip: Trip, schedule: Schedule, target_c: float) -> Schedule:
     """
-    Return the Schedule that arrives at the target for the least charge, limits left aside.
+    Return the Schedule that arrives at the target for the least charge, ignoring limits.
 
-    `schedule` is one that arrives there [deg C], of a vehicle without a heat path; it is returned itself
-    where no other saves LEAST_SAVING_WH.
+    `schedule` arrives at the target [deg C], with a vehicle without a heat path. It is returned unchanged if no
+    other saves LEAST_SAVING_WH.
     """
     vehicle = native_vehicle(trip.vehicle)
     found = None if vehicle is None else native_plans.heat_cheapest(
         vehicle, trip.native, target_c, schedule.soc, schedule.temperature_c, schedule.heater_power_w)
     if found is not None:
         return _schedule(trip, *found[0]) if found[0] else schedule
-    # Once it is switched on once more, what else there is to save is taken as well.
+    # Once the extra switching is accepted, further savings are taken as well.
     for least_saving_wh in (LEAST_SAVING_WH, *(MOST_ORDERS - 1) * (LEAST_SAVING_THEN_WH,)):
         prices = find_prices(trip, schedule)
         order = prices.cheapest_first()
@@ -61,7 +61,7 @@ def heat_cheapest(trip: Trip, schedule: Schedule, target_c: float) -> Schedule:
 
 
 def whole_charge_wh(trip: Trip, schedule: Schedule) -> float:
-    """Return what the whole charge holds [Wh] at the voltage that the battery arrives with."""
+    """Return the energy of the whole charge [Wh] at the voltage on arrival."""
     battery = trip.vehicle.battery
     return battery.capacity_as * battery.open_circuit_voltage.function(FLOATS)(
         float(schedule.soc[-1]), float(schedule.temperature_c[-1])) / JOULES_PER_WH
@@ -72,7 +72,7 @@ def _first_guess(trip: Trip, heater_power_w: FloatArray, prices: HeatPrices,
     """
     Return the heater powers [W] that give the same warmth in steps of an order, and the charge they save.
 
-    As far as the prices stay what they are.
+    Valid as far as the prices stay the same.
     """
     limit_w, warmth_k_per_w = trip.heater_limit_w[order], prices.warmth_k_per_w[order]
     cheapest_w = np.zeros(len(heater_power_w))
@@ -84,12 +84,12 @@ def _first_guess(trip: Trip, heater_power_w: FloatArray, prices: HeatPrices,
 
 
 def sum_in_turn(values: FloatArray) -> float:
-    """Return the sum of values, taken one after the other as the core takes it; 0 of none."""
+    """Return the sum of values, added sequentially as in the core; 0 without values."""
     return float(np.cumsum(values)[-1]) if len(values) else 0.0
 
 
 def _shares(most: FloatArray, wanted: float) -> FloatArray:
-    """Return which share of each to take, one after the other, until it is as much as is wanted."""
+    """Return the share of each to take, in order, until the sum is as wanted."""
     before = np.concatenate(([0.0], np.cumsum(most)[:-1]))
     return np.minimum(np.maximum((wanted - before) / most, 0.0), 1.0)
 
@@ -109,7 +109,7 @@ def _filled(trip: Trip, schedule: Schedule, target_c: float, order: IntArray, pr
 
     whole_j = sum_in_turn(most_j)
     first = heated_with(min(guess_j, whole_j))
-    # The last step that is heated says how much warmer a joule more makes the battery.
+    # The last heated step determines how much warmer one more joule makes the battery.
     last = order[np.flatnonzero(first.outcome.heater_power_w[order])[-1]]
     return follow_slope(
         whole_j, 0.0, first, float(prices.warmth_k_per_w[last] / trip.route.duration_s[last]), heated_with,

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Whether two plans reach the same, so that their energies may be compared.
+Decides whether two plans reach the same, so that their energies may be compared.
 
-A plan that arrives colder, eats into the reserve or lacks power spends less because it does less. What
-a plan gives beyond the target nobody asked for: it counts as waste, not as more reached.
+A plan that arrives colder, eats into the reserve or has a power deficit spends less because it does less. Heat
+beyond the target counts as waste.
 """
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ from bev_preheat.planning.planner import SAME_SOC, SHORTFALL_TOLERANCE_K
 if TYPE_CHECKING:
     from bev_preheat.planning.plan import Plan
 
-# Arrivals that miss the target by as much as each other, within this, are the same [K].
+# Arrivals whose shortfalls differ by no more than this are the same [K].
 SAME_SHORTFALL_K = SHORTFALL_TOLERANCE_K
 SAME_POWER_W = 10.0
 
 
 class Reached(Protocol):
-    """What a plan reaches: a Plan, or figures read off one."""
+    """The results of a plan: a Plan, or figures read from one."""
 
     @property
     def shortfall_k(self) -> float:
@@ -34,12 +34,12 @@ class Reached(Protocol):
 
     @property
     def undeliverable_power_w(self) -> float:
-        """Power that the battery lacks at worst [W]."""
+        """Worst power deficit of the battery [W]."""
 
 
 def difference(plan: Reached, optimum: Reached) -> str:
     """
-    Return how a plan reaches something else than the optimum, in words; '' where both reach the same.
+    Return in words how a plan's result differs from the optimum's; '' if both reach the same.
 
     NaN: unknown.
     """
@@ -52,14 +52,14 @@ def difference(plan: Reached, optimum: Reached) -> str:
         return ('reserve missed' if plan.soc_shortfall > SAME_SOC else
                 'reserve kept')
     if not abs(deficit_w) <= SAME_POWER_W:
-        return (f'{abs(deficit_w) / 1e3:.2f} kW {"more" if deficit_w > 0.0 else "less"} lacking'
+        return (f'power deficit {abs(deficit_w) / 1e3:.2f} kW {"larger" if deficit_w > 0.0 else "smaller"}'
                 if deficit_w == deficit_w else 'unknown power')
     return ''
 
 
 def difference_of_plans(plan: Plan, optimum: Plan) -> str:
     """
-    Return how a Plan reaches something else than the optimum, in words; '' where both reach the same.
+    Return in words how a Plan's result differs from the optimum's; '' if both reach the same.
 
     That includes free heat above the target that the plan leaves to the friction brake because it brings less than
     LEAST_GAIN of itself. The nonlinear program takes it for any gain at all.
@@ -76,7 +76,7 @@ def difference_of_plans(plan: Plan, optimum: Plan) -> str:
 
 
 def energy_gap_wh(plan: Plan, optimum: Plan) -> float | None:
-    """Return the battery energy of a Plan above the optimum's [Wh]; None where they differ."""
+    """Return the battery energy of a Plan above the optimum's [Wh]; None if their results differ."""
     if difference_of_plans(plan, optimum):
         return None
     return plan.energy_wh.battery_total - optimum.energy_wh.battery_total

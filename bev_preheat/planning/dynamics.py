@@ -25,23 +25,23 @@ if TYPE_CHECKING:
     from bev_preheat.vehicle.description import Vehicle
 
 JOULES_PER_WH = 3600.0
-# A hard drive may heat the battery this far beyond its range before the car's own cooling, which
-# the model does not describe, is taken to hold it.
+# A hard drive may heat the battery this far beyond its range before the car's own cooling, which the model does
+# not describe, is assumed to hold it.
 HOTTEST_BEYOND_RANGE_K = 20.0
-# What is made from a vehicle is kept for so many: the described and the corrected ones of several cars.
+# Results computed from a vehicle are cached for this many: for several cars, as described and as corrected.
 KEPT_VEHICLES = 64
 
 
 @lru_cache(maxsize=KEPT_VEHICLES)
 def step_of_floats(vehicle: Vehicle, make_integrator: Integrator,
                    saturating: bool = False) -> Step[float]:
-    """One step of the vehicle's model for floats; made once, as making it costs more than a step."""
+    """Return one step of the vehicle's model for floats; cached, because building it costs more than a step."""
     return make_integrator(make_rates(vehicle, SATURATING_FLOATS if saturating else FLOATS))
 
 
 def native_vehicle(vehicle: Vehicle) -> NativeVehicle | None:
-    """Return the vehicle as the compiled core takes it; None where the core does not."""
-    # What is kept must not depend on whether the core is switched off for a while.
+    """Return the vehicle as a native struct; None if the core cannot take it."""
+    # The cache must not depend on whether the core is switched off for a while.
     return None if core() is None else _native_vehicle(vehicle)
 
 
@@ -58,10 +58,10 @@ def run_forward(trip: Trip, make_integrator: Integrator, soc: float, temperature
                 heater_power_w: FloatArray | None = None,
                 brake_power_w: FloatArray | None = None) -> tuple[FloatArray, FloatArray]:
     """
-    Roll the model out over a trip, limits left aside; returns (soc, temperature_c), each (N + 1,).
+    Run the model over a trip, ignoring limits; returns (soc, temperature_c), each (N + 1,).
 
     `heater_power_w` and `brake_power_w` (N,) are those of `Trip.inputs`. A step whose power cannot be
-    delivered is driven with the most that the battery can.
+    delivered is driven with the battery's highest power.
     """
     states = np.empty((2, len(trip.route) + 1))
     states[:, 0] = soc, temperature_c
@@ -72,10 +72,10 @@ def run_on(trip: Trip, make_integrator: Integrator, soc: FloatArray, temperature
            first: int, heater_power_w: FloatArray | None = None,
            brake_power_w: FloatArray | None = None) -> tuple[FloatArray, FloatArray]:
     """
-    Roll the model out from step `first` on, after a run that is known until then.
+    Run the model from step `first` on, after a run that is known until then.
 
-    As `run_forward`; of that run, `soc` and `temperature_c` (N + 1,), the first `first` + 1 values are
-    returned with those that follow.
+    As `run_forward`; the first `first` + 1 values of that run, `soc` and `temperature_c` (N + 1,), are
+    returned together with those that follow.
     """
     states = np.empty((2, len(trip.route) + 1))
     states[0, :first + 1] = soc[:first + 1]
@@ -97,7 +97,7 @@ def _roll(trip: Trip, make_integrator: Integrator, states: FloatArray, first: in
         states[:, first:] = _rolled(
             step_of_floats(trip.vehicle, make_integrator), start_soc, start_c, columns)
     except (ValueError, ArithmeticError):
-        # No root, or, far beyond an empty battery, no number at all.
+        # No root or, far beyond an empty battery, no number at all.
         states[:, first:] = _rolled(
             step_of_floats(trip.vehicle, make_integrator, saturating=True), start_soc, start_c,
             columns)
@@ -132,7 +132,7 @@ def limits_of_steps_w(vehicle: Vehicle, soc: FloatArray, temperature_c: FloatArr
     """
     Return least and most terminal power [W] (K,) that keep the limits at both ends of each step.
 
-    `soc` and `temperature_c` [deg C] (K + 1,) are the states between which the steps lead, `variance_w2`
+    `soc` and `temperature_c` [deg C] (K + 1,) are the states at the ends of the steps, `variance_w2`
     (K,) their power variances [W^2].
     """
     native = native_vehicle(vehicle)
@@ -148,7 +148,7 @@ def limits_of_steps_w(vehicle: Vehicle, soc: FloatArray, temperature_c: FloatArr
 
 def limits_along(trip: Trip, schedule: Schedule) -> tuple[FloatArray, FloatArray]:
     """
-    Return least and most terminal power [W] (N,) of each step of a Schedule; not to be written to.
+    Return least and most terminal power [W] (N,) of each step of a Schedule; read-only.
 
     They keep the limits at both ends of the step.
     """
@@ -164,9 +164,9 @@ def limits_along(trip: Trip, schedule: Schedule) -> tuple[FloatArray, FloatArray
 
 def hottest_c(vehicle: Vehicle) -> float:
     """
-    Hottest battery that is planned with [deg C].
+    Return the hottest battery temperature used in planning [deg C].
 
-    The model has no cooling, which every car has; a drive that needs it is held here.
+    The model has no cooling, which every car has; a drive that needs cooling is held at this temperature.
     """
     return vehicle.battery.temperature_range_c[1] + HOTTEST_BEYOND_RANGE_K
 
@@ -176,10 +176,9 @@ class Energies:
     """
     Energies of a forward run [Wh]; the first four rows are those of the paper's Table II.
 
-    `leakage` is negative where heat is lost. `battery_total` is what the cells give, losses
-    included: the integral of U_oc I_b. Where the vehicle has a heat path, `hvch_heat` is what
-    reaches the battery before arrival; `hvch_electric` and `battery_total` include what a heater that
-    lags takes after arrival.
+    `leakage` is negative if heat is lost. `battery_total` is the energy from the cells, including
+    losses: the integral of U_oc I_b. With a heat path, `hvch_heat` is the heat that reaches the battery before
+    arrival; `hvch_electric` and `battery_total` include the energy that a heater with lag draws after arrival.
     """
 
     joule: float
@@ -191,7 +190,7 @@ class Energies:
 
 
 def energies_of(until_arrival_wh: Sequence[float], lost_wh: float = 0.0) -> Energies:
-    """Return Energies [Wh] from those until arrival, in their order, and what a heater takes after it."""
+    """Return Energies [Wh] from those until arrival, in field order, and the heater's energy after arrival."""
     joule, drivetrain_heat, hvch_heat, leakage, hvch_electric, battery_total = until_arrival_wh
     return Energies(joule, drivetrain_heat, hvch_heat, leakage, hvch_electric + lost_wh,
                     battery_total + lost_wh)
@@ -199,10 +198,10 @@ def energies_of(until_arrival_wh: Sequence[float], lost_wh: float = 0.0) -> Ener
 
 class Accounts(NamedTuple):
     """
-    What a forward run costs: its energies, and what they are made of in each of the N steps [W].
+    The cost of a forward run: its energies, and their powers in each of the N steps [W].
 
-    `leakage_w` is negative where heat is lost, `battery_power_w` is P_b, `undeliverable_power_w`
-    the terminal power that the battery could not give.
+    `leakage_w` is negative if heat is lost, `battery_power_w` is P_b, `undeliverable_power_w` the terminal
+    power that the battery could not give.
     """
 
     energy_wh: Energies
@@ -217,9 +216,9 @@ def keep_accounts(trip: Trip, schedule: Schedule, deliverable: bool = False) -> 
     Return the Accounts of a Schedule's forward run.
 
     Each term is integrated with the weights of the run's own integrator, so that the heat balance
-    and the energy balance close to rounding. `deliverable`: it is known that the circuit gives every
-    power that is asked for. What a run takes away beyond the model's leakage, to hold the battery at
-    the hottest temperature that is planned with, counts as leakage.
+    and the energy balance close to rounding. `deliverable`: the circuit is known to deliver every requested
+    power. Heat that a run removes beyond the model's leakage, to hold the battery at the hottest planned
+    temperature, counts as leakage.
     """
     vehicle = trip.vehicle
     if schedule.driven_share is not None:
@@ -270,7 +269,7 @@ def _step_of_arrays(vehicle: Vehicle, make_integrator: Integrator) -> Step[Float
 
 
 def deliverable_power_w(vehicle: Vehicle, soc: AnyNumber, temperature_c: AnyNumber) -> AnyNumber:
-    """Most terminal power [W] that the circuit can give, U_oc^2/(4 R); shape of the inputs."""
+    """Return the highest terminal power [W] of the circuit, U_oc^2/(4 R); shape of the inputs."""
     open_circuit_voltage, resistance = _circuit_of_arrays(vehicle)
     return open_circuit_voltage(soc, temperature_c)**2 / (4.0 * resistance(soc, temperature_c))
 

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Where limits are active: move heat from steps in which it costs much to steps in which it costs little.
+With active limits: move heat from steps in which it costs much to steps in which it costs little.
 
-The thresholds of `merit_order` come from a coarser model than its runs, and what they heat before a climb or
-a descent lies within a tenth of a kelvin of the best, but not quite in the best steps. Along the plan's own
-run `limited_prices` says what a joule more, or less, does in each step; a linear program moves heat so
-that the target and the climbs are still met, and the charge stays in its range, and only so much of it as those
-prices are trusted for. Then the run is made again within the limits. It is the plan if it costs less.
+The thresholds of `merit_order` come from a coarser model than its runs, and their heat before a climb or a
+descent is within a tenth of a kelvin of the optimum, but not quite in the best steps. Along the plan's own run
+`limited_prices` gives the effect of a joule more, or less, in each step. A linear program moves heat so that the
+target and the climbs are still met and the charge stays in its range, and only as much heat as the prices are
+trusted for. Then the run is repeated within the limits; it becomes the plan if it costs less.
 """
 
 from __future__ import annotations
@@ -35,27 +35,27 @@ if TYPE_CHECKING:
     from bev_preheat.planning.situation import BatteryState
     from bev_preheat.planning.trip import Trip
 
-# So many exchanges are tried, each with a run.
+# At most this many exchanges are tried, each with a run.
 MOST_TRIALS = 8
-# Of the heat that is paid for so much is moved at first.
+# Share of the paid heat that is moved at first.
 FIRST_SHARE = 0.25
-# An exchange that saves more than this share of what its prices promise may be followed by a larger one, one
-# that saves less than the other share by a smaller one.
+# An exchange that saves more than the first share of the saving that its prices promise may be followed by a
+# larger one; if it saves less than the second share, by a smaller one.
 GOOD_SHARE, POOR_SHARE = 0.75, 0.25
-# One that falls short of what is required is mended so often, if it saves at least this share.
+# An exchange that falls short of a need is repaired at most this often, if it saves at least this share.
 MOST_MENDS = 3
 MENDED_SHARE = 0.5
-# After one that saves nothing, this is left of the heat that is moved.
+# After an exchange that saves nothing, this share of the heat to move remains.
 LEAST_LEFT, MOST_LEFT = 0.1, 0.5
 
 
 def exchange_heat(trip: Trip, state: BatteryState, schedule: Schedule, target_c: float) -> Schedule:
     """
-    Return the Schedule after all exchanges of heat that save charge; itself where none does.
+    Return the Schedule after all exchanges of heat that save charge; the same Schedule if none does.
 
-    `schedule` is a run within limits from a BatteryState, of a vehicle without a heat path, that arrives at
-    the target [deg C] as far as it can. No other falls shorter of it, or of the power of the drive, or leads
-    below the charge that must be left on the way (`limited_prices.Needs`).
+    `schedule` is a run within limits from a BatteryState, of a vehicle without a heat path, that arrives at the
+    target [deg C] as far as it can. The result is no further below the target or the power of the drive, and does
+    not lead below the charge to be left on the way (`limited_prices.Needs`).
     """
     vehicle = native_vehicle(trip.vehicle)
     found = None if vehicle is None or schedule.empty_at_s is not None else native_plans.exchange_heat(
@@ -76,7 +76,7 @@ def _exchanged(trip: Trip, state: BatteryState, schedule: Schedule, target_c: fl
         if changes is None:
             changes = find_changes(trip, run, needs)
             spare = changes.spare(trip, run, needs)
-            # By how much more than the prices promise the run had of each need when it was last tried.
+            # Margin of each need in the last trial, beyond the promise of the prices.
             beyond, mends = [0.0] * len(spare), 0
             if not len(changes.step):
                 break
@@ -89,7 +89,7 @@ def _exchanged(trip: Trip, state: BatteryState, schedule: Schedule, target_c: fl
             beyond, mends = [0.0] * len(spare), 0
             trusted_j = MOST_LEFT * all_moved_j
             continue
-        # Before the first step that is heated otherwise nothing changes.
+        # Nothing changes before the first step whose heating changes.
         there = drive_as_planned(trip, state, _commands_w(trip, run, changes, moved_j), take_surplus=True,
                                  first=int(changes.step[moved_j > 0.0].min()), before=run)
         saved = float(there.soc[-1]) - float(run.soc[-1])
@@ -106,7 +106,7 @@ def _exchanged(trip: Trip, state: BatteryState, schedule: Schedule, target_c: fl
             if not is_met and saved > MENDED_SHARE * saving and mends < MOST_MENDS:
                 mends += 1
             else:
-                # What differs from the promise does so in proportion to the square of what is moved.
+                # The deviation from the promise grows with the square of the heat that is moved.
                 left = saving / (2.0 * (saving - saved)) if saved < saving else MOST_LEFT
                 left = min(max(left, LEAST_LEFT), MOST_LEFT)
                 trusted_j, mends = left * all_moved_j, 0
@@ -115,13 +115,13 @@ def _exchanged(trip: Trip, state: BatteryState, schedule: Schedule, target_c: fl
 
 
 def _paid_j(trip: Trip, run: Schedule) -> float:
-    """Return the heat of a run that is more than surplus [J, electrical]."""
+    """Return the heat of a run beyond surplus [J, electrical]."""
     return sum_in_turn(np.maximum(run.heater_power_w - free_heat_w(trip, run), 0.0)
                        * trip.route.duration_s)
 
 
 def _best_exchange(changes: LimitChanges, spare: list[float], trusted_j: float) -> FloatArray:
-    """Return how much of each of the Changes saves the most [J], of `trusted_j` in all."""
+    """Return how much of each of the LimitChanges saves the most [J], out of `trusted_j` in total."""
     greatest = [_greatest(per_j) for per_j in changes.needs_per_j]
     uses = np.array([*(-per_j / most for per_j, most in zip(changes.needs_per_j, greatest)),
                      np.ones(len(changes.step))])
@@ -131,12 +131,12 @@ def _best_exchange(changes: LimitChanges, spare: list[float], trusted_j: float) 
 
 
 def _greatest(values: FloatArray) -> float:
-    """Return the greatest magnitude of values, 1 where they are all 0."""
+    """Return the greatest magnitude of values, or 1 if all are 0."""
     return float(np.abs(values).max()) or 1.0
 
 
 def _commands_w(trip: Trip, run: Schedule, changes: LimitChanges, moved_j: FloatArray) -> FloatArray:
-    """Return the heater powers (N,) that are commanded [W] after an exchange, without surplus."""
+    """Return the commanded heater powers (N,) [W] after an exchange, without surplus."""
     wanted_w = run.heater_power_w.copy()
     np.add.at(wanted_w, changes.step, changes.sign * moved_j / trip.route.duration_s[changes.step])
     free_w = free_heat_w(trip, run)

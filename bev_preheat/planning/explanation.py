@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from bev_preheat.planning.plan import Plan
     from bev_preheat.planning.stranding import Stranding
 
-# A route that begins sooner begins now.
+# A route that starts within this time starts now.
 LEAST_TOLD_S = 0.5
 
 
@@ -26,7 +26,7 @@ class Words(NamedTuple):
 
 
 OF_TRIP = Words('arrival in {time} at {temperature} degC', 'The battery arrives {missing} below')
-# The battery is wanted warm at an instant, without a trip.
+# A preparation goal: warm at an instant, without a trip.
 OF_GOAL = Words('in {time} the battery is at {temperature} degC', 'The battery will be {missing} below')
 
 
@@ -37,15 +37,15 @@ def duration_text(seconds: float) -> str:
     return f'{hours}:{minutes:02d}:{rest:02d} h' if hours else f'{minutes}:{rest:02d} min'
 
 
-def explain(plan: Plan, reserve: float, starts_in_s: float = 0.0, unheated: str = 'no heating',
-            too_cold_because: str = 'The cabin leaves the heater no power',
+def explain(plan: Plan, reserve: float, starts_in_s: float = 0.0, unheated: str = 'the heater stays off',
+            too_cold_because: str = 'Cabin heating leaves no power for the battery',
             heated_s: float = 0.0, words: Words = OF_TRIP) -> str:
     """
-    Return the sentence on a Plan of its status; `reserve` is the state of charge to be left.
+    Return the sentence for a Plan's status; `reserve` is the state of charge to keep.
 
-    Its times count from now, and the plan's time 0 lies `starts_in_s` [s] ahead. A plan that does not
-    heat is told as `unheated`, and where it is to blame for a missed target, `too_cold_because`.
-    `heated_s` [s] is for how long the battery has been heated on this drive.
+    Times count from now; the plan's time 0 is `starts_in_s` [s] ahead. A plan without heating is described
+    as `unheated`, and as `too_cold_because` if that makes it miss the target.
+    The battery has been heated for `heated_s` [s] on this drive.
     """
     begins = (f'The route begins in {duration_text(starts_in_s)}. '
               if starts_in_s >= LEAST_TOLD_S else '')
@@ -69,16 +69,15 @@ def _outcome(plan: Plan, reserve: float, starts_in_s: float, unheated: str, too_
         return f'No fast charging at the end of this route: {unheated}; {arrival}.'
     if status is Status.OUT_OF_CHARGE and plan.stranding is not None:
         heating = (unheated if plan.heating_start_s is None else
-                   'only surplus regeneration is used for heating'
+                   'only surplus regeneration heats the battery'
                    if all(interval.reason is Reason.SURPLUS for interval in plan.intervals) else
-                   'the heating of this plan makes it worse')
-        return f'{_stranding_sentence(plan.stranding, from_now)[:-1]}: {heating}.'
+                   "this plan's heating increases the deficit")
+        return f'{_stranding_sentence(plan.stranding, from_now)[:-1]}; {heating}.'
     if status is Status.NOT_WORTH_IT:
         return f'{unheated.capitalize()}: {arrival}.'
     if status is Status.NOT_NEEDED:
         if heated_s > 0.0:
-            return (f'Heating is finished after {duration_text(heated_s)} of heating: {arrival}, '
-                    f'{target}.')
+            return f'Heating finished after {duration_text(heated_s)}: {arrival}, {target}.'
         return f'The battery gets warm enough without further heating: {arrival}, {target}.'
     if status is Status.WAITING and plan.heating_start_s is not None:
         verb = 'resumes' if heated_s > 0.0 else 'starts'
@@ -97,22 +96,20 @@ def _outcome(plan: Plan, reserve: float, starts_in_s: float, unheated: str, too_
         reserve_text = f'{100 * reserve:.1f} %'
         if plan.soc_shortfall > 0.0:
             low_charge = words.low_charge.format(missing=f'{100 * plan.soc_shortfall:.1f} %')
-            return (f'{low_charge} the {reserve_text} that must be left: {heating}; {arrival}, {target}.')
+            return (f'{low_charge} the {reserve_text} reserve: {heating}; {arrival}, {target}.')
         if plan.held_back is HeldBack.POWER:
-            return (f'A battery that is emptier by more heating could not deliver what the route asks '
-                    f'for; the target is missed by {plan.shortfall_k:.1f} K: {heating}; {arrival}, '
-                    f'{target}.')
-        return (f'To leave {reserve_text} in the battery the target is missed by '
-                f'{plan.shortfall_k:.1f} K: {heating}; {arrival}, {target}.')
+            return (f'More heating would leave the battery unable to deliver the power of the route; the target '
+                    f'is missed by {plan.shortfall_k:.1f} K: {heating}; {arrival}, {target}.')
+        return (f'To keep the {reserve_text} reserve, the target is missed by {plan.shortfall_k:.1f} K: '
+                f'{heating}; {arrival}, {target}.')
     if status is Status.POWER_LIMITED and plan.undeliverable_at_s is not None:
-        return (f'In {from_now(plan.undeliverable_at_s)} the route asks for '
+        return (f'In {from_now(plan.undeliverable_at_s)} the route needs '
                 f'{plan.undeliverable_power_w / 1000:.1f} kW more than the battery can deliver; '
                 f'{heating}; {arrival}, {target}.')
-    raise ValueError(f'{status!r} is no outcome of planning')
+    raise ValueError(f'{status!r} is not an outcome of planning')
 
 
 def _stranding_sentence(stranding: Stranding, from_now: Callable[[float], str]) -> str:
-    """Return where the charge runs out, and how much is lacking."""
-    return (f'The charge does not carry this trip: the battery is empty in '
-            f'{from_now(stranding.at_s)}, at km {stranding.at_m / 1000.0:.1f}; '
-            f'{stranding.deficit_wh / 1000.0:.2f} kWh are lacking.')
+    """Return the sentence on where the charge runs out, with the deficit."""
+    return (f'The battery will be empty in {from_now(stranding.at_s)}, at km {stranding.at_m / 1000.0:.1f} '
+            f'({stranding.deficit_wh / 1000.0:.2f} kWh short).')

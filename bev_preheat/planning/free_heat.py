@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-How warm surplus regeneration may heat the battery: only as warm as is useful.
+Temperature ceiling for surplus heat: only as warm as is useful.
 
-Heat that the friction brake would waste costs nothing, but it is of use only in two ways: it brings the
-battery nearer to its target, or it makes the battery take, or give, power that its limits would refuse later.
-A plan that leads beyond its target with free heat is made again with a ceiling on that heat. It is the plan unless
-it gives up more charge than the heat is worth.
+Heat that the friction brake would waste is free, but useful only in two ways: it brings the battery nearer to its
+target, or it makes the battery accept, or deliver, power that its limits would refuse later. A plan that exceeds
+its target with free heat is repeated with a ceiling on that heat. The result becomes the plan unless it gives up
+more charge than the heat is worth.
 """
 
 from __future__ import annotations
@@ -30,21 +30,21 @@ if TYPE_CHECKING:
     from bev_preheat.planning.situation import BatteryState
     from bev_preheat.planning.trip import Trip
 
-# A joule of free heat must bring at least so many joules of charge.
+# A joule of free heat must bring at least this many joules of charge.
 LEAST_GAIN = 0.1
-# A plan that arrives no warmer than this above its target has no use for a ceiling.
+# A plan that arrives no more than this above its target needs no ceiling.
 ABOVE_TARGET_K = 0.2
-# So many ceilings are tried.
+# At most this many ceilings are tried.
 MOST_CEILINGS = 3
-# The first one aims this far above the target; each next one higher by this factor of the miss.
+# The first ceiling aims this far above the target; each next one higher by this factor of the miss.
 AIM_K, MORE_AIM = 0.1, 1.2
-# One that is nowhere higher than the one before by more than this is not tried.
+# A ceiling that is nowhere higher than the previous one by more than this is not tried.
 HIGHER_K = 0.01
 # A battery is full from this state of charge on.
 FULL_SOC = 1.0 - 1e-6
 # The plan under a ceiling may miss the target by at most this much more.
 MISSED_K = 1e-3
-# So much warmer begins the run that tells how much of a kelvin is left later.
+# The run that determines the remaining share of a kelvin starts this much warmer.
 WARMER_K = 5.0
 # The remaining share of a kelvin counts at least this much.
 LEAST_KEPT = 1e-3
@@ -57,7 +57,7 @@ OFFSETS_K = (WIDER ** np.arange(PIECES + 1) - 1.0) / (WIDER - 1.0)
 def leave_useless_heat(trip: Trip, state: BatteryState, target_c: float, schedule: Schedule,
                        plan_again: Callable[[Trip], Schedule]) -> Schedule:
     """
-    Return a Schedule for a target [deg C], or that planned again with a ceiling on free heat, if no use is lost.
+    Return a Schedule for a target [deg C], or one with a ceiling on free heat if that loses no benefit.
 
     `plan_again` plans a Trip from the same state for the same target.
     """
@@ -74,7 +74,7 @@ def leave_useless_heat(trip: Trip, state: BatteryState, target_c: float, schedul
         bounded = plan_again(replace(trip, surplus_ceiling_c=ceiling_c))
         if _is_as_useful(trip, target_c, bounded, schedule):
             return bounded
-        # How much of a kelvin is left depends on how warm the battery is.
+        # The remaining share of a kelvin depends on the battery temperature.
         aim_c += MORE_AIM * max(target_c - float(bounded.temperature_c[-1]), 0.0)
     return schedule
 
@@ -99,11 +99,11 @@ def _is_as_useful(trip: Trip, target_c: float, bounded: Schedule, free: Schedule
 
 def find_surplus_ceiling_c(trip: Trip, state: BatteryState, target_c: float, soc: FloatArray) -> FloatArray:
     """
-    Return how warm surplus may make the battery by the end of each step [deg C], (N,).
+    Return the highest useful temperature of surplus heat at the end of each step [deg C], (N,).
 
-    That is as warm as it takes to arrive at the target without further heating, or as warm as gains LEAST_GAIN of
-    the heat in energy that the limits of power would refuse at the states of charge `soc` (N + 1,), whichever is
-    warmer; never near the highest temperature.
+    That is the temperature that reaches the target without further heating, or the one up to which warmth gains
+    LEAST_GAIN of the heat in energy that the power limits would refuse at the states of charge `soc` (N + 1,),
+    whichever is warmer; never near the highest temperature.
     """
     vehicle = native_vehicle(trip.vehicle)
     start = initial_states(state)[:2 if trip.vehicle.heat_path.is_direct else 4]
@@ -125,10 +125,10 @@ def find_surplus_ceiling_c(trip: Trip, state: BatteryState, target_c: float, soc
 
 def _gaining_k(trip: Trip, soc: FloatArray, cool_c: FloatArray, kept: FloatArray) -> FloatArray:
     """
-    Return by how much warmer than an unheated run the battery may be, for energy that pays, (N + 1,) [K].
+    Return how much warmer than an unheated run the battery may be, for energy that pays, (N + 1,) [K].
 
-    -inf where warmth gains nothing. The unheated run has the temperatures `cool_c` [deg C], the battery the states
-    of charge `soc`, and of a kelvin at the start `kept` is left at each instant, each (N + 1,).
+    -inf if warmth gains nothing. The unheated run has the temperatures `cool_c` [deg C], the battery the states
+    of charge `soc`, and `kept` is the share of a kelvin at the start that remains at each instant, each (N + 1,).
     """
     vehicle, duration_s = trip.vehicle, trip.route.duration_s
     battery = vehicle.battery
@@ -146,7 +146,7 @@ def _gaining_k(trip: Trip, soc: FloatArray, cool_c: FloatArray, kept: FloatArray
     gaining_k = np.full(len(kept), -np.inf)
     is_full = False
     for k in range(len(duration_s) - 1, -1, -1):
-        # A battery that takes more before it is full takes less then.
+        # A battery that accepts more before it is full accepts less afterwards.
         is_full = is_full or bool(soc[k + 1] >= FULL_SOC)
         if trip.idle_power_w[k] >= 0.0 or not is_full:
             gained_j = gained_j + more_j[k]

@@ -3,7 +3,7 @@
 Forward runs of a vehicle with a heat path: heater and coolant are states beside charge and temperature.
 
 The equations are those of `vehicle.heat_path`. A vehicle without one has no HeatRun: its runs are
-those of `dynamics`, to the last bit.
+exactly those of `dynamics`.
 """
 
 from __future__ import annotations
@@ -39,12 +39,12 @@ States = tuple[float, float, float, float]
 @dataclass(frozen=True)
 class HeatRun:
     """
-    What becomes of a plan's heat between heater and battery.
+    A plan's heat on its way between heater and battery.
 
-    At each instant (N + 1 values) what the heater takes, `heater_power_w` [W, electrical], and how
-    much warmer than the battery the coolant is, `coolant_excess_k` [K]. In each step (N values) the
-    means of what the heater takes, `drawn_power_w`, and of the heat that reaches the battery,
-    `arriving_heat_w` [W]. `lost_electric_wh` is what a heater that lags takes after arrival.
+    At each instant (N + 1 values): the heater's power, `heater_power_w` [W, electrical], and the coolant's
+    temperature above the battery's, `coolant_excess_k` [K]. In each step (N values) the means of the heater's
+    power, `drawn_power_w`, and of the heat that reaches the battery, `arriving_heat_w` [W]. `lost_electric_wh` is
+    the energy that a heater with lag draws after arrival.
     """
 
     heater_power_w: FloatArray
@@ -54,7 +54,7 @@ class HeatRun:
     lost_electric_wh: float
 
     def as_dictionary(self) -> dict[str, Any]:
-        """Return it as JSON holds it: numbers and lists."""
+        """Return the run as JSON-compatible numbers and lists."""
         return {'heater_power_w': self.heater_power_w.tolist(),
                 'coolant_excess_k': self.coolant_excess_k.tolist(),
                 'drawn_power_w': self.drawn_power_w.tolist(),
@@ -72,7 +72,7 @@ def make_heat_run(path: HeatPath, heater_power_w: FloatArray, coolant_excess_k: 
 @lru_cache(maxsize=KEPT_VEHICLES)
 def heated_step_of_floats(vehicle: Vehicle, saturating: bool) -> HeatedStep[float]:
     """
-    Return `make_heated_step` for floats; made once, as making it costs more than a step.
+    Return `make_heated_step` for floats; cached, because building it costs more than a step.
 
     Without `saturating`, a power that cannot be delivered raises ValueError.
     """
@@ -102,8 +102,7 @@ def roll_heated(trip: Trip, start: States, command_w: FloatArray, first: int = 0
     """
     Return the States, as rows, from step `first` on under heater commands [W] (N,).
 
-    Limits are left aside; a step whose power cannot be delivered is driven with the most that the
-    battery can.
+    Ignores limits; a step whose power cannot be delivered is driven with the battery's highest power.
     """
     states = np.empty((len(start), len(trip.route) + 1))
     states[:, first] = start
@@ -133,10 +132,10 @@ def run_heated(trip: Trip, start: States, command_w: FloatArray,
                brake_power_w: FloatArray | None = None, first: int = 0,
                before: Schedule | None = None) -> Schedule:
     """
-    Return the Schedule of a forward run under heater commands [W] (N,), limits left aside.
+    Return the Schedule of a forward run under heater commands [W] (N,), ignoring limits.
 
-    It starts with `start` at step `first`; what was before is that of the Schedule `before`. Its
-    switching instants are the first and the last of the steps that are heated.
+    It begins at step `first` with `start`; before that it is the Schedule `before`. Its switching instants are the
+    first and the last of the heated steps.
     """
     states = list(roll_heated(trip, start, command_w, first, brake_power_w))
     if before is not None and before.heat is not None:
@@ -166,7 +165,7 @@ def along_states(trip: Trip, states: Sequence[FloatArray] | FloatArray, command_
 
 def _heat_along(trip: Trip, states: Sequence[FloatArray] | FloatArray, command_w: FloatArray,
                 brake_power_w: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return what the heater takes, and the heat that reaches the battery, means of each step [W] (N,)."""
+    """Return the mean power of the heater and the mean heat into the battery in each step [W] (N,)."""
     vehicle = native_vehicle(trip.vehicle)
     heat_w = None if vehicle is None else native_plans.heat_along(
         vehicle, trip.native, np.array(states, dtype=float), command_w, brake_power_w)
@@ -180,7 +179,7 @@ def _heat_along(trip: Trip, states: Sequence[FloatArray] | FloatArray, command_w
 
 
 def ends_before_arrival_s(trip: Trip, command_w: FloatArray) -> float | None:
-    """Return the end of the last heated step [s]; None where that is the arrival, or there is none."""
+    """Return the end of the last heated step [s]; None if that is the arrival, or without heating."""
     heated = np.flatnonzero(command_w > HEATING_SHARE * trip.heater_limit_w)
     if not len(heated) or heated[-1] + 1 == len(trip.route):
         return None
@@ -189,10 +188,10 @@ def ends_before_arrival_s(trip: Trip, command_w: FloatArray) -> float | None:
 
 def heat_to_come_k(vehicle: Vehicle) -> tuple[float, float]:
     """
-    Return what a watt of heater power, and a kelvin of coolant excess, will still bring [K].
+    Return the temperature rise still to come from a watt of heater power and from a kelvin of coolant excess [K].
 
-    That is the temperature at which battery and coolant meet after the heater is switched off, less
-    the battery's own.
+    The rise is from the battery's temperature to that at which battery and coolant meet after the heater is
+    switched off.
     """
     path = vehicle.heat_path
     both_j_per_k = vehicle.battery.heat_capacity_j_per_k + path.coolant_heat_capacity_j_per_k
@@ -203,10 +202,10 @@ def heat_to_come_k(vehicle: Vehicle) -> tuple[float, float]:
 def state_with_heat_under_way(vehicle: Vehicle, temperature_c: float, soc: float,
                               under_way_k: float) -> BatteryState:
     """
-    Return the BatteryState of a vehicle whose heat under way will bring so many kelvin.
+    Return the BatteryState of a vehicle whose heat under way will warm it by `under_way_k` kelvin.
 
-    In coolant and heater as under a steady command, whose share in either does not depend on it: how
-    the heat is divided between them is not measured.
+    The heat is divided between coolant and heater as under a steady command, whose division does not depend on the
+    command: the actual division is not measured.
     """
     path, heater = vehicle.heat_path, vehicle.hvch
     under_way_j = under_way_k * (vehicle.battery.heat_capacity_j_per_k
@@ -219,13 +218,13 @@ def state_with_heat_under_way(vehicle: Vehicle, temperature_c: float, soc: float
 
 @lru_cache(maxsize=KEPT_VEHICLES)
 def without_heat_path(vehicle: Vehicle) -> Vehicle:
-    """Return the Vehicle whose heat arrives at once; the same one for the same vehicle."""
+    """Return the Vehicle whose heat arrives at once; the same object for the same vehicle."""
     return replace(vehicle, heat_path=DIRECT)
 
 
 @lru_cache(maxsize=KEPT_VEHICLES)
 def with_coolant_in_battery(vehicle: Vehicle) -> Vehicle:
-    """Return the Vehicle whose heat arrives at once in a battery that has the coolant's capacity too."""
+    """Return the Vehicle whose heat arrives at once, in a battery that includes the coolant's capacity."""
     battery_j_per_k = vehicle.battery.heat_capacity_j_per_k
     return replace(corrected_vehicle(vehicle, Corrections(
         heat_capacity=1.0 + vehicle.heat_path.coolant_heat_capacity_j_per_k / battery_j_per_k)),
@@ -233,7 +232,7 @@ def with_coolant_in_battery(vehicle: Vehicle) -> Vehicle:
 
 
 def mean_share_left(path: HeatPath, duration_s: FloatArray) -> FloatArray:
-    """Return what is left of a difference between heater and command, on average over steps (N,)."""
+    """Return the remaining share of a difference between heater and command, on average over steps (N,)."""
     if path.heater_lag_s == 0.0:
         return np.zeros(len(duration_s))
     return np.array([-math.expm1(-each_s / path.heater_lag_s) * path.heater_lag_s / each_s

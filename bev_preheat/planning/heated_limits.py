@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-The forward run that keeps the battery's limits, of a vehicle with a heat path.
+The forward run that keeps the battery's limits, for a vehicle with a heat path.
 
-What `limits` does for a heater whose heat arrives at once. A heater that lags takes what it takes: its
-command is chosen so that the mean of the step keeps the limits at both ends. Heat that is under way counts as
-arrived where the battery's highest temperature, or a threshold of heating, is meant.
+The counterpart of `limits`, which is for heat that arrives at once. The power of a heater with lag cannot be
+changed at once: its command is chosen so that the mean of the step keeps the limits at both ends. Heat under way
+counts as arrived in comparisons with the battery's highest temperature and with thresholds of heating.
 """
 
 from __future__ import annotations
@@ -41,11 +41,11 @@ if TYPE_CHECKING:
     from bev_preheat.planning.situation import BatteryState
     from bev_preheat.planning.trip import Trip
 
-# The highest temperature is kept to this by heating.
+# Heating keeps the highest temperature to this.
 HIGHEST_TOLERANCE_K = 1e-6
-# So many states and powers.
+# Number of states and of powers.
 STATES, POWERS = 4, 4
-# Command, friction brake, what the heater takes, and heat into the battery, means of a step [W].
+# Command, friction brake, heater power, and heat into the battery, means of a step [W].
 Powers = tuple[float, float, float, float]
 # `drive(step, states)` -> states at its end, powers.
 HeatedDrive = Callable[[int, States], tuple[States, Powers]]
@@ -58,9 +58,9 @@ def run_heated_within_limits(
     """
     Return the course of a forward run that keeps the limits; see `limits.run_within_limits`.
 
-    It is States (4, N + 1), Powers (4, N), and the step in which the charge runs out with the share of it
-    that is driven; None where it does not. What is `wanted` (a WantedHeat) is asked with the temperature
-    that the battery will have when all heat that is under way has arrived.
+    States (4, N + 1), Powers (4, N), and the step in which the charge runs out with its driven share, or None.
+    `wanted` (a WantedHeat) is evaluated at the temperature that the battery will have when all heat under way has
+    arrived.
     """
     steps = len(trip.route)
     states, powers_w = np.empty((STATES, steps + 1)), np.empty((POWERS, steps))
@@ -94,10 +94,9 @@ def along_heated_limits(trip: Trip, states: FloatArray, powers_w: FloatArray, st
 def _drive_on(trip: Trip, watch: LimitedSteps, wanted: WantedHeat, take_surplus: bool, first: int,
               states: FloatArray, powers_w: FloatArray) -> int | None:
     """
-    Drive on from step `first`, within the limits; return the step that the charge does not carry.
+    Drive on from step `first`, within the limits; return the step in which the charge runs out, or None.
 
-    Written are the States (4, N + 1) after `first`, and the Powers (4, N) from it on, as far as the charge
-    carries.
+    Writes the States (4, N + 1) after `first`, and the Powers (4, N) from it on, until the charge runs out.
     """
     vehicle = native_vehicle(trip.vehicle)
     driven = None if vehicle is None else native_runs.run_heated_within_limits(
@@ -149,7 +148,7 @@ def _drive_within_limits(trip: Trip, watch: LimitedSteps, wanted_w: WantedPower,
             return ends
 
         def command_for(drawn_w: float) -> float:
-            """Return the command with which the heater takes so much on average."""
+            """Return the command for this mean power of the heater."""
             command_w: float = (drawn_w - left * heater_w) / (1.0 - left)
             return command_w
 
@@ -166,12 +165,12 @@ def _drive_within_limits(trip: Trip, watch: LimitedSteps, wanted_w: WantedPower,
                 command_w = max(0.0, min(command_w, command_for(most_w - power_w)))
             paid_w = command_w
             if may_overcharge and take_surplus:
-                # As a steady command: a command that made up for the lag would swing from step to step.
+                # As a steady command: a command that compensates the lag would swing from step to step.
                 surplus_w = least_w - power_w
                 if foresight is not None and surplus_w > 0.0:
                     surplus_w = min(surplus_w, foresight.lasting_surplus_w(k, states))
                 free_w = min(cap_w, surplus_w)
-                # If that is enough, no heat is paid for, for any caller.
+                # If that is enough, no heat is paid for, whatever the caller.
                 command_w, paid_w = (free_w, 0.0) if command_w <= free_w else (command_w, paid_w)
             if foresight is not None and command_w > 0.0:
                 command_w = max(0.0, min(command_w, foresight.off_in_time_w(k, states)))
@@ -188,7 +187,7 @@ def _drive_within_limits(trip: Trip, watch: LimitedSteps, wanted_w: WantedPower,
                     break
                 command_w = max(least_command_w, command_w - beyond_k * joules_per_k / duration_s)
             if ends[0] > 1.0:
-                # The brake takes what would overfill the battery.
+                # The brake takes power that would overfill the battery.
                 brake_w = halve(max(0.0, -propulsion_w), brake_w,
                                 lambda braked_w: end_of(command_w, braked_w)[0] <= 1.0)
                 ends = end_of(command_w, brake_w)
@@ -209,10 +208,10 @@ def _drive_within_limits(trip: Trip, watch: LimitedSteps, wanted_w: WantedPower,
 
 def _strand(trip: Trip, empty: int, states: FloatArray, powers_w: FloatArray) -> float:
     """
-    Write how the run ends whose charge runs out in step `empty`; return the share of it that is driven.
+    Write the rest of a run whose charge runs out in step `empty`; return the driven share of that step.
 
-    The step is driven until the battery is empty; from then on the vehicle stands, its heater takes
-    nothing, and its coolant goes on to give its heat to the battery. `powers_w` of that step are known.
+    The step is driven until the battery is empty; from then on the vehicle stands, its heater is off,
+    and its coolant goes on heating the battery. `powers_w` of that step are known.
     """
     native = native_vehicle(trip.vehicle)
     found = None if native is None else native_searches.stand(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Why a plan heats where it does: its heating in stretches, each with a reason."""
+"""The heating intervals of a plan, each with its reason."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray, IntArray
     from bev_preheat.planning.trip import Trip
 
-# Surplus is told from paid heating to this [W].
+# Tolerance for surplus as against paid heating [W].
 SURPLUS_TOLERANCE_W = 1.0
-# Heating that ends so many lags of the heat path before arrival, or later, is for the arrival.
+# Heating that ends at most this many lags of the heat path before arrival is for the arrival.
 TOO_LATE_LAGS = 12.0
-# Nobody heats for an arrival so much warmer than the target, with what a caution adds to it.
+# No plan heats for an arrival this much warmer than the target with its uncertainty margin.
 WARMER_K = 0.5
 
 
 class Reason(IntEnum):
-    """What a stretch of heating is for; the numbers are those of PreheatPlan.stretch_reason."""
+    """The purpose of a heating interval; the numbers are those of PreheatPlan.stretch_reason."""
 
     ARRIVAL = 0
     SURPLUS = 1
@@ -39,15 +39,15 @@ class Reason(IntEnum):
 REASONS = tuple(Reason)
 SENTENCES = {
     Reason.ARRIVAL: 'to be warm on arrival',
-    Reason.SURPLUS: 'with regeneration that the cold battery may not take',
-    Reason.DESCENT: 'so that the battery may take more of the regeneration ahead',
+    Reason.SURPLUS: 'with regeneration that the cold battery cannot accept',
+    Reason.DESCENT: 'so that the battery accepts more of the regeneration ahead',
     Reason.CLIMB: 'so that the battery can deliver the power of the climb ahead',
 }
 
 
 @dataclass(frozen=True)
 class HeatingInterval:
-    """Heating from one instant to another [s], what it takes [Wh, electrical], and why."""
+    """Heating from one instant to another [s], its energy [Wh, electrical], and its reason."""
 
     start_s: float
     end_s: float
@@ -56,17 +56,17 @@ class HeatingInterval:
 
 
 def may_end_early(schedule: Schedule, target_c: float) -> bool:
-    """Return whether heating for the arrival may end before it, as heat comes late, at a target [deg C]."""
+    """Return whether heating for the arrival at a target [deg C] may end before it, because heat arrives late."""
     return schedule.heat is not None and float(schedule.temperature_c[-1]) <= target_c + WARMER_K
 
 
 def heating_intervals(trip: Trip, schedule: Schedule, least_w: FloatArray,
                       target_c: float = math.inf) -> tuple[HeatingInterval, ...]:
     """
-    Return the HeatingStretches of a Schedule, in order.
+    Return the HeatingIntervals of a Schedule, in order.
 
     `least_w` is the least terminal power [W] that the battery may take in each step, shape (N,). The target
-    [deg C] is what heating for the arrival is for.
+    [deg C] is that of heating for the arrival.
     """
     heater_w = schedule.heater_power_w
     heated = heater_w > HEATING_SHARE * trip.heater_limit_w
@@ -76,7 +76,7 @@ def heating_intervals(trip: Trip, schedule: Schedule, least_w: FloatArray,
     surplus = (heated & regenerates
                & (heater_w <= least_w - trip.idle_power_w + SURPLUS_TOLERANCE_W))
     first = int(heated.argmax())
-    # Where heat would come too late, heating ends before arrival.
+    # If heat would come too late, heating ends before arrival.
     too_late, last_of_all = len(heated), int(np.flatnonzero(heated)[-1]) + 1
     left_s = trip.time_s[-1] - trip.time_s[last_of_all]
     if may_end_early(schedule, target_c) and left_s <= TOO_LATE_LAGS * trip.vehicle.heat_path.heat_lag_s:
@@ -90,7 +90,7 @@ def heating_intervals(trip: Trip, schedule: Schedule, least_w: FloatArray,
     kinds = np.where(surplus, int(Reason.SURPLUS), np.where(heated, int(Reason.ARRIVAL), -1))
     edges = np.concatenate(([0], np.flatnonzero(kinds[1:] != kinds[:-1]) + 1))
     reasons = kinds[edges]
-    # The first step behind each stretch that gives a reason for heating before it.
+    # The first step after each interval that gives a reason for heating before it.
     ends = np.append(edges[1:], len(kinds))
     for_later = np.flatnonzero((reasons == Reason.ARRIVAL) & (ends < too_late))
     if len(for_later):
@@ -108,7 +108,7 @@ def heating_intervals(trip: Trip, schedule: Schedule, least_w: FloatArray,
 
 def make_interval(schedule: Schedule, start_s: float, end_s: float, energy_wh: float,
                  reason: Reason) -> HeatingInterval:
-    """Return the HeatingStretch of the steps of a Schedule between two instants [s], which takes so much [Wh]."""
+    """Return the HeatingInterval of a Schedule between two instants [s], with its energy [Wh]."""
     if schedule.heating_start_s is not None:
         start_s = max(start_s, schedule.heating_start_s)
     if schedule.heat is not None and schedule.heating_end_s is not None:
@@ -117,7 +117,7 @@ def make_interval(schedule: Schedule, start_s: float, end_s: float, energy_wh: f
 
 
 def _events(trip: Trip, schedule: Schedule) -> IntArray:
-    """Reason that a step gives for heating before it, shape (N,); -1 where it gives none."""
+    """Return the reason of each step for heating before it, shape (N,); -1 without one."""
     least_w, most_w = limits_of_steps_w(
         trip.vehicle, schedule.soc, colder(trip.vehicle, schedule.temperature_c),
         trip.power_variance_w2)

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-What a joule of heat in each step does along a run within limits, to the charge on arrival and to what is required.
+The effect of a joule of heat in each step of a run within limits, on the charge on arrival and on the needs.
 
-Prices as in `prices`, with what limits make of them. In a step whose surplus goes to the heater, or to the
-friction brake, a warmer battery takes more of it, so the heater gets less without being told. Beside the
-target a climb may be required, whose power the battery must be able to give, and before a descent the charge
-must not fall below the battery's range.
+Prices as in `prices`, extended by the limits. If a step's surplus goes to the heater or to the friction brake,
+a warmer battery takes more of the surplus, so the heater gets less without a changed command. Beside the target,
+the battery may have to deliver the power of a climb, and before a descent the charge must not fall below the
+battery's range.
 """
 
 from __future__ import annotations
@@ -34,33 +34,33 @@ if TYPE_CHECKING:
     from bev_preheat.planning.schedule import Schedule
     from bev_preheat.planning.trip import Trip
 
-# The slope over the friction brake's power is taken over this difference.
+# Difference for the slope over the friction brake's power.
 BRAKE_DIFFERENCE_W = 1000.0
-# Where the heater can take no more, or no less, than this there is nothing to change: what a climb is just
-# delivered with is not heated with.
+# A step in which the heater can take no more (or no less) than this is left alone: heat that makes a climb only
+# just deliverable is not used.
 LEAST_ROOM_W = 10.0
-# Paid heat is told from surplus to this.
+# Heat within this of the surplus counts as surplus.
 SURPLUS_TOLERANCE_W = 1.0
 # Steps that end this close to the highest temperature are not heated more.
 NEAR_HIGHEST_K = 1e-3
-# A power that is lacking by less than this share is rounding.
+# A power deficit below this share is rounding.
 POWER_ROUNDING = 1e-6
-# The charge on the way stays this far above the lowest of the battery's range, or as low as it was: a plan that
-# leaves hardly more than that charge the safeguard takes for the warmest that it may allow.
+# The charge on the way stays this far above the lowest of the battery's range, or as low as it was. The
+# no-regret check regards a plan that leaves hardly more charge as the warmest allowed one.
 LOWEST_SOC_MARGIN = 2e-5
-# What is aimed at above that: by so much a run may differ from its prices.
+# Aim this far above it: a run may differ from its prices by this amount.
 LOWEST_SOC_AIM = 1e-6
-# Further above no exchange leads below it.
+# From further above, no exchange leads below it.
 NEAR_LOWEST_SOC = 0.05
 
 
 class Needs(NamedTuple):
     """
-    What a run must not fall short of: what the run does that it is compared with.
+    Needs of a run: the outcome of the reference run that it must not fall short of.
 
     The temperature on arrival [deg C], and the terminal power that the battery can give in each step (N,) [W]:
-    what the drive asks, or what that run gives where it lacks power. The state of charge never falls below
-    `lowest_soc`. `climbs` are the steps (first, last + 1) that a battery a little colder could not deliver.
+    the drive's demand, or the reference run's power if that has a deficit. The state of charge never falls below
+    `lowest_soc`. `climbs` are the steps (first, last + 1) that a slightly colder battery could not deliver.
     """
 
     arrival_c: float
@@ -69,11 +69,11 @@ class Needs(NamedTuple):
     climbs: tuple[tuple[int, int], ...]
 
     def spare_w(self, trip: Trip, run: Schedule) -> FloatArray:
-        """Return the power that the battery can give in each step of a run beyond what it must [W], (N,)."""
+        """Return the spare power of the battery beyond the need in each step of a run [W], (N,)."""
         return limits_along(trip, run)[1] - self.power_w
 
     def are_met(self, trip: Trip, run: Schedule) -> bool:
-        """Return whether a run falls short of nothing but rounding."""
+        """Return whether a run meets all needs, up to rounding."""
         short_w = -POWER_ROUNDING * np.abs(trip.idle_power_w)
         return (run.empty_at_s is None
                 and float(run.temperature_c[-1]) >= self.arrival_c - ARRIVAL_TOLERANCE_K
@@ -82,7 +82,7 @@ class Needs(NamedTuple):
 
 
 def find_needs(trip: Trip, schedule: Schedule, target_c: float) -> Needs:
-    """Return the Needs of a run (a Schedule) that is to be improved, and its target [deg C]."""
+    """Return the Needs for improving a run (a Schedule), and its target [deg C]."""
     return Needs(min(target_c, float(schedule.temperature_c[-1])),
                  np.minimum(trip.idle_power_w, limits_along(trip, schedule)[1]),
                  min(trip.vehicle.battery.soc_range[0] + LOWEST_SOC_MARGIN, float(schedule.soc.min())),
@@ -100,12 +100,12 @@ def free_heat_w(trip: Trip, run: Schedule) -> FloatArray:
 
 class LimitChanges(NamedTuple):
     """
-    What heating a step more, or less, does along a run, C changes that can be made.
+    Effects of heating a step more, or less, along a run: C possible changes.
 
-    In each `step` (C,) by at most `most_j` [J], more where `sign` is 1.0, less where it is -1.0. A joule of
-    it changes the charge on arrival by `charge_per_j`, and what is required by `needs_per_j` (R, C): the
-    temperature on arrival [K], the power that can be given in `worst` steps, one for each climb [W], and the
-    charge at the instant `lowest`, if that is not None.
+    Each changes one `step` (C,) by at most `most_j` [J]: more if `sign` is 1.0, less if it is -1.0. A joule
+    changes the charge on arrival by `charge_per_j` and the needs by `needs_per_j` (R, C): the temperature on
+    arrival [K], the power available in the `worst` steps, one for each climb [W], and the charge at the instant
+    `lowest`, unless that is None.
     """
 
     step: IntArray
@@ -117,7 +117,7 @@ class LimitChanges(NamedTuple):
     lowest: int | None
 
     def spare(self, trip: Trip, run: Schedule, needs: Needs) -> list[float]:
-        """Return what a run has beyond each need [K, W, ..., 1], less what is aimed at."""
+        """Return a run's margin beyond each need [K, W, ..., 1], less the margin aimed at."""
         spare_w = needs.spare_w(trip, run)
         spare_soc = ([] if self.lowest is None else
                      [float(run.soc[self.lowest]) - needs.lowest_soc - LOWEST_SOC_AIM])
@@ -127,7 +127,7 @@ class LimitChanges(NamedTuple):
 
 
 def find_changes(trip: Trip, run: Schedule, needs: Needs) -> LimitChanges:
-    """Return the Changes that can be made to a run within limits, of a vehicle without a heat path."""
+    """Return the LimitChanges possible in a run within limits, for a vehicle without a heat path."""
     free_w, heater_w = free_heat_w(trip, run), run.heater_power_w
     slopes = _slopes_within_limits(trip, run, free_w)
     is_full = ((run.temperature_c[1:] >= trip.vehicle.battery.temperature_range_c[1] - NEAR_HIGHEST_K)
@@ -150,7 +150,7 @@ def find_changes(trip: Trip, run: Schedule, needs: Needs) -> LimitChanges:
 
 
 def _lowest_instant(run: Schedule, needs: Needs) -> int | None:
-    """Return the instant from which a run charges again from its lowest; None where that is far above the need."""
+    """Return the instant of a run's lowest charge; None if that is far above the need."""
     rises = np.flatnonzero(run.soc[1:-1] < run.soc[2:]) + 1
     if not len(rises):
         return None
@@ -163,15 +163,15 @@ class LimitedSlopes(Slopes):
     """
     Slopes along a run within limits, N pairs each.
 
-    `by_surplus` is for a watt of surplus: to the heater, or to the brake. Of it there is so much more [W] for
-    more charge at the start of the step, and for a kelvin more, as `surplus_w` says. 0 where there is none.
+    `by_surplus` is the effect of a watt of surplus, to the heater or to the brake. `surplus_w` is how much the
+    surplus grows [W] with the charge at the start of the step, and with each kelvin. 0 without surplus.
     """
 
     by_surplus: list[ChargeWarmth]
     surplus_w: list[ChargeWarmth]
 
     def with_limits(self, k: int, earlier: ChargeWarmth, middle: ChargeWarmth) -> ChargeWarmth:
-        """Return what charge and warmth before step k are worth, from what they are without limits."""
+        """Return the worth of charge and warmth before step k, from their worth without limits."""
         worth = middle[0] * self.by_surplus[k][0] + middle[1] * self.by_surplus[k][1]
         return (earlier[0] + worth * self.surplus_w[k][0], earlier[1] + worth * self.surplus_w[k][1])
 
@@ -187,7 +187,7 @@ def _slopes_within_limits(trip: Trip, run: Schedule, free_w: FloatArray) -> Limi
     takes_surplus = ((free_w > 0.0) & (free_w < trip.heater_limit_w)
                      & (heater_w <= free_w + SURPLUS_TOLERANCE_W))
     by_surplus = np.where(brake_w > 0.0, by_brake, np.where(takes_surplus, by_power, 0.0))
-    # The battery leaves it at that end of the step at which it takes less.
+    # The surplus is set at the end of the step at which the battery takes less.
     starts_w, ends_w = (terminal_limits_w(vehicle, run.soc[ends], run.temperature_c[ends], variance_w2)[0]
                         for ends in (slice(-1), slice(1, None)))
     starts = starts_w >= ends_w
@@ -204,7 +204,7 @@ def _slopes_within_limits(trip: Trip, run: Schedule, free_w: FloatArray) -> Limi
 
 
 def _worth_of_climb(trip: Trip, run: Schedule, k: int) -> tuple[int, ChargeWarmth]:
-    """Return at which end of step k the battery can give less, and what charge and warmth give there [W]."""
+    """Return the end of step k at which the battery can give less, and the slopes of its power there [W]."""
     def most_w(instant: int, fuller: float = 0.0, warmer_k: float = 0.0) -> float:
         at = slice(instant, instant + 1)
         return float(terminal_limits_w(
@@ -213,7 +213,7 @@ def _worth_of_climb(trip: Trip, run: Schedule, k: int) -> tuple[int, ChargeWarmt
 
     start_w, end_w = most_w(k), most_w(k + 1)
     instant, here_w = (k, start_w) if start_w <= end_w else (k + 1, end_w)
-    # Downwards: what is full already is not fuller.
+    # Downwards: a full battery cannot be fuller.
     return instant, ((here_w - most_w(instant, fuller=-SOC_DIFFERENCE)) / SOC_DIFFERENCE,
                      (most_w(instant, warmer_k=TEMPERATURE_DIFFERENCE_K) - here_w)
                      / TEMPERATURE_DIFFERENCE_K)

@@ -1,11 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-One switching instant within limits: what no plan with active limits is to be worse than.
+One switching instant within limits: the reference that no plan with active limits may be worse than.
 
-How much the battery gives the heater depends on how warm it is by then, and so on what is heated before:
-thresholds made along one run may not fit the run that they lead to, and then cost more than they bring.
-`optimal_switch` leaves limits aside; here its one stretch of heating is searched for once more, as it can be
-driven.
+The power that the battery leaves for the heater depends on its temperature, and so on earlier heating. Thresholds
+computed along one run may not fit the resulting run, and then cost more than they bring. `optimal_switch` ignores
+limits; here its single heating interval is searched again within the limits.
 """
 
 from __future__ import annotations
@@ -27,7 +26,7 @@ if TYPE_CHECKING:
     from bev_preheat.planning.situation import BatteryState
     from bev_preheat.planning.trip import Trip
 
-# One to three runs are enough as a rule; one that is not at the target then is no better than the plan.
+# One to three runs are usually enough; a run that is still off the target then is no better than the plan.
 MOST_RUNS = 8
 
 
@@ -36,8 +35,8 @@ def switch_within_limits(trip: Trip, state: BatteryState, target_c: float, plann
     """
     Return the run within limits that heats from one instant until `off_s` [s] and arrives at the target [deg C].
 
-    Where driving alone arrives there it does not heat, and where heating all the way is not enough it does that.
-    `planned` is another run within limits, which says about how much heating it takes.
+    It does not heat if driving alone reaches the target, and heats all the way if even that is not enough.
+    `planned` is another run within limits, which gives the approximate amount of heating.
     """
     idle = drive_as_planned(trip, state, np.zeros(len(trip.route)), take_surplus=True)
     if idle.temperature_c[-1] >= target_c:
@@ -45,9 +44,9 @@ def switch_within_limits(trip: Trip, state: BatteryState, target_c: float, plann
 
     def switched_on_at(on_s: float) -> Trial[Schedule]:
         first, command_w = trip.route.segment_at(on_s), maximum_between(trip, on_s, off_s)
-        # Of what the battery gives the heater, or in a part of the step it would be heated as in all of it.
+        # Share that the battery can supply; otherwise heating part of a step would equal heating all of it.
         command_w[first] *= _share_given(trip, idle, first)
-        # Before it is switched on it is not heated.
+        # Before the switching instant the run is the unheated one.
         run = drive_as_planned(trip, state, command_w, take_surplus=True, first=first, before=idle)
         return Trial(on_s, float(run.temperature_c[-1]) - target_c, run)
 
@@ -58,11 +57,11 @@ def switch_within_limits(trip: Trip, state: BatteryState, target_c: float, plann
 
 
 def _share_given(trip: Trip, idle: Schedule, step: int) -> float:
-    """Return which share of the most command of a step the battery can give, from the state of an unheated run."""
+    """Return the share of a step's highest command that the battery can supply, in an unheated run's state."""
     at = slice(step, step + 1)
     most_w = float(terminal_limits_w(
         trip.vehicle, idle.soc[at], idle.temperature_c[at], trip.power_variance_w2[at])[1][0])
-    # A heater that lags takes only a part of it in this step.
+    # A heater with lag draws only part of its command in this step.
     taken_w = float(trip.heater_limit_w[step]) * (
         1.0 - float(mean_share_left(trip.vehicle.heat_path, trip.route.duration_s[at])[0]))
     room_w = max(most_w - float(trip.idle_power_w[step]), 0.0)
@@ -70,7 +69,7 @@ def _share_given(trip: Trip, idle: Schedule, step: int) -> float:
 
 
 def _guess_s(trip: Trip, idle: Schedule, planned: Schedule, target_c: float, off_s: float) -> float:
-    """Return from when on [s] heating until `off_s` takes what it takes in a planned run."""
+    """Return the instant [s] from which heating until `off_s` takes as much energy as in a planned run."""
     if planned.temperature_c[-1] < target_c - ARRIVAL_TOLERANCE_K:
         # Heating all the way may not be enough either.
         return 0.0
@@ -88,7 +87,7 @@ def _guess_s(trip: Trip, idle: Schedule, planned: Schedule, target_c: float, off
 
 
 def _warmed_k_per_s(trip: Trip, idle: Schedule, on_s: float) -> float:
-    """How much warmer the battery arrives for each second that heating begins earlier, about."""
+    """Return how much warmer the battery arrives for each second of earlier heating, approximately."""
     step = trip.route.segment_at(on_s)
     capacity = trip.vehicle.battery.heat_capacity_j_per_k
     left = math.exp(-float(trip.leakage_w_per_k[step]) / capacity * (float(trip.time_s[-1]) - on_s))

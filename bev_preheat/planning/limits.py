@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-The battery's power limits (9i) and the forward run that keeps them.
+The battery's power limits (9i), and the forward run that keeps them.
 
-Limits are on P_b; here they are turned into limits on the terminal power P_t, which is what heater,
-drivetrain and friction brake add up to. They are kept at both ends of each step, as in the program.
+Limits are on P_b; here they are converted to limits on the terminal power P_t, the sum of heater,
+drivetrain and friction brake. They are kept at both ends of each step, as in the nonlinear program.
 """
 
 from __future__ import annotations
@@ -37,34 +37,34 @@ if TYPE_CHECKING:
     from bev_preheat.planning.trip import Trip
     from bev_preheat.vehicle.description import Vehicle
 
-# Steps are looked at closely where a limit is this near: the run on which they are chosen may be
-# warmer than the run that is made, by what the friction brake takes from the drivetrain's heat.
+# A step is watched if a limit is this near: the run used for the choice may be warmer than the final run, by the
+# drivetrain heat that the friction brake takes away.
 COLDER_BY_K = 5.0
-# A limit counts as active where it takes more than this [W].
+# A limit counts as active if it takes more than this [W].
 ACTIVE_W = 1e-3
-# The highest temperature is kept to this by heating.
+# Heating keeps the highest temperature to this.
 HIGHEST_TOLERANCE_K = 1e-6
 
 # `wanted_w(step, temperature_c)` -> heater power [W].
 WantedPower = Callable[[int, float], float]
-# States, powers and where it strands: the arguments of `along_limits`.
+# States, powers and stranding: the arguments of `along_limits`.
 Course: TypeAlias = 'tuple[FloatArray, FloatArray, tuple[int, float] | None]'
 # `drive(step, soc, temperature_c)` -> state of charge, temperature, heater and brake power [W].
 StepWithinLimits = Callable[[int, float, float], tuple[float, float, float, float]]
 
 
 def colder(vehicle: Vehicle, temperature_c: FloatArray) -> FloatArray:
-    """Temperatures COLDER_BY_K below these [deg C], but none below the vehicle's range."""
+    """Return temperatures COLDER_BY_K below these [deg C], but not below the vehicle's range."""
     return np.maximum(temperature_c - COLDER_BY_K, vehicle.battery.temperature_range_c[0])
 
 
 class WantedHeat(NamedTuple):
     """
-    What a run within limits is to heat with in each step, before limits cut it.
+    Heat that a run within limits wants in each step, before limits cut it.
 
-    `power_w` (N,) [W]; where there are `bands`, only below temperatures. In each band of Thresholds
-    (`floor_c`, `low_c`, `high_c`, each (N, BANDS)) at that power from the floor to low, not at all from
-    high, in between in proportion.
+    `power_w` (N,) [W]; with `bands`, only below temperatures: in each band of Thresholds
+    (`floor_c`, `low_c`, `high_c`, each (N, BANDS)) at that power from the floor to low, off from high,
+    in proportion in between.
     """
 
     power_w: FloatArray
@@ -90,7 +90,7 @@ class WantedHeat(NamedTuple):
 
 
 class LimitedSteps(NamedTuple):
-    """Steps in which a limit may matter, shape (N,): regeneration, or drive and heater."""
+    """Steps in which a limit may matter, shape (N,): for regeneration, or for drive and heater."""
 
     charge: BoolArray
     discharge: BoolArray
@@ -102,7 +102,7 @@ class LimitedSteps(NamedTuple):
 
 
 def watch_limits(trip: Trip, soc: FloatArray, temperature_c: FloatArray) -> LimitedSteps:
-    """Return the Watch of a trip, from a run (N + 1 values) not much warmer than any other."""
+    """Return the LimitedSteps of a trip, from a run (N + 1 values) not much warmer than any other."""
     least_w, most_w = limits_of_steps_w(
         trip.vehicle, soc, colder(trip.vehicle, temperature_c), trip.power_variance_w2)
     return LimitedSteps(
@@ -114,7 +114,7 @@ def limits_hold(trip: Trip, schedule: Schedule, before: int | None = None) -> bo
     """
     Return whether a schedule made without regard to limits keeps them all.
 
-    With `before`, of its steps only those before this one are looked at, of which there is one at least.
+    With `before`, only the steps before that one are checked; there must be at least one.
     """
     battery = trip.vehicle.battery
     lowest_c, highest_c = battery.temperature_range_c
@@ -134,13 +134,13 @@ def run_within_limits(trip: Trip, state: BatteryState, watch: LimitedSteps,
     """
     Return the Schedule of a forward run that keeps the limits.
 
-    `wanted` is the WantedHeat, cut where the battery cannot give it or would exceed its highest
-    temperature. With `take_surplus`, what the battery may not take of the regeneration goes to the
-    heater first, as far as it is useful (`free_heat`); the friction brake takes the rest. With `before`, a
-    Schedule of the same trip, its steps before `first` are kept.
+    `wanted` is the WantedHeat, cut if the battery cannot deliver it or would exceed its highest temperature. With
+    `take_surplus`, regeneration that the battery cannot accept goes to the heater first, as far as it is useful
+    (`free_heat`); the friction brake takes the rest. With `before`, a Schedule of the same trip, its steps before
+    `first` are reused.
 
-    The state of charge stays within 0 ... 1: what would overfill the battery goes to the friction
-    brake, and where the charge runs out the vehicle stands for the rest of the trip.
+    The state of charge stays within 0 ... 1: the friction brake takes power that would overfill the battery, and
+    when the charge runs out the vehicle stands for the rest of the trip.
     """
     return along_limits(trip, watch, *course_within_limits(
         trip, state, watch, wanted, take_surplus, first, before))
@@ -148,7 +148,7 @@ def run_within_limits(trip: Trip, state: BatteryState, watch: LimitedSteps,
 
 def course_within_limits(trip: Trip, state: BatteryState, watch: LimitedSteps, wanted: WantedHeat,
                          take_surplus: bool, first: int = 0, before: Schedule | None = None) -> Course:
-    """Return the Course of such a run, for who needs no Schedule of it."""
+    """Return the Course of such a run, for callers that need no Schedule."""
     if not trip.vehicle.heat_path.is_direct:
         return run_heated_within_limits(trip, state, watch, wanted, take_surplus, first, before)
     steps = len(trip.route)
@@ -169,11 +169,11 @@ def course_within_limits(trip: Trip, state: BatteryState, watch: LimitedSteps, w
 def along_limits(trip: Trip, watch: LimitedSteps, states: FloatArray, powers_w: FloatArray,
                  stranded: tuple[int, float] | None) -> Schedule:
     """
-    Return the Schedule of a run that has kept the limits in the steps of a Watch.
+    Return the Schedule of a run that has kept the limits in its LimitedSteps.
 
     `states` (2, N + 1) are charge and temperature, `powers_w` (2, N) heater and friction brake; with a heat
     path they are those of `heated_limits`. `stranded` is the step in which the charge runs out and the
-    share of it that is driven; None where it does not.
+    share that is driven, or None.
     """
     empty_at_s, driven_share = where_stranded(trip, stranded)
     start_s = switched_on_s(trip, powers_w[0])
@@ -203,10 +203,10 @@ def where_stranded(trip: Trip,
 def _drive_on(trip: Trip, watch: LimitedSteps, wanted: WantedHeat, take_surplus: bool, first: int,
               states: FloatArray, powers_w: FloatArray) -> int | None:
     """
-    Drive on from step `first`, within the limits; return the step that the charge does not carry.
+    Drive on from step `first`, within the limits; return the step in which the charge runs out, or None.
 
-    Written are the states (2, N + 1) after `first`, and the powers of heater and brake (2, N) from it
-    on, as far as the charge carries.
+    Writes the states (2, N + 1) after `first`, and the powers of heater and brake (2, N) from it on, until the
+    charge runs out.
     """
     vehicle = native_vehicle(trip.vehicle)
     driven = None if vehicle is None else native_runs.run_within_limits(
@@ -233,8 +233,8 @@ def _step_within_limits(trip: Trip, watch: LimitedSteps, wanted_w: WantedPower,
     Return `drive(k, soc, temperature_c)`, which drives step k from that state within the limits.
 
     It returns the state of charge and the temperature at the end of the step, and the powers [W] of
-    heater and friction brake. A state of charge of 0 or less is a step that the charge does not
-    carry. The arguments are those of `run_within_limits`.
+    heater and friction brake. A state of charge of 0 or less means that the charge runs out in the
+    step. The arguments are those of `run_within_limits`.
     """
     vehicle = trip.vehicle
     step = step_of_floats(vehicle, make_runge_kutta_4, saturating=True)
@@ -269,7 +269,7 @@ def _step_within_limits(trip: Trip, watch: LimitedSteps, wanted_w: WantedPower,
             if may_overcharge and take_surplus:
                 free_w = min(cap_w, least_w - power_w)
                 if heater_w <= free_w:
-                    # No heat is paid for, for any caller.
+                    # Surplus covers the demand: no heat is paid for, whatever the caller.
                     heater_w, paid_w = free_w, 0.0
             while True:
                 brake_w = 0.0
@@ -281,7 +281,7 @@ def _step_within_limits(trip: Trip, watch: LimitedSteps, wanted_w: WantedPower,
                     break
                 heater_w = max(least_heat_w, heater_w - beyond_k * joules_per_k / duration_s)
             if soc_end > 1.0:
-                # The brake takes what would overfill the battery.
+                # The brake takes power that would overfill the battery.
                 brake_w = halve(max(0.0, -propulsion_w), brake_w,
                                 lambda braked_w: end_of(heater_w, braked_w)[0] <= 1.0)
                 soc_end, end_c, _, _ = end_of(heater_w, brake_w)
@@ -301,7 +301,7 @@ def _step_within_limits(trip: Trip, watch: LimitedSteps, wanted_w: WantedPower,
 
 def _strand(trip: Trip, empty: int, states: FloatArray, powers_w: FloatArray) -> float:
     """
-    Write how the run ends whose charge runs out in step `empty`; return the share of it that is driven.
+    Write the rest of a run whose charge runs out in step `empty`; return the driven share of that step.
 
     The step is driven until the battery is empty; from then on the vehicle stands. The powers of that
     step are known.
@@ -354,19 +354,19 @@ def drive_as_planned(trip: Trip, state: BatteryState, heater_power_w: FloatArray
     """
     Return the Schedule of a forward run that keeps the limits under heater powers [W] (N,).
 
-    With `before`, a run of the same kind, its steps before `first` are kept.
+    With `before`, a run of the same kind, its steps before `first` are reused.
     """
     return run_within_limits(trip, state, watch_everywhere(trip), WantedHeat(heater_power_w),
                              take_surplus, first, before)
 
 
 def watch_everywhere(trip: Trip) -> LimitedSteps:
-    """Return the Watch under which a limit may matter in each step of a trip."""
+    """Return the LimitedSteps under which a limit may matter in each step of a trip."""
     return LimitedSteps(trip.route.propulsion_power_w < 0.0, np.ones(len(trip.route), dtype=bool))
 
 
 def within_limits(trip: Trip, state: BatteryState, schedule: Schedule) -> Schedule:
-    """Return a Schedule itself if no limit was missed that it can keep, else as it can be driven."""
+    """Return the Schedule if it misses no limit that it can keep, else as executed."""
     least_w, most_w = limits_along(trip, schedule)
     terminal_w = trip.idle_power_w + schedule.drawn_power_w + schedule.brake_power_w
     overcharged_w = np.minimum(

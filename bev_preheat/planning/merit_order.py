@@ -2,16 +2,15 @@
 """
 Method `merit_order`: heat where a watt-hour of battery energy brings the most.
 
-Steps in which the battery may not take what the drivetrain regenerates come first: heating with the
-surplus costs nothing. Then come those in which a kelvin is worth the most to the rest of the trip
-for what it takes (`thresholds`): before a descent, so that a warmer battery takes more of it;
-before a climb that the cold battery cannot deliver; and, by leakage, the later the better, before
-arrival. Heating stops where the target or the highest temperature is met. What it may cost of the
-charge, and that it serves what it is for, `no_regret_check` sees to. One stretch of heating as it can be driven
-(`limited_switch`) is the plan where thresholds lead to a worse one.
+Steps with surplus regeneration that the battery cannot accept come first: heating with the surplus is free. Next
+come the steps in which a kelvin is worth the most to the rest of the trip, relative to its cost (`thresholds`):
+before a descent, so that a warmer battery accepts more power; before a climb that the cold battery cannot deliver;
+and before arrival, the later the better because of leakage. Heating stops at the target or at the highest
+temperature. `no_regret` limits the charge that it may cost, and checks that it serves its purpose. If thresholds
+lead to a worse plan than one heating interval within the limits (`limited_switch`), the latter is the plan.
 
-Where no limit is active all that is left is the end of the trip, `optimal_switch`, but for the few trips
-on which heating is cheaper elsewhere (`cheapest_steps`).
+Without an active limit only the end of the trip matters (`optimal_switch`), except on the few trips on which
+heating is cheaper elsewhere (`cheapest_steps`).
 """
 
 from __future__ import annotations
@@ -44,15 +43,15 @@ if TYPE_CHECKING:
     from bev_preheat.planning.situation import BatteryState, Goal
     from bev_preheat.planning.trip import Trip
 
-# The curve is made again where the run it leads to differs more than this in state of charge, or
-# takes less regeneration than it was made for. Where exchanges of heat do the rest, only where it differs more
-# than the second. The best of the runs after the first look is the plan.
+# The curve is recomputed if the resulting run differs by more than this in state of charge, or regenerates less
+# than assumed. If exchanges of heat do the rest, only if it differs by more than the second value. The plan is the
+# best of the runs after the first pass.
 SOC_AGREEMENT = 5e-4
 SOC_AGREEMENT_FOR_EXCHANGES = 5e-3
 MOST_PASSES = 3
-# Less of the charge than that, some 0.05 Wh, is not worth another plan.
+# A saving below this share of the charge, about 0.05 Wh, is not worth another plan.
 LEAST_SAVING_SOC = 1e-6
-# Arriving so much nearer to the target is worth what it costs.
+# Arriving this much nearer to the target justifies the cost.
 LEAST_WARMER_K = 0.1
 
 
@@ -61,8 +60,8 @@ def plan_merit_order(trip: Trip, state: BatteryState, goal: Goal, unheated: Sche
     """
     Return the Schedule with the least battery energy that reaches the target within limits.
 
-    Without `serves_climbs` nothing is heated for the sake of a climb that the battery cannot
-    deliver. `unheated` is the Schedule without any heating, limits left aside, where it is known.
+    Without `serves_climbs` nothing is heated for a climb that the battery cannot deliver. `unheated` is the
+    Schedule without any heating, ignoring limits, if known.
     """
     found = _found_by_core(trip, state, goal.target_temperature_c, unheated, serves_climbs)
     if found is not None:
@@ -73,9 +72,8 @@ def plan_merit_order(trip: Trip, state: BatteryState, goal: Goal, unheated: Sche
             return schedule
         cheapest = heat_cheapest(trip, schedule, goal.target_temperature_c)
         return cheapest if cheapest is schedule or limits_hold(trip, cheapest) else schedule
-    # Thresholds are worked out as if heat arrived at once, in battery and coolant; what is heated now
-    # is held against those of the step in which it arrives. Later than a plan without limits nothing
-    # is paid for.
+    # Thresholds are computed as if heat arrived at once, in battery and coolant; heat of a step is compared with
+    # the thresholds of the step in which it arrives. Heat later than in the plan without limits is not paid for.
     paid_w, lumped = trip.heater_limit_w, trip
     if not trip.vehicle.heat_path.is_direct:
         paid_w = paid_until(trip, schedule.heating_end_s)
@@ -94,7 +92,7 @@ def plan_merit_order(trip: Trip, state: BatteryState, goal: Goal, unheated: Sche
 
 def _found_by_core(trip: Trip, state: BatteryState, target_c: float, unheated: Schedule | None,
                    serves_climbs: bool) -> Schedule | None:
-    """Return the Schedule as the compiled core plans it; None where it does not answer."""
+    """Return the Schedule as the native core plans it; None if the core does not answer."""
     vehicle, path = native_vehicle(trip.vehicle), trip.vehicle.heat_path
     if vehicle is None:
         return None
@@ -112,10 +110,10 @@ def _found_by_core(trip: Trip, state: BatteryState, target_c: float, unheated: S
 def _passes(trip: Trip, lumped: Trip, state: BatteryState, schedule: Schedule, paid_w: FloatArray,
             goal: Goal, serves_climbs: bool) -> Schedule:
     """
-    Return the best of the Schedules under thresholds that are made along one after the other.
+    Return the best of the Schedules from successive passes of thresholds, each computed along the previous run.
 
-    The first are made along a Schedule without regard to limits. `lumped` is the Trip of a vehicle whose
-    heat arrives at once, `paid_w` (N,) the most heater power that each step is paid for [W].
+    The first thresholds are computed along a Schedule that ignores limits. `lumped` is the Trip of a vehicle whose
+    heat arrives at once; `paid_w` (N,) is the highest heater power worth paying for in each step [W].
     """
     loss = no_acceptance_loss(trip)
     best: Schedule | None = None
@@ -130,10 +128,10 @@ def _passes(trip: Trip, lumped: Trip, state: BatteryState, schedule: Schedule, p
         if number > 0 and (best is None or _is_better(
                 trip, schedule, best, goal, serves_climbs)):
             best = schedule
-        # What is heated decides where the charge limit is active, and the other way round: half
-        # way from one to the other keeps the passes from going back and forth.
+        # The heating decides where the charge limit is active, and vice versa: going half way keeps the passes
+        # from oscillating.
         assumed_loss, loss = loss, loss.blended(find_acceptance_loss(trip, watch, schedule))
-        # Limits depend on the state of charge, and the curve was made for another.
+        # Limits depend on the state of charge, and the curve was computed for another one.
         apart = float(np.abs(schedule.soc - assumed_soc).max())
         agrees = apart <= SOC_AGREEMENT and assumed_loss.any == loss.any
         if number > 0 and (agrees or (apart <= SOC_AGREEMENT_FOR_EXCHANGES
@@ -145,11 +143,11 @@ def _passes(trip: Trip, lumped: Trip, state: BatteryState, schedule: Schedule, p
 def _or_without_thresholds(trip: Trip, state: BatteryState, best: Schedule, once: Schedule,
                            goal: Goal) -> Schedule:
     """
-    Return the best Schedule, or one without thresholds that saves against it and falls short of nothing.
+    Return the best Schedule, or one without thresholds that saves charge and meets the same requirements.
 
-    Thresholds do not know that heat arrives late, and may cost more than they bring. Without them there are
-    the Schedule `once`, made without regard to limits, and the one that does not heat, both as they can be
-    driven, with surplus and without: a heater that lags goes on when the surplus is over.
+    Thresholds ignore that heat arrives late, and may cost more than they bring. The alternatives are the Schedule
+    `once`, planned without limits, and the unheated one, both as executed within the limits, with surplus and
+    without: a heater with lag goes on when the surplus is over.
     """
     for command_w in (once.heater_power_w, np.zeros(len(trip.route))):
         for takes_surplus in (True, False):
@@ -160,16 +158,16 @@ def _or_without_thresholds(trip: Trip, state: BatteryState, best: Schedule, once
 
 
 def _switched_once(trip: Trip, state: BatteryState, best: Schedule, once: Schedule, goal: Goal) -> Schedule:
-    """Return the run within limits with one stretch of heating, which ends where that of `once` does."""
+    """Return the run within limits with one heating interval that ends with that of `once`."""
     off_s = float(trip.time_s[-1]) if once.heating_end_s is None else once.heating_end_s
     return switch_within_limits(trip, state, goal.target_temperature_c, best, off_s)
 
 
 def _saves(trip: Trip, schedule: Schedule, other: Schedule, goal: Goal) -> bool:
     """
-    Return whether a Schedule is nearer to the target than another, or saves charge, and is else no worse.
+    Return whether a Schedule is nearer to the target than another, or saves charge, and is no worse otherwise.
 
-    What it takes to be a little nearer is bounded as thresholds have it.
+    The cost of getting a little nearer is bounded as for thresholds.
     """
     lowest_soc = trip.vehicle.battery.soc_range[0]
     more_missed_k = _missed_k(schedule, goal) - _missed_k(other, goal)
@@ -192,14 +190,14 @@ def _missed_k(schedule: Schedule, goal: Goal) -> float:
 
 
 def _is_exchanged(trip: Trip, schedule: Schedule, serves_climbs: bool) -> bool:
-    """Return whether exchanges of heat bring a Schedule to the best: it delivers all, and heat arrives at once."""
+    """Return whether exchanges of heat can optimise a Schedule: it has no deficit, and heat arrives at once."""
     return (trip.vehicle.heat_path.is_direct and schedule.empty_at_s is None
             and (not serves_climbs or power_deficit(trip, schedule).worst_w == 0.0))
 
 
 def _is_better(trip: Trip, schedule: Schedule, other: Schedule, goal: Goal,
                serves_climbs: bool) -> bool:
-    """Return whether a Schedule lacks less than another, or costs less where both lack the same."""
+    """Return whether a Schedule has a smaller deficit than another, or the same deficit at less cost."""
     if (schedule.empty_at_s is None) != (other.empty_at_s is None):
         return schedule.empty_at_s is None
     if serves_climbs:

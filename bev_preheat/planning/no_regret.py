@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-No plan is worse than not heating: whatever a method proposes is held against the unheated trip.
+Make sure that no plan is worse than not heating: compare each proposal with the unheated trip.
 
-Paid heating takes charge. Where the charge does not carry the trip there is none. Where it would
-cost the state of charge that must be left, the target is lowered until it does not. And where the
-battery lacks power for the drive, a plan that makes it lack more is no plan: heat helps a cold
-battery, but an empty one only gets emptier.
+Paid heating costs charge. If the charge is not enough for the trip, nothing is heated. If heating would use
+charge from the reserve, the target is lowered until the reserve is met. If the battery cannot deliver the power
+for the drive, plans that increase the deficit are rejected: heat helps a cold battery, but a nearly empty one
+only gets emptier.
 """
 
 from __future__ import annotations
@@ -34,21 +34,21 @@ if TYPE_CHECKING:
     from bev_preheat.planning.trip import Trip
     from bev_preheat.planning.uncertainty_margin import UncertaintyMargin
 
-# A power that is lacking by less than this share is rounding. Where power lacks in any case, a plan
-# that lacks so many watts more is no worse.
+# A power deficit below this share is rounding. If the unheated trip has a deficit too, a plan may increase it
+# by this many watts.
 POWER_TOLERANCE = 1e-6
 NO_WORSE_W = 10.0
-# The warmest target that is allowed has been found where no more charge than this is to spare, or
-# where it is known to this, less exactly where power decides; so many are tried, and, as what is to spare
-# jumps where power begins to lack, so many more.
+# The search for the warmest allowed target ends when no more charge than this is left to spare, or when the
+# target is known to this (less exactly if power decides). It makes at most this many trials, and then halves the
+# bracket at most this often, because the spare power jumps where a deficit begins.
 SOC_TOLERANCE = 1e-5
-# What the search leaves to spare where a wish misses by less: it would not come away from the wish otherwise.
+# Spare charge to aim at if the goal's target misses by less than this: otherwise the search would not move off it.
 SOC_AIM = 1e-6
 TARGET_TOLERANCE_K = 5e-6
 TARGET_TOLERANCE_OF_POWER_K = 0.1
 MOST_TARGETS = 8
 MOST_HALVINGS = 8
-# So much lacking power counts like the whole charge.
+# This power deficit weighs as much as the whole charge.
 POWER_WEIGHT_W = 1e6
 
 # In the order of `bev_held_back` in core.h.
@@ -62,7 +62,7 @@ class PowerDeficit(NamedTuple):
     """
     Power that the battery cannot deliver in the worst step [W].
 
-    `worst_w` is 0 where nothing but rounding is lacking; `at` is that step.
+    `worst_w` is 0 if the deficit is only rounding; `at` is the step.
     """
 
     worst_w: float
@@ -71,15 +71,15 @@ class PowerDeficit(NamedTuple):
 
 def power_deficit(trip: Trip, schedule: Schedule, most_w: FloatArray | None = None) -> PowerDeficit:
     """
-    Return what is Lacking in a Schedule of a Trip.
+    Return the PowerDeficit of a Schedule of a Trip.
 
-    `most_w` (N,) is the most terminal power that the battery can give [W], where it is known.
+    `most_w` (N,) is the highest terminal power that the battery can give [W], if known.
     """
     if most_w is None:
         _, most_w = limits_along(trip, schedule)
     power_w = trip.idle_power_w + schedule.drawn_power_w - most_w
     if schedule.driven_share is not None:
-        # What a vehicle that stands does not get is lacking charge, not power.
+        # When the vehicle stands without charge, the deficit is one of charge, not of power.
         power_w = np.where(schedule.driven_share < 1.0, 0.0, power_w)
     at = int(power_w.argmax())
     worst_w = float(power_w[at])
@@ -88,16 +88,16 @@ def power_deficit(trip: Trip, schedule: Schedule, most_w: FloatArray | None = No
 
 
 def unheated_within_limits(trip: Trip, state: BatteryState, unheated: Schedule) -> Schedule:
-    """Return the Schedule without any heating itself if it keeps the limits, else with free surplus only."""
+    """Return the unheated Schedule if it keeps the limits, else a Schedule heated with free surplus only."""
     return unheated if limits_hold(trip, unheated) else run_unheated(trip, state)
 
 
 def checked_by_core(trip: Trip, state: BatteryState, goal: Goal, uncertainty_margin: UncertaintyMargin | None,
                         unheated: Schedule) -> Schedule | None:
     """
-    Return what `Safeguard.serve` does of the proposals of `merit_order`, in one call of the compiled core.
+    Return `NoRegretCheck.serve` for the proposals of `merit_order`, in one call of the native core.
 
-    None where it does not answer. `unheated` is the Schedule without any heating, limits left aside.
+    None if the core does not answer. `unheated` is the Schedule without any heating, ignoring limits.
     """
     vehicle = native_vehicle(trip.vehicle)
     if vehicle is None:
@@ -117,10 +117,10 @@ def checked_by_core(trip: Trip, state: BatteryState, goal: Goal, uncertainty_mar
 
 
 class NoRegretCheck:
-    """Holds proposals for one trip, state and goal against the trip without paid heating."""
+    """Checks proposals for one trip, state and goal against the trip without paid heating."""
 
     def __init__(self, trip: Trip, state: BatteryState, goal: Goal, unheated: Schedule) -> None:
-        """`unheated` is the Schedule without any heating, limits left aside."""
+        """`unheated` is the Schedule without any heating, ignoring limits."""
         self._trip, self._state, self._goal = trip, state, goal
         self._unlimited = unheated
         self._reserve = reserve_soc(trip.vehicle, goal)
@@ -130,11 +130,11 @@ class NoRegretCheck:
 
     @cached_property
     def unheated(self) -> Schedule:
-        """The Schedule without paid heating; what is free is taken: surplus that the brake would waste."""
+        """The Schedule without paid heating; it uses free surplus that the brake would waste."""
         return unheated_within_limits(self._trip, self._state, self._unlimited)
 
     def _lacks(self) -> tuple[float, bool]:
-        """Return the power [W] that the trip without paid heating lacks, and whether its charge runs out."""
+        """Return the power deficit [W] of the trip without paid heating, and whether its charge runs out."""
         vehicle = native_vehicle(self._trip.vehicle)
         start = initial_states(self._state)[:2 if self._trip.vehicle.heat_path.is_direct else 4]
         found = None if vehicle is None else native_searches.unheated_lacks(
@@ -146,10 +146,10 @@ class NoRegretCheck:
 
     def serve(self, proposals: Sequence[Proposal]) -> Schedule:
         """
-        Return the Schedule of the first proposal that is allowed, the unheated one if none is.
+        Return the Schedule of the first allowed proposal, or the unheated one.
 
-        A proposal is a function of a target [deg C] that returns a Schedule; the most demanding
-        comes first. Each is tried with the goal's target, then with the warmest that is allowed.
+        A proposal is a function of a target [deg C] that returns a Schedule; the most demanding comes
+        first. Each is tried with the goal's target, then with the warmest allowed target.
         """
         if self._is_stranded:
             return self.unheated
@@ -166,14 +166,14 @@ class NoRegretCheck:
         return replace(self.unheated, held_back=held_back)
 
     def allows(self, schedule: Schedule) -> bool:
-        """Return whether a Schedule leaves the charge that must be left, and lacks no more power than it may."""
+        """Return whether a Schedule keeps the reserve and stays within the allowed power deficit."""
         return self._spare_soc(schedule) >= 0.0 and self._spare_power_w(schedule) >= 0.0
 
     def _spare_soc(self, schedule: Schedule) -> float:
         """
-        Charge to spare: on arrival above what must be left, on the way above the lowest.
+        Charge to spare: above the reserve on arrival, and above the lowest state of charge on the way.
 
-        Below 0 where the charge runs out, also where nothing has to be left: what it lacks.
+        Negative by the deficit if the charge runs out, even without a reserve.
         """
         spare = min(float(schedule.soc[-1]) - self._reserve,
                     float(schedule.soc.min()) - self._lowest_soc)
@@ -186,12 +186,12 @@ class NoRegretCheck:
         return spare - max(stranding.deficit_wh / whole_wh, SOC_TOLERANCE)
 
     def _spare_power_w(self, schedule: Schedule) -> float:
-        """How much more power may be lacking [W] before a schedule is worse than not heating."""
+        """By how much the power deficit may grow [W] before a schedule is worse than not heating."""
         return self._allowed_w - power_deficit(self._trip, schedule).worst_w
 
     def _warmest(self, proposal: Proposal, wanted: Schedule) -> Schedule | None:
-        """Return the proposal's warmest Schedule that is allowed; None if none is."""
-        # Driving alone meets this target, so only heating that pays for itself is left.
+        """Return the proposal's warmest allowed Schedule; None without one."""
+        # Driving alone meets this target, so only heating that pays for itself remains.
         lowest_c = self._trip.vehicle.battery.temperature_range_c[0]
         cold_c = max(float(self.unheated.temperature_c.min()) - 1.0, lowest_c)
         found = proposal(cold_c)
@@ -204,7 +204,7 @@ class NoRegretCheck:
         forbidden = self._trial(self._goal.target_temperature_c, wanted)
         arrival_c = float(wanted.temperature_c[-1])
         if arrival_c < forbidden.value - TARGET_TOLERANCE_OF_POWER_K:
-            # Of a target that is out of reach nothing else is known; asking for what comes of it heats less
+            # A target out of reach gives no other information. Asking for the temperature it reaches heats less
             # where the heater gives way to the drive.
             reached = self._trial(arrival_c, proposal(arrival_c))
             allowed, forbidden = (reached, forbidden) if reached.excess >= 0.0 else (allowed, reached)
@@ -214,15 +214,15 @@ class NoRegretCheck:
         return warmest.outcome.schedule
 
     def _trial(self, target_c: float, schedule: Schedule) -> Trial[_Proposed]:
-        """Return a target with its excess: what it leaves to spare [share of the charge]."""
+        """Return the Trial of a target; its excess is the spare charge [share of the charge]."""
         spare_soc, spare_w = self._spare_soc(schedule), self._spare_power_w(schedule)
-        # Power to spare does not make heat affordable; power that lacks forbids it.
+        # Spare power does not make heat affordable; a power deficit forbids it.
         excess = spare_soc if spare_w >= 0.0 else min(spare_soc, spare_w / POWER_WEIGHT_W)
         return Trial(target_c, excess, _Proposed(schedule, spare_w < 0.0))
 
 
 class _Proposed(NamedTuple):
-    """A proposal for a target; `lacks_power`: more than is allowed."""
+    """A proposal for a target; `lacks_power`: its power deficit is larger than allowed."""
 
     schedule: Schedule
     lacks_power: bool
@@ -234,7 +234,7 @@ def _is_close(allowed: Trial[_Proposed], forbidden: Trial[_Proposed]) -> bool:
 
 
 def giving_way(method: Method) -> Method:
-    """Return the method with its heater cut where the drive needs the power that it would take."""
+    """Return the method with its heater cut wherever the drive needs the power."""
     def plan(trip: Trip, state: BatteryState, goal: Goal, **options: Any) -> Schedule:
         schedule = method(trip, state, goal, **options)
         if power_deficit(trip, schedule).worst_w == 0.0 and is_described(trip, schedule):
@@ -244,6 +244,6 @@ def giving_way(method: Method) -> Method:
 
 
 def is_described(trip: Trip, schedule: Schedule) -> bool:
-    """Return whether a run stays within the charge, and the heat, that the model describes."""
+    """Return whether a run stays within the charge and heat that the model describes."""
     return bool(schedule.soc.min() > 0.0 and schedule.soc.max() <= 1.0
                 and schedule.temperature_c.max() <= hottest_c(trip.vehicle))

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Method `optimal_switch`: zero, one partial step, then maximum, arriving exactly at the target.
+Method `optimal_switch`: off, one partial step, then full power, arriving exactly at the target.
 
-Of all such schedules the one whose forward run, with the NLP's own integrator, arrives at the
-target is the NLP's optimum wherever no limit but the heater's is active (docs/explanation/planning.md). The
-paper's crossing is the first guess (found with a step of second order, and the state of charge that
-heating leaves), a few forward runs of the heated part do the rest.
+Among all such schedules, the one whose forward run arrives at the target, computed with the NLP's own integrator,
+is the NLP's optimum if no limit but the heater's is active (docs/explanation/planning.md). The first guess is the
+paper's crossing (found with a second-order step, and with the state of charge after heating); a few forward runs
+of the heated part refine it.
 """
 
 from __future__ import annotations
@@ -31,9 +31,9 @@ if TYPE_CHECKING:
 
 # The target is met when the forward run arrives this close [K]: for a large pack, within 1 mWh.
 ARRIVAL_TOLERANCE_K = 5e-6
-# What leaks on the way makes heating take about this many times what the target lacks.
+# Because of leakage on the way, heating takes about this many times the deficit to the target.
 HEATING_ALLOWANCE = 1.1
-# The secant needs two to four runs; the bracket makes sure that the search ends in any case.
+# The secant needs two to four runs; the bracket guarantees that the search ends.
 MOST_RUNS = 60
 
 
@@ -42,8 +42,8 @@ def plan_optimal_switch(trip: Trip, state: BatteryState, goal: Goal,
     """
     Return the Schedule whose forward run arrives at the target, switching on once.
 
-    Where the vehicle has a heat path it is switched off before arrival, too (`two_switches`).
-    `unheated` is the Schedule without any heating, limits left aside, where it is known already.
+    With a heat path it is also switched off before arrival (`two_switches`).
+    `unheated` is the Schedule without any heating, ignoring limits, if known.
     """
     if not trip.vehicle.heat_path.is_direct:
         return plan_two_switches(trip, state, goal, unheated)
@@ -67,7 +67,7 @@ def plan_optimal_switch(trip: Trip, state: BatteryState, goal: Goal,
 
 
 def _terminal_soc(trip: Trip, idle: tuple[FloatArray, FloatArray], target_c: float) -> float:
-    """State of charge on arrival, about: that of the unheated run less what heating will take."""
+    """Return the approximate state of charge on arrival: that of the unheated run less the charge for heating."""
     battery = trip.vehicle.battery
     idle_soc, idle_c = float(idle[0][-1]), float(idle[1][-1])
     heating_j = (HEATING_ALLOWANCE * battery.heat_capacity_j_per_k * (target_c - idle_c)
@@ -81,8 +81,8 @@ def refine_switching_instant(trip: Trip, target_c: float, idle: tuple[FloatArray
     """
     Return the Schedule that arrives at the target, from a first guess of the switching instant [s].
 
-    `idle` is the unheated run (soc, temperature_c) that arrives below the target. Where heating all
-    the way is not enough, the schedule heats all the way.
+    `idle` is the unheated run (soc, temperature_c) that arrives below the target. If heating all the way is not
+    enough, the schedule heats all the way.
     """
     def switched_on_at(instant_s: float) -> Trial[Schedule]:
         schedule = _switch_at(trip, idle, instant_s)
@@ -97,7 +97,7 @@ def refine_switching_instant(trip: Trip, target_c: float, idle: tuple[FloatArray
 
 
 def _switch_at(trip: Trip, idle: tuple[FloatArray, FloatArray], instant_s: float) -> Schedule:
-    """Schedule with one switching instant; before it the run is the unheated one."""
+    """Return the Schedule with one switching instant; before it the run is the unheated one."""
     heater_power_w = maximum_from(trip, instant_s)
     soc, temperature_c = run_on(
         trip, make_runge_kutta_4, *idle, _step_at(trip, instant_s), heater_power_w)
@@ -107,10 +107,10 @@ def _switch_at(trip: Trip, idle: tuple[FloatArray, FloatArray], instant_s: float
 
 def _arrival_slope_k_per_s(trip: Trip, schedule: Schedule, instant_s: float) -> float:
     """
-    Change of the arrival temperature with the Schedule's switching instant [K/s], an estimate.
+    Return the estimated change of the arrival temperature with the Schedule's switching instant [K/s].
 
-    What the heater adds to the rate of change at the switching instant, less the part of it that
-    leaks until arrival, or that a warmer battery does not make as Joule heat.
+    The heater's contribution to the rate of change at the switching instant, less the part that leaks until
+    arrival, or that a warmer battery saves in Joule heat.
     """
     first = _step_at(trip, instant_s)
     rates = make_rates(trip.vehicle, SATURATING_FLOATS)
@@ -132,5 +132,5 @@ def _arrival_slope_k_per_s(trip: Trip, schedule: Schedule, instant_s: float) -> 
 
 
 def _step_at(trip: Trip, instant_s: float) -> int:
-    """Index of the step in which an instant lies."""
+    """Return the index of the step in which an instant lies."""
     return min(int(np.searchsorted(trip.time_s, instant_s, side='right')), len(trip.route)) - 1

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What comes of a schedule: its energies, its stretches of heating, and what the drive lacks."""
+"""The outcome of a schedule: its energies, its heating intervals, and its deficits."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ if TYPE_CHECKING:
 
 class ScheduleOutcome(NamedTuple):
     """
-    What comes of a Schedule; the fields are those of Plan.
+    The outcome of a Schedule; the fields are those of Plan.
 
-    `heating_start_s` is None where the schedule does not heat.
+    `heating_start_s` is None if the schedule does not heat.
     """
 
     energy_wh: Energies
@@ -37,10 +37,10 @@ class ScheduleOutcome(NamedTuple):
 
 
 def find_outcome(trip: Trip, schedule: Schedule, target_c: float = math.inf) -> ScheduleOutcome:
-    """Return the Outcome of a Schedule of a Trip; the target [deg C] is what heating for the arrival is for."""
+    """Return the ScheduleOutcome of a Schedule of a Trip; the target [deg C] is the one to arrive at."""
     least_w, most_w = limits_along(trip, schedule)
     deficit = power_deficit(trip, schedule, most_w)
-    # The circuit's own limit lies at the battery's or above it.
+    # The circuit's own limit is at or above the battery's.
     is_deliverable = deficit.worst_w == 0.0
     energy_wh, intervals = _found_by_core(trip, schedule, target_c, least_w, is_deliverable) or (
         keep_accounts(trip, schedule, is_deliverable).energy_wh,
@@ -54,10 +54,10 @@ def find_outcome(trip: Trip, schedule: Schedule, target_c: float = math.inf) -> 
 def _found_by_core(trip: Trip, schedule: Schedule, target_c: float, least_w: FloatArray,
                    is_deliverable: bool) -> tuple[Energies, tuple[HeatingInterval, ...]] | None:
     """
-    Return energies and HeatingStretches of a Schedule; None where the compiled core does not answer.
+    Return energies and HeatingIntervals of a Schedule; None if the native core does not answer.
 
-    Target [deg C] and `least_w` (N,) are those of `heating_stretches`. `is_deliverable`: the circuit gives
-    every power that is asked for.
+    Target [deg C] and `least_w` (N,) are those of `heating_intervals`. `is_deliverable`: the circuit delivers
+    every requested power.
     """
     vehicle, heat = native_vehicle(trip.vehicle), schedule.heat
     if vehicle is None or schedule.driven_share is not None:

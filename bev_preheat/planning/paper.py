@@ -20,8 +20,8 @@ if TYPE_CHECKING:
     from bev_preheat.planning.trip import Trip
     from bev_preheat.vehicle.model import Step
 
-# Going backward the temperature may grow without bound (leakage outweighs the heater). This far
-# above the target no forward run can meet it.
+# Going backward the temperature may grow without bound (leakage outweighs the heater). No forward run can meet it
+# this far above the target.
 LOST_ABOVE_TARGET_K = 100.0
 
 
@@ -30,19 +30,18 @@ def plan_paper(trip: Trip, state: BatteryState, goal: Goal, terminal_soc: float 
     """
     Return the Schedule of the forward and the backward simulation.
 
-    Algorithm 1 runs forward without battery heating, Algorithm 2 backward from the target with all
-    the power that the cabin leaves; the heater is switched on where the two temperatures meet.
+    Algorithm 1 runs forward without battery heating, Algorithm 2 backward from the target with all the power that
+    the cabin leaves; the heater is switched on where the two temperatures meet.
 
-    The paper asks for T_bk == T_fw at a step; here the first crossing is taken and the switching
-    instant interpolated within its step. The state of charge at the end, which the paper assumes
-    (`terminal_soc`, its soc_f), is that of the forward run where none is given. The trajectories
-    are those of a forward run under the heater power so found, not the two halves put together,
-    which would jump at the crossing. `unheated`, which other methods begin with, is not the paper's:
-    its runs are Euler's. Where the vehicle has a heat path, the switching instant is found without
-    it, and the trajectories are those with it.
+    The paper asks for T_bk == T_fw at a step; here the first crossing is used and the switching instant
+    interpolated within its step. The state of charge at the end, which the paper assumes (`terminal_soc`, its
+    soc_f), defaults to that of the forward run. The trajectories are those of a forward run under the resulting
+    heater power, because joining the two halves would leave a jump at the crossing. `unheated`, from which other
+    methods start, is not used: the paper's runs are Euler's. With a heat path, the switching instant is found
+    without it, and the trajectories include it.
     """
     if not trip.vehicle.heat_path.is_direct:
-        # The paper knows no heat path: it switches as if there were none.
+        # The paper has no heat path: it switches as if heat arrived at once.
         planned = plan_paper(replace(trip, vehicle=without_heat_path(trip.vehicle)), state, goal,
                              terminal_soc)
         driven = run_heated(trip, initial_states(state), planned.heater_power_w)
@@ -71,7 +70,7 @@ def find_crossing(trip: Trip, target_c: float, terminal_soc: float,
     Return the instant [s] at which Algorithm 2 meets the unheated run; None if it never does.
 
     `idle_temperature_c` (N + 1 values) is the unheated run, colder than the target at its end.
-    The paper steps backward by Euler's method; another one may be asked for.
+    The paper steps backward by Euler's method; another one may be passed.
     """
     vehicle = native_vehicle(trip.vehicle)
     found = None if vehicle is None else native_runs.crossing(

@@ -23,20 +23,18 @@ if TYPE_CHECKING:
 @dataclass(frozen=True)
 class Plan:
     """
-    When to heat, and what comes of it; times in seconds after the start of the plan.
+    A heating plan and its predicted outcome; times in seconds after the start of the plan.
 
-    `heating_start_s` is None where the plan does not heat, `heating_end_s` where heating ends with
-    a step, as on arrival. `shortfall_k` says by how much the target is missed, `soc_shortfall` by
-    how much the state of charge to be kept, `undeliverable_power_w` how much power the battery
-    lacks in the worst step (at `undeliverable_at_s`). `sentence` makes of the plan what `explanation`
-    says: most plans are followed, and not read. `intervals`
-    (planning.stretches.HeatingStretch) say why it heats, `held_back` (planning.schedule.HeldBack)
-    why it does not heat more, and `stranding` (planning.stranding.Stranding) where the charge runs
-    out; None where it does not. Shapes: `time_s`,
-    `battery_temperature_c` and `soc` (N + 1,), `hvch_battery_power_w` (N,), the mean electrical
-    power in each step, `friction_brake_power_w` (N,), what the friction brake takes because the
-    battery may not. Where the vehicle has a heat path, `hvch_battery_power_w` is what is commanded,
-    and `heat` (planning.heat_run.HeatRun) what becomes of it; else None.
+    `heating_start_s` is None if the plan does not heat; `heating_end_s` is None if heating ends with a step, as on
+    arrival. `shortfall_k` is by how much the target is missed, `soc_shortfall` by how much the reserve is missed,
+    `undeliverable_power_w` the power deficit of the battery in the worst step (at `undeliverable_at_s`).
+    `sentence` turns the plan into its `explanation` on demand: most plans are followed, not read. `intervals`
+    (planning.heating_intervals.HeatingInterval) give the reasons for heating, `held_back`
+    (planning.schedule.HeldBack) the reason for not heating more, and `stranding` (planning.stranding.Stranding)
+    where the charge runs out, or None. Shapes: `time_s`, `battery_temperature_c` and `soc` (N + 1,);
+    `hvch_battery_power_w` (N,), the mean electrical power in each step; `friction_brake_power_w` (N,), the power
+    that the friction brake takes because the battery cannot. If the vehicle has a heat path,
+    `hvch_battery_power_w` is the command and `heat` (planning.heat_run.HeatRun) its outcome; else None.
     """
 
     status: Status
@@ -63,17 +61,17 @@ class Plan:
 
     @cached_property
     def explanation(self) -> str:
-        """What comes of the plan, as a sentence."""
+        """The outcome of the plan, as a sentence."""
         return self.sentence(self)
 
     @property
     def drawn_power_w(self) -> FloatArray:
-        """What the heater takes in each step, on average [W], shape (N,)."""
+        """The mean power of the heater in each step [W], shape (N,)."""
         return self.hvch_battery_power_w if self.heat is None else self.heat.drawn_power_w
 
     @property
     def start_state(self) -> BatteryState:
-        """What the plan starts from, with the heat that is under way then."""
+        """The state at the start of the plan, with the heat under way."""
         under_way = () if self.heat is None else (
             float(self.heat.heater_power_w[0]), float(self.heat.coolant_excess_k[0]))
         return BatteryState(float(self.battery_temperature_c[0]), float(self.soc[0]), *under_way)
@@ -96,7 +94,7 @@ class Plan:
     def told(self, status: Status, sentence: Callable[..., str]) -> Plan:
         """Return the plan with another status and sentence; `words` of `explain` is passed on to the latter."""
         told = object.__new__(Plan)
-        # Made with each update: `replace` would take as long as a good part of the plan.
+        # Called with each update: `replace` would take as long as a good part of the plan.
         vars(told).update(vars(self), status=status, sentence=sentence)
         vars(told).pop('explanation', None)
         return told
@@ -105,8 +103,8 @@ class Plan:
         """
         Return the electrical heater power [W] at an instant [s] of the plan, 0 before it starts.
 
-        In a step in which the heater is switched it is off before the first switching instant and
-        after the last one, and at full power between them.
+        In a step with a switching instant it is off before the first instant and after the last one, and at
+        full power between them.
         """
         last_s = self.arrival_time_s if self.heating_end_s is None else self.heating_end_s
         if self.heating_start_s is None or not self.heating_start_s <= elapsed_s < last_s:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Makes a plan: checks, runs a method, and says what comes of it."""
+"""Makes a plan: checks the input, runs a method, and describes the result."""
 
 from __future__ import annotations
 
@@ -43,28 +43,28 @@ METHODS: dict[str, Method] = {
     'optimal_switch': plan_optimal_switch,
     'paper': plan_paper,
 }
-# What each method proposes to drive by, the most demanding first: where a proposal would be worse
-# than not heating, the next one is tried (see `no_regret_check`).
+# Proposals of each method, the most demanding first: if one would be worse than not heating, the next
+# one is tried (see `no_regret`).
 PROPOSALS: dict[str, tuple[Method, ...]] = {
     'merit_order': (plan_merit_order, partial(plan_merit_order, serves_climbs=False)),
     'optimal_switch': (giving_way(plan_optimal_switch),),
     'paper': (giving_way(plan_paper),),
 }
 DEFAULT_METHOD = 'merit_order'
-# Where no limit is active each heats, as a rule, from one instant on: one call of the compiled core.
+# Without an active limit each method usually heats from one instant on: one call of the native core.
 UNLIMITED: dict[str, Callable[..., tuple[Schedule, ScheduleOutcome | None] | None]] = {
     'merit_order': partial(plan_unlimited, in_one_interval=False),
     'optimal_switch': plan_unlimited,
     'paper': plan_unlimited_paper,
 }
 
-# Missing the target by less than this is no miss: the paper's Euler steps are not better.
+# Missing the target by less than this does not count: the paper's Euler steps are not more accurate.
 SHORTFALL_TOLERANCE_K = 0.2
-# The state of charge to be kept is kept to this.
+# Tolerance on the reserve.
 SOC_TOLERANCE = 1e-5
-# Runs by Euler and by Runge-Kutta differ less than this.
+# Runs by Euler and by Runge-Kutta differ by less than this.
 SAME_SOC = 5e-4
-# A plan keeps the limits where heater and friction brake take the same within them, to this.
+# A plan keeps the limits if heater and friction brake take the same powers within them, to this.
 SAME_POWER_W = 0.1
 # A switching instant this close is now.
 NOW_S = 1e-6
@@ -77,15 +77,14 @@ def plan_preheating(vehicle: Vehicle, route: Route, state: BatteryState, goal: G
     """
     Return the Plan for a vehicle with a battery state at the start of a route.
 
-    `method` is one of METHODS, `options` are its own. `uncertainty_margin` (a Caution) makes it heat a little
-    more and earlier; `heater_share` (0 ... 1) is what the heater gives of its power; with
-    `heats_throughout` it heats whatever is planned, which the energies contain. Its heat arrives
-    `heat_lag_s` [s] late; what would come after the end is not made. (For a vehicle without a heat path;
-    one that has a heat path is planned with it, and `state` says what is under way.) Without
-    `no_regret` the plan is what the method makes of it, even if that is worse than not heating: for
-    comparing methods, never for driving. Raises InvalidInput where state, goal or route are outside what
-    the vehicle's model describes, or the method is unknown; PlanningFailure where the model yields no
-    numbers.
+    `method` is one of METHODS; `options` are its own. An `uncertainty_margin` makes the plan heat a little
+    more and earlier. `heater_share` (0 ... 1) is the share of its power that the heater gives. With
+    `heats_throughout` the heater heats regardless of the plan; the energies include that. The heat arrives
+    `heat_lag_s` [s] late; heat that would come after the end is not planned. (This is for a vehicle without a
+    heat path; a heat path is planned as such, and `state` gives the heat under way.) Without `no_regret` the
+    method's plan is returned even if it is worse than not heating: for comparing methods, never for driving.
+    Raises InvalidInput if state, goal or route are outside the range of the vehicle's model, or the method is
+    unknown; PlanningFailure if the model yields no numbers.
     """
     started = perf_counter()
     if method not in METHODS:
@@ -116,13 +115,13 @@ def plan_preheating(vehicle: Vehicle, route: Route, state: BatteryState, goal: G
 
 @dataclass(frozen=True)
 class _Uncommanded:
-    """What a heater takes of each step whatever is commanded [W], (N,), on a Trip as if it obeyed."""
+    """Power of a heater in each step regardless of commands [W], (N,), and the Trip as if it obeyed."""
 
     taken_w: FloatArray
     obeyed: Trip
 
     def told_as_heater(self, energy_wh: Energies, driven_share: FloatArray | None) -> Energies:
-        """Return the Energies of the trip `heated_throughout`, where they are the drive's, as the heater's."""
+        """Move the heater's part of the Energies of a `heated_throughout` trip from the drive to the heater."""
         hours = self.obeyed.route.duration_s / JOULES_PER_WH
         if driven_share is not None:
             hours = driven_share * hours
@@ -142,7 +141,7 @@ def _schedule(trip: Trip,
     options: dict[str,
     Any],
      unheated: Schedule) -> Schedule:
-    """Return the Schedule of a method; `unheated` is the one without any heating, limits left aside."""
+    """Return the Schedule of a method; `unheated` is the one without any heating, ignoring limits."""
     if not goal.charging_planned:
         return as_described(trip, state, unheated)
     lowest_c, highest_c = trip.vehicle.battery.temperature_range_c
@@ -176,19 +175,19 @@ def _schedule(trip: Trip,
 
 
 def as_described(trip: Trip, state: BatteryState, schedule: Schedule) -> Schedule:
-    """Return a Schedule itself if the model describes its run, else as it is driven in limits."""
+    """Return the Schedule if the model describes its run, else as executed within the limits."""
     if is_described(trip, schedule):
         return schedule
     return drive_as_planned(trip, state, schedule.heater_power_w)
 
 
 def as_driven(plan: Plan, vehicle: Vehicle, route: Route, state: BatteryState, goal: Goal) -> Plan:
-    """Return a plan as it would be driven: itself where it keeps (9i), else within the limits."""
+    """Return a plan as executed: unchanged if it keeps (9i), else within the limits."""
     trip = make_trip(vehicle, route)
     driven = drive_as_planned(trip, state, plan.hvch_battery_power_w)
     moved_w = max(np.abs(driven.heater_power_w - plan.hvch_battery_power_w).max(),
                   np.abs(driven.brake_power_w - plan.friction_brake_power_w).max())
-    # From where the charge runs out nothing is driven, and the powers of that step are shares of it.
+    # Once the charge has run out the vehicle stands; the powers of that step are shares.
     is_same = moved_w < SAME_POWER_W or plan.stranding is not None
     if is_same and np.abs(driven.soc - plan.soc).max() < SAME_SOC:
         return plan
@@ -198,14 +197,14 @@ def as_driven(plan: Plan, vehicle: Vehicle, route: Route, state: BatteryState, g
 
 
 def plan_unheated(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goal) -> Plan:
-    """Return the Plan that never heats, as it is driven within the limits: what plans save."""
+    """Return the Plan that never heats, as executed within the limits: the reference for savings."""
     goal = replace(goal, charging_planned=False)
     return as_driven(plan_preheating(vehicle, route, state, goal), vehicle, route, state, goal)
 
 
 def plan_without_heating(trip: Trip, state: BatteryState,
                          make_integrator: Integrator = make_runge_kutta_4) -> Schedule:
-    """Return the Schedule that never heats, limits left aside."""
+    """Return the Schedule that never heats, ignoring limits."""
     idle_w = np.zeros(len(trip.route))
     if not trip.vehicle.heat_path.is_direct:
         return run_heated(trip, initial_states(state), idle_w)
@@ -218,7 +217,7 @@ def finish_plan(trip: Trip, goal: Goal, schedule: Schedule, method: str, started
     """
     Return the Plan of a schedule: energies, status and sentence; `started`: perf_counter().
 
-    `outcome` is the schedule's, where it is known already.
+    `outcome` is the schedule's outcome, if already known.
     """
     arrival_c, arrival_soc = schedule.temperature_c.item(-1), schedule.soc.item(-1)
     target_c = goal.target_temperature_c if goal.heating_pays else arrival_c
@@ -250,7 +249,7 @@ def finish_plan(trip: Trip, goal: Goal, schedule: Schedule, method: str, started
         held_back=schedule.held_back,
         stranding=outcome.stranding,
         heat=schedule.heat)
-    # Nobody has the plan yet, and `replace` would take as long as all of the above.
+    # The plan has no other user yet, and `replace` would take as long as all of the above.
     vars(plan).update(status=_status(plan, goal), planning_time_s=perf_counter() - started)
     return plan
 

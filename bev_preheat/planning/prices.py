@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-What a kelvin on arrival costs, for each step in which it could be heated for.
+The cost of a kelvin on arrival, for each step that could be heated.
 
-The adjoint of the model along a run, backward from arrival: by how much a watt of the heater in a step
-makes the battery arrive warmer, and emptier. As a rule a kelvin is the cheaper the later it is heated for,
-because less of it leaks. But where much current flows, more of what heating takes becomes Joule heat in
-the cells, and that is all heat: a heater that gives half of what it takes is cheaper then.
+The adjoint of the model along a run, backward from arrival: by how much a watt of the heater in a step makes the
+battery arrive warmer, and emptier. Usually a kelvin is cheaper the later it is heated, because less leaks. But at
+high currents, more of the heating power becomes Joule heat in the cells, all of which is heat: with
+a heater that turns only half of its power into heat, heating is cheaper then.
 """
 
 from __future__ import annotations
@@ -26,12 +26,12 @@ if TYPE_CHECKING:
     from bev_preheat.planning.schedule import Schedule
     from bev_preheat.planning.trip import Trip
 
-# Slopes of the model's rates are taken over these differences.
+# Differences for the slopes of the model's rates.
 SOC_DIFFERENCE = 1e-4
 TEMPERATURE_DIFFERENCE_K = 0.1
-# What is worth something on arrival.
+# Units of worth on arrival.
 CHARGE, WARMTH = (1.0, 0.0), (0.0, 1.0)
-# Charge and warmth: what each of them changes by over a step, or is worth after one.
+# Charge and warmth: the change of each over a step, or its worth after a step.
 ChargeWarmth = tuple[float, float]
 # `rates_at(heater_w, brake_w, fuller, warmer_k)` -> rates of charge and temperature in each step (2, N).
 RatesAlong = Callable[..., 'FloatArray']
@@ -39,31 +39,31 @@ RatesAlong = Callable[..., 'FloatArray']
 
 class HeatPrices(NamedTuple):
     """
-    What a watt of the heater in each step does until arrival, two arrays (N,).
+    Effect of a watt of the heater in each step until arrival, two arrays (N,).
 
-    `warmth_k_per_w`: by how much the battery arrives warmer; `charge_per_w`: by how much less charge it
-    has then, as a share of the whole. The mean from no heating to all that the cabin leaves: a step is
-    heated or not. Both are 0 in steps in which the cabin leaves nothing.
+    `warmth_k_per_w`: rise of the arrival temperature; `charge_per_w`: loss of charge on arrival, as a share of the
+    whole. Means between no heating and full heating, because a step is heated or not. Both are 0 in steps in which
+    the cabin leaves no power.
     """
 
     warmth_k_per_w: FloatArray
     charge_per_w: FloatArray
 
     def cheapest_first(self) -> IntArray:
-        """Return the steps in which heating warms, those first in which a kelvin takes the least charge."""
+        """Return the steps in which heating warms, in the order of charge per kelvin, cheapest first."""
         steps = np.flatnonzero(self.warmth_k_per_w > 0.0)
         per_k = self.charge_per_w[steps] / self.warmth_k_per_w[steps]
-        # Of those that cost the same the later one.
+        # At the same cost, the later one first.
         return steps[np.lexsort((-steps, per_k))]
 
 
 @dataclass(frozen=True)
 class Slopes:
     """
-    By how much each step ends with more charge and warmth, N pairs each.
+    Charge and warmth gained until the end of each step, N pairs each.
 
-    For more charge at its start, for a kelvin more, and for a watt of the heater, on average from no heating
-    to all that the cabin leaves.
+    Per unit of charge at its start, per kelvin, and per watt of the heater; the latter is the mean between no
+    heating and full heating.
     """
 
     by_charge: list[ChargeWarmth]
@@ -72,9 +72,9 @@ class Slopes:
 
     def effect_until(self, instant: int, worth: ChargeWarmth) -> FloatArray:
         """
-        Return what a watt of the heater in each step (N,) does until an instant.
+        Return the effect of a watt of the heater in each step (N,) until an instant.
 
-        `worth` is what charge and warmth are worth at that instant. To the second order of a step.
+        `worth` is the worth of charge and warmth at that instant. Accurate to second order in the step.
         """
         per_w = np.zeros(len(self.by_power))
         for k in range(instant - 1, -1, -1):
@@ -85,15 +85,15 @@ class Slopes:
         return per_w
 
     def with_limits(self, k: int, earlier: ChargeWarmth, middle: ChargeWarmth) -> ChargeWarmth:
-        """Return what charge and warmth before step k are worth, from what they are without limits."""
+        """Return the worth of charge and warmth before step k, from their worth without limits."""
         return earlier
 
 
 def find_prices(trip: Trip, schedule: Schedule) -> HeatPrices:
     """
-    Return the Prices along the run of a Schedule, limits left aside, of a vehicle without a heat path.
+    Return the HeatPrices along the run of a Schedule, ignoring limits, for a vehicle without a heat path.
 
-    They say in which order to heat, not what that costs.
+    They give the order in which to heat, not its cost.
     """
     vehicle = native_vehicle(trip.vehicle)
     found = None if vehicle is None else native_plans.find_prices(
@@ -125,7 +125,7 @@ def rates_along(trip: Trip, schedule: Schedule) -> RatesAlong:
 
 def model_slopes(trip: Trip, rates_at: RatesAlong, heater_w: FloatArray,
                  brake_w: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return Slopes as arrays (2, N), of steps whose heater and brake [W] do not depend on the state."""
+    """Return Slopes as arrays (2, N), for steps whose heater and brake [W] do not depend on the state."""
     limit_w, nothing_w = trip.heater_limit_w, np.zeros(len(trip.route))
     here = rates_at(heater_w, brake_w)
     by_charge, by_warmth, by_power = (
@@ -139,7 +139,7 @@ def model_slopes(trip: Trip, rates_at: RatesAlong, heater_w: FloatArray,
 
 
 def _before(worth: ChargeWarmth, slopes: tuple[ChargeWarmth, ChargeWarmth]) -> ChargeWarmth:
-    """Return what charge and warmth before a step are worth, from what they are after it."""
+    """Return the worth of charge and warmth before a step, from their worth after it."""
     first = tuple(worth[0] * slope[0] + worth[1] * slope[1] for slope in slopes)
     second = tuple(first[0] * slope[0] + first[1] * slope[1] for slope in slopes)
     return worth[0] + first[0] + 0.5 * second[0], worth[1] + first[1] + 0.5 * second[1]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Schedules as the compiled core has them: rows of states and powers, and back."""
+"""Converts schedules to the native core's rows of states and powers, and back."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ if TYPE_CHECKING:
 
 
 def states_of(schedule: Schedule) -> FloatArray:
-    """Return charge and temperature [deg C] of a run, with a heat path heater and coolant too: (2 or 4, N + 1)."""
+    """Return charge and temperature [deg C] of a run, and heater and coolant of a heat path: (2 or 4, N + 1)."""
     heat = schedule.heat
     return np.array((schedule.soc, schedule.temperature_c) if heat is None else (
         schedule.soc, schedule.temperature_c, heat.heater_power_w, heat.coolant_excess_k))
 
 
 def powers_of(schedule: Schedule) -> FloatArray:
-    """Return heater and brake power [W], with a heat path what the heater takes and gives too: (2 or 4, N)."""
+    """Return heater and brake power [W], with a heat path also the heater's power and heat: (2 or 4, N)."""
     heat = schedule.heat
     return np.array((schedule.heater_power_w, schedule.brake_power_w) if heat is None else (
         schedule.heater_power_w, schedule.brake_power_w, heat.drawn_power_w, heat.arriving_heat_w))

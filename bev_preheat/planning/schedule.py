@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a planning method decides: when to heat. Everything else of a Plan follows from it."""
+"""The decision of a planning method: when to heat. The rest of a Plan follows from it."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from bev_preheat.planning.trip import Inputs, Trip
     from bev_preheat.vehicle.model import Integrator
 
-# A heater power below this share of what the cabin leaves is rounding.
+# A heater power below this share of the power that cabin heating leaves is rounding.
 HEATING_SHARE = 1e-4
 
 
@@ -32,18 +32,17 @@ class Schedule:
     """
     Heater power [W] in each of the N steps, and the forward run that goes with it.
 
-    `heating_start_s` is the switching instant, None where nothing is heated; `brake_power_w` is
-    what the friction brake takes of the regeneration in each step; `soc` and `temperature_c`
-    (N + 1 values) are the run, made with `make_integrator` of `model`. `heating_end_s` is where
-    heating ends for good within a step; None: at the end of a step.
+    `heating_start_s` is the switching instant, None without heating; `brake_power_w` is the regeneration that the
+    friction brake takes in each step; `soc` and `temperature_c` (N + 1 values) are the run, computed with
+    `make_integrator` of `model`. `heating_end_s` is the instant at which heating ends for good within a step;
+    None: at the end of a step.
 
-    `empty_at_s` is the instant at which the charge runs out, None where it does not; from then on
-    the vehicle stands, and `driven_share` (N,) is the share of each step that it drives (None: all).
-    `held_back` (HeldBack) is why a warmer battery was ruled out; None: it was
-    not. Where the vehicle has a heat path, `heater_power_w` is what is commanded, and `heat` (a
-    HeatRun) what becomes of it; None: the heater takes what is commanded.
+    `empty_at_s` is the instant at which the charge runs out, or None. From then on the vehicle stands, and
+    `driven_share` (N,) is the share of each step that it drives (None: all). `held_back` (HeldBack) is why a
+    warmer battery was ruled out, or None. If the vehicle has a heat path, `heater_power_w` is the command and
+    `heat` (a HeatRun) its outcome; with None the heater follows the command.
 
-    `kept` is what has been worked out of the run, for who asks again (`dynamics.limits_along`).
+    `kept` caches results computed from the run (`dynamics.limits_along`).
     """
 
     heating_start_s: float | None
@@ -61,7 +60,7 @@ class Schedule:
 
     @property
     def drawn_power_w(self) -> FloatArray:
-        """Return what the heater takes in each step, on average [W], shape (N,)."""
+        """Return the mean power of the heater in each step [W], shape (N,)."""
         return self.heater_power_w if self.heat is None else self.heat.drawn_power_w
 
     def inputs(self, trip: Trip) -> Inputs:
@@ -74,15 +73,15 @@ class Schedule:
                 heat_w + self.heat.arriving_heat_w, leakage_w_per_k)
 
 
-# A method's `plan_NAME(trip, state, goal, unheated=None)`, with options of its own.
+# A method's `plan_NAME(trip, state, goal, unheated=None)`, with its own options.
 Method = Callable[..., Schedule]
 
 
 def maximum_from(trip: Trip, switching_instant_s: float) -> FloatArray:
     """
-    Heater power [W] of each step, shape (N,): zero, one partial step, then what the cabin leaves.
+    Return the heater power [W] of each step, shape (N,): off, one partial step, then all that the cabin leaves.
 
-    The step in which the heater is switched on carries its mean over the step.
+    The step in which the heater is switched on has its mean over the step.
     """
     duration_s = trip.route.duration_s
     share_on = np.minimum(np.maximum(
@@ -92,9 +91,9 @@ def maximum_from(trip: Trip, switching_instant_s: float) -> FloatArray:
 
 def switched_on_s(trip: Trip, heater_power_w: FloatArray) -> float | None:
     """
-    Return the first instant of heating [s] under heater powers [W] (N,); None if there is none.
+    Return the first instant of heating [s] under heater powers [W] (N,); None without heating.
 
-    A first step that is heated in part is off first, then at full power to its end.
+    A partly heated first step is off first, then at full power until its end.
     """
     limit_w = trip.heater_limit_w
     heated = np.flatnonzero(heater_power_w > HEATING_SHARE * limit_w)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a plan is made from besides vehicle and route: the battery's state and the goal."""
+"""The inputs of a plan besides vehicle and route: the battery's state and the goal."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ if TYPE_CHECKING:
     from bev_preheat.route.segments import Route
     from bev_preheat.vehicle.description import Vehicle
 
-# No coolant is this much colder or warmer than the battery.
+# A larger difference between coolant and battery is implausible.
 MOST_EXCESS_K = 150.0
 
 
 @dataclass(frozen=True)
 class BatteryState:
     """
-    Battery temperature [deg C] and state of charge (0 ... 1), measured.
+    Measured battery temperature [deg C] and state of charge (0 ... 1).
 
-    Where the vehicle has a heat path: the electrical power that its heater takes [W], and how much
-    warmer than the battery the coolant is [K]. What a vehicle without one says there is not used.
+    With a heat path also the heater's electrical power [W] and the coolant's temperature above the battery's [K];
+    a vehicle without a heat path ignores both.
     """
 
     temperature_c: float
@@ -35,10 +35,10 @@ class BatteryState:
 @dataclass(frozen=True)
 class Goal:
     """
-    What the driver is to find on arrival.
+    The conditions to meet on arrival.
 
-    Without `heating_pays` nothing is heated for the sake of arrival, and the target is what comes of
-    that; the battery is heated only where the drive itself needs it.
+    Without `heating_pays` the battery is heated only if the drive itself needs it, not for the arrival; the target
+    is then the resulting temperature.
     """
 
     target_temperature_c: float
@@ -48,20 +48,20 @@ class Goal:
 
 
 def reserve_soc(vehicle: Vehicle, goal: Goal) -> float:
-    """State of charge that must be left on arrival: the goal's, at least the vehicle's lowest."""
+    """Return the state of charge to keep until arrival: the goal's, at least the vehicle's lowest."""
     return max(goal.minimum_arrival_soc, vehicle.battery.soc_range[0])
 
 
 def check_situation(vehicle: Vehicle, route: Route | None = None,
                     state: BatteryState | None = None, goal: Goal | None = None) -> None:
     """
-    Raise InvalidInput, one problem a quantity, where the vehicle's model does not hold.
+    Raise InvalidInput, one problem per quantity, if inputs are outside the range of the vehicle's model.
 
-    What is None is not checked.
+    Inputs that are None are not checked.
     """
     lowest_c, highest_c = vehicle.battery.temperature_range_c
     in_battery_range = "degC, the range of the vehicle's battery"
-    # Value, least, most, what it is, and what the bounds are.
+    # Value, least, most, name, and meaning of the bounds.
     checks: list[tuple[float, float, float, str, str]] = []
     if state is not None:
         checks += (
@@ -76,7 +76,7 @@ def check_situation(vehicle: Vehicle, route: Route | None = None,
                            in_battery_range))
     if route is not None:
         checks.append((route.lowest_ambient_temperature_c, lowest_c, math.inf, 'ambient temperature',
-                       "degC: the vehicle's battery is not described below that"))
+                                     "degC: the vehicle's battery is not described below that"))
     problems = [
         f'{name}: {figure_beyond(value, low, high)} is not allowed; it must be '
         + (f'at least {low:g} {what}' if high == math.inf else

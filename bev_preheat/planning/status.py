@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a plan or a command is; the numbers are those of the messages' constants."""
+"""Status of a plan or command; the numbers are those of the messages' constants."""
 
 from enum import IntEnum
 
 
 class Status(IntEnum):
-    """Status of a plan and reason of a heater command; what each means: HvchCommand.msg."""
+    """Status of a plan and reason of a heater command; HvchCommand.msg explains each."""
 
     NO_ROUTE = 0
     NO_BATTERY_STATE = 1

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where along a trip the charge runs out, and how much is lacking to arrive."""
+"""Where the charge runs out along a trip, and the energy missing to arrive."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ class Stranding(NamedTuple):
     """
     The charge runs out `at_s` [s] and `at_m` [m] after the start of the trip.
 
-    `deficit_wh` is the energy at the battery's terminals that the rest of the trip would take [Wh];
-    the losses of a battery that had it come on top.
+    `deficit_wh` is the energy at the battery's terminals for the rest of the trip [Wh]; the losses of a battery
+    that had this energy come on top.
     """
 
     at_s: float
@@ -28,13 +28,13 @@ class Stranding(NamedTuple):
 
 
 def find_stranding(trip: Trip, schedule: Schedule) -> Stranding | None:
-    """Return the Stranding of a Schedule of a Trip; None where the charge carries the trip."""
+    """Return the Stranding of a Schedule of a Trip; None if the charge is enough for the trip."""
     if schedule.empty_at_s is None or schedule.driven_share is None:
         return None
     distance_m = np.concatenate(([0.0], np.cumsum(trip.route.duration_s * trip.route.speed_mps)))
     rest_j = np.cumsum(
         (1.0 - schedule.driven_share) * trip.idle_power_w * trip.route.duration_s)
-    # What a later descent would give back does not help before it.
+    # Energy recovered on a later descent does not help before it.
     return Stranding(schedule.empty_at_s,
                      float(np.interp(schedule.empty_at_s, trip.time_s, distance_m)),
                      max(0.0, float(rest_j.max())) / JOULES_PER_WH)

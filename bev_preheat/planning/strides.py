@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-A trip in strides, and where each stride leads from each temperature, unheated and heated.
+Divides a trip into strides, and maps the outcome of each stride over temperature, unheated and heated.
 
-A stride is one step, or several in which no limit matters: what a kelvin is worth changes slowly.
-The maps are worked out on a grid of temperatures, of which each stride has those that the battery can
-have in it, whatever is heated.
+A stride is one step, or several steps without an active limit, because the worth of a kelvin changes slowly.
+The maps are computed on a grid of temperatures; each stride uses the part of the grid that the battery can
+reach in it, whatever is heated.
 """
 
 from __future__ import annotations
@@ -26,17 +26,17 @@ if TYPE_CHECKING:
     from bev_preheat.planning.trip import Trip
     from bev_preheat.vehicle.description import Vehicle
 
-# Steps in which no limit matters are taken together up to this long: the curve changes slowly.
+# Steps without an active limit are merged up to this length: the curve changes slowly.
 LONGEST_STRIDE_S = 60.0
-# Beyond what a run and the heater say that the battery can reach: a colder battery regenerates less, and
-# what it does not take heats neither drivetrain nor cells.
+# Margin below the temperatures that the run and the heater can reach: a colder battery regenerates less, and
+# regeneration that it rejects heats neither drivetrain nor cells.
 COLDER_MARGIN_K = 8.0
 WARMER_MARGIN_K = 5.0
-# Where no limit matters a stride's map is nearly straight, and a first look need not be sharp: of the grid's
-# points every so many are enough.
+# Without an active limit a stride's map is nearly straight, and the first pass need not be sharp: every
+# COARSE-th point of the grid is enough.
 COARSE = 4
-# After the first look the battery stays this near to the run. One that is paid to arrive warmer than the target
-# by more than the second will not be what becomes of it.
+# After the first pass the battery stays this near to the run. A run that is paid to arrive more than the second
+# value above the target will not be the result.
 NEAR_K = 10.0
 NEAR_TARGET_K = 5.0
 
@@ -46,12 +46,12 @@ class Strides:
     """
     The M strides of a trip, arrays of shape (M,).
 
-    `first` is the first step of each, `end_c` the temperature [deg C] about which its end is needed,
-    `loss_to_brake` and `loss_to_heater` are those of an AcceptanceLoss. The means over a stride:
+    `first` is the first step of each stride, `end_c` the temperature [deg C] about which the map's end matters,
+    `loss_to_brake` and `loss_to_heater` are those of an AcceptanceLoss. Means over a stride:
     `idle_power_w`, `power_variance_w2`, `idle_heat_w`, `leakage_w_per_k`, `heater_limit_w` and
-    `propulsion_w`, as in Trip. Of the grid's points each needs every `every`-th. `coldest_c` and
-    `warmest_c` (M + 1,) are the temperatures between which the battery can be at the start of each
-    stride, and on arrival [deg C].
+    `propulsion_w`, as in Trip. Each stride uses every `every`-th point of the grid. `coldest_c` and
+    `warmest_c` (M + 1,) bound the battery temperature at the start of each stride and on
+    arrival [deg C].
     """
 
     first: IntArray
@@ -80,9 +80,9 @@ class Strides:
 def make_strides(trip: Trip, watch: LimitedSteps, run: Schedule, loss: AcceptanceLoss, target_c: float,
                  is_first_look: bool = False) -> Strides:
     """
-    Return the Strides of a trip along a run (a Schedule); limits matter where `watch` says so.
+    Return the Strides of a trip along a run (a Schedule); limits matter in the steps of `watch`.
 
-    At a first look the run may be far from what becomes of it. It is to arrive at the target [deg C].
+    In the first pass the run may be far from the result. It is to arrive at the target [deg C].
     """
     first = _first_steps(trip.route.duration_s.tolist(), (watch.charge | watch.discharge).tolist())
     duration_s = np.add.reduceat(trip.route.duration_s, first)
@@ -112,7 +112,7 @@ def make_strides(trip: Trip, watch: LimitedSteps, run: Schedule, loss: Acceptanc
 
 
 def _paid_k(trip: Trip, run: Schedule) -> float:
-    """Return by how much a run is warmed in steps that do not regenerate [K]; what leaks is left aside."""
+    """Return by how much a run is warmed in steps without regeneration [K], ignoring leakage."""
     paid_w = np.where(trip.route.propulsion_power_w < 0.0, 0.0, run.heater_power_w)
     return (trip.vehicle.hvch.efficiency * float((paid_w * trip.route.duration_s).cumsum()[-1])
             / trip.vehicle.battery.heat_capacity_j_per_k)
@@ -120,10 +120,10 @@ def _paid_k(trip: Trip, run: Schedule) -> float:
 
 def _reach_c(trip: Trip, run: Schedule) -> tuple[FloatArray, FloatArray]:
     """
-    Return the coldest and the warmest that the battery can be at each instant [deg C], (N + 1,).
+    Return the coldest and the warmest possible battery at each instant [deg C], (N + 1,).
 
-    About: the run without its heat, and with all that the heater could have given on top. What leaks
-    of a difference only makes it smaller. The run lies between them, also where coolant took more heat than
+    Approximate: the run without its heat, and with all heat the heater could have added. Leakage only makes
+    the difference smaller. The run lies between the two, even if the coolant took more heat than
     it gave.
     """
     heater_w = trip.vehicle.hvch.efficiency * trip.heater_limit_w
@@ -141,7 +141,7 @@ def _reach_c(trip: Trip, run: Schedule) -> tuple[FloatArray, FloatArray]:
 
 
 def _first_steps(durations_s: list[float], are_limited: list[bool]) -> IntArray:
-    """First steps of the strides: a step in which limits matter is a stride of its own."""
+    """Return the first steps of the strides: a step in which limits matter is a stride of its own."""
     starts: list[int] = []
     length_s, before_limited = np.inf, True
     for k, (duration_s, is_limited) in enumerate(zip(durations_s, are_limited)):
@@ -156,10 +156,10 @@ def _first_steps(durations_s: list[float], are_limited: list[bool]) -> IntArray:
 @dataclass(frozen=True)
 class StrideMap:
     """
-    Where one stride ends, `end_c` [deg C], and what it takes, `energy_j` [J], from each `start_c`.
+    End temperature `end_c` [deg C] and energy `energy_j` [J] of one stride, from each `start_c`.
 
-    Shapes (G,). `needed_c` is the temperature from which on the battery delivers what the stride
-    asks without heating; -inf where it always does.
+    Shapes (G,). `needed_c` is the lowest temperature at which the battery delivers the stride's power
+    without heating; -inf if it always does.
     """
 
     start_c: FloatArray
@@ -173,7 +173,7 @@ class StrideMaps:
     """
     The maps of M strides: `start_c` (G,), `end_c` and `energy_j` (M, G), `needed_c` (M,).
 
-    Of stride m every `every[m]`-th is used, from point `first[m]` up to, not including, `last[m]`.
+    Stride m uses every `every[m]`-th point, from `first[m]` up to, not including, `last[m]`.
     """
 
     start_c: FloatArray
@@ -187,7 +187,7 @@ class StrideMaps:
     def __getitem__(self, m: int) -> StrideMap:
         """Return the StrideMap of stride m."""
         used = slice(self.first[m], self.last[m], self.every[m])
-        # A battery far beyond its limits may end the colder the warmer it was; a map only rises.
+        # Far beyond its limits a warmer battery may end colder; a map must not fall.
         return StrideMap(self.start_c[used], np.maximum.accumulate(self.end_c[m, used]),
                          self.energy_j[m, used], float(self.needed_c[m]))
 
@@ -195,9 +195,9 @@ class StrideMaps:
 def map_strides(vehicle: Vehicle, strides: Strides, grid_c: FloatArray,
                 penalty: float) -> tuple[StrideMaps, StrideMaps]:
     """
-    Return the maps of all strides with free heating only, and with all the heating there is.
+    Return the maps of all strides with free heating only, and with all possible heating.
 
-    A watt that the battery lacks costs `penalty` times what the heater takes for it.
+    A watt of power deficit costs `penalty` times the heater's energy for it.
     """
     power_w, variance_w2, heat_w, leakage_w_per_k, soc, duration_s, limit_w = (
         column[:, np.newaxis] for column in (
@@ -226,9 +226,9 @@ def map_strides(vehicle: Vehicle, strides: Strides, grid_c: FloatArray,
 def _at_the_limits(vehicle: Vehicle, strides: Strides,
                    start_c: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """
-    Return what the battery does not take, what it lacks, and what it leaves the heater [W].
+    Return the surplus that the battery rejects, the power deficit, and the power left for the heater [W].
 
-    Of each stride from each temperature, shapes (M, G).
+    For each stride from each temperature, shapes (M, G).
     """
     limit_w = strides.heater_limit_w[:, np.newaxis]
     surplus_w, deficit_w = np.zeros(start_c.shape), np.zeros(start_c.shape)
@@ -248,10 +248,10 @@ def _at_the_limits(vehicle: Vehicle, strides: Strides,
 
 def _points_used(grid_c: FloatArray, strides: Strides) -> tuple[IntArray, IntArray]:
     """
-    Return the first point of the grid that each stride needs, and the last + 1, (M,).
+    Return the first point of the grid that each stride uses, and the last + 1, (M,).
 
-    They are at least two points; where not every one is needed, the last one is at or beyond the warmest
-    temperature if the grid goes on that far.
+    At least two points. If points are skipped, the last one is at or above the warmest temperature, provided
+    that the grid extends that far.
     """
     every = strides.every
     first = np.clip(np.searchsorted(grid_c, strides.coldest_c[:-1]) - 1, 0, len(grid_c) - 1 - every)
@@ -262,7 +262,7 @@ def _points_used(grid_c: FloatArray, strides: Strides) -> tuple[IntArray, IntArr
 
 def _needed_c(grid_c: FloatArray, deficit_w: FloatArray, first: IntArray,
               last: IntArray, every: IntArray) -> FloatArray:
-    """Temperatures [deg C] from which on nothing is lacking in each stride; -inf where nothing is."""
+    """Return the lowest temperature [deg C] without a deficit in each stride; -inf if it never has one."""
     needed_c = np.full(len(deficit_w), -np.inf)
     for m in np.flatnonzero((deficit_w > 0.0).any(axis=1)).tolist():
         used = slice(first[m], last[m], every[m])

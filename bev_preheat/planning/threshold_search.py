@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Forward runs that heat below thresholds, moved so that they meet what must be met exactly.
+Forward runs that heat below thresholds, shifted so that the run meets its requirements exactly.
 
-The value curve is worked out on a coarser model than the forward run, so its thresholds are right to
-a tenth of a kelvin or so. What costs energy hardly notices; the target, and the power of a climb
-that a cold battery only just delivers, do. Between one such requirement and the next the thresholds
-are moved together, by the little that is needed.
+The value curve is computed on a coarser model than the forward run, so its thresholds are accurate to about a
+tenth of a kelvin. That hardly affects the energy, but it does affect the target, and the power of a climb that a
+cold battery only just delivers. Between two such requirements the thresholds are shifted together, as little as
+necessary.
 """
 
 from __future__ import annotations
@@ -32,27 +32,27 @@ if TYPE_CHECKING:
     from bev_preheat.planning.thresholds import Thresholds
     from bev_preheat.planning.trip import Trip
 
-# Thresholds are moved by a little first, then by as much as they may be wrong, then out of the way
-# [K]: what is lacking then cannot be met by heating.
+# Thresholds are shifted a little first, then by their possible error, then out of the way [K]: a deficit that
+# remains cannot be met by heating.
 SMALL_SHIFT_K = 1.0
 LARGE_SHIFT_K = 4.0
 LARGEST_SHIFT_K = 40.0
-# Thresholds moved by this are below every battery: only what is free is heated with.
+# Thresholds with this shift are below every battery temperature: only free surplus is used.
 UNHEATED_SHIFT_K = -1e3
-# How much too warm the thresholds may be: before arrival they are sharp, before a climb less so.
+# Possible excess of the thresholds: they are sharp before arrival, less so before a climb.
 ARRIVAL_OVERSHOOT_K = 1.0
 CLIMB_OVERSHOOT_K = LARGE_SHIFT_K
 MOST_RUNS = 12
-# A climb is met when the battery delivers this share of its power more than is asked.
+# A climb is met when the battery can deliver this share more than its power.
 POWER_SURPLUS = 1e-5
 MOST_CLIMBS = 6
 
-# By how much a run is above what is required of it.
+# Excess of a run over its requirement.
 Excess = Callable[[Schedule], float]
 
 
 def find_climbs(trip: Trip, run: Schedule) -> list[tuple[int, int]]:
-    """(first, last + 1) of the stretches that a battery a little colder could not deliver."""
+    """Return the climbs (first, last + 1) that a slightly colder battery could not deliver."""
     _, most_w = limits_of_steps_w(
         trip.vehicle, run.soc, colder(trip.vehicle, run.temperature_c), trip.power_variance_w2)
     demanding = trip.idle_power_w > most_w
@@ -66,9 +66,9 @@ class ThresholdSearch:
     def __init__(self, trip: Trip, state: BatteryState, watch: LimitedSteps,
                  thresholds: Thresholds, paid_w: FloatArray) -> None:
         """
-        Take the trip, the state at its start, its Watch and its Thresholds.
+        Take the trip, the state at its start, its LimitedSteps and its Thresholds.
 
-        `paid_w` is the most heater power [W] that each step (N,) is to be paid for.
+        `paid_w` is the highest heater power [W] worth paying for in each step (N,).
         """
         self._trip, self._state, self._watch = trip, state, watch
         self._cap_w = paid_w
@@ -78,14 +78,14 @@ class ThresholdSearch:
         self._arrives_in_step = np.minimum(np.searchsorted(
             trip.time_s[:-1], trip.time_s[:-1] + trip.vehicle.heat_path.heat_lag_s,
             side='right') - 1, len(trip.route) - 1)
-        # The run so far: what lies before a requirement that is met does not change any more.
+        # The run so far: the part before a requirement that is met no longer changes.
         self._kept: Schedule | None = None
 
     def settle(self, target_c: float, serves_climbs: bool = True) -> Schedule:
         """
         Return the Schedule that delivers every climb it can, and arrives at the target.
 
-        Without `serves_climbs` only the target is seen to.
+        Without `serves_climbs` only the target counts.
         """
         trip = self._trip
         vehicle = native_vehicle(trip.vehicle)
@@ -98,7 +98,7 @@ class ThresholdSearch:
 
     def _settled(self, target_c: float, serves_climbs: bool) -> Schedule:
         self._kept = schedule = self._run()
-        # What comes before `start` is settled for climbs; `free` is where a climb settles nothing.
+        # Steps before `start` are settled for climbs; from `free` on, no climb has settled anything.
         start = free = 0
         for first, last in find_climbs(self._trip, schedule) if serves_climbs else ():
             if first > start:
@@ -108,12 +108,12 @@ class ThresholdSearch:
                 tolerance_w = POWER_SURPLUS * float(self._trip.idle_power_w[first:last].max())
                 if (spare_w(schedule) > tolerance_w
                         and spare_w(self._run(start, first, -CLIMB_OVERSHOOT_K)) > 0.0):
-                    # Delivered whatever is heated for it.
+                    # Delivered however the battery is heated before.
                     start = last
                     continue
                 schedule = self._move(start, first, schedule, spare_w, tolerance_w)
                 if spare_w(schedule) < 0.0:
-                    # Heating takes charge too, and where that is what lacks it makes things worse.
+                    # Heating also takes charge; if charge is the bottleneck, heating makes things worse.
                     schedule = self._better_unheated(start, first, schedule, spare_w)
                 start = free = last
         end = len(self._trip.route)
@@ -127,23 +127,23 @@ class ThresholdSearch:
         if start < end:
             schedule = self._meet_target(start, schedule, above_target_k)
         if start > 0 and above_target_k(schedule) < 0.0:
-            # What comes after the last climb is not enough.
+            # The heating after the last climb is not enough.
             schedule = self._move(0, end, schedule, above_target_k, ARRIVAL_TOLERANCE_K)
         return schedule
 
     def _heating(self) -> Heating:
-        """Return what the core is to heat with: below thresholds that are not moved yet."""
+        """Return the core's input for heating below the unshifted thresholds."""
         bands = self._thresholds.floor_c, self._thresholds.low_c, self._thresholds.high_c
         return Heating(self._cap_w, bands, self._watch.charge, self._watch.discharge, takes_surplus=True)
 
     def _start(self) -> States | tuple[float, float]:
-        """Return the states at the start, with heater and coolant where there is a heat path."""
+        """Return the states at the start, including heater and coolant if there is a heat path."""
         states = initial_states(self._state)
         return states[:2] if self._trip.vehicle.heat_path.is_direct else states
 
     def _better_unheated(self, first: int, last: int, schedule: Schedule,
                          excess_of: Excess) -> Schedule:
-        """Schedule, or the one without paid heating in steps first ... last - 1 if that has more."""
+        """Return the schedule, or the unheated one in steps first ... last - 1 if its excess is larger."""
         shift_k = self._shift_k.copy()
         self._shift_k[first:last] = 0.0
         unheated = self._try(first, last, UNHEATED_SHIFT_K, excess_of)
@@ -154,7 +154,7 @@ class ThresholdSearch:
 
     def _without_more_deficit(self, first: int, schedule: Schedule,
                               change: Callable[[], Schedule]) -> Schedule:
-        """Schedule that `change()` returns, or this one if less can be delivered from `first` on."""
+        """Return the Schedule of `change()`, or this one if the change increases the deficit from `first` on."""
         shift_k = self._shift_k.copy()
         changed = change()
         deficit_w, more_deficit_w = (
@@ -165,11 +165,11 @@ class ThresholdSearch:
         return schedule
 
     def _meet_target(self, first: int, schedule: Schedule, above_target_k: Excess) -> Schedule:
-        """Schedule moved from step `first` on so that it meets the target, and no more."""
+        """Return the Schedule shifted from step `first` on so that it just meets the target."""
         end = len(self._trip.route)
         if above_target_k(schedule) > ARRIVAL_TOLERANCE_K:
-            # Either the thresholds are a little too warm, or heating that pays for itself, and what
-            # is free, lead beyond what is required; then this shift does not bring it down.
+            # Either the thresholds are a little too warm, or free heat and heating that pays for itself exceed the
+            # requirement; then this shift does not bring the temperature down.
             if above_target_k(self._run(first, end, -ARRIVAL_OVERSHOOT_K)) > 0.0:
                 return schedule
         return self._move(first, end, schedule, above_target_k, ARRIVAL_TOLERANCE_K)
@@ -177,9 +177,9 @@ class ThresholdSearch:
     def _move(self, first: int, last: int, schedule: Schedule, excess_of: Excess,
               tolerance: float) -> Schedule:
         """
-        Schedule whose thresholds in steps first ... last - 1 are moved until the excess is about 0.
+        Return the Schedule with the thresholds in steps first ... last - 1 shifted until the excess is about 0.
 
-        It ends within the tolerance above 0, or as close to it as shifts get.
+        The excess ends within the tolerance above 0, or as close to it as shifts allow.
         """
         best = here = Trial(0.0, excess_of(schedule), schedule)
         if 0.0 <= here.excess <= tolerance:
@@ -190,11 +190,11 @@ class ThresholdSearch:
             if there.excess * here.excess <= 0.0:
                 break
             here = there
-            # Heating takes charge too, and an emptier battery delivers less: more is not better.
+            # Heating also takes charge, and an emptier battery delivers less: more heat is not always better.
             best = min(best, there, key=lambda trial: abs(trial.excess))
         else:
             return self._keep(first, last, best)
-        # Aim at the middle of what is tolerated: either side of it ends the search.
+        # Aim at the middle of the tolerance: trials on either side end the search.
         return self._keep(first, last, close_in(
             *((there, here) if here.excess < 0.0 else (here, there)),
             lambda shift_k: self._try(first, last, shift_k, excess_of),
@@ -207,7 +207,7 @@ class ThresholdSearch:
 
     def _shifts_k(self, first: int, last: int, shift_k: float) -> FloatArray:
         shifts_k = self._shift_k.copy()
-        # A step that is moved for the second time never gets colder.
+        # A step that is shifted a second time never gets colder.
         moved = shifts_k[first:last]
         shifts_k[first:last] = np.where(moved == 0.0, shift_k, np.maximum(moved, shift_k))
         return shifts_k
@@ -222,7 +222,7 @@ class ThresholdSearch:
         bands = (self._thresholds.floor_c, self._thresholds.low_c + moved_k,
                  self._thresholds.high_c + moved_k)
         if not self._trip.vehicle.heat_path.is_direct:
-            # What is heated now arrives then.
+            # Heat of this step arrives in that step.
             floor_c, low_c, high_c = (band.take(self._arrives_in_step, axis=0) for band in bands)
             bands = floor_c, low_c, high_c
         return run_within_limits(
@@ -230,11 +230,11 @@ class ThresholdSearch:
             first=first, before=self._kept)
 
     def _spare_power_w(self, schedule: Schedule) -> FloatArray:
-        """Return what the battery can give beyond what each step asks without heating [W], shape (N,)."""
+        """Return the spare power of the battery in each step, without heating [W], shape (N,)."""
         _, most_w = limits_along(self._trip, schedule)
         spare_w = most_w - self._trip.idle_power_w
         if schedule.heat is not None:
-            # A heater that lags goes on taking power after it was switched off.
+            # A heater with lag goes on drawing power after it is switched off.
             spare_w = spare_w - schedule.heat.heater_power_w[:-1] * mean_share_left(
                 self._trip.vehicle.heat_path, self._trip.route.duration_s)
         return spare_w

@@ -1,16 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Below which temperature heating pays, in each step: dynamic programming backward from arrival.
+Temperatures below which heating pays, for each step: dynamic programming backward from arrival.
 
 Algorithm 2 of the paper runs one temperature backward from the target: below it heating must be on.
-Here a whole curve runs backward (`value_curve`). Its slope says what a kelvin is worth, and heating
-pays in a step where that is more than the heater takes for it, which as a rule is so below one
-temperature, the *threshold* of the step. Without limits the last curve is a step at the target, and
-the thresholds are the temperatures of Algorithm 2. A very cold battery takes hardly any
-regeneration, however much it is heated, so before a descent heating may pay in a band only.
+Here a whole curve runs backward (`value_curve`). Its slope is the worth of a kelvin. Heating pays in a step if
+a kelvin is worth more than the heater's energy for it, usually below one temperature, the *threshold* of the
+step. Without limits the last curve is a step at the target, and the thresholds are the temperatures of
+Algorithm 2. A very cold battery accepts hardly any regeneration, however much it is heated, so before a descent
+heating may pay in a band only.
 
-A joule taken from the battery counts as what it is worth on arrival: before a descent at the charge
-limit that is less than a joule (`charge_acceptance`).
+A joule from the battery counts with its worth on arrival: before a descent at the charge limit that is less than
+a joule (`charge_acceptance`).
 """
 
 from __future__ import annotations
@@ -33,28 +33,27 @@ if TYPE_CHECKING:
     from bev_preheat.planning.trip import Trip
     from bev_preheat.vehicle.description import Vehicle
 
-# A kelvin below the target, or a watt that the battery lacks, costs this many times what the heater
-# takes for it, so that nothing is saved there.
+# A kelvin below the target, or a watt of power deficit, costs this many times the heater's energy for it, so that
+# a plan does not save there.
 PENALTY = 30.0
-# The curve reaches this far beyond the temperatures that the trip can take.
+# The curve extends this far beyond the temperatures that the trip can reach.
 MARGIN_K = 10.0
-# Each stride is worked out at whole multiples of this [deg C], the same in every plan; in between it is
-# interpolated.
+# Each stride is computed at whole multiples of this [deg C], the same in every plan, and interpolated in
+# between.
 GRID_K = 1.0
-# Bands of temperature in which heating pays: below what must be reached, and before a descent.
+# Bands of temperature in which heating pays: below the required temperature, and before a descent.
 BANDS = 2
-# Thresholds of one stride and the next that are further apart belong to different bands [K].
+# Thresholds of neighbouring strides that differ by more than this belong to different bands [K].
 NEIGHBOUR_K = 3.0
 
 
 class Thresholds(NamedTuple):
     """
-    Where heating pays in step k: bands of temperature, at most BANDS of them, shape (N, BANDS).
+    Bands of temperature in which heating pays in step k, at most BANDS of them, shape (N, BANDS).
 
-    At full power from `floor_c` to `low_c`, not at all from `high_c`, in between in proportion: the
-    step in which the threshold is reached. A band that starts at a floor is one of investment: from
-    below it, all that heating could still do before a descent would not earn what it costs. An empty
-    band has floor_c = inf.
+    At full power from `floor_c` to `low_c`, off from `high_c`, in proportion in between: this is the
+    step in which the threshold is reached. A band with a floor is an investment: from below the floor, no heating
+    before a descent can earn its cost. An empty band has floor_c = inf.
     """
 
     floor_c: FloatArray
@@ -67,13 +66,13 @@ def find_thresholds(trip: Trip, watch: LimitedSteps, run: Schedule, target_c: fl
     """
     Return the Thresholds of a trip, by running the value curve backward.
 
-    `run` (a Schedule) says along which states of charge, and about which temperatures, the curve
-    is needed, and the AcceptanceLoss `loss` what charge is worth. Without `serves_climbs` a power
-    that the battery lacks costs nothing. A first look is coarser, and looks further from the run.
+    `run` (a Schedule) gives the states of charge, and the approximate temperatures, along which the curve
+    is needed; the AcceptanceLoss `loss` gives the worth of charge. Without `serves_climbs` a power deficit
+    costs nothing. The first pass is coarser, and covers a wider range around the run.
     """
     battery = trip.vehicle.battery
     strides = make_strides(trip, watch, run, loss, target_c, is_first_look)
-    # Outside its range the battery is not described, and beyond its highest temperature not heated.
+    # The model does not describe a battery outside its range, and heating ends at the highest temperature.
     lowest_c, highest_c = battery.temperature_range_c
     coldest_c = max(min(run.temperature_c.min(), target_c) - MARGIN_K, lowest_c)
     warmest_c = min(max(run.temperature_c.max(), target_c), highest_c) + MARGIN_K
@@ -94,8 +93,8 @@ def _find_bands(vehicle: Vehicle, strides: Strides, grid_c: FloatArray, target_c
     """
     Return floor, low and high [deg C] of each stride's bands, (3, M, BANDS), from the curve on arrival.
 
-    It is worked out on a grid (G,), within the coldest and the warmest temperature. A watt that the
-    battery lacks counts `penalty` times.
+    Computed on a grid (G,), within the coldest and the warmest temperature. A watt of power deficit counts
+    `penalty` times.
     """
     k_per_joule = vehicle.hvch.efficiency / vehicle.battery.heat_capacity_j_per_k
     unheated_maps, heated_maps = map_strides(vehicle, strides, grid_c, penalty)
@@ -104,7 +103,7 @@ def _find_bands(vehicle: Vehicle, strides: Strides, grid_c: FloatArray, target_c
     # Empty unless found.
     bands_c = np.full((3, len(strides), BANDS), -np.inf)
     bands_c[0] = np.inf
-    # What a joule in the battery is worth on arrival [J/J].
+    # Worth of a joule in the battery on arrival [J/J].
     joule_worth = 1.0
     lowest_c = np.clip(strides.coldest_c, coldest_c, warmest_c - 1.0)
     highest_c = np.clip(strides.warmest_c, coldest_c + 1.0, warmest_c)
@@ -117,7 +116,7 @@ def _find_bands(vehicle: Vehicle, strides: Strides, grid_c: FloatArray, target_c
         for slot, band in enumerate(bands[:BANDS]):
             bands_c[:, m, slot] = band
         if idle.needed_c > curve.temperature_c[0]:
-            # Where the battery just delivers what the stride asks the curve has a kink.
+            # The curve has a kink at the temperature that just delivers the stride's power.
             curve = curve.with_point(
                 idle.needed_c, after.before_at(idle, idle.needed_c, joule_worth))
         curve = curve.within(lowest_c[m], highest_c[m])
@@ -131,7 +130,7 @@ def _find_bands(vehicle: Vehicle, strides: Strides, grid_c: FloatArray, target_c
 
 def _in_steps(first: IntArray, steps: int, floor_c: FloatArray, low_c: FloatArray,
               high_c: FloatArray) -> Thresholds:
-    """Thresholds of steps from those of strides, arrays (M, BANDS): in between along a line."""
+    """Return the Thresholds of steps from those of strides, arrays (M, BANDS), interpolated linearly."""
     step = np.arange(steps)
     stride = np.searchsorted(first, step, side='right') - 1
     following = np.minimum(stride + 1, len(first) - 1)
@@ -140,7 +139,7 @@ def _in_steps(first: IntArray, steps: int, floor_c: FloatArray, low_c: FloatArra
 
     def between(values_c: FloatArray) -> FloatArray:
         here_c, there_c = values_c[stride], values_c[following]
-        # A band that begins or ends, or another one in its place, is no neighbour.
+        # Do not interpolate between different bands, or at the end of one.
         near = np.isfinite(here_c) & np.isfinite(there_c)
         change_c = np.where(near, there_c, 0.0) - np.where(near, here_c, 0.0)
         between_c: FloatArray = here_c + share * np.where(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A route as one vehicle drives it: the inputs of each step of the model."""
+"""A route as driven by one vehicle: the model's inputs in each step."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ if TYPE_CHECKING:
 
 # Longer steps are divided, because Euler's error grows with the step.
 LONGEST_STEP_S = 300.0
-# So are steps beyond this share of the battery's thermal time constant: the explicit methods lose
-# their accuracy near the time constant itself, and their stability from twice that on.
+# Steps beyond this share of the battery's thermal time constant are divided too: explicit methods lose their
+# accuracy near the time constant itself, and become unstable at twice the time constant.
 TIME_CONSTANT_SHARE = 0.5
-# So many trips are kept, for who plans one again from another state or for another target, if they have
-# no more segments than this.
+# This many trips with at most this many segments are cached, for planning again from another state or for another
+# target.
 KEPT_TRIPS = 8
 MOST_KEPT_SEGMENTS = 2000
-# Surplus regeneration heats no further than this below the highest temperature of the battery's range.
+# Surplus regeneration stops heating this far below the highest temperature of the battery's range.
 BELOW_HIGHEST_K = 5.0
 # Columns of a step's arguments in `model`, after the states.
 Inputs: TypeAlias = 'tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]'
@@ -38,9 +38,8 @@ class Trip:
     The model's inputs in N steps, without battery heating; arrays of shape (N,), `time_s` (N + 1,).
 
     `idle_power_w` is P_t without battery heating, `idle_heat_w` is gamma T_amb + Q_ed,
-    `heater_limit_w` the HVCH power beyond the cabin's share (9g). By the end of each step surplus
-    regeneration may heat the battery to `surplus_ceiling_c` [deg C]; None: to BELOW_HIGHEST_K below its
-    highest temperature.
+    `heater_limit_w` the HVCH power beyond the cabin's share (9g). Surplus regeneration may heat the battery to
+    `surplus_ceiling_c` [deg C] by the end of each step; None: to BELOW_HIGHEST_K below its highest temperature.
     """
 
     vehicle: Vehicle
@@ -56,14 +55,14 @@ class Trip:
 
     @property
     def surplus_ceilings_c(self) -> FloatArray:
-        """How warm surplus may make the battery by the end of each step [deg C], (N,)."""
+        """The highest temperature that surplus may reach by the end of each step [deg C], (N,)."""
         if self.surplus_ceiling_c is not None:
             return self.surplus_ceiling_c
         return np.full(len(self.route), self.vehicle.battery.temperature_range_c[1] - BELOW_HIGHEST_K)
 
     @cached_property
     def native(self) -> NativeTrip:
-        """The trip as the compiled core takes it."""
+        """The trip as the native core takes it."""
         return NativeTrip.of_columns(
             self.time_s, self.route.duration_s, self.idle_power_w, self.power_variance_w2,
             self.idle_heat_w, self.leakage_w_per_k, self.heater_limit_w,
@@ -77,8 +76,7 @@ class Trip:
         Return the inputs of `model` steps under a heater and a friction brake power [W], a tuple of arrays.
 
         In the order of a step's arguments: duration, terminal power, power variance, heat, leakage.
-        None is no power. What the friction brake takes is not regenerated, so the drivetrain's heat
-        shrinks with it.
+        None means no power. The friction brake's power is not regenerated, so it reduces the drivetrain's heat.
         """
         power_w, heat_w = self.idle_power_w, self.idle_heat_w
         if heater_power_w is not None:
@@ -92,9 +90,9 @@ class Trip:
 
     def driven(self, share: FloatArray) -> Trip:
         """
-        Return the Trip of which only a share (N,) of each step is driven; the rest it stands.
+        Return the Trip with only a share (N,) of each step driven; for the rest the vehicle stands.
 
-        A vehicle that stands draws no power; its battery leaks heat as if it drove on.
+        A standing vehicle draws no power; its battery leaks heat as if it drove on.
         """
         return replace(
             self, idle_power_w=share * self.idle_power_w,
@@ -106,11 +104,10 @@ class Trip:
 def make_trip(vehicle: Vehicle, route: Route, heater_share: float = 1.0,
               heat_lag_s: float = 0.0) -> Trip:
     """
-    Return the Trip of a vehicle on a route, whose long segments are divided for it.
+    Return the Trip of a vehicle on a route, with long segments divided.
 
-    Of what the cabin leaves of the heater, `heater_share` (0 ... 1) is there for the battery. Heat
-    that arrives `heat_lag_s` [s] late is not made in the steps before arrival from which it comes
-    too late.
+    `heater_share` (0 ... 1) is the share of the power left by the cabin that is available to the battery. Heat
+    arrives `heat_lag_s` [s] late; it is not produced in the last steps, from which it would arrive too late.
     """
     if len(route) > MOST_KEPT_SEGMENTS:
         return _made_trip(vehicle, route, heater_share, heat_lag_s)
@@ -121,10 +118,10 @@ COLUMNS = {field.name for field in fields(Trip)}.intersection(TRIP_COLUMNS)
 
 
 class _TripOfCore(Trip):
-    """A Trip whose columns the core has made: few of them are asked for."""
+    """A Trip with its columns in the core; few of them are ever read."""
 
     def __getattr__(self, name: str) -> FloatArray:
-        """Return a column that has not been asked for before."""
+        """Return a column on its first use."""
         if name not in COLUMNS:
             raise AttributeError(name)
         column = vars(self)[name] = self.native.column(name)
@@ -164,7 +161,7 @@ def _made_trip(vehicle: Vehicle, route: Route, heater_share: float, heat_lag_s: 
 
 
 def _trip_of_arrays(vehicle: Vehicle, route: Route, heater_share: float, heat_lag_s: float) -> Trip:
-    """Return what `make_trip` does: what the core is held against, and where a segment is too long for a step."""
+    """Return the Trip of `make_trip`: reference for the core, and for segments too long for a step."""
     whole, leakage = route, vehicle.battery.leakage
     leakage_w_per_k = leakage.coefficient_w_per_k(whole.speed_mps)
     route = whole.divided(_longest_steps_s(vehicle, leakage_w_per_k))
@@ -189,14 +186,14 @@ def _trip_of_arrays(vehicle: Vehicle, route: Route, heater_share: float, heat_la
 
 
 def _in_time(route: Route, heat_lag_s: float) -> BoolArray:
-    """Return in which steps (N,) the heat arrives before the end, for the most part."""
+    """Return the steps (N,) whose heat mostly arrives before the end."""
     left_s = route.total_duration_s - route.time_s[1:] + 0.5 * route.duration_s
     in_time: BoolArray = left_s > heat_lag_s
     return in_time
 
 
 def _longest_steps_s(vehicle: Vehicle, leakage_w_per_k: FloatArray) -> FloatArray | float:
-    """Return the longest step that the model is integrated with [s], for each leakage (N,) or for all."""
+    """Return the longest step for integrating the model [s], for each leakage (N,) or for all."""
     stiff_w_per_k = _stiff_w_per_k(vehicle)
     if leakage_w_per_k.max() <= stiff_w_per_k:
         return LONGEST_STEP_S
@@ -205,16 +202,16 @@ def _longest_steps_s(vehicle: Vehicle, leakage_w_per_k: FloatArray) -> FloatArra
 
 
 def _stiff_w_per_k(vehicle: Vehicle) -> float:
-    """Return the leakage from which on steps must be shorter [W/K]."""
+    """Return the leakage above which steps must be shorter [W/K]."""
     return (TIME_CONSTANT_SHARE / LONGEST_STEP_S) * vehicle.battery.heat_capacity_j_per_k
 
 
 def heated_throughout(trip: Trip, taken_w: FloatArray) -> Trip:
     """
-    Return the Trip of a heater that takes `taken_w` (N,) [W], whatever is commanded.
+    Return the Trip of a heater that draws `taken_w` (N,) [W], whatever is commanded.
 
-    Of it so much heat arrives as the heater could give; like the drivetrain's, with which it is counted, it
-    ends where the vehicle stands without charge.
+    As much heat arrives as the heater could give; like the drivetrain's heat, to which it is added, it ends when
+    the vehicle stands without charge.
     """
     heat_w = trip.vehicle.hvch.efficiency * trip.heater_limit_w
     return replace(

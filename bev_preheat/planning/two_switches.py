@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-One stretch of heating for a vehicle with a heat path: switched on, and off before arrival.
+One heating interval for a vehicle with a heat path: switched on, and off before arrival.
 
-Heat that is made just before arrival is still in heater and coolant when the vehicle is there. So the
-cheapest schedule without limits has two switching instants (docs/explanation/planning.md). For each
-instant of switching off there is one of switching on with which the battery arrives at the target;
-of these pairs the one that takes the least from the battery is searched for.
+Heat produced just before arrival is still in heater and coolant on arrival. So the cheapest schedule without
+limits has two switching instants (docs/explanation/planning.md). For each switch-off instant there is one
+switch-on instant with which the battery arrives at the target. The search finds the pair that takes the least
+energy from the battery.
 """
 
 from __future__ import annotations
@@ -27,18 +27,18 @@ if TYPE_CHECKING:
     from bev_preheat.planning.situation import BatteryState, Goal
     from bev_preheat.planning.trip import Trip
 
-# The target is met when the forward run arrives this close [K], as with one switch. While instants of
-# switching off are compared, this close is enough: what it lacks, or is too much, is worth its energy.
+# The target is met when the forward run arrives this close [K], as with one switch. While switch-off instants are
+# compared, the second tolerance is enough: the deviation is valued by its energy.
 ARRIVAL_TOLERANCE_K = 5e-6
 COMPARED_TOLERANCE_K = 2e-4
-# So much of what is heated at the start is sure to be there on arrival.
+# This share of the heat from the start is certain to be present on arrival.
 SURE_SHARE = 0.5
-# So many lags before arrival all heat but a thousandth has arrived.
+# All heat but a thousandth arrives within this many lags.
 MOST_LAGS = 7.0
-# Around the best instant of switching off the energy hardly changes.
+# Around the best switch-off instant the energy hardly changes.
 OFF_RESOLUTION_S = 2.0
 MOST_RUNS = 60
-# A kelvin that is lacking counts more than any energy.
+# A kelvin below the target counts more than any energy.
 LACKING_WH_PER_K = 1e9
 
 
@@ -51,10 +51,10 @@ def maximum_between(trip: Trip, on_s: float, off_s: float) -> FloatArray:
 def plan_two_switches(trip: Trip, state: BatteryState, goal: Goal,
                       unheated: Schedule | None = None) -> Schedule:
     """
-    Return the Schedule with one stretch of full heating that arrives at the target.
+    Return the Schedule with one interval of full heating that arrives at the target.
 
-    `unheated` is the Schedule without any heating, limits left aside, where it is known already.
-    Where heating until arrival is not enough, the schedule heats all the way.
+    `unheated` is the Schedule without any heating, ignoring limits, if known. If heating until arrival is not
+    enough, the schedule heats all the way.
     """
     if unheated is None:
         unheated = run_heated(trip, initial_states(state), np.zeros(len(trip.route)))
@@ -74,7 +74,7 @@ def plan_two_switches(trip: Trip, state: BatteryState, goal: Goal,
 
 
 def _found_by_core(trip: Trip, unheated: Schedule, target_c: float) -> Schedule | None:
-    """Return the Schedule that the compiled core finds as `_Search` does; None where it does not answer."""
+    """Return the Schedule that the native core finds like `_Search`; None if it does not answer."""
     vehicle = native_vehicle(trip.vehicle)
     if vehicle is None or unheated.heat is None:
         return None
@@ -104,7 +104,7 @@ class _Search:
         vehicle = trip.vehicle
         self._capacity_j_per_k = (vehicle.battery.heat_capacity_j_per_k
                                   + vehicle.heat_path.coolant_heat_capacity_j_per_k)
-        # Pairs of instants that were found, off and on: where the search for the next one begins.
+        # Pairs of instants found so far, off and on: they give the start of the next search.
         self._found: list[tuple[float, float]] = []
 
     def schedule(self, on_s: float, off_s: float) -> Schedule:
@@ -112,14 +112,14 @@ class _Search:
         return self._along(on_s, off_s, self._roll(on_s, off_s))
 
     def until(self, off_s: float) -> Trial[float]:
-        """Return a Trial of an instant of switching off [s]: energy [Wh], and when to switch on [s]."""
+        """Return the Trial of a switch-off instant [s]: energy [Wh], and the switch-on instant [s]."""
         found = self._switched_on(off_s, self._guess_s(off_s), COMPARED_TOLERANCE_K)
         on_s, above_k = found.value, found.excess
         self._found.append((off_s, on_s))
         schedule = self._along(on_s, off_s, found.outcome)
         taken_wh = keep_accounts(self._trip, schedule, deliverable=True).energy_wh.battery_total
-        # What is lacking is to be made up for by heat from the first instant on, of which some leaks, or stays in
-        # the coolant.
+        # A deficit would have to be made up for by heat from the first instant on; some of that heat leaks, or
+        # stays in the coolant.
         allowed_k = min(COMPARED_TOLERANCE_K, ARRIVAL_TOLERANCE_K + SURE_SHARE * self._before_k(on_s))
         if above_k < -allowed_k:
             taken_wh -= LACKING_WH_PER_K * above_k
@@ -135,7 +135,7 @@ class _Search:
 
     def _switched_on(self, off_s: float, guess_s: float,
                      tolerance_k: float) -> Trial[FloatArray]:
-        """Return the instant [s] of switching on with which the battery arrives at the target."""
+        """Return the Trial of the switch-on instant [s] with which the battery arrives at the target."""
         def switched_on_at(on_s: float) -> Trial[FloatArray]:
             states = self._roll(on_s, off_s)
             return Trial(on_s, float(states[1, -1]) - self._target_c, states)
@@ -145,10 +145,10 @@ class _Search:
                             tolerance_k, most_trials=MOST_RUNS)
 
     def _guess_s(self, off_s: float) -> float:
-        """Return about when to switch on [s]: along a line through the pairs next to this one."""
+        """Return the approximate switch-on instant [s], on a line through the nearest pairs."""
         if len(self._found) < 2:
             deficit_k = self._target_c - float(self._unheated.temperature_c[-1])
-            # Added up in order, as the compiled core does.
+            # Added up in order, as in the native core.
             mean_w = float((self._trip.heater_limit_w * self._trip.route.duration_s).cumsum()[-1]
                            ) / self._arrival_s
             return off_s - deficit_k * self._capacity_j_per_k / max(
@@ -164,7 +164,7 @@ class _Search:
                            maximum_between(self._trip, on_s, off_s), first)
 
     def _along(self, on_s: float, off_s: float, states: FloatArray) -> Schedule:
-        """Return the Schedule of such a roll; before it the run is the unheated one."""
+        """Return the Schedule of such States; before them the run is the unheated one."""
         unheated, first = self._unheated, self._first_step(on_s)
         assert unheated.heat is not None
         command_w = maximum_between(self._trip, on_s, off_s)
@@ -174,13 +174,13 @@ class _Search:
                 unheated.heat.coolant_excess_k), states)]))
 
     def _before_k(self, on_s: float) -> float:
-        """Return by how much full heating until an instant [s] warms battery and coolant [K] without leakage."""
+        """Return how far full heating until an instant [s] warms battery and coolant [K] without leakage."""
         heat_j = self._trip.vehicle.hvch.efficiency * float(
             maximum_between(self._trip, 0.0, on_s) @ self._trip.route.duration_s)
         return heat_j / self._capacity_j_per_k
 
     def _slope_k_per_s(self, on_s: float) -> float:
-        """Change of the arrival temperature with the instant of switching on [K/s], an estimate."""
+        """Return the estimated change of the arrival temperature with the switch-on instant [K/s]."""
         trip, step = self._trip, self._first_step(on_s)
         leaks_per_s = float(trip.leakage_w_per_k[step]) / self._capacity_j_per_k
         return (-trip.vehicle.hvch.efficiency * float(trip.heater_limit_w[step])
@@ -192,5 +192,5 @@ class _Search:
 
 
 def paid_until(trip: Trip, off_s: float | None) -> FloatArray:
-    """Return the most heater power [W] of each step (N,) that is worth paying for: until `off_s` [s]."""
+    """Return the highest heater power [W] of each step (N,) worth paying for: until `off_s` [s]."""
     return maximum_between(trip, 0.0, float(trip.time_s[-1]) if off_s is None else off_s)

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Heating a little earlier than the plan needs, so that what turns out worse can be made up for.
+Heat a little earlier than the plan needs, to make up for the uncertainty.
 
-Full power that comes too late cannot catch up; heating that is done too early loses only what leaks
-until arrival. So the last stretch of heating begins early by what is uncertain, and ends as soon as
-it is enough. While it lasts it is not interrupted for a pause that is not worth a switching.
+Full power that comes too late cannot catch up, whereas heating too early loses only the leakage until arrival. So
+the last heating interval begins early by the uncertainty, and ends once the target is certain. It is not
+interrupted for a pause that is too short to justify switching.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from bev_preheat.planning.situation import BatteryState
     from bev_preheat.planning.trip import Trip
 
-# The end of heating is found to this.
+# Tolerance of the end of heating.
 ARRIVAL_TOLERANCE_K = 1e-3
 END_RESOLUTION_S = 1e-3
 MOST_RUNS = 12
@@ -48,12 +48,12 @@ MOST_RUNS = 12
 @dataclass(frozen=True)
 class UncertaintyMargin:
     """
-    How careful a plan is.
+    Margins of a plan for the uncertainty.
 
-    `margin_k`: how much warmer than the target the battery is to arrive [K]. `lead_k`: how many
-    kelvin of heating the last stretch begins early. `is_heating`: the heater is on now; it then
-    pauses only for longer than `least_pause_s`. A heater that is off is not switched on for less
-    than `least_heating_s` of heating before arrival, nor where most of its heat would come too late.
+    `margin_k`: by how much the battery is to arrive above the target [K]. `lead_k`: by how many kelvin of heating
+    the last interval begins early. `is_heating`: the heater is on now; it then pauses only for longer than
+    `least_pause_s`. A heater that is off is not switched on for less than `least_heating_s` of heating before
+    arrival, or if most of its heat would come too late.
     """
 
     margin_k: float = 0.0
@@ -64,13 +64,13 @@ class UncertaintyMargin:
 
     @cached_property
     def native(self) -> CautionStruct:
-        """The caution as the compiled core takes it, to whom the target is told with its margin."""
+        """The margin as a struct of the native core, whose target already includes `margin_k`."""
         return CautionStruct(self.lead_k, self.least_pause_s, self.least_heating_s, self.is_heating)
 
 
 def heat_early(trip: Trip, state: BatteryState, schedule: Schedule, target_c: float,
                uncertainty_margin: UncertaintyMargin) -> Schedule:
-    """Return the Schedule with its last stretch of heating begun as early as Caution asks."""
+    """Return the Schedule with its last heating interval begun as early as the UncertaintyMargin asks."""
     found = _found_by_core(trip, schedule, target_c, uncertainty_margin)
     if found is not None:
         return found
@@ -88,7 +88,7 @@ def heat_early(trip: Trip, state: BatteryState, schedule: Schedule, target_c: fl
     if early_s >= start_s:
         return schedule
     interval = _LastInterval(trip, state, schedule, trip.route.segment_at(early_s), early_s)
-    # What is heated earlier need not be heated later.
+    # Heat that comes earlier is not needed later.
     guess_s = end_s - (start_s - early_s)
     if interval.may_leave_limits_aside():
         early = interval.until(_needed_until_s(interval, interval.arrival_c, target_c, guess_s))
@@ -100,7 +100,7 @@ def heat_early(trip: Trip, state: BatteryState, schedule: Schedule, target_c: fl
 
 def _found_by_core(trip: Trip, schedule: Schedule, target_c: float,
                    uncertainty_margin: UncertaintyMargin) -> Schedule | None:
-    """Return the Schedule as the compiled core heats early; None where it does not answer."""
+    """Return the Schedule as the native core heats early; None if it does not answer."""
     vehicle = native_vehicle(trip.vehicle)
     if vehicle is None or (schedule.heat is None) != trip.vehicle.heat_path.is_direct:
         return None
@@ -114,7 +114,7 @@ def _found_by_core(trip: Trip, schedule: Schedule, target_c: float,
 
 def _last_interval(trip: Trip, schedule: Schedule) -> tuple[int, float] | None:
     """Return (first step, instant [s]) of the heating that lasts until arrival; None without."""
-    # Steps in which nothing can be heated are no pause.
+    # Steps in which heating is impossible are not a pause.
     possible = (trip.heater_limit_w > 0.0) & (trip.time_s[:-1] < _latest_end_s(trip, schedule))
     heated = schedule.heater_power_w > HEATING_SHARE * trip.heater_limit_w
     last = np.flatnonzero(possible)[-1:]
@@ -128,7 +128,7 @@ def _last_interval(trip: Trip, schedule: Schedule) -> tuple[int, float] | None:
 
 
 def _latest_end_s(trip: Trip, schedule: Schedule) -> float:
-    """Return the instant [s] from which on heat would come too late: the arrival, without a lag."""
+    """Return the instant [s] after which heat would come too late: the arrival, without a lag."""
     if schedule.heat is None or schedule.heating_end_s is None:
         return float(trip.time_s[-1])
     return schedule.heating_end_s
@@ -148,15 +148,15 @@ def _comes_too_late(trip: Trip, schedule: Schedule, start_s: float) -> bool:
 
 
 def _heat_w(trip: Trip, step: int) -> float:
-    """Most heat that the heater can give in a step [W]."""
+    """Return the highest heat that the heater can give in a step [W]."""
     return trip.vehicle.hvch.efficiency * float(trip.heater_limit_w[step])
 
 
 def _earlier_s(trip: Trip, until_s: float, lead_k: float) -> float:
     """
-    Return the instant [s] from which the heater gives so many kelvin by `until_s` [s].
+    Return the instant [s] from which the heater gives `lead_k` kelvin by `until_s` [s].
 
-    It is never one at which the cabin takes the whole heater; at the earliest the first other one.
+    Never an instant at which the cabin takes the whole heater; at the earliest the first other one.
     """
     if lead_k <= 0.0:
         return until_s
@@ -164,23 +164,23 @@ def _earlier_s(trip: Trip, until_s: float, lead_k: float) -> float:
     given_j = np.concatenate(([0.0], np.cumsum(heat_w * trip.route.duration_s)))
     wanted_j = max(0.0, float(np.interp(until_s, trip.time_s, given_j))
                    - lead_k * trip.vehicle.battery.heat_capacity_j_per_k)
-    # The last step that begins with no more than that gives some, so its power is not 0.
+    # The last step that begins with no more heat than that gives some, so its power is not 0.
     step = int(np.searchsorted(given_j, wanted_j, side='right')) - 1
     return min(float(trip.time_s[step] + (wanted_j - given_j[step]) / heat_w[step]), until_s)
 
 
 class _LastInterval:
-    """What becomes of a Schedule whose last stretch of heating begins at an instant of its own."""
+    """A Schedule whose last heating interval begins at a given instant."""
 
     def __init__(self, trip: Trip, state: BatteryState, schedule: Schedule, first: int,
                  start_s: float) -> None:
-        """Take the step `first` in which the stretch is to begin, and its instant `start_s` [s]."""
+        """Take the step `first` in which the interval begins, and its instant `start_s` [s]."""
         self._trip, self._state, self._schedule = trip, state, schedule
         self._first, self.start_s = first, start_s
-        # What is heated before stays.
+        # Earlier heating stays.
         self._before_w = np.where(
             np.arange(len(trip.route)) < first, schedule.heater_power_w, 0.0)
-        # A run within limits: until the stretch begins all of them are the same.
+        # A run within limits: all of them are the same until the interval begins.
         self._driven: Schedule | None = None
 
     @property
@@ -190,22 +190,22 @@ class _LastInterval:
 
     @property
     def latest_end_s(self) -> float:
-        """The instant from which on heat would come too late [s]."""
+        """The instant after which heat would come too late [s]."""
         return _latest_end_s(self._trip, self._schedule)
 
     def rate_k_per_s(self, end_s: float) -> float:
-        """How much warmer the battery arrives for each second that heating lasts longer, about."""
+        """Return how much warmer the battery arrives for each second of longer heating, approximately."""
         trip, step = self._trip, self._trip.route.segment_at(end_s)
         capacity = trip.vehicle.battery.heat_capacity_j_per_k
         left = math.exp(-float(trip.leakage_w_per_k[step]) / capacity * (self.arrival_s - end_s))
         return _heat_w(trip, step) / capacity * left
 
     def may_leave_limits_aside(self) -> bool:
-        """Return whether no limit is active before the stretch, where nothing changes."""
+        """Return whether no limit is active before the interval, in the unchanged part."""
         return self._first == 0 or limits_hold(self._trip, self._schedule, self._first)
 
     def without(self) -> Schedule:
-        """Return the Schedule that leaves the stretch out, within the battery's limits."""
+        """Return the Schedule without the interval, within the battery's limits."""
         return drive_as_planned(self._trip, self._state, self._before_w, take_surplus=True)
 
     def arrival_within_limits_c(self, end_s: float) -> float:
@@ -218,7 +218,7 @@ class _LastInterval:
         return float(states[1, -1])
 
     def until_within_limits(self, end_s: float) -> Schedule:
-        """Return the Schedule that heats until `end_s` [s] as far as the battery's limits let it."""
+        """Return the Schedule that heats until `end_s` [s], as far as the battery's limits allow."""
         self._driven = drive_as_planned(
             self._trip, self._state, self._heater_w(end_s), take_surplus=True, first=self._first,
             before=self._driven)
@@ -236,7 +236,7 @@ class _LastInterval:
         return float(temperature_c[-1])
 
     def until(self, end_s: float) -> Schedule:
-        """Return the Schedule that heats until `end_s` [s], limits left aside."""
+        """Return the Schedule that heats until `end_s` [s], ignoring limits."""
         trip, planned, first = self._trip, self._schedule, self._first
         heater_w = self._heater_w(end_s)
         heating_start_s = switched_on_s(trip, self._before_w)
@@ -255,7 +255,7 @@ class _LastInterval:
             self._heating_end_s(end_s))
 
     def _heater_w(self, end_s: float) -> FloatArray:
-        """Mean heater power of each step [W], shape (N,)."""
+        """Return the mean heater power of each step [W], shape (N,)."""
         trip = self._trip
         heated_s = np.minimum(trip.time_s[1:], end_s) - np.maximum(trip.time_s[:-1], self.start_s)
         share = np.clip(heated_s / trip.route.duration_s, 0.0, 1.0)

@@ -32,13 +32,12 @@ def plan_unlimited(trip: Trip, state: BatteryState, goal: Goal,
                    uncertainty_margin: UncertaintyMargin | None = None,
                    in_one_interval: bool = True) -> tuple[Schedule, ScheduleOutcome | None] | None:
     """
-    Return the Schedule that arrives at the target, and its Outcome; None where anything limits it.
+    Return the Schedule that arrives at the target, and its ScheduleOutcome; None if any limit interferes.
 
-    That is a limit of the battery, with heating or without, or the charge that must be left. None too
-    where the heat arrives late, and where the core does not answer. With a Caution it heats earlier.
-    Unless it is to heat `in_one_interval`, None where it may be cheaper elsewhere (`cheapest_steps`).
-    Where that, or a limit of the battery, is the reason, the unheated Schedule is returned, limits left
-    aside, and None.
+    Such limits are the battery's, with heating or without, and the reserve. None also if the heat arrives late, or
+    the core does not answer. With an UncertaintyMargin the plan heats earlier. Without `in_one_interval`, None if
+    heating may be cheaper elsewhere (`cheapest_steps`). In that case, and for a limit of the battery, the result
+    is the unheated Schedule, ignoring limits, and None.
     """
     vehicle = trip.vehicle
     native = native_vehicle(vehicle) if vehicle.heat_path.is_direct else None
@@ -72,7 +71,7 @@ def plan_unlimited_paper(trip: Trip,
     goal: Goal,
     uncertainty_margin: UncertaintyMargin | None = None) -> tuple[Schedule,
      ScheduleOutcome] | None:
-    """Return the Schedule of the paper's heuristic and its Outcome; None where `plan_unlimited` says so."""
+    """Return Schedule and ScheduleOutcome of the paper's heuristic; None in the cases of `plan_unlimited`."""
     vehicle = trip.vehicle
     native = native_vehicle(vehicle) if vehicle.heat_path.is_direct else None
     if native is None or uncertainty_margin is not None or not goal.charging_planned:
@@ -93,19 +92,19 @@ def plan_unlimited_paper(trip: Trip,
 
 
 def _known(instant_s: float) -> float | None:
-    """Return an instant [s] of the core's; None for NaN."""
+    """Return an instant [s] of the core; None for NaN."""
     return None if instant_s != instant_s else instant_s
 
 
 def _leaves_enough(trip: Trip, goal: Goal, schedule: Schedule, least_soc: float) -> bool:
-    """Return whether a Schedule leaves what must be left, on arrival and on the way."""
+    """Return whether a Schedule keeps the reserve, on arrival and on the way."""
     return (schedule.soc.item(-1) >= reserve_soc(trip.vehicle, goal)
             and least_soc >= trip.vehicle.battery.soc_range[0])
 
 
 def _intervals(trip: Trip, schedule: Schedule,
                plan: SwitchPlanStruct) -> tuple[HeatingInterval, ...]:
-    """Return what `heating_stretches` does; the usual case is known already."""
+    """Return the same as `heating_intervals`; the usual case is already known."""
     first = plan.first_heated
     if first == len(schedule.heater_power_w):
         return ()

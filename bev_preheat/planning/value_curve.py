@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-What a kelvin is worth: the battery energy that the rest of a trip costs, over temperature.
+The worth of a kelvin: battery energy for the rest of a trip, over temperature.
 
-Algorithm 2 of the paper runs one temperature backward from the target, heated all the way. Here a
-whole curve runs backward (`thresholds`): V_k(T), the battery energy that the rest of the trip costs
-from temperature T on, limits and all. Its points move with the vehicle's own dynamics, heated where
-that is the cheaper branch and unheated elsewhere, so its kinks stay sharp.
+Algorithm 2 of the paper runs one temperature backward from the target, heated all the way. Here a whole curve runs
+backward (`thresholds`): V_k(T), the battery energy for the rest of the trip from temperature T on, including
+limits. Its points move with the vehicle's own dynamics, heated on the cheaper branch and unheated
+elsewhere, so its kinks stay sharp.
 """
 
 from __future__ import annotations
@@ -18,15 +18,15 @@ if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import BoolArray, FloatArray
     from bev_preheat.planning.strides import StrideMap
 
-# The curve's points: not further apart, and if there are more, those that say less [J] go.
+# Widest gap between points; if there are too many points, those that matter less than this [J] are dropped.
 WIDEST_GAP_K = 1.0
 MOST_POINTS = 32
 CURVE_TOLERANCE_J = 100.0
-# Heating that makes no more difference than this [J] is no decision.
+# Heating that makes less difference than this [J] is left undecided.
 INDIFFERENCE_J = 10.0
-# What a kelvin is worth is taken over this difference, which smooths the curve's kinks.
+# Difference for the worth of a kelvin, which smooths the curve's kinks.
 SLOPE_K = 1.0
-# Heating that warms by less than this [K] does not warm; a band is at least as wide.
+# Heating by less than this [K] does not count; a band is at least this wide.
 LEAST_GAIN_K = 1e-9
 # Floor, low and high of Thresholds [deg C].
 Band = tuple[float, float, float]
@@ -34,20 +34,20 @@ Band = tuple[float, float, float]
 
 class ValueCurve(NamedTuple):
     """
-    Battery energy [J] that the rest of a trip costs, over temperature [deg C]: two arrays (P,).
+    Battery energy [J] for the rest of a trip, over temperature [deg C]: two arrays (P,).
 
-    Temperatures do not fall; between two points the curve is straight.
+    Temperatures do not fall; the curve is linear between points.
     """
 
     temperature_c: FloatArray
     energy_j: FloatArray
 
     def at(self, temperature_c: float) -> float:
-        """Return the energy [J] at a temperature [deg C]; beyond the points that of the last one."""
+        """Return the energy [J] at a temperature [deg C]; constant beyond the last points."""
         return float(np.interp(temperature_c, self.temperature_c, self.energy_j))
 
     def worth_j_per_k(self, temperature_c: float) -> float:
-        """Return what a kelvin is worth [J/K] about a temperature, never less than nothing."""
+        """Return the worth of a kelvin [J/K] around a temperature, at least 0."""
         cooler_j, warmer_j = np.interp(
             (temperature_c - 0.5 * SLOPE_K, temperature_c + 0.5 * SLOPE_K),
             self.temperature_c, self.energy_j)
@@ -56,9 +56,9 @@ class ValueCurve(NamedTuple):
 
     def before(self, stride: StrideMap, joule_worth: float) -> ValueCurve:
         """
-        Return the curve before a stride: each point where it comes from, with what the stride takes.
+        Return the curve before a stride: each point at its start temperature, plus the energy of the stride.
 
-        `joule_worth` is what a joule in the battery is worth on arrival [J/J].
+        `joule_worth` is the worth of a joule in the battery on arrival [J/J].
         """
         return ValueCurve(
             np.interp(self.temperature_c, stride.end_c, stride.start_c),
@@ -78,20 +78,20 @@ class ValueCurve(NamedTuple):
                           np.insert(self.energy_j, at, energy_j))
 
     def within(self, coldest_c: float, warmest_c: float) -> ValueCurve:
-        """Return the curve where the trip can come, its points dense enough and few enough."""
+        """Return the curve within the reachable temperatures, with dense enough and few enough points."""
         first = max(int(np.searchsorted(self.temperature_c, coldest_c)) - 1, 0)
         last = int(np.searchsorted(self.temperature_c, warmest_c)) + 1
         part = ValueCurve(self.temperature_c[first:last], self.energy_j[first:last])
         return part._without_repetition()._dense()._thinned()
 
     def _without_repetition(self) -> ValueCurve:
-        """Of the points that come from beyond the grid, which all lie at its end, one is left."""
+        """Return the curve with one of the points from beyond the grid, which all lie at its end."""
         temperature_c = np.maximum.accumulate(self.temperature_c)
         apart = np.append(np.diff(temperature_c) > 0.0, True)
         return ValueCurve(temperature_c[apart], self.energy_j[apart])
 
     def _dense(self) -> ValueCurve:
-        """With a point in the middle of each gap that is too wide."""
+        """Return the curve with a point in the middle of each gap that is too wide."""
         wide = np.flatnonzero(np.diff(self.temperature_c) > WIDEST_GAP_K) + 1
         if not len(wide):
             return self
@@ -100,7 +100,7 @@ class ValueCurve(NamedTuple):
             for values in (self.temperature_c, self.energy_j)))
 
     def _thinned(self) -> ValueCurve:
-        """Of too many points, without every other one that lies on the line of its neighbours."""
+        """Return the curve; if it has too many points, without every other point on its neighbours' line."""
         temperature_c, energy_j = self.temperature_c, self.energy_j
         if len(temperature_c) <= MOST_POINTS:
             return self
@@ -115,13 +115,13 @@ class ValueCurve(NamedTuple):
 def heating_pays(after: ValueCurve, heated: ValueCurve, unheated: ValueCurve,
                  warmest_c: float) -> BoolArray:
     """
-    Return for each piece of a curve whether a kelvin is worth more there than the heater takes.
+    Return for each piece of a curve whether a kelvin is worth more there than its heating costs.
 
-    `heated` and `unheated` are `after` before a stride, point by point; shape (P - 1,). Nothing is
-    known of what comes from beyond `warmest_c` [deg C], and nothing is heated there.
+    `heated` and `unheated` are `after` before a stride, point by point; shape (P - 1,). Beyond `warmest_c`
+    [deg C] the curve is unknown, and nothing is heated there.
     """
     gained_k = unheated.temperature_c - heated.temperature_c
-    # What the heater takes for a kelvin [J/K], at each point; nothing where all it can do is free.
+    # The heater's energy for a kelvin [J/K], at each point; nothing if all possible heating is free.
     asked = np.where(
         gained_k > LEAST_GAIN_K,
         (heated.energy_j - unheated.energy_j) / np.maximum(gained_k, LEAST_GAIN_K), -np.inf)
@@ -133,7 +133,7 @@ def heating_pays(after: ValueCurve, heated: ValueCurve, unheated: ValueCurve,
 def cheaper_branch(heated: ValueCurve, unheated: ValueCurve,
                    pays: BoolArray) -> tuple[ValueCurve, list[Band]]:
     """
-    Return the cheaper of the two branches of a curve before a stride, and where that is the heated.
+    Return the cheaper of the two branches of a curve before a stride, and the heated one's bands.
 
     `pays` is that of `heating_pays`; the bands are (floor, low, high), the warmest first.
     """
@@ -148,9 +148,9 @@ def cheaper_branch(heated: ValueCurve, unheated: ValueCurve,
 
 def _split(heated: ValueCurve, unheated: ValueCurve, split: int) -> tuple[ValueCurve, Band]:
     """
-    Take the convex case: heat below the threshold, do not above.
+    Return curve and band of the convex case: heat below the threshold, not above.
 
-    Between the two, heating in part takes what the heater takes: a straight piece.
+    Between the two, partial heating takes energy in proportion: a straight piece.
     """
     low_c, high_c = heated.temperature_c[split], unheated.temperature_c[split]
     fan = split + 1 if high_c > low_c + 1e-6 else split
@@ -160,7 +160,7 @@ def _split(heated: ValueCurve, unheated: ValueCurve, split: int) -> tuple[ValueC
 
 
 def _lower(heated: ValueCurve, unheated: ValueCurve) -> tuple[ValueCurve, list[Band]]:
-    """Take the lower of two curves, at the points of both."""
+    """Return the lower of two curves at the points of both, and the heated one's bands."""
     mesh_c = np.sort(np.concatenate((heated.temperature_c, unheated.temperature_c)))
     heated_j = np.interp(mesh_c, heated.temperature_c, heated.energy_j, right=np.inf)
     unheated_j = np.interp(mesh_c, unheated.temperature_c, unheated.energy_j, left=np.inf)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A car whose charging sessions follow by hand, and an integration of its own for any car."""
+"""A car whose charging sessions can be calculated by hand, and an independent integration for any car."""
 
 from dataclasses import replace
 import math
@@ -22,7 +22,7 @@ def constant(value):
 
 def plain_car(resistance_ohm=1e-9, leakage_w_per_k=0.0, limit=None, heats=False, limit_c=22.0,
               inlet_w=math.inf, **changes):
-    """Return a Vehicle of constant voltage; its charging power is not limited without `limit`."""
+    """Return a Vehicle of constant voltage; without `limit` its charging power is unlimited."""
     limit = constant(-1e6) if limit is None else limit
     battery = Battery(
         CAPACITY_AH, HEAT_CAPACITY_J_PER_K, PolynomialVoltage((VOLTAGE_V,)),
@@ -38,7 +38,7 @@ def own_session(vehicle, stop, temperature_c, soc, step_s=0.02):
     """
     Return (charging time [s], bought energy [Wh], departure temperature [deg C]), by Euler's method.
 
-    For vehicles without a heat path. The heater is switched at each step, as the contract has it.
+    For vehicles without a heat path. The heater is switched at each step, as in the contract.
     """
     battery, charging = vehicle.battery, vehicle.charging
     voltage, resistance, limit = (curve.function(FLOATS) for curve in (

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The best target of `preheat worth` is never dearer than no heating, with a heat path and in coarse steps."""
+"""The best target of `preheat worth` never costs more than no heating, with a heat path and in coarse steps."""
 
 from dataclasses import fields, replace
 
@@ -39,18 +39,18 @@ def test_the_best_target_costs_no_more_than_no_heating(number):
 
     try:
         worth = find(COARSE_S, trip.prices)
-        # Time is worth just enough for heating to pay, so a rounding error would decide.
+        # The value of time is just enough for heating to pay, so a rounding error would decide.
         value = worth.break_even_value_of_time_per_h
         prices = trip.prices if value is None else replace(trip.prices, time_per_h=1.001 * value)
         worth = find(COARSE_S, prices)
     except InvalidInput:
-        # It cannot be driven, or not be charged.
+        # The trip cannot be driven, or the battery not charged.
         return
     assert worth.best.cost <= worth.without_heating.cost
     if worth.best is worth.without_heating:
         return
     assert worth.best.cost == min(target.cost for target in worth.targets)
-    # In finer steps the target turns out dearer than no heating by no more than the steps falsify.
+    # In finer steps the target costs no more than no heating, up to the error of the steps.
     fine = in_steps(trip.route, FINE_S)
     search = WorthSearch(
         vehicle, stop_after(fine, trip.stop.charger_power_w, trip.stop.departure_soc),

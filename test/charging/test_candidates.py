@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which charger: by hand on a car without losses, against `find_worth`, and who is no candidate."""
+"""Choice of a charger: by hand on a car without losses, against `find_worth`, and unsuitable candidates."""
 
 from dataclasses import replace
 import math
@@ -41,7 +41,7 @@ def test_energies_and_costs_by_hand(minutes, detour_min):
     [item] = ranked([Candidate('here', 60.0 * minutes, 61900.0, 0.4, 60.0 * detour_min, 300.0)])
     way_wh = DRIVE_W * (minutes + 0.5 * detour_min) / 60.0
     rest_wh = DRIVE_W * (60.0 - minutes + 0.5 * detour_min) / 60.0
-    # 60 kW into the battery. Heating pays nothing here, and takes what is bought back.
+    # 60 kW into the battery. Heating brings nothing here, and costs the energy bought back.
     into_wh = (0.5 - 0.6) * WHOLE_WH + way_wh + rest_wh
     assert item.problem is None
     assert item.departure_soc == pytest.approx(0.5 + rest_wh / WHOLE_WH, abs=1e-5)
@@ -73,7 +73,7 @@ def test_all_are_compared_on_the_same_charge_at_the_end():
                    REFERENCE, BatteryState(-5.0, 0.5), 0.5)
     assert [item.problem for item in found] == [None, None]
     for item in found:
-        # The rest depends on how warm the battery leaves; the departure is found to 1e-4.
+        # The rest depends on the battery's temperature at departure; the departure is found to 1e-4.
         assert item.end_soc == pytest.approx(0.5, abs=2e-4)
         assert item.worth.best.cost <= min(target.cost for target in item.worth.targets)
     assert found[0].total_cost <= found[1].total_cost
@@ -92,25 +92,25 @@ def test_who_is_no_candidate_comes_last_with_the_reason():
     found = ranked(candidates, state=BatteryState(20.0, 0.3))
     assert [item.candidate.name for item in found] == ['good', 'out of reach']
     assert found[1].total_cost == math.inf and found[1].worth is None
-    assert found[1].problem.startswith('out of reach: the battery is empty after 44:')
+    assert found[1].problem.startswith('out of reach: the battery will be empty after 44:')
     assert ranking_verdict(found).startswith('good, without heating before arrival: ')
 
 
 def test_a_reserve_that_is_not_kept_on_the_way():
     [item] = ranked([Candidate('far', 3000.0, 50e3, 0.5)], state=BatteryState(20.0, 0.45),
                     goal=Goal(25.0, 0.15))
-    assert item.problem == 'out of reach: 11.5 % would be left on the way, the reserve is 15 %'
+    assert item.problem == 'out of reach: the charge would fall to 11.5 % on the way; the reserve is 15 %'
 
 
 def test_a_full_battery_that_does_not_carry_the_rest():
     [item] = ranked([Candidate('early', 600.0, 50e3, 0.5)], end_soc=0.9)
     # 50 min at 16.9 kW of 42 kWh.
-    assert item.problem == ('even 100 % do not carry the rest of the route: that leaves 66.5 % at its end, '
-                            '90 % are wanted')
+    assert item.problem == ('even 100 % is not enough for the rest of the route: 66.5 % would be left at '
+                            'its end; 90 % is required')
     [item] = ranked([Candidate('early', 600.0, 50e3, 0.5)], route=drive(240), end_soc=0.2)
-    assert item.problem == ('even 100 % do not carry the rest of the route: that strands on it, 20 % are '
-                            'wanted')
-    assert ranking_verdict([item]) == 'None of these chargers serves this route.'
+    assert item.problem == ('even 100 % is not enough for the rest of the route: the vehicle would strand; '
+                            '20 % is required')
+    assert ranking_verdict([item]) == 'None of these chargers suits this route.'
 
 
 def test_a_rest_that_falls_below_the_reserve_though_it_ends_above():
@@ -121,24 +121,24 @@ def test_a_rest_that_falls_below_the_reserve_though_it_ends_above():
     valley, state = [Candidate('valley', 60.0, 50e3, 0.5)], BatteryState(20.0, 0.3)
     # 29 min up take 15.4 kWh of 42, 30 min down bring 9.05 back: from 45.2 % over 8.5 % to 30 %.
     [item] = ranked(valley, PLAIN, state, 0.3, Goal(25.0, 0.1), route=route)
-    assert item.problem == ('45.2 % would reach the end with 30 %, but fall to 8.5 % on the rest of the '
-                            'route; the reserve is 10 %')
+    assert item.problem == ('a departure with 45.2 % would reach the end with 30 %, but fall to '
+                            '8.5 % on the rest of the route; the reserve is 10 %')
     [item] = ranked(valley, PLAIN, state, 0.3, Goal(25.0, 0.08), route=route)
     assert item.problem is None and item.departure_soc == pytest.approx(0.452, abs=1e-3)
-    # It would not even get over it.
+    # It would not even reach the top.
     [item] = ranked(valley, PLAIN, state, 0.2, route=route)
     assert item.problem.endswith('but fall to 0.0 % on the rest of the route; the reserve is 0 %')
 
 
 def test_a_charger_that_is_not_needed():
     found = ranked([Candidate('any', 1800.0, 50e3, 0.5)], state=BatteryState(20.0, 0.95), end_soc=0.3)
-    assert found[0].problem.startswith('not needed: the battery arrives with 74.9 %, and 50.1 % carry')
-    assert ranking_verdict(found) == 'No charger is needed: the battery carries the whole route.'
+    assert found[0].problem.startswith('not needed: the battery arrives with 74.9 %, and 50.1 % is enough')
+    assert ranking_verdict(found) == 'No charger is needed: the charge is enough for the whole route.'
 
 
 def test_a_charger_that_cannot_charge():
     [item] = ranked([Candidate('weak', 1800.0, 1500.0, 0.5)])
-    assert item.problem.startswith('This charger cannot charge the battery so far')
+    assert item.problem.startswith('This charger cannot charge the battery that far')
     assert item.total_cost == math.inf and item.as_dictionary()['worth'] is not None
 
 
@@ -186,8 +186,8 @@ def test_some_of_a_file_by_name(tmp_path):
 
 
 @pytest.mark.parametrize('charger, problem', [
-    ('name: a, charger_power_w: 50000', r'chargers\[0\] \(a\): needs one of at_km and at_min'),
-    ('name: a, charger_power_w: 50000, at_km: 1, at_min: 1', r'\(a\): needs one of at_km and at_min'),
+    ('name: a, charger_power_w: 50000', r'chargers\[0\] \(a\): needs either at_km or at_min'),
+    ('name: a, charger_power_w: 50000, at_km: 1, at_min: 1', r'\(a\): needs either at_km or at_min'),
     ('name: a, charger_power_w: 50000, at_km: 91', r'\(a\).at_km: 91 is beyond the route, which ends at '
      '90.0 km'),
     ('name: a, charger_power_w: 50000, at_min: 61', r'\(a\).at_min: 61 is beyond the route, which ends at '
@@ -199,12 +199,12 @@ def test_some_of_a_file_by_name(tmp_path):
      'not allowed; it must be at least 0'),
     ('name: a, charger_power_w: 50000, at_km: 1, free_probability: 1.5, wait_min: 3', 'free_probability: 1.5 '
      'is not allowed'),
-    ('name: a, charger_power_w: 50000, at_km: 1, free_probability: 0.5', 'free_probability and wait_min need '
-     'each other'),
+    ('name: a, charger_power_w: 50000, at_km: 1, free_probability: 0.5', 'free_probability and wait_min must be '
+     'given together'),
     ('name: a, charger_power_w: 50000, at_km: 1, detour_mn: 3', "unknown key 'detour_mn'; did you mean "
      "'detour_min'"),
-    ('name: a, charger_power_w: 50000, at_km: 1}, {name: a, charger_power_w: 50000, at_km: 2', 'the name '
-     "'a' stands 2 times")])
+    ('name: a, charger_power_w: 50000, at_km: 1}, {name: a, charger_power_w: 50000, at_km: 2',
+     r"duplicate name 'a' \(2 times\)")])
 def test_a_file_that_is_refused_in_one_line(tmp_path, charger, problem):
     with pytest.raises(InvalidInput, match=problem) as error:
         loaded(tmp_path, f'chargers: [{{{charger}}}]')

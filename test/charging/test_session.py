@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The charging session: closed forms, balances, halved steps, an integration of its own, no end."""
+"""The charging session: closed forms, balances, halved steps, an independent integration, endless sessions."""
 
 from dataclasses import replace
 import math
@@ -79,10 +79,10 @@ def test_heating_warms_in_closed_form_up_to_the_limit_and_holds_there():
             -leakage * session.time_s[on] / HEAT_CAPACITY_J_PER_K), abs=1e-6)
     assert session.battery_temperature_c[~on] == pytest.approx(
         np.full((~on).sum(), 22.0), abs=1e-5)
-    # From there on what leaks out at 32 K is made up for.
+    # From there on the leakage at 32 K is replaced.
     holding_w = leakage * 32.0 / HEATER_EFFICIENCY
     assert session.hvch_battery_power_w[-1] == pytest.approx(holding_w, rel=1e-4)
-    # What is not for the heater is for the battery: 18.5 kW less 4.8 kW, then less 3.76 kW.
+    # The battery gets the power that the heater leaves: 18.5 kW less 4.8 kW, then less 3.76 kW.
     stored = VOLTAGE_V * CAPACITY_AH * 0.55 - (18500.0 - heater_w) * reached_s / 3600.0
     assert session.charging_time_s == pytest.approx(
         reached_s + 3600.0 * stored / (18500.0 - holding_w), rel=1e-5)
@@ -136,20 +136,20 @@ def test_energy_is_kept_and_no_limit_is_broken(
     stop = ChargingStop(charger_w, min(0.98, soc + more), ambient_c, cabin_w, 350.0)
     session = charge(vehicle, stop, BatteryState(temperature_c, soc), step_s=60.0)
     energy, hours = session.energy_wh, session.time_s[-1] / 3600.0
-    # The heat balance closes the energies; that what is left of the terminals' energy is charge is
-    # another matter, and so is what the charger may give.
+    # The heat balance closes the energies; it does not check that the rest of the terminals' energy is charge, nor
+    # the charger's limit.
     assert energy.stored == pytest.approx(stored_wh(
         vehicle, session.soc, session.battery_temperature_c), rel=1e-4, abs=0.5)
     assert energy.joule >= -1e-6
     assert energy.bought == pytest.approx(
         energy.terminal + energy.hvch_electric + hours * (cabin_w + 350.0), rel=1e-12)
-    # A heater that lags may take what the battery got, for a moment.
+    # A heater with lag may briefly take the battery's share.
     assert energy.bought <= hours * max(charger_w, cabin_w + 350.0) + 100.0 * (name == 'late heat') + 1e-6
     assert session.charging_power_w.min(initial=0.0) >= 0.0
     most_w = max(0.0, vehicle.hvch.maximum_power_w - cabin_w)
     assert session.hvch_battery_power_w.max(initial=0.0) <= most_w + 1e-6
     assert (np.diff(session.time_s) > 0.0).all() and (np.diff(session.soc) >= 0.0).all()
-    # A step that holds the temperature is a longer one.
+    # A step that holds the temperature is longer.
     assert session.time_s[-1] <= LONGEST_SESSION_S + HELD_STEPS * 60.0
     assert (session.soc[-1] == pytest.approx(stop.departure_soc, abs=1e-9)) == (not session.problem)
 
@@ -181,10 +181,10 @@ def test_a_battery_that_has_enough_is_not_charged():
     (SMALL, replace(STOP, ambient_c=-25.0), -22.0,
      'at 30.0 % and -22.0 degC the battery takes less than 50 W'),
     (REFERENCE, replace(STOP, charger_power_w=1400.0), 10.0,
-     'cabin and auxiliaries take all of the 1.4 kW that charger and inlet give'),
+     'cabin and auxiliaries take all of the 1.4 kW that charger and inlet provide'),
     # 500 W of 2 kW are left for the heater: 435 W of heat against 34.9 W/K.
     (REFERENCE, replace(STOP, charger_power_w=2000.0), -10.0,
-     'at 30.0 % and -10.0 degC the heater takes all that the charger leaves, and the battery gets no '
+     'at 30.0 % and -10.0 degC the heater takes all the power that is left, and the battery gets no '
      'warmer than 2.5 degC'),
     (plain_car(limit=Table((0.0,), (0.0, 20.0), ((0.0, -9e4),)), leakage_w_per_k=900.0, heats=True),
      STOP, -10.0, 'at 30.0 % and -10.0 degC the battery takes less than 50 W, and the battery gets no '
@@ -212,7 +212,7 @@ def test_a_full_battery_takes_less_and_less_and_the_session_says_so():
 def test_a_session_of_more_than_a_day_ends():
     session = charge(plain_car(), replace(STOP, charger_power_w=1700.0), BatteryState(5.0, 0.25), 300.0)
     # 200 W * 24 h of 42 kWh
-    assert session.problem == f'the battery has {25.0 + 480.0 / 42.0:.1f} % after 24 h'
+    assert session.problem == f'the battery has only {25.0 + 480.0 / 42.0:.1f} % after 24 h'
 
 
 def test_a_frozen_battery_is_warmed_first_where_the_car_can():
@@ -221,7 +221,7 @@ def test_a_frozen_battery_is_warmed_first_where_the_car_can():
     assert session.charging_power_w[0] < 200.0 and session.charging_power_w.max() > 50e3
 
 
-# --- after a drive, and what is refused ---
+# --- after a drive, and refused inputs ---
 
 
 def test_a_stop_after_a_drive_goes_on_as_the_drive_ended():

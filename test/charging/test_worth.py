@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Is it worth it: the best target against a scan of its own, break-even, verdicts, what is refused."""
+"""Worth of heating: the best target against an independent scan, break-even, verdicts, refused inputs."""
 
 from dataclasses import replace
 import math
@@ -31,7 +31,8 @@ from bev_preheat.vehicle.curves import Table
 
 REFERENCE = load_vehicle('reference')
 PRICES = Prices(0.55, 12.0)
-# Warm enough that heating is not for free, because the heater at the charger takes long for it.
+# Warm enough that heating has a cost: for a colder battery it is free, as the heater at the charger would take
+# long.
 STATE, GOAL = BatteryState(6.0, 0.35), Goal(25.0)
 COLD = BatteryState(-5.0, 0.35)
 
@@ -43,7 +44,7 @@ def drive(minutes=25, ambient_c=-8.0, cabin_w=1500.0):
 
 
 def cost(vehicle, route, target_c, charger_w, prices=PRICES, state=STATE):
-    """Return what one target costs: plan, session and money one after the other."""
+    """Return the cost of one target: plan, session and money one after the other."""
     plan = (plan_unheated(vehicle, route, state, GOAL) if target_c is None else
             plan_preheating(vehicle, route, state, Goal(target_c)))
     stop = ChargingStop(charger_w, 0.8, float(route.ambient_temperature_c[-1]),
@@ -59,7 +60,7 @@ def usual():
     return find_worth(REFERENCE, drive(), STATE, GOAL, 150e3, 0.8, PRICES)
 
 
-# Full power only in a narrow range of temperatures: one minimum there, another one further down.
+# Full power only in a narrow range of temperatures: one minimum there, another at a lower temperature.
 CORNERS = Table((0.0,), (-20.0, 0.0, 2.0, 12.0, 13.0, 40.0), (
     (-30e3, -40e3, -80e3, -82e3, -140e3, -150e3),))
 
@@ -70,7 +71,7 @@ CORNERS = Table((0.0,), (-20.0, 0.0, 2.0, 12.0, 13.0, 40.0), (
 def test_the_best_target_is_that_of_a_fine_scan(vehicle, charger_w):
     route = drive()
     worth = find_worth(vehicle, route, STATE, GOAL, charger_w, 0.8, PRICES)
-    # Every half degree, and closely around its lowest.
+    # Every half degree, and densely around its lowest point.
     scan_c = np.arange(math.ceil(worth.without_heating.target_c), 24.0, 0.5)
     lowest_c = scan_c[int(np.argmin([
         cost(vehicle, route, target_c, charger_w) for target_c in scan_c]))]
@@ -145,7 +146,7 @@ def test_nothing_is_bought_where_the_battery_arrives_with_what_it_leaves_with(us
     worth = find_worth(REFERENCE, drive(), STATE, GOAL, 150e3, arrival_soc, PRICES)
     assert worth.best == worth.without_heating
     assert (worth.best.charging_time_s, worth.best.bought_energy_wh, worth.best.cost) == (0.0, 0.0, 0.0)
-    # What heating takes has to be bought.
+    # The heater's energy has to be bought.
     assert min(target.cost for target in worth.targets if target.hvch_electric_wh > 0.0) > 0.0
 
 
@@ -156,8 +157,8 @@ def test_where_nothing_has_a_price_nothing_is_heated():
 
 @pytest.mark.deep
 def test_a_charger_of_4_kw_in_the_cold_takes_more_than_a_day():
-    # By hand: 2.1 kW are left. The heater takes them up to 25 degC, where 45 K times 34.9 W/K leak: 1.8 kW
-    # hold that, and 0.3 kW charge the 19 % of some 80 kWh that are lacking: more than 50 h.
+    # By hand: 2.1 kW are left. The heater takes them up to 25 degC, where 45 K times 34.9 W/K leak: 1.8 kW hold
+    # the temperature, and 0.3 kW charge the missing 19 % of about 80 kWh: more than 50 h.
     route = drive(ambient_c=-20.0)
     worth = find_worth(REFERENCE, route, BatteryState(-18.0, 0.35), GOAL, 4000.0, 0.45, PRICES)
     assert worth.best.cost == math.inf
@@ -198,7 +199,7 @@ def test_verdict_of_heating_that_never_pays():
 
 
 def test_verdict_of_heating_that_pays_for_all():
-    # The cold battery charges so slowly that cabin and heater take more meanwhile than heating before.
+    # The cold battery charges so slowly that cabin and heater take more meanwhile than heating before the charger.
     worth = find_worth(REFERENCE, drive(), COLD, GOAL, 150e3, 0.8, PRICES)
     assert worth.break_even_value_of_time_per_h == 0.0
     assert any(target.bought_energy_wh < worth.without_heating.bought_energy_wh
@@ -220,15 +221,15 @@ def test_verdict_of_a_charger_that_cannot():
     worth = find_worth(REFERENCE, drive(), STATE, GOAL, 1500.0, 0.8, PRICES)
     assert worth.break_even_value_of_time_per_h is None
     assert worth.verdict == (
-        'This charger cannot charge the battery so far, whether it is heated or not: cabin and '
-        'auxiliaries take all of the 1.5 kW that charger and inlet give.')
+        'This charger cannot charge the battery that far, heated or not: cabin and '
+        'auxiliaries take all of the 1.5 kW that charger and inlet provide.')
 
 
-# --- how sure the minutes are ---
+# --- uncertainty of the charging time ---
 
 
 def test_the_spread_of_time_of_constant_power_is_that_of_the_consumption():
-    # Without resistance, leakage and a limit only what the drive takes counts.
+    # Without resistance, leakage and a limit only the energy of the drive counts.
     car = plain_car(limit=constant(-1e6))
     route = drive()
     deviation = time_deviation(car, route, BatteryState(20.0, 0.6), Goal(10.0), 61900.0, 0.8)
@@ -258,7 +259,7 @@ def test_a_search_in_parts_finds_the_same(usual, plans):
         return plan_preheating(REFERENCE, route, STATE, Goal(target_c))
 
     search = WorthSearch(REFERENCE, stop_after(route, 150e3, 0.8), unheated, 25.0, PRICES, plan_to)
-    # What is known before it ends is something of its own.
+    # An intermediate result exists before the search ends.
     assert search.worth().best.target_c in (search.without.target_c, 25.0)
     counts = [len(made)]
     while not search.advance(plans):
@@ -267,7 +268,7 @@ def test_a_search_in_parts_finds_the_same(usual, plans):
     assert search.worth() == usual
 
 
-# --- what is refused ---
+# --- refused inputs ---
 
 
 @pytest.mark.parametrize('changes, problems', [
@@ -283,7 +284,7 @@ def test_a_search_in_parts_finds_the_same(usual, plans):
         "battery temperature: nan is not allowed; it must be -40 ... 60 degC, the range of the vehicle's "
         'battery']),
     ({'state': BatteryState(-5.0, 0.06)}, [
-        'state of charge: 6 % do not carry this trip, even without heating: the battery is empty in'])])
+        'state of charge: 6 % is not enough for this trip, even without heating: the battery will be empty in'])])
 def test_refused_in_words(changes, problems):
     arguments = {'vehicle': REFERENCE, 'route': drive(), 'state': STATE, 'goal': GOAL,
                  'charger_power_w': 150e3, 'departure_soc': 0.8, 'prices': PRICES, **changes}

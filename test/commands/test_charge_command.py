@@ -77,8 +77,8 @@ def test_sessions_are_drawn(said, tmp_path, arguments):
     ([*DRIVE, '--charger-power', '0'], 'charger power: 0 is not allowed; it must be 1000 ... 2000000 W'),
     ([*DRIVE, '--charger-power', 'nan'], 'charger power: nan is not allowed; '),
     ([*DRIVE, '--departure-soc', '0.3'], 'departure state of charge: 0.3 is below the 0.4'),
-    ([*DRIVE, '--soc', '0.2'], 'state of charge: 20 % do not carry this trip, even without heating: the battery '
-     'is empty in 38:46 min, 6.60 kWh are lacking'),
+    ([*DRIVE, '--soc', '0.2'], 'state of charge: 20 % is not enough for this trip, even without heating: the '
+     'battery will be empty in 38:46 min (6.60 kWh short)'),
     ([*DRIVE, '--ambient', '3'], '--ambient: not allowed with --route, only with --arrival-temperature'),
     ([*ARRIVAL, '3', '--soc', '0.3'], '--soc: not allowed with --arrival-temperature, only with --route'),
     ([*ARRIVAL, '3', '--min-soc', '0.3'], '--min-soc: not allowed with --arrival-temperature, only with '

@@ -49,7 +49,7 @@ def test_a_charger_that_cannot_is_null_in_json_and_is_drawn(said, tmp_path):
     written = json.loads(output)
     assert status == 0 and written['best']['charging_time_s'] is None
     assert written['best']['cost'] is None and written['break_even_value_of_time_per_h'] is None
-    assert written['verdict'].startswith('This charger cannot charge the battery so far') and (
+    assert written['verdict'].startswith('This charger cannot charge the battery that far') and (
         written['verdict'] in errors)
     assert (tmp_path / 'worth.svg').stat().st_size > 1000
 
@@ -63,7 +63,7 @@ def test_a_charger_that_cannot_is_null_in_json_and_is_drawn(said, tmp_path):
     (['--departure-soc', '0.1'], 'departure state of charge: 0.1 is below the 0.2'),
     (['--departure-soc', 'nan'], 'departure state of charge: nan is not allowed; it must be 0.05 ... 1 '),
     (['--temperature', 'nan'], 'battery temperature: nan is not allowed; it must be -40 ... 60 degC'),
-    (['--soc', '0.01'], 'state of charge: 1 % do not carry this trip, even without heating: ')])
+    (['--soc', '0.01'], 'state of charge: 1 % is not enough for this trip, even without heating: ')])
 def test_refused_in_one_line(said, arguments, problem):
     status, output, errors = said(*DRIVE, *arguments)
     assert (status, output) == (2, '')
@@ -105,7 +105,7 @@ def test_a_charger_that_does_not_serve_is_listed_with_the_reason(said):
     written = json.loads(output)
     assert status == 0 and written['best'] is None
     [item] = written['chargers']
-    assert item['problem'].startswith('even 100 % do not carry the rest of the route: that leaves ')
+    assert item['problem'].startswith('even 100 % is not enough for the rest of the route: ')
     assert item['worth'] is None and item['total_cost'] is None
 
 

@@ -282,7 +282,7 @@ def test_the_cabin_is_to_blame_only_where_it_leaves_no_power():
                         'ambient_temperature_c': [-7.0], 'cabin_heating_power_w': [7000.0]}, VEHICLE.defaults)
     forecast_plan = make(make_estimate(-10.0), route=route)
     assert forecast_plan.commanded.heating_start_s is None
-    assert forecast_plan.plan.explanation.startswith('The cabin leaves the heater no power: ')
+    assert forecast_plan.plan.explanation.startswith('Cabin heating leaves no power for the battery: ')
 
 
 def test_the_uncertainty_is_told_where_heating_ends_before_arrival():
@@ -297,7 +297,7 @@ def test_the_uncertainty_is_told_where_heating_ends_before_arrival():
 
 @pytest.mark.parametrize('heated_s, starts_in_s, beginning', [
     (0.0, 0.0, 'The battery gets warm enough without further heating: arrival in 20:00 min at '),
-    (65.0, 0.0, 'Heating is finished after 1:05 min of heating: arrival in 20:00 min at '),
+    (65.0, 0.0, 'Heating finished after 1:05 min: arrival in 20:00 min at '),
     (0.0, -4.0, 'The battery gets warm enough without further heating: arrival in 19:56 min at '),
     (0.0, 90.0, 'The route begins in 1:30 min. The battery gets warm enough without further heating: '
      'arrival in 21:30 min at ')])

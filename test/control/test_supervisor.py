@@ -170,7 +170,7 @@ def heated_for_a_minute():
 
 def test_finished_heating_is_told_as_such():
     supervisor = heated_for_a_minute()
-    finished = 'Heating is finished after 1:00 min of heating: arrival in '
+    finished = 'Heating finished after 1:00 min: arrival in '
     assert supervisor.decision.status is Status.NOT_NEEDED
     assert supervisor.decision.explanation.startswith(f'{finished}19:00 min at ')
     # The command ends the heating. An update of the same trip changes nothing of what was done.

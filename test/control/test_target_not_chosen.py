@@ -67,8 +67,8 @@ def test_without_charger_or_car_everything_is_as_without_them(vehicle, charger, 
 
 @pytest.mark.parametrize('charger, state, why', [
     (Charger(150e3), BatteryState(6.0, 0.95), 'the state of charge to leave with is not known'),
-    (Charger(150e3, 0.01), BatteryState(6.0, 0.08), 'do not carry this trip'),
-    (Charger(1800.0, 0.8), STATE, 'cannot charge the battery so far')],
+    (Charger(150e3, 0.01), BatteryState(6.0, 0.08), 'is not enough for this trip'),
+    (Charger(1800.0, 0.8), STATE, 'cannot charge the battery that far')],
     ids=['full enough', 'stranded', 'too weak'])
 def test_where_nothing_can_be_chosen_the_default_holds(charger, state, why):
     decision = feed(a_supervisor(charger), state=state)
@@ -91,7 +91,7 @@ def test_where_heating_does_not_pay_there_is_none():
     assert decision.status is supervisor.latest_command.reason is Status.NOT_WORTH_IT
     assert supervisor.latest_command.battery_heating_power_w == 0.0
     assert decision.explanation.startswith(worth.verdict.split(':')[0])
-    assert 'No heating: arrival in 25:00 min' in decision.explanation
+    assert 'The heater stays off: arrival in 25:00 min' in decision.explanation
     plan, target = decision.plan, worth.without_heating.target_c
     assert plan.target_temperature_c == plan.arrival_temperature_c == pytest.approx(target)
     assert plan.heating_start_s is None and plan.shortfall_k == 0.0

@@ -144,7 +144,7 @@ def test_one_that_cannot_serve_is_last_and_says_why(drive, wait_until):
     # Nothing is to be charged where the end may come as it is.
     answer = drive.answer(START_S, wait_until, lambda answer: answer.success, end_soc=0.0625)
     assert all(problem.startswith('not needed') for problem in answer.problem)
-    assert answer.message == 'No charger is needed: the battery carries the whole route.'
+    assert answer.message == 'No charger is needed: the charge is enough for the whole route.'
     assert all(map(math.isnan, answer.total_cost))
 
 

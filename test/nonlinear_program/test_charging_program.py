@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The joint program of drive and session: against scans of its own, and the best target against it."""
+"""The joint program of drive and session: against scans of its own, and against the best target."""
 
 from dataclasses import replace
 import math
@@ -52,7 +52,7 @@ DAILY = ('lfp not heated at the charger',)
 
 
 def solved(case, **options):
-    """Return (Worth, ChargingOptimum) of one of CASES; the program is not shown the best target."""
+    """Return (Worth, ChargingOptimum) of a case in CASES; the program does not know the best target."""
     vehicle, route, state, charger_w, departure_soc, prices = case
     return (find_worth(vehicle, route, state, GOAL, charger_w, departure_soc, prices),
             solve_charging(vehicle, route, state, GOAL, stop_after(route, charger_w, departure_soc),
@@ -64,7 +64,7 @@ def solved(case, **options):
     pytest.param(name, marks=[] if name in DAILY else [pytest.mark.deep]) for name in CASES])
 def test_the_best_target_costs_what_the_program_does(name):
     worth, optimum = solved(CASES[name])
-    # Both are simulated: neither is below the other by more than what its resolution costs.
+    # Both are simulated: they differ by no more than the cost of their resolution.
     assert worth.best.cost == pytest.approx(optimum.best.cost, rel=1e-4)
     assert len(optimum.attempts) >= 2
 
@@ -87,12 +87,12 @@ def test_a_program_that_may_heat_at_any_time_finds_the_best_switch_of_a_scan():
         session = charge(vehicle, stop, BatteryState(temperature_c, soc))
         costs.append(prices.cost(session.bought_energy_wh, session.charging_time_s))
     assert attempt.driven.cost == pytest.approx(min(costs), rel=2e-5)
-    # What the program takes its plan for has rounded corners and longer steps.
+    # The program's own cost has rounded corners and longer steps.
     assert attempt.program_cost == pytest.approx(attempt.driven.cost, rel=1e-3)
 
 
 def own_step(vehicle, soc, temperature_c, heater_w, step_s):
-    """Return state of charge and temperature after a step of Euler on the route of CASES['usual']."""
+    """Return state of charge and temperature after an Euler step on the route of CASES['usual']."""
     battery = vehicle.battery
     u = battery.open_circuit_voltage.function(FLOATS)(soc, temperature_c)
     r = 4.3125 / (temperature_c + 45.0)
@@ -119,7 +119,7 @@ def test_half_and_twice_the_steps_at_the_charger_change_hardly_anything():
 @pytest.mark.parametrize('vehicle', [REFERENCE, COOLANT, UNHEATED_AT_CHARGER],
                          ids=['direct', 'coolant', 'unheated'])
 def test_its_steps_lead_where_the_session_does(vehicle, monkeypatch):
-    # With corners that are hardly rounded the session's own equations are left.
+    # With hardly rounded corners, only the session's own equations remain.
     monkeypatch.setattr(smooth_maps, 'TEMPERATURE_WIDTH_K', 0.01)
     monkeypatch.setattr(charging_steps, 'SWITCH_K', 0.05)
     stop = ChargingStop(88e3, 0.5, -8.0, 1500.0, 400.0)
@@ -130,7 +130,7 @@ def test_its_steps_lead_where_the_session_does(vehicle, monkeypatch):
     duration_s = session.charging_time_s / steps
     for _ in range(steps):
         end_c = states[1]
-        # The temperature at the end is implicit: the program solves for it, here it is iterated.
+        # The temperature at the end is implicit: the program solves for it; here it is iterated.
         for _ in range(20):
             *reached, terminal_w, drawn_w = map(float, step(*states, duration_s, end_c))
             end_c = reached[1]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The program with heater and coolant as states: against plans, and against a drive of its powers."""
+"""The program with heater and coolant as states: against plans, and against a drive with its powers."""
 
 from dataclasses import replace
 

@@ -2,8 +2,8 @@
 """
 The program's solution against its own constraints and against a search written here.
 
-The car's equations stand below a second time, for plain arrays. A switching instant found with
-them by a root finder gives the energy that the program must not exceed, and can hardly fall below.
+The car's equations are written below a second time, for plain arrays. A root finder finds a switching instant with
+them; the program must not exceed its energy, and can hardly fall below.
 """
 
 from dataclasses import asdict, replace
@@ -74,7 +74,7 @@ class Car:
         leakage = self.battery.leakage
         gamma = leakage.gamma_0_w_per_k + leakage.gamma_v_w_per_k_per_mps * segment['speed_mps']
         drive = self.vehicle.drivetrain
-        # The brake takes what would be regenerated through the drivetrain.
+        # The brake takes power that would be regenerated through the drivetrain.
         drivetrain_w = drive.heat_recovery_efficiency * (1.0 - drive.efficiency) * (
             segment['propulsion_power_magnitude_w'] - brake_w)
         heat_w = (self.vehicle.hvch.efficiency * heater_w + drivetrain_w + joule_w
@@ -105,7 +105,7 @@ class Car:
         return np.maximum(self.vehicle.hvch.maximum_power_w - route.cabin_heating_power_w, 0.0)
 
     def switched_at(self, route, state, instant_s):
-        """The end of a continuous drive that is heated at full power from one instant on."""
+        """The end of a continuous drive with full heating from one instant on."""
         from scipy.integrate import solve_ivp
         y, start_s = np.array([state.soc, state.temperature_c, 0.0]), 0.0
         for segment, limit_w in zip(segments_of(route), self.heater_limit_w(route)):
@@ -119,7 +119,7 @@ class Car:
         return y
 
     def cheapest_switch(self, route, state, target_c):
-        """Instant [s] from which heating just reaches the target, and the energy [Wh] it takes."""
+        """Instant [s] from which heating just reaches the target, and its energy [Wh]."""
         from scipy.optimize import brentq
         instant_s = brentq(lambda s: self.switched_at(route, state, s)[1] - target_c,
                            0.0, route.total_duration_s, xtol=1e-3)
@@ -132,7 +132,7 @@ def segments_of(route):
 
 
 def bilinear(table, soc, temperature_c):
-    """Along temperature in each row, then along soc; level beyond the ends."""
+    """Along temperature in each row, then along soc; constant beyond the ends."""
     rows = [np.interp(temperature_c, table.temperature_c, row) for row in table.values]
     return np.interp(soc, table.soc, rows)
 
@@ -156,7 +156,7 @@ def uneven_route():
         cabin_heating_power_w=random.uniform(300.0, 3000.0, 50))
 
 
-# Twenty minutes downhill in a deep cold, with some driving before and after.
+# Twenty minutes downhill in deep cold, with some driving before and after.
 DESCENT = made_route(propulsion_power_w=[14e3] * 20 + [-30e3] * 40 + [14e3] * 30,
                      ambient_temperature_c=[-12.0])
 
@@ -168,13 +168,13 @@ TRIPS = {
                   load_route('winter_commute', VEHICLES['small_car'].defaults),
                   BatteryState(-3.0, 0.81), Goal(4.0, 0.2)),
 }
-# Those in which no limit but the heater's is active.
+# Trips on which no limit but the heater's is active.
 UNLIMITED = ('reference', 'uneven', 'small_car')
 solutions, cheapest_switches = {}, {}
 
 
 def solution_of(name):
-    """Optimum of one of TRIPS; each is solved once."""
+    """Optimum of a trip in TRIPS; each is solved once."""
     if name not in solutions:
         solutions[name] = solve_optimum(*TRIPS[name])
     return solutions[name]
@@ -252,7 +252,7 @@ def test_power_limits_hold_at_both_ends_of_each_step(trip, end):
         soc, temperature_c = plan.soc[k + end], plan.battery_temperature_c[k + end]
         power_w = car.heat_and_power(soc, temperature_c, segment, plan.hvch_battery_power_w[k],
                                      plan.friction_brake_power_w[k])[2]
-        # A milliwatt, of some 10 kW.
+        # A milliwatt, out of about 10 kW.
         assert bilinear(battery.charge_power_limit, soc, temperature_c) - 1e-3 <= power_w
         assert power_w <= bilinear(battery.discharge_power_limit, soc, temperature_c) + 1e-3
 
@@ -261,7 +261,7 @@ def test_power_limits_hold_at_both_ends_of_each_step(trip, end):
 def test_energy_is_that_of_the_best_switching_instant(name):
     _, energy_wh = cheapest_switch_of(name)
     vehicle, route, state, goal = TRIPS[name]
-    # A continuous drive may switch within a step, which the program only can to within 10 s here,
+    # A continuous drive may switch within a step, which the program can only do to within 10 s here,
     # and has no integration error.
     plan = solve_optimum(vehicle, route.divided(10.0), state, goal).plan
     assert plan.energy_wh.battery_total == pytest.approx(energy_wh, abs=0.02)
@@ -270,7 +270,7 @@ def test_energy_is_that_of_the_best_switching_instant(name):
 @pytest.mark.parametrize('name', UNLIMITED)
 def test_heating_starts_at_the_best_switching_instant(name):
     instant_s, _ = cheapest_switch_of(name)
-    # The step in which the heater is switched on carries its mean, a second more or less.
+    # The step in which the heater is switched on has its mean, to a second.
     assert solution_of(name).plan.heating_start_s == pytest.approx(instant_s, abs=1.0)
 
 
@@ -278,7 +278,7 @@ def test_half_the_step_saves_no_more_than_a_smaller_partial_step_can():
     vehicle, route, state, goal = TRIPS['reference']
     coarse_wh = solution_of('reference').plan.energy_wh.battery_total
     fine = solve_optimum(vehicle, route.resampled(15.0), state, goal)
-    # Every schedule of 30 s is one of 15 s; its integration error, 1e-4 Wh, may tell against it.
+    # Every schedule of 30 s is a schedule of 15 s; its integration error, 1e-4 Wh, may count against it.
     assert -1e-3 < coarse_wh - fine.plan.energy_wh.battery_total < 0.5
 
 
@@ -286,7 +286,7 @@ def test_half_the_step_saves_no_more_than_a_smaller_partial_step_can():
 def test_optimal_switch_is_within_a_tenth_of_a_watt_hour_and_not_below(name):
     plan = plan_preheating(*TRIPS[name], 'optimal_switch')
     gap_wh = plan.energy_wh.battery_total - solution_of(name).plan.energy_wh.battery_total
-    # Below by what IPOPT's tolerance leaves, at most.
+    # Below by at most IPOPT's tolerance.
     assert -1e-3 < gap_wh < 0.1
 
 
@@ -329,7 +329,7 @@ def test_brake_takes_what_a_cold_battery_may_not():
 
 @pytest.mark.parametrize('name', UNLIMITED)
 def test_brake_takes_nothing_where_the_battery_may_take_all(name):
-    # 1 W of some 10 kW is what an interior point leaves.
+    # An interior point leaves 1 W of about 10 kW.
     assert solution_of(name).plan.friction_brake_power_w.max() < 1.0
 
 
@@ -364,7 +364,7 @@ def test_unreachable_target_lacks_what_full_heating_misses(unreachable):
 
 def test_unreachable_target_is_said_in_words(unreachable):
     assert unreachable.infeasible == (
-        f'target temperature: {unreachable.deficit[0].amount:.2f} K cannot be reached',)
+        f'target temperature: missed by {unreachable.deficit[0].amount:.2f} K',)
 
 
 def test_unreachable_target_is_no_optimum(unreachable):
@@ -413,7 +413,7 @@ def test_regeneration_into_a_full_battery_without_limits_is_lacking():
     optimum = solve_optimum(REFERENCE, route, state, Goal(-10.0), limited=False)
     (deficit,) = optimum.deficit
     assert (deficit.constraint, deficit.unit) == (HIGHEST_SOC, '%')
-    # Even with all the power that the heater can take.
+    # Even with the heater at full power.
     car = Car(REFERENCE)
     full = car.drive(route, state, car.heater_limit_w(route))
     assert deficit.amount == pytest.approx(100.0 * (full[-1, 0] - 1.0), abs=1e-3)
@@ -444,7 +444,7 @@ def test_drawn_climbs_that_overheat_the_battery_are_explained(number):
     warmest_c = max(driven[:, 1].max(), REFERENCE.battery.temperature_range_c[1])
     assert deficit[HIGHEST_TEMPERATURE] == pytest.approx(
         warmest_c - REFERENCE.battery.temperature_range_c[1], abs=1e-3)
-    # In the last, where what lacks least lies at a corner of the limit, the corners are rounded.
+    # In the last trip, the smallest deficit is at a corner of the limit, and the corners are rounded.
     car, segments = Car(REFERENCE), segments_of(trip.route)
     deficit_w = max(
         car.heat_and_power(*driven[k + end, :2], segment, optimum.plan.hvch_battery_power_w[k])[2]
@@ -480,7 +480,7 @@ def test_power_of_a_climb_comes_before_the_highest_temperature(number):
     segments = segments_of(trip.route)
 
     def driven(heater_w):
-        """Return the power that lacks in the worst step, at either end [W], and the highest temperature."""
+        """Return the worst power deficit of a step, at either end [W], and the highest temperature."""
         run = car.drive(trip.route, trip.state, heater_w)
         return max(
             car.heat_and_power(*run[k + end, :2], segment, heater_w[k])[2]
@@ -493,7 +493,8 @@ def test_power_of_a_climb_comes_before_the_highest_temperature(number):
     deficit_w, warmest_c = driven(optimum.plan.hvch_battery_power_w)
     assert deficit_w < 1.0
     assert deficit.amount == pytest.approx(warmest_c - highest_c, abs=1e-3)
-    # Heat for the climb takes the least charge shortly before it: however much it is, one of the two gives.
+    # Heat for the climb takes the least charge shortly before it: whatever the heat, either temperature or power
+    # gives.
     limit_w, climb = car.heater_limit_w(trip.route), int(trip.route.propulsion_power_w.argmax())
     most_j = (limit_w * trip.route.duration_s)[:climb]
     later_j = np.append(np.cumsum(most_j[::-1])[::-1][1:], 0.0)
@@ -520,12 +521,12 @@ def test_a_trip_that_the_charge_does_not_carry_is_not_given_to_the_solver():
                f'{minutes // 60}:{minutes % 60:02d}:{seconds:02d} h')
     assert f'empty in {instant}' in optimum.plan.explanation
     assert optimum.infeasible == (
-        f'charge: {optimum.plan.stranding.deficit_wh / 1e3:.2f} kWh are lacking to arrive; the '
-        f'battery is empty at {optimum.plan.stranding.at_s:.0f} s',)
+        f'charge: {optimum.plan.stranding.deficit_wh / 1e3:.2f} kWh short; the '
+        f'battery will be empty at {optimum.plan.stranding.at_s:.0f} s',)
 
 
 def test_highest_temperature_is_kept_where_the_battery_need_not_deliver_all():
-    # Warmer, the battery could deliver more of this climb; its range comes first.
+    # A warmer battery could deliver more of this climb; its range takes precedence.
     trip = draw_limit_trip(REFERENCE, 1, 64)
     optimum = solve_optimum(trip.vehicle, trip.route, trip.state, trip.goal)
     assert optimum.deficit
@@ -533,7 +534,7 @@ def test_highest_temperature_is_kept_where_the_battery_need_not_deliver_all():
 
 
 def test_a_barrier_whose_least_value_lies_at_a_corner_of_a_limit_does_not_keep_the_solver():
-    # In a descent the battery is at 25 degC, a point of the table, where one step ends and the next begins.
+    # On a descent the battery is at 25 degC, a point of the table, at the boundary of two steps.
     trip = draw_limit_trip(REFERENCE, 1, 60)
     situation = trip.vehicle, trip.route, trip.state, trip.goal
     optimum, plan = solve_optimum(*situation), plan_preheating(*situation)
@@ -542,7 +543,7 @@ def test_a_barrier_whose_least_value_lies_at_a_corner_of_a_limit_does_not_keep_t
 
 
 def fresh_vehicle():
-    """Programs are kept for each vehicle; this one has none yet."""
+    """Programs are cached per vehicle; this one has none yet."""
     return replace(REFERENCE)
 
 
@@ -583,9 +584,9 @@ def test_solver_that_may_not_iterate_is_a_failure(monkeypatch):
 @pytest.fixture
 def failing_runs(monkeypatch):
     """
-    Say of the first runs of the program itself that they failed; how many is to be set.
+    Report the first runs of the program itself as failed; their number is to be set.
 
-    The first of them is the one without power limits.
+    The first of them is the run without power limits.
     """
     limit, attempt = {'runs': 0}, solve.attempt
 
@@ -620,7 +621,7 @@ def test_marginal_cost_is_what_one_more_kelvin_costs():
     colder_wh, warmer_wh = (
         solve_optimum(vehicle, route, state, Goal(target_c)).plan.energy_wh.battery_total
         for target_c in (24.0, 26.0))
-    # The cost grows by less than 1 % a kelvin, so the central difference is right to 0.1 %.
+    # The cost grows by less than 1 % per kelvin, so the central difference is accurate to 0.1 %.
     assert solution_of('reference').marginal_cost_wh_per_k == pytest.approx(
         0.5 * (warmer_wh - colder_wh), rel=5e-3)
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which solver answers, from which start, and which answers of FATROP are not taken."""
+"""Which solver answers, from which start, and which answers of FATROP are rejected."""
 
 from dataclasses import replace
 
@@ -22,7 +22,7 @@ from bev_preheat.vehicle.corrections import Corrections
 pytestmark = [pytest.mark.costly, pytest.mark.needs('casadi')]
 
 REFERENCE = load_vehicle('reference')
-# Level, then downhill with a battery too cold for what is regenerated, then level.
+# Level, then downhill with a battery too cold for the regeneration, then level.
 ROUTE = make_route({
     'duration_s': [60.0], 'speed_mps': [20.0], 'ambient_temperature_c': [-11.0],
     'propulsion_power_w': [15e3] * 6 + [-28e3] * 8 + [13e3] * 9}, REFERENCE.defaults)
@@ -65,12 +65,12 @@ def test_where_an_answer_of_fatrop_is_not_sound_ipopt_is_asked(optimum, monkeypa
     monkeypatch.setattr(attempts, '_is_sound', lambda *arguments: False)
     other = solve_optimum(*SITUATION)
     assert (other.solver, other.solver_status) == (IPOPT, SUCCESS)
-    # What FATROP did in vain counts, too.
+    # FATROP's unsuccessful effort counts, too.
     assert other.iterations > optimum.iterations
 
 
 def bounded(problem):
-    """Program, parameters, and a point, with bounds that it keeps: the trip unheated, with the brake."""
+    """Program, parameters, and a point within its bounds: the trip unheated, with the brake."""
     program = build_program(REFERENCE, len(ROUTE), True, Give.NOTHING)
     point = program.variables.pack(attempts.driven_start(
         drive_as_planned(problem.trip, STATE, np.zeros(len(ROUTE)))))
@@ -110,7 +110,7 @@ def test_an_answer_that_costs_more_than_its_start_is_not_sound(problem):
 
 
 def made_run(monkeypatch, outcomes):
-    """Have `_run` give outcomes, (status, energy) by (solver, start), and note the calls."""
+    """Make `_run` return outcomes, (status, energy) by (solver, start), and record the calls."""
     calls = []
 
     def run(problem, program, solver, guess):

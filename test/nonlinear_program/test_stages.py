@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Programs that lie stage by stage: their order, and their derivatives against CasADi's own."""
+"""Programs ordered by stage: their layout, and their derivatives against CasADi's own."""
 
 from dataclasses import replace
 
@@ -96,11 +96,11 @@ def test_derivatives_are_those_that_casadi_takes_of_the_whole_program(staged, tr
     *gradient, hessian = found['nlp_hess_l'].call([variables, parameters, 0.7, weights])
     np.testing.assert_allclose(slope.full(), expected[0], atol=1e-12)
     np.testing.assert_allclose(jacobian.full(), expected[1], atol=1e-12)
-    # FATROP takes this gradient along, IPOPT only the triangle.
+    # FATROP uses this gradient as well, IPOPT only the triangle.
     for values in gradient:
         np.testing.assert_allclose(values.full(), expected[2], atol=1e-12)
     np.testing.assert_allclose(
         hessian.full(), np.triu(expected[3]) if triangular else expected[3], atol=1e-12)
     assert len(gradient) == (not triangular)
-    # CasADi stores what has no structural zeros in full; FATROP reads gradients so.
+    # CasADi stores matrices without structural zeros in full; FATROP reads gradients like that.
     assert slope.is_dense() and all(values.is_dense() for values in gradient)

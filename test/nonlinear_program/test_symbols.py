@@ -17,9 +17,9 @@ from bev_preheat.vehicle.model import make_rates, make_runge_kutta_4
 VEHICLES = {name: load_vehicle(name) for name in ('reference', 'small_car')}
 CURVES = ('open_circuit_voltage', 'resistance', 'discharge_power_limit', 'charge_power_limit')
 POINTS = 300
-# Both sides round each of some hundred operations to 1e-16.
+# Both sides round each of about a hundred operations to 1e-16.
 ROUNDING = 1e-12
-# As the functions take them: of the heat capacity and of the resistance.
+# In the functions' order: of the heat capacity and of the resistance.
 FACTORS = (1.13, 0.79)
 CORRECTIONS = Corrections(heat_capacity=1.13, resistance=0.79)
 AS_DESCRIBED = (1.0, 1.0)
@@ -32,9 +32,9 @@ def vehicle(request):
 
 def random_points(vehicle, seed):
     """
-    States and inputs of steps, one a row, in the order of a step's arguments without duration.
+    States and inputs of steps, one per row, in the order of a step's arguments without duration.
 
-    States reach beyond the ends of the tables; powers up to nearly what the circuit can give.
+    States extend beyond the ends of the tables; powers up to nearly the circuit's maximum.
     """
     random = np.random.default_rng(seed)
     battery = vehicle.battery
@@ -73,7 +73,7 @@ def test_runge_kutta_step_is_that_of_floats(vehicle):
     for soc, temperature_c, *inputs in random_points(vehicle, seed=13):
         step = (soc, temperature_c, random.uniform(0.5, 300.0), 0.5 * inputs[0], *inputs[1:])
         soc_end, end_c, mean_c, mean_joule_w = numeric(*step)
-        # Temperatures in degC pass through 0, where only their size in kelvin says what rounds.
+        # Temperatures in degC pass through 0; rounding depends on their size in kelvin.
         assert [float(value) for value in symbolic(*step, *FACTORS)] == [
             pytest.approx(soc_end, rel=0.0, abs=ROUNDING),
             pytest.approx(end_c, rel=0.0, abs=300.0 * ROUNDING),

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The solver's process: what it answers, and that nothing it does or suffers reaches its owner."""
+"""The solver's process: its answers, and that its failures never reach its owner."""
 
 import os
 from pathlib import Path
@@ -24,7 +24,7 @@ pytestmark = pytest.mark.costly
 
 VEHICLE = load_vehicle('reference')
 ROUTE = load_route('city_stop_and_go', VEHICLE.defaults).resampled(60.0)
-# Solved in more than a minute.
+# Takes more than a minute to solve.
 LONG_ROUTE = load_route('motorway_3h', VEHICLE.defaults).resampled(1.0)
 STATE = BatteryState(-6.5, 0.84)
 GOAL = Goal(21.0, 0.12)
@@ -32,10 +32,10 @@ QUESTION = Question(ROUTE, STATE, GOAL)
 LONG_QUESTION = Question(LONG_ROUTE, STATE, GOAL)
 
 PATIENCE_S = 300.0
-# A call that waited for a process that hangs would wait for ever.
+# A call that waited for a hanging process would wait forever.
 BLOCKED_S = 20.0
 
-# Asks, says which process solves, and is killed before it gets the answer.
+# Asks, prints the solving process, and is killed before it gets the answer.
 OWNER = """
 import sys, time
 from bev_preheat.nonlinear_program.protocol import Question
@@ -60,13 +60,13 @@ def is_solver(process):
     try:
         return 'bev_preheat.nonlinear_program.worker' in ' '.join(process.cmdline())
     except (psutil.NoSuchProcess, psutil.ZombieProcess):
-        # Killed; one that gets no computing time may be released later.
+        # Killed; without computing time it may be released later.
         return False
 
 
 def closed_at_the_end():
     others = children()
-    # One that gives way to all others gets nothing for minutes on a busy computer.
+    # At the lowest priority it gets no computing time for minutes on a busy computer.
     solver = SolverProcess(VEHICLE, niceness=0)
     yield solver
     solver.close()
@@ -86,7 +86,7 @@ def lasting():
 
 @pytest.fixture
 def solver(lasting):
-    """The SolverProcess that tests share, as a process takes a while to start."""
+    """The SolverProcess that tests share, because a process takes a while to start."""
     assert not lasting.is_busy and not lasting.is_preparing
     return lasting
 
@@ -224,7 +224,7 @@ def test_never_waits_for_a_process_that_hangs(solver):
     answer_of(solver)
     hanging = solver.process_id
     os.kill(hanging, signal.SIGSTOP)
-    # More than a socket takes without a reader.
+    # More than a socket buffers without a reader.
     long_route = load_route('reference', VEHICLE.defaults).resampled(0.05)
     slowest_s = 0.0
     started_s = time.monotonic()
@@ -258,7 +258,7 @@ def test_says_so_when_no_process_can_be_started(new_solver, monkeypatch):
 
 
 def let_it_prepare(solver, route=None):
-    """Let the process get ready, and return once it is."""
+    """Let the process prepare, and return once it is ready."""
     solver.prepare(route)
     assert solver.is_preparing
     wait_until(lambda: solver.poll() or not solver.is_preparing, 'the end of the preparation')

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Functions of arrays: the same numbers, the same bits, wherever they lie."""
+"""Functions of arrays: equal numbers give equal bits, regardless of memory layout."""
 
 import math
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The mean magnitude against SciPy's distribution, and what holds for every mean and variance."""
+"""The mean magnitude against SciPy's distribution, and properties for every mean and variance."""
 
 from hypothesis import given
 from hypothesis import strategies as st

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The simplex method against SciPy's solver, and where the answer is known by hand."""
+"""The simplex method against SciPy's solver, and against answers by hand."""
 
 import numpy as np
 import pytest
@@ -8,7 +8,7 @@ from bev_preheat.numerics.linear_program import maximise
 
 
 def test_what_gains_most_for_what_it_uses_is_taken_first():
-    # 1.0, 0.9 and 0.8 of gain for 1.0, 0.5 and 0.9 of use: the second one whole, then the first in part.
+    # 1.0, 0.9 and 0.8 of gain for 1.0, 0.5 and 0.9 of use: all of the second, then part of the first.
     found = maximise(np.array([1.0, 0.9, 0.8]), np.array([[1.0, 0.5, 0.9]]), [2.0], np.array([5.0, 2.0, 7.0]))
     assert found == pytest.approx([1.0, 2.0, 0.0])
 
@@ -32,7 +32,7 @@ def test_it_finds_what_another_solver_finds(seed):
     gains, uses = random.uniform(-1.0, 1.0, count), random.uniform(-1.0, 1.0, (rows, count))
     uses[-1] = 1.0
     most = random.uniform(0.0, 5.0, count)
-    # Some rows lack something at first, and can be met.
+    # Some rows have a deficit at first, which can be met.
     left = uses @ (most * random.uniform(0.0, 0.6, count)) + random.uniform(0.0, 0.2, rows)
     found = maximise(gains, uses, left.tolist(), most)
     other = linprog(-gains, A_ub=uses, b_ub=left, bounds=list(zip(np.zeros(count), most)))

@@ -2,7 +2,7 @@
 """
 A plant for tests of plans that shares no code with the model: vehicle YAML, Euler steps of 2 s.
 
-It draws what the drive asks for, also where the battery's limit is lower, and says what is lacking.
+It draws the drive's power even if the battery's limit is lower, and reports the deficit.
 """
 
 from bisect import bisect_right
@@ -18,7 +18,7 @@ STEP_S = 2.0
 
 @dataclass(frozen=True)
 class Driven:
-    """What came of a drive; `empty_at_s` [s] is None where the charge carried it."""
+    """Result of a drive; `empty_at_s` [s] is None if the charge was enough."""
 
     soc: float
     temperature_c: float
@@ -28,7 +28,7 @@ class Driven:
 
 
 def between(axis, x):
-    """Return (index, share): x lies that share of the way from a point to the next; level beyond."""
+    """Return (index, share): x lies that share of the way from a point to the next; constant beyond."""
     index = min(max(bisect_right(axis, x), 1), len(axis) - 1) - 1
     return index, min(max((x - axis[index]) / (axis[index + 1] - axis[index]), 0.0), 1.0)
 
@@ -47,7 +47,7 @@ def table(node):
     rows = values.tolist()
 
     def value(soc, temperature_c):
-        # Looked up in every step of every drive: floats, as arrays of two would cost ten times that.
+        # Looked up in every step of every drive: floats, because arrays of two would take ten times longer.
         (row, share), (column, warm) = between(socs, soc), between(temperatures_c, temperature_c)
         low, high = ((1.0 - warm) * one[column] + warm * one[column + 1]
                      for one in rows[row:row + 2])
@@ -105,7 +105,7 @@ class OwnPlant:
                 least_a = (self.charge_w(soc, temperature_c) - ripple_w) / u
                 asked_w = drive_w + others_w + heat_w
                 brake_w = min(max(0.0, u * least_a - r * least_a**2 - asked_w), max(-drive_w, 0.0))
-                # From the start of a step to its end, where the battery is the emptiest.
+                # From the start of a step to its end, where the charge is lowest.
                 deficit_w = max(deficit_w, asked_w - (u * most_a - r * most_a**2))
                 if part == steps:
                     break
@@ -123,7 +123,7 @@ class OwnPlant:
         return Driven(soc, temperature_c, lowest_soc, deficit_w, None)
 
     def beyond_limits_w(self, route, state, heater_w, brake_w):
-        """Return by how much P_b exceeds discharge and charge limit in each step at most [W], (N, 2)."""
+        """Return the largest excess of P_b over discharge and charge limit in each step [W], (N, 2)."""
         soc, temperature_c, beyond_w = state.soc, state.temperature_c, []
         columns = (route.duration_s, route.speed_mps, route.propulsion_power_w,
                    route.propulsion_power_rms_w, route.propulsion_power_magnitude_w, route.ambient_temperature_c,

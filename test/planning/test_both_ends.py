@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Limits at the end of a step: closed forms where limits depend on the charge alone, and plans driven finely."""
+"""Limits at the end of a step: closed forms for limits that depend on charge alone, and plans driven finely."""
 
 from dataclasses import replace
 
@@ -20,9 +20,9 @@ from bev_preheat.vehicle.curves import InverseTemperatureResistance, PolynomialV
 from bev_preheat.vehicle.description import Hvch
 from bev_preheat_studies.optimality.drawn_trips import draw_limit_trip
 
-# Without resistance worth naming P_b is P_t, and a step takes P_t t / (U C) of the charge.
+# With negligible resistance P_b is P_t, and a step takes P_t t / (U C) of the charge.
 VOLTAGE_V, CHARGE_AS, STEP_S = 400.0, 3600.0 * 30.0, 60.0
-# The limits at full charge and at none [W].
+# The limits at full charge and at zero charge [W].
 DISCHARGE_W, CHARGE_W = 80e3, -90e3
 CAR = load_vehicle('reference')
 CAR = replace(
@@ -32,7 +32,7 @@ CAR = replace(
         resistance=InverseTemperatureResistance(1e-6, 60.0),
         discharge_power_limit=Table((0.0, 1.0), (0.0,), ((0.0,), (DISCHARGE_W,))),
         charge_power_limit=Table((0.0, 1.0), (0.0,), ((CHARGE_W,), (0.0,)))))
-# What a watt of a step takes from the discharge limit, or from what may be charged, until its end.
+# Share of each watt of a step by which the discharge limit, or the charge limit, falls until its end.
 DISCHARGE_SHARE = DISCHARGE_W * STEP_S / (VOLTAGE_V * CHARGE_AS)
 CHARGE_SHARE = -CHARGE_W * STEP_S / (VOLTAGE_V * CHARGE_AS)
 
@@ -72,7 +72,7 @@ def test_a_drive_that_exceeds_the_limit_at_the_end_alone_leaves_nothing_and_lack
     assert schedule.heater_power_w[0] == 0.0
     assert power_deficit(trip, schedule).worst_w == pytest.approx(55.5e3 - most_w, rel=1e-6)
     assert not limits_hold(trip, plan_without_heating(trip, BatteryState(5.0, 0.7)))
-    # The least charge that carries it to the end.
+    # The least charge for the step up to its end.
     enough = 55.5e3 * (1.0 + DISCHARGE_SHARE) / DISCHARGE_W
     deficit_w = [power_deficit(trip, driven(trip, enough + more)).worst_w for more in (-1e-5, 1e-5)]
     assert deficit_w == pytest.approx([1e-5 * DISCHARGE_W, 0.0], rel=1e-2)
@@ -82,7 +82,7 @@ def test_the_brake_takes_what_a_fuller_battery_may_not_at_the_end():
     # -P = P_max (1 - s + P t / (U C)) at the end.
     taken_w = -CHARGE_W * 0.3 / (1.0 + CHARGE_SHARE)
     schedule = driven(one_step(-40e3), 0.7)
-    # The heater was wanted all the same.
+    # The heater was wanted anyway.
     assert (schedule.heater_power_w[0], schedule.brake_power_w[0]) == (
         9e3, pytest.approx(40e3 - 9e3 - taken_w, abs=2e-3))
 
@@ -109,7 +109,7 @@ def test_where_warmth_lifts_the_limit_that_of_the_start_counts():
 
 
 def test_where_less_heat_lowers_the_limit_by_more_the_heater_gets_nothing():
-    # In 5 min a watt of heat warms by 0.87 mK, which lifts the limit by 4.4 W; 55 kW take 38 % of the charge.
+    # In 5 min a watt of heat warms by 0.87 mK, which raises the limit by 4.4 W; 55 kW take 38 % of the charge.
     steep = replace(CAR, battery=replace(
         CAR.battery, heat_capacity_j_per_k=3e5, discharge_power_limit=Table(
             (0.0, 1.0), (0.0, 20.0), ((-78.3e3, 21.7e3), (35.7e3, 135.7e3)))))
@@ -124,14 +124,14 @@ def test_where_less_heat_lowers_the_limit_by_more_the_heater_gets_nothing():
 @pytest.mark.costly
 @pytest.mark.parametrize('number', [0, 3, 10, 14, 20, 35, 37, 51])
 def test_plans_keep_the_limits_inside_each_step(number):
-    # Descents and climbs. With limits at the start alone 0, 14, 37 and 51 were exceeded by 4.5 to 5.2 %.
+    # Descents and climbs. With limits at the start only, 0, 14, 37 and 51 exceeded them by 4.5 to 5.2 %.
     trip = draw_limit_trip(load_vehicle('reference'), 1, number)
     plan = plan_preheating(trip.vehicle, trip.route, trip.state, trip.goal)
     route, brake_w = trip.route, plan.friction_brake_power_w
     beyond_w = OwnPlant('reference').beyond_limits_w(
         route, trip.state, plan.hvch_battery_power_w, brake_w)
     beyond = beyond_w / np.abs(route.propulsion_power_w + brake_w)[:, np.newaxis]
-    # What drives alone exceeds the limit is lacking power; what is all braked brings nothing more.
+    # An excess by driving alone is a power deficit; fully braked steps regenerate nothing more.
     heated, braked_in_part = plan.hvch_battery_power_w > 0.0, brake_w < -route.propulsion_power_w
     assert heated.any()
     # The plant's Euler steps are 0.01 K off.

@@ -14,7 +14,7 @@ STRETCHES = st.floats(0.05, 20.0)
 
 
 class Counted:
-    """An excess with a known root, which remembers the values that were tried."""
+    """An excess with a known root, which remembers the values tried."""
 
     def __init__(self, excess):
         self.excess, self.values = excess, []
@@ -111,7 +111,7 @@ def test_a_jump_ends_the_search_at_its_resolution():
 
 
 def valley(lowest, left, right):
-    """Return a function with its minimum at `lowest`, and a slope of its own on either side."""
+    """Return a function with its minimum at `lowest`, and a different slope on either side."""
     return lambda value: (left * (lowest - value) if value < lowest else right * (value - lowest))
 
 

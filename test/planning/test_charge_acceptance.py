@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a fuller battery takes less of a descent, against forward runs that start with more charge."""
+"""Regeneration that a fuller battery rejects on a descent, against forward runs that start with more charge."""
 
 from dataclasses import replace
 
@@ -16,7 +16,7 @@ from bev_preheat.vehicle import load_vehicle
 REFERENCE = load_vehicle('reference')
 HEATER_W = REFERENCE.hvch.maximum_power_w
 START = BatteryState(temperature_c=-5.0, soc=0.8)
-# None of the drivetrain's heat: what the brake takes then changes the charge alone.
+# Without drivetrain heat, the brake changes the charge alone.
 NO_WASTE_HEAT = replace(REFERENCE, drivetrain=replace(
     REFERENCE.drivetrain, heat_recovery_efficiency=0.0))
 
@@ -51,8 +51,8 @@ def test_heater_gets_what_the_battery_does_not_take_until_it_has_no_more_room():
     trip = descent(-25e3, cabin_w=0.0)
     run = run_unheated(trip, START)
     loss = find_acceptance_loss(trip, watch_limits(trip, run.soc, run.temperature_c), run)
-    # Cold, the battery takes so little that the brake gets a share; as it warms up, the heater
-    # gets all there is.
+    # Cold, the battery accepts so little that the brake gets a share; once it is warm, the heater gets all the
+    # surplus.
     is_braked, is_heated = run.brake_power_w > 0.0, run.heater_power_w > 0.0
     assert is_braked.any() and (is_heated & ~is_braked).any()
     np.testing.assert_array_equal(loss.to_brake > 0.0, is_braked)

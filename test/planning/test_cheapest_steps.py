@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where heating is cheaper than at the end of the trip: against small changes, and all choices of steps."""
+"""Heating that is cheaper before the end of the trip: against small changes, and all choices of steps."""
 
 from ctypes import byref, c_int32
 from dataclasses import replace
@@ -151,7 +151,7 @@ def test_core_and_python_agree_to_the_last_bit():
 
 
 def call_heat_cheapest(trip, schedule, target_c, null=None, changed=None):
-    """Return the status of bev_heat_cheapest; `null` is the argument that is to be a null pointer."""
+    """Return the status of bev_heat_cheapest; `null` is the argument to pass as a null pointer."""
     steps = trip.native.steps
     arrays = {'soc': schedule.soc.copy(), 'temperature_c': schedule.temperature_c.copy(),
               'heater_w': schedule.heater_power_w.copy(), 'memory': np.full(CHEAPEST_ARRAYS * steps + 2 + 8, 7.25)}

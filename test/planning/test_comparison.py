@@ -16,7 +16,7 @@ from bev_preheat.vehicle import load_vehicle
 
 @dataclass(frozen=True)
 class Made:
-    """What is compared of a plan."""
+    """The compared results of a plan."""
 
     shortfall_k: float = 0.0
     soc_shortfall: float = 0.0
@@ -40,10 +40,10 @@ class Made:
     ({'soc_shortfall': 0.004}, {}, 'reserve missed'),
     ({}, {'soc_shortfall': 0.004}, 'reserve kept'),
     ({'soc_shortfall': 0.02}, {'soc_shortfall': 0.03}, ''),
-    # What planning by Euler and by Runge-Kutta makes of one plan.
+    # Difference between planning by Euler and by Runge-Kutta.
     ({'soc_shortfall': 0.0004}, {}, ''),
-    ({'undeliverable_power_w': 1500.0}, {}, '1.50 kW more lacking'),
-    ({'undeliverable_power_w': 500.0}, {'undeliverable_power_w': 700.0}, '0.20 kW less lacking'),
+    ({'undeliverable_power_w': 1500.0}, {}, 'power deficit 1.50 kW larger'),
+    ({'undeliverable_power_w': 500.0}, {'undeliverable_power_w': 700.0}, 'power deficit 0.20 kW smaller'),
     ({'undeliverable_power_w': 705.0}, {'undeliverable_power_w': 700.0}, ''),
     ({'shortfall_k': nan}, {}, 'unknown arrival'),
     ({}, {'undeliverable_power_w': nan}, 'unknown power')])
@@ -69,7 +69,7 @@ def test_what_a_colder_plan_misses_of_the_target_is_no_useless_heat():
 
 
 def test_more_than_the_target_is_no_achievement():
-    """A plan for 30 degC held against the goal of 25 degC: it wastes, it does not reach more."""
+    """A plan for 30 degC compared with the goal of 25 degC: it wastes heat, but does not reach more."""
     vehicle = load_vehicle('reference')
     route = load_route('reference', vehicle.defaults)
     state = BatteryState(-7.0, 0.9)

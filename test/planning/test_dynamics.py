@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Forward runs and their books: heat and energy balances on random trips, undeliverable power."""
+"""Forward runs and their accounts: heat and energy balances on random trips, undeliverable power."""
 
 from dataclasses import fields, replace
 
@@ -20,7 +20,7 @@ from bev_preheat.vehicle.description import Drivetrain, Hvch, Leakage
 from bev_preheat.vehicle.model import make_euler, make_runge_kutta_4
 
 SMALL_CAR = load_vehicle('small_car')
-# The numbers that are written out below; the shipped car's are fitted, and may be again.
+# The numbers below are written out; the shipped car's are fitted and may change.
 FORMULA_CAR = load_vehicle('reference')
 FORMULA_CAR = replace(
     FORMULA_CAR,
@@ -34,8 +34,8 @@ INTEGRATORS = pytest.mark.parametrize('make_integrator', [
 CARS = pytest.mark.parametrize('vehicle', [
     pytest.param(FORMULA_CAR, id='formulas'), pytest.param(SMALL_CAR, id='tables')])
 
-# The pack of formulas delivers all of these powers; that of tables may run empty, and the books
-# must close then too.
+# The pack with formulas delivers all of these powers; the pack with tables may run empty, and the accounts must
+# close then too.
 SEGMENTS = st.lists(st.fixed_dictionaries({
     'duration_s': st.floats(1e-3, 60.0), 'speed_mps': st.floats(0.0, 40.0),
     'propulsion_power_w': st.floats(-40e3, 40e3), 'deviation_w': st.floats(0.0, 30e3),
@@ -58,7 +58,7 @@ def trip_of(vehicle, segments):
 
 
 def run(trip, make_integrator, start, heater_power_w, brake_power_w=None):
-    """Arrays soc and temperature of a forward run, and its books."""
+    """Arrays soc and temperature of a forward run, and its accounts."""
     if brake_power_w is None:
         brake_power_w = np.zeros_like(heater_power_w)
     soc, temperature_c = run_forward(trip, make_integrator, *start, heater_power_w, brake_power_w)
@@ -88,7 +88,7 @@ def test_heat_balance_closes(vehicle, make_integrator, segments, start):
     terms_j = 3600.0 * np.array(
         [energy.joule, energy.drivetrain_heat, energy.hvch_heat, energy.leakage])
     stored_j = heat_capacity * (temperature_c[-1] - temperature_c[0])
-    # A temperature is rounded once a step, and the heat capacity makes joules of that.
+    # A temperature is rounded once per step; the heat capacity converts that to joules.
     rounding_j = heat_capacity * len(segments) * np.spacing(np.abs(temperature_c).max())
     assert terms_j.sum() == pytest.approx(
         stored_j, rel=0.0, abs=1e-9 * np.abs(terms_j).max() + rounding_j)
@@ -99,10 +99,10 @@ def test_heat_balance_closes(vehicle, make_integrator, segments, start):
 def test_euler_energy_balance_closes(vehicle, segments, start):
     trip, *powers_w = trip_of(vehicle, segments)
     soc, temperature_c, accounts = run(trip, make_euler, start, *powers_w)
-    # What leaves the cells in a step is its charge times the voltage at its start, P_b = U I.
+    # The charge that leaves the cells in a step times the voltage at its start, P_b = U I.
     voltage_v = vehicle.battery.open_circuit_voltage.function(ARRAYS)(soc[:-1], temperature_c[:-1])
     given_j = -vehicle.battery.capacity_as * np.diff(soc) * voltage_v
-    # A state of charge is rounded once a step, to 1e-16 of the whole pack, 3e8 J.
+    # A state of charge is rounded once per step, to 1e-16 of the whole pack, 3e8 J.
     rounding_j = vehicle.battery.capacity_as * 500.0 * 1.2e-16 * len(segments)
     assert 3600.0 * accounts.energy_wh.battery_total == pytest.approx(
         given_j.sum(), rel=0.0, abs=1e-9 * np.abs(given_j).max() + rounding_j)
@@ -169,7 +169,7 @@ def test_trip_keeps_what_belongs_together():
 def test_friction_brake_takes_power_and_waste_heat_from_the_battery():
     trip = steady_trip(FORMULA_CAR, count=1, propulsion_power_w=-17e3)
     free, braked = trip.inputs(0.0), trip.inputs(0.0, 6e3)
-    # Of -17 kW only -11 kW are left, and 0.08 of 6 kW less heat.
+    # Of -17 kW only -11 kW remain, and 0.08 of 6 kW less heat.
     assert [after[0] - before[0] for before, after in zip(free, braked)] == pytest.approx(
         [0.0, 6e3, 0.0, -480.0, 0.0], abs=1e-9)
 
@@ -227,7 +227,7 @@ def test_energy_balance_closes_with_undeliverable_power():
     trip = steady_trip(FORMULA_CAR, count=1, propulsion_power_w=390e3,
                        propulsion_power_rms_w=390e3)
     soc, _, accounts = run(trip, make_euler, (0.5, -17.0), np.zeros(1))
-    # At the limit the current is U/2R for 30 s, whatever is asked for.
+    # At the limit the current is U/2R for 30 s, whatever the demand.
     voltage_v = 365.0 + 37.5 + 1.875
     assert 3600.0 * accounts.energy_wh.battery_total == pytest.approx(
         30.0 * voltage_v**2 / 0.3, rel=1e-12)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Heat that is moved within limits: prices against runs, plans against the program, the core against Python."""
+"""Heat moved within limits: prices against runs, plans against the program, the core against Python."""
 
 from contextlib import contextmanager
 from ctypes import addressof, byref, c_int32
@@ -34,18 +34,18 @@ from bev_preheat_studies.optimality.drawn_trips import draw_limit_trip
 
 BAD_ARGUMENT, BAD_INPUT = -1, -3
 CAR = load_vehicle('reference')
-# Drawn trips on which a limit is active: a descent, a climb, a climb and a tight cabin, a target that binds.
+# Drawn trips with an active limit: a descent, a climb, a climb and a tight cabin, a binding target.
 DESCENT, CLIMB, TIGHT, TARGET = 205, 337, 288, 88
-# Ones that charge again on a descent.
+# Trips that charge again on a descent.
 RECHARGED = (0, 9, 51, 154, 214, 272)
 
 
 @lru_cache
 def planned(number, seed=1, above=None):
     """
-    Return (trip, state, target [deg C], its Schedule by thresholds alone); None where no limit is active.
+    Return (trip, state, target [deg C], its Schedule by thresholds alone); None without an active limit.
 
-    With `above` it starts with so little charge that on the way so much is left above the battery's range.
+    With `above` it starts with so little charge that this much is left above the battery's range on the way.
     """
     drawn = drawn_with_charge(number, seed, above)
     trip = make_trip(drawn.vehicle, drawn.route)
@@ -57,7 +57,7 @@ def planned(number, seed=1, above=None):
 
 
 def drawn_with_charge(number, seed=1, above=None):
-    """Return a drawn trip; `above` as in `planned`, for the plan that it has as it is drawn."""
+    """Return a drawn trip; `above` as in `planned`, for the plan of the trip as drawn."""
     drawn = draw_limit_trip(CAR, seed, number)
     if above is None:
         return drawn
@@ -69,7 +69,7 @@ def drawn_with_charge(number, seed=1, above=None):
 
 @contextmanager
 def thresholds_alone():
-    """Plan without exchanges of heat, and not in one stretch instead, for a while."""
+    """Plan for a while without exchanges of heat, and without the alternative of one interval."""
     with without_core(), pytest.MonkeyPatch.context() as patch:
         patch.setattr(merit_order, 'exchange_heat', lambda trip, state, schedule, target_c: schedule)
         patch.setattr(merit_order, 'switch_within_limits', lambda trip, state, target_c, planned, off_s: planned)
@@ -100,7 +100,7 @@ def test_effects_are_what_a_run_says_that_is_heated_a_little_more_or_less(number
         changed_w = command_w.copy()
         changed_w[k] = schedule.heater_power_w[k] + sign * moved_j / duration_s
         after = drive_as_planned(trip, state, changed_w, take_surplus=True)
-        # To 0.5 % of what a joule takes and gives itself.
+        # To 0.5 % of the joule's own effect.
         scale_soc = moved_j / (3600.0 * whole_charge_wh(trip, schedule))
         scale_k = moved_j / trip.vehicle.battery.heat_capacity_j_per_k
         assert changes.charge_per_j[n] * moved_j == pytest.approx(
@@ -136,7 +136,7 @@ def test_less_is_taken_from_the_battery_and_nothing_falls_short(number, seed):
     heated = best.heater_power_w > 0.0
     assert (best.temperature_c[1:][heated] <= highest_c + 1e-5).all()
     assert ((best.heater_power_w >= 0.0) & (best.heater_power_w <= trip.heater_limit_w + 1e-9)).all()
-    # Neither limit is broken at either end of a step, as far as heater and brake can help it.
+    # No limit is violated at either end of a step, as far as heater and brake can prevent it.
     terminal_w = trip.idle_power_w + best.heater_power_w + best.brake_power_w
     for ends in (slice(-1), slice(1, None)):
         least_w, most_w = terminal_limits_w(
@@ -180,7 +180,7 @@ def test_no_plan_with_little_charge_is_worse_than_without_exchanges(number, abov
         other = plan_preheating(*situation)
     less_k = other.arrival_temperature_c - plan.arrival_temperature_c
     more_wh = plan.energy_wh.battery_total - other.energy_wh.battery_total
-    # A kelvin takes some 120 Wh: heat capacity and the heater's efficiency.
+    # A kelvin takes about 120 Wh: heat capacity and the heater's efficiency.
     assert more_wh <= (0.05 - 200.0 * less_k if less_k < 0.0 else 0.05 - 80.0 * less_k)
     driven = OwnPlant('reference').drive(drawn.route, drawn.state, plan.hvch_battery_power_w)
     assert driven.temperature_c == pytest.approx(plan.arrival_temperature_c, abs=0.1)
@@ -255,7 +255,7 @@ def test_merit_order_exchanges_heat():
 
 
 def call_exchange_heat(trip, schedule, target_c, null=None, changed=None, lowest_soc=0.05):
-    """Return the status of bev_exchange_heat; `null` is the argument that is to be a null pointer."""
+    """Return the status of bev_exchange_heat; `null` is the argument to pass as a null pointer."""
     steps, goal = trip.native.steps, SettlingStruct(True, target_c, lowest_soc)
     arrays = {'states': np.array((schedule.soc, schedule.temperature_c)),
               'powers_w': np.array((schedule.heater_power_w, schedule.brake_power_w)),

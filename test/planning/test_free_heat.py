@@ -27,7 +27,7 @@ LAGGING = replace(REFERENCE, heat_path=HeatPath(45.0, 15e3, 300.0))
 
 
 def descent(minutes, ambient_c=25.0, power_w=-15e3):
-    """A route that goes down, all the way."""
+    """A route that descends all the way."""
     return make_route({
         'duration_s': [30.0] * (2 * minutes), 'speed_mps': [15.0], 'propulsion_power_w': [power_w],
         'ambient_temperature_c': [ambient_c], 'cabin_heating_power_w': [0.0]}, REFERENCE.defaults)
@@ -43,7 +43,7 @@ def plan_without_ceiling(monkeypatch, *situation):
 @pytest.mark.parametrize('car', [REFERENCE, LAGGING])
 @pytest.mark.parametrize('minutes', [30, 60])
 def test_a_full_battery_that_is_warm_enough_is_not_heated(minutes, car, is_on):
-    # It takes none of the descent, warm or cold; braking power heats nothing. It cools towards 25 degC.
+    # It accepts none of the descent, warm or cold; braking power heats nothing. It cools towards 25 degC.
     with nullcontext() if is_on else without_core():
         plan = plan_preheating(car, descent(minutes), BatteryState(30.0, 1.0), Goal(25.0))
     assert (plan.status, plan.intervals) == (Status.NOT_NEEDED, ())
@@ -57,30 +57,30 @@ def test_warmth_that_the_target_lacks_is_taken_for_nothing(start_c, ambient_c, c
     with nullcontext() if is_on else without_core():
         plan = plan_preheating(car, descent(60, ambient_c), BatteryState(start_c, 1.0), Goal(25.0))
     assert plan.arrival_temperature_c == pytest.approx(25.0, abs=0.5)
-    # Heat balance: heater, drivetrain and losses warm battery and coolant, and what leaks.
+    # Heat balance: heater, drivetrain and losses warm battery and coolant, and cover the leakage.
     energy = plan.energy_wh
     stored_wh = REFERENCE.battery.heat_capacity_j_per_k * (plan.arrival_temperature_c - start_c) / 3600.0
     assert energy.hvch_heat + energy.drivetrain_heat + energy.joule + energy.leakage == pytest.approx(
         stored_wh, abs=1.0)
-    # The battery gives nothing for it.
+    # The battery supplies no energy for it.
     assert plan.arrival_soc >= 1.0 - 1e-4
 
 
 def test_what_a_kelvin_gains_decides_how_warm_it_gets():
-    # Beyond 25 degC the limit rises by 1 kW/K or less; at half charge it takes 115 kW there: nothing is refused.
+    # Beyond 25 degC the limit rises by 1 kW/K or less; at half charge it is 115 kW there: nothing is refused.
     state = BatteryState(10.0, 0.5)
     plan = plan_preheating(REFERENCE, descent(20, 10.0, -60e3), state, Goal(5.0))
-    # 62 kW at 10 degC: all of it is taken, and warmth is of no use.
+    # 62 kW at 10 degC: all of the descent is accepted, and warmth is of no use.
     assert plan.energy_wh.hvch_electric == 0.0
     cold = plan_preheating(REFERENCE, descent(20, -10.0, -60e3), BatteryState(-10.0, 0.5), Goal(5.0))
-    # 12 kW at -10 degC and 5 kW for a kelvin, but no more than 60: the last are refused below 10 degC.
+    # 12 kW at -10 degC and 5 kW per kelvin, but no more than 60: the last are refused below 10 degC.
     assert cold.energy_wh.hvch_electric > 0.0
     assert cold.battery_temperature_c.max() < 25.0
 
 
 @pytest.mark.parametrize('target_c', [25.0, 52.0])
 def test_free_heat_stays_away_from_the_highest_temperature(target_c):
-    # A limit that rises as far as the range goes, and a descent that exceeds it.
+    # A limit that rises through the whole range, and a descent that exceeds it.
     charge = replace(REFERENCE.battery.charge_power_limit, soc=(0.0,), temperature_c=(-30.0, 60.0),
                      values=((0.0, -18e3),))
     car = replace(REFERENCE, battery=replace(REFERENCE.battery, charge_power_limit=charge))
@@ -96,7 +96,7 @@ def test_over_the_pass_a_warm_battery_is_heated_no_further(monkeypatch):
     plan, free = plan_preheating(*situation), plan_without_ceiling(monkeypatch, *situation)
     assert free.arrival_temperature_c == pytest.approx(38.7, abs=0.1)
     assert plan.arrival_temperature_c < 36.0
-    # Half a kilowatt-hour of heat had brought less than 50 Wh.
+    # Half a kilowatt-hour of heat would have brought less than 50 Wh.
     saved_wh = free.energy_wh.hvch_electric - plan.energy_wh.hvch_electric
     assert saved_wh > 500.0
     assert plan.energy_wh.battery_total - free.energy_wh.battery_total < 0.1 * saved_wh
@@ -152,7 +152,7 @@ def test_ceilings_of_the_core_are_those_of_python(path, number):
 @pytest.mark.parametrize('path', [HeatPath(), HeatPath(45.0, 15e3, 300.0)], ids=['direct', 'late'])
 @pytest.mark.parametrize('number', [0, 13, 14, 22, 25])
 def test_plans_of_the_core_are_those_of_python(number, path):
-    # Without a ceiling free heat leads beyond the target on each of these trips.
+    # Without a ceiling free heat exceeds the target on each of these trips.
     drawn = draw_limit_trip(REFERENCE, 1, number)
     situation = replace(drawn.vehicle, heat_path=path), drawn.route, drawn.state, drawn.goal
     plan = plan_preheating(*situation)

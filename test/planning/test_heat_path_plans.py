@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Plans for vehicles with a heat path, against a fine drive of the equations written here."""
+"""Plans for vehicles with a heat path, against a fine simulation of the equations written here."""
 
 from contextlib import nullcontext
 from dataclasses import asdict, replace
@@ -72,7 +72,7 @@ def drive(path, route, state, command_of, step_s=0.5):
     """
     Drive the equations by short Euler steps: battery and coolant [deg C], soc, energies [J].
 
-    `command_of(instant_s, segment)` is what is commanded [W].
+    `command_of(instant_s, segment)` is the command [W].
     """
     battery, efficiency = REFERENCE.battery, REFERENCE.hvch.efficiency
     voltage = battery.open_circuit_voltage.function(FLOATS)
@@ -119,7 +119,7 @@ def between(on_s, off_s):
     return lambda instant_s, segment: limit_w[segment] if on_s <= instant_s < off_s else 0.0
 
 
-# --- Nothing given ---
+# --- No heat path ---
 
 
 @pytest.mark.parametrize('method', METHODS)
@@ -140,7 +140,7 @@ def test_the_shorter_the_lags_the_closer_to_heat_at_once():
     assert gaps_wh[2] < 0.2
 
 
-# --- One stretch, two instants ---
+# --- One interval, two instants ---
 
 
 @pytest.mark.parametrize('path', SLOW)
@@ -158,7 +158,7 @@ def test_a_fine_drive_of_the_plan_arrives_as_planned(path):
 
 @pytest.mark.parametrize('path', SLOW)
 def test_switched_off_sooner_or_later_it_costs_more(path):
-    """Each with the instant of switching on that meets the target, both found by fine drives."""
+    """Each with the switch-on instant that meets the target, both found by fine simulation."""
     from scipy.optimize import brentq
     plan = plan_of(path)
 
@@ -167,7 +167,7 @@ def test_switched_off_sooner_or_later_it_costs_more(path):
             return drive(path, ROUTE, STATE, between(on_s, off_s), 5.0)[0] - 25.0
 
         on_s = brentq(above_k, 600.0, off_s, xtol=0.2)
-        # Steps of 5 s meet the target to a few mK, which are worth some 0.1 Wh each.
+        # Steps of 5 s meet the target to a few mK, each worth about 0.1 Wh.
         run = drive(path, ROUTE, STATE, between(on_s, off_s), 5.0)
         return run[4] / 3600.0 - (run[0] - 25.0) * 1.15 * REFERENCE.battery.heat_capacity_j_per_k / 3600.0
 
@@ -185,7 +185,7 @@ def test_it_heats_fully_from_one_instant_to_another(path):
     outside = (trip.time_s[1:] <= plan.heating_start_s) | (trip.time_s[:-1] >= plan.heating_end_s)
     assert (share[inside] == 1.0).all() and (share[outside] == 0.0).all()
     assert inside.sum() + outside.sum() >= len(share) - 2
-    # Of what is switched on at the end, not even two thirds would arrive in time.
+    # Less than two thirds of heat from the last steps would arrive in time.
     assert plan.arrival_time_s - 4.0 * path.heat_lag_s < plan.heating_end_s < plan.arrival_time_s - 20.0
     assert [interval.reason for interval in plan.intervals] == [Reason.ARRIVAL]
     assert plan.intervals[0].end_s == plan.heating_end_s
@@ -213,14 +213,14 @@ def test_on_drawn_trips_it_meets_the_target_and_keeps_its_accounts(segments, sta
         assert not plan.hvch_battery_power_w[late].any()
     battery, energy, heat = vehicle.battery, plan.energy_wh, plan.heat
     warmed_k = plan.arrival_temperature_c - start_c
-    # What battery and coolant have taken up, and what the heater made of what it took until arrival.
+    # Heat absorbed by battery and coolant, and the heater's heat until arrival.
     assert battery.heat_capacity_j_per_k * warmed_k / 3600.0 == pytest.approx(
         energy.joule + energy.drivetrain_heat + energy.hvch_heat + energy.leakage, abs=1e-6)
     coolant_wh = path.coolant_heat_capacity_j_per_k * (
         warmed_k + heat.coolant_excess_k[-1]) / 3600.0
     assert vehicle.hvch.efficiency * (energy.hvch_electric - heat.lost_electric_wh) == pytest.approx(
         energy.hvch_heat + coolant_wh, abs=1e-6)
-    # All that is commanded is drawn, sooner or later.
+    # The whole command is drawn, sooner or later.
     hours = np.diff(plan.time_s) / 3600.0
     assert energy.hvch_electric == pytest.approx(float(hours @ plan.hvch_battery_power_w), abs=1e-6)
     assert energy.battery_total == pytest.approx(
@@ -228,17 +228,17 @@ def test_on_drawn_trips_it_meets_the_target_and_keeps_its_accounts(segments, sta
         + energy.joule + heat.lost_electric_wh, abs=1e-6)
 
 
-# A step in which the heater is switched off has its mean power throughout: the shorter, the less that matters.
+# The step of switching off has its mean power throughout: the shorter the step, the less that matters.
 FINE_ROUTE = ROUTE.before(2700.0).followed_by(ROUTE.after(2700.0).divided(2.0))
 
 
 @given(st.floats(4.0, 90.0), st.floats(1.05, 3.0), st.sampled_from([0.0, 15e3]))
-# In steps of 30 s, switching off at the end of the step before the last was best here, and 0.4 Wh dearer.
+# In steps of 30 s, switching off at the end of the second-to-last step was best here, and 0.4 Wh dearer.
 @example(6.0, 1.5, 0.0)
 def test_more_lag_never_costs_less(lag_s, factor, coolant_j_per_k):
     paths = [HeatPath(each_s, coolant_j_per_k, 400.0) for each_s in (lag_s, factor * lag_s)]
     sooner, later = (plan_preheating(slow(path), FINE_ROUTE, STATE, GOAL, 'optimal_switch') for path in paths)
-    # The instant of switching on is found to 1 ms in both plans.
+    # The switch-on instant is found to 1 ms in both plans.
     a_millisecond_wh = slow(paths[0]).hvch.maximum_power_w * 1e-3 / 3600.0
     assert later.energy_wh.battery_total > sooner.energy_wh.battery_total - 2.0 * a_millisecond_wh
 
@@ -349,8 +349,8 @@ def test_json_holds_the_course_of_the_heat():
 
 
 def test_heated_from_the_first_instant_it_arrives_at_the_target_too():
-    # Found by the property above: what is heated early is not lost here, so the heater is off as
-    # early as can be, and an instant a little too early for the target was taken.
+    # Found by the property above: early heat is not lost here, so the heater is off as early as possible, and an
+    # instant slightly too early for the target was chosen.
     route = make_route({
         'duration_s': [*[5.0] * 7, 20.0, 10.0, 28.5, 34.5, 5.0, 37.5, 68.5, 34.0, 5.0, 11.0, 78.5, 63.375],
         'speed_mps': [*[0.0] * 15, 3.0, 0.0, 0.0, 2.0],
@@ -372,7 +372,8 @@ def test_heated_from_the_first_instant_it_arrives_at_the_target_too():
 @pytest.mark.parametrize('is_on', [True, False])
 @pytest.mark.parametrize('start_soc, heater_w', [(0.95, 6e3), (1.0, 15e3)])
 def test_late_heat_for_a_descent_costs_no_more_than_it_brings(is_on, start_soc, heater_w):
-    # A full battery takes no more of the descent for being warm; what a heater that lags takes later is paid.
+    # A full battery accepts no more of the descent when warm; the power that a heater with lag draws later is paid
+    # for.
     car = load_vehicle('mid_size_lfp')
     car = replace(car, heat_path=HeatPath(90.0), hvch=Hvch(heater_w, 0.87))
     route = load_route('alpine_pass', car.defaults)
@@ -390,7 +391,7 @@ def test_late_heat_for_a_descent_costs_no_more_than_it_brings(is_on, start_soc, 
 
 @pytest.mark.parametrize('is_on', [True, False])
 def test_coolant_that_takes_more_heat_than_it_gives_leaves_a_plan(is_on):
-    # The drive warms battery and coolant by 50 K: what the coolant takes had counted as if the run were warmer
+    # The drive warms battery and coolant by 50 K: the coolant's share used to count as if the run were warmer
     # without it.
     car = load_vehicle('mid_size_lfp')
     car = replace(car, heat_path=HeatPath(0.0, 20e3, 1000.0),

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Runs within limits of a vehicle with a heat path: the limits hold, as far as a lagging heater lets them."""
+"""Runs within limits of a vehicle with a heat path: the limits hold, as far as a heater with lag allows."""
 
 from dataclasses import replace
 
@@ -81,7 +81,7 @@ def test_a_command_never_asks_for_more_than_the_battery_can_give(segments, state
     most_w = np.min([make_terminal_limits(trip.vehicle, ARRAYS)(
         schedule.soc[ends], schedule.temperature_c[ends], trip.power_variance_w2)[1]
         for ends in (slice(-1), slice(1, None))], axis=0)
-    # What a heater takes that was commanded nothing is the rest of what it was commanded before.
+    # With a command of 0, the heater's power is the remainder of earlier commands.
     beyond_w = (trip.idle_power_w + schedule.drawn_power_w - most_w)[schedule.heater_power_w > 0.0]
     surplus = (trip.route.propulsion_power_w < 0.0)[schedule.heater_power_w > 0.0]
     assert (beyond_w <= 1e-6 * np.abs(most_w).max())[~surplus].all()
@@ -95,7 +95,7 @@ def test_heat_on_its_way_counts_at_the_highest_temperature():
                        vehicle.defaults)
     trip = make_trip(vehicle, route)
     schedule = drive_as_planned(trip, BatteryState(highest_c - 4.0, 0.8), trip.heater_limit_w)
-    # The heat that keeps it there against the leakage is on its way all the time.
+    # The heat that holds it there against the leakage is always on its way.
     settled_c = schedule.temperature_c[-1] + (
         15e3 * schedule.heat.coolant_excess_k[-1]
         + vehicle.hvch.efficiency * 45.0 * schedule.heat.heater_power_w[-1]) / (
@@ -142,8 +142,8 @@ def test_an_empty_battery_strands_with_its_coolant_cooling():
 @pytest.mark.costly
 @pytest.mark.parametrize('lag_s', [1e-9, 0.02])
 def test_a_lag_that_is_nothing_beside_the_steps_changes_nothing(lag_s, monkeypatch):
-    # Over the pass climbs are heated for, and descents give surplus: of a lag nothing is left there. What
-    # exchanges of heat do afterwards they do for heat at once only.
+    # Over the pass, plans heat for climbs, and descents give surplus; the lag has decayed there. Exchanges of heat
+    # are only for heat that arrives at once.
     monkeypatch.setattr(merit_order, 'exchange_heat', lambda trip, state, schedule, target_c: schedule)
     monkeypatch.setattr(merit_order, '_is_exchanged', lambda *run: False)
     route = load_route('alpine_pass', REFERENCE.defaults)
@@ -152,6 +152,6 @@ def test_a_lag_that_is_nothing_beside_the_steps_changes_nothing(lag_s, monkeypat
             plan_preheating(replace(REFERENCE, heat_path=path), route, BatteryState(-7.0, 0.9), Goal(25.0))
             for path in (HeatPath(), HeatPath(lag_s)))
     assert lagging.arrival_temperature_c == pytest.approx(direct.arrival_temperature_c, abs=1e-3)
-    # Each of some twelve switchings moves 7 kW by the lag.
+    # Each of about twelve switchings moves 7 kW by the lag.
     assert lagging.energy_wh.battery_total == pytest.approx(
         direct.energy_wh.battery_total, abs=0.05 + 12 * 7e3 * lag_s / 3600.0)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Why a plan heats: each reason on a trip made for it, and what holds for all stretches."""
+"""Reasons for heating: each on a trip designed for it, and properties of all intervals."""
 
 from contextlib import nullcontext
 from dataclasses import replace
@@ -22,7 +22,7 @@ from bev_preheat.vehicle.heat_path import HeatPath
 from bev_preheat_studies.optimality.drawn_trips import draw_limit_trip
 
 SHIPPED_CAR = load_vehicle('reference')
-# A limit that rises by 3 kW/K when discharging, 2 kW/K when charging, from 60 kW and nothing.
+# A limit that rises by 3 kW/K for discharging, 2 kW/K for charging, from 60 kW and 0.
 CAR = replace(
     SHIPPED_CAR,
     battery=replace(
@@ -33,7 +33,7 @@ CAR = replace(
         charge_power_limit=Table((0.0,), (-20.0, 30.0), ((0.0, -100e3),)),
         soc_range=(0.05, 1.0), temperature_range_c=(-40.0, 60.0)),
     drivetrain=Drivetrain(0.9, 0.8, 350e3), hvch=Hvch(7000.0, 0.87))
-# Each day the same few trips for all properties, each planned once; new ones in `make test-deep`.
+# Daily the same few trips for all properties, each planned once; new ones in `make test-deep`.
 NUMBERS = st.integers(0, 24 if settings.default.derandomize else 10**6)
 
 
@@ -57,7 +57,7 @@ def reasons(plan):
     return [interval.reason for interval in plan.intervals]
 
 
-# Each reason on a trip made for it
+# Each reason on a trip designed for it
 
 def test_heating_before_arrival_is_for_arrival():
     plan = plan_of((60, 15e3), target_c=5.0)
@@ -67,15 +67,15 @@ def test_heating_before_arrival_is_for_arrival():
 
 
 def test_heating_with_what_the_battery_may_not_take_is_surplus():
-    # At -11 degC it takes 18 kW of 28; for 3 min nothing is worth paying for. A kelvin more takes 0.44 MJ and lets
-    # it take 2 kW for 30 s, or a seventh, in the last step; after that it is of no use.
+    # At -11 degC it accepts 18 kW of 28; paid heat is not worth it for 3 min. A kelvin takes 0.44 MJ and lets it
+    # accept 2 kW more for 30 s, or a seventh, in the last step; after that it is of no use.
     plan = plan_of((10, 15e3), (6, -30e3), (10, 15e3))
     interval, = plan.intervals
     assert (interval.reason, interval.end_s) == (Reason.SURPLUS, 450.0)
 
 
 def test_heating_before_a_long_descent_is_for_the_descent():
-    # At -15 degC it takes 10 kW of 60 kW, and 2 kW more for each kelvin, for half an hour: 3.6 MJ.
+    # At -15 degC it accepts 10 kW of 60 kW, and 2 kW more per kelvin, for half an hour: 3.6 MJ.
     # A kelvin takes 0.44 MJ.
     plan = plan_of((10, 15e3), (60, -60e3), (4, 15e3), start_c=-15.0, ambient_c=-15.0)
     assert reasons(plan)[:2] == [Reason.DESCENT, Reason.SURPLUS]
@@ -87,14 +87,14 @@ def test_heating_for_a_descent_ends_where_the_descent_starts():
 
 
 def test_heating_before_a_climb_is_for_the_climb():
-    # 125 kW and losses of 12 kW take 60 kW + 3 kW/K at -4 degC; driving makes 8 K in half an hour.
+    # 125 kW and losses of 12 kW need 60 kW + 3 kW/K at -4 degC; driving brings 8 K in half an hour.
     plan = plan_of((60, 15e3), (4, 125e3), (20, 15e3))
     assert reasons(plan) == [Reason.CLIMB]
 
 
 def test_heating_for_a_climb_ends_just_before_it():
     plan = plan_of((60, 15e3), (4, 125e3), (20, 15e3))
-    # Within the two steps about the threshold.
+    # Within the two steps around the threshold.
     assert 1740.0 <= plan.intervals[0].end_s <= 1800.0
 
 
@@ -102,8 +102,8 @@ def test_heating_for_a_climb_ends_just_before_it():
 @pytest.mark.parametrize('parts, target_c, told', [
     ([(60, 15e3), (3, 125e3)], -30.0, Reason.CLIMB), ([(63, 15e3)], 15.0, Reason.ARRIVAL)])
 def test_late_heat_that_is_switched_off_before_arrival_is_for_what_needs_it(parts, target_c, told, is_on):
-    # A heater that lags is switched off before arrival. Where it was for a climb that comes shortly before, that
-    # was taken for the arrival, whatever the target.
+    # A heater with lag is switched off before arrival. Heating for a climb shortly before arrival was mistaken for
+    # heating for the arrival, whatever the target.
     slow = replace(CAR, heat_path=HeatPath(45.0))
     with nullcontext() if is_on else without_core():
         plan = plan_of(*parts, target_c=target_c, car=slow)
@@ -136,13 +136,13 @@ def test_energy_of_a_stretch_is_what_the_heater_takes_in_it():
         plan.hvch_battery_power_w[:end].sum() * 30.0 / 3600.0, rel=1e-9)
 
 
-# What holds for all
+# Properties
 
 @pytest.mark.costly
 @given(number=NUMBERS)
 def test_energies_of_the_stretches_are_that_of_the_heater(number):
     _, plan = drawn_plan(number)
-    # Less than 1e-4 of the heater's power is no heating: half a watt, for two hours at most.
+    # Less than 1e-4 of the heater's power does not count as heating: half a watt, for two hours at most.
     assert sum(interval.energy_wh for interval in plan.intervals) == pytest.approx(
         plan.energy_wh.hvch_electric, rel=1e-9, abs=1.4)
 
@@ -171,7 +171,7 @@ def test_nothing_is_heated_outside_of_the_stretches(number):
     within = np.zeros(len(trip.route), dtype=bool)
     for interval in plan.intervals:
         within |= (plan.time_s[1:] > interval.start_s) & (plan.time_s[:-1] < interval.end_s)
-    # Less than 1e-4 of the heater's power is no heating.
+    # Less than 1e-4 of the heater's power does not count as heating.
     assert plan.hvch_battery_power_w[~within].max(initial=0.0) <= 0.7
 
 

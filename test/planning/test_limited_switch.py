@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One stretch of heating within limits: no plan is worse than the best of them, tried one by one."""
+"""One heating interval within limits: no plan is worse than the best of them, tried one by one."""
 
 from contextlib import nullcontext
 from dataclasses import replace
@@ -22,12 +22,12 @@ from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.heat_path import DIRECT, HeatPath
 from bev_preheat_studies.optimality.drawn_trips import draw_limit_trip
 
-# What it heats with is what its cold battery can give: the warmer, the more.
+# Its heating is limited by the power of its cold battery: the warmer, the more.
 SMALL_CAR = load_vehicle('small_car')
 STRONG_HEATER = replace(SMALL_CAR, hvch=replace(SMALL_CAR.hvch, maximum_power_w=40e3))
 STRONG_AND_SLOW = replace(STRONG_HEATER, heat_path=HeatPath(90.0))
 REFERENCE = load_vehicle('reference')
-# A step of the drive warms or cools this one by tens of kelvin.
+# A step of the drive warms or cools this car by tens of kelvin.
 SUV = load_vehicle('large_suv')
 LIGHT_SUV = replace(SUV, battery=replace(SUV.battery, heat_capacity_j_per_k=35e3))
 DIRECTLY_OR_LATE = pytest.mark.parametrize('car', [STRONG_HEATER, STRONG_AND_SLOW])
@@ -43,7 +43,7 @@ def standing(minutes=16.0, steps=32, auxiliary_w=500.0):
 
 
 def best_switch(trip, state, target_c, off_s):
-    """Return the run that heats as late as it can until an instant, by halving; None where that is too cold."""
+    """Return the run that heats as late as possible until an instant, by halving; None if that is too cold."""
     def heated_from(on_s):
         heated_s = np.minimum(trip.time_s[1:], off_s) - np.maximum(trip.time_s[:-1], on_s)
         return drive_as_planned(trip, state, np.clip(
@@ -63,7 +63,7 @@ def best_switch(trip, state, target_c, off_s):
 
 
 def ended(trip, state, goal):
-    """Return when one stretch of heating ends [s], limits left aside."""
+    """Return the end of a single heating interval [s], ignoring limits."""
     end_s = plan_optimal_switch(trip, state, goal).heating_end_s
     return float(trip.time_s[-1]) if end_s is None else end_s
 
@@ -71,8 +71,7 @@ def ended(trip, state, goal):
 @BOTH_WAYS
 @DIRECTLY_OR_LATE
 def test_heating_that_the_cold_battery_limits_costs_no_more_than_one_stretch(car, is_on):
-    # Thresholds went back and forth between passes, and the plan heated before a pause for nothing: by 118 and
-    # 245 Wh.
+    # Thresholds oscillated between passes, and the plan heated in vain before a pause: by 118 and 245 Wh.
     route = standing()
     trip = make_trip(car, route)
     once = best_switch(trip, STATE, GOAL.target_temperature_c, ended(trip, STATE, GOAL))
@@ -114,7 +113,7 @@ def test_so_it_is_on_drawn_trips_with_limits(path):
 
 @BOTH_WAYS
 def test_a_climb_that_cannot_be_delivered_is_no_reason_to_pay_more(is_on):
-    # What the battery lacks at the start heating cannot change: it is the same plan as without.
+    # Heating cannot change the deficit at the start: the plan is the same as without the deficit.
     powers_w = np.array([90e3, *[2e3] * 31])
     route = replace(standing(), propulsion_power_w=powers_w, propulsion_power_rms_w=powers_w,
                     propulsion_power_magnitude_w=powers_w)
@@ -164,8 +163,8 @@ def test_where_heating_all_the_way_is_not_enough_it_is_heated_all_the_way(car):
     ([5.0, 180.0, 5.0, 240.0, 240.0], [-60e3, -10e3, 20e3, -10e3, 20e3], 10.0)])
 def test_a_light_battery_arrives_at_a_target_that_heating_all_the_way_reaches(
         durations_s, powers_w, target_c, is_on):
-    # The first look overshot the target by more than thresholds were looked for about its run: there were none
-    # then, and nothing to move, and the target was told as out of reach.
+    # The first pass overshot the target by more than the range of thresholds around its run: there were no
+    # thresholds to move, and the target was reported as out of reach.
     route = make_route({
         'duration_s': durations_s, 'speed_mps': [7.0], 'propulsion_power_w': powers_w,
         'ambient_temperature_c': [-13.0], 'cabin_heating_power_w': [0.0], 'auxiliary_power_w': [400.0]},

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Limits (9i) on random trips: terminal power, what is heated, braked and cut, and the books."""
+"""Limits (9i) on random trips: terminal power, heating, braking, cuts, and the accounts."""
 
 from dataclasses import replace
 
@@ -124,7 +124,7 @@ def power_in_steps_w(trip, schedule):
 def test_battery_power_is_at_its_limit_where_terminal_power_is(
         which, corners_w, soc, temperature_c, deviation_w):
     terminal_w = make_terminal_limits(CAR, FLOATS)(soc, temperature_c, deviation_w**2)[which]
-    # 1e-6 W: rounding of the roots of some 1e5 V^2.
+    # 1e-6 W: rounding of the roots of about 1e5 V^2.
     assert battery_power_w(soc, temperature_c, terminal_w, deviation_w**2) == pytest.approx(
         bilinear(corners_w, soc, temperature_c), rel=1e-9, abs=1e-6)
 
@@ -154,7 +154,7 @@ def test_battery_takes_no_more_than_it_may(take_surplus, segments, state):
     trip, _, schedule = drawn_run(segments, state, take_surplus)
     power_w, charge_w, _ = power_in_steps_w(trip, schedule)
     all_braked = schedule.brake_power_w >= -trip.route.propulsion_power_w * (1.0 - 1e-12)
-    # 1e-6 W: rounding, where the limit is 0.
+    # 1e-6 W: rounding, if the limit is 0.
     assert (all_braked | (power_w >= charge_w * (1.0 + 1e-6) - 1e-6)).all()
 
 
@@ -171,7 +171,7 @@ def test_heater_is_cut_no_further_than_the_limit(segments, state):
     trip, wanted_w, schedule = drawn_run(segments, state)
     power_w, _, discharge_w = power_in_steps_w(trip, schedule)
     cut = (schedule.heater_power_w > 0.0) & (schedule.heater_power_w < wanted_w - 1e-6)
-    # At one end of the step nothing is left.
+    # At one end of the step no margin is left.
     assert (1.0 - power_w / discharge_w).min(axis=0)[cut] == pytest.approx(0.0, abs=1e-6)
 
 
@@ -189,7 +189,7 @@ def test_heater_is_between_nothing_and_what_the_cabin_leaves(segments, state):
     assert ((schedule.heater_power_w >= 0.0) & (schedule.heater_power_w <= left_w)).all()
 
 
-# A full battery that by its limit may still take 10 kW: 1 W of regeneration for 1 s.
+# A full battery whose limit still allows 10 kW: 1 W of regeneration for 1 s.
 @example(segments=[{
     'duration_s': 1.0, 'speed_mps': 0.0, 'propulsion_power_w': -1.0, 'deviation_w': 0.0,
     'ambient_temperature_c': 0.0, 'cabin_heating_power_w': 0.0, 'auxiliary_power_w': 0.0,
@@ -198,8 +198,8 @@ def test_heater_is_between_nothing_and_what_the_cabin_leaves(segments, state):
 def test_surplus_goes_to_the_heater_before_the_brake(segments, state):
     trip, _, schedule = drawn_run(segments, state)
     power_w, charge_w, _ = power_in_steps_w(trip, schedule)
-    # Surplus is what the limit refuses. What the limit allows, but would overfill the battery, goes
-    # to the brake.
+    # Surplus is the power that the limit refuses. Power that the limit allows, but that would overfill the
+    # battery, goes to the brake.
     filled = (schedule.soc[1:] >= 1.0 - 1e-9) & (power_w > charge_w + 1e-6).all(axis=0)
     braked = ~filled & (schedule.brake_power_w > 0.0)
     left_w = np.maximum(7000.0 - trip.route.cabin_heating_power_w, 0.0)
@@ -210,17 +210,17 @@ def test_surplus_goes_to_the_heater_before_the_brake(segments, state):
 def test_brake_takes_no_more_than_the_battery_may_not(segments, state):
     trip, _, schedule = drawn_run(segments, state)
     power_w, charge_w, _ = power_in_steps_w(trip, schedule)
-    # Into a full battery goes nothing, whatever its limit says.
+    # A full battery accepts nothing, whatever its limit.
     full = schedule.soc[1:] >= 1.0 - 1e-9
     braked = ~full & (schedule.brake_power_w > 0.0) & (
         schedule.brake_power_w < -trip.route.propulsion_power_w)
-    # At one end of the step it may take no more.
+    # At one end of the step it may accept no more.
     assert ((power_w - charge_w) / np.maximum(-charge_w, 1e3)).min(axis=0)[braked] == pytest.approx(
         0.0, abs=1e-6)
 
 
 def test_brake_keeps_a_battery_from_being_overfilled():
-    # By its limits this battery may take 18 kW at 25 degC although it is full.
+    # This battery's limits allow 18 kW at 25 degC although it is full.
     trip = steady_trip(4, propulsion_power_w=-19e3)
     schedule = run(trip, BatteryState(25.0, 0.9995), [0.0] * 4)
     assert schedule.soc.max() == 1.0
@@ -256,7 +256,7 @@ def test_surplus_that_is_not_to_be_taken_goes_to_the_brake():
 # Highest temperature
 
 def test_heater_is_off_at_the_highest_temperature():
-    # What the battery may not take is left to the brake then.
+    # The brake takes the power that the battery cannot accept.
     schedule = run(steady_trip(3, ambient_temperature_c=60.0), BatteryState(60.0, 1.0),
                    [5500.0] * 3)
     assert schedule.heater_power_w.tolist() == [0.0] * 3
@@ -275,19 +275,19 @@ def test_heating_never_leads_beyond_the_highest_temperature(segments, state):
         dict(segment, ambient_temperature_c=20.0, propulsion_power_w=1e3 * index)
         for index, segment in enumerate(segments)], state)
     heated = schedule.heater_power_w > 0.0
-    # To the tolerance to which the heater is cut.
+    # Tolerance to which the heater is cut.
     assert (schedule.temperature_c[1:][heated] <= 60.0 + 1e-6).all()
 
 
 def test_heating_goes_to_the_highest_temperature():
     trip = steady_trip(40, ambient_temperature_c=60.0, propulsion_power_w=0.0)
     schedule = run(trip, BatteryState(57.5, 0.6), [5500.0] * 40)
-    # 5500 W for 20 min would make it 15 K warmer. The cut errs on the cold side, by less than
-    # what a step's Joule heat of the heater's own current makes, 1 % of its 0.4 K.
+    # 5500 W for 20 min would make it 15 K warmer. The cut errs on the cold side, by less than the Joule heat of
+    # the heater's own current in a step, 1 % of its 0.4 K.
     assert schedule.temperature_c.max() == pytest.approx(60.0, abs=4e-3)
 
 
-# Books
+# Accounts
 
 @given(segments=SEGMENTS, state=STATES)
 def test_heat_balance_closes_with_the_brake(segments, state):
@@ -296,7 +296,7 @@ def test_heat_balance_closes_with_the_brake(segments, state):
     terms_j = 3600.0 * np.array(
         [energy.joule, energy.drivetrain_heat, energy.hvch_heat, energy.leakage])
     stored_j = 378500.0 * (schedule.temperature_c[-1] - schedule.temperature_c[0])
-    # A temperature is rounded once a step, and the heat capacity makes joules of that.
+    # A temperature is rounded once per step; the heat capacity converts that to joules.
     rounding_j = 378500.0 * len(segments) * np.spacing(np.abs(schedule.temperature_c).max())
     assert terms_j.sum() == pytest.approx(
         stored_j, rel=0.0, abs=1e-9 * np.abs(terms_j).max() + rounding_j)
@@ -313,7 +313,7 @@ def test_energy_balance_closes_with_the_brake(segments, state):
         schedule.heater_power_w, schedule.brake_power_w])
     assert 3600.0 * accounts.energy_wh.battery_total == pytest.approx(
         used_j.sum() + 3600.0 * accounts.energy_wh.joule, rel=0.0,
-        # Numbers below the least normal one have no nine digits.
+        # Numbers below the smallest normal one have fewer than nine digits.
         abs=max(1e-9 * np.abs(used_j).sum(), np.finfo(float).tiny))
 
 
@@ -334,7 +334,7 @@ def test_no_step_in_which_a_limit_matters_goes_unwatched(segments, state, colder
     watch = watch_limits(trip, seen.soc, seen.temperature_c)
     colder = replace(state, temperature_c=state.temperature_c - colder_k)
     everywhere, watched = run(trip, colder, wanted_w), run(trip, colder, wanted_w, watch=watch)
-    # The steps are chosen for runs up to 5 K colder than the one that was seen.
+    # The steps are chosen for runs up to 5 K colder than the run seen.
     assume((seen.temperature_c - everywhere.temperature_c).max() < 5.0)
     assert watched.temperature_c.tolist() == everywhere.temperature_c.tolist()
 
@@ -345,7 +345,7 @@ def test_plan_is_what_is_driven_with_every_step_watched(segments, state, target_
     trip, _ = trip_of(segments)
     plan = plan_merit_order(trip, state, Goal(target_c))
     driven = drive_as_planned(trip, state, plan.heater_power_w)
-    # A milliwatt is no limit that matters; over an hour it makes 1e-5 K.
+    # A milliwatt does not count as a limit; over an hour it changes the temperature by 1e-5 K.
     assert driven.temperature_c == pytest.approx(plan.temperature_c, rel=0.0, abs=1e-5)
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Method `merit_order`: `optimal_switch` or cheaper where no limit acts, else the NLP; what always holds."""
+"""Method `merit_order`: `optimal_switch` or cheaper without an active limit, else the NLP; properties."""
 
 from dataclasses import replace
 from functools import lru_cache
@@ -38,8 +38,8 @@ CAR = replace(
     drivetrain=Drivetrain(0.9, 0.8, 350e3), hvch=Hvch(7000.0, 0.87))
 START = BatteryState(temperature_c=-12.0, soc=0.8)
 PACK_WH = 85e3
-# The value curve is worked out on a grid, and its thresholds are right to a tenth of a kelvin or
-# so; 0.1 K of the pack takes 12 Wh of the heater.
+# The value curve is computed on a grid, and its thresholds are accurate to about a tenth of a kelvin; 0.1 K of the
+# pack takes 12 Wh of the heater.
 THRESHOLDS_WH = 12.0
 
 GENTLE_SEGMENTS = st.lists(st.fixed_dictionaries({
@@ -48,8 +48,8 @@ GENTLE_SEGMENTS = st.lists(st.fixed_dictionaries({
     'cabin_heating_power_w': st.floats(0.0, 8e3), 'auxiliary_power_w': st.floats(0.0, 2e3)}),
     min_size=1, max_size=60)
 NUMBERS = st.integers(0, 10**6)
-# For properties whose every example takes several plans: fewer each day, as many as others in
-# `make test-deep`, which alone draws new ones.
+# For properties whose every example takes several plans: fewer each day; `make test-deep` has as many as for other
+# properties, and alone draws new ones.
 DEAR = settings(max_examples=6 if settings.default.derandomize else settings.default.max_examples)
 
 
@@ -107,7 +107,7 @@ def drawn_plan(number, state=None, **changes):
 
 
 def hottest_arrival_c(trip):
-    """Arrival temperature with all the heating that limits and cabin leave."""
+    """Return the arrival temperature with all the heating that limits and cabin allow."""
     steps = make_trip(trip.vehicle, trip.route)
     run = run_within_limits(
         steps, trip.state,
@@ -116,7 +116,7 @@ def hottest_arrival_c(trip):
     return run.temperature_c[-1]
 
 
-# Where no limit is active
+# Without an active limit
 
 @given(segments=GENTLE_SEGMENTS, state=st.builds(
     BatteryState, st.floats(-20.0, 15.0), st.floats(0.3, 0.9)), target_c=st.floats(-15.0, 30.0))
@@ -137,13 +137,13 @@ def test_without_active_limits_it_is_optimal_switch_or_cheaper(segments, state, 
 @pytest.mark.costly
 @DEAR
 @given(number=NUMBERS)
-# Driven, the one switch leaves 38 Wh to the brake.
+# Executed, the single switch leaves 38 Wh to the brake.
 @example(number=263)
 def test_it_costs_no_more_than_one_switch_driven_within_limits(number):
     trip, plan = drawn_plan(number, minimum_arrival_soc=0.0)
     inputs = trip.vehicle, trip.route, trip.state, trip.goal
     driven = as_driven(plan_preheating(*inputs, 'optimal_switch'), *inputs)
-    # What a climb costs, one switch does not pay.
+    # A single switch does not pay the cost of a climb.
     assume(driven.shortfall_k < 1e-3
            and driven.undeliverable_power_w == plan.undeliverable_power_w == 0.0)
     assert (plan.energy_wh.battery_total
@@ -152,7 +152,7 @@ def test_it_costs_no_more_than_one_switch_driven_within_limits(number):
 
 # Against the nonlinear program. Trips of seed 11 that it solves in less than a second: descent (3,
 # 9), climb (8), both (24), a changing cabin (22, 23, 36) and with that a reserve (118).
-# One of a kind each day.
+# One of each kind daily.
 WITH_THE_PROGRAM = pytest.mark.parametrize('number', [
     3, 8, 23, 24, 118, *(pytest.param(number, marks=pytest.mark.deep) for number in (9, 22, 36))])
 # Trips whose target would cost the reserve; the program says by how much it must be missed.
@@ -181,8 +181,8 @@ def test_program_keeps_all_limits_of_these_trips(number):
 @WITH_THE_PROGRAM
 def test_energy_is_that_of_the_program(number):
     _, plan, optimum = plan_and_optimum(number)
-    # The aim: 10 Wh, of 10 ... 50 kWh. It cannot be below the optimum by more than the solver's
-    # own tolerance.
+    # The goal: 10 Wh, out of 10 ... 50 kWh. The plan cannot be below the optimum by more than the solver's
+    # tolerance.
     gap_wh = plan.energy_wh.battery_total - optimum.plan.energy_wh.battery_total
     assert -0.01 <= gap_wh <= 10.0
 
@@ -239,8 +239,7 @@ def test_reserve_that_the_target_would_cost_is_kept(number):
 @SHORT_OF_RESERVE
 def test_with_a_reserve_it_arrives_as_warm_as_the_program(number):
     _, plan, optimum = plan_and_optimum(number)
-    # The reserve is met to 1e-5 of some 80 kWh and the thresholds cost a few watt-hours; a kelvin
-    # takes 120 Wh.
+    # The reserve is met to 1e-5 of about 80 kWh and the thresholds cost a few watt-hours; a kelvin takes 120 Wh.
     assert plan.arrival_temperature_c == pytest.approx(
         optimum.plan.arrival_temperature_c, abs=0.05)
 
@@ -251,10 +250,10 @@ def test_charge_counts_less_before_a_descent_that_a_full_battery_cannot_take():
     from bev_preheat.nonlinear_program.solve import solve_optimum
     trip, _ = drawn_plan(307561, minimum_arrival_soc=0.0)
     goal = replace(trip.goal, minimum_arrival_soc=0.0)
-    # The program takes free heat for any gain at all, and so does the method by itself.
+    # The program takes free heat for any gain at all, and so does the method without the no-regret check.
     plan = plan_preheating(trip.vehicle, trip.route, trip.state, goal, no_regret=False)
     optimum = solve_optimum(trip.vehicle, trip.route, trip.state, goal).plan
-    # Taken at its full worth, that charge is not spent on heat in time: 18 Wh more.
+    # At its full worth, that charge would not be spent on heat in time: 18 Wh more.
     assert plan.energy_wh.battery_total <= optimum.energy_wh.battery_total + 1.0
 
 
@@ -270,7 +269,7 @@ def test_a_climb_that_needs_no_heat_does_not_lead_beyond_the_target(soc):
     assert plan.arrival_temperature_c == pytest.approx(1.0, abs=1e-3)
 
 
-# What always holds
+# Properties
 
 @pytest.mark.costly
 @DEAR
@@ -288,19 +287,19 @@ def test_heating_power_is_between_nothing_and_what_the_cabin_leaves(number, targ
 def test_reserve_is_kept_whenever_it_can_be(number, share):
     _, warm = drawn_plan(number, minimum_arrival_soc=0.0)
     _, cold = drawn_plan(number, minimum_arrival_soc=0.0, target_temperature_c=-40.0)
-    # From what the target leaves to what no target at all leaves.
+    # Between the charge left by the target and that left without any target.
     reserve = warm.arrival_soc + share * (cold.arrival_soc - warm.arrival_soc)
-    # Plans for two targets, both below what is reached anyway, may differ as thresholds do.
+    # Plans for two targets below the temperature reached anyway may differ as thresholds do.
     assume(0.05 < reserve <= cold.arrival_soc - THRESHOLDS_WH / PACK_WH)
     _, plan = drawn_plan(number, minimum_arrival_soc=reserve)
-    # Rounding of the sum that the reserve is.
+    # Rounding of the reserve, which is a sum.
     assert plan.arrival_soc >= reserve - 1e-9
 
 
 @pytest.mark.costly
 @DEAR
 @given(number=NUMBERS, shares=st.tuples(st.floats(-0.1, 1.2), st.floats(-0.1, 1.2)))
-# Wanted is next to nothing more than the whole heat leaves.
+# A reserve just above the charge that full heating leaves.
 @example(number=4, shares=(0.5, 1e-11))
 @example(number=4, shares=(0.5, 1e-7))
 @example(number=10080, shares=(0.0, -0.0625))
@@ -308,7 +307,7 @@ def test_more_reserve_never_means_more_heating(number, shares):
     _, warm = drawn_plan(number, minimum_arrival_soc=0.0)
     _, cold = drawn_plan(number, minimum_arrival_soc=0.0, target_temperature_c=-40.0)
     heating_wh = []
-    # Where only a climb is heated for, both arrive with the same charge but for rounding.
+    # If only a climb is heated for, both arrive with the same charge up to rounding.
     for reserve in sorted(warm.arrival_soc + share * (cold.arrival_soc - warm.arrival_soc) for share in shares):
         _, plan = drawn_plan(number, minimum_arrival_soc=float(np.clip(reserve, 0.0, 1.0)))
         heating_wh.append(plan.energy_wh.hvch_electric)
@@ -318,14 +317,14 @@ def test_more_reserve_never_means_more_heating(number, shares):
 @pytest.mark.costly
 @DEAR
 @given(number=NUMBERS, warmer_k=st.floats(0.1, 20.0))
-# A climb that is heated for in vain; a nearly full battery that takes less, the fuller it is.
+# A climb that is heated for in vain; a nearly full battery, which accepts less the fuller it is.
 @example(number=608497, warmer_k=2.0)
 @example(number=307561, warmer_k=19.195)
 def test_higher_target_never_costs_less(number, warmer_k):
     trip, plan = drawn_plan(number, minimum_arrival_soc=0.0)
     _, warmer = drawn_plan(number, minimum_arrival_soc=0.0, target_temperature_c=(
         trip.goal.target_temperature_c + warmer_k))
-    # First of all a plan lacks as little power as it can, whatever that costs.
+    # A plan minimises the power deficit first, at any cost.
     assume(plan.undeliverable_power_w == warmer.undeliverable_power_w)
     assert (warmer.energy_wh.battery_total
             >= plan.energy_wh.battery_total - THRESHOLDS_WH)
@@ -337,15 +336,15 @@ def test_higher_target_never_costs_less(number, warmer_k):
 @example(number=138296, warmer_k=5.0)
 def test_higher_target_never_means_less_heat_at_any_time_where_nothing_is_regenerated(
         number, warmer_k):
-    # With a descent it can: what is heated for the target before it takes the place of what the
-    # descent alone would have been heated for.
+    # With a descent it can: heat for the target before it replaces heat that the descent alone would have
+    # justified.
     trip = draw_limit_trip(SHIPPED_CAR, 17, number)
     assume(trip.route.propulsion_power_w.min() >= 0.0)
     _, plan = drawn_plan(number, minimum_arrival_soc=0.0)
     _, warmer = drawn_plan(number, minimum_arrival_soc=0.0, target_temperature_c=(
         trip.goal.target_temperature_c + warmer_k))
     assume(plan.undeliverable_power_w == warmer.undeliverable_power_w)
-    # Before a climb heating is spread over the steps about the threshold, one way or another: a step later is
+    # Before a climb heating is spread over the steps around the threshold in one way or another: a step later is
     # as good.
     heated_wh, warmer_heated_wh = (
         np.cumsum(each.hvch_battery_power_w * trip.route.duration_s) / 3600.0
@@ -361,7 +360,7 @@ def test_warmer_start_never_costs_more(number, warmer_k):
     trip, plan = drawn_plan(number, minimum_arrival_soc=0.0)
     warmer_state = replace(trip.state, temperature_c=trip.state.temperature_c + warmer_k)
     _, warmer = drawn_plan(number, warmer_state, minimum_arrival_soc=0.0)
-    # A plan that does not reach what it should may cost anything.
+    # A plan that misses its target may cost anything.
     assume(all(each.shortfall_k < 1e-3 and each.undeliverable_power_w == 0.0
                for each in (plan, warmer)))
     assert (warmer.energy_wh.battery_total
@@ -373,7 +372,7 @@ def test_warmer_start_never_costs_more(number, warmer_k):
 def test_target_that_can_be_reached_is_reached(number, target_c):
     trip, plan = drawn_plan(number, target_temperature_c=target_c, minimum_arrival_soc=0.0)
     assume(hottest_arrival_c(trip) >= target_c + 0.01)
-    # Below 5 % the vehicle's own reserve is in the way.
+    # Below 5 % the vehicle's own reserve interferes.
     assume(plan.arrival_soc > 0.06)
     assert plan.shortfall_k <= 1e-3
 
@@ -385,7 +384,7 @@ def test_heating_never_leads_beyond_the_highest_temperature(number, start_c, tar
         number, BatteryState(start_c, 0.8), target_temperature_c=target_c,
         minimum_arrival_soc=0.0)
     heated = plan.hvch_battery_power_w > 0.0
-    # To the tolerance to which the heater is cut.
+    # Tolerance to which the heater is cut.
     assert (plan.battery_temperature_c[1:][heated] <= 60.0 + 1e-6).all()
 
 
@@ -409,7 +408,7 @@ def test_climb_is_heated_for_no_more_than_needed():
     plan = plan_of(route, target_c=-12.0)
     power_w = battery_power_w(CAR, plan, route)
     limit_w = bilinear(DISCHARGE_W, plan.soc[:-1], plan.battery_temperature_c[:-1])
-    # A climb is met with 1e-5 of its power to spare at the most; losses grow with it, to 1.3e-5.
+    # A climb is met with at most 1e-5 of its power to spare; losses grow with it, to 1.3e-5.
     assert ((limit_w - power_w) / power_w)[60:64].min() <= 1.5e-5
 
 
@@ -446,7 +445,7 @@ def test_climb_that_heating_cannot_meet_is_reported_with_what_is_missing(too_ste
 def test_climb_that_heating_cannot_meet_is_explained(too_steep):
     route, plan = too_steep
     assert plan.explanation.startswith(
-        f'In 11:30 min the route asks for {missing_w(route, plan).max() / 1000:.1f} kW more than '
+        f'In 11:30 min the route needs {missing_w(route, plan).max() / 1000:.1f} kW more than '
         'the battery can deliver;')
 
 
@@ -469,7 +468,7 @@ def test_rest_of_a_route_with_a_climb_that_cannot_be_met_is_planned():
 # Descents
 
 def test_surplus_of_a_descent_is_heated_with_although_the_target_is_met_anyway():
-    # 40 kW of regeneration; what the battery may not take is all free.
+    # 40 kW of regeneration; all that the battery cannot accept is free.
     plan = plan_of(drive((10, 5e3), (20, -40e3), (10, 15e3)), target_c=-12.0)
     assert plan.hvch_battery_power_w[10:14].tolist() == [5500.0] * 4
 
@@ -479,7 +478,7 @@ def test_descent_saves_energy_against_heating_at_the_end():
     switch = plan_preheating(CAR, route, START, goal, 'optimal_switch')
     driven = as_driven(switch, CAR, route, START, goal)
     plan = plan_preheating(CAR, route, START, goal)
-    # The heater takes 5.5 kW of what the brake wasted, for most of 20 min: 1.5 kWh or so.
+    # The heater takes 5.5 kW that the brake would waste, for most of 20 min: about 1.5 kWh.
     assert plan.energy_wh.battery_total < driven.energy_wh.battery_total - 1000.0
 
 
@@ -494,7 +493,7 @@ def test_cabin_that_takes_more_than_the_heater_leaves_nothing():
 def test_battery_gets_what_a_changing_cabin_leaves():
     cabin_w = np.repeat([0.0, 7500.0, 3000.0, 7000.0, 1200.0], 12)
     plan = plan_of(drive((50, 15e3), (2, 180e3), (8, 15e3), cabin_w=cabin_w), target_c=30.0)
-    # The limit is active at the climb only; all there is is wanted everywhere else.
+    # The limit is active at the climb only; everywhere else full power is wanted.
     assert np.delete(plan.hvch_battery_power_w, [50, 51]).tolist() == np.delete(
         np.repeat([7000.0, 0.0, 4000.0, 0.0, 5800.0], 12), [50, 51]).tolist()
 
@@ -508,7 +507,7 @@ def test_reserve_that_the_target_would_cost_is_explained_in_kelvin():
     plan = plan_of(route, minimum_arrival_soc=reserve)
     minutes, seconds = divmod(round(plan.heating_start_s), 60)
     assert (plan.status, plan.explanation) == (
-        Status.SOC_LIMITED, f'To leave {100 * reserve:.1f} % in the battery the target is missed '
+        Status.SOC_LIMITED, f'To keep the {100 * reserve:.1f} % reserve, the target is missed '
         f'by {10.0 - plan.arrival_temperature_c:.1f} K: heating starts in {minutes}:{seconds:02d} '
         f'min; arrival in 30:00 min at {plan.arrival_temperature_c:.1f} degC, target 10.0 degC.')
 
@@ -523,7 +522,7 @@ def test_reserve_is_used_up_to_be_warm():
 
 @pytest.fixture(scope='module')
 def short_of_reserve():
-    """Reserve and plan of a trip that misses the reserve however it is driven."""
+    """Reserve and plan of a trip that misses the reserve in any case."""
     route = drive((60, 15e3))
     reserve = plan_of(route, charging_planned=False).arrival_soc + 0.03
     return reserve, plan_of(route, minimum_arrival_soc=reserve)
@@ -538,9 +537,8 @@ def test_reserve_that_is_missed_anyway_means_no_heating(short_of_reserve):
 def test_reserve_that_is_missed_anyway_is_explained_in_per_cent(short_of_reserve):
     reserve, plan = short_of_reserve
     assert plan.explanation == (
-        f'The battery arrives 3.0 % below the {100 * reserve:.1f} % that must be left: no '
-        f'heating; arrival in 30:00 min at {plan.arrival_temperature_c:.1f} degC, target 10.0 '
-        'degC.')
+        f'The battery arrives 3.0 % below the {100 * reserve:.1f} % reserve: the heater '
+        f'stays off; arrival in 30:00 min at {plan.arrival_temperature_c:.1f} degC, target 10.0 degC.')
 
 
 def test_lack_of_reserve_is_what_is_missing(short_of_reserve):
@@ -574,7 +572,7 @@ EXTREMES = {
     'no_heater_at_the_end': (drive(
         (20, 15e3), (5, -60e3), cabin_w=np.repeat([0.0, 9e3], [15, 10])), 10.0, START),
     'target_below_start': (drive((20, 15e3)), -30.0, START),
-    # What is free is taken.
+    # Free heat is used.
     'descent_and_target_below_start': (drive((20, 15e3), (5, -60e3)), -30.0, START),
     'full_with_regeneration': (drive((20, -60e3), (20, 15e3)), 10.0, BatteryState(-12.0, 1.0)),
     'lowest_charge': (drive((20, 15e3)), 10.0, BatteryState(-12.0, 0.05)),
@@ -622,8 +620,7 @@ def test_extreme_trip_has_a_status(name, status):
 def test_steps_of_a_quarter_second_cost_what_steps_of_thirty_do():
     short, long = (plan_of(drive((4800 // n, 15e3), (1200 // n, -60e3), (2400 // n, 20e3),
                                  step_s=0.25 * n)) for n in (1, 120))
-    # Limits are kept at the start of each step: half a minute's difference in what is regenerated,
-    # of some 2.5 kWh.
+    # Limits are kept at the start of each step: half a minute's difference in regeneration, out of about 2.5 kWh.
     assert short.energy_wh.battery_total == pytest.approx(
         long.energy_wh.battery_total, abs=40.0)
 

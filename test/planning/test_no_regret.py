@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""No plan is worse than not heating: held against a plant that shares no code with the model."""
+"""No plan is worse than not heating: plans compared with a plant that shares no code with the model."""
 
 from bisect import bisect_left
 from dataclasses import fields, replace
@@ -26,16 +26,15 @@ from bev_preheat.route.segments import make_route
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.description import Leakage
 
-# Of mid_size_lfp the whole charge may be used, and it is given in full down to the last per cent.
+# mid_size_lfp may use its whole charge, with full power down to the last per cent.
 CARS = {name: load_vehicle(name) for name in ('reference', 'small_car', 'mid_size_lfp')}
 PLANTS = {name: OwnPlant(name) for name in CARS}
 REFERENCE = CARS['reference']
 REFERENCE_ROUTE = load_route('reference', REFERENCE.defaults)
 COLD = -7.0
-# The plant's steps are shorter, and of first order: so much they differ over an hour.
+# The plant's steps are shorter, and of first order: tolerances of the difference over an hour.
 SAME_SOC, SAME_TIME_S, SAME_POWER_W, SAME_POWER_SHARE = 3e-4, 10.0, 150.0, 4e-3
-# For a property whose every example takes two plans of a whole trip: as many as others only in
-# `make test-deep`.
+# For a property whose every example takes two plans of a whole trip: more examples only in `make test-deep`.
 DEAR = settings(max_examples=12 if settings.default.derandomize else settings.default.max_examples)
 
 
@@ -59,11 +58,11 @@ def paid_wh(plan):
                if interval.reason is not Reason.SURPLUS)
 
 
-# The charge does not carry the trip
+# The charge is not enough for the trip
 
 @pytest.fixture(scope='module', params=[0.0, 0.05, 0.15, 0.2, 0.25])
 def stranded(request):
-    """State and plan of the reference trip with too little charge, and what the plant makes of it."""
+    """State and plan of the reference trip with too little charge, and a run of its plan in the plant."""
     state = BatteryState(COLD, request.param)
     plan = plan_preheating(REFERENCE, REFERENCE_ROUTE, state, Goal(25.0))
     return state, plan, unheated('reference', REFERENCE_ROUTE, state)
@@ -89,9 +88,8 @@ def test_it_is_said_in_a_sentence(stranded):
     _, plan, _ = stranded
     minutes, seconds = divmod(round(plan.stranding.at_s), 60)
     assert plan.explanation == (
-        f'The charge does not carry this trip: the battery is empty in {minutes}:{seconds:02d} '
-        f'min, at km {plan.stranding.at_m / 1e3:.1f}; {plan.stranding.deficit_wh / 1e3:.2f} kWh are '
-        'lacking: no heating.')
+        f'The battery will be empty in {minutes}:{seconds:02d} min, at km {plan.stranding.at_m / 1e3:.1f} '
+        f'({plan.stranding.deficit_wh / 1e3:.2f} kWh short); the heater stays off.')
 
 
 def test_what_lacks_is_what_the_rest_of_the_trip_takes(stranded):
@@ -100,7 +98,7 @@ def test_what_lacks_is_what_the_rest_of_the_trip_takes(stranded):
                + REFERENCE_ROUTE.auxiliary_power_w)
     ends_s = np.cumsum(REFERENCE_ROUTE.duration_s)
     left_s = np.clip(ends_s - plan.stranding.at_s, 0.0, REFERENCE_ROUTE.duration_s)
-    # The route ends with regeneration, which is of no use to a car that does not get there.
+    # The route ends with regeneration, which does not help a car that does not get there.
     rest_wh = np.cumsum(asked_w * left_s).max() / 3600.0
     assert plan.stranding.deficit_wh == pytest.approx(rest_wh, rel=1e-6)
 
@@ -116,7 +114,7 @@ def test_a_car_that_stands_only_cools(stranded):
     _, plan, _ = stranded
     first = int(np.argmax(plan.time_s >= plan.stranding.at_s))
     ambient_c = REFERENCE_ROUTE.ambient_temperature_c[-1]
-    # It leaks with the speed that the route says, so in each step towards the ambient temperature.
+    # It leaks as at the route's speed, so in each step towards the ambient temperature.
     leakage = 34.8868 + 0.528587 * REFERENCE_ROUTE.speed_mps[first:]
     closed_c = [plan.battery_temperature_c[first]]
     for duration_s, gamma in zip(REFERENCE_ROUTE.duration_s[first:], leakage):
@@ -131,7 +129,7 @@ def test_its_energies_balance(stranded):
     stored_wh = 377376.0 * (plan.arrival_temperature_c - COLD) / 3600.0
     assert (energy.joule + energy.drivetrain_heat + energy.hvch_heat + energy.leakage
             == pytest.approx(stored_wh, abs=1e-6))
-    # 200 Ah at 365 ... 455 V: what the cells give lies between.
+    # 200 Ah at 365 ... 455 V: the energy from the cells is in between.
     assert 365.0 * 200.0 * state.soc - 1e-6 <= energy.battery_total <= 390.0 * 200.0 * state.soc + 1e-6
 
 
@@ -163,25 +161,25 @@ def test_neither_does_a_careful_plan(uncertainty_margin):
 
 
 def test_surplus_may_be_heated_with_though_the_charge_does_not_carry():
-    # A cold battery may take 2 kW of these 40; the heater can have the rest of them.
+    # A cold battery accepts 2 kW of these 40; the heater can have the rest.
     route = route_of((10, -40e3), (60, 15e3), ambient_c=-22.0)
     plan = plan_preheating(REFERENCE, route, BatteryState(-22.0, 0.05), Goal(25.0))
     assert plan.status is Status.OUT_OF_CHARGE
     assert plan.energy_wh.hvch_electric > 100.0
     assert {interval.reason for interval in plan.intervals} == {Reason.SURPLUS}
-    assert plan.explanation.endswith('only surplus regeneration is used for heating.')
+    assert plan.explanation.endswith('only surplus regeneration heats the battery.')
 
 
 def test_without_charging_it_is_said_too():
     plan = plan_preheating(REFERENCE, REFERENCE_ROUTE, BatteryState(COLD, 0.2),
                            Goal(25.0, charging_planned=False))
     assert plan.status is Status.NO_CHARGING_PLANNED
-    assert 'the battery is empty in 38:' in plan.explanation
+    assert 'The battery will be empty in 38:' in plan.explanation
     assert plan.soc.min() == 0.0
 
 
 def test_a_flat_route_with_an_empty_battery_is_no_climb():
-    # The map gives a cold battery of 5 % little power; that is for want of charge, not of heat.
+    # The map gives a cold battery at 5 % little power: for lack of charge, not of heat.
     plan = plan_preheating(REFERENCE, route_of((120, 15e3)), BatteryState(COLD, 0.05), Goal(25.0))
     assert (plan.status, plan.intervals) == (Status.OUT_OF_CHARGE, ())
 
@@ -195,7 +193,7 @@ def test_shorter_steps_strand_at_the_same_place():
     assert coarse.deficit_wh == pytest.approx(fine.deficit_wh, abs=5.0)
 
 
-# A climb that nobody can deliver
+# A climb that no plan can deliver
 
 CLIMBS = route_of((35, 6e3), (16, 56e3), (22, 7e3), (3, 53e3), (14, 13e3))
 CLIMB_STATE = BatteryState(-6.0, 0.54)
@@ -207,7 +205,7 @@ def test_heating_for_a_climb_that_cannot_be_delivered_does_not_make_it_worse(met
     plan = plan_preheating(CARS['small_car'], CLIMBS, CLIMB_STATE, Goal(18.0), method)
     cold = unheated('small_car', CLIMBS, CLIMB_STATE)
     warm = PLANTS['small_car'].drive(CLIMBS, CLIMB_STATE, plan.hvch_battery_power_w)
-    # At the end of a step of the climb, where the battery is the emptiest.
+    # At the end of a step of the climb, at the lowest charge.
     asked_for = plan_preheating(CARS['small_car'], CLIMBS, CLIMB_STATE, Goal(18.0, charging_planned=False), method)
     assert cold.deficit_w == pytest.approx(asked_for.undeliverable_power_w, abs=100.0)
     assert cold.deficit_w > 13e3
@@ -224,7 +222,7 @@ def test_a_climb_that_heat_makes_possible_is_still_heated_for():
         np.zeros(len(route)), plan.hvch_battery_power_w))
     assert cold.deficit_w > 5e3 > 500.0 > warm.deficit_w
     assert Reason.CLIMB in {interval.reason for interval in plan.intervals}
-    # Also where heating for the sake of arrival does not pay, whatever the target.
+    # Also if heating for the arrival does not pay, whatever the target.
     unpaid = plan_preheating(CARS['small_car'], route, state, Goal(25.0, heating_pays=False))
     assert PLANTS['small_car'].drive(route, state, unpaid.hvch_battery_power_w).deficit_w < 500.0
     assert {interval.reason for interval in unpaid.intervals} == {Reason.CLIMB}
@@ -240,8 +238,8 @@ def test_where_heating_does_not_pay_the_target_is_what_comes_of_none(method):
     assert plan.target_temperature_c == plan.arrival_temperature_c == pytest.approx(
         cold.temperature_c, abs=0.1)
     assert plan.explanation == (
-        f'No heating: arrival in 30:00 min at {plan.arrival_temperature_c:.1f} degC.')
-    # What is to be left comes first.
+        f'The heater stays off: arrival in 30:00 min at {plan.arrival_temperature_c:.1f} degC.')
+    # The reserve takes precedence.
     short = plan_preheating(REFERENCE, route, state, Goal(25.0, 0.79, heating_pays=False), method)
     assert short.status is Status.SOC_LIMITED and short.heating_start_s is None
 
@@ -249,7 +247,7 @@ def test_where_heating_does_not_pay_the_target_is_what_comes_of_none(method):
 @pytest.mark.parametrize('method', METHODS)
 @pytest.mark.parametrize('uncertainty_margin', [None, UncertaintyMargin(0.15, 2.5)])
 def test_no_heating_for_a_climb_strands_a_car_that_may_use_all_its_charge(method, uncertainty_margin):
-    # Heat would help on the climb, but takes more than the 1.4 % that are left on arrival.
+    # Heat would help on the climb, but takes more than the 1.4 % left on arrival.
     route = route_of((25, 2258.0), (35, 5128.0), (13, 12580.0), speed=11.0, ambient_c=-5.4,
                      cabin_w=0.0, auxiliary_w=326.0, rms=1.2)
     state = BatteryState(-4.7, 0.0798)
@@ -262,7 +260,7 @@ def test_no_heating_for_a_climb_strands_a_car_that_may_use_all_its_charge(method
     assert plan.soc.min() > 0.0
 
 
-# The reserve holds heating back
+# The reserve limits heating
 
 @pytest.mark.parametrize('name, route, soc, reserve, target_c', [
     ('small_car', 'city_stop_and_go', 0.7, 0.52, 25.0),
@@ -279,8 +277,7 @@ def test_what_the_reserve_holds_back_is_said(name, route, soc, reserve, target_c
     assert plan.shortfall_k > 0.5
     assert plan.status is Status.SOC_LIMITED
     assert plan.explanation.startswith(
-        f'To leave {100 * reserve:.1f} % in the battery the target is missed by '
-        f'{plan.shortfall_k:.1f} K: ')
+        f'To keep the {100 * reserve:.1f} % reserve, the target is missed by {plan.shortfall_k:.1f} K: ')
 
 
 @pytest.mark.costly
@@ -324,7 +321,7 @@ def test_an_unheated_trip_keeps_limits_that_cost_little(name):
     assert np.minimum(lacks_w, -route.propulsion_power_w - braked_w).max() < 0.01
 
 
-# Inputs at the edge of what is allowed
+# Inputs at the edge of the allowed range
 
 def test_a_route_of_more_than_twice_the_charge_with_ripple_has_a_plan():
     plan = plan_preheating(REFERENCE, route_of((1200, 20e3), rms=1.2), BatteryState(COLD, 0.9),
@@ -376,7 +373,7 @@ def test_a_battery_that_cools_within_seconds_is_integrated_with_steps_that_are_s
     assert plan.battery_temperature_c == pytest.approx(closed_c, abs=0.02)
 
 
-# What always holds
+# Properties
 
 @st.composite
 def situations(draw, within_limits=False):
@@ -426,13 +423,13 @@ def test_no_plan_is_worse_than_not_heating(situation, uncertainty_margin):
 
 
 def keeps_limits(name, route, state):
-    """Whether a trip without heating meets no limit of the battery."""
+    """Whether a trip without heating reaches no limit of the battery."""
     trip = make_trip(CARS[name], route)
     return limits_hold(trip, plan_without_heating(trip, state))
 
 
 def is_limited_while_heating(vehicle, route, plan):
-    """Whether the heater gives way: it takes a part of its power in more steps than those of switching."""
+    """Whether the heater gives way: partial power in more steps than those of switching."""
     limit_w = make_trip(vehicle, route).heater_limit_w
     is_part = (plan.hvch_battery_power_w > 0.0) & (plan.hvch_battery_power_w < (1.0 - 1e-9) * limit_w)
     return is_part.sum() > 2
@@ -442,8 +439,8 @@ def is_limited_while_heating(vehicle, route, plan):
 def falling_charges(draw):
     """A situation, and falling states of charge, each enough for the trip without heating."""
     name, route, state, goal = draw(situations(within_limits=True))
-    # More charge is never worse where nothing regenerates, so the least that is enough, to 1/32,
-    # can be looked for by halving.
+    # More charge is never worse without regeneration, so the least sufficient charge, to 1/32, can be found by
+    # halving.
     least = bisect_left(range(32), True, key=lambda level: keeps_limits(
         name, route, replace(state, soc=level / 32)))
     socs = draw(st.lists(st.floats(least / 32, 1.0), min_size=2, max_size=4, unique=True))
@@ -462,25 +459,25 @@ def test_less_charge_never_means_more_paid_heating(method, situation):
         plan = plan_preheating(CARS[name], route, state, goal, method)
         wh, joule_wh = paid_wh(plan), plan.energy_wh.joule
         if is_limited_while_heating(CARS[name], route, plan):
-            # Heating that gives way to the drive begins earlier, and more of it leaks away.
+            # Heating that gives way to the drive begins earlier, and more leaks away.
             return
-        # An emptier battery has less voltage, so it makes more Joule heat and needs less of the
-        # heater's; unless its resistance falls with the charge, then the heater makes up for that. Method
-        # paper does not arrive at the target exactly. Half a watt-hour is rounding.
+        # An emptier battery has less voltage, so it makes more Joule heat and needs less from the heater; unless
+        # its resistance falls with the charge, then the heater makes up for that. Method paper does not arrive
+        # exactly at the target. Half a watt-hour is rounding.
         warmer_wh = max(0.0, plan.arrival_temperature_c - fuller_c) * (
             CARS[name].battery.heat_capacity_j_per_k / JOULES_PER_WH)
         assert wh <= fuller_wh + (max(0.0, fuller_joule_wh - joule_wh) + warmer_wh) / efficiency + 0.5
         fuller_wh, fuller_joule_wh, fuller_c = wh, joule_wh, plan.arrival_temperature_c
 
 
-# Of a situation: what the battery carries beyond the least charge.
+# Charge of a situation beyond the least sufficient one.
 JUST_ENOUGH = st.sampled_from([0.002, 0.005, 0.01, 0.02, 0.03])
-# What a target is known to where power decides, and some rounding.
+# Tolerance of a target that power decides, and some rounding.
 TARGET_K = TARGET_TOLERANCE_OF_POWER_K + 0.02
 
 
 def hardly_carried(name, route, state, more_soc):
-    """State of charge that carries a trip without heating within the limits, to 1/1024, and so much more."""
+    """Return the least charge for a trip without heating within the limits, to 1/1024, plus `more_soc`."""
     least = bisect_left(range(1024), True, key=lambda level: keeps_limits(
         name, route, replace(state, soc=level / 1024)))
     return replace(state, soc=min(1.0, least / 1024 + more_soc))
@@ -508,7 +505,7 @@ def test_power_that_lacks_in_the_end_leaves_the_heat_that_there_is_power_for(met
     hold_against_lower_targets('small_car', CLIMB_TO_AN_EMPTY_BATTERY, state, Goal(0.0), method)
     plan = plan_preheating(CARS['small_car'], CLIMB_TO_AN_EMPTY_BATTERY, state, Goal(0.0), method)
     assert plan.held_back is HeldBack.POWER and plan.undeliverable_power_w == 0.0
-    # Unheated it arrives with -7.9 degC; what is heated is driven by the plant without a lack either.
+    # Unheated it arrives with -7.9 degC; the plant drives the heated plan without a deficit, too.
     assert plan.arrival_temperature_c > -6.0
     driven = PLANTS['small_car'].drive(CLIMB_TO_AN_EMPTY_BATTERY, state, plan.hvch_battery_power_w)
     assert driven.deficit_w <= SAME_POWER_W and driven.empty_at_s is None

@@ -20,7 +20,7 @@ from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.curves import InverseTemperatureResistance, PolynomialVoltage
 from bev_preheat.vehicle.description import Drivetrain, Hvch, Leakage
 
-# The numbers that are written out below; the shipped car's are fitted, and may be again.
+# The numbers below are written out; the shipped car's are fitted and may change.
 VEHICLE = load_vehicle('reference')
 VEHICLE = replace(
     VEHICLE,
@@ -30,8 +30,8 @@ VEHICLE = replace(
         resistance=InverseTemperatureResistance(4.4, 46.0), leakage=Leakage(31.0, 0.6)),
     drivetrain=Drivetrain(0.91, 0.7, 340e3), hvch=Hvch(6800.0, 0.86))
 
-# What the cabin leaves changes from segment to segment, sometimes to nothing. The coldest battery
-# delivers all of this, and none of it brings the charge down to where the model is not described.
+# The power left by the cabin changes from segment to segment, sometimes to 0. The coldest battery delivers all of
+# this power, and stays within the model's range of charge.
 SEGMENT = st.fixed_dictionaries({
     'duration_s': st.floats(1.0, 90.0), 'speed_mps': st.floats(0.0, 35.0),
     'propulsion_power_w': st.floats(-5e3, 35e3), 'spread_w': st.floats(0.0, 15e3),
@@ -40,7 +40,7 @@ SEGMENT = st.fixed_dictionaries({
 SEGMENTS = st.lists(SEGMENT, min_size=1, max_size=40)
 START_C = st.floats(-10.0, 12.0)
 SOC = st.floats(0.6, 0.97)
-# Where between the unheated and the fully heated arrival the target lies.
+# Position of the target between the unheated and the fully heated arrival.
 SHARE = st.floats(0.01, 0.99)
 
 
@@ -63,7 +63,7 @@ def heater_limit_w(segment):
 
 
 def arrival_c(segments, state, heater_w):
-    """Arrival temperature of a Runge-Kutta run under heater powers, one a segment."""
+    """Arrival temperature of a Runge-Kutta run under heater powers, one per segment."""
     y = np.array([state.soc, state.temperature_c])
     for segment, heater in zip(segments, heater_w):
         h = segment['duration_s']
@@ -76,19 +76,19 @@ def arrival_c(segments, state, heater_w):
 
 
 def span_c(segments, state):
-    """Arrival temperatures without heating and with all that the cabin leaves."""
+    """Arrival temperatures without heating and with all the power that the cabin leaves."""
     return (arrival_c(segments, state, [0.0] * len(segments)),
             arrival_c(segments, state, map(heater_limit_w, segments)))
 
 
 def target_within(segments, state, share):
-    """A target that heating for a part of the way reaches."""
+    """A target that partial heating reaches."""
     idle_c, full_c = span_c(segments, state)
     return idle_c + share * (full_c - idle_c)
 
 
 def drawn_target(segments, state, share):
-    """The same for drawn trips, on which the cabin may leave the heater nothing to speak of."""
+    """The same for drawn trips, on which the cabin may leave the heater next to no power."""
     idle_c, full_c = span_c(segments, state)
     assume(full_c - idle_c > 0.01)
     return target_within(segments, state, share)
@@ -120,7 +120,7 @@ def test_reachable_target_is_met(segments, start_c, soc, share):
     state = BatteryState(start_c, soc)
     target_c = drawn_target(segments, state, share)
     plan = plan_of(segments, state, target_c)
-    # A hundred times nearer than anybody could measure; the search ends at half of it.
+    # A hundred times better than measurable; the search ends at half of this.
     assert plan.arrival_temperature_c == pytest.approx(target_c, abs=1e-5)
 
 
@@ -171,7 +171,7 @@ def test_higher_target_never_starts_later(segments, start_c, soc, share, higher_
     state = BatteryState(start_c, soc)
     target_c = drawn_target(segments, state, share)
     lower, higher = (plan_of(segments, state, target_c + more_k) for more_k in (0.0, higher_k))
-    # Arrival is met to 5e-6 K, which even a weak heater makes in some milliseconds.
+    # Arrival is met to 5e-6 K, which even a weak heater provides in some milliseconds.
     assert higher.heating_start_s <= lower.heating_start_s + 0.1
 
 
@@ -189,12 +189,12 @@ def test_warmer_start_never_costs_more(segments, start_c, soc, share, warmer_k):
 def test_shorter_segments_keep_the_switching_instant(target_c):
     coarse = plan_of(steady(80, 30.0), START, target_c)
     fine = plan_of(steady(240, 10.0), START, target_c)
-    # Within the step in which it is switched on, the heater's mean stands for it.
+    # In the step of switching on, the heater has its mean power.
     assert fine.heating_start_s == pytest.approx(coarse.heating_start_s, abs=1.0)
 
 
 def cabin_that_cools_down():
-    """The cabin leaves the heater nothing at first, then more and more, then little."""
+    """The cabin leaves the heater no power at first, then more and more, then little."""
     return [{**steady()[0], 'cabin_heating_power_w': cabin_w}
             for cabin_w in np.concatenate((np.full(10, 7000.0), np.linspace(6000.0, 500.0, 40),
                                            np.full(30, 5000.0)))]
@@ -218,7 +218,7 @@ def test_target_a_little_above_the_unheated_arrival_is_heated_for_just_before_it
     trip = make_trip(VEHICLE, route_of(steady()))
     idle_c = float(plan_optimal_switch(trip, START, Goal(-30.0)).temperature_c[-1])
     plan = plan_of(steady(), START, idle_c + 1e-3)
-    # 0.86 * 5200 W make a millikelvin of 371 kJ/K in 83 ms.
+    # 0.86 * 5200 W warm 371 kJ/K by a millikelvin in 83 ms.
     assert plan.arrival_time_s - plan.heating_start_s == pytest.approx(0.083, abs=0.002)
 
 
@@ -239,7 +239,7 @@ def test_single_segment():
 def test_segment_that_is_longer_than_a_step_may_be():
     state, target_c = BatteryState(1.0, 0.93), 13.0
     one, many = plan_of(steady(1, 2400.0), state, target_c), plan_of(steady(), state, target_c)
-    # Steps of 300 s against 30 s: the mean stands for the heater in a longer step.
+    # Steps of 300 s against 30 s: the mean power represents the heater in a longer step.
     assert one.arrival_temperature_c == pytest.approx(target_c, abs=1e-3)
     assert one.heating_start_s == pytest.approx(many.heating_start_s, abs=10.0)
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Method `paper` against Algorithms 1 and 2 written out a second time, and what it says."""
+"""Method `paper` against Algorithms 1 and 2 written out a second time, and its sentences."""
 
 from dataclasses import replace
 import math
@@ -20,7 +20,7 @@ from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.curves import InverseTemperatureResistance, PolynomialVoltage, Table
 from bev_preheat.vehicle.description import Drivetrain, Hvch, Leakage
 
-# The numbers that are written out below; the shipped car's are fitted, and may be again.
+# The numbers below are written out; the shipped car's are fitted and may change.
 VEHICLE = load_vehicle('reference')
 VEHICLE = replace(
     VEHICLE,
@@ -74,13 +74,13 @@ class Algorithms:
         u, r = voltage_v(soc), resistance_ohm(t)
         current_a = (u - math.sqrt(u**2 - 4 * r * power_w)) / (2 * r)
         gamma = 33.0 + 0.5 * segment['speed_mps']
-        # Eq. (5) with a loss that is positive both ways.
+        # Eq. (5) with a loss that is positive in both directions.
         heat_w = (0.87 * heater_w + gamma * (segment['ambient_temperature_c'] - t)
                   + r * current_a**2 + 0.8 * (1 - 0.9) * abs(segment['propulsion_power_w']))
         return current_a, segment['duration_s'] * heat_w / 378500.0
 
     def cross(self, target_c, end_soc):
-        """Algorithm 2: step k in which the runs cross, and the instant where its lines do."""
+        """Algorithm 2: step k in which the runs cross, and the instant at which their lines cross."""
         soc_bk, t_bk = {self.last + 1: end_soc}, {self.last + 1: target_c}
         for k in range(self.last, 0, -1):
             heater_w = max(7000.0 - self.segments[k]['cabin_heating_power_w'], 0.0)
@@ -115,7 +115,7 @@ def plan_of(segments, target_c=18.0, state=START, charging_planned=True, **optio
 
 
 def arrival_of(segments, heater_share):
-    """Arrival temperature of an Euler run written in this file, heated all the way by a share."""
+    """Arrival temperature of an Euler run written in this file, with a share of full heating all the way."""
     runs = Algorithms(segments, START.temperature_c, START.soc)
     soc, t = START.soc, START.temperature_c
     for k, segment in enumerate(segments, start=1):
@@ -129,7 +129,7 @@ def arrival_of(segments, heater_share):
        full_soc=st.floats(0.4, 0.95))
 def test_switching_instant_is_that_of_the_printed_algorithms(segments, cold_c, rise_k, full_soc):
     algorithms = Algorithms(segments, cold_c, full_soc)
-    # Up to 0.6 K/min above the unheated run, about as much as the heater makes.
+    # Up to 0.6 K/min above the unheated run, about the heater's contribution.
     longest_s = sum(segment['duration_s'] for segment in segments)
     target_c = algorithms.t_fw[-1] + max(1e-3, rise_k * 0.01 * longest_s)
     crossing = algorithms.cross(target_c, algorithms.soc_fw[-1])
@@ -176,7 +176,7 @@ def test_heater_power_is_zero_then_partial_then_all_that_the_cabin_leaves():
 
 
 def test_arrival_is_near_the_target():
-    # 30 s steps: the current changes little within one, and 0.5 K is what counts as met.
+    # 30 s steps: the current changes little within a step, and 0.5 K counts as met.
     assert plan_of(drive(), 18.0).arrival_temperature_c == pytest.approx(18.0, abs=0.3)
 
 
@@ -184,11 +184,11 @@ def test_a_tenth_of_the_step_makes_a_tenth_of_the_arrival_error():
     errors_k = []
     for step_s in (60.0, 6.0):
         segments = drive(step_s=step_s)
-        # A wrong soc at the end leaves an error that no step is short enough for.
+        # A wrong soc at the end leaves an error that shorter steps do not reduce.
         arrival_soc = plan_of(segments).arrival_soc
         errors_k.append(
             plan_of(segments, terminal_soc=arrival_soc).arrival_temperature_c - 18.0)
-    # First order; the second shows a little at 60 s.
+    # First order; a second-order term shows a little at 60 s.
     assert errors_k[0] / errors_k[1] == pytest.approx(10.0, rel=0.15)
 
 
@@ -215,7 +215,7 @@ def test_waiting_says_when_it_starts():
 def test_heating_where_the_whole_way_is_just_enough():
     segments = drive()
     arrival_c = arrival_of(segments, heater_share=1.0)
-    # Missed by less than counts as a miss.
+    # Missed by less than the tolerance.
     plan = plan_of(segments, arrival_c + 0.04)
     assert (plan.status, plan.heating_start_s, plan.explanation) == (
         Status.HEATING, 0.0, f'Heating: arrival in 40:00 min at {arrival_c:.1f} degC, '
@@ -251,7 +251,7 @@ def test_no_charging_planned_says_how_warm_the_battery_arrives():
     plan = plan_of(drive(), charging_planned=False)
     # Euler's 30 s steps make a difference in the second decimal.
     assert plan.explanation == (
-        'No fast charging at the end of this route: no heating; arrival in 40:00 min at '
+        'No fast charging at the end of this route: the heater stays off; arrival in 40:00 min at '
         f'{arrival_of(drive(), heater_share=0.0):.1f} degC.')
 
 
@@ -267,7 +267,7 @@ NO_LIMIT_W = 2e6
 
 
 def too_much_to_ask_for(limit_w=discharge_limit_w):
-    """Plan of a drive that asks a deeply cold battery for too much, twice; and the worst lack."""
+    """Plan of a drive that asks a deeply cold battery for too much, twice; and the worst deficit."""
     segments = drive(ambient_c=-30.0)
     segments[2] = dict(segments[2], propulsion_power_w=230e3)
     segments[9] = dict(segments[9], propulsion_power_w=480e3)
@@ -282,7 +282,7 @@ def too_much_to_ask_for(limit_w=discharge_limit_w):
     u, r = voltage_v(soc), resistance_ohm(temperature_c)
     # P_b = U I at the battery's limit, or the circuit's most, at U/2R.
     current_a = min(limit_w(soc, temperature_c) / u, u / (2 * r))
-    # The heater asks for its share too.
+    # The heater needs its share too.
     return plan, 480e3 + 1978.0 + 500.0 + 5022.0 - (u * current_a - r * current_a**2)
 
 
@@ -290,7 +290,7 @@ def test_power_limited_says_when_and_by_how_much():
     plan, deficit_w = too_much_to_ask_for()
     # Segment 9 starts at 4:30.
     assert (plan.status, plan.undeliverable_at_s, plan.explanation) == (
-        Status.POWER_LIMITED, 270.0, f'In 4:30 min the route asks for {deficit_w / 1000:.1f} kW '
+        Status.POWER_LIMITED, 270.0, f'In 4:30 min the route needs {deficit_w / 1000:.1f} kW '
         'more than the battery can deliver; heating is on; arrival in 40:00 min at '
         f'{plan.arrival_temperature_c:.1f} degC, target 59.0 degC.')
 

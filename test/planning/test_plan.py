@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The result: the keys that other programs read, shapes, and JSON."""
+"""The plan object: the keys that other programs read, shapes, and JSON."""
 
 from dataclasses import asdict, replace
 import json
@@ -16,7 +16,7 @@ from bev_preheat.vehicle import load_vehicle
 
 VEHICLE = load_vehicle('reference')
 COUNT = 7
-# What the cabin leaves the heater [W].
+# Power that the cabin leaves the heater [W].
 LEFT_W = VEHICLE.hvch.maximum_power_w - VEHICLE.defaults.cabin_heating_power_w
 
 
@@ -30,7 +30,7 @@ def made_plan(target_c=25.0, charging_planned=True, method='paper', **how):
 
 @pytest.fixture(scope='module')
 def plan():
-    # The target can be met with heating for a part of the way.
+    # Partial heating reaches the target.
     return made_plan(target_c=-0.5)
 
 
@@ -68,7 +68,7 @@ def test_energies_have_the_keys_of_the_contract(plan):
                          ids=['waiting', 'unreachable', 'not_needed'])
 def test_json_and_back_is_the_same(target_c):
     dictionary = made_plan(target_c).as_dictionary()
-    # Strict JSON knows no NaN.
+    # Strict JSON has no NaN.
     assert json.loads(json.dumps(dictionary, allow_nan=False)) == dictionary
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Heating that begins early and ends as soon as it is enough, against runs in continuous time."""
+"""Heating that begins early and ends once the target is certain, against runs in continuous time."""
 
 from dataclasses import replace
 
@@ -23,8 +23,8 @@ CAR = load_vehicle('reference')
 START = BatteryState(temperature_c=-4.0, soc=0.82)
 CABIN_W = 1500.0
 GOAL = Goal(20.0)
-# The plan holds a mean power in the step in which heating ends, continuous time switches within it;
-# and it is searched to ARRIVAL_TOLERANCE_K.
+# The plan has a mean power in the step in which heating ends, whereas continuous time switches within it; the end
+# is searched to ARRIVAL_TOLERANCE_K.
 SAME_C = 5e-3
 
 
@@ -111,7 +111,7 @@ def test_lead_never_begins_where_the_cabin_takes_the_whole_heater():
 
 
 def test_lead_of_a_stretch_that_fills_all_that_can_be_heated_is_planned():
-    """That was a division by 0, a failed plan, and a heater that stayed off."""
+    """This used to be a division by 0, a failed plan, and a heater that stayed off."""
     route = steady_route(cabin_heating_power_w=[CAR.hvch.maximum_power_w] * 40 + [CABIN_W] * 20)
     plain, careful = (planned(route, goal=Goal(40.0), **uncertainty_margin)
                       for uncertainty_margin in ({}, {'lead_k': 7.0}))
@@ -132,7 +132,7 @@ def test_heating_ends_where_continuous_time_arrives_at_the_target(plain, lead_k)
         route, START, careful.heating_start_s, careful.heating_end_s)
     assert careful.heating_end_s < 3600.0
     assert late_c == pytest.approx(20.0, abs=SAME_C)
-    # A second of heating is some 0.012 K.
+    # A second of heating is about 0.012 K.
     assert careful.heating_end_s == pytest.approx(end_s, abs=SAME_C / 0.012)
 
 
@@ -140,7 +140,7 @@ def test_margin_makes_the_battery_arrive_so_much_warmer():
     careful = planned(margin_k=0.4)
     assert careful.arrival_temperature_c == pytest.approx(20.4, abs=ARRIVAL_TOLERANCE_K)
     assert careful.shortfall_k == 0.0
-    # What is said to be missing is missing of the target, not of the target and the margin.
+    # The reported shortfall is that of the target, without the margin.
     cold = planned(state=replace(START, temperature_c=-25.0), goal=Goal(40.0), margin_k=0.4)
     assert cold.shortfall_k == pytest.approx(40.0 - cold.arrival_temperature_c)
 
@@ -149,13 +149,13 @@ def test_early_heating_costs_only_what_leaks(plain):
     careful = planned(lead_k=2.5)
     more, less = vars(careful.energy_wh), vars(plain.energy_wh)
     change_wh = {name: more[name] - less[name] for name in more}
-    # Of the heat that is brought forward, the share that leaks until the end must be replaced.
+    # The leaking share of the heat that is brought forward must be replaced.
     capacity = CAR.battery.heat_capacity_j_per_k
     leaked = 1.0 - np.exp(-CAR.battery.leakage.coefficient_w_per_k(24.0) / capacity
                           * (careful.heating_end_s - careful.heating_start_s))
     expected_wh = 2.5 * capacity / 3600.0 * leaked / CAR.hvch.efficiency
     assert change_wh['hvch_electric'] == pytest.approx(expected_wh, rel=0.15)
-    # The battery arrives as warm: what came in more went out again.
+    # The battery arrives as warm: the additional heat has leaked.
     assert (change_wh['hvch_heat'] + change_wh['joule'] + change_wh['leakage']
             == pytest.approx(0.0, abs=0.2))
 
@@ -243,5 +243,5 @@ def test_a_careful_plan_is_never_colder_and_starts_never_later(
         min(plain.arrival_temperature_c, target_c) - 2 * ARRIVAL_TOLERANCE_K)
     if plain.status is Status.WAITING and plain.arrival_temperature_c <= target_c + 1e-3:
         assert careful.arrival_temperature_c <= target_c + margin_k + 2 * ARRIVAL_TOLERANCE_K
-    # It heats as steadily as the plan without caution.
+    # It heats as steadily as the plan without a margin.
     assert (careful.hvch_battery_power_w <= CAR.hvch.maximum_power_w - CABIN_W + 1e-6).all()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The value curve: against curves that can be written down, and what holds for every curve."""
+"""The value curve: against curves in closed form, and properties of every curve."""
 
 from hypothesis import given
 from hypothesis import strategies as st
@@ -19,13 +19,13 @@ from bev_preheat.planning.value_curve import (
 
 TARGET_C = 25.0
 PRICE_J_PER_K = 3e6
-# A heater that warms by a kelvin in each stride for this.
+# Energy for a heater that warms by a kelvin in each stride.
 HEATER_J_PER_K = 5e5
 GRID_C = np.linspace(-40.0, 60.0, 64)
 
 
 def stride(warmer_k: float, energy_j: float) -> StrideMap:
-    """Every battery ends as much warmer, and every one takes as much."""
+    """Every battery ends warmer by the same amount, and takes the same energy."""
     return StrideMap(GRID_C, GRID_C + warmer_k, np.full(len(GRID_C), energy_j), -np.inf)
 
 
@@ -41,12 +41,12 @@ def test_without_leakage_the_threshold_falls_by_what_a_stride_can_heat():
             stride(1.0, HEATER_J_PER_K), stride(0.0, 0.0)))
         curve, bands = cheaper_branch(heated, unheated, heating_pays(curve, heated, unheated, 60.0))
         assert len(bands) == 1
-        # Heating later takes the same, so only what could not be made up for is heated now.
+        # Heating later costs the same, so only the heat that could not be made up for is needed now.
         _, low_c, high_c = bands[0]
         assert low_c == pytest.approx(TARGET_C - strides_left, abs=1e-9)
         assert high_c == pytest.approx(TARGET_C - strides_left + 1.0, abs=1e-9)
         curve = curve.within(-20.0, 50.0)
-        # What can still be heated takes what the heater takes; what cannot, the penalty.
+        # Heat that is still possible costs the heater's energy; the rest, the penalty.
         for missing_k in (0.0, 0.5 * strides_left, strides_left, strides_left + 3.0):
             heated_k = min(missing_k, strides_left)
             assert curve.at(TARGET_C - missing_k) == pytest.approx(
@@ -126,11 +126,11 @@ def test_many_points_on_a_line_become_few():
 
 @given(st.lists(st.floats(0.0, 4e6), min_size=8, max_size=40), st.floats(0.1, 4.0), st.floats(0.0, 3e6))
 def test_the_cheaper_branch_costs_no_more_than_either(fall_j, warmer_k, energy_j):
-    """Whatever falls: also where heating pays in a band only."""
+    """Any falling curve: also if heating pays in a band only."""
     after = ValueCurve(np.arange(float(len(fall_j))), 1e7 - np.cumsum(fall_j))
     heated, unheated = after.before(stride(warmer_k, energy_j), 1.0), after.before(stride(0.0, 0.0), 1.0)
     curve, bands = cheaper_branch(heated, unheated, heating_pays(after, heated, unheated, 60.0))
-    # One band down to the coldest battery is judged piece by piece, by slopes.
+    # A single band down to the coldest battery is decided piece by piece, by slopes.
     if len(bands) < 2 and not (bands and np.isfinite(bands[0][0])):
         return
     for temperature_c in curve.temperature_c:

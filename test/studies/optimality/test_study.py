@@ -412,5 +412,5 @@ def test_on_trips_with_limits_only_like_is_compared_with_like():
     result = solve_trip(VEHICLE, 1, 3, 'limits')
     paper, merit_order = result.methods['paper'], result.methods['merit_order']
     assert paper.energy_wh < result.optimal_energy_wh - 100.0
-    assert (paper.gap_wh, paper.difference.endswith(' kW more lacking')) == (None, True)
+    assert (paper.gap_wh, paper.difference.endswith(' kW larger')) == (None, True)
     assert merit_order.gap_wh == pytest.approx(merit_order.energy_wh - result.optimal_energy_wh)
