@@ -14,7 +14,10 @@ project = 'bev_preheat'
 project_copyright = 'bev_preheat maintainers, Apache-2.0'
 version = release = ElementTree.parse(HERE.parent / 'package.xml').findtext('version')
 
-extensions = ['myst_parser']
+extensions = ['myst_parser', 'sphinx.ext.mathjax', 'sphinx-mathjax-offline']
+# Formulas as GitHub writes them: $…$ in a line, ```math for a block. MathJax is part of the site.
+myst_enable_extensions = ['dollarmath']
+myst_fence_as_directive = ['math']
 # The files of this folder are included by the pages of reference/.
 exclude_patterns = ['reference/generated/*']
 # Links may point to headings: page.md#heading.

@@ -12,7 +12,8 @@ from bev_preheat.control.settings import Settings
 from bev_preheat.drawing.curves import draw_course, draw_steps, show_range, TimeAxis
 from bev_preheat.drawing.figure import legend_above, save_figure, stacked_figure
 from bev_preheat.drawing.palette import AMBIENT, look_of, PREDICTION, TARGET, WITHOUT_PREHEATING
-from bev_preheat.nodes.convert import mission_from_message, nanoseconds
+from bev_preheat.nodes.convert import mission_from_message
+from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.planner import plan_unheated
 from bev_preheat.planning.situation import BatteryState
 
@@ -24,18 +25,11 @@ if TYPE_CHECKING:
     from bev_preheat.files.output_files import AnyPath
     from bev_preheat.planning.plan import Plan
     from bev_preheat.vehicle import Vehicle
-    from bev_preheat_msgs.msg import PreheatPlan, RoutePlan
-
-PLANNED: Style = {'linewidth': 6.0, 'alpha': 0.3, 'linestyle': '-',
-                  'label': 'planned at the start'}
+    from bev_preheat_msgs.msg import RoutePlan
 
 
 class DrawnDrive(Protocol):
     """What is drawn of a drive; a demonstration's `ObservedDrive` says what each is."""
-
-    @property
-    def first_plan(self) -> PreheatPlan:
-        """PreheatPlan that is drawn as the planned one."""
 
     @property
     def route(self) -> RoutePlan:
@@ -72,11 +66,9 @@ def draw_drive(path: AnyPath, drive: DrawnDrive, vehicle: Vehicle, title: str) -
 
 
 def make_drive_figure(drive: DrawnDrive, vehicle: Vehicle, title: str) -> Figure:
-    """Return the figure of an `ObservedDrive`, over its first plan and the unheated drive."""
+    """Return the figure of an `ObservedDrive`, over the unheated drive."""
     figure, (temperature, heater, charge) = stacked_figure(3, title, panel_height_in=2.3)
-    plan, time = drive.first_plan, TimeAxis(drive.duration_s)
-    plan_start_s = (nanoseconds(plan.header.stamp) - drive.start_ns) / NS_PER_S
-    planned = time(plan_start_s + np.array(plan.time))
+    time = TimeAxis(drive.duration_s)
     instants_s, temperatures_c, socs = np.array(drive.states).T
     unheated, unheated_from_s = _unheated(drive, vehicle)
     planner, idle = look_of('planner'), look_of(WITHOUT_PREHEATING)
@@ -84,7 +76,6 @@ def make_drive_figure(drive: DrawnDrive, vehicle: Vehicle, title: str) -> Figure
     def line(label: str) -> Style:
         return planner.line(linewidth=1.6, label=label)
 
-    draw_course(temperature, planned, plan.battery_temperature, **planner.line(**PLANNED))
     draw_course(temperature, time(instants_s), temperatures_c,
                 **line(f'battery, arrival at {temperatures_c[-1]:.1f} °C'))
     draw_course(temperature, time(unheated_from_s + unheated.time_s),
@@ -93,7 +84,7 @@ def make_drive_figure(drive: DrawnDrive, vehicle: Vehicle, title: str) -> Figure
     if drive.predictions:
         prediction_s, predicted_c = np.array(drive.predictions).T
         draw_course(temperature, time(prediction_s), predicted_c, color=PREDICTION,
-                    linewidth=1.2, label='predicted for arrival')
+                    linewidth=1.2, label='predicted arrival temperature')
     temperature.axhline(drive.target_c, **TARGET, label=f'target {drive.target_c:.1f} °C')
     edges_s = np.concatenate(([0.0], np.cumsum(drive.route.segment_duration)))
     draw_steps(temperature, time(edges_s),
@@ -102,14 +93,13 @@ def make_drive_figure(drive: DrawnDrive, vehicle: Vehicle, title: str) -> Figure
     temperature.set_ylabel('temperature\n[°C]')
 
     command_s, power_w = np.array(drive.commands).T
-    draw_steps(heater, planned, np.array(plan.hvch_power) / 1e3, **planner.line(**PLANNED))
+    on_s = command_s[power_w > 0.0]
     # The last command holds until the vehicle stands.
     draw_steps(heater, time([*command_s, max(command_s[-1], instants_s[-1])]), power_w / 1e3,
-               **line('command'))
+               **line(f'command, on after {duration_text(on_s[0])}' if len(on_s) else 'command, never on'))
     show_range(heater, [0.0], *(curve.get_ydata() for curve in heater.get_lines()), least=1.0)
     heater.set_ylabel('heater power\nfor the battery [kW]')
 
-    draw_course(charge, planned, 100.0 * np.array(plan.soc), **planner.line(**PLANNED))
     draw_course(charge, time(instants_s), 100.0 * socs,
                 **line(f'battery, arrival with {100.0 * socs[-1]:.1f} %'))
     draw_course(charge, time(unheated_from_s + unheated.time_s), 100.0 * unheated.soc, **idle.line(

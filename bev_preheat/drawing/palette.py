@@ -30,7 +30,7 @@ AMBIENT: Style = {'color': SKY_BLUE, 'alpha': 0.6, 'linewidth': 4.0, 'zorder': 1
 PREDICTION = PURPLE
 # The same, because the heater mostly runs at its limit.
 HEATER_LIMIT: Style = {'color': GRAY, 'alpha': 0.35, 'linewidth': 6.0, 'zorder': 1.0,
-                       'solid_capstyle': 'butt', 'label': 'left by the cabin'}
+                       'solid_capstyle': 'butt', 'label': 'maximum after cabin heating'}
 DRIVETRAIN: Style = {'color': VERMILLION, 'alpha': 0.55, 'linewidth': 2.6, 'zorder': 2.0,
                      'label': 'drivetrain'}
 ROUTE = GRAY
@@ -79,8 +79,22 @@ LOOKS = {
     WITHOUT_PREHEATING: Look(GRAY, (0, (6.0, 3.0)), 1.3, 'v'),
 }
 UNKNOWN = Look(PURPLE, 'solid', 1.5, 'D')
+NAMES = {
+    'merit_order': 'merit_order (default)',
+    'optimal_switch': 'optimal_switch (one switch)',
+    'paper': 'paper (published heuristic)',
+    'replanned_paper': 'published heuristic, re-planned',
+    'always_on': 'heater always on',
+    'nlp': 'optimum (nonlinear program)',
+}
 
 
 def look_of(method: str) -> Look:
     """Return the Look of a method, also where its plan is shown as it is driven."""
     return LOOKS.get(method.partition(',')[0], UNKNOWN)
+
+
+def name_of(method: str) -> str:
+    """Return the name of a method in legends; a plan shown as driven keeps the limits."""
+    name, _, driven = method.partition(', ')
+    return NAMES.get(name, name) + (', limits kept' if driven == 'driven' else f', {driven}' if driven else '')

@@ -17,6 +17,7 @@ from bev_preheat.drawing.palette import (
     DRIVETRAIN,
     HEATER_LIMIT,
     look_of,
+    name_of,
     RESERVE,
     ROUTE,
     TARGET,
@@ -39,6 +40,7 @@ if TYPE_CHECKING:
     from matplotlib.lines import Line2D
     from numpy.typing import ArrayLike
 
+    from bev_preheat.drawing.palette import Look
     from bev_preheat.files.output_files import AnyPath
     from bev_preheat.numerics.arrays import FloatArray
     from bev_preheat.planning.dynamics import Accounts
@@ -55,17 +57,18 @@ SAME_COURSE_K = 0.15
 
 
 def draw_plans(path: AnyPath, vehicle: Vehicle, route: Route, goal: Goal, plans: Sequence[Plan],
-               title: str) -> None:
+               title: str, every_panel: bool = False) -> None:
     """Draw plans for one route into a file, whose suffix says which kind of picture it is."""
-    save_figure(make_plan_figure(vehicle, route, goal, plans, title), path)
+    save_figure(make_plan_figure(vehicle, route, goal, plans, title, every_panel), path)
 
 
 def make_plan_figure(vehicle: Vehicle, route: Route, goal: Goal, plans: Sequence[Plan],
-                     title: str) -> Figure:
+                     title: str, every_panel: bool = False) -> Figure:
     """
     Return the figure of plans for one route, and of the same trip without preheating.
 
-    The battery's power limits are those along the first plan.
+    The battery's power limits are those along the first plan. Several plans are compared in four panels;
+    one plan, or `every_panel`, adds heat, leakage and speed.
     """
     first = plans[0]
     if len(plans) == 1:
@@ -74,8 +77,10 @@ def make_plan_figure(vehicle: Vehicle, route: Route, goal: Goal, plans: Sequence
     trip = make_trip(vehicle, route)
     time = TimeAxis(first.arrival_time_s)
     edges = time(trip.time_s)
-    figure, axes = stacked_figure(7, title, panel_height_in=1.6)
-    temperature, heater, charge, power, heat, leakage, drive = axes
+    every_panel = every_panel or len(plans) == 1
+    figure, axes = (stacked_figure(7, title, panel_height_in=1.6) if every_panel else
+                    stacked_figure(4, title, panel_height_in=2.2))
+    temperature, heater, charge, power = axes[:4]
 
     lines = []
     courses = [(plan.method, plan) for plan in plans]
@@ -94,18 +99,15 @@ def make_plan_figure(vehicle: Vehicle, route: Route, goal: Goal, plans: Sequence
         if plan.heat is not None:
             later = {**look.line(), **LATER}
             draw_steps(heater, edges, plan.heat.drawn_power_w / 1e3,
-                       **later, label='what the heater takes' if plan is first else None)
-            draw_steps(heat, edges, plan.heat.arriving_heat_w / 1e3,
-                       **later, label='HVCH' if plan is first else None)
+                       **later, label='drawn by the lagging heater' if plan is first else None)
         draw_steps(power, edges, accounts.battery_power_w / 1e3, **look.line())
-        draw_steps(heat, edges, accounts.joule_heat_w / 1e3,
-                   **look.line(label='Joule' if plan is first else None))
-        draw_steps(leakage, edges, accounts.leakage_w / 1e3, **look.line())
+        if every_panel:
+            _draw_heat(axes[4], axes[5], edges, plan, accounts, look, labelled=plan is first)
     _draw_temperatures(temperature, edges, trip, goal, plans, lines)
 
     draw_steps(heater, edges, trip.heater_limit_w / 1e3, **HEATER_LIMIT)
     show_range(heater, [0.0], *_drawn(heater), least=1.0)
-    heater.set_ylabel('HVCH for\nbattery [kW]')
+    heater.set_ylabel('heater power for\nbattery [kW]')
 
     _draw_reserve(charge, 100.0 * reserve_soc(vehicle, goal))
     charge.set_ylabel('state of\ncharge [%]')
@@ -113,18 +115,9 @@ def make_plan_figure(vehicle: Vehicle, route: Route, goal: Goal, plans: Sequence
     _draw_limits(power, edges, trip, first)
     power.set_ylabel('battery\npower [kW]')
 
-    driven = _driven_share(trip, first)
-    draw_steps(heat, edges, (driven * trip.drivetrain_heat_w - vehicle.drivetrain.heat_share
-                             * first.friction_brake_power_w) / 1e3, **DRIVETRAIN)
-    show_range(heat, [0.0], *_drawn(heat), least=0.5)
-    heat.set_ylabel('heat into\nbattery [kW]')
-    show_range(leakage, [0.0], *_drawn(leakage), least=0.2)
-    leakage.set_ylabel('heat from\nambient [kW]')
-
-    draw_steps(drive, edges, driven * trip.route.speed_mps * 3.6, color=ROUTE)
-    show_range(drive, [0.0], *_drawn(drive), least=20.0)
-    drive.set_ylabel('speed\n[km/h]')
-    time.finish(drive, 0.0, first.arrival_time_s)
+    if every_panel:
+        _draw_drive(axes[4:], edges, trip, first)
+    time.finish(axes[-1], 0.0, first.arrival_time_s)
 
     if first.stranding is not None:
         for axis in axes:
@@ -138,15 +131,16 @@ def make_plan_figure(vehicle: Vehicle, route: Route, goal: Goal, plans: Sequence
 
 def _on_arrival(method: str, plan: Plan, earlier: Iterable[Plan]) -> str:
     """Say what is found on arrival, and which earlier plan has the same course."""
+    name = name_of(method)
     if plan.heating_start_s is None and method != WITHOUT_PREHEATING:
-        method += ', does not heat'
+        name += ', does not heat'
     if plan.stranding is not None:
-        return f'{method}: battery empty after {duration_text(plan.stranding.at_s)}'
-    hidden = next((other.method for other in earlier if np.abs(
+        return f'{name}: battery empty after {duration_text(plan.stranding.at_s)}'
+    hidden = next((other.method.partition(',')[0] for other in earlier if np.abs(
         other.battery_temperature_c - plan.battery_temperature_c).max() < SAME_COURSE_K), None)
-    return (f'{method}: {plan.arrival_temperature_c:.1f} °C, {100.0 * plan.arrival_soc:.1f} %, '
+    return (f'{name}: {plan.arrival_temperature_c:.1f} °C, {100.0 * plan.arrival_soc:.1f} %, '
             f'{plan.energy_wh.battery_total / 1e3:.3f} kWh'
-            + (f', drawn over {hidden}' if hidden else ''))
+            + (f' (≈ {hidden})' if hidden else ''))
 
 
 def _accounts(trip: Trip, plan: Plan) -> Accounts:
@@ -161,6 +155,32 @@ def _driven_share(trip: Trip, plan: Plan) -> FloatArray:
     """Return the share of each step that is driven, shape (N,): 0 once the battery is empty."""
     empty_s = np.inf if plan.stranding is None else plan.stranding.at_s
     return np.clip((empty_s - trip.time_s[:-1]) / trip.route.duration_s, 0.0, 1.0)
+
+
+def _draw_heat(heat: Axes, leakage: Axes, edges: FloatArray, plan: Plan, accounts: Accounts, look: Look,
+               labelled: bool) -> None:
+    """Draw the heat of a plan's heater and of the battery itself, and its leakage."""
+    if plan.heat is not None:
+        draw_steps(heat, edges, plan.heat.arriving_heat_w / 1e3,
+                   **{**look.line(), **LATER}, label='heater' if labelled else None)
+    draw_steps(heat, edges, accounts.joule_heat_w / 1e3,
+               **look.line(label='Joule heat' if labelled else None))
+    draw_steps(leakage, edges, accounts.leakage_w / 1e3, **look.line())
+
+
+def _draw_drive(axes: Sequence[Axes], edges: FloatArray, trip: Trip, plan: Plan) -> None:
+    """Draw the heat of the drivetrain and the speed, and finish the panels of heat."""
+    heat, leakage, drive = axes
+    driven = _driven_share(trip, plan)
+    draw_steps(heat, edges, (driven * trip.drivetrain_heat_w - trip.vehicle.drivetrain.heat_share
+                             * plan.friction_brake_power_w) / 1e3, **DRIVETRAIN)
+    show_range(heat, [0.0], *_drawn(heat), least=0.5)
+    heat.set_ylabel('heat into\nbattery [kW]')
+    show_range(leakage, [0.0], *_drawn(leakage), least=0.2)
+    leakage.set_ylabel('heat from\nambient [kW]')
+    draw_steps(drive, edges, driven * trip.route.speed_mps * 3.6, color=ROUTE)
+    show_range(drive, [0.0], *_drawn(drive), least=20.0)
+    drive.set_ylabel('speed\n[km/h]')
 
 
 def _drawn(axis: Axes) -> list[ArrayLike]:
@@ -178,7 +198,7 @@ def _draw_temperatures(axis: Axes, edges: FloatArray, trip: Trip, goal: Goal,
     others.append(draw_steps(axis, edges, trip.route.ambient_temperature_c, **AMBIENT))
     show_range(axis, *_drawn(axis), least=5.0)
     axis.set_ylabel('temperature\n[°C]')
-    legend_above(axis, courses, 'battery on arrival: temperature, state of charge, energy taken',
+    legend_above(axis, courses, 'battery on arrival: temperature, state of charge, energy taken from it',
                  columns=1)
     legend_above(axis, others, side='right')
 
@@ -187,7 +207,7 @@ def _draw_reserve(axis: Axes, reserve_percent: float) -> None:
     """Draw the charge to be left, or say that it lies below the panel."""
     shown, = show_range(axis, *_drawn(axis), least=5.0, bounds=[reserve_percent])
     axis.axhline(reserve_percent, color=RESERVE, linewidth=0.9, linestyle='--',
-                 label=f'reserve {reserve_percent:.0f} %' + ('' if shown else ', below the panel'))
+                 label=f'reserve {reserve_percent:.0f} %' + ('' if shown else ' (below this range)'))
 
 
 def _draw_limits(axis: Axes, edges: FloatArray, trip: Trip, plan: Plan) -> None:
@@ -201,8 +221,8 @@ def _draw_limits(axis: Axes, edges: FloatArray, trip: Trip, plan: Plan) -> None:
     panel = axis.get_ylim()
     axis.axhline(0.0, color='black', linewidth=0.6)
     for (label, colour, side, _), limit_kw, is_shown in zip(limits, values_kw, shown):
-        label += (' (shaded: beyond it)' if is_shown else
-                  f' from {limit_kw.min():.0f} to {limit_kw.max():.0f} kW, {side} the panel')
+        label += (' (shaded: not allowed)' if is_shown else
+                  f', {limit_kw.min():.0f} to {limit_kw.max():.0f} kW ({side} this range)')
         draw_steps(axis, edges, limit_kw, color=colour, linewidth=1.3, label=label)
         far_kw = panel[0] if side == 'below' else panel[1]
         beyond_kw = np.minimum(limit_kw, far_kw) if side == 'below' else np.maximum(limit_kw, far_kw)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A vehicle file as curves: voltage, resistance, limits, leakage, and how the battery warms."""
+"""A vehicle file as curves: voltage, resistance, power limits, and how the battery warms and cools."""
 
 from __future__ import annotations
 
@@ -28,7 +28,6 @@ SOC_STYLES = (':', '-.', '-', '--')
 # The solid line is wide and below the others, so that none hides another.
 SOC_WIDTHS = (1.6, 1.6, 3.5, 1.6)
 COLDEST_C, WARMEST_C = -30.0, 45.0
-FASTEST_KMH = 150.0
 HOUR_MIN = 60.0
 COOLING_FROM_C = 25.0
 
@@ -39,8 +38,8 @@ def draw_vehicle(path: AnyPath, vehicle: Vehicle) -> None:
 
     Warming and cooling are without the heat of driving.
     """
-    figure = Figure(figsize=(11.0, 9.5), layout='constrained')
-    panels = figure.subplots(3, 2)
+    figure = Figure(figsize=(11.0, 8.0), layout='constrained')
+    panels = figure.subplots(2, 2)
     # A dollar sign would begin a formula.
     figure.suptitle(f'Vehicle {vehicle.name}'.replace('$', r'\$'))
     battery = vehicle.battery
@@ -49,15 +48,13 @@ def draw_vehicle(path: AnyPath, vehicle: Vehicle) -> None:
     _draw_voltage(panels[0, 0], battery)
     _draw_over_temperature(panels[0, 1], battery.resistance, temperatures_c, 1e3)
     panels[0, 1].set(title='internal resistance', ylabel='resistance [mΩ]')
-    for axis, limit, title, scale in (
-            (panels[1, 0], battery.charge_power_limit, 'most charging power', -1e-3),
-            (panels[1, 1], battery.discharge_power_limit, 'most discharging power', 1e-3)):
-        _draw_over_temperature(axis, limit, temperatures_c, scale)
-        axis.set(title=title, ylabel='power [kW]')
-    panels[0, 1].legend(title='state of charge, also below', fontsize='small',
-                        title_fontsize='small', ncols=2)
-    _draw_leakage(panels[2, 0], battery)
-    _draw_warming(panels[2, 1], vehicle)
+    panels[0, 1].legend(title='state of charge', fontsize='small', title_fontsize='small', ncols=2)
+    limits = panels[1, 0]
+    _draw_over_temperature(limits, battery.discharge_power_limit, temperatures_c, 1e-3)
+    limits.legend(title='state of charge', fontsize='small', title_fontsize='small', ncols=2, loc='upper left')
+    _draw_over_temperature(limits, battery.charge_power_limit, temperatures_c, 1e-3)
+    limits.set(title='power limits\ndischarging above 0, charging below 0', ylabel='battery power [kW]')
+    _draw_warming(panels[1, 1], vehicle)
     for axis in panels.flat:
         axis.grid(True, alpha=0.3)
         axis.spines[['top', 'right']].set_visible(False)
@@ -71,13 +68,13 @@ def _draw_voltage(axis: Axes, battery: Battery) -> None:
         socs, np.full_like(socs, 25.0)) + np.zeros_like(socs)
     axis.plot(100.0 * socs, voltage_v, color='tab:blue')
     axis.set(title='open-circuit voltage at 25 °C', xlabel='state of charge [%]',
-             ylabel='voltage [V]', xlim=(0.0, 100.0))
+             ylabel='battery voltage [V]', xlim=(0.0, 100.0))
     if battery.cells_in_series:
         cells = battery.cells_in_series
         per_cell = axis.secondary_yaxis(
             'right', functions=(lambda volt: np.asarray(volt) / cells,
                                 lambda volt: np.asarray(volt) * cells))
-        per_cell.set_ylabel(f'each of {cells} cells [V]')
+        per_cell.set_ylabel(f'cell voltage ({cells} in series) [V]')
 
 
 def _draw_over_temperature(axis: Axes, curve: Curve, temperatures_c: FloatArray,
@@ -92,32 +89,26 @@ def _draw_over_temperature(axis: Axes, curve: Curve, temperatures_c: FloatArray,
     axis.set(xlabel='battery temperature [°C]', xlim=(temperatures_c[0], temperatures_c[-1]))
 
 
-def _draw_leakage(axis: Axes, battery: Battery) -> None:
-    kmh = np.linspace(0.0, FASTEST_KMH, 51)
-    leakage = battery.leakage.coefficient_w_per_k(kmh / 3.6)
-    axis.plot(kmh, leakage, color='tab:red')
-    axis.set(title='leakage to the ambient air', xlabel='speed [km/h]', ylabel='leakage [W/K]',
-             xlim=(0.0, FASTEST_KMH), ylim=(0.0, 1.15 * max(leakage.max(), 1e-3)))
-
-
 def _draw_warming(axis: Axes, vehicle: Vehicle) -> None:
     minutes = np.linspace(0.0, HOUR_MIN, 61)
     leakage = vehicle.battery.leakage
     heater_w = vehicle.hvch.maximum_power_w
     left_w = max(heater_w - vehicle.defaults.cabin_heating_power_w, 0.0)
     for label, start_c, power_w, speed_mps, style, colour in (
-            ('all of the heater, at rest', AMBIENT_C, heater_w, 0.0, '-', 'tab:red'),
-            ('all of the heater, 100 km/h', AMBIENT_C, heater_w, KMH_100_MPS, '--', 'tab:red'),
-            ('what the cabin leaves, 100 km/h', AMBIENT_C, left_w, KMH_100_MPS, ':', 'tab:red'),
-            ('cooling, at rest', COOLING_FROM_C, 0.0, 0.0, '-', 'tab:blue'),
-            ('cooling, 100 km/h', COOLING_FROM_C, 0.0, KMH_100_MPS, '--', 'tab:blue')):
+            ('full heater power, at rest', AMBIENT_C, heater_w, 0.0, '-', 'tab:red'),
+            ('full heater power, 100 km/h', AMBIENT_C, heater_w, KMH_100_MPS, '--', 'tab:red'),
+            ('with cabin heating, 100 km/h', AMBIENT_C, left_w, KMH_100_MPS, ':', 'tab:red'),
+            ('heater off, at rest', COOLING_FROM_C, 0.0, 0.0, '-', 'tab:blue'),
+            ('heater off, 100 km/h', COOLING_FROM_C, 0.0, KMH_100_MPS, '--', 'tab:blue')):
         coefficient = leakage.coefficient_w_per_k(speed_mps)
         axis.plot(minutes, [start_c + warmed_by_k(vehicle, power_w, coefficient, start_c,
                                                   duration_s=60.0 * minute)
                             for minute in minutes], style, color=colour, label=label)
     axis.axhline(vehicle.defaults.target_battery_temperature_c, color='gray', linewidth=0.9,
-                 linestyle='--', label='target')
-    axis.set(title=f'warming and cooling at {AMBIENT_C:g} °C outside',
+                 linestyle='--', label='target temperature')
+    at_rest, driven = leakage.coefficient_w_per_k(0.0), leakage.coefficient_w_per_k(KMH_100_MPS)
+    axis.set(title=f'warming and cooling, air at {AMBIENT_C:g} °C\n'.replace('-', '−')
+             + f'leakage {at_rest:.0f} W/K at rest, {driven:.0f} W/K at 100 km/h',
              xlabel='time [min]', ylabel='battery temperature [°C]', xlim=(0.0, HOUR_MIN))
     # Room for the legend where no curve is.
     low, high = axis.get_ylim()

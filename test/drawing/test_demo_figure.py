@@ -29,8 +29,6 @@ def panels():
         time=array('d', [0.0, 240.0, 598.0]), battery_temperature=array('d', [2.0, 3.0, 9.0]),
         soc=array('d', [0.8, 0.78, 0.75]), hvch_power=array('d', [0.0, 5000.0]),
         target_battery_temperature=9.0)
-    # It was planned 2 s after the start.
-    drive.first_plan.header.stamp = Time(sec=START_S + 2)
     instants = np.linspace(0.0, 600.0, 31)
     drive.states = [(t, 2.0 + 7.2 * t / 600.0, 0.8 - 0.05 * t / 600.0) for t in instants]
     drive.commands = [(t, 5000.0 * (t > 241.0)) for t in instants]
@@ -52,16 +50,16 @@ def test_the_drive_without_preheating_is_dashed_and_colder(panels):
     assert 2.0 < line.get_ydata()[-1] < 4.0
 
 
-def test_plan_and_drive_are_told_apart_by_width(panels):
-    planned, driven = (lines(panels[0])[label] for label in (
-        'planned at the start', 'battery, arrival at 9.2 °C'))
-    assert planned.get_color() == driven.get_color() == look_of('planner').colour
-    assert planned.get_linewidth() > 2.0 * driven.get_linewidth()
-    assert planned.get_xdata()[0] == pytest.approx(2.0 / 60.0)
+def test_the_drive_has_the_planner_s_colour(panels):
+    assert lines(panels[0])['battery, arrival at 9.2 °C'].get_color() == look_of('planner').colour
+
+
+def test_one_instant_of_switching_on_is_named(panels):
+    assert list(lines(panels[1])) == ['command, on after 4:20 min']
 
 
 def test_commands_last_until_the_vehicle_stands(panels):
-    command = lines(panels[1])['command']
+    command, = panels[1].get_lines()
     assert command.get_xydata()[-1].tolist() == [10.0, 5.0]
     low, high = panels[1].get_ylim()
     assert low < 0.0 < 5.0 < high

@@ -8,7 +8,7 @@ import pytest
 
 from bev_preheat.control.inputs import Leg, NS_PER_S
 from bev_preheat.drawing.itinerary_figure import make_itinerary_figure
-from bev_preheat.drawing.palette import CHARGE_LIMIT, DISCHARGE_LIMIT, look_of
+from bev_preheat.drawing.palette import CHARGE_LIMIT, DISCHARGE_LIMIT, look_of, name_of
 from bev_preheat.drawing.plan_figure import make_plan_figure
 from bev_preheat.drawing.route_figure import make_route_figure
 from bev_preheat.numerics.arithmetic import FLOATS
@@ -37,6 +37,7 @@ def panels_of(route, state=STATE, goal=Goal(25.0), methods=('merit_order',), veh
     """Return the panels of the plans of some methods by name, and the plans."""
     plans = [plan_preheating(vehicle, route, state, goal, method) for method in methods]
     figure = make_plan_figure(vehicle, route, goal, plans, 'title')
+    # Several plans are compared in the first four.
     return dict(zip(PANELS, figure.axes)), plans
 
 
@@ -73,7 +74,7 @@ def test_of_a_heat_path_command_and_what_comes_of_it_are_drawn():
     commanded, drawn = curves(panels['heater'], colour)
     for line, power_w in ((commanded, plan.hvch_battery_power_w), (drawn, plan.heat.drawn_power_w)):
         assert set(line.get_ydata()) == set(power_w / 1e3)
-    assert 'HVCH' in texts(panels['heat'])
+    assert 'heater' in texts(panels['heat'])
     # What is under way at the start warms the battery without preheating too.
     unheated = plan_unheated(vehicle, constant_route(), warm, Goal(25.0))
     cold = plan_unheated(vehicle, constant_route(), BatteryState(12.0, 0.9), Goal(25.0))
@@ -113,7 +114,7 @@ def test_the_legend_says_what_is_found_on_arrival(reference):
     panels, (plan,) = reference
     unheated = plan_unheated(VEHICLE, load_route('reference', VEHICLE.defaults), STATE, Goal(25.0))
     assert texts(panels['temperature'])[:2] == [
-        f'{name}: {made.arrival_temperature_c:.1f} °C, {100 * made.arrival_soc:.1f} %, '
+        f'{name_of(name)}: {made.arrival_temperature_c:.1f} °C, {100 * made.arrival_soc:.1f} %, '
         f'{made.energy_wh.battery_total / 1000:.3f} kWh'
         for name, made in (('merit_order', plan), ('without preheating', unheated))]
 
@@ -133,7 +134,7 @@ def test_state_of_charge_is_drawn_over_the_trip(reference):
 
 @pytest.mark.costly
 @pytest.mark.parametrize('reserve, text, is_seen', [
-    (0.75, 'reserve 75 %', True), (0.2, 'reserve 20 %, below the panel', False)])
+    (0.75, 'reserve 75 %', True), (0.2, 'reserve 20 % (below this range)', False)])
 def test_the_reserve_is_drawn_or_said(reserve, text, is_seen):
     panels, _ = panels_of(constant_route(), goal=Goal(0.0, reserve))
     low, high = panels['charge'].get_ylim()
@@ -165,9 +166,9 @@ def test_a_limit_that_matters_is_seen_and_a_far_one_is_told(alpine):
     assert low < charge.get_ydata()[descent].min() < charge.get_ydata()[descent].max() < 0.0
     assert high < discharge.get_ydata().min()
     assert texts(axis) == [
-        'charge limit (shaded: beyond it)',
-        f'discharge limit from {discharge.get_ydata().min():.0f} to '
-        f'{discharge.get_ydata().max():.0f} kW, above the panel']
+        'charge limit (shaded: not allowed)',
+        f'discharge limit, {discharge.get_ydata().min():.0f} to '
+        f'{discharge.get_ydata().max():.0f} kW (above this range)']
     # The power itself takes a good part of the panel.
     power, = curves(axis, look_of('merit_order').colour)
     assert np.ptp(power.get_ydata()) > 0.4 * (high - low)
@@ -186,16 +187,16 @@ def test_coinciding_methods_are_all_seen(compared):
 def test_the_legend_names_what_is_hidden(compared):
     panels, _ = compared
     merit, switch, paper, unheated = texts(panels['temperature'])[:4]
-    assert 'drawn over' not in merit + unheated
-    assert switch.endswith(', drawn over merit_order')
+    assert '≈' not in merit + unheated
+    assert switch.endswith(' (≈ merit_order)')
     # Its own course, 0.2 K above the others.
-    assert 'drawn over' not in paper
+    assert '≈' not in paper
 
 
 def test_a_plan_that_does_not_heat_says_so_and_is_drawn_once():
     panels, _ = panels_of(constant_route(power_w=0.0, ambient_c=25.0, speed_mps=0.0),
                           BatteryState(25.0, 0.5), Goal(20.0))
-    assert texts(panels['temperature'])[0].startswith('merit_order, does not heat: 25')
+    assert texts(panels['temperature'])[0].startswith('merit_order (default), does not heat: 25')
     assert not curves(panels['temperature'], look_of('without preheating').colour)
 
 
@@ -215,7 +216,7 @@ def test_an_empty_battery_ends_the_drive_in_every_panel():
     panels, (plan,) = panels_of(constant_route(power_w=40e3), BatteryState(-7.0, 0.1))
     at_min = plan.stranding.at_s / 60.0
     assert texts(panels['temperature'])[0] == (
-        f'merit_order, does not heat: battery empty after '
+        f'merit_order (default), does not heat: battery empty after '
         f'{at_min // 1:.0f}:{at_min % 1 * 60:02.0f} min')
     assert 'battery empty' in texts(panels['charge'])
     for name in ('power', 'drive'):
@@ -241,7 +242,7 @@ def test_every_panel_has_a_unit(reference):
 @pytest.mark.costly
 def test_no_text_of_a_plan_is_cut_or_covers_another(compared):
     panels, _ = compared
-    figure = panels['drive'].figure
+    figure = panels['power'].figure
     figure.draw_without_rendering()
     legends = [child.get_window_extent() for axis in panels.values()
                for child in axis.get_children() if hasattr(child, 'get_texts')]
@@ -276,7 +277,7 @@ def test_the_legend_of_an_itinerary_has_each_line_once(itinerary):
     figure, _ = itinerary
     assert [texts(axis) for axis in figure.axes] == [
         ['battery', 'without preheating', 'target', 'ambient', 'stop'],
-        ['for the battery', 'left by the cabin'],
+        ['for the battery', 'maximum after cabin heating'],
         ['state of charge', 'without preheating', 'reserve'], []]
 
 
@@ -313,3 +314,11 @@ def test_a_comparison_keeps_each_method_s_colour_as_driven(alpine):
     figure = make_plan_figure(VEHICLE, route, Goal(25.0), [
         plan, replace(plan, method='paper, driven')], 'title')
     assert curves(figure.axes[1], look_of('paper').colour)
+    assert 'paper (published heuristic), limits kept: ' in ''.join(texts(figure.axes[0]))
+
+
+def test_a_comparison_has_four_panels_unless_every_one_is_asked_for(compared):
+    panels, plans = compared
+    assert len(panels) == 4
+    figure = make_plan_figure(VEHICLE, constant_route(), Goal(25.0), plans, 'title', every_panel=True)
+    assert len(figure.axes) == len(PANELS)

@@ -50,7 +50,8 @@ def test_a_study_compares_the_feasible_trips(study):
 
 
 def test_a_plan_that_reaches_less_saves_nothing(study):
-    assert texts(study[0]) == ['merit_order', 'optimal_switch', 'paper, reaches less on 1']
+    assert texts(study[0]) == [
+        'merit_order (default)', 'optimal_switch (one switch)', 'paper, not comparable on 1']
     paper = study[0].get_lines()[2]
     assert paper.get_xdata().max() == 9.0
     assert paper.get_ydata().max() == pytest.approx(200 / 3)
@@ -86,7 +87,7 @@ def robustness():
 
 def test_histograms_have_the_colours_of_their_methods_and_one_hatch_each(robustness):
     patches = [patch for patch in robustness[0].patches if patch.get_label() in (
-        'replanned_paper', 'planner')]
+        'published heuristic, re-planned', 'planner')]
     assert [to_hex(patch.get_edgecolor()).upper() for patch in patches] == [
         look_of('replanned_paper').colour.upper(), look_of('planner').colour.upper()]
     assert len({patch.get_hatch() for patch in patches}) == 2
@@ -94,15 +95,22 @@ def test_histograms_have_the_colours_of_their_methods_and_one_hatch_each(robustn
 
 def test_one_key_serves_all_panels(robustness):
     assert texts(robustness[3]) == [
-        'replanned_paper', 'planner', 'wanted: 90 % of the trips in here',
-        'wanted: at most (of the energy: the mean)', 'replanned_paper, mean', 'planner, mean']
+        'published heuristic, re-planned', 'planner', 'required for 90 % of the trips',
+        'required maximum (energy: of the mean)', 'published heuristic, re-planned: mean', 'planner: mean']
     assert all(axis.get_legend() is None for axis in robustness[:3])
+
+
+def test_bins_are_round_and_few(robustness):
+    edges = {round(float(x), 9) for patch in robustness[0].patches if patch.get_label() == 'planner'
+             for x in patch.get_xy()[:, 0]}
+    assert len(edges) <= 11
+    assert all(round(10.0 * edge, 6).is_integer() for edge in edges)
 
 
 def test_mean_energies_are_where_they_are(robustness):
     means = {line.get_label(): line.get_xdata()[0] for line in robustness[1].get_lines()}
-    assert means['planner, mean'] == pytest.approx(2.0)
-    assert means['replanned_paper, mean'] == pytest.approx(-10.0)
+    assert means['planner: mean'] == pytest.approx(2.0)
+    assert means['published heuristic, re-planned: mean'] == pytest.approx(-10.0)
 
 
 def test_a_trip_shows_what_was_true_on_arrival():

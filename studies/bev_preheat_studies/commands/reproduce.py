@@ -51,7 +51,7 @@ def run(arguments: Namespace) -> int:
         from bev_preheat.drawing.plan_figure import draw_plans
         vehicle = load_vehicle('reference')
         draw_plans(arguments.plot, vehicle, load_route('reference', vehicle.defaults), GOAL,
-                   [result.heuristic, result.optimum.plan], "the paper's Figure 6")
+                   [result.heuristic, result.optimum.plan], "the paper's Figure 6", every_panel=True)
     console = result_console(arguments.json)
     print_result(console, result)
     if arguments.fit:

@@ -6,7 +6,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from bev_preheat.drawing.figure import grid_figure, legend_above, save_figure
-from bev_preheat.drawing.palette import GRAY, look_of
+from bev_preheat.drawing.palette import GRAY, look_of, name_of
 from bev_preheat_studies.fleet.tally import AMBIENTS, LENGTHS
 from bev_preheat_studies.fleet.ways import NONE, WAYS
 
@@ -32,9 +32,10 @@ def make_fleet_figure(summary: Figures) -> Figure:
     """Return the figure of a fleet's summary (`summarise_fleet`)."""
     trips = f'{summary["trips"]:,}'.replace(',', ' ')
     figure, axes = grid_figure(
-        2, 2, f'{trips} winter trips to a fast charger, against no preheating', height_in=6.6, sharey='row')
-    for row, (name, label) in enumerate((('saved_min', 'saved at the charger [min]'),
-                                         ('more_kwh', 'bought in addition [kWh]'))):
+        2, 2, f'Preheating compared with no preheating: {trips} winter trips to a fast charger', height_in=6.6,
+        sharey='row')
+    for row, (name, label) in enumerate((('saved_min', 'time saved at the charger [min]'),
+                                         ('more_kwh', 'additional energy bought [kWh]'))):
         for column, (groups, heading) in enumerate(((AMBIENTS, 'air temperature [°C]'),
                                                     (LENGTHS, 'driving time to the charger [min]'))):
             axis = axes[row, column]
@@ -42,8 +43,8 @@ def make_fleet_figure(summary: Figures) -> Figure:
             axis.set_ylabel(label if column == 0 else '')
             axis.set_xlabel(heading if row == 1 else '')
     lines, bands = axes[0, 0].get_lines(), axes[0, 1].collections
-    legend_above(axes[0, 0], [line for line in lines if line.get_label() in DRAWN],
-                 title='mean of all trips', columns=2)
+    legend_above(axes[0, 0], [line for line in lines if line.get_label() in map(name_of, DRAWN)],
+                 title='mean of the trips', columns=1)
     legend_above(axes[0, 1], list(bands), columns=1)
     return figure
 
@@ -57,10 +58,11 @@ def _draw(axis: Axes, summary: Figures, name: str, groups: list[str]) -> None:
 
     axis.axhline(0.0, color=GRAY, linewidth=0.6)
     axis.fill_between(places, values(SPREAD_OF, '5 %'), values(SPREAD_OF, '95 %'), linewidth=0.0,
-                      color=look_of(SPREAD_OF).colour, alpha=SPREAD_ALPHA, label=f'{SPREAD_OF}, 5 … 95 % of trips')
+                      color=look_of(SPREAD_OF).colour, alpha=SPREAD_ALPHA,
+                      label=f'{SPREAD_OF}: 5 to 95 % of the trips')
     for way in DRAWN:
         look = look_of(way)
-        axis.plot(places, values(way, 'mean'), **look.line(label=way, marker=look.marker,
+        axis.plot(places, values(way, 'mean'), **look.line(label=name_of(way), marker=look.marker,
                                                            markersize=5.0, markerfacecolor='none'))
     axis.set_xticks(list(places), [_tick(group) for group in groups], fontsize='small')
 
@@ -68,4 +70,4 @@ def _draw(axis: Axes, summary: Figures, name: str, groups: list[str]) -> None:
 def _tick(group: str) -> str:
     """Return the name of a group without its unit, short."""
     name = group.rpartition(' ')[0].replace('-', '−')
-    return name.replace('below', '<').replace('from', '≥').replace(' to ', ' … ')
+    return name.replace('below', '<').replace('from', '≥').replace(' to ', '…')

@@ -11,7 +11,7 @@ import numpy as np
 
 from bev_preheat.drawing.curves import draw_course, draw_steps, show_range, TimeAxis
 from bev_preheat.drawing.figure import grid_figure, legend_above, save_figure, stacked_figure
-from bev_preheat.drawing.palette import look_of, PREDICTION, TARGET, WANTED
+from bev_preheat.drawing.palette import look_of, name_of, PREDICTION, TARGET, WANTED
 from bev_preheat_studies.robustness.car_figures import (
     energy_excess,
     LEAST_ARRIVAL_ERROR_K,
@@ -32,7 +32,10 @@ if TYPE_CHECKING:
     from bev_preheat_studies.robustness.car_study import CarResult
     from bev_preheat_studies.robustness.drives import DriveOutcome, DriveTrace
 
-BINS = 40
+# Bins of a histogram for each cube root of the number of trips.
+BINS_PER_ROOT = 2.2
+# Most bins of whole switch-ons.
+MOST_BINS = 40
 
 
 def draw_robustness(path: AnyPath, results: Sequence[CarResult],
@@ -50,7 +53,7 @@ def draw_trip_course(path: AnyPath, result: CarResult, courses: Mapping[str, Dri
 def make_robustness_figure(results: Sequence[CarResult], methods: Sequence[str]) -> Figure:
     """Return the figure of arrival errors, energy above the informed drive and switch-ons."""
     figure, axes = grid_figure(
-        2, 2, f'Cars that differ from their description: {len(results)} trips in closed loop',
+        2, 2, f'{len(results)} trips with cars that differ from their vehicle file',
         height_in=7.0)
     (arrival, energy), (switching, key) = axes
 
@@ -58,21 +61,24 @@ def make_robustness_figure(results: Sequence[CarResult], methods: Sequence[str])
         return {method: np.array([figure_of(result, result.methods[method]) for result in results],
                                  dtype=float) for method in methods}
 
-    _histograms(arrival, figures(lambda _, drive: drive.arrival_error_k), least=1.0)
+    errors_k = figures(lambda _, drive: drive.arrival_error_k)
+    _histograms(arrival, errors_k, _rounded_edges(errors_k, least=1.0))
     arrival.axvspan(LEAST_ARRIVAL_ERROR_K, MOST_ARRIVAL_ERROR_K, color=WANTED, alpha=0.2, zorder=0.5,
-                    linewidth=0.0, label='wanted: 90 % of the trips in here')
-    arrival.set(xlabel='arrival temperature above target [K]', ylabel='trips')
+                    linewidth=0.0, label='required for 90 % of the trips')
+    arrival.set(xlabel='arrival temperature minus target [K]', ylabel='number of trips')
 
-    _histograms(energy, figures(lambda result, drive: _excess_percent(result.informed, drive)),
-                least=2.0)
+    excess = figures(lambda result, drive: _excess_percent(result.informed, drive))
+    _histograms(energy, excess, _rounded_edges(excess, least=2.0))
     energy.axvline(100.0 * MOST_EXCESS, color=WANTED, linestyle='--',
-                   label='wanted: at most (of the energy: the mean)')
+                   label='required maximum (energy: of the mean)')
     for method in methods:
         mean = energy_excess(results, method, 'heating_energy_wh')['mean']
         if mean is not None:
             energy.axvline(100.0 * mean, color=look_of(method).colour, linestyle=':',
-                           label=f'{method}, mean')
-    energy.set(xlabel='heating energy above the informed plan [%]', ylabel='trips')
+                           label=f'{name_of(method)}: mean')
+    energy.set(xlabel='additional heating energy [%]', ylabel='number of trips')
+    energy.set_title('compared with a plan that knows the true car,\non trips that arrive equally warm',
+                     fontsize='medium')
 
     _draw_switch_ons(switching, figures(lambda _, drive: drive.switch_ons))
     # One key for all panels, in the place of a fourth.
@@ -84,19 +90,13 @@ def make_robustness_figure(results: Sequence[CarResult], methods: Sequence[str])
 
 
 def _draw_switch_ons(axis: Axes, switch_ons: Mapping[str, FloatArray]) -> None:
-    most = max(values.max() for values in switch_ons.values())
-    for method, values in switch_ons.items():
-        ordered = np.sort(values)
-        share = 100.0 * np.arange(1, len(ordered) + 1) / len(ordered)
-        # From no trip with less than the fewest on.
-        axis.step([ordered[0], *ordered], [0.0, *share], where='post', **look_of(method).line())
+    most = max(MOST_SWITCH_ONS, *(values.max() for values in switch_ons.values()))
+    # Whole numbers are in the middle of a bin.
+    _histograms(axis, switch_ons, np.arange(-0.5, most + np.ceil((most + 1) / MOST_BINS) + 0.5,
+                                            np.ceil((most + 1) / MOST_BINS)))
     axis.axvline(MOST_SWITCH_ONS, color=WANTED, linestyle='--')
-    axis.set(xscale='symlog', xlim=(0.0, 1.2 * max(most, MOST_SWITCH_ONS)), ylim=(0.0, 104.0),
-             xlabel='switch-ons', ylabel='trips with at most so many [%]')
-    ticks = [tick for tick in (0, 1, 3, 10, 30, 100, 300, 1000)
-             if tick <= max(most, MOST_SWITCH_ONS)]
-    axis.set_xticks(ticks, labels=map(str, ticks))
-    axis.minorticks_off()
+    axis.set(xlabel='times the heater was switched on', ylabel='number of trips')
+    axis.xaxis.set_major_locator(MaxNLocator(integer=True))
 
 
 def _excess_percent(informed: DriveOutcome, drive: DriveOutcome) -> float:
@@ -106,17 +106,26 @@ def _excess_percent(informed: DriveOutcome, drive: DriveOutcome) -> float:
     return 100.0 * (drive.heating_energy_wh / informed.heating_energy_wh - 1.0)
 
 
-def _histograms(axis: Axes, values: Mapping[str, FloatArray], least: float) -> None:
-    """Draw histograms over each other, hatched differently, in a span of at least `least`."""
+def _rounded_edges(values: Mapping[str, FloatArray], least: float) -> FloatArray:
+    """Return edges of bins at round numbers, for the number of trips, over at least `least`."""
     everything = np.concatenate(list(values.values()))
     everything = everything[np.isfinite(everything)]
-    if len(everything):
-        low, high = everything.min(), everything.max()
-        margin = max(0.0, 0.5 * (least - (high - low)))
-        edges = np.histogram_bin_edges(everything, BINS, (low - margin, high + margin))
+    if not len(everything):
+        return np.zeros(0)
+    low, high = everything.min(), everything.max()
+    trips = max(map(len, values.values()))
+    width = max(high - low, least) / (BINS_PER_ROOT * np.cbrt(trips))
+    steps = np.array([1.0, 2.0, 5.0, 10.0]) * 10.0**np.floor(np.log10(width))
+    step = float(steps[np.abs(np.log(steps / width)).argmin()])
+    return step * np.arange(np.floor(low / step), np.floor(high / step) + 2.0)
+
+
+def _histograms(axis: Axes, values: Mapping[str, FloatArray], edges: FloatArray) -> None:
+    """Draw histograms over each other, hatched differently; without edges there is nothing to draw."""
+    if len(edges):
         for (method, own), hatch in zip(values.items(), ('///', '')):
             colour = look_of(method).colour
-            axis.hist(own[np.isfinite(own)], edges.tolist(), histtype='stepfilled', label=method,
+            axis.hist(own[np.isfinite(own)], edges.tolist(), histtype='stepfilled', label=name_of(method),
                       facecolor=to_rgba(colour, 0.4), edgecolor=colour, hatch=hatch)
     axis.yaxis.set_major_locator(MaxNLocator(integer=True))
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.drawing.figure import grid_figure, legend_above, save_figure
-from bev_preheat.drawing.palette import GRAY, look_of
+from bev_preheat.drawing.palette import GRAY, look_of, name_of
 from bev_preheat_studies.optimality.gap_study import FEASIBLE
 
 if TYPE_CHECKING:
@@ -38,7 +38,7 @@ def make_study_figure(results: Sequence[GapResult], methods: Iterable[str]) -> F
     """
     feasible = [result for result in results if result.outcome == FEASIBLE]
     figure, ((shares, over_length),) = grid_figure(
-        1, 2, f'Energy above the nonlinear program: {len(feasible)} feasible trips', height_in=5.0)
+        1, 2, f'Energy above the optimum (nonlinear program): {len(feasible)} feasible trips', height_in=5.0)
     lines, dots = [], []
     for method in methods:
         reached = [(result.duration_s / 60.0, max(abs(gap_wh), FLOOR_WH)) for result in feasible
@@ -47,13 +47,14 @@ def make_study_figure(results: Sequence[GapResult], methods: Iterable[str]) -> F
         look, missed = look_of(method), len(feasible) - len(reached)
         lines += shares.step(
             *_distribution(gaps_wh, len(feasible)), where='post', **look.line(
-                label=method + (f', reaches less on {missed}' if missed else '')))
+                label=f'{method}, not comparable on {missed}' if missed else name_of(method)))
         dots += over_length.plot([duration_min for duration_min, _ in reached], gaps_wh,
-                                 **look.dots(method))
+                                 **look.dots(name_of(method)))
     shares.axhline(100.0, color=GRAY, linewidth=0.6)
-    shares.set(xscale='log', ylim=(0.0, 104.0), xlabel='energy gap, absolute [Wh]',
-               ylabel='trips with at most that gap [%]')
-    over_length.set(yscale='log', xlabel='trip length [min]', ylabel='energy gap, absolute [Wh]')
+    shares.set(xscale='log', ylim=(0.0, 104.0), xlabel='energy above the optimum, magnitude [Wh]',
+               ylabel='share of trips with this energy or less [%]')
+    over_length.set(yscale='log', xlabel='driving time [min]',
+                    ylabel='energy above the optimum, magnitude [Wh]')
     over_length.set_xlim(left=0.0)
     # Without any gap a logarithmic axis has no range of its own.
     shares.set_xlim(left=0.5 * FLOOR_WH)
