@@ -50,7 +50,7 @@ class Seen(uncertainty_margin_module._LastInterval):
 @pytest.fixture
 def kinds(monkeypatch):
     """How often what becomes of a plan, once Python has been asked."""
-    monkeypatch.setattr(uncertainty_margin_module, '_LastStretch', Seen)
+    monkeypatch.setattr(uncertainty_margin_module, '_LastInterval', Seen)
     Seen.kinds.clear()
     return Seen.kinds
 

@@ -50,11 +50,11 @@ class Script:
         for event in events:
             if isinstance(event, RouteArrived):
                 self.mission = event.mission
-                return
+                return StepOutput()
             self.heard.append((event.measurement, now_ns))
             self._power_w = self._powers_w.pop(0) if self._powers_w else 0.0
             self._until_ns = now_ns + self._valid_for_ns
-        yield StepOutput(Command(self._power_w, self._until_ns, Status.HEATING))
+        return StepOutput(Command(self._power_w, self._until_ns, Status.HEATING))
 
 
 @pytest.fixture
