@@ -230,7 +230,7 @@ def test_a_file_that_is_not_recognised_is_not_written_over(tmp_path, contents):
     path.write_bytes(contents)
     finding = 'it is not a state file of this planner' if contents else 'it is empty'
     assert refusal(path) == (
-        f'{path}: is not written over: {finding}; name a file that does not exist yet')
+        f'{path}: not overwritten: {finding}; name a file that does not exist yet')
     assert path.read_bytes() == contents
     assert os.listdir(tmp_path) == ['theirs.json']
 
@@ -241,15 +241,15 @@ def test_a_file_that_is_not_recognised_is_not_written_over(tmp_path, contents):
 def test_no_file_that_comes_with_the_package_is_written_over(path, tmp_path):
     copy = tmp_path / path.name
     copy.write_bytes(path.read_bytes())
-    assert 'is not written over: it is not a state file' in refusal(copy)
+    assert 'not overwritten: it is not a state file' in refusal(copy)
     assert copy.read_bytes() == path.read_bytes()
 
 
 def test_a_file_of_a_later_version_is_not_written_over(state_file):
     contents = {**json.loads(state_file.read_text()), 'bev_preheat_state_file': 4, 'new': [1]}
     state_file.write_text(json.dumps(contents))
-    assert refusal(state_file) == (f'{state_file}: is of format 4, of a later version; this one '
-                                   'knows 1 to 3; name another file')
+    assert refusal(state_file) == (f'{state_file}: has format 4 of a later version; this '
+                                   'version reads 1 to 3; name another file')
     assert json.loads(state_file.read_text()) == contents
 
 
@@ -285,7 +285,7 @@ def test_what_is_no_file_is_refused(tmp_path, monkeypatch, make, problem):
 def test_a_link_to_somebody_elses_file_is_refused(tmp_path):
     (tmp_path / 'car.yaml').write_text('name: mine\n')
     (tmp_path / 'state.json').symlink_to('car.yaml')
-    assert 'state.json: is not written over' in refusal(tmp_path / 'state.json')
+    assert 'state.json: not overwritten' in refusal(tmp_path / 'state.json')
     assert (tmp_path / 'car.yaml').read_text() == 'name: mine\n'
 
 
@@ -305,7 +305,7 @@ def test_a_file_that_cannot_be_read_is_refused(state_file, monkeypatch):
 def test_what_has_taken_its_place_since_is_not_written_over(state_file):
     assert load_state(state_file, CAR).learned is not None
     state_file.write_text('name: mine\n')
-    with pytest.raises(InvalidInput, match='is not written over'):
+    with pytest.raises(InvalidInput, match='not overwritten'):
         save_state(state_file, CAR, learned())
     assert state_file.read_text() == 'name: mine\n'
 
