@@ -116,7 +116,7 @@ def test_a_drive_log_becomes_a_route(preheat_route, log):
     assert route.duration_s.tolist() == [45.0, 45.0]
     assert route.propulsion_power_w.tolist() == [360.0 * 50.0 - 900.0 - auxiliary_w] * 2
     assert 'Route drive\n' in out
-    assert (f'note: {log}, line 42: 3 s without a good sample, from 39 s to 42 s, are bridged'
+    assert (f'note: {log}, line 42: 3 s without a valid sample, from 39 s to 42 s, are bridged'
             in out)
 
 

@@ -164,17 +164,17 @@ def test_missing_seconds_are_bridged_in_a_straight_line(write):
     assert_same_route(bridged.route, whole.route, rtol=1e-12)
     assert whole.remarks == ()
     assert bridged.remarks == (
-        f'{path}, line 22: 10 s without a good sample, from 19 s to 29 s, are bridged',)
+        f'{path}, line 22: 10 s without a valid sample, from 19 s to 29 s, are bridged',)
 
 
 def test_a_longer_gap_is_refused(write):
     assert problems_with(write(RAMP, left_out=range(20, 30))) == [
-        ', line 22: 11 s without a good sample, from 19 s to 30 s; at most 10 s are bridged']
+        ', line 22: 11 s without a valid sample, from 19 s to 30 s; at most 10 s are bridged']
 
 
 def test_too_many_gaps_are_refused(write):
     assert problems_with(write(RAMP, left_out=range(1, 60, 4))) == [
-        ': 15 s lack samples, in 15 gaps; at most 11.8 s, 20% of the log, are bridged']
+        ': 15 s without samples, in 15 gaps; at most 11.8 s, 20% of the log, are bridged']
 
 
 def test_the_sixth_gap_and_more_are_counted(write):
@@ -183,7 +183,7 @@ def test_the_sixth_gap_and_more_are_counted(write):
     path = write(columns, left_out=range(10, 110, 10))
     remarks = load_drive_logs([path], DEFAULTS).remarks
     assert len(remarks) == 6
-    assert remarks[4].startswith(f'{path}, line 48: 2 s without a good sample, from 49 s to 51 s')
+    assert remarks[4].startswith(f'{path}, line 48: 2 s without a valid sample, from 49 s to 51 s')
     assert remarks[5] == f'{path}: 5 more gaps are bridged'
 
 
@@ -201,8 +201,8 @@ def test_an_impossible_sample_is_reported_and_bridged(write, name, value, allowe
     made = load_drive_logs([path], DEFAULTS)
     shown = 'nan' if value == '' else f'{float(value):g}'
     assert made.remarks == (
-        f'{path}, line 19: {name}: {shown} is left out; possible is {allowed}',
-        f'{path}, line 20: 2 s without a good sample, from 16 s to 18 s, are bridged')
+        f'{path}, line 19: {name}: {shown} is dropped; allowed: {allowed}',
+        f'{path}, line 20: 2 s without a valid sample, from 16 s to 18 s, are bridged')
     missing = load_drive_logs([write(samples(), left_out=[17])], DEFAULTS)
     assert_same_route(made.route, missing.route, rtol=1e-12)
 
@@ -212,7 +212,7 @@ def test_further_impossible_samples_are_counted(write):
     columns['voltage_v'][31] = columns['voltage_v'][32] = -1.0
     path = write(columns)
     assert load_drive_logs([path], DEFAULTS).remarks[0] == (
-        f'{path}, line 9: voltage_v: 0 is left out; possible is 1 ... 1500 (and 2 more lines)')
+        f'{path}, line 9: voltage_v: 0 is dropped; allowed: 1 ... 1500 (and 2 more lines)')
 
 
 def test_impossible_samples_at_the_ends_shorten_the_log(write):
@@ -225,13 +225,13 @@ def test_impossible_samples_at_the_ends_shorten_the_log(write):
 def test_a_log_of_impossible_samples_is_refused(write):
     columns = {**samples(), 'voltage_v': np.full(60, 0.0)}
     assert problems_with(write(columns)) == [
-        ': has 0 samples that are possible; at least 2 are needed']
+        ': has 0 valid samples; at least 2 are needed']
 
 
 @pytest.mark.parametrize('value, shown', [(16.0, '16'), (3.5, '3.5')])
 def test_time_that_does_not_rise_is_refused(write, value, shown):
     assert problems_with(write(with_value('time_s', 17, value))) == [
-        f', line 19: time_s: {shown} does not come after 16, the sample before']
+        f', line 19: time_s: {shown} is not after 16 of the previous sample']
 
 
 def test_time_that_is_missing_is_refused(write):

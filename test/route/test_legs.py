@@ -366,7 +366,7 @@ def test_distance_and_duration_are_met(make):
 def test_duration_out_of_reach_is_refused(problems_with):
     slowest, fastest = 10000.0 / 0.7, 10000.0 / 1.4
     (problem,) = problems_with(TRIP, duration_s=120.0)
-    assert problem.startswith('duration_s: 120 is out of reach; with speeds scaled by 1.4 ... 0.7 '
+    assert problem.startswith('duration_s: 120 cannot be reached; with speeds scaled by 1.4 ... 0.7 '
                               'the trip lasts ')
     reach = [float(word) for word in problem.split() if word.isdigit()][-2:]
     assert fastest / 25.0 < reach[0] < reach[1] < slowest / 10.0
@@ -394,7 +394,7 @@ def test_energies_of_one_vehicle_are_not_those_of_another(make):
         'vehicle': 'other car', 'total_magnitude': 5000, 'net': 4000})
     np.testing.assert_array_equal(made.route.propulsion_power_w, before.propulsion_power_w)
     assert made.remarks == (
-        'propulsion_energy_wh is that of vehicle other car and does not hold for test car: its '
+        'propulsion_energy_wh belongs to vehicle other car, not to test car: its '
         'powers are not scaled',)
 
 
@@ -402,11 +402,11 @@ def test_energies_that_are_far_off_are_refused(make, problems_with):
     driven, regenerated = energies_wh(make(TRIP).route)
     assert problems_with(TRIP, propulsion_energy_wh={
         'vehicle': 'test car', 'total_magnitude': 5000, 'net': 4000}) == [
-        f'propulsion_energy_wh: wants 4500 Wh driving; the segments hold {driven:.1f} Wh, '
+        f'propulsion_energy_wh: 4500 Wh driving cannot be reached; the segments have {driven:.1f} Wh, '
         'which may be scaled by 0.5 ... 2']
     assert problems_with(TRIP, propulsion_energy_wh={
         'vehicle': 'test car', 'total_magnitude': float(driven), 'net': float(driven)}) == [
-        f'propulsion_energy_wh: wants 0 Wh regenerating; the segments hold {regenerated:.1f} Wh, '
+        f'propulsion_energy_wh: 0 Wh regenerating cannot be reached; the segments have {regenerated:.1f} Wh, '
         'which may be scaled by 0.5 ... 2']
 
 
@@ -480,7 +480,7 @@ def test_a_car_without_a_road_load_says_what_to_add(tmp_path):
     with pytest.raises(InvalidInput) as caught:
         load_legs(path, replace(vehicle(), road_load=None))
     assert caught.value.problems == [
-        f"{path}: vehicle 'test car' has no road_load, and without it the power on a road is "
+        f"{path}: vehicle 'test car' has no road_load, so its power on a road is "
         'unknown; add it to the vehicle file, with the figures of the car, such as road_load: '
         '{mass_kg: 1900, frontal_area_m2: 2.4, drag_coefficient: 0.27, rolling_resistance: 0.010}']
 
@@ -493,7 +493,7 @@ def test_missing_ambient_temperature_is_named(tmp_path):
     with pytest.raises(InvalidInput) as caught:
         load_legs(path, vehicle())
     assert caught.value.problems == [
-        f'{path}: legs[1]: missing ambient_temperature_c; it must stand here or at the top, for '
+        f'{path}: legs[1]: missing ambient_temperature_c; give it here or at the top, for '
         'all legs']
 
 

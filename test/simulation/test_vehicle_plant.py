@@ -281,11 +281,11 @@ def test_current_and_voltage_are_those_of_the_circuit():
 
 
 @pytest.mark.parametrize('to_s, power_w, message', [
-    (-1.0, 0.0, 'to_s: -1.0 is no finite instant from 0.0 on'),
-    (math.nan, 0.0, 'to_s: nan is no finite instant'),
-    (math.inf, 0.0, 'to_s: inf is no finite instant'),
-    (1.0, -3.0, 'heater_power_w: -3.0 is no power from 0 on'),
-    (1.0, math.nan, 'heater_power_w: nan is no power'),
+    (-1.0, 0.0, 'to_s: -1.0 is not a finite instant from 0.0 on'),
+    (math.nan, 0.0, 'to_s: nan is not a finite instant'),
+    (math.inf, 0.0, 'to_s: inf is not a finite instant'),
+    (1.0, -3.0, 'heater_power_w: -3.0 is not allowed; it must be at least 0'),
+    (1.0, math.nan, 'heater_power_w: nan is not allowed'),
 ])
 def test_misuse_is_told(to_s, power_w, message):
     with pytest.raises(ValueError, match=message):

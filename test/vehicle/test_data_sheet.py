@@ -312,22 +312,22 @@ def check_made_car(tmp_path_factory, sheet):
      'wall box'),
     ({'regeneration_power_kw': 200.0}, '--regeneration-power-kw: 200 kW is more than '
      '--drive-power-kw 150 kW'),
-    ({'cabin_heating_power_kw': 6.0}, '--cabin-heating-power-kw: 6 kW leaves nothing of '
-     '--heater-power-kw 5.5 kW for the battery; both draw from one heater'),
+    ({'cabin_heating_power_kw': 6.0}, '--cabin-heating-power-kw: 6 kW uses all of '
+     '--heater-power-kw 5.5 kW, so none is left for the battery; both draw from one heater'),
     ({'vehicle_mass_kg': 800.0}, '--vehicle-mass-kg: 800 kg with a battery of 493 kg is '
      'implausible; it must be at least 896 kg, battery included'),
     ({'charging_power_kw': math.nan}, '--charging-power-kw: nan kW is implausible; it must be '
      '10 ... 600 kW'),
     ({'nominal_voltage_v': None}, '--nominal-voltage-v or --cells-in-series is needed'),
-    ({'vehicle_mass_kg': None}, '--vehicle-mass-kg is needed where --drag-coefficient, '
-     '--frontal-area-m2 or --rolling-resistance is given'),
+    ({'vehicle_mass_kg': None}, '--vehicle-mass-kg is needed with --drag-coefficient, '
+     '--frontal-area-m2 or --rolling-resistance'),
     ({'usable_energy_kwh': None, 'gross_energy_kwh': None}, '--usable-energy-kwh or '
-     '--gross-energy-kwh is needed: what the driver can use, or what all cells hold (both, if the '
+     '--gross-energy-kwh is needed: the energy for driving, or that of all cells (both, if the '
      'data sheet has both)'),
     ({'chemistry': 'nca'}, "--chemistry: 'nca' is not one of nmc, lfp"),
     ({'name': 'a\nb'}, "--name: 'a\\nb' is not allowed; it must have 1 ... 100 printable characters "
      'and no space at its ends'),
-    ({'sources': (('battery_mas_kg', 'x'),)}, "--source: 'battery-mas-kg' is no figure; did you mean "
+    ({'sources': (('battery_mas_kg', 'x'),)}, "--source: 'battery-mas-kg' is not a figure; did you mean "
      'battery-mass-kg?'),
     ({'sources': (('auxiliary_power_kw', 'x'),)}, '--source: --auxiliary-power-kw is not given'),
 ])

@@ -223,13 +223,13 @@ def test_reference_is_the_car_of_the_papers_table_1():
     ('hvch.colour', 'red', "hvch: unknown key 'colour'; known keys: maximum_power_w, efficiency"),
     ('batery', {}, "the file: unknown key 'batery'; did you mean 'battery'? "
      'known keys: name, battery, drivetrain, hvch, heat_path, charging, defaults, road_load, assumed'),
-    ('assumed', ['battery.resistanc'], "assumed[0]: 'battery.resistanc' is no key of this file; did "
+    ('assumed', ['battery.resistanc'], "assumed[0]: 'battery.resistanc' is not a key of this file; did "
      "you mean 'battery.resistance'?"),
     ('assumed', ['hvch.efficiency', 'wheels'], "assumed[1]: 'wheels' is no key of this "
      'file; such as battery.resistance'),
     ('assumed', ['hvch', 'hvch'], "assumed: holds 'hvch' twice"),
     # A key that the schema knows, but this file does not have.
-    ('assumed', ['road_load'], "assumed[0]: 'road_load' is no key of this file; such as "
+    ('assumed', ['road_load'], "assumed[0]: 'road_load' is not a key of this file; such as "
      'battery.resistance'),
     ('assumed', 'all', "assumed: 'all' is not an array"),
     ('battery.cells_in_series', 96.5, 'battery.cells_in_series: 96.5 is not an integer'),
@@ -266,7 +266,7 @@ def test_reference_is_the_car_of_the_papers_table_1():
      "'heater_lag_s'? known keys: heater_lag_s, coolant_heat_capacity_j_per_k, "
      'coolant_conductance_w_per_k, sensor_lag_s'),
     ('heat_path', {'coolant_heat_capacity_j_per_k': 15000}, 'heat_path: '
-     'coolant_heat_capacity_j_per_k needs coolant_conductance_w_per_k beside it, or no heat '
+     'coolant_heat_capacity_j_per_k needs coolant_conductance_w_per_k, or no heat '
      'arrives'),
     ('heat_path', {'coolant_heat_capacity_j_per_k': 15000, 'coolant_conductance_w_per_k': 0.5},
      'heat_path.coolant_conductance_w_per_k: 0.5 W/K take 30000 s for the heat of 15000 J/K; it '
@@ -312,17 +312,17 @@ def test_reference_is_the_car_of_the_papers_table_1():
      f'{CHARGE}.temperature_c: [10.0, -20.0] must rise from point to point'),
     # Shapes of tables.
     (f'{DISCHARGE}.values', [1000, 50000],
-     f'{DISCHARGE}.values: must hold one value for each point of its axes, 3 of them'),
+     f'{DISCHARGE}.values: must have 3 values, one for each point of its axes'),
     (f'{DISCHARGE}.values', [[1000, 50000, 90000]] * 3,
-     f'{DISCHARGE}.values: must hold one value for each point of its axes, 3 of them'),
+     f'{DISCHARGE}.values: must have 3 values, one for each point of its axes'),
     (CHARGE, {'soc': [0.1, 0.9], 'temperature_c': [-20, 0, 10],
               'values': [[-1, -2], [-3, -4], [-5, -6]]},
-     f'{CHARGE}.values: must hold one value for each point of its axes, 2 x 3 of them'),
+     f'{CHARGE}.values: must have 2 x 3 values, one for each point of its axes'),
     (CHARGE, {'soc': [0.1, 0.9], 'temperature_c': [-20, 0, 10],
               'values': [[-1, -2, -3], [-4, -5]]},
-     f'{CHARGE}.values: must hold one value for each point of its axes, 2 x 3 of them'),
+     f'{CHARGE}.values: must have 2 x 3 values, one for each point of its axes'),
     (CHARGE, {'soc': [0.1, 0.9], 'temperature_c': [-20, 0], 'values': [-1, -2]},
-     f'{CHARGE}.values: must hold one value for each point of its axes, 2 x 2 of them'),
+     f'{CHARGE}.values: must have 2 x 2 values, one for each point of its axes'),
     (CHARGE, {'values': [-1, -2]},
      f'{CHARGE}: must have at least 2 of: soc, temperature_c, values'),
     # A formula or a table.
