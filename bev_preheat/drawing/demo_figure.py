@@ -31,11 +31,11 @@ PLANNED: Style = {'linewidth': 6.0, 'alpha': 0.3, 'linestyle': '-',
 
 
 class DrawnDrive(Protocol):
-    """What is drawn of a drive; a demonstration's `ObservedDrive` says what each is."""
+    """Data of a drive for drawing; a demonstration's `ObservedDrive` describes each."""
 
     @property
     def first_plan(self) -> PreheatPlan:
-        """PreheatPlan that is drawn as the planned one."""
+        """First PreheatPlan, drawn as the planned one."""
 
     @property
     def route(self) -> RoutePlan:
@@ -59,15 +59,15 @@ class DrawnDrive(Protocol):
 
     @property
     def duration_s(self) -> float:
-        """How long the route takes [s]."""
+        """Duration of the route [s]."""
 
     @property
     def target_c(self) -> float:
-        """Battery temperature wanted on arrival [deg C]."""
+        """Target battery temperature on arrival [deg C]."""
 
 
 def draw_drive(path: AnyPath, drive: DrawnDrive, vehicle: Vehicle, title: str) -> None:
-    """Draw an `ObservedDrive` into a file, whose suffix says which kind of picture it is."""
+    """Draw an `ObservedDrive` into a file; its suffix gives the format."""
     save_figure(make_drive_figure(drive, vehicle, title), path)
 
 
@@ -103,7 +103,7 @@ def make_drive_figure(drive: DrawnDrive, vehicle: Vehicle, title: str) -> Figure
 
     command_s, power_w = np.array(drive.commands).T
     draw_steps(heater, planned, np.array(plan.hvch_power) / 1e3, **planner.line(**PLANNED))
-    # The last command holds until the vehicle stands.
+    # The last command holds until the vehicle stops.
     draw_steps(heater, time([*command_s, max(command_s[-1], instants_s[-1])]), power_w / 1e3,
                **line('command'))
     show_range(heater, [0.0], *(curve.get_ydata() for curve in heater.get_lines()), least=1.0)

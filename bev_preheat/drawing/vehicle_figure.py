@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A vehicle file as curves: voltage, resistance, limits, leakage, and how the battery warms."""
+"""A vehicle file as curves: voltage, resistance, limits, leakage, and warming of the battery."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 SOCS = (0.1, 0.2, 0.5, 0.8)
 SOC_COLOURS = ('tab:purple', 'tab:blue', 'tab:orange', 'tab:green')
 SOC_STYLES = (':', '-.', '-', '--')
-# The solid line is wide and below the others, so that none hides another.
+# The solid line is wide and below the others, so that no line hides another.
 SOC_WIDTHS = (1.6, 1.6, 3.5, 1.6)
 COLDEST_C, WARMEST_C = -30.0, 45.0
 FASTEST_KMH = 150.0
@@ -35,13 +35,13 @@ COOLING_FROM_C = 25.0
 
 def draw_vehicle(path: AnyPath, vehicle: Vehicle) -> None:
     """
-    Draw the curves of a Vehicle; the suffix of the path says which kind of picture it is.
+    Draw the curves of a Vehicle; the suffix of the path gives the format.
 
-    Warming and cooling are without the heat of driving.
+    Warming and cooling exclude the heat of driving.
     """
     figure = Figure(figsize=(11.0, 9.5), layout='constrained')
     panels = figure.subplots(3, 2)
-    # A dollar sign would begin a formula.
+    # A dollar sign would start a formula.
     figure.suptitle(f'Vehicle {vehicle.name}'.replace('$', r'\$'))
     battery = vehicle.battery
     temperatures_c = np.linspace(max(COLDEST_C, battery.temperature_range_c[0]),
@@ -50,8 +50,8 @@ def draw_vehicle(path: AnyPath, vehicle: Vehicle) -> None:
     _draw_over_temperature(panels[0, 1], battery.resistance, temperatures_c, 1e3)
     panels[0, 1].set(title='internal resistance', ylabel='resistance [mΩ]')
     for axis, limit, title, scale in (
-            (panels[1, 0], battery.charge_power_limit, 'most charging power', -1e-3),
-            (panels[1, 1], battery.discharge_power_limit, 'most discharging power', 1e-3)):
+            (panels[1, 0], battery.charge_power_limit, 'maximum charging power', -1e-3),
+            (panels[1, 1], battery.discharge_power_limit, 'maximum discharging power', 1e-3)):
         _draw_over_temperature(axis, limit, temperatures_c, scale)
         axis.set(title=title, ylabel='power [kW]')
     panels[0, 1].legend(title='state of charge, also below', fontsize='small',
@@ -106,9 +106,9 @@ def _draw_warming(axis: Axes, vehicle: Vehicle) -> None:
     heater_w = vehicle.hvch.maximum_power_w
     left_w = max(heater_w - vehicle.defaults.cabin_heating_power_w, 0.0)
     for label, start_c, power_w, speed_mps, style, colour in (
-            ('all of the heater, at rest', AMBIENT_C, heater_w, 0.0, '-', 'tab:red'),
-            ('all of the heater, 100 km/h', AMBIENT_C, heater_w, KMH_100_MPS, '--', 'tab:red'),
-            ('what the cabin leaves, 100 km/h', AMBIENT_C, left_w, KMH_100_MPS, ':', 'tab:red'),
+            ('full heater power, at rest', AMBIENT_C, heater_w, 0.0, '-', 'tab:red'),
+            ('full heater power, 100 km/h', AMBIENT_C, heater_w, KMH_100_MPS, '--', 'tab:red'),
+            ('net of cabin heating, 100 km/h', AMBIENT_C, left_w, KMH_100_MPS, ':', 'tab:red'),
             ('cooling, at rest', COOLING_FROM_C, 0.0, 0.0, '-', 'tab:blue'),
             ('cooling, 100 km/h', COOLING_FROM_C, 0.0, KMH_100_MPS, '--', 'tab:blue')):
         coefficient = leakage.coefficient_w_per_k(speed_mps)
@@ -119,7 +119,7 @@ def _draw_warming(axis: Axes, vehicle: Vehicle) -> None:
                  linestyle='--', label='target')
     axis.set(title=f'warming and cooling at {AMBIENT_C:g} °C outside',
              xlabel='time [min]', ylabel='battery temperature [°C]', xlim=(0.0, HOUR_MIN))
-    # Room for the legend where no curve is.
+    # Space for the legend away from the curves.
     low, high = axis.get_ylim()
     axis.set_ylim(low - 0.55 * (high - low), high)
     axis.legend(fontsize='small', loc='lower center', ncols=2)

@@ -201,7 +201,7 @@ class _PhaseReader:
 def _planner(parameters: dict[str, FileData]) -> dict[str, FileData]:
     for name in parameters:
         if name not in FIELD_OF_PARAMETER:
-            raise InvalidInput(f"planner: {name!r} is not a parameter of the planner that a "
+            raise InvalidInput(f'planner: {name!r} is not a parameter of the planner that a '
                                f'scenario may set: {", ".join(FIELD_OF_PARAMETER)}')
     return parameters
 

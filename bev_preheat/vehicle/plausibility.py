@@ -284,7 +284,7 @@ def _resistance_over_temperature(battery: Battery, figures: dict[str, Any]) -> I
         yield from _outside('resistance at -20 degC',
                             by_temperature[COLD_C] / by_temperature[WARM_C],
                             'times that at 25 degC', COLD_RESISTANCE_RATIO,
-                            'cold batteries have several times as much')
+                            'cold batteries have several times that value')
 
 
 def _charging(figures: dict[str, Any]) -> Iterator[str]:

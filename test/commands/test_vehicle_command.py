@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`preheat vehicle`: a file from a data sheet, what it means, and the warnings of plans with it."""
+"""`preheat vehicle`: a file from a data sheet, its key figures, and the warnings of plans with it."""
 
 import json
 from pathlib import Path

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the picture of a demonstration shows."""
+"""Contents of a demonstration's picture."""
 
 from array import array
 
@@ -18,7 +18,7 @@ START_S = 1000
 
 @pytest.fixture(scope='module')
 def panels():
-    """Ten minutes at 15 kW in the cold; the battery is heated from the fourth minute on."""
+    """Draw ten minutes at 15 kW in the cold, with heating from the fourth minute on."""
     drive = ObservedDrive()
     drive.route = RoutePlan(
         segment_duration=array('d', [60.0] * 10), speed=array('d', [20.0]),
@@ -29,7 +29,7 @@ def panels():
         time=array('d', [0.0, 240.0, 598.0]), battery_temperature=array('d', [2.0, 3.0, 9.0]),
         soc=array('d', [0.8, 0.78, 0.75]), hvch_power=array('d', [0.0, 5000.0]),
         target_battery_temperature=9.0)
-    # It was planned 2 s after the start.
+    # Planned 2 s after the start.
     drive.first_plan.header.stamp = Time(sec=START_S + 2)
     instants = np.linspace(0.0, 600.0, 31)
     drive.states = [(t, 2.0 + 7.2 * t / 600.0, 0.8 - 0.05 * t / 600.0) for t in instants]
@@ -48,7 +48,7 @@ def test_the_drive_without_preheating_is_dashed_and_colder(panels):
     assert (line.get_xdata()[0], line.get_ydata()[0], line.get_xdata()[-1]) == (0.0, 2.0, 10.0)
     assert line.get_linestyle() == '--'
     assert line.get_label() == f'without preheating, at {line.get_ydata()[-1]:.1f} °C'
-    # No heater: what the drive gives in ten minutes, and no more.
+    # Without the heater: only the heat of ten minutes of driving.
     assert 2.0 < line.get_ydata()[-1] < 4.0
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the figures of plans, itineraries and routes show."""
+"""Contents of the figures of plans, itineraries and routes."""
 
 from dataclasses import replace
 
@@ -25,7 +25,7 @@ PANELS = ('temperature', 'heater', 'charge', 'power', 'heat', 'leakage', 'drive'
 
 
 def constant_route(steps=40, step_s=60.0, power_w=15e3, ambient_c=-7.0, **columns):
-    """Return a Route at 20 m/s of which nothing changes."""
+    """Return a Route at 20 m/s with constant values."""
     return make_route({name: np.full(steps, value) for name, value in {
         'duration_s': step_s, 'speed_mps': 20.0, 'propulsion_power_w': power_w,
         'propulsion_power_rms_w': abs(power_w), 'ambient_temperature_c': ambient_c,
@@ -74,7 +74,7 @@ def test_of_a_heat_path_command_and_what_comes_of_it_are_drawn():
     for line, power_w in ((commanded, plan.hvch_battery_power_w), (drawn, plan.heat.drawn_power_w)):
         assert set(line.get_ydata()) == set(power_w / 1e3)
     assert 'HVCH' in texts(panels['heat'])
-    # What is under way at the start warms the battery without preheating too.
+    # Heat under way at the start warms the battery without preheating, too.
     unheated = plan_unheated(vehicle, constant_route(), warm, Goal(25.0))
     cold = plan_unheated(vehicle, constant_route(), BatteryState(12.0, 0.9), Goal(25.0))
     assert plan.start_state == warm
@@ -168,7 +168,7 @@ def test_a_limit_that_matters_is_seen_and_a_far_one_is_told(alpine):
         'charge limit (shaded: beyond it)',
         f'discharge limit from {discharge.get_ydata().min():.0f} to '
         f'{discharge.get_ydata().max():.0f} kW, above the panel']
-    # The power itself takes a good part of the panel.
+    # The power itself fills a good part of the panel.
     power, = curves(axis, look_of('merit_order').colour)
     assert np.ptp(power.get_ydata()) > 0.4 * (high - low)
 
@@ -188,7 +188,7 @@ def test_the_legend_names_what_is_hidden(compared):
     merit, switch, paper, unheated = texts(panels['temperature'])[:4]
     assert 'drawn over' not in merit + unheated
     assert switch.endswith(', drawn over merit_order')
-    # Its own course, 0.2 K above the others.
+    # Its own curve, 0.2 K above the others.
     assert 'drawn over' not in paper
 
 
@@ -256,7 +256,7 @@ def test_no_text_of_a_plan_is_cut_or_covers_another(compared):
 
 @pytest.fixture(scope='module')
 def itinerary():
-    """Panels of two legs with half an hour between them, and their plans."""
+    """Return the panels of two legs with half an hour between them, and their plans."""
     route = constant_route()
     legs = [Leg(route, 0, True, 20.0, 0.15, STATE),
             Leg(route, 4200 * NS_PER_S, False, None, 0.4, BatteryState(19.0, 0.95))]

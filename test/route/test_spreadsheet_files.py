@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Routes as spreadsheets write them: km/h, kW, semicolons, decimal commas; what is refused."""
+"""Routes from spreadsheets: km/h, kW, semicolons, decimal commas; refusals."""
 
 from dataclasses import fields
 from pathlib import Path
@@ -69,7 +69,7 @@ def assert_same(one, other):
 def test_a_route_survives_other_units_separators_and_commas(route, separator, comma, end, mark,
                                                             exponents, order):
     def written(value):
-        # With three digits behind the mark alone, a number may look like thousands.
+        # With three digits after the mark, a number may look like thousands.
         text = f'{value:.16e}' if exponents else np.format_float_positional(value, min_digits=4)
         return text.replace('.', ',') if comma else text
 
@@ -218,7 +218,7 @@ LOG = ('time_s;speed_kmh;power_kw;cabin_heater_kw;ambient_c;remark\n'
 
 
 def test_a_drive_log_of_a_spreadsheet(tmp_path):
-    """The column that is not used may hold what it likes."""
+    """Unused columns may contain anything."""
     route = load_drive_logs([file_of(tmp_path, LOG)], DEFAULTS).route
     assert route.duration_s.tolist() == [30.0, 30.0]
     assert route.speed_mps == pytest.approx(20.0, rel=1e-12)

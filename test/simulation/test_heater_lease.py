@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which commands the simulated heater takes."""
+"""Commands accepted by the simulated heater."""
 
 import math
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a vehicle file means: figures by hand, and what is called unusual."""
+"""Key figures of a vehicle file, by hand, and warnings about unusual ones."""
 
 import math
 
@@ -10,7 +10,7 @@ from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.assumptions import assumption_warning, key_in_words
 from bev_preheat.vehicle.plausibility import meaning_of, warmed_by_k
 
-# 360 V at all states of charge: every figure below follows by hand.
+# 360 V at all states of charge: every figure below can be checked by hand.
 PLAIN = {
     'name': 'plain',
     'battery': {
@@ -64,12 +64,12 @@ def test_figures_by_hand(plain):
     assert meaning.time_constant_at_100_kmh_h == pytest.approx(400e3 / fast_w_per_k / 3600.0)
     assert meaning.most_charging_power_kw == 110.0
     assert meaning.charging_power_kw[0.0] == {0.2: 30.0, 0.5: 30.0}
-    # A ninth of the way from 20 to 25 degC is the fifth of 45 K from -20 degC.
+    # A ninth of the way from 20 to 25 degC is a fifth of 45 K from -20 degC.
     assert meaning.discharging_power_kw[-10.0] == pytest.approx(40.0 + 90.0 * 10.0 / 45.0)
 
 
 def test_heating_follows_the_heat_balance(plain):
-    """Six hundred steps of one second, against the closed form."""
+    """Six hundred steps of one second, compared with the closed form."""
     vehicle = plain()
     for heater_w, leakage in ((6000.0, 30.0), (4000.0, 55.0), (0.0, 30.0), (6000.0, 0.0)):
         temperature_c = 0.0
@@ -109,7 +109,7 @@ def test_the_cars_of_the_package_are_usual(name):
      'ohm, of the whole pack)'),
     ({'battery__resistance': {'table': {'temperature_c': [-20, 25], 'values': [0.061, 0.06]}}},
      'resistance at -20 degC: 1.02 times that at 25 degC; the usual range is 1.3 ... 15 (cold batteries have '
-     'several times as much)'),
+     'several times that value)'),
     ({'battery__leakage': {'gamma_0_w_per_k': 30, 'gamma_v_w_per_k_per_mps': 9.0}},
      'leakage: 280 W/K at 100 km/h is more than 8 times the 30 W/K at rest; is '
      'gamma_v_w_per_k_per_mps per km/h?'),
@@ -135,7 +135,7 @@ def test_no_leakage_at_all_is_an_infinite_time_constant(plain):
 
 
 def test_a_formula_is_not_asked_outside_of_the_range_of_its_file(plain):
-    """At -20 degC this one would be negative."""
+    """At -20 degC this formula would be negative."""
     vehicle = plain(battery__temperature_range_c=[-5, 50], battery__resistance={
         'formula': {'k_ohm_k': 2.5, 'reference_temperature_c': 15}})
     assert meaning_of(vehicle).resistance_ohm == pytest.approx({0.0: 2.5 / 15, 25.0: 2.5 / 40})
