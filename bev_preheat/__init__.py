@@ -10,8 +10,8 @@ from importlib import import_module
 import os
 from typing import Any, TYPE_CHECKING
 
-# Before NumPy loads. No matrix here has more than some ten rows, and OpenBLAS begins by starting a
-# thread for each core: a quarter of the processor time that the planner takes to start.
+# Set before NumPy loads. No matrix here has more than about ten rows, and OpenBLAS would start a
+# thread per core: a quarter of the planner's start-up time.
 os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 
 __all__ = [

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Python packages that only a part of the program needs, and how to say that one is missing.
+Optional Python packages, and the message about a missing one.
 
-Whatever needs one asks here first, before it computes anything: it then ends with one line instead of
+Code that needs one checks it here before computing anything, and then ends with one line instead of
 a traceback.
 """
 
@@ -10,11 +10,11 @@ from importlib.util import find_spec
 
 from bev_preheat.errors import InvalidInput
 
-# Module: what needs it.
+# Purpose of each module.
 PURPOSES = {
     'casadi': 'solves the nonlinear program',
     'distributed': 'runs studies on a cluster',
-    'do_mpc': 'is what the nonlinear program is compared with',
+    'do_mpc': 'is the benchmark of the nonlinear program',
     'elftools': 'reads object files',
     'matplotlib': 'draws figures',
     'pandas': 'holds results as tables',
@@ -23,23 +23,23 @@ PURPOSES = {
     'scipy': 'fits the vehicle to the paper',
     'unicorn': "emulates a control unit's processor",
 }
-# What they are called where they come from, if that is not the module's name; and the target of make that installs
-# them, if that is not setup.
+# Distribution names that differ from the module's name, and targets of make that install
+# the package, if not setup.
 PACKAGES = {'do_mpc': 'do-mpc', 'elftools': 'pyelftools'}
 TARGETS = {'do_mpc': 'bench', 'unicorn': 'footprint'}
 
 
 class MissingPackage(InvalidInput):
-    """An optional package is not installed; the message says which, what for, and what to type."""
+    """An optional package is not installed; the message names it, its purpose, and the install command."""
 
 
 def is_installed(module: str) -> bool:
-    """Return whether a module of PURPOSES can be imported; it is not loaded."""
+    """Return whether a module of PURPOSES can be imported, without importing it."""
     return find_spec(module) is not None
 
 
 def advice(module: str) -> str:
-    """Return the sentence that says that a module of PURPOSES is missing, and how to install it."""
+    """Return the sentence on a missing module of PURPOSES and its installation."""
     package, target = PACKAGES.get(module, module), TARGETS.get(module, 'setup')
     return (f'the Python package {package}, which {PURPOSES[module]}, is not installed; in the checkout, '
             f'make {target} installs it; elsewhere: python3 -m pip install {package}')

@@ -215,7 +215,7 @@ def test_keys_of_files_have_range_and_comment(generated):
     rows = {row[0].replace('&nbsp;', ''): row[1:] for row in cells(generated['vehicle_keys'])}
     rows = {name.strip('`'): rest for name, rest in rows.items()}
     assert rows['capacity_ah'][:2] == ['number 1\N{NO-BREAK SPACE}…\N{NO-BREAK SPACE}2000', 'yes']
-    assert rows['soc_range'][2] == '\\[low, high\\]; the low end is kept as a reserve.'
+    assert rows['soc_range'][2] == '\\[low, high\\]; the low end is the reserve.'
     assert '-acceleration_mps2' not in generated['legs_keys']
     # Keys that older files have are refused with advice, and not offered.
     assert 'road_vehicle' not in generated['legs_keys']

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is missing is said in one line that can be acted on; setup installs what is missing, no more."""
+"""A missing package is reported in one line with its installation; setup installs only missing packages."""
 
 from importlib import util
 from pathlib import Path
@@ -14,13 +14,13 @@ SITUATION = ['--vehicle', 'reference', '--route', 'winter_commute', '--temperatu
              '0.8']
 CASADI = ('the Python package casadi, which solves the nonlinear program, is not installed; in the '
           'checkout, make setup installs it; elsewhere: python3 -m pip install casadi')
-DO_MPC = ('the Python package do-mpc, which is what the nonlinear program is compared with, is not '
+DO_MPC = ('the Python package do-mpc, which is the benchmark of the nonlinear program, is not '
           'installed; in the checkout, make bench installs it; elsewhere: python3 -m pip install do-mpc')
 
 
 @pytest.fixture
 def without(monkeypatch):
-    """Let modules be missing, whatever is installed."""
+    """Return a function that hides modules, installed or not."""
     def hide(*modules):
         monkeypatch.setattr(optional_packages, 'find_spec',
                             lambda name: None if name in modules else util.find_spec(name))
@@ -48,11 +48,11 @@ def test_a_command_without_its_package_is_refused_in_one_line(without, capsys, a
     assert capsys.readouterr() == ('', f'preheat: error: {CASADI}\n')
 
 
-# What setup installs beside the packages of a ROS machine
+# Packages that setup installs in addition to those of a ROS machine
 
 @pytest.fixture
 def deficit(monkeypatch, tmp_path):
-    """Return a function: the lines for a machine that has these packages {name: version}."""
+    """Return a function: the output lines for a machine with these packages {name: version}."""
     spec = util.spec_from_file_location(
         'lacking_packages', Path(__file__).parents[1] / 'scripts' / 'lacking_packages.py')
     script = util.module_from_spec(spec)
@@ -75,11 +75,11 @@ UBUNTU = {'numpy': '1.26.4', 'rich': '13.7.1', 'colcon-core': '0.15.1', 'setupto
 
 @pytest.mark.parametrize('changes, wanted', [
     ({'casadi': '3.6.7'}, []), ({}, ['casadi>=3.6.7,<=3.6.7']),
-    # As numbers, not as texts: 13.10 is newer than 13.7.
+    # Compared as numbers, not as texts: 13.10 is newer than 13.7.
     ({'casadi': '3.6.7', 'rich': '13.10.0'}, []),
     ({'casadi': '3.6.7', 'rich': '13.6.9'}, ['rich>=13.7.0,<=14.0.0']),
     ({'casadi': '3.6.7', 'colcon-core': None}, ['colcon-core>=0,<=0.19.0']),
-    # Newer ones build no Python package of ROS 2.
+    # Newer versions cannot build Python packages of ROS 2.
     ({'casadi': '3.6.7', 'setuptools': '80.0.0'}, ['setuptools>=0,<=79.0.1'])])
 def test_only_what_is_absent_or_too_old_is_installed(deficit, capsys, changes, wanted):
     assert deficit({**UBUNTU, **changes}, capsys) == wanted

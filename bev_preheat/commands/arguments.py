@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     Subparsers = argparse._SubParsersAction[argparse.ArgumentParser]
-    # Of which one argument must be given.
+    # A group that requires exactly one argument.
     Alternatives = argparse._MutuallyExclusiveGroup
 
 NOT_INSTALLED = ('the studies, which measure the planner, are not installed; build bev_preheat without '
@@ -40,8 +40,8 @@ def make_parser(subcommands: Mapping[str, str]) -> OneLineParser:
 
 
 def _add_missing(subparsers: argparse._SubParsersAction[OneLineParser], name: str) -> None:
-    """Add a subcommand whose package is not installed: it is refused, whatever its arguments are."""
-    # No argument begins with a NUL, so argparse takes none for an option.
+    """Add a subcommand whose package is not installed; it is refused with any arguments."""
+    # No argument begins with a NUL, so argparse treats none as an option.
     parser = subparsers.add_parser(name, help='a study; not installed', add_help=False, prefix_chars='\0')
     parser.add_argument('arguments', nargs='*')
     parser.set_defaults(run=lambda _: _refuse(name))

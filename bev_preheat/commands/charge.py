@@ -30,7 +30,7 @@ WH_PER_KWH = 1000.0
 W_PER_KW = 1000.0
 MOST_TEMPERATURES = 2
 PREHEATED, UNHEATED = 'preheated', 'without preheating'
-# What belongs to which of the two ways of saying how the battery arrives.
+# Arguments for each of the two ways to give the state on arrival.
 OF_A_DRIVE = ('temperature', 'soc', 'target', 'step')
 OF_AN_ARRIVAL = ('arrival_soc', 'ambient', 'cabin_heating_power', 'auxiliary_power')
 
@@ -39,8 +39,8 @@ def add_parser(subparsers: Subparsers) -> None:
     """Add the subcommand."""
     parser = subparsers.add_parser(
         'charge', help='the charging session after a drive',
-        description='How long does charging take after this drive, with preheating and without, and '
-        'how much is bought? Or after arriving with one or two given temperatures.')
+        description='Charging time and bought energy after this drive, with preheating and '
+        'without, or after arriving with one or two given temperatures.')
     group = parser.add_mutually_exclusive_group(required=True)
     add_drive_arguments(parser, group, needs_state=False)
     group.add_argument('--arrival-temperature', type=float, nargs='+', metavar='DEGC',
@@ -51,7 +51,7 @@ def add_parser(subparsers: Subparsers) -> None:
                         help='no drive: ambient temperature at the charger [degC]; after a drive '
                         'that of its last segment')
     parser.add_argument('--cabin-heating-power', type=float, metavar='W',
-                        help='no drive: what the cabin takes of the heater [W]; after a drive as in '
+                        help='no drive: heater power for the cabin [W]; after a drive as in '
                         "its last segment (default: the vehicle's)")
     parser.add_argument('--auxiliary-power', type=float, metavar='W',
                         help='no drive: lights, pumps, computers [W]; after a drive as in its last '
@@ -64,13 +64,13 @@ def add_parser(subparsers: Subparsers) -> None:
 def add_charger_arguments(parser: ArgumentParser, required: bool = True) -> None:
     """Add `--charger-power` and `--departure-soc`."""
     parser.add_argument('--charger-power', required=required, type=float, metavar='W',
-                        help="what the charger gives at most, at the vehicle's inlet [W]")
+                        help="maximum power of the charger, at the vehicle's inlet [W]")
     parser.add_argument('--departure-soc', required=required, type=float, metavar='0..1',
                         help='state of charge to leave with')
 
 
 def run(arguments: Namespace) -> int:
-    """Simulate, print, and write what was asked for; returns the exit status."""
+    """Simulate, print, and write the requested files; returns the exit status."""
     after_drive = arguments.route is not None
     _refuse_other_arguments(arguments, after_drive)
     vehicle, stop, sessions, more = (_after_drive if after_drive else _after_arrival)(arguments)
@@ -106,7 +106,7 @@ def run(arguments: Namespace) -> int:
 
 
 def _refuse_other_arguments(arguments: Namespace, after_drive: bool) -> None:
-    """Raise InvalidInput where an argument belongs to the other way, or one is missing."""
+    """Raise InvalidInput if an argument belongs to the other way, or one is missing."""
     given, other, mine, needed = (
         ('--route', '--arrival-temperature', OF_AN_ARRIVAL, ('temperature', 'soc')) if after_drive
         else ('--arrival-temperature', '--route', OF_A_DRIVE, ('arrival_soc', 'ambient')))
@@ -130,7 +130,7 @@ def _option(name: str) -> str:
 
 def _after_drive(
         arguments: Namespace) -> tuple[Vehicle, ChargingStop, dict[str, Session], dict[str, Any]]:
-    """Return vehicle, stop, sessions by name, and what else goes into the JSON."""
+    """Return vehicle, stop, sessions by name, and further JSON contents."""
     situation = read_situation(arguments)
     check_output_arguments(arguments, situation.files)
     inputs = situation.vehicle, situation.route, situation.state, situation.goal
@@ -167,7 +167,7 @@ def _energy_text(session: Session) -> str:
 
 
 def _sentences(sessions: dict[str, Session]) -> list[str]:
-    """Return what the sessions say: what cannot be charged, and which of two is faster."""
+    """Return sentences on the sessions: incomplete charging, and the faster of two."""
     sentences = [f'{name[0].upper()}{name[1:]}: not charged to the end: {session.problem}.'
                  for name, session in sessions.items() if session.problem]
     if len(sessions) == MOST_TEMPERATURES and not sentences:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`preheat worth --chargers`: which of several chargers along a route, each with its best target."""
+"""`preheat worth --chargers`: comparison of several chargers along a route, each with its best target."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ if TYPE_CHECKING:
     from bev_preheat.charging.candidates import CandidateWorth
 
 W_PER_KW, WH_PER_KWH, S_PER_MIN = 1000.0, 1000.0, 60.0
-# What belongs to one charger, what to several.
+# Arguments for one charger, and for several.
 OF_ONE = ('charger_power', 'departure_soc')
 OF_SEVERAL = ('end_soc', 'only')
 
 
 def check_charger_arguments(arguments: Namespace) -> None:
-    """Raise InvalidInput where an argument belongs to the other way, or one is missing."""
+    """Raise InvalidInput if an argument belongs to the other way, or one is missing."""
     several = arguments.chargers is not None
     others, needed = (OF_ONE, ('end_soc',)) if several else (OF_SEVERAL, OF_ONE)
     problems = [f'{_option(name)}: {"not allowed with" if several else "only with"} --chargers'
@@ -42,7 +42,7 @@ def _option(name: str) -> str:
 
 
 def run_chargers(arguments: Namespace) -> int:
-    """Rank the chargers of a file, print, and write what was asked for; returns the exit status."""
+    """Rank the chargers of a file, print, and write the requested files; returns the exit status."""
     situation = read_situation(arguments)
     check_prices(Prices(arguments.energy_price, arguments.value_of_time))
     chargers = load_chargers(arguments.chargers, situation.route, arguments.energy_price,
@@ -95,12 +95,12 @@ def _row(item: CandidateWorth) -> tuple[str, ...]:
 
 
 def _sentence(item: CandidateWorth, best: CandidateWorth) -> str:
-    """Return where its costs are more, and where less, than those of the best one."""
+    """Return a sentence that compares its costs with the best charger's."""
     assert item.worth is not None and best.worth is not None
     later_s = (item.worth.best.charging_time_s + item.candidate.detour_s + item.candidate.expected_wait_s
                - best.worth.best.charging_time_s - best.candidate.detour_s
                - best.candidate.expected_wait_s)
     energy = item.energy_cost - best.energy_cost
-    return (f'{item.total_cost - best.total_cost:.2f} more in all than {best.candidate.name}: '
+    return (f'{item.total_cost - best.total_cost:.2f} more in total than {best.candidate.name}: '
             f'{duration_text(abs(later_s))} {"more" if later_s >= 0.0 else "less"} time, '
             f'{abs(energy):.2f} {"more" if energy >= 0.0 else "less"} for energy.')

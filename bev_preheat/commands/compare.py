@@ -24,11 +24,11 @@ def add_parser(subparsers: Subparsers) -> None:
     """Add the subcommand."""
     parser = subparsers.add_parser(
         'compare', help='all methods and the nonlinear program side by side',
-        description='Plans of all methods, the optimum, and what each costs more than it. A plan '
-        'that does not reach the same as the optimum is not compared by its energy: the table says '
-        f'how it differs, in arrival temperature from {SAME_SHORTFALL_K:g} K on. A plan that breaks '
-        'a power limit is shown as it would be driven: the friction brake takes what the battery may '
-        'not, and the heater gives way.')
+        description='Plans of all methods, the optimum, and how much more each plan costs. The energy of a '
+        'plan is compared only if it reaches the same as the optimum; otherwise the table shows '
+        f'the difference, for the arrival temperature from {SAME_SHORTFALL_K:g} K. A plan that exceeds '
+        'a power limit is shown as executed: the friction brake absorbs the power that the battery cannot, '
+        'and the heater power is reduced.')
     add_situation_arguments(parser)
     add_no_limits_argument(parser)
     add_output_arguments(parser)
@@ -36,7 +36,7 @@ def add_parser(subparsers: Subparsers) -> None:
 
 
 def run(arguments: Namespace) -> int:
-    """Compare, print, and write what was asked for; returns 0, or 1 where the solver failed."""
+    """Compare, print, and write the requested files; returns 0, or 1 if the solver failed."""
     situation = read_situation(arguments)
     check_output_arguments(arguments, situation.files)
     require('casadi')
@@ -70,7 +70,7 @@ def run(arguments: Namespace) -> int:
     console = result_console(arguments.json)
     rows = [('Solve time [ms]', *('' for _ in plans), f'{1e3 * optimum.solve_time_s:.1f}')]
     if any(differences.values()):
-        rows.insert(0, ('Other than optimum', *differences.values(), ''))
+        rows.insert(0, ('Differs from optimum', *differences.values(), ''))
     if any(gap_wh is not None for gap_wh in gaps_wh.values()):
         rows.insert(0, ('Above optimum [Wh]', *(
             '–' if gap_wh is None else f'{gap_wh:+.4f}' for gap_wh in gaps_wh.values()), ''))

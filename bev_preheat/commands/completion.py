@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Shell completion, by argcomplete where it is installed.
+Shell completion with argcomplete, if it is installed.
 
-The shell runs `preheat` with a variable set; argcomplete then writes what the word may become, and ends
+The shell runs `preheat` with a variable set; argcomplete then writes the possible completions and exits
 the process. An argument that takes a name of config/ is completed_by() a NameCompleter.
 """
 
@@ -23,7 +23,7 @@ class NameCompleter:
     """Completes a name of config/, and the paths of files of the same kind."""
 
     def __init__(self, kind: str, suffix: str = '.yaml') -> None:
-        """`kind` is the folder below config/."""
+        """Complete names of the folder `kind` below config/."""
         self._kind = kind
         self._suffix = suffix
 
@@ -43,12 +43,12 @@ ROUTES = NameCompleter('routes', '.csv')
 
 
 def completed_by(completer: NameCompleter, argument: Action) -> None:
-    """Have the shell complete an argument of the command line."""
+    """Attach a completer to an argument of the command line."""
     argument.completer = completer  # type: ignore[attr-defined]  # argcomplete looks for it there
 
 
 def complete(parser: ArgumentParser) -> None:
-    """Answer the shell and end the process, if it was the shell that asked."""
+    """Answer a completion request of the shell and exit; otherwise return."""
     if ASKED not in os.environ:
         return
     try:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`preheat export-ecu`: the planner as C sources for one vehicle, with plans to hold them against."""
+"""`preheat export-ecu`: the planner as C sources for one vehicle, with reference plans."""
 
 from __future__ import annotations
 
@@ -29,20 +29,20 @@ def add_parser(subparsers: Subparsers) -> None:
     parser = subparsers.add_parser(
         'export-ecu', help='write the planner for one vehicle as C sources',
         description='Write the planner for one vehicle as C99 sources for a control unit: the methods '
-        'optimal_switch, where no limit is active, and merit_order, the vehicle as constants, and situations with '
-        'the plans of Python to hold the compiled code against.')
+        'optimal_switch, without active limits, and merit_order, the vehicle as constants, and situations with '
+        'reference plans of Python to test the compiled code.')
     completed_by(VEHICLES, parser.add_argument(
         '--vehicle', required=True, metavar='NAME|FILE', help='a name in config/vehicles or a YAML file'))
     parser.add_argument('--output', required=True, metavar='DIR',
-                        help='folder to write; an export that is there is replaced')
+                        help='folder to write; replaces an earlier export')
     parser.add_argument('--vectors', type=int, default=VECTORS, metavar='N',
                         help='situations to compare (default: %(default)s)')
-    parser.add_argument('--seed', type=int, default=0, help='what they are drawn with (default: %(default)s)')
+    parser.add_argument('--seed', type=int, default=0, help='seed of the situations (default: %(default)s)')
     parser.set_defaults(run=run)
 
 
 def run(arguments: Namespace) -> int:
-    """Write the folder and say what is in it; returns the exit status."""
+    """Write the folder and print its contents; returns the exit status."""
     if not 1 <= arguments.vectors <= MOST_VECTORS:
         raise InvalidInput(
             f'--vectors: {arguments.vectors} is not allowed; it must be 1 ... {MOST_VECTORS}')
@@ -59,7 +59,7 @@ def run(arguments: Namespace) -> int:
     damaged = sum(vector.answers[0].status == BAD_INPUT for vector in vectors)
     console = result_console(soft_wrap=True)
     console.print(f'written: {arguments.output}: vehicle {vehicle.name}, {len(vectors)} situations: '
-                  f'{planned}, {damaged} with a number that is none', markup=False)
+                  f'{planned}, {damaged} with invalid numbers', markup=False)
     warning = assumption_warning(vehicle, file)
     if warning:
         console.print(f'warning: {warning}', markup=False)

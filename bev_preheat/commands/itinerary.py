@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 
 def add_itinerary_argument(parser: Alternatives) -> None:
-    """Add the argument that stands in place of `--route`."""
+    """Add the alternative to `--route`."""
     completed_by(NameCompleter('itineraries'), parser.add_argument(
         '--itinerary', metavar='NAME|FILE',
         help='a trip with stops, each leg with its target: a name in config/itineraries or a YAML '
@@ -35,13 +35,13 @@ def add_itinerary_argument(parser: Alternatives) -> None:
 
 
 def run_itinerary(arguments: Namespace) -> int:
-    """Plan each leg, print, and write what was asked for; returns the exit status."""
+    """Plan each leg, print, and write the requested files; returns the exit status."""
     _refuse_what_legs_say(arguments)
     vehicle = load_planned_vehicle(arguments.vehicle)
     itinerary = load_itinerary(arguments.itinerary, vehicle)
     warn(*itinerary.warnings)
     check_output_arguments(arguments, (vehicle_file(arguments.vehicle), *itinerary.files))
-    # The first leg departs as measured.
+    # The first leg starts from the measured state.
     first, *others = itinerary.mission.legs
     first = replace(first, departure=BatteryState(arguments.temperature, arguments.soc))
     legs = tuple(replace(leg, route=in_steps(leg.route, arguments)) for leg in (first, *others))
@@ -81,5 +81,5 @@ def _refuse_what_legs_say(arguments: Namespace) -> None:
     given = [name for name, value in (('--min-soc', arguments.min_soc),
                                       ('--no-charging', arguments.no_charging)) if value]
     if given:
-        raise InvalidInput(f'{", ".join(given)}: not allowed with --itinerary, where each leg '
-                           'says it itself')
+        raise InvalidInput(f'{", ".join(given)}: not allowed with --itinerary, because each leg '
+                           'has its own')

@@ -7,13 +7,13 @@ import sys
 
 from bev_preheat.console.program import loading, run_program
 
-# As in typing, which takes a while to load.
+# As in typing, which is slow to import.
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
 # Each module has add_parser(subparsers), which sets `run`, a function of the parsed arguments that returns the
-# exit status. The studies are a package of their own, which need not be installed.
+# exit status. The studies are a separate, optional package.
 SUBCOMMANDS = {
     'plan': 'bev_preheat.commands.plan',
     'charge': 'bev_preheat.commands.charge',
@@ -33,9 +33,9 @@ SUBCOMMANDS = {
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """
-    Run one subcommand and return its exit status: 0, or 2 where input was refused.
+    Run one subcommand and return its exit status: 0, or 2 for refused input.
 
-    `arguments` None: those of the process, which is to end then.
+    `arguments` None: those of the process, which then ends.
     """
     if arguments is None:
         loading('preheat')
@@ -43,10 +43,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _load(arguments: Sequence[str] | None) -> Callable[[], int]:
-    # Loading takes so long that it may be interrupted, so nothing of it comes before `main`.
+    # Loading is slow enough to be interrupted, so it happens within `main`.
     from bev_preheat.commands.arguments import make_parser
     first = (sys.argv[1:] if arguments is None else arguments)[:1]
-    # A known command needs no other module. The help, completion and an unknown command need every module.
+    # A known command imports only its own module; the help, completion and an unknown command import all.
     wanted = {name: SUBCOMMANDS[name] for name in first if name in SUBCOMMANDS} or SUBCOMMANDS
     parsed = make_parser(wanted).parse_args(arguments)
     return lambda: parsed.run(parsed)

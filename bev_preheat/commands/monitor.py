@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`preheat monitor`: a running planner, watched in a terminal."""
+"""`preheat monitor`: a live view of a running planner in a terminal."""
 
 from __future__ import annotations
 
@@ -26,27 +26,27 @@ ONCE_LIMIT_S = 15.0
 def add_parser(subparsers: Subparsers) -> None:
     """Add the subcommand."""
     parser = subparsers.add_parser(
-        'monitor', help='a running planner, watched in a terminal',
-        description='Shows what a running planner measures, predicts, plans and commands, until '
-        'Ctrl-C. Where the output is no terminal, a line every 15 s.')
-    parser.add_argument('--namespace', default='/', help='of the planner (default: %(default)s)')
+        'monitor', help='live view of a running planner in a terminal',
+        description='Shows the measurements, predictions, plans and commands of a running planner, until '
+        'Ctrl-C. If the output is not a terminal, prints a line every 15 s.')
+    parser.add_argument('--namespace', default='/', help='namespace of the planner (default: %(default)s)')
     parser.add_argument('--node', default='planner', metavar='NAME',
-                        help='its name (default: %(default)s)')
-    parser.add_argument('--seconds', type=float, metavar='S', help='end after so long')
+                        help='node name of the planner (default: %(default)s)')
+    parser.add_argument('--seconds', type=float, metavar='S', help='end after this time [s]')
     parser.add_argument('--once', action='store_true',
-                        help='show it once, when every topic has been heard; exit status 1 where '
+                        help='show it once, when every topic has been received; exit status 1 if '
                         f'that takes more than {ONCE_LIMIT_S:g} s')
     parser.add_argument('--picture', metavar='FILE', help='write the last view as SVG')
     parser.set_defaults(run=run)
 
 
 def run(arguments: Namespace) -> int:
-    """Listen and show; returns the exit status."""
+    """Listen and show the view; returns the exit status."""
     if arguments.seconds is not None and not 0.0 < arguments.seconds < 1e9:
         raise InvalidInput(f'--seconds: {arguments.seconds:g} is not allowed; it must be above 0')
     check_outputs([OutputFile('--picture', arguments.picture, ('.svg',))])
     try:
-        # From here on, because loading ROS takes a while too.
+        # Handle signals from here on, because importing ROS is slow, too.
         with end_signals() as signals:
             return _listen(arguments, signals)
     except KeyboardInterrupt:
@@ -59,7 +59,7 @@ def run(arguments: Namespace) -> int:
 
 
 def _listen(arguments: Namespace, signals: EndSignals) -> int:
-    """Show what is heard until a signal comes; return the exit status."""
+    """Show the received data until a signal comes; return the exit status."""
     require_ros()
     from rclpy.exceptions import InvalidNamespaceException
     from rich.console import Console
@@ -80,7 +80,7 @@ def _listen(arguments: Namespace, signals: EndSignals) -> int:
 
 
 def _show(arguments: Namespace, watch: LiveView) -> int:
-    """Show it in the way that was asked for; return the exit status."""
+    """Show the view in the requested form; return the exit status."""
     exit_status = 0
     try:
         if arguments.once:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`preheat optimum`: the nonlinear program's answer for this route."""
+"""`preheat optimum`: the solution of the nonlinear program for a route."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def add_parser(subparsers: Subparsers) -> None:
     """Add the subcommand."""
     parser = subparsers.add_parser(
         'optimum', help='solve the nonlinear program for a route',
-        description='The optimum of problem (9) for this route, by FATROP or, where that fails, by IPOPT.')
+        description='The optimum of problem (9) for this route, by FATROP or, if that fails, by IPOPT.')
     add_situation_arguments(parser)
     add_no_limits_argument(parser)
     add_output_arguments(parser)
@@ -36,7 +36,7 @@ def add_no_limits_argument(parser: ArgumentParser) -> None:
 
 
 def run(arguments: Namespace) -> int:
-    """Solve, print, and write what was asked for; returns 0, or 1 where the solver failed."""
+    """Solve, print, and write the requested files; returns 0, or 1 if the solver failed."""
     situation = read_situation(arguments)
     check_output_arguments(arguments, situation.files)
     require('casadi')
@@ -65,12 +65,12 @@ def run(arguments: Namespace) -> int:
 
 
 def optimum_lines(optimum: Optimum) -> list[str]:
-    """Return what the solver says, as lines of text."""
+    """Return the solver's result, as lines of text."""
     lines = [f'{optimum.plan.status.name}: {optimum.plan.explanation}',
              f'{optimum.solver or "Solver"}: {optimum.solver_status}, {optimum.iterations} iterations, '
              f'{1e3 * optimum.solve_time_s:.0f} ms.']
     if optimum.infeasible:
-        lines.append('Not feasible; this is the best that can be done: '
+        lines.append('Infeasible; best possible result: '
                      f'{"; ".join(optimum.infeasible)}.')
     elif optimum.marginal_cost_wh_per_k == optimum.marginal_cost_wh_per_k:
         lines.append('One more kelvin on arrival would cost '

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`preheat plan`: when the heater would start on this route, and what that costs."""
+"""`preheat plan`: heating plan of a route, with its energy."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ def add_parser(subparsers: Subparsers) -> None:
     """Add the subcommand."""
     parser = subparsers.add_parser(
         'plan', help='plan the heating of a route',
-        description='When would the heater start on this route, or on each leg of a trip with '
-        'stops, and what does it cost?')
+        description='Start of heating on this route, or on each leg of a trip with '
+        'stops, and the energy it takes.')
     route_group = parser.add_mutually_exclusive_group(required=True)
     add_situation_arguments(parser, route_group)
     add_itinerary_argument(route_group)
@@ -33,7 +33,7 @@ def add_parser(subparsers: Subparsers) -> None:
 
 
 def run(arguments: Namespace) -> int:
-    """Plan, print, and write what was asked for; returns the exit status."""
+    """Plan, print, and write the requested files; returns the exit status."""
     if arguments.itinerary is not None:
         return run_itinerary(arguments)
     situation = read_situation(arguments)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`preheat prepare`: have a running planner warm the battery until an instant, with or without a route."""
+"""`preheat prepare`: asks a running planner to warm the battery by an instant, with or without a route."""
 
 from __future__ import annotations
 
@@ -27,23 +27,24 @@ LONGEST_MIN = 24 * 60.0
 def add_parser(subparsers: Subparsers) -> None:
     """Add the subcommand."""
     parser = subparsers.add_parser(
-        'prepare', help='have a running planner warm the battery until an instant',
-        description='Sends a goal to a running planner: a battery that is warm at an instant, or as soon '
-        'as possible, with or without a route. Shows how it is going until it has ended; Ctrl-C cancels '
-        'the goal, and the heater is off. Exit status: 0 where the battery got warm, 1 where it did not, '
-        '2 where the goal was refused or no planner answers.')
+        'prepare', help='ask a running planner to warm the battery by an instant',
+        description='Sends a goal to a running planner: a warm battery at an instant, or as soon '
+        'as possible, with or without a route. Shows the progress until it has ended; Ctrl-C cancels '
+        'the goal and its heating. Exit status: 0 if the battery got warm, 1 if it did not, '
+        '2 if the goal was refused or no planner answers.')
     when = parser.add_mutually_exclusive_group()
-    when.add_argument('--at', metavar='HH:MM', help='when it is to be warm, by the clock of this computer '
+    when.add_argument('--at', metavar='HH:MM', help='when the battery must be warm, by the clock of this computer '
                       '(default: as soon as possible)')
-    when.add_argument('--in', dest='minutes', type=float, metavar='MINUTES', help='the same, from now on')
+    when.add_argument('--in', dest='minutes', type=float, metavar='MINUTES', help='the same, in minutes from now')
     parser.add_argument('--target', type=float, metavar='DEGC',
-                        help="battery temperature wanted [degC] (default: the planner's)")
+                        help="target battery temperature [degC] (default: the planner's)")
     parser.add_argument('--ambient', type=float, metavar='DEGC', help='ambient temperature until then [degC] '
                         '(default: that of the route, or the last known)')
     parser.add_argument('--plugged-in', action='store_true',
-                        help='the vehicle stands, and the grid feeds the heater')
-    parser.add_argument('--namespace', default='/', help='of the planner (default: %(default)s)')
-    parser.add_argument('--node', default='planner', metavar='NAME', help='its name (default: %(default)s)')
+                        help='the vehicle stands, and the grid supplies the heater')
+    parser.add_argument('--namespace', default='/', help='namespace of the planner (default: %(default)s)')
+    parser.add_argument('--node', default='planner', metavar='NAME',
+                        help='node name of the planner (default: %(default)s)')
     parser.set_defaults(run=run)
 
 
@@ -59,7 +60,7 @@ def seconds_until(clock: str, now: datetime) -> float:
 
 
 def run(arguments: Namespace) -> int:
-    """Send the goal and follow it; returns the exit status."""
+    """Send the goal and follow its progress; returns the exit status."""
     if NAME.fullmatch(arguments.node) is None:
         raise InvalidInput(f'--node: {quoted(arguments.node)} is not allowed; it must be letters, digits and '
                            '_, no digit first')
@@ -72,7 +73,7 @@ def run(arguments: Namespace) -> int:
     require_ros()
     from bev_preheat.monitoring.end_signals import end_signals
     try:
-        # From here on, because loading ROS takes a while too.
+        # Handle signals from here on, because importing ROS is slow, too.
         with end_signals() as signals:
             from rclpy.exceptions import InvalidNamespaceException
 
@@ -87,7 +88,7 @@ def run(arguments: Namespace) -> int:
             except InvalidNamespaceException as error:
                 raise InvalidInput(f'--namespace: {arguments.namespace!r}: {error}') from error
     except KeyboardInterrupt:
-        # A second signal: whoever sends it does not want to wait for the planner's answer.
+        # A second signal: do not wait for the planner's answer.
         return INTERRUPTED
 
 
@@ -120,7 +121,7 @@ def _pursue(client: PreparationClient, wanted: Wanted) -> int:
         if result is None:
             is_cancelled = client.cancel()
     if result is None:
-        say('preheat: interrupted; the goal is cancelled, its heating is off' if is_cancelled else
+        say('preheat: interrupted; the goal is cancelled and its heating off' if is_cancelled else
             'preheat: interrupted; the planner has not confirmed that the goal is cancelled')
         return INTERRUPTED
     if result.code == PreparationEnding.REFUSED:

@@ -50,7 +50,7 @@ def add_parser(subparsers: Subparsers) -> None:
                         help='route file to write (CSV)')
     completed_by(VEHICLES, parser.add_argument(
         '--vehicle', required=True, metavar='NAME|FILE',
-        help='with --legs: which car drives; with --log: which car drove, for its '
+        help='with --legs: the car that drives; with --log: the car that drove, for its '
         'auxiliary power; a name in config/vehicles or a YAML file'))
     parser.add_argument('--step', type=float, metavar='SECONDS',
                         help=f'duration of a segment, with --log (default {DEFAULT_STEP_S:g})')
@@ -60,7 +60,7 @@ def add_parser(subparsers: Subparsers) -> None:
 
 
 def run(arguments: Namespace) -> int:
-    """Make the route file, say what is in it, and return the exit status."""
+    """Make the route file, print a summary, and return the exit status."""
     vehicle = load_vehicle(arguments.vehicle)
     name, route, remarks, inputs = _load(arguments, vehicle)
     check_outputs([OutputFile('--output', arguments.output),
@@ -84,7 +84,7 @@ def run(arguments: Namespace) -> int:
 
 def _load(arguments: Namespace,
           vehicle: Vehicle) -> tuple[str, Route, Sequence[str], Sequence[AnyPath]]:
-    """Name, Route and remarks of what the arguments ask for, and the files that were read."""
+    """Return name, Route and remarks for the arguments, and the files that were read."""
     if arguments.legs:
         if arguments.step is not None:
             raise InvalidInput('--step: only with --log; a description of legs states its own '
@@ -98,7 +98,7 @@ def _load(arguments: Namespace,
 
 
 def _command(arguments: Namespace) -> str:
-    """Command that makes this route file again."""
+    """Return the command that reproduces this route file."""
     words = ['preheat', 'route']
     for option in ('legs', 'log', 'vehicle', 'step', 'output'):
         value = getattr(arguments, option)
@@ -108,7 +108,7 @@ def _command(arguments: Namespace) -> str:
 
 
 def _table(name: str, route: Route) -> Table:
-    """Summary of a route."""
+    """Return a summary of a route."""
     duration_s, power_w = route.duration_s, route.propulsion_power_w
     total_s = route.total_duration_s
     energy_wh = power_w * duration_s / JOULES_PER_WH

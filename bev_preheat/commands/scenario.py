@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`preheat scenario`: drives in which something is wrong, and whether they go as expected."""
+"""`preheat scenario`: runs drives with disturbances and compares them with their expectations."""
 
 from __future__ import annotations
 
@@ -34,27 +34,27 @@ DEFAULT_SPEED_UP = 60.0
 def add_parser(subparsers: Subparsers) -> None:
     """Add the subcommand."""
     parser = subparsers.add_parser(
-        'scenario', help='drives in which something is wrong, and whether they go as expected',
-        description='Drives scenarios (config/scenarios) with the planner, and holds what happened '
-        'against what each expects. Exit status 1 where one does not go as expected. Ctrl-C ends it; '
-        'the scenarios that are finished are shown.')
+        'scenario', help='drives with disturbances, compared with their expectations',
+        description='Runs scenarios (config/scenarios) with the planner, and compares each drive '
+        'with its expectations. Exit status 1 if one is not met. Ctrl-C ends the run; '
+        'finished scenarios are shown.')
     completed_by(NameCompleter('scenarios'), parser.add_argument(
         'scenarios', nargs='*', metavar='NAME|FILE',
-        help='which ones (default: all of config/scenarios)'))
-    parser.add_argument('--list', action='store_true', help='list what there is, and end')
+        help='names or files (default: all of config/scenarios)'))
+    parser.add_argument('--list', action='store_true', help='list the scenarios and exit')
     parser.add_argument('--nodes', action='store_true',
-                        help='with the installed planner and vehicle_simulator over ROS, not '
-                        'without ROS in this process')
+                        help='use the installed planner and vehicle_simulator over ROS, instead of this '
+                        'process without ROS')
     parser.add_argument('--speed-up', type=float, default=DEFAULT_SPEED_UP, metavar='N',
-                        help='with --nodes: simulated seconds in each real second, 1 ... 1000 '
+                        help='with --nodes: simulated seconds per real second, 1 ... 1000 '
                         '(default: %(default)s)')
-    parser.add_argument('--logs', metavar='FOLDER', help='with --nodes: keep their logs here')
+    parser.add_argument('--logs', metavar='FOLDER', help='with --nodes: folder for their logs')
     add_json_argument(parser)
     parser.set_defaults(run=run)
 
 
 def run(arguments: Namespace) -> int:
-    """Drive, print, write; returns 0 where all went as expected."""
+    """Run, print and write; returns 0 if all expectations are met."""
     from bev_preheat.simulation.evaluation import evaluate_chain
     from bev_preheat.simulation.scenario import load_scenario
     if not 1.0 <= arguments.speed_up <= 1000.0:

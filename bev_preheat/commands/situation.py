@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The arguments that say what is planned: vehicle, route, state and goal."""
+"""The arguments that define a situation: vehicle, route, state and goal."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ if TYPE_CHECKING:
 @dataclass(frozen=True)
 class PlanningArguments:
     """
-    What a plan is made for; `files` are the paths of the vehicle's and the route's file.
+    The situation to plan for; `files` are the paths of the vehicle's and the route's file.
 
-    `route_made_for` is the name of the vehicle whose powers the route has, None if unknown.
+    `route_made_for` is the name of the vehicle that the route's powers belong to, None if unknown.
     """
 
     vehicle: Vehicle
@@ -43,7 +43,7 @@ def add_situation_arguments(parser: ArgumentParser,
     """
     Add the arguments that `read_situation` reads.
 
-    `route_group` is a group of which one argument must be given, where `--route` has alternatives.
+    `route_group` is a group that requires exactly one argument, if `--route` has alternatives.
     """
     add_drive_arguments(parser, route_group)
     parser.add_argument('--no-charging', action='store_true',
@@ -56,7 +56,7 @@ def add_drive_arguments(parser: ArgumentParser, route_group: Alternatives | None
     Add the arguments of a drive to a charger, all that `read_situation` needs.
 
     `route_group` is as in `add_situation_arguments`; without `needs_state` temperature and state of
-    charge at the start may be left out.
+    charge at the start are optional.
     """
     add_vehicle_argument(parser)
     completed_by(ROUTES, (route_group or parser).add_argument(
@@ -68,12 +68,11 @@ def add_drive_arguments(parser: ArgumentParser, route_group: Alternatives | None
     parser.add_argument('--soc', required=needs_state, type=float, metavar='0..1',
                         help='state of charge at the start')
     parser.add_argument('--target', type=float, metavar='DEGC',
-                        help="battery temperature wanted on arrival [degC]; the vehicle's default "
-                        'if not given')
+                        help="target battery temperature on arrival [degC] (default: the vehicle's)")
     parser.add_argument('--min-soc', type=float, default=0.0, metavar='0..1',
-                        help='state of charge that must be left on arrival (default: 0)')
+                        help='least state of charge on arrival (default: 0)')
     parser.add_argument('--step', type=float, metavar='S',
-                        help='plan in steps of this length [s]; the rows of the route if not given')
+                        help='plan in steps of this length [s] (default: the rows of the route)')
     parser.set_defaults(no_charging=False)
 
 
@@ -85,7 +84,7 @@ def add_vehicle_argument(parser: ArgumentParser) -> None:
 
 
 def read_situation(arguments: Namespace) -> PlanningArguments:
-    """Return the Situation of parsed arguments; raise InvalidInput where they make none."""
+    """Return the PlanningArguments of parsed arguments; raise InvalidInput if they are invalid."""
     vehicle = load_planned_vehicle(arguments.vehicle)
     loaded = route_for(arguments.route, vehicle)
     warn(loaded.warning, *(f'route {arguments.route}: {sentence}'
@@ -104,14 +103,14 @@ def warn(*sentences: str | None) -> None:
 
 
 def load_planned_vehicle(name_or_file: str) -> Vehicle:
-    """Return a Vehicle, and say on standard error what of it is assumed, because plans are as well."""
+    """Return a Vehicle, and warn on standard error about its assumed values, because plans depend on them."""
     vehicle = load_vehicle(name_or_file)
     warn(assumption_warning(vehicle, vehicle_file(name_or_file)))
     return vehicle
 
 
 def in_steps(route: Route, arguments: Namespace) -> Route:
-    """Return a Route in the steps that `--step` asks for; raise InvalidInput where it may not."""
+    """Return a Route in the steps of `--step`; raise InvalidInput if the step is not allowed."""
     if arguments.step is None:
         return route
     if not 0.1 <= arguments.step <= 3600.0:

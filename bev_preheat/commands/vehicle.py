@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`preheat vehicle`: makes a vehicle file from a data sheet, and says what a vehicle file means."""
+"""`preheat vehicle`: makes a vehicle file from a data sheet, and shows the key figures of a vehicle file."""
 
 from __future__ import annotations
 
@@ -33,21 +33,21 @@ if TYPE_CHECKING:
     from bev_preheat.vehicle.plausibility import Meaning
 
 SUFFIXES = ('.yaml',)
-# What a data sheet may tell; the ranges are those of data_sheet.QUANTITIES.
+# Figures of a data sheet; the ranges are those of data_sheet.QUANTITIES.
 HELP = {
-    'usable_energy_kwh': 'energy that the driver can use [kWh], "net"',
+    'usable_energy_kwh': 'usable energy [kWh], "net"',
     'gross_energy_kwh': 'energy of all cells [kWh]; both, if the data sheet has both',
     'battery_mass_kg': 'mass of the whole pack [kg] (default: assumed from its energy)',
     'nominal_voltage_v': 'nominal voltage of the pack [V]',
     'cells_in_series': 'number of cells in series (of 96s3p: 96)',
-    'charging_power_kw': 'most power at a fast charger, direct current [kW]',
+    'charging_power_kw': 'maximum power at a fast charger, direct current [kW]',
     'heater_power_kw': 'power of the coolant heater (HVCH) [kW] (default: assumed 6)',
-    'drive_power_kw': 'most power of the drivetrain [kW] (default: assumed 2 kW for each kWh)',
-    'regeneration_power_kw': 'most power of regeneration [kW] (default: assumed 60 %% of the power '
+    'drive_power_kw': 'maximum power of the drivetrain [kW] (default: assumed 2 kW for each kWh)',
+    'regeneration_power_kw': 'maximum power of regeneration [kW] (default: assumed 60 %% of the power '
                              'for driving)',
-    'cabin_heating_power_kw': 'power that the cabin takes of the heater [kW] (default: assumed)',
+    'cabin_heating_power_kw': 'heater power for the cabin [kW] (default: assumed)',
     'auxiliary_power_kw': 'power of lights, pumps, computers [kW] (default: assumed 0.4)',
-    'target_temperature_c': 'battery temperature wanted at the charger [degC] (default: 25)',
+    'target_temperature_c': 'target battery temperature at the charger [degC] (default: 25)',
     'vehicle_mass_kg': 'mass of the car as driven, battery included [kg]; for routes given as legs '
                        'of road',
     'drag_coefficient': 'drag coefficient (default: assumed 0.29)',
@@ -59,14 +59,14 @@ HELP = {
 def add_parser(subparsers: Subparsers) -> None:
     """Add the subcommand to those of `preheat`."""
     parser = subparsers.add_parser(
-        'vehicle', help='make a vehicle file from a data sheet, or say what one means',
-        description='Make a vehicle file from a data sheet, or say what a vehicle file means.')
+        'vehicle', help='make a vehicle file from a data sheet, or show its key figures',
+        description='Make a vehicle file from a data sheet, or show the key figures of a vehicle file.')
     actions = parser.add_subparsers(required=True, metavar='ACTION')
     _add_new(actions)
     check = actions.add_parser(
-        'check', help='say what a vehicle file means',
-        description='Print what a vehicle file means, and what of it is unusual for a car. Exit '
-                    'status 0, also with warnings; 2 where the file is refused.')
+        'check', help='show the key figures of a vehicle file',
+        description='Print the key figures of a vehicle file, with warnings about unusual ones. Exit '
+                    'status 0, also with warnings; 2 if the file is refused.')
     completed_by(VEHICLES, check.add_argument(
         'vehicle', metavar='NAME|FILE',
         help='a name in config/vehicles or a YAML file'))
@@ -80,11 +80,11 @@ def add_parser(subparsers: Subparsers) -> None:
 def _add_new(actions: Subparsers) -> None:
     parser = actions.add_parser(
         'new', help='make a vehicle file from a data sheet',
-        description='Make a complete vehicle file, with a comment at each value, from what a data '
-                    'sheet tells. Needed: an energy, a voltage or a number of cells, chemistry and '
-                    'charging power; the rest is assumed where it is not given, and marked so.')
+        description='Make a complete vehicle file, with a comment at each value, from a data '
+                    'sheet. Required: an energy, a voltage or a number of cells, chemistry and '
+                    'charging power; other missing values are assumed, and marked so.')
     parser.add_argument('--output', required=True, metavar='FILE', help='file to write (YAML)')
-    parser.add_argument('--force', action='store_true', help='replace the file if there is one')
+    parser.add_argument('--force', action='store_true', help='replace an existing file')
     parser.add_argument('--name', help="name of the car (default: the file's)")
     parser.add_argument('--chemistry', required=True, metavar='|'.join(CHEMISTRIES),
                         help='cathode of the cells: nmc (also for NCA) or lfp')
@@ -94,14 +94,14 @@ def _add_new(actions: Subparsers) -> None:
                             metavar=QUANTITIES[name].unit or 'NUMBER',
                             required=name == 'charging_power_kw')
     parser.add_argument('--source', action='append', default=[], metavar='OPTION=TEXT',
-                        help='where a given figure comes from, for its comment: '
+                        help='source of a given figure, for its comment: '
                              '--source battery-mass-kg="press kit 2021"; a text that begins with '
                              '"assumed" marks it as assumed')
     parser.set_defaults(run=run_new)
 
 
 def run_new(arguments: Namespace) -> int:
-    """Write a vehicle file, say what of it is assumed, and return the exit status."""
+    """Write a vehicle file, list its assumed values, and return the exit status."""
     output = arguments.output
     check_outputs([OutputFile('--output', output, SUFFIXES)])
     if existing_file(output) is not None and not arguments.force:
@@ -116,13 +116,13 @@ def run_new(arguments: Namespace) -> int:
     console.print(f'written: {output}', markup=False)
     console.print(f'assumed: {", ".join(map(key_in_words, assumed_keys(entries)))}', markup=False)
     _print_warnings(console, meaning)
-    console.print(f'look at it: preheat vehicle check {shlex.quote(_as_file(output))}',
+    console.print(f'show its key figures: preheat vehicle check {shlex.quote(_as_file(output))}',
                   markup=False)
     return 0
 
 
 def run_check(arguments: Namespace) -> int:
-    """Print what a vehicle file means, write what was asked for, and return the exit status."""
+    """Print the key figures of a vehicle file, write the requested files, and return the exit status."""
     file = vehicle_file(arguments.vehicle)
     check_output_arguments(arguments, [file])
     vehicle = load_vehicle(arguments.vehicle)
@@ -160,7 +160,7 @@ def run_list(arguments: Namespace) -> int:
 
 
 def _as_file(path: AnyPath) -> str:
-    """Return a path as text that is never taken for a name of config/vehicles."""
+    """Return a path as text that cannot be mistaken for a name of config/vehicles."""
     text = str(path)
     return text if '/' in text else f'./{text}'
 
@@ -178,7 +178,7 @@ def _sources(texts: Iterable[str]) -> tuple[tuple[str, str], ...]:
 
 
 def _command(arguments: Namespace) -> str:
-    """Return the command that makes these values again; sources stand at each value."""
+    """Return the command that reproduces these values, without the sources given for them."""
     words = ['preheat', 'vehicle', 'new', '--output', arguments.output]
     if arguments.name is not None:
         words += ['--name', arguments.name]
@@ -196,7 +196,7 @@ def _print_warnings(console: Console, meaning: Meaning) -> None:
 
 
 def _print_meaning(console: Console, meaning: Meaning) -> None:
-    """Print the figures of a car, its open-circuit voltage, and what cold costs."""
+    """Print the figures of a car, its open-circuit voltage, and its power limits in the cold."""
     cells = f', {meaning.cells_in_series} cells in series' if meaning.cells_in_series else ''
     resistances = ' / '.join(f'{1e3 * ohm:.0f}' for ohm in meaning.resistance_ohm.values())
     at = ' / '.join(f'{at_c:g}' for at_c in meaning.resistance_ohm)
@@ -214,16 +214,16 @@ def _print_meaning(console: Console, meaning: Meaning) -> None:
         (f'  with {meaning.heater_power_kw:.1f} kW at rest / 100 km/h',
          f'{meaning.heating_at_rest_k_per_10_min:+.1f} / '
          f'{meaning.heating_at_100_kmh_k_per_10_min:+.1f} K'),
-        ('  with what the cabin leaves, 100 km/h',
+        ('  net of cabin heating, 100 km/h',
          f'{meaning.heating_beside_cabin_k_per_10_min:+.1f} K'),
-        ('most charging power', f'{meaning.most_charging_power_kw:.0f} kW')], ('left', 'right'))
+        ('maximum charging power', f'{meaning.most_charging_power_kw:.0f} kW')], ('left', 'right'))
     voltages_v = meaning.open_circuit_voltage_v
     print_figures(console, 'Open-circuit voltage at 25 degC',
                   ('charged', *(f'{100 * soc:.0f} %' for soc in voltages_v)),
                   [('V', *(f'{value:.0f}' for value in voltages_v.values()))])
     charging = meaning.charging_power_kw
     print_figures(
-        console, 'What cold costs', ('battery at', *(f'{at_c:g} degC' for at_c in charging)),
+        console, 'Power limits in the cold', ('battery at', *(f'{at_c:g} degC' for at_c in charging)),
         [(f'charging power at {100 * soc:.0f} % in kW',
           *(f'{row[soc]:.0f}' for row in charging.values()))
          for soc in next(iter(charging.values()))]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`preheat worth`: whether heating before the charger is worth it, and to which temperature."""
+"""`preheat worth`: whether heating before the charger pays, and to which temperature."""
 
 from __future__ import annotations
 
@@ -32,38 +32,38 @@ if TYPE_CHECKING:
 WH_PER_KWH = 1000.0
 S_PER_MIN = 60.0
 W_PER_KW = 1000.0
-# Shown in the table; the JSON has all targets.
+# The table shows targets at this spacing; the JSON has all.
 SHOWN_EACH_K = 5.0
 
 
 def add_parser(subparsers: Subparsers) -> None:
     """Add the subcommand."""
     parser = subparsers.add_parser(
-        'worth', help='whether heating before the charger is worth it, and to which temperature',
-        description='Which target costs least, if energy has a price and time at the charger a value? '
-        'And from which value of time on does heating pay? With --chargers: which of several '
-        'chargers along the route costs least, each with its best target?')
+        'worth', help='whether heating before the charger pays, and to which temperature',
+        description='The target with the least cost, for a price of energy and a value of time at the charger, '
+        'and the value of time from which heating pays. With --chargers: the charger along '
+        'the route with the least cost, each with its best target.')
     add_drive_arguments(parser)
     add_charger_arguments(parser, required=False)
     completed_by(NameCompleter('chargers'), parser.add_argument(
         '--chargers', metavar='NAME|FILE',
-        help='which of several chargers: a name in config/chargers or a YAML file; in place of '
+        help='compare several chargers: a name in config/chargers or a YAML file; replaces '
         '--charger-power and --departure-soc'))
     parser.add_argument('--end-soc', type=float, metavar='0..1',
-                        help='with --chargers: state of charge wanted at the end of the route')
+                        help='with --chargers: state of charge at the end of the route')
     parser.add_argument('--only', nargs='+', metavar='CHARGER',
-                        help='with --chargers: compare these only, by name')
+                        help='with --chargers: compare only these, by name')
     parser.add_argument('--energy-price', type=float, default=ENERGY_PRICE_PER_KWH, metavar='PER_KWH',
-                        help='price of energy at the charger, per kWh; with --chargers of those without a '
-                        'price of their own (default: %(default)s)')
+                        help='price of energy at the charger, per kWh; with --chargers for chargers without '
+                        'their own price (default: %(default)s)')
     parser.add_argument('--value-of-time', type=float, default=VALUE_OF_TIME_PER_H, metavar='PER_H',
-                        help='what an hour at the charger is worth to the driver (default: %(default)s)')
+                        help='value of an hour at the charger to the driver (default: %(default)s)')
     add_output_arguments(parser)
     parser.set_defaults(run=run)
 
 
 def run(arguments: Namespace) -> int:
-    """Find the best target, print, and write what was asked for; returns the exit status."""
+    """Find the best target, print, and write the requested files; returns the exit status."""
     check_charger_arguments(arguments)
     if arguments.chargers is not None:
         return run_chargers(arguments)
@@ -103,7 +103,7 @@ def run(arguments: Namespace) -> int:
 
 
 def _shown(worth: Worth) -> list[TargetWorth]:
-    """Return the targets of the table: each fifth degree that is reached, and those with a name."""
+    """Return the targets for the table: every fifth degree that is reached, and the named ones."""
     named = (worth.without_heating, worth.best, worth.fixed)
     shown, warmest_c = [], -math.inf
     for target in worth.targets:
@@ -127,7 +127,7 @@ def _row(worth: Worth, target: TargetWorth) -> tuple[str, ...]:
 
 
 def _deviation_sentence(worth: Worth, shown: TargetWorth, deviation: TimeDeviation) -> str | None:
-    """Return how sure the minutes are, None where there is nothing to be sure of."""
+    """Return a sentence on the uncertainty of the charging times, or None."""
     without = worth.without_heating
     if shown is without or not all(map(math.isfinite, (
             shown.charging_time_s, without.charging_time_s, deviation.saved_s))):

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What all command lines share: parsers, exit statuses, tables, JSON, interrupted work."""
+"""Common parts of the command lines: parsers, exit statuses, tables, JSON, interrupted work."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a study keeps when it is interrupted: all that is finished."""
+"""Keeps the finished results of an interrupted study."""
 
 from __future__ import annotations
 
@@ -16,43 +16,43 @@ if TYPE_CHECKING:
 
 
 class InterruptedEnding:
-    """How the work of a study ended; `cause` is None where it is complete."""
+    """End of a study's work; `cause` is None if the study is complete."""
 
     cause: Interrupted | WorkerLost | None = None
 
     @property
     def is_complete(self) -> bool:
-        """Whether nothing was interrupted."""
+        """Whether the work ended without interruption."""
         return self.cause is None
 
     def tell(self, finished: int | str, wanted: int | str, what: str,
              files: Iterable[AnyPath | None], results: AnyPath | None = None) -> None:
         """
-        Raise the cause again, where there is one, now that what is finished has been kept.
+        Raise the cause, if any, after the finished results have been saved.
 
-        It says that `finished` of `wanted` are finished, a plural such as 'trips' being `what`, and
-        which of `files` (None: not asked for) they are in; from a file of `results` the study goes on.
+        The message says that `finished` of `wanted` `what` (a plural such as 'trips') are finished, and
+        which of `files` (None: not requested) hold them; the study can continue from a file of `results`.
         """
         if self.cause is None:
             return
         names = ['standard output' if path == STANDARD_OUTPUT else str(path)
                  for path in files if path is not None]
         if not finished:
-            kept = ('nothing is finished, nothing is written' if results is None
-                    else 'there is nothing to sum up yet')
+            kept = ('nothing finished, nothing written' if results is None
+                    else 'no results yet')
         elif names:
-            kept = f'the finished ones are in {" and ".join(names)}'
+            kept = f'finished results are in {" and ".join(names)}'
         else:
-            kept = 'the summary is of the finished ones'
+            kept = 'the summary covers finished results only'
         if results is not None:
-            kept += f'; the same command goes on from {results}'
+            kept += f'; the same command continues from {results}'
         self.cause.kept = f'after {finished} of {wanted} {what}; {kept}'
         raise self.cause
 
 
 @contextmanager
 def keeping_what_is_finished() -> Iterator[InterruptedEnding]:
-    """Give an Ending; an interruption ends the block, and may be told later."""
+    """Yield an InterruptedEnding; an interruption ends the block, and can be raised later by `tell`."""
     ending = InterruptedEnding()
     try:
         yield ending

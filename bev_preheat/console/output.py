@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the subcommands print and write: tables of plans side by side, JSON."""
+"""Output of the subcommands: tables of plans side by side, JSON."""
 
 from __future__ import annotations
 
@@ -28,10 +28,10 @@ if TYPE_CHECKING:
     from bev_preheat.files.output_files import AnyPath
     from bev_preheat.planning.plan import Plan
 
-    # What JSON holds: dictionaries, lists, texts, numbers, None.
+    # JSON values: dictionaries, lists, texts, numbers, None.
     Json = Any
 
-# Rows of the table: heading, how to read the figure off a plan.
+# Rows of the table: heading, function that reads the figure from a plan.
 ENERGY_ROWS = (
     ('Joule heat [Wh]', 'joule'),
     ('Drivetrain heat [Wh]', 'drivetrain_heat'),
@@ -56,23 +56,23 @@ def add_json_argument(parser: ArgumentParser) -> None:
 
 
 def json_output(path: AnyPath | None, make_folder: bool = False) -> OutputFile:
-    """Return the Output of `--json`, which may be '-'."""
+    """Return the OutputFile of `--json`, which may be '-'."""
     return OutputFile('--json', None if path == STANDARD_OUTPUT else path, make_folder=make_folder)
 
 
 def check_output_arguments(arguments: Namespace, inputs: Sequence[AnyPath],
                            others: Sequence[OutputFile] = ()) -> None:
     """
-    Check `--json`, `--plot` and other Outputs before anything is computed; `inputs` are read.
+    Check `--json`, `--plot` and other OutputFiles before anything is computed; `inputs` are read.
 
-    Raises InvalidInput where one cannot be written, or would be written over an input.
+    Raises InvalidInput if one cannot be written, or would overwrite an input.
     """
     check_outputs([json_output(arguments.json),
                    OutputFile('--plot', arguments.plot, PICTURE_SUFFIXES), *others], inputs)
 
 
 def write_json(path: AnyPath, contents: Json, make_folder: bool = False) -> None:
-    """Write JSON; `-` is standard output. NaN and infinity, which JSON lacks, become null."""
+    """Write JSON; `-` is standard output. NaN and infinity, which JSON cannot represent, become null."""
     text = json.dumps(_without_nan(contents), indent=2, allow_nan=False) + '\n'
     if path == STANDARD_OUTPUT:
         write_output(text)
@@ -92,9 +92,9 @@ def print_plans(console: Console, plans: Sequence[Plan], title: str,
                 headings: Sequence[str] | None = None,
                 more_rows: Iterable[Sequence[str]] = ()) -> None:
     """
-    Print a table with a column for each plan; `headings` are the methods if None.
+    Print a table with one column per plan; `headings` are the methods if None.
 
-    `more_rows` are rows below the plans' own: a heading and a text for each plan.
+    `more_rows` follow the plans' own rows: a heading and a text for each plan.
     """
     rows: list[tuple[str, Callable[[Plan], str]]] = [
         ('Status', lambda plan: plan.status.name),
@@ -115,7 +115,7 @@ def print_plans(console: Console, plans: Sequence[Plan], title: str,
 
 
 def _energy_text(field: str) -> Callable[[Plan], str]:
-    """Return how to read an energy off a plan."""
+    """Return a function that reads an energy from a plan."""
     return lambda plan: f'{getattr(plan.energy_wh, field):.1f}'
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A parser of command lines that refuses in one line, and the option --version."""
+"""A command line parser with one-line errors, and the option --version."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ if TYPE_CHECKING:
     from typing import Any, NoReturn
 
 
-# No option looks like this. argparse's own pattern knows neither -7. nor -1e1, and of "-7C" it would say that
-# nothing was given.
+# Negative numbers, which are never options. argparse's own pattern misses -7. and -1e1, and takes "-7C" for a
+# missing value.
 NEGATIVE_NUMBER = re.compile(r'-(\.?\d|inf|nan)', re.IGNORECASE)
 
 
 class OneLineParser(argparse.ArgumentParser):
-    """A parser that refuses in one line, and names the option that was probably meant."""
+    """A parser whose errors are one line, with a suggestion for a mistyped option."""
 
     def __init__(self, *arguments: Any, **options: Any) -> None:
-        """Take what argparse takes; numbers that are none are refused with what is allowed."""
+        """Take the same arguments as argparse; invalid numbers are refused with the allowed form."""
         super().__init__(*arguments, **options)
         self._negative_number_matcher = NEGATIVE_NUMBER
         self.register('type', float, _number)
@@ -34,14 +34,14 @@ class OneLineParser(argparse.ArgumentParser):
     def parse_known_args(  # type: ignore[override]  # argparse has three forms for this one
             self, args: Sequence[str] | None = None,
             namespace: Any = None) -> tuple[Any, list[str]]:
-        """Parse as argparse does, but refuse a mistyped option before what is missing without it."""
+        """Parse as argparse does, but report a mistyped option before missing arguments."""
         known = [option for action in self._actions for option in action.option_strings]
         if known and args is not None and self._subparsers is None:
             for argument in args:
                 if argument == '--':
                     break
                 option = argument.partition('=')[0]
-                # The beginning of an option is enough, where there is only one.
+                # A unique prefix of an option is enough.
                 if option.startswith('--') and not any(
                         name.startswith(option) for name in known):
                     near = get_close_matches(option, known, n=1)
@@ -49,12 +49,12 @@ class OneLineParser(argparse.ArgumentParser):
                         self.error(f'unrecognized arguments: {option}; did you mean {near[0]}?')
         parsed, beyond = super().parse_known_args(args, namespace)
         if beyond:
-            # argparse leaves that to the main parser, whose help does not say what a subcommand takes.
+            # argparse leaves that to the main parser, whose help does not list a subcommand's options.
             self.error(f'unrecognized arguments: {" ".join(beyond)}')
         return parsed, beyond
 
     def print_help(self, file: Any = None) -> None:
-        """Print the help; argparse would keep it to itself that the output is full."""
+        """Print the help; unlike argparse, report a full output."""
         write_output(self.format_help())
 
     def error(self, message: str) -> NoReturn:
@@ -68,7 +68,7 @@ def _number(text: str) -> float:
         return float(text)
     except ValueError:
         raise argparse.ArgumentTypeError(
-            f'{quoted(text)} is not a number; it must be one without a unit, with a decimal point') from None
+            f'{quoted(text)} is not a number; give it without a unit and with a decimal point') from None
 
 
 def _whole_number(text: str) -> int:
@@ -76,7 +76,7 @@ def _whole_number(text: str) -> int:
         return int(text)
     except ValueError:
         raise argparse.ArgumentTypeError(
-            f'{quoted(text)} is not a whole number; it must be digits only') from None
+            f'{quoted(text)} is not a whole number; use digits only') from None
 
 
 class VersionAction(argparse.Action):
@@ -84,7 +84,7 @@ class VersionAction(argparse.Action):
 
     def __call__(self, parser: argparse.ArgumentParser, namespace: argparse.Namespace,
                  values: object, option_string: str | None = None) -> None:
-        """Print it."""
+        """Print the version and exit."""
         from bev_preheat.console.version import version
         write_output(f'{parser.prog} {version()}\n')
         parser.exit()

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-How every command-line program starts and ends: signals, closed and full outputs, refused input.
+Start and end of every command-line program: signals, closed and full outputs, refused input.
 
-Loads nothing that takes time, because Ctrl-C must be answered while the rest is still loading.
+Imports nothing slow, because Ctrl-C must work while the rest is still loading.
 """
 
 from __future__ import annotations
@@ -13,45 +13,45 @@ import os
 import signal
 import sys
 
-# As in typing, which takes a while to load.
+# As in typing, which is slow to import.
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from types import FrameType
     from typing import Any
 
-    # What signal.signal takes and returns.
+    # The argument and result of signal.signal.
     Handler = Callable[[int, FrameType | None], Any] | int | signal.Handlers | None
 
 FAILED, REFUSED, INTERRUPTED = 1, 2, 130
 # The third is raised by this module itself.
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGALRM)
-# For terminals that have no such characters; one for one, so that tables stay aligned.
+# Replacements for terminals without these characters; one for one, so that tables stay aligned.
 SIMPLER = {'…': '.', '–': '-', '−': '-', '×': 'x', '±': '~', '·': '.', '²': '2', 'μ': 'u',
            'Δ': 'd'}
-# After this time [s] a signal that was lost in a callback is raised again.
+# After this time [s] a signal lost in a callback is raised again.
 AGAIN_S = 0.02
 READABLE = 'bev_preheat.readable'
 
 
 class Interrupted(KeyboardInterrupt):
-    """SIGINT or SIGTERM arrived; `kept` says what remains of the work, and may be filled later."""
+    """SIGINT or SIGTERM arrived; `kept` describes the remaining results, and may be filled later."""
 
     kept = ''
 
 
 class WorkerLost(Exception):
-    """A worker process ended by itself, or as the argument says; `kept` says what remains of the work."""
+    """A worker process ended by itself, or for the reason given; `kept` describes the remaining results."""
 
     kept = ''
 
     def __str__(self) -> str:
-        """Return what happened; nobody knows why."""
+        """Return the reason; by default that a worker process was killed."""
         return str(self.args[0]) if self.args else 'a worker process was killed'
 
 
 class OutputFailed(Exception):
-    """Standard output cannot be written, for another reason than that nobody reads it any more."""
+    """Standard output cannot be written, although its reader is still there."""
 
     def __init__(self, error: OSError) -> None:
         """`error` is the OSError."""
@@ -62,10 +62,10 @@ def run_program(name: str, load: Callable[[], Callable[[], int]], ends_process: 
     """
     Call `load()`, then the function that it returns, and return the exit status of the program.
 
-    It is what that function returns; 2 with a line for each problem where either raises
-    InvalidInput or PlanningFailure, 130 with one line where SIGINT or SIGTERM interrupts it, 1 with
-    one line where standard output is full. `name` is what its lines begin with. With `ends_process`
-    the process is to end now; otherwise its signal handlers are put back.
+    That is the function's result; 2 with a line per problem if either raises
+    InvalidInput or PlanningFailure, 130 with one line if SIGINT or SIGTERM interrupts it, 1 with
+    one line if standard output is full. Lines begin with `name`. With `ends_process`
+    the process must end now; otherwise its signal handlers are restored.
     """
     simplify_streams()
     heard = _Heard()
@@ -75,7 +75,7 @@ def run_program(name: str, load: Callable[[], Callable[[], int]], ends_process: 
             status = work()
         flush_output()
     except SystemExit:
-        # argparse has printed its help, or what is wrong.
+        # argparse has printed its help or its error.
         try:
             flush_output()
         except OutputFailed as error:
@@ -83,11 +83,11 @@ def run_program(name: str, load: Callable[[], Callable[[], int]], ends_process: 
         raise
     except BaseException as error:
         if heard.any or isinstance(error, KeyboardInterrupt):
-            # Whatever an interrupted library made of the signal.
+            # Also if an interrupted library wrapped the signal in an exception of its own.
             say(f'{name}: interrupted {getattr(error, "kept", "")}'.rstrip())
             status = INTERRUPTED
         elif isinstance(error, BrokenPipeError):
-            # Written by others than this module and `terminal`.
+            # Written by code outside this module and `terminal`.
             discard_output()
             status = 0
         else:
@@ -99,9 +99,9 @@ def run_program(name: str, load: Callable[[], Callable[[], int]], ends_process: 
 
 
 def loading(name: str) -> None:
-    """Let Ctrl-C be one line while the imports of the program `name` are running."""
+    """Answer Ctrl-C with one line while the imports of the program `name` are running."""
     def end(number: int, frame: FrameType | None) -> None:
-        # Nothing has begun, and an import that is torn apart has its own way to complain.
+        # Nothing has begun, and an interrupted import would print a traceback.
         say(f'{name}: interrupted')
         os._exit(INTERRUPTED)
 
@@ -109,20 +109,20 @@ def loading(name: str) -> None:
 
 
 def say(text: str) -> None:
-    """Print a line on standard error; whoever closed it does not want to read it."""
+    """Print a line on standard error; ignore a closed stream."""
     with suppress(OSError, ValueError):
         print(one_line(text), file=sys.stderr, flush=True)
 
 
 def one_line(text: str) -> str:
-    """Return a text with line breaks and other control characters written as in Python."""
+    """Return a text with line breaks and other control characters escaped as in Python."""
     return ''.join(character if character.isprintable() or character == ' ' else
                    character.encode('unicode_escape', 'surrogatepass').decode()
                    for character in text)
 
 
 def flush_output() -> None:
-    """Write what standard output still holds; raise OutputFailed where that is impossible."""
+    """Flush standard output; raise OutputFailed if that is impossible."""
     try:
         if sys.stdout is not None:
             sys.stdout.flush()
@@ -134,7 +134,7 @@ def flush_output() -> None:
 
 
 def write_output(text: str) -> None:
-    """Write a text to standard output; raise OutputFailed where that is full."""
+    """Write a text to standard output; raise OutputFailed if the output is full."""
     try:
         if sys.stdout is not None:
             sys.stdout.write(text)
@@ -147,7 +147,7 @@ def write_output(text: str) -> None:
 
 
 def discard_output() -> None:
-    """Send standard output nowhere from now on, because its reader has gone or its disk is full."""
+    """Discard further standard output, because its reader has gone or its disk is full."""
     with suppress(OSError, ValueError, AttributeError):
         nowhere = os.open(os.devnull, os.O_WRONLY)
         os.dup2(nowhere, sys.stdout.fileno())
@@ -155,10 +155,10 @@ def discard_output() -> None:
 
 
 def simplify_streams() -> None:
-    """Let no character that the terminal lacks raise an exception."""
+    """Replace characters missing in the terminal, instead of raising an exception."""
     codecs.register_error(READABLE, _readable)
     with suppress(AttributeError, OSError, ValueError):
-        # A stream that has no such method stays as it is.
+        # A stream without this method stays as it is.
         sys.stdout.reconfigure(errors=READABLE)  # type: ignore[union-attr]
 
 
@@ -177,14 +177,14 @@ class _Heard:
 
 @contextmanager
 def _signals_heard(heard: _Heard, ends_process: bool) -> Iterator[None]:
-    """Let signals raise Interrupted while the block lasts, and note in a _Heard that one came."""
+    """Raise Interrupted on signals during the block, and record them in a _Heard."""
     def hear(number: int, frame: FrameType | None) -> None:
         heard.any = True
         raise Interrupted
 
     def on_unraisable(unraisable: sys.UnraisableHookArgs) -> None:
         if isinstance(unraisable.exc_value, Interrupted):
-            # It came within a callback, which cannot pass it on.
+            # It arrived within a callback, which cannot pass it on.
             signal.setitimer(signal.ITIMER_REAL, AGAIN_S)
         else:
             hook_before(unraisable)
@@ -194,7 +194,7 @@ def _signals_heard(heard: _Heard, ends_process: bool) -> Iterator[None]:
     try:
         yield
     finally:
-        # What is left to be done takes no time, and has no line left for another interruption.
+        # The rest takes no time, and needs no second message about an interruption.
         _answer_signals(signal.SIG_IGN)
         sys.unraisablehook = hook_before
         if not ends_process:
@@ -203,16 +203,16 @@ def _signals_heard(heard: _Heard, ends_process: bool) -> Iterator[None]:
 
 
 def _answer_signals(handler: Handler) -> dict[int, Handler]:
-    """Set the handler of all signals that end a program; return those that were set before."""
+    """Set the handler of all signals that end a program; return the previous ones."""
     try:
         return {number: signal.signal(number, handler) for number in SIGNALS}
     except ValueError:
-        # Another thread than the main one gets no signals.
+        # Only the main thread gets signals.
         return {}
 
 
 def _say(name: str, error: BaseException) -> int:
-    """Say what ended the work, and return the exit status; raise what nobody foresaw."""
+    """Print the cause of the end, and return the exit status; re-raise unexpected errors."""
     from bev_preheat.errors import InvalidInput, PlanningFailure
     if isinstance(error, InvalidInput):
         for problem in error.problems:

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Consoles: results on standard output, or on standard error where JSON takes that; progress on stderr.
+Consoles: results on standard output, or on standard error if JSON uses that; progress on stderr.
 
-Tables never cut a name: where the columns do not fit side by side, they are shown below each other.
+Tables never truncate a name: columns that do not fit side by side are stacked.
 """
 
 from __future__ import annotations
@@ -23,21 +23,21 @@ if TYPE_CHECKING:
 
     from rich.progress import ProgressColumn
 
-    # A rich Text where it has a colour.
+    # A rich Text if it has a colour.
     Cell = str | Text
 
-# Of a table, beside the text: a line and a blank on both sides of each column.
+# Width of a table besides the text: a line and a blank on both sides of each column.
 FRAME_WIDTH, COLUMN_FRAME_WIDTH = 1, 3
 LEAST_COLUMN_WIDTH = 12
 
 
 class ResultConsole(Console):
-    """A console that goes on in silence when its reader has gone, as in `… | head -1`."""
+    """A console that falls silent when its reader has gone, as in `… | head -1`."""
 
     reader_has_gone = False
 
     def print(self, *things: Any, **options: Any) -> None:
-        """Print as rich does; raise OutputFailed where the output is full."""
+        """Print as rich does; raise OutputFailed if the output is full."""
         try:
             super().print(*things, **options)
         except BrokenPipeError:
@@ -48,31 +48,31 @@ class ResultConsole(Console):
                 raise OutputFailed(error) from error
 
     def on_broken_pipe(self) -> None:
-        """Leave it to `print`: newer versions of rich would end the process here."""
+        """Leave it to `print`, because newer versions of rich would end the process here."""
         raise  # noqa: PLE0704  rich calls this while it handles the error
 
     def _discard(self) -> None:
         self.reader_has_gone = True
-        # What could not be written must not be tried again.
+        # Unwritten text must not be retried.
         self.quiet = True
         if not self.stderr:
             discard_output()
 
 
 def result_console(json_path: str | None = None, **options: Any) -> ResultConsole:
-    """Return the console for tables and sentences; `json_path` '-' means that JSON has stdout."""
+    """Return the console for tables and sentences; `json_path` '-' reserves stdout for JSON."""
     return ResultConsole(stderr=json_path == '-', highlight=False, **options)
 
 
 def progress_console() -> ResultConsole:
-    """Return the console for what is of interest only while it lasts."""
+    """Return the console for transient progress output."""
     return ResultConsole(stderr=True, highlight=False)
 
 
 def progress_bar(*columns: str | ProgressColumn) -> Progress:
-    """Return a rich Progress that is seen in terminals only, and leaves nothing behind."""
+    """Return a rich Progress that is shown in terminals only, and disappears afterwards."""
     console = progress_console()
-    # Older versions of rich end with an empty line where nothing is shown.
+    # Older versions of rich end with an empty line even if nothing is shown.
     console.quiet = not console.is_interactive
     return Progress(*columns, console=console, transient=True, disable=console.quiet)
 
@@ -80,10 +80,10 @@ def progress_bar(*columns: str | ProgressColumn) -> Progress:
 def print_figures(console: Console, title: str | None, headings: Sequence[Cell],
                   rows: Iterable[Sequence[Cell]]) -> None:
     """
-    Print a table of figures: the first column says what they are, each other one is an item.
+    Print a table of figures: the first column names them, each other column is an item.
 
-    `headings` and each of `rows` are texts, a rich Text where it has a colour. Where the items do
-    not fit side by side, several tables follow each other.
+    `headings` and `rows` are texts, or rich Texts if they have a colour. Items that do
+    not fit side by side are split into several tables.
     """
     columns = [[_text(cell) for cell in column] for column in zip(headings, *rows)]
     label, *items = columns
@@ -105,9 +105,9 @@ def print_figures(console: Console, title: str | None, headings: Sequence[Cell],
 def print_records(console: Console, title: str, headings: Sequence[Cell],
                   rows: Iterable[Sequence[Cell]], justify: Sequence[str] = ()) -> None:
     """
-    Print a table of records, each a row of texts; below each other where the words do not fit.
+    Print a table of records, each a row of texts; stacked if the words do not fit.
 
-    `justify` has 'left' or 'right' for each column; 'left' if it is empty.
+    `justify` has 'left' or 'right' for each column; empty means 'left'.
     """
     columns = [[_text(cell) for cell in column] for column in zip(headings, *rows)]
     least = sum(_longest_word(column) + COLUMN_FRAME_WIDTH for column in columns) + FRAME_WIDTH
@@ -126,7 +126,7 @@ def print_records(console: Console, title: str, headings: Sequence[Cell],
 
 def _print_table(console: Console, title: str | None, columns: Sequence[Sequence[Text]],
                  justify: Sequence[str]) -> None:
-    """Print columns of Texts, the first of each its heading."""
+    """Print columns of Texts; the first of each is its heading."""
     table = Table(title=title and escape(title))
     room = console.width - FRAME_WIDTH - COLUMN_FRAME_WIDTH * len(columns)
     for column, side, width in zip(columns, justify, _widths(columns, room)):
@@ -138,12 +138,12 @@ def _print_table(console: Console, title: str | None, columns: Sequence[Sequence
 
 
 def _widths(columns: Sequence[Sequence[Text]], room: int) -> list[int]:
-    """Return the widths of columns: no more than `room` together, if no word has to break."""
+    """Return the widths of columns: at most `room` in total, unless a word would have to break."""
     widths, least = list(map(_width, columns)), list(map(_longest_word, columns))
     while sum(widths) > room:
         spare = [number for number, width in enumerate(widths) if width > least[number]]
         if not spare:
-            # Only words that are longer than the terminal is wide, paths of files.
+            # Only for words longer than the terminal's width, such as paths of files.
             spare = [number for number, width in enumerate(widths) if width > LEAST_COLUMN_WIDTH]
         if not spare:
             break

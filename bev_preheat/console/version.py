@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The version of the package; package.xml says it, setup.py and `preheat --version` read it there."""
+"""The package's version, from package.xml, for setup.py and `preheat --version`."""
 
 from pathlib import Path
 from xml.etree import ElementTree
@@ -10,7 +10,7 @@ MANIFEST = 'package.xml'
 
 
 def version() -> str:
-    """Return the version of the sources that run, or of the installed package, as a text."""
+    """Return the version of the running sources, or of the installed package, as a text."""
     manifest = Path(__file__).resolve().parents[2] / MANIFEST
     if not manifest.is_file():
         if installed_prefix(PACKAGE) is None:

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The parts of `python -m bev_preheat.demo`: processes, what they say, display and picture."""
+"""Parts of `python -m bev_preheat.demo`: processes, observer, display and picture."""

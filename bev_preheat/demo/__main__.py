@@ -2,8 +2,8 @@
 """
 `python -m bev_preheat.demo`: a simulated drive to the fast charger, with the real planner.
 
-Starts the installed executables `vehicle_simulator` and `planner` as processes, follows what they
-say, and ends with a table and a picture. The exit status is 0 only where the battery arrived
+Starts the installed executables `vehicle_simulator` and `planner` as processes, follows their
+topics, and ends with a table and a picture. The exit status is 0 only if the battery arrived
 within ARRIVAL_TOLERANCE_K of its target.
 """
 
@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 from bev_preheat.console.program import Interrupted, loading, run_program, say
 
 if __name__ == '__main__':
-    # What is loaded below takes a second, in which Ctrl-C may come.
+    # The imports below take a second, in which Ctrl-C may come.
     loading('demo')
 
 from contextlib import ExitStack
@@ -50,18 +50,18 @@ if TYPE_CHECKING:
     from bev_preheat.nodes.listening import Listener
 
 ARRIVAL_TOLERANCE_K = 1.0
-# Real time for the processes to find each other, and between two battery states [s]. Of a process that ends
-# it is told at once; what is waited for here may take a busy computer a minute.
+# Limits of real time for the processes to find each other, and between two battery states [s]. The end of a
+# process is noticed at once; these waits may take a minute on a busy computer.
 START_LIMIT_S = 180.0
 SILENCE_LIMIT_S = 60.0
 REFRESH_S = 0.2
-# What stands for a target of 0 degC.
+# Stands for a target of 0 degC, because 0 means the default.
 LEAST_TARGET_C = 1e-3
 LOG_LINES_SHOWN = 8
 
 
 class DemoFailed(Exception):
-    """The drive could not be brought to its end; the message says why."""
+    """The drive could not be completed; the message gives the reason."""
 
 
 def parse_arguments(arguments: Sequence[str] | None) -> Namespace:
@@ -76,16 +76,16 @@ def parse_arguments(arguments: Sequence[str] | None) -> Namespace:
     parser.add_argument('--soc', type=float, default=0.9, metavar='0..1',
                         help='state of charge at the start (%(default)s)')
     parser.add_argument('--target', type=float, metavar='DEGC',
-                        help="battery temperature wanted on arrival [degC] (the vehicle's own)")
+                        help="target battery temperature on arrival [degC] (the vehicle's own)")
     parser.add_argument('--charger-power', type=float, metavar='W',
                         help='power of the charger [W]: without --target the planner then chooses the target '
-                        'itself (not known)')
+                        'itself (unknown)')
     parser.add_argument('--departure-soc', type=float, metavar='0..1',
-                        help=f'state of charge to leave the charger with ({USUAL_DEPARTURE_SOC:g})')
+                        help=f'state of charge at which the car leaves the charger ({USUAL_DEPARTURE_SOC:g})')
     parser.add_argument('--speed-up', type=float, default=60.0, metavar='N',
-                        help='simulated seconds in each real second, 1 ... 1000 (%(default)s)')
+                        help='simulated seconds per real second, 1 ... 1000 (%(default)s)')
     parser.add_argument('--output', type=Path, default=Path('out/demo.png'), metavar='FILE',
-                        help='the picture; the logs of the processes go beside it (%(default)s)')
+                        help='the picture; the logs of the processes are written next to it (%(default)s)')
     parsed = parser.parse_args(arguments)
     parsed.output = Path(expanded(parsed.output))
     return parsed
@@ -95,7 +95,7 @@ def check_files(parsed: Namespace) -> str | None:
     """
     Return a warning about the route, or None.
 
-    Raises InvalidInput where an input is missing or wrong or an output cannot be written.
+    Raises InvalidInput if an input is missing or wrong or an output cannot be written.
     """
     route = route_for(parsed.route, load_vehicle(parsed.vehicle))
     logs = [OutputFile('--output', log_file(parsed.output, name), make_folder=True)
@@ -106,7 +106,7 @@ def check_files(parsed: Namespace) -> str | None:
 
 
 def log_file(output: AnyPath, name: str) -> str:
-    """Return the path of the log of a process, beside the picture."""
+    """Return the path of a process's log, next to the picture."""
     return f'{os.path.splitext(output)[0]}.{name}.log'
 
 
@@ -134,7 +134,7 @@ def _check_charger(parsed: Namespace) -> None:
     if parsed.departure_soc is None:
         return
     if parsed.charger_power is None:
-        raise InvalidInput('--departure-soc: needs --charger-power beside it')
+        raise InvalidInput('--departure-soc: needs --charger-power')
     if not 0.0 < parsed.departure_soc <= 1.0:
         raise InvalidInput(f'--departure-soc: {parsed.departure_soc:g} is not allowed; it must be above 0 '
                            'and at most 1')
@@ -160,7 +160,7 @@ def _drive(parsed: Namespace) -> int:
 
 
 def run(parsed: Namespace, console: Console) -> tuple[bool, str]:
-    """Drive, draw and sum up; return (whether it went well, a sentence)."""
+    """Drive, draw and sum up; return (whether it succeeded, a sentence)."""
     parsed.output.parent.mkdir(parents=True, exist_ok=True)
     with ExitStack() as stack:
         os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
@@ -172,7 +172,7 @@ def run(parsed: Namespace, console: Console) -> tuple[bool, str]:
         listener = stack.enter_context(listening('demo'))
         observer = Observer(listener.node)
         drive = observer.drive
-        # The vehicle comes last, when everybody is there to see it start.
+        # The vehicle comes last, when all observers of its start are ready.
         planner = _start(stack, parsed, 'planner', _planner_parameters(parsed))
         _wait_for_planner(listener, observer, planner)
         simulator = _start(stack, parsed, 'vehicle_simulator', _simulator_parameters(parsed))
@@ -182,7 +182,7 @@ def run(parsed: Namespace, console: Console) -> tuple[bool, str]:
             if process.end() != 0:
                 raise DemoFailed(_ended(process))
     if drive.first_plan is None:
-        raise DemoFailed('the vehicle came to stand before the planner had a plan')
+        raise DemoFailed('the vehicle stopped before the planner had a plan')
     print_figures(console, 'The drive', *summary_rows(drive))
     charging = charging_sentence(drive)
     if charging:
@@ -203,7 +203,7 @@ def _simulator_parameters(parsed: Namespace) -> dict[str, Any]:
         'initial_soc': parsed.soc,
         'speed_up': parsed.speed_up,
         'wait_for_planner': 'true',
-        # The planner, and who draws the picture.
+        # Wait for the planner and this observer.
         'wait_for_listeners': 2,
         'exit_on_arrival': 'true',
     }
@@ -212,7 +212,7 @@ def _simulator_parameters(parsed: Namespace) -> dict[str, Any]:
         parameters['charging_departure_soc'] = (
             USUAL_DEPARTURE_SOC if parsed.departure_soc is None else parsed.departure_soc)
     if parsed.target is not None:
-        # To the parameter 0 means that no target is given.
+        # In the parameter 0 means no target.
         parameters['target_battery_temperature'] = parsed.target or LEAST_TARGET_C
     return parameters
 
@@ -242,7 +242,7 @@ def _wait_for_planner(listener: Listener, observer: Observer, planner: NodeProce
 
 def _follow(listener: Listener, drive: ObservedDrive, processes: Sequence[NodeProcess],
             show: Callable[[], object]) -> None:
-    """Return when the vehicle stands; raise DemoFailed where that will not happen."""
+    """Return when the vehicle stands; raise DemoFailed if that cannot happen any more."""
     limit_s = time.monotonic() + START_LIMIT_S
     while not drive.is_over:
         for process in processes:

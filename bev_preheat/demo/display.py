@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Shows a drive while it lasts, and sums it up."""
+"""Live display of a drive, and its summary."""
 
 from __future__ import annotations
 
@@ -29,13 +29,13 @@ if TYPE_CHECKING:
 
     Row = tuple[str, str, str]
 
-# Simulated time between two lines where the output is no terminal [s].
+# Simulated time between two lines if the output is not a terminal [s].
 LINE_PERIOD_S = 120.0
 
 
 @contextmanager
 def shown(drive: ObservedDrive, console: Console) -> Iterator[Callable[[], None]]:
-    """Give a function that shows the state of an `ObservedDrive`; call it every now and then."""
+    """Yield a function that shows the state of an `ObservedDrive`; call it regularly."""
     if console.is_terminal:
         with Live(console=console, auto_refresh=False) as live:
             yield lambda: live.update(_picture_of_now(drive), refresh=True)
@@ -44,7 +44,7 @@ def shown(drive: ObservedDrive, console: Console) -> Iterator[Callable[[], None]
 
 
 class _Lines:
-    """A line for each change of status, and one every couple of simulated minutes."""
+    """A line for each change of status, and one every few simulated minutes."""
 
     def __init__(self, drive: ObservedDrive, console: Console) -> None:
         self._drive = drive
@@ -73,7 +73,7 @@ class _Lines:
 
 
 def _figures(drive: ObservedDrive) -> dict[str, str]:
-    """Texts of the latest state, command and prediction."""
+    """Return texts of the latest state, command and prediction."""
     _, temperature_c, soc = drive.states[-1]
     return {
         'battery': f'{temperature_c:.1f} degC',
@@ -84,7 +84,7 @@ def _figures(drive: ObservedDrive) -> dict[str, str]:
 
 
 def _picture_of_now(drive: ObservedDrive) -> RenderableType:
-    """Return what a terminal shows."""
+    """Return the display for a terminal."""
     if drive.route is None or not drive.states:
         return 'Waiting for the simulated vehicle and the planner ...'
     figures = _figures(drive)
@@ -118,7 +118,7 @@ def _bar(value: float, total: float) -> ProgressBar:
 
 
 def summary_rows(drive: ObservedDrive) -> tuple[Row, list[Row]]:
-    """Return (headings, rows) of a table: what was planned at the start, and what happened."""
+    """Return (headings, rows) of a table: the first plan and the actual drive."""
     plan, outcome = drive.first_plan, _outcome(drive)
     instants_s = drive.switched_on_s
     planned_s = ((nanoseconds(plan.heating_start) - drive.start_ns) * 1e-9
@@ -137,7 +137,7 @@ def summary_rows(drive: ObservedDrive) -> tuple[Row, list[Row]]:
          f'{100 * soc:.2f}')]
     rows += [(heading, f'{getattr(plan, ENERGY_FIELDS[field]):.1f}',
               f'{getattr(outcome.energy_wh, field):.1f}') for heading, field in ENERGY_ROWS]
-    return ('', 'planned at the start', 'what happened'), rows
+    return ('', 'planned at the start', 'actual'), rows
 
 
 def _outcome(drive: ObservedDrive) -> DriveResult:
@@ -147,7 +147,7 @@ def _outcome(drive: ObservedDrive) -> DriveResult:
 
 
 def charging_sentence(drive: ObservedDrive) -> str:
-    """Return what was known of the charging session before anything was heated; '': nothing."""
+    """Return the sentence on the charging session predicted before any heating, or ''."""
     plan = drive.charging_plan
     if plan is None:
         return ''

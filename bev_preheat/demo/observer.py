@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Follows a simulated drive over its topics and keeps what is said."""
+"""Follows a simulated drive over its topics and records it."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from bev_preheat.nodes.simulator_messages import DriveResult
 
 
-# Statuses of a planner that does not know yet what it is about.
+# Statuses of a planner without a trip to plan.
 NOT_READY = (Status.NO_ROUTE, Status.NO_BATTERY_STATE)
 # Stamps are in whole nanoseconds, and segments add up with rounding.
 ROUNDING_S = 1e-3
@@ -33,17 +33,17 @@ ROUNDING_S = 1e-3
 
 class ObservedDrive:
     """
-    What was heard of a drive so far; instants are seconds after the start of the route.
+    The drive as observed so far; instants are seconds after the start of the route.
 
     `states` holds (instant, temperature [deg C], state of charge), `commands` (instant, power
     [W]), `predictions` (instant, arrival temperature [deg C]). `route` is the RoutePlan,
     `first_plan` the first PreheatPlan for it and `plan` the latest one; `outcome` is the latest
-    Outcome. `charging_plan` is the latest with a charging session in it before anything was heated.
-    None: not heard yet. `heard_at_s` is when the vehicle was last heard (time.monotonic).
+    Outcome. `charging_plan` is the latest plan with a charging session from before any heating.
+    None: not received yet. `heard_at_s` is when the vehicle last sent a message (time.monotonic).
     """
 
     def __init__(self) -> None:
-        """Know nothing."""
+        """Start without messages."""
         self.route: RoutePlan = None
         self.first_plan: PreheatPlan = None
         self.plan: PreheatPlan = None
@@ -62,17 +62,17 @@ class ObservedDrive:
 
     @property
     def duration_s(self) -> float:
-        """How long the route takes [s]."""
+        """Duration of the route [s]."""
         return math.fsum(self.route.segment_duration)
 
     @property
     def time_s(self) -> float:
-        """How far the drive is [s]."""
+        """Time since the start of the drive [s]."""
         return min(self.states[-1][0], self.duration_s) if self.states else 0.0
 
     @property
     def is_over(self) -> bool:
-        """Whether the vehicle has come to stand, and its last battery state is here."""
+        """Whether the vehicle has stopped, and its last battery state has been received."""
         if self.has_arrived:
             return bool(self.states) and self.states[-1][0] >= self.duration_s - ROUNDING_S
         return self.outcome is not None and self.outcome.state != DRIVING
@@ -84,7 +84,7 @@ class ObservedDrive:
 
     @property
     def target_c(self) -> float:
-        """Battery temperature that was wanted on arrival last [deg C], NaN if there is none."""
+        """Latest target battery temperature on arrival [deg C], or NaN."""
         if math.isnan(self.latest_target_c) and self.first_plan is not None:
             return self.first_plan.target_battery_temperature
         return self.latest_target_c
@@ -120,12 +120,12 @@ class Observer:
         return all(subscription.get_publisher_count() for subscription in self._from_planner)
 
     def _on_route(self, message: RoutePlan) -> None:
-        # A cancellation does not change where the drive is.
+        # A cancellation does not change the progress of the drive.
         if message.segment_duration:
             self.drive.route = message
 
     def _instant_s(self, message: Any) -> float | None:
-        """Seconds after the start of the route; None while the route is not known."""
+        """Return seconds after the start of the route; None while the route is unknown."""
         if self.drive.route is None:
             return None
         return (nanoseconds(message.header.stamp) - self.drive.start_ns) * 1e-9
@@ -139,7 +139,7 @@ class Observer:
         if math.isfinite(message.target_battery_temperature):
             self.drive.latest_target_c = message.target_battery_temperature
         instant_s, heated_s = self._instant_s(message), self.drive.switched_on_s
-        # The command that switches on may be heard before the plan that it follows; both have the same stamp.
+        # The command that switches on may arrive before its plan; both have the same stamp.
         if charging_text(message) and instant_s is not None and (not heated_s or instant_s <= heated_s[0]):
             self.drive.charging_plan = message
 

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pictures; the only room that knows matplotlib."""
+"""Pictures; the only package that imports matplotlib."""

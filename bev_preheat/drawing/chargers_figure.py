@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which charger: what each costs, divided into energy, charging, detour and waiting."""
+"""Cost of each charger, divided into energy, charging, detour and waiting."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ PARTS = (('energy', 'energy_cost', BLUE), ('charging time', 'charging_cost', ORA
 
 
 def draw_chargers(path: AnyPath, ranked: Sequence[CandidateWorth], title: str) -> None:
-    """Draw ranked chargers into a file, whose suffix says which kind of picture it is."""
+    """Draw ranked chargers into a file; its suffix gives the format."""
     save_figure(make_chargers_figure(ranked, title), path)
 
 
 def make_chargers_figure(ranked: Sequence[CandidateWorth], title: str) -> Figure:
-    """Return the figure of ranked chargers, the cheapest on top; one with a problem has its name only."""
+    """Return the figure of ranked chargers, the cheapest on top; one with a problem shows its name only."""
     figure, ((axis,),) = grid_figure(1, 1, title, height_in=1.8 + 0.5 * len(ranked))
     places = np.arange(len(ranked))
     left = np.zeros(len(ranked))

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 # In the order of the sessions.
 LOOKS = (look_of('merit_order'), look_of(WITHOUT_PREHEATING))
 HEATER_DASHES = (0, (1.0, 1.5))
-# Where no session ends the picture does [s]; where one ends, it shows this much more of the other.
+# Time shown if no session ends [s], and the margin after the first end.
 MOST_SHOWN_S = 2.0 * 3600.0
 SHOWN_BEYOND = 1.3
 LEAST_SHOWN_S = 60.0
@@ -34,13 +34,13 @@ W_PER_KW = 1000.0
 
 def draw_sessions(path: AnyPath, vehicle: Vehicle, stop: ChargingStop, sessions: Mapping[str, Session],
                   title: str) -> None:
-    """Draw sessions into a file, whose suffix says which kind of picture it is."""
+    """Draw sessions into a file; its suffix gives the format."""
     save_figure(make_session_figure(vehicle, stop, sessions, title), path)
 
 
 def make_session_figure(vehicle: Vehicle, stop: ChargingStop, sessions: Mapping[str, Session],
                         title: str) -> Figure:
-    """Return the figure of one or two Sessions by name; dotted is what the heater takes."""
+    """Return the figure of one or two Sessions by name; the heater power is dotted."""
     ended_s = [session.charging_time_s for session in sessions.values() if not session.problem]
     lasts_s = [float(session.time_s[-1]) for session in sessions.values()]
     shown_s = max(LEAST_SHOWN_S, min(max(lasts_s), MOST_SHOWN_S if not ended_s else (

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Curves over time, and axes that show them: units of time, ranges, bounds beyond a panel."""
+"""Curves over time, and their axes: units of time, ranges, bounds beyond a panel."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ if TYPE_CHECKING:
 
     from bev_preheat.numerics.arrays import BoolArray, FloatArray
 
-# More points than these are more than a picture has columns.
+# More points than this exceed the columns of a picture.
 MOST_POINTS = 4000
-# Longest trip [s] that is drawn in a unit, seconds in it, its name.
+# Longest trip [s] drawn in a unit, seconds per unit, its name.
 TIME_UNITS = ((180.0, 1.0, 's'), (4.0 * 3600.0, 60.0, 'min'), (np.inf, 3600.0, 'h'))
 MARGIN = 0.06
-# A bound is shown where it is no farther from the curves than this many of their spans.
+# A bound is shown if its distance from the curves is at most this many of their spans.
 REACH = 0.6
 
 
 class TimeAxis:
-    """The time of a trip, in the unit that fits its length; called with seconds, returns units."""
+    """The time of a trip, in a unit that fits its length; call it with seconds to convert them."""
 
     def __init__(self, duration_s: float) -> None:
-        """Choose the unit for a trip of so many seconds."""
+        """Choose the unit for a trip of `duration_s` seconds."""
         self.seconds, self.unit = next(
             (seconds, unit) for longest_s, seconds, unit in TIME_UNITS if duration_s <= longest_s)
 
@@ -51,19 +51,19 @@ class TimeAxis:
 
 
 def draw_course(axis: Axes, instants: ArrayLike, values: ArrayLike, **style: Any) -> Line2D:
-    """Draw a curve through values at instants, thinned where there are too many; returns it."""
+    """Draw a curve through values at instants, thinned if there are too many; returns it."""
     line, = axis.plot(*_thinned(np.asarray(instants), np.asarray(values)), **style)
     return line
 
 
 def draw_steps(axis: Axes, edges: FloatArray, values: ArrayLike, **style: Any) -> Line2D:
-    """Draw one value a step, between its edges, as a staircase; returns it."""
+    """Draw one value per step, between its edges, as a staircase; returns it."""
     return draw_course(axis, *_staircase(edges, values), **style)
 
 
 def shade_steps(axis: Axes, edges: FloatArray, low: ArrayLike, high: ArrayLike,
                 **style: Any) -> None:
-    """Shade what lies between two values a step."""
+    """Shade the area between two values per step."""
     edges, low = _staircase(edges, np.broadcast_to(low, len(edges) - 1))
     high = np.repeat(np.broadcast_to(high, len(low) // 2), 2)
     kept = _kept(low) | _kept(high)
@@ -80,12 +80,12 @@ def _thinned(instants: FloatArray, values: FloatArray) -> tuple[FloatArray, Floa
 
 
 def _kept(values: FloatArray) -> BoolArray:
-    """Which points of a curve are drawn, shape (N,): of many the extremes of each column."""
+    """Return which points of a curve are drawn, shape (N,): the extremes of each column if there are many."""
     kept = np.ones(len(values), dtype=bool)
     if len(values) > MOST_POINTS:
         kept[1:-1] = False
         for part in np.array_split(np.arange(len(values)), MOST_POINTS // 2):
-            # A gap, which is NaN, stays one.
+            # A gap (NaN) stays a gap.
             kept[part[[np.argmin(values[part]), np.argmax(values[part])]]] = True
     return kept
 
@@ -93,13 +93,13 @@ def _kept(values: FloatArray) -> BoolArray:
 def show_range(axis: Axes, *values: ArrayLike, least: float,
                bounds: Iterable[ArrayLike] = ()) -> list[bool]:
     """
-    Show all finite values, with a margin, in a span of at least `least`: noise is not blown up.
+    Show all finite values, with a margin, in a span of at least `least`, so that noise is not magnified.
 
-    A bound (value or array) is shown too where it comes near. Returns for each bound whether some
+    A bound (value or array) near the curves is shown, too. Returns for each bound whether part
     of it is in the panel.
     """
     low, high = _extent(values)
-    # What starts at 0, a power for one, has nothing to show below it.
+    # Quantities that start at 0, such as a power, need no space below it.
     missing, below = max(0.0, least - (high - low)), 0.5 if low else 0.0
     low, high = low - below * missing, high + (1.0 - below) * missing
     reach = REACH * (high - low)

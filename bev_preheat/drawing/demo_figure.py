@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 
 class DrawnDrive(Protocol):
-    """What is drawn of a drive; a demonstration's `ObservedDrive` says what each is."""
+    """Data of a drive for drawing; a demonstration's `ObservedDrive` describes each."""
 
     @property
     def route(self) -> RoutePlan:
@@ -53,15 +53,15 @@ class DrawnDrive(Protocol):
 
     @property
     def duration_s(self) -> float:
-        """How long the route takes [s]."""
+        """Duration of the route [s]."""
 
     @property
     def target_c(self) -> float:
-        """Battery temperature wanted on arrival [deg C]."""
+        """Target battery temperature on arrival [deg C]."""
 
 
 def draw_drive(path: AnyPath, drive: DrawnDrive, vehicle: Vehicle, title: str) -> None:
-    """Draw an `ObservedDrive` into a file, whose suffix says which kind of picture it is."""
+    """Draw an `ObservedDrive` into a file; its suffix gives the format."""
     save_figure(make_drive_figure(drive, vehicle, title), path)
 
 

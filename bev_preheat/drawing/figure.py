@@ -25,15 +25,15 @@ if TYPE_CHECKING:
 
     from bev_preheat.files.output_files import AnyPath
 
-    # Axes in rows and columns; NumPy does not know what objects an array holds.
+    # Axes in rows and columns; NumPy does not know the type of objects in an array.
     AxesGrid = NDArray[np.object_]
 
 WIDTH_IN = 9.0
-# Characters of a title in a line, lines of a title, and characters of a legend in a row.
+# Characters per line of a title, lines of a title, and characters per row of a legend.
 TITLE_CHARACTERS = 100
 MOST_TITLE_LINES = 9
 LEGEND_CHARACTERS = 128
-# What the line beside a text takes, in characters.
+# Width of the line sample beside a text, in characters.
 HANDLE_CHARACTERS = 8
 
 
@@ -47,23 +47,23 @@ def grid_figure(rows: int, columns: int, title: str, height_in: float,
     for axis in axes.flat:
         axis.grid(True, alpha=0.3)
         axis.spines[['top', 'right']].set_visible(False)
-        # Ticks are to say what they mean, without "+1e3" or "1e6" at the end of the axis.
+        # Tick labels in full, without "+1e3" or "1e6" at the end of the axis.
         axis.ticklabel_format(style='plain', useOffset=False)
     return figure, axes
 
 
 def stacked_figure(panels: int, title: str,
                    panel_height_in: float = 1.9) -> tuple[Figure, list[Axes]]:
-    """Return (figure, list of axes): panels above each other that share the x axis."""
+    """Return (figure, list of axes): stacked panels that share the x axis."""
     figure, axes = grid_figure(panels, 1, title, panel_height_in * panels + 0.8, sharex=True)
     return figure, list(axes[:, 0])
 
 
 def literal(text: str) -> str:
     """
-    Return a text of several lines as matplotlib draws it: long lines wrapped, nothing a formula.
+    Return a text of several lines for matplotlib: long lines wrapped, no formulas.
 
-    Names of files may hold dollar signs, and characters that no font has.
+    File names may contain dollar signs and unprintable characters.
     """
     lines = []
     for line in text.encode('utf-8', 'backslashreplace').decode().split('\n'):
@@ -78,9 +78,9 @@ def literal(text: str) -> str:
 def legend_above(axis: Axes, handles: Sequence[Artist] | None = None, title: str | None = None,
                  side: str = 'left', columns: int | None = None) -> None:
     """
-    Put a legend above an axis, where it covers no curve; `handles` are those of the axis if None.
+    Put a legend above an axis, so that it covers no curve; `handles` are those of the axis if None.
 
-    It has as many columns as there is room for if `columns` is None. There may be another legend at
+    It has as many columns as fit if `columns` is None. There may be another legend on
     the other side.
     """
     others = axis.get_legend()
@@ -99,15 +99,15 @@ def legend_above(axis: Axes, handles: Sequence[Artist] | None = None, title: str
         frameon=False, handlelength=3.2)
     if others is not None:
         axis.add_artist(others)
-        # What is clipped is left out of the layout.
+        # Clipped artists are ignored by the layout.
         others.set_clip_on(False)
 
 
 def save_figure(figure: Figure, path: AnyPath) -> None:
-    """Write a figure; the suffix of the path, one of PICTURE_SUFFIXES, says as what."""
+    """Write a figure; the suffix of the path, one of PICTURE_SUFFIXES, gives the format."""
     drawn = io.BytesIO()
     with warnings.catch_warnings():
-        # A character that the font lacks is drawn as a box.
+        # A character missing in the font is drawn as a box.
         warnings.filterwarnings('ignore', message='Glyph .* missing from')
         figure.savefig(drawn, format=os.path.splitext(path)[1].removeprefix('.').lower(), dpi=130)
     write_whole(path, drawn.getvalue())

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A trip with stops over time: the plans of its legs one after the other, the stops shaded."""
+"""A trip with stops over time: the plans of its legs in sequence, the stops shaded."""
 
 from __future__ import annotations
 
@@ -33,13 +33,13 @@ if TYPE_CHECKING:
     from bev_preheat.planning.plan import Plan
     from bev_preheat.vehicle import Vehicle
 
-# More legs than these are not told one by one.
+# With more legs than this, arrivals are not listed one by one.
 MOST_TOLD_LEGS = 6
 
 
 def draw_itinerary(path: AnyPath, vehicle: Vehicle, legs: Sequence[Leg], plans: Sequence[Plan],
                    title: str) -> None:
-    """Draw the Plans for the Legs of a trip into a file, whose suffix says which kind it is."""
+    """Draw the Plans for the Legs of a trip into a file; its suffix gives the format."""
     save_figure(make_itinerary_figure(vehicle, legs, plans, title), path)
 
 
@@ -48,7 +48,7 @@ def make_itinerary_figure(vehicle: Vehicle, legs: Sequence[Leg], plans: Sequence
     """
     Return the figure of the Plans for the Legs of a trip, and of the same legs without preheating.
 
-    During a stop, the line from arrival to the departure that was given is dotted.
+    During a stop, the line from arrival to the given departure is dotted.
     """
     unheated = [_plan_unheated(vehicle, leg, plan) for leg, plan in zip(legs, plans)]
     told = [_on_arrival(number, leg, *both) for number, (leg, *both) in enumerate(
@@ -62,7 +62,7 @@ def make_itinerary_figure(vehicle: Vehicle, legs: Sequence[Leg], plans: Sequence
     heated, idle = look_of(plans[0].method), look_of(WITHOUT_PREHEATING)
     for number, (leg, plan, alone, start_s) in enumerate(zip(legs, plans, unheated, starts_s)):
         def named(label: str, is_first: bool = number == 0) -> dict[str, str | None]:
-            # Once in the legend, not once a leg.
+            # In the legend only once, for the first leg.
             return {'label': label if is_first else None}
 
         trip = make_trip(vehicle, leg.route)
@@ -102,7 +102,7 @@ def make_itinerary_figure(vehicle: Vehicle, legs: Sequence[Leg], plans: Sequence
 
 
 def _on_arrival(number: int, leg: Leg, plan: Plan, unheated: Plan) -> str:
-    """Say in a line how a leg ends."""
+    """Return a line on the arrival of a leg."""
     target = f'target {plan.target_temperature_c:.1f} °C, ' if leg.charging_planned else ''
     return (f'leg {number}: {plan.status.name}, {target}arrival at '
             f'{plan.arrival_temperature_c:.1f} °C'
@@ -111,14 +111,14 @@ def _on_arrival(number: int, leg: Leg, plan: Plan, unheated: Plan) -> str:
 
 
 def _plan_unheated(vehicle: Vehicle, leg: Leg, plan: Plan) -> Plan:
-    """Return the Plan that never heats on a Leg that begins at a known state."""
+    """Return the unheated Plan of a Leg that begins at a known state."""
     assert leg.departure is not None
     return plan_unheated(vehicle, leg.route, leg.departure, leg.goal(plan.target_temperature_c))
 
 
 def _draw_stops(axes: Sequence[Axes], time: TimeAxis, starts_s: Sequence[float],
                 plans: Sequence[Plan], colour: str) -> None:
-    """Shade the stops, and join what lies on both sides of each."""
+    """Shade the stops, and connect the curves across each stop."""
     for number, (start_s, plan, next_start_s, following) in enumerate(
             zip(starts_s, plans, starts_s[1:], plans[1:])):
         stop = time([start_s + plan.arrival_time_s, next_start_s])

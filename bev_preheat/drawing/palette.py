@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-What each method and each quantity looks like, the same in every figure.
+Style of each method and each quantity, the same in every figure.
 
-The colours are those of Okabe and Ito, which any colour vision tells apart; dashes and markers tell
-methods apart in black and white. A method that is drawn later is thinner: where courses coincide,
+The colours are those of Okabe and Ito, distinguishable with any colour vision; dashes and markers distinguish
+methods in black and white. Methods drawn later are thinner: if curves coincide,
 the wider one below shows on both sides and through the gaps of the one above.
 """
 
@@ -22,13 +22,13 @@ BLACK, GRAY = '#000000', '#767676'
 BLUE, SKY_BLUE, GREEN = '#0072B2', '#56B4E9', '#009E73'
 ORANGE, VERMILLION, PURPLE = '#E69F00', '#D55E00', '#CC79A7'
 
-# Quantities and bounds that are no method's.
+# Quantities and bounds that belong to no method.
 TARGET: Style = {'color': BLACK, 'linewidth': 0.9, 'linestyle': (0, (4.0, 2.0)), 'zorder': 4.0}
-# Wide and pale, below everything: a battery may be as cold as its surroundings.
+# Wide and pale, below everything, because a battery may be as cold as its surroundings.
 AMBIENT: Style = {'color': SKY_BLUE, 'alpha': 0.6, 'linewidth': 4.0, 'zorder': 1.0,
                   'solid_capstyle': 'butt', 'label': 'ambient'}
 PREDICTION = PURPLE
-# The same, because the heater mostly runs at its limit.
+# Likewise, because the heater mostly runs at its limit.
 HEATER_LIMIT: Style = {'color': GRAY, 'alpha': 0.35, 'linewidth': 6.0, 'zorder': 1.0,
                        'solid_capstyle': 'butt', 'label': 'maximum after cabin heating'}
 DRIVETRAIN: Style = {'color': VERMILLION, 'alpha': 0.55, 'linewidth': 2.6, 'zorder': 2.0,
@@ -60,14 +60,14 @@ class Look:
                 'zorder': LINES_ZORDER - 0.1 * self.width, **changes}
 
     def dots(self, label: str) -> Style:
-        """Return the arguments of a line without a line: hollow marks, wide ones below."""
+        """Return the arguments of hollow marks without a line, wide ones below."""
         return {'color': self.colour, 'linestyle': '', 'marker': self.marker,
                 'markersize': 3.0 + 1.2 * self.width, 'markerfacecolor': 'none',
                 'markeredgewidth': 0.9, 'zorder': LINES_ZORDER - 0.1 * self.width, 'label': label}
 
 
-# In the order in which they are drawn. The planner drives by merit_order, and replanned_paper is
-# the paper's method in closed loop: they have the colours of these.
+# In drawing order. The planner uses merit_order, and replanned_paper is
+# the paper's method in closed loop: they share these colours.
 LOOKS = {
     'merit_order': Look(BLUE, 'solid', 3.2, 'o'),
     'planner': Look(BLUE, 'solid', 2.2, 'o'),
@@ -90,7 +90,7 @@ NAMES = {
 
 
 def look_of(method: str) -> Look:
-    """Return the Look of a method, also where its plan is shown as it is driven."""
+    """Return the Look of a method, also if its plan is shown as executed."""
     return LOOKS.get(method.partition(',')[0], UNKNOWN)
 
 

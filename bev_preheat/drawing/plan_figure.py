@@ -50,9 +50,9 @@ if TYPE_CHECKING:
     from bev_preheat.route import Route
     from bev_preheat.vehicle import Vehicle
 
-# What comes of a command in the vehicle's heat path.
+# Actual heater power and heat in the vehicle's heat path.
 LATER = {'linestyle': (0, (1.0, 1.0)), 'linewidth': 1.6, 'zorder': 4.0}
-# Courses that are closer than this lie on each other in a picture [K].
+# Curves closer than this coincide in a picture [K].
 SAME_COURSE_K = 0.15
 
 
@@ -152,7 +152,7 @@ def _accounts(trip: Trip, plan: Plan) -> Accounts:
 
 
 def _driven_share(trip: Trip, plan: Plan) -> FloatArray:
-    """Return the share of each step that is driven, shape (N,): 0 once the battery is empty."""
+    """Return the driven share of each step, shape (N,): 0 once the battery is empty."""
     empty_s = np.inf if plan.stranding is None else plan.stranding.at_s
     return np.clip((empty_s - trip.time_s[:-1]) / trip.route.duration_s, 0.0, 1.0)
 
@@ -189,7 +189,7 @@ def _drawn(axis: Axes) -> list[ArrayLike]:
 
 def _draw_temperatures(axis: Axes, edges: FloatArray, trip: Trip, goal: Goal,
                        plans: Sequence[Plan], courses: Sequence[Line2D]) -> None:
-    """Draw target and ambient around the courses; their legends stand side by side."""
+    """Draw target and ambient around the curves, with legends side by side."""
     others = []
     if goal.charging_planned:
         others.append(axis.axhline(
@@ -204,14 +204,14 @@ def _draw_temperatures(axis: Axes, edges: FloatArray, trip: Trip, goal: Goal,
 
 
 def _draw_reserve(axis: Axes, reserve_percent: float) -> None:
-    """Draw the charge to be left, or say that it lies below the panel."""
+    """Draw the reserve, or state that it is below the panel."""
     shown, = show_range(axis, *_drawn(axis), least=5.0, bounds=[reserve_percent])
     axis.axhline(reserve_percent, color=RESERVE, linewidth=0.9, linestyle='--',
                  label=f'reserve {reserve_percent:.0f} %' + ('' if shown else ' (below this range)'))
 
 
 def _draw_limits(axis: Axes, edges: FloatArray, trip: Trip, plan: Plan) -> None:
-    """Draw what the battery may take and deliver along a plan; where it is far off, say how far."""
+    """Draw the battery's power limits along a plan; if they are far off, state by how much."""
     battery = trip.vehicle.battery
     states = plan.soc[:-1], plan.battery_temperature_c[:-1]
     limits = [('charge limit', CHARGE_LIMIT, 'below', battery.charge_power_limit),

@@ -20,12 +20,12 @@ if TYPE_CHECKING:
 
 
 def draw_route(path: AnyPath, name: str, route: Route) -> None:
-    """Draw a Route into a file, whose suffix says which kind of picture it is."""
+    """Draw a Route into a file; its suffix gives the format."""
     save_figure(make_route_figure(name, route), path)
 
 
 def make_route_figure(name: str, route: Route) -> Figure:
-    """Return the figure of a Route; shaded is how much the power varies within each segment."""
+    """Return the figure of a Route; shading shows the variation of the power within each segment."""
     time = TimeAxis(route.total_duration_s)
     edges = time(route.time_s)
     figure, (speed, power, ambient) = stacked_figure(

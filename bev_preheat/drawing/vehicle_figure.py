@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 SOCS = (0.1, 0.2, 0.5, 0.8)
 SOC_COLOURS = ('tab:purple', 'tab:blue', 'tab:orange', 'tab:green')
 SOC_STYLES = (':', '-.', '-', '--')
-# The solid line is wide and below the others, so that none hides another.
+# The solid line is wide and below the others, so that no line hides another.
 SOC_WIDTHS = (1.6, 1.6, 3.5, 1.6)
 COLDEST_C, WARMEST_C = -30.0, 45.0
 HOUR_MIN = 60.0
@@ -34,9 +34,9 @@ COOLING_FROM_C = 25.0
 
 def draw_vehicle(path: AnyPath, vehicle: Vehicle) -> None:
     """
-    Draw the curves of a Vehicle; the suffix of the path says which kind of picture it is.
+    Draw the curves of a Vehicle; the suffix of the path gives the format.
 
-    Warming and cooling are without the heat of driving.
+    Warming and cooling exclude the heat of driving.
     """
     figure = Figure(figsize=(11.0, 8.0), layout='constrained')
     panels = figure.subplots(2, 2)
@@ -110,7 +110,7 @@ def _draw_warming(axis: Axes, vehicle: Vehicle) -> None:
     axis.set(title=f'warming and cooling, air at {AMBIENT_C:g} °C\n'.replace('-', '−')
              + f'leakage {at_rest:.0f} W/K at rest, {driven:.0f} W/K at 100 km/h',
              xlabel='time [min]', ylabel='battery temperature [°C]', xlim=(0.0, HOUR_MIN))
-    # Room for the legend where no curve is.
+    # Space for the legend away from the curves.
     low, high = axis.get_ylim()
     axis.set_ylim(low - 0.55 * (high - low), high)
     axis.legend(fontsize='small', loc='lower center', ncols=2)

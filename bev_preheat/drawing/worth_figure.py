@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What heating is worth: cost over the target, and minutes at the charger over energy bought."""
+"""Value of heating: cost over the target, and minutes at the charger over energy bought."""
 
 from __future__ import annotations
 
@@ -20,19 +20,19 @@ if TYPE_CHECKING:
     from bev_preheat.charging.worth import TargetWorth, Worth
     from bev_preheat.files.output_files import AnyPath
 
-    # Where a target is on the axes: x, y.
+    # Coordinates of a target on the axes: x, y.
     Place = Callable[[TargetWorth], tuple[float, float]]
 
 MARK_POINTS = 9.0
 
 
 def draw_worth(path: AnyPath, worth: Worth, title: str) -> None:
-    """Draw a Worth into a file, whose suffix says which kind of picture it is."""
+    """Draw a Worth into a file; its suffix gives the format."""
     save_figure(make_worth_figure(worth, title), path)
 
 
 def make_worth_figure(worth: Worth, title: str) -> Figure:
-    """Return the figure of a Worth; targets whose session never ends have no place in it."""
+    """Return the figure of a Worth; targets whose session never ends are omitted."""
     figure, ((cost, minutes),) = grid_figure(1, 2, title, height_in=4.8)
     _draw(cost, worth, lambda target: (target.target_c, target.cost))
     cost.set(xlabel='target [°C]', ylabel='cost of energy and time at the charger')

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the battery's temperature really is, what its car is really like, and how sure that is."""
+"""Estimation of the battery temperature and of the car's deviations from its file, with uncertainty."""

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-The belief about the battery: one extended Kalman filter for each hypothesis, and their weights.
+Belief about the battery: one extended Kalman filter per hypothesis, and the hypotheses' weights.
 
 An interacting multiple-model filter (Blom and Bar-Shalom, IEEE Trans. Automatic Control 33(8),
-1988): heaters may turn from one kind into another, so their filters are mixed by how likely that is;
-the kinds of sensor noise are held beside each other. Readings in whole steps are taken as what they
-are, intervals (`truncated_normal`).
+1988). A heater may change from one kind to another, so the heaters' filters are mixed by the transition
+probabilities; the sensor-noise filters run in parallel without mixing. Quantised readings are treated as
+intervals (`truncated_normal`).
 """
 
 from __future__ import annotations
@@ -76,47 +76,47 @@ BOUNDED = slice(FACTORS.start, HEATER_RISE + 1)
 LOWEST, HIGHEST = np.concatenate((
     [(-FACTOR_BOUNDS[index], FACTOR_BOUNDS[index]) for index in range(FACTORS.start, FACTORS.stop)],
     LAG_BOUNDS, RISE_BOUNDS)).T
-# Standard deviation of a sensor's local rise that no heat explains [K]: other places, hysteresis, a second
-# mass. It lasts as long as the rise.
+# Standard deviation of the sensor's local rise that no heat explains [K]: sensor position, hysteresis, a second
+# mass. It has the same time constant as the rise.
 LOCAL_DEVIATION_K = 0.15
-# The rise by Joule heat differs from one peak of the power to the next: standard deviation [K/kW]. Both were
+# The rise by Joule heat varies from one power peak to the next: standard deviation [K/kW]. Both values were
 # chosen on the nine measured drives of an i3, where 0.1 ... 0.2 K and 0.8 ... 1.2 K/kW predict equally well.
 JOULE_RISE_NOISE_K_PER_KW = 1.0
-# How fast the truth wanders: standard deviation after an hour. Heat outside the model moves the temperature
+# Random walk of the true state: standard deviation after an hour. Unmodelled heat moves the temperature
 # (0.25 ... 0.5 K predict equally well on the nine drives), a wrong capacity the state of charge.
 WANDER_IN_AN_HOUR = np.array(
     [0.25, 0.004, 0.01, 0.02, 0.02, 0.01, 0.1, 0.05, 0.05, 0.02, 0.02, 0.1, 0.1,
      LOCAL_DEVIATION_K * math.sqrt(2.0 * 3600.0 / LOCAL_LAG_S)])
 WANDERED_IN_AN_HOUR = np.square(WANDER_IN_AN_HOUR)
-# Without a route the car may do anything.
+# Without a route the drive is unknown.
 WANDER_UNKNOWN = np.array([10.0, 0.3, 0.0, 0.0, 0.0, 0.0, 0.1, 0.0, 0.0, 0.0, 0.0, 1.0, 0.1, 0.0])
-# The same while a car is charged or stands: nothing is learned of its factors, lags and rises.
+# The same while the car charges or stands: its factors, lags and rises are not learned.
 HELD_WANDER = np.array([10.0, 0.3, *[0.0] * 10, 10.0, 0.0])
-# Standard deviations after a silence [K]: heat under way, difference between battery and sensor, local rise.
+# Standard deviations after a gap in the readings [K]: heat under way, battery minus sensor, local rise.
 UNKNOWN_UNDER_WAY_K = 0.5
 UNKNOWN_APART_K = 0.5
 UNKNOWN_LOCAL_K = 0.7
-# No lag sets battery and sensor further apart [K], and no coolant holds more heat [K]. The filter of
-# a heater that is out of the question may believe so.
+# Largest difference between battery and sensor [K], and most heat held by the coolant [K]. The filter of an
+# implausible heater may exceed both.
 MOST_APART_K = 8.0
 MOST_UNDER_WAY_K = 8.0
 SOC_NOISE = 0.001
-# A route's power is wrong by this share of it (and of this power at least) for this long.
+# Relative error of the route's power (and the least power it applies to), and its correlation time.
 POWER_NOISE = 0.3
 LEAST_POWER_W = 3000.0
 POWER_NOISE_LASTS_S = 60.0
-# Readings further off than so many deviations are clipped here.
+# Readings further off than this many standard deviations are clipped here.
 MOST_DEVIATIONS = 2.5
-# No reading makes a hypothesis less likely than this [nats], or a single odd one would decide.
+# Limits the evidence of one reading against a hypothesis [nats], so that a single outlier does not decide.
 MOST_EVIDENCE = 1.0
-# Rounding may leave a variance a little below 0.
+# Rounding may make a variance slightly negative.
 LEAST_VARIANCE = 1e-12
-# No hypothesis is less probable than this, or it would never come back.
+# Least probability of a hypothesis, so that it can recover.
 LEAST_WEIGHT = 1e-12
 SHAPE = (len(SHARES), len(NOISES_K))
 NOISE_VARIANCES = np.square(NOISES_K)
 SOC_NOISE_VARIANCES = np.full(len(NOISES_K), SOC_NOISE**2)
-# What of these the compiled core needs.
+# The constants that the native core needs.
 TERMS = belief_terms(
     PERTURBATION, LOWEST, HIGHEST, NOMINAL_HEAT_LAG_S, NOMINAL_SENSOR_LAG_S, LOCAL_LAG_S, LEAST_VARIANCE,
     LEAST_WEIGHT, MOST_EVIDENCE, MOST_APART_K, MOST_UNDER_WAY_K, POWER_NOISE, LEAST_POWER_W, POWER_NOISE_LASTS_S,
@@ -126,32 +126,32 @@ READING = ReadingNoise(NOISE_VARIANCES, SOC_NOISE_VARIANCES)
 
 @lru_cache(maxsize=KEPT_TRANSITIONS)
 def _elapsing(duration_s: float) -> Elapsing:
-    """Return what time that passes [s] does to any filters; not to be written to."""
+    """Return the effect of elapsed time [s] on any filters; read-only."""
     return Elapsing(duration_s, transitions(duration_s), WANDERED_IN_AN_HOUR * (duration_s / 3600.0))
 
 
 def _rise_noise_k2(duration_s: float) -> float:
-    """Return what JOULE_RISE_NOISE_K_PER_KW adds to the local rise's variance, over its slope squared."""
+    """Return the variance added to the local rise by JOULE_RISE_NOISE_K_PER_KW, divided by its slope squared."""
     left = math.exp(-duration_s / LOCAL_LAG_S)
     return JOULE_RISE_NOISE_K_PER_KW**2 * (1.0 + left) / (1.0 - left)
 
 
 def _hidden_s2(drive: DriveInputs, duration_s: float) -> float:
     """Return the variance of the logarithm of the propulsion power in `duration_s` [s] times s^2."""
-    # What traffic adds to the route's power is not seen; it moves both for a while.
+    # Without measured power, traffic's effect on the route's power is unseen; it moves temperature and charge.
     return (0.0 if drive.terminal_power_w is not None
             else POWER_NOISE_LASTS_S * duration_s * POWER_NOISE**2)
 
 
 def _propulsion_noise(route_w: float, duration_s: float) -> tuple[float, float]:
-    """Return the variance [W^2] of a route's power over so long [s], and where a difference is clipped [W]."""
+    """Return the variance [W^2] of a route's power over `duration_s` [s], and the clipping limit [W]."""
     deviation_w = POWER_NOISE * max(abs(route_w), LEAST_POWER_W)
     return (deviation_w**2 * max(1.0, POWER_NOISE_LASTS_S / duration_s),
             MOST_DEVIATIONS * deviation_w)
 
 
 def _interval(reading: float, resolution: float) -> tuple[float, float]:
-    """Return the interval in which a value lies that is read in whole steps."""
+    """Return the interval that contains the value behind a rounded reading."""
     return reading - 0.5 * resolution, reading + 0.5 * resolution
 
 
@@ -159,12 +159,12 @@ class Belief:
     """
     Means (heaters, noises, SIZE), covariances (…, SIZE, SIZE) and weights (heaters, noises).
 
-    `predict` lets time pass, the `see_…` methods take readings into account.
+    `predict` advances time; the `see_…` methods update with readings.
     """
 
     def __init__(self, vehicle: Vehicle, learned: Learned | None = None) -> None:
-        """Begin with what was Learned of the car, None: the vehicle file alone is known."""
-        # Coolant that gets warm with the battery counts as battery; how late it does is a lag.
+        """Start from a Learned of the car; None: from its vehicle file alone."""
+        # Coolant that warms with the battery counts as battery; its delay is a lag.
         self._vehicle = (with_coolant_in_battery(vehicle) if vehicle.heat_path.has_coolant
                          else vehicle)
         self._native_vehicle = native_vehicle(self._vehicle)
@@ -185,10 +185,10 @@ class Belief:
     def place(self, temperature_c: float, temperature_variance: float, soc: float,
               soc_variance: float) -> None:
         """
-        Set temperature and state of charge anew; what was learned of the factors stays.
+        Reset temperature and state of charge; the learned factors stay.
 
-        The first time nothing is under way, and the sensor shows the battery; later that is open, and the
-        heater's hypotheses are half as sure, because the heater may have changed.
+        The first time there is no heat under way and the sensor shows the battery temperature. Later both are
+        uncertain, and the heater's hypotheses are half as sure, because the heater may have changed.
         """
         if not self._has_stood:
             self.weights = 0.5 * (self.weights + prior_weights())
@@ -198,7 +198,7 @@ class Belief:
         under_way_k, apart_k, local_k = (0.0, 0.0, 0.0) if self._has_stood else (
             UNKNOWN_UNDER_WAY_K, UNKNOWN_APART_K, UNKNOWN_LOCAL_K)
         self._has_stood = False
-        # The reading is the sum of sensor and local rise, so their errors are opposite.
+        # A reading is the sum of sensor and local rise, so their errors have opposite signs.
         sensor_variance = temperature_variance + local_k**2
         for index, variance in ((TEMPERATURE, sensor_variance + apart_k**2),
                                 (SOC, soc_variance), (UNDER_WAY, under_way_k**2),
@@ -211,22 +211,21 @@ class Belief:
             self.covariance[..., one, other] = self.covariance[..., other, one] = shared
 
     def begin_route(self) -> None:
-        """Forget the factor on the propulsion power: it is that of the route before."""
+        """Reset the factor on the propulsion power, which belongs to the previous route."""
         self.mean[..., PROPULSION] = 0.0
         self.covariance[..., PROPULSION, :] = self.covariance[..., :, PROPULSION] = 0.0
         self.covariance[..., PROPULSION, PROPULSION] = FACTOR_DEVIATIONS[PROPULSION]**2
 
     def stand(self) -> None:
-        """Note that the car has stood: nothing is under way, and the sensor shows the battery."""
+        """Note that the car has stood: no heat is under way, and the sensor shows the battery temperature."""
         self._has_stood = True
 
     def predict(self, duration_s: float, drive: DriveInputs | None, command_w: float,
                 limit_w: float) -> None:
         """
-        Let `duration_s` pass in a DriveInputs under a heater command.
+        Advance by `duration_s` in a DriveInputs under a heater command.
 
-        `drive` is a DriveInputs of floats (heater power is not read), None where nothing is known of
-        what the car does.
+        `drive` is a DriveInputs of floats (heater power is not read); None: the drive is unknown.
         """
         self._mix(duration_s)
         if drive is None:
@@ -237,9 +236,9 @@ class Belief:
     def follow(self, duration_s: float, drive: DriveInputs, command_w: float, limit_w: float,
                propulsion_w: float) -> None:
         """
-        Do `predict` with a drive, and where its terminal power was seen, `see_propulsion_power`.
+        Do `predict` with a drive and, if its terminal power was measured, `see_propulsion_power`.
 
-        `propulsion_w` [W] is what the terminal power leaves for the propulsion.
+        `propulsion_w` [W] is the terminal power minus all other consumers.
         """
         done, lost = 0, 0
         if self._native_vehicle is not None:
@@ -248,7 +247,7 @@ class Belief:
                 heater_power_w(command_w, limit_w), _hidden_s2(drive, duration_s),
                 (propulsion_w, drive.propulsion_power_w,
                  *_propulsion_noise(drive.propulsion_power_w, duration_s)))
-        # What the core has not done, for whatever reason, is done here.
+        # The steps that the core did not do follow here.
         if done < 1:
             self._mix(duration_s)
         if done < 2:
@@ -261,11 +260,11 @@ class Belief:
     def hold(self, duration_s: float, interval_c: tuple[float, float] | None,
              interval: tuple[float, float] | None) -> None:
         """
-        Let `duration_s` [s] pass in which the model does not describe the battery; learn nothing of the car.
+        Advance by `duration_s` [s] that the model does not describe, without learning about the car.
 
         Factors, lags and the weights of the hypotheses stay. Temperature and state of charge follow
-        the intervals of their readings [deg C], (0 ... 1); None: there is no valid reading. Heat
-        under way arrives, and the sensor comes to the battery's temperature, with their lags.
+        the intervals of their readings [deg C], (0 ... 1); None: no valid reading. Heat under way arrives and
+        the sensor approaches the battery's temperature, with their lags.
         """
         self._forget_correlations()
         sensor_left, heat_left = (
@@ -291,7 +290,7 @@ class Belief:
             self._see_interval(SOC, SOC_NOISE_VARIANCES, *interval, tells_hypotheses=False)
 
     def _forget_correlations(self) -> None:
-        """Separate the moving elements from factors and lags, so that their readings do not move those."""
+        """Decorrelate the moving elements from factors and lags, so that readings do not change the latter."""
         for index in MOVING:
             kept = self.covariance[..., index, MOVING].copy()
             self.covariance[..., index, :] = self.covariance[..., :, index] = 0.0
@@ -299,12 +298,12 @@ class Belief:
             self.covariance[..., MOVING, index] = kept
 
     def free_local_rise(self) -> None:
-        """Let the local rise at the sensor be unknown, because its readings have moved for good."""
+        """Make the local rise at the sensor unknown, because the readings have shifted for good."""
         self.covariance[..., LOCAL, LOCAL] += UNKNOWN_LOCAL_K**2
 
     def _pass_unknown(self, duration_s: float) -> None:
         hours = duration_s / 3600.0
-        # The sensor goes with the battery.
+        # The sensor follows the battery.
         self._add_noise(WANDER_UNKNOWN**2 * hours)
         wandered = WANDER_UNKNOWN[TEMPERATURE]**2 * hours
         for row, column in ((SENSOR, SENSOR), (TEMPERATURE, SENSOR), (SENSOR, TEMPERATURE)):
@@ -326,7 +325,7 @@ class Belief:
         self.mean[..., MOVING] = after
         self.covariance = step @ self.covariance @ np.swapaxes(step, -1, -2)
         self._add_noise(wander)
-        # The slope of the local rise over the steady rise says how much Joule heat there is.
+        # The slope of the local rise over the steady rise is proportional to the Joule heat.
         rose = slopes[..., MOVING.index(LOCAL), JOULE_RISE]
         self.covariance[..., LOCAL, LOCAL] += _rise_noise_k2(duration_s) * (rose * rose)
         moved = slopes[..., :2, PROPULSION] / duration_s
@@ -334,17 +333,17 @@ class Belief:
             hidden_s2 * moved[..., :, np.newaxis] * moved[..., np.newaxis, :])
 
     def see_temperature(self, reading_c: float, resolution_k: float, tells_hypotheses: bool = True) -> None:
-        """Take a reading of the temperature [deg C] into account, rounded to `resolution_k` [K]."""
+        """Update with a temperature reading [deg C], rounded to `resolution_k` [K]."""
         self._see_interval(
             SENSOR, NOISE_VARIANCES, *_interval(reading_c, resolution_k), tells_hypotheses=tells_hypotheses)
 
     def see_soc(self, reading: float, resolution: float) -> None:
-        """Take a reading of the state of charge (0 ... 1) into account."""
+        """Update with a reading of the state of charge (0 ... 1)."""
         self._see_interval(
             SOC, SOC_NOISE_VARIANCES, *_interval(reading, resolution), tells_hypotheses=False)
 
     def see_propulsion_power(self, seen_w: float, route_w: float, duration_s: float) -> None:
-        """Compare the mean propulsion power seen [W] with the route's over `duration_s` [s]."""
+        """Update with the mean propulsion power measured [W] and the route's over `duration_s` [s]."""
         variance, most_w = _propulsion_noise(route_w, duration_s)
         lost = self._core_belief().see_propulsion_power(TERMS, seen_w, route_w, variance, most_w)
         if lost is not None:
@@ -362,7 +361,7 @@ class Belief:
 
     def see_battery(self, temperature_c: float, resolution_k: float, soc: float, resolution: float,
                     tells_hypotheses: bool = True) -> tuple[FloatArray, FloatArray]:
-        """Do `see_temperature` and `see_soc`; return what is `expected` then."""
+        """Do `see_temperature` and `see_soc`; return the `expected` mean and covariance."""
         interval_c, interval = _interval(temperature_c, resolution_k), _interval(soc, resolution)
         done, lost, expected = self._core_belief().take_reading(
             TERMS, READING, interval_c, interval, tells_hypotheses)
@@ -377,13 +376,13 @@ class Belief:
         return self.expected() if done < 3 else expected
 
     def weigh(self, logs: Sequence[float]) -> None:
-        """Weigh the heaters (heaters,) by the logarithms of how likely each makes other evidence."""
+        """Weight the heaters by the log-likelihoods (heaters,) of other evidence."""
         self.weights *= array_exp(np.subtract(logs, max(logs)))[:, np.newaxis]
         self.weights = np.maximum(self.weights, LEAST_WEIGHT)
         self.weights /= self.weights.sum()
 
     def expected(self) -> tuple[FloatArray, FloatArray]:
-        """Mean (SIZE,) and covariance (SIZE, SIZE) over all hypotheses."""
+        """Return mean (SIZE,) and covariance (SIZE, SIZE) over all hypotheses."""
         native = self._core_belief().expected()
         if native is not None:
             return native
@@ -395,7 +394,7 @@ class Belief:
         return mean, covariance
 
     def _core_belief(self) -> NativeBelief:
-        """Return the filters as the compiled core takes them."""
+        """Return the filters in the form of the native core."""
         native = self._native
         if native is None or not (native.weights is self.weights and native.mean is self.mean
                                     and native.covariance is self.covariance):
@@ -406,18 +405,18 @@ class Belief:
 
     def _see_interval(self, index: int, noise_variance: FloatArray, low: float, high: float,
                       tells_hypotheses: bool = True) -> None:
-        """Kalman update of one element; `noise_variance` (noises,) comes on top of its own."""
+        """Kalman update of one element; `noise_variance` (noises,) is added to its own variance."""
         lost = self._core_belief().see_interval(
             TERMS, index, noise_variance, low, high, tells_hypotheses)
         if lost is not None:
             self._keep_bounds(lost)
             return
-        # The reading is that of the sensor with its local rise.
+        # A temperature reading is the sum of sensor and local rise.
         read = (SENSOR, LOCAL) if index == SENSOR else (index,)
         columns = self.covariance[..., read].sum(axis=-1)
         variance = np.maximum(columns[..., read].sum(axis=-1) + noise_variance, LEAST_VARIANCE)
         means = self.mean[..., read].sum(axis=-1)
-        # Floats out of the arrays at once: one by one that would cost as much as the moments.
+        # Convert to floats at once; indexing one by one costs as much time as the moments.
         seen_means, seen_variances, logs = np.array([
             truncated_moments(mean, own, low, high)
             for mean, own in zip(means.ravel().tolist(), variance.ravel().tolist())
@@ -434,7 +433,7 @@ class Belief:
             self.weights /= self.weights.sum()
 
     def _mix(self, duration_s: float) -> None:
-        """Mix the filters of the heaters, as one may have turned into another by now."""
+        """Mix the heaters' filters, because a heater may have changed from one kind to another."""
         matrix = _elapsing(duration_s).transitions
         if self._core_belief().mix(matrix):
             return
@@ -453,7 +452,7 @@ class Belief:
         self.covariance[..., range(SIZE), range(SIZE)] += variances
 
     def _keep_bounds(self, lost_filters: int = 1) -> None:
-        """Hold the filters within bounds; there is nothing to do where none is lost."""
+        """Clip the filters to their bounds and reset lost ones; `lost_filters` 0: nothing to do."""
         if lost_filters == 0:
             return
         bounded = self.mean[..., BOUNDED]
@@ -465,7 +464,7 @@ class Belief:
             self._find_again(lost)
 
     def _find_again(self, lost: BoolArray) -> None:
-        """Begin the filters (heaters, noises) of the lags anew that no longer mean anything."""
+        """Reset the lags and rises of lost filters (heaters, noises)."""
         mean, covariance = self.mean[lost], self.covariance[lost]
         mean[:, TEMPERATURE], mean[:, UNDER_WAY] = mean[:, SENSOR], 0.0
         mean[:, LAGS], mean[:, RISES] = self._lags.logs, RISES_K_PER_KW

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The driver's choices that outlive the planner's process, and how a file holds them."""
+"""The driver's choices that outlast the planner's process, and their form in the state file."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from bev_preheat.estimation.last_seen import instant_from
 if TYPE_CHECKING:
     from bev_preheat.files.checked_yaml import FileData
 
-# After a restart, older choices no longer count [ns]: after 24 h the driver has forgotten them.
+# After a restart, choices older than 24 h [ns] expire: by then the driver has forgotten them.
 OLDEST_CHOICE_NS = 24 * 3600 * 1_000_000_000
 
 
 @dataclass(frozen=True)
 class CancelledTrip:
-    """A route that was cancelled: its identification, the stamp of its message [ns], and when [ns]."""
+    """A cancelled route: its identification, the stamp of its message [ns], and the instant of cancelling [ns]."""
 
     route_id: str
     route_stamp_ns: int
@@ -32,7 +32,7 @@ class CancelledTrip:
 @dataclass(frozen=True)
 class DriverChoices:
     """
-    When preheating was switched off [ns], None while it is on, and the trip cancelled last, if any.
+    Instant when preheating was switched off [ns], None while it is on, and the trip cancelled last, if any.
 
     Instants are those of the node's clock.
     """
@@ -42,9 +42,9 @@ class DriverChoices:
 
     def after_restart(self, now_ns: int) -> DriverChoices:
         """
-        Return the choices that still count at an instant [ns]: those not older than OLDEST_CHOICE_NS.
+        Return the choices still valid at an instant [ns]: those not older than OLDEST_CHOICE_NS.
 
-        The age of a choice in the future is unknown, because the clock was set back; it counts.
+        A choice in the future stays valid: the clock was set back, so its age is unknown.
         """
         oldest_ns, trip = now_ns - OLDEST_CHOICE_NS, self.cancelled_trip
         return DriverChoices(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the estimator says of the battery."""
+"""The estimate of the battery and its car."""
 
 from __future__ import annotations
 
@@ -31,14 +31,14 @@ if TYPE_CHECKING:
 @dataclass(frozen=True, eq=False)
 class Estimate:
     """
-    What is believed of the battery at an instant [ns].
+    The estimate of the battery at an instant [ns].
 
     `mean` (SIZE,) and `covariance` (SIZE, SIZE) are those of the elements of `state`.
 
-    `heater` says how the heater answers, `temperature_resolution_k` in which steps the temperature
-    is reported (0: continuous), `resets` how often the estimator was reset, why and when last.
-    `sensor_offset_k` is subtracted from the readings [K], `ignored_share` (0 ... 1) the share of
-    the latest readings that were too far off to be used.
+    `heater` is the report on the heater's response, `temperature_resolution_k` the step of the temperature
+    signal (0: continuous), `resets` the number of resets, with the reason and instant of the last one.
+    `sensor_offset_k` is subtracted from the readings [K], `ignored_share` (0 ... 1) is the share of the
+    latest readings rejected as outliers.
     """
 
     stamp_ns: int
@@ -53,7 +53,7 @@ class Estimate:
     ignored_share: float = 0.0
 
     def stood_until(self, temperature_c: float) -> Estimate:
-        """Return the Estimate of a battery that has stood until it is at a temperature [deg C]."""
+        """Return the Estimate after the battery has stood until it reaches a temperature [deg C]."""
         mean = self.mean.copy()
         mean[TEMPERATURE] = mean[SENSOR] = temperature_c
         mean[UNDER_WAY] = 0.0
@@ -61,7 +61,7 @@ class Estimate:
 
     @property
     def log_factors(self) -> FloatArray:
-        """Logarithms of the factors (5,), in the order of `state`."""
+        """Return the logarithms of the factors (5,), in the order of `state`."""
         return self.mean[FACTORS]
 
     @property
@@ -84,22 +84,22 @@ class Estimate:
 
     @property
     def under_way_k(self) -> float:
-        """Heat that the heater made and that has not arrived: what it will bring [K]."""
+        """Temperature rise still to come from heat that the heater has already produced [K]."""
         return max(self.mean.item(UNDER_WAY), 0.0)
 
     @property
     def heat_lag_s(self) -> float:
-        """How late the heater's heat arrives [s]."""
+        """Lag of the heater's heat [s]."""
         return NOMINAL_HEAT_LAG_S * math.exp(self.mean.item(HEAT_LAG))
 
     def later_heat_s(self, deviations: float) -> float:
-        """How much later than believed the heater's heat arrives if so many deviations off [s]."""
+        """Return by how much the heat lag grows if it is off by `deviations` standard deviations [s]."""
         deviation = math.sqrt(max(self.covariance.item(HEAT_LAG, HEAT_LAG), 0.0))
         return self.heat_lag_s * math.expm1(deviations * deviation)
 
     @property
     def sensor_lag_s(self) -> float:
-        """How late the temperature sensor is [s]."""
+        """Lag of the temperature sensor [s]."""
         return NOMINAL_SENSOR_LAG_S * math.exp(self.mean.item(SENSOR_LAG))
 
     @property
@@ -119,5 +119,5 @@ class Estimate:
 
     @property
     def factor_deviations(self) -> FloatArray:
-        """Standard deviations of the five factors, as shares of them, in the order of `state`."""
+        """Return the relative standard deviations of the five factors, in the order of `state`."""
         return np.sqrt(np.maximum(np.diag(self.covariance)[FACTORS], 0.0))

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Estimates the battery's state and the model's corrections from the stream of battery states.
+Estimates the battery state and the corrections of the model from the battery states received.
 
 Instants are integers, in nanoseconds of the clock that stamps the battery states.
 """
@@ -30,28 +30,28 @@ if TYPE_CHECKING:
     from bev_preheat.vehicle.description import Vehicle
 
 NS_PER_S = 1_000_000_000
-# Readings that follow faster are not independent of each other: one a second is taken.
+# Faster readings are correlated: at most one a second is used.
 LEAST_INTERVAL_S = 0.95
-# The belief is moved in steps of at most this.
+# The belief advances in steps of at most this.
 LONGEST_STEP_S = 10.0
-# After a longer silence the temperature is taken from the next reading alone.
+# After a longer gap the temperature is taken from the next reading alone.
 LONGEST_GAP_S = 60.0
-# Standard deviation of a single reading's noise, where nothing else is known of it.
+# Standard deviation of a single reading's noise while it is unknown.
 READING_NOISE_K = 0.3
 READING_NOISE_SOC = 0.005
-# What cabin and auxiliaries take at most [W]; a battery power beyond that of a drivetrain at its
-# limit, the heater and these is none.
+# Most power of cabin and auxiliaries [W]. A battery power above the limits of drivetrain and heater plus
+# this is implausible.
 MOST_OTHER_POWER_W = 20e3
-# A belief less sure than this has been upset [K].
+# A larger standard deviation means that the belief has diverged [K].
 MOST_DEVIATION_K = 50.0
 
 
 class DrivenInterval(NamedTuple):
     """
-    What was planned and commanded for `duration_s` [s].
+    The planned drive and the command for `duration_s` [s].
 
-    `drive` is the planned DriveInputs, None where no route covers it; `command_w` is the mean
-    command to the heater [W], `limit_w` the heater power that the cabin leaves [W].
+    `drive` is the planned DriveInputs, None if no route covers it; `command_w` is the mean
+    command to the heater [W], `limit_w` the heater power left by the cabin [W].
     """
 
     duration_s: float
@@ -61,10 +61,10 @@ class DrivenInterval(NamedTuple):
 
 
 class Estimator:
-    """Keeps the belief; `observe` takes a measurement in and updates `estimate`."""
+    """Holds the belief; `observe` updates it and `estimate` with a measurement."""
 
     def __init__(self, vehicle: Vehicle, learned: Learned | None = None) -> None:
-        """Begin with the vehicle file, or with what was Learned before."""
+        """Start from the vehicle file, or from earlier Learned values."""
         self._vehicle = vehicle
         self._most_power_w = (vehicle.drivetrain.maximum_power_w + vehicle.hvch.maximum_power_w
                               + MOST_OTHER_POWER_W)
@@ -79,38 +79,38 @@ class Estimator:
         self._belief = Belief(self._vehicle, self._learned)
         self._response = PowerResponse()
         self._readings = ReadingCheck()
-        # Mean and covariance of the belief, as it is since the latest measurement; None: not known.
+        # Mean and covariance of the belief after the latest measurement; None: not computed yet.
         self._expected: tuple[FloatArray, FloatArray] | None = None
         self._stamp_ns: int | None = None
-        # What the next reading is of, where the car stood, and what is subtracted from readings [K].
+        # The soak that the next reading belongs to, and the offset subtracted from readings [K].
         self._standing: Soak | None = None
         self._offset_k = 0.0
         self._power = PowerSamples()
         self._knows_power = False
-        # Since when [ns] the heater has been suspect; None: it is not.
+        # Instant [ns] since which the heater has been suspect; None: it is not.
         self._suspect_since_ns: int | None = None
         # Heat commanded, and uncommanded heat that the heater could have given, since then [K].
         self._commanded_k = self._uncommanded_k = self._suspect_from_c = 0.0
 
     def lose_time(self) -> None:
-        """Take the temperature from the next reading alone: stamps so far mean nothing."""
+        """Take the temperature from the next reading alone, because earlier stamps are invalid."""
         self._stamp_ns = self._suspect_since_ns = None
         self._power.forget_latest()
         self._response = PowerResponse()
 
     def begin_route(self) -> None:
-        """Forget how much power the route before took, compared with its plan: another trip begins."""
+        """Reset the propulsion factor, because a new trip begins."""
         self._belief.begin_route()
         self._expected = None
 
     def rely_on(self, standing: Soak) -> None:
-        """Take the sensor's offset from the next reading, which is of a battery in Standing."""
+        """Take the sensor's offset from the next reading, which is of a battery after a Soak."""
         self._standing = standing
         self._belief.stand()
         self.lose_time()
 
     def restart(self, reason: str, at_ns: int) -> None:
-        """Forget the temperature, and all that was learned since the vehicle file."""
+        """Reset the temperature and everything learned since the vehicle file."""
         self._learned = None
         self._resets += 1
         self._reason, self._reset_at_ns = reason, at_ns
@@ -118,9 +118,9 @@ class Estimator:
 
     def edges_ns(self, stamp_ns: int) -> tuple[int, ...]:
         """
-        Return the instants [ns] between which `observe` needs a Stretch each, for a measurement.
+        Return the instants [ns] that divide the time to a measurement into one DrivenInterval each.
 
-        () where it needs none: for the first one, after a long gap, and where it comes too soon.
+        () for the first measurement, after a long gap, and if the measurement comes too soon.
         """
         if self._stamp_ns is None:
             return ()
@@ -134,10 +134,10 @@ class Estimator:
     def observe(self, measurement: MeasuredState, command_w: float,
                 intervals: Iterable[DrivenInterval]) -> None:
         """
-        Take a Measurement in, whose stamp is not before that of the one before.
+        Update with a MeasuredState, whose stamp is not older than the previous one.
 
-        `command_w` is the command to the heater at its instant [W]; `intervals` are one Stretch
-        between each of `edges_ns(measurement.stamp_ns)` and the next.
+        `command_w` is the command to the heater at its instant [W]; `intervals` are one DrivenInterval
+        between consecutive `edges_ns(measurement.stamp_ns)`.
         """
         state = measurement.state
         self._readings.see(state)
@@ -163,7 +163,7 @@ class Estimator:
             self._conclude(measurement, *self._belief.see_battery(
                 state.temperature_c - self._offset_k, self._readings.temperature_resolution_k,
                 state.soc, self._readings.soc_resolution,
-                # Where power is known, it says how the heater answers.
+                # Where power is known, it shows the heater's response.
                 tells_hypotheses=True))
         else:
             self._conclude(measurement, *self._belief.expected())
@@ -171,16 +171,16 @@ class Estimator:
     def hold(self, measurement: MeasuredState, trusts_temperature: bool = True,
              trusts_soc: bool = True) -> None:
         """
-        Follow a Measurement at an instant that the model does not describe, and learn nothing from it.
+        Follow a MeasuredState that the model does not describe, without learning from it.
 
-        The vehicle is charged, stands where its route drives, is on no leg, or a signal is in doubt.
-        Hypotheses, factors, lags and the report on the heater stay as they are. A reading that is not
-        trusted is not used.
+        The vehicle is charging, stands where its route drives, is on no leg, or a signal is in doubt.
+        Hypotheses, factors, lags and the report on the heater stay. A reading that is not trusted is
+        ignored.
         """
         state, stamp_ns = measurement.state, measurement.stamp_ns
         if trusts_temperature:
             self._readings.see(state)
-        # The next step that is described begins here, with its own samples of the power.
+        # The next step that the model describes begins here, with its own power samples.
         self._suspect_since_ns = None
         self._power.forget_latest()
         if self._stamp_ns is None or (stamp_ns - self._stamp_ns) / NS_PER_S > LONGEST_GAP_S:
@@ -194,7 +194,7 @@ class Estimator:
         if trusts_temperature and trusts_soc:
             verdict = self._readings.judge(measurement, self._expected_readings())
             if verdict is Verdict.JUMPED:
-                # The factors of the car stay valid: only the battery's state was not followed.
+                # The car's factors stay valid: only the battery state was not followed.
                 self._stamp_ns = None
                 self._place(measurement)
                 return
@@ -218,7 +218,7 @@ class Estimator:
                 (at(SOC), between(SOC, SOC)))
 
     def _jump(self, measurement: MeasuredState, command_w: float) -> None:
-        """Begin anew from a reading that is not what was expected."""
+        """Restart from a reading that contradicts the expectation."""
         assert self.estimate is not None
         state = measurement.state
         self.restart(f'battery_state jumped to {state.temperature_c:.1f} degC, '
@@ -239,12 +239,12 @@ class Estimator:
         self._conclude(measurement, *self._belief.expected())
 
     def _plausible_power_w(self, measurement: MeasuredState) -> float | None:
-        """Return the battery's power [W]; None where it is not known, or no car's."""
+        """Return the battery's power [W]; None if it is unknown or implausible."""
         power_w = measurement.power_w
         return None if power_w is None or abs(power_w) > self._most_power_w else power_w
 
     def _advance(self, intervals: Iterable[DrivenInterval]) -> None:
-        """Move the belief on through Stretches."""
+        """Advance the belief through DrivenIntervals."""
         seen_w, variance_w2 = self._power.step() or (None, 0.0)
         self._knows_power = seen_w is not None
         for interval in intervals:
@@ -270,7 +270,7 @@ class Estimator:
         self._power.end_step()
 
     def _hear_heater(self, interval: DrivenInterval, seen_w: float | None) -> None:
-        """Weigh the heaters by the power seen in a Stretch [W]; None: it is not known."""
+        """Weight the heaters by the power measured in a DrivenInterval [W]; None: unknown."""
         drive = interval.drive
         if drive is None or seen_w is None:
             self._response.pause()
@@ -285,14 +285,14 @@ class Estimator:
     def _conclude(self, measurement: MeasuredState, mean: FloatArray, covariance: FloatArray,
                   is_held: bool = False) -> None:
         """
-        Make the estimate after a Measurement, with which this mean and covariance are expected.
+        Set the estimate after a MeasuredState, from the belief's mean and covariance.
 
-        `is_held`: nothing was learned, so the report on the heater stays.
+        `is_held`: learning was off, so the report on the heater stays.
         """
         stamp_ns = self._stamp_ns = measurement.stamp_ns
         self._expected = mean, covariance
         if not _is_sound(mean, covariance):
-            self.restart('the estimate left the range in which it means anything', stamp_ns)
+            self.restart('the estimate left its valid range', stamp_ns)
             self._place(measurement)
             return
         weights = [*map(sum, self._belief.weights.tolist())]
@@ -319,8 +319,8 @@ class Estimator:
 
 
 def _is_sound(mean: FloatArray, covariance: FloatArray) -> bool:
-    """Whether mean and covariance are numbers that a belief can have."""
-    # Of so few numbers NumPy's sums take longer. A sum with one that is not finite is not, either.
+    """Whether mean and covariance are finite and the variances plausible."""
+    # Plain sums are faster than NumPy's for this few numbers. NaN and infinity propagate into a sum.
     covariances = covariance.ravel().tolist()
     variances = covariances[::len(covariance) + 1]
     return (math.isfinite(sum(mean.tolist())) and math.isfinite(sum(covariances))

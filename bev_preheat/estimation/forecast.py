@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How sure the temperature on arrival is: the uncertainty of an estimate, carried along a plan."""
+"""Uncertainty of the arrival temperature: the uncertainty of an estimate, propagated along a plan."""
 
 from __future__ import annotations
 
@@ -37,14 +37,14 @@ if TYPE_CHECKING:
     from bev_preheat.vehicle.description import Vehicle
 
 
-# Once heating has ended the temperature is known to this at least [K]: until then readings go on to come in.
+# Least standard deviation of the temperature once heating has ended [K]: readings continue until then.
 SETTLED_K = 0.25
-# Standard deviation of the arrival [K] that no filter knows: other masses, other places of the sensor.
+# Standard deviation of the arrival [K] that no filter covers: other masses, other sensor positions.
 UNMODELLED_K = 0.2
 
 
 class Driven(Protocol):
-    """What is driven: a planning.trip.Trip, or a DrivenRoute."""
+    """A driven route with its vehicle: a planning.trip.Trip, or a DrivenRoute."""
 
     @property
     def vehicle(self) -> Vehicle:
@@ -57,19 +57,19 @@ class Driven(Protocol):
 
 class Forecast:
     """
-    How sure the arrival is that a plan predicts; computed on first use, so that no command waits for it.
+    Uncertainty of a plan's predicted arrival; computed on first use, so that no command waits for it.
 
-    `deviation_k` is the standard deviation of the arrival with heating that is replanned on the way,
-    `as_planned_k` that of the plan as it is, which is the error that heating has to make good.
+    `deviation_k` is the standard deviation of the arrival with re-planning on the way; `as_planned_k` is that
+    of the fixed plan, the error that heating has to correct.
     """
 
     def __init__(self, trip: Driven, plan: Plan, estimate: Estimate) -> None:
-        """Take what `arrival_deviation_k` does; an Estimate's arrays are not written to."""
+        """Take the arguments of `arrival_deviation_k`; an Estimate's arrays are read-only."""
         self._given = trip, plan, estimate
 
     @cached_property
     def as_planned_k(self) -> float:
-        """Standard deviation of the temperature on arrival if the plan is driven as it is [K]."""
+        """Standard deviation of the temperature on arrival if the plan is executed unchanged [K]."""
         return arrival_deviation_k(*self._given)
 
     @cached_property
@@ -79,7 +79,7 @@ class Forecast:
 
 
 class DrivenRoute(NamedTuple):
-    """A vehicle and a route that needs no dividing into steps: a Trip costs more to make."""
+    """A vehicle and a route that need no division into steps; cheaper to build than a Trip."""
 
     vehicle: Vehicle
     route: Route
@@ -89,8 +89,8 @@ def arrival_sensitivities(trip: Driven, plan: Plan) -> tuple[FloatArray, FloatAr
     """
     Change of the arrival temperature [K] with each element of `state` at the plan's start, (SIZE,).
 
-    The adjoint of the model's temperature along the plan: what a kelvin in step k is worth on
-    arrival, times what each element does to the temperature in that step. Second, the change with
+    The adjoint of the model's temperature along the plan: the effect on arrival of a kelvin in step k,
+    times the effect of each element on the temperature in that step. Second, the change with
     the propulsion factor in each step alone, shape (N,).
     """
     car, route = trip.vehicle, trip.route
@@ -103,21 +103,21 @@ def arrival_sensitivities(trip: Driven, plan: Plan) -> tuple[FloatArray, FloatAr
         route.cabin_heating_power_w, route.auxiliary_power_w, plan.hvch_battery_power_w)))
     _, slopes = rates_and_slopes(car, states, drive)
     slopes = slopes[:, TEMPERATURE] * route.duration_s[:, np.newaxis]
-    # Worth on arrival of a kelvin at the end of each step.
+    # Effect on arrival of a kelvin at the end of each step.
     kept = array_exp(slopes[:, TEMPERATURE])
     worth = np.concatenate((np.cumprod(kept[:0:-1])[::-1], [1.0]))
     by_step = worth[:, np.newaxis] * slopes
     total = by_step.sum(axis=0)
-    # What is under way arrives.
+    # Heat under way at the start arrives.
     total[TEMPERATURE] = total[UNDER_WAY] = float(np.prod(kept))
     return total, by_step[:, PROPULSION]
 
 
 def arrival_deviation_k(trip: Driven, plan: Plan, estimate: Estimate) -> float:
     """
-    Return the standard deviation [K] of the temperature on arrival, if the plan is driven as it is.
+    Return the standard deviation [K] of the temperature on arrival if the plan is executed unchanged.
 
-    `trip` must be that of the corrected vehicle and route that the plan was made for.
+    `trip` must be that of the corrected vehicle and route of the plan.
     """
     car, route = trip.vehicle, trip.route
     native = native_vehicle(car)
@@ -127,8 +127,8 @@ def arrival_deviation_k(trip: Driven, plan: Plan, estimate: Estimate) -> float:
     if variance_k2 is not None:
         return math.sqrt(variance_k2 + wandered_k2(route.total_duration_s))
     sensitivities, by_step = arrival_sensitivities(trip, plan)
-    # What a factor cannot tell: traffic that differs from step to step. Of a step that drives and regenerates
-    # about as much the mean is small, and what it warms is not.
+    # No factor covers traffic that differs from step to step. If a step drives and regenerates equally, its mean
+    # power is small but its heat is not.
     spread = POWER_NOISE * np.maximum(
         1.0, LEAST_POWER_W / np.maximum(route.propulsion_power_magnitude_w, 1.0))
     lasting = np.maximum(1.0, POWER_NOISE_LASTS_S / route.duration_s)
@@ -138,18 +138,18 @@ def arrival_deviation_k(trip: Driven, plan: Plan, estimate: Estimate) -> float:
 
 
 def wandered_k2(duration_s: float) -> float:
-    """Return what heat outside the model adds to the temperature's variance in a drive of `duration_s` [K^2]."""
+    """Return the variance of the temperature from unmodelled heat in a drive of `duration_s` [K^2]."""
     return float(WANDERED_IN_AN_HOUR[TEMPERATURE]) * duration_s / 3600.0
 
 
 def replanned_deviation_k(as_planned_k: float, trip: Driven, plan: Plan, estimate: Estimate) -> float:
     """
-    Return the standard deviation of the temperature on arrival [K] with heating that is replanned on the way.
+    Return the standard deviation of the temperature on arrival [K] with re-planning on the way.
 
-    `as_planned_k` [K] is that of the plan as it is. While heating lies ahead, it ends later if the battery turns
-    out colder, and earlier if it turns out warmer. The uncertainty of the temperature then remains, that of the
-    drive after the end of heating, and errors beyond the heat that can be added or saved. The error of the
-    model (UNMODELLED_K) remains in any case.
+    `as_planned_k` [K] is that of the fixed plan. While heating lies ahead, it ends later if the battery
+    turns out colder, and earlier if it turns out warmer. The rest is the uncertainty of the temperature, that of
+    the drive after heating ends, errors beyond the heat that can be added or saved, and the model error
+    (UNMODELLED_K).
     """
     colder_k, warmer_k, end_s = _heat_ahead(trip, plan)
     if warmer_k <= 0.0:
@@ -163,7 +163,7 @@ def replanned_deviation_k(as_planned_k: float, trip: Driven, plan: Plan, estimat
 
 
 def _heat_ahead(trip: Driven, plan: Plan) -> tuple[float, float, float]:
-    """Return the heat that can be added and saved in a Plan [K], and the instant of the latest heating [s]."""
+    """Return the heat that a Plan can add and save [K], and the end of the latest heating [s]."""
     car, route = trip.vehicle, trip.route
     heated = np.flatnonzero(plan.hvch_battery_power_w > 0.0)
     if len(heated) == 0:
@@ -177,6 +177,6 @@ def _heat_ahead(trip: Driven, plan: Plan) -> tuple[float, float, float]:
 
 
 def _beyond(deviations: float) -> float:
-    """Return the mean square by which a standard normal variable is beyond so many deviations on one side."""
+    """Return the mean square excess of a standard normal variable over `deviations` on one side."""
     density = math.exp(-0.5 * deviations**2) / math.sqrt(2.0 * math.pi)
     return (1.0 + deviations**2) * 0.5 * math.erfc(deviations / math.sqrt(2.0)) - deviations * density

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 class Heater(Enum):
-    """How the heater answers its command."""
+    """Response of the heater to its command."""
 
     ANSWERS = 'answers'
     DERATED = 'derated'
@@ -24,8 +24,8 @@ class Heater(Enum):
     STUCK_ON = 'stuck on'
 
 
-# Share of the commanded power that the heater gives. The last one heats with all that the cabin
-# leaves whatever is commanded.
+# Share of the commanded power that the heater delivers. The last one heats with all the power left by the cabin,
+# whatever the command.
 SHARES = (1.0, 0.5, 0.25, 0.0, 1.0)
 HEATERS = (Heater.ANSWERS, *(Heater.DERATED,) * 2, Heater.DEAD, Heater.STUCK_ON)
 HEALTHY, STUCK = 0, len(SHARES) - 1
@@ -34,17 +34,17 @@ NOISES_K = (0.2,)
 COUNT = len(SHARES) * len(NOISES_K)
 IDENTITY = np.eye(len(SHARES))
 
-# A heater fails once in so many seconds of driving, and is back after so many on average.
+# Mean driving time [s] between failures of a heater, and until it recovers.
 FAILURE_S = 200.0 * 3600.0
 REPAIR_S = 50.0 * 3600.0
-# This share of the heaters has failed before the first drive.
+# Share of heaters that have failed before the first drive.
 FAULTY = 0.0025
-# Battery states come in few intervals, mostly one.
+# Battery states arrive at few different intervals, usually one.
 KEPT_TRANSITIONS = 8
 
 
 def prior_weights() -> FloatArray:
-    """Probability of each hypothesis at first, shape (heaters, noises)."""
+    """Return the prior probability of each hypothesis, shape (heaters, noises)."""
     heaters = np.full(len(SHARES), FAULTY / (len(SHARES) - 1))
     heaters[0] = 1.0 - FAULTY
     noises = np.full(len(NOISES_K), 1.0 / len(NOISES_K))
@@ -54,7 +54,7 @@ def prior_weights() -> FloatArray:
 
 @lru_cache(maxsize=KEPT_TRANSITIONS)
 def transitions(duration_s: float) -> FloatArray:
-    """Probability that a heater of one kind (row) is of another (column) after so long [s]; not to be written."""
+    """Return the probability that a heater changes kind (row to column) within `duration_s` [s]; read-only."""
     fails = 1.0 - math.exp(-duration_s / FAILURE_S)
     repaired = 1.0 - math.exp(-duration_s / REPAIR_S)
     matrix: FloatArray = (1.0 - repaired) * IDENTITY
@@ -65,17 +65,17 @@ def transitions(duration_s: float) -> FloatArray:
 
 
 def heater_power_w(command_w: float, limit_w: float) -> list[float]:
-    """Return the power [W] that each heater takes under a command."""
-    # Of so few numbers NumPy's take longer.
+    """Return the power [W] of each heater hypothesis under a command."""
+    # Plain Python is faster than NumPy for this few numbers.
     return [*[min(share * command_w, limit_w) for share in SHARES[:STUCK]], limit_w]
 
 
 class SuspectedFault(NamedTuple):
     """
-    A fault that is likely and not reported yet, with its evidence.
+    A probable fault that is not reported yet, with its evidence.
 
-    How probable it is (0 ... 1), for how long it was suspected [s], the missing or uncommanded heat in that time
-    [K], and the logarithm of how much likelier the battery's power makes it; None: power is not known.
+    Its probability (0 ... 1), the duration of the suspicion [s], the missing or uncommanded heat in that time [K],
+    and the log-likelihood ratio of the battery's power in its favour; None: power is not known.
     """
 
     heater: Heater
@@ -86,7 +86,7 @@ class SuspectedFault(NamedTuple):
 
 
 class HeaterReport(NamedTuple):
-    """How the heater answers, how sure that is (0 ... 1), and its share of the command (0 ... 1)."""
+    """The heater's response, its probability (0 ... 1), and the share of the command delivered (0 ... 1)."""
 
     heater: Heater
     probability: float
@@ -96,10 +96,10 @@ class HeaterReport(NamedTuple):
 
 class Suspicion(NamedTuple):
     """
-    How long a fault has been suspected [s], the heat since then, and how far the temperature reading rose [K].
+    Duration of the suspicion [s], the heat since then, and the rise of the temperature reading [K].
 
-    `commanded_k` is the heat that was commanded, `uncommanded_k` the heat that the heater could have given without
-    a command, both as the warming of the battery [K].
+    `commanded_k` is the heat that was commanded, `uncommanded_k` the heat that the heater could have delivered
+    without a command, both as a temperature rise of the battery [K].
     """
 
     lasts_s: float
@@ -109,41 +109,41 @@ class Suspicion(NamedTuple):
 
 
 UNLIMITED = Suspicion(math.inf, math.inf, math.inf, math.inf)
-# A fault is suspected from the first probability on. It is reported from the second one on, and on evidence of its
-# own kind.
+# A fault is suspected from the first probability on. Reporting takes the second one and evidence specific to the
+# fault.
 SUSPECT_FROM, TOLD_FROM = 0.5, 0.995
-# Temperature must have shown it over a long course, and power must not contradict it [nats]: while it
+# Either temperature has shown the fault for a long time and power does not contradict it [nats]: while it
 # was suspected, for this long [s], the missing or uncommanded heat amounted to this [K]. A spike, hysteresis,
-# local heat or a second mass do not reach it. A heater that is stuck on always needs it, because other consumers
-# step like one.
+# local heat or a second mass do not reach it. A heater stuck on always needs this evidence, because other
+# consumers step like one.
 LEAST_COURSE_K, LEAST_COURSE_S = 3.0, 300.0
-# The reading must have risen by this share of the uncommanded heat: leakage takes up to a third of it and a slow
-# sensor shows it late, but after a spike the reading falls back.
+# The reading must have risen by this share of the uncommanded heat: leakage takes up to a third and a slow
+# sensor lags, but after a spike the reading falls back.
 LEAST_RISE = 0.4
 NO_CONTRADICTION = -2.0
-# A shorter course is enough if power has made a weak or dead heater at least twice as likely itself [nats]. Power
-# alone is no evidence: where a motorway takes 5 kW less as the heater begins, it looks like a dead heater.
+# Or less heat is enough, if power alone makes a weak or dead heater at least twice as likely [nats]. Power
+# alone is no evidence: a motorway that takes 5 kW less just as heating starts looks like a dead heater.
 LEANING, LEANING_COURSE_K, LEANING_COURSE_S = math.log(2.0), 2.0, 120.0
-# It is taken back below this one.
+# The report is withdrawn below this probability.
 TAKEN_BACK_BELOW = 0.2
-# One fault is told instead of another where it is so many times as likely.
+# The reported fault changes to another only if that is this many times as likely.
 TIMES_AS_LIKELY = 3.0
 
 
 def is_suspect(weights: Sequence[float]) -> bool:
-    """Return whether hypotheses' weights (heaters,) make a fault as likely as none."""
+    """Return whether the weights (heaters,) make a fault at least as likely as a healthy heater."""
     return 1.0 - weights[HEALTHY] >= SUSPECT_FROM
 
 
 def judge(weights: Sequence[float], before: HeaterReport | None, suspicion: Suspicion = UNLIMITED,
           support: Callable[[Heater], float] | None = None) -> HeaterReport:
     """
-    Return the HeaterReport of hypotheses' weights (heaters,); `before` is the latest report.
+    Return the HeaterReport for the weights (heaters,); `before` is the previous report.
 
-    It names a suspected fault while none is reported.
+    While no fault is reported, the report names a suspected one.
 
-    `suspicion` is the Suspicion since `is_suspect` holds. `support` returns how much likelier the battery's power
-    makes a kind of heater [nats]; None: power is not known.
+    `suspicion` is the Suspicion since `is_suspect` holds. `support` returns the log-likelihood ratio [nats] of the
+    battery's power for a kind of heater; None: power is not known.
     """
     report = _report(weights, before, suspicion, support)
     if report.heater is not Heater.ANSWERS or not is_suspect(weights):
@@ -155,7 +155,7 @@ def judge(weights: Sequence[float], before: HeaterReport | None, suspicion: Susp
 
 
 def _likeliest(weights: Sequence[float], told: Heater = Heater.ANSWERS) -> tuple[Heater, float, float]:
-    """Return the likeliest fault, its share of the command and its probability; a told one is preferred."""
+    """Return the likeliest fault, its share of the command and its probability; prefer the reported one."""
     by_kind = dict.fromkeys(Heater, 0.0)
     for weight, own in zip(weights, HEATERS):
         by_kind[own] += weight
@@ -170,7 +170,7 @@ def _likeliest(weights: Sequence[float], told: Heater = Heater.ANSWERS) -> tuple
 def _report(weights: Sequence[float], before: HeaterReport | None, suspicion: Suspicion,
             support: Callable[[Heater], float] | None) -> HeaterReport:
     healthy = weights[HEALTHY]
-    # That there is a fault may be clear before its kind is.
+    # A fault may be certain before its kind is.
     faulty = 1.0 - healthy
     told = Heater.ANSWERS if before is None else before.heater
     if faulty < (TOLD_FROM if told is Heater.ANSWERS else TAKEN_BACK_BELOW):
@@ -183,7 +183,7 @@ def _report(weights: Sequence[float], before: HeaterReport | None, suspicion: Su
 
 def _has_evidence(fault: Heater, share: float, suspicion: Suspicion,
                   support: Callable[[Heater], float] | None) -> bool:
-    """Return whether power, or a long course of temperature, shows a fault that gives a share of the command."""
+    """Return whether power, or temperature over a long time, shows a fault with this share of the command."""
     supported = 0.0 if support is None else support(fault)
     least_k, least_s = LEAST_COURSE_K, LEAST_COURSE_S
     if fault is not Heater.STUCK_ON and supported >= LEANING:
@@ -195,6 +195,6 @@ def _has_evidence(fault: Heater, share: float, suspicion: Suspicion,
 
 
 def _course_k(fault: Heater, share: float, suspicion: Suspicion) -> float:
-    """Return the heat that is missing, or uncommanded, with a fault that gives a share of the command [K]."""
+    """Return the missing or uncommanded heat of a fault with this share of the command [K]."""
     return (suspicion.uncommanded_k if fault is Heater.STUCK_ON
             else (1.0 - share) * suspicion.commanded_k)

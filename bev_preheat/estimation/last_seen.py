@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The battery's latest known state, and how a file holds it."""
+"""The battery's last known state, and its form in the state file."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from bev_preheat.errors import InvalidInput, quoted
 if TYPE_CHECKING:
     from bev_preheat.files.checked_yaml import FileData
 
-# No battery of a road vehicle is colder or warmer [deg C].
+# Temperature range of road vehicle batteries [deg C].
 TEMPERATURE_RANGE_C = (-100.0, 150.0)
 LATEST_NS = 2**63 - 1
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What was learned of a car, so that the next drive begins with it, and how a file holds it."""
+"""Learned values of a car, as the prior of its next drive, and their form in the state file."""
 
 from __future__ import annotations
 
@@ -26,20 +26,20 @@ if TYPE_CHECKING:
     from bev_preheat.files.checked_yaml import FileData
     from bev_preheat.numerics.arrays import FloatArray
 
-# What a route's consumption was wrong by says nothing of the next route.
+# The consumption error of one route says little about the next.
 REMEMBERED = slice(0, PROPULSION - FACTORS.start)
 NAMES = FACTOR_NAMES[REMEMBERED]
 LAG_NAMES = ('heat', 'sensor')
-# Of an entry; the first two are always there, the others where something was learned of the lags.
+# Keys of an entry; the first two are mandatory, the others are present if the lags were learned.
 KEYS = ('log_factors', 'covariance', 'log_lags', 'lag_variances')
-# Standard deviation that a night adds to each logarithm: a car changes a little.
+# Standard deviation added to each logarithm overnight, because a car changes slightly.
 OVERNIGHT = 0.01
 
 
 def learned_from(estimate: Estimate) -> Learned:
-    """Return what an Estimate has Learned of the car."""
+    """Return the Learned of an Estimate."""
     bounds = np.array([FACTOR_BOUNDS[index] for index in range(FACTORS.start, FACTORS.stop)])
-    # A mean over filters that are at a bound may lie beyond it by rounding.
+    # A mean over filters at a bound may exceed it by rounding.
     factors = np.clip(estimate.mean[FACTORS], -bounds, bounds)
     covariance = estimate.covariance[FACTORS, FACTORS].copy()
     prior = prior_factor_covariance()
@@ -47,13 +47,13 @@ def learned_from(estimate: Estimate) -> Learned:
     factors[route] = 0.0
     covariance[route, :] = covariance[:, route] = 0.0
     covariance[route, route] = prior[route, route]
-    # A car that was hardly seen wanders off; it is never less known than one never seen.
+    # The variance of a car that was hardly seen grows, but never beyond the prior's.
     shrink = np.sqrt(np.minimum(1.0, np.diag(prior) / np.diag(covariance)))
     return Learned(factors, covariance * np.outer(shrink, shrink), _lags_from(estimate))
 
 
 def _lags_from(estimate: Estimate) -> Lags | None:
-    """Return the Lags of an Estimate; None: a heater that does not obey tells nothing of them."""
+    """Return the Lags of an Estimate; None: a faulty heater gives no information about them."""
     if estimate.heater.heater is not Heater.ANSWERS:
         return None
     return Lags(np.clip(estimate.mean[[*LAGS]], LAG_BOUNDS[:, 0], LAG_BOUNDS[:, 1]),
@@ -61,7 +61,7 @@ def _lags_from(estimate: Estimate) -> Lags | None:
 
 
 def as_entry(learned: Learned) -> dict[str, FileData]:
-    """Return what of a Learned is kept, as plain values for JSON."""
+    """Return the stored part of a Learned as plain values for JSON."""
     entry = {'log_factors': dict(zip(NAMES, learned.factors[REMEMBERED].tolist())),
              'covariance': learned.covariance[REMEMBERED, REMEMBERED].tolist()}
     if learned.lags is not None:
@@ -72,9 +72,9 @@ def as_entry(learned: Learned) -> dict[str, FileData]:
 
 def from_entry(entry: FileData) -> Learned:
     """
-    Return the Learned of an entry that was read, a night later.
+    Return the Learned of an entry, with the uncertainty of one night added.
 
-    Raises InvalidInput, naming the value and what is allowed, where the entry is none.
+    Raises InvalidInput, naming the value and its valid range.
     """
     try:
         logs = np.array([entry['log_factors'][name] for name in NAMES], dtype=float)
@@ -89,7 +89,7 @@ def from_entry(entry: FileData) -> Learned:
 
 
 def _lags_of(entry: dict[str, FileData]) -> Lags | None:
-    """Return the Lags of an entry a night later, None where it has none."""
+    """Return the Lags of an entry, with the uncertainty of one night added; None if it has none."""
     if 'log_lags' not in entry and 'lag_variances' not in entry:
         return None
     try:

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-How the battery's power answers the heater's command: the evidence on the heater where power is known.
+Response of the battery's power to the heater's command: evidence on the heater if power is measured.
 
-The power beyond the route plan, its cabin and its auxiliaries is the heater's, and an excess: traffic, a wrong
-consumption, a consumer that the plan does not know. The excess lasts for minutes, and the heater's power follows
-its command with a lag. So each kind of heater, with each of three lags, has a scalar Kalman filter for the
-excess, and is weighed by how well it predicts the mean power of the next block. A power that does not step with
-the command moves the excess only.
+The power beyond the route plan, its cabin and its auxiliaries is the heater's power plus an excess: traffic, a
+wrong consumption, an unplanned consumer. The excess lasts for minutes, and the heater's power follows
+its command with a lag. Each kind of heater, with each of three lags, therefore has a scalar Kalman filter for the
+excess, and is weighted by how well it predicts the mean power of the next block. A power that does not step with
+the command only moves the excess.
 """
 
 from __future__ import annotations
@@ -23,23 +23,23 @@ if TYPE_CHECKING:
     from bev_preheat.estimation.hypotheses import Heater
     from bev_preheat.numerics.arrays import FloatArray
 
-# Power is taken in blocks of this length [s]: longer than most heaters' ramps, shorter than a heating.
+# Power is averaged over blocks of this length [s]: longer than most heater ramps, shorter than a heating interval.
 BLOCK_S = 30.0
 # Lags of the heater behind its command [s]; heaters lag by up to 90 s.
 HEATER_LAGS_S = np.array([3.0, 30.0, 90.0])
-# Standard deviation of the excess [W], and how long it lasts [s]: 10 % of 20 kW, until the road changes.
+# Standard deviation of the excess [W], and its correlation time: 10 % of 20 kW, until the road changes.
 EXCESS_W = 2000.0
 EXCESS_LASTS_S = 600.0
-# Scatter from block to block before any is seen [W], and the number of blocks that this counts for.
+# Prior of the scatter from block to block [W], and the number of blocks that it counts for.
 SCATTER_W = 2500.0
 SCATTER_BLOCKS = 2.0
 # Neighbouring blocks are correlated, so their differences show less than the scatter.
 CORRELATED = 1.5
-# Never less than this [W]: other consumers and sensors.
+# Lower limit [W]: other consumers and sensors.
 LEAST_SCATTER_W = 300.0
-# The scatter is forgotten at this rate a block.
+# Forgetting rate of the scatter per block.
 FORGETTING = 0.05
-# No block tells more than this [nats], or a single odd one would decide.
+# Largest evidence of one block [nats], so that a single outlier does not decide.
 MOST_EVIDENCE = 3.0
 # Degrees of freedom of Student's t: traffic makes large errors likely.
 FREEDOM = 4.0
@@ -47,17 +47,17 @@ LEAST_WEIGHT = 1e-9
 
 
 class PowerResponse:
-    """Watches the battery's power beyond the route plan, and the heater's command."""
+    """Watches the battery's power beyond the route plan and the heater's command."""
 
     def __init__(self) -> None:
-        """Know nothing yet."""
+        """Start without evidence."""
         shape = len(SHARES), len(HEATER_LAGS_S)
-        # How likely each heater is without any evidence, and with that of the power, for each lag.
+        # Log-likelihood of each heater without evidence, and with that of the power, for each lag.
         self._prior = prior_weights().sum(axis=1)
         self._weights = self._prior[:, np.newaxis] * np.full(shape[1], 1.0 / shape[1])
         self._excess_w, self._variance_w2 = np.zeros(shape), np.full(shape, EXCESS_W**2)
         self._scatter_w2, self._blocks = SCATTER_W**2, SCATTER_BLOCKS
-        # Power of a heater of each lag now [W]; None: no command is known yet.
+        # Current power of a heater with each lag [W]; None: no command yet.
         self._followed_w: FloatArray | None = None
         self._before_w: float | None = None
         self._begin_block()
@@ -67,16 +67,16 @@ class PowerResponse:
         self._taken_ws = np.zeros(len(HEATER_LAGS_S))
 
     def pause(self) -> None:
-        """Note that power or plan is not known now; the evidence so far stays."""
+        """Note that power or plan is unknown; earlier evidence stays."""
         self._begin_block()
         self._before_w, self._followed_w = None, None
 
     def see(self, duration_s: float, beyond_plan_w: float, command_w: float,
             limit_w: float) -> FloatArray | None:
         """
-        Take the battery's power beyond the plan [W] for `duration_s` [s] in, under a mean command [W].
+        Update with the battery's power beyond the plan [W] over `duration_s` [s], under a mean command [W].
 
-        Returns the logarithms of how likely each heater (heaters,) makes a block that is complete; else None.
+        Returns the log-likelihoods (heaters,) of a completed block; else None.
         """
         if self._followed_w is None:
             self._followed_w = np.full(len(HEATER_LAGS_S), command_w)
@@ -115,7 +115,7 @@ class PowerResponse:
         return seen
 
     def _mix(self, duration_s: float) -> None:
-        """Mix the filters of the heaters, as one may have turned into another by now."""
+        """Mix the heaters' filters, because a heater may have changed from one kind to another."""
         # share[from, to, lag]: how much of `to` was `from` before.
         matrix = transitions(duration_s)
         self._prior = self._prior @ matrix
@@ -128,7 +128,7 @@ class PowerResponse:
         self._excess_w = excess_w
 
     def _learn_scatter(self, rest_w: float) -> None:
-        """Learn from the power without the heater's [W] how far blocks scatter."""
+        """Update the scatter of blocks with the power that the heater does not explain [W]."""
         before_w, self._before_w = self._before_w, rest_w
         if before_w is None:
             return
@@ -138,7 +138,7 @@ class PowerResponse:
         self._scatter_w2 = max(self._scatter_w2, LEAST_SCATTER_W**2)
 
     def support(self, kind: Heater) -> float:
-        """Return how much likelier the power has made a kind of heater than a healthy heater [nats]."""
+        """Return the log-likelihood ratio of a kind of heater over a healthy one, from the power [nats]."""
         weights = self._weights.sum(axis=1)
         of_kind = [number for number, own in enumerate(HEATERS) if own is kind]
         return math.log(float(weights[of_kind].sum() / weights[HEALTHY])

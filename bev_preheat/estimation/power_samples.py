@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The samples of the battery's power: mean and variance of a step, the hidden ripple, the route's excess."""
+"""Samples of the battery's power: mean and variance of a step, hidden ripple, excess over the route."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from collections.abc import Collection
 
-# The samples' variance is taken over this time [s], about a segment of a route.
+# The samples' variance is computed over this time [s], about a segment of a route.
 VARIATION_S = 40.0
 # The comparison with the route's variance reaches back this far [s].
 REMEMBERED_S = 600.0
-# The power of a single second is several times the route's mean in a real drive, so its excess is averaged over
-# this time [s] before it is compared.
+# On a real drive the power of a single second is several times the route's mean, so the excess is averaged over
+# this time [s].
 AVERAGED_S = 30.0
 
 
@@ -22,19 +22,19 @@ class PowerSamples:
     """Samples of the battery's power [W]; instants in seconds."""
 
     def __init__(self) -> None:
-        """Have none."""
-        # Those of the step that goes on; the first one ended the step before.
+        """Start without samples."""
+        # Samples of the current step; the first one ended the previous step.
         self._step_w: list[float] = []
         # Instants [s] and powers [W] of the last VARIATION_S.
         self._latest_s: deque[float] = deque()
         self._latest_w: deque[float] = deque()
-        # Variance of the samples and of the route, each times the time that it held [W^2 s].
+        # Variance of the samples and of the route, each times its duration [W^2 s].
         self._seen_w2s = self._route_w2s = 0.0
-        # How long each step lasted [s], and the energy of the propulsion beyond the route's in it [J].
+        # Duration of each step [s], and its propulsion energy beyond the route's [J].
         self._excess: deque[tuple[float, float]] = deque()
 
     def see(self, instant_s: float, power_w: float | None) -> None:
-        """Take a sample in; None: the power is unknown, and the step has no mean."""
+        """Add a sample; None: the power is unknown, and the step has no mean."""
         if power_w is None:
             self._step_w = []
             self._excess.clear()
@@ -55,7 +55,7 @@ class PowerSamples:
         self._step_w = self._step_w[-1:]
 
     def forget_latest(self) -> None:
-        """Forget the samples, not how much of the route's variance they show."""
+        """Discard the samples; keep the share of the route's variance that they showed."""
         self._step_w = []
         self._latest_s.clear()
         self._latest_w.clear()
@@ -67,9 +67,9 @@ class PowerSamples:
 
     def hidden_w2(self, route_w2: float, duration_s: float) -> float:
         """
-        Return how much of a route's variance of the power [W^2] the samples do not show, in a step.
+        Return the part of a route's power variance [W^2] that the samples do not show in a step.
 
-        Samples once a second may miss a ripple. Single segments vary more or less than the route says, so
+        Samples once a second may miss a ripple. Single segments vary more or less than the route states, so
         sums over REMEMBERED_S are compared.
         """
         if route_w2 == 0.0:
@@ -80,7 +80,7 @@ class PowerSamples:
         return route_w2 * max(0.0, 1.0 - self._seen_w2s / self._route_w2s)
 
     def mean_propulsion_w(self, seen_w: float, route_w: float, duration_s: float) -> float:
-        """Return the route's propulsion power [W] and the mean excess over it of the last AVERAGED_S."""
+        """Return the route's propulsion power [W] plus the mean excess over it in the last AVERAGED_S."""
         self._excess.append((duration_s, duration_s * (seen_w - route_w)))
         total_s = sum([seconds for seconds, _ in self._excess])
         while total_s - self._excess[0][0] >= AVERAGED_S:
@@ -90,6 +90,6 @@ class PowerSamples:
 
 def _mean_and_variance(values: Collection[float]) -> tuple[float, float]:
     """Return mean and variance of values."""
-    # Of a few dozen, for which NumPy takes longer.
+    # NumPy is slower for a few dozen values.
     mean = sum(values) / len(values)
     return mean, sum([(value - mean)**2 for value in values]) / len(values)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is known of a car before its first battery state: from its file alone, or from drives before."""
+"""Prior knowledge of a car before its first battery state, from its file alone or from earlier drives."""
 
 from __future__ import annotations
 
@@ -27,25 +27,25 @@ if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray
     from bev_preheat.vehicle.heat_path import HeatPath
 
-# Standard deviation of the factors' logarithms at first: those of even spreads of +-10 % (heat
+# Prior standard deviation of the factors' logarithms: those of uniform distributions over +-10 % (heat
 # capacity), +-20 % (leakage, resistance), +-5 % (heater), and of a route's consumption.
 FACTOR_DEVIATIONS = {HEAT_CAPACITY: 0.058, LEAKAGE: 0.115, RESISTANCE: 0.115, HEATER: 0.029,
                      PROPULSION: 0.08}
-# The logarithms are kept within these bounds around the vehicle file's values.
+# Bounds of the logarithms, relative to the vehicle file's values.
 FACTOR_BOUNDS = {HEAT_CAPACITY: 0.25, LEAKAGE: 0.6, RESISTANCE: 0.6, HEATER: 0.15, PROPULSION: 0.5}
 LAGS = (HEAT_LAG, SENSOR_LAG)
 NOMINAL_LAGS_S = np.array([NOMINAL_HEAT_LAG_S, NOMINAL_SENSOR_LAG_S])
-# Standard deviation of the lags' logarithms, over the nominal ones, of a car whose file does not
-# name them, and of one whose file does: coolant flows as the pump is driven.
+# Standard deviation of the lags' logarithms, relative to the nominal ones, for a vehicle file without lags, and
+# for one with lags: coolant flow depends on the pump.
 LAG_DEVIATION = 1.0
 DESCRIBED_LAG_DEVIATION = 0.5
-# Shortest and longest lag [s]: a heater of up to 90 s and coolant of up to 200 s; a sensor of up to 120 s.
+# Shortest and longest lag [s]: heater up to 90 s and coolant up to 200 s; sensor up to 120 s.
 LAG_RANGES_S = {HEAT_LAG: (2.0, 250.0), SENSOR_LAG: (2.0, 150.0)}
 # Bounds of the lags' logarithms, in the order of LAGS.
 LAG_BOUNDS = np.log(np.array([LAG_RANGES_S[index] for index in LAGS]) / NOMINAL_LAGS_S[:, np.newaxis])
-# How much warmer than its cell the sensor gets [K/kW] by Joule heat and by heater heat: mean, standard deviation
-# and bounds of each. The nine measured drives of an i3 show 0.48 K/kW of Joule heat, a sensor in the middle of
-# a module nothing. A shell of a fifth of the battery, at 1500 W/K, gets 0.5 K/kW warmer than its core.
+# Rise of the sensor above its cell [K/kW] by Joule heat and by heater heat: mean, standard deviation
+# and bounds of each. The nine measured drives of an i3 show 0.48 K/kW of Joule heat; a sensor in the middle of
+# a module shows none. A shell of a fifth of the battery, at 1500 W/K, gets 0.5 K/kW warmer than its core.
 RISES = (JOULE_RISE, HEATER_RISE)
 RISES_K_PER_KW = np.array([0.35, 0.0])
 RISE_DEVIATIONS = np.array([0.4, 0.25])
@@ -54,22 +54,22 @@ RISE_BOUNDS = np.array([(0.0, 1.0), (-0.8, 0.8)])
 
 @dataclass(frozen=True, eq=False)
 class Lags:
-    """Logarithms of the lags over the nominal ones (2,) and their variances (2,), as in LAGS."""
+    """Logarithms of the lags relative to the nominal ones (2,), and their variances (2,), as in LAGS."""
 
     logs: FloatArray
     variances: FloatArray
 
 
 def unknown_lags() -> Lags:
-    """Return the Lags of a car of which nothing is known."""
+    """Return the Lags of an unknown car."""
     return Lags(np.zeros(2), np.full(2, LAG_DEVIATION**2))
 
 
 def described_lags(path: HeatPath) -> Lags:
     """
-    Return the Lags that a HeatPath describes: heater and coolant together, and the sensor.
+    Return the Lags described by a HeatPath: heater plus coolant, and sensor.
 
-    What it does not have is not described, so it is unknown.
+    Missing parts are unknown.
     """
     lags = unknown_lags()
     for at, lag_s in enumerate((path.heat_lag_s, path.sensor_lag_s)):
@@ -83,10 +83,10 @@ def described_lags(path: HeatPath) -> Lags:
 @dataclass(frozen=True, eq=False)
 class Learned:
     """
-    What was learned of a car.
+    Learned values of a car.
 
     Logarithms of the factors (5,) and their covariance (5, 5), in the order of `state`; its Lags,
-    None where nothing was learned of them.
+    None if they were not learned.
     """
 
     factors: FloatArray
@@ -95,11 +95,11 @@ class Learned:
 
 
 def nothing_learned() -> Learned:
-    """Return the Learned of a car of which only the file is known."""
+    """Return the Learned of a car known only from its file."""
     return Learned(np.zeros(len(FACTOR_DEVIATIONS)), prior_factor_covariance())
 
 
 def prior_factor_covariance() -> FloatArray:
-    """Covariance (5, 5) of the factors' logarithms of a car of which only its file is known."""
+    """Return the covariance (5, 5) of the factors' logarithms of a car known only from its file."""
     return np.diag([FACTOR_DEVIATIONS[index]**2
                     for index in (HEAT_CAPACITY, LEAKAGE, RESISTANCE, HEATER, PROPULSION)])

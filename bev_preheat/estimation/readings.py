@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The readings of the battery, and whether one is to be believed."""
+"""Plausibility check of the battery readings."""
 
 from __future__ import annotations
 
@@ -15,26 +15,26 @@ NS_PER_S = 1_000_000_000
 if TYPE_CHECKING:
     from bev_preheat.planning.situation import BatteryState
 
-# A reading this many deviations off is not believed, until a second one says the same.
+# A reading this many standard deviations off is rejected until a second one confirms it.
 IMPLAUSIBLE_DEVIATIONS = 6.0
 LEAST_DEVIATION_K = 0.3
 LEAST_SOC_DEVIATION = 0.01
 # A temperature that leaves its expected value by more than the first number of deviations is an excursion
-# until it is back within the second one. It is ignored for this long [s] and up to this size [K]: no
-# battery warms that fast, but contacts and wires fail that fast.
+# until it is back within the second number. It is ignored for this long [s] and up to this size [K]: contacts
+# and wires fail that fast, but no battery warms that fast.
 EXCURSION_DEVIATIONS, RETURN_DEVIATIONS = 3.0, 1.5
 LARGEST_EXCURSION_K = 3.0
 LONGEST_EXCURSION_S = 150.0
-# The share of ignored readings is that of so many latest ones.
+# Number of latest readings in the share of ignored ones.
 COUNTED = 300
 # Reading, step of the signal, least standard deviation.
 Look = tuple[float, float, float]
-# Mean and variance of a reading that is expected.
+# Mean and variance of an expected reading.
 Expected = tuple[float, float]
 
 
 class MeasuredState(Protocol):
-    """What is measured at an instant [ns]; `power_w` is None where it is not."""
+    """A measurement at an instant [ns]; `power_w` is None if it was not measured."""
 
     @property
     def stamp_ns(self) -> int:
@@ -50,7 +50,7 @@ class MeasuredState(Protocol):
 
 
 class Verdict(Enum):
-    """What is to be done with a reading."""
+    """Result of checking a reading."""
 
     BELIEVED = 'is what is expected'
     EXCURSION = 'is a temperature that has left its expected value for a short time'
@@ -60,15 +60,15 @@ class Verdict(Enum):
 
 
 class ReadingCheck:
-    """Watches in which steps the signals come, and holds readings against what is expected."""
+    """Finds the steps of the signals, and compares readings with their expectation."""
 
     def __init__(self) -> None:
-        """Know nothing yet."""
+        """Start without readings."""
         self._temperature_steps = Resolution(TEMPERATURE_STEPS_K)
         self._soc_steps = Resolution(SOC_STEPS)
-        # A reading that was not believed, waiting for a second one.
+        # A rejected reading that awaits confirmation.
         self._doubted: MeasuredState | None = None
-        # When the present excursion began [ns]; None: the temperature is as expected.
+        # Start of the current excursion [ns]; None: the temperature is as expected.
         self._excursion_ns: int | None = None
         self._ignored: deque[bool] = deque(maxlen=COUNTED)
 
@@ -88,12 +88,12 @@ class ReadingCheck:
         return self._soc_steps.step
 
     def see(self, state: BatteryState) -> None:
-        """Take a reading's steps in; every one, before it is judged."""
+        """Update the steps with a reading; call it for every reading, before `judge`."""
         self._temperature_steps.see(state.temperature_c)
         self._soc_steps.see(state.soc)
 
     def judge(self, measurement: MeasuredState, expected: tuple[Expected, Expected]) -> Verdict:
-        """Return the Verdict on a Measurement; `expected` are temperature [deg C] and charge, with variances."""
+        """Return the Verdict on a MeasuredState; `expected` are temperature [deg C] and charge, with variances."""
         excursion = self._excursion(measurement, expected)
         if excursion is not None:
             self._doubted = None
@@ -105,14 +105,14 @@ class ReadingCheck:
             self._doubted = None
             return Verdict.BELIEVED
         before, self._doubted = self._doubted, measurement
-        # The same reading twice is no second one.
+        # The same reading again is no confirmation.
         if (before is None or before.stamp_ns == measurement.stamp_ns
                 or not self._agree(before.state, measurement.state)):
             return Verdict.DOUBTED
         return Verdict.JUMPED
 
     def _excursion(self, measurement: MeasuredState, expected: tuple[Expected, Expected]) -> Verdict | None:
-        """Return the Verdict on a temperature that is on an excursion, or was until now; None: it is not."""
+        """Return the Verdict on a temperature in an excursion, or one that just ended; None: no excursion."""
         reading, step, least = self._looks_at(measurement.state)[0]
         mean, variance = expected[0]
         beyond_k = abs(reading - mean) - 0.5 * step
@@ -128,14 +128,14 @@ class ReadingCheck:
         return Verdict.LASTING
 
     def _is_plausible(self, state: BatteryState, expected: tuple[Expected, Expected]) -> bool:
-        """Whether readings are what is expected, or may be."""
+        """Whether the readings agree with the expectation within MOST_DEVIATIONS."""
         return all(
             abs(reading - mean) <= 0.5 * step + IMPLAUSIBLE_DEVIATIONS * max(
                 math.sqrt(max(variance, 0.0)), least)
             for (reading, step, least), (mean, variance) in zip(self._looks_at(state), expected))
 
     def _agree(self, one: BatteryState, other: BatteryState) -> bool:
-        """Whether two readings that were not believed say the same."""
+        """Whether two rejected readings agree."""
         return all(
             abs(reading - before) <= step + IMPLAUSIBLE_DEVIATIONS * least
             for (before, _, _), (reading, step, least) in zip(

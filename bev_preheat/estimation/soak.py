@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-The temperature of a battery that stood, and what a sensor that shows another one is off by.
+Battery temperature after a soak, and the offset of a sensor that reads something else.
 
-A battery that is left alone comes to ambient temperature with the time constant C / gamma(0). How
-near it is after a while depends on the temperature at which it was parked, if that is known, and on leakage and
-heat capacity, which the vehicle file has about right. The route's ambient temperature is a forecast.
+A parked battery approaches ambient temperature with the time constant C / gamma(0). The remaining difference
+depends on the temperature at parking, if known, and on leakage and heat capacity, which the vehicle file gives
+approximately. The route's ambient temperature is a forecast.
 """
 
 from __future__ import annotations
@@ -18,33 +18,32 @@ from bev_preheat.estimation.state import HEAT_CAPACITY, LEAKAGE
 if TYPE_CHECKING:
     from bev_preheat.vehicle.description import Vehicle
 
-# How much warmer than ambient a battery is parked [K], and the standard deviation of that: from one
-# that stood outside to one that comes from a fast charger. Assumed.
+# Mean excess of the battery over ambient at parking [K], and its standard deviation: from a car
+# parked outside to a car from a fast charger. Assumed.
 PARKED_WARMER_K = 10.0
 PARKED_DEVIATION_K = 10.0
-# Standard deviation of a temperature that was last known before the vehicle was parked [K]: core and shell
-# have not been at the same one. Assumed.
+# Standard deviation of a temperature last known before parking [K], because core and shell differ. Assumed.
 KNOWN_PARKED_DEVIATION_K = 1.0
-# Standard deviation of what the route says of the ambient temperature where the car stood [K], and
+# Standard deviations of the route's ambient temperature at the place of parking [K], and
 # of the offset of temperature sensors [K]. Assumed.
 AMBIENT_DEVIATION_K = 1.5
 OFFSET_DEVIATION_K = 1.5
-# This share of the cars stood in a garage, or were charged or preheated: then the battery may be
-# anywhere within so many kelvin. Assumed.
+# Share of cars that stood in a garage, or were charged or preheated, and the range [K] in which their battery
+# then lies. Assumed.
 ELSEWHERE_SHARE = 0.1
 ELSEWHERE_WITHIN_K = 40.0
 # Standard deviation of the logarithm of the time constant.
 TIME_CONSTANT_DEVIATION = math.hypot(FACTOR_DEVIATIONS[HEAT_CAPACITY], FACTOR_DEVIATIONS[LEAKAGE])
-# The same if the battery was parked much warmer than ambient, as after charging: wind, a garage and the state of
-# the coolant then decide. Assumed.
+# The same for a battery parked much warmer than ambient, as after charging: wind, a garage and the state of
+# the coolant then dominate. Assumed.
 KNOWN_TIME_CONSTANT_DEVIATION = 0.3
-# After so many time constants nothing is left of what the battery was parked with.
+# After this many time constants the temperature at parking no longer matters.
 MOST_TIME_CONSTANTS = 100.0
 
 
 class Soak(NamedTuple):
     """
-    What is expected of a battery that stood: its temperature [deg C].
+    Expected battery temperature after a soak [deg C].
 
     `left_deviation_k` is the standard deviation [K] of the remaining difference to ambient;
     `ambient_deviation_k` [K] is that of the ambient temperature.
@@ -63,9 +62,9 @@ class Soak(NamedTuple):
 def after_soak(vehicle: Vehicle, ambient_c: float, standing_s: float,
                    parked_c: float | None = None) -> Soak:
     """
-    Return the Standing of a vehicle's battery after `standing_s` [s] at an ambient temperature [deg C].
+    Return the Soak of a vehicle's battery after `standing_s` [s] at an ambient temperature [deg C].
 
-    `parked_c` is the battery's temperature [deg C] at the beginning of that; None: unknown.
+    `parked_c` is the battery temperature [deg C] at parking; None: unknown.
     """
     warmer_k, deviation_k, time_constant_deviation = (
         (PARKED_WARMER_K, PARKED_DEVIATION_K, TIME_CONSTANT_DEVIATION) if parked_c is None
@@ -75,12 +74,12 @@ def after_soak(vehicle: Vehicle, ambient_c: float, standing_s: float,
     return Soak(
         ambient_c + warmer_k * left,
         left * math.hypot(deviation_k, warmer_k * time_constants * time_constant_deviation),
-        # A battery that was seen a moment ago has not come to ambient temperature.
+        # A battery seen a moment ago has not reached ambient temperature.
         AMBIENT_DEVIATION_K * (1.0 if parked_c is None else 1.0 - left))
 
 
 def temperature_after(vehicle: Vehicle, parked_c: float, ambient_c: float, standing_s: float) -> float:
-    """Return the temperature [deg C] of a battery `standing_s` [s] after it was parked at `parked_c` [deg C]."""
+    """Return the temperature [deg C] of a battery `standing_s` [s] after parking at `parked_c` [deg C]."""
     return ambient_c + (parked_c - ambient_c) * math.exp(-_time_constants(vehicle, standing_s))
 
 
@@ -92,12 +91,12 @@ def _time_constants(vehicle: Vehicle, standing_s: float) -> float:
 
 def expected_offset_k(standing: Soak, reading_c: float, reading_variance: float) -> float:
     """
-    Return the offset [K] that a sensor is expected to have (positive: it reads too warm).
+    Return the expected offset of a sensor [K] (positive: it reads too warm).
 
-    `reading_c` [deg C] is what it shows of a battery in Standing, `reading_variance` [K^2] that of
-    its noise. A difference is shared between the sensor and what is expected of the battery, by
+    `reading_c` [deg C] is its reading after a Soak, `reading_variance` [K^2] the variance of its noise.
+    A difference is shared between the sensor and the expected battery temperature, by
     their variances. The larger it is, the more likely the car stood elsewhere; then the sensor is
-    believed.
+    trusted.
     """
     difference_k = reading_c - standing.temperature_c
     variance = OFFSET_DEVIATION_K**2 + standing.deviation_k**2 + reading_variance

@@ -1,18 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-The state that is estimated, and how it moves.
+The estimated state and its motion.
 
 Battery temperature [deg C], state of charge (0 ... 1), and the logarithms of five factors: on the
-vehicle file's heat capacity, leakage, resistance and HVCH efficiency, and on the propulsion power
-that the route foresees. The equations are those of `vehicle.uncertain_car`.
+vehicle file's heat capacity, leakage, resistance and HVCH efficiency, and on the route's propulsion
+power. The equations are those of `vehicle.uncertain_car`.
 
-Few vehicle files tell of the heat's path (`vehicle.heat_path`), and a temperature in whole degrees
-hardly tells a heater that lags from coolant that has to get warm. So one lag stands for both: the
-heater's heat that has not arrived, as the kelvin that it will bring, arrives with a time constant.
-The sensor follows the battery with another. Both are estimated as logarithms, over a nominal lag.
+Few vehicle files describe the heat path (`vehicle.heat_path`), and a temperature in whole degrees
+hardly distinguishes a lagging heater from coolant that has to warm up. One lag therefore stands for both:
+heat that the heater has produced but that has not arrived, in kelvin of battery warming, arrives with a time
+constant. The sensor follows the battery with another. Both are estimated as logarithms over a nominal lag.
 
-The sensor sits in a place of its own: next to cells that Joule heat warms first, or to the plate that the
-heater warms. Its reading is the sensor's temperature and a local rise, which follows both heats with a time
+The sensor sits in one spot: next to cells that Joule heat warms first, or next to the plate that the
+heater warms. Its reading is the sensor's temperature plus a local rise, which follows both heats with a time
 constant of 100 s; the steady rises [K/kW] are estimated.
 """
 
@@ -35,16 +35,16 @@ if TYPE_CHECKING:
  JOULE_RISE, HEATER_RISE, UNDER_WAY, SENSOR, LOCAL) = range(14)
 SIZE = 14
 FACTORS = slice(HEAT_CAPACITY, PROPULSION + 1)
-# Lags [s] of which the logarithms are 0.
+# Nominal lags [s], whose logarithms are 0.
 NOMINAL_HEAT_LAG_S = 40.0
 NOMINAL_SENSOR_LAG_S = 20.0
 # Time constant of local heat at the sensor [s]: about 100 s on the nine measured drives of an i3, where 60, 100
 # and 150 s predict equally well.
 LOCAL_LAG_S = 100.0
-# What moves with time; all else wanders.
+# The elements that move with time; all others are random walks.
 MOVING = (TEMPERATURE, SOC, UNDER_WAY, SENSOR, LOCAL)
 FACTOR_NAMES = ('heat_capacity', 'leakage', 'resistance', 'heater_efficiency', 'propulsion_power')
-# By how much each element is moved to see what depends on it.
+# Perturbation of each element for finite-difference slopes.
 PERTURBATION = np.array(
     [0.01, 1e-4, 1e-3, 1e-3, 1e-3, 1e-3, 1e-3, 1e-3, 1e-3, 0.01, 0.01, 0.01, 0.01, 0.01])
 
@@ -77,14 +77,14 @@ def moved(vehicle: Vehicle, state: FloatArray, drive: DriveInputs,
 
 def moved_with_slopes(vehicle: Vehicle, state: FloatArray, drive: DriveInputs,
                       duration_s: float) -> tuple[FloatArray, FloatArray]:
-    """Return what `moved` does of states (..., SIZE), and its slopes (..., 5, SIZE)."""
+    """Return the result of `moved` for states (..., SIZE), and its slopes (..., 5, SIZE)."""
     after = moved(vehicle, _along_each_element(state), drive, duration_s)
     return after[..., 0, :], np.swapaxes(
         (after[..., 1:, :] - after[..., :1, :]) / PERTURBATION[:, np.newaxis], -1, -2)
 
 
 def _along_each_element(state: FloatArray) -> FloatArray:
-    """Return states (..., SIZE), and each moved along each of its elements: (..., SIZE + 1, SIZE)."""
+    """Return states (..., SIZE) and their perturbations along each element: (..., SIZE + 1, SIZE)."""
     along = np.repeat(state[..., np.newaxis, :], SIZE + 1, axis=-2)
     index = np.arange(SIZE)
     along[..., index + 1, index] += PERTURBATION
@@ -97,7 +97,7 @@ def rates_and_slopes(vehicle: Vehicle, state: FloatArray,
     Return the rates of states (..., SIZE), shape (..., 2), and their slopes (..., 2, SIZE).
 
     The rates are those of temperature and state of charge. DriveInputs of arrays must have the shape
-    (..., 1): each state is moved along each of its elements, and those stand beside each other.
+    (..., 1), which broadcasts over the perturbations of each state.
     """
     rates = np.stack(state_rates(vehicle, _along_each_element(state), drive)[:2], axis=-2)
     slopes = (rates[..., 1:] - rates[..., :1]) / PERTURBATION

@@ -1,12 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-The state file: knowledge of cars, their last states, and the driver's choices.
+The state file: learned values of cars, their last states, and the driver's choices.
 
-Cars are kept under the SHA-256 of their vehicle files. Only a new file is written, or a file that this
-module recognises as its own by its keys: the present format, format 2, which had no driver, or format
-1, which held a single car. Everything else is refused.
-A file of its own that is damaged is kept aside, under a name that is free, before a new one takes
-its place. What was learned with another vehicle file stays in the file.
+Cars are stored under the SHA-256 of their vehicle files. Only a new file is written, or a file that this
+module recognises by its keys: the present format, format 2, which had no driver, or format
+1, which held a single car. Every other file is refused.
+A damaged state file is moved to a free name before a new one is written. Entries of other vehicle files stay.
 """
 
 from __future__ import annotations
@@ -32,20 +31,20 @@ if TYPE_CHECKING:
 
 FORMAT_KEY, FORMAT, FORMATS_WITH_CARS = 'bev_preheat_state_file', 3, (2, 3)
 DRIVER, LAST_SEEN, LEARNED = 'driver', 'last_seen', KEYS[0]
-# How the files of all formats begin; this recognises damaged ones, too.
+# The start of files of all formats; also identifies damaged ones.
 OWN_HEAD = re.compile(
     rb'\s*\{\s*("bev_preheat_state_file"\s*:|"format"\s*:\s*1\s*,\s*"vehicle_file_sha256"\s*:)')
 LARGEST_FILE_BYTES = 100_000
 LONGEST_SENTENCE = 300
-# A file of so many cars is 30 kB; the one that was written longest ago gives way to another.
+# A file with this many cars is 30 kB; the car that was written longest ago is dropped.
 MOST_CARS = 50
 
 
 class Recalled(NamedTuple):
     """
-    The Learned of one car, and its LastSeen (None: nothing), and the DriverChoices.
+    The Learned of one car, its LastSeen (None: none), and the DriverChoices.
 
-    `damage` names the damage in the file ('': none).
+    `damage` describes the damage to the file ('': none).
     """
 
     learned: Learned | None = None
@@ -63,15 +62,15 @@ class _Found(NamedTuple):
 
 
 def check_state_file(path: AnyPath) -> None:
-    """Raise InvalidInput where a path is neither free nor a state file's; nothing is changed."""
+    """Raise InvalidInput if a path is neither free nor a state file; changes nothing."""
     _find(path)
 
 
 def load_state(path: AnyPath, fingerprint: str) -> Recalled:
     """
-    Return what is Recalled of the car with this fingerprint.
+    Return the Recalled of the car with this fingerprint.
 
-    Raises InvalidInput, naming file and problem, where the file is none of ours.
+    Raises InvalidInput, naming file and problem, if the file is not a state file.
     """
     found = _find(path)
     entry = found.cars.get(fingerprint, {})
@@ -83,10 +82,10 @@ def load_state(path: AnyPath, fingerprint: str) -> Recalled:
 def save_state(path: AnyPath, fingerprint: str, learned: Learned | None,
                last_seen: LastSeen | None = None, choices: DriverChoices | None = None) -> str | None:
     """
-    Write the Learned of a car, its LastSeen and the DriverChoices, beside the file's other cars.
+    Write the Learned of a car, its LastSeen and the DriverChoices, next to the file's other cars.
 
-    A value of None stays as the file has it. Returns the path to which a damaged file was moved, None
-    for a sound one. Raises InvalidInput if the file is foreign, or cannot be written.
+    None leaves the file's value. Returns the path to which a damaged file was moved, None if the file was
+    sound. Raises InvalidInput if the file is not a state file, or cannot be written.
     """
     found = _find(path)
     others = [item for item in found.cars.items() if item[0] != fingerprint]
@@ -130,7 +129,7 @@ def _find(path: AnyPath) -> _Found:
     if isinstance(contents, dict) and FORMAT_KEY in contents:
         number = contents[FORMAT_KEY]
         if isinstance(number, int) and number > FORMAT:
-            raise InvalidInput(f'{path}: is of format {number}, of a later version; this one knows '
+            raise InvalidInput(f'{path}: has format {number} of a later version; this version reads '
                                f'1 to {FORMAT}; name another file')
         return _sound(*((contents.get('cars'), contents.get(DRIVER))
                         if number in FORMATS_WITH_CARS else (None, None)))
@@ -142,7 +141,7 @@ def _find(path: AnyPath) -> _Found:
 
 
 def _sound(cars: FileData, driver: FileData = None) -> _Found:
-    """Return as _Found the entries that hold; the others are damage."""
+    """Return the valid entries as _Found; the others count as damage."""
     if not isinstance(cars, dict):
         return _Found({}, damage='its format or its list of cars is damaged')
     sound, choices, problems = {}, NO_CHOICES, []
@@ -155,30 +154,30 @@ def _sound(cars: FileData, driver: FileData = None) -> _Found:
         choices = NO_CHOICES if driver is None else choices_from(driver)
     except InvalidInput as error:
         problems.append(str(error))
-    # It goes into a line of the log, however long the text that was found is.
+    # It goes into one log line, however long the text found is.
     return _Found(sound, choices, '; '.join(problems)[:LONGEST_SENTENCE])
 
 
 def _sound_entry(entry: FileData) -> FileData:
-    """Return the known keys of a car's entry; raise InvalidInput if a value is damaged."""
+    """Return the known keys of a car's entry; raise InvalidInput if a value is invalid."""
     is_seen = isinstance(entry, dict) and LAST_SEEN in entry
     if is_seen:
         last_seen_from(entry[LAST_SEEN])
-    # A car that was only seen has nothing learned.
+    # A car that was seen but not driven has no learned values.
     if not is_seen or LEARNED in entry:
         from_entry(entry)
     return {key: entry[key] for key in (*KEYS, LAST_SEEN) if key in entry}
 
 
 def _read(path: AnyPath) -> bytes | None:
-    """Return the first bytes of a file, None where there is none."""
+    """Return the first bytes of a file, None if it does not exist."""
     if existing_file(path) is None:
         if os.path.islink(expanded(path)):
             raise InvalidInput(f'{path}: is a link to {target_of(path)}, which does not exist; '
                                'name that file itself')
         return None
     try:
-        # If a pipe has come in its place meanwhile, opening it must not wait for a writer.
+        # If a pipe has replaced it meanwhile, opening it must not wait for a writer.
         with open(os.open(expanded(path), os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC),
                   'rb') as file:
             return file.read(LARGEST_FILE_BYTES + 1)
@@ -187,17 +186,17 @@ def _read(path: AnyPath) -> bytes | None:
 
 
 def _not_ours(path: AnyPath, finding: str = 'it is not a state file of this planner') -> str:
-    return f'{path}: is not written over: {finding}; name a file that does not exist yet'
+    return f'{path}: not overwritten: {finding}; name a file that does not exist yet'
 
 
 def _move_aside(path: AnyPath, target: str) -> str:
-    """Move a damaged file to a name that is free, and return that."""
+    """Move a damaged file to a free name, and return that name."""
     numbers = count(1)
     while True:
         number = next(numbers)
         aside = f'{target}.damaged' if number == 1 else f'{target}.damaged.{number}'
         try:
-            # Takes the name, which a plain rename would take from another file.
+            # Reserves the name, because a plain rename would overwrite another file.
             os.close(os.open(aside, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o600))
         except FileExistsError:
             continue

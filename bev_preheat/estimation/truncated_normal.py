@@ -1,26 +1,25 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-The normal distribution, known to lie in an interval: what a signal in whole steps tells.
+The normal distribution truncated to an interval: the information in a quantised signal.
 
-A reading of 3 from a sensor that rounds to whole degrees says that the (noisy) temperature lay
-between 2.5 and 3.5. What a normally distributed belief becomes by that has mean and variance in
-closed form.
+A reading of 3 from a sensor that rounds to whole degrees means that the (noisy) temperature is
+between 2.5 and 3.5. The truncated normal distribution has mean and variance in closed form.
 """
 
 from math import erf, erfc, exp, expm1, log, pi, sqrt
 
 ROOT_2 = sqrt(2.0)
 LOG_ROOT_2_PI = 0.5 * log(2.0 * pi)
-# Beyond so many standard deviations the closed forms lose their digits.
+# Beyond this many standard deviations the closed forms lose precision.
 TAIL = 8.0
 
 
 def truncated_moments(mean: float, variance: float, low: float,
                       high: float) -> tuple[float, float, float]:
     """
-    Return (mean, variance, log of the probability) of a normal variable that is in [low, high].
+    Return (mean, variance, log of the probability) of a normal variable restricted to [low, high].
 
-    Where the interval is a point (low == high) the probability is the density there.
+    If the interval is a point (low == high), the probability is the density there.
     """
     deviation = sqrt(variance)
     a, b = (low - mean) / deviation, (high - mean) / deviation
@@ -49,13 +48,13 @@ def _tail(distance: float, width: float) -> tuple[float, float, float]:
     """
     Return (mean beyond `distance`, variance, log of the probability) in the standard normal's tail.
 
-    There it falls off like an exponential of rate `distance` over the interval's `width`.
+    There the density decays exponentially, at rate `distance`, over the interval's `width`.
     """
     x = distance * width
     log_density = -0.5 * distance * distance - LOG_ROOT_2_PI
     if x < 1e-4:
         return 0.5 * width, width * width / 12.0, log_density + log(width)
-    # Beyond that the far end does not matter, and exp would overflow.
+    # Beyond this the far end is irrelevant, and exp would overflow.
     x = min(x, 700.0)
     grown = expm1(x)
     return (1.0 / distance - width / grown,

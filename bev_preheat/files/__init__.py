@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Files: what is checked in reading and writing them, whatever their kind."""
+"""Checks common to reading and writing files of any kind."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Reads a YAML file against a JSON Schema and says in plain words what is wrong with it."""
+"""Reads a YAML file, checks it against a JSON Schema and explains its errors in plain words."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ import yaml
 from bev_preheat.errors import InvalidInput
 from bev_preheat.files.schema_check import surely_obeys
 
-# A value out of a YAML or JSON file; a schema says its type.
+# A value from a YAML or JSON file; its schema gives the type.
 FileData = Any
-# No quantity of a file is larger, and each calculation can take it as a float.
+# Upper limit of all numbers in files, so that every calculation can take them as floats.
 LARGEST_INTEGER = 10**300
 
 
 def load_checked_yaml(path: str | Path, schema_path: Path) -> dict[str, FileData]:
     """
-    Return the contents of a YAML file that obeys a schema (JSON Schema draft 7, itself YAML).
+    Return the contents of a YAML file that satisfies a schema (JSON Schema draft 7, itself YAML).
 
-    Raises InvalidInput with one problem for each key that is wrong, each naming file, key, value
-    and what is allowed.
+    Raises InvalidInput with one problem per wrong key, naming file, key, value
+    and allowed range.
     """
     path = Path(path)
     try:
@@ -38,13 +38,13 @@ def load_checked_yaml(path: str | Path, schema_path: Path) -> dict[str, FileData
         contents = _load(text)
         problems = list(_unfit_numbers(contents, ''))
     except RecursionError as error:
-        # Thousands of brackets, or an alias within the very value that it stands for.
+        # Thousands of brackets, or an alias within its own value.
         raise InvalidInput(f'{path}: cannot be read: its values are nested too deeply') from error
     except (yaml.YAMLError, ValueError) as error:
-        # ValueError: what looks like a date or a number but is none, such as 2024-13-45.
+        # ValueError: invalid values in the form of a date or number, such as 2024-13-45.
         raise InvalidInput(f'{path}: is not YAML: {" ".join(str(error).split())}') from error
     except (ArithmeticError, AttributeError, LookupError, TypeError) as error:
-        # PyYAML says no more of `!!int ""`, `!!bool maybe` and `!!timestamp soon`.
+        # PyYAML gives no details for `!!int ""`, `!!bool maybe` and `!!timestamp soon`.
         raise InvalidInput(f'{path}: is not YAML: a value does not fit its tag (!!…)') from error
     if not isinstance(contents, dict):
         raise InvalidInput(f'{path}: must be a mapping of keys to values')
@@ -59,7 +59,7 @@ def load_checked_yaml(path: str | Path, schema_path: Path) -> dict[str, FileData
 
 
 class _UniqueKeys:
-    """Makes a loader refuse a duplicate key in a mapping; YAML's own take the last silently."""
+    """Makes a loader refuse duplicate keys in a mapping; YAML's own silently takes the last one."""
 
     def construct_mapping(self, node: yaml.MappingNode,
                           deep: bool = False) -> dict[Hashable, FileData]:
@@ -76,7 +76,7 @@ class _UniqueKeys:
         return contents
 
 
-# LibYAML parses six times as fast; not every build of PyYAML has it.
+# LibYAML parses six times faster; not every build of PyYAML has it.
 try:
     from yaml import CSafeLoader as _FastLoader
 except ImportError:
@@ -91,13 +91,13 @@ class _FastLoaderOfUniqueKeys(_UniqueKeys, _FastLoader):
     pass
 
 
-# LibYAML ends the process where values are nested some twenty thousand deep. Each level takes one of these.
+# LibYAML crashes if values are nested about twenty thousand deep. Each level starts with such a character.
 _NESTING, _HARMLESS_NESTING = '[{-?:', 5000
 
 
 def _load(text: str) -> FileData:
     if sum(map(text.count, _NESTING)) < _HARMLESS_NESTING:
-        # What is wrong with a file is told in the words of one loader.
+        # Errors are reported in the words of one loader.
         with suppress(yaml.YAMLError):
             return yaml.load(text, Loader=_FastLoaderOfUniqueKeys)
     return yaml.load(text, Loader=_Loader)
@@ -105,7 +105,7 @@ def _load(text: str) -> FileData:
 
 @cache
 def load_schema(path: Path) -> FileData:
-    """Return a schema (YAML); a `$ref` to another file, seen from its folder, is replaced by it."""
+    """Return a schema (YAML), with each `$ref` to another file, relative to its folder, replaced by that file."""
     def whole(node: FileData) -> FileData:
         if isinstance(node, dict):
             if str(node.get('$ref', '#')).endswith('.yaml'):
@@ -117,12 +117,12 @@ def load_schema(path: Path) -> FileData:
 
 
 def _unfit_numbers(value: FileData, key: str) -> Iterator[str]:
-    """Yield a sentence for each number that no calculation can take, keys included."""
-    # A schema cannot refuse NaN: every comparison with it is false.
+    """Yield a sentence for each number outside the range of calculations, including keys."""
+    # A schema cannot refuse NaN, because every comparison with NaN is false.
     if isinstance(value, float) and not math.isfinite(value):
         yield f'{key}: {value} is not a finite number'
     elif isinstance(value, int) and abs(value) > LARGEST_INTEGER:
-        # Python writes no integer of more than some thousand digits.
+        # Python does not print integers of more than a few thousand digits.
         yield f'{key}: an integer of {value.bit_length()} bits is too large'
     elif isinstance(value, dict):
         for name, item in value.items():

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Finds the vehicles and routes that come with the package, by name or by file."""
+"""Finds the files in the package's config folder, by name or by path."""
 
 import os
 from pathlib import Path
@@ -7,12 +7,12 @@ from pathlib import Path
 from bev_preheat.errors import InvalidInput, LONGEST_QUOTE, quoted
 from bev_preheat.files.installed import share_folder
 
-# Where the sources are read in place, their own files are the ones that belong to them.
+# In a source tree, its own config folder is used.
 _SOURCES = Path(__file__).resolve().parents[2]
 
 
 def configuration_folder(kind: str) -> Path:
-    """Folder of the files of a kind (`vehicles`, `itineraries`) that come with the package."""
+    """Return the folder of the package's files of a kind (`vehicles`, `itineraries`)."""
     if (_SOURCES / 'config').is_dir():
         return _SOURCES / 'config' / kind
     # Installed by pip they lie in the package, by colcon in the share folder.
@@ -24,27 +24,27 @@ def find_configuration(kind: str, name_or_file: str | Path, suffix: str) -> Path
     """
     Return the path of a file named on a command line or by a parameter.
 
-    A text with a slash or with the suffix is a file; anything else is the name of one that comes
-    with the package. Raises InvalidInput with the names there are.
+    A text with a slash or with the suffix is a file; anything else is a name in the package's config
+    folder. Raises InvalidInput with the known names.
     """
     text = str(name_or_file)
     if '/' in text or text.endswith(suffix):
         file = os.path.expanduser(text)
-        # pathlib's own question raises where a name is too long or a folder may not be entered.
+        # pathlib's is_file() raises if a name is too long or a folder is not accessible.
         if not os.path.isfile(file):
             raise InvalidInput(f'{text}: ' + (
                 'is a folder; a file is needed' if os.path.isdir(file) else
-                'is no regular file' if os.path.exists(file) else 'no such file'))
+                'is not a regular file' if os.path.exists(file) else 'no such file'))
         return Path(file)
     folder = configuration_folder(kind)
     names = sorted(item.stem for item in folder.glob(f'*{suffix}'))
     if text in names:
         return folder / f'{text}{suffix}'
-    # Only where a name is wrong: every start would pay for it.
+    # Imported only for a wrong name, because it slows down the start.
     from difflib import get_close_matches
     near = get_close_matches(text[:LONGEST_QUOTE], names, n=1)
     hint = f'; did you mean {near[0]!r}?' if near else ''
     singular = f'{kind[:-3]}y' if kind.endswith('ies') else kind.rpartition('/')[2][:-1]
     raise InvalidInput(
-        f'{singular} {quoted(text)} is unknown{hint}; there are: {", ".join(names)}; '
+        f'{singular} {quoted(text)} is unknown{hint}; known: {", ".join(names)}; '
         f'or give a file ending in {suffix}')

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where packages are installed: the look-up of ament_index_python, for machines without ROS, too."""
+"""Finds installed packages like ament_index_python, but also on machines without ROS."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def installed_prefix(package: str) -> Path | None:
     """
     Return the prefix that a package is installed in, None if it is not installed.
 
-    The first prefix in AMENT_PREFIX_PATH that has the package counts, else the prefix of this file.
+    The first prefix in AMENT_PREFIX_PATH with the package is used, else the prefix of this file.
     """
     prefixes = [Path(prefix) for prefix in os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep) if prefix]
     return next((prefix for prefix in (*prefixes, *_HERE.parents) if (prefix / _INDEX / package).is_file()), None)

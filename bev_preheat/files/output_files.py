@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Every file that the package writes is written here: whole or not at all, and only a regular file.
+Writes all of the package's output files: whole or not at all, and only regular files.
 
 A run checks its outputs before it computes anything (`check_outputs`). `write_whole` checks again,
-because much may have happened meanwhile, writes a temporary file in the same folder and lets that
-take the old file's place: a reader, or a crash, finds the old contents or the new, never a part.
+because the file system may have changed meanwhile, writes a temporary file in the same folder and renames it
+to the target: a reader, or a crash, finds the old contents or the new, never a part.
 A device, pipe, socket or folder is never opened for writing and never replaced.
 """
 
@@ -23,16 +23,16 @@ AnyPath = str | os.PathLike[str]
 PICTURE_SUFFIXES = ('.png', '.svg', '.pdf')
 KINDS = ((stat.S_ISREG, ''), (stat.S_ISDIR, 'a folder'), (stat.S_ISFIFO, 'a named pipe'),
          (stat.S_ISSOCK, 'a socket'), (stat.S_ISCHR, 'a device'), (stat.S_ISBLK, 'a device'))
-# What stands for it where an option allows that.
+# Standard output as a file name, for options that allow it.
 STANDARD_OUTPUT = '-'
 STANDARD_STREAMS = {1: 'standard output', 2: 'standard error'}
 
 
 class OutputFile(NamedTuple):
     """
-    A file that a run is to write: the option that names it, and its path (None: not wanted).
+    An output file of a run: the option that names it, and its path (None: not requested).
 
-    `suffixes` are those allowed (empty: any). With `make_folder` its folder need not exist yet.
+    `suffixes` are those allowed (empty: any). With `make_folder` its folder is created if needed.
     """
 
     option: str
@@ -47,26 +47,26 @@ def expanded(path: AnyPath) -> str:
 
 
 def target_of(path: AnyPath) -> str:
-    """Return the absolute path that a write reaches: `~` expanded, all links followed."""
+    """Return the absolute path that a write to `path` reaches: `~` expanded, all links followed."""
     return os.path.realpath(expanded(path))
 
 
 def existing_file(path: AnyPath) -> os.stat_result | None:
     """
-    Return the os.stat_result of the regular file at a path, None where nothing is there.
+    Return the os.stat_result of the regular file at a path, or None.
 
-    Raises InvalidInput where something else is there, or where the path cannot be a file's.
+    Raises InvalidInput if the path is not a regular file, or is invalid.
     """
     text = expanded(path)
     try:
         status = os.stat(text)
     except FileNotFoundError:
         if os.path.basename(text) in ('', '.', '..'):
-            raise InvalidInput(f'{_shown(path)}: names a folder; a file is needed') from None
+            raise InvalidInput(f'{_shown(path)}: is a folder; a file is needed') from None
         return None
     except (OSError, ValueError) as error:
         raise InvalidInput(f'{_shown(path)}: cannot be a file: {_reason(error)}') from error
-    kind = next((name for is_kind, name in KINDS if is_kind(status.st_mode)), 'no regular file')
+    kind = next((name for is_kind, name in KINDS if is_kind(status.st_mode)), 'not a regular file')
     if kind:
         raise InvalidInput(f'{_shown(path)}: is {kind}; only a regular file can be written')
     return status
@@ -74,9 +74,9 @@ def existing_file(path: AnyPath) -> os.stat_result | None:
 
 def check_writable(path: AnyPath, make_folder: bool = False) -> None:
     """
-    Raise InvalidInput where a file cannot be written at a path; nothing is changed or opened.
+    Raise InvalidInput if no file can be written at a path; changes and opens nothing.
 
-    With `make_folder` the folder may be missing, if it can be made.
+    With `make_folder` the folder may be missing, if it can be created.
     """
     status, target = existing_file(path), target_of(path)
     if status is not None and not os.access(target, os.W_OK):
@@ -94,10 +94,10 @@ def check_writable(path: AnyPath, make_folder: bool = False) -> None:
 
 def check_outputs(outputs: Iterable[OutputFile], inputs: Sequence[AnyPath] = ()) -> None:
     """
-    Check Outputs before anything is computed; `inputs` are the paths of all files that are read.
+    Check OutputFiles before anything is computed; `inputs` are the paths of all files that are read.
 
-    Raises InvalidInput, one problem an output: where it cannot be written, lacks a suffix that is
-    allowed, is an input, or is the same file as another output or as a standard stream.
+    Raises InvalidInput, one problem per output, if it cannot be written, has no allowed suffix,
+    is an input, or is the same file as another output or as a standard stream.
     """
     problems: list[str] = []
     earlier: list[tuple[str, AnyPath]] = []
@@ -116,12 +116,12 @@ def check_outputs(outputs: Iterable[OutputFile], inputs: Sequence[AnyPath] = ())
         for path in inputs:
             if _is_one_file(output.path, path):
                 problems.append(f'{output.option}: {_shown(output.path)}: is the same file as the '
-                                f'input {path}, which must not be written over')
+                                f'input {path}, which must not be overwritten')
                 break
         for option, path in earlier:
             if _is_one_file(output.path, path):
                 problems.append(f'{output.option}: {_shown(output.path)}: is the same file as '
-                                f'{option}; each output needs a file of its own')
+                                f'{option}; each output needs its own file')
                 break
         earlier.append((output.option, output.path))
     if problems:
@@ -130,14 +130,14 @@ def check_outputs(outputs: Iterable[OutputFile], inputs: Sequence[AnyPath] = ())
 
 def write_whole(path: AnyPath, contents: str | bytes, make_folder: bool = False) -> None:
     """
-    Write bytes, or text as UTF-8, to a file: all of it or, if anything fails, nothing.
+    Write bytes, or text as UTF-8, to a file: everything or, if anything fails, nothing.
 
     A link is followed, not replaced. An existing file keeps its mode and, if permitted, its owner;
-    a new one follows the umask. With `make_folder` missing folders are made. Raises InvalidInput,
-    naming the file and the reason, where it cannot be written.
+    a new one follows the umask. With `make_folder` missing folders are created. Raises InvalidInput,
+    naming the file and the reason, if it cannot be written.
     """
     if isinstance(contents, str):
-        # A file name on a command line, told in a comment, need not be text.
+        # A file name from a command line, quoted in a comment, may not be valid text.
         contents = contents.encode('utf-8', 'backslashreplace')
     check_writable(path, make_folder)
     target = target_of(path)
@@ -152,7 +152,7 @@ def write_whole(path: AnyPath, contents: str | bytes, make_folder: bool = False)
 def _replace(path: AnyPath, target: str, contents: bytes) -> None:
     before = existing_file(path)
     mode = 0o666 if before is None else stat.S_IMODE(before.st_mode)
-    # Its own name, because the target's may be as long as a name can be.
+    # A short name of its own, because the target's may already have the maximum length.
     temporary = os.path.join(os.path.dirname(target), f'.bev_preheat-{os.urandom(8).hex()}.tmp')
     handle = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, mode & 0o777)
     try:
@@ -165,7 +165,7 @@ def _replace(path: AnyPath, target: str, contents: bytes) -> None:
             file.write(contents)
             file.flush()
             os.fsync(handle)
-        # What is there now may no longer be what was there before.
+        # Check again, because the target may have changed.
         existing_file(path)
         os.replace(temporary, target)
     except BaseException:
@@ -185,11 +185,11 @@ def _check_no_standard_stream(path: AnyPath) -> None:
     for descriptor, name in STANDARD_STREAMS.items():
         with suppress(OSError):
             if status is not None and os.path.samestat(status, os.fstat(descriptor)):
-                raise InvalidInput(f'{_shown(path)}: is the file that {name} goes to')
+                raise InvalidInput(f'{_shown(path)}: {name} is redirected to this file')
 
 
 def _is_one_file(first: AnyPath, second: AnyPath) -> bool:
-    """Return whether two paths lead to one file, which need not exist."""
+    """Return whether two paths lead to the same file, which may not exist yet."""
     if target_of(first) == target_of(second):
         return True
     try:
@@ -203,5 +203,5 @@ def _shown(path: AnyPath) -> str:
 
 
 def _reason(error: Exception) -> str:
-    # A ValueError is of a path with a NUL character, in words that differ with Python's version.
+    # ValueError: a path with a NUL character; its message depends on the Python version.
     return getattr(error, 'strerror', None) or 'a path must not have a NUL character'

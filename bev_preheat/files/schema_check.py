@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Whether a value surely obeys a JSON Schema (draft 7), found without jsonschema.
+Quick check of a value against a JSON Schema (draft 7), without jsonschema.
 
-A process that reads a valid file then need not load that package, which costs more than the file. What
-is not sure is left to it: see `schema_problems`.
+A process that reads a valid file then need not import that package, which takes longer than reading the file.
+Doubtful cases are left to jsonschema: see `schema_problems`.
 """
 
 from __future__ import annotations
@@ -12,27 +12,27 @@ from collections.abc import Callable, Sized
 import re
 from typing import Any
 
-# A schema, or a part of it; a value that is to obey it; what a keyword of the schema is set to.
+# A schema or a part of one; a value to check; the setting of a keyword of the schema.
 Data = Any
-# `rule(allowed, value, schema, root)`: whether a value surely obeys a keyword of a schema.
+# `rule(allowed, value, schema, root)`: whether a value certainly satisfies a keyword of a schema.
 Rule = Callable[[Data, Data, Data, Data], bool]
 
-# What says nothing of a value.
+# Keywords that do not restrict a value.
 NOTES = frozenset(('$schema', 'definitions', 'description', 'title'))
 DEFINITIONS = '#/definitions/'
 
 
 def surely_obeys(schema: Data, value: Data, root: Data = None) -> bool:
     """
-    Return whether a value surely obeys a schema; False where it does not, or may not.
+    Return whether a value certainly satisfies a schema; False if it does not, or may not.
 
-    `root` is the schema in which definitions are looked up, None: `schema` itself.
+    `root` is the schema that holds the definitions, None: `schema` itself.
     """
     root = schema if root is None else root
     if not isinstance(schema, dict):
         return False
     if '$ref' in schema:
-        # Draft 7 ignores what stands beside it.
+        # Draft 7 ignores all keywords next to `$ref`.
         name = schema['$ref'].removeprefix(DEFINITIONS)
         definition = root.get('definitions', {}).get(name)
         return schema['$ref'] == DEFINITIONS + name and surely_obeys(definition, value, root)

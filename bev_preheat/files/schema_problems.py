@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Says in plain words why a value does not obey a JSON Schema.
+Explains in plain words why a value violates a JSON Schema.
 
-Imported only where a value may not obey: jsonschema takes longer to load than most files to read.
+Imported only for a value that may be invalid, because jsonschema takes longer to import than most files to read.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import Any, cast
 from jsonschema import Draft7Validator, ValidationError
 from jsonschema.validators import extend
 
-# A value out of a file, or a schema for it.
+# A value from a file, or a schema for it.
 Data = Any
 
 
@@ -25,14 +25,14 @@ _Validator = extend(Draft7Validator, type_checker=_TYPES)  # type: ignore[no-unt
 
 
 def schema_problems(schema: Data, contents: Data) -> list[str]:
-    """Return one sentence for each key of `contents` that does not obey the schema (draft 7)."""
+    """Return one sentence for each key of `contents` that violates the schema (draft 7)."""
     errors = sorted(_Validator(schema).iter_errors(contents),
                     key=lambda error: [str(part) for part in error.absolute_path])
     return [sentence for error in errors for sentence in _in_words(error)]
 
 
 def _key(parts: Iterable[str | int]) -> str:
-    """Where in the file: battery.power_limits.charge.values[2][0]."""
+    """Return the place in the file: battery.power_limits.charge.values[2][0]."""
     text = ''
     for part in parts:
         text += f'[{part}]' if isinstance(part, int) else f'.{part}' if text else str(part)
@@ -54,7 +54,7 @@ def _in_words(error: ValidationError) -> Iterator[str]:
                 yield f'{key}: unknown key {name!r}; {hint}known keys: {", ".join(known)}'
     elif rule == 'required':
         missing = [name for name in allowed if name not in value]
-        # jsonschema reports each missing key by itself; the first report speaks for all.
+        # jsonschema reports each missing key separately; the first report covers all.
         if missing and repr(missing[0]) in error.message:
             yield f'{key}: missing {", ".join(missing)}'
     elif rule in ('minimum', 'exclusiveMinimum', 'maximum', 'exclusiveMaximum'):
@@ -67,7 +67,7 @@ def _in_words(error: ValidationError) -> Iterator[str]:
         hint = f'; did you mean {near[0]!r}?' if near else ''
         yield f'{key}: {value!r} is not one of {", ".join(map(str, allowed))}{hint}'
     elif rule == 'not':
-        # A key of an earlier format; the schema says where its contents belong today.
+        # A key of an earlier format; the schema describes its replacement.
         yield f'{key}: {schema["description"]}'
     elif rule == 'pattern':
         yield f'{key}: {value!r} is not allowed; it must be {schema["description"]}'
@@ -78,7 +78,7 @@ def _in_words(error: ValidationError) -> Iterator[str]:
         yield f'{key}: has {len(value)} values; it must have {word} {allowed}'
     elif rule == 'uniqueItems':
         twice = next(item for index, item in enumerate(value) if item in value[:index])
-        yield f'{key}: holds {twice!r} twice'
+        yield f'{key}: contains {twice!r} twice'
     elif rule in ('minProperties', 'maxProperties'):
         word = 'at least' if rule == 'minProperties' else 'only'
         names = ', '.join(schema.get('properties', {}))

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A running planner, watched in a terminal."""
+"""Live view of a running planner in a terminal."""

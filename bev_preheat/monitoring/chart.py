@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A small chart for a terminal: the battery's temperature so far and as planned, and the heater."""
+"""A small chart for a terminal: measured and planned battery temperature, and the heater."""
 
 from __future__ import annotations
 
@@ -23,35 +23,35 @@ if TYPE_CHECKING:
     # Instants and values.
     Curve = tuple[list[float], list[float]]
 
-# Rows of the two panels with title and axis; with fewer or narrower nothing can be read from them.
+# Rows of the two panels with title and axis; smaller panels are illegible.
 MOST_HEIGHT, LEAST_HEIGHT, HEATER_HEIGHT = 12, 8, 7
 LEAST_WIDTH = 40
-# The same in both panels, so that one instant is in one column.
+# Equal in both panels, so that their time axes align.
 LABEL_WIDTH = 4
 COLUMNS_A_TICK = 12
-# Rows of a panel that are not the curve's: title, frame, axis.
+# Rows of a panel besides the curve: title, frame, axis.
 FRAME_HEIGHT = 4
 MOST_POINTS = 400
-# Less is no course yet, more is no drive [min].
+# Shortest and longest time shown; outside, there is no drive to draw [min].
 LEAST_SPAN_MIN, MOST_SPAN_MIN = 0.01, 1e5
 LEAST_SPAN_K = 1.0
-# Larger values are no temperature [degC] and no heater power [W].
+# Larger values are implausible as temperature [degC] and heater power [W].
 MOST_VALUE = 1e6
 KNOWN_COLOR, PLANNED_COLOR, TARGET_COLOR = 'cyan', 'orange', 'red'
 
 
 def chart(heard: Heard, width: int, height: int = MOST_HEIGHT + HEATER_HEIGHT) -> Text:
     """
-    Return the chart of a Heard as a rich Text of at most so many columns and rows.
+    Return the chart of a Heard as a rich Text of at most `width` columns and `height` rows.
 
-    It is a sentence where plotext is missing, and empty where there is nothing to draw or no room.
+    It is a sentence if plotext is missing, and empty if there are no data or there is no room.
     """
     if width < LEAST_WIDTH or height < LEAST_HEIGHT:
         return Text('')
     try:
         return _chart(heard, width, height)
     except (ArithmeticError, ValueError):
-        # Of figures that are no battery's the plotting library cannot find the scale.
+        # The plotting library cannot scale absurd figures.
         return Text('')
 
 
@@ -65,12 +65,12 @@ def _chart(heard: Heard, width: int, height: int) -> Text:
         return Text(f'No chart: {advice("plotext")}.', style='dim')
     import plotext
     now_s = (measured or planned)[-1 if measured else 0][0]
-    # Both panels show the same time.
+    # Both panels share the time axis.
     instants_s = [at_s for at_s, _ in measured + planned]
     span = (min(instants_s) - now_s) / 60.0, (max(instants_s) - now_s) / 60.0
     if not LEAST_SPAN_MIN < span[1] - span[0] < MOST_SPAN_MIN:
         return Text('')
-    # A line to a point far beyond the panel's end is drawn all the way, in memory.
+    # A line to a point far beyond the panel's end would be drawn in full, in memory.
     commanded, heating = ([(at_s, power_w / 1000.0) for at_s, power_w in points
                            if min(instants_s) <= at_s <= max(instants_s)]
                           for points in (commanded, heating))
@@ -89,13 +89,13 @@ def _chart(heard: Heard, width: int, height: int) -> Text:
 
 
 class _Panel:
-    """A picture of plotext, of which there is one at a time."""
+    """A picture of plotext, which has only one at a time."""
 
     def __init__(self, plotext: Any, width: int, height: int,
                  span_min: tuple[float, float]) -> None:
         self._plotext, self._width, self._rows = plotext, width, height - FRAME_HEIGHT
         plotext.clear_figure()
-        # Else the terminal would limit the picture too.
+        # Otherwise the terminal's size would limit the picture, too.
         plotext.limit_size(False, False)
         plotext.theme('clear')
         plotext.plotsize(width, height)
@@ -109,7 +109,7 @@ class _Panel:
         return text.rstrip('\n')
 
     def draw_temperature(self, measured: Curve, planned: Curve, target_c: float | None) -> None:
-        """Draw courses of ([min], [degC]); `target_c` [degC] may be None."""
+        """Draw curves of ([min], [degC]); `target_c` [degC] may be None."""
         values_c = [*measured[1], *planned[1], *(() if target_c is None else (target_c,))]
         low_c, high_c = min(values_c), max(values_c)
         if high_c - low_c < LEAST_SPAN_K:
@@ -121,7 +121,7 @@ class _Panel:
         self._set_title('battery (degC)', ', measured and planned, over time from now (min)')
 
     def draw_heater(self, commanded: Curve, planned: Curve) -> None:
-        """Draw courses of ([min], [kW]) above 0 kW."""
+        """Draw curves of ([min], [kW]) above 0 kW."""
         top_kw = float(max(1, math.ceil(max(commanded[1] + planned[1]))))
         self._set_scale(0.0, top_kw, (0.0, top_kw / 2.0, top_kw))
         self._draw(commanded, planned)
@@ -142,7 +142,7 @@ class _Panel:
 
 
 def round_numbers(low: float, high: float, most: int) -> list[float]:
-    """Return the multiples of 1, 2 or 5 times a power of ten in a range: `most`, or fewer."""
+    """Return at most `most` multiples of 1, 2 or 5 times a power of ten in a range."""
     for exponent in range(math.floor(math.log10(high - low)) - 1, 10):
         for step in (1.0, 2.0, 5.0):
             step *= 10.0 ** exponent
@@ -154,7 +154,7 @@ def round_numbers(low: float, high: float, most: int) -> list[float]:
 
 
 def _planned(plan: PreheatPlan | None) -> tuple[Points, Points]:
-    """Return the planned (instant [s], deg C) and (instant [s], W); empty where there is no plan."""
+    """Return the planned (instant [s], deg C) and (instant [s], W); empty without a plan."""
     if plan is None or not 1 < len(plan.time) == len(plan.battery_temperature):
         return [], []
     start_s = stamp_s(plan.header.stamp)
@@ -165,7 +165,7 @@ def _planned(plan: PreheatPlan | None) -> tuple[Points, Points]:
 
 
 def _finite(points: Iterable[tuple[float, float]]) -> Points:
-    """Return the points that are numbers, thinned out where they are many."""
+    """Return the finite points, thinned if there are many."""
     points = [(at_s, value) for at_s, value in points
               if math.isfinite(at_s) and _is_drawable(value)]
     return points[::max(1, len(points) // MOST_POINTS)]

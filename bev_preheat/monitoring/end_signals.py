@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The signals that end a view, taken note of between two steps instead of in the middle of one."""
+"""The signals that end a view, recorded and handled between two steps."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
     from types import FrameType
 
-# A closed terminal ends the view as Ctrl-C does.
+# A closed terminal ends the view like Ctrl-C.
 END_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
@@ -19,11 +19,11 @@ class EndSignals:
     """Whether SIGINT, SIGTERM or SIGHUP has come; a second one raises KeyboardInterrupt."""
 
     def __init__(self) -> None:
-        """Nothing has come."""
+        """Start without a signal."""
         self.have_come = False
 
     def __call__(self, number: int, frame: FrameType | None) -> None:
-        """Take a signal; an output that blocks is left by the second one."""
+        """Record a signal; the second one interrupts a blocked output."""
         if self.have_come:
             raise KeyboardInterrupt
         self.have_come = True
@@ -31,7 +31,7 @@ class EndSignals:
 
 @contextmanager
 def end_signals() -> Iterator[EndSignals]:
-    """Give the EndSignals that are taken while the block lasts."""
+    """Yield the EndSignals that record signals during the block."""
     taken = EndSignals()
     before = {number: signal.signal(number, taken) for number in END_SIGNALS}
     try:

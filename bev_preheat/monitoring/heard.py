@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What has been heard of a planner: the latest messages, their arrivals, and a short history."""
+"""Data received from a planner: the latest messages, their arrivals, and a short history."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     History = deque[tuple[float, float]]
 
 LATCHED = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
-# Topic: (type, QoS, age from which on it is worth a look [s of real time]; None: it comes once).
+# Topic: (type, QoS, age from which it is marked as late [s of real time]; None: it is sent once).
 TOPICS = {
     'battery_state': (BatteryState, qos_profile_sensor_data, 5.0),
     'route_plan': (RoutePlan, LATCHED, None),
@@ -42,7 +42,7 @@ HISTORY_POINTS = 4000
 
 class Heard:
     """
-    The latest message of each topic, when it came, and what has been measured and commanded so far.
+    The latest message of each topic, its arrival, and the history of measurements and commands.
 
     `latest` and `came_s` (time.monotonic) are by topic; `temperatures` holds (stamp [s], deg C),
     `powers` (stamp [s], W). `entries` are the planner's entries of /diagnostics by name.
@@ -50,7 +50,7 @@ class Heard:
 
     def __init__(self, planner: str = 'planner',
                  clock_s: Callable[[], float] = time.monotonic) -> None:
-        """Know nothing; `planner` is how the names of its diagnostics begin."""
+        """Start without messages; `planner` is the prefix of the planner's diagnostics."""
         self._planner, self._clock_s = planner.lstrip('/'), clock_s
         self.latest: dict[str, Message] = {}
         self.came_s: dict[str, float] = {}
@@ -60,11 +60,11 @@ class Heard:
 
     @property
     def silent_topics(self) -> list[str]:
-        """Topics of which nothing has come yet."""
+        """Topics without a message so far."""
         return [topic for topic in TOPICS if topic not in self.latest]
 
     def hear(self, topic: str, message: Message) -> None:
-        """Take a message in."""
+        """Record a message."""
         if topic == '/diagnostics':
             own = [status for status in message.status
                    if status.name.startswith(f'{self._planner}: ')]
@@ -78,13 +78,13 @@ class Heard:
             self._note(self.powers, message, message.battery_heating_power)
 
     def age_s(self, topic: str) -> float:
-        """Return how long ago the latest message of a topic came [s]."""
+        """Return the age of the latest message of a topic [s]."""
         return self._clock_s() - self.came_s[topic]
 
     def _note(self, history: History, message: Message, value: float) -> None:
         instant_s = stamp_s(message.header.stamp)
         if history and instant_s < history[-1][0]:
-            # The clock was set back: what lies ahead of it is another drive's.
+            # The clock was set back, so later entries belong to another drive.
             history.clear()
         history.append((instant_s, value))
 
@@ -101,7 +101,7 @@ def subscribe(node: Node, heard: Heard) -> None:
             heard.hear(topic, message)
 
         if kind is RoutePlan:
-            # Whoever publishes it; what the planner refuses for its length is not shown.
+            # The publisher is unknown; messages too long for the planner are not shown, either.
             RouteListener(node, hear, lambda error: None)
         else:
             node.create_subscription(kind, topic, hear, qos)

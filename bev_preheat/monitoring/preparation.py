@@ -25,22 +25,22 @@ if TYPE_CHECKING:
     from bev_preheat.monitoring.end_signals import EndSignals
     from bev_preheat.nodes.listening import Listener
 
-    # An rclpy future, or None where it is not asked for yet: rclpy's have no types.
+    # An rclpy future, None before the request: rclpy's have no types.
     Future = Any
 
-# A planner is found, and answers, within this time [s]; it cancels within the second.
+# A planner is found, and answers, within this time [s]; it cancels within a second.
 FOUND_WITHIN_S = 10.0
-# An answer to a goal that has not come by then is lost [s].
+# After this time [s] the answer to a goal counts as lost.
 ANSWERED_WITHIN_S = 3.0
 CANCELLED_WITHIN_S = 5.0
-# Feedback comes every command_period, at most 10 s; after such a silence the planner is gone [s].
+# Feedback comes every command_period, at most 10 s; after this silence [s] the planner has gone.
 SILENCE_S = 30.0
 REFRESH_S = 0.1
 
 
 @dataclass(frozen=True)
 class Wanted:
-    """A goal in a person's terms: `ready_in_s` [s] from now, None: as soon as possible; degC or None."""
+    """A goal in a user's terms: `ready_in_s` [s] from now, None: as soon as possible; degC or None."""
 
     ready_in_s: float | None = None
     target_c: float | None = None
@@ -63,11 +63,11 @@ class PreparationClient:
     """
     Sends one goal and follows it, in the thread that calls it.
 
-    `planner` is the full name of the planner's node; signals (EndSignals) end each wait.
+    `planner` is the full name of the planner's node; `signals` (EndSignals) end each wait.
     """
 
     def __init__(self, listener: Listener, planner: str, signals: EndSignals) -> None:
-        """Look for the planner."""
+        """Connect to the planner's action and command topic."""
         self._listener, self._planner, self._signals = listener, planner, signals
         self._client = ActionClient(listener.node, PrepareBattery, f'{planner}/prepare_battery')
         self._now_ns: int | None = None
@@ -79,28 +79,28 @@ class PreparationClient:
 
     def send(self, wanted: Wanted) -> bool:
         """
-        Send the goal; return whether it was, which it is not after a signal.
+        Send the goal; return whether it was sent, False after a signal.
 
-        Raises InvalidInput where no planner answers.
+        Raises InvalidInput if no planner answers.
         """
-        # The planner's clock may be a simulated one; its commands tell what time it is there.
+        # The planner's clock may be simulated; its commands give the time.
         if not self._wait(lambda: self._now_ns is not None and self._client.server_is_ready(),
-                          'is it running, in this ROS domain, and named so?'):
+                          'is it running, in this ROS domain and under this name?'):
             return False
         sent, sent_s = self._send(wanted), time.monotonic()
-        # Even after a signal: a goal without a handle cannot be cancelled.
+        # Wait even after a signal, because a goal without a handle cannot be cancelled.
         end_s = sent_s + FOUND_WITHIN_S
         while not sent.done() and time.monotonic() < end_s:
             if time.monotonic() - sent_s > ANSWERED_WITHIN_S:
-                # A planner that has not found this client yet answers into the void. A goal that is sent
-                # again replaces the one before.
+                # The answer of a planner that has not discovered this client yet is lost. A goal sent
+                # again replaces the previous one.
                 sent, sent_s = self._send(wanted), time.monotonic()
             self._listener.listen(REFRESH_S)
         if not sent.done():
-            raise InvalidInput(f'{self._planner} does not say whether it takes the goal, and may heat for it; '
-                               'call its ~/enable with false to be sure')
+            raise InvalidInput(f'{self._planner} has not answered whether it accepts the goal, and may heat for '
+                               'it; call its ~/enable with false to be sure')
         if not sent.result().accepted:
-            raise InvalidInput(f'{self._planner} does not take the goal')
+            raise InvalidInput(f'{self._planner} rejects the goal')
         self._goal_handle, self._heard_s = sent.result(), time.monotonic()
         self._result = self._goal_handle.get_result_async()
         return True
@@ -113,15 +113,15 @@ class PreparationClient:
         """
         Show the feedback until the goal has ended; return its result, None after a signal.
 
-        Raises InvalidInput where the planner is not heard any more.
+        Raises InvalidInput if the planner falls silent.
         """
         while not self._result.done() and not self._signals.have_come:
             self._listener.listen(REFRESH_S)
             if self._feedback is not None:
                 show(self._feedback)
             if time.monotonic() - self._heard_s > SILENCE_S:
-                raise InvalidInput(f'{self._planner} has been silent for {SILENCE_S:g} s; a planner that '
-                                   'was restarted has no goal any more')
+                raise InvalidInput(f'{self._planner} has been silent for {SILENCE_S:g} s; a restarted '
+                                   'planner has lost the goal')
         return self._result.result().result if self._result.done() else None
 
     def cancel(self) -> bool:

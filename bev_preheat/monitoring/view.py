@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What has been heard of a planner, as a page for a terminal."""
+"""Text page for a terminal with the data received from a planner."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from bev_preheat.monitoring.heard import Heard
     from bev_preheat_msgs.msg import HvchCommand
 
-    # Name and text, twice a row.
+    # Two pairs of name and text per row.
     Rows = Sequence[tuple[str, str, str, str]]
 
 LEVELS = {DiagnosticStatus.OK: ('OK', 'green'), DiagnosticStatus.WARN: ('WARN', 'yellow'),
@@ -41,19 +41,19 @@ LEVELS = {DiagnosticStatus.OK: ('OK', 'green'), DiagnosticStatus.WARN: ('WARN', 
 UNKNOWN = '-'
 # Instants beyond this are treated as unset [s].
 LONGEST_S = 1e7
-# Whoever publishes on the topic must not fill the screen.
+# Limits messages from any publisher, so that they do not fill the screen.
 LONGEST_EXPLANATION = 2000
-# Columns and rows that the frame takes; below so many columns inside it the figures are a list.
+# Columns and rows of the frame; below this inner width the figures are a list.
 FRAME_COLUMNS, FRAME_ROWS = 4, 2
 LEAST_TABLE_WIDTH = 64
 
 
 def page(heard: Heard, width: int = 100, height: int | None = None) -> Panel:
     """
-    Return the page for what a Heard holds, `width` columns wide.
+    Return the page of a Heard, `width` columns wide.
 
-    It has at most `height` rows (None: as many as it needs). What has no room is left out: the chart
-    first, then what stands at the bottom.
+    It has at most `height` rows (None: unlimited). Parts without room are left out: the chart
+    first, then from the bottom.
     """
     inside = width - FRAME_COLUMNS
     plan, command = heard.latest.get('preheat_plan'), heard.latest.get('hvch_command')
@@ -78,13 +78,13 @@ def page(heard: Heard, width: int = 100, height: int | None = None) -> Panel:
 
 
 def _rows(renderable: RenderableType, width: int) -> int:
-    """Return how many rows a renderable takes."""
+    """Return the number of rows of a renderable."""
     console = Console(width=width, file=io.StringIO())
     return len(console.render_lines(renderable, pad=False))
 
 
 def line(heard: Heard) -> str:
-    """Return the same in one line of text, for an output that is no terminal."""
+    """Return the same data in one line of text, for an output that is not a terminal."""
     plan, command = heard.latest.get('preheat_plan'), heard.latest.get('hvch_command')
     battery = heard.latest.get('battery_state')
     return '  '.join((
@@ -95,17 +95,17 @@ def line(heard: Heard) -> str:
 
 
 def waiting(heard: Heard, publishers: Callable[[str], int], domain_id: str) -> str:
-    """Return what is waited for: `publishers` tells how many publish each topic."""
-    lines = [f'Waiting for {"what is silent" if heard.latest else "a planner"} in ROS domain {domain_id}.']
+    """Return the topics still missing; `publishers` returns the number of publishers of a topic."""
+    lines = [f'Waiting for {"silent topics" if heard.latest else "a planner"} in ROS domain {domain_id}.']
     for topic in heard.silent_topics:
         count = publishers(topic)
-        lines.append(f'  {topic}: ' + ('nobody publishes it' if count == 0 else
+        lines.append(f'  {topic}: ' + ('no publisher' if count == 0 else
                                        f'{count} publisher{"s" * (count > 1)}, no message yet'))
     return '\n'.join(lines)
 
 
 def _figures(heard: Heard, plan: PreheatPlan | None, command: HvchCommand | None) -> Rows:
-    """Return the figures as pairs of name and text: those of now, and beside each one of later."""
+    """Return the figures as pairs of name and text, current and predicted figures alternating."""
     battery, route = heard.latest.get('battery_state'), heard.latest.get('route_plan')
     now_s = stamp_s(battery.header.stamp) if battery else math.nan
     # A cancellation has no segments.
@@ -212,7 +212,7 @@ def _diagnostics(heard: Heard, plan: PreheatPlan | None) -> Table:
 
 
 def _says_the_same(sentence: str, shown: str | None) -> bool:
-    # Made within a second of each other, they differ in what is left until arrival.
+    # Written up to a second apart, they differ in the time left until arrival.
     return shown is not None and without_figures(sentence) == without_figures(shown)
 
 

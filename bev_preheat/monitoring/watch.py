@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The loop of `preheat monitor`: listen for a moment, show what was heard, and again."""
+"""The loop of `preheat monitor`: listen briefly, show the received data, repeat."""
 
 from __future__ import annotations
 
@@ -26,35 +26,35 @@ if TYPE_CHECKING:
 
 REFRESH_S = 0.25
 LINE_PERIOD_S = 15.0
-# What is missing is said after so long a silence [s].
+# Missing topics are named after this silence [s].
 SILENCE_S = 3.0
 MOST_WIDTH = 110
 
 
 class LiveView:
     """
-    Listens to a planner and shows it, in one thread: what is drawn does not change meanwhile.
+    Listens to a planner and shows it, in one thread, so that the data do not change while they are drawn.
 
-    `listener` is a Listener whose node fills `heard`; `signals` are EndSignals. It ends after so many
+    `listener` is a Listener whose node fills `heard`; `signals` are EndSignals. It ends after
     `seconds` (None: with a signal).
     """
 
     def __init__(self, listener: Listener, heard: Heard, console: Console, signals: EndSignals,
                  seconds: float | None = None) -> None:
-        """Begin; nothing is shown yet."""
+        """Start; nothing is shown yet."""
         self._listener, self._heard, self._console = listener, heard, console
         self._signals, self._seconds = signals, seconds
         self._started_s = time.monotonic()
 
     def show(self) -> None:
-        """Show the page, again and again: on a terminal; elsewhere a line now and then."""
+        """Show the page repeatedly on a terminal; elsewhere print a line now and then."""
         if self._console.is_terminal and not self._console.is_dumb_terminal:
             self._show_page()
         else:
             self._print_lines()
 
     def show_once(self) -> bool:
-        """Print the page when every topic has been heard, or not in time; return whether it was."""
+        """Print the page once every topic has been received, else the missing ones; return whether all were."""
         while self._heard.silent_topics and not self._is_over():
             self._listener.listen(REFRESH_S)
         self._console.print(page(self._heard, self._width))
@@ -80,8 +80,8 @@ class LiveView:
             self._seconds is not None and self._elapsed_s() >= self._seconds)
 
     def _show_page(self) -> None:
-        # On the terminal's other screen: it is drawn anew as a whole, also in a new size, and what
-        # stood there before comes back.
+        # On the terminal's alternate screen: the page is redrawn as a whole, also after a change of size, and
+        # the previous contents come back at the end.
         with Live(console=self._console, auto_refresh=False, screen=True) as live:
             while not self._is_over():
                 live.update(self._view(), refresh=True)

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Routes: segments, files, and where routes come from.
+Routes: segments, files and sources.
 
-What reads and writes files is loaded once it is asked for: a planner gets its routes as messages.
+Modules that read and write files are imported on first use: a planner gets its routes as messages.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ else:
         'route_for': 'for_vehicle', 'route_source': 'for_vehicle', 'RouteForVehicle': 'for_vehicle'}
 
     def __getattr__(name: str) -> Any:
-        """Return a name of `__all__` out of its module."""
+        """Return a name of `__all__` from its module."""
         if name not in _MODULES:
             raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
         return getattr(import_module(f'{__name__}.{_MODULES[name]}'), name)

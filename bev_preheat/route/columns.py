@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Names of columns, which say the unit, and what to do with a name that is none of them."""
+"""Column names, which end with the unit, and advice on unknown names."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from bev_preheat.errors import quoted
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray
 
-# How people write units, and how a column's name ends.
+# Common spellings of units, and the matching suffixes of column names.
 ENDINGS = {'km/h': 'kmh', 'kph': 'kmh', 'm/s': 'mps', '°c': 'c', 'degc': 'c', 'celsius': 'c',
            'sec': 's', 'seconds': 's', 'minutes': 'min'}
-# Quantities that run from the start of the trip, and the one of each segment.
+# Quantities cumulated from the start of the trip, and the corresponding quantity of a segment.
 RUNNING = {'distance': 'length', 'time': 'duration'}
 SYNONYMS = {'velocity': 'speed', 'power': 'propulsion_power', 'ambient': 'ambient_temperature',
             'temperature': 'ambient_temperature'}
@@ -24,18 +24,18 @@ SYNONYMS = {'velocity': 'speed', 'power': 'propulsion_power', 'ambient': 'ambien
 
 @dataclass(frozen=True)
 class Column:
-    """A column of a file: the quantity it holds, in SI units or degC, times `over` / `times`."""
+    """A column of a file: its quantity, in SI units or degC after multiplication by `times` / `over`."""
 
     quantity: str
     times: float = 1.0
     over: float = 1.0
 
     def si(self, values: FloatArray) -> FloatArray:
-        """Return values of the file in the unit of the quantity; shape follows the input."""
+        """Return values of the file in the quantity's unit; shape follows the input."""
         return values if self.times == self.over == 1.0 else values * self.times / self.over
 
     def own(self, value: float) -> float:
-        """Return a value of the quantity in the unit of the file."""
+        """Return a value of the quantity in the file's unit."""
         return value / self.times * self.over
 
 
@@ -51,26 +51,26 @@ def speed_columns() -> dict[str, Column]:
 
 
 def alternatives(quantity: str, known: dict[str, Column]) -> str:
-    """Return the columns that can hold a quantity, as words."""
+    """Return the columns for a quantity, as words."""
     return ' or '.join(name for name, column in known.items() if column.quantity == quantity)
 
 
 def doubled(header: list[str], known: dict[str, Column]) -> list[str]:
-    """Return a sentence for each quantity that more than one column of a header holds."""
+    """Return a sentence for each quantity with more than one column in a header."""
     problems = []
     for quantity in dict.fromkeys(column.quantity for column in known.values()):
         names = [name for name in header
                  if name in known and known[name].quantity == quantity]
         if len(set(names)) > 1:
             problems.append(f'columns {" and ".join(dict.fromkeys(names))} hold the same '
-                            'quantity; keep one of them')
+                            'quantity; keep only one')
         elif len(names) > 1:
             problems.append(f'column {names[0]} is named more than once')
     return problems
 
 
 def advice(name: str, known: dict[str, Column]) -> str:
-    """Return what to do with a column that is not among the `known` ones; a sentence."""
+    """Return a sentence of advice on a column that is not among the `known` ones."""
     if not name:
         return 'a column has no name'
     stem, ending = _parted(name)
@@ -87,8 +87,8 @@ def advice(name: str, known: dict[str, Column]) -> str:
             stem, ending = first, last
     if stem in RUNNING and RUNNING[stem] in stems:
         names = ' or '.join(stems[RUNNING[stem]])
-        return (f'{column}: if it is that of each segment, rename it to {names}; one that runs '
-                'from the start of the trip is not accepted')
+        return (f'{column}: if it holds values per segment, rename it to {names}; values cumulated '
+                'from the start of the trip are not accepted')
     if stem in SYNONYMS and SYNONYMS[stem] in stems and stem not in stems:
         return f'{column}: rename it to {" or ".join(stems[SYNONYMS[stem]])}'
     if stem in stems:
@@ -102,7 +102,7 @@ def advice(name: str, known: dict[str, Column]) -> str:
 
 
 def _parted(name: str) -> tuple[str, str]:
-    """Quantity and unit of `Speed [km/h]`, `speed (km/h)` or `Speed`, as columns have them."""
+    """Return quantity and unit of `Speed [km/h]`, `speed (km/h)` or `Speed`, spelt as in column names."""
     match = re.fullmatch(r'(.*?)\s*[\[(](.*)[\])]', name)
     words, unit = match.groups() if match else (name, '')
     stem = re.sub(r'[\s\-]+', '_', words.strip().lower())

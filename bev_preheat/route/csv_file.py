@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Route CSV files: one row a segment, a header, `#` for comments."""
+"""Route CSV files: one row per segment, a header, `#` for comments."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray
     from bev_preheat.vehicle.description import Defaults
 
-# Length of a segment [m]; with the speed it gives the duration, with the duration the speed.
+# Length of a segment [m]; with the speed it gives the duration, and vice versa.
 LENGTH = 'length_m'
 LENGTH_RANGE_M = (0.0, 1e6)
 COLUMNS = {
@@ -40,21 +40,21 @@ COLUMNS = {
     **power_columns('auxiliary_power_w'),
     **power_columns('propulsion_power_magnitude_w'),
 }
-# Units of the quantities that a file may hold in others.
+# Units of the quantities that also accept other units.
 UNITS = {'duration_s': 's', 'speed_mps': 'm/s', LENGTH: 'm'} | {
     name: 'W' for name in LIMITS if name.endswith('_w')}
 MOTION = ('duration_s', 'speed_mps', LENGTH)
-# The line above the header that says for which car a route was made.
+# The line above the header that names the vehicle of the route.
 VEHICLE_COMMENT = re.compile(r'vehicle:\s*(.*)')
-# Digits behind the point in a route file: a micrometre a second, a milliwatt. More would only
-# show which machine made the file.
+# Decimal places in a route file: micrometres per second, milliwatts. More would only
+# show differences between machines.
 DIGITS = 6
 POWER_DIGITS = 3
 
 
 @dataclass(frozen=True)
 class FileRoute:
-    """The Route of a CSV file, and the name of the vehicle whose powers it has (None: unknown)."""
+    """The Route of a CSV file, and the name of the vehicle that its powers belong to (None: unknown)."""
 
     route: Route
     made_for: str | None
@@ -62,10 +62,10 @@ class FileRoute:
 
 def load_route(name_or_file: str | Path, defaults: Defaults | None) -> Route:
     """
-    Return the Route of a name (a file in config/routes) or of a CSV file.
+    Return the Route with a name (a file in config/routes) or of a CSV file.
 
-    `defaults` are those of the vehicle, for columns that are missing. Raises InvalidInput naming
-    file, line, column, value and what is allowed.
+    `defaults` are those of the vehicle, for missing columns. Raises InvalidInput naming
+    file, line, column, value and allowed range.
     """
     return load_file_route(name_or_file, defaults).route
 
@@ -84,7 +84,7 @@ def load_file_route(name_or_file: str | Path, defaults: Defaults | None) -> File
 
 
 def route_file(name_or_file: str | Path) -> Path:
-    """Return the path of a route file; raise InvalidInput where there is none."""
+    """Return the path of a route file; raise InvalidInput if it does not exist."""
     return find_configuration('routes', name_or_file, '.csv')
 
 
@@ -93,7 +93,7 @@ def save_route(path: AnyPath, route: Route, comments: Iterable[str] = (),
     """
     Write a Route as CSV; `comments` are lines of text above the header.
 
-    `made_for` is the name of the vehicle whose powers the route has. Raises InvalidInput where
+    `made_for` is the name of the vehicle that the powers belong to. Raises InvalidInput if
     the file cannot be written.
     """
     text = io.StringIO()
@@ -104,13 +104,13 @@ def save_route(path: AnyPath, route: Route, comments: Iterable[str] = (),
     writer = csv.writer(text, lineterminator='\n')
     writer.writerow(LIMITS)
     for row in zip(*(getattr(route, name) for name in LIMITS)):
-        # repr keeps every bit; a trailing .0 says nothing.
+        # repr is exact; a trailing .0 is redundant.
         writer.writerow(repr(float(value)).removesuffix('.0') for value in row)
     write_whole(path, text.getvalue())
 
 
 def rounded(route: Route) -> Route:
-    """Return a Route with the digits that `preheat route` writes."""
+    """Return a Route rounded as `preheat route` writes it."""
     return replace(route, **{
         field.name: np.round(getattr(route, field.name),
                              POWER_DIGITS if field.name.endswith('_w') else DIGITS)
@@ -118,15 +118,15 @@ def rounded(route: Route) -> Route:
 
 
 def in_one_line(name: str) -> str:
-    """Return the name of a vehicle as a comment holds it."""
+    """Return the name of a vehicle in the form used in a comment."""
     return ' '.join(name.split())
 
 
 def _vehicle_of(table: TextTable) -> str | None:
-    """Name of the vehicle for which the file says that its route was made."""
+    """Return the name of the vehicle that the file's route was made for, None if it has none."""
     found: dict[str, int] = {}
     for number, comment in table.comments:
-        # A spreadsheet fills the line with separators, and may quote it.
+        # A spreadsheet appends separators to the line, and may quote it.
         match = VEHICLE_COMMENT.fullmatch(comment.rstrip('"\t ,;'))
         if match and match[1]:
             found.setdefault(in_one_line(match[1]), number)
@@ -138,7 +138,7 @@ def _vehicle_of(table: TextTable) -> str | None:
 
 
 def _columns(table: TextTable) -> tuple[dict[str, FloatArray], dict[str, str]]:
-    """Columns of Route in SI units, and what the file calls them."""
+    """Return the columns of Route in SI units, and their names in the file."""
     where = f'{table.path}, line {table.header_line}'
     unknown = [name for name in table.header if name not in COLUMNS]
     problems = [f'{where}: {advice(name, COLUMNS)}' for name in unknown]
@@ -169,7 +169,7 @@ def _columns(table: TextTable) -> tuple[dict[str, FloatArray], dict[str, str]]:
 
 
 def _missing(by_quantity: dict[str, str]) -> Iterator[str]:
-    """Sentences on columns that are not there, or of which one is too many."""
+    """Yield sentences on missing columns, and on one column too many."""
     missing = [alternatives(name, COLUMNS)
                for name in ('propulsion_power_w', 'ambient_temperature_c')
                if name not in by_quantity]
@@ -186,7 +186,7 @@ def _missing(by_quantity: dict[str, str]) -> Iterator[str]:
 
 def _replace_length(columns: dict[str, FloatArray], names: dict[str, str], table: TextTable,
                     by_quantity: dict[str, str]) -> None:
-    """Put duration and speed in place of the length and one of them."""
+    """Replace the length by duration or speed, whichever is missing."""
     length_m = columns.pop(LENGTH)
     del names[LENGTH]
     length_name = by_quantity[LENGTH]
@@ -198,14 +198,14 @@ def _replace_length(columns: dict[str, FloatArray], names: dict[str, str], table
     if standing.any():
         raise InvalidInput(
             f'{table.where(int(np.argmax(standing)))}: {by_quantity["speed_mps"]}: a segment in '
-            'which the car stands has no length; give duration_s in place of '
+            'which the car stands has no length; give duration_s instead of '
             f'{by_quantity[LENGTH]}')
     columns['duration_s'] = length_m / columns['speed_mps']
     names['duration_s'] = f'duration, in s, by {length_name}'
 
 
 def _with_line(problem: str, table: TextTable, names: set[str]) -> str:
-    """Say file and line in place of the segment in `column[segment]: …`."""
+    """Replace the segment in `column[segment]: …` by file and line."""
     name, bracket, rest = problem.partition('[')
     index, closed, tail = rest.partition(']')
     if bracket and closed and index.isdigit() and name in names:

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Makes a Route from drive logs: CSV files, a sample a second, a header, `#` for comments.
+Builds a Route from drive logs: CSV files, one sample a second, a header, `#` for comments.
 
-Wanted columns: time_s, speed_mps, ambient_c (ambient temperature), cabin_heater_w (electrical
+Columns: time_s, speed_mps, ambient_c (ambient temperature), cabin_heater_w (electrical
 power of the cabin heater), and the battery's terminal power, positive when discharging: either
-power_w or voltage_v and current_a. aircon_w (air conditioning) is taken where it is there; any
-other column is left alone. Speed may be in km/h (speed_kmh), powers in kW (power_kw, ...).
+power_w or voltage_v and current_a. aircon_w (air conditioning) is optional; other columns are
+ignored. Speed may be in km/h (speed_kmh), powers in kW (power_kw, ...).
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray, IntArray
     from bev_preheat.vehicle.description import Defaults
 
-# What a sample may hold: (low, high). The sensors of a car give nothing else, their faults do.
+# Valid range of a sample: (low, high). Values outside come from sensor faults.
 POSSIBLE = {
     'speed_mps': LIMITS['speed_mps'],
     'voltage_v': (1.0, 1500.0),
@@ -47,18 +47,18 @@ COLUMNS = {
     'current_a': Column('current_a'),
     **power_columns('aircon_w'),
 }
-# A sample speaks for this long at most [s]; more without a sample is a gap.
+# A sample is valid for at most this time [s]; a longer interval is a gap.
 LONGEST_INTERVAL_S = 1.5
-# Longest gap that is bridged [s], and the largest share of a log that may be bridged.
+# Longest gap that is bridged [s], and the largest share of a log that is bridged.
 LONGEST_GAP_S = 10.0
 MOST_BRIDGED = 0.2
-# Gaps of a log that are reported one by one.
+# Number of a log's gaps that are reported individually.
 MOST_GAPS_NAMED = 5
 
 
 @dataclass(frozen=True)
 class LoggedRoute:
-    """The Route of one or more drive logs, and a sentence for each thing found wrong in them."""
+    """The Route of one or more drive logs, and a sentence for each problem found in them."""
 
     route: Route
     remarks: tuple[str, ...]
@@ -69,13 +69,13 @@ def load_drive_logs(paths: Iterable[str | Path], defaults: Defaults,
     """
     Return the LoggedRoute of drive logs, joined in the given order, in segments of `step_s`.
 
-    Propulsion power is what remains of the terminal power without cabin heater, air conditioning
+    Propulsion power is the terminal power minus cabin heater, air conditioning
     and the constant auxiliary power of `defaults` (vehicle.description.Defaults). A sample holds
-    until the next one. Samples that are empty, NaN or impossible are left out and reported; gaps
+    until the next one. Empty, NaN or implausible samples are dropped and reported; gaps
     up to LONGEST_GAP_S are bridged by linear interpolation and reported.
 
-    Raises InvalidInput naming file, line, column, value and what is allowed: no such column, text
-    in place of a number, time that does not rise, gaps too long or too many.
+    Raises InvalidInput naming file, line, column, value and allowed range: missing columns, text
+    instead of a number, time that does not increase, gaps too long or too many.
     """
     if not 1.0 <= step_s <= 3600.0:
         raise InvalidInput(f'step: {step_s:g} s is not allowed; it must be 1 ... 3600 s')
@@ -98,7 +98,7 @@ def load_drive_logs(paths: Iterable[str | Path], defaults: Defaults,
 
 
 def _read(path: str | Path) -> tuple[tuple[str, ...], IntArray, FloatArray]:
-    """Names of the columns that are used, line numbers (N,), samples (N, columns) in SI units."""
+    """Return the names of the columns used, line numbers (N,), samples (N, columns) in SI units."""
     table = read_text_table(path, COLUMNS)
     if len(table.rows) < 2:
         raise InvalidInput(f'{path}: has {len(table.rows)} samples; at least 2 are needed, '
@@ -110,12 +110,11 @@ def _read(path: str | Path) -> tuple[tuple[str, ...], IntArray, FloatArray]:
 
 
 def _wanted_columns(where: str, header: list[str]) -> tuple[str, ...]:
-    """Return the columns that are used, time first."""
+    """Return the columns used, time first."""
     found = {COLUMNS[name].quantity: name for name in header if name in COLUMNS}
     power = ('power_w',) if 'power_w' in found else ('voltage_v', 'current_a')
     wanted = ('time_s', 'speed_mps', 'ambient_c', 'cabin_heater_w', *power)
-    # A log has many columns that are none of its business here; only a name that may be meant for
-    # a missing one gets advice.
+    # A log has many other columns; only a name that may stand for a missing column gets advice.
     advised = [advice(name, COLUMNS) for name in header if name not in COLUMNS]
     problems = []
     for quantity in wanted:
@@ -141,7 +140,7 @@ def _wanted_columns(where: str, header: list[str]) -> tuple[str, ...]:
 
 def _possible_samples(path: str | Path, names: Sequence[str], lines: IntArray, samples: FloatArray,
                       remarks: list[str]) -> tuple[IntArray, FloatArray]:
-    """Lines and samples without those that cannot be; time must rise."""
+    """Return lines and samples without implausible ones; time must increase."""
     time_s = samples[:, 0]
     at = int(np.argmin(np.isfinite(time_s)))
     if not np.isfinite(time_s[at]):
@@ -149,8 +148,8 @@ def _possible_samples(path: str | Path, names: Sequence[str], lines: IntArray, s
     falls = np.flatnonzero(np.diff(time_s) <= 0.0)
     if falls.size:
         at = falls[0] + 1
-        raise InvalidInput(f'{path}, line {lines[at]}: time_s: {time_s[at]:g} does not come after '
-                           f'{time_s[at - 1]:g}, the sample before')
+        raise InvalidInput(f'{path}, line {lines[at]}: time_s: {time_s[at]:g} is not after '
+                           f'{time_s[at - 1]:g} of the previous sample')
     good = np.ones(len(samples), dtype=bool)
     for name, values in zip(names[1:], samples.T[1:]):
         column = COLUMNS[name]
@@ -159,18 +158,18 @@ def _possible_samples(path: str | Path, names: Sequence[str], lines: IntArray, s
         if bad.any():
             at, count = int(np.argmax(bad)), int(bad.sum())
             more = f' (and {count - 1} more lines)' if count > 1 else ''
-            remarks.append(f'{path}, line {lines[at]}: {name}: {column.own(values[at]):g} is left '
-                           f'out; possible is {column.own(low):g} ... {column.own(high):g}{more}')
+            remarks.append(f'{path}, line {lines[at]}: {name}: {column.own(values[at]):g} is '
+                           f'dropped; allowed: {column.own(low):g} ... {column.own(high):g}{more}')
             good &= ~bad
     if good.sum() < 2:
-        raise InvalidInput(f'{path}: has {int(good.sum())} samples that are possible; at least 2 '
+        raise InvalidInput(f'{path}: has {int(good.sum())} valid samples; at least 2 '
                            'are needed')
     return lines[good], samples[good]
 
 
 def _segments(path: str | Path, names: Sequence[str], lines: IntArray, samples: FloatArray,
               defaults: Defaults, remarks: list[str]) -> dict[str, FloatArray]:
-    """Columns of Route, one segment a sample; gaps are bridged."""
+    """Return the columns of Route, one segment per sample; gaps are bridged."""
     logged_s = samples[:, 0]
     time_s = _bridged(path, lines, logged_s, remarks)
     log = {COLUMNS[name].quantity: values for name, values in zip(names, samples.T)}
@@ -180,7 +179,7 @@ def _segments(path: str | Path, names: Sequence[str], lines: IntArray, samples: 
     def over_gaps(values: FloatArray) -> FloatArray:
         return np.interp(time_s, logged_s, values)
 
-    # The last sample speaks for as long as samples do as a rule.
+    # The last sample is valid for the usual sampling time.
     interval_s = min(float(np.median(np.diff(logged_s))), LONGEST_INTERVAL_S)
     return {
         'duration_s': np.diff(time_s, append=time_s[-1] + interval_s),
@@ -194,20 +193,20 @@ def _segments(path: str | Path, names: Sequence[str], lines: IntArray, samples: 
 
 def _bridged(path: str | Path, lines: IntArray, time_s: FloatArray,
              remarks: list[str]) -> FloatArray:
-    """Instants of the samples, with more of them, a second or so apart, in the gaps."""
+    """Return the instants of the samples, with extra ones about a second apart in the gaps."""
     lengths_s = np.diff(time_s)
     gaps = np.flatnonzero(lengths_s > LONGEST_INTERVAL_S)
-    # The samples at both ends are there; what lies between is missing.
+    # Both ends of a gap have samples; those between are missing.
     missing_s = float(np.sum(lengths_s[gaps] - 1.0))
     allowed_s = MOST_BRIDGED * (time_s[-1] - time_s[0])
-    described = [f'{path}, line {lines[at + 1]}: {lengths_s[at]:g} s without a good sample, from '
+    described = [f'{path}, line {lines[at + 1]}: {lengths_s[at]:g} s without a valid sample, from '
                  f'{time_s[at]:g} s to {time_s[at + 1]:g} s' for at in gaps]
     too_long = [f'{gap}; at most {LONGEST_GAP_S:g} s are bridged'
                 for gap, at in zip(described, gaps) if lengths_s[at] > LONGEST_GAP_S]
     if too_long:
         raise InvalidInput(too_long)
     if missing_s > allowed_s:
-        raise InvalidInput(f'{path}: {missing_s:g} s lack samples, in {len(gaps)} gaps; at most '
+        raise InvalidInput(f'{path}: {missing_s:g} s without samples, in {len(gaps)} gaps; at most '
                            f'{allowed_s:g} s, {MOST_BRIDGED:.0%} of the log, are bridged')
     remarks += [f'{gap}, are bridged' for gap in described[:MOST_GAPS_NAMED]]
     if len(gaps) > MOST_GAPS_NAMED:

@@ -2,7 +2,7 @@
 """
 A route by name or file, for a given car.
 
-A CSV file has fixed powers, which are right for one car; a description of legs is the same road
+A CSV file has fixed powers, which are valid for one car; a description of legs is the same road
 for every car.
 """
 
@@ -28,10 +28,10 @@ LEGS_SUFFIXES = ('.yaml', '.yml')
 @dataclass(frozen=True)
 class RouteForVehicle:
     """
-    A Route, and for which car its powers are right.
+    A Route, and the car that its powers are valid for.
 
-    `made_for` is the name of that vehicle, None where the file does not say; `file` is the path;
-    `warning` is a sentence where it is another vehicle than the one that is to drive, else None.
+    `made_for` is the name of that vehicle, None if the file does not name it; `file` is the path;
+    `warning` is a sentence if it is not the vehicle that will drive, else None.
     """
 
     route: Route
@@ -46,13 +46,13 @@ def route_for(name_or_file: str | Path, vehicle: Vehicle,
     Return the RouteForVehicle of a name or a file.
 
     A name is that of a file in config/routes, `legs/NAME` that of a description in
-    config/routes/legs; a text with any other slash or with a suffix is a CSV or a YAML file, seen
-    from `folder` if given. Raises InvalidInput naming file, place, value and what is allowed.
+    config/routes/legs; a text with any other slash or with a suffix is a CSV or a YAML file, relative
+    to `folder` if given. Raises InvalidInput naming file, place, value and allowed range.
     """
     is_legs, source = _source(name_or_file, folder)
     name = in_one_line(vehicle.name)
     if is_legs:
-        # With the digits of a file, so that a plan is that of the file made from the legs.
+        # Rounded as in a file, so that the plan equals that for the file made from the legs.
         return RouteForVehicle(rounded(load_legs(source, vehicle).route), name, legs_file(source),
                                None)
     file = route_file(source)
@@ -62,20 +62,20 @@ def route_for(name_or_file: str | Path, vehicle: Vehicle,
 
 
 def route_source(name_or_file: str | Path) -> Path:
-    """Return the path of the file that `route_for` reads; raise InvalidInput where there is none."""
+    """Return the path of the file that `route_for` reads; raise InvalidInput if it does not exist."""
     is_legs, source = _source(name_or_file)
     return legs_file(source) if is_legs else route_file(source)
 
 
 def _source(name_or_file: str | Path, folder: Path | None = None) -> tuple[bool, str]:
-    """Whether it is a description of legs, and the name or file to look for among its kind."""
+    """Return whether it is a description of legs, and the name or file within that kind."""
     text = os.path.expanduser(str(name_or_file))
     legs_name = text.removeprefix(LEGS_PREFIX)
     if text.startswith(LEGS_PREFIX) and '/' not in legs_name and not Path(legs_name).suffix:
         return True, legs_name
     is_legs = Path(text).suffix.lower() in LEGS_SUFFIXES
     if is_legs and '/' not in text:
-        # With a slash it is a file, whatever its suffix.
+        # A text with a slash is a file, whatever its suffix.
         text = f'./{text}'
     if folder is not None and ('/' in text or text.endswith('.csv')):
         text = str(Path(folder) / text)
@@ -91,7 +91,7 @@ def _warning(file: Path, made_for: str | None, vehicle: Vehicle) -> str | None:
 
 
 def _advice(file: Path, vehicle: Vehicle) -> str:
-    """How to get the same road with the powers of the vehicle."""
+    """Return how to get the same road with the powers of the vehicle."""
     try:
         described = legs_file(file.stem)
     except InvalidInput:

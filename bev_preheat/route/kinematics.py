@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-How fast a car drives along legs of a road: limits, stops and comfortable accelerations.
+Speed of a car along legs of a road, from speed limits, stops and comfortable accelerations.
 
-The speed is laid over distance, where limits and stops stand still: the square of the speed may
-rise by 2 a ds and fall by 2 b ds over a cell of length ds. Braking in time for what lies ahead is
+The speed is computed over distance, because limits and stops have fixed places: the square of the speed may
+rise by 2 a ds and fall by 2 b ds over a cell of length ds. Braking in time is
 then one pass from the end to the start.
 """
 
@@ -28,9 +28,9 @@ class RoadLeg:
     """
     A stretch of road with one speed limit and one slope.
 
-    `slope` is rise over run; `stops` are spread evenly between the ends of the leg. Traffic takes
-    a random share of the speed limit away, between 0 and `traffic_slowdown`, drawn anew every
-    `traffic_length_m` and linear between. The ambient temperature is linear from start to end.
+    `slope` is rise over run; `stops` are spread evenly between the ends of the leg. Traffic reduces the speed
+    limit by a random share between 0 and `traffic_slowdown`, redrawn every
+    `traffic_length_m` and interpolated linearly. The ambient temperature is linear from start to end.
     """
 
     length_m: float
@@ -46,7 +46,7 @@ class RoadLeg:
 
 @dataclass(frozen=True)
 class Track:
-    """What the road allows, at M points along it; arrays of shape (M,)."""
+    """Allowed speeds at M points along the road; arrays of shape (M,)."""
 
     distance_m: FloatArray
     allowed_speed_mps: FloatArray
@@ -55,7 +55,7 @@ class Track:
 
 @dataclass(frozen=True)
 class RoadDrive:
-    """Instants of a drive; arrays of shape (K,). Between two the acceleration is constant."""
+    """Instants of a drive, with constant acceleration in between; arrays of shape (K,)."""
 
     time_s: FloatArray
     distance_m: FloatArray
@@ -80,8 +80,8 @@ def lay_track(legs: Sequence[RoadLeg], seed: int) -> Track:
     `seed` is that of the traffic's random numbers.
     """
     random = np.random.default_rng(seed)
-    # A point between two legs belongs to both, and the lower speed holds: each leg brings its own
-    # two ends, and the doubled points are merged below.
+    # A point between two legs belongs to both, and the lower speed applies: each leg contributes both of its
+    # ends, and duplicate points are merged below.
     pieces = [_points(leg, start_m, random)
               for leg, start_m in zip(legs, leg_starts_m(legs))]
     distance_m, allowed_mps, standstill_s = (np.concatenate(column) for column in zip(*pieces))
@@ -92,14 +92,14 @@ def lay_track(legs: Sequence[RoadLeg], seed: int) -> Track:
 
 
 def leg_starts_m(legs: Sequence[RoadLeg]) -> list[float]:
-    """Return where the legs start [m], and the end of the last one: a list of L + 1."""
+    """Return the start of each leg and the end of the last one [m], a list of L + 1."""
     return list(accumulate((leg.length_m for leg in legs), initial=0.0))
 
 
 def drive_along(track: Track, acceleration_mps2: float, deceleration_mps2: float,
                 pace: float = 1.0) -> RoadDrive:
     """
-    Return the fastest RoadDrive within what a Track allows, times `pace`, and the accelerations.
+    Return the fastest RoadDrive within the speeds of a Track, times `pace`, and the accelerations.
 
     Both accelerations are magnitudes [m/s^2].
     """
@@ -109,7 +109,7 @@ def drive_along(track: Track, acceleration_mps2: float, deceleration_mps2: float
     squared = np.minimum.accumulate(squared - rise) + rise
     fall = 2.0 * deceleration_mps2 * at_m
     squared = (np.minimum.accumulate((squared + fall)[::-1])[::-1]) - fall
-    # Rounding leaves a little on either side of 0 at a stop.
+    # Rounding leaves a small value of either sign at a stop.
     stops = track.allowed_speed_mps == 0.0
     speed_mps = np.sqrt(np.where(stops, 0.0, np.maximum(squared, 0.0)))
 
@@ -126,13 +126,13 @@ def drive_along(track: Track, acceleration_mps2: float, deceleration_mps2: float
 
 def _points(leg: RoadLeg, start_m: float,
             random: np.random.Generator) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Distance, allowed speed and standstill at the points of one leg, its ends included."""
-    # Stops must be points, and between two of them there must be one where the car moves.
+    """Return distance, allowed speed and standstill at the points of a leg, including its ends."""
+    # Stops must be points, with at least one moving point in between.
     between_m = leg.length_m / (leg.stops + 1)
     cells = max(2, int(np.ceil(between_m / CELL_M)))
     along_m = np.linspace(0.0, leg.length_m, cells * (leg.stops + 1) + 1)
     knots = int(np.ceil(leg.length_m / leg.traffic_length_m)) + 1
-    # Plain uniform numbers: the streams of other distributions may change between releases.
+    # Uniform random numbers: the streams of other distributions may change between NumPy releases.
     share = np.interp(along_m, leg.traffic_length_m * np.arange(knots), random.random(knots))
     allowed_mps = leg.speed_limit_mps * (1.0 - leg.traffic_slowdown * share)
     standstill_s = np.zeros_like(along_m)

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Makes a Route from a readable description of a trip: legs of road, driven by a given car.
+Builds a Route from a readable description of a trip: legs of road, driven by a given car.
 
 The description is a YAML file (see legs_schema.yaml) and the same for every car. The drive is
-simulated in short steps, which are then joined to segments that keep its energy and its mean
+simulated in short steps, which are then joined into segments that preserve its energy and mean
 square power.
 """
 
@@ -32,12 +32,12 @@ SCHEMA = Path(__file__).with_name('legs_schema.yaml')
 
 # Longest step [s] of the simulation.
 STEP_S = 0.5
-# A rest of this share of a step at the end joins the step before.
+# A remainder of up to this share of a step is merged into the previous step.
 SLIVER = 0.05
-# How far calibration may scale speeds and powers: beyond, the description is another trip.
+# Range in which calibration may scale speeds and powers: beyond it, the description does not fit the totals.
 PACE_RANGE = (0.7, 1.4)
 POWER_SCALE_RANGE = (0.5, 2.0)
-# Comfortable driving [m/s^2], where the description says nothing.
+# Comfortable accelerations [m/s^2], used if the description gives none.
 DEFAULT_ACCELERATION_MPS2 = 1.0
 ELEVATION_RANGE_M = (-500.0, 9000.0)
 JOULES_PER_WH = 3600.0
@@ -45,7 +45,7 @@ JOULES_PER_WH = 3600.0
 
 @dataclass(frozen=True)
 class LegsRoute:
-    """The Route of a description, its name, and sentences on its calibration."""
+    """The Route of a description, its name, and remarks on its calibration."""
 
     route: Route
     name: str
@@ -53,17 +53,17 @@ class LegsRoute:
 
 
 def legs_file(name_or_file: str | Path) -> Path:
-    """Return the path of a description of legs; raise InvalidInput where there is none."""
+    """Return the path of a description of legs; raise InvalidInput if it does not exist."""
     return find_configuration('routes/legs', name_or_file, '.yaml')
 
 
 def load_legs(name_or_file: str | Path, vehicle: Vehicle) -> LegsRoute:
     """
-    Return the LegsRoute of a name (a file in config/routes/legs) or of a YAML file.
+    Return the LegsRoute with a name (a file in config/routes/legs) or of a YAML file.
 
-    `vehicle` (vehicle.description.Vehicle) is the car that drives; it also gives the cabin's and
-    the auxiliaries' power where the description does not. Raises InvalidInput naming file, key,
-    value and what is allowed.
+    `vehicle` (vehicle.description.Vehicle) is the car that drives; its defaults for cabin and auxiliary power
+    apply if the description has none. Raises InvalidInput naming file, key,
+    value and allowed range.
     """
     path = legs_file(name_or_file)
     description = load_checked_yaml(path, SCHEMA)
@@ -76,7 +76,7 @@ def load_legs(name_or_file: str | Path, vehicle: Vehicle) -> LegsRoute:
 def _make(description: dict[str, FileData], vehicle: Vehicle) -> LegsRoute:
     if vehicle.road_load is None:
         raise InvalidInput(
-            f'vehicle {vehicle.name!r} has no road_load, and without it the power on a road is '
+            f'vehicle {vehicle.name!r} has no road_load, so its power on a road is '
             'unknown; add it to the vehicle file, with the figures of the car, such as '
             'road_load: {mass_kg: 1900, frontal_area_m2: 2.4, drag_coefficient: 0.27, '
             'rolling_resistance: 0.010}')
@@ -96,7 +96,7 @@ def _make(description: dict[str, FileData], vehicle: Vehicle) -> LegsRoute:
 
 
 def _legs(description: dict[str, FileData], remarks: list[str]) -> list[RoadLeg]:
-    """Legs of the description, in SI units, as long as `distance_m` wants them."""
+    """Return the legs of the description, in SI units, scaled to `distance_m`."""
     nodes = description['legs']
     scale = 1.0
     if 'distance_m' in description:
@@ -109,7 +109,7 @@ def _legs(description: dict[str, FileData], remarks: list[str]) -> list[RoadLeg]
     for index, node in enumerate(nodes):
         ambient_c = node.get('ambient_temperature_c', description.get('ambient_temperature_c'))
         if ambient_c is None:
-            problems.append(f'legs[{index}]: missing ambient_temperature_c; it must stand here '
+            problems.append(f'legs[{index}]: missing ambient_temperature_c; give it here '
                             'or at the top, for all legs')
             continue
         if node.get('stops', 0) and 'stop_duration_s' not in node:
@@ -133,7 +133,7 @@ def _legs(description: dict[str, FileData], remarks: list[str]) -> list[RoadLeg]
 
 
 def _check_duration(legs: Sequence[RoadLeg]) -> None:
-    """Refuse trips that are far too long before they are simulated."""
+    """Refuse trips that are far too long before simulating them."""
     least_s = sum(leg.length_m / leg.speed_limit_mps + leg.stops * leg.stop_duration_s
                   for leg in legs)
     if least_s > LONGEST_ROUTE_S:
@@ -143,7 +143,7 @@ def _check_duration(legs: Sequence[RoadLeg]) -> None:
 
 def _drive(description: dict[str, FileData], legs: Sequence[RoadLeg],
            remarks: list[str]) -> RoadDrive:
-    """Drive along the legs, as long as `duration_s` wants it; the same for every car."""
+    """Return the drive along the legs, scaled to `duration_s`; the same for every car."""
     track = lay_track(legs, description.get('seed', 0))
     style = description.get('driving', {})
     acceleration_mps2, deceleration_mps2 = (
@@ -160,21 +160,21 @@ def _drive(description: dict[str, FileData], legs: Sequence[RoadLeg],
     slowest_s, fastest_s = (at_pace(pace).time_s[-1] for pace in PACE_RANGE)
     if not fastest_s <= wanted_s <= slowest_s:
         raise InvalidInput(
-            f'duration_s: {wanted_s:g} is out of reach; with speeds scaled by {fast:g} ... '
+            f'duration_s: {wanted_s:g} cannot be reached; with speeds scaled by {fast:g} ... '
             f'{slow:g} the trip lasts {fastest_s:.0f} ... {slowest_s:.0f} s')
-    # Bisection: the duration falls with the pace, with kinks where accelerations take over.
+    # Bisection: the duration falls with the pace, with kinks at the acceleration limits.
     while fast - slow > 1e-12:
         pace = 0.5 * (slow + fast)
         slow, fast = (pace, fast) if at_pace(pace).time_s[-1] > wanted_s else (slow, pace)
     remarks.append(f'speeds are scaled by {fast:.4f} for a duration of {wanted_s:g} s')
     drive = at_pace(fast)
-    # What bisection leaves is rounding.
+    # Bisection leaves a rounding error.
     return replace(drive, time_s=drive.time_s * (wanted_s / drive.time_s[-1]))
 
 
 def _simulate(description: dict[str, FileData], vehicle: Vehicle, legs: Sequence[RoadLeg],
               drive: RoadDrive, segment_s: float) -> Route:
-    """Route in steps of about STEP_S, of which a segment holds a whole number."""
+    """Return the Route in steps of about STEP_S, a whole number per segment."""
     step_s = segment_s / np.ceil(segment_s / STEP_S)
     end_s = drive.time_s[-1]
     steps = max(1, int(np.ceil(end_s / step_s - SLIVER)))
@@ -218,7 +218,7 @@ def _simulate(description: dict[str, FileData], vehicle: Vehicle, legs: Sequence
 
 
 def _check_power(power_w: FloatArray, at_m: FloatArray, vehicle: Vehicle) -> None:
-    """Refuse what the drivetrain cannot do: the car would be slower than the description says."""
+    """Refuse a power above the drivetrain's: the car would be slower than described."""
     most_w = vehicle.drivetrain.maximum_power_w
     at = int(np.argmax(power_w))
     if power_w[at] > most_w:
@@ -239,16 +239,16 @@ def _check_elevations(elevations_m: FloatArray) -> None:
 
 def _calibrated(route: Route, vehicle: Vehicle, energy: dict[str, FileData],
                 remarks: list[str]) -> Route:
-    """Route with the energies that a certain vehicle needs, if this is the one."""
+    """Return the Route with powers scaled to the description's energies, if they are this vehicle's."""
     if vehicle.name != energy['vehicle']:
-        remarks.append(f'propulsion_energy_wh is that of vehicle {energy["vehicle"]} and does not '
-                       f'hold for {vehicle.name}: its powers are not scaled')
+        remarks.append(f'propulsion_energy_wh belongs to vehicle {energy["vehicle"]}, not to '
+                       f'{vehicle.name}: its powers are not scaled')
         return route
     return _with_energy(route, energy['total_magnitude'], energy['net'], remarks)
 
 
 def _with_energy(route: Route, total_magnitude: float, net: float, remarks: list[str]) -> Route:
-    """Route with driving and regenerated powers scaled to the integrals [Wh] of |P| and of P."""
+    """Return the Route with driving and regenerated powers scaled to the integrals [Wh] of |P| and of P."""
     if abs(net) > total_magnitude:
         raise InvalidInput(f'propulsion_energy_wh.net: {net:g} is not allowed; its magnitude must '
                            f'be at most total_magnitude, {total_magnitude:g}')
@@ -263,7 +263,7 @@ def _with_energy(route: Route, total_magnitude: float, net: float, remarks: list
         low, high = POWER_SCALE_RANGE
         if not low * energy_wh <= wanted_wh <= high * energy_wh:
             raise InvalidInput(
-                f'propulsion_energy_wh: wants {wanted_wh:g} Wh {what}; the segments hold '
+                f'propulsion_energy_wh: {wanted_wh:g} Wh {what} cannot be reached; the segments have '
                 f'{energy_wh:.1f} Wh, which may be scaled by {low:g} ... {high:g}')
         scales[chosen] = wanted_wh / energy_wh
         remarks.append(f'powers of {what} segments, {energy_wh:.1f} Wh, are scaled by '

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Where on a route the vehicle is to be when: distance from the start over planned time, and back.
+Planned distance from the start over planned time, and back.
 
-Where it is to stand, one distance belongs to a whole span of time.
+At a planned stop one distance corresponds to a span of time.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ class Places:
     """
     Distance from the start [m] over planned time [s], linear between points: shape (M,) each.
 
-    Times rise from 0; distances rise from 0 or stay. Before the first point and after the last the
+    Times increase from 0; distances start at 0 and never decrease. Before the first point and after the last the
     vehicle stands.
     """
 
@@ -40,7 +40,7 @@ class Places:
 
     @classmethod
     def joined(cls, parts: Iterable[tuple[float, Places]]) -> Places:
-        """Return the Places of several, one after the other: (start of each [s], its Places)."""
+        """Return the Places of several parts in a row: (start of each [s], its Places)."""
         times_s, distances_m, length_m = [], [], 0.0
         for start_s, places in parts:
             times_s.append(start_s + places.time_s)
@@ -59,9 +59,9 @@ class Places:
 
     def earliest_s(self, distance_m: float) -> float:
         """
-        Return the first planned time [s] at a distance [m], or beyond it.
+        Return the first planned time [s] at or beyond a distance [m].
 
-        -inf at the start, where the vehicle stands before time 0 too; the end's beyond the end.
+        -inf at the start, because the vehicle also stands there before time 0; beyond the end, the end's.
         """
         at = int(np.searchsorted(self.distance_m, distance_m, side='left'))
         if at == 0:
@@ -70,9 +70,9 @@ class Places:
 
     def latest_s(self, distance_m: float) -> float:
         """
-        Return the last planned time [s] at a distance [m], or before it.
+        Return the last planned time [s] at or before a distance [m].
 
-        inf at the end, where the vehicle stands afterwards; the start's before the start.
+        inf at the end, because the vehicle stands there afterwards; before the start, the start's.
         """
         at = int(np.searchsorted(self.distance_m, distance_m, side='right'))
         if at == len(self.time_s):

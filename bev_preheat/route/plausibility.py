@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Warnings of units gone wrong in a route: values that may be sent, but that no such car has.
+Warnings about wrong units in a route: valid values, but implausible for the car.
 
-They are warnings and no refusals, because the limits are those of usual cars.
+They are warnings rather than refusals, because the limits are those of usual cars.
 """
 
 from __future__ import annotations
@@ -18,18 +18,18 @@ if TYPE_CHECKING:
     from bev_preheat.route.segments import Route
     from bev_preheat.vehicle.description import Vehicle
 
-# Auxiliaries take at most this [W], and no car drives in hotter air [deg C].
+# Highest auxiliary power [W] and ambient temperature [deg C] of usual cars.
 MOST_AUXILIARY_W = 6e3
 HOTTEST_AMBIENT_C = 50.0
-# Power beyond a maximum by this factor is not rounding, nor a rough data sheet, nor a cabin that asks for more.
+# Power above its maximum by this factor is no rounding, rough data sheet or excessive cabin request.
 MOST_BEYOND_MAXIMUM = 1.5
 # Half of the air's density times the least drag area of a car [kg/m]; 1.2 kg/m^3 and 0.4 m^2.
 LEAST_DRAG_KG_PER_M = 0.24
-# Drag exceeds the energy of a drive by this factor only if power or speed is wrong: on descents it may be more.
+# Drag above the drive's energy by this factor means a wrong power or speed; long descents may reach it, too.
 MOST_DRAG = 1.5
-# Drag counts on average above this speed [m/s].
+# The check applies above this mean speed [m/s].
 LEAST_SPEED_MPS = 5.0
-# Less power than this on average [W] at such a speed: kilowatts.
+# A mean power below this [W] at such a speed is in kilowatts.
 LEAST_POWER_W = 300.0
 
 
@@ -71,7 +71,7 @@ def _when(route: Route, at: int) -> str:
 
 
 def _drag_warnings(route: Route) -> Iterator[tuple[str, str]]:
-    """Yield the warning of a drive with less energy than the drag of the slimmest car at its speed."""
+    """Yield the warning about a drive with less energy than the drag of the slimmest car."""
     duration_s, speed_mps = route.duration_s, route.speed_mps
     total_s = route.total_duration_s
     mean_w = float(np.maximum(route.propulsion_power_magnitude_w, 0.0) @ duration_s) / total_s

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The power that a car needs to drive: inertia, slope, rolling and air resistance, drivetrain."""
+"""Power for driving: inertia, slope, rolling and air resistance, drivetrain."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ KELVIN_AT_0_C = 273.15
 @dataclass(frozen=True)
 class RoadVehicle:
     """
-    A loaded car as the road sees it.
+    Road load of a loaded car.
 
-    `drag_area_m2` is drag coefficient times frontal area. `drivetrain_efficiency` holds from
+    `drag_area_m2` is drag coefficient times frontal area. `drivetrain_efficiency` applies from
     battery to wheel when driving and from wheel to battery when braking;
-    `maximum_regeneration_power_w` is electrical, the friction brakes do the rest.
+    `maximum_regeneration_power_w` is electrical, the friction brakes take the rest.
     """
 
     mass_kg: float
@@ -41,7 +41,7 @@ class RoadVehicle:
 
 @dataclass(frozen=True)
 class RoadForces:
-    """What a trip adds to the car: payload, a roof box, snow on the road."""
+    """Additional road load of a trip: payload, a roof box, snow on the road."""
 
     payload_kg: float = 0.0
     additional_drag_area_m2: float = 0.0
@@ -50,10 +50,10 @@ class RoadForces:
 
 def loaded(vehicle: Vehicle, load: RoadForces, maximum_regeneration_power_w: float = inf) -> RoadVehicle:
     """
-    Return the RoadVehicle of a Vehicle that has a `road_load`, with a Load.
+    Return the RoadVehicle of a Vehicle that has a `road_load`, with RoadForces.
 
-    `maximum_regeneration_power_w` [W] is that of the trip; the lower one of it and the vehicle's
-    holds.
+    `maximum_regeneration_power_w` [W] is the trip's; the lower of the trip's and the vehicle's
+    applies.
     """
     road_load, drivetrain = vehicle.road_load, vehicle.drivetrain
     assert road_load is not None
@@ -69,7 +69,7 @@ def loaded(vehicle: Vehicle, load: RoadForces, maximum_regeneration_power_w: flo
 
 def air_density_kg_per_m3(ambient_temperature_c: FloatArray,
                           elevation_m: FloatArray) -> FloatArray:
-    """Density of dry air [kg/m^3] at a temperature [deg C] and an elevation [m]."""
+    """Return the density of dry air [kg/m^3] at a temperature [deg C] and an elevation [m]."""
     pressure_pa = SEA_LEVEL_PRESSURE_PA * (1.0 - PRESSURE_PER_M * elevation_m)**PRESSURE_EXPONENT
     return pressure_pa / (GAS_CONSTANT_OF_AIR * (ambient_temperature_c + KELVIN_AT_0_C))
 
@@ -78,7 +78,7 @@ def wheel_power_w(vehicle: RoadVehicle, duration_s: FloatArray, distance_m: Floa
                   speed_mps: FloatArray, elevation_m: FloatArray, slope: FloatArray,
                   ambient_temperature_c: FloatArray, headwind_mps: float = 0.0) -> FloatArray:
     """
-    Mean power at the wheels [W] in each of N steps, shape (N,); negative where the car is braked.
+    Return the mean power at the wheels [W] in each of N steps, shape (N,); negative when braking.
 
     `duration_s`, `slope` (rise over run) and `ambient_temperature_c` have shape (N,);
     `distance_m`, `speed_mps` and `elevation_m` (above sea level) have shape (N + 1,): the instants
@@ -99,7 +99,7 @@ def wheel_power_w(vehicle: RoadVehicle, duration_s: FloatArray, distance_m: Floa
 
 
 def battery_power_w(vehicle: RoadVehicle, power_at_wheels_w: FloatArray) -> FloatArray:
-    """Electrical power of the drivetrain [W]; negative = regeneration; shape of the input."""
+    """Return the electrical power of the drivetrain [W]; negative = regeneration; shape follows the input."""
     efficiency = vehicle.drivetrain_efficiency
     return np.where(
         power_at_wheels_w > 0.0,

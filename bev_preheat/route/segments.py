@@ -2,7 +2,7 @@
 """
 The route: segments of constant speed, power and ambient temperature, checked, sliced, resampled.
 
-Times are seconds after the start of segment 0. Segments need not be equally long.
+Times are seconds after the start of segment 0. Segments may differ in length.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray
     from bev_preheat.vehicle.description import Defaults
 
-# What a segment may hold: (low, high). Wide enough for a truck on a pass, narrow enough that a
-# wrong unit shows: a speed in km/h, a power in kW squared, a temperature in kelvin.
+# Valid range of a segment's values: (low, high). Wide enough for a truck on a pass, narrow enough to
+# detect wrong units: a speed in km/h, a power in kW squared, a temperature in kelvin.
 LIMITS = {
     'duration_s': (1e-3, 86400.0),
     'speed_mps': (0.0, 100.0),
@@ -34,22 +34,22 @@ LIMITS = {
     'auxiliary_power_w': (0.0, 50e3),
     'propulsion_power_magnitude_w': (0.0, 2e6),
 }
-# Longest route [s] and most segments that are planned; more is refused.
+# Longest route [s] and largest number of segments; more is refused.
 LONGEST_ROUTE_S = 24 * 3600.0
 MOST_SEGMENTS = 200_000
-# The root mean square may fall short of the mean magnitude, and that of |mean|, by rounding only.
+# The root mean square may be below the mean magnitude, and that below |mean|, by rounding only.
 POWER_ROUNDING = 1e-6
 
 
 @dataclass(frozen=True)
 class Route:
     """
-    N segments in driving order; each field is an array of shape (N,), float.
+    N segments in driving order; each field is a float array of shape (N,).
 
     Powers are electrical: `propulsion_power_w` is the drivetrain's mean including its losses
     (negative = regeneration), `propulsion_power_rms_w` its root mean square within the segment,
-    `propulsion_power_magnitude_w` the mean of its magnitude there, which is what heats the
-    drivetrain, `cabin_heating_power_w` what the HVCH spends on the cabin.
+    `propulsion_power_magnitude_w` the mean of its magnitude there, which determines the heat of the
+    drivetrain, `cabin_heating_power_w` the HVCH power for the cabin.
     """
 
     duration_s: FloatArray
@@ -69,18 +69,18 @@ class Route:
     def _of_block(cls, block: FloatArray) -> Self:
         """Return the route of a `block`."""
         route = object.__new__(cls)
-        # Made with each update of the planner: the constructor of a frozen class takes three times as long.
+        # Built on each update of the planner: the constructor of a frozen class is three times slower.
         vars(route).update(zip(COLUMNS, block), block=block)
         return route
 
     @cached_property
     def block(self) -> FloatArray:
-        """The fields one after the other in one block of memory, shape (8, N), not to be written to."""
+        """The fields in one block of memory, shape (8, N); read-only."""
         return np.array([getattr(self, name) for name in COLUMNS], dtype=float)
 
     @cached_property
     def time_s(self) -> FloatArray:
-        """Instants at which segments start, and the end: shape (N + 1,), not to be written to."""
+        """Instants at which segments start, and the end: shape (N + 1,); read-only."""
         time_s = np.zeros(len(self.duration_s) + 1)
         self.duration_s.cumsum(out=time_s[1:])
         time_s.flags.writeable = False
@@ -93,17 +93,17 @@ class Route:
 
     @cached_property
     def _lowest_ambient_from_c(self) -> list[float]:
-        """Lowest ambient temperature of each segment and all after it [deg C]."""
+        """Lowest ambient temperature of each segment and all later ones [deg C]."""
         lowest_c: list[float] = np.minimum.accumulate(self.ambient_temperature_c[::-1])[::-1].tolist()
         return lowest_c
 
     def segment_at(self, elapsed_s: float) -> int:
-        """Return the index of the segment at an instant [s]; the first before, the last after it."""
+        """Return the index of the segment at an instant [s], clipped to the first and last segment."""
         return bisect_right(self._boundaries_s, elapsed_s)
 
     @cached_property
     def _boundaries_s(self) -> list[float]:
-        """Instants at which one segment follows another [s]: searched in a fifth of an array's time."""
+        """Instants between segments [s], as a list: searched five times faster than an array."""
         boundaries_s: list[float] = self.time_s[1:-1].tolist()
         return boundaries_s
 
@@ -132,7 +132,7 @@ class Route:
     @cached_property
     def total_duration_s(self) -> float:
         """Duration of the whole route [s]."""
-        # The same sum as time_s: np.sum adds in another order and rounds differently.
+        # The same sum as time_s, because np.sum adds in another order and rounds differently.
         return float(self.time_s[-1])
 
     @property
@@ -177,12 +177,12 @@ class Route:
         return Route(**part)
 
     def followed_by(self, other: Route) -> Route:
-        """Return the route with another one behind it."""
+        """Return the route followed by another one."""
         return Route(**{field.name: np.concatenate(
             (getattr(self, field.name), getattr(other, field.name))) for field in fields(self)})
 
     def segments(self, first: int, end: int) -> Route:
-        """Return the route from segment `first` to the one before `end`."""
+        """Return the segments from `first` up to, not including, `end`."""
         return Route(*[getattr(self, name)[first:end] for name in COLUMNS])
 
     def divided(self, longest_s: float | FloatArray) -> Route:
@@ -201,15 +201,15 @@ class Route:
 
     def resampled(self, step_s: float) -> Route:
         """
-        Return the route in steps of `step_s`, the last one shorter if need be.
+        Return the route in steps of `step_s`; the last one may be shorter.
 
-        Energy, mean magnitude and mean square of the power, distance and duration are kept; the
-        mean square and the magnitude of a step hold what varied between the segments in it too.
+        Energy, mean magnitude and mean square of the power, distance and duration are preserved; the
+        mean square and the magnitude of a step include the variation between its segments.
         """
         if not 0.0 < step_s < np.inf:
             raise ValueError(f'step {step_s} s must be above 0 and finite')
         old = self.time_s
-        # A sliver at the end is no step of its own.
+        # A sliver at the end does not become a step.
         steps = max(1, int(np.ceil(old[-1] / step_s - 1e-9)))
         new = np.minimum(np.arange(steps + 1) * float(step_s), old[-1])
         new[-1] = old[-1]
@@ -234,7 +234,7 @@ class Route:
 
 
 COLUMNS = tuple(field.name for field in fields(Route))
-# As the end of each name says.
+# Units, from the ends of the names.
 UNITS = {name: {'s': 's', 'mps': 'm/s', 'c': 'degC', 'w': 'W'}[name.rpartition('_')[2]] for name in COLUMNS}
 
 
@@ -242,16 +242,16 @@ def make_route(columns: Mapping[str, Sequence[float] | FloatArray | None],
                defaults: Defaults | None, names: dict[str, str] | None = None,
                tells_units: bool = False) -> Route:
     """
-    Check columns and return the Route they make.
+    Check columns and return their Route.
 
     `columns` maps the fields of Route to arrays of N numbers or of 1 (the same in each segment).
     `propulsion_power_rms_w`, `propulsion_power_magnitude_w`, `cabin_heating_power_w` and
-    `auxiliary_power_w` may be None or empty: |mean|, the mean magnitude of a power that varies
-    normally with that mean and rms, and the vehicle's `defaults` (vehicle.description.Defaults)
-    then hold; `defaults` may be None where the last two are given. `names` maps fields to what the
-    source calls them, for the messages; `tells_units`: these names do not say the unit, so the messages do.
+    `auxiliary_power_w` may be None or empty; the defaults are |mean|, the mean magnitude of a power
+    that varies normally with that mean and rms, and the vehicle's `defaults` (vehicle.description.Defaults),
+    which may be None if the last two are given. `names` maps fields to their names in the source,
+    for the messages; `tells_units`: these names have no unit, so the messages add it.
 
-    Raises InvalidInput with one problem a field.
+    Raises InvalidInput with one problem per field.
     """
     names = names or {}
     arrays, problems = {}, []
@@ -296,7 +296,7 @@ def make_route(columns: Mapping[str, Sequence[float] | FloatArray | None],
 
 
 def _complete_powers(arrays: dict[str, FloatArray], names: dict[str, str]) -> None:
-    """Put rms and mean magnitude of the power where they lack; |mean| <= magnitude <= rms."""
+    """Fill in missing rms and mean magnitude of the power; |mean| <= magnitude <= rms."""
     mean_w = np.abs(arrays['propulsion_power_w'])
     rms_w = arrays.get('propulsion_power_rms_w', mean_w)
     _check_order(rms_w, mean_w, 'propulsion_power_rms_w', 'the magnitude of the mean', names)
@@ -313,7 +313,7 @@ def _complete_powers(arrays: dict[str, FloatArray], names: dict[str, str]) -> No
 
 def _check_order(large_w: FloatArray, small_w: FloatArray, name: str, than: str,
                  names: dict[str, str]) -> None:
-    """Raise InvalidInput where one power is below another by more than rounding."""
+    """Raise InvalidInput if one power is below another by more than rounding."""
     short = large_w < small_w * (1.0 - POWER_ROUNDING)
     if short.any():
         at = int(np.argmax(short))
@@ -322,7 +322,7 @@ def _check_order(large_w: FloatArray, small_w: FloatArray, name: str, than: str,
 
 
 def problem_with_values(array: FloatArray, limits: tuple[float, float], unit: str = '') -> str | None:
-    """Return what is wrong with the values of a column, to stand behind its name, or None."""
+    """Return the problem with a column's values, to be appended to its name, or None."""
     if array.ndim != 1:
         return f': has {array.ndim} dimensions; it must be a plain list'
     low, high = limits

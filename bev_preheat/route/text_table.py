@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Reads tables of numbers as programs and spreadsheets write them: a header, a row a line.
+Reads tables of numbers from programs and spreadsheets: a header, then one line per row.
 
-Commas, semicolons or tabs separate the columns; where commas do not, they may be decimal commas.
-`#` starts a comment. What can be read in two ways is refused, because a number that is wrong by a
-factor of a thousand plans a wrong trip.
+Commas, semicolons or tabs separate the columns; commas that do not may be decimal commas.
+`#` starts a comment. Ambiguous numbers are refused, because an error by a
+factor of a thousand gives a wrong trip.
 """
 
 from __future__ import annotations
@@ -26,18 +26,18 @@ if TYPE_CHECKING:
 SEPARATORS = {',': 'commas', ';': 'semicolons', '\t': 'tabs'}
 NUMBER = re.compile(r'[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?')
 NOT_FINITE = re.compile(r'[+-]?(nan|inf|infinity)', re.IGNORECASE)
-# A line with which a spreadsheet is told the separator; the header shows it too.
+# A spreadsheet's line that names the separator; the header shows it too.
 SEPARATOR_LINE = re.compile('"?sep=.?"?', re.IGNORECASE)
-# 1.500 and 1,500: one and a half or fifteen hundred.
+# 1.500 and 1,500 are ambiguous: one and a half or fifteen hundred.
 AMBIGUOUS = re.compile(r'[+-]?[1-9][0-9]{0,2}[.,][0-9]{3}')
 GROUPED = re.compile(r"([+-]?[0-9]{1,3})((?:[ \u00a0\u202f\u2009'’.,][0-9]{3})+)([.,][0-9]+)?")
-# Of numbers with nothing that asks for a closer look.
+# Plain numbers, which need no further check.
 PLAIN_CHARACTERS = frozenset('0123456789.+-eE')
 
 
 @dataclass(frozen=True)
 class TextTable:
-    """Cells of a table as texts: `rows` below `header`, and the line of the file of each."""
+    """Cells of a table as texts: `rows` below `header`, and the line number of each."""
 
     path: str | Path
     separator: str
@@ -48,14 +48,14 @@ class TextTable:
     comments: list[tuple[int, str]]
 
     def where(self, row: int) -> str:
-        """Return how messages name a row: file and line."""
+        """Return a row's place for messages: file and line."""
         return f'{self.path}, line {self.lines[row]}'
 
     def numbers(self, names: Collection[str], empty_is_nan: bool = False) -> list[FloatArray]:
         """
         Return the numbers of the named columns: a list of arrays, each of shape (N,).
 
-        Raises InvalidInput naming line, column and text of each cell that holds no number.
+        Raises InvalidInput naming line, column and text of each cell that is not a number.
         """
         places = [self.header.index(name) for name in names]
         columns = [[row[place] for row in self.rows] for place in places]
@@ -78,11 +78,11 @@ class TextTable:
             try:
                 return np.array(list(map(float, read)))
             except ValueError:
-                # Some cell holds none; which one is found below.
+                # Some cell is not a number; it is found below.
                 pass
         values = np.full(len(texts), np.nan)
         for at, (text, number) in enumerate(zip(texts, read)):
-            # float() takes more than people mean: 1_500, digits of other scripts.
+            # float() accepts more than numbers as people write them: 1_500, digits of other scripts.
             if NUMBER.fullmatch(number) or NOT_FINITE.fullmatch(number):
                 values[at] = float(number)
             elif number or not empty_is_nan:
@@ -100,7 +100,7 @@ class TextTable:
         return f'{quoted(text)} is not a number'
 
     def _decimal_mark(self, names: Collection[str], columns: list[list[str]]) -> str:
-        """Comma or point: the one that the numbers have; InvalidInput where it is not clear."""
+        """Return the decimal mark of the numbers, comma or point; raise InvalidInput if it is ambiguous."""
         if self.separator == ',':
             return '.'
         marked = {}
@@ -118,9 +118,9 @@ class TextTable:
             raise InvalidInput(
                 f'{self.where(at)}: {name}: {quoted(text)} has a decimal point, and '
                 f'{quoted(comma_text)} in line {self.lines[comma_at]}, {comma_name}, a decimal '
-                'comma; use one of them')
+                'comma; use only one')
         for mark, cells in marked.items():
-            # One number that can only be read in one way says how the others are meant.
+            # One unambiguous number settles the others.
             if all(AMBIGUOUS.fullmatch(text) for _, _, text in cells):
                 name, at, text = cells[0]
                 raise InvalidInput(
@@ -136,8 +136,8 @@ def read_text_table(path: str | Path, columns: Iterable[str]) -> TextTable:
     """
     Return the TextTable of a file.
 
-    `columns` (texts) is what the header may name, for the message about an empty file. Raises
-    InvalidInput naming file, line, and what is wrong.
+    `columns` (texts) are the valid names in the header, for the message about an empty file. Raises
+    InvalidInput naming file, line and problem.
     """
     header, rows, lines, comments = None, [], [], []
     separator, header_line, problems = ',', 0, []
@@ -183,7 +183,7 @@ def _lines(path: str | Path) -> list[str]:
 
 
 def _separator(path: str | Path, number: int, text: str, columns: Iterable[str]) -> str:
-    """Return what separates the columns, by the header, whose names hold no separator."""
+    """Return the column separator, from the header, whose names contain none."""
     if re.match('["\\s]*[+-]?[.,]?[0-9]', text):
         raise InvalidInput(f'{path}, line {number}: holds numbers; the line above them must name '
                            f'the columns: {", ".join(columns)}')
@@ -192,7 +192,7 @@ def _separator(path: str | Path, number: int, text: str, columns: Iterable[str])
     if len(found) > 1:
         raise InvalidInput(
             f'{path}, line {number}: the columns are separated by '
-            f'{" and ".join(SEPARATORS[separator] for separator in found)}; use one of them')
+            f'{" and ".join(SEPARATORS[separator] for separator in found)}; use only one')
     if not found and re.search(r'[\s|]', text):
         raise InvalidInput(f'{path}, line {number}: {quoted(text)} has no separator; the columns '
                            'must be separated by commas, semicolons or tabs')

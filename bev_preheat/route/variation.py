@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How power varies, as traffic makes it: from segment to segment, and within one."""
+"""Random variation of power by traffic, from segment to segment and within a segment."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ if TYPE_CHECKING:
     IntArray = NDArray[np.int64]
 
 
-# Noise is smoothed over so many segments.
+# Noise is smoothed over this many segments.
 SMOOTHED = 5
 WEIGHTS = np.full(SMOOTHED, 1.0 / np.sqrt(SMOOTHED))
 
 
 def vary(random: np.random.Generator, steps: int, mean: float, variability: float) -> FloatArray:
     """
-    Return a positive series that wanders about its mean, as traffic does, shape (steps,).
+    Return a positive series that varies about its mean, as in traffic, shape (steps,).
 
     `random` is a numpy Generator, `variability` the standard deviation of the series' logarithm.
     """
@@ -35,11 +35,11 @@ def vary(random: np.random.Generator, steps: int, mean: float, variability: floa
 
 def vary_each(random: np.random.Generator, steps: IntArray, variability: float) -> FloatArray:
     """
-    Return K series as `vary` makes them, of `steps` (K,) each, about 1, one behind the other.
+    Return K concatenated series of `vary`, of `steps` (K,) each, with mean 1.
 
     The shape is (sum of `steps`,).
     """
-    # As many zeros on either side of each as the weights reach beyond it.
+    # Zeros on either side of each series, up to the reach of the weights.
     total, zeros = int(steps.sum()), SMOOTHED // 2
     places = np.arange(total) + np.repeat(zeros * np.arange(1, 2 * len(steps), 2), steps)
     noise = np.zeros(total + 2 * zeros * len(steps))
@@ -52,21 +52,21 @@ def _about_one(smooth: FloatArray, variability: float) -> FloatArray:
     return series
 
 
-# Within a segment the car accelerates, brakes and rolls so often.
+# Number of cycles of accelerating, braking and rolling within a segment.
 CYCLES = 3
 
 
 def with_cycles(route: Route) -> Route:
     """
-    Return the route with the power of each segment as it may be driven: in cycles of constant powers.
+    Return the route with the power of each segment in cycles of constant powers.
 
-    In each cycle the car drives with a power, regenerates with the same and rolls, for as long as
-    mean, root mean square and mean magnitude of the segment say. Segments without variation stay.
+    In each cycle the car drives with a power, regenerates with the same and rolls; the durations follow from
+    mean, root mean square and mean magnitude of the segment. Segments without variation stay.
     """
     rms_w, magnitude_w = route.propulsion_power_rms_w, route.propulsion_power_magnitude_w
     varies = route.propulsion_power_variance_w2 > 0.0
     safe_w = np.where(varies, magnitude_w, 1.0)
-    # Shares of the time, shape (N, 3), that give all three; the power is rms^2 / magnitude.
+    # Shares of the time, shape (N, 3), that reproduce all three; the power is rms^2 / magnitude.
     power_w = np.where(varies, rms_w**2 / safe_w, route.propulsion_power_w)
     total = np.where(varies, safe_w**2 / np.maximum(rms_w, 1e-9)**2, 1.0)
     driving = np.where(varies, 0.5 * (magnitude_w + route.propulsion_power_w) / np.where(

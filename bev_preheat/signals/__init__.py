@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Doubt about the signals of the vehicle: values in, verdicts out, without ROS."""
+"""Plausibility of the vehicle's signals: values in, verdicts out, without ROS."""

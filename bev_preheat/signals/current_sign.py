@@ -2,9 +2,9 @@
 """
 Whether the current has the expected sign: positive = discharging inside this software.
 
-Two witnesses. The voltage falls while the discharge current rises, by the resistance: in measured
-drives their changes are correlated by -0.99. The state of charge falls while the battery is
-discharged. The latest proof holds.
+Two kinds of evidence. The voltage falls while the discharge current rises, by the resistance: in measured
+drives their changes are correlated by -0.99. The state of charge falls while the battery
+discharges. The latest proof counts.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ class CurrentSign:
     """Watches voltage, current and state of charge; `sign` is the Sign, `evidence` a sentence."""
 
     def __init__(self, capacity_as: float) -> None:
-        """Know nothing; `capacity_as` [As] is that of the battery."""
+        """Start without evidence; `capacity_as` [As] is that of the battery."""
         self._capacity_as = capacity_as
         self.sign, self.evidence = Sign.UNKNOWN, ''
         self._changes: deque[tuple[float, float]] = deque(maxlen=CHANGES)
@@ -76,7 +76,7 @@ class CurrentSign:
         self._discharged = 0.0
 
     def see(self, instant_s: float, voltage_v: float, current_a: float, soc: float) -> Sign:
-        """Take a state in: instant [s], voltage [V], current [A], state of charge (0 ... 1); return the Sign."""
+        """Update with instant [s], voltage [V], current [A], state of charge (0 ... 1); return the Sign."""
         before, self._before = self._before, _SignSample(instant_s, voltage_v, current_a)
         self._soc_steps.see(soc)
         if before is None or not 0.0 < instant_s - before.instant_s <= 60.0:
@@ -89,7 +89,7 @@ class CurrentSign:
             self._noise += ((soc - self._latest_soc)**2 - self._noise) / NOISE_OVER
         self._latest_soc = soc
         self._discharged += 0.5 * (current_a + before.current_a) * elapsed_s / self._capacity_as
-        # A sign that is known to be right is confirmed now and then.
+        # A sign proved right is confirmed from time to time.
         if self.sign is not Sign.RIGHT or instant_s >= self._confirmed_s + CONFIRMED_EVERY_S:
             self._confirmed_s = instant_s
             self._judge_voltage()

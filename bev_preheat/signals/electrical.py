@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Whether voltage and state of charge fit the battery that the vehicle file describes.
+Whether voltage and state of charge match the battery of the vehicle file.
 
 The terminal voltage lies near U_oc(soc, T) - R(soc, T) I. Vehicle files differ from cars, so the
 bounds are wide: they detect another battery, a wrong scale, and a charge that was never set.

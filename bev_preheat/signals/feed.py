@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whether battery states arrive often enough to heat by."""
+"""Whether battery states arrive often enough for heating."""
 
 from __future__ import annotations
 
 from collections import deque
 
-# After so many gaps in a row that are too long the feed is slow, after so many in time it is steady again.
+# After this many long gaps in a row the feed is slow, after this many short ones it is steady again.
 SLOW_GAPS, STEADY_GAPS = 2, 3
 
 
@@ -13,7 +13,7 @@ class FeedWatch:
     """Compares the time between valid battery states with the allowed time."""
 
     def __init__(self) -> None:
-        """Know nothing yet."""
+        """Start without states."""
         self._latest_s: float | None = None
         self._too_long_s: deque[float] = deque(maxlen=SLOW_GAPS)
         self._in_time = 0

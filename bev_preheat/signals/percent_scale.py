@@ -23,7 +23,7 @@ class PercentScale:
     """Remembers the latest percentages, including refused ones."""
 
     def __init__(self) -> None:
-        """Know nothing yet."""
+        """Start without values."""
         self._latest: float | None = None
         self._latest_s = 0.0
         self._valid: float | None = None

@@ -39,7 +39,7 @@ class SourceWatch:
     """Watches from which battery states come; `doubt` is the sentence, '' if it is one battery."""
 
     def __init__(self) -> None:
-        """Know nothing yet."""
+        """Start without states."""
         self.doubt = ''
         self._before: _SeenState | None = None
         self._jumps: deque[bool] = deque(maxlen=STATES)
@@ -52,7 +52,7 @@ class SourceWatch:
     def see(self, instant_s: float, temperature_c: float, soc: float, voltage_v: float | None,
             name: str = '') -> str:
         """
-        Take a state in: instant [s], temperature [deg C], state of charge (0 ... 1), voltage [V].
+        Update with instant [s], temperature [deg C], state of charge (0 ... 1), voltage [V].
 
         `name` identifies the battery in the message, '' if it does not. Returns `doubt`.
         """

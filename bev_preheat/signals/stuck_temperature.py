@@ -28,7 +28,7 @@ class StuckTemperature:
     """Watches the temperature; `doubt` is the sentence, '' while the reading follows the battery."""
 
     def __init__(self) -> None:
-        """Know nothing yet."""
+        """Start without readings."""
         self.doubt = ''
         self._reading_c: float | None = None
         self._since_s = self._latest_s = 0.0
@@ -44,7 +44,7 @@ class StuckTemperature:
     def see(self, instant_s: float, reading_c: float, step_k: float, rate_k_per_s: float,
             ambient_c: float | None) -> str:
         """
-        Take a reading in; return `doubt`.
+        Update with a reading; return `doubt`.
 
         Instant [s], reading and ambient temperature [deg C] (None: unknown), step of the sensor [K],
         rate at which the model expects the temperature to change [K/s].

@@ -9,7 +9,7 @@ TEMPERATURE = 'battery_temperature'
 STATE_OF_CHARGE = 'state_of_charge'
 VOLTAGE = 'voltage'
 CURRENT = 'current'
-# Which battery the messages are from.
+# Which battery the messages come from.
 SOURCE = 'source'
 # How often they arrive.
 FEED = 'feed'

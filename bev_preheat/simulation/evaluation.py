@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whether a drive went as its scenario expects."""
+"""Compares a drive with the expectations of its scenario."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ SIGNALS = frozenset(('battery_temperature', 'state_of_charge', 'voltage', 'curre
 
 
 class PhaseEnd(NamedTuple):
-    """A phase that has ended: its instants [s], the true temperature [deg C], NaN with an empty battery."""
+    """A phase that has ended: its instants [s], the true temperature [deg C], NaN if the battery is empty."""
 
     started_s: float
     ended_s: float
@@ -56,24 +56,24 @@ class DriveRecord:
     _doubted: frozenset[str] = frozenset()
 
     def note_heater(self, instant_s: float, said: str) -> None:
-        """Note the verdict on the heater at an instant [s]."""
+        """Record the verdict on the heater at an instant [s]."""
         if said != self.heater:
             self.heater_verdicts.append((instant_s, said))
         self.heater = said
 
     def note_signals(self, instant_s: float, names: Collection[str]) -> None:
-        """Note which signals are in doubt at an instant [s]."""
+        """Record the signals in doubt at an instant [s]."""
         self.signals += [(instant_s, name) for name in names if name not in self._doubted]
         self._doubted = frozenset(names)
 
     @property
     def switch_ons(self) -> int:
-        """How often the command rose from 0 W."""
+        """Number of times that the command rose from 0 W."""
         powers_w = [0.0, *(power_w for _, power_w, _ in self.commands)]
         return sum(before == 0.0 < after for before, after in zip(powers_w, powers_w[1:]))
 
     def during(self, from_s: float, until_s: float, target_c: float, arrival_c: float) -> DriveRecord:
-        """Return the DriveRecord of the phase in a span [s], at whose end the battery has `arrival_c` [deg C]."""
+        """Return the DriveRecord of the phase in a span [s] that ends at `arrival_c` [deg C]."""
         def shifted(records: list[Any]) -> list[Any]:
             return [(record[0] - from_s, *record[1:]) for record in records if from_s <= record[0] < until_s]
 
@@ -87,7 +87,7 @@ class DriveRecord:
 
 @dataclass(frozen=True)
 class Finding:
-    """One expectation: what it is about, what was expected, what was seen, whether that is good."""
+    """One expectation: its subject, the expected and the observed value, and whether it is met."""
 
     what: str
     expected: str
@@ -96,7 +96,7 @@ class Finding:
 
 
 def evaluate(expectations: Expectations, record: DriveRecord) -> list[Finding]:
-    """Return a Finding for each of a scenario's Expectations, held against a DriveRecord."""
+    """Return a Finding for each of a scenario's Expectations, compared with a DriveRecord."""
     findings: list[Finding] = []
 
     def find(what: str, expected: str, seen: str, good: bool) -> None:
@@ -155,7 +155,7 @@ def evaluate(expectations: Expectations, record: DriveRecord) -> list[Finding]:
 
 
 def fill_phases(record: DriveRecord, scenario: Scenario, ends: Iterable[PhaseEnd]) -> None:
-    """Fill in the records of a Scenario's phases, which ended so."""
+    """Fill in the records of a Scenario's phases from their ends."""
     jumps = scenario.imperfections.clock_jumps
     for phase, (started_s, ended_s, arrival_c) in zip((scenario.drives[0], *scenario.following), ends):
         record.phases.append(record.during(
@@ -167,7 +167,7 @@ def fill_phases(record: DriveRecord, scenario: Scenario, ends: Iterable[PhaseEnd
 
 def evaluate_chain(expectations: Expectations, of_phases: Sequence[Expectations | None],
                    record: DriveRecord) -> list[Finding]:
-    """Return the Findings of `evaluate` for the whole, then for each phase that expects something."""
+    """Return the Findings of `evaluate` for the whole drive, then for each phase with expectations."""
     findings = evaluate(expectations, record)
     for number, (expected, phase) in enumerate(zip(of_phases, record.phases), start=1):
         if expected is not None:

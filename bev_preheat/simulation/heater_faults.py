@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A heater that does not do what it is told."""
+"""Faults of a heater that disobeys its command."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -9,9 +9,9 @@ import math
 @dataclass(frozen=True)
 class HeaterFault:
     """
-    From one instant to another [s] the heater gives `share` (0 ... 1) of what is commanded.
+    From one instant to another [s] the heater delivers `share` (0 ... 1) of the command.
 
-    With `stuck_on` it heats with all that the cabin leaves, whatever is commanded.
+    With `stuck_on` it uses all the power left by the cabin, whatever the command.
     """
 
     from_s: float
@@ -21,12 +21,12 @@ class HeaterFault:
 
 
 def fault_at(faults: Sequence[HeaterFault], instant_s: float) -> HeaterFault | None:
-    """Return the HeaterFault that holds at an instant [s], the last one named; None where none."""
+    """Return the last HeaterFault in the list that is active at an instant [s], or None."""
     return next((fault for fault in reversed(faults)
                  if fault.from_s <= instant_s < fault.until_s), None)
 
 
 def next_change_s(faults: Sequence[HeaterFault], instant_s: float) -> float:
-    """Return the next instant [s] after this one at which a fault begins or ends; inf: none."""
+    """Return the next instant [s] after this one at which a fault begins or ends, or inf."""
     return min((edge_s for fault in faults for edge_s in (fault.from_s, fault.until_s)
                 if edge_s > instant_s), default=math.inf)

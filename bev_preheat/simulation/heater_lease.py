@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the simulated heater's controller makes of commands: a lease that runs out by itself."""
+"""The simulated heater controller's lease on a command, which expires by itself."""
 
 from dataclasses import dataclass
 import math
@@ -10,7 +10,7 @@ from bev_preheat.errors import InvalidInput
 @dataclass(frozen=True)
 class HeaterLease:
     """
-    Permission to spend `power_w` [W] on the battery up to the instant `until_s`, 0 W after it.
+    Permission to use `power_w` [W] for the battery up to the instant `until_s`, then 0 W.
 
     Instants are seconds after the start of the route.
     """
@@ -25,17 +25,17 @@ NO_LEASE = HeaterLease(0.0, -math.inf)
 def lease_of_command(power_w: float, until_s: float, now_s: float,
                      maximum_power_w: float) -> HeaterLease:
     """
-    Return the HeaterLease of a command; raise InvalidInput where it is none.
+    Return the HeaterLease of a command; raise InvalidInput if the command is invalid.
 
-    `power_w` [W] must be 0 ... `maximum_power_w`, the heater's own; that the cabin may leave less
-    is no fault of the command, the vehicle limits it. `until_s` must lie after `now_s`.
+    `power_w` [W] must be 0 ... `maximum_power_w`, the heater's own. The cabin may leave less; the vehicle
+    then limits the power. `until_s` must be after `now_s`.
     """
     problems = []
     if not 0.0 <= power_w <= maximum_power_w:
         problems.append(f'battery_heating_power: {power_w:g} W is not allowed; it must be '
                         f'0 ... {maximum_power_w:g} W')
     if not until_s > now_s:
-        problems.append(f'valid_until: lies {now_s - until_s:.3f} s in the past')
+        problems.append(f'valid_until: is {now_s - until_s:.3f} s in the past')
     if problems:
         raise InvalidInput(problems)
     return HeaterLease(power_w, until_s)

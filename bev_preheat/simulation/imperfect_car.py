@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A simulated car that differs from its description, in traffic, seen through its sensors."""
+"""A simulated car that differs from its vehicle file, in traffic, seen through its sensors."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class Imperfections:
     All deviations of the simulated drive from vehicle and route file; none by default.
 
     `heat_path` None: that of the vehicle file. `position` None: the car does not report its position.
-    `events` and `position` are those of the first drive.
+    `events` and `position` apply to the first drive.
     """
 
     mismatch: Mismatch = field(default_factory=Mismatch)
@@ -57,7 +57,7 @@ class PhaseReport:
     """
     Result of a Phase: its instants [s], the battery at its end, the heater's energy [Wh].
 
-    `ran_empty`: the battery did.
+    `ran_empty`: whether the battery ran empty.
     """
 
     phase: Phase
@@ -88,9 +88,9 @@ class ImperfectCar:
     """
     A car on its way, through one phase or several.
 
-    `vehicle` is the described one, `plant` (a VehiclePlant) the true one in the current `phase`, `reports`
-    are the results of the phases that have ended. Instants are seconds after the start; the same arguments
-    make the same car.
+    `vehicle` is the nominal one, `plant` (a VehiclePlant) the true one in the current `phase`, `reports`
+    are the results of finished phases. Instants are seconds after the start. The car is
+    reproducible: equal arguments give equal cars.
     """
 
     def __init__(self, vehicle: Vehicle, route: Route, state: BatteryState, goal: Goal,
@@ -100,8 +100,8 @@ class ImperfectCar:
         """
         Put the car at the start of a Route, with its battery in `state`; see numpy for `seed`.
 
-        The trip planner says that it stood for `standing_time_s` [s] before; 0: it does not know. It
-        knows the Charger at the end; None: it does not. `following` are the Phases after this drive.
+        The trip planner reports that it stood for `standing_time_s` [s] before; 0: unknown. It
+        knows the Charger at the end; None: unknown. `following` are the Phases after this drive.
         """
         self._drive_seed, sensor_seed, self._position_seed = np.random.SeedSequence(seed).spawn(3)
         self.vehicle = vehicle
@@ -127,11 +127,11 @@ class ImperfectCar:
 
     @property
     def clock_s(self) -> float:
-        """What a clock that started with the drive shows [s]: the time, and its jumps."""
+        """The clock's reading since the start of the drive, including its jumps [s]."""
         return self.stamp_s(self.plant.time_s)
 
     def stamp_s(self, instant_s: float) -> float:
-        """Return what the clock showed at an instant [s]."""
+        """Return the clock's reading at an instant [s]."""
         jumps = self.imperfections.clock_jumps
         return instant_s + clock_offset_s(jumps, instant_s) if jumps else instant_s
 
@@ -142,7 +142,7 @@ class ImperfectCar:
 
     @property
     def in_words(self) -> str:
-        """The phases ahead, as an addition to the name of the first drive; '' without any."""
+        """The phases ahead, as a suffix to the name of the first drive; '' without any."""
         return ''.join(f', {type(phase).__name__.lower()}' for phase in self._following)
 
     @property
@@ -152,14 +152,14 @@ class ImperfectCar:
 
     @property
     def longest_s(self) -> float:
-        """How long all phases take at most [s]; longer where drives are late."""
+        """Longest duration of all phases [s]; late drives extend it."""
         return self.plant.end_s + sum(
             phase.route.total_duration_s if isinstance(phase, DrivePhase) else phase.duration_s
             for phase in self._following)
 
     @property
     def asleep_until_s(self) -> float | None:
-        """The instant at which the car and its computers wake up [s]; None: they are awake."""
+        """Instant at which the car and its computers wake up [s]; None: they are awake."""
         wakes_s = self.plant.end_s
         return wakes_s if self._asleep_from_s + COMPUTERS_GO_ON_S <= self.time_s < wakes_s else None
 
@@ -172,9 +172,9 @@ class ImperfectCar:
 
     def route_news(self, start_ns: int) -> Mission | None:
         """
-        Return the Mission that the trip planner sends now; None where it has nothing to say.
+        Return the Mission that the trip planner sends now, or None.
 
-        `start_ns` is the instant of the start. Of several that are due the latest is returned.
+        `start_ns` is the instant of the start. If several are due, the latest is returned.
         """
         due = None
         while self._letters and self._letters[0].at_s <= self.time_s:
@@ -183,13 +183,13 @@ class ImperfectCar:
 
     def progress(self, start_ns: int) -> Progress | None:
         """
-        Return where on the route that was sent last the car is; None where it does not say so now.
+        Return the car's position on the route sent last; None if no report is due.
 
         `start_ns` is the instant of the start.
         """
         if self.time_s < self._next_position_s:
             return None
-        # Differences fall short of the instants that they come from.
+        # Differences may fall short of the original instants by rounding.
         distance_m = self._position.report_m(max(self.time_s - self.plant.start_s, self._position.next_s))
         if distance_m is None or self._sent_start_ns is None:
             return None
@@ -198,7 +198,7 @@ class ImperfectCar:
 
     @property
     def next_event_s(self) -> float:
-        """When the next battery state is taken, or it, a route plan or a position arrives, or a phase ends [s]."""
+        """Return the next instant of a reading, an arriving message or a phase's end [s]."""
         news_s = self._letters[0].at_s if self._letters else math.inf
         end_s = self.plant.end_s if self._following else math.inf
         return min(self.readings_of.next_s, self.readings_of.next_arrival_s, self._next_position_s,
@@ -209,7 +209,7 @@ class ImperfectCar:
         return self.plant.start_s + self._position.next_s if isinstance(self.phase, DrivePhase) else math.inf
 
     def advance_under(self, lease: HeaterLease, to_s: float) -> None:
-        """Drive on to `to_s` [s] under a HeaterLease, and take the readings that are due."""
+        """Drive on to `to_s` [s] under a HeaterLease, and take the readings due by then."""
         readings_of = self.readings_of
         while (due_s := readings_of.next_s) <= to_s:
             if self._asleep_from_s < due_s < self.plant.end_s:
@@ -224,13 +224,13 @@ class ImperfectCar:
         return self.readings_of.arrived(self.time_s)
 
     def read(self) -> Reading:
-        """Return the Reading of now, whether it is due or not."""
+        """Return a Reading taken now, whether or not one is due."""
         return self.readings_of.read(self.plant, self.is_charging)
 
     # Phases
 
     def _go_on(self, lease: HeaterLease, to_s: float) -> None:
-        """Go on to an instant [s], through the phases that begin before it or then."""
+        """Advance to an instant [s], through all phases that begin by then."""
         while self.time_s < to_s:
             self._drive(lease, min(to_s, self.plant.end_s) if self._following else to_s)
             if self._following and self._has_ended():
@@ -269,7 +269,7 @@ class ImperfectCar:
             self._announce(next_phase, self.plant.end_s)
 
     def _begin_drive(self, drive: DrivePhase, begins_s: float) -> Route:
-        """Return the Route that is really driven on a Drive, and prepare what will be said on the way."""
+        """Return the Route actually driven in a DrivePhase, and prepare its reports."""
         driven, news = drive_with_events(drive.route, drive.events, drive.goal.charging_planned)
         route_id = self._id_of(self._drives)
         if self._drives > 0 and drive.announced_s == 0.0:
@@ -284,7 +284,7 @@ class ImperfectCar:
         return true_route(driven, self.imperfections.mismatch, random)
 
     def _random_of(self, seed: np.random.SeedSequence) -> np.random.Generator:
-        """Return the generator of a drive; that of the first one is the seed's own."""
+        """Return the random generator of a drive; the first drive uses the seed's own."""
         return np.random.default_rng(seed if self._drives == 0 else seed.spawn(1)[0])
 
     def _id_of(self, number: int) -> str:
@@ -302,7 +302,7 @@ class ImperfectCar:
         plant, faults, phase = self.plant, self.imperfections.heater_faults, self.phase
         while plant.time_s < to_s:
             if plant.time_s >= self._asleep_from_s:
-                # Its high voltage is off.
+                # Its high-voltage system is off.
                 plant.advance(to_s, 0.0)
                 return
             own_w = 0.0
@@ -320,11 +320,11 @@ class ImperfectCar:
                     fault.share * lease.power_w, lease.until_s), until_s)
 
     def _send(self, letter: _Letter, start_ns: int) -> Mission:
-        """Return the Mission of a letter, whose route begins where the car is, or is to be, at its instant."""
+        """Return the Mission of a letter; its route begins at the car's position or at the planned start."""
         drive, news, goal = letter.drive, letter.news, letter.drive.goal
         route, at_s, standing_time_s = news.route, letter.begins_s + news.at_s, 0.0
         if route is None:
-            # The drive has ended: the last driven segment, behind us.
+            # The drive has ended: send its last segment, which is already driven.
             driven = self._latest_drive
             route = driven.route.segments(len(driven.route) - 1, len(driven.route))
             at_s = driven.start_s + driven.duration_s - route.total_duration_s

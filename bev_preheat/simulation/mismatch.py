@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A car and a drive that differ from what vehicle and route file say."""
+"""A car and a drive that differ from their vehicle and route files."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ if TYPE_CHECKING:
 @dataclass(frozen=True)
 class Mismatch:
     """
-    What the true car and drive are, as multiples of what vehicle and route file say.
+    The true car and drive, as multiples of the values in vehicle and route file.
 
     `heater` is a factor on the efficiency of the HVCH, `propulsion_power_variability` the standard
-    deviation of the logarithm of a factor that wanders from segment to segment about 1. With
-    `visible_variation` the power that a route says to vary within a segment does so over seconds,
-    and the sensors see it; without, it is a ripple that they do not see.
+    deviation of the logarithm of a factor that varies about 1 from segment to segment. With
+    `visible_variation` the power variation within a segment takes place over seconds,
+    so that the sensors see it; without, it is a ripple too fast for them.
     """
 
     heat_capacity: float = 1.0
@@ -38,7 +38,7 @@ class Mismatch:
 
 
 def true_vehicle(vehicle: Vehicle, mismatch: Mismatch, heat_path: HeatPath | None) -> Vehicle:
-    """Return the Vehicle as it really is, with a HeatPath; None: its own."""
+    """Return the true Vehicle, with a HeatPath; None: its own."""
     factors = (mismatch.heat_capacity, mismatch.leakage, mismatch.resistance, mismatch.heater)
     if factors != (1.0,) * 4:
         vehicle = corrected_vehicle(vehicle, Corrections(*factors))
@@ -48,7 +48,7 @@ def true_vehicle(vehicle: Vehicle, mismatch: Mismatch, heat_path: HeatPath | Non
 
 
 def true_route(route: Route, mismatch: Mismatch, random: np.random.Generator) -> Route:
-    """Return the Route as it is really driven: other propulsion power, same speed and times."""
+    """Return the Route as driven: other propulsion power, same speed and times."""
     factor = vary(random, len(route), mismatch.propulsion_power,
                   mismatch.propulsion_power_variability)
     route = route.with_propulsion(factor)

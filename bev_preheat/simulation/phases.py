@@ -19,19 +19,19 @@ if TYPE_CHECKING:
 # Power of a parked car with its computers awake, and asleep [W].
 AWAKE_POWER_W = 250.0
 ASLEEP_POWER_W = 20.0
-# A car that heats itself at the charger begins again this far below its limit [K].
+# A car that heats itself at the charger resumes this far below its limit [K].
 HEATS_AGAIN_BELOW_K = 1.0
 
 
 @dataclass(frozen=True)
 class DrivePhase:
     """
-    A drive over a Route, which the trip planner sends when it starts, or `announced_s` [s] before.
+    A drive over a Route, which the trip planner sends at its start, or `announced_s` [s] earlier.
 
-    The trip planner says that the car stood for `standing_time_s` [s] before; 0: it does not know. The
+    The trip planner reports that the car stood for `standing_time_s` [s] before; 0: unknown. The
     instants of `events` count from the start of the drive. `position` None: the car does not report its
-    position. With `starts_over` the battery returns to the first state of all, as in a recording that is
-    played again.
+    position. With `starts_over` the battery returns to its very first state, as in a recording played
+    again.
     """
 
     route: Route
@@ -46,11 +46,11 @@ class DrivePhase:
 @dataclass(frozen=True)
 class Charge:
     """
-    Standing at a charger of `power_w` [W] until `until_soc` (0 ... 1) or for `duration_s` [s].
+    Charging at `power_w` [W] until `until_soc` (0 ... 1) or for `duration_s` [s].
 
-    The charger feeds battery, heater, cabin and auxiliaries; the battery's charge limit
-    holds. With `heats_itself` the car heats its battery with all that the cabin leaves, without a
-    command, up to the temperature that its file says (`charging.heating_limit_c`).
+    The charger supplies battery, heater, cabin and auxiliaries; the battery's charge limit
+    applies. With `heats_itself` the car heats its battery with all the power left by the cabin, without a
+    command, up to the temperature in its file (`charging.heating_limit_c`).
     """
 
     power_w: float
@@ -62,12 +62,12 @@ class Charge:
     heats_itself: bool = False
 
     def route(self) -> Route:
-        """Return it as one segment of a Route, on which the charger is a regeneration without speed."""
+        """Return the phase as one segment of a Route, with the charger as regeneration without speed."""
         return _standing(self.duration_s, self.ambient_temperature_c, -self.power_w,
                          self.cabin_heating_power_w, self.auxiliary_power_w)
 
     def vehicle(self, vehicle: Vehicle) -> Vehicle:
-        """Return the Vehicle at the charger: no drivetrain gives heat, and the limit is that of charging."""
+        """Return the Vehicle at the charger: no drivetrain heat, and the limit for charging."""
         battery = vehicle.battery
         if vehicle.charging is not None:
             battery = replace(battery, charge_power_limit=vehicle.charging.power_limit)
@@ -75,7 +75,7 @@ class Charge:
             vehicle.drivetrain, heat_recovery_efficiency=0.0))
 
     def own_heat_w(self, vehicle: Vehicle, temperature_c: float, is_heating: bool) -> float:
-        """Return the power that the car heats with by itself [W] at a battery temperature [deg C]."""
+        """Return the power of the car's own battery heating [W] at a battery temperature [deg C]."""
         if not self.heats_itself or vehicle.charging is None:
             return 0.0
         below_c = vehicle.charging.heated_below_c - (0.0 if is_heating else HEATS_AGAIN_BELOW_K)
@@ -88,7 +88,7 @@ class Park:
     """
     Parked for `duration_s` [s] with the ignition off: no drive, no cabin, small auxiliaries.
 
-    Battery states go on for `awake_s` [s]; then the car is asleep until the end.
+    Battery states continue for `awake_s` [s]; then the car is asleep until the end.
     """
 
     duration_s: float
@@ -96,7 +96,7 @@ class Park:
     awake_s: float = math.inf
 
     def route(self) -> Route:
-        """Return it as one or two segments of a Route."""
+        """Return the phase as one or two segments of a Route."""
         awake_s = min(self.awake_s, self.duration_s)
         parts = [_standing(duration_s, self.ambient_temperature_c, 0.0, 0.0, power_w)
                  for duration_s, power_w in ((awake_s, AWAKE_POWER_W),

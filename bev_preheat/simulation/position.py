@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How far the simulated car is along the route that its trip planner sent, and when that is told."""
+"""Position reports of the simulated car along the route sent last."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ if TYPE_CHECKING:
 @dataclass(frozen=True)
 class PositionReports:
     """
-    How the car says where it is: every `period_s` [s], with noise (standard deviation [m]).
+    Position reports of the car: every `period_s` [s], with noise (standard deviation [m]).
 
-    In the spans (from, until) [s] of `drop_outs` it does not.
+    None in the spans (from, until) [s] of `drop_outs`.
     """
 
     period_s: float = 1.0
@@ -34,14 +34,14 @@ class PositionReports:
 
 class Position:
     """
-    Distances along the route that was sent last, when they are due; instants are those of the drive [s].
+    Reported distances along the route sent last; instants are those of the drive [s].
 
-    After a detour the route that was sent before it says nothing of where the car is.
+    After a detour the route sent before it gives no position.
     """
 
     def __init__(self, reports: PositionReports | None, driven: Route, events: Sequence[Event],
                  random: np.random.Generator) -> None:
-        """`driven` is the Route that is really driven; None reports nothing."""
+        """Start with the Route actually driven; `reports` None: no reports."""
         self._reports, self._random = reports, random
         self._places = Places.of_route(driven)
         self._detours_s = [event.at_s for event in events if event.kind is Kind.DETOUR]
@@ -49,20 +49,20 @@ class Position:
         self._count = 0
 
     def begin_route(self, at_s: float) -> None:
-        """Count from where the car is at an instant [s]: there a route begins that was sent."""
+        """Restart at the car's place at an instant [s], where a newly sent route begins."""
         self._begins_s = at_s
 
     @property
     def next_s(self) -> float:
-        """When the next report is due [s]; inf: never."""
-        # Numbered, not summed up: sums of periods miss the battery states' instants.
+        """Instant of the next report [s]; inf: never."""
+        # Multiples of the period, because sums would drift from the battery states' instants.
         return math.inf if self._reports is None else self._count * self._reports.period_s
 
     def report_m(self, now_s: float) -> float | None:
-        """Return the distance that is reported now [m]; None where none is due, or known."""
+        """Return the distance reported now [m]; None if no report is due, or the place is unknown."""
         if self._reports is None or now_s < self.next_s:
             return None
-        # What was missed is not made up for.
+        # Missed reports are not repeated.
         self._count = math.floor(now_s / self._reports.period_s + 1e-9) + 1
         noise_m = self._reports.noise_m * self._random.normal()
         is_lost = any(self._begins_s < detour_s <= now_s for detour_s in self._detours_s)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A drive in which something is wrong, and what is expected of the planner: a YAML file."""
+"""A drive with disturbances and the expectations of the planner, from a YAML file."""
 
 from __future__ import annotations
 
@@ -30,14 +30,14 @@ if TYPE_CHECKING:
     from bev_preheat.route.for_vehicle import RouteForVehicle
 
 SCHEMA = Path(__file__).with_name('scenario_schema.yaml')
-# Keys of the section `drive` that a chain leaves there, and sections that belong to a drive.
+# Keys of the section `drive` that stay there in a chain, and sections that belong to a drive.
 OF_A_CAR = 'vehicle', 'initial_battery_temperature_c', 'initial_soc'
 OF_A_DRIVE = 'traffic', 'route_progress'
 
 
 @dataclass(frozen=True)
 class Expectations:
-    """What a scenario expects; see scenario_schema.yaml. None and empty: nothing."""
+    """Expectations of a scenario; see scenario_schema.yaml. None and empty: no expectation."""
 
     arrival_error_k: tuple[float, float] | None = None
     most_switch_ons: int | None = None
@@ -61,10 +61,10 @@ class Scenario:
     """
     A drive, or a chain that begins with it, its faults, and the expectations.
 
-    The car stood for `standing_time_s` [s] before (0: not known). `planner` holds parameters of the
-    node `planner` by name, `vehicle_name` what the file calls the
-    vehicle: a name, or a file's path. `files` are the paths of all files that were read;
-    `warnings` are sentences on routes that were made for another vehicle. `following` are the phases of a
+    The car stood for `standing_time_s` [s] before (0: unknown). `planner` holds parameters of the
+    node `planner` by name, `vehicle_name` is the vehicle's name or path in the file.
+    `files` are the paths of all files that were read;
+    `warnings` are sentences on routes made for another vehicle. `following` are the phases of a
     chain after the drive, `phase_expectations` the Expectations of each phase of a chain.
     """
 
@@ -93,16 +93,16 @@ class Scenario:
         return [first, *(phase for phase in self.following if isinstance(phase, DrivePhase))]
 
     def car(self) -> ImperfectCar:
-        """Return the ImperfectCar at its start."""
+        """Return the ImperfectCar at the start."""
         return ImperfectCar(self.vehicle, self.route, self.state, self.goal, self.imperfections,
                             self.seed, self.name, self.standing_time_s, following=self.following)
 
 
 def load_scenario(name_or_file: str | Path) -> Scenario:
     """
-    Return the Scenario of a name (a file in config/scenarios) or of a YAML file.
+    Return the Scenario with a name (a file in config/scenarios) or of a YAML file.
 
-    Raises InvalidInput naming file, key, value and what is allowed.
+    Raises InvalidInput naming file, key, value and allowed range.
     """
     path = find_configuration('scenarios', name_or_file, '.yaml')
     contents = load_checked_yaml(path, SCHEMA)
@@ -145,7 +145,7 @@ def _scenario(path: Path, contents: dict[str, FileData]) -> Scenario:
 
 
 class _PhaseReader:
-    """Reads the phases of a scenario; `routes` are all that were read."""
+    """Reads the phases of a scenario; `routes` are all routes read."""
 
     def __init__(self, vehicle: Vehicle, folder: Path) -> None:
         self.vehicle, self._folder = vehicle, folder
@@ -156,7 +156,7 @@ class _PhaseReader:
         outside = [key for key in contents['drive'] if key not in OF_A_CAR] + [
             key for key in OF_A_DRIVE if key in contents]
         if outside:
-            raise InvalidInput(f'{", ".join(outside)}: with a chain this belongs to a drive')
+            raise InvalidInput(f'{", ".join(outside)}: in a chain this belongs to a drive')
         phases: list[Phase] = []
         for at, item in enumerate(contents['chain']):
             where, kinds = f'chain[{at}]', [key for key in item if key != 'expect']
@@ -166,14 +166,14 @@ class _PhaseReader:
             node = item[kinds[0]]
             if kinds == ['drive']:
                 if node.get('announced_s') and not (phases and isinstance(phases[-1], Park)):
-                    raise InvalidInput(f'{where}.drive.announced_s: is for a drive after a park')
+                    raise InvalidInput(f'{where}.drive.announced_s: only for a drive after a park')
                 phases.append(self.drive(node, f'{where}.drive.'))
             else:
                 phases.append((Charge if kinds == ['charge'] else Park)(**node))
         return phases
 
     def drive(self, node: dict[str, FileData], where: str) -> DrivePhase:
-        """Return the Drive of a node with its `traffic` and `route_progress`; `where` stands before its keys."""
+        """Return the DrivePhase of a node with its `traffic` and `route_progress`; `where` prefixes its keys."""
         vehicle = self.vehicle
         if 'route' not in node:
             raise InvalidInput('drive: missing route')
@@ -201,7 +201,7 @@ class _PhaseReader:
 def _planner(parameters: dict[str, FileData]) -> dict[str, FileData]:
     for name in parameters:
         if name not in FIELD_OF_PARAMETER:
-            raise InvalidInput(f"planner: {name!r} is none of the planner's parameters that a "
+            raise InvalidInput(f'planner: {name!r} is not a parameter of the planner that a '
                                f'scenario may set: {", ".join(FIELD_OF_PARAMETER)}')
     return parameters
 
@@ -220,7 +220,7 @@ def _spans(node: dict[str, FileData], key: str, where: str) -> tuple[Span, ...]:
 
 
 def _heat_path(contents: dict[str, FileData]) -> HeatPath | None:
-    """Return the HeatPath that a scenario gives its car; None: that of the vehicle file."""
+    """Return the HeatPath in a scenario's contents; None: that of the vehicle file."""
     if 'heat_path' not in contents:
         return None
     path = HeatPath(**contents['heat_path'])
@@ -231,7 +231,7 @@ def _heat_path(contents: dict[str, FileData]) -> HeatPath | None:
 
 
 def _position(contents: dict[str, FileData], where: str) -> PositionReports | None:
-    """Return how the car says where it is; None: it does not."""
+    """Return the car's position reports; None: it sends none."""
     node = contents.get('route_progress')
     return None if node is None else PositionReports(
         **{**node, 'drop_outs': _spans(node, 'drop_outs', f'{where}route_progress')})
@@ -244,7 +244,7 @@ def _sensors(node: dict[str, FileData]) -> Sensors:
                       'spikes': tuple(Spike(**each) for each in node.get('spikes', ()))})
 
 
-# Keys that an event of a kind must have besides its instant, and no other has.
+# Required keys of each kind of event, besides its instant; other keys are refused.
 OWN_KEYS: dict[Kind, set[str]] = {
     Kind.STOP: {'duration_s'}, Kind.OTHER_PACE: {'duration_s', 'factor'},
     Kind.DETOUR: {'route'}, Kind.CANCEL_CHARGING: set(), Kind.ARRIVE_EARLY: set()}

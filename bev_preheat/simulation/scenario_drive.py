@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A scenario driven with the planner's own step, without ROS."""
+"""Runs a scenario with the planner's own step, without ROS."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from bev_preheat.simulation.scenario import Scenario
     from bev_preheat.simulation.supervised_drive import Moment
 
-# How long the planner is watched after the arrival [s].
+# The planner is observed for this long after the arrival [s].
 AFTERWARDS_S = 120.0
 
 
@@ -28,7 +28,7 @@ def drive_scenario(
     """
     Return the DriveRecord of a Scenario.
 
-    `progress(time_s, total_s)` is called as the drive goes on.
+    `progress(time_s, total_s)` is called during the drive.
     """
     supervisor, car = Supervisor(scenario.vehicle, settings_of(scenario.planner)), scenario.car()
     record = DriveRecord(scenario.goal.target_temperature_c)

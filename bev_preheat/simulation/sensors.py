@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The battery as its sensors report it: noisy, in steps, late, wrong, or not at all."""
+"""The battery as reported by its sensors: noisy, quantised, late, wrong, or missing."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ SUPPLY_STATUS = ('unknown', 'plugged', 'sign')
 
 @dataclass(frozen=True)
 class Spike:
-    """From one instant to another [s] the temperature is shown too high by `by_k` [K]."""
+    """From one instant to another [s] the temperature reads `by_k` [K] too high."""
 
     from_s: float
     until_s: float
@@ -50,20 +50,20 @@ class OtherBattery:
 @dataclass(frozen=True)
 class Sensors:
     """
-    How the battery is reported.
+    Properties of the battery's signals.
 
     Noise (standard deviations: K, 0 ... 1, V, A) is added before a value is rounded to a multiple of
-    its resolution (0: not rounded); the temperature is off by `temperature_offset_k` before that.
-    Without `reports_power` voltage and current are not known. A reading is taken every `period_s`
+    its resolution (0: not rounded); `temperature_offset_k` is added to the temperature before that.
+    Without `reports_power` voltage and current are unknown. A reading is taken every `period_s`
     [s] and arrives `delay_s` [s] later, or with the probability `loss` never. In the spans (from, until)
-    [s] of `drop_outs` none is taken, in those of `stuck` the temperature repeats itself, in those of
+    [s] of `drop_outs` no reading is taken, in those of `stuck` the temperature stays constant, in those of
     `invalid` it is NaN.
 
     Wrong from start to end: `temperature_stuck_at_c` [deg C], `soc_stuck_at` (0 ... 1) and
-    `voltage_stuck_at_v` [V] replace the measured values; state of charge and voltage are shown times
-    `soc_scale` and `voltage_scale`; with `reverses_current` discharging is shown as charging.
-    Each `invalid_every`-th temperature is NaN, each `reordered_every`-th reading arrives after the one
-    that follows it (0: none). `supply_status` is an item of SUPPLY_STATUS, `location` that field of the
+    `voltage_stuck_at_v` [V] replace the measured values; state of charge and voltage are multiplied by
+    `soc_scale` and `voltage_scale`; `reverses_current` shows discharging as charging.
+    Every `invalid_every`-th temperature is NaN, every `reordered_every`-th reading arrives after its
+    successor (0: never). `supply_status` is an item of SUPPLY_STATUS, `location` that field of the
     battery states, and `other` a second battery on the topic.
     """
 
@@ -98,7 +98,7 @@ class Sensors:
 @dataclass(frozen=True)
 class Reading:
     """
-    What the sensors said at an instant [s]: deg C, 0 ... 1, V, A (positive = discharging).
+    A reading at an instant [s]: deg C, 0 ... 1, V, A (positive = discharging).
 
     Voltage and current None: not reported; `location` '': not given.
     """
@@ -113,28 +113,28 @@ class Reading:
 
 
 class SensorReadings:
-    """Takes Readings of a VehiclePlant, and gives out those that have arrived."""
+    """Takes Readings of a VehiclePlant, and returns those that have arrived."""
 
     def __init__(self, sensors: Sensors, random: np.random.Generator) -> None:
-        """`random` is a numpy Generator."""
+        """Start without readings; `random` is a numpy Generator."""
         self.sensors = sensors
         self._random = random
         self._under_way: deque[Reading] = deque()
         self._stuck_at_c: float | None = None
         self._taken = 0
-        # A Reading that arrives after its successor.
+        # A Reading overtaken by its successor.
         self._held_back: Reading | None = None
         self.next_s = 0.0
 
     def set_period(self, period_s: float, now_s: float) -> None:
-        """Take readings this often [s], from now on."""
+        """Take readings at this interval [s] from now on."""
         self.sensors = replace(self.sensors, period_s=period_s)
         self.next_s = now_s
 
     def take(self, plant: VehiclePlant, is_charging: bool = False) -> None:
-        """Take a reading of a plant, at a charger or not; it is due when its time is `next_s` or later."""
+        """Take a reading of a plant, at a charger or not, if it is due (`next_s` reached)."""
         now_s, period_s = plant.time_s, self.sensors.period_s
-        # What was missed is not made up for.
+        # Missed readings are not repeated.
         self.next_s += (math.floor((now_s - self.next_s) / period_s) + 1) * period_s
         reading = self.read(plant, is_charging)
         lost = self.sensors.loss > 0.0 and self._random.random() < self.sensors.loss
@@ -142,7 +142,7 @@ class SensorReadings:
             self._send(reading)
 
     def _send(self, reading: Reading) -> None:
-        """Send a Reading on its way; another battery may replace it, or its successor overtake it."""
+        """Send a Reading; another battery may replace it, or its successor overtake it."""
         sensors = self.sensors
         self._taken += 1
         if sensors.invalid_every > 0 and self._taken % sensors.invalid_every == 0:
@@ -162,7 +162,7 @@ class SensorReadings:
             self._under_way.append(held_back)
 
     def read(self, plant: VehiclePlant, is_charging: bool = False) -> Reading:
-        """Return the Reading of a plant now, at a charger or not, whether it is due or not."""
+        """Return a Reading of a plant now, at a charger or not, whether or not one is due."""
         sensors, random, now_s = self.sensors, self._random, plant.time_s
         temperature_c = _measured(
             random, plant.sensor_c + sensors.temperature_offset_k + _spike_k(now_s, sensors.spikes),
@@ -192,7 +192,7 @@ class SensorReadings:
 
     @property
     def next_arrival_s(self) -> float:
-        """When the oldest Reading under way arrives [s]; inf where none is."""
+        """Return the arrival of the oldest Reading on its way [s]; inf without one."""
         return (self._under_way[0].instant_s + self.sensors.delay_s if self._under_way
                 else math.inf)
 
@@ -205,12 +205,12 @@ class SensorReadings:
 
 
 def _spike_k(now_s: float, spikes: Iterable[Spike]) -> float:
-    """Return by how much the temperature is shown too high at an instant [K]."""
+    """Return the excess of the temperature reading at an instant [K]."""
     return sum(spike.by_k for spike in spikes if spike.from_s <= now_s < spike.until_s)
 
 
 def _supply_status(kind: str, is_charging: bool, current_a: float) -> SupplyStatus:
-    """Return power_supply_status by a `kind` of SUPPLY_STATUS; regeneration has the sign of charging."""
+    """Return power_supply_status for a `kind` of SUPPLY_STATUS; regeneration has the sign of charging."""
     if kind == 'unknown':
         return SupplyStatus.UNKNOWN
     is_charging = is_charging if kind == 'plugged' else current_a < 0.0

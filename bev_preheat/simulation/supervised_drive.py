@@ -2,7 +2,7 @@
 """
 A simulated car under the planner's own step, without ROS.
 
-The planner gets what the node would get, when the node would get it: each battery state, route plan
+The planner gets the same inputs at the same instants as the node: each battery state, route plan
 and position at the instant of its arrival, and the timers in between. Unlike in the node, planning
 takes no time. While the car's computers sleep the planner takes no step.
 """
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from bev_preheat.simulation.imperfect_car import ImperfectCar
     from bev_preheat.simulation.sensors import Reading
 
-# The drive starts at this instant of the planner's clock; 0 would mean that it has not started.
+# Start of the drive on the planner's clock; 0 would mean that it has not started.
 START_NS = 1_000_000 * NS_PER_S
 
 
@@ -43,8 +43,8 @@ class Moment:
     """
     One event, or one tick of a timer, and the StepOutput for it.
 
-    `time_s` is the time since the start [s], `clock_s` what the clock shows then; `reading` is the
-    battery's Reading that arrived, None where it was something else. `is_last` marks the last
+    `time_s` is the time since the start [s], `clock_s` the clock's reading; `reading` is the
+    battery's Reading that arrived, None for any other event. `is_last` marks the last
     Moment of an instant. `cpu_s` is the processor time of the step [s].
     """
 
@@ -83,11 +83,11 @@ class _Drive:
 
     @property
     def _tick_s(self) -> float:
-        # Numbered, not summed up: sums of periods miss the readings' instants.
+        # Multiples of the period, because sums would drift from the readings' instants.
         return self._ticks * self._supervisor.settings.command_period_s
 
     def due_now(self) -> Iterator[Moment]:
-        """Yield the Moments of this instant: what has arrived, then the timers."""
+        """Yield the Moments of this instant: arrivals first, then the timers."""
         car, now_s = self._car, self._car.time_s
         events: list[tuple[Reading | None, Event]] = []
         mission, progress = car.route_news(START_NS), car.progress(START_NS)
@@ -108,7 +108,7 @@ class _Drive:
             yield self.step()
 
     def go_on(self) -> None:
-        """Drive on to the next instant at which anything happens; while the computers sleep nothing does."""
+        """Drive on to the next instant with an event; sleeping computers have no events."""
         wakes_s, settings = self._car.asleep_until_s, self._supervisor.settings
         if wakes_s is None:
             self._car.advance_under(self._lease, min(
@@ -132,7 +132,7 @@ class _Drive:
 
     def step(self, *events: Event, reading: Reading | None = None,
              is_last: bool = True) -> Moment:
-        """Return the Moment of a step whose command is in effect."""
+        """Return the Moment of a step, with its command in effect."""
         time_s, clock_s = self._car.time_s, self._car.clock_s
         now_ns = START_NS + round(clock_s * NS_PER_S)
         started = process_time()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What happens to a drive on its way, and what the trip planner says about it, and when."""
+"""Events on the way of a drive, and the trip planner's news about them."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -12,17 +12,17 @@ from bev_preheat.route.segments import Route
 
 
 class Kind(Enum):
-    """What an event is."""
+    """Kind of an event."""
 
-    # Stands for `duration_s`, then goes on.
+    # Stands for `duration_s`, then continues.
     STOP = 'stop'
-    # For `duration_s` of the route it takes `factor` times as long, with 1 / factor^2 of the power.
+    # For `duration_s` of the route the time is multiplied by `factor`, the power by 1 / factor^2.
     OTHER_PACE = 'other_pace'
-    # From here on another `route`.
+    # From here on follows another `route`.
     DETOUR = 'detour'
-    # The charger falls away: the drive goes on, but not to be charged.
+    # The stop for charging is cancelled; the drive continues.
     CANCEL_CHARGING = 'cancel_charging'
-    # The drive ends here, at a charger.
+    # The drive ends early, at a charger.
     ARRIVE_EARLY = 'arrive_early'
 
 
@@ -31,7 +31,7 @@ class Event:
     """
     One event of a Kind, at an instant of the drive [s].
 
-    The trip planner sends a new route `route_plan_after_s` [s] later; None: it says nothing.
+    The trip planner sends a new route `route_plan_after_s` [s] later; None: never.
     """
 
     kind: Kind
@@ -45,9 +45,9 @@ class Event:
 @dataclass(frozen=True)
 class TrafficNews:
     """
-    What the trip planner says at an instant [s]: the route from then on, and whether it charges.
+    News from the trip planner at an instant [s]: the route from then on, and whether charging is planned.
 
-    `route` is None where the drive has ended by then; the route that was sent before is then cut.
+    `route` is None if the drive has ended by then; the route sent before is then cut.
     """
 
     at_s: float
@@ -58,9 +58,9 @@ class TrafficNews:
 def drive_with_events(route: Route, events: Iterable[Event],
                       charging_planned: bool = True) -> tuple[Route, list[TrafficNews]]:
     """
-    Return (the Route that is driven, the News that the trip planner sends, in order).
+    Return (the Route that is driven, the TrafficNews that the trip planner sends, in order).
 
-    `events` are in order of time; those after the end of the drive do not happen.
+    `events` are in order of time; those after the end of the drive are ignored.
     """
     news = []
     for event in sorted(events, key=lambda event: event.at_s):
@@ -77,7 +77,7 @@ def drive_with_events(route: Route, events: Iterable[Event],
 
 
 def _after(route: Route, event: Event) -> Route:
-    """Return the route with what an event makes of it."""
+    """Return the route as changed by an event."""
     at_s = event.at_s
     if event.kind is Kind.CANCEL_CHARGING:
         return route
@@ -97,7 +97,7 @@ def _after(route: Route, event: Event) -> Route:
 
 
 def _standing(route: Route, duration_s: float) -> Route:
-    """One segment of standing where a route begins."""
+    """Return one segment of standing at the start of a route."""
     first = route.segments(0, 1)
     zero = np.zeros(1)
     return replace(first, duration_s=np.array([duration_s]), speed_mps=zero,
@@ -112,12 +112,12 @@ def _at_pace(route: Route, factor: float) -> Route:
 
 @dataclass(frozen=True)
 class ClockJump:
-    """From an instant of the drive [s] on, clock and stamps are off by so much more [s]."""
+    """From an instant of the drive [s] on, clock and stamps are off by an additional amount [s]."""
 
     at_s: float
     by_s: float
 
 
 def clock_offset_s(jumps: Sequence[ClockJump], instant_s: float) -> float:
-    """Return by how much the clock is off at an instant of the drive [s]."""
+    """Return the clock error at an instant of the drive [s]."""
     return math.fsum(jump.by_s for jump in jumps if jump.at_s <= instant_s)

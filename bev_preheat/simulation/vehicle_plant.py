@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The simulated vehicle: drives a route, and warms its battery as it is told."""
+"""The simulated vehicle: drives a route and heats its battery as commanded."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ LONGEST_STEP_S = 1.0
 
 
 class _Segment(NamedTuple):
-    """One step of a Trip as floats: a plant looks at one at a time, for which arrays cost more than the sums."""
+    """One step of a Trip as floats, because arrays cost more than the arithmetic of a single step."""
 
     idle_power_w: float
     variance_w2: float
@@ -56,35 +56,35 @@ class VehiclePlant:
     State of charge (0 ... 1) and battery temperature [deg C] of a vehicle on its way.
 
     Integrates `model` in steps of at most LONGEST_STEP_S that end at the segments' boundaries,
-    finer than the plans that it is there to try. The route starts at the instant `start_s`; `time_s`
-    is the instant now. At the end of the route, or with an empty battery, the vehicle stands: its
-    time goes on, state and sums stay. Cabin and battery come first: the heater gets the rest,
+    finer than the plans under test. The route starts at the instant `start_s`; `time_s`
+    is the present instant. At the end of the route, or with an empty battery, the vehicle stands: its
+    time goes on, state and sums stay. Cabin and battery have priority: the heater gets the remaining power,
     and regeneration beyond the battery's limit goes into the friction brake.
 
-    `heater_power_w` and `brake_power_w` are what these really take now [W], `coolant_c` and
+    `heater_power_w` and `brake_power_w` are their actual powers [W], `coolant_c` and
     `sensor_c` the temperatures [deg C] of the coolant between heater and battery and of the sensor,
-    where the vehicle has a `heat_path` (else those of the battery), `terminal_voltage_v` and `current_a` what the
-    battery's terminals show (mean; positive = discharging, 0 where the vehicle stands),
-    `undeliverable_power_w` is the most that the battery has lacked so far [W], `empty_at_s` when
-    it ran empty [s], None if it did not, and `without_lease_s` how long it drove without a valid
+    if the vehicle has a `heat_path` (else that of the battery), `terminal_voltage_v` and `current_a` the
+    mean values at the battery's terminals (positive = discharging, 0 while the vehicle stands),
+    `undeliverable_power_w` is the largest power deficit of the battery so far [W], `empty_at_s` the instant at
+    which it ran empty [s], None if it did not, and `without_lease_s` the driving time without a valid
     command [s].
     """
 
     def __init__(self, vehicle: Vehicle, route: Route, state: BatteryState, start_s: float = 0.0) -> None:
         """Put a vehicle at the start of a route at an instant [s], with the battery in a BatteryState."""
         self.vehicle, self.start_s = vehicle, start_s
-        # In it, segments that are too long for one Trip step are divided.
+        # The trip divides segments that are too long for one step.
         trip = make_trip(vehicle, route)
         self.route = trip.route
         self.time_s = start_s
-        # The core counts from the start of the route.
+        # The native core counts from the start of the route.
         self._elapsed_s = 0.0
         self.soc = state.soc
         self.temperature_c = self.sensor_c = state.temperature_c
         self.coolant_c = state.temperature_c + state.coolant_excess_k
         self.heater_power_w = 0.0
         self._command_w, self._power_at_end_w = 0.0, state.heater_power_w
-        # Made once: making them costs more than a step. The second one is for a battery that lacks power.
+        # Cached, because building a step costs more than running it. The second one is for a power deficit.
         self._is_direct, self._has_coolant = vehicle.heat_path.is_direct, vehicle.heat_path.has_coolant
         self._steps: tuple[Step[float], Step[float]] = (
             step_of_floats(vehicle, make_runge_kutta_4),
@@ -117,7 +117,7 @@ class VehiclePlant:
 
     @property
     def duration_s(self) -> float:
-        """How long the route takes [s]."""
+        """Duration of the route [s]."""
         return self._ends_s[-1]
 
     @property
@@ -127,27 +127,27 @@ class VehiclePlant:
 
     @property
     def is_standing(self) -> bool:
-        """Whether the vehicle drives no further: arrived, or the battery is empty."""
+        """Whether the vehicle has stopped for good: arrived, or with an empty battery."""
         return self.has_arrived or self.empty_at_s is not None
 
     @property
     def end_s(self) -> float:
-        """Instant at which the drive ends, as far as that is known [s]."""
+        """End of the drive, as far as known [s]."""
         return self.start_s + self.duration_s if self.empty_at_s is None else self.empty_at_s
 
     def followed_by(self, vehicle: Vehicle, route: Route) -> VehiclePlant:
-        """Return the plant that goes on from here and now, as another Vehicle on another Route, with sums of 0."""
+        """Return the plant that continues from here as another Vehicle on another Route, with sums of 0."""
         following = VehiclePlant(vehicle, route, BatteryState(
             self.temperature_c, self.soc, self._power_at_end_w, self.coolant_c - self.temperature_c), self.time_s)
         following.sensor_c = self.sensor_c
         return following
 
     def advance(self, to_s: float, heater_power_w: float) -> None:
-        """Drive on to `to_s` [s] with a heater power [W], as far as limits allow it."""
+        """Drive on to `to_s` [s] with a heater power [W], within the limits."""
         if not self.time_s <= to_s < inf:
-            raise ValueError(f'to_s: {to_s} is no finite instant from {self.time_s} on')
+            raise ValueError(f'to_s: {to_s} is not a finite instant from {self.time_s} on')
         if not (isfinite(heater_power_w) and heater_power_w >= 0.0):
-            raise ValueError(f'heater_power_w: {heater_power_w} is no power from 0 on')
+            raise ValueError(f'heater_power_w: {heater_power_w} is not allowed; it must be at least 0')
         # Rounding of the difference must not leave the last segment unfinished.
         until_s = max(to_s - self.start_s, self.duration_s if to_s >= self.end_s else 0.0)
         if not self._drive_by_core(until_s, heater_power_w):
@@ -158,7 +158,7 @@ class VehiclePlant:
         self._elapsed_s, self.time_s = until_s, to_s
 
     def advance_under(self, lease: HeaterLease, to_s: float) -> None:
-        """Drive on to `to_s` [s] with the power of a HeaterLease, and with 0 W from its end on."""
+        """Drive on to `to_s` [s] with the power of a HeaterLease, and 0 W after its end."""
         if self.time_s < lease.until_s:
             self.advance(min(to_s, lease.until_s), lease.power_w)
         if self.time_s < to_s:
@@ -168,9 +168,9 @@ class VehiclePlant:
 
     def _drive_by_core(self, until_s: float, heater_power_w: float) -> bool:
         """
-        Drive on as far as the compiled core does; return whether that is all the way.
+        Drive on as far as the native core can; return whether that is the whole way.
 
-        It is not where the battery lacks power or runs empty in the segment that follows.
+        It stops before a segment with a power deficit or an empty battery.
         """
         driven = None if self._native is None or self.empty_at_s is not None else self._native.drive(
             until_s, heater_power_w, LONGEST_STEP_S, (
@@ -203,32 +203,32 @@ class VehiclePlant:
             if self.soc == 0.0:
                 self.empty_at_s = self.start_s + self._elapsed_s
                 return
-        # Sums of steps do not end exactly where they should.
+        # Sums of steps miss the end by rounding.
         self._elapsed_s = until_s
 
     def _keep_limits(self, wanted_w: float) -> None:
-        """Command heater and friction brake what cabin and battery leave them; [W] is wanted."""
+        """Limit heater command and friction brake to the power left by cabin and battery; `wanted_w` [W]."""
         segment = self._segments[self._segment]
         idle_w = segment.idle_power_w
         least_w, most_w = self._terminal_limits(self.soc, self.temperature_c, segment.variance_w2)
         self._command_w = max(0.0, min(wanted_w, segment.heater_limit_w, most_w - idle_w))
         if self.temperature_c >= self._highest_c:
             self._command_w = 0.0
-        # A heater that lags takes what it takes.
+        # The power of a lagging heater cannot be changed at once.
         self.heater_power_w = self._command_w if self._is_direct else self._power_at_end_w
         regenerated_w = max(0.0, -segment.propulsion_power_w)
         self.brake_power_w = min(
             regenerated_w, max(0.0, least_w - idle_w - self.heater_power_w))
 
     def _inputs(self, heater_power_w: float) -> tuple[float, float, float, float]:
-        """Power, power variance, heat and leakage: what a step takes under a heater power [W]; as Trip.inputs."""
+        """Return power, power variance, heat and leakage of a step under a heater power [W]; as Trip.inputs."""
         segment = self._segments[self._segment]
         return (segment.idle_power_w + heater_power_w + self.brake_power_w, segment.variance_w2,
                 segment.idle_heat_w + self._efficiency * heater_power_w
                 - self._heat_share * self.brake_power_w, segment.leakage_w_per_k)
 
     def _model_step(self, step_s: float, saturating: bool) -> tuple[float, float, float, float]:
-        """Return what the model's step does; heater and coolant go on with it."""
+        """Return the result of the model's step; advance heater and coolant with it."""
         if self._is_direct:
             return self._steps[saturating](
                 self.soc, self.temperature_c, step_s, *self._inputs(self.heater_power_w))
@@ -254,7 +254,7 @@ class VehiclePlant:
             deficit_w = max(0.0, power_w - float(
                 deliverable_power_w(self.vehicle, self.soc, self.temperature_c)))
         started_c = self.temperature_c
-        # Neither can a battery be emptier than empty, nor does a car let it get any hotter.
+        # The charge stops at 0 and 1, and a car stops its battery from getting any hotter.
         self.soc = min(max(soc, 0.0), 1.0)
         self.temperature_c = min(temperature_c, self._hottest_c)
         if not self._has_coolant:
@@ -304,10 +304,10 @@ class VehiclePlant:
 
     @property
     def undeliverable_energy_wh(self) -> float:
-        """Energy that the route asked for and the battery could not give [Wh]."""
+        """Energy requested by the route that the battery could not deliver [Wh]."""
         return self._undeliverable_j / JOULES_PER_WH
 
     @property
     def friction_brake_energy_wh(self) -> float:
-        """Energy that the battery could not take back, so that the brakes had to [Wh]."""
+        """Energy that the battery could not absorb, taken by the friction brakes [Wh]."""
         return self._brake_j / JOULES_PER_WH

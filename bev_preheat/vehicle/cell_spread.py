@@ -15,10 +15,10 @@ if TYPE_CHECKING:
 
 def limited_by_coldest_cell(vehicle: Vehicle, colder_by_k: float) -> Vehicle:
     """
-    Return a Vehicle whose limits for discharging and charging are those of its coldest cell.
+    Return a Vehicle with the discharge and charge limits of its coldest cell.
 
-    That cell is `colder_by_k` [K] colder than the battery's mean temperature, over which the maps
-    are read; so their temperature axes move up by as much.
+    That cell is `colder_by_k` [K] colder than the battery's mean temperature, which is the argument of the
+    maps; their temperature axes therefore move up by `colder_by_k`.
     """
     if colder_by_k == 0.0:
         return vehicle

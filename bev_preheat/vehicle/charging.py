@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-What a car does at a fast charger: what it takes, and whether it heats its battery meanwhile.
+The car at a fast charger: its charging power, and whether it heats its battery while charging.
 
-Whether it heats decides what preheating is worth, and cars differ in it. So it is never assumed: a file
-that does not say it serves for plans, but not for charging sessions.
+The benefit of preheating depends on that heating, and cars differ. It is therefore never assumed: a file
+without it serves for plans, but not for charging sessions.
 """
 
 from __future__ import annotations
@@ -28,10 +28,10 @@ class Charging:
     A car at a fast charger.
 
     `power_limit` is the most charging power [W, negative] over (state of charge, temperature): the
-    battery's own charge limit where the file has no map for fast charging. `battery_heating` says
-    whether the car heats its battery while it charges, None where the file does not;
-    `heating_limit_c` is the battery temperature [deg C] up to which it does. All that the car takes
-    of the charger is at most `maximum_inlet_power_w` [W]. `has_own_limit`: the file has such a map.
+    battery's own charge limit if the file has no map for fast charging. `battery_heating`: whether
+    the car heats its battery while it charges, None if the file does not say;
+    `heating_limit_c` is the battery temperature [deg C] up to which it does. The car draws at most
+    `maximum_inlet_power_w` [W] from the charger in total. `has_own_limit`: the file has a map for fast charging.
     """
 
     power_limit: Curve
@@ -42,28 +42,28 @@ class Charging:
 
     @property
     def heated_below_c(self) -> float:
-        """Battery temperature [deg C] below which the car heats, -inf where it never does."""
+        """Battery temperature [deg C] below which the car heats; -inf if it never does."""
         if not self.battery_heating or self.heating_limit_c is None:
             return -inf
         return self.heating_limit_c
 
 
 def charging_of(vehicle: Vehicle) -> Charging:
-    """Return the Charging of a Vehicle; raise InvalidInput where its file does not say enough."""
+    """Return the Charging of a Vehicle; raise InvalidInput if its file is incomplete."""
     charging = vehicle.charging
     if charging is None or charging.battery_heating is None:
         raise InvalidInput(
             f'vehicle {vehicle.name}: charging.battery_heating is missing; say in the vehicle file '
-            'whether the car heats its battery while it charges (true or false), because what '
-            'preheating gains depends on it')
+            'whether the car heats its battery while it charges (true or false), because the '
+            'benefit of preheating depends on it')
     return charging
 
 
 def charging_problems(charging: Charging, temperature_range_c: tuple[float, float]) -> Iterator[str]:
-    """Return sentences on what a Charging of a file cannot be."""
+    """Yield a sentence for each implausible value of a Charging from a file."""
     limit_c, (lowest_c, highest_c) = charging.heating_limit_c, temperature_range_c
     if limit_c is None and charging.battery_heating:
-        yield ('charging: battery_heating needs heating_limit_c beside it, the battery temperature up '
+        yield ('charging: battery_heating needs heating_limit_c, the battery temperature up '
                'to which the car heats')
     if limit_c is not None and not lowest_c <= limit_c <= highest_c:
         yield (f'charging.heating_limit_c: {limit_c:g} is outside battery.temperature_range_c '
@@ -71,15 +71,15 @@ def charging_problems(charging: Charging, temperature_range_c: tuple[float, floa
 
 
 def charging_in_words(vehicle: Vehicle) -> str:
-    """Return what the car does at a charger, or that its file does not say it."""
+    """Return a sentence on the car's behaviour at a charger, or that its file does not state it."""
     charging = vehicle.charging
     if charging is None or charging.battery_heating is None:
         return ('The file does not say whether the car heats its battery while it charges '
-                '(charging.battery_heating): plans need not know, charging sessions do.')
+                '(charging.battery_heating); only charging sessions need it.')
     if charging.battery_heating:
         left_w = max(0.0, vehicle.hvch.maximum_power_w - vehicle.defaults.cabin_heating_power_w)
-        heating = (f'heats its battery up to {charging.heating_limit_c:g} degC with what the cabin '
-                   f'leaves, {left_w / W_PER_KW:.1f} kW')
+        heating = (f'heats its battery up to {charging.heating_limit_c:g} degC with the heater power left by '
+                   f'the cabin, {left_w / W_PER_KW:.1f} kW')
     else:
         heating = 'does not heat its battery'
     inlet = ('its inlet is not limited' if charging.maximum_inlet_power_w == inf else

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is usual for cells of a chemistry; the figures and their sources stand in chemistry.yaml."""
+"""Typical cell data by chemistry; figures and sources are in chemistry.yaml."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ FIGURES = Path(__file__).with_name('chemistry.yaml')
 
 @dataclass(frozen=True)
 class Shares:
-    """Power as a share of the most, a product over state of charge and temperature."""
+    """Power as a share of the maximum: the product of a share over state of charge and one over temperature."""
 
     soc: tuple[float, ...]
     soc_share: tuple[float, ...]

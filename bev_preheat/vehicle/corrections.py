@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-A car that differs from its description: factors on what the vehicle file says.
+A car that differs from its vehicle file by factors.
 
 The factors may be plain numbers (a car to plan with, a car to simulate) or arrays (many hypotheses
-at once, see `estimation`); the vehicle that comes of it serves the arithmetic of that kind.
+at once, see `estimation`); the corrected vehicle serves the same arithmetic.
 """
 
 from dataclasses import dataclass, replace
@@ -17,7 +17,7 @@ class Corrections:
     """
     Factors on the vehicle file's heat capacity, leakage, resistance and HVCH efficiency.
 
-    1 is what the file says. Floats, or arrays of one shape.
+    1 is the file's value. Floats, or arrays of one shape.
     """
 
     heat_capacity: AnyNumber = 1.0
@@ -40,7 +40,7 @@ class ScaledCurve:
 
 
 def corrected_vehicle(vehicle: Vehicle, corrections: Corrections) -> Vehicle:
-    """Return the Vehicle whose quantities are those of `vehicle` times the Corrections."""
+    """Return `vehicle` with the Corrections applied."""
     battery, leakage = vehicle.battery, vehicle.battery.leakage
     return replace(
         vehicle,

@@ -3,8 +3,8 @@
 Curves over state of charge and battery temperature: formulas and tables.
 
 Each curve has `function(arithmetic)`, which returns `f(soc, temperature_c)` for floats, arrays or
-symbols. State of charge is 0 ... 1, temperature in degrees Celsius; the unit of the result is that
-of the curve (V, ohm, W).
+symbols. State of charge is 0 ... 1, temperature in degrees Celsius; the result has the unit of the
+curve (V, ohm, W).
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from bev_preheat.numerics.arithmetic import (
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray
 
-# ln(soc) has no value at an empty battery; below this state of charge the voltage stays level.
+# ln(soc) diverges for an empty battery; below this state of charge the voltage is constant.
 LOWEST_SOC_IN_LOGARITHM = 1e-3
 
 
@@ -78,7 +78,7 @@ class InverseTemperatureResistance:
 @dataclass(frozen=True)
 class Table:
     """
-    A table, linear between its points and level beyond them.
+    A table, interpolated linearly and constant beyond its ends.
 
     `soc` and `temperature_c` are the rising axes; an axis with one point means that the value does
     not depend on it. `values[i][j]` belongs to soc[i] and temperature_c[j].
@@ -166,7 +166,7 @@ class Table:
 
 
 def _line(axis: Sequence[float], values: Sequence[float]) -> Callable[[float], float]:
-    """Piecewise linear function of one float, level beyond its ends."""
+    """Return a piecewise linear function of one float, constant beyond its ends."""
     slopes = [(v1 - v0) / (x1 - x0)
               for x0, x1, v0, v1 in zip(axis, axis[1:], values, values[1:])]
     low, high, first, last = axis[0], axis[-1], values[0], values[-1]
@@ -184,17 +184,17 @@ def _line(axis: Sequence[float], values: Sequence[float]) -> Callable[[float], f
 
 def _cell(axis: FloatArray, cells: FloatArray,
           x: FloatArray) -> tuple[AnyNumber, AnyNumber, AnyNumber]:
-    """Index of the axis point below each x, of the one above, and how far x is between them."""
+    """Return the indices of the axis points below and above each x, and the position of x between them."""
     if len(axis) == 1:
         return 0, 0, 0.0
-    # Position along the axis in units of its cells; level beyond the ends.
+    # Position along the axis in units of its cells; clipped at the ends.
     position = np.interp(x, axis, cells)
     below = np.minimum(position.astype(int), len(axis) - 2)
     return below, below + 1, position - below
 
 
 def _ramps(axis: Sequence[float], x: AnyNumber, arithmetic: Arithmetic[AnyNumber]) -> list[AnyNumber]:
-    """Return 1 and, of each axis point but the last, how far x lies above it, 0 below; level beyond the ends."""
+    """Return 1 and, for each axis point but the last, how far x lies above it, 0 below; clipped at the ends."""
     if len(axis) == 1:
         return [1.0]
     maximum, minimum = arithmetic.maximum, arithmetic.minimum

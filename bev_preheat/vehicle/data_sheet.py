@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-What a data sheet tells about a car, and whether it can be true.
+Figures of a data sheet, and whether they are plausible.
 
-Typed units are the main risk, so each refusal says what was given, what is plausible, and, where a
-power of ten explains it, which unit was meant.
+Wrong units are the main risk, so each refusal states the value given, the plausible range and, if a
+power of ten explains the error, the likely unit.
 """
 
 from collections.abc import Iterator
@@ -13,11 +13,11 @@ from difflib import get_close_matches
 from bev_preheat.errors import InvalidInput, quoted
 from bev_preheat.vehicle.chemistry import CHEMISTRIES, load_chemistry
 
-# A usable energy that is less than this share of the gross energy is another battery's.
+# Least usable energy as a share of the gross energy; below it the two belong to different batteries.
 LEAST_USABLE_SHARE = 0.75
 # Charging power over gross energy [1/h]: the slowest and the fastest cars.
 CHARGING_RATE_RANGE_PER_H = (0.3, 6.0)
-# A battery is never more than this share of its car.
+# Largest share of the battery in its car's mass.
 MOST_BATTERY_SHARE = 0.55
 
 
@@ -31,7 +31,7 @@ class DataSheetQuantity:
     confusions: tuple[tuple[float, str], ...] = ()
 
     def problem_with(self, value: float) -> str | None:
-        """Return a sentence on what is wrong with a value, None if nothing is."""
+        """Return a sentence on an implausible value, None if it is plausible."""
         low, high = self.plausible
         if low <= value <= high:
             return None
@@ -72,11 +72,11 @@ ROAD_LOAD = ('vehicle_mass_kg', 'drag_coefficient', 'frontal_area_m2', 'rolling_
 @dataclass(frozen=True)
 class DataSheet:
     """
-    Figures of a data sheet; None where it does not tell. The unit stands in each name.
+    Figures of a data sheet; None if not given. Each name ends with its unit.
 
-    Usable energy is what the driver gets between 100 and 0 %, gross energy that of all cells. At
+    Usable energy is the driver's energy between 100 and 0 %, gross energy that of all cells. At
     least one of the two is needed, and nominal voltage or number of cells in series, and the
-    charging power (the most, at a fast charger); the rest can be assumed.
+    most charging power at a fast charger; the rest can be assumed.
     """
 
     name: str
@@ -97,21 +97,21 @@ class DataSheet:
     drag_coefficient: float | None = None
     frontal_area_m2: float | None = None
     rolling_resistance: float | None = None
-    # (name of a figure, where it comes from); a text that begins with "assumed" says that it is.
+    # (name of a figure, source); a text that begins with "assumed" marks the figure as assumed.
     sources: tuple[tuple[str, str], ...] = ()
 
     @property
     def tells_road_load(self) -> bool:
-        """Whether anything is told of mass, air and rolling resistance."""
+        """Whether mass, air or rolling resistance is given."""
         return any(getattr(self, name) is not None for name in ROAD_LOAD)
 
 
 def check_data_sheet(sheet: DataSheet) -> None:
     """
-    Raise InvalidInput, one sentence a problem, where a DataSheet cannot be that of a car.
+    Raise InvalidInput, with one sentence per problem, if a DataSheet is implausible.
 
-    Figures that follow from others are judged as they are said, rounded: nobody shall read that they
-    have 3.85 V a cell and that 3.5 ... 3.85 V are allowed.
+    Derived figures are compared after rounding, so that a message never states 3.85 V a cell and an allowed
+    range of 3.5 ... 3.85 V.
     """
     problems = _problems_with_name(sheet.name)
     if sheet.chemistry not in CHEMISTRIES:
@@ -123,7 +123,7 @@ def check_data_sheet(sheet: DataSheet) -> None:
         if field.name in QUANTITIES and value is not None:
             problem = QUANTITIES[field.name].problem_with(value)
             problems += [problem] if problem else []
-    # Figures that are wrong by themselves would only be called inconsistent as well.
+    # An implausible figure would also be reported as inconsistent.
     if not problems:
         problems = [*_inconsistent_battery(sheet), *_inconsistent_powers(sheet),
                     *_inconsistent_masses(sheet)]
@@ -140,13 +140,13 @@ def _problems_with_name(name: str) -> list[str]:
 
 def _missing(sheet: DataSheet) -> Iterator[str]:
     if sheet.usable_energy_kwh is None and sheet.gross_energy_kwh is None:
-        yield ('--usable-energy-kwh or --gross-energy-kwh is needed: what the driver can use, or what '
-               'all cells hold (both, if the data sheet has both)')
+        yield ('--usable-energy-kwh or --gross-energy-kwh is needed: the energy for driving, or that of '
+               'all cells (both, if the data sheet has both)')
     if sheet.nominal_voltage_v is None and sheet.cells_in_series is None:
         yield '--nominal-voltage-v or --cells-in-series is needed'
     if sheet.tells_road_load and sheet.vehicle_mass_kg is None:
-        yield ('--vehicle-mass-kg is needed where --drag-coefficient, --frontal-area-m2 or '
-               '--rolling-resistance is given')
+        yield ('--vehicle-mass-kg is needed with --drag-coefficient, --frontal-area-m2 or '
+               '--rolling-resistance')
 
 
 def _sources_of_nothing(sheet: DataSheet) -> Iterator[str]:
@@ -155,7 +155,7 @@ def _sources_of_nothing(sheet: DataSheet) -> Iterator[str]:
         if name not in QUANTITIES:
             near = get_close_matches(name, QUANTITIES, n=1)
             hint = f'; did you mean {near[0].replace("_", "-")}?' if near else ''
-            yield f'--source: {quoted(name.replace("_", "-"))} is no figure{hint}'
+            yield f'--source: {quoted(name.replace("_", "-"))} is not a figure{hint}'
         elif getattr(sheet, name) is None:
             yield f'--source: {option} is not given'
         elif not text.strip():
@@ -197,8 +197,8 @@ def _inconsistent_powers(sheet: DataSheet) -> Iterator[str]:
                f'{drive_kw:g} kW')
     heater_kw, cabin_kw = sheet.heater_power_kw, sheet.cabin_heating_power_kw
     if heater_kw is not None and cabin_kw is not None and cabin_kw >= heater_kw:
-        yield (f'--cabin-heating-power-kw: {cabin_kw:g} kW leaves nothing of --heater-power-kw '
-               f'{heater_kw:g} kW for the battery; both draw from one heater')
+        yield (f'--cabin-heating-power-kw: {cabin_kw:g} kW uses all of --heater-power-kw '
+               f'{heater_kw:g} kW, so none is left for the battery; both draw from one heater')
 
 
 def _inconsistent_masses(sheet: DataSheet) -> Iterator[str]:
@@ -220,7 +220,7 @@ def _inconsistent_masses(sheet: DataSheet) -> Iterator[str]:
 
 
 def energy_of(sheet: DataSheet) -> tuple[float, str]:
-    """Return (energy [kWh], option): the gross energy where it is told, else the usable one."""
+    """Return (energy [kWh], option): the gross energy if it is given, else the usable one."""
     if sheet.gross_energy_kwh is not None:
         return sheet.gross_energy_kwh, '--gross-energy-kwh'
     assert sheet.usable_energy_kwh is not None

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-A car from its data sheet: each value of a vehicle file, with where it comes from.
+A car from its data sheet: each value of a vehicle file, with its source.
 
-What the data sheet does not tell comes from `chemistry.yaml` or is assumed here, and marked so.
+Values missing from the data sheet come from `chemistry.yaml` or are assumed here, and marked so.
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ W_PER_KW = 1000.0
 # A pack is cells, housing, wiring and coolant; the rest is mostly aluminium.
 CELL_SHARE_OF_PACK_MASS = 0.7
 HOUSING_HEAT_CAPACITY_J_PER_KG_K = 900.0
-# A flat pack under the floor: 1.82 m x 1.45 m x 0.14 m at some 500 kg; its area grows with its mass.
+# A flat pack under the floor: 1.82 m x 1.45 m x 0.14 m at about 500 kg; its area is proportional to its mass.
 SURFACE_M2_PER_KG = 6.2 / 493.0
 LEAKAGE_AT_REST_W_PER_M2_K = 7.0
 LEAKAGE_PER_SPEED_W_PER_M2_K_PER_MPS = 0.11
 DRIVE_KW_PER_KWH = 2.0
 REGENERATION_SHARE = 0.6
-# The battery delivers this much more than the drivetrain takes; heater and auxiliaries are on top.
+# Battery power over drivetrain power; heater and auxiliaries are added.
 DISCHARGE_RESERVE = 1.1
 HEATER_KW = 6.0
 MOST_CABIN_KW, CABIN_SHARE = 1.5, 0.3
@@ -40,14 +40,14 @@ AUXILIARY_KW = 0.4
 TARGET_C = 25.0
 DRIVETRAIN_EFFICIENCY, HEAT_RECOVERY, HEATER_EFFICIENCY = 0.9, 0.5, 0.87
 FRONTAL_AREA_M2, DRAG_COEFFICIENT, ROLLING_RESISTANCE = 2.4, 0.29, 0.010
-# States of charge, as the car shows them, of the tables.
+# Displayed states of charge in the tables.
 VOLTAGE_SOC = (0.0, 0.02, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 1.0)
 RESISTANCE_SOC = (0.0, 0.05, 0.1, 0.2, 0.5, 1.0)
 
 
 @dataclass(frozen=True)
 class Entry:
-    """A value of a vehicle file, where it comes from, and whether it is assumed."""
+    """A value of a vehicle file, its source, and whether it is assumed."""
 
     value: FileData
     note: str
@@ -56,12 +56,12 @@ class Entry:
 
 @dataclass(frozen=True)
 class Pack:
-    """The battery in figures that follow from the data sheet."""
+    """Battery figures derived from the data sheet."""
 
     cells_in_series: int
     gross_energy_kwh: float
     mass_kg: float
-    # The window of the cells' state of charge that the car shows as 0 ... 1.
+    # Cell state of charge at a displayed state of charge of 0 and 1.
     cell_soc: tuple[float, float]
     capacity_ah: float
 
@@ -71,7 +71,7 @@ class Pack:
         return self.capacity_ah / (self.cell_soc[1] - self.cell_soc[0])
 
     def cell_soc_at(self, soc: Sequence[float]) -> FloatArray:
-        """State of charge of the cells at one that the car shows; shape follows the input."""
+        """Return the cell state of charge at a displayed one; shape follows the input."""
         low, high = self.cell_soc
         return low + (high - low) * np.asarray(soc)
 
@@ -80,7 +80,7 @@ def describe_car(sheet: DataSheet) -> dict[str, Entry]:
     """
     Return the entries of a vehicle file by key, for a DataSheet.
 
-    Raises InvalidInput where the data sheet cannot be that of a car.
+    Raises InvalidInput if the data sheet is implausible.
     """
     check_data_sheet(sheet)
     return {**_battery(sheet), **_drivetrain(sheet), **_heater(sheet), **_charging(sheet),
@@ -145,10 +145,10 @@ def _battery(sheet: DataSheet) -> dict[str, Entry]:
 
 
 def _pack(sheet: DataSheet, chemistry: Chemistry) -> tuple[Pack, dict[str, str]]:
-    """Return (Pack, notes: where its energy, cells and mass come from)."""
+    """Return (Pack, notes: sources of its energy, cells and mass)."""
     usable_kwh, gross_kwh, notes = sheet.usable_energy_kwh, sheet.gross_energy_kwh, {}
     share = f'{chemistry.usable_share:.0%} usable ({chemistry.usable_share_source})'
-    # check_data_sheet has seen that one of the energies is given, and voltage or number of cells.
+    # check_data_sheet made sure that an energy is given, and voltage or number of cells.
     if usable_kwh is None:
         assert gross_kwh is not None
         usable_kwh = chemistry.usable_share * gross_kwh
@@ -177,7 +177,7 @@ def _pack(sheet: DataSheet, chemistry: Chemistry) -> tuple[Pack, dict[str, str]]
     buffer = 1.0 - usable_kwh / gross_kwh
     pack = Pack(cells, gross_kwh, mass_kg, (0.5 * buffer, 1.0 - 0.5 * buffer), capacity_ah=0.0)
     table = _voltage_table(pack, chemistry)
-    # Exactly the charge that has this energy, with the table as the file holds it.
+    # The charge that gives exactly this energy with the table as written to the file.
     mean_v = float(np.dot(np.add(table['values'][1:], table['values'][:-1]) / 2.0,
                           np.diff(table['soc'])))
     return Pack(cells, gross_kwh, mass_kg, pack.cell_soc,
@@ -202,7 +202,7 @@ def _resistance_table(pack: Pack, chemistry: Chemistry) -> dict[str, FileData]:
 def _power_table(pack: Pack, shares: Shares, most_w: float) -> dict[str, FileData]:
     return {'soc': list(map(float, shares.soc)),
             'temperature_c': list(map(float, shares.temperature_c)),
-            # + 0.0: no -0 in the file.
+            # + 0.0 avoids -0 in the file.
             'values': [[round(most_w * soc_share * share) + 0 for share in shares.temperature_share]
                        for soc_share in shares.soc_share]}
 
@@ -212,7 +212,7 @@ def _drive_kw(sheet: DataSheet) -> tuple[float, str]:
     if sheet.drive_power_kw is not None:
         return sheet.drive_power_kw, _origin(sheet, 'drive_power_kw')
     energy_kwh, _ = energy_of(sheet)
-    # No car brakes with more than it drives with.
+    # Regeneration never exceeds the drive power.
     return (max(round(DRIVE_KW_PER_KWH * energy_kwh), sheet.regeneration_power_kw or 0.0),
             f'assumed: {DRIVE_KW_PER_KWH:g} kW for each kWh of the battery')
 
@@ -261,7 +261,7 @@ def _heater(sheet: DataSheet) -> dict[str, Entry]:
             sheet, 'cabin_heating_power_kw', cabin_kw, 'a cold day, cabin already warm', W_PER_KW),
         'defaults.auxiliary_power_w': _given_or_assumed(
             sheet, 'auxiliary_power_kw', AUXILIARY_KW, 'lights, pumps, computers', W_PER_KW),
-        # A wish, nothing to measure.
+        # A setting, not a measured value.
         'defaults.target_battery_temperature_c': Entry(
             TARGET_C if sheet.target_temperature_c is None else sheet.target_temperature_c,
             _origin(sheet, 'target_temperature_c')
@@ -301,7 +301,7 @@ def _road_load(sheet: DataSheet) -> dict[str, Entry]:
 
 
 def _origin(sheet: DataSheet, name: str) -> str:
-    """Return where a figure that is given comes from, as text."""
+    """Return the source of a given figure, as text."""
     text = dict(sheet.sources).get(name, 'given')
     return text if text == 'given' or _is_guessed(sheet, name) else f'source: {text}'
 

@@ -2,7 +2,7 @@
 """
 The vehicle: everything that the model knows about one car.
 
-Made from a YAML file by `vehicle.loading`, which checks it; nothing is checked here.
+Built and checked by `vehicle.loading` from a YAML file; nothing is checked here.
 """
 
 from dataclasses import dataclass
@@ -32,7 +32,7 @@ class Battery:
 
     Curves are those of `vehicle.curves`, over (state of charge, temperature): open-circuit voltage
     [V], internal resistance [ohm], power limits [W] (discharge positive, charge negative).
-    `cells_in_series` is None where the file does not tell; no equation needs it.
+    `cells_in_series` is None if the file omits it; no equation needs it.
     """
 
     capacity_ah: float
@@ -57,8 +57,8 @@ class Drivetrain:
     """
     The electric drivetrain: efficiency eta_ed_e, share of its losses that heats the battery.
 
-    Both maximum powers [W] are electrical and positive; above the maximum of regeneration the
-    friction brakes do the rest.
+    Both maximum powers [W] are electrical and positive; the friction brakes take the braking power
+    beyond the maximum of regeneration.
     """
 
     efficiency: float
@@ -73,11 +73,11 @@ class Drivetrain:
 
     def heat_to_battery_w(self, propulsion_power_magnitude_w: Number) -> Number:
         """
-        Q_ed of eq. (5) [W] for the mean magnitude of the propulsion power; shape of the input.
+        Q_ed of eq. (5) [W] for the mean magnitude of the propulsion power; shape follows the input.
 
-        The paper's equation is signed, so that braking would cool the battery; a loss is positive
-        both ways, so the magnitude is taken. Where the power changes its sign within a step, the
-        mean of the magnitude is more than the magnitude of the mean.
+        The paper's equation is signed, so that braking would cool the battery; losses are positive in both
+        directions, so the magnitude is used. If the power changes its sign within a step, the
+        mean of the magnitude exceeds the magnitude of the mean.
         """
         return self.heat_share * propulsion_power_magnitude_w
 
@@ -92,7 +92,7 @@ class Hvch:
 
 @dataclass(frozen=True)
 class RoadLoad:
-    """What resists the car on the road: mass, air and tyres (coefficients without a unit)."""
+    """Road load: mass, air and tyres (coefficients without a unit)."""
 
     mass_kg: float
     frontal_area_m2: float
@@ -102,7 +102,7 @@ class RoadLoad:
 
 @dataclass(frozen=True)
 class Defaults:
-    """What holds where a route or a driver says nothing."""
+    """Values used if a route or a driver gives none."""
 
     cabin_heating_power_w: float
     auxiliary_power_w: float
@@ -112,12 +112,12 @@ class Defaults:
 @dataclass(frozen=True, eq=False)
 class Vehicle:
     """
-    One car; compared by identity, so that what is made from one can be kept beside it.
+    One car; compared by identity, so that derived objects can be cached per vehicle.
 
-    `road_load` is None where the file does not give it: routes with fixed powers can then be
-    planned, descriptions of a road cannot. `heat_path` is how the heater's heat
-    arrives: DIRECT where the file does not say. `charging` is what the car does at a fast charger,
-    None where the file does not say. `assumed` are the keys of the file whose values nobody has
+    `road_load` is None if the file does not give it: routes with fixed powers can then be
+    planned, descriptions of a road cannot. `heat_path` describes the arrival of the heater's heat:
+    DIRECT if the file has none. `charging` describes the car at a fast charger,
+    None if the file has no such block. `assumed` are the keys of the file whose values were not
     measured or stated for this car.
     """
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A vehicle that is plugged in: the grid feeds what the battery would feed."""
+"""A vehicle that is plugged in: the grid replaces the battery as the source of power."""
 
 from dataclasses import replace
 from functools import lru_cache
@@ -7,7 +7,7 @@ from functools import lru_cache
 from bev_preheat.vehicle.curves import Table
 from bev_preheat.vehicle.description import Vehicle
 
-# To the equations the grid is a battery that is never empty, has no losses and gives every power.
+# In the equations the grid is a battery that is never empty, has no losses and delivers any power.
 ENDLESS_AH = 1e8
 NO_RESISTANCE_OHM = 1e-6
 EVERY_POWER_W = 1e7
@@ -19,9 +19,9 @@ def grid_fed(vehicle: Vehicle) -> Vehicle:
     """
     Return the Vehicle whose heater, cabin and auxiliaries take nothing from the battery.
 
-    Its charge stays, no current warms it, and no reserve holds heating back; its heat capacity,
-    leakage and temperature range are the battery's own. The same one for the same vehicle. What its
-    plans call battery energy comes from the grid.
+    Its charge is constant, no current warms it, and no reserve limits heating; heat capacity,
+    leakage and temperature range are the battery's own. Cached: the same object for the same vehicle. The battery
+    energy of its plans comes from the grid.
     """
     battery = vehicle.battery
     return replace(vehicle, battery=replace(

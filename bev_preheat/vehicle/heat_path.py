@@ -1,18 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-How the heater's heat gets into the battery, and what the temperature sensor shows of it.
+The heater's heat path into the battery, and the lag of the temperature sensor.
 
-The paper's heat arrives at once. In a car the heater follows its command late, the coolant between
-heater and battery has to get warm first, and the sensor sits on a cell that warms late:
+In the paper the heat arrives at once. In a car the heater lags behind its command, the coolant between
+heater and battery has to warm up first, and the sensor sits on a cell that warms late:
 
     lag P' = P_command - P                                   electrical power P of the heater
     C_c T_c' = eta P - G (T_c - T_b)                         coolant temperature T_c
     C_b T_b' = G (T_c - T_b) + other heat                    battery, in place of eta P
     lag_s T_s' = T_b - T_s                                   sensor temperature T_s
 
-The coolant's time constant may be a few seconds, far below the steps that plans are made in. So
-heater and coolant are not integrated in steps but solved: within a step the command, and all other
-heat of the battery, are constant, and what is left is linear. `make_heat_step` is that solution,
+The coolant's time constant may be a few seconds, far below a plan's steps. Heater and coolant are
+therefore solved rather than integrated: within a step the command and all other
+heat of the battery are constant, so the equations are linear. `make_heat_step` returns that solution,
 `make_heated_step` the model's step with it: for the simulated car, for plans and for the program.
 """
 
@@ -29,8 +29,8 @@ if TYPE_CHECKING:
     from bev_preheat.vehicle.description import Vehicle
     from bev_preheat.vehicle.model import Integrator
 
-# The solution for two equal time constants has another form. So the numbers of time constants that
-# a step lasts are taken at least this far apart, which moves the result by 4e-8 of itself.
+# The solution for two equal time constants has another form. The step's numbers of time constants are therefore
+# kept at least this far apart, which changes the result by a relative 4e-8.
 APART_SQUARED = 1e-6
 
 # `step(power_w, coolant_c, temperature_c, duration_s, command_w, other_heat_w)`.
@@ -48,7 +48,7 @@ class HeatPath:
     """
     Time constants of heater and temperature sensor [s]; heat capacity and conductance of coolant.
 
-    0 everywhere is the paper's: heat arrives at once, and the sensor shows it.
+    All 0 is the paper's heat path: heat arrives at once, and the sensor shows it.
     """
 
     heater_lag_s: float = 0.0
@@ -58,24 +58,24 @@ class HeatPath:
 
     @property
     def has_coolant(self) -> bool:
-        """Whether there is coolant to be warmed."""
+        """Whether the heat passes through coolant."""
         return self.coolant_heat_capacity_j_per_k > 0.0
 
     @property
     def is_direct(self) -> bool:
-        """Whether heat arrives when it is commanded."""
+        """Whether heat arrives without delay."""
         return self.heater_lag_s == 0.0 and not self.has_coolant
 
     @property
     def coolant_lag_s(self) -> float:
-        """How late heat arrives by the coolant, next to a battery of any size [s]."""
+        """Time constant of the coolant at constant battery temperature [s]."""
         if not self.has_coolant:
             return 0.0
         return self.coolant_heat_capacity_j_per_k / self.coolant_conductance_w_per_k
 
     @property
     def heat_lag_s(self) -> float:
-        """How late heat arrives in all [s]: its mean time from command to battery."""
+        """Total lag of the heat [s]: its mean time from command to battery."""
         return self.heater_lag_s + self.coolant_lag_s
 
 
@@ -87,8 +87,8 @@ def make_heat_step(vehicle: Vehicle, arithmetic: Arithmetic[Number]) -> HeatStep
     Return one step of heater and coolant of the vehicle's `heat_path`.
 
     `step(power_w, coolant_c, temperature_c, duration_s, command_w, other_heat_w)` takes the heater's
-    power [W], coolant and battery temperature [deg C] at its start, and what is constant within it:
-    the command [W], and what else warms the battery [W]. It returns (mean electrical power [W], mean
+    power [W], coolant and battery temperature [deg C] at its start, and the constants within it:
+    the command [W], and all other heat of the battery [W]. It returns (mean electrical power [W], mean
     heat into the battery [W], electrical power at the end [W], coolant temperature at the end
     [deg C]). The heater's heat goes into battery and coolant, to rounding.
     """
@@ -97,7 +97,7 @@ def make_heat_step(vehicle: Vehicle, arithmetic: Arithmetic[Number]) -> HeatStep
     efficiency = vehicle.hvch.efficiency
 
     def decay(duration_s: Number, time_constant_s: float) -> tuple[Number, Number]:
-        """Return what is left of a difference at the end of a step, and on average."""
+        """Return the remaining share of a difference at the end of a step, and its mean over the step."""
         left = exp(-duration_s / time_constant_s)
         return left, (1.0 - left) * time_constant_s / duration_s
 
@@ -122,7 +122,7 @@ def make_heat_step(vehicle: Vehicle, arithmetic: Arithmetic[Number]) -> HeatStep
     coolant_j_per_k = path.coolant_heat_capacity_j_per_k
     conductance_w_per_k = path.coolant_conductance_w_per_k
     battery_j_per_k = vehicle.battery.heat_capacity_j_per_k
-    # Of the difference between coolant and battery, which share one heat.
+    # Decay rate of the difference between coolant and battery; both have a finite heat capacity.
     rate_per_s = conductance_w_per_k * (1.0 / coolant_j_per_k + 1.0 / battery_j_per_k)
     lag_s, root = path.heater_lag_s, arithmetic.root
 
@@ -131,13 +131,13 @@ def make_heat_step(vehicle: Vehicle, arithmetic: Arithmetic[Number]) -> HeatStep
             command_w: Number, other_heat_w: Number) -> tuple[Number, Number, Number, Number]:
         mean_w, end_w = heater(power_w, duration_s, command_w)
         excess_k = coolant_c - temperature_c
-        # Where the difference settles under the command, and how many time constants there are.
+        # Steady difference under the command, and the step's number of time constants.
         settled_k = (efficiency * command_w / coolant_j_per_k
                      - other_heat_w / battery_j_per_k) / rate_per_s
         decays = duration_s * rate_per_s
         mean_excess_k = settled_k + (excess_k - settled_k) * ((1.0 - exp(-decays)) / decays)
         if lag_s > 0.0:
-            # What the heater's own lag adds: one decay that follows another, over the step [s].
+            # Contribution of the heater's lag: two decays in series, over the step [s].
             lags = duration_s / lag_s
             apart = root((lags - decays) * (lags - decays) + APART_SQUARED)
             both_s = (duration_s * exp(-0.5 * (lags + decays - apart))
@@ -159,11 +159,11 @@ def make_heated_step(vehicle: Vehicle, arithmetic: Arithmetic[Number],
 
     `step(soc, temperature_c, heater_w, excess_k, duration_s, power_w, variance_w2, heat_w,
     leakage_w_per_k, command_w)` takes the states at its start: state of charge, battery temperature
-    [deg C], the heater's electrical power [W], and how much warmer than the battery the coolant is
-    [K]. Of the inputs, which are those of `model`, power [W] and heat [W] are without the heater's;
-    `command_w` [W] is what the heater is to take. It returns the four states at the end, the means of
-    temperature [deg C] and Joule heat [W], and the means of what the heater takes and of the heat
-    that reaches the battery [W]. All heat goes into battery and coolant, to rounding.
+    [deg C], the heater's electrical power [W], and the coolant's temperature above the battery's
+    [K]. The inputs are those of `model`, but power [W] and heat [W] exclude the heater's;
+    `command_w` [W] is the commanded heater power. It returns the four states at the end, the means of
+    temperature [deg C] and Joule heat [W], and the mean heater power and mean heat
+    into the battery [W]. All heat goes into battery and coolant, to rounding.
     """
     path = vehicle.heat_path
     rates = make_rates(vehicle, arithmetic)
@@ -175,7 +175,7 @@ def make_heated_step(vehicle: Vehicle, arithmetic: Arithmetic[Number],
              duration_s: Number, power_w: Number, variance_w2: Number, heat_w: Number,
              leakage_w_per_k: Number, command_w: Number) -> tuple[
                  Number, Number, Number, Number, Number, Number, Number, Number]:
-        # All other heat is that at the start of the step; only the coolant asks for it.
+        # All other heat, needed only with coolant, is that at the start of the step.
         other_heat_w = heat_w if not path.has_coolant else battery_j_per_k * rates(
             soc, temperature_c, power_w + command_w, variance_w2, heat_w, leakage_w_per_k)[1]
         drawn_w, arriving_w, heater_end_w, coolant_end_c = heat_step(
@@ -193,9 +193,9 @@ def make_heated_step(vehicle: Vehicle, arithmetic: Arithmetic[Number],
 def sensor_reading_c(path: HeatPath, reading_c: Number, start_c: Number, end_c: Number,
                      duration_s: Number, arithmetic: Arithmetic[Number]) -> Number:
     """
-    Return what a sensor shows [deg C] after a step in which the battery warms evenly.
+    Return the sensor reading [deg C] after a step in which the battery warms linearly.
 
-    `reading_c` is what it showed before, `start_c` and `end_c` are the battery's temperatures.
+    `reading_c` is the previous reading, `start_c` and `end_c` are the battery's temperatures.
     """
     if path.sensor_lag_s == 0.0:
         return end_c

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Makes a Vehicle from a YAML file, and refuses files that cannot be one."""
+"""Loads a Vehicle from a YAML file, and refuses implausible files."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ if TYPE_CHECKING:
 
 SCHEMA = Path(__file__).with_name('schema.yaml')
 
-# Thermal time constant of a battery that any car could have, and a speed to hold it at: below it the
-# file is wrong by a power of ten somewhere.
+# Least plausible thermal time constant of a battery, and the speed it is checked at: below it some value is
+# wrong by a power of ten.
 LEAST_TIME_CONSTANT_S = 20.0
 FAST_MPS = 40.0
-# Heat that takes longer from coolant to battery is wrong by a power of ten, too.
+# A coolant lag above this is also wrong by a power of ten.
 MOST_COOLANT_LAG_S = 3600.0
-# What the numbers of a curve may be: (low, high, unit).
+# Valid range of a curve's values: (low, high, unit).
 VOLTAGE_RANGE_V = (10.0, 2000.0)
 RESISTANCE_RANGE_OHM = (1e-6, 100.0)
 DISCHARGE_RANGE_W = (0.0, 2e6)
@@ -38,9 +38,9 @@ CHARGE_RANGE_W = (-2e6, 0.0)
 
 def load_vehicle(name_or_file: str | Path) -> Vehicle:
     """
-    Return the Vehicle of a name (a file in config/vehicles) or of a YAML file.
+    Return the Vehicle with a name (a file in config/vehicles) or of a YAML file.
 
-    Raises InvalidInput naming file, key, value and what is allowed.
+    Raises InvalidInput naming file, key, value and allowed range.
     """
     path = vehicle_file(name_or_file)
     contents = load_checked_yaml(path, SCHEMA)
@@ -128,7 +128,7 @@ def load_vehicle(name_or_file: str | Path) -> Vehicle:
 
 def _charging(contents: dict[str, FileData], charge: Table,
               problems: list[str]) -> Charging | None:
-    """Return the Charging of a checked file, None without the block; problems go to `problems`."""
+    """Return the Charging of a checked file, None without the block; add problems to `problems`."""
     if 'charging' not in contents:
         return None
     node, limit = dict(contents['charging']), charge
@@ -142,12 +142,12 @@ def _charging(contents: dict[str, FileData], charge: Table,
 
 
 def heat_path_problems(path: HeatPath) -> Iterator[str]:
-    """Return sentences on what a HeatPath of a file cannot be."""
+    """Yield a sentence for each implausible value of a HeatPath from a file."""
     if not path.has_coolant:
         return
     if path.coolant_conductance_w_per_k == 0.0:
-        yield ('heat_path: coolant_heat_capacity_j_per_k needs coolant_conductance_w_per_k beside '
-               'it, or no heat arrives')
+        yield ('heat_path: coolant_heat_capacity_j_per_k needs coolant_conductance_w_per_k, '
+               'or no heat arrives')
     elif path.coolant_lag_s > MOST_COOLANT_LAG_S:
         yield (f'heat_path.coolant_conductance_w_per_k: {path.coolant_conductance_w_per_k:g} W/K '
                f'take {path.coolant_lag_s:.0f} s for the heat of '
@@ -156,37 +156,37 @@ def heat_path_problems(path: HeatPath) -> Iterator[str]:
 
 
 def vehicle_file(name_or_file: str | Path) -> Path:
-    """Return the path of a vehicle file; raise InvalidInput where there is none."""
+    """Return the path of a vehicle file; raise InvalidInput if it does not exist."""
     return find_configuration('vehicles', name_or_file, '.yaml')
 
 
 def vehicle_contents(name_or_file: str | Path) -> bytes:
-    """Return the bytes of a vehicle file, which is one that was loaded."""
+    """Return the bytes of the file of a loaded vehicle."""
     return vehicle_file(name_or_file).read_bytes()
 
 
 def vehicle_fingerprint(contents: bytes) -> str:
     """Return the SHA-256 of a vehicle file's bytes, as text."""
-    # Loads OpenSSL, which nothing else here needs: only where a car is remembered.
+    # Imports OpenSSL, so only if a car is remembered.
     from hashlib import sha256
     return sha256(contents).hexdigest()
 
 
 def _keys_that_are_not_there(contents: dict[str, FileData]) -> Iterator[str]:
-    """Sentences on entries of `assumed` that name no value of the file."""
+    """Yield a sentence for each entry of `assumed` that names no value of the file."""
     keys = _keys({name: node for name, node in contents.items() if name != 'assumed'})
     for index, key in enumerate(contents.get('assumed', ())):
         if key in keys:
             continue
-        # Only where a name is wrong: every start would pay for it.
+        # Imported only for a wrong name, because it slows down the start.
         from difflib import get_close_matches
         near = get_close_matches(key, keys, n=1)
         hint = f'did you mean {near[0]!r}?' if near else 'such as battery.resistance'
-        yield f'assumed[{index}]: {quoted(key)} is no key of this file; {hint}'
+        yield f'assumed[{index}]: {quoted(key)} is not a key of this file; {hint}'
 
 
 def _keys(node: dict[str, FileData], above: str = '') -> list[str]:
-    """All keys of nested mappings, dotted, in their order; those of tables and formulas too."""
+    """Return all keys of nested mappings, dotted, in order, including tables and formulas."""
     found = []
     for name, item in node.items():
         found.append(f'{above}{name}')
@@ -210,7 +210,7 @@ def _polynomial_voltage(polynomial_v: Iterable[float],
 
 
 def _table(key: str, node: dict[str, FileData], problems: list[str]) -> Table:
-    """Table of a checked node; what is wrong with its axes and its shape goes to problems."""
+    """Return the Table of a checked node; add problems with its axes and shape to `problems`."""
     axes = {}
     for axis in ('soc', 'temperature_c'):
         points = tuple(map(float, node.get(axis, (0.0,))))
@@ -226,24 +226,24 @@ def _table(key: str, node: dict[str, FileData], problems: list[str]) -> Table:
     if any(not isinstance(row, list) or len(row) != shape[1]
            or any(isinstance(value, list) for value in row) for row in rows) \
             or len(rows) != shape[0]:
-        problems.append(f'{key}.values: must hold one value for each point of its axes, '
-                        f'{" x ".join(str(n) for n in shape if n > 1)} of them')
+        problems.append(f'{key}.values: must have {" x ".join(str(n) for n in shape if n > 1)} values, '
+                        'one for each point of its axes')
         rows = np.zeros(shape).tolist()
     return Table(soc=axes['soc'], temperature_c=axes['temperature_c'],
                  values=tuple(tuple(map(float, row)) for row in rows))
 
 
 def _grid(battery: dict[str, FileData], curve: Curve) -> tuple[FloatArray, FloatArray]:
-    """Points (soc, temperature) over the whole range in which the model is used."""
+    """Return points (soc, temperature) over the model's whole range, shape (n, m) each."""
     return np.meshgrid(_points(battery['soc_range'], getattr(curve, 'soc', ())),
                        _points(battery['temperature_range_c'],
                                getattr(curve, 'temperature_c', ())), indexing='ij')
 
 
 def _points(limits: tuple[float, float], axis: Sequence[float]) -> FloatArray:
-    # A table's extremes lie at its own points, which an even grid can step over.
+    # A table's extremes lie at its own points, which an even grid can miss.
     low, high = limits
-    # Of a set, because numpy.unique loads numpy.ma, which no planner needs.
+    # A set, because numpy.unique imports numpy.ma, which no planner needs.
     return np.array(sorted({*np.linspace(low, high, 41).tolist(),
                             *(point for point in axis if low < point < high)}))
 

@@ -1,16 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-The model's differential equations and their integration, once, for every kind of number.
+The model's differential equations and their integration, for every kind of number.
 
 States: state of charge (0 ... 1) and battery temperature [deg C]; equations (1)-(5) and (9b)-(9d).
-The inputs of one step are constant within it and are those of `planning.trip.Trip`:
+The inputs of a step are constant within it and are those of `planning.trip.Trip`:
 
     terminal_power_w   P_t: drivetrain, cabin, auxiliaries and HVCH
     power_variance_w2  mean square minus squared mean of the propulsion power
-    heat_w             eta_hvch P_hvch_b + gamma T_amb + Q_ed: what does not depend on the state
+        heat_w             eta_hvch P_hvch_b + gamma T_amb + Q_ed: the heat that does not depend on the state
     leakage_w_per_k    gamma
 
-`make_rates` takes an `arithmetic.Arithmetic`, so the same lines serve plain floats (planning),
+`make_rates` takes an `arithmetic.Arithmetic`, so the same code serves plain floats (planning),
 arrays (a whole trajectory at once) and CasADi symbols (the NLP).
 """
 
@@ -32,28 +32,28 @@ Step = Callable[[Number, Number, Number, Number, Number, Number, Number],
 
 
 class Integrator(Protocol):
-    """One of the integration methods below."""
+    """One of the integration methods in this module."""
 
     def __call__(self, rates: Rates[Number], /) -> Step[Number]:
         """Return one step of the method."""
 
     def __hash__(self) -> int:
-        """Return a hash: what is made with a method is cached by it."""
+        """Return a hash, because steps are cached by method."""
 
 
 def make_rates(vehicle: Vehicle, arithmetic: Arithmetic[Number]) -> Rates[Number]:
     """
-    Right-hand side of eqs. (9b)-(9d): `rates(soc, temperature_c, *inputs)`.
+    Return the right-hand side of eqs. (9b)-(9d): `rates(soc, temperature_c, *inputs)`.
 
     Returns (d soc/dt [1/s], dT/dt [K/s], Joule heat [W]).
 
-    The current solves U_oc I - R I^2 = P_t. Power that varies within the step adds to the Joule
-    heat R var/U_oc^2 (the variance of the current, to first order), and R var/U_oc^3 to the mean
-    current that pays for it, so that P_b = U_oc I_b = P_t + Q_Joule holds exactly; with power that
-    is constant within the step both vanish and eq. (4) remains.
+    The current solves U_oc I - R I^2 = P_t. Power that varies within the step adds R var/U_oc^2 to the Joule
+    heat (the variance of the current, to first order) and R var/U_oc^3 to the mean
+    current that supplies it, so that P_b = U_oc I_b = P_t + Q_Joule holds exactly; with constant
+    power both vanish and eq. (4) remains.
 
-    Where 4 R P_t > U_oc^2 the power cannot be delivered: floats raise ValueError with
-    `arithmetic.FLOATS`; other kinds of number hold the current at U_oc/(2 R).
+    If 4 R P_t > U_oc^2 the power cannot be delivered: floats raise ValueError with
+    `arithmetic.FLOATS`; other kinds of number limit the current to U_oc/(2 R).
     """
     battery = vehicle.battery
     open_circuit_voltage = battery.open_circuit_voltage.function(arithmetic)
@@ -85,10 +85,10 @@ def make_rates(vehicle: Vehicle, arithmetic: Arithmetic[Number]) -> Rates[Number
 
 def make_runge_kutta_4(rates: Rates[Number]) -> Step[Number]:
     """
-    One step of the classical Runge-Kutta method: `step(soc, temperature_c, dt_s, *inputs)`.
+    Return one step of the classical Runge-Kutta method: `step(soc, temperature_c, dt_s, *inputs)`.
 
     Returns (soc, temperature [deg C] at the end, mean temperature [deg C], mean Joule heat [W]);
-    the means carry the method's own weights, so the step's heat balance closes to rounding.
+    the means use the method's own weights, so the step's heat balance closes to rounding.
     """
     def step(soc: Number, temperature_c: Number, dt_s: Number, power_w: Number,
              variance_w2: Number, heat_w: Number,
@@ -113,7 +113,7 @@ def make_runge_kutta_4(rates: Rates[Number]) -> Step[Number]:
 
 
 def make_euler(rates: Rates[Number]) -> Step[Number]:
-    """One step of the explicit Euler method, as Algorithm 1 prints it; returns as Runge-Kutta."""
+    """Return one step of the explicit Euler method, as printed in Algorithm 1; results as for Runge-Kutta."""
     def step(soc: Number, temperature_c: Number, dt_s: Number, power_w: Number,
              variance_w2: Number, heat_w: Number,
              leakage_w_per_k: Number) -> tuple[Number, Number, Number, Number]:
@@ -126,7 +126,7 @@ def make_euler(rates: Rates[Number]) -> Step[Number]:
 
 
 def make_midpoint(rates: Rates[Number]) -> Step[Number]:
-    """One step of the explicit midpoint method, of second order; returns as Runge-Kutta."""
+    """Return one step of the explicit midpoint method, of second order; results as for Runge-Kutta."""
     def step(soc: Number, temperature_c: Number, dt_s: Number, power_w: Number,
              variance_w2: Number, heat_w: Number,
              leakage_w_per_k: Number) -> tuple[Number, Number, Number, Number]:

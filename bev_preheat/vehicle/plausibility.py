@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a vehicle file means: figures that a person can compare with a car, and what is unusual."""
+"""Key figures of a vehicle file, for comparison with a real car, and warnings about unusual ones."""
 
 from __future__ import annotations
 
@@ -29,20 +29,20 @@ RESISTANCE_TEMPERATURES_C = (COLD_C, 0.0, WARM_C)
 CHARGING_TEMPERATURES_C = (-10.0, 0.0, 10.0, 25.0)
 CHARGING_SOCS = (0.2, 0.5)
 VOLTAGE_SOCS = (0.0, 0.1, 0.2, 0.5, 0.8, 0.9, 1.0)
-# The situation in which heating is shown: a cold battery on a cold day.
+# The situation for the heating figures: a cold battery on a cold day.
 HEATED_FROM_C, AMBIENT_C = 0.0, -10.0
 
-# What is usual for an electric car (low, high).
+# Usual ranges for electric cars (low, high).
 ENERGY_KWH = (10.0, 200.0)
 CELL_VOLTAGE_V = (2.5, 4.3)
 HEAT_CAPACITY_KJ_PER_K_KWH = (3.0, 13.0)
 TIME_CONSTANT_H = (0.5, 40.0)
 HEATING_K_PER_10_MIN = (1.0, 40.0)
-# Voltage drop at the current that empties the battery in one hour, as a share of the voltage.
+# Voltage drop at the one-hour current, as a share of the voltage.
 ONE_HOUR_DROP = (0.005, 0.10)
 COLD_RESISTANCE_RATIO = (1.3, 15.0)
 CHARGING_PER_H = (0.3, 6.0)
-# At -10 degC a battery takes and delivers clearly less than at 25 degC.
+# At -10 degC a battery accepts and delivers clearly less than at 25 degC.
 MOST_COLD_CHARGING_SHARE = 0.5
 LEAST_DISCHARGE_SHARE = 0.8
 FAST_LEAKAGE_RATIO = 8.0
@@ -53,13 +53,13 @@ Value = TypeVar('Value')
 @dataclass(frozen=True)
 class Meaning:
     """
-    Figures of one car; resistance at half charge, heating from 0 degC at -10 degC outside.
+    Key figures of one car; resistance at half charge, heating from 0 degC at -10 degC outside.
 
     `resistance_ohm` is by temperature [degC], `charging_power_kw` by temperature, then by state of
     charge; `discharging_power_kw` at half charge by temperature, `open_circuit_voltage_v` at 25 degC by
-    state of charge. `heating_…` are K in the first 10 min: all of the heater's power, at rest and at
-    100 km/h, and what the vehicle's default for the cabin leaves. `heat_path` says how heat arrives,
-    `charging` what the car does at a charger.
+    state of charge. `heating_…` are K in the first 10 min: full heater power at rest and at
+    100 km/h, and the heater power left by the vehicle's default cabin heating. `heat_path` and `charging` describe
+    the arrival of heat and the car at a charger in words.
     """
 
     name: str
@@ -87,7 +87,7 @@ class Meaning:
     warnings: tuple[str, ...]
 
     def as_dictionary(self) -> dict[str, Any]:
-        """Return the figures as JSON holds them: texts as keys, lists."""
+        """Return the figures in JSON form: text keys, lists."""
         values = asdict(self)
         for name in ('resistance_ohm', 'discharging_power_kw', 'open_circuit_voltage_v'):
             values[name] = _text_keys(values[name])
@@ -100,11 +100,11 @@ def meaning_of(vehicle: Vehicle) -> Meaning:
     """Return the Meaning of a Vehicle."""
     battery, heater = vehicle.battery, vehicle.hvch
     energy_kwh = energy_between_kwh(vehicle, *battery.soc_range)
-    # Volt as watt-hours an ampere-hour, over the range in use.
+    # Mean voltage (energy over charge) over the usable range.
     nominal_v = WH_PER_KWH * energy_kwh / (
         battery.capacity_ah * (battery.soc_range[1] - battery.soc_range[0]))
     resistance = battery.resistance.function(FLOATS)
-    # A formula need not hold outside of the range of the file.
+    # A formula may be invalid outside the file's range.
     low_c, high_c = battery.temperature_range_c
     warm_c = min(max(WARM_C, low_c), high_c)
     charging = battery.charge_power_limit.function(FLOATS)
@@ -150,7 +150,7 @@ def meaning_of(vehicle: Vehicle) -> Meaning:
 
 
 def heat_path_in_words(vehicle: Vehicle) -> str:
-    """Return how late heat arrives and is seen, and what of it is lost after arrival."""
+    """Return a sentence on the lags of heat and sensor, and on the heat lost after arrival."""
     path = vehicle.heat_path
     if path.is_direct and path.sensor_lag_s == 0.0:
         return 'The heat of the heater arrives at once, and the sensor shows it.'
@@ -162,13 +162,13 @@ def heat_path_in_words(vehicle: Vehicle) -> str:
     if path.has_coolant:
         heat_w = vehicle.hvch.efficiency * vehicle.hvch.maximum_power_w
         parts.append(
-            f'the coolant passes its heat on with {path.coolant_lag_s:.0f} s and gets '
-            f'{heat_w / path.coolant_conductance_w_per_k:.0f} K warmer than the battery under all '
-            'of the heater')
+            f'the coolant passes its heat on with a time constant of {path.coolant_lag_s:.0f} s and gets '
+            f'{heat_w / path.coolant_conductance_w_per_k:.0f} K warmer than the battery at full '
+            'heater power')
     if not path.is_direct:
         late_wh = path.heat_lag_s * vehicle.hvch.maximum_power_w / SECONDS_PER_H
         parts.append(f'{late_wh:.0f} Wh are still under way when the heater is switched off at full '
-                     'power; what arrives after the drive is lost')
+                     'power; heat that arrives after the drive is lost')
     if path.sensor_lag_s > 0.0:
         parts.append(f'the sensor follows the battery with a time constant of {path.sensor_lag_s:.0f} s')
     text = '; '.join(parts)
@@ -179,7 +179,7 @@ def energy_between_kwh(vehicle: Vehicle, low_soc: float, high_soc: float,
                        temperature_c: float = 25.0) -> float:
     """Energy of the open-circuit voltage [kWh] between two states of charge: integral of U dQ."""
     battery = vehicle.battery
-    # Midpoints of a fine grid: exact to a hundred-thousandth for tables and formulas alike.
+    # Midpoints of a fine grid: relative error 1e-5 for tables and formulas alike.
     edges = np.linspace(low_soc, high_soc, 4001)
     middles = 0.5 * (edges[1:] + edges[:-1])
     voltage_v = battery.open_circuit_voltage.function(ARRAYS)(
@@ -191,10 +191,10 @@ def warmed_by_k(vehicle: Vehicle, heater_w: float, leakage_w_per_k: float,
                 from_c: float = HEATED_FROM_C, ambient_c: float = AMBIENT_C,
                 duration_s: float = TEN_MINUTES_S) -> float:
     """
-    Return by how many K the battery warms with constant heater power [W] and leakage [W/K].
+    Return the temperature rise of the battery [K] at constant heater power [W] and leakage [W/K].
 
-    Eq. (3) without Joule and drivetrain heat, in closed form: an approach to the temperature at
-    which the leakage takes all the heat.
+    Eq. (3) without Joule and drivetrain heat, in closed form: an exponential approach to the temperature at
+    which the leakage equals the heat.
     """
     capacity = vehicle.battery.heat_capacity_j_per_k
     heat_w = vehicle.hvch.efficiency * heater_w
@@ -205,7 +205,7 @@ def warmed_by_k(vehicle: Vehicle, heater_w: float, leakage_w_per_k: float,
 
 
 def _time_constant_h(battery: Battery, speed_mps: float) -> float:
-    """Thermal time constant [h]; infinite without leakage."""
+    """Return the thermal time constant [h]; infinite without leakage."""
     leakage = battery.leakage.coefficient_w_per_k(speed_mps)
     return math.inf if leakage == 0.0 else (
         battery.heat_capacity_j_per_k / leakage / SECONDS_PER_H)
@@ -223,13 +223,13 @@ def _grid(battery: Battery) -> tuple[FloatArray, FloatArray]:
 
 
 def _unusual(vehicle: Vehicle, figures: dict[str, Any]) -> Iterator[str]:
-    """Sentences on what no usual car has, each with its figure."""
+    """Yield a sentence for each unusual figure."""
     battery, energy_kwh = vehicle.battery, figures['energy_kwh']
     yield from _outside('energy', energy_kwh, 'kWh', ENERGY_KWH,
                         'capacity_ah times the open-circuit voltage')
     yield from _cell_voltages(battery)
     yield from _outside('heat capacity', figures['heat_capacity_kj_per_k_kwh'], 'kJ/K for each kWh',
-                        HEAT_CAPACITY_KJ_PER_K_KWH, 'some 1 kJ/(kg K) times the mass of the pack')
+                        HEAT_CAPACITY_KJ_PER_K_KWH, 'about 1 kJ/(kg K) times the mass of the pack')
     yield from _outside('voltage drop at the one-hour current', 100.0 * figures['one_hour_drop'],
                         '% at 25 degC', tuple(100.0 * share for share in ONE_HOUR_DROP),
                         'resistance in ohm, of the whole pack')
@@ -238,11 +238,11 @@ def _unusual(vehicle: Vehicle, figures: dict[str, Any]) -> Iterator[str]:
                         TIME_CONSTANT_H, 'heat capacity over leakage')
     at_rest, fast = (battery.leakage.coefficient_w_per_k(speed) for speed in (0.0, KMH_100_MPS))
     if fast > FAST_LEAKAGE_RATIO * at_rest:
-        yield (f'leakage: {fast:.0f} W/K at 100 km/h are more than {FAST_LEAKAGE_RATIO:g} times '
+        yield (f'leakage: {fast:.0f} W/K at 100 km/h is more than {FAST_LEAKAGE_RATIO:g} times '
                f'the {at_rest:.0f} W/K at rest; is gamma_v_w_per_k_per_mps per km/h?')
     if vehicle.hvch.maximum_power_w > 0.0:
         yield from _outside('heating', figures['heating_at_rest_k_per_10_min'],
-                            'K in 10 min with all of the heater', HEATING_K_PER_10_MIN,
+                            'K in 10 min at full heater power', HEATING_K_PER_10_MIN,
                             'heater power in W over heat capacity')
     yield from _charging(figures)
     yield from _discharging(vehicle)
@@ -252,7 +252,7 @@ def _outside(what: str, value: float, unit: str, usual: Sequence[float],
              hint: str) -> Iterator[str]:
     low, high = usual
     if not low <= value <= high:
-        yield f'{what}: {value:.3g} {unit}; usual are {low:g} ... {high:g} ({hint})'
+        yield f'{what}: {value:.3g} {unit}; the usual range is {low:g} ... {high:g} ({hint})'
 
 
 def _cell_voltages(battery: Battery) -> Iterator[str]:
@@ -264,7 +264,7 @@ def _cell_voltages(battery: Battery) -> Iterator[str]:
                   / battery.cells_in_series)
         if not low <= cell_v <= high:
             yield (f'open-circuit voltage: {cell_v:.2f} V a cell at soc {soc:g} with '
-                   f'{battery.cells_in_series} cells in series; usual are {low:g} ... {high:g} V')
+                   f'{battery.cells_in_series} cells in series; the usual range is {low:g} ... {high:g} V')
 
 
 def _resistance_over_temperature(battery: Battery, figures: dict[str, Any]) -> Iterator[str]:
@@ -276,15 +276,15 @@ def _resistance_over_temperature(battery: Battery, figures: dict[str, Any]) -> I
     if rising.any():
         at = int(np.argmax(rising))
         yield (f'resistance: rises from {resistances[at]:.3g} ohm at {temperatures_c[at]:.0f} degC '
-               f'to {resistances[at + 1]:.3g} ohm at {temperatures_c[at + 1]:.0f} degC; that of '
-               'batteries falls as they get warmer')
+               f'to {resistances[at + 1]:.3g} ohm at {temperatures_c[at + 1]:.0f} degC; battery '
+               'resistance falls with temperature')
         return
     by_temperature = figures['resistance_ohm']
     if COLD_C in by_temperature and WARM_C in by_temperature:
         yield from _outside('resistance at -20 degC',
                             by_temperature[COLD_C] / by_temperature[WARM_C],
                             'times that at 25 degC', COLD_RESISTANCE_RATIO,
-                            'cold batteries have several times as much')
+                            'cold batteries have several times that value')
 
 
 def _charging(figures: dict[str, Any]) -> Iterator[str]:
@@ -296,9 +296,9 @@ def _charging(figures: dict[str, Any]) -> Iterator[str]:
     for soc in CHARGING_SOCS:
         cold_kw, warm_kw = charging[-10.0][soc], charging[25.0][soc]
         if cold_kw > MOST_COLD_CHARGING_SHARE * warm_kw:
-            yield (f'charge limit: {cold_kw:.0f} kW at -10 degC and soc {soc:g} against '
-                   f'{warm_kw:.0f} kW at 25 degC; cold batteries usually take less than '
-                   f'{100 * MOST_COLD_CHARGING_SHARE:.0f} %, and preheating would gain little')
+            yield (f'charge limit: {cold_kw:.0f} kW at -10 degC and soc {soc:g}, but '
+                   f'{warm_kw:.0f} kW at 25 degC; cold batteries usually accept less than '
+                   f'{100 * MOST_COLD_CHARGING_SHARE:.0f} %; otherwise preheating gains little')
 
 
 def _discharging(vehicle: Vehicle) -> Iterator[str]:
@@ -306,7 +306,7 @@ def _discharging(vehicle: Vehicle) -> Iterator[str]:
     if limit_w < LEAST_DISCHARGE_SHARE * vehicle.drivetrain.maximum_power_w:
         yield (f'discharge limit: {limit_w / W_PER_KW:.0f} kW at 25 degC and soc 0.8 for a '
                f'drivetrain of {vehicle.drivetrain.maximum_power_w / W_PER_KW:.0f} kW; a warm '
-               'battery usually delivers what the drivetrain takes')
+               'battery usually delivers the full drivetrain power')
 
 
 def _text_keys(values: dict[float, Value]) -> dict[str, Value]:

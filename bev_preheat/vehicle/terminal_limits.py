@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The battery's power limits (9i), which are on P_b, as limits on the terminal power P_t."""
+"""The battery's power limits (9i), which apply to P_b, as limits on the terminal power P_t."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from bev_preheat.numerics.arithmetic import AnyNumber, Arithmetic, Number
 if TYPE_CHECKING:
     from bev_preheat.vehicle.description import Vehicle
 
-# Made from a vehicle, for several kinds of number: the described and the corrected ones of several cars.
+# Cached per vehicle and kind of number: nominal and corrected vehicles of several cars.
 KEPT_LIMITS = 64
 
 # `limits(soc, temperature_c, power_variance_w2)` -> least and most terminal power [W].
@@ -25,8 +25,8 @@ def make_terminal_limits(vehicle: Vehicle,
     """
     Return `limits(soc, temperature_c, power_variance_w2)` -> least and most terminal power [W].
 
-    With P_b = U I + R var/U^2 at its limit, P_t = U I - R I^2. The most is at I = U/(2 R), whatever
-    the battery's own limit says.
+    With P_b = U I + R var/U^2 at its limit, P_t = U I - R I^2. The upper limit is at most the value at
+    I = U/(2 R), whatever the battery's own limit.
     """
     battery = vehicle.battery
     open_circuit_voltage = battery.open_circuit_voltage.function(arithmetic)

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-A car that is known up to factors: its rates in a drive, how late its heat arrives, what its sensor shows.
+A car known up to factors: its rates in a drive, the lags of its heat, the reading of its sensor.
 
-The estimator's part of the model, for every kind of number, as `vehicle.model` has the planner's:
-`estimation` uses it with arrays, and the compiled core is made from it.
+The estimator's part of the model, for every kind of number, like the planner's in `vehicle.model`:
+`estimation` uses it with arrays, and the native core is generated from it.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ if TYPE_CHECKING:
 @dataclass(frozen=True)
 class DriveInputs:
     """
-    What the car does in one step, floats or arrays: the inputs of the model before they are summed.
+    Inputs of the model in one step, before they are summed; floats or arrays.
 
     `propulsion_power_w` (mean), `power_variance_w2` and `propulsion_power_magnitude_w` (mean of
-    |P|) are the route's, cabin and auxiliaries too.
-    `terminal_power_w` is what the battery was seen to give; None where only the route is known.
-    `power_variance_w2` is then what was seen, and `hidden_variance_w2` what the route says of the
-    variation and the sensors do not show.
-    `heater_power_w` is what the HVCH takes for the battery.
+    |P|) are the route's, as are cabin and auxiliaries.
+    `terminal_power_w` is the measured battery power; None if only the route is known. If it is measured,
+    `power_variance_w2` is the measured variance, and `hidden_variance_w2` the part of the route's variance
+    that the sensors do not show.
+    `heater_power_w` is the HVCH power for the battery.
     """
 
     speed_mps: AnyNumber
@@ -58,7 +58,7 @@ def make_drive_rates(vehicle: Vehicle, arithmetic: Arithmetic[AnyNumber],
     Return `rates(temperature_c, soc, factors, drive)` -> (dT/dt [K/s], d soc/dt [1/s], Joule heat [W]).
 
     The factors are those on heat capacity, leakage, resistance, HVCH efficiency and the route's
-    propulsion power. Where the battery's power was seen, the propulsion power is what it leaves of it;
+    propulsion power. With a measured battery power, the propulsion power is that minus all other consumers;
     else it is the route's, times its factor.
     """
     def rates(temperature_c: AnyNumber, soc: AnyNumber, factors: Sequence[AnyNumber],
@@ -75,7 +75,7 @@ def make_drive_rates(vehicle: Vehicle, arithmetic: Arithmetic[AnyNumber],
         else:
             terminal_w = drive.terminal_power_w
             variance_w2 = drive.power_variance_w2 + drive.hidden_variance_w2
-            # Of what is hidden the route knows how much of it drives, and how much regenerates.
+            # The route gives the driving and regenerating shares of the hidden variation.
             hidden = drive.hidden_variance_w2 / arithmetic.maximum(variance_w2, 1.0)
             magnitude_w = (
                 (1.0 - hidden) * mean_magnitude(terminal_w - others_w, drive.power_variance_w2)
@@ -94,12 +94,12 @@ def make_drive_rates(vehicle: Vehicle, arithmetic: Arithmetic[AnyNumber],
 @dataclass(frozen=True)
 class Lagging:
     """
-    What a car shows of its battery, and the lags of that: floats or arrays.
+    Battery state, sensor and their lags; floats or arrays.
 
     Temperature [deg C] and state of charge of the battery, heat under way [K], temperature of the sensor's cell
-    [deg C], and how much warmer the sensor is than its cell by local heat [K]; the lags of heat and sensor [s];
-    the shares left of heat under way, sensor difference and local rise after the step, exp(-duration / lag); the
-    factor on the warming by the heater's power, HVCH efficiency over heat capacity; the steady local rise
+    [deg C], and the sensor's local rise above its cell [K]; the lags of heat and sensor [s];
+    the shares of heat under way, sensor difference and local rise left after the step, exp(-duration / lag); the
+    temperature rise per heater energy, HVCH efficiency over heat capacity; the steady local rise
     by Joule heat and by heater heat [K/kW].
     """
 
@@ -125,11 +125,11 @@ LaggingStep = Callable[[Lagging, tuple[AnyNumber, AnyNumber, AnyNumber], AnyNumb
 
 def make_lagging_step(vehicle: Vehicle) -> LaggingStep:
     """
-    Return `step(lagging, rates, heater_power_w, duration_s)`: what of a Lagging moves, at its end.
+    Return `step(lagging, rates, heater_power_w, duration_s)`: the moving part of a Lagging at the step's end.
 
     That is temperature, state of charge, heat under way, sensor and local rise; `rates` are those of
-    `make_drive_rates`, in which heat arrives at once. The lags are solved within the step
-    (vehicle.heat_path has the equations), as they may be shorter.
+    `make_drive_rates`, in which heat arrives at once. The lags are solved within the step (equations in
+    vehicle.heat_path), because they may be shorter.
     """
     def step(car: Lagging, rates: tuple[AnyNumber, AnyNumber, AnyNumber], heater_power_w: AnyNumber,
              duration_s: AnyNumber) -> tuple[AnyNumber, AnyNumber, AnyNumber, AnyNumber, AnyNumber]:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The text of a vehicle file with a comment at each value."""
+"""Text of a vehicle file, with a comment at each value."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 WIDTH = 100
 TEMPLATE = Path(__file__).with_name('vehicle_template.yaml')
 ROAD_LOAD_TEMPLATE = Path(__file__).with_name('road_load_template.yaml')
-NO_ROAD_LOAD = ('# road_load: {mass_kg, frontal_area_m2, drag_coefficient, rolling_resistance} would '
-                'let\n# this car drive routes that are given as legs of road.\n')
+NO_ROAD_LOAD = ('# Add road_load: {mass_kg, frontal_area_m2, drag_coefficient, rolling_resistance} to\n'
+                '# plan routes given as legs of road.\n')
 NOTE = 'note:'
 TABLE_INDENTS = {'battery.open_circuit_voltage': 6, 'battery.resistance': 6,
                  'battery.power_limits.discharge': 6, 'battery.power_limits.charge': 6}
@@ -34,7 +34,7 @@ def vehicle_text(name: str, entries: dict[str, Entry], command: str) -> str:
     """
     Return a vehicle file as text.
 
-    `entries` are those of `data_sheet_import.describe_car`, `command` is what made them.
+    `entries` are those of `data_sheet_import.describe_car`, `command` is the command line that made them.
     """
     values = {'name': _one_line(name), 'command': _comment(command, 0, '#     '),
               'quoted_name': json.dumps(name, ensure_ascii=False),
@@ -49,7 +49,7 @@ def vehicle_text(name: str, entries: dict[str, Entry], command: str) -> str:
 
 
 def assumed_keys(entries: dict[str, Entry]) -> list[str]:
-    """Return the keys of the values that are assumed; two of one table are its parent."""
+    """Return the keys of the assumed values; two of one table are merged into their parent."""
     limits = ('battery.power_limits.discharge', 'battery.power_limits.charge')
     keys = [key for key, entry in entries.items() if entry.assumed]
     if all(limit in keys for limit in limits):
@@ -100,5 +100,5 @@ def _comment(text: str, indent: int, mark: str = '# ') -> str:
 
 
 def _one_line(text: str) -> str:
-    """Text as it may stand in a comment, whatever was typed."""
+    """Return the text on one line, safe for a comment."""
     return ''.join(letter if letter.isprintable() else ' ' for letter in text)

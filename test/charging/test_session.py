@@ -275,5 +275,5 @@ def test_a_vehicle_that_does_not_say_whether_it_heats_is_refused(charging):
         check_stop(replace(REFERENCE, charging=charging), STOP)
     assert error.value.problems == [
         'vehicle reference: charging.battery_heating is missing; say in the vehicle file whether the '
-        'car heats its battery while it charges (true or false), because what preheating gains depends '
+        'car heats its battery while it charges (true or false), because the benefit of preheating depends '
         'on it']

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A command, as its user meets it: status, output, errors."""
+"""Fixtures that run a command as a user does: status, output, errors."""
 
 import pytest
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`preheat charge`: tables, JSON and picture of sessions, and what is refused."""
+"""`preheat charge`: tables, JSON and picture of sessions, and refusals."""
 
 import json
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`preheat export-ecu`, as its user meets it: what is refused, and before anything is computed."""
+"""`preheat export-ecu` as a user runs it: refusals, and their order."""
 
 import errno
 import os
@@ -13,7 +13,7 @@ from bev_preheat.files.configuration import configuration_folder
 
 @pytest.fixture
 def refused(said, monkeypatch):
-    """Return the one line of a command that is refused; nothing may have been drawn."""
+    """Return the single line of a refused command; no situation may have been drawn."""
     def draw(*_):
         raise AssertionError('computed before the outputs were checked')
 
@@ -70,7 +70,7 @@ def test_missing_sources_of_the_core_are_told(refused, monkeypatch, tmp_path):
     assert refused('--vehicle', 'reference', '--output', 'out') == (
         'preheat: error: the sources of bev_preheat_core are missing: the package is not installed; build '
         'it from a checkout: colcon build --base-paths . core msg_defs')
-    # One that was built from other sources.
+    # An export built from other sources.
     monkeypatch.setattr(sources, 'installed_prefix', lambda name: tmp_path)
     assert 'the source of bev_preheat_core cannot be read' in refused(
         '--vehicle', 'reference', '--output', 'out')

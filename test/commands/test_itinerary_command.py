@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`preheat plan --itinerary`: a trip with stops, what is printed, written and refused."""
+"""`preheat plan --itinerary`: a trip with stops; output, files and refusals."""
 
 import json
 
@@ -47,7 +47,7 @@ def preheat_plan(tmp_path, capsys):
 
 @pytest.fixture
 def plans_of(preheat_plan, tmp_path):
-    """Return what the command writes as JSON."""
+    """Return the JSON that the command writes."""
     def run(*legs, arguments=()):
         output = tmp_path / 'plans.json'
         status, _, errors = preheat_plan(*legs, arguments=(
@@ -58,7 +58,7 @@ def plans_of(preheat_plan, tmp_path):
     return run
 
 
-# What comes out
+# Results
 
 @pytest.mark.parametrize('key, expected', [
     ('route', ['./drive.csv', 'drive.csv']), ('departure_s', [0.0, DRIVE_S + 1200.0]),
@@ -87,7 +87,7 @@ def test_a_leg_alone_is_the_route_alone(plans_of, preheat_plan, tmp_path):
         '--route', str(tmp_path / 'drive.csv'), '--temperature', '-6', '--soc', '0.75',
         '--target', '14', '--min-soc', '0.3', '--json', str(output)))
     alone = json.loads(output.read_text())
-    # The itinerary says once for all legs what is assumed of the car.
+    # The itinerary's assumptions about the car are listed once for all legs.
     ignored = ('route', 'departure_s', 'planning_time_s', 'vehicle_assumed')
     assert {key: value for key, value in in_itinerary.items() if key not in ignored} == {
         key: value for key, value in alone.items() if key not in ignored}
@@ -127,7 +127,7 @@ def test_the_trip_is_drawn(preheat_plan, tmp_path):
     picture = tmp_path / 'trip.svg'
     preheat_plan(FIRST, LAST, arguments=(
         '--temperature', '-6', '--soc', '0.75', '--plot', str(picture)))
-    # Text is drawn as shapes; what it says stands beside them as comments.
+    # Text is drawn as shapes, with the characters in comments.
     drawn = picture.read_text()
     assert [text for text in ('battery', 'target', 'stop', 'trip time [min]')
             if f'<!-- {text} -->' not in drawn] == []
@@ -145,7 +145,7 @@ def test_shipped_itineraries_can_be_driven(preheat_plan, path):
     assert (status, errors, 'SOC_LIMITED' in output or 'POWER_LIMITED' in output) == (0, '', False)
 
 
-# What is refused
+# Refusals
 
 def without(leg, *keys):
     return {key: value for key, value in leg.items() if key not in keys}
@@ -200,8 +200,8 @@ def test_what_each_leg_says_itself_is_refused(preheat_plan, arguments):
     status, _, errors = preheat_plan(
         FIRST, LAST, arguments=('--temperature', '-6', '--soc', '0.75', *arguments))
     assert (status, errors) == (
-        2, f'preheat: error: {arguments[0]}: not allowed with --itinerary, where each leg says it '
-        'itself\n')
+        2, f'preheat: error: {arguments[0]}: not allowed with --itinerary, because each leg has its '
+        'own\n')
 
 
 def test_an_unknown_itinerary_is_refused_with_the_names_there_are(preheat_plan):

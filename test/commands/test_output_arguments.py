@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What every command may write: refused before anything is computed, and never over an input."""
+"""Outputs of all commands: refused before anything is computed, and never over an input."""
 
 from importlib import import_module
 import os
@@ -30,7 +30,7 @@ CONTENTS = {
 }
 STATE = ['--temperature', '-5', '--soc', '0.8']
 SITUATION = ['--vehicle', './car.yaml', '--route', './route.csv', *STATE]
-# Those that compute for long would run into pytest's time limit if they did not refuse before.
+# Long computations, which would hit pytest's time limit if they did not refuse first.
 COMMANDS = {
     'plan': ['plan', *SITUATION],
     'itinerary': ['plan', '--vehicle', './car.yaml', '--itinerary', './trip.yaml', *STATE],
@@ -59,7 +59,7 @@ INPUTS = {
 
 @pytest.fixture(autouse=True)
 def files(tmp_path, monkeypatch):
-    """Put the inputs into the working folder; all of them must be as they were in the end."""
+    """Put the inputs into the working folder; all must be unchanged in the end."""
     monkeypatch.chdir(tmp_path)
     for name, text in CONTENTS.items():
         Path(name).write_text(text)
@@ -69,7 +69,7 @@ def files(tmp_path, monkeypatch):
 
 @pytest.fixture
 def refusal(capsys):
-    """Return the one line on standard error of a run that ends with 2 and has shown nothing."""
+    """Return the single line on standard error of a run that ends with 2 and has no other output."""
     def run(*arguments, command=main):
         before = sorted(os.listdir())
         status = command(list(arguments))
@@ -102,13 +102,13 @@ def test_an_input_is_never_written_over(refusal, name, path, spell):
     output = spell(path)
     line = refusal(*COMMANDS[name], option, output)
     assert line.startswith(f'preheat: error: {option}: {output}: is the same file as the input ')
-    assert line.endswith(f'{path}, which must not be written over')
+    assert line.endswith(f'{path}, which must not be overwritten')
 
 
 def test_the_files_that_the_paper_is_reproduced_with_are_inputs(refusal):
     shipped = configuration_folder('vehicles') / 'reference.yaml'
     before = shipped.read_bytes()
-    assert 'which must not be written over' in refusal('reproduce', '--json', str(shipped))
+    assert 'which must not be overwritten' in refusal('reproduce', '--json', str(shipped))
     assert shipped.read_bytes() == before
 
 
@@ -116,8 +116,8 @@ def test_the_files_that_the_paper_is_reproduced_with_are_inputs(refusal):
 def test_two_outputs_are_two_files(refusal, name):
     first = '--output' if name.startswith('route') else '--json'
     assert refusal(*COMMANDS[name], first, 'x.png', '--plot', './x.png') == (
-        f'preheat: error: --plot: ./x.png: is the same file as {first}; each output needs a file '
-        'of its own')
+        f'preheat: error: --plot: ./x.png: is the same file as {first}; each output needs its '
+        'own file')
 
 
 @pytest.mark.parametrize('path', ['picture', 'picture.bmp'])
@@ -152,7 +152,7 @@ def test_scenarios_of_one_name_do_not_share_their_logs(capsys):
     assert main([*COMMANDS['scenario'], './drive.yaml', '--nodes', '--logs', '.']) == 2
     assert capsys.readouterr().err.splitlines() == [
         f'preheat: error: --logs: drive.{name}.log: is the same file as --logs; each output needs '
-        'a file of its own' for name in ('planner', 'vehicle_simulator')]
+        'its own file' for name in ('planner', 'vehicle_simulator')]
 
 
 @pytest.mark.parametrize('program, suffixes', [
@@ -176,12 +176,12 @@ def test_the_demonstration_does_not_write_over_its_route(refusal):
                    command=import_module('bev_preheat.demo.__main__').main)
     Path('route.png').rename('route.csv')
     assert line == ('demo: error: --output: route.png: is the same file as the input route.png, '
-                    'which must not be written over')
+                    'which must not be overwritten')
 
 
 def test_the_benchmark_checks_its_file_first(refusal):
     os.mkfifo('figures.json')
-    # Imported here, as ROS 2 and its messages are by the others: collecting is done by each worker.
+    # Imported here, like ROS 2 and its messages by the others, because each worker collects all tests.
     program_main = import_module('bev_preheat_studies.cost.__main__').main
     assert refusal('--json', 'figures.json', command=program_main) == (
         'benchmark: error: --json: figures.json: is a named pipe; only a regular file can be '

@@ -19,7 +19,7 @@ from bev_preheat.vehicle import load_vehicle
 
 pytestmark = pytest.mark.costly
 
-# Section 2.4 of the design: what other programs read.
+# Section 2.4 of the design: the JSON that other programs read.
 PLAN_KEYS = {
     'status', 'method', 'heating_start_s', 'arrival_time_s', 'arrival_temperature_c',
     'arrival_soc', 'energy_wh', 'time_s', 'battery_temperature_c', 'soc', 'hvch_battery_power_w'}
@@ -37,7 +37,7 @@ COMMANDS = ('plan', OPTIMUM, COMPARE, REPRODUCE)
 
 
 def strict(text):
-    """What a JSON text says; NaN and infinity, which JSON does not have, are errors."""
+    """Return the contents of a JSON text; NaN and infinity, which JSON does not have, are errors."""
     def refuse(name):
         raise ValueError(f'{name} is no JSON')
 
@@ -73,7 +73,7 @@ def written(results):
 
 @pytest.fixture
 def refusal(capsys):
-    """Exit status of a command, and the lines on its standard error."""
+    """Return the exit status of a command, and the lines on its standard error."""
     def run(*arguments):
         status = main(list(arguments))
         return status, capsys.readouterr().err.splitlines()
@@ -237,7 +237,7 @@ def test_unreachable_target_is_said_and_unknown_cost_is_null(tmp_path, capsys):
                  '--json', str(path)]) == 0
     optimum = strict(path.read_text())
     assert optimum['marginal_cost_wh_per_k'] is None
-    assert f'this is the best that can be done: {optimum["infeasible"][0]}.' in (
+    assert f'best possible result: {optimum["infeasible"][0]}.' in (
         capsys.readouterr().out)
 
 
@@ -264,13 +264,13 @@ def test_solver_failure_ends_with_1_and_one_line(monkeypatch, tmp_path, refusal,
 REFUSED = {
     'vehicle that is nearly there': (
         ['--vehicle', 'referense'],
-        "vehicle 'referense' is unknown; did you mean 'reference'?; there are: "),
+        "vehicle 'referense' is unknown; did you mean 'reference'?; known: "),
     'route that is nearly there': (
         ['--route', 'alpine_pas'],
-        "route 'alpine_pas' is unknown; did you mean 'alpine_pass'?; there are: "),
+        "route 'alpine_pas' is unknown; did you mean 'alpine_pass'?; known: "),
     'no vehicle file': (['--vehicle', '/none/car.yaml'], '/none/car.yaml: no such file'),
     'folder of a vehicle': (['--vehicle', '/tmp'], '/tmp: is a folder; a file is needed'),
-    'device for a route': (['--route', '/dev/null'], '/dev/null: is no regular file'),
+    'device for a route': (['--route', '/dev/null'], '/dev/null: is not a regular file'),
     'no route file': (['--route', 'none.csv'], 'none.csv: no such file'),
     'too cold': (['--temperature', '-70'],
                  'battery temperature: -70 is not allowed; it must be -40 ... 60 degC'),
@@ -298,7 +298,7 @@ REFUSED = {
 @pytest.mark.parametrize('command', ['plan', OPTIMUM, COMPARE])
 @pytest.mark.parametrize('arguments, beginning', REFUSED.values(), ids=REFUSED)
 def test_user_error_is_one_clear_line_and_status_2(refusal, command, arguments, beginning):
-    # The last one of two equal arguments counts.
+    # The last of two equal arguments counts.
     status, lines = refusal(command, *SITUATION, *arguments)
     assert (status, len(lines)) == (2, 1)
     assert lines[0].startswith(f'preheat: error: {beginning}')
@@ -324,13 +324,13 @@ def test_each_refused_quantity_has_a_line(refusal):
     ([], ': COMMAND'),
     (['plan', '--vehicle', 'reference', '--route', 'reference', '--soc', '0.5'],
      ': --temperature'),
-    (['plan', *SITUATION, '--soc', 'half'], "argument --soc: 'half' is not a number; it must be one without a "
-     'unit, with a decimal point'),
+    (['plan', *SITUATION, '--soc', 'half'], "argument --soc: 'half' is not a number; give it without a "
+     'unit and with a decimal point'),
     (['plan', *SITUATION, '--soc', '0,9'], "argument --soc: '0,9' is not a number"),
     (['plan', *SITUATION, '--soc', '0.5', '--temperature', '-7C'],
      "argument --temperature: '-7C' is not a number"),
     (['plan', *SITUATION, '--soc', '0.5', '--temperature'], 'argument --temperature: '),
-    (['sweep', '--feasible', '1e3'], "argument --feasible: '1e3' is not a whole number; it must be digits only"),
+    (['sweep', '--feasible', '1e3'], "argument --feasible: '1e3' is not a whole number; use digits only"),
     (['plan', *SITUATION, '--method', 'papre'], "'papre'"),
     (['optimum', *SITUATION, '--colour', 'red'], 'unrecognized arguments: --colour red')])
 def test_wrong_use_ends_with_2_and_says_why(capsys, arguments, end):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What all subcommands share: JSON alone on standard output, the version, one-line refusals, completion."""
+"""Common behaviour of all subcommands: JSON alone on standard output, version, one-line refusals, completion."""
 
 import importlib.util
 import json
@@ -35,7 +35,7 @@ NEED_CASADI = ('optimum', 'compare', 'reproduce', 'sweep')
 
 @pytest.fixture
 def quick_studies(monkeypatch):
-    """Studies without processes, a scenario without a drive."""
+    """Replace the studies by ones without processes, and the scenario by one without a drive."""
     def sweep(vehicle, feasible, seed, executor, report, trips, finished, keep):
         report(study_run.solve_trip(vehicle, seed, 0, trips))
 
@@ -57,7 +57,7 @@ def test_json_has_standard_output_for_itself(quick_studies, capsys, arguments):
     assert status == (1 if arguments[0] == 'scenario' else 0)
     out, err = capsys.readouterr()
     assert isinstance(json.loads(out), dict)
-    # The tables, drawn in lines.
+    # Tables are drawn with lines.
     assert '━' in err or '─' in err
 
 
@@ -83,12 +83,12 @@ def test_help_is_printed(capsys, command):
     (['plan', *SITUATION, '--tmperature', '3'],
      'preheat plan: error: unrecognized arguments: --tmperature; did you mean --temperature?; '
      'see preheat plan --help'),
-    # Told before what is missing because of it.
+    # Reported before the arguments that are missing as a result.
     (['plan', '--vehicel', 'reference'],
      'preheat plan: error: unrecognized arguments: --vehicel; did you mean --vehicle?; '
      'see preheat plan --help'),
     (['sweep', '--seed', '1e9'],
-     "preheat sweep: error: argument --seed: '1e9' is not a whole number; it must be digits only; "
+     "preheat sweep: error: argument --seed: '1e9' is not a whole number; use digits only; "
      'see preheat sweep --help'),
     (['plan', *SITUATION, 'home.csv'],
      'preheat plan: error: unrecognized arguments: home.csv; see preheat plan --help'),
@@ -102,7 +102,7 @@ def test_wrong_use_is_one_line(capsys, arguments, message):
 
 @pytest.fixture
 def without_studies(monkeypatch):
-    """Let the studies be not installed."""
+    """Make the studies uninstalled."""
     monkeypatch.setattr(command_arguments, 'find_spec', lambda name: (
         None if name == 'bev_preheat_studies' else importlib.util.find_spec(name)))
 
@@ -141,7 +141,7 @@ def test_a_name_with_a_line_break_is_refused_in_one_line(capsys, option):
 
 
 def completions(line):
-    """Return what the shell is offered for a line, by the protocol of argcomplete."""
+    """Return the shell's completions of a line, by the protocol of argcomplete."""
     reader, writer = os.pipe()
     script = f'exec "$@" 8>&{writer} 9>/dev/null'
     subprocess.run(
@@ -163,7 +163,7 @@ def completions(line):
     pytest.param('preheat plan --method ', {'merit_order', 'optimal_switch', 'paper'}, marks=pytest.mark.deep),
     ('preheat scenario nominal heater_d', {'heater_dead', 'heater_derated'})])
 def test_the_shell_completes(line, expected):
-    """Without argcomplete, which is optional, nothing is offered, and nothing is said."""
+    """Without the optional argcomplete there are no completions and no messages."""
     if importlib.util.find_spec('argcomplete') is None:
         expected = set()
     assert completions(line) >= expected

@@ -36,7 +36,7 @@ def legs(tmp_path):
 
 @pytest.fixture
 def log(tmp_path):
-    """90 s at 360 V and 50 A, 20 m/s, 900 W cabin heating; two seconds are missing."""
+    """Write 90 s at 360 V and 50 A, 20 m/s, 900 W cabin heating; two seconds are missing."""
     rows = [f'{second},20,360,50,900,-3' for second in range(90) if second not in (40, 41)]
     path = tmp_path / 'drive.csv'
     path.write_text('\n'.join(['time_s,speed_mps,voltage_v,current_a,cabin_heater_w,ambient_c',
@@ -56,7 +56,7 @@ def preheat_route(tmp_path, capsys):
 
 
 def row(text, what):
-    """The value that the printed table shows."""
+    """Return a value from the printed table."""
     (line,) = [line for line in text.splitlines() if line.startswith(f'│ {what} ')]
     return line.strip('│ ').removeprefix(what).strip('│ ')
 
@@ -92,7 +92,7 @@ def test_the_table_sums_up_the_file(preheat_route, legs):
     assert row(out, 'energy of driving segments') == f'{driven:.0f} Wh'
     assert row(out, 'energy of regenerating segments') == f'{regenerated:.0f} Wh'
     assert row(out, 'cabin heating') == f'{1200 * total_s / 3600:.0f} Wh'
-    # Those of the vehicle, as the description says nothing.
+    # The vehicle's defaults, because the description has none.
     assert row(out, 'auxiliaries') == f'{350 * total_s / 3600:.0f} Wh'
     coldest, warmest = min(route.ambient_temperature_c), max(route.ambient_temperature_c)
     assert row(out, 'ambient temperature') == f'{coldest:.1f} ... {warmest:.1f} degC'
@@ -116,7 +116,7 @@ def test_a_drive_log_becomes_a_route(preheat_route, log):
     assert route.duration_s.tolist() == [45.0, 45.0]
     assert route.propulsion_power_w.tolist() == [360.0 * 50.0 - 900.0 - auxiliary_w] * 2
     assert 'Route drive\n' in out
-    assert (f'note: {log}, line 42: 3 s without a good sample, from 39 s to 42 s, are bridged'
+    assert (f'note: {log}, line 42: 3 s without a valid sample, from 39 s to 42 s, are bridged'
             in out)
 
 
@@ -198,7 +198,7 @@ def test_there_is_exactly_one_source(preheat_route, capsys, arguments):
 
 @pytest.mark.costly
 def test_matplotlib_is_imported_for_plots_only():
-    # The planner's computer may not have it, and it is slow to import.
+    # It may be missing on the planner's computer, and is slow to import.
     code = ('import sys; import bev_preheat.commands.route; '
             'print([name for name in ("matplotlib", "scipy", "casadi") if name in sys.modules])')
     done = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True, check=True)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`preheat vehicle`: a file from a data sheet, what it means, and the warnings of plans with it."""
+"""`preheat vehicle`: a file from a data sheet, its key figures, and the warnings of plans with it."""
 
 import json
 from pathlib import Path
@@ -140,7 +140,7 @@ def test_check_says_what_is_unusual_and_still_ends_with_0(said, id4):
     Path('car.yaml').write_text(yaml.safe_dump(contents))
     status, output, _ = said('vehicle', 'check', 'car.yaml')
     assert status == 0
-    assert 'warning: heat capacity: 1.3 kJ/K for each kWh; usual are 3 ... 13' in output
+    assert 'warning: heat capacity: 1.3 kJ/K for each kWh; the usual range is 3 ... 13' in output
 
 
 def test_check_refuses_what_no_vehicle_file_is(said):

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`preheat worth`: the JSON of the contract, table, picture, and what is refused."""
+"""`preheat worth`: the JSON of the contract, table, picture, and refusals."""
 
 import json
 
 from matplotlib.image import imread
 import pytest
 
-# Section 8 of the design: what other programs read.
+# Section 8 of the design: the JSON that other programs read.
 KEYS = {'targets', 'best', 'without_heating', 'break_even_value_of_time_per_h', 'verdict'}
 TARGET_KEYS = {'target_c', 'arrival_temperature_c', 'arrival_soc', 'hvch_electric_wh',
                'charging_time_s', 'bought_energy_wh', 'cost'}
@@ -93,7 +93,7 @@ def test_several_chargers_are_ranked_written_and_drawn(said, tmp_path):
         assert item['total_cost'] == pytest.approx(
             item['worth']['best']['cost'] + 12.0 * waiting_s / 3600.0)
         assert f'{item["total_cost"]:.2f}' in output
-    # Taken in two of five cases, for 15 min.
+    # Occupied in two of five cases, for 15 min.
     assert next(item for item in found if item['name'] == 'mall')['expected_wait_s'] == pytest.approx(360.0)
     picture = imread(tmp_path / 'along.png')
     assert picture.shape[1] > 1000 and picture.std() > 0.05
@@ -116,7 +116,7 @@ def test_a_charger_that_does_not_serve_is_listed_with_the_reason(said):
     (['--charger-power', '50000'], '--charger-power: not allowed with --chargers'),
     (['--value-of-time', '-1'], 'value of time: -1 is not allowed; it must be 0 ... 1000000 per h'),
     (['--energy-price', 'nan'], 'energy price: nan is not allowed; it must be 0 ... 1000 per kWh'),
-    (['--chargers', 'nowhere'], "charger 'nowhere' is unknown; there are: reference"),
+    (['--chargers', 'nowhere'], "charger 'nowhere' is unknown; known: reference"),
     (['--soc', '1.5'], 'state of charge: 1.5 is not allowed; it must be 0 ... 1'),
     (['--route', 'winter_commute', '--only', 'village'], 'chargers[0] (village).at_min: 20 is beyond the ')])
 def test_several_chargers_refused_in_lines(said, arguments, problem):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How the command-line programs end: interrupted, with outputs that are closed or full."""
+"""End of the command-line programs: interrupted, with closed or full outputs."""
 
 import os
 import resource
@@ -17,7 +17,7 @@ PLAN = [sys.executable, '-m', 'bev_preheat', 'plan', '--vehicle', 'reference', '
 
 @pytest.fixture(autouse=True)
 def unmeasured(monkeypatch):
-    """What measures coverage would write to the full output, too."""
+    """Switch coverage off, because it would write to the full output, too."""
     monkeypatch.delenv('COVERAGE_PROCESS_CONFIG', raising=False)
 
 
@@ -47,7 +47,7 @@ def test_nobody_reads_the_output():
     pytest.param([*PLAN[:3], '--version'], '', id='version', marks=pytest.mark.deep),
     pytest.param([*PLAN[:3], '--version'], '1', id='version, unbuffered', marks=pytest.mark.deep)])
 def test_the_output_is_full(tmp_path, command, unbuffered):
-    """A file that may not grow, as on a full disk."""
+    """Write to a file that may not grow, as on a full disk."""
     with open(tmp_path / 'output', 'wb') as file:
         status, _, errors = ended(
             command, stdout=file, env=dict(os.environ, PYTHONUNBUFFERED=unbuffered),
@@ -71,7 +71,7 @@ def test_a_terminal_without_special_characters():
 
 
 def test_interrupted_while_it_is_still_loading():
-    """The signal comes with the first module that is loaded after `main` has begun."""
+    """The signal comes with the first module imported after `main` has begun."""
     code = ('import os, signal, sys\n'
             'class Interrupting:\n'
             '    def find_spec(self, name, path=None, target=None):\n'

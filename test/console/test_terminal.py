@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Tables keep every name whole, however narrow the terminal; outputs that fail end in one line."""
+"""Tables keep every name whole at any terminal width; failing outputs end in one line."""
 
 import io
 
@@ -18,7 +18,7 @@ RECORDS = [
 
 
 def printed(show, width, *arguments):
-    """Return what is printed to a terminal so wide; no line is wider."""
+    """Return the output on a terminal of a width; no line is wider."""
     console = Console(file=io.StringIO(), width=width, color_system=None)
     show(console, *arguments)
     text = console.file.getvalue()

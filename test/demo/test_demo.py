@@ -21,7 +21,7 @@ TIME_LIMIT_S = 240.0
 
 @pytest.fixture
 def start_demo(dds, tmp_path):
-    """Start a demonstration of four minutes; returns the process, its output as text at stdout."""
+    """Start a demonstration of four minutes; returns the process, with its output as text at stdout."""
     route = tmp_path / 'four_minutes.csv'
     route.write_text(ROUTE)
     environment = {name: value for name, value in os.environ.items() if name != 'ROS_DOMAIN_ID'}
@@ -55,9 +55,9 @@ def test_good_drive_ends_with_table_and_picture(start_demo, tmp_path):
     output, _ = demo.communicate(timeout=TIME_LIMIT_S)
     assert demo.returncode == 0, output
     assert 'demo: good: the battery arrived at' in output
-    # In so short a drive nothing is gained by waiting: it heats at once, until it is enough.
+    # On such a short drive waiting gains nothing: it heats at once, until the target is certain.
     for word in ('HEATING', 'NOT_NEEDED', 'Heating starts', 'Arrival temperature [degC]',
-                 'Joule heat [Wh]', 'planned at the start', 'what happened'):
+                 'Joule heat [Wh]', 'planned at the start', 'actual'):
         assert word in output
     picture = (tmp_path / 'pictures' / 'demo.png').read_bytes()
     assert picture.startswith(b'\x89PNG') and len(picture) > 20_000
@@ -116,13 +116,13 @@ def test_interruption_ends_everything(start_demo, number):
 def test_refused_parameter_is_told(tmp_path, capsys):
     assert main(['--vehicle', 'bicycle', '--output', str(tmp_path / 'demo.png')]) == 2
     assert capsys.readouterr().err.startswith(
-        "demo: error: vehicle 'bicycle' is unknown; there are:")
+        "demo: error: vehicle 'bicycle' is unknown; known:")
 
 
 @pytest.mark.parametrize('arguments, problem', [
     (['--charger-power', '150'], '--charger-power: 150 is not allowed; it must be 1000 ... 2000000 W'),
     (['--charger-power', 'nan'], '--charger-power: nan is not allowed; it must be 1000 ... 2000000 W'),
-    (['--departure-soc', '0.8'], '--departure-soc: needs --charger-power beside it'),
+    (['--departure-soc', '0.8'], '--departure-soc: needs --charger-power'),
     (['--charger-power', '5e4', '--departure-soc', '80'],
      '--departure-soc: 80 is not allowed; it must be above 0 and at most 1')])
 def test_a_bad_charger_is_refused_before_the_drive(tmp_path, capsys, arguments, problem):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the picture of a demonstration shows."""
+"""Contents of a demonstration's picture."""
 
 from array import array
 
@@ -18,7 +18,7 @@ START_S = 1000
 
 @pytest.fixture(scope='module')
 def panels():
-    """Ten minutes at 15 kW in the cold; the battery is heated from the fourth minute on."""
+    """Draw ten minutes at 15 kW in the cold, with heating from the fourth minute on."""
     drive = ObservedDrive()
     drive.route = RoutePlan(
         segment_duration=array('d', [60.0] * 10), speed=array('d', [20.0]),
@@ -46,7 +46,7 @@ def test_the_drive_without_preheating_is_dashed_and_colder(panels):
     assert (line.get_xdata()[0], line.get_ydata()[0], line.get_xdata()[-1]) == (0.0, 2.0, 10.0)
     assert line.get_linestyle() == '--'
     assert line.get_label() == f'without preheating, at {line.get_ydata()[-1]:.1f} °C'
-    # No heater: what the drive gives in ten minutes, and no more.
+    # Without the heater: only the heat of ten minutes of driving.
     assert 2.0 < line.get_ydata()[-1] < 4.0
 
 

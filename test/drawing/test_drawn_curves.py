@@ -58,7 +58,7 @@ def test_rounding_does_not_fill_an_axis(axis):
 def test_the_axis_of_a_constant_power_starts_at_0(axis, power_kw):
     show_range(axis, [0.0], [power_kw] * 3, least=1.0)
     low, high = axis.get_ylim()
-    # Only so much lower that a line at 0 is seen.
+    # Just low enough to show a line at 0.
     assert -0.1 * (high - low) < low < 0.0 and high > max(power_kw, 1.0)
 
 
@@ -127,7 +127,7 @@ def test_two_legends_above_a_panel_do_not_meet():
     assert max(box.y1 for box in boxes) <= figure._suptitle.get_window_extent().y0
 
 
-# What is drawn in one figure must differ in colour, in dashes (black and white) and in marks.
+# Curves in one figure must differ in colour, in dashes (black and white) and in markers.
 TOGETHER = (('merit_order', 'optimal_switch', 'paper', 'nlp', 'without preheating'),
             ('planner', 'replanned_paper'), ('planner', 'without preheating'))
 

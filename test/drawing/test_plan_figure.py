@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the figures of plans, itineraries and routes show."""
+"""Contents of the figures of plans, itineraries and routes."""
 
 from dataclasses import replace
 
@@ -25,7 +25,7 @@ PANELS = ('temperature', 'heater', 'charge', 'power', 'heat', 'leakage', 'drive'
 
 
 def constant_route(steps=40, step_s=60.0, power_w=15e3, ambient_c=-7.0, **columns):
-    """Return a Route at 20 m/s of which nothing changes."""
+    """Return a Route at 20 m/s with constant values."""
     return make_route({name: np.full(steps, value) for name, value in {
         'duration_s': step_s, 'speed_mps': 20.0, 'propulsion_power_w': power_w,
         'propulsion_power_rms_w': abs(power_w), 'ambient_temperature_c': ambient_c,
@@ -257,7 +257,7 @@ def test_no_text_of_a_plan_is_cut_or_covers_another(compared):
 
 @pytest.fixture(scope='module')
 def itinerary():
-    """Panels of two legs with half an hour between them, and their plans."""
+    """Return the panels of two legs with half an hour between them, and their plans."""
     route = constant_route()
     legs = [Leg(route, 0, True, 20.0, 0.15, STATE),
             Leg(route, 4200 * NS_PER_S, False, None, 0.4, BatteryState(19.0, 0.95))]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A car that is driven here, second by second, and what its sensors tell."""
+"""A simulated car, driven second by second, and its sensors."""
 
 from dataclasses import dataclass, field
 
@@ -22,7 +22,7 @@ START_NS = 1000 * NS_PER_S
 
 
 class Course:
-    """What the route says: the same for all time; it may end."""
+    """The route: constant, and possibly with an end."""
 
     def __init__(self, known=True):
         self.known = known
@@ -35,7 +35,7 @@ class Course:
 
 
 class Commands:
-    """Full power from an instant to another [s], every so long."""
+    """Full power from an instant to another [s], repeated periodically."""
 
     def __init__(self, on_s=(), period_ns=NS_PER_S):
         self.on_s = on_s
@@ -52,7 +52,7 @@ class Commands:
 
 
 def observed(estimator, measurement, course, commands):
-    """Let an Estimator observe a Measurement on a Course under Commands."""
+    """Let an Estimator observe a MeasuredState on a Course under Commands."""
     stamp_ns = measurement.stamp_ns
     edges_ns = estimator.edges_ns(stamp_ns)
     estimator.observe(measurement, commands.mean_w(stamp_ns, stamp_ns), [
@@ -64,11 +64,12 @@ def observed(estimator, measurement, course, commands):
 @dataclass
 class DrivenCar:
     """
-    The truth. `heater` maps (second, commanded power) to the power that the heater takes [W].
+    The true car. `heater` maps (second, commanded power) to the heater's power [W].
 
-    Traffic moves the power by `traffic_w` (standard deviation, half a minute long), and the sensor's place is
-    warmer than the battery by `local_k` (standard deviation, 100 s long), and by `rises_k_per_kw` of Joule heat
-    and heater heat, 100 s late. Heat arrives `heat_lag_s` late, and the sensor is `sensor_lag_s` late.
+    Traffic varies the power by `traffic_w` (standard deviation, correlated over half a minute). The sensor's
+    place is warmer than the battery by `local_k` (standard deviation, correlated over 100 s), and by
+    `rises_k_per_kw` of Joule heat and heater heat, with a lag of 100 s. Heat lags by `heat_lag_s`, the sensor
+    by `sensor_lag_s`.
     """
 
     corrections: Corrections = Corrections()
@@ -96,7 +97,7 @@ class DrivenCar:
         self._car = corrected_vehicle(VEHICLE, self.corrections)
 
     def drive(self, seconds=1):
-        """Go on for some seconds, and return the Measurement at their end."""
+        """Drive on for some seconds, and return the MeasuredState at their end."""
         for _ in range(seconds):
             self._extra_w += -self._extra_w / 30.0 + self.traffic_w * np.sqrt(
                 2 / 30.0) * self._drawn.standard_normal()

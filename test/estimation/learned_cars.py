@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What was learned of a car, for the tests of what is kept and of its file."""
+"""Learned values of a car, for the tests of memory and state file."""
 
 import numpy as np
 
@@ -13,7 +13,7 @@ LAGS_SEEN, LAG_VARIANCES_SEEN = np.array([0.6, -0.9]), np.array([0.04, 0.2])
 
 
 def some_covariance():
-    """Return a covariance that is less than the prior's, with correlations."""
+    """Return a covariance smaller than the prior's, with correlations."""
     deviations = 0.3 * np.sqrt(np.diag(prior_factor_covariance()))
     correlation = 0.25 * np.ones((5, 5)) + 0.75 * np.eye(5)
     return correlation * np.outer(deviations, deviations)

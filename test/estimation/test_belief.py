@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The filters: a scalar Kalman filter written here, conservation, bounds, and numbers for ever."""
+"""The filters: comparison with a scalar Kalman filter, conservation, bounds, and finite numbers."""
 
 from dataclasses import replace
 
@@ -44,7 +44,7 @@ from bev_preheat.numerics.arithmetic import FLOATS
 from bev_preheat.vehicle.heat_path import HeatPath
 
 ROUTE_DRIVE, _ = Course().between(0, 0)
-# No Joule heat, no drivetrain heat: only leakage moves the temperature.
+# No Joule heat, no drivetrain heat: only leakage changes the temperature.
 STILL = replace(ROUTE_DRIVE, speed_mps=0.0, propulsion_power_w=0.0, cabin_heating_power_w=0.0,
                 auxiliary_power_w=0.0, terminal_power_w=0.0)
 
@@ -60,13 +60,13 @@ def eigenvalues(belief):
 
 
 def test_temperature_is_that_of_a_kalman_filter_written_here():
-    # Factors, lags and rises are known, so battery, sensor and local rise stand alone; a continuous sensor.
+    # Factors, lags and rises are known, so only battery, sensor and local rise are left; a continuous sensor.
     belief = placed(Learned(np.zeros(5), np.zeros((5, 5)), Lags(np.zeros(2), np.zeros(2))))
     for rise in RISES:
         belief.mean[..., rise] = belief.covariance[..., rise, rise] = 0.0
     gamma = VEHICLE.battery.leakage.coefficient_w_per_k(0.0)
     decay = 10.0 * gamma / VEHICLE.battery.heat_capacity_j_per_k
-    # Over 10 s the sensor follows a battery that changes evenly.
+    # Over 10 s the sensor follows a battery that changes linearly.
     left = np.exp(-10.0 / NOMINAL_SENSOR_LAG_S)
     behind = NOMINAL_SENSOR_LAG_S / 10.0 * (1.0 - left)
     battery = np.array([1.0 - decay, 0.0, 0.0])
@@ -75,7 +75,7 @@ def test_temperature_is_that_of_a_kalman_filter_written_here():
     constant = decay * AMBIENT_C * np.array([1.0, 1.0 - behind, 0.0])
     mean, covariance = np.array([-5.0, -5.0, 0.0]), np.zeros((3, 3))
     covariance[:2, :2] = 0.4
-    # The reading is that of sensor and local rise.
+    # The reading is the sum of sensor and local rise.
     read = np.array([0.0, 1.0, 1.0])
     for reading_c in (-4.2, -5.6, -5.1, -4.9, -6.0):
         mean = step @ mean + constant
@@ -88,7 +88,7 @@ def test_temperature_is_that_of_a_kalman_filter_written_here():
         belief.see_temperature(reading_c, 0.0)
     assert LOCAL_DEVIATION_K**2 == pytest.approx(WANDER_IN_AN_HOUR[LOCAL]**2 / 3600.0 * LOCAL_LAG_S / 2.0)
     seen = np.ix_([TEMPERATURE, SENSOR, LOCAL], [TEMPERATURE, SENSOR, LOCAL])
-    # The other heaters' filters hardly mix in: they fail once in hundreds of hours.
+    # The other heaters' filters hardly mix in, because heaters fail once in hundreds of hours.
     assert belief.mean[0, 0, [TEMPERATURE, SENSOR, LOCAL]] == pytest.approx(mean, rel=1e-4)
     assert belief.covariance[0, 0][seen] == pytest.approx(covariance, rel=5e-3)
 
@@ -117,12 +117,12 @@ def test_mixing_keeps_mean_and_spread_of_all():
 def test_each_hypothesis_sees_its_own_heater():
     belief = placed()
     cold = belief.mean[..., TEMPERATURE].copy()
-    # What has not arrived is under way.
+    # Heat that has not arrived is under way.
     belief.predict(10.0, replace(ROUTE_DRIVE, terminal_power_w=20e3), LIMIT_W, LIMIT_W)
     gained_k = (belief.mean[..., TEMPERATURE] + belief.mean[..., UNDER_WAY] - cold)[:, 0]
     by_share = dict(zip(SHARES[:-1], gained_k))
     full_k = by_share[1.0] - by_share[0.0]
-    # What the heater takes, the drive does not: its heat is missing.
+    # The heater's share of the power is missing in the drive, and its heat, too.
     heat_share = VEHICLE.hvch.efficiency - VEHICLE.drivetrain.heat_share
     assert full_k == pytest.approx(
         10.0 * heat_share * LIMIT_W / VEHICLE.battery.heat_capacity_j_per_k, rel=1e-6)
@@ -146,7 +146,7 @@ def test_place_forgets_what_the_state_was_correlated_with():
     belief.place(10.0, 0.3, 0.5, 1e-5)
     assert belief.mean[..., FACTORS] == pytest.approx(learned)
     assert (belief.covariance[..., TEMPERATURE, FACTORS] == 0.0).all()
-    # After a silence battery and sensor may be apart, and the sensor warmer than its cell; their sum was read.
+    # After a gap battery and sensor may differ, and so may sensor and cell; the reading is their sum.
     seen = belief.covariance[..., SENSOR, SENSOR]
     assert seen == pytest.approx(np.full(SHAPE, 0.3 + UNKNOWN_LOCAL_K**2))
     read = seen + 2.0 * belief.covariance[..., SENSOR, LOCAL] + belief.covariance[..., LOCAL, LOCAL]
@@ -155,7 +155,7 @@ def test_place_forgets_what_the_state_was_correlated_with():
 
 
 def test_a_sensor_next_to_warm_cells_shows_their_heat_and_not_the_battery_s():
-    """Under constant Joule heat the local rise comes to rise times heat, and goes when the heat goes."""
+    """Under constant Joule heat the local rise approaches rise times heat, and decays without the heat."""
     belief = placed()
     belief.mean[..., JOULE_RISE] = 0.4
     strong = replace(STILL, terminal_power_w=60e3)
@@ -189,7 +189,7 @@ def test_propulsion_power_moves_its_factor_and_nothing_more_than_it_may():
     assert belief.mean[0, 0, HEATER] == 0.0
     for _ in range(2000):
         belief.see_propulsion_power(1e9, 16e3, 10.0)
-        # A truth that wanders keeps the filter open.
+        # A true state that wanders keeps the filter's variance up.
         belief.covariance[..., PROPULSION, PROPULSION] += 1e-3
     assert belief.mean[..., PROPULSION].max() == FACTOR_BOUNDS[PROPULSION]
 
@@ -225,7 +225,7 @@ def test_any_stream_leaves_numbers_probabilities_and_covariances(seed):
 
 
 def test_the_prior_is_that_of_the_spreads_that_are_allowed_for():
-    # An even spread of +-w has a standard deviation of w / sqrt(3).
+    # A uniform distribution over +-w has a standard deviation of w / sqrt(3).
     assert np.sqrt(np.diag(prior_factor_covariance()))[:4] == pytest.approx(
         np.array([0.1, 0.2, 0.2, 0.05]) / np.sqrt(3.0), rel=0.01)
 
@@ -266,7 +266,7 @@ def test_lags_are_open_over_what_they_may_be():
     nominal_s = np.array([NOMINAL_HEAT_LAG_S, NOMINAL_SENSOR_LAG_S])
     # Two standard deviations up: heater and coolant of 90 s and 200 s, a sensor of 120 s.
     assert (nominal_s * np.exp(2.0 * deviations) > [250.0, 120.0]).all()
-    # And down: hardly any.
+    # And two down: hardly any.
     assert (nominal_s * np.exp(-2.0 * deviations) < 6.0).all()
 
 
@@ -277,7 +277,7 @@ def test_heat_under_way_arrives_and_the_sensor_shows_it_later():
     for _ in range(60):
         belief.predict(10.0, STILL, 0.0, LIMIT_W)
         behind_k = belief.mean[..., TEMPERATURE] - belief.mean[..., SENSOR]
-    # Ten minutes of leakage at rest, towards the ambient, and a kelvin.
+    # Ten minutes of leakage at rest, towards ambient temperature, and a kelvin.
     gamma = VEHICLE.battery.leakage.coefficient_w_per_k(0.0)
     leaked_k = gamma * 600.0 * (AMBIENT_C - start_c) / VEHICLE.battery.heat_capacity_j_per_k
     gained_k = belief.mean[..., TEMPERATURE] - start_c - leaked_k
@@ -307,7 +307,7 @@ def test_lags_of_the_vehicle_file_are_where_the_estimation_begins():
 
 
 def test_coolant_gets_warm_with_the_battery():
-    """Of the heater's heat the battery gets its share of both heat capacities, in the end."""
+    """In the end the battery's share of the heater's heat is that of both heat capacities."""
     path = HeatPath(0.0, 40e3, 400.0)
     warmed_k = []
     for vehicle in (VEHICLE, replace(VEHICLE, heat_path=path)):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The estimator on cars that are driven in `driven_car`: right, honest about it, and hard to upset."""
+"""The estimator with simulated cars of `driven_car`: accuracy, honest uncertainty, and robustness."""
 
 from dataclasses import dataclass, replace
 from functools import cache, partial
@@ -32,7 +32,7 @@ HEATED = Commands(((400, 1400),))
 
 
 def followed(car, seconds=SECONDS, each_s=1, course=Course(), watch=None):
-    """Drive, and return the Estimator that has seen it; `watch(car, estimate)` after each state."""
+    """Drive, and return the Estimator that followed; `watch(car, estimate)` is called after each state."""
     estimator = Estimator(VEHICLE)
     for _ in range(seconds // each_s):
         observed(estimator, car.drive(each_s), course, car.commands)
@@ -54,7 +54,7 @@ def drawn_rises(seed):
 
 @dataclass(frozen=True)
 class HeatedDrive:
-    """Temperatures after every other second [deg C], their deviations [K], the last estimate."""
+    """Temperatures after every other second [deg C], their deviations [K], and the last estimate."""
 
     true_c: np.ndarray
     seen_c: np.ndarray
@@ -65,7 +65,7 @@ class HeatedDrive:
 
 @cache
 def heated_drive(seed, each_s=2, local_k=0.0):
-    """Drive a car as the estimator expects cars, with a sensor in a place of its own; each once for all tests."""
+    """Drive a car as the estimator expects it, with its own sensor position; cached for all tests."""
     estimator = Estimator(VEHICLE)
     car = DrivenCar(
         drawn_corrections(seed), commands=HEATED, local_k=local_k, rises_k_per_kw=drawn_rises(seed),
@@ -93,7 +93,7 @@ def test_temperature_is_right_at_the_end(seeds):
 
 @SEEDS
 def test_temperature_is_as_sure_as_it_is_said_to_be(seeds):
-    # Looked at every 100 s: spread 1 if the deviations are right.
+    # Sampled every 100 s: spread 1 if the standard deviations are right.
     normalised = [error for drive in map(partial(heated_drive, local_k=LOCAL_DEVIATION_K), seeds) for error in (
         (drive.estimated_c - drive.true_c) / drive.deviation_k)[49::50]]
     assert 0.4 < np.std(normalised) < 1.4
@@ -113,14 +113,14 @@ def test_the_estimate_is_better_than_the_sensor(seeds):
     pytest.param(0.92, 1.0, marks=pytest.mark.deep), pytest.param(1.08, 1.0, marks=pytest.mark.deep),
     (1.08, 0.96)])
 def test_how_fast_the_car_warms_up_is_learned(capacity, efficiency):
-    # Heat capacity and heater work against each other; their ratio is what heating shows.
+    # Heat capacity and heater efficiency compensate each other; heating shows their ratio.
     ratios = []
     for seed in range(2):
         car = DrivenCar(Corrections(capacity, 1.0, 1.0, efficiency), commands=HEATED, seed=seed)
         estimate = followed(car, each_s=5).estimate
         ratios.append(estimate.mean[HEATER] - estimate.mean[HEAT_CAPACITY])
     truth = log(efficiency / capacity)
-    # Better than half of what it was off at first, in one heating.
+    # Less than half of the initial error, after one heating interval.
     assert abs(np.mean(ratios) - truth) < 0.5 * abs(truth)
 
 
@@ -145,7 +145,7 @@ FAULTS = {
     Heater.DERATED: lambda second, commanded_w: (0.4 if second > 500 else 1.0) * commanded_w,
     Heater.STUCK_ON: lambda second, commanded_w: LIMIT_W if second > 500 else commanded_w,
 }
-# A heater that gives 40 % is the hardest to tell from a heavy car.
+# A heater that delivers 40 % is hardest to distinguish from a heavy car.
 LATEST_S = {True: {Heater.DEAD: 1000, Heater.DERATED: 1600, Heater.STUCK_ON: 1000},
             False: {Heater.DEAD: 1100, Heater.DERATED: 1600, Heater.STUCK_ON: 1100}}
 
@@ -154,7 +154,7 @@ LATEST_S = {True: {Heater.DEAD: 1000, Heater.DERATED: 1600, Heater.STUCK_ON: 100
 @pytest.mark.parametrize('with_power', [True, False], ids=['power seen', 'temperature only'])
 @pytest.mark.parametrize('fault', FAULTS)
 def test_a_heater_fault_is_told(fault, with_power, seed):
-    """The heater fails at 500 s, under command or not; the power of traffic hides some faults for a while."""
+    """The heater fails at 500 s, under command or not; traffic power hides some faults for a while."""
     latest_s = LATEST_S[with_power][fault]
     commands = Commands(() if fault is Heater.STUCK_ON else ((300, latest_s + 100),))
     told_s = []
@@ -228,7 +228,7 @@ def test_two_readings_that_say_the_same_begin_the_estimate_anew(jump):
     assert 'battery_state jumped to' in estimate.reset_reason
     assert estimate.reset_at_ns == measurement.stamp_ns
     assert estimate.temperature_c == pytest.approx(measurement.state.temperature_c, abs=0.01)
-    # All that was learned may have been of another car.
+    # All learned values may belong to another car.
     assert estimate.log_factors.tolist() == [0.0] * 5
 
 
@@ -279,7 +279,7 @@ def test_after_a_long_silence_the_temperature_is_read_anew_and_the_car_remembere
     observed(estimator, measurement, Course(), car.commands)
     estimate = estimator.estimate
     assert estimate.temperature_c == pytest.approx(measurement.state.temperature_c, abs=0.01)
-    # The hypotheses, which are less sure now, differ a little.
+    # The hypotheses, which are less certain now, differ slightly.
     assert estimate.mean[HEAT_CAPACITY] == pytest.approx(learned, abs=1e-4)
     assert estimate.resets == 0
 
@@ -297,7 +297,7 @@ def test_a_lost_clock_is_no_silence():
 
 @pytest.mark.parametrize('with_power', [True, False], ids=['power seen', 'temperature only'])
 def test_a_clock_that_falls_back_again_and_again_accuses_no_heater(with_power):
-    """A recording that loops: each time less is known of the temperature, and no more of anything else."""
+    """A recording that loops: each time only the temperature becomes less certain."""
     car = DrivenCar(Corrections(1.19), commands=HEATED, with_power=with_power, seed=2)
     estimator, heaters = Estimator(VEHICLE), set()
     for second in range(SECONDS):
@@ -322,7 +322,7 @@ def test_a_state_every_so_many_seconds_will_do(each_s):
 
 
 def test_a_hundred_states_a_second_are_worth_one():
-    """As if a second had one reading: their noise is not independent."""
+    """They count as one reading per second, because their noise is correlated."""
     slow, fast = Estimator(VEHICLE), Estimator(VEHICLE)
     car = DrivenCar(seed=8, with_power=False)
     for _ in range(60):
@@ -358,7 +358,7 @@ def test_a_power_that_no_car_has_is_not_known(power_w):
 @pytest.mark.parametrize('seed', [
     0, *(pytest.param(seed, marks=pytest.mark.deep) for seed in range(1, 4))])
 def test_no_stream_of_numbers_makes_the_estimate_none(seed):
-    """What the door lets through: any numbers in their ranges, any stamps that do not go back."""
+    """Any input that passes the checks: numbers within their ranges, stamps that do not go back."""
     drawn, estimator = np.random.default_rng(seed), Estimator(VEHICLE)
     stamp_ns, car = START_NS, DrivenCar()
     template = car.drive()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How sure an arrival is, against drives of cars that differ from what is believed."""
+"""Uncertainty of an arrival, compared with drives of cars that differ from the estimate."""
 
 import numpy as np
 import pytest
@@ -35,7 +35,7 @@ def planned(name):
 
 def arrival_c(vehicle, route, state, plan, moved, powers=None):
     """
-    Arrival of a drive under the plan's heater powers, of another car: `moved` is added to the state.
+    Arrival of a drive with the plan's heater powers by another car, whose state differs by `moved`.
 
     `powers` are factors on the propulsion power of each segment.
     """
@@ -58,7 +58,7 @@ def test_sensitivities_are_central_differences_of_drives(name, index):
     step[index] = 0.02
     expected = (arrival_c(vehicle, route, state, plan, step)
                 - arrival_c(vehicle, route, state, plan, -step)) / 0.04
-    # Steps of a minute are taken as they are at their beginning (Euler).
+    # Steps of a minute with the rates at their beginning (Euler).
     assert sensitivities[index] == pytest.approx(expected, rel=0.05, abs=0.05)
 
 
@@ -87,8 +87,8 @@ def test_deviation_is_that_of_many_drives(name):
                   1.0 + POWER_NOISE * lasting * drawn.standard_normal(len(route)))
         for _ in range(400)]
     deviation_k = arrival_deviation_k(make_trip(vehicle, route), plan, estimate_with(covariance))
-    # The standard deviation of 400 draws is itself known to 3.5 %; three times that, and as much
-    # again for what is not linear.
+    # The standard deviation of 400 draws has an uncertainty of 3.5 %; three times that, and the same
+    # again for nonlinearity.
     assert deviation_k == pytest.approx(np.std(arrivals_c), rel=0.2)
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What may be the matter with the heater: probabilities, powers, and when a fault is told."""
+"""Heater hypotheses: probabilities, powers, and reporting of faults."""
 
 import numpy as np
 import pytest
@@ -34,7 +34,7 @@ COUNT = len(SHARES)
 
 
 def weights_of(**by_kind):
-    """Weights with so much for each kind of heater, evenly within it."""
+    """Return weights with a given sum for each kind of heater, evenly distributed within it."""
     kinds = {Heater[name.upper()]: weight for name, weight in by_kind.items()}
     kinds.setdefault(Heater.ANSWERS, 1.0 - sum(kinds.values()))
     return np.array([kinds.get(kind, 0.0) / HEATERS.count(kind) for kind in HEATERS])
@@ -54,7 +54,7 @@ def test_transitions_are_probabilities(duration_s):
 
 
 def test_transitions_of_two_steps_are_those_of_both():
-    # Exact but for heaters that fail and are repaired within one step.
+    # Exact except for heaters that fail and are repaired within one step.
     both = transitions(5.0) @ transitions(7.0)
     assert both == pytest.approx(transitions(12.0), abs=12.0**2 / FAILURE_S / REPAIR_S)
 
@@ -117,7 +117,7 @@ def test_share_of_a_derated_heater_is_the_mean_of_what_is_likely():
     assert judge(weights, None).share == pytest.approx(0.35)
 
 
-# Evidence of its own kind
+# Evidence specific to the fault
 
 SHORT, LONG_OFF, LONG_ON = (
     Suspicion(60.0, 1.0, 1.0, 1.0), Suspicion(900.0, 0.0, 6.1, 5.0), Suspicion(900.0, 6.1, 0.0, 1.0))
@@ -138,7 +138,7 @@ def test_power_alone_is_not_enough(kind):
 @pytest.mark.parametrize('kind, suspicion', [('dead', LONG_ON), ('derated', LONG_ON), ('stuck_on', LONG_OFF)])
 def test_temperature_alone_needs_a_long_course(kind, suspicion):
     assert told(kind, suspicion, None)
-    # Of 6.1 K half is missing with the weakest of the derated heaters that is in question.
+    # Of 6.1 K half is missing with the weakest plausible derated heater.
     assert 0.5 * 6.1 > LEAST_COURSE_K
     assert not told(kind, Suspicion(900.0, 0.45 * LEAST_COURSE_K, 0.9 * LEAST_COURSE_K, LEAST_COURSE_K), None)
     assert not told(kind, suspicion._replace(lasts_s=LEAST_COURSE_S - 1.0), None)
@@ -162,7 +162,7 @@ def test_power_that_leans_to_a_fault_shortens_the_course(kind):
 
 
 def test_power_alone_is_not_enough_for_uncommanded_heat():
-    # Any other consumer would be one.
+    # Any other consumer would look the same.
     assert not told('stuck_on', SHORT, 20.0)
     assert not told('stuck_on', LONG_ON, 20.0)
 
@@ -176,7 +176,7 @@ def test_a_fault_that_has_been_told_stays_told_without_new_evidence():
 
 # Suspicion
 
-# The derated ones are as likely with half as with a quarter, so five eighths are missing.
+# The derated heaters with half and with a quarter of the power are equally likely, so five eighths are missing.
 @pytest.mark.parametrize('kind, heat_k', [('dead', 1.5), ('derated', 0.625 * 1.5), ('stuck_on', 0.4)])
 def test_a_fault_is_suspected_with_its_evidence_until_it_is_told(kind, heat_k):
     suspicion = Suspicion(70.0, 1.5, 0.4, 0.0)
@@ -187,7 +187,7 @@ def test_a_fault_is_suspected_with_its_evidence_until_it_is_told(kind, heat_k):
     assert (suspected.heater.name.lower(), suspected.lasts_s, suspected.power_nats) == (kind, 70.0, 1.25)
     assert (suspected.probability, suspected.heat_k) == pytest.approx((0.8, heat_k))
     assert judge(weights, None, suspicion, None).suspected.power_nats is None
-    # An unlikely fault and a reported one are not suspected.
+    # Unlikely faults and reported faults are not suspected.
     assert judge(weights_of(dead=SUSPECT_FROM - 0.01), None, suspicion, None).suspected is None
     assert judge(weights, HeaterReport(Heater.DEAD, 0.9, 0.0), suspicion, None).suspected is None
 

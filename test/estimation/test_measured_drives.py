@@ -58,7 +58,7 @@ def logged(name):
 
 
 def planned(name):
-    """Return the Route that a trip planner that knows the drive would send, in steps of 30 s."""
+    """Return the Route of a trip planner with perfect knowledge of the drive, in steps of 30 s."""
     log = logged(name)
     cabin_w, auxiliary_w = np.maximum(log['cabin_heater_w'], 0.0), 350.0 + np.maximum(log['aircon_w'], 0.0)
     power_w = log['voltage_v'] * log['current_a'] - cabin_w - auxiliary_w
@@ -74,7 +74,7 @@ def planned(name):
 
 
 class Played:
-    """A drive that a Supervisor has seen: predicted minus measured arrival [K] by lead [s], and verdicts."""
+    """A drive seen by a Supervisor: predicted minus measured arrival [K] by lead [s], and verdicts."""
 
     def __init__(self, name, estimation=True, left_out=0, with_power=True, learned=None, spike=(0, 0, 0.0)):
         supervisor = Supervisor(VEHICLE, Settings(estimation=estimation), learned)
@@ -115,7 +115,7 @@ def errors_k(**how):
 def test_estimation_predicts_no_worse_than_none_at_each_lead(left_out):
     with_it, without = (np.abs(errors_k(left_out=left_out, estimation=each)) for each in (True, False))
     assert (np.sqrt(np.mean(with_it**2, axis=1)) <= np.sqrt(np.mean(without**2, axis=1))).all()
-    # Each fifth state less may cost a hundredth of the sensor's step.
+    # Dropping every fifth state may cost a hundredth of the sensor's step.
     assert (with_it.max(axis=1) <= without.max(axis=1) + 0.01).all()
 
 
@@ -139,6 +139,6 @@ def test_a_state_file_over_all_drives_stays_where_nothing_was_told(order):
         drive = Played(name, learned=learned)
         learned = from_entry(as_entry(learned_from(drive.estimate)))
         leakages.append(drive.estimate.mean[LEAKAGE])
-    # The heater never heats, and a leakage of 3 W/K hardly cools the battery.
+    # The heater is never on, and a leakage of 3 W/K hardly cools the battery.
     assert abs(drive.estimate.mean[HEATER]) < 0.005
     assert np.abs(leakages).max() < FACTOR_DEVIATIONS[LEAKAGE]

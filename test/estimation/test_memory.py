@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What was learned of a car: what is kept of it, what comes back, and what damage does."""
+"""Learned values of a car: stored, restored, and damaged."""
 
 import json
 
@@ -20,7 +20,7 @@ NAMES = ('heat_capacity', 'leakage', 'resistance', 'heater_efficiency')
 
 @pytest.fixture
 def entry():
-    """What a file would hold: JSON, and back."""
+    """Return a stored entry after a round trip through JSON."""
     return json.loads(json.dumps(as_entry(learned_from(an_estimate()))))
 
 

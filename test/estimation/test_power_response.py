@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Evidence on the heater from the battery's power, on powers that are made here."""
+"""Evidence on the heater from the battery's power, with synthetic powers."""
 
 import math
 
@@ -25,7 +25,7 @@ SECONDS = 1500
 
 def seen(share_of=lambda second, command_w: command_w, traffic_w=1000.0, lag_s=0.0, beyond_w=0.0, on_s=ON_S,
          seed=1):
-    """Return the PowerResponse that has watched a heater, and traffic with a time constant of 20 s."""
+    """Return the PowerResponse after a heater and traffic with a time constant of 20 s."""
     response, drawn = PowerResponse(), np.random.default_rng(seed)
     extra_w = taken_w = 0.0
     for second in range(SECONDS):
@@ -42,7 +42,7 @@ def test_the_first_block_is_weighed_as_by_hand():
     for _ in range(int(BLOCK_S) - 1):
         assert response.see(1.0, beyond_w, command_w, LIMIT_W) is None
     logs = response.see(1.0, beyond_w, command_w, LIMIT_W)
-    # The excess stays as unsure as it was; Student's t with 4 degrees of freedom around each heater's power.
+    # The excess stays uncertain; Student's t with 4 degrees of freedom around each heater's power.
     total_w2 = EXCESS_W**2 + SCATTER_W**2
     errors_w = beyond_w - np.array([*np.multiply(SHARES[:-1], command_w), LIMIT_W])
     expected = -2.5 * np.log(1.0 + errors_w**2 / (4.0 * total_w2))
@@ -64,7 +64,7 @@ def test_the_excess_is_found_and_forgotten():
 def test_a_heater_that_takes_its_command_is_not_accused(lag_s, seed):
     response = seen(lag_s=lag_s, seed=seed)
     assert all(response.support(fault) < LEANING for fault in FAULTS)
-    # It gives something, and not all the time.
+    # It delivers some power, but not all the time.
     assert all(response.support(fault) < 0.0 for fault in (Heater.DEAD, Heater.STUCK_ON))
 
 
@@ -93,7 +93,7 @@ def test_without_a_command_a_heater_that_answers_and_one_that_does_not_are_the_s
     response = seen(on_s=(0, 0))
     assert response.support(Heater.DEAD) == pytest.approx(0.0, abs=0.1)
     assert response.support(Heater.DERATED) == pytest.approx(0.0, abs=0.1)
-    # All that is not drawn speaks against uncommanded heat.
+    # Missing power is evidence against uncommanded heat.
     assert response.support(Heater.STUCK_ON) < -math.log(20.0)
 
 

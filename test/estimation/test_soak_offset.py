@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a battery that stood tells of its sensor, against an integration and limits."""
+"""Sensor offset after a soak, compared with an integration and limits."""
 
 from dataclasses import replace
 import math
@@ -90,7 +90,7 @@ def test_a_battery_that_just_stopped_says_next_to_nothing_of_its_sensor():
 
 
 def test_a_car_from_a_garage_keeps_its_temperature():
-    # 22 K warmer than outside: no sensor is off by that much.
+    # 22 K warmer than outside: no sensor has such an offset.
     assert abs(expected_offset_k(NIGHT, 15.0, NOISE)) < 0.01
 
 
@@ -116,7 +116,7 @@ def test_the_estimator_subtracts_the_offset_from_this_reading_on(seen_before):
     offset_k = estimator.estimate.sensor_offset_k
     assert 0.5 < offset_k < 1.0
     assert estimator.estimate.temperature_c == pytest.approx(-5.0 - offset_k)
-    # A gap places the battery anew, from the next reading; the sensor is the same.
+    # After a gap the battery restarts from the next reading; the sensor is the same.
     estimator.observe(state(500.0, -4.0), 0.0, ())
     assert estimator.estimate.temperature_c == pytest.approx(-4.0 - offset_k)
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The rates of the estimated state against the model that plans, and their slopes."""
+"""The rates of the estimated state compared with the planner's model, and their slopes."""
 
 from dataclasses import replace
 from math import exp, sqrt
@@ -38,7 +38,7 @@ DRIVE = DriveInputs(
 
 
 def by_hand(vehicle, state, drive):
-    """Rates of a car whose every quantity is multiplied by hand, from the scalar model."""
+    """Return the rates of a car with every quantity multiplied by hand, from the scalar model."""
     temperature_c, soc, capacity, leakage, resistance, heater, propulsion = state[:7]
     battery = vehicle.battery
     propulsion_w = exp(propulsion) * drive.propulsion_power_w
@@ -93,7 +93,7 @@ def test_slopes_are_central_differences(index):
 
 @pytest.mark.parametrize('duration_s', [1.0, 10.0])
 def test_what_moves_is_what_a_fine_integration_moves(duration_s):
-    """Heat under way, sensor and local rise, by hand in small steps; the battery's other heat is held (Euler)."""
+    """Heat under way, sensor and local rise, in small steps; other heat of the battery is constant (Euler)."""
     from scipy.integrate import solve_ivp
     vehicle = VEHICLES['reference']
     temperature_rate, soc_rate, joule_w = by_hand(vehicle, STATE, DRIVE)
@@ -112,7 +112,7 @@ def test_what_moves_is_what_a_fine_integration_moves(duration_s):
                 + STATE[HEATER_RISE] * vehicle.hvch.efficiency * DRIVE.heater_power_w) / 1e3
     start = STATE[list(MOVING)]
     fine = solve_ivp(rates, (0.0, duration_s), start, rtol=1e-11, atol=1e-12).y[:, -1]
-    # That the battery warms evenly within a step costs the sensor a little.
+    # Linear warming within a step causes a small error of the sensor.
     assert moved(vehicle, STATE, DRIVE, duration_s) == pytest.approx(fine, rel=1e-9, abs=2e-3)
     without_sensor = [0, 1, 2, 4]
     assert moved(vehicle, STATE, DRIVE, duration_s)[without_sensor] == pytest.approx(
@@ -120,7 +120,7 @@ def test_what_moves_is_what_a_fine_integration_moves(duration_s):
 
 
 def test_what_was_hidden_warms_as_the_route_says_it_does():
-    """Seen without its variation, the power warms as the route's with it."""
+    """Hidden variation of a measured power warms like the route's variation."""
     vehicle = VEHICLES['reference']
     state = STATE.copy()
     state[PROPULSION] = 0.0

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The state file: whose file is written over, what is kept aside, and what comes back of it."""
+"""The state file: overwriting, damaged files, and restored contents."""
 
 import errno
 import json
@@ -39,7 +39,7 @@ def state_file(tmp_path):
 
 
 def format_1(fingerprint=CAR):
-    """Version 0.2.0 wrote this, with indent=1 and the keys in this order."""
+    """Return a file as version 0.2.0 wrote it, with indent=1 and the keys in this order."""
     entry = as_entry(learned())
     return {'format': 1, 'vehicle_file_sha256': fingerprint,
             **{key: entry[key] for key in ('log_factors', 'covariance')}}
@@ -50,7 +50,7 @@ def written_by_version_0_2(contents):
 
 
 def refusal(path):
-    """Return why a path is refused, whether it is looked at, read or written."""
+    """Return the refusal of a path, the same for checking, reading and writing."""
     sentences = set()
     for use in (lambda: check_state_file(path), lambda: load_state(path, CAR),
                 lambda: save_state(path, CAR, learned())):
@@ -61,7 +61,7 @@ def refusal(path):
     return sentence
 
 
-# What comes back
+# Restored contents
 
 def test_the_car_is_remembered(state_file):
     recalled = load_state(state_file, CAR)
@@ -122,7 +122,7 @@ def test_lags_come_back_and_outlive_other_cars(state_file):
 
 
 def test_a_car_without_lags_stays_one_without(tmp_path):
-    """Versions before 0.3.0 wrote none."""
+    """Versions before 0.3.0 wrote no lags."""
     path = tmp_path / 'state.json'
     path.write_text(written_by_version_0_2(format_1()))
     save_state(path, OTHER, UNKNOWN)
@@ -211,7 +211,7 @@ def test_a_file_of_format_2_is_read_and_becomes_one_of_the_present_format(tmp_pa
     assert load_state(path, CAR).learned is not None
 
 
-# What is not ours
+# Files of others
 
 FOREIGN = {
     'empty': '', 'list': '[]', 'null': 'null', 'number': '7', 'text': '"text"', 'no JSON': '{',
@@ -230,7 +230,7 @@ def test_a_file_that_is_not_recognised_is_not_written_over(tmp_path, contents):
     path.write_bytes(contents)
     finding = 'it is not a state file of this planner' if contents else 'it is empty'
     assert refusal(path) == (
-        f'{path}: is not written over: {finding}; name a file that does not exist yet')
+        f'{path}: not overwritten: {finding}; name a file that does not exist yet')
     assert path.read_bytes() == contents
     assert os.listdir(tmp_path) == ['theirs.json']
 
@@ -241,15 +241,15 @@ def test_a_file_that_is_not_recognised_is_not_written_over(tmp_path, contents):
 def test_no_file_that_comes_with_the_package_is_written_over(path, tmp_path):
     copy = tmp_path / path.name
     copy.write_bytes(path.read_bytes())
-    assert 'is not written over: it is not a state file' in refusal(copy)
+    assert 'not overwritten: it is not a state file' in refusal(copy)
     assert copy.read_bytes() == path.read_bytes()
 
 
 def test_a_file_of_a_later_version_is_not_written_over(state_file):
     contents = {**json.loads(state_file.read_text()), 'bev_preheat_state_file': 4, 'new': [1]}
     state_file.write_text(json.dumps(contents))
-    assert refusal(state_file) == (f'{state_file}: is of format 4, of a later version; this one '
-                                   'knows 1 to 3; name another file')
+    assert refusal(state_file) == (f'{state_file}: has format 4 of a later version; this '
+                                   'version reads 1 to 3; name another file')
     assert json.loads(state_file.read_text()) == contents
 
 
@@ -259,7 +259,7 @@ def make_socket(path):
 
 
 def what_is_there(path):
-    """Return what a change would change; looking at a link already changes its time of access."""
+    """Return everything that a change would alter; reading a link changes its access time."""
     found = path.lstat()
     return found.st_ino, found.st_mode, found.st_size, found.st_mtime_ns, found.st_ctime_ns
 
@@ -285,12 +285,12 @@ def test_what_is_no_file_is_refused(tmp_path, monkeypatch, make, problem):
 def test_a_link_to_somebody_elses_file_is_refused(tmp_path):
     (tmp_path / 'car.yaml').write_text('name: mine\n')
     (tmp_path / 'state.json').symlink_to('car.yaml')
-    assert 'state.json: is not written over' in refusal(tmp_path / 'state.json')
+    assert 'state.json: not overwritten' in refusal(tmp_path / 'state.json')
     assert (tmp_path / 'car.yaml').read_text() == 'name: mine\n'
 
 
 def test_a_file_that_cannot_be_read_is_refused(state_file, monkeypatch):
-    """Root may read everything, so the refusal is the test's."""
+    """The test raises the error itself, because root may read everything."""
     before = state_file.read_bytes()
 
     def forbid(path, *arguments):
@@ -305,12 +305,12 @@ def test_a_file_that_cannot_be_read_is_refused(state_file, monkeypatch):
 def test_what_has_taken_its_place_since_is_not_written_over(state_file):
     assert load_state(state_file, CAR).learned is not None
     state_file.write_text('name: mine\n')
-    with pytest.raises(InvalidInput, match='is not written over'):
+    with pytest.raises(InvalidInput, match='not overwritten'):
         save_state(state_file, CAR, learned())
     assert state_file.read_text() == 'name: mine\n'
 
 
-# What is ours and damaged
+# Damaged state files
 
 def with_entry(**changes):
     return json.dumps({'bev_preheat_state_file': 2,
@@ -427,7 +427,7 @@ DRIVER = st.fixed_dictionaries({}, optional={
         lambda value: json.dumps(value).encode()),
     st.integers(0, len(WHOLE)).map(lambda length: WHOLE[:length].encode())))
 def test_whatever_stands_in_it_is_refused_or_kept(tmp_path_factory, contents):
-    """No byte is lost: the file is as it was, or stands aside, or all of it was sound."""
+    """No byte is lost: the file is unchanged, moved aside, or was sound."""
     folder = tmp_path_factory.mktemp('any')
     path = folder / 'any.json'
     path.write_bytes(contents)

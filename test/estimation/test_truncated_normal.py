@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Truncated normal moments against numerical integration and their own laws."""
+"""Truncated normal moments compared with numerical integration and general laws."""
 
 from math import exp, log, pi, sqrt
 
@@ -16,7 +16,7 @@ def trapezoid(values, x):
 
 
 def integrated(mean, variance, low, high):
-    """Moments by the trapezoidal rule on a fine grid within the interval."""
+    """Return moments by the trapezoidal rule on a fine grid within the interval."""
     x = np.linspace(low, high, 400_001)
     density = np.exp(-0.5 * (x - mean)**2 / variance) / sqrt(2.0 * pi * variance)
     mass = trapezoid(density, x)
@@ -47,7 +47,7 @@ def test_a_wide_interval_changes_nothing():
 def test_moments_lie_where_they_can(mean, variance, low, width):
     seen, kept, log_probability = truncated_moments(mean, variance, low, low + width)
     assert low - 1e-6 <= seen <= low + width + 1e-6
-    # No distribution on an interval varies more than half its width, nor more than before.
+    # No distribution on an interval has a standard deviation above half its width, nor a larger one than before.
     assert 0.0 <= kept <= min(0.25 * width**2, variance) * (1.0 + 1e-6) + 1e-12
     assert log_probability <= 1e-12
 
@@ -55,7 +55,7 @@ def test_moments_lie_where_they_can(mean, variance, low, width):
 @pytest.mark.parametrize('low, width', [(9.0, 0.125), (8.5, 3.0), (12.0, 1e-7), (20.0, 5.0)])
 @pytest.mark.parametrize('side', [1.0, -1.0])
 def test_moments_in_the_tails_are_those_of_integration(low, width, side):
-    """To the share by which the tail is no exponential: 2/d^2 of the mean, 6/d^2 of the variance."""
+    """Up to the tail's deviation from an exponential: 2/d^2 of the mean, 6/d^2 of the variance."""
     x = np.linspace(low, low + width, 400_001)
     log_density = -0.5 * x * x - 0.5 * log(2.0 * pi)
     relative = np.exp(log_density - log_density[0])

@@ -62,7 +62,7 @@ def _other_scale(text, random):
 
 
 def _everywhere(text, random):
-    """Spoil one kind of text in all rows."""
+    """Corrupt one kind of text in all rows."""
     old, new = random.choice(REPLACED)
     return text.replace(old, new)
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Two parsers of YAML, one fast: the same contents, the same words, and no file that ends the process."""
+"""Two YAML parsers, a fast and a slow one: equal contents, equal messages, and no crash."""
 
 from pathlib import Path
 
@@ -40,7 +40,7 @@ def test_a_file_holds_what_the_reference_parser_finds(load, path):
 def test_what_is_wrong_is_told_in_the_same_words_without_the_fast_parser(load, tmp_path, monkeypatch, text):
     path = tmp_path / 'wrong.yaml'
     told = problem_of(load, path, text)
-    # Read by the fast parser as far as it goes, and by the other one alone.
+    # Read by the fast parser as far as it gets, and by the other one alone.
     monkeypatch.setattr('bev_preheat.files.checked_yaml._HARMLESS_NESTING', 0)
     assert problem_of(load, path, text) == told
     assert 'is not YAML' in told

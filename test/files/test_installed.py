@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Installed packages are found as ament_index_python finds them, with and without it."""
+"""Installed packages are found like by ament_index_python, with and without it."""
 
 import ament_index_python.packages
 import pytest
@@ -10,7 +10,7 @@ from bev_preheat.files import configuration, installed
 
 @pytest.fixture
 def prefixes(tmp_path, monkeypatch):
-    """Two prefixes in AMENT_PREFIX_PATH, beside one that does not exist; both have `late`, the second `other`."""
+    """Make two prefixes in AMENT_PREFIX_PATH, and a missing one; both have `late`, the second also `other`."""
     folders = [tmp_path / name for name in ('gone', 'first', 'second')]
     for folder, package in ((folders[1], 'late'), (folders[2], 'late'), (folders[2], 'other')):
         marker = folder / 'share/ament_index/resource_index/packages' / package

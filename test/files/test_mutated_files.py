@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Files with mistakes, of every kind: each is read, or refused in a bounded message; none ends in a traceback."""
+"""Corrupted files of every kind: each is read, or refused in a bounded message without a traceback."""
 
 import json
 from pathlib import Path
@@ -38,7 +38,7 @@ STATE = json.dumps({'bev_preheat_state_file': 3, 'cars': {CAR: {
 
 
 def plan(vehicle=VEHICLE, route=ROUTE):
-    """Plan as `preheat plan` does: a file that is read must also be fit to be planned with."""
+    """Plan like `preheat plan`, because a file that is read must also be fit for planning."""
     plan_preheating(vehicle, route, BatteryState(5.0, 0.8), Goal(20.0))
 
 
@@ -53,7 +53,7 @@ def read_state(path):
         raise InvalidInput(damage)
 
 
-# Kind of file: shipped ones, and how they are read.
+# Kind of file: shipped examples, and the function that reads them.
 KINDS = {
     'vehicle': ('vehicles/*.yaml', lambda path: plan(load_vehicle(path))),
     'route': ('routes/*.csv', lambda path: plan(route=load_route(path, VEHICLE.defaults))),
@@ -62,7 +62,7 @@ KINDS = {
     'itinerary': ('itineraries/*.yaml', lambda path: load_itinerary(path, VEHICLE)),
     'chargers': ('chargers/*.yaml', lambda path: load_chargers(path, LONG_ROUTE, 0.5)),
     'state file': (None, read_state)}
-# What names the file is the tester's, so the message's limit is beside that.
+# The limit of the message excludes the file name, which the test chooses.
 LONGEST = 2200
 
 
@@ -74,7 +74,7 @@ def originals(kind):
 
 
 def read_mutated(kind, seed, path):
-    """Read a file with mistakes; return the message of its refusal, None: it was read."""
+    """Read a corrupted file; return the message of its refusal, None if it was read."""
     random, (_, read) = Random(seed), KINDS[kind]
     path.write_bytes(mutated(random.choice(originals(kind)), random))
     try:

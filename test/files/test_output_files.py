@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The writer of all files: what it refuses, what a crash leaves, and what becomes of links."""
+"""The writer of all files: refusals, crashes and links."""
 
 from contextlib import contextmanager
 import errno
@@ -29,7 +29,7 @@ OLD, NEW = b'old contents\n', b'new contents, longer than the old\n'
 
 @pytest.fixture(autouse=True)
 def in_folder(tmp_path, monkeypatch):
-    """Relative paths are seen from the folder of the test."""
+    """Make paths relative to the folder of the test."""
     monkeypatch.chdir(tmp_path)
 
 
@@ -46,7 +46,7 @@ def problems_of(*outputs, inputs=()):
     return refused.value.problems
 
 
-# What is no regular file
+# Not a regular file
 
 def make_folder(path):
     path.mkdir()
@@ -86,7 +86,7 @@ def test_what_is_no_file_is_refused_at_once_and_stays(tmp_path, kind, make, thro
 
 @pytest.mark.parametrize('kind', [stat.S_IFCHR, stat.S_IFBLK], ids=['characters', 'blocks'])
 def test_a_device_is_refused(old, monkeypatch, kind):
-    """The file says that it is a device: a real one would need root, and might be harmed."""
+    """The file is reported as a device, because a real one would need root, and might be damaged."""
     real = os.stat
 
     def as_device(path, *arguments, **options):
@@ -119,8 +119,8 @@ def test_a_pipe_that_comes_while_it_is_written_is_not_replaced(old, monkeypatch)
 
 
 PATHS_THAT_ARE_NONE = {
-    'empty': ('', "'': names a folder; a file is needed"),
-    'folder to be': ('new/', 'new/: names a folder; a file is needed'),
+    'empty': ('', "'': is a folder; a file is needed"),
+    'folder to be': ('new/', 'new/: is a folder; a file is needed'),
     'this folder': ('.', '.: is a folder; only a regular file can be written'),
     'no folder': ('none/x', 'none/x: cannot be written: {folder}/none does not exist'),
     'below a file': ('old.json/x', f'old.json/x: cannot be a file: {os.strerror(errno.ENOTDIR)}'),
@@ -143,7 +143,7 @@ def test_a_path_that_cannot_be_a_files_is_refused(old, path, sentence):
 @pytest.mark.parametrize('protected, sentence', [
     ('old.json', 'the file is write-protected'), ('', 'the folder {} is write-protected')])
 def test_write_protection_is_respected(old, monkeypatch, protected, sentence):
-    """Asked for by os.access, because root may write whatever the mode says."""
+    """Simulated with os.access, because root may write whatever the mode."""
     forbidden = os.path.realpath(os.path.join(old.parent, protected))
     access = os.access
     monkeypatch.setattr(output_files.os, 'access',
@@ -196,7 +196,7 @@ def test_a_process_that_is_killed_while_it_writes_leaves_the_old_file_whole(old,
     assert old.read_bytes() == OLD
 
 
-# As `ulimit -f` does; Python ignores the signal, so the write fails.
+# Like `ulimit -f`; Python ignores the signal, so the write fails.
 FULL_DISK = """
 import resource, sys
 from bev_preheat.files.output_files import write_whole
@@ -267,7 +267,7 @@ def test_an_existing_file_keeps_its_mode(old, mode):
 
 @pytest.mark.parametrize('error', [None, PermissionError(1, 'Operation not permitted')])
 def test_the_owner_is_kept_where_that_is_permitted(old, monkeypatch, error):
-    """Root, who may start the planner, must not take a user's file away."""
+    """Root, who may start the planner, must not take over a user's file."""
     wanted = []
 
     def change_owner(handle, *owner):
@@ -318,9 +318,9 @@ def test_an_input_is_no_output_however_it_is_spelled(tmp_path, old, monkeypatch,
     path = spelling.format(folder=tmp_path, name=tmp_path.name)
     sentence = 'is the same file as the input'
     assert problems_of(path, inputs=['old.json']) == [
-        f'--0: {path}: {sentence} old.json, which must not be written over']
+        f'--0: {path}: {sentence} old.json, which must not be overwritten']
     assert problems_of('old.json', inputs=[path]) == [
-        f'--0: old.json: {sentence} {path}, which must not be written over']
+        f'--0: old.json: {sentence} {path}, which must not be overwritten']
 
 
 @pytest.mark.parametrize('spelling', [
@@ -330,7 +330,7 @@ def test_two_outputs_are_two_files_even_before_they_exist(tmp_path, spelling):
     (tmp_path / 'dangling').symlink_to('new')
     path = spelling.format(folder=tmp_path)
     assert problems_of('new', path) == [
-        f'--1: {path}: is the same file as --0; each output needs a file of its own']
+        f'--1: {path}: is the same file as --0; each output needs its own file']
 
 
 def test_outputs_beside_inputs_are_fine(old):
@@ -350,14 +350,14 @@ def test_the_file_that_standard_output_goes_to_is_refused(tmp_path):
     with open('shown.txt', 'wb') as shown:
         subprocess.run([sys.executable, '-c', code], stdout=shown, timeout=60, check=True)
     assert Path('shown.txt').read_text() == \
-        '--json: shown.txt: is the file that standard output goes to\n'
+        '--json: shown.txt: standard output is redirected to this file\n'
 
 
 def test_each_output_has_its_problem(old):
     os.mkfifo('pipe')
     assert problems_of('pipe', old, 'none/x', inputs=[old]) == [
         '--0: pipe: is a named pipe; only a regular file can be written',
-        f'--1: {old}: is the same file as the input {old}, which must not be written over',
+        f'--1: {old}: is the same file as the input {old}, which must not be overwritten',
         f'--2: none/x: cannot be written: {os.path.realpath("none")} does not exist']
 
 

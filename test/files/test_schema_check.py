@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The check without jsonschema: sure of every shipped file, and never of one that jsonschema refuses."""
+"""The check without jsonschema: accepts every shipped file, and none that jsonschema refuses."""
 
 from jsonschema import Draft7Validator
 import pytest
@@ -35,7 +35,7 @@ def places(node, above=()):
 
 
 def changed(contents, place):
-    """Yield a file's contents, each time with something else that is odd at a place, or with nothing there."""
+    """Yield a file's contents, each with another odd value at a place, or without one."""
     node = contents
     for key in place[:-1]:
         node = node[key]

@@ -12,13 +12,13 @@ from bev_preheat.nodes.installed_processes import reserved_domain_id
 from bev_preheat_studies.soak.terminal import CTRL_C, TerminalProcess
 
 MONITOR = [sys.executable, '-m', 'bev_preheat', 'monitor']
-# Process start and a first view, on a busy computer.
+# Process start and first view, on a busy computer.
 LIMIT_S = 240.0
 
 
 @pytest.fixture
 def terminal(dds):
-    """`terminal(columns, rows)` starts a monitor there, in a ROS domain without a planner."""
+    """Return `terminal(columns, rows)`, which starts a monitor in a ROS domain without a planner."""
     started = []
     with reserved_domain_id() as domain_id:
         def start(columns, rows):
@@ -32,7 +32,7 @@ def terminal(dds):
 
 
 def wait_for_view(process, condition):
-    """Return the first view from now on for which condition(lines) holds."""
+    """Return the first view from now on that satisfies condition(lines)."""
     views, end_s = process.views, time.monotonic() + LIMIT_S
     while True:
         process.read(0.05)
@@ -44,7 +44,7 @@ def wait_for_view(process, condition):
 
 
 def has_size(columns, rows):
-    """Return the condition that a view fills a terminal of this size and no more."""
+    """Return the condition that a view fills a terminal of this size exactly."""
     return lambda lines: len(lines) == rows and {len(line) for line in lines} == {columns}
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The monitor's page: what stands in it, and that no message ends it."""
+"""The monitor's page: its contents, and robustness against any message."""
 
 from array import array
 import io
@@ -22,7 +22,7 @@ from bev_preheat_msgs.msg import HvchCommand, PreheatPlan, RoutePlan
 
 
 class Clock:
-    """Real time, moved by hand."""
+    """Real time, set by hand."""
 
     def __init__(self):
         self.now_s = 100.0
@@ -55,7 +55,7 @@ def command_message(power_w, **fields):
 
 @pytest.fixture
 def heard():
-    """Return what a planner says two minutes before it heats."""
+    """Return the data from a planner two minutes before it heats."""
     heard = Heard(clock_s=Clock())
     heard.hear('battery_state', stamped(BatteryState(temperature=-3.25, percentage=0.8), 1000))
     heard.hear('route_plan', RoutePlan(minimum_arrival_soc=0.25, segment_duration=[600.0]))
@@ -123,7 +123,7 @@ def test_the_session_and_the_reason_of_a_chosen_target_are_shown(heard):
     for words in ('25.0 degC, chosen', '27:47 min, 51.34 kWh', '31:37 min, 50.94 kWh',
                   'Target: Worth it: for a good reason.'):
         assert words in page_text
-    # The explanation has it already where it is the reason for 0 W.
+    # The explanation already contains the reason for 0 W.
     heard.hear('preheat_plan', plan_message(**{
         **chosen, 'explanation': 'Worth it: for a good reason. So it is.'}))
     assert text(heard).count('for a good reason') == 1
@@ -148,7 +148,7 @@ def test_what_is_missing_is_named():
     sentence = waiting(Heard(), lambda topic: 2 if topic == 'battery_state' else 0, '42')
     assert 'ROS domain 42' in sentence
     assert 'battery_state: 2 publishers, no message yet' in sentence
-    assert 'hvch_command: nobody publishes it' in sentence
+    assert 'hvch_command: no publisher' in sentence
 
 
 @pytest.mark.parametrize('width, height', [
@@ -227,7 +227,7 @@ TIMES = st.builds(Time, sec=st.integers(-2**31, 2**31 - 1), nanosec=st.integers(
 @pytest.mark.parametrize('stamp_s', [0, 2**31 - 1])
 def test_a_command_of_another_time_is_not_drawn(heard, stamp_s):
     before = text(heard)
-    # Drawn, the line to it would take all memory.
+    # Drawing the line to it would exhaust the memory.
     heard.hear('hvch_command', stamped(command_message(5000.0), stamp_s))
     drawn = text(heard)
     assert 'heater (kW)' in before and 'heater (kW)' in drawn

@@ -18,7 +18,7 @@ from bev_preheat.nodes.convert import time_message
 VEHICLE = (configuration_folder('vehicles') / 'reference.yaml').read_bytes()
 # As version 0.2.0 wrote it, cut off in the middle.
 DAMAGED = '{\n "format": 1,\n "vehicle_file_sha256": "58d0'
-NOT_OURS = 'is not written over: it is not a state file of this planner; name a file that does ' \
+NOT_OURS = 'not overwritten: it is not a state file of this planner; name a file that does ' \
     'not exist yet'
 
 
@@ -101,10 +101,10 @@ def link_to_nothing(path):
 FOREIGN = {
     'a vehicle file': (lambda path: path.write_bytes(VEHICLE), NOT_OURS),
     'empty': (lambda path: path.write_bytes(b''),
-              'is not written over: it is empty; name a file that does not exist yet'),
+              'not overwritten: it is empty; name a file that does not exist yet'),
     'garbled': (lambda path: path.write_bytes(b'\x00\xff{' * 50), NOT_OURS),
     'of a later version': (lambda path: path.write_text('{"bev_preheat_state_file": 9, "cars": {}}'),
-                           'is of format 9, of a later version; this one knows 1 to 3; name another file'),
+                           'has format 9 of a later version; this version reads 1 to 3; name another file'),
     'pipe': (os.mkfifo, 'is a named pipe; only a regular file can be written'),
     'folder': (os.mkdir, 'is a folder; only a regular file can be written'),
     'dangling link': (link_to_nothing, 'is a link to {folder}/none, which does not exist; name that file '

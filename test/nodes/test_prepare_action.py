@@ -376,7 +376,7 @@ def test_ctrl_c_cancels_the_goal_and_the_heater_is_off(driver, prepare):
     process.send_signal(signal.SIGINT)
     _, errors = process.communicate(timeout=LIMIT_S)
     assert (process.returncode, errors) == (
-        130, 'preheat: interrupted; the goal is cancelled, its heating is off\n')
+        130, 'preheat: interrupted; the goal is cancelled and its heating off\n')
     driver.commands.clear()
     assert driver.commands.wait_for_count(1)[0].battery_heating_power == 0.0
 

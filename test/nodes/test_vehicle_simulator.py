@@ -253,7 +253,7 @@ class TestWhileTheClockIsHeld:
     @pytest.mark.parametrize('power_w, until_s, complaint', [
         (math.nan, 50.0, 'battery_heating_power: nan W'),
         (7100.0, 50.0, 'battery_heating_power: 7100 W is not allowed; it must be 0 ... 7000 W'),
-        (3000.0, -2.0, 'valid_until: lies 2.000 s in the past'),
+        (3000.0, -2.0, 'valid_until: is 2.000 s in the past'),
     ])
     def test_bad_command_is_no_command(self, held, power_w, until_s, complaint):
         commands = held.publisher(HvchCommand, 'hvch_command', 1)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Route files: nothing is lost on the way, and each error has its message."""
+"""Route files: lossless round trips, and a message for each error."""
 
 from dataclasses import fields
 from pathlib import Path
@@ -32,7 +32,7 @@ def file_of(tmp_path, text, name='trip.csv'):
 
 
 def problems_with(tmp_path, text):
-    """Problems that loading a file has, without the path they all start with."""
+    """Return the problems of loading a file, without the leading path."""
     path = file_of(tmp_path, text)
     with pytest.raises(InvalidInput) as caught:
         load_route(path, DEFAULTS)
@@ -126,7 +126,7 @@ def test_rows_of_another_length_are_refused(tmp_path):
      'propulsion_power_w or propulsion_power_kw'),
     ('propulsion_power_kw,ambient_temperature_c', 'missing columns: duration_s or duration_min, '
      'speed_mps or speed_kmh'),
-    # Which is a number of metres, of kilometres, of miles?
+    # Metres, kilometres or miles?
     ('duration_s,speed', "column 'speed' has no unit: rename it to speed_mps or speed_kmh"),
     ('Propulsion power,speed_mps', "column 'Propulsion power' has no unit: rename it to propulsion_power_w "
      'or propulsion_power_kw'),
@@ -138,20 +138,20 @@ def test_rows_of_another_length_are_refused(tmp_path):
     ('duration (min),speed_mps', "column 'duration (min)': rename it to duration_min"),
     ('SPEED_KMH', "column 'SPEED_KMH': rename it to speed_kmh"),
     ('power_kw', "column 'power_kw': rename it to propulsion_power_w or propulsion_power_kw"),
-    ('distance_km', "column 'distance_km': if it is that of each segment, rename it to length_m or "
-     'length_km; one that runs from the start of the trip is not accepted'),
-    ('time_s', "column 'time_s': if it is that of each segment, rename it to duration_s or "
-     'duration_min; one that runs from the start of the trip is not accepted'),
+    ('distance_km', "column 'distance_km': if it holds values per segment, rename it to length_m or "
+     'length_km; values cumulated from the start of the trip are not accepted'),
+    ('time_s', "column 'time_s': if it holds values per segment, rename it to duration_s or "
+     'duration_min; values cumulated from the start of the trip are not accepted'),
     ('auxilary_power_w', "column 'auxilary_power_w' is unknown; did you mean 'auxiliary_power_w'? "
      'known: duration_s, duration_min, length_m, length_km, speed_mps, speed_kmh, '
      'propulsion_power_w, propulsion_power_kw, propulsion_power_rms_w, propulsion_power_rms_kw, '
      'ambient_temperature_c, cabin_heating_power_w, cabin_heating_power_kw, auxiliary_power_w, '
      'auxiliary_power_kw, propulsion_power_magnitude_w, propulsion_power_magnitude_kw'),
     (f'{HEADER},speed_mps', 'column speed_mps is named more than once'),
-    (f'{HEADER},speed_kmh', 'columns speed_mps and speed_kmh hold the same quantity; keep one of '
-     'them'),
+    (f'{HEADER},speed_kmh', 'columns speed_mps and speed_kmh hold the same quantity; keep only '
+     'one'),
     (f'{HEADER},propulsion_power_kw', 'columns propulsion_power_w and propulsion_power_kw hold '
-     'the same quantity; keep one of them'),
+     'the same quantity; keep only one'),
     (f'{HEADER},length_km', 'duration, speed and length of a segment are given; one follows from '
      'the other two: leave one out'),
 ])
@@ -184,7 +184,7 @@ def test_a_file_that_is_not_there_is_named(tmp_path):
 
 def test_an_unknown_name_gets_the_nearest_and_all_there_are():
     with pytest.raises(InvalidInput, match=(
-            r"^route 'referense' is unknown; did you mean 'reference'\?; there are: "
+            r"^route 'referense' is unknown; did you mean 'reference'\?; known: "
             r'alpine_pass, city_stop_and_go, motorway_3h, reference, winter_commute; ')):
         load_route('referense', DEFAULTS)
 

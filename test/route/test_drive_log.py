@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Drive logs: means, root mean squares, gaps and faults, on small logs made here."""
+"""Drive logs: means, root mean squares, gaps and faults, on small synthetic logs."""
 
 from dataclasses import asdict, fields, replace
 import errno
@@ -24,7 +24,7 @@ HEADER = 'time_s,speed_mps,voltage_v,current_a,cabin_heater_w,ambient_c,aircon_w
 
 
 def samples(count=60, start=0):
-    """Columns of a log that varies in everything, 1 Hz."""
+    """Return the columns of a log in which everything varies, 1 Hz."""
     time = np.arange(start, start + count, dtype=float)
     return {'time_s': time, 'speed_mps': 15.0 + 9.0 * np.sin(time / 7.0),
             'voltage_v': 370.0 - 11.0 * np.cos(time / 5.0),
@@ -36,7 +36,7 @@ def samples(count=60, start=0):
 @pytest.fixture
 def write(tmp_path):
     def write(columns, name='drive.csv', left_out=()):
-        """Write columns without the rows `left_out`; row k of the columns is line k + 2 then."""
+        """Write columns without the rows `left_out`; row k of the columns is line k + 2."""
         rows = [','.join(columns)]
         rows += [','.join(value if isinstance(value, str) else repr(float(value)) for value in row)
                  for index, row in enumerate(zip(*columns.values())) if index not in left_out]
@@ -69,7 +69,7 @@ def assert_same_route(one, other, **tolerance):
 # Means and root mean squares --------------------------------------------------------------------
 
 def test_mean_and_root_mean_square_of_segments(write):
-    # 350 V at 100 A and -20 A in turn, less 1500 W cabin, 60 W aircon and 222 W auxiliaries.
+    # 350 V at 100 A and -20 A alternately, minus 1500 W cabin, 60 W aircon and 222 W auxiliaries.
     time = np.arange(70)
     route = load_drive_logs([write({
         'time_s': time, 'speed_mps': 10.0 + 5.0 * (time >= 30), 'voltage_v': np.full(70, 350.0),
@@ -164,17 +164,17 @@ def test_missing_seconds_are_bridged_in_a_straight_line(write):
     assert_same_route(bridged.route, whole.route, rtol=1e-12)
     assert whole.remarks == ()
     assert bridged.remarks == (
-        f'{path}, line 22: 10 s without a good sample, from 19 s to 29 s, are bridged',)
+        f'{path}, line 22: 10 s without a valid sample, from 19 s to 29 s, are bridged',)
 
 
 def test_a_longer_gap_is_refused(write):
     assert problems_with(write(RAMP, left_out=range(20, 30))) == [
-        ', line 22: 11 s without a good sample, from 19 s to 30 s; at most 10 s are bridged']
+        ', line 22: 11 s without a valid sample, from 19 s to 30 s; at most 10 s are bridged']
 
 
 def test_too_many_gaps_are_refused(write):
     assert problems_with(write(RAMP, left_out=range(1, 60, 4))) == [
-        ': 15 s lack samples, in 15 gaps; at most 11.8 s, 20% of the log, are bridged']
+        ': 15 s without samples, in 15 gaps; at most 11.8 s, 20% of the log, are bridged']
 
 
 def test_the_sixth_gap_and_more_are_counted(write):
@@ -183,7 +183,7 @@ def test_the_sixth_gap_and_more_are_counted(write):
     path = write(columns, left_out=range(10, 110, 10))
     remarks = load_drive_logs([path], DEFAULTS).remarks
     assert len(remarks) == 6
-    assert remarks[4].startswith(f'{path}, line 48: 2 s without a good sample, from 49 s to 51 s')
+    assert remarks[4].startswith(f'{path}, line 48: 2 s without a valid sample, from 49 s to 51 s')
     assert remarks[5] == f'{path}: 5 more gaps are bridged'
 
 
@@ -201,8 +201,8 @@ def test_an_impossible_sample_is_reported_and_bridged(write, name, value, allowe
     made = load_drive_logs([path], DEFAULTS)
     shown = 'nan' if value == '' else f'{float(value):g}'
     assert made.remarks == (
-        f'{path}, line 19: {name}: {shown} is left out; possible is {allowed}',
-        f'{path}, line 20: 2 s without a good sample, from 16 s to 18 s, are bridged')
+        f'{path}, line 19: {name}: {shown} is dropped; allowed: {allowed}',
+        f'{path}, line 20: 2 s without a valid sample, from 16 s to 18 s, are bridged')
     missing = load_drive_logs([write(samples(), left_out=[17])], DEFAULTS)
     assert_same_route(made.route, missing.route, rtol=1e-12)
 
@@ -212,7 +212,7 @@ def test_further_impossible_samples_are_counted(write):
     columns['voltage_v'][31] = columns['voltage_v'][32] = -1.0
     path = write(columns)
     assert load_drive_logs([path], DEFAULTS).remarks[0] == (
-        f'{path}, line 9: voltage_v: 0 is left out; possible is 1 ... 1500 (and 2 more lines)')
+        f'{path}, line 9: voltage_v: 0 is dropped; allowed: 1 ... 1500 (and 2 more lines)')
 
 
 def test_impossible_samples_at_the_ends_shorten_the_log(write):
@@ -225,13 +225,13 @@ def test_impossible_samples_at_the_ends_shorten_the_log(write):
 def test_a_log_of_impossible_samples_is_refused(write):
     columns = {**samples(), 'voltage_v': np.full(60, 0.0)}
     assert problems_with(write(columns)) == [
-        ': has 0 samples that are possible; at least 2 are needed']
+        ': has 0 valid samples; at least 2 are needed']
 
 
 @pytest.mark.parametrize('value, shown', [(16.0, '16'), (3.5, '3.5')])
 def test_time_that_does_not_rise_is_refused(write, value, shown):
     assert problems_with(write(with_value('time_s', 17, value))) == [
-        f', line 19: time_s: {shown} does not come after 16, the sample before']
+        f', line 19: time_s: {shown} is not after 16 of the previous sample']
 
 
 def test_time_that_is_missing_is_refused(write):
@@ -299,7 +299,7 @@ def test_current_of_the_wrong_sign_is_noticed(write):
 # Measured drives --------------------------------------------------------------------------------
 
 def measured_logs():
-    """Nine winter drives of a BMW i3 (TU Munich, doi 10.21227/6jr9-5235), not in this project."""
+    """Return nine winter drives of a BMW i3 (TU Munich, doi 10.21227/6jr9-5235), not in this project."""
     folder = os.environ.get('BEV_PREHEAT_DRIVE_LOGS')
     folder = Path(folder) if folder else (
         Path(__file__).resolve().parents[3] / 'shared' / 'data' / 'i3_winter_trips')
@@ -319,20 +319,20 @@ def test_measured_drives():
         route = made.route
         terminal_w = (route.propulsion_power_w + route.cabin_heating_power_w
                       + route.auxiliary_power_w)
-        # These logs have no gaps: nothing is to be remarked, nothing to be lost.
+        # These logs have no gaps: no remarks, no losses.
         assert made.remarks == ()
         assert route.total_duration_s == len(table)
         assert route.distance_m == pytest.approx(table['speed_mps'].sum())
         assert terminal_w @ route.duration_s == pytest.approx(
             table['voltage_v'] @ table['current_a'], rel=1e-9)
-        # A third or more of the mean square is variation that the means do not show.
+        # A third or more of the mean square is variation that the means hide.
         assert (route.propulsion_power_rms_w**2 @ route.duration_s
                 > 1.5 * route.propulsion_power_w**2 @ route.duration_s)
 
 
 @needs_measured_logs
 def test_a_measured_hour_in_steps_of_half_a_minute_warms_as_it_was_driven():
-    """At the paper's share of the drivetrain's heat, against the model driven second by second."""
+    """At the paper's share of the drivetrain's heat, compared with the model driven second by second."""
     car = load_vehicle('small_car')
     car = replace(car, drivetrain=replace(
         car.drivetrain, efficiency=0.9, heat_recovery_efficiency=0.8))
@@ -349,6 +349,6 @@ def test_a_measured_hour_in_steps_of_half_a_minute_warms_as_it_was_driven():
     driven_c = arrival_c(driven)
     assert arrival_c(planned) == pytest.approx(driven_c, abs=0.5)
     assert arrival_c(unknown) == pytest.approx(driven_c, abs=0.5)
-    # From the magnitude of the mean alone it would not be.
+    # The magnitude of the mean alone would not give this.
     still = replace(planned, propulsion_power_magnitude_w=np.abs(planned.propulsion_power_w))
     assert arrival_c(still) < driven_c - 1.5

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""For which car a route has its powers: said in files, warned of, and made anew from legs."""
+"""The car that a route's powers belong to: named in files, warned about, and replaced with legs."""
 
 from dataclasses import fields, replace
 import json
@@ -23,7 +23,7 @@ SEGMENT = '600,20,17000,-6'
 LEGS = {'name': 'errand', 'ambient_temperature_c': -4,
         'legs': [{'length_m': 4000, 'speed_limit_kmh': 70, 'slope_percent': 2}]}
 STATE = ('--temperature', '-10', '--soc', '0.9')
-# What the errand is long enough for.
+# Options for which the errand is long enough.
 NEAR_TARGET = ('--target', '-8')
 
 
@@ -52,7 +52,7 @@ def test_the_file_says_for_which_vehicle_it_was_made(tmp_path, comment):
 @pytest.mark.parametrize('text', [
     f'{HEADER}\n{SEGMENT}\n',
     f'# made for a vehicle: reference\n# vehicle:\n{HEADER}\n{SEGMENT}\n',
-    # What stands below the header is about a segment.
+    # Lines below the header belong to segments.
     f'{HEADER}\n# vehicle: lorry ahead\n{SEGMENT} # vehicle: another\n'])
 def test_a_file_that_does_not_say_is_for_any_vehicle(tmp_path, text):
     made = route_for(file_of(tmp_path, text), SMALL_CAR)
@@ -110,7 +110,7 @@ def test_legs_are_found_by_name_by_file_and_from_a_folder(tmp_path, monkeypatch)
 
 
 @pytest.mark.parametrize('name, problem', [
-    ('legs/alpin_pass', "leg 'alpin_pass' is unknown; did you mean 'alpine_pass'?; there are: "
+    ('legs/alpin_pass', "leg 'alpin_pass' is unknown; did you mean 'alpine_pass'?; known: "
      'alpine_pass, city_stop_and_go, motorway_3h, reference, winter_commute; or give a file '
      'ending in .yaml'),
     ('legs/nowhere.yaml', 'legs/nowhere.yaml: no such file'),
@@ -135,7 +135,7 @@ def preheat(capsys):
 
 
 def plan_of(preheat, folder, command, vehicle, route, *options):
-    """JSON of a plan, without the times it took; and standard error."""
+    """Return the JSON of a plan, without computing times, and standard error."""
     output = folder / 'plan.json'
     status, _, errors = preheat(command, '--vehicle', vehicle, '--route', route, *STATE, *options,
                                 '--step', '120', '--json', output)
@@ -212,7 +212,7 @@ def test_a_drive_log_says_whose_it_is(preheat, tmp_path):
 
 
 def test_legs_of_an_itinerary(preheat, tmp_path):
-    """One leg of another car's powers, one made by this car; the warning comes once."""
+    """One leg with another car's powers, one made by this car; the warning comes once."""
     legs_file_of(tmp_path)
     stop = {'stop_duration_s': 900, 'departure_temperature_c': 25, 'departure_soc': 0.8}
     trip = file_of(tmp_path, yaml.safe_dump({'name': 'round trip', 'legs': [
@@ -226,7 +226,7 @@ def test_legs_of_an_itinerary(preheat, tmp_path):
     plans = json.loads(output.read_text())['plans']
     assert [plan['route_made_for'] for plan in plans] == [
         'reference', 'small_car', 'reference', 'small_car']
-    # 2.5 t against 1.55 t.
+    # 2.5 t compared with 1.55 t.
     heat = [plan['energy_wh']['drivetrain_heat'] for plan in plans]
     assert heat[3] < heat[0] == pytest.approx(heat[2], rel=1e-9)
 

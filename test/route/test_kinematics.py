@@ -25,16 +25,16 @@ def test_a_drive_keeps_every_limit(legs, up_mps2, down_mps2, pace, seed):
     assert drive.distance_m[-1] == pytest.approx(sum(leg.length_m for leg in legs))
     time_s, speed_mps = np.diff(drive.time_s), drive.speed_mps
     assert np.all(time_s > 0.0)
-    # Speed and time fit the distance.
+    # Speed and time match the distance.
     np.testing.assert_allclose(0.5 * (speed_mps[1:] + speed_mps[:-1]) * time_s,
                                np.diff(drive.distance_m), atol=1e-6)
-    # The squares of speeds, as an acceleration is a quotient of roundings near a standstill.
+    # Squares of speeds, because near a standstill an acceleration is a quotient of rounding errors.
     change = np.diff(speed_mps**2)
     driven_m = np.diff(drive.distance_m)
     assert np.all(change <= 2.0 * up_mps2 * driven_m + 1e-6)
     assert np.all(change >= -2.0 * down_mps2 * driven_m - 1e-6)
     for leg, start_m, end_m in zip(legs, starts_m, starts_m[1:]):
-        # Both of its ends belong to a leg.
+        # Both ends belong to a leg.
         inside = (drive.distance_m >= start_m) & (drive.distance_m <= end_m)
         assert speed_mps[inside].max() <= pace * leg.speed_limit_mps * (1.0 + 1e-9) + 1e-6
     standing_s = time_s[(speed_mps[:-1] == 0.0) & (speed_mps[1:] == 0.0)].sum()
@@ -45,7 +45,7 @@ def test_a_drive_keeps_every_limit(legs, up_mps2, down_mps2, pace, seed):
 def test_distance_is_the_integral_of_speed(legs, one, other):
     drive = drive_along(lay_track(legs, 1), 1.1, 1.7)
     start_s, end_s = sorted((one * drive.time_s[-1], other * drive.time_s[-1]))
-    # The trapezoidal rule is exact where no instant of the drive is left out.
+    # The trapezoidal rule is exact if no instant of the drive is missing.
     between_s = drive.time_s[(drive.time_s > start_s) & (drive.time_s < end_s)]
     instants_s = np.concatenate(([start_s], between_s, [end_s]))
     distance_m, speed_mps = drive.at(instants_s)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Descriptions of trips: kinematics and energy against closed forms, calibration, messages."""
+"""Descriptions of trips: kinematics and energy compared with closed forms, calibration, messages."""
 
 from dataclasses import replace
 from math import hypot
@@ -30,7 +30,7 @@ DRAG = 0.5 * DENSITY_AT_15_C * CAR['drag_coefficient'] * CAR['frontal_area_m2']
 
 
 def vehicle(**changes):
-    """The car above, with changes."""
+    """Return the car above, with changes."""
     car = {**CAR, **changes}
     return replace(
         load_vehicle('reference'), name='test car', defaults=DEFAULTS,
@@ -41,7 +41,7 @@ def vehicle(**changes):
 
 
 def description(legs, **changes):
-    """Description of a trip at 15 degC at sea level."""
+    """Return the description of a trip at 15 degC at sea level."""
     return {'name': 'trip', 'ambient_temperature_c': 15.0, 'cabin_heating_power_w': 1500.0,
             'auxiliary_power_w': 300.0, 'driving': DRIVING, 'legs': legs, **changes}
 
@@ -49,7 +49,7 @@ def description(legs, **changes):
 @pytest.fixture
 def make(tmp_path):
     def make(legs, car=None, **changes):
-        """LegsRoute of legs, driven by the car with the changes `car`."""
+        """Return the LegsRoute of legs, driven by the car with the changes `car`."""
         path = tmp_path / 'trip.yaml'
         path.write_text(yaml.safe_dump(description(legs, **changes)), encoding='utf-8')
         return load_legs(path, vehicle(**(car or {})))
@@ -68,7 +68,7 @@ def problems_with(make):
 
 
 def energies_wh(route):
-    """Energy of the driving and of the regenerating segments, both positive."""
+    """Return the energy of the driving and of the regenerating segments, both positive."""
     energy_wh = route.propulsion_power_w * route.duration_s / 3600.0
     return float(energy_wh[energy_wh > 0.0].sum()), float(-energy_wh[energy_wh < 0.0].sum())
 
@@ -94,7 +94,7 @@ def test_stops_are_driven_to_waited_at_and_left(make):
     speed, up, down = 20.0, DRIVING['acceleration_mps2'], DRIVING['deceleration_mps2']
     assert route.total_duration_s == pytest.approx(
         4000.0 / speed + 4.0 * (speed / (2.0 * up) + speed / (2.0 * down)) + 3.0 * 17.0, abs=0.1)
-    # A second that is standstill altogether: 17 s hold 16 or 17 of them, at 1, 2, 3 km.
+    # Seconds at a complete standstill: 17 s contain 16 or 17, at 1, 2, 3 km.
     at_m = np.concatenate(([0.0], np.cumsum(route.speed_mps * route.duration_s)))[:-1]
     standing_m = at_m[route.speed_mps < 1e-9]
     for stop_m in (1000.0, 2000.0, 3000.0):
@@ -131,7 +131,7 @@ def test_traffic_only_slows_and_depends_on_the_seed_alone(make):
     cruising = first.speed_mps[30:-30]
     assert cruising.max() <= 25.0 + 1e-9
     assert cruising.min() >= 25.0 * 0.6 - 1e-9
-    # Uniform between nothing and 40 %: 20 % off on average, over the road rather than over time.
+    # Uniform between 0 and 40 %: 20 % less on average, over distance rather than time.
     mean_slowness = first.total_duration_s / 20e3 * 25.0
     assert mean_slowness == pytest.approx(np.log(1.0 / 0.6) / 0.4, rel=0.06)
 
@@ -145,7 +145,7 @@ def test_accelerations_stay_comfortable_in_traffic(make):
 
 
 def cruising_power_w(make, slope_percent=0.0, wind=0.0, **changes):
-    """Power in the middle of a leg driven at 20 m/s."""
+    """Return the power in the middle of a leg driven at 20 m/s."""
     route = make([{'length_m': 6000.0, 'speed_limit_kmh': 72.0, 'slope_percent': slope_percent}],
                  headwind_mps=wind, start_elevation_m=-30.0 * slope_percent, **changes).route
     middle = len(route) // 2
@@ -168,7 +168,7 @@ def test_a_tailwind_faster_than_the_car_pushes(make):
 
 
 def test_constant_speed_uphill(make):
-    # In the middle of the leg the car passes sea level, give or take what it climbs in 30 s.
+    # In the middle of the leg the car passes sea level, within its climb of 30 s.
     along = hypot(1.0, 0.06)
     force = WEIGHT * 0.06 / along + ROLLING_N / along + DRAG * 20.0**2
     assert cruising_power_w(make, slope_percent=6.0) == pytest.approx(
@@ -195,7 +195,7 @@ def test_the_lower_maximum_of_regeneration_holds(make):
 
 @pytest.mark.parametrize('slope_percent', [0.0, 5.0])
 def test_constant_speed_of_a_loaded_car(make, slope_percent):
-    """Payload rolls and climbs, the roof box meets the air, snow makes all of it roll worse."""
+    """Payload adds rolling resistance and climbing, the roof box drag, snow rolling resistance."""
     weight = (CAR['mass_kg'] + 300.0) * GRAVITY
     along = hypot(1.0, slope_percent / 100.0)
     force = (weight * (slope_percent / 100.0 + 1.7 * CAR['rolling_resistance']) / along
@@ -207,7 +207,7 @@ def test_constant_speed_of_a_loaded_car(make, slope_percent):
 
 
 def test_payload_is_accelerated_too(make):
-    """Half m v^2 of the payload, on top, where nothing rolls and no air resists."""
+    """Half m v^2 of the payload in addition, without rolling or air resistance."""
     car = {'rolling_resistance': 1e-9, 'drag_coefficient': 1e-9}
     legs = [{'length_m': 2000.0, 'speed_limit_kmh': 90.0}]
     driven_wh, regenerated_wh = (
@@ -261,12 +261,12 @@ def test_thin_and_cold_air(make):
 
 
 def test_energy_of_a_trapezoid(make):
-    """Kinetic energy is paid when pulling away and comes back, less the losses, when braking."""
+    """Kinetic energy is spent when pulling away and returns, minus losses, when braking."""
     speed, up, down = 25.0, DRIVING['acceleration_mps2'], DRIVING['deceleration_mps2']
     efficiency = CAR['drivetrain_efficiency']
     start, stop = speed**2 / (2.0 * up), speed**2 / (2.0 * down)
-    # 60 s at full speed after 20 s of pulling away: no second holds both driving and braking, but
-    # for the time in a cell, where the corners of the trapezoid are cut.
+    # 60 s at full speed after 20 s of pulling away: no second contains both driving and braking, except
+    # for the time in a cell that cuts a corner of the trapezoid.
     length = start + 60.0 * speed + stop
     kinetic = 0.5 * CAR['mass_kg'] * speed**2
     # v^3 dt = v^4 / (4 a) over an acceleration a.
@@ -280,7 +280,7 @@ def test_energy_of_a_trapezoid(make):
 
 
 def test_energy_of_a_whole_trip_balances(make):
-    """Without drivetrain losses, from rest to rest: potential, rolling and air, nothing else."""
+    """Without drivetrain losses, from rest to rest: potential, rolling and air resistance only."""
     legs = [{'length_m': 1500.0, 'speed_limit_kmh': 50.0, 'slope_percent': 3.0, 'stops': 4,
              'stop_duration_s': 9.0},
             {'length_m': 2500.0, 'speed_limit_kmh': 80.0, 'slope_percent': -5.0,
@@ -292,7 +292,7 @@ def test_energy_of_a_whole_trip_balances(make):
                              / hypot(1.0, leg['slope_percent'] / 100.0) for leg in legs)
     rolling = ROLLING_N * sum(leg['length_m'] / hypot(1.0, leg['slope_percent'] / 100.0)
                               for leg in legs)
-    # This car has next to no air resistance; what there is, second by second.
+    # This car has almost no air resistance; the rest, second by second.
     air = 0.5 * DENSITY_AT_15_C * 0.05 * 0.2 * route.speed_mps**3 @ route.duration_s
     assert route.propulsion_power_w @ route.duration_s == pytest.approx(
         potential + rolling + air, rel=2e-4)
@@ -358,7 +358,7 @@ def test_distance_and_duration_are_met(make):
     assert len(made.route) == 27
     assert made.remarks[0] == 'the legs, 10000 m, are scaled by 1.1000 to 11000 m'
     assert made.remarks[1].startswith('speeds are scaled by 0.')
-    # The stops last as long as ever.
+    # The stops keep their duration.
     assert np.sum(make(TRIP, duration_s=810.0, segment_duration_s=1.0).route.speed_mps
                   < 1e-9) in range(57, 62)
 
@@ -366,7 +366,7 @@ def test_distance_and_duration_are_met(make):
 def test_duration_out_of_reach_is_refused(problems_with):
     slowest, fastest = 10000.0 / 0.7, 10000.0 / 1.4
     (problem,) = problems_with(TRIP, duration_s=120.0)
-    assert problem.startswith('duration_s: 120 is out of reach; with speeds scaled by 1.4 ... 0.7 '
+    assert problem.startswith('duration_s: 120 cannot be reached; with speeds scaled by 1.4 ... 0.7 '
                               'the trip lasts ')
     reach = [float(word) for word in problem.split() if word.isdigit()][-2:]
     assert fastest / 25.0 < reach[0] < reach[1] < slowest / 10.0
@@ -394,7 +394,7 @@ def test_energies_of_one_vehicle_are_not_those_of_another(make):
         'vehicle': 'other car', 'total_magnitude': 5000, 'net': 4000})
     np.testing.assert_array_equal(made.route.propulsion_power_w, before.propulsion_power_w)
     assert made.remarks == (
-        'propulsion_energy_wh is that of vehicle other car and does not hold for test car: its '
+        'propulsion_energy_wh belongs to vehicle other car, not to test car: its '
         'powers are not scaled',)
 
 
@@ -402,11 +402,11 @@ def test_energies_that_are_far_off_are_refused(make, problems_with):
     driven, regenerated = energies_wh(make(TRIP).route)
     assert problems_with(TRIP, propulsion_energy_wh={
         'vehicle': 'test car', 'total_magnitude': 5000, 'net': 4000}) == [
-        f'propulsion_energy_wh: wants 4500 Wh driving; the segments hold {driven:.1f} Wh, '
+        f'propulsion_energy_wh: 4500 Wh driving cannot be reached; the segments have {driven:.1f} Wh, '
         'which may be scaled by 0.5 ... 2']
     assert problems_with(TRIP, propulsion_energy_wh={
         'vehicle': 'test car', 'total_magnitude': float(driven), 'net': float(driven)}) == [
-        f'propulsion_energy_wh: wants 0 Wh regenerating; the segments hold {regenerated:.1f} Wh, '
+        f'propulsion_energy_wh: 0 Wh regenerating cannot be reached; the segments have {regenerated:.1f} Wh, '
         'which may be scaled by 0.5 ... 2']
 
 
@@ -458,7 +458,7 @@ def test_bad_legs_are_named(problems_with, leg, problem):
      'allowed; it must be at least 0 and at most 2000000'),
     ({'propulsion_energy_wh': {'total_magnitude': 900, 'net': 800}}, 'propulsion_energy_wh: '
      'missing vehicle'),
-    # A description of before road loads belonged to vehicles.
+    # A description from before road loads moved to vehicles.
     ({'road_vehicle': {'mass_kg': 2500}}, 'road_vehicle: belongs to the car now: move mass_kg, '
      'frontal_area_m2, drag_coefficient and rolling_resistance to road_load in the vehicle file, '
      'drivetrain_efficiency to its drivetrain.efficiency, maximum_regeneration_power_w to its '
@@ -480,7 +480,7 @@ def test_a_car_without_a_road_load_says_what_to_add(tmp_path):
     with pytest.raises(InvalidInput) as caught:
         load_legs(path, replace(vehicle(), road_load=None))
     assert caught.value.problems == [
-        f"{path}: vehicle 'test car' has no road_load, and without it the power on a road is "
+        f"{path}: vehicle 'test car' has no road_load, so its power on a road is "
         'unknown; add it to the vehicle file, with the figures of the car, such as road_load: '
         '{mass_kg: 1900, frontal_area_m2: 2.4, drag_coefficient: 0.27, rolling_resistance: 0.010}']
 
@@ -493,7 +493,7 @@ def test_missing_ambient_temperature_is_named(tmp_path):
     with pytest.raises(InvalidInput) as caught:
         load_legs(path, vehicle())
     assert caught.value.problems == [
-        f'{path}: legs[1]: missing ambient_temperature_c; it must stand here or at the top, for '
+        f'{path}: legs[1]: missing ambient_temperature_c; give it here or at the top, for '
         'all legs']
 
 

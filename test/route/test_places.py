@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where on a route the vehicle is to be when, and back."""
+"""Planned places of the vehicle on a route over time, and back."""
 
 import math
 
@@ -64,12 +64,12 @@ def test_further_is_never_earlier(segments, share, other):
 def test_each_time_lies_within_those_of_its_place(segments, share):
     places = Places.of_route(a_route(*map(list, zip(*segments))))
     time_s = share * places.time_s[-1]
-    # The distance is rounded, and along a slow segment that is some time.
+    # Rounding of the distance is noticeable time on a slow segment.
     slack_m = 1e-9 * max(1.0, places.length_m)
     distance_m = places.distance_at_m(time_s)
     assert places.earliest_s(distance_m - slack_m) <= time_s + 1e-9
     assert places.latest_s(distance_m + slack_m) >= time_s - 1e-9
-    # An independent sum of what was driven by then.
+    # An independent sum of the distance driven by then.
     driven_m = sum(max(0.0, min(duration_s, time_s - began_s)) * speed_mps
                    for (duration_s, speed_mps), began_s in zip(
                        segments, np.cumsum([0.0] + [duration_s for duration_s, _ in segments])))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Units gone wrong in a route are warned of, and right ones are not."""
+"""Wrong units in a route raise warnings, right ones do not."""
 
 from dataclasses import replace
 
@@ -29,7 +29,7 @@ def test_no_route_that_comes_with_the_package_is_warned_of(route, vehicle):
     try:
         loaded = route_for(route, vehicle).route
     except InvalidInput:
-        # Its drivetrain is too weak for the road, or nothing is known of its road load.
+        # Its drivetrain is too weak for the road, or its road load is unknown.
         return
     assert unit_warnings([loaded], vehicle) == []
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The route: slicing and resampling keep what they must, bad input gets its message."""
+"""The route: slicing and resampling preserve integrals, bad input gets its message."""
 
 from dataclasses import fields
 
@@ -22,7 +22,7 @@ SEGMENT = st.tuples(
 
 
 def route_of(rows):
-    """Route of rows as SEGMENT draws them; the fourth value is the standard deviation."""
+    """Return the Route of rows as in SEGMENT; the fourth value is the standard deviation."""
     duration, speed, mean, deviation, ambient, cabin, auxiliary = np.array(rows).T
     return make_route({
         'duration_s': duration, 'speed_mps': speed, 'propulsion_power_w': mean,
@@ -37,7 +37,7 @@ STEPS_S = st.floats(0.3, 900.0)
 
 def integrals(route, start_s=0.0, end_s=np.inf):
     """
-    Integrals over a stretch of time, segment by segment: the reference of the tests below.
+    Integrals over a span of time, segment by segment: the reference of the tests below.
 
     Duration, distance, energy, mean square, ambient temperature, cabin and auxiliary energy, mean
     magnitude.
@@ -53,7 +53,7 @@ def integrals(route, start_s=0.0, end_s=np.inf):
 
 
 def tolerance(route):
-    """Rounding of the integrals, from their magnitudes."""
+    """Return the rounding error of the integrals, from their magnitudes."""
     largest = np.array([1.0, 50.0, 1.5e5, 4e10, 30.0, 6e3, 3e3, 2e5])
     return 1e-11 * (1.0 + route.total_duration_s) * largest
 
@@ -70,7 +70,7 @@ def test_after_keeps_what_remains(route, share):
 def test_after_composes(route, first, second):
     first_s = first * route.total_duration_s
     second_s = second * (route.total_duration_s - first_s)
-    # At an end of a segment rounding decides which side is on.
+    # At the end of a segment rounding decides between the two sides.
     assume(np.min(np.abs(route.time_s - (first_s + second_s))) > 1e-6)
     assume(np.min(np.abs(route.time_s - first_s)) > 1e-6 or first_s == 0.0)
     twice, once = route.after(first_s).after(second_s), route.after(first_s + second_s)
@@ -109,7 +109,7 @@ def test_after_leaves_the_route_as_it_was():
 
 @pytest.mark.parametrize('count', [8, 100, 1000])
 def test_after_the_last_instant_there_is(count):
-    # Added in another order than time_s adds them, these durations give another sum.
+    # Added in another order than in time_s, these durations give another sum.
     route = route_of([(0.1, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0)] * count)
     rest = route.after(np.nextafter(route.total_duration_s, 0.0))
     assert len(rest) == 1
@@ -187,10 +187,10 @@ def test_totals_and_instants():
     assert route.propulsion_power_variance_w2 == pytest.approx([9.0, 16.0])
 
 
-# What make_route accepts and refuses ------------------------------------------------------------
+# Accepted and refused input of make_route ------------------------------------------------------
 
 def columns(**changes):
-    """Columns of a valid route of three segments, with changes; None takes a column away."""
+    """Return the columns of a valid route of three segments, with changes; None removes a column."""
     valid = {
         'duration_s': [30.0, 20.0, 10.0],
         'speed_mps': [10.0, 20.0, 30.0],

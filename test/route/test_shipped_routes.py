@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The routes that come with the package: made from their descriptions, and what they promise."""
+"""The shipped routes: made from their descriptions, and with the promised properties."""
 
 from dataclasses import fields
 
@@ -19,7 +19,7 @@ NAMES = sorted(path.stem for path in FOLDER.glob('*.csv'))
 
 
 def shipped(name):
-    # The files say everything themselves: no vehicle's defaults are needed.
+    # The files are complete, so no vehicle's defaults are needed.
     return load_route(name, None)
 
 
@@ -34,7 +34,7 @@ def test_the_file_holds_what_its_description_makes(name):
     made = load_legs(name, REFERENCE)
     assert made.name == name
     for field in fields(Route):
-        # Half a unit of the last digit in the file, and some for another machine's rounding.
+        # Half a unit of the last digit in the file, plus another machine's rounding.
         digit = 1e-3 if field.name.endswith('_w') else 1e-6
         np.testing.assert_allclose(getattr(shipped(name), field.name),
                                    getattr(made.route, field.name), rtol=0.0, atol=0.6 * digit)
@@ -70,7 +70,7 @@ def test_the_winter_commute_is_too_short_to_warm_the_reference_battery():
     route = shipped('winter_commute')
     assert 15 * 60.0 <= route.total_duration_s <= 20 * 60.0
     assert np.all((route.ambient_temperature_c >= -12.0) & (route.ambient_temperature_c <= -7.0))
-    # All of the heater, all of the drivetrain's heat, and twice the Joule heat of 0.1 ohm at
+    # Full heater power, all drivetrain heat, and twice the Joule heat of 0.1 ohm at
     # 400 V, into 378 kJ/K without any leakage.
     power_w = (0.87 * (7000.0 - route.cabin_heating_power_w)
                + 0.08 * np.abs(route.propulsion_power_w)

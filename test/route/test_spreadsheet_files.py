@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Routes as spreadsheets write them: km/h, kW, semicolons, decimal commas; what is refused."""
+"""Routes from spreadsheets: km/h, kW, semicolons, decimal commas; refusals."""
 
 from dataclasses import fields
 from pathlib import Path
@@ -69,7 +69,7 @@ def assert_same(one, other):
 def test_a_route_survives_other_units_separators_and_commas(route, separator, comma, end, mark,
                                                             exponents, order):
     def written(value):
-        # With three digits behind the mark alone, a number may look like thousands.
+        # With three digits after the mark, a number may look like thousands.
         text = f'{value:.16e}' if exponents else np.format_float_positional(value, min_digits=4)
         return text.replace('.', ',') if comma else text
 
@@ -135,7 +135,7 @@ def test_an_empty_last_column_is_no_shorter_row(tmp_path):
     ('30;36;1,500;-7', "propulsion_power_kw: '1,500' can be read as 1500 or as 1.5; write no "
      'thousands separator, or a number of digits other than three behind the decimal comma'),
     ('30;36.5;5,5;-7', "speed_kmh: '36.5' has a decimal point, and '5,5' in line 2, "
-     'propulsion_power_kw, a decimal comma; use one of them'),
+     'propulsion_power_kw, a decimal comma; use only one'),
     ('30;1_0;5;-7', "speed_kmh: '1_0' is not a number"),
     ('30;\u0663;5;-7', "speed_kmh: '\u0663' is not a number"),
     ('30;36 km/h;5;-7', "speed_kmh: '36 km/h' is not a number"),
@@ -177,7 +177,7 @@ ROUTE_COLUMNS = ('duration_s, speed_mps, propulsion_power_w, propulsion_power_rm
 
 @pytest.mark.parametrize('header, problem', [
     ('duration_s;speed_kmh,propulsion_power_kw', 'the columns are separated by commas and '
-     'semicolons; use one of them'),
+     'semicolons; use only one'),
     ('duration_s speed_kmh', "'duration_s speed_kmh' has no separator; the columns must be "
      'separated by commas, semicolons or tabs'),
     ('duration_s|speed_kmh', "'duration_s|speed_kmh' has no separator; the columns must be "
@@ -194,8 +194,8 @@ def test_a_segment_in_which_the_car_stands_has_no_length(tmp_path):
     assert problem_with(
         tmp_path, 'length_km,speed_kmh,propulsion_power_kw,ambient_temperature_c\n'
         '1,50,10,-7\n0,0,0,-7\n') == (
-        ', line 3: speed_kmh: a segment in which the car stands has no length; give duration_s in '
-        'place of length_km')
+        ', line 3: speed_kmh: a segment in which the car stands has no length; give duration_s '
+        'instead of length_km')
 
 
 def test_values_made_of_others_are_named_after_them(tmp_path):
@@ -218,7 +218,7 @@ LOG = ('time_s;speed_kmh;power_kw;cabin_heater_kw;ambient_c;remark\n'
 
 
 def test_a_drive_log_of_a_spreadsheet(tmp_path):
-    """The column that is not used may hold what it likes."""
+    """Unused columns may contain anything."""
     route = load_drive_logs([file_of(tmp_path, LOG)], DEFAULTS).route
     assert route.duration_s.tolist() == [30.0, 30.0]
     assert route.speed_mps == pytest.approx(20.0, rel=1e-12)
@@ -229,14 +229,14 @@ def test_a_drive_log_of_a_spreadsheet(tmp_path):
 def test_an_impossible_sample_is_shown_in_the_unit_of_the_log(tmp_path):
     path = file_of(tmp_path, LOG.replace('\n30;72;', '\n30;720;'))
     remark = load_drive_logs([path], DEFAULTS).remarks[0]
-    assert remark == f'{path}, line 32: speed_kmh: 720 is left out; possible is 0 ... 360'
+    assert remark == f'{path}, line 32: speed_kmh: 720 is dropped; allowed: 0 ... 360'
 
 
 @pytest.mark.parametrize('change, problem', [
     (('speed_kmh', 'Speed'), "line 1: column 'Speed' has no unit: rename it to speed_mps or "
      'speed_kmh'),
     (('remark', 'speed_mps'), 'line 1: columns speed_kmh and speed_mps hold the same quantity; '
-     'keep one of them'),
+     'keep only one'),
     (('\n7;72;12,5', '\n7;72;1.012,5'), "line 9: power_kw: '1.012,5' has a thousands separator; "
      'write 1012,5'),
 ])

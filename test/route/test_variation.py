@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Cycles within segments: what a segment says of its power stays."""
+"""Cycles within segments preserve the segment's power figures."""
 
 import numpy as np
 import pytest

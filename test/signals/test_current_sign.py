@@ -15,7 +15,7 @@ def drive(sign=1.0, seconds=600, deviation_a=25.0, mean_a=45.0, soc_step=0.0, re
     """
     Return (instant of the first proof [s], Sign at the end) of a drive.
 
-    The cell is U = 360 + 40 s, R = 0.11 ohm; the current wanders about its mean [A].
+    The cell is U = 360 + 40 s, R = 0.11 ohm; the current varies about its mean [A].
     """
     drawn, watch, soc, wander = random.Random(seed), CurrentSign(CAPACITY_AS), 0.7, 0.0
     proven_s = None

@@ -7,7 +7,7 @@ from bev_preheat.signals.stuck_temperature import StuckTemperature
 
 
 def feed(readings_c, rate_k_per_s, step_k=1.0, ambient_c=-7.0, period_s=5.0):
-    """Return (instant at which the doubt came [s], the doubt at the end)."""
+    """Return (instant of the doubt [s], the doubt at the end)."""
     watch, named_s = StuckTemperature(), None
     for number, reading_c in enumerate(readings_c):
         rate = rate_k_per_s(number * period_s) if callable(rate_k_per_s) else rate_k_per_s
@@ -40,7 +40,7 @@ def test_a_sensor_in_whole_degrees_that_lags_is_believed(lag_s, rate_k_per_min):
     true_c, shown_c, readings_c, rate = 0.0, 0.0, [], rate_k_per_min / 60.0
     for _ in range(400):
         true_c += 5.0 * rate
-        # First order, and the heat itself comes as late.
+        # A first-order lag of the reading, and the same lag of the heat.
         if true_c > rate * lag_s:
             shown_c += (true_c - rate * lag_s - shown_c) * min(1.0, 5.0 / max(lag_s, 5.0))
         readings_c.append(float(round(shown_c)))

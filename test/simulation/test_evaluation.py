@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a drive is held against, on records written by hand."""
+"""Comparison of a drive with its expectations, on records written by hand."""
 
 from math import nan
 

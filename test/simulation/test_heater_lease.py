@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which commands the simulated heater takes."""
+"""Commands accepted by the simulated heater."""
 
 import math
 
@@ -19,8 +19,8 @@ def test_good_command_is_a_lease():
     (-1.0, 14.0, 'battery_heating_power: -1 W'),
     (7001.0, 14.0, 'battery_heating_power: 7001 W'),
     (math.inf, 14.0, 'battery_heating_power: inf W'),
-    (0.0, 11.0, 'valid_until: lies 0.000 s in the past'),
-    (2500.0, 8.5, 'valid_until: lies 2.500 s in the past'),
+    (0.0, 11.0, 'valid_until: is 0.000 s in the past'),
+    (2500.0, 8.5, 'valid_until: is 2.500 s in the past'),
 ])
 def test_bad_command_is_refused(power_w, until_s, message):
     with pytest.raises(InvalidInput, match=message):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A simulated car that is not what its files say: mismatch, sensors, heater faults, clock."""
+"""A simulated car that differs from its files: mismatch, sensors, heater faults, clock."""
 
 from dataclasses import replace
 from math import isnan
@@ -79,7 +79,7 @@ def test_a_lagging_sensor_shows_what_the_battery_was():
     car = make_car(heat_path=HeatPath(sensor_lag_s=120.0))
     prompt = make_car()
     late, now = (drive(each, 400.0) for each in (car, prompt))
-    # A battery that warms steadily is seen as it was a lag before.
+    # A battery that warms steadily is shown with its temperature one lag earlier.
     warming_k_per_s = (now[-1].temperature_c - now[-101].temperature_c) / 100.0
     assert now[-1].temperature_c - late[-1].temperature_c == pytest.approx(
         120.0 * warming_k_per_s, rel=0.15)
@@ -98,7 +98,7 @@ def test_wandering_power_keeps_its_mean_and_has_the_deviation_asked_for():
     factors = np.concatenate([
         (true_route(ROUTE, wandering, np.random.default_rng(seed)).propulsion_power_w
          / ROUTE.propulsion_power_w)[2:-2] for seed in range(400)])
-    # Thousands of values, of which five neighbours count as one: 4 standard errors.
+    # Thousands of values, with five neighbours counting as one: 4 standard errors.
     error = 4.0 * 0.2 / np.sqrt(len(factors) / 5)
     assert factors.mean() == pytest.approx(1.1, abs=error)
     assert np.log(factors).std() == pytest.approx(0.2, abs=error)
@@ -185,7 +185,7 @@ def test_a_stuck_temperature_repeats_itself():
     values_c = [reading.temperature_c for reading in readings]
     assert len(set(values_c[10:20])) == 1
     assert len(set(values_c[:10])) == len(set(values_c[20:30])) == 10
-    # The other fields go on.
+    # The other fields are unaffected.
     assert len({reading.soc for reading in readings[10:20]}) == 10
 
 

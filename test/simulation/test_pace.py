@@ -55,10 +55,10 @@ def test_a_planner_that_does_not_answer_is_waited_for():
     patience = Patience()
     patience.tell(20.0)
     assert patience.lets_go_on(20.0 + MOST_AHEAD_S, 7.0)
-    # The next state does not make the first one answered.
+    # The next state does not answer the first one.
     patience.tell(21.0)
     assert not patience.lets_go_on(20.1 + MOST_AHEAD_S, 7.0)
-    # A command for an instant long past is no answer, one by a clock that lags a little is.
+    # A command for an instant long past is no answer; one from a clock that lags slightly is.
     patience.hear(20.0 - 2.0 * CLOCK_LAG_S)
     assert not patience.lets_go_on(20.1 + MOST_AHEAD_S, 7.01)
     patience.hear(20.0 - 0.5 * CLOCK_LAG_S)

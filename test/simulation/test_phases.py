@@ -31,7 +31,7 @@ def level(value):
 
 
 def vehicle(leakage_w_per_k=0.0, charge_w=-2e5, heating_limit_c=25.0):
-    """A vehicle with constant voltage and resistance."""
+    """Return a vehicle with constant voltage and resistance."""
     base = load_vehicle('reference')
     return replace(base, battery=replace(
         base.battery, capacity_ah=CAPACITY_AH, heat_capacity_j_per_k=HEAT_CAPACITY_J_PER_K,
@@ -70,7 +70,7 @@ def test_the_charger_feeds_consumers_and_battery():
     car.advance_under(NO_LEASE, 1000.0)
     current_a = charging_current_a(30e3 - 1500.0 - 700.0)
     assert car.plant.soc - soc == pytest.approx(900.0 * current_a / (3600.0 * CAPACITY_AH), rel=1e-9)
-    # The cells are warmed by I^2 R alone: no drivetrain runs.
+    # Only I^2 R warms the cells: no drivetrain runs.
     assert car.plant.temperature_c - temperature_c == pytest.approx(
         900.0 * RESISTANCE_OHM * current_a**2 / HEAT_CAPACITY_J_PER_K, rel=1e-9)
 
@@ -80,7 +80,7 @@ def test_what_the_planner_commands_at_the_charger_the_charger_gives():
     idle, heated = (at_the_start_of_its_second_phase(charge) for _ in range(2))
     idle.advance_under(NO_LEASE, 700.0)
     heated.advance_under(HeaterLease(4000.0, 700.0), 700.0)
-    # Less current flows into the battery meanwhile, and warms it less.
+    # Meanwhile less current flows into the battery, and warms it less.
     heat_w = vehicle().hvch.efficiency * 4000.0 + RESISTANCE_OHM * (
         charging_current_a(30e3 - AWAKE_POWER_W - 4000.0)**2 - charging_current_a(30e3 - AWAKE_POWER_W)**2)
     assert heated.plant.temperature_c - idle.plant.temperature_c == pytest.approx(
@@ -113,7 +113,7 @@ def test_a_car_may_heat_itself_at_the_charger_up_to_its_limit():
     assert hot.plant.heater_power_w == pytest.approx(vehicle().hvch.maximum_power_w)
     assert cold.plant.heater_power_w == 0.0
     hot.advance_under(NO_LEASE, 3600.0)
-    # Beyond it heating between two battery states gives 0.2 K, and the charging current of 20 A 0.5 K.
+    # Beyond the limit heating between two battery states adds 0.2 K, and the charging current of 20 A 0.5 K.
     assert 24.0 < hot.plant.temperature_c < 25.7
 
 
@@ -129,7 +129,7 @@ def test_a_parked_battery_cools_to_the_ambient():
     warm_k, soc = car.plant.temperature_c + 8.0, car.plant.soc
     car.advance_under(NO_LEASE, 100.0 + 9 * 3600.0)
     decay = math.exp(-31.0 * 9 * 3600.0 / HEAT_CAPACITY_J_PER_K)
-    # Half an ampere warms it by some millikelvin.
+    # Half an ampere warms it by a few millikelvin.
     assert car.plant.temperature_c == pytest.approx(-8.0 + warm_k * decay, abs=5e-3)
     assert (soc - car.plant.soc) * 3600.0 * CAPACITY_AH * VOLTAGE_V == pytest.approx(
         9 * 3600.0 * AWAKE_POWER_W, rel=1e-3)
@@ -226,5 +226,5 @@ def test_no_step_is_taken_while_the_computers_sleep():
     asleep_s = 100.0 + 300.0 + COMPUTERS_GO_ON_S
     assert max(step_s for step_s in steps_s if step_s < 36_100.0) == asleep_s
     assert min(step_s for step_s in steps_s if step_s > asleep_s) == 36_100.0
-    # Each second of the drive after it, and not the hours before it.
+    # Each second of the following drive, without the hours before it.
     assert sum(step_s > asleep_s for step_s in steps_s) < 250

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How far along its route the simulated car says that it is."""
+"""Position reports of the simulated car along its route."""
 
 from math import inf
 
@@ -34,7 +34,7 @@ def a_car(*events, position=PositionReports(), **imperfections):
 
 
 def distances(car, until_s):
-    """Drive, and return the distance that is said at each second; None where none is."""
+    """Drive, and return the distance reported at each second, or None."""
     said, mission = {}, car.mission(START_NS)
     for second in range(until_s + 1):
         car.advance_under(NO_LEASE, float(second))

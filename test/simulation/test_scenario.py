@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Scenario files: those that come along, and what is said of one that is wrong."""
+"""Scenario files: the shipped ones, and the messages about wrong ones."""
 
 import re
 
@@ -52,7 +52,7 @@ GOOD = {
 
 
 def changed(path, value):
-    """GOOD with a value at a path of keys; a value of None takes the key away."""
+    """Return GOOD with a value at a path of keys; None removes the key."""
     contents = yaml.safe_load(yaml.safe_dump(GOOD))
     *folders, key = path
     node = contents
@@ -77,7 +77,7 @@ def test_a_scenario_that_comes_along_says_what_it_is(name):
     assert scenario.name == name
     assert scenario.description.endswith('.')
     assert scenario.car().plant.duration_s > 0.0
-    # It expects something.
+    # It has expectations.
     assert any(value not in (None, (), False) for value in vars(scenario.expectations).values())
 
 
@@ -167,9 +167,9 @@ def test_every_key_of_a_chain_takes_effect(tmp_path):
      r'chain\[1\]: has charge, park; it must have a drive, a charge or a park'),
     (chained([CHAIN[0], {'expect': {'no_signals': True}}]),
      r'chain\[1\]: has nothing; it must have a drive, a charge or a park'),
-    (chained([CHAIN[0], CHAIN[3]]), r'chain\[1\].drive.announced_s: is for a drive after a park'),
-    (chained(CHAIN, traffic=[]), 'traffic: with a chain this belongs to a drive'),
-    (chained(CHAIN, drive=GOOD['drive']), 'charging_planned, ends_after_s, .*: with a chain this belongs'),
+    (chained([CHAIN[0], CHAIN[3]]), r'chain\[1\].drive.announced_s: only for a drive after a park'),
+    (chained(CHAIN, traffic=[]), 'traffic: in a chain this belongs to a drive'),
+    (chained(CHAIN, drive=GOOD['drive']), 'charging_planned, ends_after_s, .*: in a chain this belongs'),
     (chained([CHAIN[0], {'charge': {'power_w': 0, 'duration_s': 9, 'ambient_temperature_c': 0}}]),
      r'chain\[1\].charge.power_w: 0'),
     (chained([CHAIN[0], {'drive': {'route': 'reference', 'ends_after_s': 9000}}]),
@@ -207,7 +207,7 @@ def test_a_heat_path_is_that_of_the_vehicle_file_unless_the_scenario_has_its_own
     (('drive', 'route'), 'no_such', "route 'no_such' is unknown"),
     (('drive', 'ends_after_s'), 5000, 'drive.ends_after_s: 5000 s is beyond'),
     (('drive', 'initial_battery_temperature_c'), -55, 'temperature'),
-    (('planner', 'no_such'), 1.0, "planner: 'no_such' is none of"),
+    (('planner', 'no_such'), 1.0, "planner: 'no_such' is not a parameter of"),
     (('mismatch', 'heat_capacity'), 5.0, 'mismatch.heat_capacity: 5.0'),
     (('sensors', 'no_such'), 1.0, 'no_such'),
     (('sensors', 'drop_outs'), [[20, 10]], r'sensors.drop_outs\[0\]: \[20, 10\] must rise'),
@@ -250,7 +250,7 @@ def test_a_scenario_that_expects_what_does_not_happen_finds_it(tmp_path):
                           'heater': 'dead'}
     scenario = load(tmp_path, contents)
     findings = evaluate(scenario.expectations, drive_scenario(scenario))
-    # In five minutes it neither arrives 50 K too warm, nor is the heater dead; it heats.
+    # In five minutes the car does not arrive 50 K too warm, and the heater, which is healthy, heats.
     assert [(finding.what.split()[0], finding.good) for finding in findings] == [
         ('arrival', False), ('heater', False), ('statuses', True), ('statuses', False),
         ('command', False), ('command', True), ('heater', False)]

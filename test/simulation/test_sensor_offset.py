@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A sensor that is off, with and without knowing how long the car stood."""
+"""A sensor with an offset, with and without a known standing time."""
 
 from dataclasses import replace
 
@@ -17,6 +17,6 @@ def test_the_car_arrives_nearer_to_its_target_where_it_is_known_how_long_it_stoo
     errors_k = [drive_scenario(scenario).arrival_c - scenario.goal.target_temperature_c
                 for scenario in (known, replace(known, standing_time_s=0.0))]
     offset_k = known.imperfections.sensors.temperature_offset_k
-    # Without, the whole offset is missing on arrival.
+    # Without it, the whole offset is missing on arrival.
     assert errors_k[1] == pytest.approx(-offset_k, abs=0.3)
     assert errors_k[0] > errors_k[1] + 0.5

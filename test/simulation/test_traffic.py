@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What events make of a drive, and what the trip planner says of it."""
+"""Effects of events on a drive, and the trip planner's news about them."""
 
 import numpy as np
 import pytest
@@ -36,9 +36,9 @@ def test_a_stop_stands_and_goes_on():
     assert energy_j(driven) == pytest.approx(energy_j(ROUTE))
     standing = driven.segment_at(150.0)
     assert driven.speed_mps[standing] == driven.propulsion_power_w[standing] == 0.0
-    # The cabin is heated all the same.
+    # The cabin is still heated.
     assert driven.cabin_heating_power_w[standing] == 1200.0
-    # Told at once: the rest from there on.
+    # Reported at once: the remaining route.
     assert news.at_s == 90.0
     assert news.route.total_duration_s == pytest.approx(710.0)
 
@@ -81,7 +81,7 @@ def test_a_detour_is_another_route_from_there_on():
     assert driven.total_duration_s == pytest.approx(390.0)
     assert driven.propulsion_power_w[driven.segment_at(89.0)] == 15e3
     assert driven.propulsion_power_w[driven.segment_at(91.0)] == 25e3
-    # Told half a minute later: what is left of it then.
+    # Reported half a minute later: the route that then remains.
     assert (news.at_s, news.route.total_duration_s) == (120.0, pytest.approx(270.0))
     assert (news.route.propulsion_power_w == 25e3).all()
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The simulated vehicle against closed forms and balances."""
+"""The simulated vehicle compared with closed forms and balances."""
 
 from dataclasses import replace
 import math
@@ -36,7 +36,7 @@ VEHICLE = replace(
                     leakage=Leakage(gamma_0_w_per_k=31.0, gamma_v_w_per_k_per_mps=0.7)),
     drivetrain=Drivetrain(efficiency=0.88, heat_recovery_efficiency=0.6, maximum_power_w=2e5),
     hvch=Hvch(maximum_power_w=7000.0, efficiency=0.93))
-# Voltage and resistance that do not change, so that currents have a closed form.
+# Constant voltage and resistance, so that currents have a closed form.
 SIMPLE = replace(VEHICLE, battery=replace(
     VEHICLE.battery, open_circuit_voltage=level(VOLTAGE_V), resistance=level(RESISTANCE_OHM)))
 
@@ -56,7 +56,7 @@ def route_of(durations_s, power_w=(0.0,), speed_mps=(12.0,), ambient_c=(-9.0,), 
 
 
 def winter_plant(vehicle=VEHICLE):
-    """A plant on a route on which everything varies."""
+    """Return a plant on a route on which everything varies."""
     route = route_of([31.0, 47.5, 60.0, 12.25], power_w=[18e3, -7e3, 42e3, 0.0],
                      speed_mps=[14.0, 22.0, 33.0, 0.0], ambient_c=[-9.0, -4.0, -11.0, -2.0],
                      cabin_w=[1800.0, 2600.0, 900.0, 6200.0], auxiliary_w=[350.0],
@@ -251,7 +251,7 @@ def test_a_battery_is_never_emptier_than_empty():
 
 
 def test_a_battery_is_never_fuller_than_full():
-    # The limits of this one would take more.
+    # Its own limits would allow more.
     eager = with_limits(charge_w=-1e5, discharge_w=1e5)
     plant = VehiclePlant(eager, route_of([900.0], power_w=[-80e3]), BatteryState(5.0, 0.99))
     plant.advance(900.0, 0.0)
@@ -281,11 +281,11 @@ def test_current_and_voltage_are_those_of_the_circuit():
 
 
 @pytest.mark.parametrize('to_s, power_w, message', [
-    (-1.0, 0.0, 'to_s: -1.0 is no finite instant from 0.0 on'),
-    (math.nan, 0.0, 'to_s: nan is no finite instant'),
-    (math.inf, 0.0, 'to_s: inf is no finite instant'),
-    (1.0, -3.0, 'heater_power_w: -3.0 is no power from 0 on'),
-    (1.0, math.nan, 'heater_power_w: nan is no power'),
+    (-1.0, 0.0, 'to_s: -1.0 is not a finite instant from 0.0 on'),
+    (math.nan, 0.0, 'to_s: nan is not a finite instant'),
+    (math.inf, 0.0, 'to_s: inf is not a finite instant'),
+    (1.0, -3.0, 'heater_power_w: -3.0 is not allowed; it must be at least 0'),
+    (1.0, math.nan, 'heater_power_w: nan is not allowed'),
 ])
 def test_misuse_is_told(to_s, power_w, message):
     with pytest.raises(ValueError, match=message):
@@ -318,7 +318,7 @@ def test_a_slow_heater_takes_later_what_it_was_told():
     plant = slow_plant(path=HeatPath(heater_lag_s=10.0))
     plant.advance(40.0, 4000.0)
     plant.advance(plant.duration_s, 0.0)
-    # All but what is still to come after more than ten lags.
+    # All except the heat still to come after more than ten lags.
     assert plant.energy_wh.hvch_electric == pytest.approx(4000.0 * 40.0 / 3600.0, rel=1e-4)
     assert plant.energy_wh.hvch_heat == pytest.approx(0.93 * plant.energy_wh.hvch_electric)
 

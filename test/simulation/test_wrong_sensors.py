@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Sensors that are wrong from start to end, other batteries on the topic, states that come in disorder."""
+"""Sensors that are wrong from start to end, other batteries on the topic, states out of order."""
 
 import math
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A car that differs from its file: each factor changes its own quantity, and nothing else."""
+"""A car that differs from its file: each factor changes its own quantity only."""
 
 import numpy as np
 import pytest

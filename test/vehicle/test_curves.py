@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Formulas and tables of the vehicle: values by hand, and floats against arrays."""
+"""Formulas and tables of the vehicle: values by hand, and floats compared with arrays."""
 
 import math
 
@@ -20,7 +20,7 @@ TABLES = pytest.mark.parametrize('table', [
     pytest.param(OVER_SOC, id='soc'), pytest.param(OVER_TEMPERATURE, id='temperature'),
     pytest.param(OVER_BOTH, id='both')])
 
-# Wider than every axis above, so that the level ends are met too.
+# Wider than every axis above, so that the constant ends are covered, too.
 SOCS = st.floats(-0.5, 1.5)
 TEMPERATURES_C = st.floats(-80.0, 80.0)
 
@@ -123,7 +123,7 @@ def test_table_of_one_point_is_a_constant():
 def test_table_of_arrays_is_that_of_floats(table, points):
     socs, temperatures_c = np.array(points).T
     lookup = table.function(FLOATS)
-    # The values change sign, so the scale is that of the largest of them.
+    # The values change sign, so the scale is that of the largest magnitude.
     assert table.function(ARRAYS)(socs, temperatures_c) == pytest.approx(
         [lookup(*point) for point in points], rel=0.0, abs=1e-12 * 29.0)
 
@@ -140,7 +140,7 @@ def test_table_of_rising_values_rises_along_both_axes(socs, temperatures_c):
 @given(st.lists(st.floats(-100.0, 100.0), min_size=4, max_size=4), SOCS, TEMPERATURES_C)
 def test_table_never_leaves_the_range_of_its_values(corners, soc, temperature_c):
     table = Table((0.2, 0.7), (-15.0, 20.0), (tuple(corners[:2]), tuple(corners[2:])))
-    # Four roundings of the largest value that a corner may have.
+    # Four roundings of the largest possible value at a corner.
     slack = 1e-13 * 100.0
     value = table.function(FLOATS)(soc, temperature_c)
     assert min(corners) - slack <= value <= max(corners) + slack

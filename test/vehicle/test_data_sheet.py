@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A car from its data sheet: figures that must come out again, and data sheets that cannot be."""
+"""A car from its data sheet: figures that must be reproduced, and implausible data sheets."""
 
 from dataclasses import replace
 import math
@@ -55,7 +55,7 @@ def least(tmp_path_factory):
 
 
 def trapezoids_kwh(contents):
-    """Energy of the file's own table [kWh]: integral of U dQ, by hand."""
+    """Return the energy of the file's own table [kWh]: integral of U dQ, by hand."""
     table = contents['battery']['open_circuit_voltage']['table']
     mean_v = sum(0.5 * (low + high) * (end - start) for low, high, start, end in zip(
         table['values'], table['values'][1:], table['soc'], table['soc'][1:]))
@@ -85,7 +85,7 @@ def test_given_figures_stand_in_the_file(id4):
 
 
 @pytest.mark.parametrize('soc, temperature_c, share', [
-    # A warm battery that is not yet half full takes all; a full one nothing.
+    # A warm battery less than half full accepts all; a full one nothing.
     (0.1, 25.0, 1.0), (0.2, 40.0, 1.0), (1.0, 25.0, 0.0)])
 def test_charging_power_is_the_given_one_when_warm(id4, soc, temperature_c, share):
     limit_w = id4[0].battery.charge_power_limit.function(FLOATS)(soc, temperature_c)
@@ -93,7 +93,7 @@ def test_charging_power_is_the_given_one_when_warm(id4, soc, temperature_c, shar
 
 
 def test_resistance_is_that_of_the_published_cell_in_a_pack_of_this_size(id4):
-    """96 cells in series, as many 94 Ah cells of 0.819 mohm beside each other as the charge needs."""
+    """96 cells in series, with as many 94 Ah cells of 0.819 mohm in parallel as the charge needs."""
     battery = id4[0].battery
     cells_ah = battery.capacity_ah / (77.0 / 82.0)
     expected_ohm = 96 * 0.819e-3 * 94.0 / cells_ah
@@ -111,7 +111,7 @@ def test_joule_heat_at_25_degc_in_closed_form(id4):
     current_a = (voltage_v - math.sqrt(voltage_v**2 - 4.0 * ohm * 40e3)) / (2.0 * ohm)
     _, _, joule_w = make_rates(vehicle, FLOATS)(0.5, 25.0, 40e3, 0.0, 0.0, 0.0)
     assert joule_w == pytest.approx(ohm * current_a**2, rel=1e-9)
-    # An order of magnitude that a person knows: about 1 % of the power.
+    # A familiar order of magnitude: about 1 % of the power.
     assert 0.005 < joule_w / 40e3 < 0.02
 
 
@@ -122,7 +122,7 @@ def test_heat_capacity_is_that_of_cells_and_housing(id4):
 
 
 def test_a_made_car_is_of_the_order_of_the_shipped_ones(id4):
-    """The reference and the small car have other sizes: compare what does not depend on size."""
+    """The reference and the small car have other sizes, so only quantities independent of size are compared."""
     own, others = meaning_of(id4[0]), [
         meaning_of(load_vehicle(name)) for name in ('reference', 'small_car')]
     for figure in ('one_hour_drop', 'heat_capacity_kj_per_k_kwh', 'time_constant_h',
@@ -163,7 +163,7 @@ def test_what_is_not_given_is_marked_in_file_and_comment(least, tmp_path):
     assert least[0].assumed == tuple(least[1]['assumed']) == tuple(assumed_keys(entries))
     for key, entry in entries.items():
         assert entry.assumed == ('assumed' in entry.note and key not in (
-            # These are given or follow from what is given, next to an assumption about buffers.
+            # These are given or derived from given figures, plus an assumption about buffers.
             'battery.capacity_ah')), key
 
 
@@ -188,7 +188,7 @@ def test_shipped_car_is_what_its_command_makes(name, tmp_path, monkeypatch):
     assert program == 'preheat' and main(words) == 0
     again = yaml.safe_load(Path(f'config/vehicles/{name}.yaml').read_text())
     shipped = yaml.safe_load(file.read_text())
-    # A source that says "assumed" makes a given figure one more of those.
+    # A given figure whose source says "assumed" is listed as well.
     assert set(again.pop('assumed')) <= set(shipped.pop('assumed'))
     assert again == shipped
 
@@ -229,7 +229,7 @@ def test_shipped_car_has_nothing_unusual(name):
 
 
 def sheets():
-    """Data sheets of cars from 20 to 150 kWh, that a person could type."""
+    """Return plausible data sheets of cars from 20 to 150 kWh."""
     @st.composite
     def draw_sheet(draw):
         chemistry = draw(st.sampled_from(CHEMISTRIES))
@@ -240,8 +240,8 @@ def sheets():
         cell_v = draw(st.floats(*figures.nominal_cell_voltage_range_v))
         density = draw(st.none() | st.floats(110.0, 180.0))
         drive_kw = draw(st.none() | st.floats(1.2, 5.0).map(lambda rate: rate * gross_kwh))
-        # The size of a heater is that of its car: no coolant brings a battery 4 K a minute, and
-        # nobody fits a heater that the leakage of a cold day eats up.
+        # The heater's size matches its car: no coolant warms a battery by 4 K a minute, and
+        # a heater must exceed the leakage of a cold day.
         heater_kw = draw(st.none() | st.floats(
             max(3.0, 0.04 * gross_kwh), min(10.0, 0.4 * gross_kwh)))
         both = draw(st.sampled_from(('cells', 'voltage', 'both')))
@@ -274,7 +274,7 @@ def test_every_plausible_data_sheet_on_more_of_them(tmp_path_factory, sheet):
 
 
 def check_made_car(tmp_path_factory, sheet):
-    """Make a car: its figures are those given, nothing of it is unusual, and it plans."""
+    """Make a car: its figures are those given, none is unusual, and plans work."""
     vehicle, contents = made(tmp_path_factory.getbasetemp(), sheet)
     usable_kwh = sheet.usable_energy_kwh or (
         load_chemistry(sheet.chemistry).usable_share * sheet.gross_energy_kwh)
@@ -312,22 +312,22 @@ def check_made_car(tmp_path_factory, sheet):
      'wall box'),
     ({'regeneration_power_kw': 200.0}, '--regeneration-power-kw: 200 kW is more than '
      '--drive-power-kw 150 kW'),
-    ({'cabin_heating_power_kw': 6.0}, '--cabin-heating-power-kw: 6 kW leaves nothing of '
-     '--heater-power-kw 5.5 kW for the battery; both draw from one heater'),
+    ({'cabin_heating_power_kw': 6.0}, '--cabin-heating-power-kw: 6 kW uses all of '
+     '--heater-power-kw 5.5 kW, so none is left for the battery; both draw from one heater'),
     ({'vehicle_mass_kg': 800.0}, '--vehicle-mass-kg: 800 kg with a battery of 493 kg is '
      'implausible; it must be at least 896 kg, battery included'),
     ({'charging_power_kw': math.nan}, '--charging-power-kw: nan kW is implausible; it must be '
      '10 ... 600 kW'),
     ({'nominal_voltage_v': None}, '--nominal-voltage-v or --cells-in-series is needed'),
-    ({'vehicle_mass_kg': None}, '--vehicle-mass-kg is needed where --drag-coefficient, '
-     '--frontal-area-m2 or --rolling-resistance is given'),
+    ({'vehicle_mass_kg': None}, '--vehicle-mass-kg is needed with --drag-coefficient, '
+     '--frontal-area-m2 or --rolling-resistance'),
     ({'usable_energy_kwh': None, 'gross_energy_kwh': None}, '--usable-energy-kwh or '
-     '--gross-energy-kwh is needed: what the driver can use, or what all cells hold (both, if the '
+     '--gross-energy-kwh is needed: the energy for driving, or that of all cells (both, if the '
      'data sheet has both)'),
     ({'chemistry': 'nca'}, "--chemistry: 'nca' is not one of nmc, lfp"),
     ({'name': 'a\nb'}, "--name: 'a\\nb' is not allowed; it must have 1 ... 100 printable characters "
      'and no space at its ends'),
-    ({'sources': (('battery_mas_kg', 'x'),)}, "--source: 'battery-mas-kg' is no figure; did you mean "
+    ({'sources': (('battery_mas_kg', 'x'),)}, "--source: 'battery-mas-kg' is not a figure; did you mean "
      'battery-mass-kg?'),
     ({'sources': (('auxiliary_power_kw', 'x'),)}, '--source: --auxiliary-power-kw is not given'),
 ])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Heater, coolant and sensor against closed forms, a fine integration, and their own halves."""
+"""Heater, coolant and sensor compared with closed forms, a fine integration, and half steps."""
 
 from dataclasses import replace
 from math import exp
@@ -31,7 +31,7 @@ def stepper(path, arithmetic=FLOATS):
 
 
 def advance(path, state, duration_s, command_w, other_heat_w):
-    """State (power, coolant, battery) after a step, and the mean powers of it."""
+    """Return the state (power, coolant, battery) after a step, and the mean powers."""
     power_w, coolant_c, battery_c = state
     mean_w, heat_w, power_w, coolant_c = stepper(path)(
         power_w, coolant_c, battery_c, duration_s, command_w, other_heat_w)
@@ -50,7 +50,7 @@ def test_a_lagging_heater_rises_as_an_exponential():
     assert power_w == pytest.approx(5e3 * (1.0 - exp(-1.5)), rel=1e-13)
     assert mean_w == pytest.approx(5e3 * (1.0 - (1.0 - exp(-1.5)) / 1.5), rel=1e-13)
     assert heat_w == EFFICIENCY * mean_w
-    # What it had been asked for comes when it is switched off: 60 s of what it took then.
+    # The heat still under way at switch-off arrives later: 60 s of the power then.
     late_j = advance(path, (power_w, 5.0, 5.0), 5000.0, 0.0, 0.0)[1] * 5000.0
     assert late_j == pytest.approx(60.0 * power_w, rel=1e-12)
 
@@ -68,7 +68,7 @@ def test_under_steady_power_the_coolant_is_as_much_warmer_as_the_flow_asks():
     state = (5e3, 0.0, 0.0)
     for _ in range(100):
         state, _, heat_w = advance(path, state, 30.0, 5e3, 0.0)
-    # Both warm alike: the battery gets its share of the heat.
+    # Both warm at the same rate: the battery gets its share of the heat.
     assert heat_w == pytest.approx(
         EFFICIENCY * 5e3 * BATTERY_J_PER_K / (BATTERY_J_PER_K + 20e3), rel=1e-9)
     assert state[1] - state[2] == pytest.approx(heat_w / 400.0, rel=1e-9)
@@ -155,6 +155,6 @@ def test_a_battery_that_warms_steadily_is_seen_a_lag_late():
     for second in range(2000):
         reading_c = sensor_reading_c(path, reading_c, 0.01 * second, 0.01 * (second + 1), 1.0, FLOATS)
     assert reading_c == pytest.approx(20.0 - 0.01 * 120.0, abs=1e-5)
-    # One step or many: a ramp is a ramp.
+    # One step or many: a ramp stays a ramp.
     assert sensor_reading_c(path, 0.0, 0.0, 20.0, 2000.0, FLOATS) == pytest.approx(
         reading_c, abs=1e-9)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One step of the model with a heat path against closed forms, a fine integration and its halves."""
+"""One step of the model with a heat path compared with closed forms, a fine integration and half steps."""
 
 from dataclasses import replace
 from math import exp, sqrt
@@ -48,7 +48,7 @@ def test_without_a_path_it_is_the_models_own_step(states, inputs):
 
 
 def test_battery_behind_a_lagging_heater_warms_as_the_closed_form_says():
-    # At a steady current of 0 A: what the heater takes on average is given back.
+    # At a steady current of 0 A: the heater's mean power is regenerated.
     duration_s, command_w = 90.0, 5e3
     mean_w = command_w * (1.0 - 60.0 * (1.0 - exp(-1.5)) / duration_s)
     soc, end_c, heater_w, excess_k, _, joule_w, drawn_w, arriving_w = stepper(LAG)(
@@ -88,7 +88,7 @@ def test_all_heat_goes_into_battery_and_coolant(path, states, inputs):
 
 
 def fine(path, states, inputs):
-    """States after a step by an integration of the equations as they stand in the docstring."""
+    """Return the states after a step by integrating the equations of the docstring."""
     from scipy.integrate import solve_ivp
     duration_s, power_w, variance_w2, heat_w, leakage_w_per_k, command_w = inputs
     battery = REFERENCE.battery
@@ -131,7 +131,7 @@ def test_halved_steps_come_closer_to_a_fine_integration(path):
         for _ in range(parts):
             states = stepper(path)(*states, 60.0 / parts, *DRIVE)[:4]
         errors.append(abs(np.array(states) - truth))
-    # Steps of 30 s, as long as a plan's: far below what a plan is measured by.
+    # Steps of 30 s, as in a plan: far below a plan's accuracy.
     assert (errors[0] < (1e-6, 2e-4, 1e-6, 5e-3)).all()
     for state in (0, 1, 3):
         assert errors[2][state] <= 0.6 * errors[0][state] + 1e-9
@@ -148,7 +148,7 @@ def test_arrays_are_the_same_as_floats():
 
 
 def test_leakage_acts_on_the_battery_alone():
-    """Coolant that is as warm as the battery stays warmer once the battery leaks."""
+    """Coolant as warm as the battery stays warmer once the battery leaks heat."""
     step = make_heated_step(replace(REFERENCE, heat_path=COOLANT, battery=replace(
         REFERENCE.battery, leakage=Leakage(100.0, 0.0))), FLOATS)
     _, end_c, _, excess_k, *_ = step(0.8, 20.0, 0.0, 0.0, 30.0, 0.0, 0.0, 100.0 * -10.0, 100.0, 0.0)

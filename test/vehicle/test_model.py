@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The model's equations and integrators against hand-written equations, closed forms and scipy."""
+"""The model's equations and integrators compared with hand-written equations, closed forms and scipy."""
 
 import math
 
@@ -13,7 +13,7 @@ from bev_preheat.vehicle.curves import InverseTemperatureResistance, PolynomialV
 from bev_preheat.vehicle.description import Battery, Defaults, Drivetrain, Hvch, Leakage, Vehicle
 from bev_preheat.vehicle.model import make_euler, make_rates, make_runge_kutta_4
 
-# One car; every number is different from every other, so that a swapped pair shows.
+# One car; all numbers differ, so that a swapped pair shows.
 C0_V, C1_V, C2_V, C3_V = 340.0, 70.0, -30.0, 25.0
 K_OHM_K, REFERENCE_C = 5.0, 47.0
 CAPACITY_AH, HEAT_CAPACITY_J_PER_K = 130.0, 290e3
@@ -42,13 +42,13 @@ def voltage_v(soc):
 
 
 def current_a(power_w, soc=SOC, temperature_c=TEMPERATURE_C, k_ohm_k=K_OHM_K):
-    """Smaller root of U I - R I^2 = P, in the form of Algorithm 1."""
+    """Return the smaller root of U I - R I^2 = P, in the form of Algorithm 1."""
     u, r = voltage_v(soc), k_ohm_k / (temperature_c + REFERENCE_C)
     return (u - np.sqrt(u**2 - 4 * r * power_w)) / (2 * r)
 
 
 def hand_written_rates(soc, temperature_c, power_w, variance_w2, heat_w, leakage_w_per_k):
-    """Eqs. (9b)-(9d) with the correction for power that varies, all written out."""
+    """Eqs. (9b)-(9d) with the correction for varying power, written out."""
     u, r = voltage_v(soc), K_OHM_K / (temperature_c + REFERENCE_C)
     joule_w = r * (current_a(power_w, soc, temperature_c)**2 + variance_w2 / u**2)
     battery_power_w = power_w + joule_w
@@ -58,7 +58,7 @@ def hand_written_rates(soc, temperature_c, power_w, variance_w2, heat_w, leakage
 
 
 def rolled(make_integrator, step_s, duration_s=1200.0, start=(0.8, -9.0)):
-    """State of charge and temperature after constant inputs, in equal steps."""
+    """Return state of charge and temperature after constant inputs, in equal steps."""
     step = make_integrator(make_rates(car(), FLOATS))
     soc, temperature_c = start
     for _ in range(round(duration_s / step_s)):
@@ -68,7 +68,7 @@ def rolled(make_integrator, step_s, duration_s=1200.0, start=(0.8, -9.0)):
 
 @pytest.fixture(scope='module')
 def accurate_end():
-    """Hand-written equations, integrated by scipy over the 1200 s of `rolled`."""
+    """Return the hand-written equations, integrated by scipy over the 1200 s of `rolled`."""
     from scipy.integrate import solve_ivp
     solution = solve_ivp(
         lambda _, state: hand_written_rates(*state, *INPUTS)[:2], (0.0, 1200.0), (0.8, -9.0),
@@ -113,7 +113,7 @@ def test_battery_power_is_terminal_power_and_joule_heat(power_w, deviation_w, so
 
 
 def brute_force(k_ohm_k, power_w=24e3, amplitude_w=15e3):
-    """Mean current and mean Joule heat of a sine of power, and the model's, less a constant's."""
+    """Return mean current and mean Joule heat of a sinusoidal power, and the model's, minus a constant's."""
     phases = (np.arange(4000) + 0.5) * 2 * math.pi / 4000
     currents = current_a(power_w + amplitude_w * np.sin(phases), k_ohm_k=k_ohm_k)
     r = k_ohm_k / (TEMPERATURE_C + REFERENCE_C)
@@ -127,8 +127,8 @@ def brute_force(k_ohm_k, power_w=24e3, amplitude_w=15e3):
 
 @pytest.mark.parametrize('part', [0, 1], ids=['current', 'joule'])
 def test_varying_power_is_right_to_first_order_in_the_resistance(part):
-    # What is left out is of second order: half the resistance, a quarter of the error; the third
-    # order, about R P/U^2 = 0.002 of it, moves the ratio a little above 4.
+    # The neglected terms are of second order: half the resistance, a quarter of the error; the third
+    # order, about R P/U^2 = 0.002 times as large, moves the ratio slightly above 4.
     errors = [true[part] - model[part] for true, model in map(brute_force, (0.4, 0.2))]
     assert errors[0] / errors[1] == pytest.approx(4.0, rel=0.05)
 
@@ -136,7 +136,7 @@ def test_varying_power_is_right_to_first_order_in_the_resistance(part):
 @pytest.mark.parametrize('part', [0, 1], ids=['current', 'joule'])
 def test_varying_power_at_a_real_resistance(part):
     true, model = brute_force(K_OHM_K)
-    # The next term is 6 R P/U^2 of this one, 0.13; those behind it add an eighth of that.
+    # The next term is 6 R P/U^2 = 0.13 of this one; later ones add an eighth of that.
     left_out = true[part] / model[part] - 1.0
     resistance = K_OHM_K / (TEMPERATURE_C + REFERENCE_C)
     assert left_out == pytest.approx(6.0 * resistance * 24e3 / voltage_v(SOC)**2, rel=0.2)
@@ -180,7 +180,7 @@ def test_arrays_are_floats(resistance, rows):
 
 
 def relaxed(make_integrator, steps=40, step_s=90.0, gamma=210.0, ambient_c=-19.0, start_c=21.0):
-    """Temperature after an hour without power, cooling to the ambient."""
+    """Return the temperature after an hour without power, cooling to ambient."""
     step = make_integrator(make_rates(car(), FLOATS))
     soc, temperature_c = 0.5, start_c
     for _ in range(steps):
@@ -210,7 +210,7 @@ def test_one_step_of_leakage_is_the_series_of_the_exponential(make_integrator, o
 def test_halving_the_step_shows_the_order(make_integrator, step_s, factor, part, accurate_end):
     errors = [rolled(make_integrator, step)[part] - accurate_end[part]
               for step in (step_s, step_s / 2)]
-    # The next order shows a little; one order more or less would be a factor of two.
+    # The next order has a small effect; one order more or less would be a factor of two.
     assert errors[0] / errors[1] == pytest.approx(factor, rel=0.15)
 
 
@@ -241,5 +241,5 @@ def test_a_step_back_undoes_a_step_forth():
     step = make_runge_kutta_4(make_rates(car(), FLOATS))
     soc, temperature_c, _, _ = step(SOC, TEMPERATURE_C, 60.0, *INPUTS)
     back = step(soc, temperature_c, -60.0, *INPUTS)[:2]
-    # Both ways err by the method's fifth order only.
+    # Both directions have only the method's fifth-order error.
     assert back == pytest.approx((SOC, TEMPERATURE_C), rel=1e-8)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Vehicle files: what a good one becomes, and the words in which a bad one is refused."""
+"""Vehicle files: the vehicle from a good one, and the messages about bad ones."""
 
 from copy import deepcopy
 import math
@@ -47,7 +47,7 @@ ROAD_LOAD = {'mass_kg': 1500, 'frontal_area_m2': 2.1, 'drag_coefficient': 0.29,
 
 
 def with_change(key, value):
-    """Return GOOD with the value at a dotted key set (added if new); GONE takes the key away."""
+    """Return GOOD with the value at a dotted key set (added if new); GONE removes the key."""
     contents = deepcopy(GOOD)
     *path, last = key.split('.')
     node = contents
@@ -61,7 +61,7 @@ def with_change(key, value):
 
 
 def written(folder, contents):
-    """Path of a vehicle file with these contents (a dictionary, or the text itself)."""
+    """Return the path of a vehicle file with these contents (a dictionary, or the text itself)."""
     path = folder / 'car.yaml'
     text = contents if isinstance(contents, str) else yaml.safe_dump(contents)
     path.write_text(text, encoding='utf-8')
@@ -69,7 +69,7 @@ def written(folder, contents):
 
 
 def problems_of(path):
-    """What load_vehicle finds wrong with a file, without the file's name in front."""
+    """Return the problems that load_vehicle finds in a file, without the leading file name."""
     with pytest.raises(InvalidInput) as refused:
         load_vehicle(path)
     assert all(problem.startswith(f'{path}: ') for problem in refused.value.problems)
@@ -94,7 +94,7 @@ def test_every_number_of_the_file_finds_its_place(tmp_path):
 def test_road_load_and_regeneration_are_optional(tmp_path):
     without = load_vehicle(written(tmp_path, GOOD))
     assert without.road_load is None
-    # As much as it drives with.
+    # The same as for driving.
     assert without.drivetrain.maximum_regeneration_power_w == 123000.0
 
     contents = with_change('road_load', ROAD_LOAD)
@@ -223,13 +223,13 @@ def test_reference_is_the_car_of_the_papers_table_1():
     ('hvch.colour', 'red', "hvch: unknown key 'colour'; known keys: maximum_power_w, efficiency"),
     ('batery', {}, "the file: unknown key 'batery'; did you mean 'battery'? "
      'known keys: name, battery, drivetrain, hvch, heat_path, charging, defaults, road_load, assumed'),
-    ('assumed', ['battery.resistanc'], "assumed[0]: 'battery.resistanc' is no key of this file; did "
+    ('assumed', ['battery.resistanc'], "assumed[0]: 'battery.resistanc' is not a key of this file; did "
      "you mean 'battery.resistance'?"),
     ('assumed', ['hvch.efficiency', 'wheels'], "assumed[1]: 'wheels' is no key of this "
      'file; such as battery.resistance'),
-    ('assumed', ['hvch', 'hvch'], "assumed: holds 'hvch' twice"),
-    # A key that the schema knows, but this file does not have.
-    ('assumed', ['road_load'], "assumed[0]: 'road_load' is no key of this file; such as "
+    ('assumed', ['hvch', 'hvch'], "assumed: contains 'hvch' twice"),
+    # A key of the schema that this file does not have.
+    ('assumed', ['road_load'], "assumed[0]: 'road_load' is not a key of this file; such as "
      'battery.resistance'),
     ('assumed', 'all', "assumed: 'all' is not an array"),
     ('battery.cells_in_series', 96.5, 'battery.cells_in_series: 96.5 is not an integer'),
@@ -259,14 +259,14 @@ def test_reference_is_the_car_of_the_papers_table_1():
      '-60000 is not allowed; it must be at least 0 and at most 2000000'),
     ('drivetrain.maximum_regeneration_power_w', 123001, 'drivetrain.maximum_regeneration_power_w: '
      '123001 is above drivetrain.maximum_power_w, 123000'),
-    # The heat's path.
+    # The heat path.
     ('heat_path', {'heater_lag_s': -1}, 'heat_path.heater_lag_s: -1 is not allowed; it must be at '
      'least 0 and at most 300'),
     ('heat_path', {'heater_lag': 30}, "heat_path: unknown key 'heater_lag'; did you mean "
      "'heater_lag_s'? known keys: heater_lag_s, coolant_heat_capacity_j_per_k, "
      'coolant_conductance_w_per_k, sensor_lag_s'),
     ('heat_path', {'coolant_heat_capacity_j_per_k': 15000}, 'heat_path: '
-     'coolant_heat_capacity_j_per_k needs coolant_conductance_w_per_k beside it, or no heat '
+     'coolant_heat_capacity_j_per_k needs coolant_conductance_w_per_k, or no heat '
      'arrives'),
     ('heat_path', {'coolant_heat_capacity_j_per_k': 15000, 'coolant_conductance_w_per_k': 0.5},
      'heat_path.coolant_conductance_w_per_k: 0.5 W/K take 30000 s for the heat of 15000 J/K; it '
@@ -282,7 +282,7 @@ def test_reference_is_the_car_of_the_papers_table_1():
      f'charging.power_limit: 2000 W at soc 0.04 and -33 degC; it must be -2000000 ... 0 W {EVERYWHERE}'),
     ('charging', {'power_limit': {'temperature_c': [10, -20], 'values': [-2000, -7000]}},
      'charging.power_limit.temperature_c: [10.0, -20.0] must rise from point to point'),
-    # Numbers that are none.
+    # Values that are not numbers.
     ('battery.heat_capacity_j_per_k', float('nan'),
      'battery.heat_capacity_j_per_k: nan is not a finite number'),
     (f'{DISCHARGE}.values', [1000, float('nan'), 90000],
@@ -312,24 +312,24 @@ def test_reference_is_the_car_of_the_papers_table_1():
      f'{CHARGE}.temperature_c: [10.0, -20.0] must rise from point to point'),
     # Shapes of tables.
     (f'{DISCHARGE}.values', [1000, 50000],
-     f'{DISCHARGE}.values: must hold one value for each point of its axes, 3 of them'),
+     f'{DISCHARGE}.values: must have 3 values, one for each point of its axes'),
     (f'{DISCHARGE}.values', [[1000, 50000, 90000]] * 3,
-     f'{DISCHARGE}.values: must hold one value for each point of its axes, 3 of them'),
+     f'{DISCHARGE}.values: must have 3 values, one for each point of its axes'),
     (CHARGE, {'soc': [0.1, 0.9], 'temperature_c': [-20, 0, 10],
               'values': [[-1, -2], [-3, -4], [-5, -6]]},
-     f'{CHARGE}.values: must hold one value for each point of its axes, 2 x 3 of them'),
+     f'{CHARGE}.values: must have 2 x 3 values, one for each point of its axes'),
     (CHARGE, {'soc': [0.1, 0.9], 'temperature_c': [-20, 0, 10],
               'values': [[-1, -2, -3], [-4, -5]]},
-     f'{CHARGE}.values: must hold one value for each point of its axes, 2 x 3 of them'),
+     f'{CHARGE}.values: must have 2 x 3 values, one for each point of its axes'),
     (CHARGE, {'soc': [0.1, 0.9], 'temperature_c': [-20, 0], 'values': [-1, -2]},
-     f'{CHARGE}.values: must hold one value for each point of its axes, 2 x 2 of them'),
+     f'{CHARGE}.values: must have 2 x 2 values, one for each point of its axes'),
     (CHARGE, {'values': [-1, -2]},
      f'{CHARGE}: must have at least 2 of: soc, temperature_c, values'),
     # A formula or a table.
     (f'{VOLTAGE}.table', {'soc': [0.0, 1.0], 'values': [300, 400]},
      f'{VOLTAGE}: must have only 1 of: formula, table'),
     (RESISTANCE, {}, f'{RESISTANCE}: must have at least 1 of: formula, table'),
-    # Values that cannot be: 0 V at soc 0.04; 5.5/(-33 + 33) ohm; limits of the wrong sign.
+    # Impossible values: 0 V at soc 0.04; 5.5/(-33 + 33) ohm; limits of the wrong sign.
     (f'{VOLTAGE}.formula.polynomial_v', [-4, 100], f'{VOLTAGE}: 0 V at soc 0.04 and -33 degC; it '
      f'must be 10 ... 2000 V {EVERYWHERE}'),
     ('name', 'x' * 10_000, 'name: has 10000 characters; it must have at most 100'),
@@ -341,7 +341,7 @@ def test_reference_is_the_car_of_the_papers_table_1():
      f'degC; it must be 0 ... 2000000 W {EVERYWHERE}'),
     (f'{CHARGE}.values', [2000, 70000], f'{CHARGE}: 2000 W at soc 0.04 and -33 degC; it must be '
      f'-2000000 ... 0 W {EVERYWHERE}'),
-    # Between the points of any even grid, at one point of the table only.
+    # Between the points of any even grid, at a single point of the table.
     (RESISTANCE, {'table': {'soc': [0.0, 0.5, 0.501, 0.502, 1.0],
                             'values': [0.2, 0.2, -0.1, 0.2, 0.2]}},
      f'{RESISTANCE}: -0.1 ohm at soc 0.501 and -33 degC; it must be 1e-06 ... 100 ohm '
@@ -416,7 +416,7 @@ def test_file_that_may_not_be_read(tmp_path, monkeypatch):
     def refuse(self, **kwargs):
         raise PermissionError(13, 'Permission denied')
 
-    # Taking the permission away does not keep root from reading.
+    # Root may read a file without permission.
     monkeypatch.setattr(Path, 'read_text', refuse)
     assert problems_of(path) == ['cannot be read: Permission denied']
 
@@ -434,5 +434,5 @@ def test_file_that_does_not_exist(tmp_path, monkeypatch, name):
 def test_unknown_name(name, hint):
     with pytest.raises(InvalidInput) as refused:
         load_vehicle(name)
-    assert str(refused.value).startswith(f"vehicle '{name}' is unknown{hint}; there are: ")
+    assert str(refused.value).startswith(f"vehicle '{name}' is unknown{hint}; known: ")
     assert 'reference, small_car' in str(refused.value)

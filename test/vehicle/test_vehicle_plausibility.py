@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a vehicle file means: figures by hand, and what is called unusual."""
+"""Key figures of a vehicle file, by hand, and warnings about unusual ones."""
 
 import math
 
@@ -10,7 +10,7 @@ from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.assumptions import assumption_warning, key_in_words
 from bev_preheat.vehicle.plausibility import meaning_of, warmed_by_k
 
-# 360 V at all states of charge: every figure below follows by hand.
+# 360 V at all states of charge: every figure below can be checked by hand.
 PLAIN = {
     'name': 'plain',
     'battery': {
@@ -64,12 +64,12 @@ def test_figures_by_hand(plain):
     assert meaning.time_constant_at_100_kmh_h == pytest.approx(400e3 / fast_w_per_k / 3600.0)
     assert meaning.most_charging_power_kw == 110.0
     assert meaning.charging_power_kw[0.0] == {0.2: 30.0, 0.5: 30.0}
-    # A ninth of the way from 20 to 25 degC is the fifth of 45 K from -20 degC.
+    # A ninth of the way from 20 to 25 degC is a fifth of 45 K from -20 degC.
     assert meaning.discharging_power_kw[-10.0] == pytest.approx(40.0 + 90.0 * 10.0 / 45.0)
 
 
 def test_heating_follows_the_heat_balance(plain):
-    """Six hundred steps of one second, against the closed form."""
+    """Six hundred steps of one second, compared with the closed form."""
     vehicle = plain()
     for heater_w, leakage in ((6000.0, 30.0), (4000.0, 55.0), (0.0, 30.0), (6000.0, 0.0)):
         temperature_c = 0.0
@@ -95,36 +95,36 @@ def test_the_cars_of_the_package_are_usual(name):
 
 
 @pytest.mark.parametrize('changes, warning', [
-    ({'battery__capacity_ah': 1500}, 'energy: 432 kWh; usual are 10 ... 200 (capacity_ah times the '
+    ({'battery__capacity_ah': 1500}, 'energy: 432 kWh; the usual range is 10 ... 200 (capacity_ah times the '
      'open-circuit voltage)'),
-    ({'battery__heat_capacity_j_per_k': 40000}, 'heat capacity: 0.926 kJ/K for each kWh; usual are '
-     '3 ... 13 (some 1 kJ/(kg K) times the mass of the pack)'),
+    ({'battery__heat_capacity_j_per_k': 40000}, 'heat capacity: 0.926 kJ/K for each kWh; the usual range is '
+     '3 ... 13 (about 1 kJ/(kg K) times the mass of the pack)'),
     ({'battery__cells_in_series': 300}, 'open-circuit voltage: 1.20 V a cell at soc 0.1 with 300 '
-     'cells in series; usual are 2.5 ... 4.3 V'),
+     'cells in series; the usual range is 2.5 ... 4.3 V'),
     ({'battery__resistance': {'table': {'temperature_c': [-20, 25], 'values': [0.05, 0.06]}}},
-     'resistance: rises from 0.05 ohm at -20 degC to 0.0502 ohm at -19 degC; that of batteries falls '
-     'as they get warmer'),
+     'resistance: rises from 0.05 ohm at -20 degC to 0.0502 ohm at -19 degC; battery resistance '
+     'falls with temperature'),
     ({'battery__resistance': {'table': {'temperature_c': [-20, 25], 'values': [12.0, 6.0]}}},
-     'voltage drop at the one-hour current: 250 % at 25 degC; usual are 0.5 ... 10 (resistance in '
+     'voltage drop at the one-hour current: 250 % at 25 degC; the usual range is 0.5 ... 10 (resistance in '
      'ohm, of the whole pack)'),
     ({'battery__resistance': {'table': {'temperature_c': [-20, 25], 'values': [0.061, 0.06]}}},
-     'resistance at -20 degC: 1.02 times that at 25 degC; usual are 1.3 ... 15 (cold batteries have '
-     'several times as much)'),
+     'resistance at -20 degC: 1.02 times that at 25 degC; the usual range is 1.3 ... 15 (cold batteries have '
+     'several times that value)'),
     ({'battery__leakage': {'gamma_0_w_per_k': 30, 'gamma_v_w_per_k_per_mps': 9.0}},
-     'leakage: 280 W/K at 100 km/h are more than 8 times the 30 W/K at rest; is '
+     'leakage: 280 W/K at 100 km/h is more than 8 times the 30 W/K at rest; is '
      'gamma_v_w_per_k_per_mps per km/h?'),
     ({'battery__leakage': {'gamma_0_w_per_k': 0.1, 'gamma_v_w_per_k_per_mps': 0.0}},
-     'thermal time constant at rest: 1.11e+03 h; usual are 0.5 ... 40 (heat capacity over leakage)'),
-    ({'hvch__maximum_power_w': 60.0}, 'heating: -0.37 K in 10 min with all of the heater; usual are '
+     'thermal time constant at rest: 1.11e+03 h; the usual range is 0.5 ... 40 (heat capacity over leakage)'),
+    ({'hvch__maximum_power_w': 60.0}, 'heating: -0.37 K in 10 min at full heater power; the usual range is '
      '1 ... 40 (heater power in W over heat capacity)'),
     ({'battery__power_limits__charge': {'temperature_c': [-10, 25], 'values': [-300e3, -600e3]}},
-     'charge limit: 13.9 kW for each kWh (at most 600 kW); usual are 0.3 ... 6 (power in W, '
+     'charge limit: 13.9 kW for each kWh (at most 600 kW); the usual range is 0.3 ... 6 (power in W, '
      'negative)'),
     ({'battery__power_limits__charge': {'temperature_c': [-10, 25], 'values': [-90e3, -110e3]}},
-     'charge limit: 90 kW at -10 degC and soc 0.2 against 110 kW at 25 degC; cold batteries usually '
-     'take less than 50 %, and preheating would gain little'),
+     'charge limit: 90 kW at -10 degC and soc 0.2, but 110 kW at 25 degC; cold batteries usually '
+     'accept less than 50 %; otherwise preheating gains little'),
     ({'drivetrain__maximum_power_w': 200000}, 'discharge limit: 130 kW at 25 degC and soc 0.8 for a '
-     'drivetrain of 200 kW; a warm battery usually delivers what the drivetrain takes')])
+     'drivetrain of 200 kW; a warm battery usually delivers the full drivetrain power')])
 def test_what_is_unusual_is_said_with_its_figure(plain, changes, warning):
     assert warning in meaning_of(plain(**changes)).warnings
 
@@ -135,7 +135,7 @@ def test_no_leakage_at_all_is_an_infinite_time_constant(plain):
 
 
 def test_a_formula_is_not_asked_outside_of_the_range_of_its_file(plain):
-    """At -20 degC this one would be negative."""
+    """At -20 degC this formula would be negative."""
     vehicle = plain(battery__temperature_range_c=[-5, 50], battery__resistance={
         'formula': {'k_ohm_k': 2.5, 'reference_temperature_c': 15}})
     assert meaning_of(vehicle).resistance_ohm == pytest.approx({0.0: 2.5 / 15, 25.0: 2.5 / 40})
@@ -168,8 +168,8 @@ def test_the_path_of_the_heat_is_said_in_words(plain):
             'coolant_conductance_w_per_k': 400, 'sensor_lag_s': 25}
     assert meaning_of(plain(heat_path=path)).heat_path == (
         'The heater follows its command with a time constant of 40 s; the coolant passes its heat '
-        'on with 50 s and gets 12 K warmer than the battery under all of the heater; 150 Wh are '
-        'still under way when the heater is switched off at full power; what arrives after the '
+        'on with a time constant of 50 s and gets 12 K warmer than the battery at full heater power; 150 Wh are '
+        'still under way when the heater is switched off at full power; heat that arrives after the '
         'drive is lost; the sensor follows the battery with a time constant of 25 s.')
     assert meaning_of(plain(heat_path={'sensor_lag_s': 25})).heat_path == (
         'The heat of the heater arrives at once; the sensor follows the battery with a time '
@@ -178,16 +178,16 @@ def test_the_path_of_the_heat_is_said_in_words(plain):
 
 @pytest.mark.parametrize('charging, words', [
     (None, 'The file does not say whether the car heats its battery while it charges '
-     '(charging.battery_heating): plans need not know, charging sessions do.'),
+     '(charging.battery_heating); only charging sessions need it.'),
     ({'maximum_inlet_power_w': 100000}, 'The file does not say whether the car heats its battery while '
-     'it charges (charging.battery_heating): plans need not know, charging sessions do.'),
+     'it charges (charging.battery_heating); only charging sessions need it.'),
     ({'battery_heating': False, 'maximum_inlet_power_w': 100000}, 'While it charges the car does not '
      "heat its battery; its inlet takes at most 100 kW; the charging power is limited by the battery's "
      'charge limit.'),
     ({'battery_heating': True, 'heating_limit_c': 18.5,
       'power_limit': {'temperature_c': [0, 20], 'values': [-10e3, -90e3]}}, 'While it charges the car '
-     'heats its battery up to 18.5 degC with what the cabin leaves, 4.0 kW; its inlet is not limited; '
-     'the charging power is limited by a map of its own.')])
+     'heats its battery up to 18.5 degC with the heater power left by the cabin, 4.0 kW; its inlet is not '
+     'limited; the charging power is limited by a map of its own.')])
 def test_what_the_car_does_at_a_charger_in_words(plain, charging, words):
     changes = {} if charging is None else {'charging': charging}
     assert meaning_of(plain(**changes)).charging == words

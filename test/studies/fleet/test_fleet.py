@@ -286,8 +286,8 @@ def test_an_interrupted_fleet_keeps_what_is_finished(quick_command, tmp_path, ca
     results = tmp_path / 'r.jsonl'
     assert main(['sweep', '--fleet', '35', '--results', str(results)]) == 130
     out, err = capsys.readouterr()
-    assert err == ('preheat: interrupted after 10 of 35 trips; the summary is of the finished ones; the same '
-                   f'command goes on from {results}\n')
+    assert err == ('preheat: interrupted after 10 of 35 trips; the summary covers finished results only; the same '
+                   f'command continues from {results}\n')
     assert 'part of the study, 10 of 35 trips' in ' '.join(out.split())
 
 
@@ -298,8 +298,8 @@ def test_a_fleet_that_is_interrupted_at_once_says_where_it_goes_on(quick_command
     monkeypatch.setattr(fleet_study, 'run_fleet', run)
     results = tmp_path / 'r.jsonl'
     assert main(['sweep', '--fleet', '35', '--results', str(results)]) == 130
-    assert capsys.readouterr() == ('', 'preheat: interrupted after 0 of 35 trips; there is nothing to sum up yet; '
-                                       f'the same command goes on from {results}\n')
+    assert capsys.readouterr() == ('', 'preheat: interrupted after 0 of 35 trips; no results yet; '
+                                       f'the same command continues from {results}\n')
 
 
 @pytest.mark.parametrize('extra, message', [

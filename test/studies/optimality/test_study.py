@@ -352,7 +352,7 @@ def test_an_interrupted_sweep_keeps_what_is_finished(monkeypatch, tmp_path, caps
     path, picture = tmp_path / 'sweep.json', tmp_path / 'sweep.png'
     assert main(['sweep', '--feasible', '9', '--json', str(path), '--plot', str(picture)]) == 130
     out, err = capsys.readouterr()
-    assert err == (f'preheat: interrupted after 2 of 9 feasible trips; the finished ones are in {path} '
+    assert err == (f'preheat: interrupted after 2 of 9 feasible trips; finished results are in {path} '
                    f'and {picture}\n')
     assert 'part of the study' in out and '3 trips: 2 feasible, 1 not needed' in out
     written = json.loads(path.read_text())
@@ -366,7 +366,7 @@ def test_an_interrupted_sweep_without_a_file_says_so(monkeypatch, capsys):
         [made_result(0, **dict.fromkeys(METHODS, made_method()))], Interrupted()))
     assert main(['sweep', '--feasible', '2']) == 130
     assert capsys.readouterr().err == ('preheat: interrupted after 1 of 2 feasible trips; the summary '
-                                       'is of the finished ones\n')
+                                       'covers finished results only\n')
 
 
 def test_a_sweep_that_is_interrupted_at_once_writes_nothing(monkeypatch, tmp_path, capsys):
@@ -383,7 +383,7 @@ def test_a_lost_worker_costs_no_finished_trip(monkeypatch, tmp_path, capsys):
     path = tmp_path / 'sweep.json'
     assert main(['sweep', '--feasible', '2', '--json', str(path)]) == 1
     assert capsys.readouterr().err == (
-        'preheat: error: a worker process was killed after 1 of 2 feasible trips; the finished ones '
+        'preheat: error: a worker process was killed after 1 of 2 feasible trips; finished results '
         f'are in {path}\n')
     assert len(json.loads(path.read_text())['results']) == 1
 

@@ -205,7 +205,7 @@ def test_an_interrupted_study_keeps_what_is_finished(arguments, monkeypatch, tmp
     file, picture = tmp_path / 'study.json', tmp_path / 'study.png'
     assert main([*arguments, '--trips', '50', '--json', str(file), '--plot', str(picture)]) == 130
     out, err = capsys.readouterr()
-    assert err == (f'preheat: interrupted after 3 of 50 trips; the finished ones are in {file} and '
+    assert err == (f'preheat: interrupted after 3 of 50 trips; finished results are in {file} and '
                    f'{picture}\n')
     assert 'part of the study, 3 of 50 trips' in ' '.join(out.split())
     written = json.loads(file.read_text(encoding='utf-8'))
@@ -242,7 +242,7 @@ def test_a_signal_ends_the_study_and_its_workers(arguments, tmp_path, number):
         started.kill()
     assert psutil.wait_procs(workers, 10.0)[1] == []
     assert 'Traceback' not in seen
-    found = re.search(r'preheat: interrupted after (\d+) of 999 trips; the finished ones are in '
+    found = re.search(r'preheat: interrupted after (\d+) of 999 trips; finished results are in '
                       f'{file}\r\n$', seen)
     results = json.loads(file.read_text(encoding='utf-8'))['results']
     assert [result['number'] for result in results] == list(range(int(found[1])))
