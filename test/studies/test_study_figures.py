@@ -94,8 +94,8 @@ def test_histograms_have_the_colours_of_their_methods_and_one_hatch_each(robustn
 
 def test_one_key_serves_all_panels(robustness):
     assert texts(robustness[3]) == [
-        'replanned_paper', 'planner', 'wanted: 90 % of the trips in here',
-        'wanted: at most (of the energy: the mean)', 'replanned_paper, mean', 'planner, mean']
+        'replanned_paper', 'planner', 'required: 90 % of the trips within',
+        'required: at most (energy: mean)', 'replanned_paper, mean', 'planner, mean']
     assert all(axis.get_legend() is None for axis in robustness[:3])
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The planner in closed loop with many cars, and one such trip over time."""
+"""Figures of the planner in closed loop: many cars, and a single trip over time."""
 
 from __future__ import annotations
 
@@ -37,20 +37,20 @@ BINS = 40
 
 def draw_robustness(path: AnyPath, results: Sequence[CarResult],
                     methods: Sequence[str]) -> None:
-    """Draw CarResults into a file, whose suffix says which kind of picture it is."""
+    """Draw CarResults into a file, whose suffix selects the format."""
     save_figure(make_robustness_figure(results, methods), path)
 
 
 def draw_trip_course(path: AnyPath, result: CarResult, courses: Mapping[str, DriveTrace],
                      target_c: float) -> None:
-    """Draw one trip over time into a file, whose suffix says which kind of picture it is."""
+    """Draw a single trip over time into a file, whose suffix selects the format."""
     save_figure(make_trip_figure(result, courses, target_c), path)
 
 
 def make_robustness_figure(results: Sequence[CarResult], methods: Sequence[str]) -> Figure:
-    """Return the figure of arrival errors, energy above the informed drive and switch-ons."""
+    """Return the figure of arrival errors, energy above the plan with the true car, and switch-ons."""
     figure, axes = grid_figure(
-        2, 2, f'Cars that differ from their description: {len(results)} trips in closed loop',
+        2, 2, f'Cars that differ from their vehicle file: {len(results)} trips in closed loop',
         height_in=7.0)
     (arrival, energy), (switching, key) = axes
 
@@ -60,22 +60,22 @@ def make_robustness_figure(results: Sequence[CarResult], methods: Sequence[str])
 
     _histograms(arrival, figures(lambda _, drive: drive.arrival_error_k), least=1.0)
     arrival.axvspan(LEAST_ARRIVAL_ERROR_K, MOST_ARRIVAL_ERROR_K, color=WANTED, alpha=0.2, zorder=0.5,
-                    linewidth=0.0, label='wanted: 90 % of the trips in here')
+                    linewidth=0.0, label='required: 90 % of the trips within')
     arrival.set(xlabel='arrival temperature above target [K]', ylabel='trips')
 
     _histograms(energy, figures(lambda result, drive: _excess_percent(result.informed, drive)),
                 least=2.0)
     energy.axvline(100.0 * MOST_EXCESS, color=WANTED, linestyle='--',
-                   label='wanted: at most (of the energy: the mean)')
+                   label='required: at most (energy: mean)')
     for method in methods:
         mean = energy_excess(results, method, 'heating_energy_wh')['mean']
         if mean is not None:
             energy.axvline(100.0 * mean, color=look_of(method).colour, linestyle=':',
                            label=f'{method}, mean')
-    energy.set(xlabel='heating energy above the informed plan [%]', ylabel='trips')
+    energy.set(xlabel='heating energy above plan with true car [%]', ylabel='trips')
 
     _draw_switch_ons(switching, figures(lambda _, drive: drive.switch_ons))
-    # One key for all panels, in the place of a fourth.
+    # One legend for all panels, in place of a fourth panel.
     key.set_axis_off()
     handles = {label: handle for axis in (arrival, energy)
                for handle, label in zip(*axis.get_legend_handles_labels())}
@@ -88,11 +88,11 @@ def _draw_switch_ons(axis: Axes, switch_ons: Mapping[str, FloatArray]) -> None:
     for method, values in switch_ons.items():
         ordered = np.sort(values)
         share = 100.0 * np.arange(1, len(ordered) + 1) / len(ordered)
-        # From no trip with less than the fewest on.
+        # Below the fewest switch-ons, the share is 0.
         axis.step([ordered[0], *ordered], [0.0, *share], where='post', **look_of(method).line())
     axis.axvline(MOST_SWITCH_ONS, color=WANTED, linestyle='--')
     axis.set(xscale='symlog', xlim=(0.0, 1.2 * max(most, MOST_SWITCH_ONS)), ylim=(0.0, 104.0),
-             xlabel='switch-ons', ylabel='trips with at most so many [%]')
+             xlabel='switch-ons, at most', ylabel='share of trips [%]')
     ticks = [tick for tick in (0, 1, 3, 10, 30, 100, 300, 1000)
              if tick <= max(most, MOST_SWITCH_ONS)]
     axis.set_xticks(ticks, labels=map(str, ticks))
@@ -100,14 +100,14 @@ def _draw_switch_ons(axis: Axes, switch_ons: Mapping[str, FloatArray]) -> None:
 
 
 def _excess_percent(informed: DriveOutcome, drive: DriveOutcome) -> float:
-    """Heating energy above the informed drive's [%]; NaN where they cannot be compared."""
+    """Return the heating energy above the informed drive's [%]; NaN if they cannot be compared."""
     if informed.heating_energy_wh <= 0.0 or not reaches_the_same(drive, informed):
         return np.nan
     return 100.0 * (drive.heating_energy_wh / informed.heating_energy_wh - 1.0)
 
 
 def _histograms(axis: Axes, values: Mapping[str, FloatArray], least: float) -> None:
-    """Draw histograms over each other, hatched differently, in a span of at least `least`."""
+    """Draw overlaid histograms with different hatches, over a range of at least `least`."""
     everything = np.concatenate(list(values.values()))
     everything = everything[np.isfinite(everything)]
     if len(everything):
@@ -123,14 +123,14 @@ def _histograms(axis: Axes, values: Mapping[str, FloatArray], least: float) -> N
 
 def make_trip_figure(result: CarResult, courses: Mapping[str, DriveTrace],
                      target_c: float) -> Figure:
-    """Return the figure of one trip, by DriveTraces: temperatures, prediction and command."""
+    """Return the figure of a single trip from its DriveTraces: temperatures, prediction and command."""
     mismatch = result.mismatch
     figure, axes = stacked_figure(
         2 + len(courses), f'trip {result.number}: heat capacity × {mismatch.heat_capacity:.2f}, '
         f'leakage × {mismatch.leakage:.2f}, resistance × {mismatch.resistance:.2f}, '
         f'heater × {mismatch.heater:.2f}, propulsion × {mismatch.propulsion_power:.2f}')
     predicted, command = axes[-2:]
-    # The last command holds for as long as the others.
+    # The last command lasts as long as the others.
     ends_s = {method: course.time_s[-1] + (course.time_s[-1] - course.time_s[0])
               / max(len(course.time_s) - 1, 1) for method, course in courses.items()}
     end_s = max(ends_s.values())
